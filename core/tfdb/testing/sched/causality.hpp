@@ -1,0 +1,69 @@
+#pragma once
+
+#include <array>
+#include <cstddef>
+#include <cstdint>
+#include <vector>
+
+namespace tfdb::sched {
+
+inline constexpr std::size_t kMaxThreads = 6;
+
+/// A set of threads, bit i for thread i.
+using Threads = std::uint32_t;
+
+/// How many events of each thread are known to have happened before.
+using Clock = std::array<std::uint32_t, kMaxThreads>;
+
+// The happens-before order of one execution: program order plus conflicts on the same word.
+// Used by one OS thread. Tells which events race, and who can go first when a race is turned.
+class Causality {
+public:
+    struct Event {
+        std::size_t thread;
+        std::uint32_t sequence;  // counts from 1 inside its thread
+        bool stored;
+        std::size_t word;
+        Clock clock;  // everything before it, itself included
+    };
+
+    void clear();
+
+    /// Appends the next event. Returns the earlier events that race with it: conflicting, of
+    /// another thread, with nothing between the two in the happens-before order.
+    const std::vector<std::size_t>& append(std::size_t thread, std::size_t word, bool stored);
+
+    /// The events that conflict with a read of `word` that `thread` has announced but cannot do
+    /// yet, and which it does not already come after.
+    const std::vector<std::size_t>& conflicts_of_announced_read(std::size_t thread,
+                                                                std::size_t word);
+
+    /// Who can take the first step in: everything after `event` that does not depend on it,
+    /// then the last event (the racing one).
+    [[nodiscard]] Threads first_when_turned(std::size_t event) const;
+
+    /// The same when the racing one is only announced: a read of `word` by `thread`.
+    [[nodiscard]] Threads first_when_turned(std::size_t event, std::size_t thread,
+                                            std::size_t word) const;
+
+    [[nodiscard]] const std::vector<Event>& events() const { return events_; }
+
+private:
+    struct Touches {
+        static constexpr std::size_t kNone = ~std::size_t{0};
+        std::size_t last_store = kNone;
+        std::array<std::size_t, kMaxThreads> last_read;  // since the last store
+    };
+
+    Touches& touches(std::size_t word);
+    [[nodiscard]] bool before(std::size_t event, const Clock& clock) const;
+    [[nodiscard]] Threads firsts(std::size_t event, std::size_t end, const Event& last) const;
+    void keep_immediate();
+
+    std::vector<Event> events_;
+    std::vector<Touches> words_;
+    std::array<Clock, kMaxThreads> clocks_{};
+    std::vector<std::size_t> races_;
+};
+
+}  // namespace tfdb::sched
