@@ -1,0 +1,223 @@
+"""Every error of tfdb: one class per thing that can go wrong, all under `TfdbError`.
+
+What went wrong is in the message, and for programs in the fields listed at `TfdbError`.
+After any of them the store is as it was before the call.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+__all__ = [
+    "CapacityExceeded",
+    "CorruptMessage",
+    "CycleError",
+    "Disconnected",
+    "Extrapolation",
+    "FrameInUse",
+    "GapTooLarge",
+    "InvalidArgument",
+    "InvalidArray",
+    "InvalidName",
+    "InvalidStamp",
+    "InvalidTransform",
+    "ModelError",
+    "NoSampleNear",
+    "RecordingError",
+    "SnapshotClosed",
+    "SnapshotTooOld",
+    "Stale",
+    "StaticConflict",
+    "TfdbError",
+    "TooOld",
+    "TrajectoryError",
+    "UnknownFrame",
+]
+
+
+class TfdbError(Exception):
+    """Root of all errors of tfdb.
+
+    Every error has all fields below; one that does not apply to it is None. Times are integer
+    nanoseconds.
+
+    Parameters
+    ----------
+    message
+        What went wrong and what would be valid.
+    **fields
+        Any of the fields below.
+    """
+
+    target: str | None = None
+    """Frame that was asked for."""
+    source: str | None = None
+    """Frame that was asked from."""
+    edge: str | None = None
+    """Child frame of the edge that failed."""
+    parent: str | None = None
+    """Parent of that edge at the stamp."""
+    frame: str | None = None
+    """The one frame that the error is about."""
+    authority: str | None = None
+    """Who wrote."""
+    frames: tuple[str, ...] | None = None
+    """Children that still use a frame, frames of a cycle, or two roots."""
+    reason: str | None = None
+    """`past`, `future` or `no data`; or what was wrong with the input."""
+    stamp: int | None = None
+    """The stamp that was asked for or refused."""
+    oldest: int | None = None
+    """The oldest stamp that would have been valid."""
+    newest: int | None = None
+    """The newest stamp that would have been valid."""
+    before: int | None = None
+    """The stored stamp before the one asked for."""
+    after: int | None = None
+    """The stored stamp after the one asked for."""
+    limit: int | None = None
+    """The limit that was passed: max_gap, max_age, tolerance, max or history."""
+    index: int | None = None
+    """Position in the batch or in the array."""
+    offset: int | None = None
+    """Position in the bytes of a message."""
+    commit: int | None = None
+    """Number of the snapshot that was read."""
+    value: Any = None
+    """The argument that was refused."""
+    path: str | None = None
+    """The file."""
+    line: int | None = None
+    """The line of the file, counted from 1."""
+
+    def __init__(self, message: str = "", **fields: Any) -> None:
+        super().__init__(message)
+        for name, value in fields.items():
+            if name not in TfdbError.__annotations__:
+                raise TypeError(f"{type(self).__name__} has no field {name!r}")
+            setattr(self, name, value)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return _restore, (type(self), str(self), self.__dict__)
+
+
+def _restore(cls: type[TfdbError], message: str, fields: dict[str, Any]) -> TfdbError:
+    """Make an unpickled error; the constructors of the classes differ, this one is for all."""
+    error = cls.__new__(cls)
+    TfdbError.__init__(error, message, **fields)
+    return error
+
+
+class UnknownFrame(TfdbError, LookupError):
+    """The snapshot has no frame of that name. Fields: frame, target, source, commit."""
+
+
+class Disconnected(TfdbError):
+    """Both frames exist, but no path joins them. Fields: target, source, frames (the roots)."""
+
+
+class Extrapolation(TfdbError):
+    """An edge has no data at the stamp, and extrapolation was not asked for.
+
+    Fields: reason (`past`, `future`, `no data`), edge, parent, stamp, oldest, newest.
+    """
+
+
+class GapTooLarge(TfdbError):
+    """The samples around the stamp lie further apart than `max_gap`.
+
+    Fields: edge, parent, stamp, before, after, limit.
+    """
+
+
+class Stale(TfdbError):
+    """The newest sample that may be used is older than `max_age`. Fields: edge, stamp, limit."""
+
+
+class NoSampleNear(TfdbError):
+    """No stored sample at the stamp, or none within the tolerance. Fields: edge, stamp, limit."""
+
+
+class InvalidTransform(TfdbError, ValueError):
+    """Numbers that are no rigid transform, or a frame that is its own parent.
+
+    Fields: frame, reason, index.
+    """
+
+
+class TooOld(TfdbError):
+    """The sample is older than the retained history. Fields: frame, stamp, oldest, index."""
+
+
+class StaticConflict(TfdbError):
+    """A moving sample for a static edge, or the other way round. Fields: frame, index."""
+
+
+class CycleError(TfdbError):
+    """The batch would close a cycle at some time. Fields: frames (of the cycle), stamp, index."""
+
+
+class FrameInUse(TfdbError):
+    """The frame to be removed still has children. Fields: frame, frames (the children)."""
+
+
+class InvalidStamp(TfdbError, ValueError):
+    """Not a stamp: negative, a bool, a float, or of an unknown type. Fields: value, index."""
+
+
+class InvalidName(TfdbError, ValueError):
+    """Not a frame name: empty, too long, or with control characters. Fields: value, index."""
+
+
+class InvalidArray(TfdbError, ValueError):
+    """An array of the wrong shape, dtype or stride; the message names both. Fields: reason."""
+
+
+class InvalidArgument(TfdbError, ValueError):
+    """An option outside its valid range."""
+
+
+class CorruptMessage(TfdbError):
+    """Bytes that are not what they claim to be. Fields: offset, reason."""
+
+
+class SnapshotTooOld(TfdbError):
+    """Writers had to overwrite what the snapshot needs. Fields: commit."""
+
+
+class SnapshotClosed(TfdbError):
+    """The snapshot was closed before it was read. Fields: commit."""
+
+
+class CapacityExceeded(TfdbError):
+    """Out of frames, or over the memory limit. Fields: reason."""
+
+
+class _FileError(TfdbError):
+    """An error about a file. Fields: path, reason."""
+
+    def __init__(self, path: object, reason: str, **fields: Any) -> None:
+        place = f"{path}:{fields['line']}" if fields.get("line") is not None else f"{path}"
+        super().__init__(f"{place}: {reason}", path=str(path), reason=reason, **fields)
+
+
+class RecordingError(_FileError):
+    """A recording that cannot be read or written: `RecordingError(path, reason)`."""
+
+
+class ModelError(_FileError):
+    """A robot model that is not valid: `ModelError(path, reason, line=None)`."""
+
+
+class TrajectoryError(_FileError):
+    """A trajectory file that is not valid: `TrajectoryError(path, line, reason)`.
+
+    Fields: path, line (None where the file as a whole is wrong), reason.
+    """
+
+    def __init__(self, path: object, line: int | None, reason: str) -> None:
+        super().__init__(path, reason, line=line)
+
+
+for _name in __all__:
+    globals()[_name].__module__ = "tfdb"
