@@ -1,0 +1,65 @@
+// Stamps: int64 nanoseconds >= 0 on the data's clock, and arithmetic on them that cannot overflow.
+#pragma once
+
+#include <cmath>
+#include <cstdint>
+#include <limits>
+#include <optional>
+
+namespace tfdb::clock {
+
+using StampNs = std::int64_t;
+
+inline constexpr StampNs kNanosPerSecond = 1'000'000'000;
+inline constexpr StampNs kMinStamp = 0;
+inline constexpr StampNs kMaxStamp = std::numeric_limits<StampNs>::max();
+
+/// a + b, held at the ends of int64 instead of wrapping around.
+constexpr StampNs saturating_add(StampNs a, StampNs b) noexcept {
+    StampNs sum = 0;
+    if (__builtin_add_overflow(a, b, &sum)) {
+        return b < 0 ? std::numeric_limits<StampNs>::min() : kMaxStamp;
+    }
+    return sum;
+}
+
+/// a - b, held at the ends of int64 instead of wrapping around.
+constexpr StampNs saturating_sub(StampNs a, StampNs b) noexcept {
+    StampNs difference = 0;
+    if (__builtin_sub_overflow(a, b, &difference)) {
+        return b < 0 ? kMaxStamp : std::numeric_limits<StampNs>::min();
+    }
+    return difference;
+}
+
+/// The stamp of a message's two fields, exactly; nothing when it is negative, when `nanoseconds`
+/// is not below one second, or when the sum does not fit.
+constexpr std::optional<StampNs> stamp_from_parts(std::int64_t seconds,
+                                                  std::int64_t nanoseconds) noexcept {
+    StampNs stamp = 0;
+    if (seconds < 0 || nanoseconds < 0 || nanoseconds >= kNanosPerSecond ||
+        __builtin_mul_overflow(seconds, kNanosPerSecond, &stamp) ||
+        __builtin_add_overflow(stamp, nanoseconds, &stamp)) {
+        return std::nullopt;
+    }
+    return stamp;
+}
+
+/// A duration in seconds, rounded to the nearest nanosecond (ties away from zero); nothing when it
+/// is not finite or does not fit. For durations only: a stamp of today has no room in a double.
+inline std::optional<StampNs> nanoseconds_from_seconds(double seconds) noexcept {
+    const double nanoseconds = std::round(seconds * static_cast<double>(kNanosPerSecond));
+    // 2^63 is exact as a double, kMaxStamp is not. The comparisons are false for a NaN.
+    constexpr double kLimit = 9223372036854775808.0;
+    if (!(nanoseconds >= -kLimit && nanoseconds < kLimit)) {
+        return std::nullopt;
+    }
+    return static_cast<StampNs>(nanoseconds);
+}
+
+/// For display and for ratios; loses the nanoseconds of large stamps.
+constexpr double to_seconds(StampNs nanoseconds) noexcept {
+    return static_cast<double>(nanoseconds) / static_cast<double>(kNanosPerSecond);
+}
+
+}  // namespace tfdb::clock
