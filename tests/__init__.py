@@ -1,0 +1,1 @@
+"""Tests of tfdb: one folder per kind of proof, one file per room."""

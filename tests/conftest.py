@@ -1,0 +1,43 @@
+"""Fixtures that every room's tests share."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import pytest
+from hypothesis import HealthCheck, settings
+
+ROOT = Path(__file__).resolve().parent.parent
+
+# Fixed seeds: a run that failed once fails again, and the failing example is printed.
+settings.register_profile(
+    "tfdb",
+    derandomize=True,
+    deadline=None,
+    print_blob=True,
+    suppress_health_check=[HealthCheck.too_slow, HealthCheck.function_scoped_fixture],
+)
+settings.load_profile("tfdb")
+
+
+@pytest.fixture(scope="session")
+def repository() -> Path:
+    """Folder of the checkout."""
+    return ROOT
+
+
+@pytest.fixture(scope="session")
+def shared_data() -> Path:
+    """Folder of the real robots' recordings, which are too large to ship.
+
+    It is `$TFDB_SHARED_DATA`, or `shared/data` beside the checkout. Where it is missing the test
+    skips, except with CI=true: there it fails.
+    """
+    folder = Path(os.environ.get("TFDB_SHARED_DATA") or ROOT.parent / "shared" / "data")
+    if folder.is_dir():
+        return folder
+    reason = f"no recordings of real robots at {folder} (set TFDB_SHARED_DATA)"
+    if os.environ.get("CI") == "true":
+        pytest.fail(reason)
+    pytest.skip(reason)
