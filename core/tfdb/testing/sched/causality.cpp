@@ -76,12 +76,12 @@ void Causality::keep_immediate() {
     }
 }
 
-const std::vector<std::size_t>& Causality::conflicts_of_announced_read(std::size_t thread,
-                                                                       std::size_t word) {
+const std::vector<std::size_t>& Causality::conflicts(std::size_t thread, std::size_t word,
+                                                     bool stores) {
     races_.clear();
     for (std::size_t event = 0; event < events_.size(); ++event) {
         const Event& earlier = events_[event];
-        if (earlier.word == word && earlier.stored && earlier.thread != thread &&
+        if (earlier.word == word && (stores || earlier.stored) && earlier.thread != thread &&
             !before(event, clocks_[thread])) {
             races_.push_back(event);
         }

@@ -33,16 +33,15 @@ public:
     /// another thread, with nothing between the two in the happens-before order.
     const std::vector<std::size_t>& append(std::size_t thread, std::size_t word, bool stored);
 
-    /// The events that conflict with a read of `word` that `thread` has announced but cannot do
+    /// The events that conflict with an access to `word` that `thread` has announced but cannot do
     /// yet, and which it does not already come after.
-    const std::vector<std::size_t>& conflicts_of_announced_read(std::size_t thread,
-                                                                std::size_t word);
+    const std::vector<std::size_t>& conflicts(std::size_t thread, std::size_t word, bool stores);
 
     /// Who can take the first step in: everything after `event` that does not depend on it,
     /// then the last event (the racing one).
     [[nodiscard]] Threads first_when_turned(std::size_t event) const;
 
-    /// The same when the racing one is only announced: a read of `word` by `thread`.
+    /// The same when the racing one is only announced: an access to `word` by `thread`.
     [[nodiscard]] Threads first_when_turned(std::size_t event, std::size_t thread,
                                             std::size_t word) const;
 

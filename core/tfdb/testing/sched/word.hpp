@@ -18,7 +18,11 @@ enum class Kind : std::uint8_t {
     kCompareExchange,
     kExchange,
     kFetchAdd,
-    kWait,
+    kWait,       // blocks until the value differs
+    kFallAsleep,  // atomic wait, first half: queues the thread if the value is still the same
+    kWake,       // atomic wait, second half: blocks until a notify has taken it off the queue
+    kNotifyOne,
+    kNotifyAll,
 };
 
 /// One access as announced, before it has happened.
@@ -39,16 +43,16 @@ struct Effect {
 /// The spelling that a schedule shows, for example "store.release".
 const char* spelling(Kind kind);
 
-/// True for what may store: a compare-exchange counts, also when it would fail.
-bool may_store(Kind kind);
+/// True for loads and waits: no other thread can tell that they happened.
+bool only_reads(Kind kind);
 
 // A shared word whose every access is a point where the walk may switch threads.
 // Any walked thread may call all; outside a running walk the accesses happen directly.
 // Sequentially consistent: weaker orders are accepted and recorded, Relacy judges those.
 class Word {
 public:
-    explicit Word(std::uint64_t value = 0, std::string name = {})
-        : value_(value), name_(std::move(name)) {}
+    /// `name` is a literal; a number other than zero is shown behind it.
+    explicit Word(std::uint64_t value = 0, const char* name = nullptr) : value_(value), name_(name) {}
     Word(const Word&) = delete;
     Word& operator=(const Word&) = delete;
 
@@ -74,11 +78,24 @@ public:
         return access({Kind::kWait, this, 0, blocked}).before;
     }
 
+    /// std::atomic::wait and notify_one, lost wake-ups included: who sleeps needs a notify.
+    void wait(std::uint64_t old) const {
+        Word& self = const_cast<Word&>(*this);
+        while (self.access({Kind::kFallAsleep, &self, 0, old}).stored) {
+            self.access({Kind::kWake, &self, 0, 0});
+        }
+    }
+    void notify_one() { access({Kind::kNotifyOne, this, 0, 0}); }
+    void notify_all() { access({Kind::kNotifyAll, this, 0, 0}); }
+
     /// The value, without being a step of the schedule: for the walker and for final checks.
     [[nodiscard]] std::uint64_t peek() const { return value_; }
 
-    [[nodiscard]] const std::string& name() const { return name_; }
-    void rename(std::string name) { name_ = std::move(name); }
+    [[nodiscard]] std::string name() const;
+    void rename(const char* name, std::uint32_t number) {
+        name_ = name;
+        number_ = number;
+    }
 
 private:
     friend class Run;
@@ -87,12 +104,17 @@ private:
         return const_cast<Word*>(this)->access({kind, const_cast<Word*>(this), 0, 0}).before;
     }
     Effect access(const Operation& operation);
-    Effect perform(const Operation& operation);
+    Effect perform(const Operation& operation, std::size_t thread);
+    [[nodiscard]] bool can_perform(const Operation& operation, std::size_t thread) const;
+    void queue_perform(Kind kind, std::size_t thread);
 
     std::uint64_t value_;
-    std::string name_;
-    std::uint32_t run_ = 0;      // the execution in which `identity_` was given
+    const char* name_;
+    std::uint32_t number_ = 0;
+    std::uint32_t run_ = 0;       // the execution in which `identity_` was given
     std::uint32_t identity_ = 0;  // order of first access in that execution
+    std::uint32_t asleep_ = 0;    // threads in the queue of wait()
+    std::vector<std::uint32_t> wakeups_;  // for each notify: who may be the one that it woke
 };
 
 }  // namespace tfdb::sched

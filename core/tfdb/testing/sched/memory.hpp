@@ -1,0 +1,70 @@
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+#include <map>
+#include <memory>
+#include <vector>
+
+#include "tfdb/testing/sched/run.hpp"
+
+namespace tfdb::sched {
+
+// A small region of walked words: what the engine's templates run on in a walk.
+// Every walked thread may read and write words; allocate() and release() need the engine's lock.
+// A released block is handed out again at once, the worst case for a reader that still looks there.
+// Fences do nothing: the walk is sequentially consistent, and Relacy judges the memory orders.
+template <unsigned PayloadWords>
+class BasicMemory {
+public:
+    using Word = sched::Word;
+    using Offset = std::uint64_t;
+    static constexpr unsigned kPayloadWords = PayloadWords;
+    static constexpr std::size_t kLine = 64;
+
+    explicit BasicMemory(std::size_t bytes) : words_(new Word[bytes / 8]), bytes_(bytes) {
+        for (std::size_t index = 0; index < bytes / 8; ++index) {
+            words_[index].rename(nullptr, static_cast<std::uint32_t>(index * 8));
+        }
+    }
+
+    Word& word(Offset offset) const {
+        return offset < bytes_ && offset % 8 == 0 ? words_[offset / 8] : outside();
+    }
+
+    /// Blocks of whole lines; offset 0 is never given out.
+    Offset allocate(std::size_t bytes) {
+        const std::size_t lines = (bytes + kLine - 1) / kLine;
+        std::vector<Offset>& waiting = free_[lines];
+        if (!waiting.empty()) {
+            const Offset block = waiting.back();
+            waiting.pop_back();
+            return block;
+        }
+        const Offset block = next_;
+        next_ += lines * kLine;
+        Run::require(next_ <= bytes_, "the walked region is large enough", __FILE__, __LINE__);
+        return block;
+    }
+    void release(Offset block, std::size_t bytes) {
+        free_[(bytes + kLine - 1) / kLine].push_back(block);
+    }
+
+    static void fence_acquire() {}
+    static void fence_release() {}
+    static void fence_full() {}
+
+private:
+    [[noreturn]] static Word& outside() {
+        throw Violation{"an access outside the region", {}};
+    }
+
+    std::unique_ptr<Word[]> words_;
+    std::size_t bytes_;
+    Offset next_ = kLine;
+    std::map<std::size_t, std::vector<Offset>> free_;
+};
+
+using Memory = BasicMemory<2>;
+
+}  // namespace tfdb::sched

@@ -1,0 +1,91 @@
+#pragma once
+
+#include <cstdint>
+#include <functional>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "tfdb/testing/sched/run.hpp"
+
+namespace tfdb::sched {
+
+/// A concurrent program: builds fresh state, adds threads, joins them, checks the end. It must do
+/// the same each time when its threads are scheduled the same.
+using Program = std::function<void(Run&)>;
+
+struct Options {
+    /// One representative per class of executions that differ only in the order of independent
+    /// steps. Off: every interleaving.
+    bool reduce = true;
+    /// With a bound, only schedules that take the turn from a runnable thread at most so often:
+    /// no longer exhaustive. Switches the reduction off.
+    std::optional<unsigned> preemptions;
+    /// Past this the walk gives up, which fails the test.
+    std::uint64_t max_executions = 5'000'000;
+    /// Past this one execution is called endless, which is a violation.
+    std::size_t max_steps = 2'000;
+    /// False: an execution that deadlocks just ends there.
+    bool deadlock_is_violation = true;
+    /// Called after each complete execution that is not redundant, deadlocked ones included.
+    std::function<void(const Run&)> observe;
+};
+
+struct Outcome {
+    std::uint64_t executions = 0;  // all that were run, redundant ones included
+    std::uint64_t redundant = 0;   // found to repeat an earlier one, finished without branching
+    std::uint64_t deadlocks = 0;
+    std::size_t longest = 0;  // steps
+    bool complete = false;    // nothing is left to explore
+    bool bounded = false;     // a preemption bound kept schedules out
+    std::string violation;    // empty: none
+    std::string schedule;     // of the violation
+
+    [[nodiscard]] bool exhaustive() const { return complete && !bounded; }
+};
+
+/// Walks the executions of `program` depth first, each one started anew.
+Outcome explore(const Program& program, const Options& options = {});
+
+// The walks of one test. Not thread safe; a failing expectation ends the test.
+// must_hold() passes only for an exhaustive walk (or one that was bounded on purpose).
+class Walk {
+public:
+    explicit Walk(Options options = {}) : options_(std::move(options)) {}
+
+    /// No execution violates anything, and none was left out.
+    void must_hold(const std::string& name, const Program& program);
+
+    /// Some execution violates a promise whose text contains `expected`: the proof that the
+    /// checks can fail.
+    void must_fail(const std::string& name, const std::string& expected, const Program& program);
+
+private:
+    Options options_;
+};
+
+/// A failed expectation of a test.
+struct Failure {
+    std::string what;
+};
+
+struct Test {
+    const char* name;
+    void (*body)();
+};
+std::vector<Test>& registry();
+int add_test(const char* name, void (*body)());
+void expect(bool holds, const char* text, const char* file, int line);
+
+}  // namespace tfdb::sched
+
+#define TFDB_SCHED(name)                                                                    \
+    static void tfdb_sched_##name();                                                        \
+    [[maybe_unused]] static const int tfdb_sched_added_##name =                             \
+        ::tfdb::sched::add_test(#name, &tfdb_sched_##name);                                 \
+    static void tfdb_sched_##name()
+
+/// Ends the test with a failure unless the expression holds. For the test's own frame; inside a
+/// walked program use SCHED_REQUIRE.
+#define SCHED_EXPECT(expression) \
+    ::tfdb::sched::expect(static_cast<bool>(expression), #expression, __FILE__, __LINE__)
