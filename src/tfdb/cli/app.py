@@ -1,0 +1,113 @@
+"""The command group: which commands exist, and how every error leaves the program."""
+
+from __future__ import annotations
+
+import importlib
+import sys
+from typing import TYPE_CHECKING, Any
+
+import click
+
+import tfdb
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+# name -> (module, one line of help); a command's module is imported when the command is used.
+COMMANDS = {
+    "info": "Topics, frames, edges with rates and gaps, and the time span of a recording.",
+    "tree": "The frame tree, at its newest state or at a time.",
+    "lookup": "One transform T[TARGET<-SOURCE], and how it was found.",
+    "poses": "Many poses of SOURCE in TARGET, to a .tum, .csv or .npz file.",
+    "check": "A doctor for recordings: gaps, late data, two publishers, jumps in time ...",
+    "convert": "Rewrite the transforms of a recording as .mcap, .bag or .tum.",
+    "completion": "The script that makes a shell complete tfdb's commands and options.",
+}
+
+
+class TfdbGroup(click.Group):
+    """A group that imports commands lazily and prints every error in one line."""
+
+    def list_commands(self, ctx: click.Context) -> list[str]:  # noqa: ARG002
+        """Name the commands in the order of the help."""
+        return list(COMMANDS)
+
+    def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:  # noqa: ARG002
+        """Import the command's module and return its command."""
+        if cmd_name not in COMMANDS:
+            return None
+        module = importlib.import_module(f"tfdb.cli.{cmd_name}")
+        command: click.Command = module.command
+        return command
+
+    def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:  # noqa: ARG002
+        """List the commands without importing them."""
+        with formatter.section("Commands"):
+            formatter.write_dl(list(COMMANDS.items()))
+
+    def main(
+        self,
+        args: Sequence[str] | None = None,
+        prog_name: str | None = None,
+        complete_var: str | None = None,
+        standalone_mode: bool = True,
+        windows_expand_args: bool = True,
+        **extra: Any,
+    ) -> Any:
+        """Run; unless `standalone_mode` is off, end the process with 0, 1, 2 or 130."""
+        try:
+            result = super().main(
+                args,
+                prog_name,
+                complete_var,
+                standalone_mode=False,
+                windows_expand_args=windows_expand_args,
+                **extra,
+            )
+        except click.ClickException as error:
+            if not standalone_mode:
+                raise
+            click.echo(f"tfdb: error: {_one_line(error)}", err=True)
+            sys.exit(2)
+        except (click.Abort, KeyboardInterrupt):
+            if not standalone_mode:
+                raise
+            click.echo("tfdb: stopped", err=True)
+            sys.exit(130)
+        if standalone_mode:
+            sys.exit(result if isinstance(result, int) else 0)
+        return result
+
+
+def _one_line(error: click.ClickException) -> str:
+    """Return the message without line breaks; for a misuse, with where to read the usage."""
+    message = " ".join(error.format_message().split())
+    if isinstance(error, click.UsageError):
+        path = error.ctx.command_path if error.ctx is not None else "tfdb"
+        message = f"{message.rstrip('.')}; see '{path} --help'"
+    return message
+
+
+def _print_version(ctx: click.Context, _param: click.Parameter, value: bool) -> None:
+    if value and not ctx.resilient_parsing:
+        click.echo(f"tfdb {tfdb.__version__}")
+        ctx.exit()
+
+
+@click.group(
+    cls=TfdbGroup,
+    context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100},
+)
+@click.option(
+    "--version",
+    is_flag=True,
+    is_eager=True,
+    expose_value=False,
+    callback=_print_version,
+    help="Print the version and stop.",
+)
+def cli() -> None:
+    """Look into recordings of robot transforms: ROS 1 .bag, ROS 2 .db3 folders, .mcap.
+
+    Exit codes: 0 fine, 1 'check' has findings, 2 an error (one line on stderr).
+    """

@@ -1,0 +1,227 @@
+"""What the commands share: options, loading with a progress bar, errors that say what to do."""
+
+from __future__ import annotations
+
+import difflib
+import functools
+import sys
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, ParamSpec, TypeVar
+
+import click
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+
+import tfdb
+from tfdb.summary import Forest, span
+
+from .output import emit_json, error_body
+from .times import format_ns, seconds_to_ns
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator, Sequence
+
+    from tfdb import Buffer
+
+P = ParamSpec("P")
+R = TypeVar("R")
+
+json_option = click.option(
+    "--json", "as_json", is_flag=True, help="Print one JSON object instead of text."
+)
+topic_option = click.option(
+    "--topic",
+    "topics",
+    multiple=True,
+    metavar="FROM[:TO]",
+    help="Read the topic FROM (as TO: /tf or /tf_static) instead of the usual ones; repeatable.",
+)
+more_option = click.option(
+    "--with",
+    "more",
+    multiple=True,
+    metavar="FILE",
+    help="A further file of the same recording; repeatable.",
+)
+
+
+@dataclass(frozen=True)
+class Loaded:
+    """A recording in memory, and how it got there."""
+
+    store: Buffer
+    report: Any
+    paths: tuple[Path, ...]
+
+    @property
+    def start(self) -> int | None:
+        """The first moving stamp in nanoseconds."""
+        whole = span(self.store.tree())
+        return None if whole is None else whole[0]
+
+
+def reports_errors(command: str) -> Callable[[Callable[P, R]], Callable[P, R]]:
+    """Decorate a command so that errors end it with one line, and with JSON under ``--json``."""
+
+    def decorate(run: Callable[P, R]) -> Callable[P, R]:
+        @functools.wraps(run)
+        def wrapped(*args: P.args, **kwargs: P.kwargs) -> R:
+            try:
+                return run(*args, **kwargs)
+            except (tfdb.TfdbError, OSError) as error:
+                if isinstance(error, BrokenPipeError):
+                    raise
+                message = _describe(error)
+                failed: Exception = error
+            except click.UsageError:
+                raise
+            except click.ClickException as error:
+                message, failed = error.format_message(), error
+            if kwargs.get("as_json"):
+                emit_json(command, error_body(failed, message))
+            raise click.ClickException(message) from failed
+
+        return wrapped
+
+    return decorate
+
+
+def _describe(error: Exception) -> str:
+    if isinstance(error, OSError) and error.filename is not None:
+        return f"{error.filename}: {error.strerror or error}"
+    return str(error)
+
+
+def find_paths(names: Sequence[str]) -> tuple[Path, ...]:
+    """Check that the files exist; where one does not, name the nearest that does."""
+    paths = tuple(Path(name) for name in names)
+    for path in paths:
+        if path.exists():
+            continue
+        folder = path.parent
+        beside = [other.name for other in folder.iterdir()] if folder.is_dir() else []
+        near = difflib.get_close_matches(path.name, beside, n=1)
+        hint = f"did you mean {folder / near[0]}?" if near else "check the path"
+        raise click.ClickException(f"{path}: no such file; {hint}")
+    return paths
+
+
+def parse_topics(texts: Sequence[str]) -> dict[str, str] | None:
+    """``FROM[:TO]`` of each ``--topic``, as `Buffer.load` wants it; None without any."""
+    if not texts:
+        return None
+    pairs: dict[str, str] = {}
+    for text in texts:
+        source, colon, target = text.partition(":")
+        if not source or (colon and not target):
+            raise click.UsageError(f"--topic {text!r} is not FROM or FROM:TO")
+        pairs[source] = target or source
+    return pairs
+
+
+def load(names: Sequence[str], topics: Sequence[str] = ()) -> Loaded:
+    """Load the recordings into one store that keeps everything."""
+    paths = find_paths(names)
+    store = tfdb.Buffer(history=None)
+    with progress_bar("reading") as update:
+        report = store.load(list(paths), topics=parse_topics(topics), progress=update)
+    return Loaded(store, report, paths)
+
+
+@contextmanager
+def progress_bar(what: str) -> Iterator[Callable[[int, int], None] | None]:
+    """Give a callback (done, total) that moves a bar on stderr; None where that is no terminal."""
+    if not sys.stderr.isatty():
+        yield None
+        return
+    bar = Progress(
+        TextColumn("{task.description}"),
+        BarColumn(),
+        TextColumn("{task.percentage:>3.0f} %"),
+        TimeElapsedColumn(),
+        console=Console(stderr=True),
+        transient=True,
+    )
+    with bar:
+        task = bar.add_task(what, total=None)
+        yield lambda done, total: bar.update(task, completed=done, total=total)
+
+
+def check_frames(store: Buffer, *names: str) -> None:
+    """Refuse frames that the recording lacks, and name the nearest ones."""
+    known = store.frames()
+    for name in names:
+        if name in known:
+            continue
+        near = difflib.get_close_matches(name, known, n=3, cutoff=0.5)
+        near += [other for other in known if name.strip("/") in other and other not in near]
+        listed = ", ".join(repr(other) for other in near[:3])
+        hint = f"did you mean {listed}?" if listed else "'tfdb tree FILE' lists all frames"
+        message = f"the recording has no frame {name!r}; {hint}"
+        raise tfdb.UnknownFrame(message, frame=name)
+
+
+def explain_range(store: Buffer, target: str, source: str) -> str:
+    """Say where the two frames have data in common; empty when nothing moves between them."""
+    common = common_range(store, target, source)
+    if common is None:
+        return ""
+    first, last = common
+    if first > last:
+        return "the moving edges between them have no time in common"
+    return f"valid from {format_ns(first)} to {format_ns(last)}"
+
+
+def common_range(store: Buffer, target: str, source: str) -> tuple[int, int] | None:
+    """Find the first and last stamp at which all moving edges between two frames have data."""
+    forest = Forest(store.tree())
+    ours, theirs = forest.chain(target), forest.chain(source)
+    while ours and theirs and ours[-1].name == theirs[-1].name:
+        ours.pop()
+        theirs.pop()
+    moving = [
+        (info.oldest, info.newest)
+        for info in (*ours, *theirs)
+        if info.oldest is not None and info.newest is not None
+    ]
+    if not moving:
+        return None
+    return max(first for first, _ in moving), min(last for _, last in moving)
+
+
+def parse_policy(ctx: click.Context, param: click.Parameter, value: str | None) -> Any:
+    """Make the policy of ``name[:seconds]``, None without one."""
+    if value is None or ctx.resilient_parsing:
+        return None
+    name, colon, limit = value.partition(":")
+    makers: dict[str, tuple[Callable[..., Any], str | None, bool]] = {
+        "interpolate": (tfdb.Interpolate, "max_gap_ns", False),
+        "exact": (tfdb.Exact, None, False),
+        "previous": (tfdb.Previous, "max_age_ns", False),
+        "nearest": (tfdb.Nearest, "tolerance_ns", False),
+        "extrapolate": (tfdb.Extrapolate, "max_ns", True),
+    }
+    if name not in makers:
+        raise click.BadParameter(f"{name!r} is none of {', '.join(makers)}", ctx, param)
+    maker, field, needed = makers[name]
+    if not colon:
+        if needed:
+            raise click.BadParameter("write extrapolate:SECONDS, e.g. extrapolate:0.1", ctx, param)
+        return maker()
+    if field is None:
+        raise click.BadParameter("'exact' takes no limit", ctx, param)
+    try:
+        return maker(**{field: seconds_to_ns(limit)})
+    except ValueError as error:
+        raise click.BadParameter(str(error), ctx, param) from None
+
+
+policy_option = click.option(
+    "--policy",
+    metavar="POLICY",
+    callback=parse_policy,
+    help="interpolate[:MAX_GAP], exact, previous[:MAX_AGE], nearest[:TOLERANCE] or "
+    "extrapolate:MAX, each in seconds. [default: interpolate]",
+)

@@ -1,0 +1,38 @@
+"""``tfdb completion``: the script for a shell."""
+
+from __future__ import annotations
+
+import click
+from click.shell_completion import get_completion_class
+
+from . import common, output
+
+WHERE = {
+    "bash": "tfdb completion bash > ~/.local/share/bash-completion/completions/tfdb",
+    "zsh": "tfdb completion zsh > ~/.zfunc/_tfdb   # with ~/.zfunc in $fpath",
+    "fish": "tfdb completion fish > ~/.config/fish/completions/tfdb.fish",
+}
+
+
+@click.command("completion")
+@click.argument("shell", type=click.Choice(list(WHERE)))
+@common.json_option
+@common.reports_errors("completion")
+def command(*, shell: str, as_json: bool) -> None:
+    r"""Print the completion script of SHELL; save it where the shell looks for it.
+
+    \b
+    bash  tfdb completion bash > ~/.local/share/bash-completion/completions/tfdb
+    zsh   tfdb completion zsh > ~/.zfunc/_tfdb   (with ~/.zfunc in $fpath)
+    fish  tfdb completion fish > ~/.config/fish/completions/tfdb.fish
+    """
+    from .app import cli  # noqa: PLC0415, app imports this module on demand
+
+    maker = get_completion_class(shell)
+    if maker is None:
+        raise click.ClickException(f"this version of click knows no completion for {shell}")
+    script = maker(cli, {}, "tfdb", "_TFDB_COMPLETE").source()
+    if as_json:
+        output.emit_json("completion", {"shell": shell, "script": script, "save": WHERE[shell]})
+    else:
+        click.echo(script)

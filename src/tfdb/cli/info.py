@@ -1,0 +1,109 @@
+"""``tfdb info``: what a recording holds."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import click
+
+from tfdb.summary import EdgeSummary, edge_summaries, span
+
+from . import common, output
+from .times import format_duration, format_ns
+
+
+@click.command("info")
+@click.argument("files", nargs=-1, required=True, metavar="FILE...")
+@common.topic_option
+@common.json_option
+@common.reports_errors("info")
+def command(*, files: tuple[str, ...], topics: tuple[str, ...], as_json: bool) -> None:
+    """Topics, frames, edges with rates and gaps, and the time span.
+
+    Several FILEs are parts of one recording.
+    """
+    loaded = common.load(files, topics)
+    edges = edge_summaries(loaded.store)
+    if as_json:
+        output.emit_json("info", _body(loaded, edges))
+    else:
+        _show(loaded, edges)
+
+
+def _body(loaded: common.Loaded, edges: list[EdgeSummary]) -> dict[str, Any]:
+    whole = span(loaded.store.tree())
+    report = loaded.report
+    return {
+        "files": [str(path) for path in loaded.paths],
+        "topics": [
+            {"name": topic.name, "messages": topic.messages, "static": topic.static}
+            for topic in report.topics
+        ],
+        "messages": report.messages,
+        "transforms": report.transforms,
+        "refused": report.refused,
+        "frames": len(loaded.store.frames()),
+        "roots": [info.name for info in loaded.store.tree() if info.parent is None],
+        "start_ns": None if whole is None else whole[0],
+        "end_ns": None if whole is None else whole[1],
+        "edges": [edge_body(edge) for edge in edges],
+    }
+
+
+def edge_body(edge: EdgeSummary) -> dict[str, Any]:
+    """Return one edge as JSON; `info` and `tree` use the same keys."""
+    info = edge.info
+    return {
+        "frame": info.name,
+        "parent": info.parent,
+        "static": info.is_static,
+        "samples": info.samples,
+        "rate_hz": info.rate,
+        "oldest_ns": info.oldest,
+        "newest_ns": info.newest,
+        "longest_gap_ns": None if edge.longest is None else edge.longest.length,
+        "gaps": len(edge.gaps),
+        "late": info.late,
+        "authority": info.authority,
+    }
+
+
+def _show(loaded: common.Loaded, edges: list[EdgeSummary]) -> None:
+    out = output.console()
+    report = loaded.report
+    whole = span(loaded.store.tree())
+    out.print(", ".join(str(path) for path in loaded.paths), style="bold")
+    if whole is not None:
+        out.print(
+            f"{format_ns(whole[0])} to {format_ns(whole[1])} "
+            f"({format_duration(whole[1] - whole[0])})"
+        )
+    moving = sum(1 for edge in edges if not edge.info.is_static)
+    out.print(
+        f"{report.messages:,} messages, {report.transforms:,} transforms, "
+        f"{len(loaded.store.frames())} frames, {moving} moving and {len(edges) - moving} static "
+        "edges"
+    )
+    if report.refused:
+        out.print(f"{report.refused:,} messages refused; 'tfdb check' says why", style="red")
+    topics = output.table("topic", "messages", "kind", right=("messages",))
+    rows = [(t.name, f"{t.messages:,}", "static" if t.static else "moving") for t in report.topics]
+    out.print(output.add_rows(topics, rows))
+    out.print(output.add_rows(_edge_table(), (_edge_row(edge) for edge in edges)))
+
+
+def _edge_table() -> Any:
+    columns = ("frame", "parent", "rate", "samples", "longest gap", "late", "authority")
+    return output.table(*columns, right=("rate", "samples", "longest gap", "late"))
+
+
+def _edge_row(edge: EdgeSummary) -> tuple[Any, ...]:
+    info = edge.info
+    names = (info.name, info.parent or "")
+    if info.is_static:
+        return (*names, output.quiet("static"), "", "", "", info.authority)
+    gap: Any = "" if edge.longest is None else format_duration(edge.longest.length)
+    if edge.gaps:
+        gap = output.loud(gap)
+    rate = "" if info.rate is None else f"{info.rate:.4g} Hz"
+    return (*names, rate, f"{info.samples:,}", gap, str(info.late or ""), info.authority)

@@ -1,0 +1,130 @@
+"""``tfdb lookup``: one transform, and how it was found."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import click
+import numpy as np
+
+import tfdb
+
+from . import common, output
+from .angles import roll_pitch_yaw
+from .times import TimeSpec, format_duration, format_ns, time_option
+
+if TYPE_CHECKING:
+    from tfdb import Transform
+
+
+@click.command("lookup")
+@click.argument("file")
+@click.argument("target")
+@click.argument("source")
+@click.argument("time", default="latest", callback=time_option)
+@common.policy_option
+@common.more_option
+@common.topic_option
+@common.json_option
+@common.reports_errors("lookup")
+def command(
+    *,
+    file: str,
+    target: str,
+    source: str,
+    time: TimeSpec,
+    policy: Any,
+    more: tuple[str, ...],
+    topics: tuple[str, ...],
+    as_json: bool,
+) -> None:
+    """T[TARGET<-SOURCE] at TIME: it maps a point of SOURCE into TARGET.
+
+    TIME: seconds (12.5), nanoseconds (12500000000ns), an offset from the start (+1.5) or 'latest',
+    the newest stamp at which every edge has data.
+    """
+    loaded = common.load((file, *more), topics)
+    store = loaded.store
+    common.check_frames(store, target, source)
+    stamp = time.resolve(loaded.start)
+    try:
+        found = store.lookup_transform(target, source, stamp, policy)
+    except (tfdb.Extrapolation, tfdb.NoSampleNear) as error:
+        valid = common.explain_range(store, target, source)
+        raise click.ClickException(f"{error}; {valid}" if valid else str(error)) from error
+    if as_json:
+        output.emit_json("lookup", _body(loaded, found, time.text))
+    else:
+        _show(found, loaded.start)
+
+
+def _body(loaded: common.Loaded, found: Transform, asked: str) -> dict[str, Any]:
+    return {
+        "files": [str(path) for path in loaded.paths],
+        "target": found.target,
+        "source": found.source,
+        "asked": asked,
+        "stamp_ns": found.stamp,
+        "translation": found.translation.tolist(),
+        "rotation_xyzw": found.rotation.tolist(),
+        "rpy_deg": roll_pitch_yaw(found.rotation),
+        "matrix": found.matrix.tolist(),
+        "edges": [
+            {
+                "child": edge.child,
+                "parent": edge.parent,
+                "used": edge.used,
+                "inverted": edge.inverted,
+                "before_ns": edge.before,
+                "after_ns": edge.after,
+                "gap_ns": edge.gap,
+                "age_ns": edge.age,
+            }
+            for edge in found.report.edges
+        ],
+        "limiting": None if found.report.limiting is None else found.report.limiting.child,
+    }
+
+
+def _show(found: Transform, start: int | None) -> None:
+    out = output.console()
+    out.print(f"T[{found.target}<-{found.source}]", style="bold")
+    since = "" if start is None else f"  ({format_ns(found.stamp - start)} from the start)"
+    out.print(f"stamp           {format_ns(found.stamp)}{since}")
+    out.print("translation     " + _numbers(found.translation) + "  m")
+    out.print("quaternion      " + _numbers(found.rotation) + "  x y z w")
+    angles = np.array(roll_pitch_yaw(found.rotation))
+    out.print("roll pitch yaw  " + _numbers(angles, 4) + "  deg")
+    out.print("matrix")
+    for row in found.matrix:
+        out.print("  " + _numbers(row))
+    made = output.table(
+        *("edge", "made from", "before", "after", "gap", "age"),
+        right=("before", "after", "gap", "age"),
+    )
+    limiting = found.report.limiting
+    rows = [_row(edge, found.stamp) for edge in found.report.edges]
+    if rows:
+        out.print()
+        out.print(output.add_rows(made, rows))
+    if limiting is not None:
+        out.print(f"limited by {limiting.child}", style="dim")
+
+
+def _row(edge: Any, stamp: int) -> tuple[Any, ...]:
+    name = f"{edge.parent} <- {edge.child}"
+    shown = output.quiet(name) if edge.used == "static" else name
+    if edge.used == "static":
+        return (shown, output.quiet("static"), "", "", "", "")
+    before = "" if edge.before is None else _offset(edge.before - stamp)
+    after = "" if edge.after is None else _offset(edge.after - stamp)
+    gap = format_duration(edge.gap) if edge.gap else ""
+    return (shown, edge.used, before, after, gap, format_duration(edge.age))
+
+
+def _offset(ns: int) -> str:
+    return ("+" if ns >= 0 else "") + format_duration(ns)
+
+
+def _numbers(values: Any, digits: int = 6) -> str:
+    return " ".join(f"{float(value):>{digits + 6}.{digits}f}" for value in values)

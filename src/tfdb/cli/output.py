@@ -1,0 +1,69 @@
+"""How commands speak: tables for people, one JSON object for programs, one line for errors."""
+
+from __future__ import annotations
+
+import json
+import sys
+from typing import TYPE_CHECKING, Any
+
+import click
+from rich.box import SIMPLE_HEAD
+from rich.console import Console
+from rich.table import Table
+from rich.text import Text
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Sequence
+
+SCHEMA = 1
+"""The version of the JSON output: keys are added, never renamed or removed, within one version."""
+
+_PIPE_WIDTH = 400
+
+
+def console() -> Console:
+    """Return standard output; wide where no terminal limits it: tables in pipes stay whole."""
+    width = None if sys.stdout.isatty() else _PIPE_WIDTH
+    return Console(width=width, highlight=False, emoji=False, markup=False)
+
+
+def table(*columns: str, right: Sequence[str] = ()) -> Table:
+    """Make a table without a frame; the columns named in `right` are flush right."""
+    made = Table(box=SIMPLE_HEAD, pad_edge=False, header_style="bold", show_edge=False)
+    for name in columns:
+        made.add_column(
+            name, justify="right" if name in right else "left", overflow="fold", no_wrap=False
+        )
+    return made
+
+
+def add_rows(made: Table, rows: Iterable[Sequence[str | Text]]) -> Table:
+    """Add the rows to the table and return it; their text is taken literally."""
+    for row in rows:
+        made.add_row(*(cell if isinstance(cell, Text) else Text(cell) for cell in row))
+    return made
+
+
+def quiet(text: str) -> Text:
+    """Give the text less weight."""
+    return Text(text, style="dim")
+
+
+def loud(text: str) -> Text:
+    """Make the text ask for attention."""
+    return Text(text, style="bold red")
+
+
+def emit_json(command: str, body: dict[str, Any]) -> None:
+    """Print the command's one JSON object."""
+    click.echo(json.dumps({"tfdb": SCHEMA, "command": command, **body}, indent=2))
+
+
+def error_body(error: Exception, message: str) -> dict[str, Any]:
+    """Return what ``--json`` prints for an error: its class, its message and its fields."""
+    fields = {
+        key: value
+        for key, value in sorted(vars(error).items())
+        if isinstance(value, str | int | float | list | tuple) and not key.startswith("_")
+    }
+    return {"error": {"type": type(error).__name__, "message": message, "fields": fields}}

@@ -1,0 +1,212 @@
+"""``tfdb poses``: many poses of one frame in another, to a file."""
+
+from __future__ import annotations
+
+import csv
+import io
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal
+
+import click
+import numpy as np
+import numpy.typing as npt
+
+import tfdb
+
+from . import common, output
+from .times import TimeSpec, format_duration, format_ns, read_stamps, time_option
+
+if TYPE_CHECKING:
+    from tfdb import Buffer
+
+FORMATS = (".tum", ".csv", ".npz")
+
+
+@dataclass(frozen=True)
+class Poses:
+    """T[target<-source] at each stamp, those without a pose already left out."""
+
+    target: str
+    source: str
+    stamps: npt.NDArray[np.int64]
+    poses: npt.NDArray[np.float64]
+    missing: int
+
+
+@click.command("poses")
+@click.argument("file")
+@click.argument("target")
+@click.argument("source")
+@click.option(
+    "--at",
+    "stamps_file",
+    metavar="STAMPS",
+    help="One stamp per line (first column: a TUM or CSV trajectory works too); '-' reads stdin.",
+)
+@click.option(
+    "--rate",
+    type=click.FloatRange(min=0, min_open=True),
+    metavar="HZ",
+    help="So many poses a second, over the time that all edges have in common.",
+)
+@click.option("--start", metavar="TIME", callback=time_option, help="Not before this time.")
+@click.option("--end", metavar="TIME", callback=time_option, help="Not after this time.")
+@click.option(
+    "-o",
+    "--output",
+    "out",
+    metavar="OUT",
+    help="A .tum, .csv or .npz file. [default: TUM lines to stdout]",
+)
+@click.option(
+    "--skip-missing",
+    is_flag=True,
+    help="Leave out stamps without a pose instead of ending with an error.",
+)
+@common.policy_option
+@common.more_option
+@common.topic_option
+@common.json_option
+@common.reports_errors("poses")
+def command(
+    *,
+    file: str,
+    target: str,
+    source: str,
+    stamps_file: str | None,
+    rate: float | None,
+    start: TimeSpec | None,
+    end: TimeSpec | None,
+    out: str | None,
+    skip_missing: bool,
+    policy: Any,
+    more: tuple[str, ...],
+    topics: tuple[str, ...],
+    as_json: bool,
+) -> None:
+    """Poses of SOURCE in TARGET, T[TARGET<-SOURCE], each from the same snapshot.
+
+    Without --at and --rate: one pose at each stored stamp of the edges between the two frames.
+    """
+    if stamps_file is not None and rate is not None:
+        raise click.UsageError("--at and --rate exclude each other")
+    form = _format(out)
+    if as_json and out is None:
+        raise click.UsageError("--json describes what was written: give it -o OUT")
+    wanted = None if stamps_file is None else _stamps(stamps_file)
+    loaded = common.load((file, *more), topics)
+    store = loaded.store
+    common.check_frames(store, target, source)
+    first = None if start is None else start.resolve(loaded.start)
+    last = None if end is None else end.resolve(loaded.start)
+    if wanted is None:
+        path = store.trajectory(target, source, rate=rate, start=first, end=last, policy=policy)
+        stamps, poses = np.asarray(path.stamps), np.asarray(path.poses)
+    else:
+        stamps = _between(wanted, first, last)
+        poses = _poses(store, (target, source), stamps, policy, skip_missing=skip_missing)
+    kept = np.isfinite(poses).all(axis=1)
+    made = Poses(target, source, stamps[kept], poses[kept], int(len(kept) - kept.sum()))
+    _write(form, out, made)
+    if as_json:
+        output.emit_json("poses", _body(loaded, made, out))
+    elif out is not None and out != "-":
+        click.echo(f"{out}: {_describe(made)}")
+
+
+def _format(out: str | None) -> str:
+    if out is None or out == "-":
+        return ".tum"
+    suffix = Path(out).suffix.lower()
+    if suffix not in FORMATS:
+        raise click.UsageError(f"{out!r} ends in none of {', '.join(FORMATS)}")
+    return suffix
+
+
+def _stamps(name: str) -> npt.NDArray[np.int64]:
+    text = sys.stdin.read() if name == "-" else common.find_paths([name])[0].read_text("utf-8")
+    return np.array(read_stamps(text, "standard input" if name == "-" else name), dtype=np.int64)
+
+
+def _between(
+    stamps: npt.NDArray[np.int64], first: int | None, last: int | None
+) -> npt.NDArray[np.int64]:
+    inside = np.ones(len(stamps), dtype=bool)
+    if first is not None:
+        inside &= stamps >= first
+    if last is not None:
+        inside &= stamps <= last
+    return stamps[inside]
+
+
+def _poses(
+    store: Buffer,
+    frames: tuple[str, str],
+    stamps: npt.NDArray[np.int64],
+    policy: Any,
+    *,
+    skip_missing: bool,
+) -> npt.NDArray[np.float64]:
+    missing: Literal["nan", "raise"] = "nan" if skip_missing else "raise"
+    try:
+        return store.lookup_transforms(*frames, stamps, policy, missing=missing)
+    except (tfdb.Extrapolation, tfdb.NoSampleNear, tfdb.GapTooLarge, tfdb.Stale) as error:
+        valid = common.explain_range(store, *frames)
+        hint = "; --skip-missing leaves such stamps out"
+        message = f"{error}; {valid}{hint}" if valid else f"{error}{hint}"
+        raise click.ClickException(message) from error
+
+
+def _write(form: str, out: str | None, made: Poses) -> None:
+    if form == ".npz" and out is not None:
+        np.savez_compressed(
+            out,
+            stamps=made.stamps,
+            poses=made.poses,
+            target=np.array(made.target),
+            source=np.array(made.source),
+        )
+        return
+    text = _tum(made) if form == ".tum" else _csv(made)
+    if out is None or out == "-":
+        click.echo(text, nl=False)
+    else:
+        Path(out).write_text(text, "utf-8")
+
+
+def _tum(made: Poses) -> str:
+    rows = zip(made.stamps.tolist(), made.poses.tolist(), strict=True)
+    return "".join(f"{format_ns(t)} {' '.join(map(repr, pose))}\n" for t, pose in rows)
+
+
+def _csv(made: Poses) -> str:
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(["stamp_ns", "x", "y", "z", "qx", "qy", "qz", "qw"])
+    for stamp, pose in zip(made.stamps.tolist(), made.poses.tolist(), strict=True):
+        writer.writerow([stamp, *map(repr, pose)])
+    return text.getvalue()
+
+
+def _body(loaded: common.Loaded, made: Poses, out: str | None) -> dict[str, Any]:
+    return {
+        "files": [str(path) for path in loaded.paths],
+        "target": made.target,
+        "source": made.source,
+        "output": out,
+        "poses": len(made.stamps),
+        "missing": made.missing,
+        "start_ns": int(made.stamps[0]) if len(made.stamps) else None,
+        "end_ns": int(made.stamps[-1]) if len(made.stamps) else None,
+    }
+
+
+def _describe(made: Poses) -> str:
+    text = f"{len(made.stamps):,} poses of {made.source} in {made.target}"
+    if len(made.stamps) > 1:
+        text += f" over {format_duration(int(made.stamps[-1] - made.stamps[0]))}"
+    if made.missing:
+        text += f"; {made.missing} stamps without a pose left out"
+    return text

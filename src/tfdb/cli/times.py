@@ -1,0 +1,153 @@
+"""Times as people type them, turned into integer nanoseconds without passing through a float."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from decimal import Decimal
+
+import click
+
+NS = 1_000_000_000
+MAX_STAMP = 2**63 - 1
+_SECONDS = re.compile(r"\d+(\.\d*)?|\.\d+")
+_NANOSECONDS = re.compile(r"(\d+)ns")
+HINT = (
+    "write seconds (12.5), nanoseconds (12500000000ns), an offset from the start (+1.5) or 'latest'"
+)
+
+
+def seconds_to_ns(text: str) -> int:
+    """Nanoseconds of a non-negative decimal number of seconds, exact.
+
+    Raises ``ValueError`` for anything else, digits beyond the nanosecond included.
+    """
+    if not _SECONDS.fullmatch(text):
+        raise ValueError(f"{text!r} is not a number of seconds")
+    whole, _, fraction = text.partition(".")
+    fraction = fraction.rstrip("0")
+    if len(fraction) > 9:
+        raise ValueError(f"{text!r} is finer than a nanosecond")
+    value = int(whole or "0") * NS + int(fraction.ljust(9, "0"))
+    if value > MAX_STAMP:
+        raise ValueError(f"{text!r} is beyond the largest stamp, {format_ns(MAX_STAMP)} s")
+    return value
+
+
+def parse_stamp(text: str) -> int:
+    """Nanoseconds of ``12.5`` (seconds) or ``12500000000ns``; ``ValueError`` for anything else."""
+    match = _NANOSECONDS.fullmatch(text)
+    if match is None:
+        return seconds_to_ns(text)
+    value = int(match.group(1))
+    if value > MAX_STAMP:
+        raise ValueError(f"{text!r} is beyond the largest stamp, {MAX_STAMP}ns")
+    return value
+
+
+@dataclass(frozen=True)
+class TimeSpec:
+    """A time that may need the recording to be known: absolute, from the start, or the latest."""
+
+    text: str
+    ns: int | None
+    relative: bool = False
+
+    def resolve(self, start: int | None) -> int | None:
+        """Return the stamp in nanoseconds, or None for the latest common time.
+
+        `start` is the recording's first moving stamp, None when it has none.
+        """
+        if self.ns is None or not self.relative:
+            return self.ns
+        if start is None:
+            raise click.ClickException(
+                f"{self.text!r} counts from the first moving sample and there is none; "
+                "give an absolute time or 'latest'"
+            )
+        return start + self.ns
+
+
+LATEST = TimeSpec("latest", None)
+
+
+def time_option(ctx: click.Context, param: click.Parameter, value: str | None) -> TimeSpec | None:
+    """Click's callback for a time."""
+    text = (value or "").strip()
+    if value is None or ctx.resilient_parsing:
+        return None
+    if text == "latest":
+        return LATEST
+    try:
+        if text.startswith("+"):
+            return TimeSpec(text, parse_stamp(text[1:]), relative=True)
+        return TimeSpec(text, parse_stamp(text))
+    except ValueError as error:
+        raise click.BadParameter(f"{error}: {HINT}", ctx, param) from None
+
+
+def duration_option(ctx: click.Context, param: click.Parameter, value: str | None) -> int | None:
+    """Click's callback for a length of time: seconds with decimals, or nanoseconds with ``ns``."""
+    if value is None or ctx.resilient_parsing:
+        return None
+    try:
+        return parse_stamp(value.strip())
+    except ValueError as error:
+        hint = "write seconds (0.5) or nanoseconds (500000000ns)"
+        raise click.BadParameter(f"{error}: {hint}", ctx, param) from None
+
+
+def format_ns(ns: int) -> str:
+    """Seconds with nine decimals, exact: ``12.500000000``."""
+    sign = "-" if ns < 0 else ""
+    whole, rest = divmod(abs(ns), NS)
+    return f"{sign}{whole}.{rest:09d}"
+
+
+def format_duration(ns: int) -> str:
+    """Write a length of time for people: ``33.4 ms``, ``1.25 s``, ``2 min 3 s``."""
+    size = abs(ns)
+    sign = "-" if ns < 0 else ""
+    for limit, unit, scale in ((1_000, "ns", 1), (1_000_000, "us", 1_000), (NS, "ms", 1_000_000)):
+        if size < limit:
+            return f"{sign}{_three_digits(Decimal(size) / scale)} {unit}"
+    if size < 120 * NS:
+        return f"{sign}{_three_digits(Decimal(size) / NS)} s"
+    minutes, rest = divmod(size // NS, 60)
+    if minutes < 120:
+        return f"{sign}{minutes} min {rest} s"
+    return f"{sign}{minutes // 60} h {minutes % 60} min"
+
+
+def _three_digits(value: Decimal) -> str:
+    digits = 0 if value >= 100 else 1 if value >= 10 else 2
+    text = f"{value:.{digits}f}"
+    return text.rstrip("0").rstrip(".") if "." in text else text
+
+
+def read_stamps(text: str, name: str) -> list[int]:
+    """Stamps of a text with one per line, in seconds or with ``ns``.
+
+    The first column counts, so a TUM or CSV trajectory works too; empty lines, ``#`` comments and
+    a CSV heading are passed over. A first column of integers above 10^14 is taken for nanoseconds
+    (as EuRoC writes them).
+    """
+    stamps: list[int] = []
+    for number, line in enumerate(text.splitlines(), start=1):
+        fields = line.replace(",", " ").split()
+        if not fields or fields[0].startswith("#"):
+            continue
+        first = fields[0]
+        try:
+            bare_ns = first.isdigit() and len(first) > 14
+            stamps.append(parse_stamp(first + "ns" if bare_ns else first))
+        except ValueError as error:
+            if not stamps and not first[0].isdigit() and len(fields) > 1:
+                continue
+            raise click.ClickException(
+                f"{name}, line {number}: {error}; write one stamp per line in seconds, "
+                "or in nanoseconds with 'ns'"
+            ) from None
+    if not stamps:
+        raise click.ClickException(f"{name} holds no stamp; write one per line")
+    return stamps

@@ -1,0 +1,13 @@
+"""Pictures of trajectories, frame trees and samples; needs matplotlib (``pip install tfdb[plot]``).
+
+Each function takes data, draws nothing on a screen and returns a matplotlib ``Figure`` to save or
+to show: ``tfdb.plot.trajectory(buf.trajectory("map", "base")).savefig("trajectory.png")``.
+"""
+
+from __future__ import annotations
+
+from .timeline import timeline
+from .trajectory import trajectory
+from .tree import frame_tree
+
+__all__ = ["frame_tree", "timeline", "trajectory"]
