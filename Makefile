@@ -1,0 +1,133 @@
+# Needs Python 3.11+ with venv, a C++20 compiler and make; everything else comes into .venv.
+#   make demo [BAG=my.bag]   see it work        make test    all tests
+#   make check               style and types    make help    every target
+
+PYTHON ?= python3
+JOBS ?= $(shell nproc 2>/dev/null || echo 2)
+FUZZ_SECONDS ?= 600
+BAG ?=
+
+VENV := .venv
+STAMPS := .stamps
+BIN := $(VENV)/bin
+PIP := $(BIN)/python -m pip --disable-pip-version-check -q
+CMAKE := $(BIN)/cmake
+export PATH := $(CURDIR)/$(BIN):$(PATH)
+
+NATIVE := $(shell find core bindings -name '*.?pp' -not -name '*.*.?pp' 2>/dev/null)
+CPP := $(shell find core bindings tests benchmarks -name '*.?pp' 2>/dev/null)
+# Address randomisation finer than GCC 12's ThreadSanitizer expects would stop it at start.
+FIXED_ADDRESSES := $(shell command -v setarch >/dev/null 2>&1 && echo setarch $$(uname -m) -R)
+
+.DELETE_ON_ERROR:
+.PHONY: help demo test test-cpp test-python check bench tsan asan fuzz relacy docs wheel stubs \
+        format clean distclean
+
+help:
+	@echo 'make demo [BAG=file]  the main job on a recording, pictures in out/'
+	@echo 'make test             C++ tests, interleaving walks, Python tests'
+	@echo 'make check            formatting, lint, types, warnings as errors'
+	@echo 'make bench            C++ benchmarks'
+	@echo 'make tsan | asan      C++ tests under sanitizers'
+	@echo 'make fuzz             fuzzers, FUZZ_SECONDS=$(FUZZ_SECONDS) each (clang)'
+	@echo 'make relacy           model checks of the protocol (package relacy-dev)'
+	@echo 'make docs             API reference in docs/_build'
+	@echo 'make wheel            sdist and wheel in dist/'
+	@echo 'make stubs | format   rewrite src/tfdb/_core.pyi | all sources'
+	@echo 'make clean            remove what was built; distclean: .venv too'
+
+# -- environment ----------------------------------------------------------------------------------
+
+$(STAMPS)/venv:
+	@mkdir -p $(STAMPS)
+	$(PYTHON) -m venv $(VENV) || (echo 'no venv module: install your python3-venv package'; exit 1)
+	$(PIP) install 'cmake>=3.21' 'ninja>=1.11' 'scikit-build-core>=0.10' 'nanobind>=2.2'
+	@touch $@
+
+# The editable install only recompiles what changed.
+$(STAMPS)/install: $(STAMPS)/venv pyproject.toml CMakeLists.txt $(NATIVE)
+	$(PIP) install --no-build-isolation -e '.[all]'
+	@touch $@
+
+$(STAMPS)/dev: pyproject.toml | $(STAMPS)/install
+	$(PIP) install --no-build-isolation -e '.[dev]'
+	@touch $@
+
+# -- use ------------------------------------------------------------------------------------------
+
+demo: $(STAMPS)/install
+	$(BIN)/python examples/demo.py $(if $(BAG),'$(BAG)')
+
+# -- proof ----------------------------------------------------------------------------------------
+
+test: test-cpp test-python
+
+test-cpp: $(STAMPS)/venv
+	$(CMAKE) --preset dev >/dev/null
+	$(CMAKE) --build --preset dev -j $(JOBS)
+	build/dev/bin/tfdb_tests
+	build/dev/bin/tfdb_sched
+
+test-python: $(STAMPS)/dev
+	$(BIN)/python -m pytest
+
+# clang-tidy is not on PyPI for every platform: without it the rest is still checked, except in CI.
+check: $(STAMPS)/dev
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/mypy
+	$(BIN)/clang-format --dry-run -Werror $(CPP)
+	$(CMAKE) --preset check >/dev/null
+	$(CMAKE) --build --preset check -j $(JOBS)
+	$(BIN)/python tools/make_stubs.py --check
+	$(BIN)/python -m pytest -q tests/architecture
+	@if command -v clang-tidy >/dev/null; then $(BIN)/python tools/run_clang_tidy.py build/check; \
+	elif [ "$$CI" = true ]; then echo 'clang-tidy is missing'; exit 1; \
+	else echo 'clang-tidy is missing: not run'; fi
+
+tsan: $(STAMPS)/venv
+	$(CMAKE) --preset tsan >/dev/null
+	$(CMAKE) --build --preset tsan -j $(JOBS) --target tfdb_tests
+	TSAN_OPTIONS=halt_on_error=1 $(FIXED_ADDRESSES) build/tsan/bin/tfdb_tests
+
+asan: $(STAMPS)/venv
+	$(CMAKE) --preset asan >/dev/null
+	$(CMAKE) --build --preset asan -j $(JOBS) --target tfdb_tests
+	UBSAN_OPTIONS=print_stacktrace=1 build/asan/bin/tfdb_tests
+
+relacy: $(STAMPS)/venv
+	$(CMAKE) --preset relacy >/dev/null
+	$(CMAKE) --build --preset relacy -j $(JOBS)
+	for model in build/relacy/bin/relacy_*; do echo "$$model"; $$model || exit 1; done
+
+fuzz: $(STAMPS)/venv
+	$(CMAKE) --preset fuzz >/dev/null
+	$(CMAKE) --build --preset fuzz -j $(JOBS)
+	$(BIN)/python tools/run_fuzzers.py build/fuzz --seconds $(FUZZ_SECONDS)
+
+bench: $(STAMPS)/venv
+	$(CMAKE) --preset bench >/dev/null
+	$(CMAKE) --build --preset bench -j $(JOBS)
+	for bench in build/bench/bin/bench_*; do echo "$$bench"; $$bench || exit 1; done
+
+# -- upkeep ---------------------------------------------------------------------------------------
+
+docs: $(STAMPS)/dev
+	$(BIN)/python -m pdoc --docformat numpy -o docs/_build tfdb
+
+wheel: $(STAMPS)/dev
+	$(BIN)/python -m build
+
+stubs: $(STAMPS)/dev
+	$(BIN)/python tools/make_stubs.py
+
+format: $(STAMPS)/dev
+	$(BIN)/ruff check --fix .
+	$(BIN)/ruff format .
+	$(BIN)/clang-format -i $(CPP)
+
+clean:
+	rm -rf build dist out docs/_build $(STAMPS) .pytest_cache .mypy_cache .ruff_cache .hypothesis
+
+distclean: clean
+	rm -rf $(VENV)

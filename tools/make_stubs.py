@@ -1,0 +1,52 @@
+"""Write src/tfdb/_core.pyi from the built extension; `--check` only compares."""
+
+from __future__ import annotations
+
+import argparse
+import difflib
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parent.parent
+STUB = ROOT / "src" / "tfdb" / "_core.pyi"
+# Signatures of the methods that bypass nanobind, which stubgen cannot see.
+PATTERNS = ROOT / "bindings" / "stubs.pattern"
+
+
+def generated() -> str:
+    """Return the stub of the installed `tfdb._core`."""
+    with tempfile.TemporaryDirectory() as folder:
+        output = Path(folder) / "_core.pyi"
+        command = [sys.executable, "-m", "nanobind.stubgen", "-q", "-m", "tfdb._core"]
+        command += ["-o", str(output)]
+        if PATTERNS.is_file():
+            command += ["-p", str(PATTERNS)]
+        subprocess.run(command, check=True, cwd=folder)
+        return output.read_text(encoding="utf-8")
+
+
+def main() -> int:
+    """Return 0, or 1 when `--check` finds a difference."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--check", action="store_true", help="compare, write nothing")
+    check = parser.parse_args().check
+    new = generated()
+    if not check:
+        STUB.write_text(new, encoding="utf-8")
+        return 0
+    old = STUB.read_text(encoding="utf-8") if STUB.is_file() else ""
+    if old == new:
+        return 0
+    sys.stdout.writelines(
+        difflib.unified_diff(
+            old.splitlines(keepends=True), new.splitlines(keepends=True), "committed", "generated"
+        )
+    )
+    print("src/tfdb/_core.pyi is stale: run `make stubs`")
+    return 1
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,43 @@
+"""Run clang-tidy on every file of ours in a build folder's compile commands, several at a time."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import subprocess
+import sys
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parent.parent
+
+
+def tidy(build: Path, source: Path) -> tuple[Path, int, str]:
+    """Return the file, clang-tidy's exit status and what it said."""
+    command = ["clang-tidy", "-quiet", "-p", str(build), "--extra-arg=-Wno-unknown-warning-option"]
+    done = subprocess.run([*command, str(source)], capture_output=True, text=True, check=False)
+    return source, done.returncode, done.stdout
+
+
+def main() -> int:
+    """Return 0, or 1 when any file has a finding."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("build", type=Path)
+    parser.add_argument("--jobs", type=int, default=os.cpu_count() or 2)
+    arguments = parser.parse_args()
+    commands = json.loads((arguments.build / "compile_commands.json").read_text(encoding="utf-8"))
+    sources = sorted({Path(entry["file"]) for entry in commands})
+    ours = [path for path in sources if path.is_relative_to(ROOT / "core")]
+    bad = 0
+    with ThreadPoolExecutor(arguments.jobs) as pool:
+        for source, status, text in pool.map(lambda path: tidy(arguments.build, path), ours):
+            if status:
+                bad += 1
+                print(f"{source.relative_to(ROOT)}\n{text}")
+    print(f"clang-tidy: {len(ours)} files, {bad} with findings")
+    return 1 if bad else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
