@@ -1,0 +1,19 @@
+"""The committed stub of the extension says what the extension says."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+pytest.importorskip("nanobind", reason="the stub generator comes with nanobind")
+
+ROOT = Path(__file__).resolve().parent.parent
+
+
+def test_the_committed_stub_is_what_the_extension_generates() -> None:
+    command = [sys.executable, str(ROOT / "tools" / "make_stubs.py"), "--check"]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stdout + done.stderr
