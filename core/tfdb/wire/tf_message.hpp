@@ -1,0 +1,80 @@
+// tf2_msgs/TFMessage (and ROS 1's tf/tfMessage, which has the same layout) straight from and to its
+// bytes: no allocation per message, no object per transform, frame names as views into the bytes.
+//
+// A message is a count and that many of: header (stamp, frame_id), child_frame_id, 3 + 4 doubles.
+//
+//   ROS 1   nothing is aligned; strings are a length and bytes; the header starts with `seq`, which
+//           is ignored and written as 0; secs and nsecs are unsigned.
+//   CDR     each field is aligned to its size, counted from the first byte after the 4-byte
+//           encapsulation header; a string's length counts its closing NUL; sec is signed.
+//   CDR2    (plain XCDR2) the same, but doubles are aligned to 4, and the sequence is preceded by
+//           its size in bytes: XTypes 1.3 demands this "DHEADER" for every sequence of structs.
+//
+// What is bad is refused with CorruptMessage, never repaired: the offset says at which byte, the
+// reason which field of which transform. Where writers are known to differ harmlessly:
+//   - padding may hold anything (Fast CDR leaves it uninitialised); it is written as zeros;
+//   - up to three bytes may follow a CDR message (RTPS rounds payloads up to a multiple of four);
+//   - the two option bytes of the encapsulation header are ignored, as RTPS tells receivers to.
+// Frame names: one leading '/' is dropped, as tf does. An embedded NUL is refused here, because CDR
+// readers written in C would take it for the end; all else about names is the store's to judge.
+// Numbers: the seven doubles are passed on bit for bit, NaN included; the store judges them.
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+#include <optional>
+#include <span>
+#include <string_view>
+#include <type_traits>
+#include <vector>
+
+#include "tfdb/base/error.hpp"
+#include "tfdb/clock/stamp.hpp"
+#include "tfdb/geometry/pose.hpp"
+
+namespace tfdb::wire {
+
+// One transform of a message: it maps points of `child` into `parent`.
+// Threads: a value. The names are views: valid as long as the bytes that they came from.
+// Guarantee: trivially copyable.
+struct TransformView {
+    std::string_view parent;
+    std::string_view child;
+    clock::StampNs stamp = 0;
+    geometry::Pose pose{};
+};
+static_assert(std::is_trivially_copyable_v<TransformView>);
+
+/// The layout of a message. kCdr is for whoever has a payload with its encapsulation header and
+/// takes what that says; every other one means exactly one layout. A bare payload is never guessed:
+/// `00 01 00 00` starts a little-endian message with a header just as well as a bare one of 256.
+enum class Encoding : std::uint8_t {
+    kRos1,           // ROS 1 serialisation
+    kCdr,            // reads any of the next four, by its header; writes kCdrLittle
+    kCdrLittle,      // header 00 01: what ROS 2 sends and records
+    kCdrBig,         // header 00 00
+    kCdr2Little,     // header 00 07
+    kCdr2Big,        // header 00 06
+    kCdrBareLittle,  // CDR without the encapsulation header
+    kCdrBareBig,
+};
+
+/// Encoding by the name that Python and the command line use: "ros1", "cdr", "cdr_le", "cdr_be",
+/// "cdr2_le", "cdr2_be", "cdr_bare_le", "cdr_bare_be". None for any other name.
+[[nodiscard]] std::optional<Encoding> encoding_from_name(std::string_view name) noexcept;
+
+/// Replaces `out` by the transforms of one message. The views point into `data`; `out` keeps its
+/// capacity, so decoding into the same vector again and again allocates nothing.
+/// Threads: reentrant. Throws CorruptMessage; `out` is then empty.
+void decode_tf_message(std::span<const std::byte> data, Encoding encoding,
+                       std::vector<TransformView>& out);
+
+/// Replaces `out` by one message that decodes to exactly `transforms`: a name that itself starts
+/// with '/' gets a second one, since readers drop the first. `out` keeps its capacity.
+/// Threads: reentrant. Throws, with `index`, and leaves `out` as it was: InvalidStamp (negative, or
+/// past the format's seconds: 2^32 - 1 in ROS 1, 2^31 - 1 in CDR), InvalidName (embedded NUL),
+/// InvalidArgument (a message of 4 GiB or more).
+void encode_tf_message(std::span<const TransformView> transforms, Encoding encoding,
+                       std::vector<std::byte>& out);
+
+}  // namespace tfdb::wire
