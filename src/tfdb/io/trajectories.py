@@ -1,0 +1,353 @@
+"""Trajectories as text: TUM, KITTI and EuRoC files, and the CSV that tfdb writes itself.
+
+A trajectory is the motion of one frame in another: stamps and poses `T[parent<-child]`. The files
+do not say which frames; :func:`into_buffer` does.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Literal, Protocol, TypeAlias
+
+import numpy as np
+import numpy.typing as npt
+
+from tfdb.errors import InvalidArray, TrajectoryError
+
+from .decimal_time import integer_ns, seconds_to_ns
+
+if TYPE_CHECKING:
+    import os
+    from collections.abc import Callable, Iterator
+
+    from tfdb import Buffer
+
+    PathLike: TypeAlias = str | os.PathLike[str]
+
+Stamps: TypeAlias = npt.NDArray[np.int64]
+Poses: TypeAlias = npt.NDArray[np.float64]
+Format: TypeAlias = Literal["tum", "kitti", "euroc", "csv"]
+
+CSV_COLUMNS = ("stamp_ns", "x", "y", "z", "qx", "qy", "qz", "qw")
+FORMATS: tuple[Format, ...] = ("tum", "kitti", "euroc", "csv")
+
+# tf2's rule, and that of the store: further off is no rotation, nearer is rounding.
+MAX_NORM_ERROR = 0.01
+# Rotation matrices are printed with few digits; KITTI's own are good to 1e-6.
+MAX_MATRIX_ERROR = 1e-2
+
+
+class TrajectoryLike(Protocol):
+    """Whatever has stamps and poses, such as the result of `Buffer.trajectory`."""
+
+    @property
+    def stamps(self) -> Stamps:
+        """Nanoseconds, int64, shape (N,)."""
+
+    @property
+    def poses(self) -> Poses:
+        """Rows `[x y z qx qy qz qw]`, float64, shape (N, 7)."""
+
+
+@dataclass(frozen=True, eq=False)
+class Trajectory:
+    """Poses `T[parent<-child]` at increasing stamps.
+
+    Parameters
+    ----------
+    stamps
+        Integer nanoseconds, shape (N,), strictly increasing, not negative.
+    poses
+        Rows `[x y z qx qy qz qw]`, metres and unit quaternions, shape (N, 7).
+    repeated
+        How many lines of the file were replaced by a later one with the same stamp.
+
+    Raises
+    ------
+    InvalidArray
+        Other shapes or types, or stamps that do not increase.
+    """
+
+    stamps: Stamps
+    poses: Poses
+    repeated: int = 0
+
+    def __post_init__(self) -> None:
+        stamps, poses = np.asarray(self.stamps), np.asarray(self.poses)
+        if stamps.ndim != 1 or not np.issubdtype(stamps.dtype, np.integer):
+            raise InvalidArray(
+                f"stamps must be integers of shape (N,), not {stamps.dtype} of {stamps.shape}"
+            )
+        if poses.shape != (len(stamps), 7) or not np.issubdtype(poses.dtype, np.floating):
+            raise InvalidArray(
+                f"poses must be floats of shape ({len(stamps)}, 7) for {len(stamps)} stamps, "
+                f"not {poses.dtype} of {poses.shape}"
+            )
+        if len(stamps) and (stamps[0] < 0 or not bool(np.all(stamps[1:] > stamps[:-1]))):
+            raise InvalidArray("stamps must be >= 0 and strictly increasing")
+        object.__setattr__(self, "stamps", np.ascontiguousarray(stamps, dtype=np.int64))
+        object.__setattr__(self, "poses", np.ascontiguousarray(poses, dtype=np.float64))
+
+    def __len__(self) -> int:
+        return len(self.stamps)
+
+
+def read_trajectory(
+    path: PathLike,
+    format: Format | None = None,  # noqa: A002 - numpy and pandas call it so, too
+    *,
+    times: PathLike | None = None,
+) -> Trajectory:
+    """Read a trajectory file.
+
+    Parameters
+    ----------
+    path
+        The file. Quaternions that are slightly off unit length are normalised. A line that repeats
+        the stamp of the one before replaces it, as the newer sample does in a store.
+    format
+        `"tum"` (`seconds x y z qx qy qz qw`), `"kitti"` (the 12 numbers of a 3x4 matrix, stamps in
+        a file of their own), `"euroc"` (`nanoseconds,x,y,z,qw,qx,qy,qz,...`) or `"csv"` (as
+        written by :func:`tfdb.io.write_csv`); None looks at the first line.
+    times
+        KITTI only: the file with one stamp in seconds per pose. By default `NAME_times.txt` or
+        `times.txt` beside the poses.
+
+    Raises
+    ------
+    TrajectoryError
+        A line that is not what the format wants, a rotation that is none, stamps that run
+        backwards, no pose at all. Fields: path, line, reason.
+    OSError
+        The file cannot be opened.
+    """
+    lines = _Lines(Path(path))
+    if format is not None and format not in FORMATS:
+        raise lines.error(None, f"unknown format {format!r}; one of {', '.join(FORMATS)}")
+    kind = _guess(lines) if format is None else format
+    if kind == "kitti":
+        return _read_kitti(lines, Path(times) if times is not None else _find_times(lines.path))
+    if times is not None:
+        raise lines.error(None, f"a file of times belongs to KITTI poses, not to {kind}")
+    return _read_rows(lines, _ROWS[kind])
+
+
+def into_buffer(
+    buffer: Buffer, parent: str, child: str, trajectory: TrajectoryLike, *, authority: str = ""
+) -> int:
+    """Store a trajectory as the edge from `parent` to `child`, in one commit.
+
+    The poses are `T[parent<-child]`. Returns the number of the commit. Raises what
+    `Buffer.set_transforms` raises; then nothing was stored. A buffer with a limited history refuses
+    or drops what is older: load whole trajectories into `Buffer(history=None)`.
+    """
+    from tfdb import Columns  # noqa: PLC0415 - the package imports this module
+
+    count = len(trajectory.stamps)
+    columns = Columns([parent] * count, [child] * count, trajectory.stamps, trajectory.poses)
+    return buffer.set_transforms(columns, authority=authority)
+
+
+class _Lines:
+    """The lines of a text file that carry data, with their numbers."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        raw = path.read_bytes()
+        if b"\0" in raw[:4096]:
+            raise TrajectoryError(path, None, "this is a binary file, not a trajectory in text")
+        try:
+            self.text = raw.decode("utf-8-sig")
+        except UnicodeDecodeError as error:
+            line = raw.count(b"\n", 0, error.start) + 1
+            raise TrajectoryError(path, line, "not UTF-8 text") from None
+
+    def __iter__(self) -> Iterator[tuple[int, str]]:
+        for number, line in enumerate(self.text.split("\n"), start=1):
+            stripped = line.strip()
+            if stripped and not stripped.startswith("#"):
+                yield number, stripped
+
+    def error(self, line: int | None, reason: str) -> TrajectoryError:
+        """An error about one of the lines."""
+        return TrajectoryError(self.path, line, reason)
+
+
+@dataclass(frozen=True)
+class _Row:
+    """How one line of a format is read: columns, stamp, and where the quaternion's w stands."""
+
+    layout: str
+    separator: str | None
+    columns: tuple[int, ...]
+    stamp: Callable[[str], int]
+    w_first: bool = False
+
+
+_ROWS: dict[str, _Row] = {
+    "tum": _Row("seconds x y z qx qy qz qw", None, (8,), seconds_to_ns),
+    # 8 columns with poses alone, 17 with velocity and biases as the dataset ships them.
+    "euroc": _Row("nanoseconds,x,y,z,qw,qx,qy,qz", ",", (8, 17), integer_ns, w_first=True),
+    "csv": _Row(",".join(CSV_COLUMNS), ",", (8,), integer_ns),
+}
+
+
+def _guess(lines: _Lines) -> Format:
+    """The format by the first line with data."""
+    number, first = next(iter(lines), (None, ""))
+    if number is None:
+        raise lines.error(None, "no pose in it")
+    if first.replace(" ", "") == ",".join(CSV_COLUMNS):
+        return "csv"
+    columns = len(first.split(",")) if "," in first else len(first.split())
+    if "," in first and columns in _ROWS["euroc"].columns:
+        return "euroc"
+    if "," not in first and columns == 8:
+        return "tum"
+    if "," not in first and columns == 12:
+        return "kitti"
+    raise lines.error(
+        number,
+        f"{columns} columns are neither TUM (8, by spaces), KITTI (12) nor EuRoC (8 or 17, commas)",
+    )
+
+
+def _read_rows(lines: _Lines, row: _Row) -> Trajectory:
+    stamps: list[int] = []
+    poses: list[list[float]] = []
+    repeated = 0
+    for number, line in lines:
+        fields = line.split(row.separator)
+        if not stamps and row.separator and _is_heading(fields):
+            continue
+        if len(fields) not in row.columns:
+            raise lines.error(number, f"{len(fields)} columns instead of `{row.layout}`")
+        try:
+            stamp = row.stamp(fields[0].strip())
+            pose = _floats(fields[1:8])
+        except ValueError as error:
+            raise lines.error(number, str(error)) from None
+        if row.w_first:
+            pose.append(pose.pop(3))
+        norm_squared = pose[3] ** 2 + pose[4] ** 2 + pose[5] ** 2 + pose[6] ** 2
+        if not abs(norm_squared - 1.0) <= MAX_NORM_ERROR:
+            raise lines.error(
+                number, f"the quaternion is not of unit length: {math.sqrt(norm_squared):.6g}"
+            )
+        if stamps and stamp <= stamps[-1]:
+            if stamp < stamps[-1]:
+                raise lines.error(number, _backwards(stamp, stamps[-1]))
+            poses[-1] = pose
+            repeated += 1
+            continue
+        stamps.append(stamp)
+        poses.append(pose)
+    if not stamps:
+        raise lines.error(None, "no pose in it")
+    array = np.array(poses, dtype=np.float64)
+    norms = np.linalg.norm(array[:, 3:], axis=1, keepdims=True)
+    # Those that are units up to rounding stay bit for bit, so that a file survives a round trip.
+    array[:, 3:] /= np.where(np.abs(norms - 1.0) > 1e-15, norms, 1.0)
+    return Trajectory(np.array(stamps, dtype=np.int64), array, repeated)
+
+
+def _is_heading(fields: list[str]) -> bool:
+    return fields[0].strip()[:1].isalpha()
+
+
+def _floats(fields: list[str]) -> list[float]:
+    """Finite numbers; ``ValueError`` with a reason."""
+    values = []
+    for field in fields:
+        try:
+            value = float(field)
+        except ValueError:
+            raise ValueError(f"{field.strip()[:40]!r} is not a number") from None
+        if not math.isfinite(value) or "_" in field:
+            raise ValueError(f"{field.strip()[:40]!r} is not a finite number")
+        values.append(value)
+    return values
+
+
+def _backwards(stamp: int, previous: int) -> str:
+    return f"stamp {stamp} ns does not lie after {previous} ns; sort the file by its stamps first"
+
+
+def _find_times(path: Path) -> Path:
+    candidates = (path.with_name(f"{path.stem}_times.txt"), path.with_name("times.txt"))
+    for candidate in candidates:
+        if candidate.is_file():
+            return candidate
+    names = " nor ".join(candidate.name for candidate in candidates)
+    raise TrajectoryError(
+        path, None, f"KITTI poses carry no stamps: neither {names} is beside it, pass times=..."
+    )
+
+
+def _read_kitti(lines: _Lines, times: Path) -> Trajectory:
+    numbers: list[int] = []
+    rows: list[list[float]] = []
+    for number, line in lines:
+        fields = line.split()
+        if len(fields) != 12:
+            raise lines.error(number, f"{len(fields)} columns instead of the 12 of a 3x4 matrix")
+        try:
+            rows.append(_floats(fields))
+        except ValueError as error:
+            raise lines.error(number, str(error)) from None
+        numbers.append(number)
+    if not rows:
+        raise lines.error(None, "no pose in it")
+    stamps = _read_times(times)
+    if len(stamps) != len(rows):
+        raise lines.error(None, f"{len(rows)} poses, but {len(stamps)} stamps in {times}")
+    matrices = np.array(rows, dtype=np.float64).reshape(-1, 3, 4)
+    rotations = matrices[:, :, :3]
+    product = rotations @ rotations.transpose(0, 2, 1)
+    with np.errstate(over="ignore", invalid="ignore"):
+        off = np.abs(product - np.eye(3)).max(axis=(1, 2))
+        bad = np.flatnonzero(~(off <= MAX_MATRIX_ERROR) | ~(np.linalg.det(rotations) > 0))
+    if len(bad):
+        raise lines.error(numbers[bad[0]], "the left 3x3 part is not a rotation matrix")
+    return Trajectory(
+        np.array(stamps, dtype=np.int64),
+        np.hstack((matrices[:, :, 3], quaternions_from_matrices(rotations))),
+    )
+
+
+def _read_times(path: Path) -> list[int]:
+    lines = _Lines(path)
+    stamps: list[int] = []
+    for number, line in lines:
+        try:
+            stamp = seconds_to_ns(line)
+        except ValueError as error:
+            raise lines.error(number, str(error)) from None
+        if stamps and stamp <= stamps[-1]:
+            raise lines.error(number, _backwards(stamp, stamps[-1]))
+        stamps.append(stamp)
+    return stamps
+
+
+def quaternions_from_matrices(rotations: Poses) -> Poses:
+    """Unit quaternions `[x y z w]`, w >= 0, nearest to rotation matrices of shape (N, 3, 3).
+
+    The eigenvector of Bar-Itzhack's matrix: the rotation that fits best in the sense of least
+    squares, with no branch on the angle.
+    """
+    m = rotations
+    k = np.empty((len(m), 4, 4))
+    k[:, 0, 0] = m[:, 0, 0] - m[:, 1, 1] - m[:, 2, 2]
+    k[:, 1, 1] = m[:, 1, 1] - m[:, 0, 0] - m[:, 2, 2]
+    k[:, 2, 2] = m[:, 2, 2] - m[:, 0, 0] - m[:, 1, 1]
+    k[:, 3, 3] = m[:, 0, 0] + m[:, 1, 1] + m[:, 2, 2]
+    k[:, 1, 0] = m[:, 1, 0] + m[:, 0, 1]
+    k[:, 2, 0] = m[:, 2, 0] + m[:, 0, 2]
+    k[:, 2, 1] = m[:, 2, 1] + m[:, 1, 2]
+    k[:, 3, 0] = m[:, 2, 1] - m[:, 1, 2]
+    k[:, 3, 1] = m[:, 0, 2] - m[:, 2, 0]
+    k[:, 3, 2] = m[:, 1, 0] - m[:, 0, 1]
+    vectors: Poses = np.linalg.eigh(k, UPLO="L")[1][:, :, 3]
+    return np.where(vectors[:, 3:] < 0, -vectors, vectors)

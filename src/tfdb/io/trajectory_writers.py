@@ -1,0 +1,130 @@
+"""Trajectories to files: TUM, KITTI, EuRoC, CSV and NPZ.
+
+Numbers are written with as many digits as it takes to read the same float64 again, stamps as exact
+decimals.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from tfdb.errors import TrajectoryError
+
+from .decimal_time import ns_to_seconds
+from .trajectories import CSV_COLUMNS, Poses, TrajectoryLike
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterable
+
+    from .trajectories import PathLike
+
+_EUROC_HEADING = (
+    "#timestamp [ns],p_RS_R_x [m],p_RS_R_y [m],p_RS_R_z [m],q_RS_w [],q_RS_x [],q_RS_y [],q_RS_z []"
+)
+
+
+def write_tum(path: PathLike, trajectory: TrajectoryLike) -> None:
+    """Write `seconds x y z qx qy qz qw` lines, seconds with nine decimals."""
+    stamps, poses = trajectory.stamps.tolist(), trajectory.poses.tolist()
+    _write_lines(
+        path,
+        "# timestamp tx ty tz qx qy qz qw",
+        (
+            f"{ns_to_seconds(stamp)} {' '.join(map(repr, pose))}"
+            for stamp, pose in zip(stamps, poses, strict=True)
+        ),
+    )
+
+
+def write_euroc(path: PathLike, trajectory: TrajectoryLike) -> None:
+    """Write `nanoseconds,x,y,z,qw,qx,qy,qz` lines under EuRoC's heading."""
+    stamps = trajectory.stamps.tolist()
+    poses = trajectory.poses[:, (0, 1, 2, 6, 3, 4, 5)].tolist()
+    _write_lines(path, _EUROC_HEADING, _comma_rows(stamps, poses))
+
+
+def write_csv(path: PathLike, trajectory: TrajectoryLike) -> None:
+    """Write `stamp_ns,x,y,z,qx,qy,qz,qw` lines with that heading; stamps in nanoseconds."""
+    rows = _comma_rows(trajectory.stamps.tolist(), trajectory.poses.tolist())
+    _write_lines(path, ",".join(CSV_COLUMNS), rows)
+
+
+def write_kitti(
+    path: PathLike, trajectory: TrajectoryLike, *, times: PathLike | None = None
+) -> None:
+    """Write the rows of 3x4 matrices to `path` and the stamps in seconds to `times`.
+
+    `times` is by default `NAME_times.txt` beside `path`, where `read_trajectory` looks for it.
+    """
+    poses = trajectory.poses
+    matrices = np.concatenate(
+        (matrices_from_quaternions(poses[:, 3:]), poses[:, :3, np.newaxis]), axis=2
+    )
+    rows = matrices.reshape(-1, 12).tolist()
+    _write_lines(path, None, (" ".join(map(repr, row)) for row in rows))
+    where = Path(path)
+    beside = where.with_name(f"{where.stem}_times.txt") if times is None else times
+    _write_lines(beside, None, map(ns_to_seconds, trajectory.stamps.tolist()))
+
+
+def write_npz(path: PathLike, trajectory: TrajectoryLike) -> None:
+    """Write a compressed NPZ with the arrays `stamps` (N,) int64 and `poses` (N, 7) float64."""
+    with Path(path).open("wb") as file:
+        np.savez_compressed(file, stamps=trajectory.stamps, poses=trajectory.poses)
+
+
+_WRITERS: dict[str, Callable[[PathLike, TrajectoryLike], None]] = {
+    "tum": write_tum,
+    "euroc": write_euroc,
+    "csv": write_csv,
+    "npz": write_npz,
+    "kitti": write_kitti,
+}
+
+
+def write_trajectory(
+    path: PathLike,
+    trajectory: TrajectoryLike,
+    format: str | None = None,  # noqa: A002 - as in read_trajectory
+) -> None:
+    """Write a trajectory; the format is that of the name's end where `format` is None.
+
+    `.tum` and `.txt` are TUM, `.csv` and `.npz` themselves; `"euroc"` and `"kitti"` are asked for
+    by name. Raises `TrajectoryError` for any other, `OSError` where the file cannot be written.
+    """
+    name = format or {".txt": "tum"}.get(Path(path).suffix, Path(path).suffix.removeprefix("."))
+    writer = _WRITERS.get(name)
+    if writer is None:
+        raise TrajectoryError(path, None, f"no trajectory format {name!r}: one of {_names()}")
+    writer(path, trajectory)
+
+
+def matrices_from_quaternions(quaternions: Poses) -> Poses:
+    """Rotation matrices (N, 3, 3) of unit quaternions `[x y z w]` (N, 4)."""
+    x, y, z, w = quaternions.T
+    rows = (
+        (1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)),
+        (2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)),
+        (2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)),
+    )
+    return np.stack([np.stack(row, axis=-1) for row in rows], axis=1)
+
+
+def _names() -> str:
+    return ", ".join(_WRITERS)
+
+
+def _comma_rows(stamps: list[int], poses: list[list[float]]) -> Iterable[str]:
+    return (
+        f"{stamp},{','.join(map(repr, pose))}" for stamp, pose in zip(stamps, poses, strict=True)
+    )
+
+
+def _write_lines(path: PathLike, heading: str | None, lines: Iterable[str]) -> None:
+    with Path(path).open("w", encoding="utf-8", newline="\n") as file:
+        if heading is not None:
+            file.write(heading + "\n")
+        file.writelines(line + "\n" for line in lines)
