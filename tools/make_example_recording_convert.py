@@ -8,6 +8,7 @@ Stamps, both of the messages and of their reception, stay those of the recording
 from __future__ import annotations
 
 import sys
+from pathlib import Path
 
 from mcap.writer import CompressionType, Writer
 from rosbags.rosbag1 import Reader
@@ -35,7 +36,7 @@ def convert(source: str, destination: str) -> None:
     definition = "geometry_msgs/TransformStamped[] transforms"
     ros1.register(get_types_from_msg(definition, TF_MESSAGE))
     types = ros2.types
-    with Reader(source) as bag, open(destination, "wb") as file:
+    with Reader(source) as bag, Path(destination).open("wb") as file:
         writer = Writer(file, compression=CompressionType.ZSTD)
         writer.start(profile="ros2", library="rosbags and mcap")
         text, _ = ros2.generate_msgdef(TF_MESSAGE, ros_version=2)

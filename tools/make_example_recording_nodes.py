@@ -13,13 +13,18 @@ from __future__ import annotations
 import math
 import sys
 import time
-import xml.etree.ElementTree as ElementTree
+import xml.etree.ElementTree as ET
+from pathlib import Path
+from typing import TYPE_CHECKING
 
 import rosgraph
 import rospy
 import tf2_ros
 from geometry_msgs.msg import TransformStamped
 from sensor_msgs.msg import JointState
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
 
 JOINT_HZ, ODOMETRY_HZ, LOCALIZATION_HZ = 25.0, 50.0, 10.0
 
@@ -36,14 +41,14 @@ def wait_for_master(seconds: float = 30.0) -> None:
 def upload_model(path: str) -> None:
     """Sets /robot_description from a URDF file."""
     wait_for_master()
-    with open(path, encoding="utf-8") as file:
-        rosgraph.Master("/make_example_recording").setParam("/robot_description", file.read())
+    text = Path(path).read_text(encoding="utf-8")
+    rosgraph.Master("/make_example_recording").setParam("/robot_description", text)
 
 
 def moving_joints(path: str) -> list[tuple[str, float, float]]:
     """Name, middle and amplitude (rad or m) of every joint that moves on its own."""
     joints = []
-    for joint in ElementTree.parse(path).getroot().findall("joint"):
+    for joint in ET.parse(path).getroot().findall("joint"):
         if joint.get("type") == "fixed" or joint.find("mimic") is not None:
             continue
         limit = joint.find("limit")
@@ -51,12 +56,12 @@ def moving_joints(path: str) -> list[tuple[str, float, float]]:
             lower, upper = -math.pi / 2, math.pi / 2
         else:
             lower, upper = float(limit.get("lower", "0")), float(limit.get("upper", "0"))
-        joints.append((joint.get("name"), (lower + upper) / 2, 0.35 * (upper - lower)))
+        joints.append((joint.get("name", ""), (lower + upper) / 2, 0.35 * (upper - lower)))
     return joints
 
 
 def joint_position(index: int, middle: float, amplitude: float, t: float) -> float:
-    """Two incommensurable sines, another pair for each joint: smooth, and never the same pose twice."""
+    """Two incommensurable sines, another pair for each joint: smooth, never the same pose twice."""
     slow = 2 * math.pi * (0.11 + 0.013 * index)
     fast = 2 * math.pi * (0.37 + 0.007 * index)
     return middle + amplitude * (
@@ -135,7 +140,7 @@ def wait_for_frames() -> None:
             sys.exit(f"no transform from map to {frame} after 20 s")
 
 
-COMMANDS = {
+COMMANDS: dict[str, Callable[..., None]] = {
     "upload-model": upload_model,
     "joints": run_joints,
     "odometry": run_odometry,
