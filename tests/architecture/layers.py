@@ -70,7 +70,11 @@ def _core(tree: Path, core: dict[str, Any]) -> Iterator[Violation]:
         if not program:
             yield from _headers(shown, text, room, core["headers"])
             yield from _words(shown, text, room, core["words"])
-        if path.suffix == ".hpp" and not shown.startswith(tuple(core["plain_classes"])):
+        if (
+            path.suffix == ".hpp"
+            and not program
+            and not shown.startswith(tuple(core["plain_classes"]))
+        ):
             yield from _class_headers(shown, text)
 
 

@@ -39,10 +39,10 @@ struct Registrar {
 };
 
 template <typename T, typename = void>
-struct is_printable : std::false_type {};
+struct IsPrintable : std::false_type {};
 template <typename T>
-struct is_printable<T,
-                    std::void_t<decltype(std::declval<std::ostream&>() << std::declval<const T&>())>>
+struct IsPrintable<T,
+                   std::void_t<decltype(std::declval<std::ostream&>() << std::declval<const T&>())>>
     : std::true_type {};
 
 template <typename T>
@@ -53,7 +53,7 @@ std::string show(const T& value) {
         out << static_cast<long long>(value);
     } else if constexpr (std::is_same_v<T, std::nullptr_t>) {
         out << "nullptr";
-    } else if constexpr (is_printable<T>::value) {
+    } else if constexpr (IsPrintable<T>::value) {
         out << std::boolalpha << value;
     } else {
         out << "<" << sizeof(T) << " bytes>";
@@ -126,10 +126,10 @@ void check_throws(Body&& body, const char* text, const char* file, int line) {
 #define TFDB_TEST_CONCAT(a, b) TFDB_TEST_CONCAT_(a, b)
 
 // `static` lets two files use the same test name.
-#define TFDB_TEST(name)                                                                 \
-    static void TFDB_TEST_CONCAT(tfdb_test_, name)();                                   \
-    static const ::tfdb::testing::Registrar TFDB_TEST_CONCAT(tfdb_registrar_, name)(    \
-        #name, __FILE__, __LINE__, &TFDB_TEST_CONCAT(tfdb_test_, name));                \
+#define TFDB_TEST(name)                                                              \
+    static void TFDB_TEST_CONCAT(tfdb_test_, name)();                                \
+    static const ::tfdb::testing::Registrar TFDB_TEST_CONCAT(tfdb_registrar_, name)( \
+        #name, __FILE__, __LINE__, &TFDB_TEST_CONCAT(tfdb_test_, name));             \
     static void TFDB_TEST_CONCAT(tfdb_test_, name)()
 
 #define CHECK(...) \
@@ -137,10 +137,10 @@ void check_throws(Body&& body, const char* text, const char* file, int line) {
 
 #define CHECK_EQ(a, b) ::tfdb::testing::check_equal((a), (b), #a, #b, __FILE__, __LINE__)
 
-#define CHECK_NEAR(a, b, tolerance)                                                              \
-    ::tfdb::testing::check_near((a), (b), (tolerance), #a " ~ " #b " within " #tolerance, __FILE__, \
-                                __LINE__)
+#define CHECK_NEAR(a, b, tolerance)                                                       \
+    ::tfdb::testing::check_near((a), (b), (tolerance), #a " ~ " #b " within " #tolerance, \
+                                __FILE__, __LINE__)
 
-#define CHECK_THROWS_AS(expression, Type)                                                  \
-    ::tfdb::testing::check_throws<Type>([&] { static_cast<void>(expression); },            \
+#define CHECK_THROWS_AS(expression, Type)                                       \
+    ::tfdb::testing::check_throws<Type>([&] { static_cast<void>(expression); }, \
                                         #expression " throws " #Type, __FILE__, __LINE__)
