@@ -1,0 +1,8 @@
+// Compiled with -mavx2 -mfma and reached only where the processor has both: see batch.cpp.
+#include "tfdb/geometry/batch_output.ipp"
+
+namespace tfdb::geometry {
+
+const Kernels kAvx2Kernels = make_kernels<4>("avx2");
+
+}  // namespace tfdb::geometry

@@ -1,0 +1,7 @@
+#include "tfdb/geometry/batch_output.ipp"
+
+namespace tfdb::geometry {
+
+const Kernels kPortableKernels = make_kernels<2>("portable");
+
+}  // namespace tfdb::geometry

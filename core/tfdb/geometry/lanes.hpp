@@ -1,0 +1,73 @@
+// A few doubles side by side, by the vector extensions of GCC and Clang: two on every machine, four
+// with AVX2. Only the kernel files include this; the width is part of every type, so no inline
+// function compiled for AVX2 can be taken for the one of another file by the linker.
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+
+#ifdef __AVX2__
+#include <immintrin.h>
+#endif
+
+#define TFDB_LANES_INLINE [[gnu::always_inline]] inline
+
+namespace tfdb::geometry {
+
+template <int Count>
+struct Lanes;
+
+/// Two lanes: SSE2, NEON, or whatever the compiler makes of them.
+template <>
+struct Lanes<2> {
+    using Real = double __attribute__((vector_size(16)));
+    using Word = std::uint64_t __attribute__((vector_size(16)));
+    using Mask = long long __attribute__((vector_size(16)));
+
+    TFDB_LANES_INLINE static Real all(double value) { return Real{value, value}; }
+    TFDB_LANES_INLINE static Word all(std::uint64_t value) { return Word{value, value}; }
+    TFDB_LANES_INLINE static bool any(Mask mask) { return (mask[0] | mask[1]) != 0; }
+    TFDB_LANES_INLINE static Real root(Real a) {
+        return Real{__builtin_sqrt(a[0]), __builtin_sqrt(a[1])};
+    }
+
+    /// Two doubles of each row become two columns.
+    TFDB_LANES_INLINE static void transpose(Real& r0, Real& r1) {
+        const Real c0{r0[0], r1[0]};
+        const Real c1{r0[1], r1[1]};
+        r0 = c0;
+        r1 = c1;
+    }
+};
+
+#ifdef __AVX2__
+template <>
+struct Lanes<4> {
+    using Real = double __attribute__((vector_size(32)));
+    using Word = std::uint64_t __attribute__((vector_size(32)));
+    using Mask = long long __attribute__((vector_size(32)));
+
+    TFDB_LANES_INLINE static Real all(double value) { return Real{value, value, value, value}; }
+    TFDB_LANES_INLINE static Word all(std::uint64_t value) {
+        return Word{value, value, value, value};
+    }
+    TFDB_LANES_INLINE static bool any(Mask mask) {
+        return _mm256_movemask_pd(reinterpret_cast<__m256d>(mask)) != 0;
+    }
+    TFDB_LANES_INLINE static Real root(Real a) { return _mm256_sqrt_pd(a); }
+
+    /// Four doubles of each row become four columns.
+    TFDB_LANES_INLINE static void transpose(Real& r0, Real& r1, Real& r2, Real& r3) {
+        const __m256d a = _mm256_unpacklo_pd(r0, r1);
+        const __m256d b = _mm256_unpackhi_pd(r0, r1);
+        const __m256d c = _mm256_unpacklo_pd(r2, r3);
+        const __m256d d = _mm256_unpackhi_pd(r2, r3);
+        r0 = _mm256_permute2f128_pd(a, c, 0x20);
+        r1 = _mm256_permute2f128_pd(b, d, 0x20);
+        r2 = _mm256_permute2f128_pd(a, c, 0x31);
+        r3 = _mm256_permute2f128_pd(b, d, 0x31);
+    }
+};
+#endif
+
+}  // namespace tfdb::geometry
