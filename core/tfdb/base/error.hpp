@@ -1,0 +1,113 @@
+// Every error of the core: one class per thing that can go wrong, with machine-readable fields.
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+#include <optional>
+#include <stdexcept>
+#include <string>
+#include <utility>
+#include <vector>
+
+namespace tfdb {
+
+enum class ErrorCode : std::uint8_t {
+    kUnknownFrame,
+    kDisconnected,
+    kExtrapolation,
+    kGapTooLarge,
+    kStale,
+    kNoSampleNear,
+    kInvalidTransform,
+    kTooOld,
+    kStaticConflict,
+    kCycle,
+    kFrameInUse,
+    kInvalidStamp,
+    kInvalidName,
+    kInvalidArgument,
+    kCorruptMessage,
+    kSnapshotTooOld,
+    kSnapshotClosed,
+    kCapacityExceeded,
+};
+
+/// What an error knows. Only the fields that the code's class documents are filled.
+struct ErrorDetail {
+    std::string target;                 // frame asked for
+    std::string source;                 // frame asked from
+    std::string edge;                   // child frame of the edge that failed
+    std::string parent;                 // its parent at that stamp
+    std::string frame;                  // the one frame that the error is about
+    std::string authority;              // who wrote
+    std::vector<std::string> frames;    // children in use, frames of a cycle, or the two roots
+    std::string reason;                 // "past", "future", "no data", or which field and why
+    std::optional<std::int64_t> stamp;  // asked or refused, ns
+    std::optional<std::int64_t> oldest;
+    std::optional<std::int64_t> newest;
+    std::optional<std::int64_t> before;
+    std::optional<std::int64_t> after;
+    std::optional<std::int64_t> limit;    // max_gap, max_age, tolerance, history, ns
+    std::optional<std::uint64_t> index;   // position in the batch
+    std::optional<std::uint64_t> offset;  // position in the message's bytes
+    std::optional<std::uint64_t> commit;  // snapshot asked
+};
+
+/// Root of all errors. Threads: a value. Guarantee: after a throw the store is as it was before.
+class Error : public std::runtime_error {
+public:
+    Error(ErrorCode code, const std::string& message, ErrorDetail detail = {})
+        : std::runtime_error(message), code_(code), detail_(std::move(detail)) {}
+
+    [[nodiscard]] ErrorCode code() const noexcept { return code_; }
+    [[nodiscard]] const ErrorDetail& detail() const noexcept { return detail_; }
+    [[nodiscard]] ErrorDetail& detail() noexcept { return detail_; }
+
+private:
+    ErrorCode code_;
+    ErrorDetail detail_;
+};
+
+/// A class of its own for each code, so that C++ callers can catch just one kind.
+template <ErrorCode Code>
+class ErrorOf : public Error {
+public:
+    explicit ErrorOf(const std::string& message, ErrorDetail detail = {})
+        : Error(Code, message, std::move(detail)) {}
+};
+
+using UnknownFrame = ErrorOf<ErrorCode::kUnknownFrame>;
+using Disconnected = ErrorOf<ErrorCode::kDisconnected>;
+using Extrapolation = ErrorOf<ErrorCode::kExtrapolation>;
+using GapTooLarge = ErrorOf<ErrorCode::kGapTooLarge>;
+using Stale = ErrorOf<ErrorCode::kStale>;
+using NoSampleNear = ErrorOf<ErrorCode::kNoSampleNear>;
+using InvalidTransform = ErrorOf<ErrorCode::kInvalidTransform>;
+using TooOld = ErrorOf<ErrorCode::kTooOld>;
+using StaticConflict = ErrorOf<ErrorCode::kStaticConflict>;
+using CycleError = ErrorOf<ErrorCode::kCycle>;
+using FrameInUse = ErrorOf<ErrorCode::kFrameInUse>;
+using InvalidStamp = ErrorOf<ErrorCode::kInvalidStamp>;
+using InvalidName = ErrorOf<ErrorCode::kInvalidName>;
+using InvalidArgument = ErrorOf<ErrorCode::kInvalidArgument>;
+using SnapshotTooOld = ErrorOf<ErrorCode::kSnapshotTooOld>;
+using SnapshotClosed = ErrorOf<ErrorCode::kSnapshotClosed>;
+using CapacityExceeded = ErrorOf<ErrorCode::kCapacityExceeded>;
+
+/// A message whose bytes cannot be what they claim to be. Fields: offset, reason.
+class CorruptMessage : public ErrorOf<ErrorCode::kCorruptMessage> {
+public:
+    CorruptMessage(std::size_t offset, const std::string& reason)
+        : ErrorOf("corrupt message at byte " + std::to_string(offset) + ": " + reason,
+                  make_detail(offset, reason)) {}
+
+private:
+    static ErrorDetail make_detail(std::size_t offset, const std::string& reason) {
+        ErrorDetail detail;
+        detail.offset = offset;
+        detail.reason = reason;
+        return detail;
+    }
+};
+
+}  // namespace tfdb

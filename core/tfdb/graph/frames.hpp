@@ -1,0 +1,117 @@
+// The frame table: one header per frame, born and removed by commits, slots reused after that.
+#pragma once
+
+#include <cstdint>
+
+#include "tfdb/base/types.hpp"
+#include "tfdb/graph/layout.hpp"
+#include "tfdb/history/layout.hpp"
+
+namespace tfdb::graph {
+
+/// Where the headers are, and who lives when.
+/// Threads: reads any; `take_slot`, `retire`, ... only the holder of the commit lock.
+/// Guarantee: reads are wait-free.
+template <class Memory>
+class Frames {
+public:
+    Frames(Memory& memory, Offset root, Offset base, std::uint32_t max_frames)
+        : memory_(&memory), root_(root), base_(base), max_frames_(max_frames) {}
+
+    [[nodiscard]] Memory& memory() const { return *memory_; }
+    [[nodiscard]] Offset header(FrameId id) const {
+        return base_ + Offset{id} * history::kHeaderBytes;
+    }
+    [[nodiscard]] typename Memory::Word& word(FrameId id, history::HeaderWord w) const {
+        return memory_->word(header(id) + 8 * w);
+    }
+    [[nodiscard]] typename Memory::Word& store_word(StoreWord w) const {
+        return memory_->word(root_ + 8 * w);
+    }
+    [[nodiscard]] std::uint64_t topology(FrameId id) const {
+        return word(id, history::kTopology).load_acquire();
+    }
+    [[nodiscard]] std::uint32_t generation(FrameId id) const {
+        return static_cast<std::uint32_t>(word(id, history::kBorn).load_relaxed() & kNoFrame);
+    }
+    [[nodiscard]] CommitNumber born(FrameId id) const {
+        return word(id, history::kBorn).load_acquire() >> kFrameBits;
+    }
+    /// True if the frame exists in that state.
+    [[nodiscard]] bool alive(FrameId id, CommitNumber snapshot) const {
+        if (born(id) > snapshot)
+            return false;
+        if ((topology(id) & history::Topology::kMortal) == 0)
+            return true;
+        const CommitNumber died = word(id, history::kDied).load_relaxed();
+        return died == 0 || snapshot < died;
+    }
+    [[nodiscard]] std::uint32_t count() const {
+        return static_cast<std::uint32_t>(store_word(kFrameCount).load_acquire());
+    }
+    [[nodiscard]] std::uint32_t max_frames() const { return max_frames_; }
+
+    /// A fresh slot, or kNoFrame if all are taken.
+    [[nodiscard]] FrameId take_fresh_slot() const {
+        const std::uint32_t count = this->count();
+        if (count >= max_frames_)
+            return kNoFrame;
+        return count;
+    }
+
+    /// The slot's former frame is no more, in any state: readers in its midst find out by `born`.
+    void seal(FrameId id) const {
+        const std::uint64_t generation = (word(id, history::kBorn).load_relaxed() + 1) & kNoFrame;
+        word(id, history::kBorn).store_release(kMaxCommit << kFrameBits | generation);
+        Memory::fence_release();
+    }
+
+    /// Makes a sealed or fresh slot a frame without samples, born with the commit in progress. The
+    /// ring's word keeps its version, so that a reader of the slot's former frame notices.
+    void make(FrameId id, CommitNumber commit, Offset name_block) const {
+        for (unsigned w = 0; w < history::kHeaderWords; ++w) {
+            if (w == history::kRing || w == history::kBorn)
+                continue;
+            memory_->word(header(id) + 8 * w).store_relaxed(0);
+        }
+        word(id, history::kNewest).store_relaxed(history::as_word(history::kNoStamp));
+        word(id, history::kName).store_release(name_block);
+        word(id, history::kTopology).store_release(history::Topology::kRoot);
+        const std::uint64_t generation = word(id, history::kBorn).load_relaxed() & kNoFrame;
+        word(id, history::kBorn).store_release(commit << kFrameBits | generation);
+        if (id >= count())
+            store_word(kFrameCount).store_release(std::uint64_t{id} + 1);
+    }
+
+    /// The frame that was removed first and whose slot may be reused, or kNoFrame.
+    [[nodiscard]] FrameId first_retired() const {
+        const std::uint64_t head = store_word(kFreeHead).load_relaxed();
+        return head == 0 ? kNoFrame : static_cast<FrameId>(head - 1);
+    }
+    void pop_retired() const {
+        const FrameId id = first_retired();
+        const std::uint64_t next = word(id, history::kNextFree).load_relaxed();
+        store_word(kFreeHead).store_relaxed(next);
+        if (next == 0)
+            store_word(kFreeTail).store_relaxed(0);
+    }
+    void push_retired(FrameId id) const {
+        word(id, history::kNextFree).store_relaxed(0);
+        const std::uint64_t tail = store_word(kFreeTail).load_relaxed();
+        if (tail == 0) {
+            store_word(kFreeHead).store_relaxed(std::uint64_t{id} + 1);
+        } else {
+            word(static_cast<FrameId>(tail - 1), history::kNextFree)
+                .store_relaxed(std::uint64_t{id} + 1);
+        }
+        store_word(kFreeTail).store_relaxed(std::uint64_t{id} + 1);
+    }
+
+private:
+    Memory* memory_;
+    Offset root_;
+    Offset base_;
+    std::uint32_t max_frames_;
+};
+
+}  // namespace tfdb::graph

@@ -1,0 +1,210 @@
+// Frame names to ids: a hash table in the region that readers search without a lock.
+#pragma once
+
+#include <cstdint>
+#include <cstring>
+#include <string>
+#include <string_view>
+
+#include "tfdb/base/types.hpp"
+#include "tfdb/graph/frames.hpp"
+#include "tfdb/history/layout.hpp"
+
+namespace tfdb::graph {
+
+/// FNV-1a (Fowler, Noll, Vo), then a multiply to spread the low bits.
+inline std::uint64_t hash_name(std::string_view name) {
+    std::uint64_t hash = 0xCBF29CE484222325ULL;
+    for (const char c : name) {
+        hash = (hash ^ static_cast<unsigned char>(c)) * 0x100000001B3ULL;
+    }
+    return (hash ^ hash >> 32) * 0x9E3779B97F4A7C15ULL;
+}
+
+/// An open-addressed table of (hash, id). A name that was removed and made again has two entries
+/// until the old slot is reused; the snapshot decides which one is meant.
+/// Threads: find any; insert and erase only the holder of the commit lock.
+/// Guarantee: `find` never waits; it repeats only when the table grew meanwhile.
+template <class Memory>
+class Names {
+public:
+    explicit Names(Frames<Memory> frames) : frames_(frames), memory_(&frames.memory()) {}
+
+    /// The frame of that name which exists in `snapshot`, or kNoFrame.
+    [[nodiscard]] FrameId find(std::string_view name, CommitNumber snapshot) const {
+        const std::uint64_t hash = hash_name(name);
+        for (;;) {
+            const std::uint64_t table = frames_.store_word(kNames).load_acquire();
+            if (RingWord::empty(table))
+                return kNoFrame;
+            const FrameId id = find_in(table, hash, name, snapshot);
+            if (id != kNoFrame)
+                return id;
+            Memory::fence_acquire();
+            if (frames_.store_word(kNames).load_relaxed() == table)
+                return kNoFrame;
+        }
+    }
+
+    /// Copies a name into a block of its own. Throws CapacityExceeded.
+    [[nodiscard]] Offset store_name(std::string_view name) const {
+        const Offset block = memory_->allocate(name_bytes(name.size()));
+        memory_->word(block).store_relaxed(name.size());
+        for (std::size_t at = 0; at < name.size(); at += 8) {
+            memory_->word(block + 8 + at).store_relaxed(chunk(name, at));
+        }
+        return block;
+    }
+    void free_name(Offset block) const {
+        memory_->release(block, name_bytes(memory_->word(block).load_relaxed()));
+    }
+
+    /// Makes sure that one more entry fits. Throws CapacityExceeded, having changed nothing.
+    void reserve() const {
+        const std::uint64_t table = frames_.store_word(kNames).load_relaxed();
+        const std::uint64_t filled = frames_.store_word(kNamesFilled).load_relaxed();
+        if (!RingWord::empty(table) && 2 * (filled + 1) <= RingWord::capacity(table))
+            return;
+        rehash();
+    }
+
+    /// Enters a frame; `reserve` came before.
+    void insert(std::string_view name, FrameId id) const {
+        const std::uint64_t table = frames_.store_word(kNames).load_relaxed();
+        put(table, hash_name(name), id);
+        store_filled(1 + frames_.store_word(kNamesFilled).load_relaxed());
+    }
+
+    void erase(FrameId id) const {
+        const std::uint64_t table = frames_.store_word(kNames).load_relaxed();
+        const std::uint64_t mask = RingWord::capacity(table) - 1;
+        const std::uint64_t hash = hash_name(name(id));
+        for (std::uint64_t i = hash & mask;; i = (i + 1) & mask) {
+            const std::uint64_t found = entry(table, i).load_relaxed();
+            if (found == 0)
+                return;
+            if (static_cast<std::uint32_t>(found) == id + 1) {
+                entry(table, i).store_release(kDead);
+                return;
+            }
+        }
+    }
+
+    /// The frame's name as it stands now.
+    [[nodiscard]] std::string name(FrameId id) const {
+        const Offset block = frames_.word(id, history::kName).load_acquire();
+        if (block == 0)
+            return {};
+        std::uint64_t size = memory_->word(block).load_relaxed();
+        if (size > kMaxNameBytes)
+            size = 0;
+        std::string name((size + 7) / 8 * 8, '\0');
+        for (std::size_t at = 0; at < size; at += 8) {
+            const std::uint64_t word = memory_->word(block + 8 + at).load_relaxed();
+            std::memcpy(name.data() + at, &word, 8);
+        }
+        name.resize(size);
+        return name;
+    }
+
+private:
+    using RingWord = history::RingWord;
+    static constexpr std::uint64_t kDead = 0xFFFFFFFFULL;
+    static constexpr unsigned kFirstLog2 = 6;
+
+    [[nodiscard]] static std::size_t name_bytes(std::size_t length) {
+        return 8 + (length + 7) / 8 * 8;
+    }
+    [[nodiscard]] static std::uint64_t chunk(std::string_view name, std::size_t at) {
+        std::uint64_t word = 0;
+        std::memcpy(&word, name.data() + at, std::min<std::size_t>(8, name.size() - at));
+        return word;
+    }
+    [[nodiscard]] typename Memory::Word& entry(std::uint64_t table, std::uint64_t i) const {
+        return memory_->word(RingWord::block(table) + 8 * i);
+    }
+    void store_filled(std::uint64_t filled) const {
+        frames_.store_word(kNamesFilled).store_relaxed(filled);
+    }
+
+    [[nodiscard]] FrameId find_in(std::uint64_t table, std::uint64_t hash, std::string_view name,
+                                  CommitNumber snapshot) const {
+        const std::uint64_t mask = RingWord::capacity(table) - 1;
+        std::uint64_t at = hash & mask;
+        for (std::uint64_t probes = 0; probes <= mask; ++probes, at = (at + 1) & mask) {
+            const std::uint64_t found = entry(table, at).load_acquire();
+            if (found == 0)
+                return kNoFrame;
+            if (found == kDead || found >> 32 != hash >> 32)
+                continue;
+            const FrameId id = static_cast<std::uint32_t>(found) - 1;
+            if (id >= frames_.max_frames() || !frames_.alive(id, snapshot))
+                continue;
+            const std::uint64_t born = frames_.word(id, history::kBorn).load_acquire();
+            if (!equals(id, name))
+                continue;
+            Memory::fence_acquire();
+            // A slot that was reused under our eyes was born after this snapshot.
+            if (frames_.word(id, history::kBorn).load_relaxed() == born)
+                return id;
+        }
+        return kNoFrame;
+    }
+
+    [[nodiscard]] bool equals(FrameId id, std::string_view name) const {
+        const Offset block = frames_.word(id, history::kName).load_acquire();
+        if (block == 0 || memory_->word(block).load_relaxed() != name.size())
+            return false;
+        for (std::size_t at = 0; at < name.size(); at += 8) {
+            if (memory_->word(block + 8 + at).load_relaxed() != chunk(name, at))
+                return false;
+        }
+        return true;
+    }
+
+    void put(std::uint64_t table, std::uint64_t hash, FrameId id) const {
+        const std::uint64_t mask = RingWord::capacity(table) - 1;
+        std::uint64_t i = hash & mask;
+        while (entry(table, i).load_relaxed() != 0)
+            i = (i + 1) & mask;
+        entry(table, i).store_release((hash >> 32) << 32 | (id + 1));
+    }
+
+    /// A table with room, without the dead entries; readers of the old one search again.
+    void rehash() const {
+        const std::uint64_t old = frames_.store_word(kNames).load_relaxed();
+        std::uint64_t live = 0;
+        const std::uint64_t old_capacity = RingWord::empty(old) ? 0 : RingWord::capacity(old);
+        for (std::uint64_t i = 0; i < old_capacity; ++i) {
+            const std::uint64_t found = entry(old, i).load_relaxed();
+            if (found != 0 && found != kDead)
+                ++live;
+        }
+        unsigned log2 = kFirstLog2;
+        while ((std::uint64_t{1} << log2) < 4 * (live + 1))
+            ++log2;
+        const std::uint64_t capacity = std::uint64_t{1} << log2;
+        const Offset block = memory_->allocate(8 * capacity);
+        const std::uint64_t table = RingWord::pack(block, log2, RingWord::version(old) + 1);
+        for (std::uint64_t i = 0; i < capacity; ++i)
+            entry(table, i).store_relaxed(0);
+        for (std::uint64_t i = 0; i < old_capacity; ++i) {
+            const std::uint64_t found = entry(old, i).load_relaxed();
+            if (found == 0 || found == kDead)
+                continue;
+            const FrameId id = static_cast<std::uint32_t>(found) - 1;
+            put(table, hash_name(name(id)), id);
+        }
+        frames_.store_word(kNames).store_release(table);
+        store_filled(live);
+        if (old_capacity != 0) {
+            Memory::fence_release();
+            memory_->release(RingWord::block(old), 8 * old_capacity);
+        }
+    }
+
+    Frames<Memory> frames_;
+    Memory* memory_;
+};
+
+}  // namespace tfdb::graph

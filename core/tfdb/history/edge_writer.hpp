@@ -1,0 +1,94 @@
+// The writer's side of one edge's ring: append, evict, grow, take late samples, undo.
+#pragma once
+
+#include <array>
+#include <cstdint>
+
+#include "tfdb/history/layout.hpp"
+
+namespace tfdb::history {
+
+/// What the commit in progress needs to know to write.
+struct WriteContext {
+    CommitNumber committed = 0;  // newest published commit; samples are tagged with the next one
+    StampNs history = kForever;
+    bool may_evict = true;  // false while held snapshots may still need what is oldest
+};
+
+/// A sample as the writer hands it in.
+template <class Memory>
+struct NewSample {
+    StampNs stamp = 0;  // or kStaticStamp, kClearMarker
+    FrameId parent = kNoFrame;
+    std::array<std::uint64_t, Memory::kPayloadWords> payload{};
+};
+
+/// The header's words before a commit touched them: what an abort puts back.
+struct EdgeUndo {
+    static constexpr std::array<HeaderWord, 9> kWords = {
+        kHead, kTopology, kHeadCommit, kNewest, kOrder, kCleared, kOrderedFrom, kLate, kParentFrom};
+    std::array<std::uint64_t, kWords.size()> words{};
+};
+
+/// Appends samples of the commit in progress to one edge. Nothing that it writes is seen by a
+/// reader before the store publishes the commit.
+/// Threads: only the holder of the commit lock.
+/// Guarantee: readers are never blocked; if `append` throws, `undo` leaves what was committed.
+template <class Memory>
+class EdgeWriter {
+public:
+    EdgeWriter(Memory& memory, Offset header) : memory_(memory), header_(header) {}
+
+    /// Tags one sample with commit `context.committed + 1` and puts it behind the newest one.
+    /// O(1) at the newest end. May throw CapacityExceeded, having changed nothing that counts.
+    void append(const WriteContext& context, const NewSample<Memory>& sample);
+
+    [[nodiscard]] EdgeUndo save() const;
+    /// Takes off all samples that are newer than `committed` and puts the header back.
+    void undo(const EdgeUndo& saved);
+
+    /// After the sample `parent` has become the newest parent: hint for walks.
+    void set_depth_hint(std::uint32_t depth);
+
+    /// Gives the ring's memory back when the frame's slot is reused.
+    void free_ring();
+
+    [[nodiscard]] std::uint64_t topology() const { return word(kTopology).load_relaxed(); }
+    /// Greatest stamp, kNoStamp if the edge has no moving samples.
+    [[nodiscard]] StampNs newest() const { return as_stamp(word(kNewest).load_relaxed()); }
+    [[nodiscard]] bool has_samples() const;
+
+private:
+    [[nodiscard]] typename Memory::Word& word(HeaderWord w) const {
+        return memory_.word(header_ + 8 * w);
+    }
+    [[nodiscard]] StampNs stamp_at(std::uint64_t ring, std::uint64_t index) const;
+    [[nodiscard]] Offset slot_at(std::uint64_t ring, std::uint64_t index) const;
+    [[nodiscard]] CommitNumber commit_at(std::uint64_t ring, std::uint64_t index) const;
+
+    void make_room(const WriteContext& context);
+    [[nodiscard]] bool can_evict(const WriteContext& context, std::uint64_t ring,
+                                 std::uint64_t index) const;
+    void evict_one(const WriteContext& context);
+    void grow();
+    void copy_sample(std::uint64_t from_ring, std::uint64_t from, std::uint64_t to_ring,
+                     std::uint64_t to);
+    void publish_ring(std::uint64_t old_ring, std::uint64_t new_ring);
+
+    void note_first(const NewSample<Memory>& sample, std::uint64_t head);
+    void note_parent(FrameId parent, std::uint64_t head);
+    void note_late(const WriteContext& context, StampNs stamp);
+    [[nodiscard]] bool widen_slack(std::uint64_t ring, StampNs stamp);
+    void start_run(const WriteContext& context);
+    void rebuild(const WriteContext& context);
+    void write_slot(const WriteContext& context, const NewSample<Memory>& sample);
+    void update_rate(std::uint64_t ring, std::uint64_t head);
+
+    Memory& memory_;
+    Offset header_;
+};
+
+}  // namespace tfdb::history
+
+#include "tfdb/history/edge_writer_late.ipp"
+#include "tfdb/history/edge_writer_ring.ipp"

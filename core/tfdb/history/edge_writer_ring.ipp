@@ -1,0 +1,290 @@
+// EdgeWriter: the ring itself.
+#pragma once
+
+#include <algorithm>
+#include <bit>
+
+#include "tfdb/history/edge_writer.hpp"
+
+namespace tfdb::history {
+
+template <class Memory>
+StampNs EdgeWriter<Memory>::stamp_at(std::uint64_t ring, std::uint64_t index) const {
+    const std::uint64_t mask = RingWord::capacity(ring) - 1;
+    return as_stamp(
+        memory_.word(RingLayout<Memory>::stamps(ring) + 8 * (index & mask)).load_relaxed());
+}
+
+template <class Memory>
+Offset EdgeWriter<Memory>::slot_at(std::uint64_t ring, std::uint64_t index) const {
+    const std::uint64_t mask = RingWord::capacity(ring) - 1;
+    return RingLayout<Memory>::slots(ring) + RingLayout<Memory>::kSlotBytes * (index & mask);
+}
+
+template <class Memory>
+CommitNumber EdgeWriter<Memory>::commit_at(std::uint64_t ring, std::uint64_t index) const {
+    return SlotWord::commit(memory_.word(slot_at(ring, index)).load_relaxed());
+}
+
+template <class Memory>
+bool EdgeWriter<Memory>::has_samples() const {
+    const std::uint64_t head = word(kHead).load_relaxed();
+    return head > word(kBegin).load_relaxed() && word(kCleared).load_relaxed() != head;
+}
+
+template <class Memory>
+void EdgeWriter<Memory>::append(const WriteContext& context, const NewSample<Memory>& sample) {
+    make_room(context);
+    const std::uint64_t head = word(kHead).load_relaxed();
+    if (sample.stamp == kClearMarker) {
+        word(kCleared).store_relaxed(head + 1);
+        constexpr std::uint64_t kKept =
+            Topology::kMortal | Topology::kRebuilt | Topology::kParented;
+        word(kTopology).store_release((topology() & kKept) | Topology::kRoot | Topology::kCleared);
+        word(kNewest).store_relaxed(as_word(kNoStamp));
+    } else if (!has_samples()) {
+        note_first(sample, head);
+    } else {
+        if (Topology::parent(topology()) != sample.parent)
+            note_parent(sample.parent, head);
+        if (sample.stamp >= 0) {
+            if (sample.stamp > newest()) {
+                word(kNewest).store_relaxed(as_word(sample.stamp));
+            } else {
+                note_late(context, sample.stamp);
+            }
+        }
+    }
+    write_slot(context, sample);
+}
+
+/// Readers take no sample at or above the head they loaded, and find the newest commit beside it.
+template <class Memory>
+void EdgeWriter<Memory>::write_slot(const WriteContext& context, const NewSample<Memory>& sample) {
+    const std::uint64_t head = word(kHead).load_relaxed();
+    const std::uint64_t ring = word(kRing).load_relaxed();
+    const CommitNumber commit = context.committed + 1;
+    // Orders `begin` before the words that overwrite what lay there.
+    Memory::fence_release();
+    const Offset slot = slot_at(ring, head);
+    memory_.word(slot).store_relaxed(SlotWord::pack(commit, sample.parent));
+    for (unsigned i = 0; i < Memory::kPayloadWords; ++i) {
+        memory_.word(slot + 8 * (1 + i)).store_relaxed(sample.payload[i]);
+    }
+    const std::uint64_t mask = RingWord::capacity(ring) - 1;
+    memory_.word(RingLayout<Memory>::stamps(ring) + 8 * (head & mask))
+        .store_relaxed(as_word(sample.stamp));
+    word(kHeadCommit).store_relaxed(commit);
+    word(kHead).store_release(head + 1);
+    if ((head & 31) == 31)
+        update_rate(ring, head);
+}
+
+template <class Memory>
+void EdgeWriter<Memory>::note_first(const NewSample<Memory>& sample, std::uint64_t head) {
+    std::uint64_t flags = topology() & (Topology::kMortal | Topology::kRebuilt |
+                                        Topology::kCleared | Topology::kParented);
+    if (sample.stamp == kStaticStamp)
+        flags |= Topology::kStatic;
+    word(kOrder).store_relaxed(std::uint64_t{1} << 32);
+    word(kOrderedFrom).store_relaxed(head);
+    word(kParentFrom).store_relaxed(head);
+    word(kNewest).store_relaxed(as_word(sample.stamp == kStaticStamp ? kNoStamp : sample.stamp));
+    word(kTopology).store_release(Topology::with_parent(flags, sample.parent, 0));
+}
+
+template <class Memory>
+void EdgeWriter<Memory>::note_parent(FrameId parent, std::uint64_t head) {
+    word(kParentFrom).store_relaxed(head);
+    word(kTopology).store_release(
+        Topology::with_parent(topology(), parent, Topology::depth(topology())) |
+        Topology::kMixedParents);
+}
+
+template <class Memory>
+void EdgeWriter<Memory>::set_depth_hint(std::uint32_t depth) {
+    word(kTopology).store_relaxed(
+        Topology::with_parent(topology(), Topology::parent(topology()), depth));
+}
+
+template <class Memory>
+void EdgeWriter<Memory>::update_rate(std::uint64_t ring, std::uint64_t head) {
+    const std::uint64_t begin = word(kBegin).load_relaxed();
+    const StampNs span = stamp_at(ring, head) - stamp_at(ring, begin);
+    if (head <= begin || span <= 0)
+        return;
+    word(kRate).store_relaxed(std::bit_cast<std::uint64_t>(static_cast<double>(head - begin) /
+                                                           static_cast<double>(span)));
+}
+
+template <class Memory>
+void EdgeWriter<Memory>::make_room(const WriteContext& context) {
+    const std::uint64_t ring = word(kRing).load_relaxed();
+    const std::uint64_t head = word(kHead).load_relaxed();
+    const std::uint64_t begin = word(kBegin).load_relaxed();
+    if (!RingWord::empty(ring) && head - begin < RingWord::capacity(ring))
+        return;
+    if (!RingWord::empty(ring) && can_evict(context, ring, begin)) {
+        evict_one(context);
+    } else {
+        grow();
+    }
+}
+
+/// Only what the committed state no longer shows to anyone may go: an abort must lose nothing.
+template <class Memory>
+bool EdgeWriter<Memory>::can_evict(const WriteContext& context, std::uint64_t ring,
+                                   std::uint64_t index) const {
+    if (!context.may_evict || commit_at(ring, index) > context.committed)
+        return false;
+    const std::uint64_t cleared = word(kCleared).load_relaxed();
+    if (index < cleared) {
+        return commit_at(ring, cleared - 1) <= context.committed;
+    }
+    const StampNs stamp = stamp_at(ring, index);
+    if (stamp == kStaticStamp) {
+        return index + 1 < word(kHead).load_relaxed() &&
+               commit_at(ring, index + 1) <= context.committed;
+    }
+    // The greatest committed stamp is the greatest of all unless this commit raised it.
+    StampNs newest = as_stamp(word(kNewest).load_relaxed());
+    if (word(kHeadCommit).load_relaxed() > context.committed) {
+        newest = kNoStamp;
+        const std::uint64_t head = word(kHead).load_relaxed();
+        for (std::uint64_t i = head; i-- > index;) {
+            if (commit_at(ring, i) > context.committed)
+                continue;
+            newest = std::max(newest, stamp_at(ring, i));
+            if ((topology() & Topology::kUnordered) == 0)
+                break;
+        }
+    }
+    return stamp < newest - context.history;
+}
+
+template <class Memory>
+void EdgeWriter<Memory>::evict_one(const WriteContext& context) {
+    const std::uint64_t begin = word(kBegin).load_relaxed() + 1;
+    word(kEvictSafe).store_relaxed(context.committed);
+    word(kBegin).store_release(begin);
+    std::uint64_t topology = this->topology();
+    constexpr std::uint64_t kHeals =
+        Topology::kUnordered | Topology::kMixedParents | Topology::kCleared | Topology::kRebuilt;
+    if ((topology & kHeals) == 0)
+        return;
+    // What was unusual is gone once its last sample is.
+    if (begin >= word(kCleared).load_relaxed())
+        topology &= ~Topology::kCleared;
+    if (begin >= word(kSortedEnd).load_relaxed())
+        topology &= ~Topology::kRebuilt;
+    if (begin >= word(kParentFrom).load_relaxed())
+        topology &= ~Topology::kMixedParents;
+    if (begin >= word(kOrderedFrom).load_relaxed())
+        topology &= ~Topology::kUnordered;
+    word(kTopology).store_release(topology);
+}
+
+template <class Memory>
+void EdgeWriter<Memory>::copy_sample(std::uint64_t from_ring, std::uint64_t from,
+                                     std::uint64_t to_ring, std::uint64_t to) {
+    const Offset source = slot_at(from_ring, from);
+    const Offset target = slot_at(to_ring, to);
+    for (unsigned i = 0; i <= Memory::kPayloadWords; ++i) {
+        memory_.word(target + 8 * i).store_relaxed(memory_.word(source + 8 * i).load_relaxed());
+    }
+    const std::uint64_t mask = RingWord::capacity(to_ring) - 1;
+    memory_.word(RingLayout<Memory>::stamps(to_ring) + 8 * (to & mask))
+        .store_relaxed(as_word(stamp_at(from_ring, from)));
+}
+
+/// Readers of the old block find at the end that the ring's word has changed, and read again.
+template <class Memory>
+void EdgeWriter<Memory>::publish_ring(std::uint64_t old_ring, std::uint64_t new_ring) {
+    word(kRing).store_release(new_ring);
+    if (!RingWord::empty(old_ring)) {
+        // A freed block may be written again at once: the new word must be seen before that.
+        Memory::fence_release();
+        memory_.release(RingWord::block(old_ring),
+                        RingLayout<Memory>::bytes(RingWord::capacity(old_ring)));
+    }
+}
+
+template <class Memory>
+void EdgeWriter<Memory>::grow() {
+    const std::uint64_t old_ring = word(kRing).load_relaxed();
+    const unsigned log2_capacity = RingWord::empty(old_ring)
+                                       ? Tuning<Memory>::kFirstLog2Capacity
+                                       : RingWord::log2_capacity(old_ring) + 1;
+    const std::uint64_t capacity = std::uint64_t{1} << log2_capacity;
+    const Offset block = memory_.allocate(RingLayout<Memory>::bytes(capacity));
+    const std::uint64_t ring =
+        RingWord::pack(block, log2_capacity, RingWord::version(old_ring) + 1);
+    for (unsigned run = 0; run < kMaxRuns; ++run) {
+        const std::uint64_t start =
+            RingWord::empty(old_ring)
+                ? 0
+                : memory_.word(RingWord::block(old_ring) + 8 * run).load_relaxed();
+        memory_.word(block + 8 * run).store_relaxed(start);
+    }
+    if (!RingWord::empty(old_ring)) {
+        const std::uint64_t head = word(kHead).load_relaxed();
+        for (std::uint64_t i = word(kBegin).load_relaxed(); i < head; ++i) {
+            copy_sample(old_ring, i, ring, i);
+        }
+    }
+    publish_ring(old_ring, ring);
+}
+
+template <class Memory>
+void EdgeWriter<Memory>::free_ring() {
+    const std::uint64_t ring = word(kRing).load_relaxed();
+    publish_ring(ring, RingWord::pack(0, 0, RingWord::version(ring) + 1));
+    word(kHead).store_relaxed(0);
+    word(kBegin).store_relaxed(0);
+}
+
+template <class Memory>
+EdgeUndo EdgeWriter<Memory>::save() const {
+    EdgeUndo saved;
+    for (std::size_t i = 0; i < EdgeUndo::kWords.size(); ++i) {
+        saved.words[i] = word(EdgeUndo::kWords[i]).load_relaxed();
+    }
+    return saved;
+}
+
+/// If a rebuild or an eviction happened meanwhile, its flags and order are the ones that hold.
+template <class Memory>
+void EdgeWriter<Memory>::undo(const EdgeUndo& saved) {
+    const std::uint64_t order = word(kOrder).load_relaxed();
+    const std::uint64_t flags = topology() & (Topology::kUnordered | Topology::kRebuilt |
+                                              Topology::kMixedParents | Topology::kParented);
+    const std::uint64_t ordered_from = word(kOrderedFrom).load_relaxed();
+    const std::uint64_t parent_from = word(kParentFrom).load_relaxed();
+    // Readers turn back while the header is a mix of two states, and those that began before find
+    // at the end that the ring's word has changed.
+    const std::uint64_t ring = word(kRing).load_relaxed();
+    const std::uint64_t version = RingWord::version(ring) + 1;
+    word(kRing).store_release(RingWord::busy(version));
+    Memory::fence_release();
+    for (std::size_t i = 0; i < EdgeUndo::kWords.size(); ++i) {
+        word(EdgeUndo::kWords[i]).store_relaxed(saved.words[i]);
+    }
+    if (has_samples()) {
+        // Too wide a slack only costs time; runs that would begin behind the head go.
+        const std::uint64_t head = word(kHead).load_relaxed();
+        const Offset starts = RingWord::block(ring);
+        std::uint64_t runs = order >> 32;
+        while (runs > 1 && memory_.word(starts + 8 * (runs - 1)).load_relaxed() >= head)
+            --runs;
+        word(kOrder).store_relaxed(runs << 32 | (order & 0xFFFFFFFFU));
+        word(kOrderedFrom).store_relaxed(ordered_from);
+        word(kParentFrom).store_relaxed(parent_from);
+        word(kTopology).store_relaxed(topology() | flags);
+    } else {
+        word(kTopology).store_relaxed(topology() | (flags & Topology::kParented));
+    }
+    word(kRing).store_release(
+        RingWord::pack(RingWord::block(ring), RingWord::log2_capacity(ring), version));
+}
+
+}  // namespace tfdb::history

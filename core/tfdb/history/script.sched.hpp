@@ -1,0 +1,261 @@
+// A script of commits, what each snapshot of it must see, and how to run it on the real protocol.
+#pragma once
+
+#include <algorithm>
+#include <cstdint>
+#include <map>
+#include <vector>
+
+#include "tfdb/history/edge_view.hpp"
+#include "tfdb/history/edge_writer.hpp"
+
+namespace tfdb::history::script {
+
+/// One sample of a script: on which edge, when, towards which parent.
+struct Put {
+    unsigned edge = 0;
+    StampNs stamp = 0;
+    FrameId parent = 5;
+};
+
+/// A batch. An aborted one is written and then undone, and takes no number.
+struct Batch {
+    std::vector<Put> puts;
+    bool aborted = false;
+};
+
+/// What happens before the threads start, and what the writer does beside the readers.
+struct Script {
+    StampNs history = kForever;
+    unsigned edges = 1;
+    std::vector<Batch> before;
+    std::vector<Batch> during;
+    bool may_evict = true;
+};
+
+/// A sample as a reader must find it. All payload words follow from the tag.
+struct Sample {
+    StampNs stamp = kNoStamp;
+    FrameId parent = kNoFrame;
+    CommitNumber commit = 0;
+    std::uint64_t tag = 0;
+
+    bool operator==(const Sample&) const = default;
+};
+
+constexpr std::uint64_t payload_word(std::uint64_t tag, unsigned index) {
+    return tag * 1000 + index + 1;
+}
+
+/// Every sample ever put has a tag of its own, aborted ones too: edge, batch, place in the batch.
+constexpr std::uint64_t tag_of(unsigned edge, std::size_t batch, std::size_t place) {
+    return (batch + 1) * 100 + place * 10 + edge;
+}
+
+// The specification, executed naively: for each commit and edge, what a snapshot sees.
+// Plain data, made before the threads start. Independent of the code that it judges.
+class Model {
+public:
+    explicit Model(const Script& script) : history_(script.history) {
+        std::vector<Batch> all = script.before;
+        all.insert(all.end(), script.during.begin(), script.during.end());
+        std::vector<std::vector<Sample>> logs(script.edges);
+        states_.push_back(see(logs));
+        CommitNumber commit = 0;
+        for (std::size_t batch = 0; batch < all.size(); ++batch) {
+            if (all[batch].aborted) {
+                continue;
+            }
+            ++commit;
+            for (std::size_t place = 0; place < all[batch].puts.size(); ++place) {
+                const Put& put = all[batch].puts[place];
+                logs[put.edge].push_back(
+                    {put.stamp, put.parent, commit, tag_of(put.edge, batch, place)});
+            }
+            states_.push_back(see(logs));
+        }
+    }
+
+    /// The samples of an edge in stamp order; a static edge has one.
+    [[nodiscard]] const std::vector<Sample>& visible(CommitNumber commit, unsigned edge) const {
+        return states_.at(commit).at(edge);
+    }
+    [[nodiscard]] CommitNumber last() const { return states_.size() - 1; }
+
+private:
+    using State = std::vector<std::vector<Sample>>;
+
+    [[nodiscard]] State see(const std::vector<std::vector<Sample>>& logs) const {
+        State state;
+        for (const std::vector<Sample>& log : logs) {
+            std::map<StampNs, Sample> by_stamp;
+            for (const Sample& sample : log) {
+                if (sample.stamp == kClearMarker) {
+                    by_stamp.clear();
+                } else {
+                    by_stamp[sample.stamp] = sample;
+                }
+            }
+            std::vector<Sample> seen;
+            for (const auto& [stamp, sample] : by_stamp) {
+                if (stamp < 0 || stamp >= by_stamp.rbegin()->first - history_) {
+                    seen.push_back(sample);
+                }
+            }
+            state.push_back(seen);
+        }
+        return state;
+    }
+
+    StampNs history_;
+    std::vector<State> states_;
+};
+
+/// Where things lie in the region: the commit word, then a header per edge.
+struct Places {
+    Offset commit = 0;
+    Offset headers = 0;
+    [[nodiscard]] Offset header(unsigned edge) const { return headers + edge * kHeaderBytes; }
+};
+
+template <class Memory>
+Places place(Memory& memory, const Script& script) {
+    Places places;
+    places.commit = memory.allocate(memory::kLineBytes);
+    places.headers = memory.allocate(script.edges * kHeaderBytes);
+    for (unsigned edge = 0; edge < script.edges; ++edge) {
+        const Offset header = places.header(edge);
+        memory.word(header + 8 * kNewest).store_relaxed(as_word(kNoStamp));
+        memory.word(header + 8 * kTopology).store_relaxed(Topology::kRoot);
+    }
+    return places;
+}
+
+/// Writes one batch as the store does: append all, then publish, or put everything back.
+template <class Memory>
+void write(Memory& memory, const Places& places, const Script& script, std::size_t number) {
+    const std::size_t already = script.before.size();
+    const Batch& batch = number < already ? script.before[number] : script.during[number - already];
+    WriteContext context;
+    context.committed = memory.word(places.commit).load_relaxed();
+    context.history = script.history;
+    context.may_evict = script.may_evict;
+    std::vector<EdgeUndo> saved;
+    for (unsigned edge = 0; batch.aborted && edge < script.edges; ++edge) {
+        saved.push_back(EdgeWriter<Memory>(memory, places.header(edge)).save());
+    }
+    for (std::size_t at = 0; at < batch.puts.size(); ++at) {
+        const Put& put = batch.puts[at];
+        NewSample<Memory> sample;
+        sample.stamp = put.stamp;
+        sample.parent = put.parent;
+        for (unsigned i = 0; i < Memory::kPayloadWords; ++i) {
+            sample.payload[i] = payload_word(tag_of(put.edge, number, at), i);
+        }
+        EdgeWriter<Memory>(memory, places.header(put.edge)).append(context, sample);
+    }
+    for (unsigned edge = 0; edge < saved.size(); ++edge) {
+        EdgeWriter<Memory>(memory, places.header(edge)).undo(saved[edge]);
+    }
+    if (!batch.aborted) {
+        memory.word(places.commit).store_release(context.committed + 1);
+    }
+}
+
+/// What one lookup takes from an edge.
+template <class Memory>
+struct Taken {
+    bool is_static = false;
+    Bracket around;
+    SlotData<Memory> before;
+    SlotData<Memory> after;
+    std::uint64_t newest_index = kNoIndex;
+    StampNs newest = kNoStamp;
+};
+
+/// Reads one edge as a lookup does. False: overtaken.
+template <class Memory>
+[[nodiscard]] bool take(Memory& memory, Offset header, CommitNumber snapshot, StampNs history,
+                        StampNs stamp, Taken<Memory>& taken) {
+    EdgeView<Memory> view;
+    if (!view.open(memory, header, snapshot, history)) {
+        return false;
+    }
+    taken.around = Bracket{};
+    taken.around.lowest = view.lo();
+    taken.is_static = view.is_static();
+    if (taken.is_static) {
+        taken.around.before = view.static_index();
+        taken.around.lowest = view.ordered() ? taken.around.before : view.lo();
+    } else if (!view.empty()) {
+        if (!view.bracket(stamp, taken.around) || !view.newest(taken.newest_index, taken.newest)) {
+            return false;
+        }
+    }
+    if (taken.around.before != kNoIndex) {
+        taken.before = view.read(taken.around.before);
+    }
+    if (taken.around.after != kNoIndex) {
+        taken.after = view.read(taken.around.after);
+    }
+    return view.confirm(taken.around.lowest);
+}
+
+/// True if the slot holds exactly the sample: every payload word, the parent, the commit.
+template <class Memory>
+[[nodiscard]] bool same(const SlotData<Memory>& slot, const Sample& sample) {
+    bool whole = slot.parent == sample.parent && slot.commit == sample.commit;
+    for (unsigned i = 0; i < Memory::kPayloadWords; ++i) {
+        whole = whole && slot.payload[i] == payload_word(sample.tag, i);
+    }
+    return whole;
+}
+
+/// Compares with the model; `require(holds, text)` is told about each promise.
+template <class Memory, class Require>
+void judge(const Taken<Memory>& taken, const std::vector<Sample>& visible, StampNs stamp,
+           const Require& require) {
+    const bool expect_static = visible.size() == 1 && visible[0].stamp == kStaticStamp;
+    require(taken.is_static == expect_static, "static or moving as the snapshot has it");
+    if (expect_static) {
+        require(same(taken.before, visible[0]), "the static pose is the snapshot's");
+        return;
+    }
+    const auto after = std::find_if(visible.begin(), visible.end(),
+                                    [&](const Sample& sample) { return sample.stamp > stamp; });
+    const bool has_before = after != visible.begin();
+    const bool has_after = after != visible.end();
+    require((taken.around.before != kNoIndex) == has_before, "a sample before, or none");
+    require((taken.around.after != kNoIndex) == has_after, "a sample after, or none");
+    if (has_before) {
+        require(taken.around.before_stamp == (after - 1)->stamp, "the nearest stamp before");
+        require(same(taken.before, *(after - 1)), "the sample before is the snapshot's, whole");
+    }
+    if (has_after) {
+        require(taken.around.after_stamp == after->stamp, "the nearest stamp after");
+        require(same(taken.after, *after), "the sample after is the snapshot's, whole");
+    }
+    if (!visible.empty()) {
+        require(taken.newest_index != kNoIndex, "a newest sample");
+        require(taken.newest == visible.back().stamp, "the newest stamp");
+    }
+}
+
+/// One lookup over all edges from one snapshot. False: overtaken, nothing was judged.
+template <class Memory, class Require>
+[[nodiscard]] bool read(Memory& memory, const Places& places, const Script& script,
+                        const Model& model, StampNs stamp, const Require& require) {
+    const CommitNumber snapshot = memory.word(places.commit).load_acquire();
+    std::vector<Taken<Memory>> taken(script.edges);
+    for (unsigned edge = 0; edge < script.edges; ++edge) {
+        if (!take(memory, places.header(edge), snapshot, script.history, stamp, taken[edge])) {
+            return false;
+        }
+    }
+    for (unsigned edge = 0; edge < script.edges; ++edge) {
+        judge(taken[edge], model.visible(snapshot, edge), stamp, require);
+    }
+    return true;
+}
+
+}  // namespace tfdb::history::script

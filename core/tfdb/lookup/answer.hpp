@@ -1,0 +1,66 @@
+// What a lookup answers: the pose, and per edge which samples it was made from.
+#pragma once
+
+#include <cstdint>
+#include <vector>
+
+#include "tfdb/base/error.hpp"
+#include "tfdb/base/types.hpp"
+#include "tfdb/clock/stamp.hpp"
+#include "tfdb/geometry/pose.hpp"
+
+namespace tfdb::lookup {
+
+using clock::StampNs;
+
+/// How one edge's pose was made.
+enum class Used : std::uint8_t {
+    kStatic,
+    kExact,         // a stored sample at the very stamp
+    kInterpolated,  // between `before` and `after`
+    kHeld,          // the sample at or before the stamp, as it is
+    kNearest,       // the closest sample
+    kExtrapolated,  // beyond the ends
+    kLatest,        // the newest sample
+};
+
+/// One edge of a path, as it was used.
+struct EdgeUse {
+    FrameId child = kNoFrame;
+    FrameId parent = kNoFrame;
+    std::uint32_t generation = 0;  // of the child's slot in the frame table
+    std::uint32_t parent_generation = 0;
+    StampNs before = -1;  // stamps used; -1 for a static edge
+    StampNs after = -1;   // equal to `before` where only one sample was used
+    Used used = Used::kStatic;
+    bool inverted = false;  // walked from the parent to the child
+};
+
+/// A successful lookup: `pose` is T[target<-source] at `stamp` in snapshot `commit`.
+/// `edges` lists the source's side upward, then the target's side upward.
+struct Answer {
+    geometry::Pose pose;
+    StampNs stamp = 0;
+    CommitNumber commit = 0;
+    std::vector<EdgeUse> edges;         // kept between lookups, so that none allocates
+    std::vector<FrameId> source_chain;  // the source and its ancestors, scratch of the walk
+    std::vector<FrameId> target_chain;
+};
+
+/// Why a lookup has no answer, without any allocation: programs probe, and failing must be cheap.
+struct Failure {
+    ErrorCode code = ErrorCode::kUnknownFrame;
+    FrameId frame = kNoFrame;  // the edge's child, or the target's root
+    FrameId other = kNoFrame;  // the edge's parent, or the source's root
+    int argument = 0;          // which argument an unknown frame was: 0 target, 1 source, 2 fixed
+    int direction = 0;         // -1 past, 1 future, 0 no data
+    StampNs stamp = -1;
+    StampNs oldest = -1;
+    StampNs newest = -1;
+    StampNs before = -1;
+    StampNs after = -1;
+    StampNs limit = -1;
+    CommitNumber commit = 0;
+};
+
+}  // namespace tfdb::lookup

@@ -1,0 +1,111 @@
+// One edge of a path: its parent at a stamp, its pose, and why it may refuse.
+#pragma once
+
+#include <bit>
+#include <utility>
+
+#include "tfdb/geometry/pose.hpp"
+#include "tfdb/lookup/select.hpp"
+#include "tfdb/lookup/view.hpp"
+
+namespace tfdb::lookup {
+
+/// The parent that the view's samples give a frame at a stamp; kNoFrame for a root.
+template <View V>
+[[nodiscard]] Outcome exact_parent(const V& view, FrameId id, StampNs stamp, const Policy& policy,
+                                   FrameId& parent) {
+    parent = kNoFrame;
+    history::EdgeView<typename V::Memory> edge;
+    if (!view.open(id, edge))
+        return Outcome::kLapped;
+    Selection chosen;
+    if (!select(edge, stamp, policy, chosen))
+        return Outcome::kLapped;
+    std::uint64_t slot = 0;
+    if (chosen.anchor != history::kNoIndex)
+        slot = edge.slot_word(chosen.anchor);
+    if (!edge.confirm(chosen.lowest))
+        return Outcome::kLapped;
+    if (chosen.anchor == history::kNoIndex)
+        return Outcome::kOk;
+    const FrameId found = history::SlotWord::parent(slot);
+    // A removed frame connects nothing, even if its slot now holds another one.
+    if (view.alive_since(found, history::SlotWord::commit(slot)))
+        parent = found;
+    return Outcome::kOk;
+}
+
+template <View V>
+[[nodiscard]] Outcome describe_refusal(const V& view, FrameId child, FrameId parent, StampNs stamp,
+                                       const Policy& policy,
+                                       const history::EdgeView<typename V::Memory>& edge,
+                                       const Selection& chosen, Failure& failure) {
+    failure.code = chosen.code;
+    failure.frame = child;
+    failure.other = parent;
+    failure.direction = chosen.direction;
+    failure.stamp = stamp;
+    failure.limit = policy.limit;
+    failure.commit = view.commit();
+    history::Bracket around;
+    std::uint64_t index = 0;
+    if (!edge.newest(index, failure.newest) || !edge.oldest(index, failure.oldest) ||
+        !edge.bracket(stamp, around)) {
+        return Outcome::kLapped;
+    }
+    failure.before = around.before_stamp;
+    failure.after = around.after_stamp;
+    // The oldest sample is the lowest that any of this depends on.
+    return edge.confirm(edge.lo()) ? Outcome::kFailed : Outcome::kLapped;
+}
+
+/// The stamp at which `a` and `b` are mixed, as a share of the way from a to b.
+[[nodiscard]] inline double share(StampNs a, StampNs b, StampNs stamp) {
+    return static_cast<double>(stamp - a) / static_cast<double>(b - a);
+}
+
+/// T[parent<-child] of one edge at a stamp. kMismatch if the samples name another parent.
+template <View V>
+[[nodiscard]] Outcome edge_pose(const V& view, FrameId child, FrameId parent, StampNs stamp,
+                                const Policy& policy, geometry::Pose& pose, EdgeUse& use,
+                                Failure& failure) {
+    static_assert(V::Memory::kPayloadWords == 7, "a payload is a pose");
+    history::EdgeView<typename V::Memory> edge;
+    if (!view.open(child, edge))
+        return Outcome::kLapped;
+    Selection chosen;
+    if (!select(edge, stamp, policy, chosen))
+        return Outcome::kLapped;
+    if (chosen.anchor == history::kNoIndex)
+        return Outcome::kMismatch;
+    const auto anchor = edge.read(chosen.anchor);
+    pose = std::bit_cast<geometry::Pose>(anchor.payload);
+    geometry::Pose other;
+    const bool mixed = chosen.second != history::kNoIndex;
+    if (mixed)
+        other = std::bit_cast<geometry::Pose>(edge.read(chosen.second).payload);
+    if (!edge.confirm(chosen.lowest))
+        return Outcome::kLapped;
+    if (anchor.parent != parent || !view.alive_since(parent, anchor.commit)) {
+        return Outcome::kMismatch;
+    }
+    if (chosen.refused) {
+        return describe_refusal(view, child, parent, stamp, policy, edge, chosen, failure);
+    }
+    if (mixed) {
+        pose = geometry::interpolate(pose, other,
+                                     share(chosen.anchor_stamp, chosen.second_stamp, stamp));
+    }
+    use.child = child;
+    use.parent = parent;
+    use.generation = view.generation(child);
+    use.parent_generation = view.generation(parent);
+    use.used = chosen.used;
+    use.before = chosen.anchor_stamp;
+    use.after = mixed || chosen.second_stamp >= 0 ? chosen.second_stamp : chosen.anchor_stamp;
+    if (use.after < use.before)
+        std::swap(use.before, use.after);
+    return Outcome::kOk;
+}
+
+}  // namespace tfdb::lookup

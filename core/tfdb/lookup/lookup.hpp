@@ -1,0 +1,241 @@
+// Lookups in one state of the forest: at a stamp, at the latest common time, of the newest samples.
+#pragma once
+
+#include <algorithm>
+#include <optional>
+
+#include "tfdb/lookup/walk.hpp"
+
+namespace tfdb::lookup {
+
+namespace detail {
+
+/// T[meeting point<-first of the chain], appending how each edge was used.
+template <View V>
+[[nodiscard]] Outcome chain_pose(const V& view, const std::vector<FrameId>& chain, StampNs stamp,
+                                 const Policy& policy, bool inverted, geometry::Pose& pose,
+                                 std::vector<EdgeUse>& uses, Failure& failure) {
+    for (std::size_t i = 0; i + 1 < chain.size(); ++i) {
+        geometry::Pose edge;
+        EdgeUse& use = uses.emplace_back();
+        use.inverted = inverted;
+        const Outcome outcome =
+            edge_pose(view, chain[i], chain[i + 1], stamp, policy, edge, use, failure);
+        if (outcome != Outcome::kOk)
+            return outcome;
+        pose = i == 0 ? edge : geometry::compose(edge, pose);
+    }
+    return Outcome::kOk;
+}
+
+template <View V>
+[[nodiscard]] Outcome lookup_once(const V& view, FrameId target, FrameId source, StampNs stamp,
+                                  const Policy& policy, WalkMode mode, Answer& answer,
+                                  Failure& failure) {
+    const Outcome walked = walk(view, target, source, stamp, policy, mode, answer, failure);
+    if (walked != Outcome::kOk)
+        return walked;
+    geometry::Pose from_source = geometry::identity();
+    geometry::Pose from_target = geometry::identity();
+    Outcome outcome = chain_pose(view, answer.source_chain, stamp, policy, false, from_source,
+                                 answer.edges, failure);
+    if (outcome != Outcome::kOk)
+        return outcome;
+    outcome = chain_pose(view, answer.target_chain, stamp, policy, true, from_target, answer.edges,
+                         failure);
+    if (outcome != Outcome::kOk)
+        return outcome;
+    if (answer.target_chain.size() == 1) {
+        answer.pose = from_source;
+    } else if (answer.source_chain.size() == 1) {
+        answer.pose = geometry::inverse(from_target);
+    } else {
+        answer.pose = geometry::compose(geometry::inverse(from_target), from_source);
+    }
+    return Outcome::kOk;
+}
+
+/// Runs an attempt with hints, and once more by the samples when the hints misled or it failed:
+/// only the samples decide what the error is.
+template <class Attempt>
+[[nodiscard]] Outcome hints_then_samples(Answer& answer, Attempt attempt) {
+    const std::size_t edges = answer.edges.size();
+    const Outcome fast = attempt(WalkMode::kHints);
+    if (fast == Outcome::kOk || fast == Outcome::kLapped)
+        return fast;
+    answer.edges.resize(edges);
+    const Outcome exact = attempt(WalkMode::kSamples);
+    // With the view's own samples a mismatch can only mean that they changed under the reader.
+    return exact == Outcome::kMismatch ? Outcome::kLapped : exact;
+}
+
+template <View V>
+[[nodiscard]] bool check_frame(const V& view, FrameId id, int argument, Failure& failure) {
+    if (id != kNoFrame && view.alive(id))
+        return true;
+    failure.code = ErrorCode::kUnknownFrame;
+    failure.argument = argument;
+    failure.frame = id;
+    failure.commit = view.commit();
+    return false;
+}
+
+/// Newest stamp of one edge of a path, kNoStamp if it does not move.
+template <View V>
+[[nodiscard]] Outcome newest_stamp(const V& view, FrameId id, StampNs& stamp) {
+    stamp = history::kNoStamp;
+    history::EdgeView<typename V::Memory> edge;
+    if (!view.open(id, edge))
+        return Outcome::kLapped;
+    std::uint64_t index = history::kNoIndex;
+    std::uint64_t lowest = edge.lo();
+    if (!edge.empty() && !edge.is_static()) {
+        if (!edge.newest(index, stamp))
+            return Outcome::kLapped;
+        if (edge.ordered())
+            lowest = index;
+    }
+    const bool root = edge.empty();
+    if (!edge.confirm(lowest))
+        return Outcome::kLapped;
+    return root ? Outcome::kMismatch : Outcome::kOk;
+}
+
+template <View V>
+[[nodiscard]] Outcome common_time_once(const V& view, FrameId target, FrameId source, WalkMode mode,
+                                       Answer& chains, StampNs& stamp, Failure& failure) {
+    const Policy newest{PolicyKind::kLatest, kNoLimit};
+    const Outcome walked = walk(view, target, source, 0, newest, mode, chains, failure);
+    if (walked != Outcome::kOk)
+        return walked;
+    stamp = history::kNoStamp;
+    for (const auto* chain : {&chains.source_chain, &chains.target_chain}) {
+        for (std::size_t i = 0; i + 1 < chain->size(); ++i) {
+            StampNs newest_of_edge = history::kNoStamp;
+            const Outcome outcome = newest_stamp(view, (*chain)[i], newest_of_edge);
+            if (outcome != Outcome::kOk)
+                return outcome;
+            if (newest_of_edge < 0)
+                continue;
+            stamp = stamp < 0 ? newest_of_edge : std::min(stamp, newest_of_edge);
+        }
+    }
+    if (stamp < 0)
+        stamp = 0;
+    return Outcome::kOk;
+}
+
+}  // namespace detail
+
+/// The newest stamp at which every moving edge between two frames has data; 0 if none moves.
+template <View V>
+[[nodiscard]] Outcome latest_common_time(const V& view, FrameId target, FrameId source,
+                                         Answer& scratch, StampNs& stamp, Failure& failure) {
+    if (!detail::check_frame(view, target, 0, failure) ||
+        !detail::check_frame(view, source, 1, failure)) {
+        return Outcome::kFailed;
+    }
+    if (target == source) {
+        const Outcome outcome = detail::newest_stamp(view, target, stamp);
+        if (stamp < 0)
+            stamp = 0;
+        return outcome == Outcome::kMismatch ? Outcome::kOk : outcome;
+    }
+    return detail::hints_then_samples(scratch, [&](WalkMode mode) {
+        return detail::common_time_once(view, target, source, mode, scratch, stamp, failure);
+    });
+}
+
+/// Appends to `answer.edges` and sets the pose: T[target<-source] at one stamp.
+template <View V>
+[[nodiscard]] Outcome lookup_at(const V& view, FrameId target, FrameId source, StampNs stamp,
+                                const Policy& policy, Answer& answer, Failure& failure) {
+    if (!detail::check_frame(view, target, 0, failure) ||
+        !detail::check_frame(view, source, 1, failure)) {
+        return Outcome::kFailed;
+    }
+    answer.stamp = stamp;
+    answer.commit = view.commit();
+    if (target == source) {
+        answer.pose = geometry::identity();
+        return Outcome::kOk;
+    }
+    return detail::hints_then_samples(answer, [&](WalkMode mode) {
+        return detail::lookup_once(view, target, source, stamp, policy, mode, answer, failure);
+    });
+}
+
+/// T[target<-source] at a stamp, or at the latest common time if there is none.
+template <View V>
+[[nodiscard]] Outcome lookup(const V& view, FrameId target, FrameId source,
+                             std::optional<StampNs> stamp, const Policy& policy, Answer& answer,
+                             Failure& failure) {
+    answer.edges.clear();
+    StampNs at = 0;
+    if (stamp) {
+        at = *stamp;
+    } else {
+        const Outcome outcome = latest_common_time(view, target, source, answer, at, failure);
+        if (outcome != Outcome::kOk)
+            return outcome;
+    }
+    return lookup_at(view, target, source, at, policy, answer, failure);
+}
+
+/// Each edge's own newest sample, nothing interpolated: the paper's lookupLatestTransform. The
+/// answer's stamp is the oldest of those used. With `max_age`, an edge older than that is refused.
+template <View V>
+[[nodiscard]] Outcome lookup_latest(const V& view, FrameId target, FrameId source,
+                                    std::optional<StampNs> max_age, StampNs now, Answer& answer,
+                                    Failure& failure) {
+    answer.edges.clear();
+    const Policy newest{PolicyKind::kLatest, kNoLimit};
+    const Outcome outcome = lookup_at(view, target, source, 0, newest, answer, failure);
+    if (outcome != Outcome::kOk)
+        return outcome;
+    StampNs oldest = history::kNoStamp;
+    for (const EdgeUse& use : answer.edges) {
+        if (use.before < 0)
+            continue;
+        if (oldest < 0 || use.before < oldest)
+            oldest = use.before;
+        if (max_age && use.before < clock::saturating_sub(now, *max_age)) {
+            failure = Failure{};
+            failure.code = ErrorCode::kStale;
+            failure.frame = use.child;
+            failure.other = use.parent;
+            failure.stamp = now;
+            failure.newest = use.before;
+            failure.before = use.before;
+            failure.limit = *max_age;
+            failure.commit = view.commit();
+            return Outcome::kFailed;
+        }
+    }
+    answer.stamp = oldest < 0 ? 0 : oldest;
+    return Outcome::kOk;
+}
+
+/// T[target at target_stamp <- source at source_stamp], by way of a frame that did not move.
+template <View V>
+[[nodiscard]] Outcome lookup_full(const V& view, FrameId target, StampNs target_stamp,
+                                  FrameId source, StampNs source_stamp, FrameId fixed,
+                                  const Policy& policy, Answer& answer, Failure& failure) {
+    answer.edges.clear();
+    if (!detail::check_frame(view, target, 0, failure) ||
+        !detail::check_frame(view, source, 1, failure) ||
+        !detail::check_frame(view, fixed, 2, failure)) {
+        return Outcome::kFailed;
+    }
+    Outcome outcome = lookup_at(view, fixed, source, source_stamp, policy, answer, failure);
+    if (outcome != Outcome::kOk)
+        return outcome;
+    const geometry::Pose fixed_from_source = answer.pose;
+    outcome = lookup_at(view, target, fixed, target_stamp, policy, answer, failure);
+    if (outcome != Outcome::kOk)
+        return outcome;
+    answer.pose = geometry::compose(answer.pose, fixed_from_source);
+    return Outcome::kOk;
+}
+
+}  // namespace tfdb::lookup

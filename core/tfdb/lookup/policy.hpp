@@ -1,0 +1,30 @@
+// How a stamp picks a pose from an edge's samples.
+#pragma once
+
+#include <cstdint>
+#include <limits>
+
+#include "tfdb/clock/stamp.hpp"
+
+namespace tfdb::lookup {
+
+using clock::StampNs;
+
+enum class PolicyKind : std::uint8_t {
+    kInterpolate,  // linear and slerp between the samples around the stamp; limit = max gap
+    kExact,        // only a stored stamp
+    kPrevious,     // newest sample at or before the stamp; limit = max age
+    kNearest,      // closest sample; limit = tolerance
+    kExtrapolate,  // interpolate, and beyond the ends by at most `limit` at constant velocity
+    kLatest,       // each edge's own newest sample, whatever the stamp
+};
+
+inline constexpr StampNs kNoLimit = std::numeric_limits<StampNs>::max() / 4;
+
+/// A time policy. `limit` in ns; its meaning depends on the kind.
+struct Policy {
+    PolicyKind kind = PolicyKind::kInterpolate;
+    StampNs limit = kNoLimit;
+};
+
+}  // namespace tfdb::lookup

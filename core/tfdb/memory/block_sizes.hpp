@@ -1,0 +1,31 @@
+// Size classes of blocks: sixteen per power of two, so at most 6 % of a block is lost to rounding.
+#pragma once
+
+#include <bit>
+#include <cstddef>
+
+#include "tfdb/memory/memory.hpp"
+
+namespace tfdb::memory {
+
+inline constexpr unsigned kClassBits = 4;
+inline constexpr unsigned kSizeClasses = 16 * 48;
+
+struct BlockClass {
+    unsigned index;
+    std::size_t bytes;  // what a block of this class really holds
+};
+
+/// The class that fits `bytes`: sizes are (16 + m) * 2^k lines for m in 0..15, or up to 16 lines.
+constexpr BlockClass block_class(std::size_t bytes) {
+    const std::size_t lines = bytes == 0 ? 1 : (bytes + kLineBytes - 1) / kLineBytes;
+    if (lines <= 16)
+        return {static_cast<unsigned>(lines - 1), lines * kLineBytes};
+    const unsigned shift = static_cast<unsigned>(std::bit_width(lines - 1)) - kClassBits - 1;
+    const std::size_t step = std::size_t{1} << shift;
+    const std::size_t rounded = (lines + step - 1) / step;  // 17..32
+    const unsigned mantissa = static_cast<unsigned>(rounded - 17);
+    return {16 + shift * 16 + mantissa, rounded * step * kLineBytes};
+}
+
+}  // namespace tfdb::memory

@@ -1,0 +1,66 @@
+// The region of a store that lives in one process: reserved address space, backed page by page.
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+#include <limits>
+
+#include "tfdb/base/types.hpp"
+#include "tfdb/memory/memory.hpp"
+#include "tfdb/sync/word.hpp"
+
+namespace tfdb::memory {
+
+/// One mapping of address space, a bump allocator and free lists, all state inside the region.
+/// Threads: `word` any thread; allocate and release only under the store's commit lock.
+/// Guarantee: `word` is wait-free and stays readable for the life of the region, also in a released
+/// block: a reader that was overtaken reads stale words, never unmapped memory.
+class PrivateMemory {
+public:
+    using Word = sync::Word;
+    static constexpr unsigned kPayloadWords = 7;
+    static constexpr std::size_t kNoLimit = std::numeric_limits<std::size_t>::max();
+
+    /// Reserves address space (no memory yet). Throws CapacityExceeded if none is to be had.
+    explicit PrivateMemory(std::size_t limit_bytes = kNoLimit);
+    ~PrivateMemory();
+    PrivateMemory(const PrivateMemory&) = delete;
+    PrivateMemory& operator=(const PrivateMemory&) = delete;
+    PrivateMemory(PrivateMemory&&) = delete;
+    PrivateMemory& operator=(PrivateMemory&&) = delete;
+
+    [[nodiscard]] Word& word(Offset offset) const noexcept {
+        return *reinterpret_cast<Word*>(base_ + offset);
+    }
+
+    static void fence_acquire() noexcept { sync::fence_acquire(); }
+    static void fence_release() noexcept { sync::fence_release(); }
+    static void fence_full() noexcept { sync::fence_full(); }
+
+    /// A block of at least `bytes`, line-aligned, content unspecified.
+    /// Throws CapacityExceeded; nothing is changed then.
+    Offset allocate(std::size_t bytes);
+    /// A zeroed block that does not count as used: pages become memory when they are first touched.
+    Offset allocate_sparse(std::size_t bytes);
+    /// Takes back a block; `bytes` as asked for in `allocate`.
+    void release(Offset offset, std::size_t bytes);
+
+    /// Bytes in blocks that are handed out, and in blocks that wait to be used again.
+    [[nodiscard]] std::size_t used_bytes() const noexcept;
+    [[nodiscard]] std::size_t free_bytes() const noexcept;
+
+    /// The first block that is ever allocated: where the store keeps its own header.
+    [[nodiscard]] static Offset root() noexcept;
+
+private:
+    Offset bump(std::size_t bytes);
+
+    std::byte* base_ = nullptr;
+    std::size_t reserved_ = 0;
+    std::size_t limit_ = kNoLimit;
+    std::size_t huge_pages_to_ = 0;
+};
+
+static_assert(Memory<PrivateMemory>);
+
+}  // namespace tfdb::memory

@@ -1,0 +1,359 @@
+// Many stamps in one call: the windows of all edges are copied under one snapshot, then the
+// kernels of geometry/batch.hpp run on plain memory.
+#include <algorithm>
+
+#include "tfdb/geometry/batch.hpp"
+#include "tfdb/store/collect.hpp"
+#include "tfdb/store/impl.hpp"
+
+namespace tfdb {
+
+using lookup::Outcome;
+
+namespace {
+
+// Below this many samples per stamp copying the window is cheaper than single lookups (measured).
+constexpr std::size_t kSamplesPerStamp = 16;
+constexpr std::size_t kAlwaysCopied = 1024;
+
+struct Request {
+    FrameId target;
+    FrameId source;
+    std::span<const StampNs> stamps;
+    StampNs first = 0;
+    StampNs last = 0;
+    Policy policy;
+};
+
+/// Working memory of one thread, reused by its calls.
+struct Workspace {
+    std::vector<store::Track> tracks;
+    std::vector<geometry::ChainEdge> chain;
+    geometry::BatchScratch scratch;
+    std::vector<std::optional<Pose>> poses;
+    Answer answer;
+    Failure failure;
+};
+
+Workspace& workspace() {
+    thread_local Workspace space;
+    return space;
+}
+
+geometry::Rule rule_of(const Policy& policy) {
+    using geometry::Selection;
+    const StampNs limit = policy.limit >= lookup::kNoLimit ? geometry::kNoLimit : policy.limit;
+    switch (policy.kind) {
+        case lookup::PolicyKind::kExact:
+            return {Selection::kExact, geometry::kNoLimit};
+        case lookup::PolicyKind::kPrevious:
+            return {Selection::kPrevious, limit};
+        case lookup::PolicyKind::kNearest:
+            return {Selection::kNearest, limit};
+        case lookup::PolicyKind::kExtrapolate:
+            return {Selection::kExtrapolate, limit};
+        default:
+            return {Selection::kInterpolate, limit};
+    }
+}
+
+/// Copies one edge. kMismatch if the path may be another one at some of the stamps, or if too much
+/// would have to be copied: then every stamp is looked up by itself.
+Outcome copy_edge(const StoreView& view, FrameId child, FrameId parent, const Request& request,
+                  store::Track& track) {
+    const std::size_t most = std::max(kAlwaysCopied, kSamplesPerStamp * request.stamps.size());
+    const Outcome outcome =
+        store::collect_window(view, child, request.first, request.last, most, track);
+    if (outcome == Outcome::kFailed)
+        return Outcome::kMismatch;
+    if (outcome != Outcome::kOk)
+        return outcome;
+    if (track.poses.empty())
+        return Outcome::kMismatch;
+    const CommitNumber oldest = *std::min_element(track.commits.begin(), track.commits.end());
+    const bool same = std::all_of(track.parents.begin(), track.parents.end(),
+                                  [&](FrameId id) { return id == parent; });
+    return same && view.alive_since(parent, oldest) ? Outcome::kOk : Outcome::kMismatch;
+}
+
+Outcome copy_chain(const StoreView& view, const Request& request, Workspace& space) {
+    space.chain.clear();
+    const Outcome walked =
+        lookup::walk(view, request.target, request.source, request.first, request.policy,
+                     lookup::WalkMode::kHints, space.answer, space.failure);
+    if (walked != Outcome::kOk)
+        return walked;
+    const auto& up = space.answer.source_chain;
+    const auto& down = space.answer.target_chain;
+    const std::size_t edges = up.size() + down.size() - 2;
+    if (space.tracks.size() < edges)
+        space.tracks.resize(edges);
+    const auto add = [&](FrameId child, FrameId parent, bool inverted) {
+        store::Track& track = space.tracks[space.chain.size()];
+        const Outcome outcome = copy_edge(view, child, parent, request, track);
+        geometry::ChainEdge& edge = space.chain.emplace_back();
+        edge.inverted = inverted;
+        edge.track.stamps = track.stamps.data();
+        edge.track.poses = track.poses.data();
+        edge.track.size = track.poses.size();
+        edge.track.is_static = track.is_static;
+        return outcome;
+    };
+    for (std::size_t i = 0; i + 1 < up.size(); ++i) {
+        const Outcome outcome = add(up[i], up[i + 1], false);
+        if (outcome != Outcome::kOk)
+            return outcome;
+    }
+    for (std::size_t i = down.size() - 1; i > 0; --i) {
+        const Outcome outcome = add(down[i - 1], down[i], true);
+        if (outcome != Outcome::kOk)
+            return outcome;
+    }
+    return Outcome::kOk;
+}
+
+/// The caller's way to consume results: `kernel` runs on a copied chain, `one` takes one pose
+/// (null: no answer, write NaN).
+template <class Kernel, class One>
+class BatchRun {
+public:
+    BatchRun(const Request& request, bool stop, Kernel kernel, One one)
+        : request_(request), stop_(stop), kernel_(kernel), one_(one) {}
+
+    Outcome operator()(const StoreView& view) {
+        Workspace& space = workspace();
+        refused_ = geometry::kNoneRefused;
+        if (!lookup::detail::check_frame(view, request_.target, 0, space.failure) ||
+            !lookup::detail::check_frame(view, request_.source, 1, space.failure)) {
+            return Outcome::kFailed;
+        }
+        if (request_.target == request_.source) {
+            space.chain.clear();
+        } else {
+            const Outcome copied = copy_chain(view, request_, space);
+            if (copied == Outcome::kLapped)
+                return copied;
+            if (copied != Outcome::kOk)
+                return one_by_one(view, space);
+        }
+        const geometry::BatchResult result = kernel_(space);
+        if (result.first_refused == geometry::kNoneRefused || !stop_)
+            return Outcome::kOk;
+        // The scalar lookup says why; with the same view it refuses too.
+        refused_ = result.first_refused;
+        const Outcome why =
+            lookup::lookup(view, request_.target, request_.source, request_.stamps[refused_],
+                           request_.policy, space.answer, space.failure);
+        return why == Outcome::kOk ? Outcome::kLapped : why;
+    }
+
+    [[nodiscard]] std::size_t refused() const { return refused_; }
+
+private:
+    /// All poses come first: points may be moved in place, and only once.
+    Outcome one_by_one(const StoreView& view, Workspace& space) {
+        space.poses.clear();
+        for (std::size_t i = 0; i < request_.stamps.size(); ++i) {
+            const Outcome outcome =
+                lookup::lookup(view, request_.target, request_.source, request_.stamps[i],
+                               request_.policy, space.answer, space.failure);
+            if (outcome == Outcome::kLapped)
+                return outcome;
+            // Frames in two trees have no answer at any stamp: that is no gap in the data.
+            const bool hopeless = i == 0 && space.failure.code == ErrorCode::kDisconnected;
+            if (outcome == Outcome::kFailed && (stop_ || hopeless)) {
+                refused_ = i;
+                return outcome;
+            }
+            auto& pose = space.poses.emplace_back();
+            if (outcome == Outcome::kOk)
+                pose = space.answer.pose;
+        }
+        for (std::size_t i = 0; i < space.poses.size(); ++i) {
+            one_(i, space.poses[i] ? &*space.poses[i] : nullptr);
+        }
+        return Outcome::kOk;
+    }
+
+    const Request& request_;
+    bool stop_;
+    Kernel kernel_;
+    One one_;
+    std::size_t refused_ = geometry::kNoneRefused;
+};
+
+void write_row(const Pose* pose, geometry::PoseLayout layout, double* row) {
+    if (layout == geometry::PoseLayout::kPose) {
+        std::fill_n(row, 7, std::numeric_limits<double>::quiet_NaN());
+        if (pose != nullptr)
+            std::copy_n(&pose->translation.x, 3, row);
+        if (pose != nullptr)
+            std::copy_n(&pose->rotation.x, 4, row + 3);
+        return;
+    }
+    std::fill_n(row, 16, std::numeric_limits<double>::quiet_NaN());
+    if (pose == nullptr)
+        return;
+    for (int column = 0; column < 3; ++column) {
+        const geometry::Vec3 axis{column == 0 ? 1.0 : 0.0, column == 1 ? 1.0 : 0.0,
+                                  column == 2 ? 1.0 : 0.0};
+        const geometry::Vec3 turned = geometry::rotate(pose->rotation, axis);
+        row[column] = turned.x;
+        row[4 + column] = turned.y;
+        row[8 + column] = turned.z;
+    }
+    row[3] = pose->translation.x;
+    row[7] = pose->translation.y;
+    row[11] = pose->translation.z;
+    row[12] = row[13] = row[14] = 0.0;
+    row[15] = 1.0;
+}
+
+template <class Real>
+void move_point(const Pose* pose, const Real* in, Real* out) {
+    if (pose == nullptr) {
+        std::fill_n(out, 3, std::numeric_limits<Real>::quiet_NaN());
+        return;
+    }
+    const geometry::Vec3 p = geometry::apply(*pose, {in[0], in[1], in[2]});
+    out[0] = static_cast<Real>(p.x);
+    out[1] = static_cast<Real>(p.y);
+    out[2] = static_cast<Real>(p.z);
+}
+
+}  // namespace
+
+/// Runs a batch on this reader's state, and throws what the first refused stamp says.
+template <class Kernel, class One>
+void Reads::run_batch(std::string_view target, std::string_view source,
+                      std::span<const StampNs> stamps, Policy policy, bool stop, Kernel kernel,
+                      One one) const {
+    Request request{kNoFrame, kNoFrame, stamps, 0, 0, policy};
+    if (!stamps.empty()) {
+        const auto [first, last] = std::minmax_element(stamps.begin(), stamps.end());
+        request.first = *first;
+        request.last = *last;
+    }
+    BatchRun run(request, stop, kernel, one);
+    const Outcome outcome = store::read(*impl_, held_, kFresh, [&](const StoreView& view) {
+        request.target = impl_->names.find(target, view.commit());
+        request.source = impl_->names.find(source, view.commit());
+        return run(view);
+    });
+    if (outcome == Outcome::kOk)
+        return;
+    if (outcome == Outcome::kLapped)
+        store::throw_snapshot_too_old(held_, impl_->committed());
+    try {
+        raise(workspace().failure, target, source);
+    } catch (Error& error) {
+        if (run.refused() != geometry::kNoneRefused)
+            error.detail().index = run.refused();
+        throw;
+    }
+}
+
+void Reads::lookup_many(std::string_view target, std::string_view source,
+                        std::span<const StampNs> stamps, Policy policy, Layout layout,
+                        Missing missing, std::span<double> out) const {
+    const bool matrix = layout == Layout::kMatrix;
+    const std::size_t width = matrix ? 16 : 7;
+    if (out.size() < width * stamps.size()) {
+        throw InvalidArgument("lookup_many needs room for " +
+                              std::to_string(width * stamps.size()) + " numbers, not " +
+                              std::to_string(out.size()));
+    }
+    const auto rows = matrix ? geometry::PoseLayout::kMatrix : geometry::PoseLayout::kPose;
+    const bool stop = missing == Missing::kThrow;
+    run_batch(
+        target, source, stamps, policy, stop,
+        [&](Workspace& space) {
+            return geometry::evaluate_poses(
+                space.chain, rule_of(policy), stamps, rows, out.data(),
+                stop ? geometry::OnRefused::kStop : geometry::OnRefused::kNan, space.scratch);
+        },
+        [&](std::size_t i, const Pose* pose) { write_row(pose, rows, out.data() + width * i); });
+}
+
+template <class Real>
+void Reads::move_points(std::string_view target, std::string_view source, const Real* points,
+                        std::size_t stride, std::size_t count, std::span<const StampNs> stamps,
+                        Policy policy, Real* out, std::size_t out_stride) const {
+    if (stamps.size() != count && stamps.size() != 1) {
+        throw InvalidArgument("transform_points takes one stamp for each of the " +
+                              std::to_string(count) + " points or one for all, not " +
+                              std::to_string(stamps.size()));
+    }
+    run_batch(
+        target, source, stamps, policy, true,
+        [&](Workspace& space) {
+            return geometry::transform_points(
+                space.chain, rule_of(policy), stamps, count,
+                geometry::PointRows<const Real>{points, static_cast<std::ptrdiff_t>(stride)},
+                geometry::PointRows<Real>{out, static_cast<std::ptrdiff_t>(out_stride)},
+                geometry::OnRefused::kStop, space.scratch);
+        },
+        [&](std::size_t i, const Pose* pose) {
+            const std::size_t first = stamps.size() == 1 ? 0 : i;
+            const std::size_t end = stamps.size() == 1 ? count : i + 1;
+            for (std::size_t p = first; p < end; ++p) {
+                move_point(pose, points + p * stride, out + p * out_stride);
+            }
+        });
+}
+
+void Reads::transform_points(std::string_view target, std::string_view source, const float* points,
+                             std::size_t stride, std::size_t count, std::span<const StampNs> stamps,
+                             Policy policy, float* out, std::size_t out_stride) const {
+    move_points(target, source, points, stride, count, stamps, policy, out, out_stride);
+}
+
+void Reads::transform_points(std::string_view target, std::string_view source, const double* points,
+                             std::size_t stride, std::size_t count, std::span<const StampNs> stamps,
+                             Policy policy, double* out, std::size_t out_stride) const {
+    move_points(target, source, points, stride, count, stamps, policy, out, out_stride);
+}
+
+std::vector<StampNs> Reads::path_stamps(std::string_view target, std::string_view source,
+                                        std::optional<StampNs> start,
+                                        std::optional<StampNs> end) const {
+    std::vector<StampNs> stamps;
+    Workspace& space = workspace();
+    const Outcome outcome = store::read(*impl_, held_, kFresh, [&](const StoreView& view) {
+        stamps.clear();
+        const FrameId from = impl_->names.find(source, view.commit());
+        const FrameId to = impl_->names.find(target, view.commit());
+        StampNs newest = 0;
+        // Walks the newest tree, and leaves the chains in the answer.
+        const Outcome walked =
+            lookup::latest_common_time(view, to, from, space.answer, newest, space.failure);
+        if (walked != Outcome::kOk || from == to)
+            return walked;
+        StampNs first = start.value_or(0);
+        StampNs last = std::min(newest, end.value_or(newest));
+        for (const auto* chain : {&space.answer.source_chain, &space.answer.target_chain}) {
+            for (std::size_t i = 0; i + 1 < chain->size(); ++i) {
+                store::Track track;
+                const Outcome copied = store::collect_all(view, (*chain)[i], track);
+                if (copied != Outcome::kOk)
+                    return copied;
+                if (track.stamps.empty())
+                    continue;
+                first = std::max(first, track.stamps.front());
+                last = std::min(last, track.stamps.back());
+                stamps.insert(stamps.end(), track.stamps.begin(), track.stamps.end());
+            }
+        }
+        std::erase_if(stamps, [&](StampNs s) { return s < first || s > last; });
+        return Outcome::kOk;
+    });
+    if (outcome == Outcome::kLapped)
+        store::throw_snapshot_too_old(held_, impl_->committed());
+    if (outcome == Outcome::kFailed)
+        raise(space.failure, target, source);
+    std::sort(stamps.begin(), stamps.end());
+    stamps.erase(std::unique(stamps.begin(), stamps.end()), stamps.end());
+    return stamps;
+}
+
+}  // namespace tfdb

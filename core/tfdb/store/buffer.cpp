@@ -1,0 +1,194 @@
+#include "tfdb/store/buffer.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <mutex>
+
+#include "tfdb/store/impl.hpp"
+#include "tfdb/store/validate.hpp"
+
+namespace tfdb {
+
+Reads::Impl::Impl(const BufferOptions& options)
+    : memory(options.memory_limit.value_or(StoreMemory::kNoLimit)),
+      history(options.history_ns.value_or(history::kForever)),
+      snapshot_memory(options.snapshot_memory),
+      frames(memory, memory.allocate(graph::kStoreBytes),
+             memory.allocate_sparse(std::size_t{options.max_frames} * history::kHeaderBytes),
+             options.max_frames),
+      names(frames),
+      lock(frames.store_word(graph::kCommitLock)) {}
+
+bool Reads::Impl::may_evict() {
+    // Pairs with the fence in `Buffer::snapshot`: either we see its pin, or it sees our last
+    // commit.
+    sync::fence_full();
+    const std::size_t used = memory.used_bytes();
+    if (word(graph::kPins).load_relaxed() == 0) {
+        unpinned_bytes = used;
+        return true;
+    }
+    return used > unpinned_bytes + snapshot_memory;
+}
+
+namespace {
+
+BufferOptions checked(const BufferOptions& options) {
+    if (options.history_ns &&
+        (*options.history_ns <= 0 || *options.history_ns > history::kForever)) {
+        throw InvalidArgument("history must be positive, or none to keep everything");
+    }
+    if (options.max_frames == 0 || options.max_frames > kMaxFrames) {
+        throw InvalidArgument("max_frames must lie between 1 and " + std::to_string(kMaxFrames));
+    }
+    return options;
+}
+
+history::NewSample<StoreMemory> make_sample(Reads::Impl& impl, const TransformView& transform,
+                                            FrameId parent, bool is_static) {
+    history::NewSample<StoreMemory> sample;
+    sample.stamp = is_static ? history::kStaticStamp : transform.stamp;
+    sample.parent = parent;
+    Pose pose = transform.pose;
+    const double norm2 = geometry::norm_squared(pose.rotation);
+    if (norm2 != 1.0) {
+        if (std::abs(norm2 - 1.0) > 2e-9)
+            impl.word(graph::kNormalised).fetch_add(1);
+        pose.rotation = geometry::normalized(pose.rotation);
+    }
+    sample.payload = std::bit_cast<std::array<std::uint64_t, 7>>(pose);
+    return sample;
+}
+
+/// Samples of one edge must come in stamp order; the later member of a batch wins a tie.
+void sort_items(std::vector<Reads::Impl::Item>& items, std::span<const TransformView> batch) {
+    std::stable_sort(items.begin(), items.end(), [&](const auto& a, const auto& b) {
+        if (a.child != b.child)
+            return a.child < b.child;
+        return batch[a.index].stamp < batch[b.index].stamp;
+    });
+}
+
+void resolve_items(Reads::Impl& impl, StoreCommit& commit, std::span<const TransformView> batch,
+                   bool is_static) {
+    auto& items = impl.items;
+    items.clear();
+    bool repeated = false;
+    for (std::size_t i = 0; i < batch.size(); ++i) {
+        const FrameId parent = commit.frame(batch[i].parent);
+        const FrameId child = commit.frame(batch[i].child);
+        repeated |= commit.touch(child);
+        items.push_back({child, parent, i});
+    }
+    if (repeated && !is_static)
+        sort_items(items, batch);
+}
+
+/// The commit lock is held.
+CommitNumber commit_batch(Reads::Impl& impl, std::span<const TransformView> batch, bool is_static,
+                          std::uint64_t authority, std::string_view authority_name) {
+    StoreCommit commit(impl.frames, impl.scratch, impl.history, impl.may_evict());
+    resolve_items(impl, commit, batch, is_static);
+    for (const auto& item : impl.items) {
+        const TransformView& transform = batch[item.index];
+        store::check_edge(impl, item.child, transform, item.index, is_static, authority_name);
+        commit.append(item.child, make_sample(impl, transform, item.parent, is_static), item.index);
+    }
+    txn::Cycle cycle;
+    if (commit.find_cycle(cycle)) {
+        store::throw_cycle(batch[cycle.item], cycle.item, authority_name);
+    }
+    for (const auto& item : impl.items) {
+        auto& writer = impl.frames.word(item.child, history::kAuthority);
+        if (writer.load_relaxed() != authority)
+            writer.store_relaxed(authority);
+    }
+    return commit.publish();
+}
+
+}  // namespace
+
+Buffer::Buffer(const BufferOptions& options)
+    : Reads(std::make_shared<Impl>(checked(options)), kFresh) {}
+
+CommitNumber Buffer::set_transforms(std::span<const TransformView> batch, bool is_static,
+                                    std::string_view authority) {
+    store::check_batch(batch, is_static, authority);
+    if (batch.empty())
+        return commit();
+    const std::uint64_t id = impl_->authorities.id(authority);
+    const std::lock_guard guard(impl_->lock);
+    return commit_batch(*impl_, batch, is_static, id, authority);
+}
+
+bool Buffer::try_set_transforms(std::span<const TransformView> batch, bool is_static,
+                                std::string_view authority, CommitNumber& commit) {
+    store::check_batch(batch, is_static, authority);
+    if (batch.empty()) {
+        commit = this->commit();
+        return true;
+    }
+    const std::uint64_t id = impl_->authorities.id(authority);
+    const std::unique_lock guard(impl_->lock, std::try_to_lock);
+    if (!guard.owns_lock())
+        return false;
+    commit = commit_batch(*impl_, batch, is_static, id, authority);
+    return true;
+}
+
+Snapshot Buffer::snapshot() const {
+    impl_->word(graph::kPins).fetch_add(1);
+    sync::fence_full();
+    return {impl_, impl_->committed()};
+}
+
+CommitNumber Buffer::clear() {
+    const std::lock_guard guard(impl_->lock);
+    StoreCommit commit(impl_->frames, impl_->scratch, impl_->history, impl_->may_evict());
+    const StoreView view = impl_->view(impl_->committed());
+    for (FrameId id = 0; id < impl_->frames.count(); ++id) {
+        const history::EdgeWriter<StoreMemory> edge(impl_->memory, impl_->frames.header(id));
+        if (!view.alive(id) || edge.newest() < 0)
+            continue;
+        if (commit.touch(id))
+            continue;
+        commit.clear(id);
+    }
+    return commit.publish();
+}
+
+std::optional<StampNs> Buffer::history() const {
+    if (impl_->history == history::kForever)
+        return std::nullopt;
+    return impl_->history;
+}
+
+Counters Buffer::counters() const {
+    return {commit(), impl_->word(graph::kNormalised).load_relaxed(),
+            impl_->lapped_reads.load_relaxed(), impl_->locked_reads.load_relaxed()};
+}
+
+MemoryUse Buffer::memory() const {
+    const std::lock_guard guard(impl_->lock);
+    MemoryUse use;
+    use.used_bytes = impl_->memory.used_bytes();
+    use.free_bytes = impl_->memory.free_bytes();
+    use.frames = impl_->frames.count();
+    use.frame_bytes = use.frames * history::kHeaderBytes;
+    for (FrameId id = 0; id < impl_->frames.count(); ++id) {
+        use.samples += impl_->frames.word(id, history::kHead).load_relaxed() -
+                       impl_->frames.word(id, history::kBegin).load_relaxed();
+    }
+    return use;
+}
+
+Snapshot::Snapshot(std::shared_ptr<Impl> impl, CommitNumber held) : Reads(std::move(impl), held) {}
+
+Snapshot::Snapshot(Snapshot&& other) noexcept : Reads(std::move(other.impl_), other.held_) {}
+
+Snapshot::~Snapshot() {
+    if (impl_)
+        impl_->word(graph::kPins).fetch_add(~std::uint64_t{0});
+}
+
+}  // namespace tfdb

@@ -1,0 +1,226 @@
+// The store: frames and their transforms, written in atomic commits and read from snapshots.
+#pragma once
+
+#include <cstdint>
+#include <memory>
+#include <optional>
+#include <span>
+#include <string>
+#include <string_view>
+#include <vector>
+
+#include "tfdb/base/error.hpp"
+#include "tfdb/base/types.hpp"
+#include "tfdb/clock/stamp.hpp"
+#include "tfdb/geometry/pose.hpp"
+#include "tfdb/lookup/answer.hpp"
+#include "tfdb/lookup/policy.hpp"
+#include "tfdb/wire/tf_message.hpp"
+
+namespace tfdb {
+
+using clock::StampNs;
+using geometry::Pose;
+using lookup::Answer;
+using lookup::EdgeUse;
+using lookup::Failure;
+using lookup::Policy;
+using wire::TransformView;
+
+struct BufferOptions {
+    std::optional<StampNs> history_ns = 10 * clock::kNanosPerSecond;  // none: keep everything
+    std::uint32_t max_frames = kMaxFrames;
+    std::optional<std::size_t> memory_limit;             // bytes, none: what the machine has
+    std::size_t snapshot_memory = std::size_t{1} << 30;  // growth that held snapshots may cause
+};
+
+/// A frame's slot plus the generation that makes it unmistakable. Cheap to keep and to compare:
+/// a handle of a frame whose slot was reused resolves by name again.
+struct FrameHandle {
+    FrameId id = kNoFrame;
+    std::uint32_t generation = 0;
+};
+
+/// What is known of one frame in one snapshot.
+struct FrameInfo {
+    std::string name;
+    std::optional<std::string> parent;  // newest parent; none for a root
+    bool is_static = false;
+    std::uint64_t samples = 0;  // visible moving samples, or 1 for a static edge
+    StampNs oldest = -1;        // -1: no moving samples
+    StampNs newest = -1;
+    StampNs longest_gap = 0;
+    std::string authority;   // who wrote last
+    std::uint64_t late = 0;  // samples that came out of order
+};
+
+struct Samples {
+    std::vector<StampNs> stamps;  // -1 for a static edge's one sample
+    std::vector<Pose> poses;
+    std::vector<std::string> parents;
+};
+
+struct MemoryUse {
+    std::size_t used_bytes = 0;   // handed out to rings, names and tables
+    std::size_t free_bytes = 0;   // kept for reuse
+    std::size_t frames = 0;       // frame slots in use, 192 bytes each
+    std::size_t samples = 0;      // samples in the rings, also those that are no longer retained
+    std::size_t frame_bytes = 0;  // frames * header size
+};
+
+struct Counters {
+    std::uint64_t commits = 0;
+    std::uint64_t normalised = 0;    // quaternions that were off by more than 1e-9 and mended
+    std::uint64_t lapped_reads = 0;  // single lookups that took a fresh snapshot
+    std::uint64_t locked_reads = 0;  // ... that in the end went through the commit lock
+};
+
+struct Twist {
+    geometry::Vec3 linear;   // m/s
+    geometry::Vec3 angular;  // rad/s
+};
+
+enum class Layout : std::uint8_t { kPose, kMatrix };  // rows of 7, or of 16 (4x4 row-major)
+enum class Missing : std::uint8_t { kThrow, kNan };
+
+class Snapshot;
+
+/// The reads that a Buffer (each from a fresh snapshot) and a Snapshot (from its own) share.
+/// Threads: any number may call anything at once. Guarantee: no read takes a lock that a writer
+/// holds, save a lookup that was overtaken sixteen times in a row.
+class Reads {
+public:
+    /// Frame by name. False if the snapshot has no such frame.
+    [[nodiscard]] bool find_frame(std::string_view name, FrameHandle& out) const;
+    /// True if the handle still means the frame it was made for (one load; use to cache handles).
+    [[nodiscard]] bool is_current(FrameHandle handle) const noexcept;
+
+    /// T[target<-source]. `stamp` none: latest common time. False: `failure` says why, nothing is
+    /// thrown and nothing allocated; `raise` turns it into the typed error with names.
+    [[nodiscard]] bool try_lookup(FrameHandle target, FrameHandle source,
+                                  std::optional<StampNs> stamp, Policy policy, Answer& answer,
+                                  Failure& failure) const;
+    [[nodiscard]] bool try_lookup_full(FrameHandle target, StampNs target_stamp, FrameHandle source,
+                                       StampNs source_stamp, FrameHandle fixed, Policy policy,
+                                       Answer& answer, Failure& failure) const;
+    /// Each edge's newest sample; edges older than now - max_age fail as kStale.
+    [[nodiscard]] bool try_lookup_latest(FrameHandle target, FrameHandle source,
+                                         std::optional<StampNs> max_age, StampNs now,
+                                         Answer& answer, Failure& failure) const;
+    [[nodiscard]] bool try_latest_common_time(FrameHandle target, FrameHandle source,
+                                              StampNs& stamp, Failure& failure) const;
+    /// Throws the typed error of a failed lookup of these two names.
+    [[noreturn]] void raise(const Failure& failure, std::string_view target,
+                            std::string_view source) const;
+
+    /// By name, throwing: for C++ programs and tests.
+    [[nodiscard]] Answer lookup_transform(std::string_view target, std::string_view source,
+                                          std::optional<StampNs> stamp = std::nullopt,
+                                          Policy policy = {}) const;
+    [[nodiscard]] Answer lookup_latest_transform(std::string_view target, std::string_view source,
+                                                 std::optional<StampNs> max_age = std::nullopt,
+                                                 StampNs now = 0) const;
+
+    /// Rows of T[target<-source] at each stamp, all from one snapshot. `out` holds 7 or 16 doubles
+    /// per stamp. Stamps in any order. Missing::kThrow: throws the typed error of the first stamp
+    /// that has no answer, with its index; `out` is then unspecified.
+    void lookup_many(std::string_view target, std::string_view source,
+                     std::span<const StampNs> stamps, Policy policy, Layout layout, Missing missing,
+                     std::span<double> out) const;
+    /// p_target = T[target<-source](stamp of the point) p_source; strides in elements. One stamp
+    /// for each point, or a single one for all. In place is allowed (out == points).
+    void transform_points(std::string_view target, std::string_view source, const float* points,
+                          std::size_t stride, std::size_t count, std::span<const StampNs> stamps,
+                          Policy policy, float* out, std::size_t out_stride) const;
+    void transform_points(std::string_view target, std::string_view source, const double* points,
+                          std::size_t stride, std::size_t count, std::span<const StampNs> stamps,
+                          Policy policy, double* out, std::size_t out_stride) const;
+    /// The stored stamps of the moving edges between two frames, sorted, each once, within
+    /// [start, end] and within what every edge covers.
+    [[nodiscard]] std::vector<StampNs> path_stamps(std::string_view target, std::string_view source,
+                                                   std::optional<StampNs> start,
+                                                   std::optional<StampNs> end) const;
+    /// Velocity of `tracking` in `observation`, by finite difference over `interval` ns around
+    /// `stamp` (none: latest common time), of the point `point` given in `point_frame`, in the
+    /// axes of `reference`. Empty names: reference = observation, point_frame = tracking.
+    [[nodiscard]] Twist lookup_velocity(std::string_view tracking, std::string_view observation,
+                                        std::optional<StampNs> stamp, StampNs interval,
+                                        std::string_view reference, geometry::Vec3 point,
+                                        std::string_view point_frame) const;
+
+    [[nodiscard]] std::vector<std::string> frames() const;  // sorted
+    [[nodiscard]] FrameInfo frame_info(std::string_view name) const;
+    /// All frames with the parents that they have at `stamp` (none: newest), sorted by name.
+    [[nodiscard]] std::vector<FrameInfo> tree(std::optional<StampNs> stamp = std::nullopt) const;
+    [[nodiscard]] Samples samples(std::string_view name) const;
+    /// Name of a frame used in an answer; "(removed)" if its slot was reused since.
+    [[nodiscard]] std::string frame_name(FrameId id, std::uint32_t generation) const;
+    [[nodiscard]] CommitNumber commit() const;  // of the state that is read
+
+    struct Impl;  // of the whole store
+
+protected:
+    Reads(std::shared_ptr<Impl> impl, CommitNumber held) : impl_(std::move(impl)), held_(held) {}
+    static constexpr CommitNumber kFresh = ~CommitNumber{0};
+
+    std::shared_ptr<Impl> impl_;
+    CommitNumber held_;  // the snapshot's commit, or kFresh
+
+private:
+    template <class Kernel, class One>
+    void run_batch(std::string_view target, std::string_view source,
+                   std::span<const StampNs> stamps, Policy policy, bool stop, Kernel kernel,
+                   One one) const;
+    template <class Real>
+    void move_points(std::string_view target, std::string_view source, const Real* points,
+                     std::size_t stride, std::size_t count, std::span<const StampNs> stamps,
+                     Policy policy, Real* out, std::size_t out_stride) const;
+};
+
+/// One committed state, kept readable. Threads: any. Guarantee: every read through it sees exactly
+/// that commit; SnapshotTooOld once writers had to overwrite it (snapshot_memory was not enough).
+class Snapshot : public Reads {
+public:
+    ~Snapshot();
+    Snapshot(Snapshot&&) noexcept;
+    Snapshot& operator=(Snapshot&&) = delete;
+    Snapshot(const Snapshot&) = delete;
+    Snapshot& operator=(const Snapshot&) = delete;
+
+private:
+    friend class Buffer;
+    Snapshot(std::shared_ptr<Impl> impl, CommitNumber held);
+};
+
+/// The store. Threads: any number may read and write at once; writers take turns.
+/// Guarantee: a commit is all or nothing, also when it throws.
+class Buffer : public Reads {
+public:
+    /// Throws InvalidArgument (history <= 0, max_frames 0 or > kMaxFrames), CapacityExceeded.
+    explicit Buffer(const BufferOptions& options = {});
+
+    /// All of `batch` in one commit; returns its number. An empty batch commits nothing and returns
+    /// the current number. Throws InvalidTransform, InvalidName, InvalidStamp, TooOld,
+    /// StaticConflict, CycleError, CapacityExceeded: each with `index`, and nothing is stored.
+    CommitNumber set_transforms(std::span<const TransformView> batch, bool is_static,
+                                std::string_view authority);
+    CommitNumber set_transform(const TransformView& transform, bool is_static,
+                               std::string_view authority) {
+        return set_transforms({&transform, 1}, is_static, authority);
+    }
+    /// The same, but returns false at once if another writer holds the commit lock.
+    bool try_set_transforms(std::span<const TransformView> batch, bool is_static,
+                            std::string_view authority, CommitNumber& commit);
+    /// Removes frames (the whole subtree of each if recursive) in one commit.
+    /// Throws UnknownFrame, FrameInUse.
+    CommitNumber remove_frame(std::string_view name, bool recursive);
+    /// Drops all moving samples; frames and static edges stay.
+    CommitNumber clear();
+
+    [[nodiscard]] Snapshot snapshot() const;
+    [[nodiscard]] MemoryUse memory() const;
+    [[nodiscard]] Counters counters() const;
+    [[nodiscard]] std::optional<StampNs> history() const;
+};
+
+}  // namespace tfdb

@@ -1,0 +1,123 @@
+// What a Buffer and its Snapshots share, and how a read gets its view.
+#pragma once
+
+#include <mutex>
+#include <string>
+#include <unordered_map>
+#include <vector>
+
+#include "tfdb/graph/frames.hpp"
+#include "tfdb/graph/names.hpp"
+#include "tfdb/lookup/lookup.hpp"
+#include "tfdb/memory/private_memory.hpp"
+#include "tfdb/store/buffer.hpp"
+#include "tfdb/sync/commit_lock.hpp"
+#include "tfdb/txn/commit.hpp"
+#include "tfdb/txn/snapshot_view.hpp"
+
+namespace tfdb {
+
+using StoreMemory = memory::PrivateMemory;
+using StoreView = txn::SnapshotView<StoreMemory>;
+using StoreEdge = history::EdgeView<StoreMemory>;
+using StoreCommit = txn::Commit<StoreMemory>;
+
+/// Names of authorities to small ids. Threads: any. Guarantee: blocks only against each other.
+class Authorities {
+public:
+    std::uint64_t id(std::string_view name) {
+        if (name.empty())
+            return 0;
+        const std::lock_guard guard(mutex_);
+        const auto [at, added] = ids_.try_emplace(std::string(name), names_.size() + 1);
+        if (added)
+            names_.emplace_back(name);
+        return at->second;
+    }
+    [[nodiscard]] std::string name(std::uint64_t id) const {
+        const std::lock_guard guard(mutex_);
+        return id == 0 || id > names_.size() ? std::string() : names_[id - 1];
+    }
+
+private:
+    mutable std::mutex mutex_;
+    std::unordered_map<std::string, std::uint64_t> ids_;
+    std::vector<std::string> names_;
+};
+
+/// The region with the forest in it, and what only the writers of this process need.
+/// Threads: reads any; `scratch`, `items` and `unpinned_bytes` only under `lock`.
+/// Guarantee: lives as long as the Buffer or any Snapshot of it.
+struct Reads::Impl {
+    explicit Impl(const BufferOptions& options);
+
+    [[nodiscard]] sync::Word& word(graph::StoreWord w) const { return frames.store_word(w); }
+    [[nodiscard]] CommitNumber committed() const { return word(graph::kCommit).load_acquire(); }
+    [[nodiscard]] StoreView view(CommitNumber commit) const { return {frames, commit, history}; }
+
+    /// True if no held snapshot can need what a writer is about to overwrite, or if those that are
+    /// held have already made the store grow as far as they may.
+    [[nodiscard]] bool may_evict();
+
+    struct Item {
+        FrameId child;
+        FrameId parent;
+        std::size_t index;
+    };
+
+    StoreMemory memory;
+    StampNs history;
+    std::size_t snapshot_memory;
+    graph::Frames<StoreMemory> frames;
+    graph::Names<StoreMemory> names;
+    mutable sync::CommitLock lock;
+    txn::CommitScratch scratch;
+    std::vector<Item> items;
+    std::size_t unpinned_bytes = 0;
+    Authorities authorities;
+    mutable sync::Word lapped_reads{};
+    mutable sync::Word locked_reads{};
+};
+
+namespace store {
+
+inline constexpr int kTriesBeforeLock = 16;
+
+/// Runs `attempt(view)` on a fresh view, or on the held one, until no writer overtakes it; after
+/// sixteen tries with the commit lock held, where nothing can. kLapped then means: this snapshot's
+/// samples are gone.
+template <class Attempt>
+lookup::Outcome read(const Reads::Impl& impl, CommitNumber held, CommitNumber fresh,
+                     Attempt attempt) {
+    const auto once = [&] {
+        const CommitNumber commit = held == fresh ? impl.committed() : held;
+        const lookup::Outcome outcome = attempt(impl.view(commit));
+        if (outcome != lookup::Outcome::kFailed)
+            return outcome;
+        // What looks missing may be a frame whose slot was reused since.
+        sync::fence_acquire();
+        return commit < impl.word(graph::kRecycleFloor).load_relaxed() ? lookup::Outcome::kLapped
+                                                                       : outcome;
+    };
+    lookup::Outcome outcome = once();
+    if (outcome != lookup::Outcome::kLapped)
+        return outcome;
+    for (int i = 1; i < kTriesBeforeLock; ++i) {
+        impl.lapped_reads.fetch_add(1);
+        outcome = once();
+        if (outcome != lookup::Outcome::kLapped)
+            return outcome;
+    }
+    impl.locked_reads.fetch_add(1);
+    const std::lock_guard guard(impl.lock);
+    return once();
+}
+
+[[noreturn]] void throw_snapshot_too_old(CommitNumber held, CommitNumber newest);
+
+/// "12.345678901 s"
+std::string seconds(StampNs stamp);
+
+}  // namespace store
+
+}  // namespace tfdb

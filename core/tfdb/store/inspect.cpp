@@ -1,0 +1,164 @@
+// Looking at frames and their samples.
+#include <algorithm>
+
+#include "tfdb/store/collect.hpp"
+#include "tfdb/store/impl.hpp"
+
+namespace tfdb {
+
+using lookup::Outcome;
+
+namespace {
+
+[[noreturn]] void throw_unreadable(const Reads::Impl& impl, CommitNumber held) {
+    store::throw_snapshot_too_old(held, impl.committed());
+}
+
+Outcome fill_info(const Reads::Impl& impl, const StoreView& view, FrameId id, FrameInfo& info) {
+    info = FrameInfo{};
+    info.name = impl.names.name(id);
+    info.authority =
+        impl.authorities.name(impl.frames.word(id, history::kAuthority).load_relaxed());
+    info.late = impl.frames.word(id, history::kLate).load_relaxed();
+    store::Track track;
+    const Outcome outcome = store::collect_all(view, id, track);
+    if (outcome != Outcome::kOk)
+        return outcome;
+    info.is_static = track.is_static;
+    info.samples = track.poses.size();
+    if (!track.stamps.empty()) {
+        info.oldest = track.stamps.front();
+        info.newest = track.stamps.back();
+        for (std::size_t i = 1; i < track.stamps.size(); ++i) {
+            info.longest_gap = std::max(info.longest_gap, track.stamps[i] - track.stamps[i - 1]);
+        }
+    }
+    if (!track.parents.empty() && view.alive_since(track.parents.back(), track.commits.back())) {
+        info.parent = impl.names.name(track.parents.back());
+    }
+    return Outcome::kOk;
+}
+
+template <class Visit>
+Outcome for_each_frame(const StoreView& view, Visit visit) {
+    for (FrameId id = 0; id < view.frame_count(); ++id) {
+        if (!view.alive(id))
+            continue;
+        const Outcome outcome = visit(id);
+        if (outcome != Outcome::kOk)
+            return outcome;
+    }
+    return Outcome::kOk;
+}
+
+[[noreturn]] void throw_unknown(std::string_view name, CommitNumber commit) {
+    ErrorDetail detail;
+    detail.frame = name;
+    detail.commit = commit;
+    throw UnknownFrame(
+        "frame '" + std::string(name) + "' does not exist in commit " + std::to_string(commit),
+        std::move(detail));
+}
+
+}  // namespace
+
+std::vector<std::string> Reads::frames() const {
+    std::vector<std::string> names;
+    const Outcome outcome = store::read(*impl_, held_, kFresh, [&](const StoreView& view) {
+        names.clear();
+        const Outcome all = for_each_frame(view, [&](FrameId id) {
+            names.push_back(impl_->names.name(id));
+            return view.alive(id) ? Outcome::kOk : Outcome::kLapped;
+        });
+        // A reused slot may have hidden a frame of this state.
+        const bool complete = view.commit() >= impl_->word(graph::kRecycleFloor).load_acquire();
+        return complete ? all : Outcome::kLapped;
+    });
+    if (outcome == Outcome::kLapped)
+        throw_unreadable(*impl_, held_);
+    std::sort(names.begin(), names.end());
+    return names;
+}
+
+FrameInfo Reads::frame_info(std::string_view name) const {
+    FrameInfo info;
+    CommitNumber at = 0;
+    const Outcome outcome = store::read(*impl_, held_, kFresh, [&](const StoreView& view) {
+        at = view.commit();
+        const FrameId id = impl_->names.find(name, at);
+        return id == kNoFrame ? Outcome::kFailed : fill_info(*impl_, view, id, info);
+    });
+    if (outcome == Outcome::kFailed)
+        throw_unknown(name, at);
+    if (outcome == Outcome::kLapped)
+        throw_unreadable(*impl_, held_);
+    return info;
+}
+
+std::vector<FrameInfo> Reads::tree(std::optional<StampNs> stamp) const {
+    std::vector<FrameInfo> infos;
+    const Policy policy{stamp ? lookup::PolicyKind::kInterpolate : lookup::PolicyKind::kLatest,
+                        lookup::kNoLimit};
+    const Outcome outcome = store::read(*impl_, held_, kFresh, [&](const StoreView& view) {
+        infos.clear();
+        return for_each_frame(view, [&](FrameId id) {
+            FrameInfo& info = infos.emplace_back();
+            const Outcome filled = fill_info(*impl_, view, id, info);
+            if (filled != Outcome::kOk || !stamp)
+                return filled;
+            FrameId parent = kNoFrame;
+            const Outcome found = lookup::exact_parent(view, id, *stamp, policy, parent);
+            info.parent.reset();
+            if (parent != kNoFrame)
+                info.parent = impl_->names.name(parent);
+            return found;
+        });
+    });
+    if (outcome == Outcome::kLapped)
+        throw_unreadable(*impl_, held_);
+    std::sort(infos.begin(), infos.end(),
+              [](const FrameInfo& a, const FrameInfo& b) { return a.name < b.name; });
+    return infos;
+}
+
+Samples Reads::samples(std::string_view name) const {
+    Samples out;
+    CommitNumber at = 0;
+    const Outcome outcome = store::read(*impl_, held_, kFresh, [&](const StoreView& view) {
+        at = view.commit();
+        out = Samples{};
+        const FrameId id = impl_->names.find(name, at);
+        if (id == kNoFrame)
+            return Outcome::kFailed;
+        store::Track track;
+        const Outcome collected = store::collect_all(view, id, track);
+        if (collected != Outcome::kOk)
+            return collected;
+        out.stamps = std::move(track.stamps);
+        if (track.is_static)
+            out.stamps.assign(1, -1);
+        out.poses = std::move(track.poses);
+        for (std::size_t i = 0; i < track.parents.size(); ++i) {
+            const bool alive = view.alive_since(track.parents[i], track.commits[i]);
+            out.parents.push_back(alive ? impl_->names.name(track.parents[i]) : std::string());
+        }
+        return Outcome::kOk;
+    });
+    if (outcome == Outcome::kFailed)
+        throw_unknown(name, at);
+    if (outcome == Outcome::kLapped)
+        throw_unreadable(*impl_, held_);
+    return out;
+}
+
+std::string Reads::frame_name(FrameId id, std::uint32_t generation) const {
+    if (id < impl_->frames.count()) {
+        std::string name = impl_->names.name(id);
+        sync::fence_acquire();
+        if (impl_->frames.generation(id) == generation)
+            return name;
+    }
+    return "(removed)";
+}
+
+}  // namespace tfdb

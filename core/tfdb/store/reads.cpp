@@ -1,0 +1,122 @@
+// Lookups of a Buffer or a Snapshot, each from one state.
+#include "tfdb/store/impl.hpp"
+
+namespace tfdb {
+
+using lookup::Outcome;
+
+namespace store {
+
+void throw_snapshot_too_old(CommitNumber held, CommitNumber newest) {
+    ErrorDetail detail;
+    detail.commit = held;
+    throw SnapshotTooOld("snapshot " + std::to_string(held) +
+                             " can no longer be read: its samples were overwritten (the store is "
+                             "at commit " +
+                             std::to_string(newest) +
+                             "); take a new snapshot, or raise snapshot_memory",
+                         std::move(detail));
+}
+
+}  // namespace store
+
+namespace {
+
+template <class Attempt>
+bool answered(const Reads::Impl& impl, CommitNumber held, CommitNumber fresh, Failure& failure,
+              Attempt attempt) {
+    const Outcome outcome = store::read(impl, held, fresh, attempt);
+    if (outcome == Outcome::kOk)
+        return true;
+    if (outcome == Outcome::kLapped) {
+        failure = Failure{};
+        failure.code = ErrorCode::kSnapshotTooOld;
+        failure.commit = held;
+    }
+    return false;
+}
+
+}  // namespace
+
+CommitNumber Reads::commit() const {
+    return held_ == kFresh ? impl_->committed() : held_;
+}
+
+bool Reads::is_current(FrameHandle handle) const noexcept {
+    return handle.id < impl_->frames.count() &&
+           impl_->frames.generation(handle.id) == handle.generation;
+}
+
+bool Reads::find_frame(std::string_view name, FrameHandle& out) const {
+    Failure failure;
+    return answered(*impl_, held_, kFresh, failure, [&](const StoreView& view) {
+        out.id = impl_->names.find(name, view.commit());
+        if (out.id == kNoFrame)
+            return Outcome::kFailed;
+        out.generation = view.generation(out.id);
+        // The slot may have been reused between the two.
+        return view.alive(out.id) ? Outcome::kOk : Outcome::kLapped;
+    });
+}
+
+bool Reads::try_lookup(FrameHandle target, FrameHandle source, std::optional<StampNs> stamp,
+                       Policy policy, Answer& answer, Failure& failure) const {
+    return answered(*impl_, held_, kFresh, failure, [&](const StoreView& view) {
+        return lookup::lookup(view, target.id, source.id, stamp, policy, answer, failure);
+    });
+}
+
+bool Reads::try_lookup_full(FrameHandle target, StampNs target_stamp, FrameHandle source,
+                            StampNs source_stamp, FrameHandle fixed, Policy policy, Answer& answer,
+                            Failure& failure) const {
+    return answered(*impl_, held_, kFresh, failure, [&](const StoreView& view) {
+        return lookup::lookup_full(view, target.id, target_stamp, source.id, source_stamp, fixed.id,
+                                   policy, answer, failure);
+    });
+}
+
+bool Reads::try_lookup_latest(FrameHandle target, FrameHandle source,
+                              std::optional<StampNs> max_age, StampNs now, Answer& answer,
+                              Failure& failure) const {
+    return answered(*impl_, held_, kFresh, failure, [&](const StoreView& view) {
+        return lookup::lookup_latest(view, target.id, source.id, max_age, now, answer, failure);
+    });
+}
+
+bool Reads::try_latest_common_time(FrameHandle target, FrameHandle source, StampNs& stamp,
+                                   Failure& failure) const {
+    Answer scratch;
+    return answered(*impl_, held_, kFresh, failure, [&](const StoreView& view) {
+        return lookup::latest_common_time(view, target.id, source.id, scratch, stamp, failure);
+    });
+}
+
+Answer Reads::lookup_transform(std::string_view target, std::string_view source,
+                               std::optional<StampNs> stamp, Policy policy) const {
+    FrameHandle from;
+    FrameHandle to;
+    Answer answer;
+    Failure failure;
+    // An unknown name leaves an id that no frame has: the lookup then says which one it was.
+    (void)find_frame(target, to);
+    (void)find_frame(source, from);
+    if (!try_lookup(to, from, stamp, policy, answer, failure))
+        raise(failure, target, source);
+    return answer;
+}
+
+Answer Reads::lookup_latest_transform(std::string_view target, std::string_view source,
+                                      std::optional<StampNs> max_age, StampNs now) const {
+    FrameHandle from;
+    FrameHandle to;
+    Answer answer;
+    Failure failure;
+    (void)find_frame(target, to);
+    (void)find_frame(source, from);
+    if (!try_lookup_latest(to, from, max_age, now, answer, failure)) {
+        raise(failure, target, source);
+    }
+    return answer;
+}
+
+}  // namespace tfdb

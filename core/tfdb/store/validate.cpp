@@ -1,0 +1,170 @@
+#include "tfdb/store/validate.hpp"
+
+#include <cmath>
+#include <cstdio>
+
+namespace tfdb::store {
+namespace {
+
+ErrorDetail detail_of(const TransformView& transform, std::size_t index,
+                      std::string_view authority) {
+    ErrorDetail detail;
+    detail.edge = transform.child;
+    detail.parent = transform.parent;
+    detail.authority = authority;
+    detail.index = index;
+    return detail;
+}
+
+std::string by(std::string_view authority) {
+    return authority.empty() ? std::string() : " from " + quoted(authority);
+}
+
+std::string edge_name(const TransformView& transform) {
+    return "T[" + quoted(transform.parent) + "<-" + quoted(transform.child) + "]";
+}
+
+/// Null if the name may be used.
+const char* name_fault(std::string_view name) {
+    if (name.empty())
+        return "is empty";
+    if (name.size() > kMaxNameBytes)
+        return "is longer than 1024 bytes";
+    for (const char c : name) {
+        if (static_cast<unsigned char>(c) < 0x20 || c == 0x7F)
+            return "has a control character";
+    }
+    return nullptr;
+}
+
+void check_name(std::string_view name, const char* role, const TransformView& transform,
+                std::size_t index, std::string_view authority) {
+    const char* fault = name_fault(name);
+    if (fault == nullptr)
+        return;
+    ErrorDetail detail = detail_of(transform, index, authority);
+    detail.frame = name;
+    detail.reason = fault;
+    throw InvalidName(std::string(role) + " frame name " + quoted(name) + by(authority) + " " +
+                          fault + ": a name has 1 to 1024 bytes and no control characters",
+                      std::move(detail));
+}
+
+[[noreturn]] void throw_transform(const TransformView& transform, std::size_t index,
+                                  std::string_view authority, const std::string& reason) {
+    ErrorDetail detail = detail_of(transform, index, authority);
+    detail.stamp = transform.stamp;
+    detail.reason = reason;
+    throw InvalidTransform(edge_name(transform) + " at " + seconds(transform.stamp) +
+                               by(authority) + " was refused: " + reason,
+                           std::move(detail));
+}
+
+void check_numbers(const TransformView& transform, std::size_t index, std::string_view authority) {
+    const auto& t = transform.pose.translation;
+    const auto& q = transform.pose.rotation;
+    // Zero times a finite number is zero; times infinity or NaN it is NaN.
+    const double probe = 0.0 * (t.x + t.y + t.z);
+    if (probe != 0.0 && !(std::isfinite(t.x) && std::isfinite(t.y) && std::isfinite(t.z))) {
+        throw_transform(transform, index, authority, "its translation is not finite");
+    }
+    const double norm2 = geometry::norm_squared(q);
+    if (std::abs(norm2 - 1.0) <= 0.01)
+        return;
+    char text[160];
+    std::snprintf(text, sizeof text,
+                  "its quaternion (%g, %g, %g, %g) has a squared norm of %g, more than 0.01 off 1",
+                  q.x, q.y, q.z, q.w, norm2);
+    throw_transform(transform, index, authority, text);
+}
+
+}  // namespace
+
+std::string quoted(std::string_view name) {
+    constexpr std::size_t kShown = 64;
+    std::string text = "'";
+    for (const char c : name.substr(0, kShown)) {
+        if (static_cast<unsigned char>(c) < 0x20 || c == 0x7F) {
+            char escape[5];
+            std::snprintf(escape, sizeof escape, "\\x%02x", static_cast<unsigned char>(c));
+            text += escape;
+        } else {
+            text += c;
+        }
+    }
+    if (name.size() > kShown)
+        text += "...";
+    return text + "'";
+}
+
+std::string seconds(StampNs stamp) {
+    char text[40];
+    const char* sign = stamp < 0 ? "-" : "";
+    const auto magnitude =
+        stamp < 0 ? 0 - static_cast<std::uint64_t>(stamp) : static_cast<std::uint64_t>(stamp);
+    std::snprintf(text, sizeof text, "%s%llu.%09llu s", sign,
+                  static_cast<unsigned long long>(magnitude / 1'000'000'000U),
+                  static_cast<unsigned long long>(magnitude % 1'000'000'000U));
+    return text;
+}
+
+void check_batch(std::span<const TransformView> batch, bool is_static, std::string_view authority) {
+    for (std::size_t i = 0; i < batch.size(); ++i) {
+        const TransformView& transform = batch[i];
+        check_name(transform.parent, "parent", transform, i, authority);
+        check_name(transform.child, "child", transform, i, authority);
+        if (transform.parent == transform.child) {
+            throw_transform(transform, i, authority, "a frame cannot be its own parent");
+        }
+        if (!is_static && (transform.stamp < 0 || transform.stamp > history::kForever)) {
+            ErrorDetail detail = detail_of(transform, i, authority);
+            detail.stamp = transform.stamp;
+            throw InvalidStamp("stamp " + std::to_string(transform.stamp) + " ns of " +
+                                   edge_name(transform) + by(authority) +
+                                   " is out of range: stamps lie between 0 and 2^61 ns",
+                               std::move(detail));
+        }
+        check_numbers(transform, i, authority);
+    }
+}
+
+void check_edge(const Reads::Impl& impl, FrameId child, const TransformView& transform,
+                std::size_t index, bool is_static, std::string_view authority) {
+    StoreMemory& memory = impl.frames.memory();
+    const history::EdgeWriter<StoreMemory> edge(memory, impl.frames.header(child));
+    if (!edge.has_samples())
+        return;
+    const bool was_static = (edge.topology() & history::Topology::kStatic) != 0;
+    if (was_static != is_static) {
+        ErrorDetail detail = detail_of(transform, index, authority);
+        detail.stamp = transform.stamp;
+        throw StaticConflict(edge_name(transform) + by(authority) + " is " +
+                                 (is_static ? "static, but the edge has moving samples"
+                                            : "moving, but the edge is static") +
+                                 ": remove frame " + quoted(transform.child) + " first",
+                             std::move(detail));
+    }
+    if (is_static || transform.stamp >= edge.newest() - impl.history)
+        return;
+    ErrorDetail detail = detail_of(transform, index, authority);
+    detail.stamp = transform.stamp;
+    detail.newest = edge.newest();
+    detail.oldest = edge.newest() - impl.history;
+    detail.limit = impl.history;
+    throw TooOld(edge_name(transform) + " at " + seconds(transform.stamp) + by(authority) +
+                     " is older than the retained history: stamps from " +
+                     seconds(edge.newest() - impl.history) + " on are taken",
+                 std::move(detail));
+}
+
+void throw_cycle(const TransformView& transform, std::size_t index, std::string_view authority) {
+    ErrorDetail detail = detail_of(transform, index, authority);
+    detail.stamp = transform.stamp;
+    detail.frames = {std::string(transform.child), std::string(transform.parent)};
+    throw CycleError(edge_name(transform) + " at " + seconds(transform.stamp) + by(authority) +
+                         " would make " + quoted(transform.child) +
+                         " its own ancestor: nothing was stored",
+                     std::move(detail));
+}
+
+}  // namespace tfdb::store

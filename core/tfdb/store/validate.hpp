@@ -1,0 +1,26 @@
+// What a write must satisfy, and the errors that say what it does not.
+#pragma once
+
+#include <cstdint>
+#include <span>
+#include <string_view>
+
+#include "tfdb/store/impl.hpp"
+
+namespace tfdb::store {
+
+/// Checks all that can be checked without the store: names, stamps, numbers.
+/// Throws InvalidName, InvalidStamp, InvalidTransform with the index of the first bad member.
+void check_batch(std::span<const TransformView> batch, bool is_static, std::string_view authority);
+
+/// Checks a sample against its edge. Throws StaticConflict, TooOld.
+void check_edge(const Reads::Impl& impl, FrameId child, const TransformView& transform,
+                std::size_t index, bool is_static, std::string_view authority);
+
+[[noreturn]] void throw_cycle(const TransformView& transform, std::size_t index,
+                              std::string_view authority);
+
+/// A frame name as it may stand in a message: quoted, cut when long, control characters escaped.
+std::string quoted(std::string_view name);
+
+}  // namespace tfdb::store

@@ -1,0 +1,78 @@
+// The one shared 64-bit word, its memory orders and the fences: every shared datum is made of
+// these.
+#pragma once
+
+#include <atomic>
+#include <cstdint>
+
+namespace tfdb::sync {
+
+/// A 64-bit word that threads (and later processes) share.
+/// Threads: any may call anything.
+/// Guarantee: every operation is wait-free but `wait`, which blocks until the value differs.
+class Word {
+public:
+    [[nodiscard]] std::uint64_t load_relaxed() const noexcept {
+        return value_.load(std::memory_order_relaxed);
+    }
+    [[nodiscard]] std::uint64_t load_acquire() const noexcept {
+        return value_.load(std::memory_order_acquire);
+    }
+    void store_relaxed(std::uint64_t value) noexcept {
+        value_.store(value, std::memory_order_relaxed);
+    }
+    void store_release(std::uint64_t value) noexcept {
+        value_.store(value, std::memory_order_release);
+    }
+    /// On failure `expected` holds what was found.
+    bool compare_exchange(std::uint64_t& expected, std::uint64_t desired) noexcept {
+        return value_.compare_exchange_strong(expected, desired, std::memory_order_acq_rel,
+                                              std::memory_order_acquire);
+    }
+    std::uint64_t exchange(std::uint64_t desired) noexcept {
+        return value_.exchange(desired, std::memory_order_acq_rel);
+    }
+    std::uint64_t fetch_add(std::uint64_t delta) noexcept {
+        return value_.fetch_add(delta, std::memory_order_acq_rel);
+    }
+    void wait(std::uint64_t old) const noexcept { value_.wait(old, std::memory_order_relaxed); }
+    void notify_one() noexcept { value_.notify_one(); }
+
+private:
+    std::atomic<std::uint64_t> value_;
+};
+
+static_assert(sizeof(Word) == 8 && alignof(Word) == 8,
+              "a word is eight aligned bytes of the region");
+static_assert(std::atomic<std::uint64_t>::is_always_lock_free, "words must not hide a lock");
+
+// ThreadSanitizer does not model fences. That is harmless here: all shared data are atomic words,
+// so no race is ever reported or missed because of a fence.
+#if defined(__GNUC__) && !defined(__clang__)
+#pragma GCC diagnostic push
+#pragma GCC diagnostic ignored "-Wtsan"
+#endif
+inline void fence_acquire() noexcept {
+    std::atomic_thread_fence(std::memory_order_acquire);
+}
+inline void fence_release() noexcept {
+    std::atomic_thread_fence(std::memory_order_release);
+}
+/// Orders an earlier store before a later load (the pin protocol needs it).
+inline void fence_full() noexcept {
+    std::atomic_thread_fence(std::memory_order_seq_cst);
+}
+#if defined(__GNUC__) && !defined(__clang__)
+#pragma GCC diagnostic pop
+#endif
+
+/// Tells the processor that this thread is spinning.
+inline void spin_pause() noexcept {
+#if defined(__x86_64__) || defined(__i386__)
+    __builtin_ia32_pause();
+#elif defined(__aarch64__)
+    asm volatile("yield");
+#endif
+}
+
+}  // namespace tfdb::sync

@@ -1,0 +1,116 @@
+// One commit in progress: what it made, wrote and removed, until it is published or undone.
+#pragma once
+
+#include <cstdint>
+#include <string_view>
+#include <vector>
+
+#include "tfdb/base/error.hpp"
+#include "tfdb/graph/frames.hpp"
+#include "tfdb/graph/names.hpp"
+#include "tfdb/history/edge_writer.hpp"
+#include "tfdb/txn/snapshot_view.hpp"
+
+namespace tfdb::txn {
+
+/// A cycle that a commit would have closed: `child` is its own ancestor at `stamp`.
+struct Cycle {
+    FrameId child = kNoFrame;
+    FrameId parent = kNoFrame;
+    std::size_t item = 0;  // which sample of the commit, in the order of `append`
+    std::vector<FrameId> frames;
+};
+
+/// Lists that a commit fills; kept by the store, so that no commit allocates in steady state.
+struct CommitScratch {
+    struct Touched {
+        FrameId id;
+        FrameId old_parent;  // newest parent before this commit
+        history::EdgeUndo undo;
+    };
+    struct Relation {  // a sample whose parent was not known to be one at its stamp
+        FrameId child;
+        FrameId parent;
+        clock::StampNs stamp;
+        std::size_t item;
+    };
+    struct Stop {  // of the walk that looks for cycles
+        FrameId id;
+        clock::StampNs from;
+        clock::StampNs to;
+        std::uint32_t depth;
+    };
+    std::vector<Touched> touched;
+    std::vector<FrameId> made;
+    std::vector<FrameId> removed;
+    std::vector<Relation> relations;
+    std::vector<Stop> stops;
+    std::uint64_t attempts = 0;
+};
+
+/// Writes of one commit. Nothing is visible before `publish`; the destructor undoes what was not
+/// published.
+/// Threads: only the holder of the commit lock, from construction to destruction.
+/// Guarantee: all or nothing, also when a call throws.
+template <class Memory>
+class Commit {
+public:
+    /// `may_evict` is false while held snapshots may need what would be overwritten.
+    Commit(graph::Frames<Memory> frames, CommitScratch& scratch, clock::StampNs history,
+           bool may_evict);
+    ~Commit();
+    Commit(const Commit&) = delete;
+    Commit& operator=(const Commit&) = delete;
+
+    [[nodiscard]] CommitNumber number() const { return context_.committed + 1; }
+    /// The forest with what was written so far.
+    [[nodiscard]] SnapshotView<Memory> view() const {
+        return {frames_, number(), context_.history};
+    }
+
+    /// The frame of that name, made if there is none. Throws CapacityExceeded.
+    [[nodiscard]] FrameId frame(std::string_view name);
+    /// True if this commit has written to the frame before; marks it as written.
+    [[nodiscard]] bool touch(FrameId child);
+    /// Appends one sample; `touch(child)` came before. The samples of one edge come in stamp order.
+    void append(FrameId child, const history::NewSample<Memory>& sample, std::size_t item);
+    /// Hides all samples of a moving edge.
+    void clear(FrameId child);
+    /// The frame exists no longer; nothing names it as its newest parent.
+    void remove(FrameId id);
+
+    /// Finds a cycle in time among what was appended. To be called before `publish`.
+    [[nodiscard]] bool find_cycle(Cycle& cycle);
+    /// Makes all of it visible at once.
+    CommitNumber publish();
+
+    /// The parent that the newest sample names, kNoFrame for a root.
+    [[nodiscard]] FrameId newest_parent(FrameId id) const;
+
+private:
+    using StampNs = clock::StampNs;
+
+    [[nodiscard]] history::EdgeWriter<Memory> writer(FrameId id) const {
+        return {frames_.memory(), frames_.header(id)};
+    }
+    [[nodiscard]] FrameId take_slot();
+    void recycle(FrameId id);
+    [[nodiscard]] bool reaches(const CommitScratch::Relation& relation, Cycle& cycle);
+    void push_parents(const CommitScratch::Stop& at);
+    void push_stop(FrameId parent, CommitNumber written, StampNs from, StampNs to,
+                   std::uint32_t depth);
+    void push_mixed_parents(const history::EdgeView<Memory>& edge, const CommitScratch::Stop& at);
+    void settle_parents();
+    void abort();
+
+    graph::Frames<Memory> frames_;
+    graph::Names<Memory> names_;
+    CommitScratch& scratch_;
+    history::WriteContext context_;
+    bool published_ = false;
+};
+
+}  // namespace tfdb::txn
+
+#include "tfdb/txn/commit.ipp"
+#include "tfdb/txn/cycle.ipp"

@@ -1,0 +1,200 @@
+// Commit: writing, publishing, undoing.
+#pragma once
+
+#include <algorithm>
+
+#include "tfdb/lookup/edge.hpp"
+#include "tfdb/txn/commit.hpp"
+
+namespace tfdb::txn {
+
+template <class Memory>
+Commit<Memory>::Commit(graph::Frames<Memory> frames, CommitScratch& scratch, clock::StampNs history,
+                       bool may_evict)
+    : frames_(frames), names_(frames), scratch_(scratch) {
+    context_.committed = frames_.store_word(graph::kCommit).load_relaxed();
+    context_.history = history;
+    context_.may_evict = may_evict;
+    if (context_.committed >= kMaxCommit - 1) {
+        throw CapacityExceeded("the store has used up its commit numbers: start a new one");
+    }
+    scratch_.touched.clear();
+    scratch_.made.clear();
+    scratch_.removed.clear();
+    scratch_.relations.clear();
+    ++scratch_.attempts;
+}
+
+template <class Memory>
+Commit<Memory>::~Commit() {
+    if (!published_)
+        abort();
+}
+
+/// Slots are reused oldest first, and only when no held snapshot can still ask for their frame.
+template <class Memory>
+FrameId Commit<Memory>::take_slot() {
+    const FrameId retired = frames_.first_retired();
+    const FrameId fresh = frames_.take_fresh_slot();
+    const bool old_enough =
+        retired != kNoFrame &&
+        frames_.word(retired, history::kDied).load_relaxed() <= context_.committed;
+    if (old_enough && (context_.may_evict || fresh == kNoFrame)) {
+        recycle(retired);
+        return retired;
+    }
+    if (fresh == kNoFrame) {
+        throw CapacityExceeded("the store holds max_frames = " +
+                               std::to_string(frames_.max_frames()) + " frames already");
+    }
+    frames_.seal(fresh);
+    return fresh;
+}
+
+template <class Memory>
+void Commit<Memory>::recycle(FrameId id) {
+    const CommitNumber died = frames_.word(id, history::kDied).load_relaxed();
+    auto& floor = frames_.store_word(graph::kRecycleFloor);
+    floor.store_release(std::max<std::uint64_t>(floor.load_relaxed(), died));
+    frames_.pop_retired();
+    frames_.seal(id);
+    const Offset name = frames_.word(id, history::kName).load_relaxed();
+    if (name != 0) {
+        names_.erase(id);
+        frames_.word(id, history::kName).store_release(0);
+        Memory::fence_release();
+        names_.free_name(name);
+    }
+    writer(id).free_ring();
+}
+
+template <class Memory>
+FrameId Commit<Memory>::frame(std::string_view name) {
+    const FrameId found = names_.find(name, number());
+    if (found != kNoFrame)
+        return found;
+    names_.reserve();
+    const Offset block = names_.store_name(name);
+    FrameId id = kNoFrame;
+    try {
+        scratch_.made.reserve(scratch_.made.size() + 1);
+        id = take_slot();
+    } catch (...) {
+        names_.free_name(block);
+        throw;
+    }
+    frames_.make(id, number(), block);
+    names_.insert(name, id);
+    scratch_.made.push_back(id);
+    return id;
+}
+
+template <class Memory>
+FrameId Commit<Memory>::newest_parent(FrameId id) const {
+    const std::uint64_t topology = frames_.topology(id);
+    if ((topology & history::Topology::kMixedParents) == 0) {
+        return history::Topology::parent(topology);
+    }
+    FrameId parent = kNoFrame;
+    const lookup::Policy newest{lookup::PolicyKind::kLatest, lookup::kNoLimit};
+    // The writer cannot be overtaken: it holds the commit lock.
+    (void)lookup::exact_parent(view(), id, 0, newest, parent);
+    return parent;
+}
+
+template <class Memory>
+bool Commit<Memory>::touch(FrameId child) {
+    auto& mark = frames_.word(child, history::kTouched);
+    if (mark.load_relaxed() == scratch_.attempts)
+        return true;
+    scratch_.touched.push_back({child, newest_parent(child), writer(child).save()});
+    mark.store_relaxed(scratch_.attempts);
+    return false;
+}
+
+template <class Memory>
+void Commit<Memory>::append(FrameId child, const history::NewSample<Memory>& sample,
+                            std::size_t item) {
+    using history::Topology;
+    auto edge = writer(child);
+    const std::uint64_t topology = edge.topology();
+    const bool same_parent =
+        Topology::parent(topology) == sample.parent && (topology & Topology::kMixedParents) == 0;
+    const bool newest = sample.stamp == history::kStaticStamp || sample.stamp > edge.newest();
+    // A sample ahead of all others, of the parent that they all have, relates nothing anew.
+    if (!same_parent || !newest) {
+        scratch_.relations.push_back({child, sample.parent, sample.stamp, item});
+    }
+    edge.append(context_, sample);
+    if (Topology::parent(topology) != sample.parent) {
+        edge.set_depth_hint(Topology::depth(frames_.topology(sample.parent)) + 1);
+    }
+}
+
+template <class Memory>
+void Commit<Memory>::clear(FrameId child) {
+    history::NewSample<Memory> marker;
+    marker.stamp = history::kClearMarker;
+    writer(child).append(context_, marker);
+}
+
+template <class Memory>
+void Commit<Memory>::remove(FrameId id) {
+    scratch_.removed.push_back(id);
+    frames_.word(id, history::kDied).store_relaxed(number());
+    auto& topology = frames_.word(id, history::kTopology);
+    topology.store_release(topology.load_relaxed() | history::Topology::kMortal);
+}
+
+/// Counts, for every frame, how many have it as their newest parent: `remove` asks for it.
+template <class Memory>
+void Commit<Memory>::settle_parents() {
+    const auto count = [&](FrameId parent, std::uint64_t delta) {
+        if (parent == kNoFrame)
+            return;
+        auto& children = frames_.word(parent, history::kChildren);
+        children.store_relaxed(children.load_relaxed() + delta);
+    };
+    for (const auto& touched : scratch_.touched) {
+        const FrameId parent = newest_parent(touched.id);
+        if (parent == touched.old_parent)
+            continue;
+        count(touched.old_parent, ~std::uint64_t{0});
+        count(parent, 1);
+    }
+    for (const FrameId id : scratch_.removed) {
+        count(newest_parent(id), ~std::uint64_t{0});
+    }
+}
+
+template <class Memory>
+CommitNumber Commit<Memory>::publish() {
+    settle_parents();
+    frames_.store_word(graph::kCommit).store_release(number());
+    published_ = true;
+    for (const FrameId id : scratch_.removed)
+        frames_.push_retired(id);
+    return number();
+}
+
+template <class Memory>
+void Commit<Memory>::abort() {
+    for (const FrameId id : scratch_.removed) {
+        frames_.word(id, history::kDied).store_relaxed(0);
+        auto& topology = frames_.word(id, history::kTopology);
+        topology.store_release(topology.load_relaxed() & ~history::Topology::kMortal);
+    }
+    for (const auto& touched : scratch_.touched)
+        writer(touched.id).undo(touched.undo);
+    for (const FrameId id : scratch_.made) {
+        const Offset name = frames_.word(id, history::kName).load_relaxed();
+        names_.erase(id);
+        frames_.seal(id);
+        frames_.word(id, history::kName).store_release(0);
+        Memory::fence_release();
+        names_.free_name(name);
+        frames_.push_retired(id);
+    }
+}
+
+}  // namespace tfdb::txn

@@ -1,0 +1,39 @@
+// The default engine's view: every frame as one commit left it, read without any lock.
+#pragma once
+
+#include "tfdb/graph/frames.hpp"
+#include "tfdb/history/edge_view.hpp"
+#include "tfdb/lookup/view.hpp"
+
+namespace tfdb::txn {
+
+/// State number `commit` of the forest.
+/// Threads: any; it is a value. Guarantee: wait-free; writers are never hindered.
+template <class M>
+class SnapshotView {
+public:
+    using Memory = M;
+
+    SnapshotView(graph::Frames<Memory> frames, CommitNumber commit, clock::StampNs history)
+        : frames_(frames), commit_(commit), history_(history) {}
+
+    [[nodiscard]] bool open(FrameId id, history::EdgeView<Memory>& edge) const {
+        return edge.open(frames_.memory(), frames_.header(id), commit_, history_);
+    }
+    [[nodiscard]] std::uint64_t topology(FrameId id) const { return frames_.topology(id); }
+    [[nodiscard]] bool alive(FrameId id) const { return frames_.alive(id, commit_); }
+    [[nodiscard]] bool alive_since(FrameId id, CommitNumber commit) const {
+        return frames_.born(id) <= commit && frames_.alive(id, commit_);
+    }
+    [[nodiscard]] std::uint32_t generation(FrameId id) const { return frames_.generation(id); }
+    [[nodiscard]] std::uint32_t frame_count() const { return frames_.count(); }
+    [[nodiscard]] CommitNumber commit() const { return commit_; }
+    [[nodiscard]] const graph::Frames<Memory>& frames() const { return frames_; }
+
+private:
+    graph::Frames<Memory> frames_;
+    CommitNumber commit_;
+    clock::StampNs history_;
+};
+
+}  // namespace tfdb::txn
