@@ -18,7 +18,7 @@ import tfdb
 from tfdb.summary import Forest, span
 
 from .output import emit_json, error_body
-from .times import format_ns, seconds_to_ns
+from .times import format_ns, parse_stamp
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
@@ -213,7 +213,7 @@ def parse_policy(ctx: click.Context, param: click.Parameter, value: str | None) 
     if field is None:
         raise click.BadParameter("'exact' takes no limit", ctx, param)
     try:
-        return maker(**{field: seconds_to_ns(limit)})
+        return maker(**{field: parse_stamp(limit)})
     except ValueError as error:
         raise click.BadParameter(str(error), ctx, param) from None
 

@@ -2,11 +2,8 @@
 
 from __future__ import annotations
 
-import csv
-import io
 import sys
 from dataclasses import dataclass
-from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 import click
@@ -14,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 import tfdb
+from tfdb.io.trajectory_writers import write_trajectory
 
 from . import common, output
 from .times import TimeSpec, format_duration, format_ns, read_stamps, time_option
@@ -86,13 +84,14 @@ def command(
     topics: tuple[str, ...],
     as_json: bool,
 ) -> None:
-    """Poses of SOURCE in TARGET, T[TARGET<-SOURCE], each from the same snapshot.
+    """Poses of SOURCE in TARGET, T[TARGET<-SOURCE], all from one snapshot.
 
     Without --at and --rate: one pose at each stored stamp of the edges between the two frames.
     """
     if stamps_file is not None and rate is not None:
         raise click.UsageError("--at and --rate exclude each other")
-    form = _format(out)
+    if out is not None and not out.lower().endswith(FORMATS):
+        raise click.UsageError(f"{out!r} ends in none of {', '.join(FORMATS)}")
     if as_json and out is None:
         raise click.UsageError("--json describes what was written: give it -o OUT")
     wanted = None if stamps_file is None else _stamps(stamps_file)
@@ -109,20 +108,11 @@ def command(
         poses = _poses(store, (target, source), stamps, policy, skip_missing=skip_missing)
     kept = np.isfinite(poses).all(axis=1)
     made = Poses(target, source, stamps[kept], poses[kept], int(len(kept) - kept.sum()))
-    _write(form, out, made)
+    _write(out, made)
     if as_json:
         output.emit_json("poses", _body(loaded, made, out))
-    elif out is not None and out != "-":
+    elif out is not None:
         click.echo(f"{out}: {_describe(made)}")
-
-
-def _format(out: str | None) -> str:
-    if out is None or out == "-":
-        return ".tum"
-    suffix = Path(out).suffix.lower()
-    if suffix not in FORMATS:
-        raise click.UsageError(f"{out!r} ends in none of {', '.join(FORMATS)}")
-    return suffix
 
 
 def _stamps(name: str) -> npt.NDArray[np.int64]:
@@ -159,35 +149,12 @@ def _poses(
         raise click.ClickException(message) from error
 
 
-def _write(form: str, out: str | None, made: Poses) -> None:
-    if form == ".npz" and out is not None:
-        np.savez_compressed(
-            out,
-            stamps=made.stamps,
-            poses=made.poses,
-            target=np.array(made.target),
-            source=np.array(made.source),
-        )
+def _write(out: str | None, made: Poses) -> None:
+    if out is not None:
+        write_trajectory(out, made)
         return
-    text = _tum(made) if form == ".tum" else _csv(made)
-    if out is None or out == "-":
-        click.echo(text, nl=False)
-    else:
-        Path(out).write_text(text, "utf-8")
-
-
-def _tum(made: Poses) -> str:
-    rows = zip(made.stamps.tolist(), made.poses.tolist(), strict=True)
-    return "".join(f"{format_ns(t)} {' '.join(map(repr, pose))}\n" for t, pose in rows)
-
-
-def _csv(made: Poses) -> str:
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(["stamp_ns", "x", "y", "z", "qx", "qy", "qz", "qw"])
     for stamp, pose in zip(made.stamps.tolist(), made.poses.tolist(), strict=True):
-        writer.writerow([stamp, *map(repr, pose)])
-    return text.getvalue()
+        click.echo(f"{format_ns(stamp)} {' '.join(map(repr, pose))}")
 
 
 def _body(loaded: common.Loaded, made: Poses, out: str | None) -> dict[str, Any]:

@@ -2,47 +2,22 @@
 
 from __future__ import annotations
 
-import re
 from dataclasses import dataclass
 from decimal import Decimal
 
 import click
 
-NS = 1_000_000_000
-MAX_STAMP = 2**63 - 1
-_SECONDS = re.compile(r"\d+(\.\d*)?|\.\d+")
-_NANOSECONDS = re.compile(r"(\d+)ns")
+from tfdb.io.decimal_time import NS_PER_SECOND as NS
+from tfdb.io.decimal_time import integer_ns, ns_to_seconds, seconds_to_ns
+
 HINT = (
     "write seconds (12.5), nanoseconds (12500000000ns), an offset from the start (+1.5) or 'latest'"
 )
 
 
-def seconds_to_ns(text: str) -> int:
-    """Nanoseconds of a non-negative decimal number of seconds, exact.
-
-    Raises ``ValueError`` for anything else, digits beyond the nanosecond included.
-    """
-    if not _SECONDS.fullmatch(text):
-        raise ValueError(f"{text!r} is not a number of seconds")
-    whole, _, fraction = text.partition(".")
-    fraction = fraction.rstrip("0")
-    if len(fraction) > 9:
-        raise ValueError(f"{text!r} is finer than a nanosecond")
-    value = int(whole or "0") * NS + int(fraction.ljust(9, "0"))
-    if value > MAX_STAMP:
-        raise ValueError(f"{text!r} is beyond the largest stamp, {format_ns(MAX_STAMP)} s")
-    return value
-
-
 def parse_stamp(text: str) -> int:
     """Nanoseconds of ``12.5`` (seconds) or ``12500000000ns``; ``ValueError`` for anything else."""
-    match = _NANOSECONDS.fullmatch(text)
-    if match is None:
-        return seconds_to_ns(text)
-    value = int(match.group(1))
-    if value > MAX_STAMP:
-        raise ValueError(f"{text!r} is beyond the largest stamp, {MAX_STAMP}ns")
-    return value
+    return integer_ns(text[:-2]) if text.endswith("ns") else seconds_to_ns(text)
 
 
 @dataclass(frozen=True)
@@ -98,10 +73,8 @@ def duration_option(ctx: click.Context, param: click.Parameter, value: str | Non
 
 
 def format_ns(ns: int) -> str:
-    """Seconds with nine decimals, exact: ``12.500000000``."""
-    sign = "-" if ns < 0 else ""
-    whole, rest = divmod(abs(ns), NS)
-    return f"{sign}{whole}.{rest:09d}"
+    """Seconds with nine decimals, exact: ``12.500000000``; a sign where negative."""
+    return f"-{ns_to_seconds(-ns)}" if ns < 0 else ns_to_seconds(ns)
 
 
 def format_duration(ns: int) -> str:

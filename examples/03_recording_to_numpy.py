@@ -1,0 +1,33 @@
+"""A recording as numpy arrays: load, look around, get thousands of poses in one call."""
+
+from pathlib import Path
+
+import numpy as np
+
+import tfdb
+
+DATA = Path(__file__).resolve().parent / "data"
+
+buf = tfdb.Buffer(history=None)  # None keeps everything
+report = buf.load(DATA / "pr2.mcap")
+print(report.messages, "messages,", report.transforms, "transforms,", len(buf.frames()), "frames")
+
+info = buf.frame_info("base_footprint")
+print(f"{info.parent} <- {info.name}: {info.samples} samples, {info.rate:.1f} Hz")
+
+# Evenly spaced poses of the base in the map, over the time that all edges between them cover.
+path = buf.trajectory("map", "base_link", rate=100.0)
+print(path.stamps.shape, path.poses.shape)  # (N,) int64 and (N, 7): x y z qx qy qz qw
+
+# Poses at stamps of your own, sorted or not. All of them are answered from one snapshot.
+rng = np.random.default_rng(1)
+stamps = rng.integers(path.stamps[0], path.stamps[-1], 5_000)
+poses = buf.lookup_transforms("map", "l_gripper_tool_frame", stamps)
+single = buf.lookup_transform("map", "l_gripper_tool_frame", int(stamps[17]))
+assert np.allclose(poses[17], single.pose, atol=1e-12)
+matrices = buf.lookup_transforms("map", "l_gripper_tool_frame", stamps, layout="matrix")
+print(poses.shape, matrices.shape)
+
+# Stamps without an answer: an error, or NaN if you ask for it.
+early = path.stamps[:5] - 60_000_000_000
+print(np.isnan(buf.lookup_transforms("map", "base_link", early, missing="nan")).all())

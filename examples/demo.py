@@ -1,0 +1,169 @@
+"""A recording from end to end: tree, one lookup, a trajectory, a scan, three pictures.
+
+    python examples/demo.py [RECORDING] [--target FRAME] [--source FRAME] [--out FOLDER]
+
+`make demo` runs it on the recording that ships; `make demo BAG=my.bag` on your own.
+"""
+
+from __future__ import annotations
+
+import argparse
+import time
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+import tfdb
+import tfdb.plot
+from tfdb.summary import EdgeSummary, Forest, edge_summaries, longest_moving_chain
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+HERE = Path(__file__).resolve().parent
+STAMPS = 10_000
+SCAN_POINTS = 20_000
+SWEEP_NS = 100_000_000
+
+took: list[tuple[str, float]] = []
+
+
+@contextmanager
+def step(name: str) -> Iterator[None]:
+    """Print a heading and remember how long the block took."""
+    print(f"\n== {name}")
+    start = time.perf_counter()
+    yield
+    took.append((name, time.perf_counter() - start))
+
+
+@contextmanager
+def clock(name: str) -> Iterator[None]:
+    """Print how long the block alone took: printing and drawing are not in it."""
+    start = time.perf_counter()
+    yield
+    seconds = time.perf_counter() - start
+    print(f"   {name}: {duration(seconds)}")
+
+
+def duration(seconds: float) -> str:
+    if seconds < 1e-3:
+        return f"{seconds * 1e6:.1f} us"
+    return f"{seconds * 1e3:.1f} ms" if seconds < 1 else f"{seconds:.2f} s"
+
+
+def print_tree(buf: tfdb.Buffer) -> None:
+    """Every frame under its parent, with rate, longest gap and who published."""
+    edges = {edge.info.name: edge for edge in edge_summaries(buf)}
+    open_levels: list[bool] = []
+    for row in Forest(buf.tree()).rows():
+        del open_levels[max(row.depth - 1, 0) :]
+        guide = "".join("│  " if more else "   " for more in open_levels)
+        branch = "" if row.depth == 0 else "└─ " if row.last else "├─ "
+        if row.depth:
+            open_levels.append(not row.last)
+        name = f"   {guide}{branch}{row.info.name}"
+        print(f"{name:<64}{note(edges[row.info.name]) if row.info.name in edges else ''}".rstrip())
+
+
+def note(edge: EdgeSummary) -> str:
+    info = edge.info
+    if info.is_static:
+        return f"static                              {info.authority}"
+    rate = f"{info.rate:.4g} Hz" if info.rate is not None else f"{info.samples} samples"
+    gap = f"longest gap {duration(edge.longest.length / 1e9)}" if edge.longest else ""
+    return f"{rate:<12}{gap:<24}{info.authority}"
+
+
+def synthetic_scan(frame_start: int) -> tuple[np.ndarray, np.ndarray]:
+    """One turn of a spinning lidar: points on a cylinder, and the stamp of each point."""
+    turn = np.linspace(0.0, 1.0, SCAN_POINTS, endpoint=False)
+    angle = 2 * np.pi * turn
+    height = np.tile(np.linspace(-0.5, 1.5, 16), SCAN_POINTS // 16 + 1)[:SCAN_POINTS]
+    points = np.stack([8 * np.cos(angle), 8 * np.sin(angle), height], axis=1)
+    stamps = frame_start + (turn * SWEEP_NS).astype(np.int64)
+    return points, stamps
+
+
+def choose_frames(buf: tfdb.Buffer, target: str | None, source: str | None) -> tuple[str, str]:
+    """What the user asked for; for the rest, the ends of the longest moving chain."""
+    if target and source:
+        return target, source
+    chain = longest_moving_chain(buf.tree())
+    if chain is None:
+        raise SystemExit("nothing moves in this recording: choose --target and --source")
+    return target or chain[0], source or chain[1]
+
+
+def arguments() -> argparse.Namespace:
+    parser = argparse.ArgumentParser(description="Look at a recording of transforms.")
+    default = HERE / "data" / "pr2.bag"
+    parser.add_argument("recording", nargs="?", default=default, type=Path)
+    parser.add_argument("--target", help="frame to express poses in")
+    parser.add_argument("--source", help="frame whose poses are wanted")
+    parser.add_argument("--out", default=Path("out"), type=Path, help="folder for the pictures")
+    return parser.parse_args()
+
+
+def main() -> None:
+    asked = arguments()
+    with step(f"Load {asked.recording.name}"):
+        buf = tfdb.Buffer(history=None)
+        with clock("reading and storing"):
+            report = buf.load(asked.recording)
+        print(f"   {report.messages:,} messages, {report.transforms:,} transforms")
+
+    with step("Frame tree"):
+        print_tree(buf)
+
+    target, source = choose_frames(buf, asked.target, asked.source)
+    with step(f"One transform: {source} in {target}"):
+        path = buf.trajectory(target, source)
+        first, last = int(path.stamps[0]), int(path.stamps[-1])
+        middle = (first + last) // 2
+        with clock("lookup_transform"):
+            found = buf.lookup_transform(target, source, middle)
+        print(f"   translation {np.array2string(found.translation, precision=4)} m")
+        print(f"   rotation    {np.array2string(found.rotation, precision=4)} x y z w")
+        print("   " + str(found.report).replace("\n", "\n   "))
+
+    with step(f"A trajectory: {STAMPS:,} stamps in one call"):
+        stamps = first + np.linspace(0, last - first, STAMPS).astype(np.int64)
+        with clock(f"lookup_transforms, {len(stamps):,} poses"):
+            poses = buf.lookup_transforms(target, source, stamps)
+        way = np.linalg.norm(np.diff(poses[:, :3], axis=0), axis=1).sum()
+        print(f"   {source} travels {way:.2f} m in {target} in {(last - first) / 1e9:.1f} s")
+
+    with step(f"A scan of {SCAN_POINTS:,} points, each at its own stamp"):
+        points, when = synthetic_scan(max(first, middle - SWEEP_NS // 2))
+        when = when.clip(first, last)
+        with clock("transform_points"):
+            straight = buf.transform_points(target, source, points, when)
+        at_once = buf.transform_points(target, source, points, int(when[0]))
+        off = np.linalg.norm(straight - at_once, axis=1).max()
+        print(f"   with one stamp for all, points would be off by up to {off * 100:.1f} cm")
+
+    with step(f"Pictures in {asked.out}/"):
+        draw(buf, path, asked.out)
+
+    print("\n== Time of each step, printing and drawing included")
+    for name, seconds in took:
+        print(f"   {duration(seconds):>9}  {name}")
+
+
+def draw(buf: tfdb.Buffer, path: tfdb.Trajectory, folder: Path) -> None:
+    folder.mkdir(parents=True, exist_ok=True)
+    pictures = {
+        "trajectory.png": lambda: tfdb.plot.trajectory(path),
+        "frame_tree.png": lambda: tfdb.plot.frame_tree(buf),
+        "timeline.png": lambda: tfdb.plot.timeline(buf),
+    }
+    for name, make in pictures.items():
+        with clock(str(folder / name)):
+            make().savefig(folder / name)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,323 @@
+"""What can be wrong with a recording, found in its transforms in the order of their arrival.
+
+Pure functions over columns: `tfdb check` reads the file, this module judges.
+"""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import numpy.typing as npt
+
+from tfdb.summary import find_gaps
+
+from .times import NS, format_duration, format_ns
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Iterator, Sequence
+
+# kind -> (severity, what it means); the documentation lists the same.
+KINDS = {
+    "refused": ("error", "messages that the store refuses"),
+    "time-jump": ("error", "stamps that jump against the time of arrival"),
+    "two-publishers": ("error", "one edge written by several publishers"),
+    "static-and-moving": ("error", "one edge written as static and as moving"),
+    "disconnected": ("error", "more than one tree"),
+    "quaternion": ("warning", "quaternions that are not of unit length"),
+    "reparented": ("warning", "a frame whose parent changes"),
+    "repeated": ("warning", "the same stamp again with another pose"),
+    "late": ("warning", "samples older than the newest one of their edge"),
+    "gap": ("warning", "holes in an edge's samples"),
+    "coverage": ("warning", "an edge that starts late or stops early"),
+    "static-revised": ("warning", "a static edge whose pose changes"),
+}
+QUATERNION_TOLERANCE = 1e-4
+"""How far the squared length of a quaternion may be off 1 before it is reported."""
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One thing that is wrong: where (frames), since when (arrival or stamp) and how often."""
+
+    kind: str
+    frames: tuple[str, ...]
+    message: str
+    stamp: int | None = None
+    count: int = 1
+    details: dict[str, Any] = field(default_factory=dict)
+
+    @property
+    def severity(self) -> str:
+        """``error`` or ``warning``."""
+        return KINDS[self.kind][0]
+
+
+@dataclass(frozen=True)
+class Limits:
+    """From when on a thing counts; nanoseconds. `gap` None: five median periods of the edge."""
+
+    gap: int | None = None
+    jump: int = NS
+    coverage: int = NS
+
+
+@dataclass(frozen=True)
+class Edge:
+    """One child frame's transforms in the order of arrival, as columns."""
+
+    name: str
+    stamps: npt.NDArray[np.int64]
+    arrivals: npt.NDArray[np.int64]
+    poses: npt.NDArray[np.float64]
+    parents: npt.NDArray[np.int64]
+    publishers: npt.NDArray[np.int64]
+    static: npt.NDArray[np.bool_]
+
+    @property
+    def moving(self) -> Edge:
+        """Only the moving transforms."""
+        return self._rows(~self.static)
+
+    @property
+    def fixed(self) -> Edge:
+        """Only the static transforms."""
+        return self._rows(self.static)
+
+    def _rows(self, kept: npt.NDArray[np.bool_]) -> Edge:
+        return Edge(
+            self.name,
+            self.stamps[kept],
+            self.arrivals[kept],
+            self.poses[kept],
+            self.parents[kept],
+            self.publishers[kept],
+            self.static[kept],
+        )
+
+
+class Log:
+    """All transforms of a recording; `add` them message by message."""
+
+    def __init__(self) -> None:
+        self._ids: dict[str, int] = {}
+        self.names: list[str] = []
+        self._rows: dict[str, list[tuple[int, int, int, int, bool]]] = defaultdict(list)
+        self._poses: dict[str, list[npt.NDArray[np.float64]]] = defaultdict(list)
+
+    def _id(self, name: str) -> int:
+        if name not in self._ids:
+            self._ids[name] = len(self.names)
+            self.names.append(name)
+        return self._ids[name]
+
+    def add(
+        self,
+        rows: Iterable[tuple[str, str, int, npt.NDArray[np.float64]]],
+        *,
+        arrival: int,
+        publisher: str,
+        static: bool,
+    ) -> None:
+        """Add one message's transforms: (parent, child, stamp, pose of 7) each."""
+        who = self._id(publisher)
+        for parent, child, stamp, pose in rows:
+            self._rows[child].append((stamp, arrival, self._id(parent), who, static))
+            self._poses[child].append(pose)
+
+    def edges(self) -> Iterator[Edge]:
+        """Give the edges by name."""
+        for name in sorted(self._rows):
+            stamps, arrivals, parents, publishers, static = zip(*self._rows[name], strict=True)
+            yield Edge(
+                name,
+                np.array(stamps, dtype=np.int64),
+                np.array(arrivals, dtype=np.int64),
+                np.array(self._poses[name], dtype=np.float64).reshape(-1, 7),
+                np.array(parents, dtype=np.int64),
+                np.array(publishers, dtype=np.int64),
+                np.array(static, dtype=bool),
+            )
+
+
+def examine(log: Log, limits: Limits = Limits()) -> list[Finding]:
+    """Find everything that the transforms themselves show, edge by edge."""
+    edges = list(log.edges())
+    moving = [edge.moving for edge in edges]
+    whole = [edge for edge in moving if len(edge.stamps)]
+    start = min((int(edge.stamps.min()) for edge in whole), default=0)
+    end = max((int(edge.stamps.max()) for edge in whole), default=0)
+    found: list[Finding] = list(_jumps(whole, limits.jump))
+    jumped = {name for finding in found for name in finding.frames}
+    for edge in edges:
+        found += _publishers(edge, log.names)
+        found += _static_and_moving(edge)
+        found += _quaternions(edge)
+        found += _revised(edge.fixed)
+    for edge in whole:
+        found += _reparented(edge, log.names)
+        if edge.name not in jumped:  # the rest would only repeat the jump in other words
+            found += _repeated(edge)
+            found += _late(edge)
+            found += _gaps(edge, limits.gap)
+            found += _coverage(edge, start, end, limits)
+    return found
+
+
+def disconnected(roots: Sequence[tuple[str, int]]) -> list[Finding]:
+    """Report more than one root; each comes with the number of frames of its tree."""
+    if len(roots) < 2:
+        return []
+    listed = ", ".join(f"{name} ({count} frame{'s'[: count != 1]})" for name, count in roots)
+    message = f"{len(roots)} trees that nothing connects, with the roots {listed}"
+    return [Finding("disconnected", tuple(name for name, _ in roots), message, count=len(roots))]
+
+
+def sort_key(finding: Finding) -> tuple[int, tuple[str, ...], int]:
+    """Order by kind as listed in KINDS, then by frame, then by time."""
+    return list(KINDS).index(finding.kind), finding.frames, finding.stamp or 0
+
+
+def _jumps(edges: Sequence[Edge], limit: int) -> Iterator[Finding]:
+    """Stamps that move otherwise than the time of arrival, all edges that do so at once in one."""
+    at: dict[tuple[int, int], list[tuple[str, int, int, int]]] = defaultdict(list)
+    for edge in edges:
+        steps, passed = np.diff(edge.stamps), np.diff(edge.arrivals)
+        for row in np.flatnonzero(np.abs(steps - passed) > limit):
+            member = (edge.name, int(edge.stamps[row]), int(steps[row]), int(passed[row]))
+            at[int(edge.arrivals[row + 1]), int(np.sign(steps[row]))].append(member)
+    for (arrival, _), members in sorted(at.items()):
+        names = tuple(sorted(name for name, *_ in members))
+        _, before, step, passed_ns = members[0]
+        message = (
+            f"the stamps of {_count(len(names), 'edge')} jump from {format_ns(before)} to "
+            f"{format_ns(before + step)} ({_signed(step)}) while "
+            f"{format_duration(passed_ns)} passed"
+        )
+        details = {"from_ns": before, "to_ns": before + step, "arrival_ns": arrival}
+        yield Finding("time-jump", names, message, before, len(names), details)
+
+
+def _publishers(edge: Edge, names: Sequence[str]) -> Iterator[Finding]:
+    who = [names[i] for i in np.unique(edge.publishers) if names[i]]
+    if len(who) < 2:
+        return
+    shares = [int(np.sum(edge.publishers == names.index(name))) for name in who]
+    listed = ", ".join(f"{name} ({share:,})" for name, share in zip(who, shares, strict=True))
+    message = f"{len(who)} publishers: {listed}"
+    yield Finding("two-publishers", (edge.name,), message, None, len(who), {"publishers": who})
+
+
+def _static_and_moving(edge: Edge) -> Iterator[Finding]:
+    static = int(edge.static.sum())
+    moving = len(edge.static) - static
+    if static and moving:
+        message = f"{static:,} transforms are static, {moving:,} are moving"
+        yield Finding("static-and-moving", (edge.name,), message, None, min(static, moving))
+
+
+def _quaternions(edge: Edge) -> Iterator[Finding]:
+    off = np.abs(np.sum(edge.poses[:, 3:] ** 2, axis=1) - 1)
+    bad = ~(off <= QUATERNION_TOLERANCE)
+    if bad.any():
+        row = int(np.flatnonzero(bad)[0])
+        worst = float(np.max(np.where(np.isfinite(off), off, np.inf)[bad]))
+        message = (
+            f"{_count(int(bad.sum()), 'quaternion')} not of unit length, "
+            f"squared length off by up to {worst:.3g}"
+        )
+        stamp = int(edge.stamps[row])
+        yield Finding("quaternion", (edge.name,), message, stamp, int(bad.sum()))
+
+
+def _revised(edge: Edge) -> Iterator[Finding]:
+    if len(edge.poses) < 2:
+        return
+    changed = np.any(edge.poses[1:] != edge.poses[:-1], axis=1)
+    changed |= edge.parents[1:] != edge.parents[:-1]
+    if changed.any():
+        count = int(changed.sum())
+        message = f"the static transform changes {_times(count)}; the last one counts"
+        arrival = int(edge.arrivals[int(np.flatnonzero(changed)[0]) + 1])
+        yield Finding("static-revised", (edge.name,), message, None, count, {"arrival_ns": arrival})
+
+
+def _reparented(edge: Edge, names: Sequence[str]) -> Iterator[Finding]:
+    changes = np.flatnonzero(edge.parents[1:] != edge.parents[:-1])
+    if len(changes):
+        parents = [names[i] for i in dict.fromkeys(edge.parents.tolist())]
+        stamp = int(edge.stamps[int(changes[0]) + 1])
+        message = f"the parent changes {_times(len(changes))}, between {', '.join(parents)}"
+        yield Finding(
+            "reparented", (edge.name,), message, stamp, len(changes), {"parents": parents}
+        )
+
+
+def _repeated(edge: Edge) -> Iterator[Finding]:
+    order = np.argsort(edge.stamps, kind="stable")
+    same = np.diff(edge.stamps[order]) == 0
+    poses = edge.poses[order]
+    other = same & np.any(poses[1:] != poses[:-1], axis=1)
+    if other.any():
+        count = int(other.sum())
+        stamp = int(edge.stamps[order[int(np.flatnonzero(other)[0])]])
+        message = f"{_count(count, 'sample')} with a stamp that was there with another pose"
+        yield Finding("repeated", (edge.name,), message, stamp, count)
+
+
+def _late(edge: Edge) -> Iterator[Finding]:
+    behind = np.maximum.accumulate(edge.stamps) - edge.stamps
+    late = behind > 0
+    if late.any():
+        count = int(late.sum())
+        stamp = int(edge.stamps[int(np.flatnonzero(late)[0])])
+        message = (
+            f"{_count(count, 'sample')} out of {len(late):,} out of order, "
+            f"up to {format_duration(int(behind.max()))} behind the newest"
+        )
+        details = {"worst_ns": int(behind.max())}
+        yield Finding("late", (edge.name,), message, stamp, count, details)
+
+
+def _gaps(edge: Edge, limit: int | None) -> Iterator[Finding]:
+    period, longest, gaps = find_gaps(np.unique(edge.stamps), limit)
+    if not gaps or longest is None or period is None:
+        return
+    message = (
+        f"{_count(len(gaps), 'gap')}, the longest {format_duration(longest.length)} "
+        f"where {format_duration(period)} is usual"
+    )
+    details = {
+        "longest_ns": longest.length,
+        "period_ns": period,
+        "gaps": [[gap.before, gap.after] for gap in gaps],
+    }
+    yield Finding("gap", (edge.name,), message, longest.before, len(gaps), details)
+
+
+def _coverage(edge: Edge, start: int, end: int, limits: Limits) -> Iterator[Finding]:
+    stamps = np.unique(edge.stamps)
+    period = find_gaps(stamps)[0] or 0
+    limit = max(limits.coverage, 5 * period)
+    first, last = int(stamps[0]), int(stamps[-1])
+    parts = []
+    if first - start > limit:
+        parts.append(f"starts {format_duration(first - start)} after the first sample of all")
+    if end - last > limit:
+        parts.append(f"stops {format_duration(end - last)} before the last sample of all")
+    if parts:
+        yield Finding("coverage", (edge.name,), " and ".join(parts), first, len(parts))
+
+
+def _count(number: int, what: str) -> str:
+    return f"{number:,} {what}{'' if number == 1 else 's'}"
+
+
+def _times(number: int) -> str:
+    return "once" if number == 1 else f"{number:,} times"
+
+
+def _signed(ns: int) -> str:
+    return ("+" if ns >= 0 else "") + format_duration(ns)

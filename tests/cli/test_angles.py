@@ -1,0 +1,48 @@
+"""Roll, pitch and yaw give the rotation back."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from tfdb.cli.angles import roll_pitch_yaw
+
+
+def quaternion(roll: float, pitch: float, yaw: float) -> np.ndarray:
+    """Of Rz(yaw) Ry(pitch) Rx(roll), angles in degrees."""
+    result = np.array([0.0, 0.0, 0.0, 1.0])
+    for axis, angle in ((2, yaw), (1, pitch), (0, roll)):
+        step = np.zeros(4)
+        step[axis], step[3] = math.sin(math.radians(angle) / 2), math.cos(math.radians(angle) / 2)
+        x, y, z, w = result
+        a, b, c, d = step
+        result = np.array(
+            [
+                w * a + x * d + y * c - z * b,
+                w * b - x * c + y * d + z * a,
+                w * c + x * b - y * a + z * d,
+                w * d - x * a - y * b - z * c,
+            ]
+        )
+    return result
+
+
+angles = st.floats(-179.0, 179.0)
+
+
+@given(angles, st.floats(-89.9, 89.9), angles)
+def test_there_and_back(roll: float, pitch: float, yaw: float) -> None:
+    found = roll_pitch_yaw(quaternion(roll, pitch, yaw))
+    assert np.allclose(found, (roll, pitch, yaw), atol=1e-4)
+
+
+@pytest.mark.parametrize("pitch", [90.0, -90.0])
+@given(roll=angles, yaw=angles)
+def test_straight_up_and_down_is_the_same_rotation(pitch: float, roll: float, yaw: float) -> None:
+    wanted = quaternion(roll, pitch, yaw)
+    found = quaternion(*roll_pitch_yaw(wanted))
+    assert abs(float(wanted @ found)) == pytest.approx(1.0, abs=1e-9)

@@ -1,0 +1,108 @@
+"""Times from text: exact, and refused with a hint where they are none."""
+
+from __future__ import annotations
+
+import click
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from tfdb.cli.times import (
+    LATEST,
+    TimeSpec,
+    format_duration,
+    format_ns,
+    parse_stamp,
+    read_stamps,
+    time_option,
+)
+
+CONTEXT = click.Context(click.Command("test"))
+PARAMETER = click.Argument(["time"])
+
+
+def parse(text: str) -> TimeSpec:
+    spec = time_option(CONTEXT, PARAMETER, text)
+    assert spec is not None
+    return spec
+
+
+@given(st.integers(min_value=0, max_value=2**63 - 1))
+def test_seconds_and_back(ns: int) -> None:
+    assert parse_stamp(format_ns(ns)) == ns
+    assert parse_stamp(f"{ns}ns") == ns
+
+
+@pytest.mark.parametrize(
+    ("text", "ns"),
+    [
+        ("0", 0),
+        ("1.5", 1_500_000_000),
+        (".5", 500_000_000),
+        ("1700000000.123456789", 1_700_000_000_123_456_789),
+        ("7ns", 7),
+    ],
+)
+def test_absolute(text: str, ns: int) -> None:
+    assert parse(text) == TimeSpec(text, ns)
+    assert parse(text).resolve(None) == ns
+
+
+def test_latest() -> None:
+    assert parse("latest") == LATEST
+    assert LATEST.resolve(12) is None
+
+
+def test_relative_counts_from_the_start() -> None:
+    assert parse("+1.5").resolve(10) == 1_500_000_010
+    assert parse("+20ns").resolve(10) == 30
+    with pytest.raises(click.ClickException, match="there is none"):
+        parse("+1").resolve(None)
+
+
+@pytest.mark.parametrize("text", ["", "noon", "-1", "1.5s", "1.5ns", "+", "+-1", "nan", "1e99"])
+def test_refused(text: str) -> None:
+    with pytest.raises(click.BadParameter, match="write seconds"):
+        parse(text)
+
+
+@pytest.mark.parametrize(
+    ("ns", "text"),
+    [
+        (0, "0 ns"),
+        (999, "999 ns"),
+        (1_500, "1.5 us"),
+        (33_366_700, "33.4 ms"),
+        (100_000_000, "100 ms"),
+        (1_250_000_000, "1.25 s"),
+        (-3_900_000_000, "-3.9 s"),
+        (123_000_000_000, "2 min 3 s"),
+        (7_500_000_000_000, "2 h 5 min"),
+    ],
+)
+def test_durations_for_people(ns: int, text: str) -> None:
+    assert format_duration(ns) == text
+
+
+def test_negative_seconds() -> None:
+    assert format_ns(-1_500_000_000) == "-1.500000000"
+
+
+def test_stamps_of_a_text() -> None:
+    text = "# a comment\n\n1.5\n2500000000ns\n1700000000123456789\n"
+    assert read_stamps(text, "f") == [1_500_000_000, 2_500_000_000, 1_700_000_000_123_456_789]
+
+
+def test_stamps_of_a_trajectory() -> None:
+    assert read_stamps("1.5 0 0 0 0 0 0 1\n2.5 0 0 0 0 0 0 1\n", "f.tum") == [
+        15 * 10**8,
+        25 * 10**8,
+    ]
+    csv = "stamp_ns,x,y\n1700000000123456789,1,2\n"
+    assert read_stamps(csv, "f.csv") == [1_700_000_000_123_456_789]
+
+
+@pytest.mark.parametrize(("text", "words"), [("", "no stamp"), ("1.5\nsoon\n", "line 2")])
+def test_stamps_refused(text: str, words: str) -> None:
+    with pytest.raises(click.ClickException, match=words):
+        read_stamps(text, "stamps.txt")

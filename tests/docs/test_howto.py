@@ -1,0 +1,69 @@
+"""The Python on the howto pages and in the README runs as it stands there."""
+
+from __future__ import annotations
+
+import re
+import shutil
+from typing import TYPE_CHECKING
+
+import pytest
+
+from conftest import ROOT
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+BLOCK = re.compile(r"^```python\n(.*?)^```$", re.MULTILINE | re.DOTALL)
+PAGES = sorted((ROOT / "docs" / "howto").glob("*.md"))
+
+
+def blocks(page: Path) -> list[str]:
+    """The Python blocks of a page, each with so many empty lines that line numbers fit."""
+    text = page.read_text(encoding="utf-8")
+    return ["\n" * text.count("\n", 0, m.start(1)) + m.group(1) for m in BLOCK.finditer(text)]
+
+
+@pytest.fixture
+def workplace(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A folder with the example recordings at the place that the pages name."""
+    shutil.copytree(ROOT / "examples" / "data", tmp_path / "examples" / "data")
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def run(page: Path) -> None:
+    space: dict[str, object] = {"__name__": "__page__"}
+    for source in blocks(page):
+        exec(compile(source, str(page), "exec"), space)
+
+
+@pytest.mark.parametrize("page", [p for p in PAGES if blocks(p)], ids=lambda page: page.stem)
+def test_page_runs(page: Path, workplace: Path) -> None:
+    run(page)
+
+
+def test_readme_runs(workplace: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    run(ROOT / "README.md")
+    printed = capsys.readouterr().out
+    assert "0.325" in printed
+    assert "1.1" in printed
+
+
+def test_program_of_the_readme_is_short() -> None:
+    (program,) = blocks(ROOT / "README.md")
+    lines = program.strip().splitlines()
+    assert len(lines) <= 20
+
+
+def test_index_names_every_page() -> None:
+    index = (ROOT / "docs" / "howto" / "README.md").read_text(encoding="utf-8")
+    listed = set(re.findall(r"\]\((\w+\.md)\)", index))
+    assert listed == {page.name for page in PAGES} - {"README.md"}
+
+
+@pytest.mark.parametrize("page", [ROOT / "README.md", *PAGES], ids=lambda page: page.stem)
+def test_links_lead_somewhere(page: Path) -> None:
+    text = page.read_text(encoding="utf-8")
+    for target in re.findall(r"\]\(([^)#\s]+)", text):
+        if "://" not in target:
+            assert (page.parent / target).exists(), f"{page.name} links to {target}"
