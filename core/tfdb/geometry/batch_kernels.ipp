@@ -166,13 +166,14 @@ template <int L>
 void weigh(const StampNs* stamps, const StampNs* queries, const std::uint32_t* index,
            std::size_t count, double* weights) {
     for (std::size_t i = 0; i < count; i += L) {
-        Word<L> before;
-        Word<L> after;
-        for (int lane = 0; lane < L; ++lane) {
-            const StampNs* pair = stamps + index[i + static_cast<std::size_t>(lane)];
-            before[lane] = static_cast<std::uint64_t>(pair[0]);
-            after[lane] = static_cast<std::uint64_t>(pair[1]);
-        }
+        const auto gather = [&](std::size_t next) {
+            return Lanes<L>::make_words([&](int lane) {
+                return static_cast<std::uint64_t>(
+                    stamps[index[i + static_cast<std::size_t>(lane)] + next]);
+            });
+        };
+        const Word<L> before = gather(0);
+        const Word<L> after = gather(1);
         const Word<L> query = load<Word<L>>(queries + i);
         store(weights + i, to_real<L>(query - before) / to_real<L>(after - before));
     }

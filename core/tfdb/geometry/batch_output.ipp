@@ -95,15 +95,10 @@ struct PointLanes {
 
 template <int L, class Number>
 TFDB_LANES_INLINE PointLanes<L> load_points(const Number* from, std::ptrdiff_t stride) {
-    PointLanes<L> p;
-#pragma GCC unroll 4
-    for (int lane = 0; lane < L; ++lane) {
-        const Number* row = from + lane * stride;
-        p.x[lane] = static_cast<double>(row[0]);
-        p.y[lane] = static_cast<double>(row[1]);
-        p.z[lane] = static_cast<double>(row[2]);
-    }
-    return p;
+    const auto column = [&](std::ptrdiff_t k) {
+        return Lanes<L>::make([&](int lane) { return static_cast<double>(from[lane * stride + k]); });
+    };
+    return {column(0), column(1), column(2)};
 }
 
 template <int L, class Number>

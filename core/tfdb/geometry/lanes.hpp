@@ -26,6 +26,14 @@ struct Lanes<2> {
 
     TFDB_LANES_INLINE static Real all(double value) { return Real{value, value}; }
     TFDB_LANES_INLINE static Word all(std::uint64_t value) { return Word{value, value}; }
+    template <class Each>
+    TFDB_LANES_INLINE static Real make(Each each) {
+        return Real{each(0), each(1)};
+    }
+    template <class Each>
+    TFDB_LANES_INLINE static Word make_words(Each each) {
+        return Word{each(0), each(1)};
+    }
     TFDB_LANES_INLINE static bool any(Mask mask) { return (mask[0] | mask[1]) != 0; }
     TFDB_LANES_INLINE static Real root(Real a) {
         return Real{__builtin_sqrt(a[0]), __builtin_sqrt(a[1])};
@@ -50,6 +58,15 @@ struct Lanes<4> {
     TFDB_LANES_INLINE static Real all(double value) { return Real{value, value, value, value}; }
     TFDB_LANES_INLINE static Word all(std::uint64_t value) {
         return Word{value, value, value, value};
+    }
+    // From a list: assigning lane by lane makes GCC go through memory.
+    template <class Each>
+    TFDB_LANES_INLINE static Real make(Each each) {
+        return Real{each(0), each(1), each(2), each(3)};
+    }
+    template <class Each>
+    TFDB_LANES_INLINE static Word make_words(Each each) {
+        return Word{each(0), each(1), each(2), each(3)};
     }
     TFDB_LANES_INLINE static bool any(Mask mask) {
         return _mm256_movemask_pd(reinterpret_cast<__m256d>(mask)) != 0;
