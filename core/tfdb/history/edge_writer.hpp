@@ -76,6 +76,8 @@ private:
     void publish_ring(std::uint64_t old_ring, std::uint64_t new_ring);
 
     void note_first(const NewSample<Memory>& sample, std::uint64_t head);
+    void turn_readers_back();
+    void close_ring();
     void note_parent(FrameId parent, std::uint64_t head);
     void note_late(const WriteContext& context, StampNs stamp);
     [[nodiscard]] bool widen_slack(std::uint64_t ring, StampNs stamp);

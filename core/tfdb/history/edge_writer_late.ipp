@@ -108,6 +108,7 @@ void EdgeWriter<Memory>::rebuild(const WriteContext& context) {
             memory_.word(block + 8 * runs++).store_relaxed(i);
         }
     }
+    close_ring();
     word(kSortedEnd).store_relaxed(pending);
     word(kSortedCommit).store_relaxed(context.committed);
     word(kOrder).store_relaxed(runs << 32);

@@ -86,11 +86,30 @@ void EdgeWriter<Memory>::note_first(const NewSample<Memory>& sample, std::uint64
                                         Topology::kCleared | Topology::kParented);
     if (sample.stamp == kStaticStamp)
         flags |= Topology::kStatic;
+    if (head > word(kBegin).load_relaxed()) turn_readers_back();
     word(kOrder).store_relaxed(std::uint64_t{1} << 32);
     word(kOrderedFrom).store_relaxed(head);
     word(kParentFrom).store_relaxed(head);
     word(kNewest).store_relaxed(as_word(sample.stamp == kStaticStamp ? kNoStamp : sample.stamp));
     word(kTopology).store_release(Topology::with_parent(flags, sample.parent, 0));
+}
+
+/// Readers that have begun find at the end that the ring's word has changed, and start again: what
+/// is stored next is not what their samples need.
+template <class Memory>
+void EdgeWriter<Memory>::turn_readers_back() {
+    const std::uint64_t ring = word(kRing).load_relaxed();
+    word(kRing).store_release(RingWord::pack(RingWord::block(ring), RingWord::log2_capacity(ring),
+                                             RingWord::version(ring) + 1));
+    Memory::fence_release();
+}
+
+/// The same, and those that come meanwhile turn back at once, until a ring's word is stored again:
+/// the header is going to be a mix of two states.
+template <class Memory>
+void EdgeWriter<Memory>::close_ring() {
+    word(kRing).store_release(RingWord::busy(RingWord::version(word(kRing).load_relaxed()) + 1));
+    Memory::fence_release();
 }
 
 template <class Memory>
@@ -260,12 +279,8 @@ void EdgeWriter<Memory>::undo(const EdgeUndo& saved) {
                                               Topology::kMixedParents | Topology::kParented);
     const std::uint64_t ordered_from = word(kOrderedFrom).load_relaxed();
     const std::uint64_t parent_from = word(kParentFrom).load_relaxed();
-    // Readers turn back while the header is a mix of two states, and those that began before find
-    // at the end that the ring's word has changed.
     const std::uint64_t ring = word(kRing).load_relaxed();
-    const std::uint64_t version = RingWord::version(ring) + 1;
-    word(kRing).store_release(RingWord::busy(version));
-    Memory::fence_release();
+    close_ring();
     for (std::size_t i = 0; i < EdgeUndo::kWords.size(); ++i) {
         word(EdgeUndo::kWords[i]).store_relaxed(saved.words[i]);
     }
@@ -283,8 +298,8 @@ void EdgeWriter<Memory>::undo(const EdgeUndo& saved) {
     } else {
         word(kTopology).store_relaxed(topology() | (flags & Topology::kParented));
     }
-    word(kRing).store_release(
-        RingWord::pack(RingWord::block(ring), RingWord::log2_capacity(ring), version));
+    word(kRing).store_release(RingWord::pack(RingWord::block(ring), RingWord::log2_capacity(ring),
+                                             RingWord::version(ring) + 1));
 }
 
 }  // namespace tfdb::history
