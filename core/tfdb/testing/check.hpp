@@ -64,10 +64,10 @@ std::string show(const T& value) {
 // Signed against unsigned compares by value, as std::cmp_equal does.
 template <typename A, typename B>
 bool equal(const A& a, const B& b) {
-    constexpr bool integers = std::is_integral_v<A> && std::is_integral_v<B> &&
+    constexpr bool kIntegers = std::is_integral_v<A> && std::is_integral_v<B> &&
                               !std::is_same_v<A, bool> && !std::is_same_v<B, bool> &&
                               !std::is_same_v<A, char> && !std::is_same_v<B, char>;
-    if constexpr (integers) {
+    if constexpr (kIntegers) {
         return std::cmp_equal(a, b);
     } else {
         return a == b;
