@@ -106,11 +106,11 @@ def _headers(
 def _words(shown: str, text: str, room: str, words: dict[str, list[str]]) -> Iterator[Violation]:
     code = cpp_source.code_only(text)
     for word, where in words.items():
-        if room in where:
+        if room in {*where, "testing"}:
             continue
         for match in re.finditer(re.escape(word), code):
             line = code.count("\n", 0, match.start()) + 1
-            yield Violation("word", shown, line, f"`{word}` belongs to {', '.join(where)}")
+            yield Violation("word", shown, line, f"`{word}` belongs to {', '.join(where) or 'no room'}")
 
 
 def _class_headers(shown: str, text: str) -> Iterator[Violation]:

@@ -68,6 +68,7 @@ SEEDED = [
     ("unknown-room", "core/tfdb/attic/bad.hpp", "#pragma once\n"),
     ("unknown-room", "core/tfdb/wire/bad.hpp", '#include "tfdb/attic/old.hpp"\n'),
     ("word", "core/tfdb/graph/bad.cpp", "x.load(std::memory_order_acquire);\n"),
+    ("word", "core/tfdb/graph/bad.cpp", "std::mutex lock;\n"),
     ("header", "core/tfdb/graph/bad.cpp", "#include <thread>\n"),
     ("header", "core/tfdb/graph/bad.cpp", "#include <atomic>\n"),
     ("class-header", "core/tfdb/graph/bad.hpp", "// A thing.\nclass Bad {\n    int x;\n};\n"),
