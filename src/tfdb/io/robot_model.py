@@ -15,11 +15,13 @@ import numpy as np
 import numpy.typing as npt
 
 from tfdb.errors import InvalidArgument
+from tfdb.types import Columns, TransformStamped
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
 
-    from tfdb import Buffer, TransformStamped
+    from tfdb import Buffer
+    from tfdb.stamps import StampLike, StampsLike
 
 Array: TypeAlias = npt.NDArray[np.float64]
 
@@ -149,11 +151,9 @@ class RobotModel:
         return found
 
     def transforms(
-        self, positions: Mapping[str, npt.ArrayLike], stamp: int
+        self, positions: Mapping[str, npt.ArrayLike], stamp: StampLike
     ) -> list[TransformStamped]:
         """The moving edges of one joint state at a stamp, as `set_transforms` takes them."""
-        from tfdb import TransformStamped  # noqa: PLC0415 - the package imports this module
-
         found = []
         for name, pose in self._moving(positions).items():
             joint = self.joints[name]
@@ -165,8 +165,6 @@ class RobotModel:
 
     def static_transforms(self) -> list[TransformStamped]:
         """The edges of the fixed joints, stamped 0."""
-        from tfdb import TransformStamped  # noqa: PLC0415 - the package imports this module
-
         return [
             TransformStamped(joint.parent, joint.child, 0, joint.origin[:3], joint.origin[3:])
             for joint in self.joints.values()
@@ -183,7 +181,7 @@ class RobotModel:
     def set_joint_state(
         self,
         buffer: Buffer,
-        stamp: int,
+        stamp: StampLike,
         positions: Mapping[str, npt.ArrayLike],
         *,
         authority: str = "",
@@ -201,7 +199,7 @@ class RobotModel:
     def set_joint_states(
         self,
         buffer: Buffer,
-        stamps: npt.ArrayLike,
+        stamps: StampsLike,
         positions: Mapping[str, npt.ArrayLike],
         *,
         authority: str = "",
@@ -210,11 +208,9 @@ class RobotModel:
 
         `positions` has an array of N for each joint. Raises as `set_joint_state` does.
         """
-        from tfdb import Columns  # noqa: PLC0415 - the package imports this module
-
         when = np.asarray(stamps)
-        if when.ndim != 1 or not np.issubdtype(when.dtype, np.integer):
-            raise InvalidArgument(f"stamps must be integers of shape (N,), not {when.dtype}")
+        if when.ndim != 1:
+            raise InvalidArgument(f"stamps must be of shape (N,), not {when.shape}")
         moving = self._moving(positions)
         if not moving:
             raise InvalidArgument("the joint states determine no moving joint of the model")
@@ -228,7 +224,7 @@ class RobotModel:
         batch = Columns(
             [joint.parent for joint in joints] * len(when),
             [joint.child for joint in joints] * len(when),
-            np.repeat(when, len(joints)).astype(np.int64),
+            np.repeat(when, len(joints)),
             poses,
         )
         return buffer.set_transforms(batch, authority=authority)

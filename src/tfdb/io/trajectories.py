@@ -14,7 +14,8 @@ from typing import TYPE_CHECKING, Literal, Protocol, TypeAlias
 import numpy as np
 import numpy.typing as npt
 
-from tfdb.errors import InvalidArray, TrajectoryError
+from tfdb.errors import TrajectoryError
+from tfdb.types import Columns, Trajectory
 
 from .decimal_time import integer_ns, seconds_to_ns
 
@@ -51,54 +52,13 @@ class TrajectoryLike(Protocol):
         """Rows `[x y z qx qy qz qw]`, float64, shape (N, 7)."""
 
 
-@dataclass(frozen=True, eq=False)
-class Trajectory:
-    """Poses `T[parent<-child]` at increasing stamps.
-
-    Parameters
-    ----------
-    stamps
-        Integer nanoseconds, shape (N,), strictly increasing, not negative.
-    poses
-        Rows `[x y z qx qy qz qw]`, metres and unit quaternions, shape (N, 7).
-    repeated
-        How many lines of the file were replaced by a later one with the same stamp.
-
-    Raises
-    ------
-    InvalidArray
-        Other shapes or types, or stamps that do not increase.
-    """
-
-    stamps: Stamps
-    poses: Poses
-    repeated: int = 0
-
-    def __post_init__(self) -> None:
-        stamps, poses = np.asarray(self.stamps), np.asarray(self.poses)
-        if stamps.ndim != 1 or not np.issubdtype(stamps.dtype, np.integer):
-            raise InvalidArray(
-                f"stamps must be integers of shape (N,), not {stamps.dtype} of {stamps.shape}"
-            )
-        if poses.shape != (len(stamps), 7) or not np.issubdtype(poses.dtype, np.floating):
-            raise InvalidArray(
-                f"poses must be floats of shape ({len(stamps)}, 7) for {len(stamps)} stamps, "
-                f"not {poses.dtype} of {poses.shape}"
-            )
-        if len(stamps) and (stamps[0] < 0 or not bool(np.all(stamps[1:] > stamps[:-1]))):
-            raise InvalidArray("stamps must be >= 0 and strictly increasing")
-        object.__setattr__(self, "stamps", np.ascontiguousarray(stamps, dtype=np.int64))
-        object.__setattr__(self, "poses", np.ascontiguousarray(poses, dtype=np.float64))
-
-    def __len__(self) -> int:
-        return len(self.stamps)
-
-
 def read_trajectory(
     path: PathLike,
     format: Format | None = None,  # noqa: A002 - numpy and pandas call it so, too
     *,
     times: PathLike | None = None,
+    target: str = "world",
+    source: str = "body",
 ) -> Trajectory:
     """Read a trajectory file.
 
@@ -114,6 +74,8 @@ def read_trajectory(
     times
         KITTI only: the file with one stamp in seconds per pose. By default `NAME_times.txt` or
         `times.txt` beside the poses.
+    target, source
+        Names for the frames, which the file does not say: the poses are `T[target<-source]`.
 
     Raises
     ------
@@ -123,7 +85,7 @@ def read_trajectory(
     OSError
         The file cannot be opened.
     """
-    lines = _Lines(Path(path))
+    lines = _Lines(Path(path), target, source)
     if format is not None and format not in FORMATS:
         raise lines.error(None, f"unknown format {format!r}; one of {', '.join(FORMATS)}")
     kind = _guess(lines) if format is None else format
@@ -143,18 +105,16 @@ def into_buffer(
     `Buffer.set_transforms` raises; then nothing was stored. A buffer with a limited history refuses
     or drops what is older: load whole trajectories into `Buffer(history=None)`.
     """
-    from tfdb import Columns  # noqa: PLC0415 - the package imports this module
-
-    count = len(trajectory.stamps)
-    columns = Columns([parent] * count, [child] * count, trajectory.stamps, trajectory.poses)
+    columns = Columns(parent, child, trajectory.stamps, trajectory.poses)
     return buffer.set_transforms(columns, authority=authority)
 
 
 class _Lines:
     """The lines of a text file that carry data, with their numbers."""
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, target: str = "", source: str = "") -> None:
         self.path = path
+        self._frames = target, source
         raw = path.read_bytes()
         if b"\0" in raw[:4096]:
             raise TrajectoryError(path, None, "this is a binary file, not a trajectory in text")
@@ -169,6 +129,10 @@ class _Lines:
             stripped = line.strip()
             if stripped and not stripped.startswith("#"):
                 yield number, stripped
+
+    def trajectory(self, stamps: list[int], poses: Poses) -> Trajectory:
+        """The result of reading them."""
+        return Trajectory(*self._frames, np.array(stamps, dtype=np.int64), poses)
 
     def error(self, line: int | None, reason: str) -> TrajectoryError:
         """An error about one of the lines."""
@@ -217,7 +181,6 @@ def _guess(lines: _Lines) -> Format:
 def _read_rows(lines: _Lines, row: _Row) -> Trajectory:
     stamps: list[int] = []
     poses: list[list[float]] = []
-    repeated = 0
     for number, line in lines:
         fields = line.split(row.separator)
         if not stamps and row.separator and _is_heading(fields):
@@ -240,7 +203,6 @@ def _read_rows(lines: _Lines, row: _Row) -> Trajectory:
             if stamp < stamps[-1]:
                 raise lines.error(number, _backwards(stamp, stamps[-1]))
             poses[-1] = pose
-            repeated += 1
             continue
         stamps.append(stamp)
         poses.append(pose)
@@ -250,7 +212,7 @@ def _read_rows(lines: _Lines, row: _Row) -> Trajectory:
     norms = np.linalg.norm(array[:, 3:], axis=1, keepdims=True)
     # Those that are units up to rounding stay bit for bit, so that a file survives a round trip.
     array[:, 3:] /= np.where(np.abs(norms - 1.0) > 1e-15, norms, 1.0)
-    return Trajectory(np.array(stamps, dtype=np.int64), array, repeated)
+    return lines.trajectory(stamps, array)
 
 
 def _is_heading(fields: list[str]) -> bool:
@@ -311,10 +273,8 @@ def _read_kitti(lines: _Lines, times: Path) -> Trajectory:
         bad = np.flatnonzero(~(off <= MAX_MATRIX_ERROR) | ~(np.linalg.det(rotations) > 0))
     if len(bad):
         raise lines.error(numbers[bad[0]], "the left 3x3 part is not a rotation matrix")
-    return Trajectory(
-        np.array(stamps, dtype=np.int64),
-        np.hstack((matrices[:, :, 3], quaternions_from_matrices(rotations))),
-    )
+    poses = np.hstack((matrices[:, :, 3], quaternions_from_matrices(rotations)))
+    return lines.trajectory(stamps, poses)
 
 
 def _read_times(path: Path) -> list[int]:

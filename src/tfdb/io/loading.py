@@ -1,0 +1,245 @@
+"""Recordings into a store: one message is one commit."""
+
+from __future__ import annotations
+
+import os
+import time
+from collections import Counter, deque
+from collections.abc import Iterable, Mapping
+from contextlib import ExitStack
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, TypeAlias
+
+from tfdb.errors import InvalidArgument, RecordingError
+
+from .recordings import Recording
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+
+    from tfdb import Buffer
+
+    from .containers import Source
+    from .recordings import PathLike, Run
+
+    Progress: TypeAlias = Callable[[int, int], None]
+    Topics: TypeAlias = str | Iterable[str] | Mapping[str, str]
+
+
+@dataclass(frozen=True)
+class TopicReport:
+    """What one topic gave: `messages` read, `static` if its transforms were stored as such."""
+
+    name: str
+    messages: int
+    static: bool
+
+
+@dataclass(frozen=True)
+class LoadReport:
+    """What a load did.
+
+    Parameters
+    ----------
+    files
+        In the order of reading, that of their start.
+    messages
+        Read from the topics of transforms.
+    transforms, commits
+        Stored; each message with transforms is one commit.
+    refused
+        Messages of which nothing was stored.
+    reasons, first_refusals
+        Name of the error class to how many messages were refused with it, and to the first of its
+        messages.
+    topics
+        The topics of transforms that were read.
+    start, end
+        When the first and last message were received, nanoseconds. The stamps inside the messages
+        may run on another clock.
+    seconds, seconds_reading_container
+        Time taken; the second is the part of the libraries that read the containers.
+    """
+
+    files: tuple[str, ...]
+    messages: int
+    transforms: int
+    commits: int
+    refused: int
+    reasons: Mapping[str, int]
+    first_refusals: Mapping[str, str]
+    topics: tuple[TopicReport, ...]
+    start: int
+    end: int
+    seconds: float
+    seconds_reading_container: float
+
+
+def load_recordings(
+    buffer: Buffer,
+    paths: PathLike | Sequence[PathLike],
+    topics: Topics | None = None,
+    progress: Progress | None = None,
+) -> LoadReport:
+    """Load the transforms of recordings into a store.
+
+    The files are read whole before the first commit, so a damaged one leaves the store as it was.
+    Then each message is one commit, in the order of its reception; one that the store refuses is
+    counted and skipped.
+
+    Parameters
+    ----------
+    buffer
+        Where to store. `Buffer(history=None)` keeps everything.
+    paths
+        One recording or several, such as the parts of a split one: `.bag`, `.db3`, `.mcap`, ROS 2
+        bag folders. They are read in the order of their start.
+    topics
+        Which topics to read; None reads all that hold transforms. A mapping renames them, as in
+        `{"/robot1/tf": "tf", "/robot1/tf_static": "tf_static"}`. Transforms are static when the
+        last part of the topic's (new) name is `tf_static`, wherever in the file they lie.
+    progress
+        Called with (done, total); each message counts once when read and once when stored.
+
+    Raises
+    ------
+    RecordingError
+        A file is no recording, damaged or cut short; a topic is missing or holds no transforms;
+        nothing could be stored. The store is unchanged. Fields: path, reason.
+    OSError
+        A file cannot be opened.
+    """
+    started = time.perf_counter()
+    files = [paths] if isinstance(paths, (str, os.PathLike)) else list(paths)
+    if not files:
+        raise InvalidArgument("no recording to load: paths is empty")
+    selection = _Selection(topics)
+    with ExitStack() as stack:
+        recordings = [stack.enter_context(Recording(path)) for path in files]
+        selection.check(recordings)
+        recordings.sort(key=lambda recording: recording.start)
+        names = tuple(str(recording.path) for recording in recordings)
+        meter = _Meter(selection.count(recordings), progress)
+        runs: deque[Run] = deque()
+        for recording in recordings:
+            runs.extend(recording.read(selection.wants, meter.step))
+    read_at = time.perf_counter()
+    tally = _Tally()
+    while runs:
+        tally.store(buffer, runs.popleft(), selection, meter)
+    return tally.report(names, time.perf_counter() - started, read_at - started)
+
+
+class _Selection:
+    """Which topics are read, and which of them are static."""
+
+    def __init__(self, topics: Topics | None) -> None:
+        if topics is None:
+            self._roles: dict[str, str] | None = None
+        elif isinstance(topics, Mapping):
+            self._roles = {_absolute(name): role for name, role in topics.items()}
+        else:
+            names = [topics] if isinstance(topics, str) else list(topics)
+            self._roles = {_absolute(name): name for name in names}
+
+    def wants(self, source: Source) -> bool:
+        return self._roles is None or _absolute(source.topic) in self._roles
+
+    def is_static(self, source: Source) -> bool:
+        name = _absolute(source.topic)
+        role = name if self._roles is None else self._roles[name]
+        return role.rsplit("/", 1)[-1] == "tf_static"
+
+    def count(self, recordings: Sequence[Recording]) -> int:
+        """Messages to be read."""
+        sources = [source for recording in recordings for source in recording.sources]
+        return sum(source.messages for source in sources if self.wants(source))
+
+    def check(self, recordings: Sequence[Recording]) -> None:
+        """Refuse recordings without any of the topics, and topics that no recording has."""
+        path = ", ".join(str(recording.path) for recording in recordings)
+        sources = {_absolute(s.topic) for recording in recordings for s in recording.sources}
+        types = {_absolute(t.name): t.type for recording in recordings for t in recording.topics}
+        held = ", ".join(f"{name} ({types[name]})" for name in sorted(types)[:20]) or "none at all"
+        if self._roles is None and not sources:
+            raise RecordingError(path, f"no topic with transforms; its topics: {held}")
+        for name in sorted(set(self._roles or ()) - sources):
+            if name in types:
+                raise RecordingError(path, f"topic {name!r} holds {types[name]}, not transforms")
+            raise RecordingError(path, f"no topic {name!r}; its topics: {held}")
+
+
+class _Meter:
+    """Counts the work done: each message once when read and once when stored."""
+
+    def __init__(self, messages: int, progress: Progress | None) -> None:
+        self._total = 2 * messages
+        self._done = 0
+        self._progress = progress
+
+    def step(self, messages: int) -> None:
+        # A file read again by another library counts again, but never beyond its share.
+        self._done = min(self._done + messages, self._total)
+        if self._progress is not None:
+            self._progress(self._done, self._total)
+
+
+@dataclass
+class _Tally:
+    """Stores runs of messages and counts what became of them."""
+
+    messages: int = 0
+    transforms: int = 0
+    commits: int = 0
+    refused: int = 0
+    reasons: Counter[str] = field(default_factory=Counter)
+    first_refusals: dict[str, str] = field(default_factory=dict)
+    topics: dict[str, TopicReport] = field(default_factory=dict)
+    start: int = 2**63 - 1
+    end: int = 0
+
+    def store(self, buffer: Buffer, run: Run, selection: _Selection, meter: _Meter) -> None:
+        source = run.source
+        static = selection.is_static(source)
+        result = buffer.ingest_many(
+            run.messages, encoding=source.encoding, static=static, authority=source.authority
+        )
+        self.messages += result.messages
+        self.transforms += result.transforms
+        self.commits += result.commits
+        self.refused += result.refused
+        for name, refusal in result.reasons.items():
+            self.reasons[name] += refusal.count
+            self.first_refusals.setdefault(name, refusal.first)
+        before = self.topics.get(source.topic)
+        count = len(run.messages) + (before.messages if before else 0)
+        self.topics[source.topic] = TopicReport(source.topic, count, static)
+        self.start, self.end = min(self.start, run.start), max(self.end, run.end)
+        meter.step(len(run.messages))
+
+    def report(self, files: tuple[str, ...], seconds: float, reading: float) -> LoadReport:
+        if not self.transforms:
+            path = ", ".join(files)
+            if not self.refused:
+                raise RecordingError(path, "its topics of transforms hold no transform")
+            name, count = self.reasons.most_common(1)[0]
+            first = f"{name}: {self.first_refusals[name]}"
+            raise RecordingError(path, f"all messages were refused, {count} of them with {first}")
+        return LoadReport(
+            files=files,
+            messages=self.messages,
+            transforms=self.transforms,
+            commits=self.commits,
+            refused=self.refused,
+            reasons=dict(self.reasons),
+            first_refusals=self.first_refusals,
+            topics=tuple(self.topics.values()),
+            start=self.start,
+            end=self.end,
+            seconds=seconds,
+            seconds_reading_container=reading,
+        )
+
+
+def _absolute(topic: str) -> str:
+    return "/" + topic.strip("/")
