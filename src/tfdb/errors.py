@@ -4,6 +4,8 @@ What went wrong is in the message, and for programs in the fields listed at `Tfd
 After any of them the store is as it was before the call.
 """
 
+# ruff: noqa: N818  (the names say what happened; the suffix would only lengthen them)
+
 from __future__ import annotations
 
 from typing import Any

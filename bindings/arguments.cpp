@@ -1,0 +1,69 @@
+#include "arguments.hpp"
+
+#include <string>
+
+#include "errors.hpp"
+
+namespace tfdb::python {
+namespace {
+
+[[noreturn]] void throw_type_error(const std::string& message) {
+    PyErr_SetString(PyExc_TypeError, message.c_str());
+    throw nb::python_error();
+}
+
+std::size_t find_parameter(const ParameterList& list, PyObject* keyword) {
+    for (std::size_t i = 0; i < list.names.size(); ++i) {
+        if (PyUnicode_CompareWithASCIIString(keyword, list.names[i]) == 0) {
+            return i;
+        }
+    }
+    throw_type_error(std::string(list.function) + "() got an unexpected keyword argument '" +
+                     nb::borrow<nb::str>(keyword).c_str() + "'");
+}
+
+}  // namespace
+
+void ParameterList::bind_slowly(PyObject* const* args, std::size_t count, PyObject* keywords,
+                                PyObject** out) const {
+    if (count > positional) {
+        throw_type_error(std::string(function) + "() takes at most " + std::to_string(positional) +
+                         " positional arguments, got " + std::to_string(count));
+    }
+    for (std::size_t i = 0; i < count; ++i) {
+        out[i] = args[i];
+    }
+    const Py_ssize_t named = keywords == nullptr ? 0 : PyTuple_GET_SIZE(keywords);
+    for (Py_ssize_t k = 0; k < named; ++k) {
+        const std::size_t i = find_parameter(*this, PyTuple_GET_ITEM(keywords, k));
+        if (out[i] != nullptr) {
+            throw_type_error(std::string(function) + "() got multiple values for argument '" +
+                             names[i] + "'");
+        }
+        out[i] = args[count + static_cast<std::size_t>(k)];
+    }
+    for (std::size_t i = 0; i < required; ++i) {
+        if (out[i] == nullptr) {
+            throw_type_error(std::string(function) + "() is missing the argument '" + names[i] +
+                             "'");
+        }
+    }
+}
+
+void throw_not_a_name(PyObject* object, const char* role) {
+    throw_type_error(std::string(role) + " must be a str, got " + type_name_of(object));
+}
+
+std::string_view other_name(PyObject* object, const char* role) {
+    Py_ssize_t size = 0;
+    const char* bytes = PyUnicode_AsUTF8AndSize(object, &size);
+    if (bytes == nullptr) {
+        PyErr_Clear();
+        throw_error("InvalidName",
+                    std::string(role) + " cannot be written as UTF-8: " + short_repr(object),
+                    {{"value", nb::borrow(object)}, {"reason", nb::str("not valid UTF-8")}});
+    }
+    return {bytes, static_cast<std::size_t>(size)};
+}
+
+}  // namespace tfdb::python

@@ -1,0 +1,77 @@
+// Arguments of the raw (METH_FASTCALL | METH_KEYWORDS) methods: binding them to parameters, and
+// frame names as bytes.
+#pragma once
+
+#include <nanobind/nanobind.h>
+
+#include <array>
+#include <cstddef>
+#include <span>
+#include <string_view>
+
+namespace nb = nanobind;
+
+namespace tfdb::python {
+
+using RawMethod = PyObject* (*)(PyObject* self, PyObject* const* args, Py_ssize_t count,
+                                PyObject* keywords);
+
+/// A raw method as PyMethodDef wants it; METH_FASTCALL | METH_KEYWORDS says what it really is.
+inline PyCFunction as_function(RawMethod method) {
+    return reinterpret_cast<PyCFunction>(reinterpret_cast<void (*)()>(method));
+}
+
+/// A parameter list as `def` would write it: the first `required` must be given, those from
+/// `positional` on only by keyword.
+struct ParameterList {
+    const char* function;
+    std::span<const char* const> names;
+    std::size_t required;
+    std::size_t positional;
+
+    /// Fills `out` (one borrowed reference for each name, null where omitted), or throws TypeError.
+    void bind_slowly(PyObject* const* args, std::size_t count, PyObject* keywords,
+                     PyObject** out) const;
+};
+
+/// Binds the arguments of a vectorcall. The common call, all positional, is just a copy.
+template <std::size_t N>
+std::array<PyObject*, N> bind(const ParameterList& list, PyObject* const* args, Py_ssize_t count,
+                              PyObject* keywords) {
+    std::array<PyObject*, N> out{};
+    const auto given = static_cast<std::size_t>(count);
+    if (keywords != nullptr || given < list.required || given > list.positional) {
+        list.bind_slowly(args, given, keywords, out.data());
+        return out;
+    }
+    for (std::size_t i = 0; i < given; ++i) {
+        out[i] = args[i];
+    }
+    return out;
+}
+
+[[noreturn]] void throw_not_a_name(PyObject* object, const char* role);
+std::string_view other_name(PyObject* object, const char* role);
+
+/// The bytes of a str, valid as long as the object. Throws TypeError for anything but a str, and
+/// InvalidName for lone surrogates, which have no UTF-8.
+inline std::string_view name_of(PyObject* object, const char* role) {
+    if (!PyUnicode_Check(object)) {
+        throw_not_a_name(object, role);
+    }
+    if (PyUnicode_IS_COMPACT_ASCII(object)) {
+        return {static_cast<const char*>(PyUnicode_DATA(object)),
+                static_cast<std::size_t>(PyUnicode_GET_LENGTH(object))};
+    }
+    return other_name(object, role);
+}
+
+inline std::string_view name_of(nb::handle object, const char* role) {
+    return name_of(object.ptr(), role);
+}
+
+inline bool is_given(PyObject* argument) noexcept {
+    return argument != nullptr && argument != Py_None;
+}
+
+}  // namespace tfdb::python

@@ -1,0 +1,233 @@
+#include "arrays.hpp"
+
+#include <cstring>
+#include <string_view>
+
+#include "errors.hpp"
+#include "stamp.hpp"
+
+namespace tfdb::python {
+namespace {
+
+// Format characters of the struct module, native size and order.
+Kind kind_of(const Py_buffer& view) {
+    std::string_view format = view.format == nullptr ? "B" : view.format;
+    if (!format.empty() && (format[0] == '@' || format[0] == '=')) {
+        format.remove_prefix(1);
+    }
+    if (format.size() != 1) {
+        return Kind::kOther;
+    }
+    switch (format[0]) {
+        case 'd':
+            return Kind::kFloat64;
+        case 'f':
+            return Kind::kFloat32;
+        case 'q':
+            return Kind::kInt64;
+        case 'l':
+            return view.itemsize == 8 ? Kind::kInt64 : Kind::kOtherInteger;
+        case 'b':
+        case 'B':
+        case 'h':
+        case 'H':
+        case 'i':
+        case 'I':
+        case 'L':
+        case 'Q':
+            return Kind::kOtherInteger;
+        default:
+            return Kind::kOther;
+    }
+}
+
+const char* name_of_kind(const Py_buffer& view, Kind kind) {
+    switch (kind) {
+        case Kind::kFloat32:
+            return "float32";
+        case Kind::kFloat64:
+            return "float64";
+        case Kind::kInt64:
+            return "int64";
+        default:
+            return view.format == nullptr ? "bytes" : view.format;
+    }
+}
+
+nb::object numpy(const char* name) {
+    return nb::module_::import_("numpy").attr(name);
+}
+
+nb::object new_array(const nb::object& shape, const char* dtype) {
+    static PyObject* const empty = numpy("empty").release().ptr();
+    return nb::handle(empty)(shape, nb::str(dtype));
+}
+
+}  // namespace
+
+ArrayView::ArrayView(ArrayView&& other) noexcept : view_(other.view_), kind_(other.kind_) {
+    other.view_.obj = nullptr;
+}
+
+ArrayView& ArrayView::operator=(ArrayView&& other) noexcept {
+    std::swap(view_, other.view_);
+    std::swap(kind_, other.kind_);
+    return *this;
+}
+
+ArrayView::~ArrayView() {
+    if (view_.obj != nullptr) {
+        PyBuffer_Release(&view_);
+    }
+}
+
+std::optional<ArrayView> ArrayView::of(nb::handle object, bool writable) {
+    ArrayView result;
+    const int flags = PyBUF_FORMAT | PyBUF_STRIDES | (writable ? PyBUF_WRITABLE : 0);
+    if (PyObject_CheckBuffer(object.ptr()) == 0 ||
+        PyObject_GetBuffer(object.ptr(), &result.view_, flags) != 0) {
+        PyErr_Clear();
+        result.view_.obj = nullptr;
+        return std::nullopt;
+    }
+    result.kind_ = kind_of(result.view_);
+    return result;
+}
+
+std::pair<const char*, const char*> ArrayView::range() const {
+    const char* low = data<const char>();
+    const char* high = low + view_.itemsize;
+    for (int axis = 0; axis < view_.ndim; ++axis) {
+        if (view_.shape[axis] == 0) {
+            return {low, low};
+        }
+        const Py_ssize_t reach = (view_.shape[axis] - 1) * view_.strides[axis];
+        (reach < 0 ? low : high) += reach;
+    }
+    return {low, high};
+}
+
+std::string ArrayView::describe() const {
+    std::string text = name_of_kind(view_, kind_);
+    text += " (";
+    for (int axis = 0; axis < view_.ndim; ++axis) {
+        text += (axis == 0 ? "" : ", ") + std::to_string(view_.shape[axis]);
+    }
+    return text + (view_.ndim == 1 ? ",)" : ")");
+}
+
+void throw_bad_array(const std::string& role, const std::string& expected,
+                     const std::string& got) {
+    const std::string reason = "expected " + expected + ", got " + got;
+    throw_error("InvalidArray", role + ": " + reason, {{"reason", nb::str(reason.c_str())}});
+}
+
+std::string describe(nb::handle object) {
+    const nb::object dtype = nb::getattr(object, "dtype", nb::none());
+    const nb::object shape = nb::getattr(object, "shape", nb::none());
+    if (dtype.is_none() || shape.is_none()) {
+        return type_name_of(object);
+    }
+    return std::string(nb::str(dtype).c_str()) + " " + nb::str(shape).c_str();
+}
+
+Stamps::Stamps(nb::handle object) {
+    if (PyList_Check(object.ptr()) || PyTuple_Check(object.ptr())) {
+        read_sequence(object);
+    } else if (nb::hasattr(object, "dtype") || PyObject_CheckBuffer(object.ptr()) != 0) {
+        read_array(object);
+    } else if (PyUnicode_Check(object.ptr()) || !nb::hasattr(object, "__iter__")) {
+        throw_bad_array("stamps", "an array (N,) of int64 nanoseconds or a list of stamps",
+                        type_name_of(object));
+    } else {
+        read_sequence(nb::list(nb::borrow(object)));
+    }
+    for (std::size_t i = 0; i < values_.size(); ++i) {
+        if (values_[i] < 0) {
+            at_index(i, [&] { stamp_of_object(nb::int_(values_[i]).ptr()); });
+        }
+    }
+}
+
+void Stamps::read_array(nb::handle object) {
+    constexpr const char* kExpected = "int64 nanoseconds (N,)";
+    const std::string got = tfdb::python::describe(object);
+    converted_ = nb::borrow(object);
+    if (nb::hasattr(object, "dtype")) {
+        const nb::str kind(nb::object(object.attr("dtype").attr("kind")));
+        const std::string_view code = kind.c_str();
+        if (code == "M") {
+            converted_ = converted_.attr("astype")("datetime64[ns]").attr("view")("int64");
+        } else if (code == "u" || code == "i") {
+            // uint64 beyond int64 wraps to a negative number, which is refused below.
+            converted_ = converted_.attr("astype")("int64", nb::arg("copy") = false);
+        } else {
+            throw_bad_array("stamps", std::string(kExpected) + " (tfdb.stamp converts seconds)",
+                            got);
+        }
+    }
+    view_ = ArrayView::of(converted_, false);
+    if (!view_ || view_->kind() != Kind::kInt64 || view_->dimensions() != 1) {
+        throw_bad_array("stamps", kExpected, view_ && got.empty() ? view_->describe() : got);
+    }
+    if (view_->contiguous()) {
+        values_ = {view_->data<const StampNs>(), view_->extent(0)};
+        return;
+    }
+    copy_.resize(view_->extent(0));
+    const char* from = view_->data<const char>();
+    for (StampNs& stamp : copy_) {
+        std::memcpy(&stamp, from, sizeof stamp);
+        from += view_->stride(0);
+    }
+    values_ = copy_;
+}
+
+void Stamps::read_sequence(nb::handle object) {
+    const nb::object items = nb::steal(PySequence_Fast(object.ptr(), "stamps"));
+    if (!items.is_valid()) {
+        throw nb::python_error();
+    }
+    const Py_ssize_t count = PySequence_Fast_GET_SIZE(items.ptr());
+    copy_.reserve(static_cast<std::size_t>(count));
+    for (Py_ssize_t i = 0; i < PySequence_Fast_GET_SIZE(items.ptr()); ++i) {
+        const nb::object item = nb::borrow(PySequence_Fast_GET_ITEM(items.ptr(), i));
+        at_index(static_cast<std::size_t>(i), [&] { copy_.push_back(stamp_of(item.ptr())); });
+    }
+    values_ = copy_;
+}
+
+NewArray<double> new_doubles(std::initializer_list<std::size_t> shape) {
+    nb::list extents;
+    for (const std::size_t extent : shape) {
+        extents.append(extent);
+    }
+    nb::object array = new_array(nb::tuple(extents), "float64");
+    auto* data = ArrayView::of(array, true)->data<double>();
+    return {std::move(array), data};
+}
+
+NewArray<StampNs> new_stamps(std::size_t count) {
+    nb::object array = new_array(nb::int_(count), "int64");
+    auto* data = ArrayView::of(array, true)->data<StampNs>();
+    return {std::move(array), data};
+}
+
+ArrayView converted_array(nb::handle object, const char* dtype, const std::string& role,
+                          nb::object& keep) {
+    static PyObject* const asarray = numpy("ascontiguousarray").release().ptr();
+    PyObject* const result =
+        PyObject_CallFunctionObjArgs(asarray, object.ptr(), nb::str(dtype).ptr(), nullptr);
+    if (result == nullptr) {
+        if (PyErr_ExceptionMatches(PyExc_ValueError) == 0 &&
+            PyErr_ExceptionMatches(PyExc_TypeError) == 0) {
+            throw nb::python_error();
+        }
+        PyErr_Clear();
+        throw_bad_array(role, std::string("an array of ") + dtype, describe(object));
+    }
+    keep = nb::steal(result);
+    return std::move(*ArrayView::of(keep, false));
+}
+
+}  // namespace tfdb::python

@@ -1,0 +1,95 @@
+// numpy arrays in and out, through the buffer protocol.
+#pragma once
+
+#include <nanobind/nanobind.h>
+
+#include <array>
+#include <cstddef>
+#include <cstdint>
+#include <initializer_list>
+#include <optional>
+#include <span>
+#include <string>
+#include <vector>
+
+#include "tfdb/clock/stamp.hpp"
+
+namespace nb = nanobind;
+
+namespace tfdb::python {
+
+using clock::StampNs;
+
+enum class Kind : std::uint8_t { kFloat32, kFloat64, kInt64, kOtherInteger, kOther };
+
+/// A borrowed view of an object's memory. Threads: one. Guarantee: the memory stays where it is
+/// while the view lives, also without the GIL; it must be destroyed with the GIL.
+class ArrayView {
+public:
+    ArrayView() = default;
+    ArrayView(ArrayView&& other) noexcept;
+    ArrayView& operator=(ArrayView&& other) noexcept;
+    ~ArrayView();
+
+    /// The object's own memory, writable if asked for; nothing if it does not lend it.
+    static std::optional<ArrayView> of(nb::handle object, bool writable);
+
+    [[nodiscard]] Kind kind() const { return kind_; }
+    [[nodiscard]] int dimensions() const { return view_.ndim; }
+    [[nodiscard]] std::size_t extent(int axis) const {
+        return static_cast<std::size_t>(view_.shape[axis]);
+    }
+    [[nodiscard]] Py_ssize_t stride(int axis) const { return view_.strides[axis]; }
+    [[nodiscard]] bool contiguous() const { return PyBuffer_IsContiguous(&view_, 'C') != 0; }
+    template <class T>
+    [[nodiscard]] T* data() const {
+        return static_cast<T*>(view_.buf);
+    }
+    /// First and last byte + 1 of what the view covers.
+    [[nodiscard]] std::pair<const char*, const char*> range() const;
+    /// "float64 (3, 7)"
+    [[nodiscard]] std::string describe() const;
+
+private:
+    Py_buffer view_{};
+    Kind kind_ = Kind::kOther;
+};
+
+/// Stamps from whatever holds them. Guarantee: every stamp is >= 0.
+class Stamps {
+public:
+    /// Throws InvalidArray (shape, dtype) and InvalidStamp (with index).
+    explicit Stamps(nb::handle object);
+
+    [[nodiscard]] std::span<const StampNs> values() const { return values_; }
+
+private:
+    void read_array(nb::handle object);
+    void read_sequence(nb::handle object);
+
+    std::optional<ArrayView> view_;
+    std::vector<StampNs> copy_;
+    nb::object converted_;
+    std::span<const StampNs> values_;
+};
+
+/// A new, uninitialised array of numpy and its memory.
+template <class T>
+struct NewArray {
+    nb::object array;
+    T* data;
+};
+NewArray<double> new_doubles(std::initializer_list<std::size_t> shape);
+NewArray<StampNs> new_stamps(std::size_t count);
+
+/// A view of `object` as an array of `dtype` ("float64"), converted if need be.
+/// Throws InvalidArray, which says what was expected of `role`.
+ArrayView converted_array(nb::handle object, const char* dtype, const std::string& role,
+                          nb::object& keep);
+
+[[noreturn]] void throw_bad_array(const std::string& role, const std::string& expected,
+                                  const std::string& got);
+/// What an object is, for "got ...": its dtype and shape, or its type.
+std::string describe(nb::handle object);
+
+}  // namespace tfdb::python

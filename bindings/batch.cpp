@@ -1,0 +1,278 @@
+// Batches of stamps and points: arrays checked, then one call of the core.
+#include <algorithm>
+#include <cstdint>
+#include <optional>
+#include <string>
+#include <string_view>
+
+#include "arrays.hpp"
+#include "errors.hpp"
+#include "reads.hpp"
+#include "stamp.hpp"
+
+namespace tfdb::python {
+namespace {
+
+// From here on a batch takes so long that other threads should run: about 0.1 ms and more.
+constexpr std::size_t kReleaseFrom = 8192;
+
+template <class Function>
+void run_batch(std::size_t count, Function&& function) {
+    std::optional<nb::gil_scoped_release> released;
+    if (count >= kReleaseFrom) {
+        released.emplace();
+    }
+    function();
+}
+
+Layout layout_of(const nb::str& layout) {
+    const std::string_view name = layout.c_str();
+    if (name != "pose" && name != "matrix") {
+        throw_error("InvalidArgument", "layout must be 'pose' or 'matrix', got " +
+                                           short_repr(layout), {{"value", layout}});
+    }
+    return name == "pose" ? Layout::kPose : Layout::kMatrix;
+}
+
+Missing missing_of(const nb::str& missing) {
+    const std::string_view name = missing.c_str();
+    if (name != "raise" && name != "nan") {
+        throw_error("InvalidArgument", "missing must be 'raise' or 'nan', got " +
+                                           short_repr(missing), {{"value", missing}});
+    }
+    return name == "raise" ? Missing::kThrow : Missing::kNan;
+}
+
+/// The rows to write: `out` if it is what it must be, else a new array.
+NewArray<double> rows_for(nb::handle out, std::size_t count, Layout layout) {
+    const bool matrices = layout == Layout::kMatrix;
+    if (out.is_none()) {
+        return matrices ? new_doubles({count, 4, 4}) : new_doubles({count, 7});
+    }
+    const std::optional<ArrayView> view = ArrayView::of(out, true);
+    const bool fits = view && view->kind() == Kind::kFloat64 && view->contiguous() &&
+                      view->dimensions() == (matrices ? 3 : 2) && view->extent(0) == count &&
+                      (matrices ? view->extent(1) == 4 && view->extent(2) == 4
+                                : view->extent(1) == 7);
+    if (!fits) {
+        const std::string shape =
+            std::to_string(count) + (matrices ? std::string(", 4, 4)") : std::string(", 7)"));
+        throw_bad_array("out", "a writable, C-contiguous array of float64 (" + shape,
+                        describe(out));
+    }
+    return {nb::borrow(out), view->data<double>()};
+}
+
+nb::object lookup_transforms(nb::handle self, const nb::str& target, const nb::str& source,
+                             nb::handle stamps, nb::handle policy, const nb::str& layout,
+                             nb::handle out, const nb::str& missing) {
+    const Pinned pinned = pin(self, reads_of(self.ptr()));
+    const Layout rows = layout_of(layout);
+    const Missing absent = missing_of(missing);
+    const Policy how = policy_of(policy.ptr());
+    const Stamps when(stamps);
+    const std::size_t count = when.values().size();
+    const NewArray<double> result = rows_for(out, count, rows);
+    const std::size_t width = rows == Layout::kPose ? 7 : 16;
+    const std::string_view to = name_of(target, "target");
+    const std::string_view from = name_of(source, "source");
+    run_batch(count, [&] {
+        pinned.reads.lookup_many(to, from, when.values(), how, rows, absent,
+                                 {result.data, count * width});
+    });
+    return result.array;
+}
+
+/// Points as the core wants them: rows of three neighbouring numbers.
+struct Points {
+    ArrayView view;
+    nb::object array;
+    std::size_t count;
+    std::size_t stride;  // in elements
+};
+
+[[noreturn]] void throw_bad_points(const char* role, const std::string& expected,
+                                   nb::handle object) {
+    throw_bad_array(role, expected, describe(object));
+}
+
+/// `writable` ones must fit as they are; others are copied where their strides do not fit.
+Points points_of(nb::handle object, const char* role, bool writable) {
+    constexpr const char* kExpected = "an array (N, 3) of float32 or float64";
+    nb::object array = nb::borrow(object);
+    std::optional<ArrayView> view = ArrayView::of(array, writable);
+    if (!view && !writable) {
+        view.emplace(converted_array(object, "float64", role, array));
+    }
+    if (!view) {
+        throw_bad_points(role, std::string(kExpected) + ", writable", object);
+    }
+    const bool floats = view->kind() == Kind::kFloat32 || view->kind() == Kind::kFloat64;
+    if (!floats || view->dimensions() != 2 || view->extent(1) != 3) {
+        throw_bad_points(role, kExpected, object);
+    }
+    const Py_ssize_t item = view->kind() == Kind::kFloat32 ? sizeof(float) : sizeof(double);
+    const std::size_t count = view->extent(0);
+    const bool whole = count == 0 || (view->stride(1) == item && view->stride(0) % item == 0 &&
+                                      (count == 1 || view->stride(0) >= 3 * item));
+    if (!whole) {
+        throw_bad_points(role,
+                         std::string(kExpected) +
+                             " whose rows do not overlap and whose x, y, z lie side by side",
+                         nb::str((describe(object) + " with strides (" +
+                                  std::to_string(view->stride(0)) + ", " +
+                                  std::to_string(view->stride(1)) + ")").c_str()));
+    }
+    const std::size_t stride =
+        count == 0 ? 3 : static_cast<std::size_t>(std::max(view->stride(0), 3 * item) / item);
+    return {std::move(*view), std::move(array), count, stride};
+}
+
+/// `out` may be the points themselves or memory apart from them; half on top of them it may not be.
+void check_out(const Points& points, const Points& out, nb::handle object) {
+    const char* dtype = points.view.kind() == Kind::kFloat32 ? "float32" : "float64";
+    if (out.view.kind() != points.view.kind() || out.count != points.count) {
+        throw_bad_points("out", std::string("an array (") + std::to_string(points.count) +
+                                    ", 3) of " + dtype + " like the points", object);
+    }
+    const auto [low, high] = points.view.range();
+    const auto [out_low, out_high] = out.view.range();
+    const bool apart = out_high <= low || high <= out_low;
+    const bool same = low == out_low && points.stride == out.stride;
+    if (!apart && !same) {
+        throw_bad_points("out", "the points themselves or memory that does not overlap them",
+                         nb::str("memory that overlaps them in part"));
+    }
+}
+
+template <class T>
+void move_points(const Reads& reads, std::string_view target, std::string_view source,
+                 const Points& points, std::span<const StampNs> stamps, Policy policy,
+                 const Points& out) {
+    run_batch(points.count, [&] {
+        reads.transform_points(target, source, points.view.data<const T>(), points.stride,
+                               points.count, stamps, policy, out.view.data<T>(), out.stride);
+    });
+}
+
+bool is_one_stamp(nb::handle stamps) {
+    return !PySequence_Check(stamps.ptr()) && !nb::hasattr(stamps, "__iter__");
+}
+
+nb::object transform_points(nb::handle self, const nb::str& target, const nb::str& source,
+                            nb::handle points, nb::handle stamps, nb::handle policy,
+                            nb::handle out) {
+    const Pinned pinned = pin(self, reads_of(self.ptr()));
+    const Policy how = policy_of(policy.ptr());
+    const Points from = points_of(points, "points", false);
+    std::optional<Stamps> many;
+    StampNs one = 0;
+    if (is_one_stamp(stamps)) {
+        one = stamp_of(stamps.ptr());
+    } else {
+        many.emplace(stamps);
+    }
+    const std::span<const StampNs> when =
+        many ? many->values() : std::span<const StampNs>(&one, 1);
+    if (many && when.size() != from.count) {
+        throw_bad_array("stamps",
+                        "one stamp, or one for each of the " + std::to_string(from.count) +
+                            " points",
+                        std::to_string(when.size()) + " stamps");
+    }
+    nb::object target_array = nb::borrow(out);
+    if (out.is_none()) {
+        const char* dtype = from.view.kind() == Kind::kFloat32 ? "float32" : "float64";
+        target_array = nb::module_::import_("numpy").attr("empty")(
+            nb::make_tuple(from.count, 3), dtype);
+    }
+    const Points to = points_of(target_array, "out", true);
+    check_out(from, to, target_array);
+    const std::string_view into = name_of(target, "target");
+    const std::string_view out_of = name_of(source, "source");
+    if (from.view.kind() == Kind::kFloat32) {
+        move_points<float>(pinned.reads, into, out_of, from, when, how, to);
+    } else {
+        move_points<double>(pinned.reads, into, out_of, from, when, how, to);
+    }
+    return target_array;
+}
+
+constexpr const char* kLookupTransformsDoc = R"(T[target<-source] at each of N stamps, all from one snapshot.
+
+Equal to N calls of `lookup_transform`, and much faster.
+
+Parameters
+----------
+target, source
+    Frame names.
+stamps
+    (N,) int64 nanoseconds or datetime64, or a list of stamps; in any order.
+policy
+    How stamps between samples are answered. None: Interpolate().
+layout
+    `pose`: rows x y z qx qy qz qw. `matrix`: homogeneous 4x4 matrices.
+out
+    Array to write to: float64, C-contiguous, (N, 7) or (N, 4, 4).
+missing
+    `raise`: the error of the first stamp without an answer, with its `index`. `nan`: NaN in its
+    rows instead.
+
+Returns
+-------
+numpy.ndarray
+    `out`, or a new float64 array (N, 7) or (N, 4, 4).
+
+Raises InvalidArray, InvalidStamp, InvalidArgument, and what `lookup_transform` raises.)";
+
+constexpr const char* kTransformPointsDoc = R"(Map points of `source` into `target`, each at its own stamp.
+
+Undoes the motion during a scan: p_target[i] = T[target<-source](stamps[i]) p_source[i], all from
+one snapshot.
+
+Parameters
+----------
+target, source
+    Frame names.
+points
+    (N, 3), float32 or float64; rows may be strided, as in `cloud[:, :3]`.
+stamps
+    (N,) int64 nanoseconds, or one stamp for all points.
+policy
+    How stamps between samples are answered. None: Interpolate().
+out
+    Array to write to, like the points; the points themselves to work in place.
+
+Returns
+-------
+numpy.ndarray
+    `out`, or a new array (N, 3) of the points' dtype. Computed in float64.
+
+Raises InvalidArray, InvalidStamp, and what `lookup_transform` raises, with `index`.)";
+
+}  // namespace
+
+void bind_batch(nb::class_<ReadsObject>& type) {
+    type.def("lookup_transforms", &lookup_transforms, nb::arg("target"), nb::arg("source"),
+             nb::arg("stamps"), nb::arg("policy") = nb::none(), nb::kw_only(),
+             nb::arg("layout") = "pose", nb::arg("out") = nb::none(),
+             nb::arg("missing") = "raise",
+             nb::sig("def lookup_transforms(self, target: str, source: str, stamps: "
+                     "tfdb.stamps.StampsLike, policy: Policy | None = None, *, layout: "
+                     "typing.Literal['pose', 'matrix'] = 'pose', out: "
+                     "numpy.typing.NDArray[numpy.float64] | None = None, missing: "
+                     "typing.Literal['raise', 'nan'] = 'raise') -> "
+                     "numpy.typing.NDArray[numpy.float64]"),
+             kLookupTransformsDoc);
+    type.def("transform_points", &transform_points, nb::arg("target"), nb::arg("source"),
+             nb::arg("points"), nb::arg("stamps"), nb::arg("policy") = nb::none(), nb::kw_only(),
+             nb::arg("out") = nb::none(),
+             nb::sig("def transform_points(self, target: str, source: str, points: "
+                     "numpy.typing.ArrayLike, stamps: tfdb.stamps.StampsLike | "
+                     "tfdb.stamps.StampLike, policy: Policy | None = None, *, out: "
+                     "numpy.typing.NDArray[typing.Any] | None = None) -> "
+                     "numpy.typing.NDArray[typing.Any]"),
+             kTransformPointsDoc);
+}
+
+}  // namespace tfdb::python

@@ -1,0 +1,214 @@
+// The Python class Buffer.
+#include <nanobind/nanobind.h>
+#include <nanobind/stl/optional.h>
+#include <nanobind/stl/string.h>
+
+#include <optional>
+#include <string>
+
+#include "arguments.hpp"
+#include "errors.hpp"
+#include "pose.hpp"
+#include "records.hpp"
+#include "stamp.hpp"
+#include "writes.hpp"
+
+namespace tfdb::python {
+namespace {
+
+void init(nb::pointer_and_handle<BufferObject> self, nb::handle history, std::uint32_t max_frames,
+          std::optional<std::size_t> memory_limit, std::size_t snapshot_memory,
+          nb::handle clock) {
+    BufferOptions options;
+    options.history_ns = optional_duration_of(history, "history");
+    options.max_frames = max_frames;
+    options.memory_limit = memory_limit;
+    options.snapshot_memory = snapshot_memory;
+    auto* object = new (self.p) BufferObject(options);
+    object->buffer = self.h.ptr();
+    if (!clock.is_none()) {
+        object->clock = nb::borrow(clock);
+    }
+}
+
+CommitNumber set_static_transform(BufferObject& self, const nb::str& parent, const nb::str& child,
+                                  nb::handle translation, nb::handle rotation,
+                                  const nb::str& authority) {
+    TransformView view;
+    view.parent = name_of(parent, "parent");
+    view.child = name_of(child, "child");
+    view.pose = {vector_of(translation.ptr(), "translation"),
+                 quaternion_of(rotation.ptr(), "rotation")};
+    return commit_transforms(self, {&view, 1}, true, name_of(authority, "authority"));
+}
+
+CommitNumber set_transforms(BufferObject& self, nb::handle batch, bool is_static,
+                            const nb::str& authority) {
+    const bool columns = nb::isinstance(batch, record_type("Columns"));
+    const Transforms transforms = columns ? Transforms::from_columns(batch, is_static)
+                                          : Transforms::from_objects(batch);
+    return commit_transforms(self, transforms.views, is_static, name_of(authority, "authority"));
+}
+
+CommitNumber remove_frame(BufferObject& self, const nb::str& name, bool recursive) {
+    const std::string_view bytes = name_of(name, "name");
+    const nb::gil_scoped_release released;
+    return self.store.remove_frame(bytes, recursive);
+}
+
+CommitNumber clear(BufferObject& self) {
+    const nb::gil_scoped_release released;
+    return self.store.clear();
+}
+
+nb::object memory(BufferObject& self) {
+    const MemoryUse use = [&] {
+        const nb::gil_scoped_release released;
+        return self.store.memory();
+    }();
+    return memory_record(use);
+}
+
+nb::object snapshot(nb::handle self) {
+    auto* buffer = nb::inst_ptr<BufferObject>(self);
+    nb::object made = nb::cast(SnapshotObject{});
+    auto* object = nb::inst_ptr<SnapshotObject>(made);
+    object->held = std::make_shared<Snapshot>(buffer->store.snapshot());
+    object->reads = object->held.get();
+    object->names = &buffer->own_names;
+    object->buffer = self.ptr();
+    object->owner = nb::borrow(self);
+    return made;
+}
+
+std::optional<double> history(const BufferObject& self) {
+    const std::optional<StampNs> kept = self.store.history();
+    return kept ? std::optional(clock::to_seconds(*kept)) : std::nullopt;
+}
+
+std::string represent(const BufferObject& self) {
+    const std::optional<StampNs> kept = self.store.history();
+    return "<tfdb.Buffer at commit " + std::to_string(self.store.commit()) + ", history " +
+           (kept ? std::to_string(clock::to_seconds(*kept)) + " s>" : std::string("unlimited>"));
+}
+
+// A clock may refer to the buffer: let the garbage collector see it.
+int traverse(PyObject* self, visitproc visit, void* arg) {
+    Py_VISIT(Py_TYPE(self));
+    if (nb::inst_ready(self)) {
+        Py_VISIT(nb::inst_ptr<BufferObject>(self)->clock.ptr());
+    }
+    return 0;
+}
+
+int clear_references(PyObject* self) {
+    if (nb::inst_ready(self)) {
+        nb::inst_ptr<BufferObject>(self)->clock.reset();
+    }
+    return 0;
+}
+
+PyType_Slot g_slots[] = {
+    {Py_tp_traverse, reinterpret_cast<void*>(traverse)},
+    {Py_tp_clear, reinterpret_cast<void*>(clear_references)},
+    {0, nullptr},
+};
+
+constexpr const char* kBufferDoc = R"(A store of time-stamped transforms between named frames.
+
+Any number of threads may read and write at once. A read is answered from one committed state and
+never waits for a writer; a write is all or nothing.
+
+Parameters
+----------
+history
+    Seconds to keep behind each edge's newest stamp; None keeps everything.
+max_frames
+    The most frames there may be.
+memory_limit
+    The most bytes the store may take; None: what the machine has.
+snapshot_memory
+    The most bytes it may grow to keep held snapshots readable.
+clock
+    What `lookup_latest_transform(max_age=...)` asks for the time, in nanoseconds; None: the
+    system's clock.
+
+Raises InvalidArgument, CapacityExceeded.)";
+
+constexpr const char* kSetTransformsDoc = R"(Store a batch of transforms T[parent<-child] in one commit: all or nothing.
+
+Parameters
+----------
+batch
+    A sequence of `TransformStamped` or of ROS messages of that name, or one `Columns`. Of two with
+    the same child and stamp the later wins.
+static
+    Whether they hold at every stamp until replaced.
+authority
+    Who writes.
+
+Returns
+-------
+int
+    Number of the commit; of the current one if the batch is empty.
+
+Raises InvalidName, InvalidStamp, InvalidArray, InvalidTransform, TooOld, StaticConflict,
+CycleError, CapacityExceeded, each with `index`. Then nothing was stored.)";
+
+using BufferClass = nb::class_<BufferObject, ReadsObject>;
+
+void bind_writes(BufferClass& type) {
+    add_raw_writes(type);
+    type.def("set_static_transform", &set_static_transform, nb::arg("parent"), nb::arg("child"),
+             nb::arg("translation"), nb::arg("rotation") = nb::make_tuple(0, 0, 0, 1),
+             nb::kw_only(), nb::arg("authority") = "",
+             nb::sig("def set_static_transform(self, parent: str, child: str, translation: "
+                     "tfdb.types.VectorLike, rotation: tfdb.types.QuaternionLike = (0, 0, 0, 1), "
+                     "*, authority: str = '') -> int"),
+             R"(Store T[parent<-child] for every stamp, until a later commit replaces it.
+
+Arguments, result and errors as in `set_transform`.)");
+    type.def("set_transforms", &set_transforms, nb::arg("batch"), nb::kw_only(),
+             nb::arg("static") = false, nb::arg("authority") = "",
+             nb::sig("def set_transforms(self, batch: collections.abc.Iterable["
+                     "tfdb.types.TransformStampedLike] | tfdb.types.Columns, *, static: bool = "
+                     "False, authority: str = '') -> int"),
+             kSetTransformsDoc);
+    type.def("remove_frame", &remove_frame, nb::arg("name"), nb::kw_only(),
+             nb::arg("recursive") = false,
+             nb::sig("def remove_frame(self, name: str, *, recursive: bool = False) -> int"),
+             R"(Remove a frame and its edge; with `recursive` also all frames below it. One commit.
+
+Returns its number. Raises UnknownFrame, FrameInUse (naming the children).)");
+    type.def("clear", &clear, nb::sig("def clear(self) -> int"),
+             "Drop all moving samples in one commit; frames and static edges stay.");
+}
+
+}  // namespace
+
+void bind_buffer(nb::module_& module) {
+    BufferClass type(module, "Buffer", kBufferDoc, nb::type_slots(g_slots));
+    type.def("__init__", &init, nb::arg("history").none() = 10.0, nb::kw_only(),
+             nb::arg("max_frames") = kMaxFrames, nb::arg("memory_limit").none() = nb::none(),
+             nb::arg("snapshot_memory") = BufferOptions{}.snapshot_memory,
+             nb::arg("clock").none() = nb::none(),
+             nb::sig("def __init__(self, history: float | None = 10.0, *, max_frames: int = "
+                     "1048575, memory_limit: int | None = None, snapshot_memory: int = "
+                     "1073741824, clock: collections.abc.Callable[[], int] | None = None) -> "
+                     "None"));
+    add_raw_reads(type);
+    bind_writes(type);
+    bind_wire(module, type);
+    type.def("snapshot", &snapshot, nb::sig("def snapshot(self) -> Snapshot"),
+             "Hold the newest commit: many reads of one state. Use it in a `with` statement.");
+    type.def("memory", &memory, nb::sig("def memory(self) -> tfdb.types.MemoryUse"),
+             "What the store occupies.");
+    type.def(
+        "counters", [](const BufferObject& self) { return counters_record(self.store.counters()); },
+        nb::sig("def counters(self) -> tfdb.types.Counters"),
+        "Commits, mended quaternions, and reads that a writer overtook.");
+    type.def_prop_ro("history", &history, "Seconds that are kept; None: everything.");
+    type.def("__repr__", &represent);
+}
+
+}  // namespace tfdb::python

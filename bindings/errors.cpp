@@ -1,0 +1,158 @@
+#include "errors.hpp"
+
+#include <nanobind/stl/string.h>
+
+#include <array>
+#include <cstdint>
+#include <optional>
+#include <vector>
+
+namespace tfdb::python {
+namespace {
+
+// In the order of ErrorCode.
+constexpr std::array kClassNames = {
+    "UnknownFrame",   "Disconnected", "Extrapolation",    "GapTooLarge",     "Stale",
+    "NoSampleNear",   "InvalidTransform", "TooOld",       "StaticConflict",  "CycleError",
+    "FrameInUse",     "InvalidStamp", "InvalidName",      "InvalidArgument", "CorruptMessage",
+    "SnapshotTooOld", "SnapshotClosed", "CapacityExceeded",
+};
+static_assert(kClassNames.size() == static_cast<std::size_t>(ErrorCode::kCapacityExceeded) + 1);
+
+// Strong references for the life of the process.
+std::array<PyObject*, kClassNames.size()> g_classes{};
+
+void set_text(nb::handle error, const char* name, const std::string& value) {
+    if (!value.empty()) {
+        error.attr(name) = value;
+    }
+}
+
+template <class Integer>
+void set_number(nb::handle error, const char* name, const std::optional<Integer>& value) {
+    if (value) {
+        error.attr(name) = *value;
+    }
+}
+
+void set_fields(nb::handle error, const ErrorDetail& detail) {
+    set_text(error, "target", detail.target);
+    set_text(error, "source", detail.source);
+    set_text(error, "edge", detail.edge);
+    set_text(error, "parent", detail.parent);
+    set_text(error, "frame", detail.frame);
+    set_text(error, "authority", detail.authority);
+    set_text(error, "reason", detail.reason);
+    set_number(error, "stamp", detail.stamp);
+    set_number(error, "oldest", detail.oldest);
+    set_number(error, "newest", detail.newest);
+    set_number(error, "before", detail.before);
+    set_number(error, "after", detail.after);
+    set_number(error, "limit", detail.limit);
+    set_number(error, "index", detail.index);
+    set_number(error, "offset", detail.offset);
+    set_number(error, "commit", detail.commit);
+    if (!detail.frames.empty()) {
+        nb::list names;
+        for (const std::string& name : detail.frames) {
+            names.append(name);
+        }
+        error.attr("frames") = nb::tuple(names);
+    }
+}
+
+// Names on the wire and from C++ may hold bytes that are no UTF-8.
+nb::object text(const std::string& message) {
+    PyObject* decoded = PyUnicode_DecodeUTF8(
+        message.data(), static_cast<Py_ssize_t>(message.size()), "backslashreplace");
+    if (decoded == nullptr) {
+        throw nb::python_error();
+    }
+    return nb::steal(decoded);
+}
+
+}  // namespace
+
+void bind_errors(nb::module_& module) {
+    const nb::module_ errors = nb::module_::import_("tfdb.errors");
+    for (std::size_t i = 0; i < kClassNames.size(); ++i) {
+        g_classes[i] = nb::object(errors.attr(kClassNames[i])).release().ptr();
+    }
+    nb::register_exception_translator([](const std::exception_ptr& pointer, void*) {
+        try {
+            std::rethrow_exception(pointer);
+        } catch (const Error& error) {
+            set_error(error);
+        }
+    });
+    static_cast<void>(module);
+}
+
+const char* class_name(ErrorCode code) {
+    return kClassNames[static_cast<std::size_t>(code)];
+}
+
+void set_error(const Error& error) noexcept {
+    try {
+        const nb::handle type = g_classes[static_cast<std::size_t>(error.code())];
+        const nb::object value = type(text(error.what()));
+        set_fields(value, error.detail());
+        PyErr_SetObject(type.ptr(), value.ptr());
+    } catch (nb::python_error& failed) {
+        failed.restore();
+    }
+}
+
+void throw_error(const char* class_name, const std::string& message,
+                 std::initializer_list<Field> fields) {
+    const nb::object type = nb::module_::import_("tfdb.errors").attr(class_name);
+    const nb::object value = type(text(message));
+    for (const auto& [name, field] : fields) {
+        value.attr(name) = field;
+    }
+    PyErr_SetObject(type.ptr(), value.ptr());
+    throw nb::python_error();
+}
+
+void add_index(nb::python_error& error, std::size_t index) {
+    const nb::object root = nb::module_::import_("tfdb.errors").attr("TfdbError");
+    if (nb::isinstance(error.value(), root)) {
+        nb::setattr(error.value(), "index", nb::int_(index));
+    }
+}
+
+void set_current_exception() noexcept {
+    try {
+        throw;
+    } catch (nb::python_error& error) {
+        error.restore();
+    } catch (const Error& error) {
+        set_error(error);
+    } catch (const nb::builtin_exception& error) {
+        PyObject* type = error.type() == nb::exception_type::type_error    ? PyExc_TypeError
+                         : error.type() == nb::exception_type::value_error ? PyExc_ValueError
+                                                                           : PyExc_RuntimeError;
+        PyErr_SetString(type, error.what());
+    } catch (const std::bad_alloc&) {
+        PyErr_NoMemory();
+    } catch (const std::exception& error) {
+        PyErr_SetString(PyExc_RuntimeError, error.what());
+    }
+}
+
+std::string short_repr(nb::handle object) {
+    constexpr std::size_t kLongest = 80;
+    const nb::object printed = nb::steal(PyObject_Repr(object.ptr()));
+    if (!printed.is_valid()) {
+        PyErr_Clear();
+        return "<" + type_name_of(object) + ">";
+    }
+    std::string result(nb::str(printed).c_str());
+    if (result.size() > kLongest) {
+        result.resize(kLongest);
+        result += "...";
+    }
+    return result;
+}
+
+}  // namespace tfdb::python

@@ -1,0 +1,71 @@
+// The way of errors from the core, and from the checks of arguments, into Python.
+#pragma once
+
+#include <nanobind/nanobind.h>
+
+#include <exception>
+#include <initializer_list>
+#include <new>
+#include <string>
+#include <utility>
+
+#include "tfdb/base/error.hpp"
+
+namespace nb = nanobind;
+
+namespace tfdb::python {
+
+/// Imports tfdb.errors and makes nanobind translate tfdb::Error.
+void bind_errors(nb::module_& module);
+
+/// Sets the Python error that `error` stands for, with all its fields.
+void set_error(const Error& error) noexcept;
+
+/// Name of the class of tfdb.errors that stands for a code.
+const char* class_name(ErrorCode code);
+
+using Field = std::pair<const char*, nb::object>;
+
+/// Throws (as nb::python_error) the class of tfdb.errors of that name.
+[[noreturn]] void throw_error(const char* class_name, const std::string& message,
+                              std::initializer_list<Field> fields = {});
+
+/// Runs one element of a batch; an error that leaves it gets the element's position as `index`.
+template <class Function>
+void at_index(std::size_t index, Function&& function);
+
+void add_index(nb::python_error& error, std::size_t index);
+
+template <class Function>
+void at_index(std::size_t index, Function&& function) {
+    try {
+        function();
+    } catch (nb::python_error& error) {
+        add_index(error, index);
+        throw;
+    }
+}
+
+/// Sets the Python error of the exception being handled.
+void set_current_exception() noexcept;
+
+/// The body of a raw method: C++ exceptions become Python errors, the result is a new reference.
+template <class Function>
+PyObject* guarded(Function&& function) noexcept {
+    try {
+        return function();
+    } catch (...) {
+        set_current_exception();
+        return nullptr;
+    }
+}
+
+/// Name of an object's type, for messages.
+inline std::string type_name_of(nb::handle object) {
+    return Py_TYPE(object.ptr())->tp_name;
+}
+
+/// repr() cut to what fits into a message.
+std::string short_repr(nb::handle object);
+
+}  // namespace tfdb::python

@@ -1,0 +1,17 @@
+// tfdb._core: the table of contents of the extension.
+#include <nanobind/nanobind.h>
+
+#include "errors.hpp"
+#include "reads.hpp"
+#include "transform.hpp"
+
+NB_MODULE(_core, module) {
+    module.doc() = "The compiled part of tfdb. Use the names that `tfdb` exports.";
+    module.attr("__version__") = TFDB_VERSION;
+    tfdb::python::bind_errors(module);
+    tfdb::python::bind_policy(module);
+    tfdb::python::bind_transform(module);
+    tfdb::python::bind_reads(module);
+    tfdb::python::bind_buffer(module);
+    tfdb::python::add_python_methods(module);
+}

@@ -1,0 +1,71 @@
+// tfdb._core.Policy: the base of the policies, read without a call into Python.
+#include <nanobind/nanobind.h>
+#include <nanobind/stl/optional.h>
+#include <nanobind/stl/string.h>
+
+#include <array>
+#include <string>
+#include <string_view>
+
+#include "errors.hpp"
+#include "reads.hpp"
+
+namespace tfdb::python {
+namespace {
+
+using lookup::kNoLimit;
+using lookup::PolicyKind;
+
+PyTypeObject* g_type = nullptr;
+
+// In the order of PolicyKind.
+constexpr std::array<std::string_view, 5> kKinds = {"interpolate", "exact", "previous", "nearest",
+                                                    "extrapolate"};
+
+Policy make(const std::string& kind, std::optional<StampNs> limit) {
+    for (std::size_t i = 0; i < kKinds.size(); ++i) {
+        if (kKinds[i] == kind) {
+            return {static_cast<PolicyKind>(i), limit ? std::min(*limit, kNoLimit) : kNoLimit};
+        }
+    }
+    throw_error("InvalidArgument", "unknown kind of policy '" + kind + "'");
+}
+
+}  // namespace
+
+Policy policy_of(PyObject* object) {
+    if (!is_given(object)) {
+        return {};
+    }
+    if (!PyObject_TypeCheck(object, g_type) || !nb::inst_ready(object)) {
+        PyErr_Format(PyExc_TypeError,
+                     "policy must be an object such as tfdb.Interpolate() or tfdb.Previous(), "
+                     "got %R",
+                     object);
+        throw nb::python_error();
+    }
+    return *nb::inst_ptr<Policy>(object);
+}
+
+void bind_policy(nb::module_& module) {
+    nb::class_<Policy> type(module, "Policy",
+                            "How a stamp picks a pose from an edge's samples. Use a subclass.");
+    type.def(
+        "__init__",
+        [](Policy* self, const std::string& kind, std::optional<StampNs> limit) {
+            new (self) Policy(make(kind, limit));
+        },
+        nb::arg("kind"), nb::arg("limit_ns").none() = nb::none());
+    type.def_prop_ro(
+        "kind", [](const Policy& self) { return kKinds[static_cast<std::size_t>(self.kind)].data(); },
+        nb::sig("def kind(self) -> str"), "Name of the rule.");
+    type.def_prop_ro(
+        "limit_ns",
+        [](const Policy& self) {
+            return self.limit == kNoLimit ? std::nullopt : std::optional(self.limit);
+        },
+        "Its limit in nanoseconds; None: no limit.");
+    g_type = reinterpret_cast<PyTypeObject*>(type.ptr());
+}
+
+}  // namespace tfdb::python

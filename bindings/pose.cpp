@@ -1,0 +1,122 @@
+#include "pose.hpp"
+
+#include <array>
+#include <cstddef>
+#include <string>
+
+#include "arrays.hpp"
+#include "errors.hpp"
+
+namespace tfdb::python {
+namespace {
+
+constexpr std::array<const char*, 4> kFieldNames = {"x", "y", "z", "w"};
+
+template <std::size_t N>
+[[noreturn]] void refuse(PyObject* object, const char* role) {
+    constexpr const char* kExpected = N == 3 ? "3 numbers (x, y, z)" : "4 numbers (x, y, z, w)";
+    throw_bad_array(role, kExpected, short_repr(object));
+}
+
+bool read_number(PyObject* object, double& out) {
+    if (PyFloat_CheckExact(object)) {
+        out = PyFloat_AS_DOUBLE(object);
+        return true;
+    }
+    out = PyFloat_AsDouble(object);
+    if (out == -1.0 && PyErr_Occurred() != nullptr) {
+        PyErr_Clear();
+        return false;
+    }
+    return true;
+}
+
+template <std::size_t N>
+bool read_items(PyObject* const* items, std::array<double, N>& out) {
+    for (std::size_t i = 0; i < N; ++i) {
+        if (!read_number(items[i], out[i])) {
+            return false;
+        }
+    }
+    return true;
+}
+
+template <std::size_t N>
+bool read_array(PyObject* object, std::array<double, N>& out) {
+    nb::object keep;
+    std::optional<ArrayView> view = ArrayView::of(object, false);
+    if (!view || view->dimensions() != 1 || view->extent(0) != N) {
+        return false;
+    }
+    if (view->kind() == Kind::kFloat64) {
+        for (std::size_t i = 0; i < N; ++i) {
+            const auto step = static_cast<Py_ssize_t>(i) * view->stride(0);
+            out[i] = *reinterpret_cast<const double*>(view->data<const char>() + step);
+        }
+        return true;
+    }
+    const ArrayView converted = converted_array(object, "float64", "array", keep);
+    for (std::size_t i = 0; i < N; ++i) {
+        out[i] = converted.data<const double>()[i];
+    }
+    return true;
+}
+
+template <std::size_t N>
+bool read_fields(PyObject* object, std::array<double, N>& out) {
+    for (std::size_t i = 0; i < N; ++i) {
+        const nb::object value = nb::steal(PyObject_GetAttrString(object, kFieldNames[i]));
+        if (!value.is_valid()) {
+            PyErr_Clear();
+            return false;
+        }
+        if (!read_number(value.ptr(), out[i])) {
+            return false;
+        }
+    }
+    return true;
+}
+
+template <std::size_t N>
+std::array<double, N> numbers_of(PyObject* object, const char* role) {
+    std::array<double, N> out{};
+    bool read = false;
+    if (PyTuple_CheckExact(object)) {
+        read = PyTuple_GET_SIZE(object) == N &&
+               read_items<N>(&PyTuple_GET_ITEM(object, 0), out);
+    } else if (PyList_CheckExact(object)) {
+        // __float__ of an item may change the list: read from a copy of its items.
+        const nb::object items = nb::steal(PyList_AsTuple(object));
+        read = items.is_valid() && PyTuple_GET_SIZE(items.ptr()) == N &&
+               read_items<N>(&PyTuple_GET_ITEM(items.ptr(), 0), out);
+    } else if (PyObject_CheckBuffer(object) != 0) {
+        read = read_array<N>(object, out);
+    } else if (PySequence_Check(object) != 0 && !PyUnicode_Check(object)) {
+        const nb::object items = nb::steal(PySequence_Tuple(object));
+        if (!items.is_valid()) {
+            throw nb::python_error();
+        }
+        read = PyTuple_GET_SIZE(items.ptr()) == N &&
+               read_items<N>(&PyTuple_GET_ITEM(items.ptr(), 0), out);
+    } else {
+        read = read_fields<N>(object, out);
+    }
+    if (!read) {
+        refuse<N>(object, role);
+    }
+    return out;
+}
+
+}  // namespace
+
+geometry::Vec3 vector_of(PyObject* object, const char* role) {
+    const auto [x, y, z] = numbers_of<3>(object, role);
+    return {x, y, z};
+}
+
+geometry::Quat quaternion_of(PyObject* object, const char* role) {
+    const auto [x, y, z, w] = numbers_of<4>(object, role);
+    return {x, y, z, w};
+}
+
+}  // namespace tfdb::python

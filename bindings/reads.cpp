@@ -1,0 +1,287 @@
+#include "reads.hpp"
+
+#include <nanobind/stl/string.h>
+
+#include "arrays.hpp"
+#include "errors.hpp"
+#include "pose.hpp"
+#include "stamp.hpp"
+#include "transform.hpp"
+
+namespace tfdb::python {
+namespace {
+
+std::string_view optional_name_of(nb::handle name, const char* role) {
+    return name.is_none() ? std::string_view() : name_of(name, role);
+}
+
+/// The two stamps and five names of a lookup through a fixed frame.
+bool attempt_full(const Reads& reads, nb::handle target, nb::handle target_time,
+                  nb::handle source, nb::handle source_time, nb::handle fixed, nb::handle policy,
+                  Answer& answer, Failure& failure) {
+    FrameHandle to;
+    FrameHandle from;
+    FrameHandle through;
+    static_cast<void>(reads.find_frame(name_of(target, "target"), to));
+    static_cast<void>(reads.find_frame(name_of(source, "source"), from));
+    static_cast<void>(reads.find_frame(name_of(fixed, "fixed_frame"), through));
+    return reads.try_lookup_full(to, stamp_of(target_time.ptr()), from,
+                                 stamp_of(source_time.ptr()), through, policy_of(policy.ptr()),
+                                 answer, failure);
+}
+
+[[noreturn]] void raise_full(const Reads& reads, const Failure& failure, nb::handle target,
+                             nb::handle source, nb::handle fixed) {
+    if (failure.code == ErrorCode::kUnknownFrame && failure.argument == 2) {
+        const std::string name(name_of(fixed, "fixed_frame"));
+        ErrorDetail detail;
+        detail.frame = name;
+        detail.target = name_of(target, "target");
+        detail.source = name_of(source, "source");
+        detail.commit = failure.commit;
+        throw UnknownFrame("fixed_frame '" + name + "' does not exist", detail);
+    }
+    reads.raise(failure, name_of(target, "target"), name_of(source, "source"));
+}
+
+nb::object lookup_transform_full(nb::handle self, const nb::str& target, nb::handle target_time,
+                                 const nb::str& source, nb::handle source_time,
+                                 const nb::str& fixed, nb::handle policy) {
+    const ReadsObject& object = reads_of(self.ptr());
+    const Pinned pinned = pin(self, object);
+    Answer answer;
+    Failure failure;
+    if (!attempt_full(pinned.reads, target, target_time, source, source_time, fixed, policy,
+                      answer, failure)) {
+        raise_full(pinned.reads, failure, target, source, fixed);
+    }
+    return nb::steal(new_transform(answer, target.ptr(), source.ptr(), object.buffer));
+}
+
+bool can_transform_full(nb::handle self, const nb::str& target, nb::handle target_time,
+                        const nb::str& source, nb::handle source_time, const nb::str& fixed,
+                        nb::handle policy) {
+    const Pinned pinned = pin(self, reads_of(self.ptr()));
+    Answer answer;
+    Failure failure;
+    return attempt_full(pinned.reads, target, target_time, source, source_time, fixed, policy,
+                        answer, failure);
+}
+
+StampNs latest_common_time(nb::handle self, const nb::str& target, const nb::str& source) {
+    const Pinned pinned = pin(self, reads_of(self.ptr()));
+    FrameHandle to;
+    FrameHandle from;
+    static_cast<void>(pinned.reads.find_frame(name_of(target, "target"), to));
+    static_cast<void>(pinned.reads.find_frame(name_of(source, "source"), from));
+    StampNs stamp = 0;
+    Failure failure;
+    if (!pinned.reads.try_latest_common_time(to, from, stamp, failure)) {
+        pinned.reads.raise(failure, name_of(target, "target"), name_of(source, "source"));
+    }
+    return stamp;
+}
+
+nb::object array_of(const geometry::Vec3& vector) {
+    const NewArray<double> made = new_doubles({3});
+    made.data[0] = vector.x;
+    made.data[1] = vector.y;
+    made.data[2] = vector.z;
+    return made.array;
+}
+
+nb::object lookup_velocity(nb::handle self, const nb::str& tracking, const nb::str& observation,
+                           nb::handle time, nb::handle interval, nb::handle reference,
+                           nb::handle point, nb::handle point_frame) {
+    const Pinned pinned = pin(self, reads_of(self.ptr()));
+    const Twist twist = pinned.reads.lookup_velocity(
+        name_of(tracking, "tracking"), name_of(observation, "observation"),
+        optional_stamp_of(time.ptr()), duration_of(interval, "interval"),
+        optional_name_of(reference, "reference"), vector_of(point.ptr(), "point"),
+        optional_name_of(point_frame, "point_frame"));
+    return nb::module_::import_("tfdb.types")
+        .attr("Twist")(array_of(twist.linear), array_of(twist.angular));
+}
+
+nb::object path_stamps(nb::handle self, const nb::str& target, const nb::str& source,
+                       nb::handle start, nb::handle end) {
+    const Pinned pinned = pin(self, reads_of(self.ptr()));
+    const std::vector<StampNs> stamps =
+        pinned.reads.path_stamps(name_of(target, "target"), name_of(source, "source"),
+                                 optional_stamp_of(start.ptr()), optional_stamp_of(end.ptr()));
+    const NewArray<StampNs> made = new_stamps(stamps.size());
+    std::copy(stamps.begin(), stamps.end(), made.data);
+    return made.array;
+}
+
+CommitNumber commit_of(const ReadsObject& object) {
+    return object.reads == nullptr ? object.closed_commit : object.reads->commit();
+}
+
+void bind_full_lookups(nb::class_<ReadsObject>& type) {
+    type.def("lookup_transform_full", &lookup_transform_full, nb::arg("target"),
+             nb::arg("target_time"), nb::arg("source"), nb::arg("source_time"),
+             nb::arg("fixed_frame"), nb::arg("policy") = nb::none(),
+             nb::sig("def lookup_transform_full(self, target: str, target_time: "
+                     "tfdb.stamps.StampLike, source: str, source_time: tfdb.stamps.StampLike, "
+                     "fixed_frame: str, policy: Policy | None = None) -> Transform"),
+             R"(T[target at target_time <- source at source_time], through a frame that stays put.
+
+That is T[target<-fixed_frame] at `target_time` times T[fixed_frame<-source] at `source_time`:
+where a point that `source` saw then is for `target` now, if `fixed_frame` did not move.
+Raises what `lookup_transform` raises.)");
+    type.def("can_transform_full", &can_transform_full, nb::arg("target"), nb::arg("target_time"),
+             nb::arg("source"), nb::arg("source_time"), nb::arg("fixed_frame"),
+             nb::arg("policy") = nb::none(),
+             nb::sig("def can_transform_full(self, target: str, target_time: "
+                     "tfdb.stamps.StampLike, source: str, source_time: tfdb.stamps.StampLike, "
+                     "fixed_frame: str, policy: Policy | None = None) -> bool"),
+             "Whether `lookup_transform_full` with these arguments has an answer.");
+}
+
+void bind_other_reads(nb::class_<ReadsObject>& type) {
+    type.def("latest_common_time", &latest_common_time, nb::arg("target"), nb::arg("source"),
+             nb::sig("def latest_common_time(self, target: str, source: str) -> int"),
+             R"(The newest stamp at which every moving edge between two frames has data.
+
+Nanoseconds; 0 if nothing moves. Raises UnknownFrame, Disconnected.)");
+    type.def("lookup_velocity", &lookup_velocity, nb::arg("tracking"), nb::arg("observation"),
+             nb::arg("time") = nb::none(), nb::arg("interval") = 0.1, nb::kw_only(),
+             nb::arg("reference") = nb::none(), nb::arg("point") = nb::make_tuple(0, 0, 0),
+             nb::arg("point_frame") = nb::none(),
+             nb::sig("def lookup_velocity(self, tracking: str, observation: str, time: "
+                     "tfdb.stamps.StampLike | None = None, interval: float = 0.1, *, reference: "
+                     "str | None = None, point: tfdb.types.VectorLike = (0, 0, 0), point_frame: "
+                     "str | None = None) -> tfdb.types.Twist"),
+             R"(Velocity of `tracking` as seen from `observation`, by finite difference.
+
+Parameters
+----------
+tracking, observation
+    Frame names.
+time
+    Middle of the interval, nanoseconds; None: the latest common time. Where data ends, the
+    interval is moved to lie inside.
+interval
+    Seconds over which the difference is taken.
+reference
+    The frame in whose axes the result is given; None: `observation`.
+point, point_frame
+    The point whose velocity `linear` is, in coordinates of `point_frame` (None: `tracking`).
+
+Returns
+-------
+Twist
+    `linear` in m/s, `angular` in rad/s, both float64 (3,).
+
+Raises what `lookup_transform` raises.)");
+    type.def("_path_stamps", &path_stamps, nb::arg("target"), nb::arg("source"), nb::arg("start"),
+             nb::arg("end"),
+             nb::sig("def _path_stamps(self, target: str, source: str, start: "
+                     "tfdb.stamps.StampLike | None, end: tfdb.stamps.StampLike | None) -> "
+                     "numpy.typing.NDArray[numpy.int64]"),
+             "Stored stamps of the moving edges between two frames, where every edge has data.");
+    type.def_prop_ro("commit", &commit_of, nb::sig("def commit(self) -> int"),
+                     "Number of the newest commit, or of the snapshot's. The empty store is 0.");
+}
+
+void enter_closed_state(SnapshotObject& object) {
+    if (object.reads != nullptr) {
+        object.closed_commit = object.reads->commit();
+        object.reads = nullptr;
+        object.held.reset();
+    }
+}
+
+void close(nb::handle self) {
+    nb::ft_object_guard guard(self);
+    enter_closed_state(*nb::inst_ptr<SnapshotObject>(self));
+}
+
+void bind_snapshot(nb::module_& module) {
+    nb::class_<SnapshotObject, ReadsObject> type(module, "Snapshot", R"(One committed state.
+
+`Buffer.snapshot()` makes it. Every read through it sees exactly that commit, whatever is written
+meanwhile. Use it as a context manager, or close() it: while open it keeps old samples in memory.
+Reads raise SnapshotClosed afterwards, and SnapshotTooOld if the writers needed the memory.)");
+    type.def("close", &close, nb::sig("def close(self) -> None"),
+             "Let the samples go that only this snapshot needs. Closing twice does nothing.");
+    type.def_prop_ro(
+        "closed", [](const SnapshotObject& object) { return object.reads == nullptr; },
+        nb::sig("def closed(self) -> bool"), "Whether close() was called.");
+    type.def(
+        "__enter__",
+        [](nb::handle self) {
+            static_cast<void>(pin(self, reads_of(self.ptr())));
+            return nb::borrow(self);
+        },
+        nb::sig("def __enter__(self) -> typing.Self"));
+    type.def(
+        "__exit__", [](nb::handle self, nb::handle, nb::handle, nb::handle) { close(self); },
+        nb::arg("kind").none(), nb::arg("error").none(), nb::arg("traceback").none(),
+        nb::sig("def __exit__(self, kind: object, error: object, traceback: object) -> None"));
+    type.def("__repr__", [](const SnapshotObject& object) {
+        return "<tfdb.Snapshot of commit " + std::to_string(commit_of(object)) +
+               (object.reads == nullptr ? ", closed>" : ">");
+    });
+    add_raw_reads(type);
+}
+
+}  // namespace
+
+void throw_closed(const ReadsObject& object) {
+    ErrorDetail detail;
+    detail.commit = object.closed_commit;
+    throw SnapshotClosed("the snapshot of commit " + std::to_string(object.closed_commit) +
+                             " is closed: take a new one with Buffer.snapshot()",
+                         detail);
+}
+
+Pinned pin(nb::handle self, const ReadsObject& object) {
+    nb::ft_object_guard guard(self);
+    if (object.reads == nullptr) {
+        throw_closed(object);
+    }
+    return {object.held, *object.reads};
+}
+
+ReadsObject& reads_of(PyObject* self) {
+    if (!nb::inst_ready(self)) {
+        PyErr_Format(PyExc_TypeError, "%s.__init__() was never called", Py_TYPE(self)->tp_name);
+        throw nb::python_error();
+    }
+    return *nb::inst_ptr<ReadsObject>(self);
+}
+
+std::pair<std::string, std::string> edge_names(PyObject* buffer, const EdgeUse& edge) {
+    const Reads& reads = *reads_of(buffer).reads;
+    return {reads.frame_name(edge.child, edge.generation),
+            reads.frame_name(edge.parent, edge.parent_generation)};
+}
+
+void bind_reads(nb::module_& module) {
+    nb::class_<ReadsObject> type(module, "Reads", R"(What Buffer and Snapshot can be asked.
+
+Each call on a Buffer is answered from one fresh snapshot; each call on a Snapshot from its own.)");
+    bind_full_lookups(type);
+    bind_other_reads(type);
+    bind_batch(type);
+    bind_records(type);
+    add_raw_reads(type);
+    bind_snapshot(module);
+}
+
+void add_python_methods(nb::module_& module) {
+    module.def(
+        "to_nanoseconds", [](nb::handle stamp) { return stamp_of(stamp.ptr()); },
+        nb::arg("stamp"),
+        nb::sig("def to_nanoseconds(stamp: tfdb.stamps.StampLike) -> int"),
+        "Nanoseconds of anything that is taken for a stamp. Raises InvalidStamp.");
+    const nb::object reads = module.attr("Reads");
+    reads.attr("explain") = nb::module_::import_("tfdb.explain").attr("explain");
+    reads.attr("trajectory") = nb::module_::import_("tfdb.sampling").attr("trajectory");
+    const nb::object buffer = module.attr("Buffer");
+    buffer.attr("load") = nb::module_::import_("tfdb.loading").attr("load_into");
+}
+
+}  // namespace tfdb::python

@@ -1,0 +1,73 @@
+// The Python objects Buffer and Snapshot, and what they share: everything that reads.
+#pragma once
+
+#include <nanobind/nanobind.h>
+
+#include <memory>
+#include <string>
+#include <utility>
+
+#include "names.hpp"
+#include "tfdb/store/buffer.hpp"
+
+namespace nb = nanobind;
+
+namespace tfdb::python {
+
+/// What is behind the Python class Reads. Threads: whoever has the GIL; without one, any.
+/// Guarantee: `reads` is null once a snapshot is closed, and nothing is read after that.
+struct ReadsObject {
+    const Reads* reads = nullptr;
+    NameCache* names = nullptr;  // of the buffer
+    PyObject* buffer = nullptr;  // the Buffer object, borrowed: itself, or what a snapshot holds
+    CommitNumber closed_commit = 0;
+    std::shared_ptr<Snapshot> held;  // of a snapshot
+};
+
+struct BufferObject : ReadsObject {
+    explicit BufferObject(const BufferOptions& options) : store(options) {
+        reads = &store;
+        names = &own_names;
+    }
+
+    Buffer store;
+    NameCache own_names;
+    nb::object clock;  // none: the system's
+};
+
+struct SnapshotObject : ReadsObject {
+    nb::object owner;  // keeps `buffer` alive
+};
+
+[[noreturn]] void throw_closed(const ReadsObject& object);
+
+/// The reads of an open object. The pointer keeps a snapshot readable for calls that release the
+/// GIL (or have none), though another thread closes it.
+struct Pinned {
+    std::shared_ptr<Snapshot> keep;
+    const Reads& reads;
+};
+Pinned pin(nb::handle self, const ReadsObject& object);
+
+/// The object behind `self`, which the caller knows to be a Reads. Throws if __init__ never ran.
+ReadsObject& reads_of(PyObject* self);
+
+/// Names of an edge's child and parent.
+std::pair<std::string, std::string> edge_names(PyObject* buffer, const EdgeUse& edge);
+
+void bind_reads(nb::module_& module);
+/// The methods that bypass nanobind, on Reads, Buffer and Snapshot.
+void add_raw_reads(nb::handle type);
+void bind_batch(nb::class_<ReadsObject>& type);
+void bind_records(nb::class_<ReadsObject>& type);
+void bind_buffer(nb::module_& module);
+void add_raw_writes(nb::handle type);
+/// The methods that are written in Python.
+void add_python_methods(nb::module_& module);
+void bind_policy(nb::module_& module);
+void bind_wire(nb::module_& module, nb::class_<BufferObject, ReadsObject>& type);
+
+/// None stands for the default.
+Policy policy_of(PyObject* object);
+
+}  // namespace tfdb::python

@@ -1,0 +1,114 @@
+// Frames, samples and figures of the store as Python dataclasses.
+#include <nanobind/stl/string.h>
+#include <nanobind/stl/vector.h>
+
+#include <cstring>
+
+#include "arrays.hpp"
+#include "errors.hpp"
+#include "reads.hpp"
+#include "records.hpp"
+#include "stamp.hpp"
+
+namespace tfdb::python {
+namespace {
+
+nb::object stamp_or_none(StampNs stamp) {
+    return stamp < 0 ? nb::object(nb::none()) : nb::object(nb::int_(stamp));
+}
+
+nb::object rate_of(const FrameInfo& info) {
+    if (info.is_static || info.samples < 2 || info.newest <= info.oldest) {
+        return nb::none();
+    }
+    return nb::float_(static_cast<double>(info.samples - 1) /
+                      clock::to_seconds(info.newest - info.oldest));
+}
+
+nb::object frame_info_of(const nb::object& type, const FrameInfo& info) {
+    const nb::object parent =
+        info.parent ? nb::object(nb::str(info.parent->c_str(), info.parent->size())) : nb::none();
+    return type(info.name, parent, info.is_static, info.samples, stamp_or_none(info.oldest),
+                stamp_or_none(info.newest), rate_of(info), info.authority, info.late,
+                info.longest_gap);
+}
+
+nb::object frame_info(nb::handle self, const nb::str& name) {
+    const Pinned pinned = pin(self, reads_of(self.ptr()));
+    return frame_info_of(record_type("FrameInfo"),
+                         pinned.reads.frame_info(name_of(name, "name")));
+}
+
+nb::list tree(nb::handle self, nb::handle time) {
+    const Pinned pinned = pin(self, reads_of(self.ptr()));
+    const nb::object type = record_type("FrameInfo");
+    nb::list result;
+    for (const FrameInfo& info : pinned.reads.tree(optional_stamp_of(time.ptr()))) {
+        result.append(frame_info_of(type, info));
+    }
+    return result;
+}
+
+nb::tuple samples(nb::handle self, const nb::str& name) {
+    const Pinned pinned = pin(self, reads_of(self.ptr()));
+    const Samples found = pinned.reads.samples(name_of(name, "name"));
+    const NewArray<StampNs> stamps = new_stamps(found.stamps.size());
+    for (std::size_t i = 0; i < found.stamps.size(); ++i) {
+        stamps.data[i] = std::max<StampNs>(found.stamps[i], 0);
+    }
+    const NewArray<double> poses = new_doubles({found.poses.size(), 7});
+    if (!found.poses.empty()) {
+        std::memcpy(poses.data, found.poses.data(), found.poses.size() * sizeof(geometry::Pose));
+    }
+    return nb::make_tuple(stamps.array, poses.array, found.parents);
+}
+
+std::vector<std::string> frames(nb::handle self) {
+    return pin(self, reads_of(self.ptr())).reads.frames();
+}
+
+bool frame_exists(nb::handle self, const nb::str& name) {
+    const Pinned pinned = pin(self, reads_of(self.ptr()));
+    FrameHandle handle;
+    return pinned.reads.find_frame(name_of(name, "name"), handle);
+}
+
+}  // namespace
+
+nb::object record_type(const char* name) {
+    return nb::module_::import_("tfdb.types").attr(name);
+}
+
+nb::object memory_record(const MemoryUse& use) {
+    return record_type("MemoryUse")(use.used_bytes, use.free_bytes, use.frames, use.samples,
+                                    use.frame_bytes);
+}
+
+nb::object counters_record(const Counters& counters) {
+    return record_type("Counters")(counters.commits, counters.normalised, counters.lapped_reads,
+                                   counters.locked_reads);
+}
+
+void bind_records(nb::class_<ReadsObject>& type) {
+    type.def("frames", &frames, nb::sig("def frames(self) -> list[str]"),
+             "Names of all frames, sorted.");
+    type.def("frame_exists", &frame_exists, nb::arg("name"),
+             nb::sig("def frame_exists(self, name: str) -> bool"),
+             "Whether there is a frame of that name.");
+    type.def("frame_info", &frame_info, nb::arg("name"),
+             nb::sig("def frame_info(self, name: str) -> tfdb.types.FrameInfo"),
+             "What is known of one frame and the edge to its parent. Raises UnknownFrame.");
+    type.def("tree", &tree, nb::arg("time") = nb::none(),
+             nb::sig("def tree(self, time: tfdb.stamps.StampLike | None = None) -> "
+                     "list[tfdb.types.FrameInfo]"),
+             "All frames, sorted by name, with the parents they have at a stamp (None: newest).");
+    type.def("samples", &samples, nb::arg("name"),
+             nb::sig("def samples(self, name: str) -> tuple[numpy.typing.NDArray[numpy.int64], "
+                     "numpy.typing.NDArray[numpy.float64], list[str]]"),
+             R"(All retained samples T[parent<-name] of the edge from `name` to its parents.
+
+Returns (stamps (N,) int64, poses (N, 7) float64, N names of parents), sorted by stamp. A static
+edge has one, with stamp 0; a root none. Raises UnknownFrame.)");
+}
+
+}  // namespace tfdb::python

@@ -1,0 +1,164 @@
+#include "stamp.hpp"
+
+#include <string>
+
+#include "errors.hpp"
+
+namespace tfdb::python {
+namespace {
+
+constexpr const char* kValid =
+    "a stamp is an integer number of nanoseconds from 0 to 2**63 - 1, a message with sec and "
+    "nanosec, or a numpy.datetime64; tfdb.stamp(seconds) converts seconds";
+
+[[noreturn]] void refuse(PyObject* object, const std::string& problem) {
+    throw_error("InvalidStamp",
+                "stamp " + short_repr(object) + " is " + problem + ": " + kValid,
+                {{"value", nb::borrow(object)}, {"reason", nb::str(problem.c_str())}});
+}
+
+/// An attribute, or nothing where the object does not have it.
+nb::object attribute(PyObject* object, const char* name) {
+    PyObject* value = PyObject_GetAttrString(object, name);
+    if (value == nullptr) {
+        if (PyErr_ExceptionMatches(PyExc_AttributeError) == 0) {
+            throw nb::python_error();
+        }
+        PyErr_Clear();
+    }
+    return nb::steal(value);
+}
+
+StampNs from_integer(PyObject* object, PyObject* integer) {
+    int overflow = 0;
+    const long long value = PyLong_AsLongLongAndOverflow(integer, &overflow);
+    if (overflow > 0) {
+        refuse(object, "too large");
+    }
+    if (overflow < 0 || value < 0) {
+        refuse(object, "negative");
+    }
+    return value;
+}
+
+long long part(PyObject* object, const nb::object& value, const char* name) {
+    if (PyBool_Check(value.ptr()) || !PyIndex_Check(value.ptr())) {
+        refuse(object, std::string("not a stamp, because its ") + name + " is no integer");
+    }
+    const nb::object integer = nb::steal(PyNumber_Index(value.ptr()));
+    int overflow = 0;
+    const long long number =
+        integer.is_valid() ? PyLong_AsLongLongAndOverflow(integer.ptr(), &overflow) : -1;
+    if (!integer.is_valid() || overflow != 0) {
+        PyErr_Clear();
+        refuse(object, std::string("not a stamp, because its ") + name + " is out of range");
+    }
+    return number;
+}
+
+StampNs from_parts(PyObject* object, const nb::object& seconds, const nb::object& nanoseconds,
+                   const char* seconds_name, const char* nanoseconds_name) {
+    const auto stamp = clock::stamp_from_parts(part(object, seconds, seconds_name),
+                                               part(object, nanoseconds, nanoseconds_name));
+    if (!stamp) {
+        refuse(object, std::string("out of range in ") + seconds_name + " or " + nanoseconds_name);
+    }
+    return *stamp;
+}
+
+bool is_datetime64(PyObject* object) {
+    const nb::object dtype = attribute(object, "dtype");
+    if (!dtype.is_valid()) {
+        return false;
+    }
+    const nb::object kind = attribute(dtype.ptr(), "kind");
+    return kind.is_valid() && nb::isinstance<nb::str>(kind) && kind.equal(nb::str("M"));
+}
+
+StampNs from_datetime64(PyObject* object) {
+    const nb::object value = nb::borrow(object);
+    const nb::object fine = value.attr("astype")("datetime64[ns]");
+    // numpy wraps around silently where a date does not fit into 64 bits of nanoseconds.
+    if (!nb::object(fine.attr("astype")(value.attr("dtype"))).equal(value)) {
+        refuse(object, "not a time, or beyond the range of nanoseconds");
+    }
+    const nb::object integer = nb::steal(PyNumber_Index(fine.attr("astype")("int64").ptr()));
+    if (!integer.is_valid()) {
+        throw nb::python_error();
+    }
+    return from_integer(object, integer.ptr());
+}
+
+/// Messages and time objects of ROS 1 and ROS 2.
+std::optional<StampNs> from_message(PyObject* object) {
+    nb::object seconds = attribute(object, "sec");
+    nb::object nanoseconds = attribute(object, "nanosec");
+    if (seconds.is_valid() && nanoseconds.is_valid()) {
+        return from_parts(object, seconds, nanoseconds, "sec", "nanosec");
+    }
+    seconds = attribute(object, "secs");
+    nanoseconds = attribute(object, "nsecs");
+    if (seconds.is_valid() && nanoseconds.is_valid()) {
+        return from_parts(object, seconds, nanoseconds, "secs", "nsecs");
+    }
+    nb::object whole;
+    if (const nb::object to_nsec = attribute(object, "to_nsec"); to_nsec.is_valid()) {
+        whole = to_nsec();
+    } else {
+        whole = attribute(object, "nanoseconds");
+    }
+    if (whole.is_valid() && PyLong_Check(whole.ptr()) && !PyBool_Check(whole.ptr())) {
+        return from_integer(object, whole.ptr());
+    }
+    return std::nullopt;
+}
+
+}  // namespace
+
+StampNs stamp_of_object(PyObject* object) {
+    if (PyBool_Check(object)) {
+        refuse(object, "a bool");
+    }
+    if (PyFloat_Check(object)) {
+        refuse(object, "a float, which cannot hold nanoseconds");
+    }
+    if (PyLong_Check(object)) {
+        return from_integer(object, object);
+    }
+    if (is_datetime64(object)) {
+        return from_datetime64(object);
+    }
+    if (PyIndex_Check(object)) {
+        const nb::object integer = nb::steal(PyNumber_Index(object));
+        if (!integer.is_valid()) {
+            PyErr_Clear();
+            refuse(object, "of type " + type_name_of(object));
+        }
+        return from_integer(object, integer.ptr());
+    }
+    // pandas' Timedelta has `nanoseconds`, which is only its last three digits.
+    const nb::object timedelta = nb::module_::import_("datetime").attr("timedelta");
+    if (!nb::isinstance(object, timedelta)) {
+        if (const auto stamp = from_message(object)) {
+            return *stamp;
+        }
+    }
+    refuse(object, "of type " + type_name_of(object));
+}
+
+StampNs duration_of(nb::handle seconds, const char* role) {
+    const double value = PyBool_Check(seconds.ptr()) ? -1.0 : PyFloat_AsDouble(seconds.ptr());
+    if (value == -1.0 && PyErr_Occurred() != nullptr) {
+        PyErr_Clear();
+    }
+    const auto nanoseconds = clock::nanoseconds_from_seconds(value);
+    if (!nanoseconds || !(value >= 0.0)) {
+        throw_error("InvalidArgument",
+                    std::string(role) + " must be a number of seconds >= 0, got " +
+                        short_repr(seconds),
+                    {{"value", nb::borrow(seconds)}});
+    }
+    return *nanoseconds;
+}
+
+}  // namespace tfdb::python

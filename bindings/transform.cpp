@@ -1,0 +1,303 @@
+#include "transform.hpp"
+
+#include <nanobind/stl/pair.h>
+#include <nanobind/stl/string.h>
+
+#include <array>
+#include <cstring>
+#include <string>
+
+#include "arguments.hpp"
+#include "arrays.hpp"
+#include "errors.hpp"
+#include "pose.hpp"
+#include "reads.hpp"
+#include "stamp.hpp"
+
+namespace tfdb::python {
+namespace {
+
+PyTypeObject* g_type = nullptr;
+
+TransformObject& as_transform(PyObject* object) {
+    return *reinterpret_cast<TransformObject*>(object);
+}
+
+// In the order of lookup::Used.
+constexpr std::array kUsedNames = {"static",  "exact",        "interpolated", "held",
+                                   "nearest", "extrapolated", "latest"};
+
+PyObject* doubles(const double* values, std::size_t count) {
+    return guarded([&]() -> PyObject* {
+        NewArray<double> made = new_doubles({count});
+        std::memcpy(made.data, values, count * sizeof(double));
+        return made.array.release().ptr();
+    });
+}
+
+PyObject* get_translation(PyObject* self, void* /*closure*/) {
+    return doubles(&as_transform(self).pose.translation.x, 3);
+}
+
+PyObject* get_rotation(PyObject* self, void* /*closure*/) {
+    return doubles(&as_transform(self).pose.rotation.x, 4);
+}
+
+PyObject* get_pose(PyObject* self, void* /*closure*/) {
+    return doubles(&as_transform(self).pose.translation.x, 7);
+}
+
+PyObject* get_matrix(PyObject* self, void* /*closure*/) {
+    return guarded([&]() -> PyObject* {
+        const Pose& pose = as_transform(self).pose;
+        const geometry::Vec3 x = geometry::rotate(pose.rotation, {1.0, 0.0, 0.0});
+        const geometry::Vec3 y = geometry::rotate(pose.rotation, {0.0, 1.0, 0.0});
+        const geometry::Vec3 z = geometry::rotate(pose.rotation, {0.0, 0.0, 1.0});
+        const geometry::Vec3& t = pose.translation;
+        const std::array<double, 16> rows = {x.x, y.x, z.x, t.x, x.y, y.y, z.y, t.y,
+                                             x.z, y.z, z.z, t.z, 0.0, 0.0, 0.0, 1.0};
+        NewArray<double> made = new_doubles({4, 4});
+        std::memcpy(made.data, rows.data(), sizeof rows);
+        return made.array.release().ptr();
+    });
+}
+
+PyObject* get_stamp(PyObject* self, void* /*closure*/) {
+    return PyLong_FromLongLong(as_transform(self).stamp);
+}
+
+PyObject* get_commit(PyObject* self, void* /*closure*/) {
+    return PyLong_FromUnsignedLongLong(as_transform(self).commit);
+}
+
+PyObject* get_target(PyObject* self, void* /*closure*/) {
+    return Py_NewRef(as_transform(self).target);
+}
+
+PyObject* get_source(PyObject* self, void* /*closure*/) {
+    return Py_NewRef(as_transform(self).source);
+}
+
+PyObject* get_report(PyObject* self, void* /*closure*/) {
+    return guarded([&]() -> PyObject* {
+        TransformObject& transform = as_transform(self);
+        const nb::object make = nb::module_::import_("tfdb.report").attr("make_report");
+        return make(nb::handle(transform.target), nb::handle(transform.source), transform.stamp,
+                    edge_rows(transform))
+            .release()
+            .ptr();
+    });
+}
+
+PyObject* new_from_python(PyTypeObject* /*type*/, PyObject* args, PyObject* keywords) {
+    return guarded([&]() -> PyObject* {
+        static const char* names[] = {"target", "source", "translation", "rotation", "stamp",
+                                      nullptr};
+        PyObject* target = nullptr;
+        PyObject* source = nullptr;
+        PyObject* translation = nullptr;
+        PyObject* rotation = nullptr;
+        PyObject* stamp = nullptr;
+        if (PyArg_ParseTupleAndKeywords(args, keywords, "UUO|OO:Transform",
+                                        const_cast<char**>(names), &target, &source, &translation,
+                                        &rotation, &stamp) == 0) {
+            return nullptr;
+        }
+        Pose pose = geometry::identity();
+        pose.translation = vector_of(translation, "translation");
+        if (is_given(rotation)) {
+            pose.rotation = quaternion_of(rotation, "rotation");
+        }
+        const double norm = geometry::norm_squared(pose.rotation);
+        const double far = pose.translation.x + pose.translation.y + pose.translation.z;
+        if (!(norm > 0.99 && norm < 1.01) || far - far != 0.0) {
+            throw_error("InvalidTransform",
+                        "the translation must be finite and the rotation a unit quaternion "
+                        "(x, y, z, w), got " +
+                            short_repr(translation) + " and " +
+                            (rotation == nullptr ? "none" : short_repr(rotation)),
+                        {{"target", nb::borrow(target)}, {"source", nb::borrow(source)}});
+        }
+        pose.rotation = geometry::normalized(pose.rotation);
+        const StampNs when = is_given(stamp) ? stamp_of(stamp) : 0;
+        return new_transform(pose, when, 0, {}, target, source, Py_None);
+    });
+}
+
+void deallocate(PyObject* self) {
+    TransformObject& transform = as_transform(self);
+    PyTypeObject* type = Py_TYPE(self);
+    Py_DECREF(transform.target);
+    Py_DECREF(transform.source);
+    Py_DECREF(transform.origin);
+    type->tp_free(self);
+    Py_DECREF(type);
+}
+
+PyObject* represent(PyObject* self) {
+    return guarded([&]() -> PyObject* {
+        const nb::object print = nb::module_::import_("tfdb.report").attr("transform_repr");
+        return print(nb::handle(self)).release().ptr();
+    });
+}
+
+PyObject* compare(PyObject* left, PyObject* right, int operation) {
+    if ((operation != Py_EQ && operation != Py_NE) || !is_transform(left) ||
+        !is_transform(right)) {
+        Py_RETURN_NOTIMPLEMENTED;
+    }
+    const TransformObject& a = as_transform(left);
+    const TransformObject& b = as_transform(right);
+    const int same_target = PyObject_RichCompareBool(a.target, b.target, Py_EQ);
+    const int same_source = PyObject_RichCompareBool(a.source, b.source, Py_EQ);
+    if (same_target < 0 || same_source < 0) {
+        return nullptr;
+    }
+    bool equal = same_target == 1 && same_source == 1 && a.stamp == b.stamp;
+    const double* p = &a.pose.translation.x;
+    const double* q = &b.pose.translation.x;
+    for (int i = 0; i < 7; ++i) {
+        equal = equal && p[i] == q[i];
+    }
+    return PyBool_FromLong(equal == (operation == Py_EQ) ? 1 : 0);
+}
+
+PyObject* reduce(PyObject* self, PyObject* /*unused*/) {
+    return guarded([&]() -> PyObject* {
+        TransformObject& transform = as_transform(self);
+        const nb::object restore = nb::module_::import_("tfdb._core").attr("_restore_transform");
+        const auto& [t, q] = transform.pose;
+        const nb::tuple pose = nb::make_tuple(nb::make_tuple(t.x, t.y, t.z),
+                                              nb::make_tuple(q.x, q.y, q.z, q.w));
+        return nb::make_tuple(restore, nb::make_tuple(nb::handle(transform.target),
+                                                      nb::handle(transform.source), pose,
+                                                      transform.stamp, transform.commit,
+                                                      edge_rows(transform)))
+            .release()
+            .ptr();
+    });
+}
+
+PyObject* return_self(PyObject* self, PyObject* /*unused*/) {
+    return Py_NewRef(self);
+}
+
+nb::object restore(const nb::str& target, const nb::str& source, const std::pair<nb::object, nb::object>& pose,
+                   StampNs stamp, CommitNumber commit, const nb::tuple& rows) {
+    const auto& [translation, rotation] = pose;
+    const Pose read{vector_of(translation.ptr(), "translation"),
+                    quaternion_of(rotation.ptr(), "rotation")};
+    PyObject* made =
+        new_transform(read, stamp, commit, {}, target.ptr(), source.ptr(), rows.ptr());
+    if (made == nullptr) {
+        throw nb::python_error();
+    }
+    return nb::steal(made);
+}
+
+PyGetSetDef g_attributes[] = {
+    {"translation", get_translation, nullptr, "Metres, x y z: float64 array (3,).", nullptr},
+    {"rotation", get_rotation, nullptr, "Unit quaternion, x y z w: float64 array (4,).", nullptr},
+    {"pose", get_pose, nullptr, "x y z qx qy qz qw: float64 array (7,).", nullptr},
+    {"matrix", get_matrix, nullptr, "Homogeneous matrix: float64 array (4, 4).", nullptr},
+    {"stamp", get_stamp, nullptr, "The stamp it holds at, in nanoseconds.", nullptr},
+    {"commit", get_commit, nullptr,
+     "Number of the snapshot it was read from; 0 if it was not looked up.", nullptr},
+    {"target", get_target, nullptr, "The frame into which it maps.", nullptr},
+    {"source", get_source, nullptr, "The frame from which it maps.", nullptr},
+    {"report", get_report, nullptr,
+     "What it was made from, edge by edge. Without edges if it was not looked up, or was\n"
+     "multiplied.",
+     nullptr},
+    {nullptr, nullptr, nullptr, nullptr, nullptr},
+};
+
+PyMethodDef g_methods[] = {
+    {"inverse", transform_inverse, METH_NOARGS,
+     "inverse($self, /)\n--\n\nT[source<-target]: the same in the other direction."},
+    {"apply", transform_apply, METH_O,
+     "apply($self, points, /)\n--\n\n"
+     "Map points of the source frame into the target frame.\n\n"
+     "`points` is (3,) or (N, 3), float32 or float64 (anything else is converted to float64).\n"
+     "Returns a new array of the same shape and dtype. Raises InvalidArray."},
+    {"__reduce__", reduce, METH_NOARGS, nullptr},
+    {"__copy__", return_self, METH_NOARGS, nullptr},
+    {"__deepcopy__", return_self, METH_O, nullptr},
+    {nullptr, nullptr, 0, nullptr},
+};
+
+constexpr const char* kDoc =
+    "Transform(target, source, translation, rotation=(0, 0, 0, 1), stamp=0)\n--\n\n"
+    "A rigid transform T[target<-source] at a stamp: p_target = T p_source. Immutable.\n\n"
+    "Lookups return it; it can also be made from a translation (metres) and a unit quaternion\n"
+    "(x, y, z, w). `A @ B` chains T[a<-b] and T[b<-c] to T[a<-c] and raises InvalidArgument if\n"
+    "A.source is not B.target; the result has the older of the two stamps (0: at all times).";
+
+PyType_Slot g_slots[] = {
+    {Py_tp_new, reinterpret_cast<void*>(new_from_python)},
+    {Py_tp_dealloc, reinterpret_cast<void*>(deallocate)},
+    {Py_tp_repr, reinterpret_cast<void*>(represent)},
+    {Py_tp_richcompare, reinterpret_cast<void*>(compare)},
+    {Py_tp_hash, reinterpret_cast<void*>(PyObject_HashNotImplemented)},
+    {Py_tp_getset, g_attributes},
+    {Py_tp_methods, g_methods},
+    {Py_tp_doc, const_cast<char*>(kDoc)},
+    {Py_nb_matrix_multiply, reinterpret_cast<void*>(transform_multiply)},
+    {0, nullptr},
+};
+
+PyType_Spec g_spec = {
+    "tfdb.Transform", sizeof(TransformObject), sizeof(EdgeUse),
+    Py_TPFLAGS_DEFAULT | Py_TPFLAGS_IMMUTABLETYPE, g_slots,
+};
+
+}  // namespace
+
+PyObject* new_transform(const Pose& pose, StampNs stamp, CommitNumber commit,
+                        std::span<const EdgeUse> edges, PyObject* target, PyObject* source,
+                        PyObject* origin) {
+    auto* made =
+        PyObject_NewVar(TransformObject, g_type, static_cast<Py_ssize_t>(edges.size()));
+    if (made == nullptr) {
+        return nullptr;
+    }
+    made->pose = pose;
+    made->stamp = stamp;
+    made->commit = commit;
+    made->target = Py_NewRef(target);
+    made->source = Py_NewRef(source);
+    made->origin = Py_NewRef(origin);
+    if (!edges.empty()) {
+        std::memcpy(made->edges().data(), edges.data(), edges.size_bytes());
+    }
+    return reinterpret_cast<PyObject*>(made);
+}
+
+bool is_transform(PyObject* object) {
+    return Py_IS_TYPE(object, g_type) != 0;
+}
+
+nb::tuple edge_rows(TransformObject& self) {
+    if (PyTuple_Check(self.origin)) {
+        return nb::borrow<nb::tuple>(self.origin);
+    }
+    nb::list rows;
+    for (const EdgeUse& edge : self.edges()) {
+        const auto [child, parent] = edge_names(self.origin, edge);
+        rows.append(nb::make_tuple(child, parent, kUsedNames[static_cast<std::size_t>(edge.used)],
+                                   edge.before, edge.after, edge.inverted));
+    }
+    return nb::tuple(rows);
+}
+
+void bind_transform(nb::module_& module) {
+    PyObject* type = PyType_FromSpec(&g_spec);
+    if (type == nullptr) {
+        throw nb::python_error();
+    }
+    g_type = reinterpret_cast<PyTypeObject*>(type);
+    module.attr("Transform") = nb::borrow(type);
+    module.def("_restore_transform", &restore);
+}
+
+}  // namespace tfdb::python

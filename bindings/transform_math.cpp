@@ -1,0 +1,121 @@
+// Transform's methods that compute.
+#include <algorithm>
+#include <string>
+#include <vector>
+
+#include "arrays.hpp"
+#include "errors.hpp"
+#include "transform.hpp"
+
+namespace tfdb::python {
+namespace {
+
+TransformObject& as_transform(PyObject* object) {
+    return *reinterpret_cast<TransformObject*>(object);
+}
+
+/// The older of two, where 0 means "at all times".
+template <class T>
+T older(T a, T b) {
+    return a == 0 ? b : b == 0 ? a : std::min(a, b);
+}
+
+template <class T>
+void apply_rows(const Pose& pose, const ArrayView& points, std::size_t count, Py_ssize_t row,
+                Py_ssize_t column, T* out) {
+    const char* from = points.data<const char>();
+    for (std::size_t i = 0; i < count; ++i, from += row, out += 3) {
+        const auto at = [&](int axis) {
+            return static_cast<double>(*reinterpret_cast<const T*>(from + axis * column));
+        };
+        const geometry::Vec3 moved = geometry::apply(pose, {at(0), at(1), at(2)});
+        out[0] = static_cast<T>(moved.x);
+        out[1] = static_cast<T>(moved.y);
+        out[2] = static_cast<T>(moved.z);
+    }
+}
+
+/// The rows of a tuple with `inverted` turned round, in reverse order.
+nb::object inverted_rows(nb::handle rows) {
+    nb::list turned;
+    for (nb::handle row : nb::borrow<nb::tuple>(rows)) {
+        nb::list fields(nb::borrow(row));
+        fields[5] = !nb::cast<bool>(nb::object(fields[5]));
+        turned.insert(0, nb::tuple(fields));
+    }
+    return nb::tuple(turned);
+}
+
+}  // namespace
+
+PyObject* transform_inverse(PyObject* self, PyObject* /*unused*/) {
+    return guarded([&]() -> PyObject* {
+        TransformObject& from = as_transform(self);
+        std::vector<EdgeUse> edges(from.edges().rbegin(), from.edges().rend());
+        for (EdgeUse& edge : edges) {
+            edge.inverted = !edge.inverted;
+        }
+        nb::object origin = nb::borrow(from.origin);
+        if (PyTuple_Check(origin.ptr())) {
+            origin = inverted_rows(origin);
+        }
+        return new_transform(geometry::inverse(from.pose), from.stamp, from.commit, edges,
+                             from.source, from.target, origin.ptr());
+    });
+}
+
+PyObject* transform_multiply(PyObject* left, PyObject* right) {
+    if (!is_transform(left) || !is_transform(right)) {
+        Py_RETURN_NOTIMPLEMENTED;
+    }
+    return guarded([&]() -> PyObject* {
+        TransformObject& a = as_transform(left);
+        TransformObject& b = as_transform(right);
+        const int equal = PyObject_RichCompareBool(a.source, b.target, Py_EQ);
+        if (equal < 0) {
+            return nullptr;
+        }
+        if (equal == 0) {
+            const std::string first = nb::str(nb::handle(a.source)).c_str();
+            const std::string second = nb::str(nb::handle(b.target)).c_str();
+            throw_error("InvalidArgument",
+                        "T[" + std::string(nb::str(nb::handle(a.target)).c_str()) + "<-" + first +
+                            "] @ T[" + second + "<-" + nb::str(nb::handle(b.source)).c_str() +
+                            "] do not chain: the first maps from '" + first +
+                            "', the second into '" + second + "'",
+                        {{"source", nb::borrow(a.source)}, {"target", nb::borrow(b.target)}});
+        }
+        return new_transform(geometry::compose(a.pose, b.pose), older(a.stamp, b.stamp),
+                             older(a.commit, b.commit), {}, a.target, b.source, Py_None);
+    });
+}
+
+PyObject* transform_apply(PyObject* self, PyObject* points) {
+    return guarded([&]() -> PyObject* {
+        nb::object keep;
+        std::optional<ArrayView> view = ArrayView::of(points, false);
+        if (!view || (view->kind() != Kind::kFloat32 && view->kind() != Kind::kFloat64)) {
+            view.emplace(converted_array(points, "float64", "points", keep));
+        }
+        const int axes = view->dimensions();
+        if (axes < 1 || axes > 2 || view->extent(axes - 1) != 3) {
+            throw_bad_array("points", "an array (3,) or (N, 3)", view->describe());
+        }
+        const std::size_t count = axes == 1 ? 1 : view->extent(0);
+        const Py_ssize_t row = axes == 1 ? 0 : view->stride(0);
+        const Pose& pose = as_transform(self).pose;
+        const nb::object shape =
+            axes == 1 ? nb::object(nb::make_tuple(3)) : nb::object(nb::make_tuple(count, 3));
+        const char* dtype = view->kind() == Kind::kFloat32 ? "float32" : "float64";
+        nb::object result = nb::module_::import_("numpy").attr("empty")(shape, dtype);
+        const std::optional<ArrayView> out = ArrayView::of(result, true);
+        if (view->kind() == Kind::kFloat32) {
+            apply_rows(pose, *view, count, row, view->stride(axes - 1), out->data<float>());
+        } else {
+            apply_rows(pose, *view, count, row, view->stride(axes - 1), out->data<double>());
+        }
+        return result.release().ptr();
+    });
+}
+
+}  // namespace tfdb::python

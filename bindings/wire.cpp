@@ -1,0 +1,250 @@
+// TFMessage bytes from and to Python.
+#include <nanobind/nanobind.h>
+#include <nanobind/stl/string.h>
+
+#include <array>
+#include <cstring>
+#include <map>
+#include <span>
+#include <string>
+#include <vector>
+
+#include "arguments.hpp"
+#include "arrays.hpp"
+#include "errors.hpp"
+#include "records.hpp"
+#include "tfdb/wire/tf_message.hpp"
+#include "writes.hpp"
+
+namespace tfdb::python {
+namespace {
+
+using Bytes = std::span<const std::byte>;
+
+wire::Encoding encoding_of(const nb::str& name) {
+    const auto encoding = wire::encoding_from_name(name.c_str());
+    if (!encoding) {
+        throw_error("InvalidArgument",
+                    "encoding must be 'ros1', 'cdr', 'cdr_le', 'cdr_be', 'cdr2_le', 'cdr2_be', "
+                    "'cdr_bare_le' or 'cdr_bare_be', got " +
+                        short_repr(name),
+                    {{"value", name}});
+    }
+    return *encoding;
+}
+
+/// The bytes of a bytes-like object, in place. Must be destroyed with the GIL.
+class Message {
+public:
+    explicit Message(nb::handle object) : object_(nb::borrow(object)) {
+        if (PyBytes_CheckExact(object.ptr())) {
+            bytes_ = {reinterpret_cast<const std::byte*>(PyBytes_AS_STRING(object.ptr())),
+                      static_cast<std::size_t>(PyBytes_GET_SIZE(object.ptr()))};
+            return;
+        }
+        if (PyObject_GetBuffer(object.ptr(), &view_, PyBUF_SIMPLE) != 0) {
+            view_.obj = nullptr;
+            PyErr_Clear();
+            PyErr_Format(PyExc_TypeError, "a message must be bytes-like, got %s",
+                         Py_TYPE(object.ptr())->tp_name);
+            throw nb::python_error();
+        }
+        bytes_ = {static_cast<const std::byte*>(view_.buf), static_cast<std::size_t>(view_.len)};
+    }
+    Message(Message&& other) noexcept
+        : object_(std::move(other.object_)), view_(other.view_), bytes_(other.bytes_) {
+        other.view_.obj = nullptr;
+    }
+    Message& operator=(Message&&) = delete;
+    ~Message() {
+        if (view_.obj != nullptr) {
+            PyBuffer_Release(&view_);
+        }
+    }
+
+    [[nodiscard]] Bytes bytes() const { return bytes_; }
+
+private:
+    nb::object object_;
+    Py_buffer view_{};
+    Bytes bytes_;
+};
+
+CommitNumber ingest(BufferObject& self, nb::handle data, const nb::str& encoding, bool is_static,
+                    const nb::str& authority) {
+    const Message message(data);
+    std::vector<TransformView> transforms;
+    wire::decode_tf_message(message.bytes(), encoding_of(encoding), transforms);
+    return commit_transforms(self, transforms, is_static, name_of(authority, "authority"));
+}
+
+struct Refusal {
+    std::uint64_t count = 0;
+    std::uint64_t index = 0;
+    std::string first;
+};
+
+/// Totals of an ingest_many. Threads: one.
+struct Tally {
+    std::uint64_t messages = 0;
+    std::uint64_t transforms = 0;
+    std::uint64_t commits = 0;
+    std::uint64_t refused = 0;
+    CommitNumber commit = 0;
+    std::map<ErrorCode, Refusal> reasons;
+};
+
+void ingest_one(Buffer& store, Bytes bytes, wire::Encoding encoding, bool is_static,
+                std::string_view authority, std::vector<TransformView>& scratch, Tally& tally) {
+    try {
+        wire::decode_tf_message(bytes, encoding, scratch);
+        tally.commit = store.set_transforms(scratch, is_static, authority);
+        tally.transforms += scratch.size();
+        tally.commits += scratch.empty() ? 0 : 1;
+    } catch (const Error& error) {
+        ++tally.refused;
+        Refusal& refusal = tally.reasons[error.code()];
+        if (refusal.count++ == 0) {
+            refusal.index = tally.messages;
+            refusal.first = error.what();
+        }
+    }
+    ++tally.messages;
+}
+
+nb::object result_of(const Tally& tally) {
+    const nb::object refusal_type = record_type("Refusal");
+    nb::dict reasons;
+    for (const auto& [code, refusal] : tally.reasons) {
+        const nb::object first = nb::steal(PyUnicode_DecodeUTF8(
+            refusal.first.data(), static_cast<Py_ssize_t>(refusal.first.size()),
+            "backslashreplace"));
+        reasons[class_name(code)] = refusal_type(refusal.count, refusal.index, first);
+    }
+    return record_type("IngestResult")(tally.messages, tally.transforms, tally.commits,
+                                       tally.refused, tally.commit, reasons);
+}
+
+nb::object ingest_many(BufferObject& self, nb::handle messages, const nb::str& encoding,
+                       bool is_static, const nb::str& authority) {
+    constexpr std::size_t kChunk = 1024;
+    const wire::Encoding how = encoding_of(encoding);
+    const std::string_view who = name_of(authority, "authority");
+    const nb::object iterator = nb::steal(PyObject_GetIter(messages.ptr()));
+    if (!iterator.is_valid()) {
+        throw nb::python_error();
+    }
+    std::vector<TransformView> scratch;
+    std::vector<Message> chunk;
+    Tally tally;
+    tally.commit = self.store.commit();
+    for (bool more = true; more;) {
+        chunk.clear();
+        while (chunk.size() < kChunk) {
+            const nb::object item = nb::steal(PyIter_Next(iterator.ptr()));
+            if (!item.is_valid()) {
+                more = false;
+                break;
+            }
+            chunk.emplace_back(item);
+        }
+        if (PyErr_Occurred() != nullptr) {
+            throw nb::python_error();
+        }
+        const nb::gil_scoped_release released;
+        for (const Message& message : chunk) {
+            ingest_one(self.store, message.bytes(), how, is_static, who, scratch, tally);
+        }
+    }
+    return result_of(tally);
+}
+
+nb::bytes encode(nb::handle transforms, const nb::str& encoding) {
+    const Transforms read = Transforms::from_objects(transforms);
+    std::vector<std::byte> out;
+    wire::encode_tf_message(read.views, encoding_of(encoding), out);
+    return nb::bytes(out.data(), out.size());
+}
+
+nb::object text_of(std::string_view name) {
+    const nb::object text = nb::steal(
+        PyUnicode_DecodeUTF8(name.data(), static_cast<Py_ssize_t>(name.size()), nullptr));
+    if (!text.is_valid()) {
+        PyErr_Clear();
+        throw_error("InvalidName", "a frame name of the message is not valid UTF-8",
+                    {{"value", nb::bytes(name.data(), name.size())},
+                     {"reason", nb::str("not valid UTF-8")}});
+    }
+    return text;
+}
+
+nb::list decode(nb::handle data, const nb::str& encoding) {
+    const Message message(data);
+    std::vector<TransformView> transforms;
+    wire::decode_tf_message(message.bytes(), encoding_of(encoding), transforms);
+    const nb::object type = record_type("TransformStamped");
+    nb::list result;
+    for (std::size_t i = 0; i < transforms.size(); ++i) {
+        const TransformView& view = transforms[i];
+        const auto& [t, q] = view.pose;
+        at_index(i, [&] {
+            result.append(type(text_of(view.parent), text_of(view.child), view.stamp,
+                               nb::make_tuple(t.x, t.y, t.z),
+                               nb::make_tuple(q.x, q.y, q.z, q.w)));
+        });
+    }
+    return result;
+}
+
+constexpr const char* kIngestDoc = R"(Store one tf2_msgs/TFMessage, straight from its bytes, as one commit.
+
+Parameters
+----------
+data
+    The message: bytes, bytearray, memoryview.
+encoding
+    `cdr` (ROS 2, with the encapsulation header), `ros1`, or one layout exactly: `cdr_le`,
+    `cdr_be`, `cdr2_le`, `cdr2_be`, `cdr_bare_le`, `cdr_bare_be`.
+static
+    Whether it came from /tf_static.
+authority
+    Who sent it.
+
+Returns
+-------
+int
+    Number of the commit.
+
+One leading '/' of a frame name is dropped, as tf does. Raises CorruptMessage (offset, reason) and
+what `set_transforms` raises. Then nothing was stored.)";
+
+constexpr const char* kIngestManyDoc = R"(Store many TFMessages, one commit each, without a step through Python in between.
+
+A message that is refused is counted, with its reason, and the others go on. Arguments as in
+`ingest`; `messages` is an iterable of bytes-like objects.)";
+
+}  // namespace
+
+void bind_wire(nb::module_& module, nb::class_<BufferObject, ReadsObject>& type) {
+    type.def("ingest", &ingest, nb::arg("data"), nb::kw_only(), nb::arg("encoding") = "cdr",
+             nb::arg("static") = false, nb::arg("authority") = "",
+             nb::sig("def ingest(self, data: tfdb.types.BytesLike, *, encoding: str = 'cdr', "
+                     "static: bool = False, authority: str = '') -> int"),
+             kIngestDoc);
+    type.def("ingest_many", &ingest_many, nb::arg("messages"), nb::kw_only(), nb::arg("encoding"),
+             nb::arg("static") = false, nb::arg("authority") = "",
+             nb::sig("def ingest_many(self, messages: collections.abc.Iterable["
+                     "tfdb.types.BytesLike], *, encoding: str, static: bool = False, authority: "
+                     "str = '') -> tfdb.types.IngestResult"),
+             kIngestManyDoc);
+    module.def("encode_tf_message", &encode, nb::arg("transforms"), nb::arg("encoding") = "cdr",
+               nb::sig("def encode_tf_message(transforms: collections.abc.Iterable["
+                       "tfdb.types.TransformStampedLike], encoding: str = 'cdr') -> bytes"),
+               "Bytes of one tf2_msgs/TFMessage. Raises InvalidStamp, InvalidName, with `index`.");
+    module.def("decode_tf_message", &decode, nb::arg("data"), nb::arg("encoding") = "cdr",
+               nb::sig("def decode_tf_message(data: tfdb.types.BytesLike, encoding: str = 'cdr') "
+                       "-> list[tfdb.types.TransformStamped]"),
+               "Transforms of one tf2_msgs/TFMessage. Raises CorruptMessage, InvalidName.");
+}
+
+}  // namespace tfdb::python

@@ -1,0 +1,119 @@
+"""A transform database: time-stamped rigid transforms between named frames.
+
+    >>> import tfdb
+    >>> buf = tfdb.Buffer(history=10.0)
+    >>> _ = buf.set_transform("map", "base", tfdb.stamp(12.0), (1, 2, 0), (0, 0, 0, 1))
+    >>> _ = buf.set_static_transform("base", "camera", (0.2, 0, 1.1))
+    >>> buf.lookup_transform("map", "camera", tfdb.stamp("12"))
+    T[map<-camera] at 12 s: translation [1.2, 2, 1.1], rotation [0, 0, 0, 1]
+
+A stored transform maps points of the child into the parent: p_parent = T[parent<-child] p_child.
+Stamps are integer nanoseconds, poses are x y z qx qy qz qw.
+"""
+
+from __future__ import annotations
+
+from ._core import (
+    Buffer,
+    Reads,
+    Snapshot,
+    Transform,
+    __version__,
+    decode_tf_message,
+    encode_tf_message,
+)
+from .errors import (
+    CapacityExceeded,
+    CorruptMessage,
+    CycleError,
+    Disconnected,
+    Extrapolation,
+    FrameInUse,
+    GapTooLarge,
+    InvalidArgument,
+    InvalidArray,
+    InvalidName,
+    InvalidStamp,
+    InvalidTransform,
+    ModelError,
+    NoSampleNear,
+    RecordingError,
+    SnapshotClosed,
+    SnapshotTooOld,
+    Stale,
+    StaticConflict,
+    TfdbError,
+    TooOld,
+    TrajectoryError,
+    UnknownFrame,
+)
+from .explain import EdgeExplanation, Explanation
+from .loading import load
+from .policies import Exact, Extrapolate, Interpolate, Nearest, Policy, Previous
+from .report import EdgeUse, Report
+from .stamps import stamp
+from .types import (
+    Columns,
+    Counters,
+    FrameInfo,
+    IngestResult,
+    MemoryUse,
+    Refusal,
+    Trajectory,
+    TransformStamped,
+    Twist,
+)
+
+__all__ = [
+    "Buffer",
+    "CapacityExceeded",
+    "Columns",
+    "CorruptMessage",
+    "Counters",
+    "CycleError",
+    "Disconnected",
+    "EdgeExplanation",
+    "EdgeUse",
+    "Exact",
+    "Explanation",
+    "Extrapolate",
+    "Extrapolation",
+    "FrameInUse",
+    "FrameInfo",
+    "GapTooLarge",
+    "IngestResult",
+    "Interpolate",
+    "InvalidArgument",
+    "InvalidArray",
+    "InvalidName",
+    "InvalidStamp",
+    "InvalidTransform",
+    "MemoryUse",
+    "ModelError",
+    "Nearest",
+    "NoSampleNear",
+    "Policy",
+    "Previous",
+    "Reads",
+    "RecordingError",
+    "Refusal",
+    "Report",
+    "Snapshot",
+    "SnapshotClosed",
+    "SnapshotTooOld",
+    "Stale",
+    "StaticConflict",
+    "TfdbError",
+    "TooOld",
+    "Trajectory",
+    "TrajectoryError",
+    "Transform",
+    "TransformStamped",
+    "Twist",
+    "UnknownFrame",
+    "__version__",
+    "decode_tf_message",
+    "encode_tf_message",
+    "load",
+    "stamp",
+]

@@ -1,0 +1,261 @@
+"""Why a lookup has an answer or has none, in words."""
+
+from __future__ import annotations
+
+import difflib
+from contextlib import nullcontext
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from .errors import (
+    Disconnected,
+    Extrapolation,
+    GapTooLarge,
+    NoSampleNear,
+    Stale,
+    TfdbError,
+    UnknownFrame,
+)
+from .stamps import format_seconds
+
+if TYPE_CHECKING:
+    from contextlib import AbstractContextManager
+
+    from ._core import Policy, Reads, Snapshot
+    from .stamps import StampLike
+    from .types import FrameInfo
+
+__all__ = ["EdgeExplanation", "Explanation"]
+
+_EXPLAINED = (UnknownFrame, Disconnected, Extrapolation, GapTooLarge, Stale, NoSampleNear)
+
+
+@dataclass(frozen=True, slots=True)
+class EdgeExplanation:
+    """What one edge of the path contributes, or why it cannot."""
+
+    child: str
+    """Frame whose edge to its parent it is."""
+    parent: str
+    """Its parent."""
+    ok: bool
+    """Whether it has an answer."""
+    text: str
+    """The same in words."""
+
+
+@dataclass(frozen=True, slots=True)
+class Explanation:
+    """Why a lookup of T[target<-source] has an answer, or has none."""
+
+    target: str
+    """Frame asked for."""
+    source: str
+    """Frame asked from."""
+    ok: bool
+    """Whether there is an answer."""
+    text: str
+    """All of it in words; also what str() gives."""
+    edges: tuple[EdgeExplanation, ...]
+    """The edges of the path; where there is none, those from both frames up to their roots."""
+    error: TfdbError | None
+    """What the lookup would raise."""
+
+    def __str__(self) -> str:
+        return self.text
+
+    def __bool__(self) -> bool:
+        return self.ok
+
+
+def explain(
+    self: Reads,
+    target: str,
+    source: str,
+    time: StampLike | None = None,
+    policy: Policy | None = None,
+) -> Explanation:
+    """Say in words why `lookup_transform` with these arguments has an answer or has none.
+
+    Walks the path edge by edge: which samples are used, or why there is none and which stamps
+    would be valid. All of it is read from one snapshot.
+
+    Parameters
+    ----------
+    target, source
+        Frame names.
+    time
+        Stamp in nanoseconds; None: the latest common time.
+    policy
+        As in `lookup_transform`.
+
+    Returns
+    -------
+    Explanation
+        Its str() is the text.
+
+    Raises
+    ------
+    InvalidStamp, SnapshotTooOld, SnapshotClosed
+    """
+    with held(self) as snapshot:
+        return _Case(snapshot, target, source, time, policy).explain()
+
+
+def held(reads: Reads) -> AbstractContextManager[Snapshot]:
+    """Hold one state for many reads: a new snapshot of a buffer, or the snapshot itself."""
+    from ._core import Buffer, Snapshot  # noqa: PLC0415 - the extension imports this module
+
+    if isinstance(reads, Buffer):
+        return reads.snapshot()
+    assert isinstance(reads, Snapshot)
+    return nullcontext(reads)
+
+
+class _Case:
+    """One lookup to explain."""
+
+    def __init__(
+        self,
+        snapshot: Snapshot,
+        target: str,
+        source: str,
+        time: StampLike | None,
+        policy: Policy | None,
+    ) -> None:
+        self.snapshot = snapshot
+        self.target = target
+        self.source = source
+        self.time = time
+        self.policy = policy
+
+    def explain(self) -> Explanation:
+        """Look up, and say what came of it."""
+        try:
+            found = self.snapshot.lookup_transform(self.target, self.source, self.time, self.policy)
+        except UnknownFrame as error:
+            return self._because(error, [], self._similar(error.frame or ""))
+        except Disconnected as error:
+            return self._disconnected(error)
+        except _EXPLAINED as error:
+            return self._failing_edge(error)
+        edges = tuple(
+            EdgeExplanation(edge.child, edge.parent, True, str(edge)) for edge in found.report.edges
+        )
+        text = [f"{found!r}"]
+        text += [f"  {edge.text}" for edge in edges]
+        if not edges:
+            text.append("  target and source are the same frame")
+        return Explanation(self.target, self.source, True, "\n".join(text), edges, None)
+
+    def _because(
+        self, error: TfdbError, edges: list[EdgeExplanation], advice: list[str]
+    ) -> Explanation:
+        text = [str(error)]
+        text += [f"  {'ok  ' if edge.ok else 'FAIL'} {edge.text}" for edge in edges]
+        text += advice
+        return Explanation(self.target, self.source, False, "\n".join(text), tuple(edges), error)
+
+    def _similar(self, name: str) -> list[str]:
+        known = self.snapshot.frames()
+        close = difflib.get_close_matches(name, known, 3)
+        if close:
+            return [f"Did you mean {' or '.join(map(repr, close))}?"]
+        if not known:
+            return ["The store has no frames at all."]
+        shown = ", ".join(map(repr, known[:8]))
+        return [f"The store has {len(known)} frames: {shown}{', ...' if len(known) > 8 else ''}"]
+
+    def _chain(self, tree: dict[str, FrameInfo], name: str) -> list[FrameInfo]:
+        """Frames with a parent, from `name` up to the root."""
+        chain = []
+        info = tree.get(name)
+        while info is not None and info.parent is not None and info not in chain:
+            chain.append(info)
+            info = tree.get(info.parent)
+        return chain
+
+    def _disconnected(self, error: Disconnected) -> Explanation:
+        tree = {info.name: info for info in self.snapshot.tree(self.time)}
+        edges = []
+        for name in (self.source, self.target):
+            edges += [
+                EdgeExplanation(info.name, str(info.parent), True, f"{_arrow(info)}: {_span(info)}")
+                for info in self._chain(tree, name)
+            ]
+        roots = " and ".join(map(repr, error.frames or ()))
+        advice = [f"No edge joins the two trees: one between {roots} would."]
+        return self._because(error, edges, advice)
+
+    def _failing_edge(self, error: TfdbError) -> Explanation:
+        time = error.stamp if self.time is None else self.time
+        tree = {info.name: info for info in self.snapshot.tree(time)}
+        up = self._chain(tree, self.source)
+        down = self._chain(tree, self.target)
+        while up and down and up[-1].name == down[-1].name:
+            up.pop()
+            down.pop()
+        edges = [self._edge(info, time) for info in up + down]
+        return self._because(error, edges, [_advice(up + down)])
+
+    def _edge(self, info: FrameInfo, time: StampLike | None) -> EdgeExplanation:
+        parent = str(info.parent)
+        try:
+            found = self.snapshot.lookup_transform(parent, info.name, time, self.policy)
+        except _EXPLAINED as error:
+            text = f"{_arrow(info)}: {_reason(error)}; {_span(info)}"
+            return EdgeExplanation(info.name, parent, False, text)
+        return EdgeExplanation(info.name, parent, True, str(found.report.edges[0]))
+
+
+def _arrow(info: FrameInfo) -> str:
+    return f"T[{info.parent}<-{info.name}]"
+
+
+def _span(info: FrameInfo) -> str:
+    if info.is_static:
+        return "static"
+    if info.oldest is None or info.newest is None:
+        return "no samples"
+    rate = "" if info.rate is None else f" at {info.rate:.3g} Hz"
+    return (
+        f"{info.samples} samples{rate} from {format_seconds(info.oldest)} to "
+        f"{format_seconds(info.newest)}"
+    )
+
+
+def _reason(error: TfdbError) -> str:
+    """Why one edge has no answer, in a few words."""
+    asked = "?" if error.stamp is None else format_seconds(error.stamp)
+    limit = "" if error.limit is None else f" (limit {format_seconds(error.limit)})"
+    around = " and ".join(
+        format_seconds(stamp) for stamp in (error.before, error.after) if stamp is not None
+    )
+    if isinstance(error, Extrapolation):
+        return f"{asked} lies in its {error.reason}" if error.stamp is not None else "no data"
+    if isinstance(error, GapTooLarge):
+        return f"the samples around {asked} lie too far apart, at {around}{limit}"
+    if isinstance(error, Stale):
+        return f"its sample before {asked} is too old, at {around}{limit}"
+    if isinstance(error, NoSampleNear):
+        return f"no sample near enough to {asked}{limit}"
+    return str(error)
+
+
+def _advice(edges: list[FrameInfo]) -> str:
+    """Which stamps every edge of the path covers."""
+    moving = [edge for edge in edges if edge.oldest is not None and edge.newest is not None]
+    if not moving:
+        return "No edge of the path moves."
+    oldest = max(moving, key=lambda edge: edge.oldest or 0)
+    newest = min(moving, key=lambda edge: edge.newest or 0)
+    first, last = oldest.oldest or 0, newest.newest or 0
+    if first > last:
+        return (
+            f"No stamp is covered by the whole path: {_arrow(newest)} ends at "
+            f"{format_seconds(last)}, before {_arrow(oldest)} begins at {format_seconds(first)}."
+        )
+    return (
+        f"The whole path has data from {format_seconds(first)} ({_arrow(oldest)}) to "
+        f"{format_seconds(last)} ({_arrow(newest)})."
+    )

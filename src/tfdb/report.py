@@ -1,0 +1,145 @@
+"""What a transform was made from, edge by edge, and how it prints."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Literal, TypeAlias
+
+from .stamps import format_seconds
+
+if TYPE_CHECKING:
+    from ._core import Transform
+
+__all__ = ["EdgeUse", "Report"]
+
+Used: TypeAlias = Literal[
+    "static", "exact", "interpolated", "held", "nearest", "extrapolated", "latest"
+]
+
+
+@dataclass(frozen=True, slots=True)
+class EdgeUse:
+    """How one edge of the path was used. Times are nanoseconds."""
+
+    child: str
+    """Frame whose edge to its parent it is; `(removed)` if it was removed since."""
+    parent: str
+    """Its parent at that stamp."""
+    used: Used
+    """`static`; `exact`, a sample at the very stamp; `interpolated`, between `before` and `after`;
+    `held`, the sample before as it is; `nearest`; `extrapolated`, beyond them; `latest`."""
+    before: int | None
+    """Stamp of the earlier sample; None for a static edge."""
+    after: int | None
+    """Stamp of the later sample; that of `before` where only one was used."""
+    gap: int
+    """Time between the two; 0 where only one was used."""
+    age: int
+    """How much older than the transform's stamp the sample `before` is; negative where it is
+    newer; 0 for a static edge. In a latest lookup: how much older than the path's newest sample."""
+    inverted: bool
+    """Whether the edge was walked from the parent to the child."""
+
+    def __str__(self) -> str:
+        name = f"T[{self.parent}<-{self.child}]" + (" inverted" if self.inverted else "")
+        if self.before is None or self.after is None:
+            return f"{name}: static"
+        if self.before == self.after:
+            return (
+                f"{name}: {self.used}, sample at {format_seconds(self.before)}, "
+                f"age {format_seconds(self.age)}"
+            )
+        return (
+            f"{name}: {self.used}, samples at {format_seconds(self.before)} and "
+            f"{format_seconds(self.after)}, gap {format_seconds(self.gap)}"
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class Report:
+    """What a transform T[target<-source] was made from. Times are nanoseconds."""
+
+    target: str
+    """Frame into which it maps."""
+    source: str
+    """Frame from which it maps."""
+    stamp: int
+    """The stamp it holds at."""
+    edges: tuple[EdgeUse, ...]
+    """From the source up to the meeting point, then from the target up. Empty if it was not
+    looked up, or was multiplied."""
+
+    @property
+    def age(self) -> int:
+        """Greatest age of an edge's sample; 0 if nothing moves."""
+        return max((edge.age for edge in self.edges if edge.before is not None), default=0)
+
+    @property
+    def max_gap(self) -> int:
+        """Longest gap that was interpolated over; 0 if none was."""
+        return max((edge.gap for edge in self.edges), default=0)
+
+    @property
+    def oldest(self) -> int | None:
+        """Oldest stamp used; None if nothing moves."""
+        return min((edge.before for edge in self.edges if edge.before is not None), default=None)
+
+    @property
+    def interpolated(self) -> bool:
+        """Whether any edge was interpolated."""
+        return any(edge.used == "interpolated" for edge in self.edges)
+
+    @property
+    def extrapolated(self) -> bool:
+        """Whether any edge was extrapolated."""
+        return any(edge.used == "extrapolated" for edge in self.edges)
+
+    @property
+    def limiting_edge(self) -> EdgeUse | None:
+        """The moving edge with the poorest data: longest gap or greatest age. None without one."""
+        moving = [edge for edge in self.edges if edge.before is not None]
+        return max(moving, key=lambda edge: max(edge.gap, abs(edge.age)), default=None)
+
+    def __str__(self) -> str:
+        lines = [f"T[{self.target}<-{self.source}] at {format_seconds(self.stamp)}"]
+        lines += [f"  {edge}" for edge in self.edges]
+        limiting = self.limiting_edge
+        if limiting is not None:
+            lines.append(f"  limited by {limiting.child}")
+        return "\n".join(lines)
+
+
+Row: TypeAlias = tuple[str, str, Used, int, int, bool]
+
+
+def make_report(target: str, source: str, stamp: int, rows: Sequence[Row]) -> Report:
+    """Make the report of a transform from (child, parent, used, before, after, inverted)."""
+    newest = max((after for *_, after, _ in rows if after >= 0), default=stamp)
+    edges = []
+    for child, parent, used, before, after, inverted in rows:
+        reference = newest if used == "latest" else stamp
+        moving = before >= 0
+        edges.append(
+            EdgeUse(
+                child=child,
+                parent=parent,
+                used=used,
+                before=before if moving else None,
+                after=after if moving else None,
+                gap=after - before if moving else 0,
+                age=reference - before if moving else 0,
+                inverted=inverted,
+            )
+        )
+    return Report(target, source, stamp, tuple(edges))
+
+
+def transform_repr(transform: Transform) -> str:
+    """Write `T[map<-camera] at 12.5 s: translation [...] rotation [...]`."""
+    translation = ", ".join(f"{value:.6g}" for value in transform.translation)
+    rotation = ", ".join(f"{value:.6g}" for value in transform.rotation)
+    return (
+        f"T[{transform.target}<-{transform.source}] at {format_seconds(transform.stamp)}: "
+        f"translation [{translation}], rotation [{rotation}]"
+    )

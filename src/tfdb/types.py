@@ -1,0 +1,345 @@
+"""The plain data that goes into a store and comes out of it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Any, Protocol, TypeAlias
+
+import numpy as np
+import numpy.typing as npt
+
+from .errors import InvalidArray
+from .stamps import StampLike, StampsLike, format_seconds
+
+__all__ = [
+    "Columns",
+    "Counters",
+    "FrameInfo",
+    "IngestResult",
+    "MemoryUse",
+    "Refusal",
+    "Trajectory",
+    "TransformStamped",
+    "Twist",
+]
+
+
+class Xyz(Protocol):
+    """Anything with x, y and z."""
+
+    @property
+    def x(self) -> float:
+        """Along x."""
+
+    @property
+    def y(self) -> float:
+        """Along y."""
+
+    @property
+    def z(self) -> float:
+        """Along z."""
+
+
+class Xyzw(Xyz, Protocol):
+    """Anything with x, y, z and w."""
+
+    @property
+    def w(self) -> float:
+        """The real part."""
+
+
+VectorLike: TypeAlias = Sequence[float] | npt.NDArray[np.floating[Any]] | Xyz
+"""Three numbers x, y, z in metres."""
+
+QuaternionLike: TypeAlias = Sequence[float] | npt.NDArray[np.floating[Any]] | Xyzw
+"""Four numbers x, y, z, w of length one."""
+
+BytesLike: TypeAlias = bytes | bytearray | memoryview
+"""Bytes of a message."""
+
+
+@dataclass(frozen=True, slots=True)
+class TransformStamped:
+    """A transform T[parent<-child] at a stamp: p_parent = T p_child."""
+
+    parent: str
+    """Frame into which it maps."""
+    child: str
+    """Frame from which it maps."""
+    stamp: StampLike
+    """Nanoseconds, or an object that holds a stamp."""
+    translation: VectorLike
+    """Metres, x y z: a sequence, an array, or an object with x, y, z."""
+    rotation: QuaternionLike = (0.0, 0.0, 0.0, 1.0)
+    """Unit quaternion, x y z w, likewise."""
+
+
+class RosHeader(Protocol):
+    """A `std_msgs/Header`."""
+
+    @property
+    def frame_id(self) -> str:
+        """The parent."""
+
+    @property
+    def stamp(self) -> StampLike:
+        """The stamp."""
+
+
+class RosTransform(Protocol):
+    """A `geometry_msgs/Transform`."""
+
+    @property
+    def translation(self) -> VectorLike:
+        """Metres."""
+
+    @property
+    def rotation(self) -> QuaternionLike:
+        """Unit quaternion."""
+
+
+class RosTransformStamped(Protocol):
+    """A `geometry_msgs/TransformStamped` of any ROS library."""
+
+    @property
+    def header(self) -> RosHeader:
+        """Parent and stamp."""
+
+    @property
+    def child_frame_id(self) -> str:
+        """The child."""
+
+    @property
+    def transform(self) -> RosTransform:
+        """T[parent<-child]."""
+
+
+TransformStampedLike: TypeAlias = TransformStamped | RosTransformStamped
+"""What `Buffer.set_transforms` takes a sequence of."""
+
+
+class Columns:
+    """A batch of N transforms T[parent<-child] as columns.
+
+    Parameters
+    ----------
+    parents, children
+        N names each, or one name for all rows.
+    stamps
+        (N,) int64 nanoseconds, or None for static transforms.
+    poses
+        (N, 7) float64: x y z in metres, unit quaternion x y z w.
+    translations, rotations
+        Instead of `poses`: (N, 3) and (N, 4).
+
+    Raises
+    ------
+    InvalidArray
+        Neither `poses` nor both of the others, or a shape that is not as above.
+    """
+
+    __slots__ = ("children", "parents", "poses", "stamps")
+
+    def __init__(
+        self,
+        parents: str | Sequence[str],
+        children: str | Sequence[str],
+        stamps: StampsLike | None,
+        poses: npt.ArrayLike | None = None,
+        *,
+        translations: npt.ArrayLike | None = None,
+        rotations: npt.ArrayLike | None = None,
+    ) -> None:
+        self.parents = parents
+        self.children = children
+        self.stamps = stamps
+        if poses is None:
+            if translations is None or rotations is None:
+                raise InvalidArray("give poses, or both translations and rotations")
+            poses = np.concatenate(
+                [_rows(translations, 3, "translations"), _rows(rotations, 4, "rotations")], axis=1
+            )
+        elif translations is not None or rotations is not None:
+            raise InvalidArray("give poses, or translations and rotations, not both")
+        self.poses = _rows(poses, 7, "poses")
+
+    def __len__(self) -> int:
+        return len(self.poses)
+
+    def __repr__(self) -> str:
+        return f"<tfdb.Columns of {len(self)} transforms>"
+
+
+def _rows(values: npt.ArrayLike, width: int, role: str) -> npt.NDArray[np.float64]:
+    """Return an array (N, width) of float64; raise InvalidArray for anything else."""
+    try:
+        array = np.asarray(values, dtype=np.float64)
+    except (TypeError, ValueError):
+        array = np.empty(0)
+    if array.ndim != 2 or array.shape[1] != width:
+        given = np.shape(values) if isinstance(values, np.ndarray) else type(values).__name__
+        reason = f"expected an array (N, {width}) of float64, got {given}"
+        raise InvalidArray(f"{role}: {reason}", reason=reason)
+    return array
+
+
+@dataclass(frozen=True, slots=True)
+class FrameInfo:
+    """What a store knows of one frame and the edge T[parent<-name] to its parent."""
+
+    name: str
+    """The frame."""
+    parent: str | None
+    """Its parent; None for a root."""
+    is_static: bool
+    """Whether the edge holds at every stamp."""
+    samples: int
+    """Retained samples; 1 for a static edge."""
+    oldest: int | None
+    """First retained stamp, nanoseconds; None if it does not move."""
+    newest: int | None
+    """Last stamp, nanoseconds; None if it does not move."""
+    rate: float | None
+    """Mean rate of the samples in Hz; None with fewer than two."""
+    authority: str
+    """Who wrote last; empty if nobody said."""
+    late: int = 0
+    """How many samples came out of order."""
+    longest_gap: int = 0
+    """Longest time between two neighbouring samples, nanoseconds."""
+
+
+@dataclass(frozen=True, slots=True)
+class MemoryUse:
+    """What a store occupies."""
+
+    used_bytes: int
+    """Bytes in use by frames, names and samples."""
+    free_bytes: int
+    """Bytes kept for reuse."""
+    frames: int
+    """Slots of frames in use."""
+    samples: int
+    """Samples in memory, also those that are no longer retained."""
+    frame_bytes: int
+    """Bytes of the frames' headers, part of `used_bytes`."""
+
+
+@dataclass(frozen=True, slots=True)
+class Counters:
+    """What happened in a store so far."""
+
+    commits: int
+    """Commits."""
+    normalised: int
+    """Quaternions that were slightly off unit length and mended."""
+    lapped_reads: int
+    """Times a lookup began again because a writer had overtaken it."""
+    locked_reads: int
+    """Lookups that in the end read under the writers' lock."""
+
+
+@dataclass(frozen=True, slots=True)
+class Twist:
+    """A velocity."""
+
+    linear: npt.NDArray[np.float64]
+    """(3,) in m/s."""
+    angular: npt.NDArray[np.float64]
+    """(3,) in rad/s."""
+
+
+@dataclass(frozen=True, slots=True)
+class Refusal:
+    """Messages that were refused for one reason."""
+
+    count: int
+    """How many."""
+    index: int
+    """Position of the first."""
+    first: str
+    """The error message of the first."""
+
+
+@dataclass(frozen=True, slots=True)
+class IngestResult:
+    """What became of many messages."""
+
+    messages: int
+    """Messages seen."""
+    transforms: int
+    """Transforms stored."""
+    commits: int
+    """Commits made, one for each message with transforms."""
+    refused: int
+    """Messages of which nothing was stored."""
+    commit: int
+    """Number of the newest commit."""
+    reasons: dict[str, Refusal] = field(default_factory=dict)
+    """By the name of the error class, why messages were refused."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Trajectory:
+    """T[target<-source] over time.
+
+    Raises InvalidArray if there is no pose, the shapes do not fit, or the stamps do not increase
+    (with `index`).
+    """
+
+    target: str
+    """Frame into which the poses map."""
+    source: str
+    """Frame from which they map."""
+    stamps: npt.NDArray[np.int64]
+    """(N,) nanoseconds, increasing."""
+    poses: npt.NDArray[np.float64]
+    """(N, 7) x y z qx qy qz qw."""
+
+    def __post_init__(self) -> None:
+        count = len(self.stamps)
+        if count == 0:
+            raise InvalidArray("a trajectory needs at least one stamp, got none")
+        if self.stamps.shape != (count,) or self.stamps.dtype != np.int64:
+            raise InvalidArray(
+                f"stamps: expected int64 (N,), got {self.stamps.dtype} {self.stamps.shape}"
+            )
+        if self.poses.shape != (count, 7) or self.poses.dtype != np.float64:
+            raise InvalidArray(
+                f"poses: expected float64 ({count}, 7), got {self.poses.dtype} {self.poses.shape}"
+            )
+        falling = np.flatnonzero(np.diff(self.stamps) <= 0)
+        if len(falling):
+            index = int(falling[0]) + 1
+            raise InvalidArray(
+                f"stamps must increase, but stamps[{index}] = {self.stamps[index]} follows "
+                f"{self.stamps[index - 1]}",
+                index=index,
+                stamp=int(self.stamps[index]),
+            )
+
+    def __len__(self) -> int:
+        return len(self.stamps)
+
+    def __repr__(self) -> str:
+        first, last = int(self.stamps[0]), int(self.stamps[-1])
+        return (
+            f"<tfdb.Trajectory T[{self.target}<-{self.source}], {len(self)} poses from "
+            f"{format_seconds(first)} to {format_seconds(last)}>"
+        )
+
+    @property
+    def translations(self) -> npt.NDArray[np.float64]:
+        """(N, 3) view of the poses, in metres."""
+        return self.poses[:, :3]
+
+    @property
+    def rotations(self) -> npt.NDArray[np.float64]:
+        """(N, 4) view of the poses: unit quaternions x y z w."""
+        return self.poses[:, 3:]
+
+    @property
+    def duration(self) -> float:
+        """Seconds from the first to the last pose."""
+        return float(self.stamps[-1] - self.stamps[0]) / 1e9
