@@ -38,8 +38,7 @@ bool would_store(const Run& run, std::size_t thread) {
     if ((run.unfinished() & bit_of(thread)) == 0 || only_reads(next.kind)) {
         return false;
     }
-    const bool conditional =
-        next.kind == Kind::kCompareExchange || next.kind == Kind::kFallAsleep;
+    const bool conditional = next.kind == Kind::kCompareExchange || next.kind == Kind::kFallAsleep;
     return !conditional || next.word->peek() == next.expected;
 }
 

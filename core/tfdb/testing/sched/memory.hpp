@@ -32,6 +32,13 @@ public:
         return offset < bytes_ && offset % 8 == 0 ? words_[offset / 8] : outside();
     }
 
+    /// Puts something between the threads and all words of the region.
+    void intercept(Interceptor* interceptor) {
+        for (std::size_t index = 0; index < bytes_ / 8; ++index) {
+            words_[index].intercept(interceptor);
+        }
+    }
+
     /// Blocks of whole lines; offset 0 is never given out.
     Offset allocate(std::size_t bytes) {
         const std::size_t lines = (bytes + kLine - 1) / kLine;
@@ -55,9 +62,7 @@ public:
     static void fence_full() {}
 
 private:
-    [[noreturn]] static Word& outside() {
-        throw Violation{"an access outside the region", {}};
-    }
+    [[noreturn]] static Word& outside() { throw Violation{"an access outside the region", {}}; }
 
     std::unique_ptr<Word[]> words_;
     std::size_t bytes_;

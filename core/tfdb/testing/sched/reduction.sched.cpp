@@ -16,8 +16,19 @@ constexpr std::size_t kWords = 2;
 constexpr std::uint64_t kSeed = 20240611;
 
 struct Instruction {
-    enum Code { kLoad, kStore, kStoreSeen, kAdd, kSwap, kCompare, kWait, kSleep, kNotify,
-                kSkipIfSeen, kCodes };
+    enum Code {
+        kLoad,
+        kStore,
+        kStoreSeen,
+        kAdd,
+        kSwap,
+        kCompare,
+        kWait,
+        kSleep,
+        kNotify,
+        kSkipIfSeen,
+        kCodes
+    };
     Code code;
     std::size_t word;
     std::uint64_t value;
@@ -30,22 +41,39 @@ void interpret(const Body& body, std::deque<Word>& words) {
         const Instruction& next = body[at];
         Word& word = words[next.word];
         switch (next.code) {
-            case Instruction::kLoad: seen = word.load_relaxed(); break;
-            case Instruction::kStore: word.store_relaxed(next.value); break;
-            case Instruction::kStoreSeen: word.store_relaxed(seen ^ next.value); break;
-            case Instruction::kAdd: seen = word.fetch_add(next.value); break;
-            case Instruction::kSwap: seen = word.exchange(next.value); break;
+            case Instruction::kLoad:
+                seen = word.load_relaxed();
+                break;
+            case Instruction::kStore:
+                word.store_relaxed(next.value);
+                break;
+            case Instruction::kStoreSeen:
+                word.store_relaxed(seen ^ next.value);
+                break;
+            case Instruction::kAdd:
+                seen = word.fetch_add(next.value);
+                break;
+            case Instruction::kSwap:
+                seen = word.exchange(next.value);
+                break;
             case Instruction::kCompare:
                 seen = next.value;
                 word.compare_exchange(seen, next.value + 1);
                 break;
-            case Instruction::kWait: seen = word.wait_while(next.value); break;
-            case Instruction::kSleep: word.wait(next.value); break;
+            case Instruction::kWait:
+                seen = word.wait_while(next.value);
+                break;
+            case Instruction::kSleep:
+                word.wait(next.value);
+                break;
             case Instruction::kNotify:
                 next.value == 0 ? word.notify_all() : word.notify_one();
                 break;
-            case Instruction::kSkipIfSeen: at += seen == next.value ? 1 : 0; break;
-            case Instruction::kCodes: break;
+            case Instruction::kSkipIfSeen:
+                at += seen == next.value ? 1 : 0;
+                break;
+            case Instruction::kCodes:
+                break;
         }
     }
 }
@@ -88,9 +116,8 @@ std::set<std::string> traces(const std::vector<Body>& bodies, bool reduce, Outco
                 run.touch(word);
             }
             for (std::size_t thread = 0; thread < bodies.size(); ++thread) {
-                run.thread(std::to_string(thread), [&, thread] {
-                    interpret(bodies[thread], words);
-                });
+                run.thread(std::to_string(thread),
+                           [&, thread] { interpret(bodies[thread], words); });
             }
             run.join();
         },

@@ -61,6 +61,9 @@ public:
     /// The run whose thread is being executed right now, or null.
     static Run* inside_thread();
 
+    /// Number of the thread that is being executed, in the order of thread().
+    [[nodiscard]] std::size_t current() const { return current_; }
+
     // For Word and the drivers.
     Effect step(const Operation& operation);
     [[nodiscard]] std::size_t thread_count() const { return threads_.size(); }

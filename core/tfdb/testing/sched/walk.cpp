@@ -50,8 +50,7 @@ void Walk::must_hold(const std::string& name, const Program& program) {
           outcome.bounded ? "not exhaustive: at most " + bound + " preemptions" : "exhaustive");
 }
 
-void Walk::must_fail(const std::string& name, const std::string& expected,
-                     const Program& program) {
+void Walk::must_fail(const std::string& name, const std::string& expected, const Program& program) {
     const Outcome outcome = explore(program, options_);
     if (outcome.violation.empty()) {
         print(name, outcome, "NOT FOUND");

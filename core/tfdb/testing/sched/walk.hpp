@@ -79,10 +79,10 @@ void expect(bool holds, const char* text, const char* file, int line);
 
 }  // namespace tfdb::sched
 
-#define TFDB_SCHED(name)                                                                    \
-    static void tfdb_sched_##name();                                                        \
-    [[maybe_unused]] static const int tfdb_sched_added_##name =                             \
-        ::tfdb::sched::add_test(#name, &tfdb_sched_##name);                                 \
+#define TFDB_SCHED(name)                                        \
+    static void tfdb_sched_##name();                            \
+    [[maybe_unused]] static const int tfdb_sched_added_##name = \
+        ::tfdb::sched::add_test(#name, &tfdb_sched_##name);     \
     static void tfdb_sched_##name()
 
 /// Ends the test with a failure unless the expression holds. For the test's own frame; inside a

@@ -245,10 +245,10 @@ TFDB_SCHED(schedules_are_readable) {
         run.join();
     });
     SCHED_EXPECT(outcome.violation == "deadlock: no thread can go on");
-    for (const char* part : {"setter     store.release", "flag               <- 7",
-                             "waiter     wait              flag               -> 7",
-                             "compare_exchange  done               unchanged 0",
-                             "waiter stands before wait done"}) {
+    for (const char* part :
+         {"setter     store.release", "flag               <- 7",
+          "waiter     wait              flag               -> 7",
+          "compare_exchange  done               unchanged 0", "waiter stands before wait done"}) {
         SCHED_EXPECT(outcome.schedule.find(part) != std::string::npos);
     }
 }

@@ -8,18 +8,30 @@ namespace tfdb::sched {
 
 const char* spelling(Kind kind) {
     switch (kind) {
-        case Kind::kLoadRelaxed: return "load.relaxed";
-        case Kind::kLoadAcquire: return "load.acquire";
-        case Kind::kStoreRelaxed: return "store.relaxed";
-        case Kind::kStoreRelease: return "store.release";
-        case Kind::kCompareExchange: return "compare_exchange";
-        case Kind::kExchange: return "exchange";
-        case Kind::kFetchAdd: return "fetch_add";
-        case Kind::kWait: return "wait";
-        case Kind::kFallAsleep: return "fall_asleep";
-        case Kind::kWake: return "wake";
-        case Kind::kNotifyOne: return "notify_one";
-        case Kind::kNotifyAll: return "notify_all";
+        case Kind::kLoadRelaxed:
+            return "load.relaxed";
+        case Kind::kLoadAcquire:
+            return "load.acquire";
+        case Kind::kStoreRelaxed:
+            return "store.relaxed";
+        case Kind::kStoreRelease:
+            return "store.release";
+        case Kind::kCompareExchange:
+            return "compare_exchange";
+        case Kind::kExchange:
+            return "exchange";
+        case Kind::kFetchAdd:
+            return "fetch_add";
+        case Kind::kWait:
+            return "wait";
+        case Kind::kFallAsleep:
+            return "fall_asleep";
+        case Kind::kWake:
+            return "wake";
+        case Kind::kNotifyOne:
+            return "notify_one";
+        case Kind::kNotifyAll:
+            return "notify_all";
     }
     return "?";
 }
@@ -36,6 +48,11 @@ std::string Word::name() const {
 }
 
 Effect Word::access(const Operation& operation) {
+    const bool intercepted = interceptor_ != nullptr && Run::inside_thread() != nullptr;
+    return intercepted ? interceptor_->access(*this, operation) : access_directly(operation);
+}
+
+Effect Word::access_directly(const Operation& operation) {
     Run* const run = Run::inside_thread();
     return run == nullptr ? perform(operation, 0) : run->step(operation);
 }

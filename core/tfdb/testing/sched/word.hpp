@@ -18,9 +18,9 @@ enum class Kind : std::uint8_t {
     kCompareExchange,
     kExchange,
     kFetchAdd,
-    kWait,       // blocks until the value differs
+    kWait,        // blocks until the value differs
     kFallAsleep,  // atomic wait, first half: queues the thread if the value is still the same
-    kWake,       // atomic wait, second half: blocks until a notify has taken it off the queue
+    kWake,        // atomic wait, second half: blocks until a notify has taken it off the queue
     kNotifyOne,
     kNotifyAll,
 };
@@ -46,13 +46,22 @@ const char* spelling(Kind kind);
 /// True for loads and waits: no other thread can tell that they happened.
 bool only_reads(Kind kind);
 
+// Comes between a thread and its words: how a test seeds a bug without touching the protocol.
+// Called by the walked threads only. It does what it wants with the access, or passes it on.
+class Interceptor {
+public:
+    virtual ~Interceptor() = default;
+    virtual Effect access(Word& word, const Operation& operation) = 0;
+};
+
 // A shared word whose every access is a point where the walk may switch threads.
 // Any walked thread may call all; outside a running walk the accesses happen directly.
 // Sequentially consistent: weaker orders are accepted and recorded, Relacy judges those.
 class Word {
 public:
     /// `name` is a literal; a number other than zero is shown behind it.
-    explicit Word(std::uint64_t value = 0, const char* name = nullptr) : value_(value), name_(name) {}
+    explicit Word(std::uint64_t value = 0, const char* name = nullptr)
+        : value_(value), name_(name) {}
     Word(const Word&) = delete;
     Word& operator=(const Word&) = delete;
 
@@ -91,6 +100,10 @@ public:
     /// The value, without being a step of the schedule: for the walker and for final checks.
     [[nodiscard]] std::uint64_t peek() const { return value_; }
 
+    /// The access as it is, past any interceptor.
+    Effect access_directly(const Operation& operation);
+    void intercept(Interceptor* interceptor) { interceptor_ = interceptor; }
+
     [[nodiscard]] std::string name() const;
     void rename(const char* name, std::uint32_t number) {
         name_ = name;
@@ -110,10 +123,11 @@ private:
 
     std::uint64_t value_;
     const char* name_;
+    Interceptor* interceptor_ = nullptr;
     std::uint32_t number_ = 0;
-    std::uint32_t run_ = 0;       // the execution in which `identity_` was given
-    std::uint32_t identity_ = 0;  // order of first access in that execution
-    std::uint32_t asleep_ = 0;    // threads in the queue of wait()
+    std::uint32_t run_ = 0;               // the execution in which `identity_` was given
+    std::uint32_t identity_ = 0;          // order of first access in that execution
+    std::uint32_t asleep_ = 0;            // threads in the queue of wait()
     std::vector<std::uint32_t> wakeups_;  // for each notify: who may be the one that it woke
 };
 

@@ -1,0 +1,118 @@
+// A script of commits as a program for the walker: one writer, one reader, tiny rings.
+#pragma once
+
+#include <functional>
+#include <iterator>
+#include <memory>
+#include <string>
+
+#include "tfdb/history/script.sched.hpp"
+#include "tfdb/testing/sched/memory.hpp"
+#include "tfdb/testing/sched/walk.hpp"
+
+namespace tfdb::history {
+
+namespace script {
+
+/// Rings that start with two slots, at most two runs, no lateness without a new run.
+struct SmallMemory : sched::BasicMemory<2> {
+    using BasicMemory::BasicMemory;
+};
+
+}  // namespace script
+
+template <>
+struct Tuning<script::SmallMemory> {
+    static constexpr unsigned kFirstLog2Capacity = 1;
+    static constexpr unsigned kMaxRuns = 2;
+    static constexpr std::uint64_t kSlackLimit = 1;
+};
+
+namespace script {
+
+inline constexpr std::size_t kRegionBytes = 4096;
+inline constexpr std::size_t kWriter = 0;  // thread numbers
+inline constexpr std::size_t kReader = 1;
+
+inline void name_words(const SmallMemory& memory, const Places& places, unsigned edges) {
+    static constexpr const char* kNames[] = {
+        "ring",       "head",      "begin",        "topology",   "head_commit",   "newest",
+        "rate",       "born",      "order",        "sorted_end", "sorted_commit", "cleared",
+        "evict_safe", "died",      "name",         "lock",       "children",      "authority",
+        "late",       "next_free", "ordered_from", "parent_from"};
+    memory.word(places.commit).rename("commit", 0);
+    for (unsigned edge = 0; edge < edges; ++edge) {
+        for (unsigned word = 0; word < std::size(kNames); ++word) {
+            memory.word(places.header(edge) + 8 * word).rename(kNames[word], edge);
+        }
+    }
+}
+
+/// Makes the interceptor that seeds a bug, once per execution; none by default.
+using MakeFlaw =
+    std::function<std::unique_ptr<sched::Interceptor>(const SmallMemory&, const Places&)>;
+
+/// What the reader does: script::read, or a version of it with a bug.
+using Read = bool (*)(SmallMemory&, const Places&, const Script&, const Model&, StampNs);
+
+inline void require(bool holds, const char* text) {
+    sched::Run::require(holds, text, "snapshot", 0);
+}
+
+inline bool read_soundly(SmallMemory& memory, const Places& places, const Script& script,
+                         const Model& model, StampNs stamp) {
+    return read(memory, places, script, model, stamp, require);
+}
+
+/// The writer runs the script; the reader looks up `stamp`, again when it was overtaken. Readers
+/// write nothing and writers take turns, so one of each shows all that any number can.
+inline sched::Program program(const Script& script, StampNs stamp, int tries = 2,
+                              const MakeFlaw& make_flaw = {}, Read reader = read_soundly) {
+    const Model model(script);
+    return [=](sched::Run& run) {
+        SmallMemory memory(kRegionBytes);
+        const Places places = place(memory, script);
+        name_words(memory, places, script.edges);
+        for (std::size_t batch = 0; batch < script.before.size(); ++batch) {
+            write(memory, places, script, batch);
+        }
+        std::unique_ptr<sched::Interceptor> flaw;
+        if (make_flaw) {
+            flaw = make_flaw(memory, places);
+            memory.intercept(flaw.get());
+        }
+        run.thread("writer", [&] {
+            for (std::size_t batch = 0; batch < script.during.size(); ++batch) {
+                write(memory, places, script, script.before.size() + batch);
+            }
+        });
+        run.thread("reader", [&] {
+            for (int attempt = 0; attempt < tries; ++attempt) {
+                if (reader(memory, places, script, model, stamp)) {
+                    return;
+                }
+            }
+        });
+        run.join();
+        if (flaw == nullptr) {
+            SCHED_REQUIRE(memory.word(places.commit).peek() == model.last());
+            const bool answered = read_soundly(memory, places, script, model, stamp);
+            SCHED_REQUIRE(answered);
+        }
+    };
+}
+
+inline Batch one(StampNs stamp, FrameId parent = 5) {
+    return {.puts = {{0, stamp, parent}}};
+}
+inline Batch both(StampNs stamp) {
+    return {.puts = {{0, stamp}, {1, stamp}}};
+}
+inline Batch aborted(Batch batch) {
+    batch.aborted = true;
+    return batch;
+}
+
+}  // namespace script
+
+}  // namespace tfdb::history
