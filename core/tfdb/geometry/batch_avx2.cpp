@@ -3,6 +3,6 @@
 
 namespace tfdb::geometry {
 
-const Kernels kAvx2Kernels = make_kernels<4>("avx2");
+constinit const Kernels kAvx2Kernels = make_kernels<4>("avx2");
 
 }  // namespace tfdb::geometry

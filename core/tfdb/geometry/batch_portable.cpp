@@ -2,6 +2,6 @@
 
 namespace tfdb::geometry {
 
-const Kernels kPortableKernels = make_kernels<2>("portable");
+constinit const Kernels kPortableKernels = make_kernels<2>("portable");
 
 }  // namespace tfdb::geometry

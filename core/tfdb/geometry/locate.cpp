@@ -15,6 +15,9 @@ constexpr int kMostSteps = 5;
 constexpr std::size_t kDense = 2;
 constexpr std::size_t kSparse = 4;
 
+/// Stamps that the cursor looks at together.
+constexpr std::size_t kStretch = 16;
+
 /// The first position in [from, end) of a rising sequence whose value is above `stamp`: doubling
 /// steps from the front, then a binary search.
 std::size_t first_above(const StampNs* values, std::size_t from, std::size_t end, StampNs stamp) {
@@ -36,19 +39,14 @@ QueryRange describe(std::span<const StampNs> queries) noexcept {
     if (queries.empty()) {
         return range;
     }
+    range.least = range.greatest = queries.front();
     std::size_t falls = 0;
     for (std::size_t i = 1; i < queries.size(); ++i) {
         falls += queries[i] < queries[i - 1] ? 1 : 0;
+        range.least = queries[i] < range.least ? queries[i] : range.least;
+        range.greatest = queries[i] > range.greatest ? queries[i] : range.greatest;
     }
     range.sorted = falls == 0;
-    if (range.sorted) {
-        range.least = queries.front();
-        range.greatest = queries.back();
-    } else {
-        const auto [least, greatest] = std::minmax_element(queries.begin(), queries.end());
-        range.least = *least;
-        range.greatest = *greatest;
-    }
     return range;
 }
 
@@ -93,13 +91,32 @@ void Locator::walk(const StampNs* queries, std::size_t count, std::uint32_t* ind
     std::size_t done = 0;
     while (done < count) {
         if (at < last && stamps_[at + 1] <= queries[done]) {
-            at = std::min(first_above(stamps_, at + 2, size_, queries[done]) - 1, last);
+            ++at;
+            if (at < last && stamps_[at + 1] <= queries[done]) {
+                at = std::min(first_above(stamps_, at + 2, size_, queries[done]) - 1, last);
+            }
         }
-        std::size_t end = count;
-        if (at < last && queries[count - 1] >= stamps_[at + 1]) {
-            end = first_above(queries, done + 1, count, stamps_[at + 1] - 1);
+        const auto entry = static_cast<std::uint32_t>(at);
+        if (at == last || queries[count - 1] < stamps_[at + 1]) {
+            std::fill(index + done, index + count, entry);
+            break;
         }
-        std::fill(index + done, index + end, static_cast<std::uint32_t>(at));
+        const StampNs next = stamps_[at + 1];
+        // Short runs without a branch on their length: a whole stretch is written, the next run
+        // overwrites what was too much.
+        if (done + kStretch <= count) {
+            std::size_t below = 0;
+            for (std::size_t k = 0; k < kStretch; ++k) {
+                below += queries[done + k] < next ? 1 : 0;
+                index[done + k] = entry;
+            }
+            done += below;
+            if (below < kStretch) {
+                continue;
+            }
+        }
+        const std::size_t end = first_above(queries, done, count, next - 1);
+        std::fill(index + done, index + end, entry);
         done = end;
     }
     cursor_ = at;
@@ -113,7 +130,7 @@ bool Locator::make_table() {
     const StampNs base = stamps_[low_];
     const auto span = static_cast<std::uint64_t>(stamps_[high_] - base);
     shift_ = 0;
-    while ((span >> shift_) >= 4 * samples) {
+    while ((span >> shift_) >= 2 * samples) {
         ++shift_;
     }
     const std::size_t buckets = static_cast<std::size_t>(span >> shift_) + 1;
