@@ -24,14 +24,14 @@ static_assert(std::endian::native == std::endian::little || std::endian::native 
 // Threads: a constant. Guarantee: structural, so that each layout has decoders of its own.
 struct Layout {
     std::endian order;
-    std::size_t max_alignment;   // 1: packed
-    std::size_t prefix_bytes;    // of a transform, before its stamp
-    std::size_t closing_nul;     // 1 if a string's length counts a NUL
-    bool delimited;              // a size in bytes precedes the sequence
-    std::size_t max_trailing;    // bytes that may follow the message
+    std::size_t max_alignment;  // 1: packed
+    std::size_t prefix_bytes;   // of a transform, before its stamp
+    std::size_t closing_nul;    // 1 if a string's length counts a NUL
+    bool delimited;             // a size in bytes precedes the sequence
+    std::size_t max_trailing;   // bytes that may follow the message
     std::uint32_t max_seconds;
-    std::size_t min_transform;   // bytes of a transform without names
-    std::uint8_t header_id;      // second byte of the encapsulation header
+    std::size_t min_transform;  // bytes of a transform without names
+    std::uint8_t header_id;     // second byte of the encapsulation header
 };
 
 inline constexpr std::uint32_t kMaxUnsignedSeconds = std::numeric_limits<std::uint32_t>::max();
@@ -40,14 +40,37 @@ inline constexpr std::size_t kHeaderBytes = 4;
 inline constexpr std::size_t kPoseBytes = 7 * sizeof(double);
 
 constexpr Layout cdr_layout(std::endian order, std::uint8_t header_id) {
-    return {order, 8, 0, 1, false, 3, kMaxSignedSeconds, 80, header_id};
+    return {
+        .order = order,
+        .max_alignment = 8,
+        .prefix_bytes = 0,
+        .closing_nul = 1,
+        .delimited = false,
+        .max_trailing = 3,
+        .max_seconds = kMaxSignedSeconds,
+        .min_transform = 80,
+        .header_id = header_id,
+    };
 }
+
 constexpr Layout cdr2_layout(std::endian order, std::uint8_t header_id) {
-    return {order, 4, 0, 1, true, 3, kMaxSignedSeconds, 80, header_id};
+    Layout layout = cdr_layout(order, header_id);
+    layout.max_alignment = 4;
+    layout.delimited = true;
+    return layout;
 }
 
 inline constexpr Layout kRos1Layout{
-    std::endian::little, 1, 4, 0, false, 0, kMaxUnsignedSeconds, 76, 0};
+    .order = std::endian::little,
+    .max_alignment = 1,
+    .prefix_bytes = 4,
+    .closing_nul = 0,
+    .delimited = false,
+    .max_trailing = 0,
+    .max_seconds = kMaxUnsignedSeconds,
+    .min_transform = 76,
+    .header_id = 0,
+};
 inline constexpr Layout kCdrBigLayout = cdr_layout(std::endian::big, 0x00);
 inline constexpr Layout kCdrLittleLayout = cdr_layout(std::endian::little, 0x01);
 inline constexpr Layout kCdr2BigLayout = cdr2_layout(std::endian::big, 0x06);

@@ -43,7 +43,8 @@ std::vector<TransformView> message_of(std::size_t count, std::vector<std::string
     std::vector<TransformView> transforms;
     for (std::size_t i = 0; i < count; ++i) {
         const double d = static_cast<double>(i);
-        transforms.push_back({names[i], names[i + 1],
+        transforms.push_back({names[i],
+                              names[i + 1],
                               1'700'000'000'123'456'789 + static_cast<clock::StampNs>(i),
                               {{0.1 + d, -0.2 * d, 0.3}, {0.6, 0.0, 0.0, -0.8}}});
     }

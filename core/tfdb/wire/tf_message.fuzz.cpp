@@ -9,6 +9,8 @@
 #include "tfdb/wire/tf_message.hpp"
 #include "tfdb/wire/tf_message.samples.hpp"
 
+// NOLINTBEGIN(readability-identifier-naming): libFuzzer chose these names.
+
 extern "C" std::size_t LLVMFuzzerMutate(std::uint8_t* data, std::size_t size, std::size_t max_size);
 
 namespace tfdb::wire {
@@ -125,3 +127,5 @@ extern "C" std::size_t LLVMFuzzerCustomMutator(std::uint8_t* data, std::size_t s
     }
     return random() % 16 == 0 ? size : LLVMFuzzerMutate(data, size, max_size);
 }
+
+// NOLINTEND(readability-identifier-naming)

@@ -15,8 +15,8 @@
 namespace tfdb::wire::testing {
 
 inline constexpr Encoding kAllEncodings[] = {
-    Encoding::kRos1,       Encoding::kCdr,      Encoding::kCdrLittle,     Encoding::kCdrBig,
-    Encoding::kCdr2Little, Encoding::kCdr2Big,  Encoding::kCdrBareLittle, Encoding::kCdrBareBig,
+    Encoding::kRos1,       Encoding::kCdr,     Encoding::kCdrLittle,     Encoding::kCdrBig,
+    Encoding::kCdr2Little, Encoding::kCdr2Big, Encoding::kCdrBareLittle, Encoding::kCdrBareBig,
 };
 
 /// Equal to the last bit: -0.0 is not 0.0, and a NaN is itself.
@@ -72,8 +72,8 @@ RandomMessage random_message(Random& random) {
     for (TransformView& transform : message.transforms) {
         transform.parent = name();
         transform.child = name();
-        transform.stamp = static_cast<clock::StampNs>(below(std::uint64_t{1} << 31) * 1'000'000'000 +
-                                                      below(1'000'000'000));
+        transform.stamp = static_cast<clock::StampNs>(
+            below(std::uint64_t{1} << 31) * 1'000'000'000 + below(1'000'000'000));
         std::uint64_t words[7];
         for (std::uint64_t& word : words) {
             word = std::uniform_int_distribution<std::uint64_t>()(random);

@@ -58,41 +58,44 @@ std::vector<std::byte> bytes_of(std::string_view text) {
 
 std::vector<std::byte> hand_ros1() {
     using namespace std::string_literals;
-    return bytes_of("\x01\0\0\0"s                      // one transform
-                    "\0\0\0\0"s                        // seq
-                    "\x05\0\0\0\x07\0\0\0"s            // stamp
-                    "\x02\0\0\0"s                      // frame_id
-                    "ab"s
-                    "\x03\0\0\0"s                      // child_frame_id
-                    "cde"s +
-                    kHandPose);
+    return bytes_of(
+        "\x01\0\0\0"s            // one transform
+        "\0\0\0\0"s              // seq
+        "\x05\0\0\0\x07\0\0\0"s  // stamp
+        "\x02\0\0\0"s            // frame_id
+        "ab"s
+        "\x03\0\0\0"s  // child_frame_id
+        "cde"s +
+        kHandPose);
 }
 
 std::vector<std::byte> hand_cdr_bare() {
     using namespace std::string_literals;
-    return bytes_of("\x01\0\0\0"s                      // 0: one transform
-                    "\x05\0\0\0\x07\0\0\0"s            // 4: stamp
-                    "\x03\0\0\0"s                      // 12: frame_id with its NUL
-                    "ab\0"s
-                    "?"s                               // 19: padding to 4
-                    "\x04\0\0\0"s                      // 20: child_frame_id
-                    "cde\0"s
-                    "????"s +                          // 28: padding to 8
-                    kHandPose);
+    return bytes_of(
+        "\x01\0\0\0"s            // 0: one transform
+        "\x05\0\0\0\x07\0\0\0"s  // 4: stamp
+        "\x03\0\0\0"s            // 12: frame_id with its NUL
+        "ab\0"s
+        "?"s           // 19: padding to 4
+        "\x04\0\0\0"s  // 20: child_frame_id
+        "cde\0"s
+        "????"s +  // 28: padding to 8
+        kHandPose);
 }
 
 std::vector<std::byte> hand_cdr2() {
     using namespace std::string_literals;
-    return bytes_of("\0\x07\0\0"s                      // plain CDR2, little endian
-                    "\x54\0\0\0"s                      // 0: 84 bytes follow
-                    "\x01\0\0\0"s                      // 4: one transform
-                    "\x05\0\0\0\x07\0\0\0"s            // 8: stamp
-                    "\x03\0\0\0"s                      // 16: frame_id with its NUL
-                    "ab\0"s
-                    "?"s                               // 23: padding to 4
-                    "\x04\0\0\0"s                      // 24: child_frame_id
-                    "cde\0"s +
-                    kHandPose);                        // 32: aligned to 4 already
+    return bytes_of(
+        "\0\x07\0\0"s            // plain CDR2, little endian
+        "\x54\0\0\0"s            // 0: 84 bytes follow
+        "\x01\0\0\0"s            // 4: one transform
+        "\x05\0\0\0\x07\0\0\0"s  // 8: stamp
+        "\x03\0\0\0"s            // 16: frame_id with its NUL
+        "ab\0"s
+        "?"s           // 23: padding to 4
+        "\x04\0\0\0"s  // 24: child_frame_id
+        "cde\0"s +
+        kHandPose);  // 32: aligned to 4 already
 }
 
 constexpr bool kLittleHost = std::endian::native == std::endian::little;
@@ -143,8 +146,8 @@ TFDB_TEST(wire_reads_and_writes_what_other_software_writes) {
     check_golden(testing::kGoldenCdr2Big, {Encoding::kCdr2Big});
     check_golden(testing::kGoldenCdrLittle.substr(8), {Encoding::kCdrBareLittle});
     check_golden(testing::kGoldenCdrBig.substr(8), {Encoding::kCdrBareBig});
-    for (const std::string_view hex : {testing::kGoldenCdrBig, testing::kGoldenCdr2Little,
-                                       testing::kGoldenCdr2Big}) {
+    for (const std::string_view hex :
+         {testing::kGoldenCdrBig, testing::kGoldenCdr2Little, testing::kGoldenCdr2Big}) {
         CHECK(same_bits(decoded(from_hex(hex), Encoding::kCdr), golden_message()));
     }
 }
@@ -171,6 +174,13 @@ TFDB_TEST(wire_empty_message) {
     CHECK_EQ(encoded({}, Encoding::kRos1).size(), 4U);
     CHECK_EQ(encoded({}, Encoding::kCdr).size(), 8U);
     CHECK_EQ(encoded({}, Encoding::kCdr2Little).size(), 12U);
+}
+
+TFDB_TEST(wire_shortest_transforms_fit) {
+    const std::vector<TransformView> nameless(100, TransformView{"", "", 7, {{1, 2, 3}, {}}});
+    for (const Encoding encoding : kAllEncodings) {
+        CHECK(same_bits(decoded(encoded(nameless, encoding), encoding), nameless));
+    }
 }
 
 TFDB_TEST(wire_views_point_into_the_bytes) {
@@ -213,9 +223,8 @@ TFDB_TEST(wire_reading_drops_one_leading_slash) {
 }
 
 TFDB_TEST(wire_writing_keeps_leading_slashes) {
-    const std::vector<TransformView> slashed{
-        {"/a", "//b", 1, {{1, 2, 3}, {0, 0.6, 0, 0.8}}},
-        {"/", "a/b", 2, {{3, 2, 1}, {0.6, 0, 0.8, 0}}}};
+    const std::vector<TransformView> slashed{{"/a", "//b", 1, {{1, 2, 3}, {0, 0.6, 0, 0.8}}},
+                                             {"/", "a/b", 2, {{3, 2, 1}, {0.6, 0, 0.8, 0}}}};
     for (const Encoding encoding : kAllEncodings) {
         const std::vector<std::byte> bytes = encoded(slashed, encoding);
         CHECK(same_bits(decoded(bytes, encoding), slashed));

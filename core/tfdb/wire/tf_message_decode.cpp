@@ -59,7 +59,8 @@ private:
         const std::size_t count = load_u32<kLayout>(bytes_ + position_);
         position_ += kLengthBytes;
         if (count > (end_ - position_) / kLayout.min_transform) {
-            refuse(position_ - kLengthBytes, std::to_string(count) + " transforms cannot fit into " +
+            refuse(position_ - kLengthBytes, std::to_string(count) +
+                                                 " transforms cannot fit into " +
                                                  std::to_string(end_ - position_) + " bytes");
         }
         return count;
@@ -141,8 +142,8 @@ private:
 
     [[noreturn, gnu::cold, gnu::noinline]] void refuse_field(std::size_t offset, const char* field,
                                                              const std::string& reason) const {
-        throw CorruptMessage(
-            offset, "transforms[" + std::to_string(index_) + "]." + field + ": " + reason);
+        throw CorruptMessage(offset,
+                             "transforms[" + std::to_string(index_) + "]." + field + ": " + reason);
     }
 
     [[noreturn, gnu::cold, gnu::noinline]] void refuse_length(const char* field,

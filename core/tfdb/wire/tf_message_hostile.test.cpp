@@ -65,13 +65,22 @@ std::vector<std::byte> changed(std::vector<std::byte> bytes, std::size_t at,
 }  // namespace
 
 TFDB_TEST(wire_every_truncation_is_refused) {
-    std::vector<std::byte> golden;
+    // Behind long names the count alone does not give a truncation away.
+    const std::string longer(300, 'l');
+    std::vector<TransformView> long_names = testing::golden_message();
+    long_names.resize(2);
+    long_names[0].parent = longer;
+    std::vector<TransformView> long_last = long_names;
+    long_last[1].parent = long_last[1].child = longer;
+    std::vector<std::byte> bytes;
     for (const Encoding encoding : kAllEncodings) {
-        encode_tf_message(testing::golden_message(), encoding, golden);
-        for (std::size_t size = 0; size < golden.size(); ++size) {
-            CHECK(refusal_of(std::span(golden).first(size), encoding).has_value());
+        for (const auto& message : {testing::golden_message(), long_names, long_last}) {
+            encode_tf_message(message, encoding, bytes);
+            for (std::size_t size = 0; size < bytes.size(); ++size) {
+                CHECK(refusal_of(std::span(bytes).first(size), encoding).has_value());
+            }
+            CHECK(!refusal_of(bytes, encoding).has_value());
         }
-        CHECK(!refusal_of(golden, encoding).has_value());
     }
 }
 
@@ -166,8 +175,7 @@ TFDB_TEST(wire_foreign_encapsulation_headers_are_refused) {
     check_refused(changed(cdr, 0, "\x01\x03"sv), Encoding::kCdr, 0,
                   "representation 01 03 is neither plain CDR (00 00, 00 01) nor plain CDR2 (00 06, "
                   "00 07)");
-    check_refused(cdr, Encoding::kCdrBig, 0,
-                  "the encapsulation header is of another encoding");
+    check_refused(cdr, Encoding::kCdrBig, 0, "the encapsulation header is of another encoding");
     check_refused(two_transforms(Encoding::kCdr2Big), Encoding::kCdr2Little, 0,
                   "the encapsulation header is of another encoding");
 }
