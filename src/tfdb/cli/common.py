@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
 
     from tfdb import Buffer
+    from tfdb.io.loading import LoadReport
 
 P = ParamSpec("P")
 R = TypeVar("R")
@@ -52,7 +53,7 @@ class Loaded:
     """A recording in memory, and how it got there."""
 
     store: Buffer
-    report: Any
+    report: LoadReport
     paths: tuple[Path, ...]
 
     @property
@@ -75,7 +76,8 @@ def reports_errors(command: str) -> Callable[[Callable[P, R]], Callable[P, R]]:
                     raise
                 message = _describe(error)
                 failed: Exception = error
-            except click.UsageError:
+            except click.UsageError as error:
+                error.ctx = error.ctx or click.get_current_context(silent=True)
                 raise
             except click.ClickException as error:
                 message, failed = error.format_message(), error

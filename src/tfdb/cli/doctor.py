@@ -105,7 +105,7 @@ class Log:
         self._ids: dict[str, int] = {}
         self.names: list[str] = []
         self._rows: dict[str, list[tuple[int, int, int, int, bool]]] = defaultdict(list)
-        self._poses: dict[str, list[npt.NDArray[np.float64]]] = defaultdict(list)
+        self._poses: dict[str, list[Sequence[float]]] = defaultdict(list)
 
     def _id(self, name: str) -> int:
         if name not in self._ids:
@@ -115,7 +115,7 @@ class Log:
 
     def add(
         self,
-        rows: Iterable[tuple[str, str, int, npt.NDArray[np.float64]]],
+        rows: Iterable[tuple[str, str, int, Sequence[float]]],
         *,
         arrival: int,
         publisher: str,

@@ -59,6 +59,7 @@ def command(
 
 
 def _body(loaded: common.Loaded, found: Transform, asked: str) -> dict[str, Any]:
+    limiting = found.report.limiting_edge
     return {
         "files": [str(path) for path in loaded.paths],
         "target": found.target,
@@ -82,7 +83,7 @@ def _body(loaded: common.Loaded, found: Transform, asked: str) -> dict[str, Any]
             }
             for edge in found.report.edges
         ],
-        "limiting": None if found.report.limiting is None else found.report.limiting.child,
+        "limiting": None if limiting is None else limiting.child,
     }
 
 
@@ -102,7 +103,7 @@ def _show(found: Transform, start: int | None) -> None:
         *("edge", "made from", "before", "after", "gap", "age"),
         right=("before", "after", "gap", "age"),
     )
-    limiting = found.report.limiting
+    limiting = found.report.limiting_edge
     rows = [_row(edge, found.stamp) for edge in found.report.edges]
     if rows:
         out.print()

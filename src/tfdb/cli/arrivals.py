@@ -1,0 +1,65 @@
+"""A recording's transforms in the order of their arrival, for the doctor."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, TypeAlias, cast
+
+import tfdb
+from tfdb.io.recordings import Recording
+
+from .doctor import Log
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping, Sequence
+
+
+Pose: TypeAlias = tuple[float, float, float, float, float, float, float]
+
+
+@dataclass(frozen=True)
+class Arrivals:
+    """The transforms, and whether the containers name their publishers (ROS 1 bags do)."""
+
+    log: Log
+    publishers_known: bool
+
+
+def read_arrivals(
+    paths: Sequence[str],
+    static: Mapping[str, bool],
+    progress: Callable[[int, int], None] | None = None,
+) -> Arrivals:
+    """Read the topics in `static`, which says of each whether its transforms are static.
+
+    Messages that are no TFMessage are passed over: loading them counts them as refused.
+    """
+    log = Log()
+    known = False
+    for path in paths:
+        with Recording(path) as recording:
+            total = sum(s.messages for s in recording.sources if s.topic in static)
+            messages = recording.messages(lambda source: source.topic in static)
+            for done, (source, arrival, data) in enumerate(messages):
+                if progress is not None and done % 1000 == 0:
+                    progress(done, total)
+                named = source.authority != source.topic
+                known = known or named
+                log.add(
+                    _rows(data, source.encoding),
+                    arrival=arrival,
+                    publisher=source.authority if named else "",
+                    static=static[source.topic],
+                )
+    return Arrivals(log, known)
+
+
+def _rows(data: bytes, encoding: str) -> list[tuple[str, str, int, Sequence[float]]]:
+    try:
+        transforms = tfdb.decode_tf_message(data, encoding)
+    except (tfdb.CorruptMessage, tfdb.InvalidName):
+        return []
+    return [
+        (t.parent, t.child, cast("int", t.stamp), cast("Pose", (*t.translation, *t.rotation)))  # type: ignore[misc]
+        for t in transforms
+    ]

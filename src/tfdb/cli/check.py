@@ -1,0 +1,154 @@
+"""``tfdb check``: what is wrong with a recording."""
+
+from __future__ import annotations
+
+from collections import Counter
+from typing import Any
+
+import click
+
+from tfdb.summary import Forest
+
+from . import common, output
+from .arrivals import Arrivals, read_arrivals
+from .doctor import KINDS, Finding, Limits, disconnected, examine, sort_key
+from .times import NS, duration_option, format_ns
+
+
+@click.command("check")
+@click.argument("files", nargs=-1, required=True, metavar="FILE...")
+@click.option(
+    "--max-gap",
+    metavar="SECONDS",
+    callback=duration_option,
+    help="The longest hole that is fine. [default: five median periods of each edge]",
+)
+@click.option(
+    "--jump",
+    metavar="SECONDS",
+    default="1",
+    show_default=True,
+    callback=duration_option,
+    help="How far stamps may move otherwise than the time of arrival.",
+)
+@click.option(
+    "--coverage",
+    metavar="SECONDS",
+    default="1",
+    show_default=True,
+    callback=duration_option,
+    help="How much later than the rest an edge may start, or earlier stop.",
+)
+@click.option(
+    "--ignore",
+    multiple=True,
+    type=click.Choice(list(KINDS)),
+    help="Leave out this kind of finding; repeatable.",
+)
+@common.topic_option
+@common.json_option
+@common.reports_errors("check")
+def command(
+    *,
+    files: tuple[str, ...],
+    max_gap: int | None,
+    jump: int | None,
+    coverage: int | None,
+    ignore: tuple[str, ...],
+    topics: tuple[str, ...],
+    as_json: bool,
+) -> None:
+    """Examine a recording: exit code 0 nothing found, 1 findings, 2 unreadable.
+
+    Several FILEs are parts of one recording.
+    """
+    limits = Limits(max_gap, NS if jump is None else jump, NS if coverage is None else coverage)
+    loaded = common.load(files, topics)
+    with common.progress_bar("checking") as update:
+        static = {topic.name: topic.static for topic in loaded.report.topics}
+        arrivals = read_arrivals(loaded.report.files, static, update)
+    found = [*_refused(loaded), *_trees(loaded), *examine(arrivals.log, limits)]
+    kept = sorted((f for f in found if f.kind not in ignore), key=sort_key)
+    if as_json:
+        output.emit_json("check", _body(loaded, arrivals, kept))
+    else:
+        _show(loaded, arrivals, kept)
+    if kept:
+        click.get_current_context().exit(1)
+
+
+def _trees(loaded: common.Loaded) -> list[Finding]:
+    forest = Forest(loaded.store.tree())
+    return disconnected([(root, sum(1 for _ in forest.walk(root))) for root in forest.roots])
+
+
+def _refused(loaded: common.Loaded) -> list[Finding]:
+    report = loaded.report
+    return [
+        Finding(
+            "refused",
+            (),
+            f"{count:,} {'message' if count == 1 else 'messages'} with {name}, "
+            f"the first: {report.first_refusals[name]}",
+            None,
+            count,
+            {"error": name},
+        )
+        for name, count in sorted(report.reasons.items())
+    ]
+
+
+def _body(loaded: common.Loaded, arrivals: Arrivals, found: list[Finding]) -> dict[str, Any]:
+    severities = Counter(finding.severity for finding in found)
+    return {
+        "files": [str(path) for path in loaded.paths],
+        "messages": loaded.report.messages,
+        "transforms": loaded.report.transforms,
+        "publishers_known": arrivals.publishers_known,
+        "findings": [
+            {
+                "kind": finding.kind,
+                "severity": finding.severity,
+                "frames": list(finding.frames),
+                "message": finding.message,
+                "stamp_ns": finding.stamp,
+                "count": finding.count,
+                "details": finding.details,
+            }
+            for finding in found
+        ],
+        "errors": severities["error"],
+        "warnings": severities["warning"],
+    }
+
+
+def _show(loaded: common.Loaded, arrivals: Arrivals, found: list[Finding]) -> None:
+    out = output.console()
+    out.print(", ".join(str(path) for path in loaded.paths), style="bold")
+    if found:
+        made = output.table("", "finding", "frames", "since", "what")
+        out.print(output.add_rows(made, (_row(finding) for finding in found)))
+    count = Counter(finding.severity for finding in found)
+    if not arrivals.publishers_known:
+        out.print(
+            "the recording does not say who published: two publishers go unnoticed", style="dim"
+        )
+    if found:
+        out.print(
+            f"{count['error']} error{'s'[: count['error'] != 1]}, "
+            f"{count['warning']} warning{'s'[: count['warning'] != 1]}"
+        )
+    else:
+        transforms = loaded.report.transforms
+        out.print(
+            f"nothing wrong with {transforms:,} transforms of {len(loaded.store.frames())} frames"
+        )
+
+
+def _row(finding: Finding) -> tuple[Any, ...]:
+    mark = output.loud("error") if finding.severity == "error" else "warning"
+    frames = ", ".join(finding.frames[:3])
+    if len(finding.frames) > 3:
+        frames += f" and {len(finding.frames) - 3} more"
+    since = "" if finding.stamp is None else format_ns(finding.stamp)
+    return (mark, finding.kind, frames, since, finding.message)

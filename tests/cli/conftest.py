@@ -1,0 +1,86 @@
+"""Running the command, in this process and as installed."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+import sysconfig
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import pytest
+from click.testing import CliRunner
+
+from tfdb.cli.app import cli
+
+ROOT = Path(__file__).resolve().parents[2]
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What a run printed and how it ended."""
+
+    code: int
+    out: str
+    err: str
+
+    @property
+    def json(self) -> dict[str, Any]:
+        """The one object on stdout."""
+        body = json.loads(self.out)
+        assert body["tfdb"] == 1
+        return dict(body)
+
+    @property
+    def error(self) -> str:
+        """The one line on stderr."""
+        assert self.code == 2, self.out + self.err
+        (line,) = self.err.strip().splitlines()
+        assert line.startswith("tfdb: error: ")
+        return line.removeprefix("tfdb: error: ")
+
+
+class Tool:
+    """`tfdb` with arguments."""
+
+    def __call__(self, *arguments: object, stdin: str | None = None, code: int = 0) -> Outcome:
+        """Run in this process; `code` is what it must end with."""
+        done = CliRunner().invoke(cli, [str(a) for a in arguments], input=stdin)
+        if done.exception is not None and not isinstance(done.exception, SystemExit):
+            raise done.exception
+        outcome = Outcome(done.exit_code, done.stdout, done.stderr)
+        assert outcome.code == code, outcome
+        return outcome
+
+    def installed(self, *arguments: object, stdin: str | None = None) -> Outcome:
+        """Run the installed program."""
+        program = Path(sysconfig.get_path("scripts")) / "tfdb"
+        command = [str(program)] if program.exists() else [sys.executable, "-m", "tfdb.cli"]
+        done = subprocess.run(
+            [*command, *(str(argument) for argument in arguments)],
+            input=stdin,
+            capture_output=True,
+            text=True,
+            timeout=120,
+            check=False,
+        )
+        return Outcome(done.returncode, done.stdout, done.stderr)
+
+
+@pytest.fixture(scope="session")
+def tool() -> Tool:
+    return Tool()
+
+
+@pytest.fixture(scope="session")
+def bag() -> Path:
+    """The shipped ROS 1 bag: a PR2 that drives, 85 frames, four publishers."""
+    return ROOT / "examples" / "data" / "pr2.bag"
+
+
+@pytest.fixture(scope="session")
+def mcap() -> Path:
+    """The same run as MCAP."""
+    return ROOT / "examples" / "data" / "pr2.mcap"

@@ -1,0 +1,117 @@
+"""Errors: one line that says what to do, exit code 2, JSON where asked for."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import pytest
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from conftest import Tool
+
+READERS = (
+    ("info",),
+    ("tree",),
+    ("check",),
+    ("lookup", "map", "base_link"),
+    ("poses", "map", "base_link"),
+)
+
+
+@pytest.mark.parametrize("command", READERS, ids=lambda command: command[0])
+def test_missing_file(tool: Tool, bag: Path, command: tuple[str, ...]) -> None:
+    name, *frames = command
+    said = tool(name, bag.with_name("pr3.bag"), *frames, code=2).error
+    assert "no such file" in said
+    assert "did you mean" in said
+    assert "pr2.bag" in said
+
+
+@pytest.mark.parametrize("command", READERS, ids=lambda command: command[0])
+def test_not_a_recording(tool: Tool, tmp_path: Path, command: tuple[str, ...]) -> None:
+    name, *frames = command
+    file = tmp_path / "notes.bag"
+    file.write_text("shopping list")
+    assert str(file) in tool(name, file, *frames, code=2).error
+
+
+def test_truncated_recording(tool: Tool, bag: Path, tmp_path: Path) -> None:
+    file = tmp_path / "cut.bag"
+    file.write_bytes(bag.read_bytes()[:200_000])
+    assert str(file) in tool("info", file, code=2).error
+
+
+def test_folder_without_a_recording(tool: Tool, tmp_path: Path) -> None:
+    assert str(tmp_path) in tool("info", tmp_path, code=2).error
+
+
+def test_unknown_frame_names_the_nearest(tool: Tool, bag: Path) -> None:
+    said = tool("lookup", bag, "map", "base_lnk", code=2).error
+    assert "'base_lnk'" in said
+    assert "'base_link'" in said
+    assert "'odom'" in tool("poses", bag, "odm", "base_link", code=2).error
+
+
+def test_unknown_frame_without_a_near_name(tool: Tool, bag: Path) -> None:
+    assert "tfdb tree FILE" in tool("lookup", bag, "map", "zzzzzz", code=2).error
+
+
+def test_leading_slash_is_explained_by_a_suggestion(tool: Tool, bag: Path) -> None:
+    assert "'base_link'" in tool("lookup", bag, "map", "/base_link", code=2).error
+
+
+def test_time_out_of_range_tells_the_valid_one(tool: Tool, bag: Path) -> None:
+    said = tool("lookup", bag, "map", "base_link", "12.5", code=2).error
+    assert "valid from 17" in said
+    said = tool("lookup", bag, "map", "base_link", "+1000", code=2).error
+    assert "valid from 17" in said
+
+
+def test_errors_as_json(tool: Tool, bag: Path) -> None:
+    done = tool("lookup", bag, "map", "base_lnk", "--json", code=2)
+    assert done.error
+    body = done.json
+    assert body["command"] == "lookup"
+    assert body["error"]["type"] == "UnknownFrame"
+    assert body["error"]["message"] == done.error
+    assert body["error"]["fields"]["frame"] == "base_lnk"
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (("lookup",), "Missing argument"),
+        (("frobnicate",), "No such command"),
+        (("info", "--frobnicate", "x"), "No such option"),
+        (("lookup", "f", "a", "b", "noon"), "write seconds"),
+        (("lookup", "f", "a", "b", "--policy", "magic"), "none of interpolate"),
+        (("lookup", "f", "a", "b", "--policy", "extrapolate"), "extrapolate:SECONDS"),
+        (("lookup", "f", "a", "b", "--policy", "exact:1"), "takes no limit"),
+        (("poses", "f", "a", "b", "--rate", "1", "--at", "x"), "exclude each other"),
+        (("poses", "f", "a", "b", "--rate", "0"), "range"),
+        (("poses", "f", "a", "b", "-o", "x.doc"), "none of .tum"),
+        (("poses", "f", "a", "b", "--json"), "-o OUT"),
+        (("info", "f", "--topic", ":x"), "FROM"),
+        (("check", "f", "--max-gap", "long"), "write seconds"),
+        (("completion", "tcsh"), "tcsh"),
+    ],
+)
+def test_misuse(tool: Tool, tmp_path: Path, arguments: tuple[str, ...], words: str) -> None:
+    file = tmp_path / "f"
+    file.write_text("")
+    given = [str(file) if argument == "f" else argument for argument in arguments]
+    said = tool(*given, code=2).error
+    assert words in said
+    assert "--help" in said
+
+
+def test_stamps_file_is_missing(tool: Tool, bag: Path, tmp_path: Path) -> None:
+    said = tool("poses", bag, "map", "odom", "--at", tmp_path / "none.txt", code=2).error
+    assert "no such file" in said
+
+
+def test_output_folder_is_missing(tool: Tool, bag: Path, tmp_path: Path) -> None:
+    out = tmp_path / "none" / "a.tum"
+    assert str(out) in tool("poses", bag, "map", "odom", "-o", out, code=2).error
