@@ -259,7 +259,6 @@ std::size_t find_first_refused(State& state, const Rule& rule, std::span<const S
         const std::size_t count = std::min(kBlock, stamps.size() - begin);
         if (mark_refused(state, rule, stamps.data() + begin, count)) {
             const std::uint8_t* found = std::find(state.refused, state.refused + count, 1);
-            rewind(state);
             return begin + static_cast<std::size_t>(found - state.refused);
         }
     }

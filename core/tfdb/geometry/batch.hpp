@@ -10,12 +10,13 @@
 //     track   of s        of a        of b             of g
 //     inv.    false       false       true             true
 //
-// An empty chain is the identity. Stamps may have any order; sorted ones are found faster.
-// Equal to the scalar functions of pose.hpp to 1e-13 per edge.
+// An empty chain is the identity. Stamps may have any order; sorted ones are found faster. The
+// poses differ from those of pose.hpp by rounding only, a few units of the last place per edge.
 #pragma once
 
 #include <cstddef>
 #include <cstdint>
+#include <limits>
 #include <memory>
 #include <span>
 

@@ -130,7 +130,7 @@ TFDB_TEST(batch_poses_equal_the_scalar_loop) {
 
 TFDB_TEST(batch_edge_of_one_is_accurate_to_the_last_bits) {
     RandomPoses random("batch_edge_of_one_is_accurate_to_the_last_bits", 12);
-    for (const double turn : {1e-8, 0.001, 0.02, 0.15, 0.8, 1.57}) {
+    for (const double turn : {1e-8, 0.001, 0.02, 0.15, 0.3, 0.8, 1.57}) {
         Scene scene = moving_scene(random, 1, {.size = 500, .turn = turn, .flip = 0.2});
         for (Pose& pose : scene.tracks[0].poses) {
             pose.translation = {0.1 * random.normal(), 0.1 * random.normal(), 0.5};

@@ -21,7 +21,7 @@ struct TrackView {
     // Parent of each sample, or null when all are the same. Between two samples with different
     // parents the earlier one is held.
     const std::uint32_t* parents = nullptr;
-    std::size_t size = 0;    // a moving edge without samples refuses every stamp
+    std::size_t size = 0;    // below 2^32; a moving edge without samples refuses every stamp
     bool is_static = false;  // poses[0] is valid at every stamp
 };
 
