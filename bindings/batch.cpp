@@ -254,7 +254,7 @@ Raises InvalidArray, InvalidStamp, and what `lookup_transform` raises, with `ind
 
 void bind_batch(nb::class_<ReadsObject>& type) {
     type.def("lookup_transforms", &lookup_transforms, nb::arg("target"), nb::arg("source"),
-             nb::arg("stamps"), nb::arg("policy") = nb::none(), nb::kw_only(),
+             nb::arg("stamps").none(), nb::arg("policy") = nb::none(), nb::kw_only(),
              nb::arg("layout") = "pose", nb::arg("out") = nb::none(),
              nb::arg("missing") = "raise",
              nb::sig("def lookup_transforms(self, target: str, source: str, stamps: "
@@ -265,7 +265,7 @@ void bind_batch(nb::class_<ReadsObject>& type) {
                      "numpy.typing.NDArray[numpy.float64]"),
              kLookupTransformsDoc);
     type.def("transform_points", &transform_points, nb::arg("target"), nb::arg("source"),
-             nb::arg("points"), nb::arg("stamps"), nb::arg("policy") = nb::none(), nb::kw_only(),
+             nb::arg("points").none(), nb::arg("stamps").none(), nb::arg("policy") = nb::none(), nb::kw_only(),
              nb::arg("out") = nb::none(),
              nb::sig("def transform_points(self, target: str, source: str, points: "
                      "numpy.typing.ArrayLike, stamps: tfdb.stamps.StampsLike | "

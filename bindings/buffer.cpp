@@ -86,10 +86,9 @@ std::optional<double> history(const BufferObject& self) {
     return kept ? std::optional(clock::to_seconds(*kept)) : std::nullopt;
 }
 
-std::string represent(const BufferObject& self) {
-    const std::optional<StampNs> kept = self.store.history();
-    return "<tfdb.Buffer at commit " + std::to_string(self.store.commit()) + ", history " +
-           (kept ? std::to_string(clock::to_seconds(*kept)) + " s>" : std::string("unlimited>"));
+nb::str represent(const BufferObject& self) {
+    return nb::str(nb::module_::import_("tfdb.report")
+        .attr("buffer_repr")(self.store.commit(), history(self)));
 }
 
 // A clock may refer to the buffer: let the garbage collector see it.
@@ -160,7 +159,7 @@ using BufferClass = nb::class_<BufferObject, ReadsObject>;
 void bind_writes(BufferClass& type) {
     add_raw_writes(type);
     type.def("set_static_transform", &set_static_transform, nb::arg("parent"), nb::arg("child"),
-             nb::arg("translation"), nb::arg("rotation") = nb::make_tuple(0, 0, 0, 1),
+             nb::arg("translation").none(), nb::arg("rotation").none() = nb::make_tuple(0, 0, 0, 1),
              nb::kw_only(), nb::arg("authority") = "",
              nb::sig("def set_static_transform(self, parent: str, child: str, translation: "
                      "tfdb.types.VectorLike, rotation: tfdb.types.QuaternionLike = (0, 0, 0, 1), "
@@ -168,7 +167,7 @@ void bind_writes(BufferClass& type) {
              R"(Store T[parent<-child] for every stamp, until a later commit replaces it.
 
 Arguments, result and errors as in `set_transform`.)");
-    type.def("set_transforms", &set_transforms, nb::arg("batch"), nb::kw_only(),
+    type.def("set_transforms", &set_transforms, nb::arg("batch").none(), nb::kw_only(),
              nb::arg("static") = false, nb::arg("authority") = "",
              nb::sig("def set_transforms(self, batch: collections.abc.Iterable["
                      "tfdb.types.TransformStampedLike] | tfdb.types.Columns, *, static: bool = "
@@ -207,7 +206,8 @@ void bind_buffer(nb::module_& module) {
         "counters", [](const BufferObject& self) { return counters_record(self.store.counters()); },
         nb::sig("def counters(self) -> tfdb.types.Counters"),
         "Commits, mended quaternions, and reads that a writer overtook.");
-    type.def_prop_ro("history", &history, "Seconds that are kept; None: everything.");
+    type.def_prop_ro("history", &history, nb::sig("def history(self) -> float | None"),
+                     "Seconds that are kept; None: everything.");
     type.def("__repr__", &represent);
 }
 

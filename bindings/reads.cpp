@@ -120,7 +120,7 @@ CommitNumber commit_of(const ReadsObject& object) {
 
 void bind_full_lookups(nb::class_<ReadsObject>& type) {
     type.def("lookup_transform_full", &lookup_transform_full, nb::arg("target"),
-             nb::arg("target_time"), nb::arg("source"), nb::arg("source_time"),
+             nb::arg("target_time").none(), nb::arg("source"), nb::arg("source_time").none(),
              nb::arg("fixed_frame"), nb::arg("policy") = nb::none(),
              nb::sig("def lookup_transform_full(self, target: str, target_time: "
                      "tfdb.stamps.StampLike, source: str, source_time: tfdb.stamps.StampLike, "
@@ -130,8 +130,8 @@ void bind_full_lookups(nb::class_<ReadsObject>& type) {
 That is T[target<-fixed_frame] at `target_time` times T[fixed_frame<-source] at `source_time`:
 where a point that `source` saw then is for `target` now, if `fixed_frame` did not move.
 Raises what `lookup_transform` raises.)");
-    type.def("can_transform_full", &can_transform_full, nb::arg("target"), nb::arg("target_time"),
-             nb::arg("source"), nb::arg("source_time"), nb::arg("fixed_frame"),
+    type.def("can_transform_full", &can_transform_full, nb::arg("target"), nb::arg("target_time").none(),
+             nb::arg("source"), nb::arg("source_time").none(), nb::arg("fixed_frame"),
              nb::arg("policy") = nb::none(),
              nb::sig("def can_transform_full(self, target: str, target_time: "
                      "tfdb.stamps.StampLike, source: str, source_time: tfdb.stamps.StampLike, "
@@ -146,8 +146,8 @@ void bind_other_reads(nb::class_<ReadsObject>& type) {
 
 Nanoseconds; 0 if nothing moves. Raises UnknownFrame, Disconnected.)");
     type.def("lookup_velocity", &lookup_velocity, nb::arg("tracking"), nb::arg("observation"),
-             nb::arg("time") = nb::none(), nb::arg("interval") = 0.1, nb::kw_only(),
-             nb::arg("reference") = nb::none(), nb::arg("point") = nb::make_tuple(0, 0, 0),
+             nb::arg("time") = nb::none(), nb::arg("interval").none() = 0.1, nb::kw_only(),
+             nb::arg("reference") = nb::none(), nb::arg("point").none() = nb::make_tuple(0, 0, 0),
              nb::arg("point_frame") = nb::none(),
              nb::sig("def lookup_velocity(self, tracking: str, observation: str, time: "
                      "tfdb.stamps.StampLike | None = None, interval: float = 0.1, *, reference: "
@@ -175,8 +175,8 @@ Twist
     `linear` in m/s, `angular` in rad/s, both float64 (3,).
 
 Raises what `lookup_transform` raises.)");
-    type.def("_path_stamps", &path_stamps, nb::arg("target"), nb::arg("source"), nb::arg("start"),
-             nb::arg("end"),
+    type.def("_path_stamps", &path_stamps, nb::arg("target"), nb::arg("source"), nb::arg("start").none(),
+             nb::arg("end").none(),
              nb::sig("def _path_stamps(self, target: str, source: str, start: "
                      "tfdb.stamps.StampLike | None, end: tfdb.stamps.StampLike | None) -> "
                      "numpy.typing.NDArray[numpy.int64]"),
@@ -274,7 +274,7 @@ Each call on a Buffer is answered from one fresh snapshot; each call on a Snapsh
 void add_python_methods(nb::module_& module) {
     module.def(
         "to_nanoseconds", [](nb::handle stamp) { return stamp_of(stamp.ptr()); },
-        nb::arg("stamp"),
+        nb::arg("stamp").none(),
         nb::sig("def to_nanoseconds(stamp: tfdb.stamps.StampLike) -> int"),
         "Nanoseconds of anything that is taken for a stamp. Raises InvalidStamp.");
     const nb::object reads = module.attr("Reads");

@@ -165,7 +165,7 @@ PyObject* compare(PyObject* left, PyObject* right, int operation) {
 PyObject* reduce(PyObject* self, PyObject* /*unused*/) {
     return guarded([&]() -> PyObject* {
         TransformObject& transform = as_transform(self);
-        const nb::object restore = nb::module_::import_("tfdb._core").attr("_restore_transform");
+        const nb::object restore = nb::module_::import_("tfdb.report").attr("restore_transform");
         const auto& [t, q] = transform.pose;
         const nb::tuple pose = nb::make_tuple(nb::make_tuple(t.x, t.y, t.z),
                                               nb::make_tuple(q.x, q.y, q.z, q.w));

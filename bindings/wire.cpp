@@ -226,22 +226,22 @@ A message that is refused is counted, with its reason, and the others go on. Arg
 }  // namespace
 
 void bind_wire(nb::module_& module, nb::class_<BufferObject, ReadsObject>& type) {
-    type.def("ingest", &ingest, nb::arg("data"), nb::kw_only(), nb::arg("encoding") = "cdr",
+    type.def("ingest", &ingest, nb::arg("data").none(), nb::kw_only(), nb::arg("encoding") = "cdr",
              nb::arg("static") = false, nb::arg("authority") = "",
              nb::sig("def ingest(self, data: tfdb.types.BytesLike, *, encoding: str = 'cdr', "
                      "static: bool = False, authority: str = '') -> int"),
              kIngestDoc);
-    type.def("ingest_many", &ingest_many, nb::arg("messages"), nb::kw_only(), nb::arg("encoding"),
+    type.def("ingest_many", &ingest_many, nb::arg("messages").none(), nb::kw_only(), nb::arg("encoding"),
              nb::arg("static") = false, nb::arg("authority") = "",
              nb::sig("def ingest_many(self, messages: collections.abc.Iterable["
                      "tfdb.types.BytesLike], *, encoding: str, static: bool = False, authority: "
                      "str = '') -> tfdb.types.IngestResult"),
              kIngestManyDoc);
-    module.def("encode_tf_message", &encode, nb::arg("transforms"), nb::arg("encoding") = "cdr",
+    module.def("encode_tf_message", &encode, nb::arg("transforms").none(), nb::arg("encoding") = "cdr",
                nb::sig("def encode_tf_message(transforms: collections.abc.Iterable["
                        "tfdb.types.TransformStampedLike], encoding: str = 'cdr') -> bytes"),
                "Bytes of one tf2_msgs/TFMessage. Raises InvalidStamp, InvalidName, with `index`.");
-    module.def("decode_tf_message", &decode, nb::arg("data"), nb::arg("encoding") = "cdr",
+    module.def("decode_tf_message", &decode, nb::arg("data").none(), nb::arg("encoding") = "cdr",
                nb::sig("def decode_tf_message(data: tfdb.types.BytesLike, encoding: str = 'cdr') "
                        "-> list[tfdb.types.TransformStamped]"),
                "Transforms of one tf2_msgs/TFMessage. Raises CorruptMessage, InvalidName.");

@@ -5,7 +5,7 @@ from __future__ import annotations
 import difflib
 from contextlib import nullcontext
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, cast
 
 from .errors import (
     Disconnected,
@@ -104,12 +104,11 @@ def explain(
 
 def held(reads: Reads) -> AbstractContextManager[Snapshot]:
     """Hold one state for many reads: a new snapshot of a buffer, or the snapshot itself."""
-    from ._core import Buffer, Snapshot  # noqa: PLC0415 - the extension imports this module
+    from ._core import Buffer  # noqa: PLC0415 - the extension imports this module
 
     if isinstance(reads, Buffer):
         return reads.snapshot()
-    assert isinstance(reads, Snapshot)
-    return nullcontext(reads)
+    return nullcontext(cast("Snapshot", reads))
 
 
 class _Case:
@@ -140,13 +139,14 @@ class _Case:
         except _EXPLAINED as error:
             return self._failing_edge(error)
         edges = tuple(
-            EdgeExplanation(edge.child, edge.parent, True, str(edge)) for edge in found.report.edges
+            EdgeExplanation(edge.child, edge.parent, ok=True, text=str(edge))
+            for edge in found.report.edges
         )
         text = [f"{found!r}"]
         text += [f"  {edge.text}" for edge in edges]
         if not edges:
             text.append("  target and source are the same frame")
-        return Explanation(self.target, self.source, True, "\n".join(text), edges, None)
+        return self._explanation(text, edges, None)
 
     def _because(
         self, error: TfdbError, edges: list[EdgeExplanation], advice: list[str]
@@ -154,7 +154,19 @@ class _Case:
         text = [str(error)]
         text += [f"  {'ok  ' if edge.ok else 'FAIL'} {edge.text}" for edge in edges]
         text += advice
-        return Explanation(self.target, self.source, False, "\n".join(text), tuple(edges), error)
+        return self._explanation(text, tuple(edges), error)
+
+    def _explanation(
+        self, text: list[str], edges: tuple[EdgeExplanation, ...], error: TfdbError | None
+    ) -> Explanation:
+        return Explanation(
+            self.target,
+            self.source,
+            ok=error is None,
+            text="\n".join(text),
+            edges=edges,
+            error=error,
+        )
 
     def _similar(self, name: str) -> list[str]:
         known = self.snapshot.frames()
@@ -180,7 +192,9 @@ class _Case:
         edges = []
         for name in (self.source, self.target):
             edges += [
-                EdgeExplanation(info.name, str(info.parent), True, f"{_arrow(info)}: {_span(info)}")
+                EdgeExplanation(
+                    info.name, str(info.parent), ok=True, text=f"{_arrow(info)}: {_span(info)}"
+                )
                 for info in self._chain(tree, name)
             ]
         roots = " and ".join(map(repr, error.frames or ()))
@@ -204,8 +218,8 @@ class _Case:
             found = self.snapshot.lookup_transform(parent, info.name, time, self.policy)
         except _EXPLAINED as error:
             text = f"{_arrow(info)}: {_reason(error)}; {_span(info)}"
-            return EdgeExplanation(info.name, parent, False, text)
-        return EdgeExplanation(info.name, parent, True, str(found.report.edges[0]))
+            return EdgeExplanation(info.name, parent, ok=False, text=text)
+        return EdgeExplanation(info.name, parent, ok=True, text=str(found.report.edges[0]))
 
 
 def _arrow(info: FrameInfo) -> str:

@@ -48,15 +48,17 @@ class _Limited(Policy):
         return hash((self.kind, self.limit_ns))
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return _restore, (type(self), self._limit_name, self.limit_ns)
+        return _restore, (type(self), self.kind, self.limit_ns)
 
     def _seconds(self) -> float | None:
         return None if self.limit_ns is None else self.limit_ns / 1e9
 
 
-def _restore(cls: type[_Limited], limit_name: str, limit_ns: int | None) -> _Limited:
-    """Make an unpickled policy."""
-    return cls(**{f"{limit_name}_ns": limit_ns}) if limit_name else cls()  # type: ignore[call-arg]
+def _restore(cls: type[_Limited], kind: str, limit_ns: int | None) -> _Limited:
+    """Make an unpickled policy; the constructors of the classes differ, this one is for all."""
+    policy = cls.__new__(cls)
+    Policy.__init__(policy, kind, limit_ns)
+    return policy
 
 
 class Interpolate(_Limited):

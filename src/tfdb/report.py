@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal, TypeAlias
 
 from .stamps import format_seconds
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from ._core import Transform
 
 __all__ = ["EdgeUse", "Report"]
@@ -143,3 +144,16 @@ def transform_repr(transform: Transform) -> str:
         f"T[{transform.target}<-{transform.source}] at {format_seconds(transform.stamp)}: "
         f"translation [{translation}], rotation [{rotation}]"
     )
+
+
+def buffer_repr(commit: int, history: float | None) -> str:
+    """Write `<tfdb.Buffer at commit 7, history 10 s>`."""
+    kept = "unlimited" if history is None else f"{history:g} s"
+    return f"<tfdb.Buffer at commit {commit}, history {kept}>"
+
+
+def restore_transform(*state: object) -> Transform:
+    """Make an unpickled transform: functions of the extension cannot be pickled themselves."""
+    from ._core import _restore_transform  # noqa: PLC0415 - the extension imports this module
+
+    return _restore_transform(*state)

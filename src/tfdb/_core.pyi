@@ -1,0 +1,630 @@
+"""The compiled part of tfdb. Use the names that `tfdb` exports."""
+
+from collections.abc import Callable, Iterable
+from typing import Any, ClassVar, Literal, Self
+
+import numpy
+import numpy.typing
+
+import tfdb.explain
+import tfdb.io
+import tfdb.loading
+import tfdb.report
+import tfdb.stamps
+import tfdb.types
+
+
+__version__: str
+
+class Policy:
+    """How a stamp picks a pose from an edge's samples. Use a subclass."""
+
+    def __init__(self, kind: str, limit_ns: int | None = None) -> None: ...
+
+    @property
+    def kind(self) -> str:
+        """Name of the rule."""
+
+    @property
+    def limit_ns(self) -> int | None:
+        """Its limit in nanoseconds; None: no limit."""
+
+class Transform:
+    """
+    A rigid transform T[target<-source] at a stamp: p_target = T p_source. Immutable.
+
+    Lookups return it; it can also be made from a translation (metres) and a unit quaternion
+    (x, y, z, w). `A @ B` chains T[a<-b] and T[b<-c] to T[a<-c] and raises InvalidArgument if
+    A.source is not B.target; the result has the older of the two stamps (0: at all times).
+    """
+
+    def __new__(
+        cls,
+        target: str,
+        source: str,
+        translation: tfdb.types.VectorLike,
+        rotation: tfdb.types.QuaternionLike = (0, 0, 0, 1),
+        stamp: tfdb.stamps.StampLike = 0,
+    ) -> Self: ...
+
+    @property
+    def translation(self) -> numpy.typing.NDArray[numpy.float64]:
+        """Metres, x y z: float64 array (3,)."""
+
+    @property
+    def rotation(self) -> numpy.typing.NDArray[numpy.float64]:
+        """Unit quaternion, x y z w: float64 array (4,)."""
+
+    @property
+    def pose(self) -> numpy.typing.NDArray[numpy.float64]:
+        """x y z qx qy qz qw: float64 array (7,)."""
+
+    @property
+    def matrix(self) -> numpy.typing.NDArray[numpy.float64]:
+        """Homogeneous matrix: float64 array (4, 4)."""
+
+    @property
+    def stamp(self) -> int:
+        """The stamp it holds at, in nanoseconds."""
+
+    @property
+    def commit(self) -> int:
+        """Number of the snapshot it was read from; 0 if it was not looked up."""
+
+    @property
+    def target(self) -> str:
+        """The frame into which it maps."""
+
+    @property
+    def source(self) -> str:
+        """The frame from which it maps."""
+
+    @property
+    def report(self) -> tfdb.report.Report:
+        """
+        What it was made from, edge by edge. Without edges if it was not looked up, or was
+        multiplied.
+        """
+
+    def inverse(self) -> Transform:
+        """T[source<-target]: the same in the other direction."""
+
+    def apply(self, points: numpy.typing.ArrayLike, /) -> numpy.typing.NDArray[Any]:
+        """
+        Map points of the source frame into the target frame.
+
+        `points` is (3,) or (N, 3), float32 or float64 (anything else is converted to float64).
+        Returns a new array of the same shape and dtype. Raises InvalidArray.
+        """
+
+    def __matmul__(self, other: Transform, /) -> Transform: ...
+
+    def __eq__(self, other: object, /) -> bool: ...
+
+    __hash__: ClassVar[None]  # type: ignore[assignment]
+
+def _restore_transform(*state: object) -> Transform: ...
+
+class Reads:
+    """
+    What Buffer and Snapshot can be asked.
+
+    Each call on a Buffer is answered from one fresh snapshot; each call on a Snapshot from its own.
+    """
+
+    def lookup_transform_full(self, target: str, target_time: tfdb.stamps.StampLike, source: str, source_time: tfdb.stamps.StampLike, fixed_frame: str, policy: Policy | None = None) -> Transform:
+        """
+        T[target at target_time <- source at source_time], through a frame that stays put.
+
+        That is T[target<-fixed_frame] at `target_time` times T[fixed_frame<-source] at `source_time`:
+        where a point that `source` saw then is for `target` now, if `fixed_frame` did not move.
+        Raises what `lookup_transform` raises.
+        """
+
+    def can_transform_full(self, target: str, target_time: tfdb.stamps.StampLike, source: str, source_time: tfdb.stamps.StampLike, fixed_frame: str, policy: Policy | None = None) -> bool:
+        """Whether `lookup_transform_full` with these arguments has an answer."""
+
+    def latest_common_time(self, target: str, source: str) -> int:
+        """
+        The newest stamp at which every moving edge between two frames has data.
+
+        Nanoseconds; 0 if nothing moves. Raises UnknownFrame, Disconnected.
+        """
+
+    def lookup_velocity(self, tracking: str, observation: str, time: tfdb.stamps.StampLike | None = None, interval: float = 0.1, *, reference: str | None = None, point: tfdb.types.VectorLike = (0, 0, 0), point_frame: str | None = None) -> tfdb.types.Twist:
+        """
+        Velocity of `tracking` as seen from `observation`, by finite difference.
+
+        Parameters
+        ----------
+        tracking, observation
+            Frame names.
+        time
+            Middle of the interval, nanoseconds; None: the latest common time. Where data ends, the
+            interval is moved to lie inside.
+        interval
+            Seconds over which the difference is taken.
+        reference
+            The frame in whose axes the result is given; None: `observation`.
+        point, point_frame
+            The point whose velocity `linear` is, in coordinates of `point_frame` (None: `tracking`).
+
+        Returns
+        -------
+        Twist
+            `linear` in m/s, `angular` in rad/s, both float64 (3,).
+
+        Raises what `lookup_transform` raises.
+        """
+
+    def _path_stamps(
+        self,
+        target: str,
+        source: str,
+        start: tfdb.stamps.StampLike | None,
+        end: tfdb.stamps.StampLike | None,
+    ) -> numpy.typing.NDArray[numpy.int64]:
+        """
+        Stored stamps of the moving edges between two frames, where every edge has data.
+        """
+
+    @property
+    def commit(self) -> int:
+        """
+        Number of the newest commit, or of the snapshot's. The empty store is 0.
+        """
+
+    def lookup_transforms(self, target: str, source: str, stamps: tfdb.stamps.StampsLike, policy: Policy | None = None, *, layout: Literal['pose', 'matrix'] = 'pose', out: numpy.typing.NDArray[numpy.float64] | None = None, missing: Literal['raise', 'nan'] = 'raise') -> numpy.typing.NDArray[numpy.float64]:
+        """
+        T[target<-source] at each of N stamps, all from one snapshot.
+
+        Equal to N calls of `lookup_transform`, and much faster.
+
+        Parameters
+        ----------
+        target, source
+            Frame names.
+        stamps
+            (N,) int64 nanoseconds or datetime64, or a list of stamps; in any order.
+        policy
+            How stamps between samples are answered. None: Interpolate().
+        layout
+            `pose`: rows x y z qx qy qz qw. `matrix`: homogeneous 4x4 matrices.
+        out
+            Array to write to: float64, C-contiguous, (N, 7) or (N, 4, 4).
+        missing
+            `raise`: the error of the first stamp without an answer, with its `index`. `nan`: NaN in its
+            rows instead.
+
+        Returns
+        -------
+        numpy.ndarray
+            `out`, or a new float64 array (N, 7) or (N, 4, 4).
+
+        Raises InvalidArray, InvalidStamp, InvalidArgument, and what `lookup_transform` raises.
+        """
+
+    def transform_points(self, target: str, source: str, points: numpy.typing.ArrayLike, stamps: tfdb.stamps.StampsLike | tfdb.stamps.StampLike, policy: Policy | None = None, *, out: numpy.typing.NDArray[Any] | None = None) -> numpy.typing.NDArray[Any]:
+        """
+        Map points of `source` into `target`, each at its own stamp.
+
+        Undoes the motion during a scan: p_target[i] = T[target<-source](stamps[i]) p_source[i], all from
+        one snapshot.
+
+        Parameters
+        ----------
+        target, source
+            Frame names.
+        points
+            (N, 3), float32 or float64; rows may be strided, as in `cloud[:, :3]`.
+        stamps
+            (N,) int64 nanoseconds, or one stamp for all points.
+        policy
+            How stamps between samples are answered. None: Interpolate().
+        out
+            Array to write to, like the points; the points themselves to work in place.
+
+        Returns
+        -------
+        numpy.ndarray
+            `out`, or a new array (N, 3) of the points' dtype. Computed in float64.
+
+        Raises InvalidArray, InvalidStamp, and what `lookup_transform` raises, with `index`.
+        """
+
+    def frames(self) -> list[str]:
+        """Names of all frames, sorted."""
+
+    def frame_exists(self, name: str) -> bool:
+        """Whether there is a frame of that name."""
+
+    def frame_info(self, name: str) -> tfdb.types.FrameInfo:
+        """
+        What is known of one frame and the edge to its parent. Raises UnknownFrame.
+        """
+
+    def tree(self, time: tfdb.stamps.StampLike | None = None) -> list[tfdb.types.FrameInfo]:
+        """
+        All frames, sorted by name, with the parents they have at a stamp (None: newest).
+        """
+
+    def samples(self, name: str) -> tuple[numpy.typing.NDArray[numpy.int64], numpy.typing.NDArray[numpy.float64], list[str]]:
+        """
+        All retained samples T[parent<-name] of the edge from `name` to its parents.
+
+        Returns (stamps (N,) int64, poses (N, 7) float64, N names of parents), sorted by stamp. A static
+        edge has one, with stamp 0; a root none. Raises UnknownFrame.
+        """
+
+    def lookup_transform(
+        self,
+        target: str,
+        source: str,
+        time: tfdb.stamps.StampLike | None = None,
+        policy: Policy | None = None,
+    ) -> Transform:
+        """
+        T[target<-source] at a stamp: maps points of `source` into `target`.
+
+        Parameters
+        ----------
+        target, source
+            Frame names.
+        time
+            Stamp in nanoseconds (or an object that holds one). None: the latest common time,
+            at which every moving edge of the path has data.
+        policy
+            How a stamp between samples is answered. None: Interpolate().
+
+        Returns
+        -------
+        Transform
+            With a report of the samples that were used.
+
+        Raises
+        ------
+        UnknownFrame, Disconnected, Extrapolation, GapTooLarge, Stale, NoSampleNear, InvalidStamp,
+        SnapshotTooOld, SnapshotClosed
+        """
+
+    def lookup_latest_transform(
+        self,
+        target: str,
+        source: str,
+        max_age: float | None = None,
+        now: tfdb.stamps.StampLike | None = None,
+    ) -> Transform:
+        """
+        T[target<-source] from each edge's own newest sample; nothing is interpolated.
+
+        Parameters
+        ----------
+        target, source
+            Frame names.
+        max_age
+            Seconds. An edge whose newest sample is older than `now - max_age` is refused.
+        now
+            Stamp in nanoseconds; None asks the buffer's clock.
+
+        Returns
+        -------
+        Transform
+            Its stamp is the oldest of the stamps used, 0 if nothing moves.
+
+        Raises
+        ------
+        UnknownFrame, Disconnected, Extrapolation (an edge has no data), Stale,
+        InvalidStamp, InvalidArgument, SnapshotTooOld, SnapshotClosed
+        """
+
+    def can_transform(
+        self,
+        target: str,
+        source: str,
+        time: tfdb.stamps.StampLike | None = None,
+        policy: Policy | None = None,
+    ) -> bool:
+        """
+        Whether `lookup_transform` with these arguments has an answer. Cheap also when it has none.
+
+        Raises
+        ------
+        InvalidStamp, SnapshotTooOld, SnapshotClosed
+        """
+
+    def explain(
+        self,
+        target: str,
+        source: str,
+        time: tfdb.stamps.StampLike | None = None,
+        policy: Policy | None = None,
+    ) -> tfdb.explain.Explanation:
+        """
+        Say in words why `lookup_transform` with these arguments has an answer or has none.
+
+            Walks the path edge by edge: which samples are used, or why there is none and which stamps
+            would be valid. All of it is read from one snapshot.
+
+            Parameters
+            ----------
+            target, source
+                Frame names.
+            time
+                Stamp in nanoseconds; None: the latest common time.
+            policy
+                As in `lookup_transform`.
+
+            Returns
+            -------
+            Explanation
+                Its str() is the text.
+
+            Raises
+            ------
+            InvalidStamp, SnapshotTooOld, SnapshotClosed
+        """
+
+    def trajectory(
+        self,
+        target: str,
+        source: str,
+        rate: float | None = None,
+        start: tfdb.stamps.StampLike | None = None,
+        end: tfdb.stamps.StampLike | None = None,
+        policy: Policy | None = None,
+    ) -> tfdb.types.Trajectory:
+        """
+        Sample T[target<-source] over time, all from one snapshot.
+
+            Parameters
+            ----------
+            target, source
+                Frame names.
+            rate
+                Poses per second from `start` on. None: at the stored stamps of the path.
+            start, end
+                First and last stamp, nanoseconds. None: where every moving edge has data.
+            policy
+                How stamps between samples are answered. None: Interpolate().
+
+            Returns
+            -------
+            Trajectory
+                With stamps (N,) and poses (N, 7).
+
+            Raises
+            ------
+            InvalidArgument
+                A rate that is not positive, `end` before `start`, or nothing moves and no time is given.
+            Extrapolation, and what else `lookup_transforms` raises
+                With `index`, the position of the stamp.
+        """
+
+class Snapshot(Reads):
+    """
+    One committed state.
+
+    `Buffer.snapshot()` makes it. Every read through it sees exactly that commit, whatever is written
+    meanwhile. Use it as a context manager, or close() it: while open it keeps old samples in memory.
+    Reads raise SnapshotClosed afterwards, and SnapshotTooOld if the writers needed the memory.
+    """
+
+    def close(self) -> None:
+        """
+        Let the samples go that only this snapshot needs. Closing twice does nothing.
+        """
+
+    @property
+    def closed(self) -> bool:
+        """Whether close() was called."""
+
+    def __enter__(self) -> Self: ...
+
+    def __exit__(self, kind: object, error: object, traceback: object) -> None: ...
+
+    def __repr__(self) -> str: ...
+
+class Buffer(Reads):
+    """
+    A store of time-stamped transforms between named frames.
+
+    Any number of threads may read and write at once. A read is answered from one committed state and
+    never waits for a writer; a write is all or nothing.
+
+    Parameters
+    ----------
+    history
+        Seconds to keep behind each edge's newest stamp; None keeps everything.
+    max_frames
+        The most frames there may be.
+    memory_limit
+        The most bytes the store may take; None: what the machine has.
+    snapshot_memory
+        The most bytes it may grow to keep held snapshots readable.
+    clock
+        What `lookup_latest_transform(max_age=...)` asks for the time, in nanoseconds; None: the
+        system's clock.
+
+    Raises InvalidArgument, CapacityExceeded.
+    """
+
+    def __init__(self, history: float | None = 10.0, *, max_frames: int = 1048575, memory_limit: int | None = None, snapshot_memory: int = 1073741824, clock: Callable[[], int] | None = None) -> None: ...
+
+    def set_transform(
+        self,
+        parent: str,
+        child: str,
+        stamp: tfdb.stamps.StampLike,
+        translation: tfdb.types.VectorLike,
+        rotation: tfdb.types.QuaternionLike,
+        *,
+        authority: str = "",
+    ) -> int:
+        """
+        Store where `child` was in `parent` at a stamp: T[parent<-child].
+
+        Parameters
+        ----------
+        parent, child
+            Frame names; new ones become frames.
+        stamp
+            Nanoseconds (or an object that holds a stamp).
+        translation
+            Metres, x y z: a sequence, an array, or an object with x, y, z.
+        rotation
+            Unit quaternion, x y z w, likewise. Normalised if slightly off.
+        authority
+            Who writes.
+
+        Returns
+        -------
+        int
+            Number of the commit.
+
+        Raises
+        ------
+        InvalidName, InvalidStamp, InvalidArray, InvalidTransform, TooOld,
+        StaticConflict, CycleError, CapacityExceeded. Then nothing was stored.
+        """
+
+    def set_static_transform(self, parent: str, child: str, translation: tfdb.types.VectorLike, rotation: tfdb.types.QuaternionLike = (0, 0, 0, 1), *, authority: str = '') -> int:
+        """
+        Store T[parent<-child] for every stamp, until a later commit replaces it.
+
+        Arguments, result and errors as in `set_transform`.
+        """
+
+    def set_transforms(self, batch: Iterable[tfdb.types.TransformStampedLike] | tfdb.types.Columns, *, static: bool = False, authority: str = '') -> int:
+        """
+        Store a batch of transforms T[parent<-child] in one commit: all or nothing.
+
+        Parameters
+        ----------
+        batch
+            A sequence of `TransformStamped` or of ROS messages of that name, or one `Columns`. Of two with
+            the same child and stamp the later wins.
+        static
+            Whether they hold at every stamp until replaced.
+        authority
+            Who writes.
+
+        Returns
+        -------
+        int
+            Number of the commit; of the current one if the batch is empty.
+
+        Raises InvalidName, InvalidStamp, InvalidArray, InvalidTransform, TooOld, StaticConflict,
+        CycleError, CapacityExceeded, each with `index`. Then nothing was stored.
+        """
+
+    def remove_frame(self, name: str, *, recursive: bool = False) -> int:
+        """
+        Remove a frame and its edge; with `recursive` also all frames below it. One commit.
+
+        Returns its number. Raises UnknownFrame, FrameInUse (naming the children).
+        """
+
+    def clear(self) -> int:
+        """Drop all moving samples in one commit; frames and static edges stay."""
+
+    def ingest(self, data: tfdb.types.BytesLike, *, encoding: str = 'cdr', static: bool = False, authority: str = '') -> int:
+        """
+        Store one tf2_msgs/TFMessage, straight from its bytes, as one commit.
+
+        Parameters
+        ----------
+        data
+            The message: bytes, bytearray, memoryview.
+        encoding
+            `cdr` (ROS 2, with the encapsulation header), `ros1`, or one layout exactly: `cdr_le`,
+            `cdr_be`, `cdr2_le`, `cdr2_be`, `cdr_bare_le`, `cdr_bare_be`.
+        static
+            Whether it came from /tf_static.
+        authority
+            Who sent it.
+
+        Returns
+        -------
+        int
+            Number of the commit.
+
+        One leading '/' of a frame name is dropped, as tf does. Raises CorruptMessage (offset, reason) and
+        what `set_transforms` raises. Then nothing was stored.
+        """
+
+    def ingest_many(self, messages: Iterable[tfdb.types.BytesLike], *, encoding: str, static: bool = False, authority: str = '') -> tfdb.types.IngestResult:
+        """
+        Store many TFMessages, one commit each, without a step through Python in between.
+
+        A message that is refused is counted, with its reason, and the others go on. Arguments as in
+        `ingest`; `messages` is an iterable of bytes-like objects.
+        """
+
+    def snapshot(self) -> Snapshot:
+        """
+        Hold the newest commit: many reads of one state. Use it in a `with` statement.
+        """
+
+    def memory(self) -> tfdb.types.MemoryUse:
+        """What the store occupies."""
+
+    def counters(self) -> tfdb.types.Counters:
+        """Commits, mended quaternions, and reads that a writer overtook."""
+
+    @property
+    def history(self) -> float | None:
+        """Seconds that are kept; None: everything."""
+
+    def __repr__(self) -> str: ...
+
+    def load(
+        self,
+        path: tfdb.loading.Paths,
+        *,
+        topics: tfdb.loading.Topics | None = None,
+        progress: tfdb.loading.Progress | None = None,
+    ) -> tfdb.io.LoadReport:
+        """
+        Load the transforms of recordings: `.bag`, `.db3`, `.mcap`, folders of ROS 2 bags.
+
+            The files are read whole before the first commit. Then each message is one commit, in the order
+            of its reception; one that is refused is counted and skipped. A buffer with a limited history
+            forgets the beginning of a long recording: `tfdb.load` keeps everything.
+
+            Parameters
+            ----------
+            path
+                One recording or several; they are read in the order of their start.
+            topics
+                Which topics to read; None: all that hold transforms. A mapping renames them, as in
+                `{"/robot1/tf": "tf", "/robot1/tf_static": "tf_static"}`. Transforms are static when the
+                last part of the topic's (new) name is `tf_static`.
+            progress
+                Called with (done, total); each message counts once when read and once when stored.
+
+            Returns
+            -------
+            LoadReport
+                What was read, stored and refused.
+
+            Raises
+            ------
+            RecordingError
+                A file is no recording, damaged or cut short; a topic is missing or holds no transforms.
+                Nothing was stored.
+        """
+
+def encode_tf_message(transforms: Iterable[tfdb.types.TransformStampedLike], encoding: str = 'cdr') -> bytes:
+    """
+    Bytes of one tf2_msgs/TFMessage. Raises InvalidStamp, InvalidName, with `index`.
+    """
+
+def decode_tf_message(data: tfdb.types.BytesLike, encoding: str = 'cdr') -> list[tfdb.types.TransformStamped]:
+    """
+    Transforms of one tf2_msgs/TFMessage. Raises CorruptMessage, InvalidName.
+    """
+
+def to_nanoseconds(stamp: tfdb.stamps.StampLike) -> int:
+    """
+    Nanoseconds of anything that is taken for a stamp. Raises InvalidStamp.
+    """
