@@ -10,10 +10,14 @@
 
 namespace tfdb::lookup {
 
+/// Whether a walk takes only edges that answer at the stamp, or also one that will refuse: outside
+/// its samples an edge then has the parent of the nearest one, and the error can name it.
+enum class Edges : std::uint8_t { kAnswering, kAll };
+
 /// The parent that the view's samples give a frame at a stamp; kNoFrame for a root.
 template <View V>
 [[nodiscard]] Outcome exact_parent(const V& view, FrameId id, StampNs stamp, const Policy& policy,
-                                   FrameId& parent) {
+                                   Edges edges, FrameId& parent) {
     parent = kNoFrame;
     history::EdgeView<typename V::Memory> edge;
     if (!view.open(id, edge))
@@ -26,8 +30,9 @@ template <View V>
         slot = edge.slot_word(chosen.anchor);
     if (!edge.confirm(chosen.lowest))
         return Outcome::kLapped;
-    if (chosen.anchor == history::kNoIndex)
+    if (chosen.anchor == history::kNoIndex || (chosen.refused && edges == Edges::kAnswering)) {
         return Outcome::kOk;
+    }
     const FrameId found = history::SlotWord::parent(slot);
     // A removed frame connects nothing, even if its slot now holds another one.
     if (view.alive_since(found, history::SlotWord::commit(slot)))

@@ -80,25 +80,29 @@ template <View V>
     return false;
 }
 
-/// Newest stamp of one edge of a path, kNoStamp if it does not move.
+/// Newest stamp of one edge, kNoStamp if it does not move, and the parent that it has there.
 template <View V>
-[[nodiscard]] Outcome newest_stamp(const V& view, FrameId id, StampNs& stamp) {
+[[nodiscard]] Outcome newest_stamp(const V& view, FrameId id, StampNs& stamp, FrameId& parent) {
     stamp = history::kNoStamp;
+    parent = kNoFrame;
     history::EdgeView<typename V::Memory> edge;
-    if (!view.open(id, edge))
+    if (!view.open(id, edge)) {
         return Outcome::kLapped;
+    }
     std::uint64_t index = history::kNoIndex;
     std::uint64_t lowest = edge.lo();
-    if (!edge.empty() && !edge.is_static()) {
-        if (!edge.newest(index, stamp))
-            return Outcome::kLapped;
-        if (edge.ordered())
-            lowest = index;
-    }
-    const bool root = edge.empty();
-    if (!edge.confirm(lowest))
+    if (edge.is_static()) {
+        index = edge.static_index();
+    } else if (!edge.newest(index, stamp)) {
         return Outcome::kLapped;
-    return root ? Outcome::kMismatch : Outcome::kOk;
+    }
+    if (index != history::kNoIndex) {
+        parent = history::SlotWord::parent(edge.slot_word(index));
+        if (edge.ordered()) {
+            lowest = index;
+        }
+    }
+    return edge.confirm(lowest) ? Outcome::kOk : Outcome::kLapped;
 }
 
 template <View V>
@@ -112,9 +116,14 @@ template <View V>
     for (const auto* chain : {&chains.source_chain, &chains.target_chain}) {
         for (std::size_t i = 0; i + 1 < chain->size(); ++i) {
             StampNs newest_of_edge = history::kNoStamp;
-            const Outcome outcome = newest_stamp(view, (*chain)[i], newest_of_edge);
-            if (outcome != Outcome::kOk)
+            FrameId parent = kNoFrame;
+            const Outcome outcome = newest_stamp(view, (*chain)[i], newest_of_edge, parent);
+            if (outcome != Outcome::kOk) {
                 return outcome;
+            }
+            if (parent != (*chain)[i + 1]) {
+                return Outcome::kMismatch;
+            }
             if (newest_of_edge < 0)
                 continue;
             stamp = stamp < 0 ? newest_of_edge : std::min(stamp, newest_of_edge);
@@ -136,10 +145,11 @@ template <View V>
         return Outcome::kFailed;
     }
     if (target == source) {
-        const Outcome outcome = detail::newest_stamp(view, target, stamp);
+        FrameId parent = kNoFrame;
+        const Outcome outcome = detail::newest_stamp(view, target, stamp, parent);
         if (stamp < 0)
             stamp = 0;
-        return outcome == Outcome::kMismatch ? Outcome::kOk : outcome;
+        return outcome;
     }
     return detail::hints_then_samples(scratch, [&](WalkMode mode) {
         return detail::common_time_once(view, target, source, mode, scratch, stamp, failure);

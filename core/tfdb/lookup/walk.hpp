@@ -1,6 +1,8 @@
 // The path between two frames: both are walked up to where they meet, not to the root.
 #pragma once
 
+#include <algorithm>
+#include <unordered_map>
 #include <vector>
 
 #include "tfdb/history/layout.hpp"
@@ -13,18 +15,6 @@ namespace tfdb::lookup {
 /// the poses are read), or from the samples of the view itself, which is exact and slower.
 enum class WalkMode : std::uint8_t { kHints, kSamples };
 
-template <View V>
-[[nodiscard]] Outcome parent_at(const V& view, FrameId id, StampNs stamp, const Policy& policy,
-                                WalkMode mode, std::uint64_t topology, FrameId& parent) {
-    using history::Topology;
-    if (mode == WalkMode::kHints &&
-        (topology & (Topology::kMixedParents | Topology::kMortal)) == 0) {
-        parent = Topology::parent(topology);
-        return Outcome::kOk;
-    }
-    return exact_parent(view, id, stamp, policy, parent);
-}
-
 /// Takes the ancestors that both chains share off their ends, all but the lowest.
 inline void strip_common(std::vector<FrameId>& a, std::vector<FrameId>& b) {
     while (a.size() > 1 && b.size() > 1 && a[a.size() - 2] == b[b.size() - 2]) {
@@ -33,53 +23,142 @@ inline void strip_common(std::vector<FrameId>& a, std::vector<FrameId>& b) {
     }
 }
 
-/// Fills both chains, each from its frame up to the meeting point (the last of both). When there
-/// is none, kFailed with both roots. The depth hints say which side to move; where they are wrong
-/// a side may walk past the meeting point, and both then meet higher up or at the root.
+/// Cuts both chains at the first frame of `up` that `down` has too; false if there is none. No
+/// state has a cycle in what its samples hold from one to the next, but a policy may choose
+/// otherwise for each edge (the nearest sample, or the first one before its time): then a chain may
+/// run in a circle and past the lowest frame that both share.
+inline bool cut_at_meeting(std::vector<FrameId>& up, std::vector<FrameId>& down) {
+    constexpr std::size_t kFewPairs = 4096;
+    std::unordered_map<FrameId, std::size_t> index;
+    const bool few = up.size() * down.size() <= kFewPairs;  // then no allocation either
+    for (std::size_t i = 0; !few && i < down.size(); ++i) {
+        index.try_emplace(down[i], i);
+    }
+    const auto place_in_down = [&](FrameId id) {
+        if (few) {
+            return static_cast<std::size_t>(std::find(down.begin(), down.end(), id) - down.begin());
+        }
+        const auto found = index.find(id);
+        return found == index.end() ? down.size() : found->second;
+    };
+    for (std::size_t i = 0; i < up.size(); ++i) {
+        const std::size_t shared = place_in_down(up[i]);
+        if (shared == down.size()) {
+            continue;
+        }
+        up.resize(i + 1);
+        down.resize(shared + 1);
+        return true;
+    }
+    return false;
+}
+
+/// One walk of both frames upward.
+template <View V>
+class Walker {
+public:
+    Walker(const V& view, StampNs stamp, const Policy& policy, WalkMode mode, Answer& chains)
+        : view_(view),
+          stamp_(stamp),
+          policy_(policy),
+          mode_(mode),
+          up_(chains.source_chain),
+          down_(chains.target_chain) {}
+
+    /// Fills both chains up to the meeting point, the last of both; or, when `met` is false, up to
+    /// their roots. The depth hints say which side to move; where they are wrong a side may walk
+    /// past the meeting point, and both then meet higher up or at the root.
+    [[nodiscard]] Outcome walk(FrameId target, FrameId source, Edges edges, bool& met) {
+        using history::Topology;
+        Side up{up_, view_.topology(source)};
+        Side down{down_, view_.topology(target)};
+        up_.assign(1, source);
+        down_.assign(1, target);
+        branching_ = false;
+        while (!(up.ended && down.ended)) {
+            if (!branching_ && up_.back() == down_.back()) {
+                break;
+            }
+            const bool move_up = !up.ended && (down.ended || Topology::depth(up.topology) >=
+                                                                 Topology::depth(down.topology));
+            const Outcome step = climb(move_up ? up : down, edges);
+            if (step != Outcome::kOk) {
+                return step;
+            }
+        }
+        met = branching_ ? cut_at_meeting(up_, down_) : up_.back() == down_.back();
+        if (met) {
+            strip_common(up_, down_);
+        }
+        return Outcome::kOk;
+    }
+
+    /// True if a frame on the way had more than one parent in its time.
+    [[nodiscard]] bool branching() const { return branching_; }
+
+private:
+    struct Side {
+        std::vector<FrameId>& chain;
+        std::uint64_t topology;
+        bool ended = false;
+    };
+
+    [[nodiscard]] Outcome climb(Side& side, Edges edges) {
+        using history::Topology;
+        constexpr std::uint64_t kAskSamples = Topology::kMixedParents | Topology::kMortal;
+        branching_ |= (side.topology & (Topology::kMixedParents | Topology::kCleared)) != 0;
+        FrameId parent = Topology::parent(side.topology);
+        if (mode_ == WalkMode::kSamples || (side.topology & kAskSamples) != 0) {
+            const Outcome found =
+                exact_parent(view_, side.chain.back(), stamp_, policy_, edges, parent);
+            if (found != Outcome::kOk) {
+                return found;
+            }
+        }
+        side.ended = parent == kNoFrame || side.chain.size() > view_.frame_count();
+        if (!side.ended) {
+            side.chain.push_back(parent);
+            side.topology = view_.topology(parent);
+        }
+        return Outcome::kOk;
+    }
+
+    const V& view_;
+    StampNs stamp_;
+    const Policy& policy_;
+    WalkMode mode_;
+    std::vector<FrameId>& up_;
+    std::vector<FrameId>& down_;
+    bool branching_ = false;
+};
+
+/// Fills both chains of the answer, each from its frame up to the meeting point. By the samples: a
+/// path of edges that all answer at the stamp if there is one, else one that names the culprit.
+/// When there is none, kFailed with both roots.
 template <View V>
 [[nodiscard]] Outcome walk(const V& view, FrameId target, FrameId source, StampNs stamp,
                            const Policy& policy, WalkMode mode, Answer& chains, Failure& failure) {
-    using history::Topology;
-    auto& up = chains.source_chain;
-    auto& down = chains.target_chain;
-    up.assign(1, source);
-    down.assign(1, target);
-    bool up_ended = false;
-    bool down_ended = false;
-    std::uint64_t up_topology = view.topology(source);
-    std::uint64_t down_topology = view.topology(target);
-    const std::size_t bound = 2 * (std::size_t{view.frame_count()} + 1);
-    while (up.back() != down.back() && !(up_ended && down_ended)) {
-        const bool move_up = !up_ended && (down_ended || Topology::depth(up_topology) >=
-                                                             Topology::depth(down_topology));
-        auto& chain = move_up ? up : down;
-        auto& topology = move_up ? up_topology : down_topology;
-        FrameId parent = kNoFrame;
-        const Outcome step = parent_at(view, chain.back(), stamp, policy, mode, topology, parent);
-        if (step != Outcome::kOk)
-            return step;
-        if (parent == kNoFrame) {
-            (move_up ? up_ended : down_ended) = true;
-            continue;
+    Walker<V> walker(view, stamp, policy, mode, chains);
+    bool met = false;
+    if (mode == WalkMode::kHints) {
+        const Outcome outcome = walker.walk(target, source, Edges::kAll, met);
+        // Policies that answer far from an edge's samples can make more than one path.
+        const bool unique = !walker.branching() || (policy.kind != PolicyKind::kNearest &&
+                                                    policy.kind != PolicyKind::kExtrapolate);
+        if (outcome != Outcome::kOk) {
+            return outcome;
         }
-        chain.push_back(parent);
-        topology = view.topology(parent);
-        if (up.size() + down.size() > bound) {
-            failure.code = ErrorCode::kCycle;
-            failure.frame = chain.back();
-            failure.other = parent;
-            return mode == WalkMode::kHints ? Outcome::kMismatch : Outcome::kFailed;
+        return met && unique ? Outcome::kOk : Outcome::kMismatch;
+    }
+    for (const Edges edges : {Edges::kAnswering, Edges::kAll}) {
+        const Outcome outcome = walker.walk(target, source, edges, met);
+        if (outcome != Outcome::kOk || met) {
+            return outcome;
         }
     }
-    if (up.back() == down.back()) {
-        strip_common(up, down);
-        return Outcome::kOk;
-    }
-    if (mode == WalkMode::kHints)
-        return Outcome::kMismatch;
     failure.code = ErrorCode::kDisconnected;
-    failure.frame = down.back();
-    failure.other = up.back();
+    failure.frame = chains.target_chain.back();
+    failure.other = chains.source_chain.back();
     failure.commit = view.commit();
     failure.stamp = stamp;
     return Outcome::kFailed;

@@ -107,7 +107,8 @@ std::vector<FrameInfo> Reads::tree(std::optional<StampNs> stamp) const {
             if (filled != Outcome::kOk || !stamp)
                 return filled;
             FrameId parent = kNoFrame;
-            const Outcome found = lookup::exact_parent(view, id, *stamp, policy, parent);
+            const Outcome found =
+                lookup::exact_parent(view, id, *stamp, policy, lookup::Edges::kAll, parent);
             info.parent.reset();
             if (parent != kNoFrame)
                 info.parent = impl_->names.name(parent);

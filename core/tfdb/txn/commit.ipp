@@ -98,7 +98,7 @@ FrameId Commit<Memory>::newest_parent(FrameId id) const {
     FrameId parent = kNoFrame;
     const lookup::Policy newest{lookup::PolicyKind::kLatest, lookup::kNoLimit};
     // The writer cannot be overtaken: it holds the commit lock.
-    (void)lookup::exact_parent(view(), id, 0, newest, parent);
+    (void)lookup::exact_parent(view(), id, 0, newest, lookup::Edges::kAll, parent);
     return parent;
 }
 

@@ -42,11 +42,18 @@ bool Commit<Memory>::reaches(const CommitScratch::Relation& relation, Cycle& cyc
     StampNs from = detail::kDawn;
     StampNs to = detail::kDusk;
     if (relation.stamp >= 0) {
-        from = relation.stamp;
         history::EdgeView<Memory> edge;
         history::Bracket around;
-        if (view().open(relation.child, edge) && edge.bracket(relation.stamp, around) &&
-            around.after != history::kNoIndex) {
+        if (!view().open(relation.child, edge) || !edge.bracket(relation.stamp, around)) {
+            return false;
+        }
+        // Too old to be seen, or replaced by a later member of the same batch: relates nothing.
+        if (around.before == history::kNoIndex || around.before_stamp != relation.stamp ||
+            history::SlotWord::parent(edge.slot_word(around.before)) != relation.parent) {
+            return false;
+        }
+        from = relation.stamp;
+        if (around.after != history::kNoIndex) {
             to = around.after_stamp;
         }
     }

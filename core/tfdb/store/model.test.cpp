@@ -1,0 +1,268 @@
+// Random operations on the store, judged by the naive model, with snapshots held across them.
+#include <cstdio>
+#include <cstdlib>
+#include <memory>
+#include <random>
+
+#include "tfdb/store/buffer.hpp"
+#include "tfdb/store/naive_model.hpp"
+#include "tfdb/testing/check.hpp"
+
+namespace tfdb {
+namespace {
+
+using lookup::PolicyKind;
+using naive::Member;
+
+struct Shape {
+    const char* name;
+    std::optional<StampNs> history;
+    int names;
+    int stamps;  // stamps lie in [0, stamps), drifting upward by `drift` per operation
+    double drift;
+    int batch;       // most members of a batch
+    double statics;  // shares of operations
+    double removals;
+    double clears;
+    int operations;
+};
+
+class Driver {
+public:
+    Driver(const Shape& shape, unsigned seed)
+        : shape_(shape),
+          seed_(seed),
+          random_(seed),
+          buffer_(options(shape)),
+          model_(shape.history) {}
+
+    void run() {
+        for (int i = 0; i < shape_.operations && !failed_; ++i) {
+            operate(i);
+            CHECK_EQ(buffer_.commit(), model_.commit());
+            if (chance(0.1))
+                hold();
+            for (int q = 0; q < 6; ++q)
+                question(i);
+        }
+    }
+
+private:
+    struct Held {
+        Snapshot snapshot;
+        std::size_t state;
+    };
+
+    static BufferOptions options(const Shape& shape) {
+        BufferOptions o;
+        o.history_ns = shape.history;
+        return o;
+    }
+    bool chance(double p) { return std::uniform_real_distribution<>(0, 1)(random_) < p; }
+    int below(int n) { return std::uniform_int_distribution<>(0, n - 1)(random_); }
+    std::string name() { return "frame" + std::to_string(below(shape_.names)); }
+    Pose pose() {
+        std::normal_distribution<> normal;
+        const geometry::Quat q{normal(random_), normal(random_), normal(random_), normal(random_)};
+        return {{normal(random_), normal(random_), normal(random_)}, geometry::normalized(q)};
+    }
+    StampNs stamp(int operation) {
+        return below(shape_.stamps) + static_cast<StampNs>(shape_.drift * operation);
+    }
+
+    void operate(int i) {
+        const double kind = std::uniform_real_distribution<>(0, 1)(random_);
+        if (kind < shape_.removals)
+            return remove();
+        if (kind < shape_.removals + shape_.clears) {
+            buffer_.clear();
+            model_.clear();
+            return;
+        }
+        const bool is_static = chance(shape_.statics);
+        std::vector<Member> batch(static_cast<std::size_t>(1 + below(shape_.batch)));
+        for (Member& m : batch) {
+            m = {name(), name(), stamp(i), pose()};
+            // Mostly a fixed forest, sometimes another parent.
+            if (chance(0.85))
+                m.parent = m.child == "frame0" ? "root" : "frame0";
+            if (chance(0.3) && m.child.back() > '2')
+                m.parent = "frame1";
+        }
+        write(batch, is_static);
+    }
+
+    void write(const std::vector<Member>& batch, bool is_static) {
+        const auto refusals = model_.refusals(batch, is_static);
+        std::vector<TransformView> views;
+        for (const Member& m : batch)
+            views.push_back({m.parent, m.child, m.stamp, m.pose});
+        try {
+            buffer_.set_transforms(views, is_static, "driver");
+            CHECK(refusals.empty());
+            model_.set(batch, is_static);
+        } catch (const Error& error) {
+            CHECK(refusals.contains(error.code()));
+            if (refusals.empty()) {
+                failed_ = true;
+                std::printf("  %s seed %u: refused without reason: %s\n", shape_.name, seed_,
+                            error.what());
+                for (const Member& m : batch) {
+                    std::printf("    %s<-%s at %lld\n", m.parent.c_str(), m.child.c_str(),
+                                static_cast<long long>(m.stamp));
+                }
+                report(buffer_, model_.commit());
+            }
+        }
+    }
+
+    void remove() {
+        const std::string victim = name();
+        const bool recursive = chance(0.7);
+        std::optional<ErrorCode> code;
+        try {
+            buffer_.remove_frame(victim, recursive);
+        } catch (const Error& error) {
+            code = error.code();
+        }
+        CHECK(code == model_.remove(victim, recursive));
+    }
+
+    void hold() {
+        if (held_.size() > 3)
+            held_.erase(held_.begin() + below(4));
+        held_.push_back(std::make_unique<Held>(Held{buffer_.snapshot(), model_.commit()}));
+    }
+
+    void question(int operation) {
+        const Reads* reads = &buffer_;
+        std::size_t state = model_.commit();
+        if (!held_.empty() && chance(0.5)) {
+            const Held& h = *held_[static_cast<std::size_t>(below(static_cast<int>(held_.size())))];
+            reads = &h.snapshot;
+            state = h.state;
+        }
+        if (chance(0.05))
+            CHECK(reads->frames() == model_.frames(state));
+        const std::string target = chance(0.1) ? "root" : name();
+        const std::string source = name();
+        static constexpr PolicyKind kKinds[] = {PolicyKind::kInterpolate, PolicyKind::kInterpolate,
+                                                PolicyKind::kExact,       PolicyKind::kPrevious,
+                                                PolicyKind::kNearest,     PolicyKind::kExtrapolate,
+                                                PolicyKind::kLatest};
+        Policy policy{kKinds[below(7)], lookup::kNoLimit};
+        if (policy.kind == PolicyKind::kExact || policy.kind == PolicyKind::kLatest) {
+            policy.limit = lookup::kNoLimit;
+        } else if (policy.kind == PolicyKind::kExtrapolate || chance(0.5)) {
+            policy.limit = below(shape_.stamps);
+        }
+        std::optional<StampNs> at = stamp(operation);
+        if (chance(0.25))
+            at.reset();
+        const auto expected = model_.lookup(state, target, source, at, policy);
+        const bool agreed = ask(*reads, target, source, at, policy, expected);
+        CHECK(agreed);
+        if (agreed)
+            return;
+        report(*reads, state);
+        failed_ = true;
+        std::printf(
+            "  %s seed %u operation %d: %s<-%s at %lld, policy %d limit %lld, state %zu of %zu\n",
+            shape_.name, seed_, operation, target.c_str(), source.c_str(),
+            static_cast<long long>(at.value_or(-1)), static_cast<int>(policy.kind),
+            static_cast<long long>(policy.limit), state, model_.commit());
+    }
+
+    void report(const Reads& reads, std::size_t state) const {
+        for (const std::string& frame : model_.frames(state)) {
+            std::printf("    model %s\n    store %s\n", model_.describe(state, frame).c_str(),
+                        describe(reads, frame).c_str());
+        }
+    }
+
+    static bool ask(const Reads& reads, const std::string& target, const std::string& source,
+                    std::optional<StampNs> at, Policy policy, const naive::Reply& expected) {
+        std::optional<ErrorCode> code;
+        Answer answer;
+        try {
+            answer = policy.kind == PolicyKind::kLatest
+                         ? reads.lookup_latest_transform(target, source)
+                         : reads.lookup_transform(target, source, at, policy);
+        } catch (const Error& error) {
+            code = error.code();
+        }
+        if (code != expected.error) {
+            std::printf("  got error %d, expected %d\n", code ? static_cast<int>(*code) : -1,
+                        expected.error ? static_cast<int>(*expected.error) : -1);
+            return false;
+        }
+        return code || same(answer, expected);
+    }
+
+    static std::string describe(const Reads& reads, const std::string& frame) {
+        std::string text = frame + ":";
+        const Samples samples = reads.samples(frame);
+        for (std::size_t i = 0; i < samples.stamps.size(); ++i) {
+            const StampNs stamp = samples.stamps[i];
+            text += " " + (stamp < 0 ? std::string("static") : std::to_string(stamp)) + ">" +
+                    samples.parents[i];
+        }
+        return text;
+    }
+
+    static bool same(const Answer& answer, const naive::Reply& expected) {
+        const double* got = &answer.pose.translation.x;
+        const double* want = &expected.pose.translation.x;
+        double apart = 0;
+        double dot = 0;
+        for (int i = 0; i < 3; ++i)
+            apart = std::max(apart, std::abs(got[i] - want[i]));
+        for (int i = 3; i < 7; ++i)
+            dot += got[i] * want[i];
+        if (answer.stamp != expected.stamp || apart > 1e-9 || std::abs(std::abs(dot) - 1) > 1e-12) {
+            std::printf("  stamps %lld and %lld, %g m and a quaternion product of %.17g apart\n",
+                        static_cast<long long>(answer.stamp),
+                        static_cast<long long>(expected.stamp), apart, dot);
+            return false;
+        }
+        return std::equal(answer.edges.begin(), answer.edges.end(), expected.used.begin(),
+                          expected.used.end(),
+                          [](const EdgeUse& use, lookup::Used used) { return use.used == used; });
+    }
+
+    Shape shape_;
+    unsigned seed_;
+    bool failed_ = false;
+    std::mt19937 random_;
+    Buffer buffer_;
+    naive::Model model_;
+    std::vector<std::unique_ptr<Held>> held_;
+};
+
+void run_shape(const Shape& shape) {
+    const char* more = std::getenv("TFDB_MODEL_SEEDS");
+    const unsigned seeds = more != nullptr ? static_cast<unsigned>(std::atoi(more)) : 6;
+    std::printf("  model %s: seeds 1..%u\n", shape.name, seeds);
+    for (unsigned seed = 1; seed <= seeds; ++seed)
+        Driver(shape, seed).run();
+}
+
+}  // namespace
+
+TFDB_TEST(model_small_history) {
+    run_shape({"small history", 40, 6, 60, 0.3, 3, 0.1, 0.03, 0.01, 400});
+}
+TFDB_TEST(model_everything_kept) {
+    run_shape({"everything kept", std::nullopt, 6, 60, 0.1, 3, 0.1, 0.02, 0.005, 400});
+}
+TFDB_TEST(model_very_late) {
+    run_shape({"very late", std::nullopt, 4, 2000, 0.0, 6, 0.02, 0.002, 0.002, 300});
+}
+TFDB_TEST(model_evicting) {
+    run_shape({"evicting", 30, 4, 20, 2.0, 3, 0.02, 0.005, 0.002, 500});
+}
+TFDB_TEST(model_many_removals) {
+    run_shape({"many removals", 100, 7, 50, 0.2, 3, 0.15, 0.25, 0.02, 400});
+}
+
+}  // namespace tfdb

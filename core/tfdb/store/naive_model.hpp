@@ -1,0 +1,463 @@
+// The whole store as one would write it on a napkin: lists, and a search through all of them for
+// every question. For tests only: it judges what the real one answers.
+#pragma once
+
+#include <algorithm>
+#include <map>
+#include <optional>
+#include <set>
+#include <string>
+#include <vector>
+
+#include "tfdb/base/error.hpp"
+#include "tfdb/geometry/pose.hpp"
+#include "tfdb/lookup/answer.hpp"
+#include "tfdb/lookup/policy.hpp"
+
+namespace tfdb::naive {
+
+using clock::StampNs;
+using geometry::Pose;
+using lookup::Policy;
+using lookup::PolicyKind;
+using lookup::Used;
+
+struct Member {
+    std::string parent;
+    std::string child;
+    StampNs stamp;
+    Pose pose;
+};
+
+struct Reply {
+    std::optional<ErrorCode> error;
+    Pose pose = geometry::identity();
+    StampNs stamp = 0;
+    std::vector<Used> used;
+};
+
+/// All commits of a store, and the answers of any of its states.
+/// Threads: one. Guarantee: slow and plain.
+class Model {
+public:
+    explicit Model(std::optional<StampNs> history) : history_(history) {}
+
+    [[nodiscard]] std::size_t commit() const { return commit_; }
+    /// The codes with which the batch may be refused; empty if it must be stored.
+    [[nodiscard]] std::set<ErrorCode> refusals(const std::vector<Member>& batch, bool is_static);
+    void set(const std::vector<Member>& batch, bool is_static);
+    std::optional<ErrorCode> remove(const std::string& name, bool recursive);
+    void clear();
+
+    [[nodiscard]] std::vector<std::string> frames(std::size_t state) const;
+    [[nodiscard]] Reply lookup(std::size_t state, const std::string& target,
+                               const std::string& source, std::optional<StampNs> stamp,
+                               Policy policy) const;
+
+    /// Stamps and parents of a frame's visible samples, for the report of a disagreement.
+    [[nodiscard]] std::string describe(std::size_t state, const std::string& name) const;
+
+private:
+    static constexpr int kNone = -1;
+    static constexpr std::size_t kAlive = ~std::size_t{0};
+
+    struct Frame {
+        std::string name;
+        std::size_t born;
+        std::size_t died = kAlive;
+    };
+    struct Sample {
+        int child;
+        int parent;
+        StampNs stamp;
+        Pose pose;
+        std::size_t commit;
+        bool is_static;
+    };
+    struct Choice {
+        const Sample* anchor = nullptr;
+        const Sample* second = nullptr;
+        Used used = Used::kStatic;
+        std::optional<ErrorCode> refused;
+    };
+
+    [[nodiscard]] bool alive(int frame, std::size_t state) const {
+        const Frame& f = frames_[static_cast<std::size_t>(frame)];
+        return f.born <= state && state < f.died;
+    }
+    [[nodiscard]] int find(const std::string& name, std::size_t state) const;
+    int find_or_make(const std::string& name);
+    [[nodiscard]] std::vector<const Sample*> visible(int frame, std::size_t state) const;
+    [[nodiscard]] Choice choose(int frame, StampNs stamp, Policy policy, std::size_t state) const;
+    [[nodiscard]] int parent_at(int frame, StampNs stamp, Policy policy, std::size_t state,
+                                bool answering = false) const;
+    [[nodiscard]] int held_parent(int frame, StampNs stamp, std::size_t state) const;
+    [[nodiscard]] bool has_cycle(std::size_t state) const;
+    [[nodiscard]] std::vector<int> chain(int frame, StampNs stamp, Policy policy, std::size_t state,
+                                         bool answering = false) const;
+    [[nodiscard]] std::optional<ErrorCode> climb(const std::vector<int>& chain, int top,
+                                                 StampNs stamp, Policy policy, std::size_t state,
+                                                 Reply& reply, Pose& pose) const;
+    [[nodiscard]] static Pose pose_of(const Choice& choice, StampNs stamp);
+    [[nodiscard]] static Choice choose_outside(const std::vector<const Sample*>& samples,
+                                               StampNs stamp, Policy policy, bool future);
+
+    std::optional<StampNs> history_;
+    std::size_t commit_ = 0;
+    std::vector<Frame> frames_;
+    std::vector<Sample> samples_;
+    std::vector<std::size_t> clears_;
+};
+
+inline int Model::find(const std::string& name, std::size_t state) const {
+    for (std::size_t i = 0; i < frames_.size(); ++i) {
+        if (frames_[i].name == name && alive(static_cast<int>(i), state)) {
+            return static_cast<int>(i);
+        }
+    }
+    return kNone;
+}
+
+inline int Model::find_or_make(const std::string& name) {
+    const int found = find(name, commit_ + 1);
+    if (found != kNone)
+        return found;
+    frames_.push_back({name, commit_ + 1});
+    return static_cast<int>(frames_.size()) - 1;
+}
+
+/// In stamp order, one for each stamp; a static edge has just its newest pose.
+inline std::vector<const Model::Sample*> Model::visible(int frame, std::size_t state) const {
+    std::size_t cleared = 0;
+    for (const std::size_t c : clears_) {
+        if (c <= state)
+            cleared = c;
+    }
+    std::map<StampNs, const Sample*> by_stamp;
+    for (const Sample& s : samples_) {
+        if (s.child != frame || s.commit > state)
+            continue;
+        if (s.is_static) {
+            by_stamp[0] = &s;
+        } else if (s.commit > cleared) {
+            by_stamp[s.stamp] = &s;
+        }
+    }
+    std::vector<const Sample*> found;
+    for (const auto& [stamp, sample] : by_stamp) {
+        if (sample->is_static || !history_ || stamp >= by_stamp.rbegin()->first - *history_) {
+            found.push_back(sample);
+        }
+    }
+    return found;
+}
+
+inline Model::Choice Model::choose_outside(const std::vector<const Sample*>& samples, StampNs stamp,
+                                           Policy policy, bool future) {
+    Choice c;
+    c.anchor = future ? samples.back() : samples.front();
+    const StampNs beyond = future ? stamp - c.anchor->stamp : c.anchor->stamp - stamp;
+    if (policy.kind == PolicyKind::kExact) {
+        c.refused = ErrorCode::kNoSampleNear;
+    } else if (policy.kind == PolicyKind::kPrevious && future) {
+        c.used = Used::kHeld;
+        if (beyond > policy.limit)
+            c.refused = ErrorCode::kStale;
+    } else if (policy.kind == PolicyKind::kExtrapolate && beyond <= policy.limit) {
+        c.used = Used::kExtrapolated;
+        if (samples.size() > 1) {
+            c.second = future ? samples[samples.size() - 2] : samples[1];
+            if (c.second->parent != c.anchor->parent)
+                c.second = nullptr;
+        }
+    } else {
+        c.refused = ErrorCode::kExtrapolation;
+    }
+    return c;
+}
+
+inline Model::Choice Model::choose(int frame, StampNs stamp, Policy policy,
+                                   std::size_t state) const {
+    const auto samples = visible(frame, state);
+    Choice c;
+    if (samples.empty())
+        return c;
+    c.anchor = samples.back();
+    if (c.anchor->is_static)
+        return c;
+    if (policy.kind == PolicyKind::kLatest) {
+        c.used = Used::kLatest;
+        return c;
+    }
+    const auto later = std::upper_bound(samples.begin(), samples.end(), stamp,
+                                        [](StampNs t, const Sample* s) { return t < s->stamp; });
+    const Sample* after = later == samples.end() ? nullptr : *later;
+    const Sample* before = later == samples.begin() ? nullptr : *(later - 1);
+    if (before != nullptr && before->stamp == stamp) {
+        c.anchor = before;
+        c.used = Used::kExact;
+        return c;
+    }
+    if (policy.kind == PolicyKind::kNearest) {
+        const bool take_later =
+            before == nullptr || (after != nullptr && after->stamp - stamp < stamp - before->stamp);
+        c.anchor = take_later ? after : before;
+        c.used = Used::kNearest;
+        if (std::abs(c.anchor->stamp - stamp) > policy.limit)
+            c.refused = ErrorCode::kNoSampleNear;
+        return c;
+    }
+    if (before == nullptr || after == nullptr) {
+        return choose_outside(samples, stamp, policy, after == nullptr);
+    }
+    c.anchor = before;
+    c.used = Used::kHeld;
+    if (policy.kind == PolicyKind::kExact)
+        c.refused = ErrorCode::kNoSampleNear;
+    if (policy.kind == PolicyKind::kPrevious && stamp - before->stamp > policy.limit) {
+        c.refused = ErrorCode::kStale;
+    }
+    if (policy.kind == PolicyKind::kInterpolate && after->stamp - before->stamp > policy.limit) {
+        c.refused = ErrorCode::kGapTooLarge;
+    }
+    const bool mixes =
+        policy.kind == PolicyKind::kInterpolate || policy.kind == PolicyKind::kExtrapolate;
+    if (mixes && before->parent == after->parent) {
+        c.second = after;
+        c.used = Used::kInterpolated;
+    }
+    return c;
+}
+
+inline Pose Model::pose_of(const Choice& c, StampNs stamp) {
+    if (c.second == nullptr)
+        return c.anchor->pose;
+    const double u = static_cast<double>(stamp - c.anchor->stamp) /
+                     static_cast<double>(c.second->stamp - c.anchor->stamp);
+    return geometry::interpolate(c.anchor->pose, c.second->pose, u);
+}
+
+inline int Model::parent_at(int frame, StampNs stamp, Policy policy, std::size_t state,
+                            bool answering) const {
+    const Choice c = choose(frame, stamp, policy, state);
+    if (answering && c.refused)
+        return kNone;
+    if (c.anchor == nullptr || !alive(c.anchor->parent, state))
+        return kNone;
+    return c.anchor->parent;
+}
+
+inline std::vector<int> Model::chain(int frame, StampNs stamp, Policy policy, std::size_t state,
+                                     bool answering) const {
+    std::vector<int> found;
+    for (int at = frame; at != kNone && found.size() <= frames_.size();
+         at = parent_at(at, stamp, policy, state, answering)) {
+        found.push_back(at);
+    }
+    return found;
+}
+
+inline std::optional<ErrorCode> Model::climb(const std::vector<int>& chain, int top, StampNs stamp,
+                                             Policy policy, std::size_t state, Reply& reply,
+                                             Pose& pose) const {
+    pose = geometry::identity();
+    for (const int at : chain) {
+        if (at == top)
+            break;
+        const Choice c = choose(at, stamp, policy, state);
+        if (c.refused)
+            return c.refused;
+        reply.used.push_back(c.used);
+        pose = geometry::compose(pose_of(c, stamp), pose);
+        if (policy.kind == PolicyKind::kLatest && !c.anchor->is_static) {
+            reply.stamp =
+                reply.stamp < 0 ? c.anchor->stamp : std::min(reply.stamp, c.anchor->stamp);
+        }
+    }
+    return std::nullopt;
+}
+
+inline Reply Model::lookup(std::size_t state, const std::string& target, const std::string& source,
+                           std::optional<StampNs> stamp, Policy policy) const {
+    Reply reply;
+    const int t = find(target, state);
+    const int s = find(source, state);
+    if (t == kNone || s == kNone) {
+        reply.error = ErrorCode::kUnknownFrame;
+        return reply;
+    }
+    const Policy newest{PolicyKind::kLatest, 0};
+    const bool latest = policy.kind == PolicyKind::kLatest;
+    const auto meet = [&](const std::vector<int>& a, const std::vector<int>& b) {
+        for (const int x : a) {
+            if (std::find(b.begin(), b.end(), x) != b.end())
+                return x;
+        }
+        return kNone;
+    };
+    if (!stamp && !latest) {  // the latest common time
+        const auto up = chain(s, 0, newest, state);
+        const auto down = chain(t, 0, newest, state);
+        const int top = meet(up, down);
+        Reply scratch;
+        scratch.stamp = -1;
+        Pose unused;
+        if (top == kNone) {
+            reply.error = ErrorCode::kDisconnected;
+            return reply;
+        }
+        if (s == t) {
+            const Choice own = choose(s, 0, newest, state);
+            scratch.stamp = own.anchor == nullptr || own.anchor->is_static ? 0 : own.anchor->stamp;
+        } else {
+            (void)climb(up, top, 0, newest, state, scratch, unused);
+            (void)climb(down, top, 0, newest, state, scratch, unused);
+        }
+        stamp = std::max<StampNs>(0, scratch.stamp);
+    }
+    reply.stamp = latest ? -1 : *stamp;
+    const StampNs at = stamp.value_or(0);
+    auto up = chain(s, at, policy, state, true);
+    auto down = chain(t, at, policy, state, true);
+    if (meet(up, down) == kNone) {
+        up = chain(s, at, policy, state);
+        down = chain(t, at, policy, state);
+    }
+    const int top = meet(up, down);
+    if (top == kNone) {
+        reply.error = ErrorCode::kDisconnected;
+        return reply;
+    }
+    Pose from_source;
+    Pose from_target;
+    reply.error = climb(up, top, at, policy, state, reply, from_source);
+    if (!reply.error)
+        reply.error = climb(down, top, at, policy, state, reply, from_target);
+    if (reply.error)
+        return reply;
+    reply.pose = geometry::compose(geometry::inverse(from_target), from_source);
+    if (reply.stamp < 0)
+        reply.stamp = 0;
+    return reply;
+}
+
+inline std::vector<std::string> Model::frames(std::size_t state) const {
+    std::vector<std::string> names;
+    for (std::size_t i = 0; i < frames_.size(); ++i) {
+        if (alive(static_cast<int>(i), state))
+            names.push_back(frames_[i].name);
+    }
+    std::sort(names.begin(), names.end());
+    return names;
+}
+
+inline std::string Model::describe(std::size_t state, const std::string& name) const {
+    const int frame = find(name, state);
+    std::string text = name + ":";
+    if (frame == kNone) {
+        return text + " none";
+    }
+    for (const Sample* s : visible(frame, state)) {
+        const Frame& parent = frames_[static_cast<std::size_t>(s->parent)];
+        text += " " + (s->is_static ? std::string("static") : std::to_string(s->stamp)) + ">" +
+                parent.name + (alive(s->parent, state) ? "" : "(gone)");
+    }
+    return text;
+}
+
+/// From each sample to the next one its parent holds; a static edge's holds for all time.
+inline int Model::held_parent(int frame, StampNs stamp, std::size_t state) const {
+    int parent = kNone;
+    for (const Sample* s : visible(frame, state)) {
+        if ((s->is_static || s->stamp <= stamp) && alive(s->parent, state))
+            parent = s->parent;
+        if (!s->is_static && s->stamp <= stamp && !alive(s->parent, state))
+            parent = kNone;
+    }
+    return parent;
+}
+
+inline bool Model::has_cycle(std::size_t state) const {
+    std::set<StampNs> times{-1};
+    for (const Sample& s : samples_) {
+        if (!s.is_static)
+            times.insert(s.stamp);
+    }
+    for (const StampNs t : times) {
+        for (std::size_t f = 0; f < frames_.size(); ++f) {
+            int at = static_cast<int>(f);
+            if (!alive(at, state))
+                continue;
+            for (std::size_t steps = 0; at != kNone; ++steps) {
+                if (steps > frames_.size())
+                    return true;
+                at = held_parent(at, t, state);
+            }
+        }
+    }
+    return false;
+}
+
+inline void Model::set(const std::vector<Member>& batch, bool is_static) {
+    for (const Member& m : batch) {
+        const int parent = find_or_make(m.parent);
+        const int child = find_or_make(m.child);
+        samples_.push_back({child, parent, m.stamp, m.pose, commit_ + 1, is_static});
+    }
+    ++commit_;
+}
+
+inline std::set<ErrorCode> Model::refusals(const std::vector<Member>& batch, bool is_static) {
+    std::set<ErrorCode> codes;
+    for (const Member& m : batch) {
+        if (m.parent == m.child)
+            return {ErrorCode::kInvalidTransform};
+        const int child = find(m.child, commit_);
+        if (child == kNone)
+            continue;
+        const auto samples = visible(child, commit_);
+        if (samples.empty())
+            continue;
+        if (samples.back()->is_static != is_static)
+            codes.insert(ErrorCode::kStaticConflict);
+        if (!is_static && !samples.back()->is_static && history_ &&
+            m.stamp < samples.back()->stamp - *history_) {
+            codes.insert(ErrorCode::kTooOld);
+        }
+    }
+    if (!codes.empty())
+        return codes;
+    Model trial = *this;
+    trial.set(batch, is_static);
+    if (trial.has_cycle(trial.commit_))
+        codes.insert(ErrorCode::kCycle);
+    return codes;
+}
+
+inline std::optional<ErrorCode> Model::remove(const std::string& name, bool recursive) {
+    const int root = find(name, commit_);
+    if (root == kNone)
+        return ErrorCode::kUnknownFrame;
+    const Policy newest{PolicyKind::kLatest, 0};
+    std::vector<int> gone{root};
+    for (std::size_t i = 0; i < gone.size(); ++i) {
+        for (std::size_t f = 0; f < frames_.size(); ++f) {
+            const int id = static_cast<int>(f);
+            if (!alive(id, commit_) || parent_at(id, 0, newest, commit_) != gone[i])
+                continue;
+            if (!recursive)
+                return ErrorCode::kFrameInUse;
+            gone.push_back(id);
+        }
+    }
+    ++commit_;
+    for (const int id : gone)
+        frames_[static_cast<std::size_t>(id)].died = commit_;
+    return std::nullopt;
+}
+
+inline void Model::clear() {
+    clears_.push_back(++commit_);
+}
+
+}  // namespace tfdb::naive
