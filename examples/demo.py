@@ -57,15 +57,18 @@ def duration(seconds: float) -> str:
 def print_tree(buf: tfdb.Buffer) -> None:
     """Every frame under its parent, with rate, longest gap and who published."""
     edges = {edge.info.name: edge for edge in edge_summaries(buf)}
+    rows = Forest(buf.tree()).rows()
+    width = max(3 * row.depth + len(row.info.name) for row in rows) + 6
     open_levels: list[bool] = []
-    for row in Forest(buf.tree()).rows():
+    for row in rows:
         del open_levels[max(row.depth - 1, 0) :]
         guide = "".join("│  " if more else "   " for more in open_levels)
         branch = "" if row.depth == 0 else "└─ " if row.last else "├─ "
         if row.depth:
             open_levels.append(not row.last)
         name = f"   {guide}{branch}{row.info.name}"
-        print(f"{name:<64}{note(edges[row.info.name]) if row.info.name in edges else ''}".rstrip())
+        edge = edges.get(row.info.name)
+        print(f"{name:<{width}}{note(edge) if edge else ''}".rstrip())
 
 
 def note(edge: EdgeSummary) -> str:
@@ -75,6 +78,17 @@ def note(edge: EdgeSummary) -> str:
     rate = f"{info.rate:.4g} Hz" if info.rate is not None else f"{info.samples} samples"
     gap = f"longest gap {duration(edge.longest.length / 1e9)}" if edge.longest else ""
     return f"{rate:<12}{gap:<24}{info.authority}"
+
+
+def scan_frame(buf: tfdb.Buffer, target: str, otherwise: str) -> str:
+    """A frame that sounds like a lidar and that moves in the target, if there is one."""
+    names = sorted(buf.frames(), key=lambda name: ("lidar" not in name, name))
+    for name in names:
+        if any(word in name.lower() for word in ("lidar", "laser", "velodyne", "scan")):
+            found = buf.explain(target, name)
+            if found.ok and len(found.edges) > 1:
+                return name
+    return otherwise
 
 
 def synthetic_scan(frame_start: int) -> tuple[np.ndarray, np.ndarray]:
@@ -133,15 +147,18 @@ def main() -> None:
         stamps = first + np.linspace(0, last - first, STAMPS).astype(np.int64)
         with clock(f"lookup_transforms, {len(stamps):,} poses"):
             poses = buf.lookup_transforms(target, source, stamps)
-        way = np.linalg.norm(np.diff(poses[:, :3], axis=0), axis=1).sum()
-        print(f"   {source} travels {way:.2f} m in {target} in {(last - first) / 1e9:.1f} s")
+        way = np.linalg.norm(np.diff(poses[:, :3], axis=0), axis=1)
+        turn = 1 - np.abs(np.sum(poses[1:, 3:] * poses[:-1, 3:], axis=1))
+        busiest = int(stamps[np.argmax(way + turn)])
+        print(f"   {source} travels {way.sum():.2f} m in {target} in {(last - first) / 1e9:.1f} s")
 
-    with step(f"A scan of {SCAN_POINTS:,} points, each at its own stamp"):
-        points, when = synthetic_scan(max(first, middle - SWEEP_NS // 2))
+    sensor = asked.source or scan_frame(buf, target, source)
+    with step(f"A scan of {SCAN_POINTS:,} points from {sensor}, each at its own stamp"):
+        points, when = synthetic_scan(min(busiest, max(first, last - SWEEP_NS)))
         when = when.clip(first, last)
         with clock("transform_points"):
-            straight = buf.transform_points(target, source, points, when)
-        at_once = buf.transform_points(target, source, points, int(when[0]))
+            straight = buf.transform_points(target, sensor, points, when)
+        at_once = buf.transform_points(target, sensor, points, int(when[0]))
         off = np.linalg.norm(straight - at_once, axis=1).max()
         print(f"   with one stamp for all, points would be off by up to {off * 100:.1f} cm")
 

@@ -73,7 +73,7 @@ def moved(
     return tfdb.TransformStamped(parent, child, START + round(seconds * S), (x, 0, 0), rotation)
 
 
-@pytest.fixture()
+@pytest.fixture
 def maker(tmp_path: Path) -> BagMaker:
     return BagMaker(tmp_path / "made.bag")
 

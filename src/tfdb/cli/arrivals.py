@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
 
 
-Pose: TypeAlias = tuple[float, float, float, float, float, float, float]
+Numbers: TypeAlias = tuple[float, ...]
 
 
 @dataclass(frozen=True)
@@ -60,6 +60,11 @@ def _rows(data: bytes, encoding: str) -> list[tuple[str, str, int, Sequence[floa
     except (tfdb.CorruptMessage, tfdb.InvalidName):
         return []
     return [
-        (t.parent, t.child, cast("int", t.stamp), cast("Pose", (*t.translation, *t.rotation)))  # type: ignore[misc]
+        (
+            t.parent,
+            t.child,
+            cast("int", t.stamp),
+            (*cast("Numbers", t.translation), *cast("Numbers", t.rotation)),
+        )
         for t in transforms
     ]

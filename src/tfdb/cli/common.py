@@ -173,7 +173,7 @@ def explain_range(store: Buffer, target: str, source: str) -> str:
     first, last = common
     if first > last:
         return "the moving edges between them have no time in common"
-    return f"valid from {format_ns(first)} to {format_ns(last)}"
+    return f"the path is valid from {format_ns(first)} to {format_ns(last)}"
 
 
 def common_range(store: Buffer, target: str, source: str) -> tuple[int, int] | None:

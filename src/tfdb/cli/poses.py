@@ -106,7 +106,7 @@ def command(
     else:
         stamps = _between(wanted, first, last)
         poses = _poses(store, (target, source), stamps, policy, skip_missing=skip_missing)
-    kept = np.isfinite(poses).all(axis=1)
+    kept: npt.NDArray[np.bool_] = np.asarray(np.isfinite(poses).all(axis=1))
     made = Poses(target, source, stamps[kept], poses[kept], int(len(kept) - kept.sum()))
     _write(out, made)
     if as_json:
@@ -141,7 +141,7 @@ def _poses(
 ) -> npt.NDArray[np.float64]:
     missing: Literal["nan", "raise"] = "nan" if skip_missing else "raise"
     try:
-        return store.lookup_transforms(*frames, stamps, policy, missing=missing)
+        return np.asarray(store.lookup_transforms(*frames, stamps, policy, missing=missing))
     except (tfdb.Extrapolation, tfdb.NoSampleNear, tfdb.GapTooLarge, tfdb.Stale) as error:
         valid = common.explain_range(store, *frames)
         hint = "; --skip-missing leaves such stamps out"

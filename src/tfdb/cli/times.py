@@ -7,8 +7,9 @@ from decimal import Decimal
 
 import click
 
-from tfdb.io.decimal_time import NS_PER_SECOND as NS
-from tfdb.io.decimal_time import integer_ns, ns_to_seconds, seconds_to_ns
+from tfdb.io.decimal_time import NS_PER_SECOND, integer_ns, ns_to_seconds, seconds_to_ns
+
+NS = NS_PER_SECOND
 
 HINT = (
     "write seconds (12.5), nanoseconds (12500000000ns), an offset from the start (+1.5) or 'latest'"

@@ -52,8 +52,7 @@ def _body(
     for row in forest.rows():
         name = row.info.name
         body = edge_body(edges[name]) if name in edges else {"frame": name}
-        body["parent"] = row.info.parent
-        frames.append({**body, "depth": row.depth})
+        frames.append({**body, "parent": row.info.parent, "depth": row.depth})
     return {
         "files": [str(path) for path in loaded.paths],
         "time_ns": time,

@@ -93,7 +93,8 @@ class RecordingWriter:
         """Append one TFMessage, encoded as `encoding` says, received at a stamp (ns)."""
         if self._target is None:
             raise RecordingError(self._path, "the writer is not open: use it in a `with` block")
-        key = topic, authority, static
+        # Files of ROS 2 do not say who published: one connection for all of a topic.
+        key = topic, authority if self.encoding == "ros1" else "", static
         connection = self._connections.get(key)
         if connection is None:
             connection = self._target.connect(topic, authority, static)

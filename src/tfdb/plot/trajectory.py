@@ -30,7 +30,7 @@ def trajectory(path: Trajectory, *, title: str | None = None) -> Figure:
     """
     poses = np.asarray(path.poses, dtype=np.float64)
     stamps = np.asarray(path.stamps, dtype=np.int64)
-    good = np.isfinite(poses).all(axis=1) if len(poses) else np.zeros(0, dtype=bool)
+    good: npt.NDArray[np.bool_] = np.asarray(np.isfinite(poses.reshape(-1, 7)).all(axis=1))
     if not good.any():
         raise ValueError("the trajectory holds no pose to draw")
     seconds = (stamps - stamps[0]) / 1e9

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from matplotlib.font_manager import FontProperties
 from matplotlib.lines import Line2D
 from matplotlib.patches import FancyBboxPatch
-from matplotlib.textpath import TextPath
+from matplotlib.textpath import text_to_path
 
 from ..summary import Forest
 from . import style
@@ -78,11 +78,10 @@ def frame_tree(
 
 def _text_width(text: str, size: float) -> float:
     """Points, with a little to spare: on the screen's grid letters come out wider."""
-    if not text.strip():
-        return 0.0
-    # "$" starts mathematics in matplotlib; here it is a letter.
-    path = TextPath((0, 0), text.replace("$", "S"), size=size, prop=FontProperties())
-    return float(path.get_extents().x1) * 1.06
+    width, _, _ = text_to_path.get_text_width_height_descent(
+        text, FontProperties(size=size), ismath=False
+    )
+    return float(width) * 1.06
 
 
 def _note(info: FrameInfo) -> str:
@@ -141,7 +140,7 @@ def _draw(axes: Axes, nodes: dict[str, _Node], height: float) -> None:
         _draw_box(axes, node, x, y)
 
 
-def _line(info: FrameInfo) -> dict[str, str | float]:
+def _line(info: FrameInfo) -> dict[str, Any]:
     if info.is_static:
         return {"color": style.STATIC, "linewidth": 0.8}
     return {"color": style.MOVING, "linewidth": 1.4}

@@ -1,0 +1,157 @@
+"""``tfdb convert``: the transforms of a recording in another kind of file."""
+
+from __future__ import annotations
+
+from contextlib import ExitStack
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+import tfdb
+from tfdb.io import Recording, RecordingWriter, write_trajectory
+
+from . import common, output
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping, Sequence
+
+    from tfdb.io import Source
+
+RECORDINGS = (".bag", ".mcap", ".db3")
+TRAJECTORIES = (".tum", ".csv", ".npz")
+
+
+@dataclass
+class Written:
+    """What came of it: `skipped` messages were no TFMessages."""
+
+    messages: int = 0
+    transforms: int = 0
+    skipped: int = 0
+
+
+@click.command("convert")
+@click.argument("files", nargs=-1, required=True, metavar="IN...")
+@click.argument("out")
+@click.option(
+    "--frames",
+    nargs=2,
+    metavar="TARGET SOURCE",
+    help="For .tum, .csv and .npz: write T[TARGET<-SOURCE] at each stored stamp.",
+)
+@click.option("--compress", is_flag=True, help="zstd for .mcap, lz4 for .bag.")
+@click.option("--overwrite", is_flag=True, help="Replace OUT if it exists.")
+@common.topic_option
+@common.json_option
+@common.reports_errors("convert")
+def command(
+    *,
+    files: tuple[str, ...],
+    out: str,
+    frames: tuple[str, str] | None,
+    compress: bool,
+    overwrite: bool,
+    topics: tuple[str, ...],
+    as_json: bool,
+) -> None:
+    """Write the transforms of IN to OUT: .bag, .mcap, .db3, or a trajectory (.tum, .csv, .npz).
+
+    Between recordings each message keeps its topic, its time of reception and its publisher (where
+    OUT can hold it); everything that is no transform is left out. Several INs become one OUT.
+    """
+    path = Path(out)
+    suffix = path.suffix.lower()
+    if suffix not in RECORDINGS + TRAJECTORIES:
+        listed = ", ".join(RECORDINGS + TRAJECTORIES)
+        raise click.UsageError(f"{out!r} ends in none of {listed}")
+    if (frames is not None) != (suffix in TRAJECTORIES):
+        raise click.UsageError(f"--frames TARGET SOURCE goes with {', '.join(TRAJECTORIES)}")
+    inputs = common.find_paths(files)
+    if path.exists() and not overwrite:
+        raise click.ClickException(f"{out}: exists already; --overwrite replaces it")
+    if frames is not None:
+        written = _trajectory(files, path, frames, topics)
+    else:
+        written = _recording(inputs, path, common.parse_topics(topics), compress=compress)
+    if as_json:
+        output.emit_json("convert", _body(inputs, out, written))
+        return
+    what = f"{written.transforms:,} transforms in {written.messages:,} messages"
+    if frames is not None:
+        what = f"{written.transforms:,} poses of {frames[1]} in {frames[0]}"
+    click.echo(f"{out}: {what}" + (f", {written.skipped:,} broken" if written.skipped else ""))
+
+
+def _body(inputs: Sequence[Path], out: str, written: Written) -> dict[str, Any]:
+    return {
+        "files": [str(path) for path in inputs],
+        "output": out,
+        "messages": written.messages,
+        "transforms": written.transforms,
+        "skipped": written.skipped,
+    }
+
+
+def _trajectory(
+    files: Sequence[str], out: Path, frames: tuple[str, str], topics: Sequence[str]
+) -> Written:
+    loaded = common.load(files, topics)
+    common.check_frames(loaded.store, *frames)
+    path = loaded.store.trajectory(*frames)
+    write_trajectory(out, path)
+    return Written(loaded.report.messages, len(path.stamps))
+
+
+def _recording(
+    inputs: Sequence[Path], out: Path, renamed: Mapping[str, str] | None, *, compress: bool
+) -> Written:
+    written = Written()
+    with ExitStack() as stack:
+        recordings = [stack.enter_context(Recording(path)) for path in inputs]
+        recordings.sort(key=lambda recording: recording.start)
+
+        def wanted(source: Source) -> bool:
+            return renamed is None or source.topic in renamed
+
+        sources = [s for recording in recordings for s in recording.sources if wanted(s)]
+        if not sources:
+            found = {topic.name for recording in recordings for topic in recording.topics}
+            listed = ", ".join(sorted(found)) or "none at all"
+            raise click.ClickException(f"none of the topics is there to convert; found: {listed}")
+        total = sum(source.messages for source in sources)
+        writer = stack.enter_context(RecordingWriter(out, compress=compress, overwrite=True))
+        update = stack.enter_context(common.progress_bar("converting"))
+        for recording in recordings:
+            _copy(recording, writer, wanted, renamed or {}, written)
+            if update is not None:
+                update(written.messages + written.skipped, total)
+    return written
+
+
+def _copy(
+    recording: Recording,
+    writer: RecordingWriter,
+    wanted: Callable[[Source], bool],
+    renamed: Mapping[str, str],
+    written: Written,
+) -> None:
+    for source, received, data in recording.messages(wanted):
+        try:
+            transforms = tfdb.decode_tf_message(data, source.encoding)
+            made = tfdb.encode_tf_message(transforms, writer.encoding)
+        except (tfdb.CorruptMessage, tfdb.InvalidName, tfdb.InvalidStamp):
+            written.skipped += 1
+            continue
+        topic = renamed.get(source.topic, source.topic)
+        topic = topic if topic.startswith("/") else f"/{topic}"
+        writer.write(
+            made,
+            received,
+            topic=topic,
+            static=topic.endswith("/tf_static"),
+            authority="" if source.authority == source.topic else source.authority,
+        )
+        written.messages += 1
+        written.transforms += len(transforms)

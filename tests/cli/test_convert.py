@@ -1,0 +1,126 @@
+"""`tfdb convert`: the same transforms in another file."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+
+import tfdb
+from tfdb.io import Recording
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from conftest import Tool
+
+pytest.importorskip("rosbags")
+
+
+def same(one: tfdb.Buffer, other: tfdb.Buffer) -> None:
+    assert one.frames() == other.frames()
+    for name in one.frames():
+        info = one.frame_info(name)
+        if info.parent is None:
+            continue
+        assert info.is_static == other.frame_info(name).is_static
+        for mine, theirs in zip(one.samples(name), other.samples(name), strict=True):
+            assert np.array_equal(mine, theirs)
+
+
+def arrivals(path: Path) -> list[tuple[str, int]]:
+    with Recording(path) as recording:
+        return [(source.topic, received) for source, received, _ in recording.messages()]
+
+
+@pytest.mark.parametrize("suffix", [".mcap", ".bag", ".db3"])
+@pytest.mark.parametrize("name", ["pr2.bag", "pr2.mcap"])
+def test_there_and_back(tool: Tool, bag: Path, tmp_path: Path, name: str, suffix: str) -> None:
+    source = bag.with_name(name)
+    out, back = tmp_path / f"out{suffix}", tmp_path / f"back{source.suffix}"
+    body = tool("convert", source, out, "--json").json
+    assert set(body) == {
+        "tfdb",
+        "command",
+        "files",
+        "output",
+        "messages",
+        "transforms",
+        "skipped",
+    }
+    assert (body["messages"], body["transforms"], body["skipped"]) == (750, 7180, 0)
+    tool("convert", out, back)
+    original = tfdb.load(source)
+    same(original, tfdb.load(out))
+    same(original, tfdb.load(back))
+    assert sorted(arrivals(source)) == sorted(arrivals(out)) == sorted(arrivals(back))
+
+
+def test_compressed(tool: Tool, bag: Path, tmp_path: Path) -> None:
+    small, large = tmp_path / "small.mcap", tmp_path / "large.mcap"
+    tool("convert", bag, large)
+    tool("convert", bag, small, "--compress")
+    assert small.stat().st_size < large.stat().st_size / 2
+    same(tfdb.load(small), tfdb.load(large))
+
+
+def test_publishers_are_kept_where_the_file_can_hold_them(
+    tool: Tool, bag: Path, tmp_path: Path
+) -> None:
+    out = tmp_path / "out.bag"
+    tool("convert", bag, out)
+    assert tfdb.load(out).frame_info("odom").authority == "/localization"
+
+
+def test_trajectory(tool: Tool, mcap: Path, tmp_path: Path) -> None:
+    out = tmp_path / "base.tum"
+    said = tool("convert", mcap, out, "--frames", "map", "base_link").out
+    path = tfdb.load(mcap).trajectory("map", "base_link")
+    assert f"{len(path.stamps)} poses of base_link in map" in said
+    rows = [line for line in out.read_text().splitlines() if not line.startswith("#")]
+    assert len(rows) == len(path.stamps)
+
+
+def test_renamed_topics(tool: Tool, mcap: Path, tmp_path: Path) -> None:
+    out = tmp_path / "robot1.mcap"
+    options = ("--topic", "/tf:/robot1/tf", "--topic", "/tf_static:/robot1/tf_static")
+    tool("convert", mcap, out, *options)
+    assert {topic for topic, _ in arrivals(out)} == {"/robot1/tf", "/robot1/tf_static"}
+    same(tfdb.load(mcap), tfdb.load(out))
+
+
+def test_real_robot(tool: Tool, shared_data: Path, tmp_path: Path) -> None:
+    bag = shared_data / "panda" / "rosbagFrankaPanda.bag"
+    out = tmp_path / "panda.mcap"
+    tool("convert", bag, out)
+    same(tfdb.load(bag), tfdb.load(out))
+    assert out.stat().st_size < bag.stat().st_size
+
+
+def test_existing_file_stays(tool: Tool, mcap: Path, tmp_path: Path) -> None:
+    out = tmp_path / "out.bag"
+    out.write_text("precious")
+    said = tool("convert", mcap, out, code=2).error
+    assert "--overwrite" in said
+    assert out.read_text() == "precious"
+    tool("convert", mcap, out, "--overwrite")
+    assert out.read_bytes().startswith(b"#ROSBAG")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (("out.doc",), "none of .bag"),
+        (("out.tum",), "--frames TARGET SOURCE"),
+        (("out.bag", "--frames", "map", "odom"), "--frames TARGET SOURCE"),
+        (("out.bag", "--topic", "/none"), "/tf_static"),
+        (("out.tum", "--frames", "map", "odm"), "'odom'"),
+    ],
+)
+def test_refused(
+    tool: Tool, mcap: Path, tmp_path: Path, arguments: tuple[str, ...], words: str
+) -> None:
+    out, *options = arguments
+    assert words in tool("convert", mcap, tmp_path / out, *options, code=2).error
+    assert list(tmp_path.iterdir()) == []
