@@ -15,9 +15,11 @@ import numpy as np
 import pytest
 
 import tfdb
+from compat.exact import evaluate
 from compat.tf2_oracle import REPOSITORY, Tf2Oracle, pose_difference, set_line, unavailable
 
 TOLERANCE = 1e-12
+TF2_SLOW = 1e-7  # where tf2 does not interpolate a turn of less than 1.5e-8 rad, metres away
 SECOND = 1_000_000_000
 FOR_EVER = 10**9 * SECOND
 PAIRS, STAMPS = 80, 40
@@ -103,7 +105,8 @@ def test_poses_agree_with_tf2(tf2: Tf2Oracle, path: Path) -> None:
     answers = tf2.run(script + [f"get {t} {s} {stamp}" for t, s, stamp in asked])
     assert all(answer.word == "ok" for answer in answers[: len(script)])
 
-    found = 0
+    found = slow = 0
+    by_name = {c: pose for _, c, _, pose in static}, {(c, t): pose for _, c, t, pose in moving}
     for (target, source, stamp), theirs in zip(asked, answers[len(script) :], strict=True):
         where = f"{target} <- {source} at {stamp}: {theirs}"
         if theirs.pose is None:
@@ -113,8 +116,13 @@ def test_poses_agree_with_tf2(tf2: Tf2Oracle, path: Path) -> None:
         found += 1
         ours = buffer.lookup_transform(target, source, stamp)
         assert ours.stamp == theirs.stamp, where
-        assert pose_difference(np.array(ours.pose), theirs.pose)[0] <= TOLERANCE, where
-    print(f"{found} poses of {len(asked)} questions agree")
+        exact, blind = evaluate(ours, *by_name)
+        slow += blind
+        assert pose_difference(ours.pose, exact)[0] <= TOLERANCE, where
+        assert pose_difference(ours.pose, theirs.pose)[0] <= (TF2_SLOW if blind else TOLERANCE), (
+            where
+        )
+    print(f"{found} poses of {len(asked)} questions agree, {slow} where tf2 misses a slow turn")
     assert found > len(asked) // 4
 
 
@@ -133,6 +141,11 @@ def test_batches_agree_with_tf2(tf2: Tf2Oracle, path: Path) -> None:
     stamps = np.sort(np.concatenate([stamps, (stamps[:-1] + stamps[1:]) // 2]))
     script = tf2_script(static, moving)
     answers = tf2.run(script + [f"get {parent} {child} {stamp}" for stamp in stamps])
-    theirs = [answer.pose for answer in answers[len(script) :]]
+    theirs = np.array([answer.pose for answer in answers[len(script) :]])
     ours = buffer.lookup_transforms(parent, child, stamps)
-    assert pose_difference(ours, np.array(theirs)).max() <= TOLERANCE
+    by_name = {c: pose for _, c, _, pose in static}, {(c, t): pose for _, c, t, pose in moving}
+    singles = (buffer.lookup_transform(parent, child, stamp) for stamp in stamps)
+    exact, blind = zip(*(evaluate(single, *by_name) for single in singles), strict=True)
+    assert pose_difference(ours, np.array(exact)).max() <= TOLERANCE
+    allowed = np.where(blind, TF2_SLOW, TOLERANCE)
+    assert (pose_difference(ours, theirs) <= allowed).all()
