@@ -47,7 +47,7 @@ class _RosbagsContainer:
 
     def __init__(self, path: Path, reader: Any) -> None:
         self._path = path
-        self._reader = reader
+        self._reader: Any = reader
         self.start: int = reader.start_time
         connections = reader.connections
         counts: dict[tuple[str, str], int] = {}
@@ -85,5 +85,7 @@ class _RosbagsContainer:
             check_count(self._path, source, found[id_])
 
     def close(self) -> None:
-        """Close the file."""
-        self._reader.close()
+        """Close the file; again is fine."""
+        reader, self._reader = self._reader, None
+        if reader is not None:
+            reader.close()

@@ -194,7 +194,7 @@ def _read_rows(lines: _Lines, row: _Row) -> Trajectory:
             raise lines.error(number, str(error)) from None
         if row.w_first:
             pose.append(pose.pop(3))
-        norm_squared = pose[3] ** 2 + pose[4] ** 2 + pose[5] ** 2 + pose[6] ** 2
+        norm_squared = sum(value * value for value in pose[3:])
         if not abs(norm_squared - 1.0) <= MAX_NORM_ERROR:
             raise lines.error(
                 number, f"the quaternion is not of unit length: {math.sqrt(norm_squared):.6g}"
@@ -267,8 +267,8 @@ def _read_kitti(lines: _Lines, times: Path) -> Trajectory:
         raise lines.error(None, f"{len(rows)} poses, but {len(stamps)} stamps in {times}")
     matrices = np.array(rows, dtype=np.float64).reshape(-1, 3, 4)
     rotations = matrices[:, :, :3]
-    product = rotations @ rotations.transpose(0, 2, 1)
     with np.errstate(over="ignore", invalid="ignore"):
+        product = rotations @ rotations.transpose(0, 2, 1)
         off = np.abs(product - np.eye(3)).max(axis=(1, 2))
         bad = np.flatnonzero(~(off <= MAX_MATRIX_ERROR) | ~(np.linalg.det(rotations) > 0))
     if len(bad):

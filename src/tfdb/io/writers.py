@@ -45,9 +45,9 @@ def write_recording(
     """Write all transforms of one snapshot of a store to a `.bag`, `.mcap` or `.db3` file.
 
     Static transforms come first, in one message on `/tf_static`. Then, in order of the stamps, one
-    message on `/tf` for all samples with the same stamp (in bags also with the same authority, which
-    becomes the publishing node). Messages are received at their stamp. The file appears under its
-    name when it is complete.
+    message on `/tf` for all samples with the same stamp. In bags, authorities have messages of
+    their own and become the publishing nodes. Messages are received at their stamp. The file
+    appears under its name when it is complete.
 
     Parameters
     ----------

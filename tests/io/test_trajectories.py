@@ -1,0 +1,267 @@
+"""Trajectory files: what is read, what is refused, and that files survive a round trip."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import tfdb
+from tfdb.io import into_buffer, read_trajectory, write_npz, write_trajectory
+from tfdb.io.trajectories import quaternions_from_matrices
+from tfdb.io.trajectory_writers import matrices_from_quaternions
+
+HALF = np.sqrt(0.5)
+
+
+def random_trajectory(count: int = 200) -> tfdb.Trajectory:
+    rng = np.random.default_rng(7)
+    poses = rng.normal(size=(count, 7))
+    poses[:, 3:] /= np.linalg.norm(poses[:, 3:], axis=1, keepdims=True)
+    stamps = np.cumsum(rng.integers(1, 2**40, count)) + 1_700_000_000_000_000_000
+    return tfdb.Trajectory("map", "base", stamps.astype(np.int64), poses)
+
+
+def test_tum(tmp_path: Path) -> None:
+    path = tmp_path / "a.txt"
+    path.write_text(
+        "# a comment\r\n\n1311868163.8697 1 2 3 0 0 0.7071067811865476 0.7071067811865476\r\n"
+        "  1311868163.870000001\t-1.5e0 2 3 0 0 0 -1 \n"
+    )
+    found = read_trajectory(path, target="map", source="camera")
+    assert (found.target, found.source) == ("map", "camera")
+    assert found.stamps.tolist() == [1311868163869700000, 1311868163870000001]
+    assert np.allclose(found.poses, [[1, 2, 3, 0, 0, HALF, HALF], [-1.5, 2, 3, 0, 0, 0, -1]])
+
+
+def test_euroc(tmp_path: Path) -> None:
+    path = tmp_path / "data.csv"
+    rest = ",0.1" * 9
+    path.write_text(
+        "#timestamp, p_RS_R_x [m], p_RS_R_y [m], ...\n"
+        f"1403636580838555648,4.6,-1.7,0.6,0.5,-0.5,0.5,-0.5{rest}\n"
+        f"1403636580843555648, 4.7, -1.8, 0.7, 1, 0, 0, 0{rest}\n"
+    )
+    found = read_trajectory(path)
+    assert found.stamps.tolist() == [1403636580838555648, 1403636580843555648]
+    assert found.poses.tolist() == [
+        [4.6, -1.7, 0.6, -0.5, 0.5, -0.5, 0.5],
+        [4.7, -1.8, 0.7, 0, 0, 0, 1],
+    ]
+
+
+def test_euroc_with_a_heading_without_hash(tmp_path: Path) -> None:
+    path = tmp_path / "data.csv"
+    path.write_text("timestamp,x,y,z,qw,qx,qy,qz\n5,1,2,3,1,0,0,0\n")
+    assert read_trajectory(path, "euroc").poses.tolist() == [[1, 2, 3, 0, 0, 0, 1]]
+
+
+def test_kitti(tmp_path: Path) -> None:
+    path = tmp_path / "00.txt"
+    path.write_text("1 0 0 1 0 1 0 2 0 0 1 3\n0 -1 0 4 1 0 0 5 0 0 1 6\n")
+    times = tmp_path / "00_times.txt"
+    times.write_text("0.000000e+00\n1.037359e-01\n")
+    for found in (read_trajectory(path), read_trajectory(path, "kitti", times=times)):
+        assert found.stamps.tolist() == [0, 103735900]
+        assert np.allclose(found.poses, [[1, 2, 3, 0, 0, 0, 1], [4, 5, 6, 0, 0, HALF, HALF]])
+
+
+def test_times_beside_the_poses(tmp_path: Path) -> None:
+    (tmp_path / "poses.txt").write_text("1 0 0 1 0 1 0 2 0 0 1 3\n")
+    (tmp_path / "times.txt").write_text("2.5\n")
+    assert read_trajectory(tmp_path / "poses.txt").stamps.tolist() == [2_500_000_000]
+
+
+def test_real_tum_file(shared_data: Path) -> None:
+    path = shared_data / "trajectories" / "fr2_desk_groundtruth.txt"
+    rows = [line.split() for line in path.read_text().splitlines() if not line.startswith("#")]
+    unique = {row[0]: row for row in rows}
+    found = read_trajectory(path)
+    # One stamp of this file is there twice; as in a store, the later line counts.
+    assert len(rows) == 20957
+    assert len(found) == len(unique) == 20956
+    for index, row in enumerate(unique.values()):
+        whole, fraction = row[0].split(".")
+        assert found.stamps[index] == int(whole) * 10**9 + int(fraction) * 10**5
+    raw = np.array([[float(x) for x in row[1:]] for row in unique.values()])
+    raw[:, 3:] /= np.linalg.norm(raw[:, 3:], axis=1, keepdims=True)
+    assert np.abs(found.poses - raw).max() < 1e-15
+
+
+def test_real_kitti_file(shared_data: Path) -> None:
+    path = shared_data / "trajectories" / "KITTI_00_gt.txt"
+    found = read_trajectory(path)
+    raw = np.loadtxt(path).reshape(-1, 3, 4)
+    assert len(found) == len(raw) == 4541
+    assert np.array_equal(found.poses[:, :3], raw[:, :, 3])
+    # The file has seven digits.
+    assert np.abs(matrices_from_quaternions(found.poses[:, 3:]) - raw[:, :, :3]).max() < 1e-5
+    assert found.stamps[1] == 103735900
+
+
+@pytest.mark.parametrize("format", ["tum", "euroc", "csv"])
+def test_round_trip_is_exact(tmp_path: Path, format: str) -> None:  # noqa: A002
+    trajectory = random_trajectory()
+    path = tmp_path / "trajectory.any"
+    write_trajectory(path, trajectory, format)
+    found = read_trajectory(path)
+    assert np.array_equal(found.stamps, trajectory.stamps)
+    assert np.array_equal(found.poses, trajectory.poses)
+
+
+def test_kitti_round_trip(tmp_path: Path) -> None:
+    trajectory = random_trajectory()
+    write_trajectory(tmp_path / "a.txt", trajectory, "kitti")
+    found = read_trajectory(tmp_path / "a.txt")
+    assert np.array_equal(found.stamps, trajectory.stamps)
+    signs = np.where(trajectory.poses[:, 6:] < 0, -1, 1)
+    assert np.abs(found.poses[:, 3:] - signs * trajectory.poses[:, 3:]).max() < 1e-14
+    assert np.array_equal(found.poses[:, :3], trajectory.poses[:, :3])
+
+
+def test_npz(tmp_path: Path) -> None:
+    trajectory = random_trajectory()
+    write_npz(tmp_path / "a.npz", trajectory)
+    with np.load(tmp_path / "a.npz") as found:
+        assert np.array_equal(found["stamps"], trajectory.stamps)
+        assert np.array_equal(found["poses"], trajectory.poses)
+
+
+@pytest.mark.parametrize("name", ["a.tum", "a.txt", "a.csv", "a.npz"])
+def test_format_by_name(tmp_path: Path, name: str) -> None:
+    write_trajectory(tmp_path / name, random_trajectory(3))
+    assert (tmp_path / name).stat().st_size > 100
+
+
+def test_unknown_format_by_name(tmp_path: Path) -> None:
+    with pytest.raises(tfdb.TrajectoryError, match="no trajectory format 'xyz'"):
+        write_trajectory(tmp_path / "a.xyz", random_trajectory(3))
+    assert not (tmp_path / "a.xyz").exists()
+
+
+def test_quaternions_from_matrices() -> None:
+    quaternions = random_trajectory(2000).poses[:, 3:]
+    # Half turns are where formulas with branches go wrong.
+    turns = np.array([[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0], [HALF, HALF, 0, 0], [0, 0, 0, 1]])
+    quaternions = np.vstack((quaternions, turns))
+    found = quaternions_from_matrices(matrices_from_quaternions(quaternions))
+    assert np.abs(np.abs(np.sum(found * quaternions, axis=1)) - 1).max() < 1e-14
+    assert (found[:, 3] >= 0).all()
+
+
+UNIT = "0 0 0 0 0 0 1"
+BAD_TUM = [
+    (f"1.0 {UNIT}\n0.5 {UNIT}\n", 2, "500000000 ns does not lie after 1000000000 ns"),
+    (f"1.0 {UNIT}\n# x\n2.0 0 0 0 0 0 1\n", 3, "7 columns"),
+    (f"1.0 {UNIT}\n2.0 0 0 zero 0 0 0 1\n", 2, "'zero' is not a number"),
+    (f"1.0 {UNIT}\nabc {UNIT}\n", 2, "'abc' is not a number of seconds"),
+    (f"-1.0 {UNIT}\n", 1, "negative"),
+    ("1.0 0 0 0 0 0 0 nan\n", 1, "not a finite number"),
+    ("1.0 0 inf 0 0 0 0 1\n", 1, "not a finite number"),
+    ("1.0 0 1_0 0 0 0 0 1\n", 1, "not a finite number"),
+    ("1.0 0 0 0 0 0 0 1.01\n", 1, "not of unit length: 1.01"),
+    ("1.0 0 0 0 0 0 0 0\n", 1, "not of unit length: 0"),
+    ("1.0 0 0 0 1e200 0 0 1e200\n", 1, "not of unit length"),
+    (f"99999999999 {UNIT}\n", 1, "beyond the greatest stamp"),
+    ("", None, "no pose"),
+    ("# only a comment\n\n", None, "no pose"),
+    ("1 2 3\n", 1, "3 columns are neither"),
+    ("1,2,3\n", 1, "3 columns are neither"),
+]
+
+
+@pytest.mark.parametrize(("text", "line", "reason"), BAD_TUM)
+def test_bad_lines(tmp_path: Path, text: str, line: int | None, reason: str) -> None:
+    path = tmp_path / "bad.txt"
+    path.write_text(text)
+    with pytest.raises(tfdb.TrajectoryError) as caught:
+        read_trajectory(path)
+    assert (caught.value.path, caught.value.line) == (str(path), line)
+    assert reason in str(caught.value.reason)
+    assert str(caught.value).startswith(f"{path}{'' if line is None else f':{line}'}: ")
+
+
+BAD_EUROC = [
+    ("1.5,0,0,0,1,0,0,0\n", 1, "not an integer number of nanoseconds"),
+    ("2,0,0,0,1,0,0,0\n1,0,0,0,1,0,0,0\n", 2, "does not lie after"),
+    ("2,0,0,0,1,0,0,0\n3,0,0,0,1,0,0\n", 2, "7 columns"),
+    ("x,y\nx,y\n", 1, "2 columns are neither"),
+]
+
+
+@pytest.mark.parametrize(("text", "line", "reason"), BAD_EUROC)
+def test_bad_euroc(tmp_path: Path, text: str, line: int, reason: str) -> None:
+    path = tmp_path / "bad.csv"
+    path.write_text(text)
+    with pytest.raises(tfdb.TrajectoryError) as caught:
+        read_trajectory(path)
+    assert caught.value.line == line
+    assert reason in str(caught.value.reason)
+
+
+IDENTITY = "1 0 0 0 0 1 0 0 0 0 1 0\n"
+BAD_KITTI = [
+    (IDENTITY, None, None, "neither"),
+    (IDENTITY * 2, "1.0\n", None, "2 poses, but 1 stamps"),
+    (IDENTITY + "1 0\n", "1\n2\n", 2, "2 columns instead of the 12"),
+    (IDENTITY + "2 0 0 0 0 1 0 0 0 0 1 0\n", "1\n2\n", 2, "not a rotation"),
+    (IDENTITY + "-1 0 0 0 0 1 0 0 0 0 1 0\n", "1\n2\n", 2, "not a rotation"),
+    ("1e200 0 0 0 0 1e200 0 0 0 0 1e200 0\n", "1\n", 1, "not a rotation"),
+    (IDENTITY * 2, "2\n1\n", 2, "does not lie after"),
+    (IDENTITY * 2, "1\n1\n", 2, "does not lie after"),
+    (IDENTITY, "one\n", 1, "not a number of seconds"),
+]
+
+
+@pytest.mark.parametrize(("poses", "times", "line", "reason"), BAD_KITTI)
+def test_bad_kitti(
+    tmp_path: Path, poses: str, times: str | None, line: int | None, reason: str
+) -> None:
+    (tmp_path / "p.txt").write_text(poses)
+    if times is not None:
+        (tmp_path / "p_times.txt").write_text(times)
+    with pytest.raises(tfdb.TrajectoryError) as caught:
+        read_trajectory(tmp_path / "p.txt")
+    assert caught.value.line == line
+    assert reason in str(caught.value.reason)
+
+
+def test_not_text(tmp_path: Path) -> None:
+    path = tmp_path / "a.txt"
+    path.write_bytes(b"\x89MCAP0\r\n\0\0")
+    with pytest.raises(tfdb.TrajectoryError, match="binary file"):
+        read_trajectory(path)
+    path.write_bytes(b"# a\n# b\n1.0 \xff\n")
+    with pytest.raises(tfdb.TrajectoryError, match="not UTF-8") as caught:
+        read_trajectory(path)
+    assert caught.value.line == 3
+
+
+def test_wrong_arguments(tmp_path: Path) -> None:
+    path = tmp_path / "a.txt"
+    path.write_text(f"1.0 {UNIT}\n")
+    with pytest.raises(tfdb.TrajectoryError, match="unknown format 'bag'"):
+        read_trajectory(path, "bag")  # type: ignore[arg-type]
+    with pytest.raises(tfdb.TrajectoryError, match="belongs to KITTI"):
+        read_trajectory(path, times=path)
+    with pytest.raises(FileNotFoundError):
+        read_trajectory(tmp_path / "none.txt")
+
+
+def test_into_buffer() -> None:
+    trajectory = random_trajectory()
+    buffer = tfdb.Buffer(history=None)
+    assert into_buffer(buffer, "map", "base", trajectory, authority="file") == 1
+    stamps, poses, parents = buffer.samples("base")
+    assert np.array_equal(stamps, trajectory.stamps)
+    assert np.abs(poses - trajectory.poses).max() < 1e-15
+    assert set(parents) == {"map"}
+    assert buffer.frame_info("base").authority == "file"
+
+
+def test_into_buffer_is_all_or_nothing() -> None:
+    buffer = tfdb.Buffer(history=None)
+    buffer.set_static_transform("map", "base", (1, 2, 3))
+    with pytest.raises(tfdb.StaticConflict):
+        into_buffer(buffer, "map", "base", random_trajectory())
+    assert buffer.commit == 1
+    assert buffer.frames() == ["base", "map"]
