@@ -110,7 +110,9 @@ def _words(shown: str, text: str, room: str, words: dict[str, list[str]]) -> Ite
             continue
         for match in re.finditer(re.escape(word), code):
             line = code.count("\n", 0, match.start()) + 1
-            yield Violation("word", shown, line, f"`{word}` belongs to {', '.join(where) or 'no room'}")
+            yield Violation(
+                "word", shown, line, f"`{word}` belongs to {', '.join(where) or 'no room'}"
+            )
 
 
 def _class_headers(shown: str, text: str) -> Iterator[Violation]:
