@@ -78,11 +78,9 @@ void add_moving(State& state, const ChainEdge& edge, const Rule& rule) {
     }
     Locator& locator = state.locators[state.used_locators];
     locator.prepare(edge.track.stamps, edge.track.size, state.queries);
-    const bool plain =
-        is_plain(edge.track, rule, state.queries, locator.low(), locator.high());
+    const bool plain = is_plain(edge.track, rule, state.queries, locator.low(), locator.high());
     state.may_refuse |= !plain;
-    state.steps.push_back(
-        Step{identity(), &edge.track, edge.inverted, plain, state.used_locators});
+    state.steps.push_back(Step{identity(), &edge.track, edge.inverted, plain, state.used_locators});
     ++state.used_locators;
 }
 
@@ -137,9 +135,9 @@ std::size_t mark_lone(State& state, const Rule& rule, const StampNs* stamps, std
     std::fill_n(state.index, whole, 0U);
     std::size_t refused = 0;
     for (const TrackView* track : state.lone) {
-        refused += select_block(*track, rule, stamps, state.index, whole, state.weights,
-                                state.refused)
-                       .refused;
+        refused +=
+            select_block(*track, rule, stamps, state.index, whole, state.weights, state.refused)
+                .refused;
     }
     return refused;
 }
@@ -213,8 +211,8 @@ void join_moving(State& state, const Step& step, const Rule& rule, const StampNs
     if (step.plain) {
         state.kernels.weigh(track.stamps, stamps, state.index, whole, state.weights);
     } else {
-        const BlockSelection selected = select_block(track, rule, stamps, state.index, whole,
-                                                     state.weights, state.refused);
+        const BlockSelection selected =
+            select_block(track, rule, stamps, state.index, whole, state.weights, state.refused);
         if (selected.outside) {
             join_scalar(state, step, whole, first);
             return;

@@ -11,13 +11,15 @@ namespace {
 
 using testing::distance;
 using testing::evaluate_one;
-using testing::make_static;
 using testing::make_stamps;
+using testing::make_static;
 using testing::make_track;
 using testing::RandomPoses;
 using testing::RandomTrack;
 using testing::ScalarAnswer;
 using testing::TrackShape;
+
+using Sizes = std::initializer_list<std::size_t>;
 
 constexpr double kClose = 1e-13;
 constexpr KernelChoice kBoth[] = {KernelChoice::kBest, KernelChoice::kPortable};
@@ -105,14 +107,14 @@ TFDB_TEST(batch_poses_equal_the_scalar_loop) {
     RandomPoses random("batch_poses_equal_the_scalar_loop", 11);
     double worst = 0.0;
     for (const double turn : {0.001, 0.02, 0.15, 1.5}) {
-        for (const std::size_t size : {2, 3, 7, 300}) {
-            for (const std::size_t edges : {1, 2, 3, 6}) {
+        for (const std::size_t size : Sizes{2, 3, 7, 300}) {
+            for (const std::size_t edges : Sizes{1, 2, 3, 6}) {
                 const TrackShape shape{.size = size, .turn = turn, .flip = 0.1};
                 const Scene scene = moving_scene(random, edges, shape);
                 if (scene.low > scene.high) {
                     continue;
                 }
-                for (const std::size_t count : {1, 2, 3, 4, 5, 255, 256, 257, 3000}) {
+                for (const std::size_t count : Sizes{1, 2, 3, 4, 5, 255, 256, 257, 3000}) {
                     for (const bool sorted : {true, false}) {
                         const auto stamps = make_stamps(random, scene.tracks[0], scene.low,
                                                         scene.high, count, sorted);
@@ -178,7 +180,7 @@ TFDB_TEST(batch_obeys_every_rule_as_the_scalar_loop_does) {
                                     Selection::kExtrapolate};
     for (const Selection selection : selections) {
         for (const StampNs limit : {StampNs{0}, StampNs{900'000}, StampNs{3'000'000}, kNoLimit}) {
-            for (const std::size_t size : {1, 2, 3, 40}) {
+            for (const std::size_t size : Sizes{1, 2, 3, 40}) {
                 const TrackShape shape{.size = size, .turn = 0.2, .flip = 0.1, .new_parent = 0.2};
                 Scene scene = moving_scene(random, 2, shape);
                 const RandomTrack& track = scene.tracks[0];
@@ -238,9 +240,9 @@ TFDB_TEST(batch_that_stops_writes_nothing) {
         CHECK_EQ(result.refused, std::size_t{1});
         CHECK(std::all_of(out.begin(), out.end(), [](double v) { return v == 42.0; }));
         std::vector<float> points(3 * stamps.size(), 42.0F);
-        const BatchResult moved = transform_points(
-            scene.chain, Rule{}, stamps, stamps.size(), {points.data()},
-            {points.data()}, OnRefused::kStop, scratch);
+        const BatchResult moved =
+            transform_points(scene.chain, Rule{}, stamps, stamps.size(), {points.data()},
+                             {points.data()}, OnRefused::kStop, scratch);
         CHECK_EQ(moved.first_refused, std::size_t{1234});
         CHECK(std::all_of(points.begin(), points.end(), [](float v) { return v == 42.0F; }));
     }
@@ -278,8 +280,7 @@ void judge_points(RandomPoses& random, const Scene& scene, const PointCase& c,
     std::vector<Number> other(c.count * out_stride + 1, Number{42});
     std::vector<Number>& out = c.in_place ? in : other;
     const BatchResult result = transform_points(
-        scene.chain, Rule{}, stamps, c.count,
-        PointRows<const Number>{in.data(), c.in_stride},
+        scene.chain, Rule{}, stamps, c.count, PointRows<const Number>{in.data(), c.in_stride},
         PointRows<Number>{out.data(), static_cast<std::ptrdiff_t>(out_stride)}, OnRefused::kNan,
         scratch);
     CHECK_EQ(result.refused, std::size_t{some_refused ? 1U : 0U});
@@ -305,7 +306,7 @@ void judge_points(RandomPoses& random, const Scene& scene, const PointCase& c,
 TFDB_TEST(batch_points_move_each_at_its_own_stamp) {
     RandomPoses random("batch_points_move_each_at_its_own_stamp", 17);
     const Scene scene = moving_scene(random, 3, {.turn = 0.1});
-    for (const std::size_t count : {1, 2, 3, 5, 255, 256, 257, 1000}) {
+    for (const std::size_t count : Sizes{1, 2, 3, 5, 255, 256, 257, 1000}) {
         for (const std::ptrdiff_t stride : {3, 4, 7}) {
             for (const bool in_place : {true, false}) {
                 for (const bool one_stamp : {true, false}) {

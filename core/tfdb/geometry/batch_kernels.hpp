@@ -46,8 +46,8 @@ struct Kernels {
 
     /// One segment for the whole range: its coefficients are computed once. False, with nothing
     /// done, when the angle is wide or the ends lie on different halves of the sphere.
-    bool (*join_run)(PoseBlock& block, GroupRange range, const Pose* segment,
-                     const double* weights, Join join);
+    bool (*join_run)(PoseBlock& block, GroupRange range, const Pose* segment, const double* weights,
+                     Join join);
 
     /// A segment of its own for every position.
     void (*join_scattered)(PoseBlock& block, GroupRange range, const Pose* poses,

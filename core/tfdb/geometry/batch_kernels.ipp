@@ -55,7 +55,9 @@ struct PoseLanes {
 template <int L>
 TFDB_LANES_INLINE PoseLanes<L> load_poses(const PoseBlock& block, std::size_t i) {
     using R = Real<L>;
-    return {load<R>(block.x + i), load<R>(block.y + i), load<R>(block.z + i),
+    return {load<R>(block.x + i),
+            load<R>(block.y + i),
+            load<R>(block.z + i),
             {load<R>(block.qx + i), load<R>(block.qy + i), load<R>(block.qz + i),
              load<R>(block.qw + i)}};
 }
@@ -76,7 +78,9 @@ TFDB_LANES_INLINE PoseLanes<L> broadcast(const Pose& pose) {
     using V = Lanes<L>;
     const Vec3& t = pose.translation;
     const Quat& q = pose.rotation;
-    return {V::all(t.x), V::all(t.y), V::all(t.z),
+    return {V::all(t.x),
+            V::all(t.y),
+            V::all(t.z),
             {V::all(q.x), V::all(q.y), V::all(q.z), V::all(q.w)}};
 }
 
@@ -197,8 +201,8 @@ TFDB_LANES_INLINE Real<L> series(Real<L> x, Real<L> squared) {
 
 /// of_a a + of_b b, and one Newton step towards length one.
 template <int L>
-TFDB_LANES_INLINE QuatLanes<L> mix_lanes(const QuatLanes<L>& a, Real<L> of_a,
-                                         const QuatLanes<L>& b, Real<L> of_b) {
+TFDB_LANES_INLINE QuatLanes<L> mix_lanes(const QuatLanes<L>& a, Real<L> of_a, const QuatLanes<L>& b,
+                                         Real<L> of_b) {
     const QuatLanes<L> q{of_a * a.x + of_b * b.x, of_a * a.y + of_b * b.y, of_a * a.z + of_b * b.z,
                          of_a * a.w + of_b * b.w};
     const Real<L> scale = Lanes<L>::all(1.5) - Lanes<L>::all(0.5) * dot_lanes<L>(q, q);
@@ -326,13 +330,19 @@ bool join_run(PoseBlock& block, GroupRange range, const Pose* segment, const dou
 /// Seven consecutive doubles of each of L rows, as columns.
 TFDB_LANES_INLINE PoseLanes<2> gather(const double* r0, const double* r1) {
     using R = Real<2>;
-    R columns[8] = {load<R>(r0), load<R>(r1), load<R>(r0 + 2), load<R>(r1 + 2),
-                    load<R>(r0 + 4), load<R>(r1 + 4), {}, {}};
+    R columns[8] = {load<R>(r0),
+                    load<R>(r1),
+                    load<R>(r0 + 2),
+                    load<R>(r1 + 2),
+                    load<R>(r0 + 4),
+                    load<R>(r1 + 4),
+                    {},
+                    {}};
     for (int pair = 0; pair < 3; ++pair) {
         Lanes<2>::transpose(columns[2 * pair], columns[2 * pair + 1]);
     }
-    return {columns[0], columns[1], columns[2],
-            {columns[3], columns[4], columns[5], R{r0[6], r1[6]}}};
+    return {
+        columns[0], columns[1], columns[2], {columns[3], columns[4], columns[5], R{r0[6], r1[6]}}};
 }
 
 #ifdef __AVX2__
@@ -368,10 +378,9 @@ void join_scattered_by(PoseBlock& block, GroupRange range, const Pose* poses,
         const PoseLanes<L> a = gather_poses<L>(poses, index + i, 0);
         const PoseLanes<L> b = gather_poses<L>(poses, index + i, 1);
         const Real<L> u = load<Real<L>>(weights + i);
-        join_at<L, First, Inverted>(
-            block, i,
-            {a.x + u * (b.x - a.x), a.y + u * (b.y - a.y), a.z + u * (b.z - a.z),
-             slerp_lanes<L>(a.q, b.q, u)});
+        join_at<L, First, Inverted>(block, i,
+                                    {a.x + u * (b.x - a.x), a.y + u * (b.y - a.y),
+                                     a.z + u * (b.z - a.z), slerp_lanes<L>(a.q, b.q, u)});
     }
 }
 

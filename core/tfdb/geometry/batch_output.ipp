@@ -96,7 +96,8 @@ struct PointLanes {
 template <int L, class Number>
 TFDB_LANES_INLINE PointLanes<L> load_points(const Number* from, std::ptrdiff_t stride) {
     const auto column = [&](std::ptrdiff_t k) {
-        return Lanes<L>::make([&](int lane) { return static_cast<double>(from[lane * stride + k]); });
+        return Lanes<L>::make(
+            [&](int lane) { return static_cast<double>(from[lane * stride + k]); });
     };
     return {column(0), column(1), column(2)};
 }

@@ -68,7 +68,8 @@ void Locator::prepare(const StampNs* stamps, std::size_t size, const QueryRange&
     high_ = std::min(sample_before(stamps, size, queries.greatest) + 1, size - 1);
     cursor_ = low_;
     const std::size_t samples = high_ - low_ + 1;
-    if (queries.sorted && (queries.count >= kDense * samples || samples > kSparse * queries.count)) {
+    if (queries.sorted &&
+        (queries.count >= kDense * samples || samples > kSparse * queries.count)) {
         method_ = Method::kCursor;
     } else if (samples <= kSparse * queries.count && make_table()) {
         method_ = Method::kBuckets;
@@ -79,9 +80,15 @@ void Locator::prepare(const StampNs* stamps, std::size_t size, const QueryRange&
 
 void Locator::locate(const StampNs* queries, std::size_t count, std::uint32_t* index) noexcept {
     switch (method_) {
-        case Method::kCursor: walk(queries, count, index); break;
-        case Method::kBuckets: look_up_any(queries, count, index); break;
-        case Method::kBinary: bisect(queries, count, index); break;
+        case Method::kCursor:
+            walk(queries, count, index);
+            break;
+        case Method::kBuckets:
+            look_up_any(queries, count, index);
+            break;
+        case Method::kBinary:
+            bisect(queries, count, index);
+            break;
     }
 }
 
@@ -184,11 +191,21 @@ void Locator::look_up(const StampNs* queries, std::size_t count,
 void Locator::look_up_any(const StampNs* queries, std::size_t count,
                           std::uint32_t* index) const noexcept {
     switch (steps_) {
-        case 1: look_up<1>(queries, count, index); break;
-        case 2: look_up<2>(queries, count, index); break;
-        case 3: look_up<3>(queries, count, index); break;
-        case 4: look_up<4>(queries, count, index); break;
-        default: look_up<kMostSteps>(queries, count, index); break;
+        case 1:
+            look_up<1>(queries, count, index);
+            break;
+        case 2:
+            look_up<2>(queries, count, index);
+            break;
+        case 3:
+            look_up<3>(queries, count, index);
+            break;
+        case 4:
+            look_up<4>(queries, count, index);
+            break;
+        default:
+            look_up<kMostSteps>(queries, count, index);
+            break;
     }
 }
 

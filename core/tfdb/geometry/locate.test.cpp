@@ -9,6 +9,7 @@ namespace tfdb::geometry {
 namespace {
 
 using Method = Locator::Method;
+using Sizes = std::initializer_list<std::size_t>;
 
 std::uint32_t expected_index(const std::vector<StampNs>& stamps, StampNs query) {
     const auto above = std::upper_bound(stamps.begin(), stamps.end(), query) - stamps.begin();
@@ -55,16 +56,16 @@ TFDB_TEST(locate_agrees_with_upper_bound) {
     Locator locator;
     bool met[3] = {};
     for (const StampNs span : {StampNs{5}, StampNs{1'000}, StampNs{1'000'000'000'000}}) {
-        for (const std::size_t size : {3, 10, 300, 5000}) {
+        for (const std::size_t size : Sizes{3, 10, 300, 5000}) {
             std::vector<StampNs> stamps = random_stamps(random, size, 1000, 1000 + span, true);
             if (stamps.size() < 2) {
                 stamps = {1000, 1001};
             }
-            for (const std::size_t count : {1, 7, 400, 30'000}) {
+            for (const std::size_t count : Sizes{1, 7, 400, 30'000}) {
                 // Wider than the track, and only a part of it.
                 for (const StampNs margin : {StampNs{-1} * (span / 3), StampNs{900}}) {
-                    auto queries = random_stamps(random, count, 1000 - margin,
-                                                 1000 + span + margin, false);
+                    auto queries =
+                        random_stamps(random, count, 1000 - margin, 1000 + span + margin, false);
                     met[static_cast<int>(judge(locator, stamps, queries))] = true;
                     std::sort(queries.begin(), queries.end());
                     met[static_cast<int>(judge(locator, stamps, queries))] = true;

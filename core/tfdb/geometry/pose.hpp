@@ -60,8 +60,7 @@ constexpr Vec3 rotate(const Quat& q, const Vec3& v) noexcept {
     const double cx = 2.0 * (q.y * v.z - q.z * v.y);
     const double cy = 2.0 * (q.z * v.x - q.x * v.z);
     const double cz = 2.0 * (q.x * v.y - q.y * v.x);
-    return Vec3{(v.x + q.w * cx) + (q.y * cz - q.z * cy),
-                (v.y + q.w * cy) + (q.z * cx - q.x * cz),
+    return Vec3{(v.x + q.w * cx) + (q.y * cz - q.z * cy), (v.y + q.w * cy) + (q.z * cx - q.x * cz),
                 (v.z + q.w * cz) + (q.x * cy - q.y * cx)};
 }
 

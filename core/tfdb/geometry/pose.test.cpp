@@ -35,18 +35,17 @@ Quat reference_slerp(const Quat& from, const Quat& to, double at) {
         b = {-b.x, -b.y, -b.z, -b.w};
     }
     const long double u = at;
-    const long double apart = std::hypot(std::hypot(a.x - b.x, a.y - b.y),
-                                         std::hypot(a.z - b.z, a.w - b.w));
-    const long double along = std::hypot(std::hypot(a.x + b.x, a.y + b.y),
-                                         std::hypot(a.z + b.z, a.w + b.w));
+    const long double apart =
+        std::hypot(std::hypot(a.x - b.x, a.y - b.y), std::hypot(a.z - b.z, a.w - b.w));
+    const long double along =
+        std::hypot(std::hypot(a.x + b.x, a.y + b.y), std::hypot(a.z + b.z, a.w + b.w));
     const long double angle = 2 * std::atan2(apart, along);
     const bool still = angle == 0;
     const long double of_a = still ? 1 - u : std::sin((1 - u) * angle) / std::sin(angle);
     const long double of_b = still ? u : std::sin(u * angle) / std::sin(angle);
-    return {static_cast<double>(of_a * a.x + of_b * b.x),
-            static_cast<double>(of_a * a.y + of_b * b.y),
-            static_cast<double>(of_a * a.z + of_b * b.z),
-            static_cast<double>(of_a * a.w + of_b * b.w)};
+    return {
+        static_cast<double>(of_a * a.x + of_b * b.x), static_cast<double>(of_a * a.y + of_b * b.y),
+        static_cast<double>(of_a * a.z + of_b * b.z), static_cast<double>(of_a * a.w + of_b * b.w)};
 }
 
 /// Greatest error of slerp over random quaternions at angles of the sphere in [low, high].

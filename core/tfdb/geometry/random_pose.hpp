@@ -33,8 +33,8 @@ public:
     Quat apart(const Quat& q, double angle) {
         const Quat r = rotation();
         const double along = dot(q, r);
-        const Quat side =
-            normalized({r.x - along * q.x, r.y - along * q.y, r.z - along * q.z, r.w - along * q.w});
+        const Quat side = normalized(
+            {r.x - along * q.x, r.y - along * q.y, r.z - along * q.z, r.w - along * q.w});
         const double c = std::cos(angle);
         const double s = std::sin(angle);
         return normalized({c * q.x + s * side.x, c * q.y + s * side.y, c * q.z + s * side.z,

@@ -72,9 +72,8 @@ inline std::vector<StampNs> make_stamps(RandomPoses& random, const RandomTrack& 
     while (stamps.size() < count) {
         const bool stored = !track.stamps.empty() && random.uniform(0.0, 1.0) < 0.1;
         const StampNs last = static_cast<StampNs>(track.stamps.size()) - 1;
-        const StampNs stamp = stored
-                                  ? track.stamps[static_cast<std::size_t>(random.stamp(0, last))]
-                                  : random.stamp(low, high);
+        const StampNs stamp = stored ? track.stamps[static_cast<std::size_t>(random.stamp(0, last))]
+                                     : random.stamp(low, high);
         stamps.push_back(std::clamp(stamp, low, high));
     }
     if (sorted) {
@@ -100,8 +99,9 @@ inline ScalarAnswer evaluate_one(const std::vector<ChainEdge>& chain, const Rule
             return answer;
         }
         const bool lone = track.is_static || track.size == 1;
-        const Pose here = lone ? track.poses[0]
-                               : interpolate(track.poses[at.index], track.poses[at.index + 1], at.u);
+        const Pose here = lone
+                              ? track.poses[0]
+                              : interpolate(track.poses[at.index], track.poses[at.index + 1], at.u);
         answer.pose = compose(edge.inverted ? inverse(here) : here, answer.pose);
     }
     return answer;

@@ -15,10 +15,13 @@ Selected of_lone_sample(const Rule& rule, StampNs sample, StampNs stamp) noexcep
     const StampNs distance = std::max(age, saturating_sub(sample, stamp));
     switch (rule.selection) {
         case Selection::kInterpolate:
-        case Selection::kExact: return distance == 0 ? Selected{} : kRefused;
-        case Selection::kPrevious: return age >= 0 && age <= rule.limit ? Selected{} : kRefused;
+        case Selection::kExact:
+            return distance == 0 ? Selected{} : kRefused;
+        case Selection::kPrevious:
+            return age >= 0 && age <= rule.limit ? Selected{} : kRefused;
         case Selection::kNearest:
-        case Selection::kExtrapolate: return distance <= rule.limit ? Selected{} : kRefused;
+        case Selection::kExtrapolate:
+            return distance <= rule.limit ? Selected{} : kRefused;
     }
     return kRefused;
 }
@@ -75,9 +78,12 @@ Selected decide(const TrackView& track, const Rule& rule, StampNs stamp,
                     track.parents != nullptr && track.parents[index] != track.parents[index + 1]};
     switch (rule.selection) {
         case Selection::kInterpolate:
-        case Selection::kExtrapolate: return interpolated(rule, at, index);
-        case Selection::kPrevious: return previous(rule, at, index);
-        case Selection::kNearest: return nearest(rule, at, index);
+        case Selection::kExtrapolate:
+            return interpolated(rule, at, index);
+        case Selection::kPrevious:
+            return previous(rule, at, index);
+        case Selection::kNearest:
+            return nearest(rule, at, index);
         case Selection::kExact:
             if (stamp == at.before || stamp == at.after) {
                 return Selected{index, at.held_fraction()};
@@ -114,8 +120,8 @@ BlockSelection select_block(const TrackView& track, const Rule& rule, const Stam
     return result;
 }
 
-bool is_plain(const TrackView& track, const Rule& rule, const QueryRange& queries,
-              std::size_t low, std::size_t high) noexcept {
+bool is_plain(const TrackView& track, const Rule& rule, const QueryRange& queries, std::size_t low,
+              std::size_t high) noexcept {
     const bool interpolates = rule.selection == Selection::kInterpolate;
     if (!interpolates && rule.selection != Selection::kExtrapolate) {
         return false;

@@ -23,7 +23,7 @@ BlockSelection select_block(const TrackView& track, const Rule& rule, const Stam
 
 /// True when every stamp between the samples `low` and `high`, which enclose the queries as far as
 /// the track does, is plain interpolation and none can be refused: the fast kernels may be used.
-bool is_plain(const TrackView& track, const Rule& rule, const QueryRange& queries,
-              std::size_t low, std::size_t high) noexcept;
+bool is_plain(const TrackView& track, const Rule& rule, const QueryRange& queries, std::size_t low,
+              std::size_t high) noexcept;
 
 }  // namespace tfdb::geometry
