@@ -31,7 +31,7 @@ help:
 	@echo 'make tsan | asan      C++ tests under sanitizers'
 	@echo 'make fuzz             fuzzers, FUZZ_SECONDS=$(FUZZ_SECONDS) each (clang)'
 	@echo 'make relacy           model checks of the protocol (package relacy-dev)'
-	@echo 'make docs             API reference in docs/_build'
+	@echo 'make docs             API reference in build/docs'
 	@echo 'make wheel            sdist and wheel in dist/'
 	@echo 'make stubs | format   rewrite src/tfdb/_core.pyi | all sources'
 	@echo 'make clean            remove what was built; distclean: .venv too'
@@ -113,7 +113,7 @@ bench: $(STAMPS)/venv
 # -- upkeep ---------------------------------------------------------------------------------------
 
 docs: $(STAMPS)/dev
-	$(BIN)/python -m pdoc --docformat numpy -o docs/_build tfdb
+	$(BIN)/python tools/make_docs.py build/docs
 
 wheel: $(STAMPS)/dev
 	$(BIN)/python -m build
@@ -127,7 +127,7 @@ format: $(STAMPS)/dev
 	$(BIN)/clang-format -i $(CPP)
 
 clean:
-	rm -rf build dist out docs/_build $(STAMPS) .pytest_cache .mypy_cache .ruff_cache .hypothesis
+	rm -rf build dist out $(STAMPS) .pytest_cache .mypy_cache .ruff_cache .hypothesis
 
 distclean: clean
 	rm -rf $(VENV)

@@ -46,8 +46,8 @@ def frame_tree(
 ) -> Figure:
     """Draw all frames from left (roots) to right, moving edges in colour with their rate in Hz.
 
-    Takes a store or what its ``tree()`` returned. The picture grows with the number of frames;
-    a moving frame carries its rate, an authority in the caption counts who published.
+    Takes a store or what its ``tree()`` returned. The picture grows with the number of frames, so
+    that labels stay readable and apart.
     """
     # Only the store has a tree(); an iterable of FrameInfo is taken as it is.
     infos = list(frames.tree()) if hasattr(frames, "tree") else list(frames)

@@ -1,0 +1,73 @@
+"""Write the API reference as HTML: `python tools/make_docs.py [FOLDER]`."""
+
+from __future__ import annotations
+
+import re
+import shutil
+import sys
+import tempfile
+from pathlib import Path
+from types import FunctionType
+from typing import TYPE_CHECKING, Any
+
+import pdoc
+import pdoc.render
+
+import tfdb
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+ROOT = Path(__file__).resolve().parent.parent
+STUB = ROOT / "src" / "tfdb" / "_core.pyi"
+MODULES = ("tfdb", "tfdb.io", "tfdb.plot", "tfdb.summary")
+# Unions that would take half a page where a name says it.
+ALIAS = re.compile(r"\btfdb\.(?:stamps|types|loading)\.(\w+Like|Paths|Topics|Progress)\b")
+CONSTRUCTOR = re.compile(r"^(    def __init__\(.*\) -> None): \.\.\.$", re.MULTILINE)
+
+
+def readable_stub() -> str:
+    """Return the extension's stub as Python that pdoc can run, with short names for long types."""
+    stub = STUB.read_text(encoding="utf-8")
+    names = sorted(set(ALIAS.findall(stub)))
+    aliases = [f'{name} = typing.NewType("{name}", object)' for name in names]
+    stub = CONSTRUCTOR.sub(r'\1: """As above."""', ALIAS.sub(r"\1", stub))
+    return "\n".join(
+        ["from __future__ import annotations", "import typing", *aliases, stub, "import tfdb"]
+    )
+
+
+def as_function(original: Any) -> Callable[..., Any]:
+    """Wrap a function of the extension, which pdoc would take for a variable."""
+
+    def function(*args: Any, **kwargs: Any) -> Any:
+        return original(*args, **kwargs)
+
+    function.__name__ = function.__qualname__ = original.__name__
+    function.__module__ = "tfdb"
+    function.__doc__ = original.__doc__
+    return function
+
+
+def main() -> int:
+    """Write the pages; the folder is emptied first."""
+    out = Path(sys.argv[1]) if len(sys.argv) > 1 else ROOT / "build" / "docs"
+    shutil.rmtree(out, ignore_errors=True)
+    for name in tfdb.__all__:
+        value = getattr(tfdb, name)
+        if callable(value) and not isinstance(value, type | FunctionType):
+            setattr(tfdb, name, as_function(value))
+    tfdb.Any = Any  # type: ignore[attr-defined]  # for annotations of classes that moved there
+    with tempfile.TemporaryDirectory() as folder:
+        # The extension's classes are documented where `tfdb` exports them; pdoc finds their
+        # signatures in a stub of that name.
+        (Path(folder) / "tfdb.pyi").write_text(readable_stub(), encoding="utf-8")
+        sys.path.insert(0, folder)
+        pdoc.render.configure(docformat="numpy", show_source=False, footer_text="tfdb")
+        pdoc.pdoc(*MODULES, output_directory=out)
+    print(f"{out}/index.html")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
