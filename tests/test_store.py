@@ -1,0 +1,602 @@
+"""Writing, and looking at what was written."""
+
+from __future__ import annotations
+
+import copy
+import gc
+import pickle
+import sys
+import weakref
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from oracle import matrix, quaternion
+from robot import COUNT, MOVING, SECOND, STATIC, make_robot, stamp_of
+
+import tfdb
+
+TURN = quaternion((1, -2, 0.5), 0.9)
+BACK = quaternion((0, 1, 3), -1.4)
+
+
+def ros1_message(parent: str, child: str, stamp: int) -> object:
+    """What rospy would give: secs and nsecs."""
+    return SimpleNamespace(
+        header=SimpleNamespace(
+            frame_id=parent, stamp=SimpleNamespace(secs=stamp // SECOND, nsecs=stamp % SECOND)
+        ),
+        child_frame_id=child,
+        transform=SimpleNamespace(
+            translation=SimpleNamespace(x=1.0, y=2.0, z=3.0),
+            rotation=SimpleNamespace(x=TURN[0], y=TURN[1], z=TURN[2], w=TURN[3]),
+        ),
+    )
+
+
+def ros2_message(parent: str, child: str, stamp: int) -> object:
+    """What rclpy would give: sec and nanosec."""
+    message = ros1_message(parent, child, stamp)
+    message.header.stamp = SimpleNamespace(sec=stamp // SECOND, nanosec=stamp % SECOND)
+    return message
+
+
+# -- commits ---------------------------------------------------------------------------------------
+
+
+def test_each_write_is_one_commit() -> None:
+    buffer = tfdb.Buffer()
+    assert buffer.commit == 0
+    assert buffer.set_transform("map", "base", 5, (1, 2, 3), TURN) == 1
+    assert buffer.set_static_transform("base", "camera", (0, 0, 1), BACK) == 2
+    batch = [tfdb.TransformStamped("map", "base", stamp, (1, 2, 3), TURN) for stamp in (6, 7, 8)]
+    assert buffer.set_transforms(batch) == 3
+    assert buffer.clear() == 4
+    assert buffer.remove_frame("camera") == 5
+    assert buffer.commit == 5
+
+
+def test_an_empty_batch_commits_nothing() -> None:
+    buffer = tfdb.Buffer()
+    buffer.set_transform("map", "base", 5, (1, 2, 3), TURN)
+    assert buffer.set_transforms([]) == 1
+    empty = tfdb.Columns([], [], np.empty(0, np.int64), np.empty((0, 7)))
+    assert buffer.set_transforms(empty) == 1
+
+
+def test_a_transform_maps_the_child_into_the_parent() -> None:
+    buffer = tfdb.Buffer()
+    buffer.set_transform("map", "base", 5, (1, 2, 3), quaternion((0, 0, 1), np.pi / 2))
+    found = buffer.lookup_transform("map", "base", 5)
+    # A point one metre ahead of the base, which looks along the map's y.
+    assert found.apply([1.0, 0.0, 0.0]) == pytest.approx([1, 3, 3])
+    back = buffer.lookup_transform("base", "map", 5)
+    assert back.apply([1.0, 3.0, 3.0]) == pytest.approx([1, 0, 0])
+
+
+@pytest.mark.parametrize(
+    ("translation", "rotation"),
+    [
+        ((1.0, 2.0, 3.0), TURN),
+        ([1, 2, 3], list(TURN)),
+        (np.array([1.0, 2.0, 3.0]), np.array(TURN)),
+        (np.array([1, 2, 3], np.int32), np.array([*TURN, 9.0])[:4]),
+        (np.array([1.0, 0, 2.0, 0, 3.0, 0])[::2], np.array([*TURN])),
+        (SimpleNamespace(x=1, y=2, z=3), SimpleNamespace(**dict(zip("xyzw", TURN, strict=True)))),
+        (range(1, 4), TURN),
+        ((np.float32(1), np.int8(2), 3), TURN),
+    ],
+)
+def test_translations_and_rotations_come_in_many_forms(translation: object, rotation: object) -> None:
+    buffer = tfdb.Buffer()
+    buffer.set_transform("map", "base", 5, translation, rotation)
+    expected = matrix([1, 2, 3, *TURN])
+    assert buffer.lookup_transform("map", "base", 5).matrix == pytest.approx(expected, abs=1e-15)
+    buffer.set_static_transform("base", "camera", translation, rotation)
+    assert buffer.lookup_transform("base", "camera").matrix == pytest.approx(expected, abs=1e-15)
+
+
+@pytest.mark.parametrize("message", [ros1_message, ros2_message])
+def test_messages_of_both_ros_are_taken(message: object) -> None:
+    buffer = tfdb.Buffer()
+    stamp = 1_700_000_000_123_456_789
+    assert buffer.set_transforms([message("map", "base", stamp)]) == 1
+    found = buffer.lookup_transform("map", "base", stamp)
+    assert found.stamp == stamp
+    assert found.pose == pytest.approx([1, 2, 3, *TURN])
+
+
+class GenpyTime:
+    """As in ROS 1: `to_nsec` beside the fields."""
+
+    def __init__(self, stamp: int) -> None:
+        self.stamp = stamp
+
+    def to_nsec(self) -> int:
+        return self.stamp
+
+
+@pytest.mark.parametrize(
+    "stamp",
+    [
+        1_700_000_000_123_456_789,
+        np.int64(1_700_000_000_123_456_789),
+        np.uint64(1_700_000_000_123_456_789),
+        SimpleNamespace(sec=1_700_000_000, nanosec=123_456_789),
+        SimpleNamespace(sec=np.int32(1_700_000_000), nanosec=np.uint32(123_456_789)),
+        SimpleNamespace(secs=1_700_000_000, nsecs=123_456_789),
+        SimpleNamespace(nanoseconds=1_700_000_000_123_456_789),
+        GenpyTime(1_700_000_000_123_456_789),
+        np.datetime64(1_700_000_000_123_456_789, "ns"),
+    ],
+)
+def test_stamps_come_in_many_forms_and_lose_nothing(stamp: object) -> None:
+    buffer = tfdb.Buffer()
+    buffer.set_transform("map", "base", stamp, (1, 2, 3), TURN)
+    info = buffer.frame_info("base")
+    assert info.newest == 1_700_000_000_123_456_789
+    assert buffer.lookup_transform("map", "base", stamp).stamp == 1_700_000_000_123_456_789
+    assert buffer.can_transform("map", "base", stamp, tfdb.Exact())
+
+
+def test_coarse_datetimes_are_exact_stamps() -> None:
+    buffer = tfdb.Buffer()
+    buffer.set_transform("map", "base", np.datetime64("2023-11-14T22:13:20", "s"), (1, 2, 3), TURN)
+    assert buffer.frame_info("base").newest == 1_700_000_000 * SECOND
+
+
+@pytest.mark.parametrize(
+    ("seconds", "nanoseconds"),
+    [
+        (0, 0),
+        (0.1, 100_000_000),
+        (12.5, 12_500_000_000),
+        ("1700000000.123456789", 1_700_000_000_123_456_789),
+        ("0.0000000005", 0),
+        ("0.0000000015", 2),
+        (1e-9, 1),
+        (9223372036, 9_223_372_036_000_000_000),
+    ],
+)
+def test_stamp_converts_seconds(seconds: float | str, nanoseconds: int) -> None:
+    assert tfdb.stamp(seconds) == nanoseconds
+
+
+# -- columns ---------------------------------------------------------------------------------------
+
+
+def test_columns_equal_single_writes() -> None:
+    robot = make_robot()
+    buffer = tfdb.Buffer(history=None)
+    stamps = np.repeat([stamp_of(i) for i in range(COUNT)], len(MOVING))
+    children = list(MOVING) * COUNT
+    rows = [robot.buffer.samples(child)[1] for child in MOVING]
+    poses = np.stack(rows, axis=1).reshape(-1, 7)
+    columns = tfdb.Columns([MOVING[child] for child in children], children, stamps, poses)
+    assert len(columns) == COUNT * len(MOVING)
+    assert buffer.set_transforms(columns, authority="columns") == 1
+    for child, parent in MOVING.items():
+        stamps_of, poses_of, parents = buffer.samples(child)
+        assert parents == [parent] * COUNT
+        np.testing.assert_array_equal(stamps_of, robot.buffer.samples(child)[0])
+        np.testing.assert_allclose(poses_of, robot.buffer.samples(child)[1], atol=1e-15)
+        assert buffer.frame_info(child).authority == "columns"
+
+
+def test_columns_take_one_name_for_all_rows_and_parts_of_poses() -> None:
+    buffer = tfdb.Buffer(history=None)
+    translations = np.arange(30.0).reshape(10, 3)
+    columns = tfdb.Columns(
+        "map", "base", range(10), translations=translations, rotations=np.tile(TURN, (10, 1))
+    )
+    buffer.set_transforms(columns)
+    assert buffer.lookup_transform("map", "base", 7).pose == pytest.approx([21, 22, 23, *TURN])
+
+
+def test_columns_without_stamps_are_static() -> None:
+    buffer = tfdb.Buffer()
+    pose = [1, 2, 3, *TURN]
+    columns = tfdb.Columns(["base", "base"], ["left", "right"], None, [pose, pose])
+    buffer.set_transforms(columns, static=True)
+    assert buffer.frame_info("left").is_static
+    assert buffer.lookup_transform("base", "right", 10**18).pose == pytest.approx(pose)
+
+
+# -- what later commits change ---------------------------------------------------------------------
+
+
+def test_the_later_of_two_samples_at_one_stamp_wins() -> None:
+    buffer = tfdb.Buffer()
+    buffer.set_transform("map", "base", 5, (1, 2, 3), TURN)
+    before = buffer.snapshot()
+    buffer.set_transforms(
+        [
+            tfdb.TransformStamped("map", "base", 5, (4, 5, 6), TURN),
+            tfdb.TransformStamped("map", "base", 5, (7, 8, 9), BACK),
+        ]
+    )
+    assert buffer.lookup_transform("map", "base", 5).pose == pytest.approx([7, 8, 9, *BACK])
+    assert before.lookup_transform("map", "base", 5).pose == pytest.approx([1, 2, 3, *TURN])
+
+
+def test_late_samples_are_counted_and_found() -> None:
+    buffer = tfdb.Buffer()
+    for stamp in (10, 30, 20):
+        buffer.set_transform("map", "base", stamp, (stamp, 2, 3), TURN)
+    assert buffer.frame_info("base").late == 1
+    np.testing.assert_array_equal(buffer.samples("base")[0], [10, 20, 30])
+    assert buffer.lookup_transform("map", "base", 15).translation == pytest.approx([15, 2, 3])
+
+
+def test_static_edges_may_be_revised() -> None:
+    buffer = tfdb.Buffer()
+    buffer.set_static_transform("base", "camera", (1, 2, 3), TURN)
+    before = buffer.snapshot()
+    buffer.set_static_transform("base", "camera", (4, 5, 6), BACK)
+    assert buffer.lookup_transform("base", "camera").pose == pytest.approx([4, 5, 6, *BACK])
+    assert before.lookup_transform("base", "camera").pose == pytest.approx([1, 2, 3, *TURN])
+
+
+def test_a_frame_changes_its_parent_in_time() -> None:
+    buffer = tfdb.Buffer(history=None)
+    buffer.set_static_transform("map", "table", (1, 0, 0), TURN)
+    buffer.set_static_transform("map", "gripper", (0, 1, 0), BACK)
+    buffer.set_transform("table", "cup", 10, (0, 0, 0.1), TURN)
+    buffer.set_transform("gripper", "cup", 20, (0, 0, 0.2), BACK)
+    assert buffer.samples("cup")[2] == ["table", "gripper"]
+    on_table = buffer.lookup_transform("map", "cup", 15)
+    assert [edge.parent for edge in on_table.report.edges] == ["table", "map"]
+    assert on_table.report.edges[0].used == "held"
+    in_hand = buffer.lookup_transform("map", "cup", 20)
+    expected = matrix([0, 1, 0, *BACK]) @ matrix([0, 0, 0.2, *BACK])
+    assert in_hand.matrix == pytest.approx(expected, abs=1e-14)
+    assert {i.name: i.parent for i in buffer.tree(12)}["cup"] == "table"
+    assert {i.name: i.parent for i in buffer.tree()}["cup"] == "gripper"
+
+
+def test_removed_frames_are_gone_and_come_back_new() -> None:
+    robot = make_robot()
+    snapshot = robot.buffer.snapshot()
+    with pytest.raises(tfdb.FrameInUse) as caught:
+        robot.buffer.remove_frame("left_arm")
+    assert caught.value.frame == "left_arm"
+    assert caught.value.frames == ("left_hand",)
+    robot.buffer.remove_frame("left_arm", recursive=True)
+    gone = {"left_arm", "left_hand", "camera"}
+    assert gone.isdisjoint(robot.buffer.frames())
+    assert gone.issubset(snapshot.frames())
+    with pytest.raises(tfdb.UnknownFrame):
+        robot.buffer.lookup_transform("map", "camera")
+    assert snapshot.lookup_transform("map", "camera").commit == snapshot.commit
+    robot.buffer.set_transform("base", "left_arm", stamp_of(3), (1, 2, 3), TURN)
+    assert robot.buffer.frame_info("left_arm").samples == 1
+    found = robot.buffer.lookup_transform("base", "left_arm", stamp_of(3))
+    assert found.pose == pytest.approx([1, 2, 3, *TURN])
+
+
+def test_names_of_slots_that_were_reused_are_not_mixed_up() -> None:
+    """The name cache of the bindings must notice that a frame's slot has another frame in it."""
+    buffer = tfdb.Buffer()
+    for round_ in range(50):
+        name = f"tool_{round_}"
+        buffer.set_transform("hand", name, 5, (round_, 1, 2), TURN)
+        assert buffer.lookup_transform("hand", name, 5).translation[0] == round_
+        buffer.remove_frame(name)
+        assert not buffer.can_transform("hand", name, 5)
+    assert buffer.frames() == ["hand"]
+
+
+def test_clear_keeps_frames_and_static_edges() -> None:
+    robot = make_robot()
+    names = robot.buffer.frames()
+    robot.buffer.clear()
+    assert robot.buffer.frames() == names
+    assert robot.buffer.frame_info("odom").samples == 0
+    assert robot.buffer.can_transform("base", "lidar")
+    assert not robot.buffer.can_transform("map", "base")
+
+
+def test_history_forgets_what_is_old() -> None:
+    buffer = tfdb.Buffer(history=1.0)
+    assert buffer.history == 1.0
+    for i in range(100):
+        buffer.set_transform("map", "base", i * SECOND // 10, (i, 1, 2), TURN)
+    stamps, _, _ = buffer.samples("base")
+    assert stamps[0] == 89 * SECOND // 10
+    assert stamps[-1] == 99 * SECOND // 10
+    assert tfdb.Buffer(history=None).history is None
+
+
+# -- snapshots -------------------------------------------------------------------------------------
+
+
+def test_a_snapshot_stays_what_it_was() -> None:
+    robot = make_robot()
+    with robot.buffer.snapshot() as snapshot:
+        before = snapshot.lookup_transform("map", "camera")
+        for i in range(COUNT, 3 * COUNT):
+            robot.buffer.set_transform("map", "odom", stamp_of(i), (i, 2, 3), BACK)
+        after = snapshot.lookup_transform("map", "camera")
+        assert before == after
+        assert before.commit == after.commit == snapshot.commit < robot.buffer.commit
+        assert snapshot.frame_info("odom").samples == COUNT
+        assert not snapshot.closed
+    assert snapshot.closed
+    assert snapshot.commit == before.commit
+    snapshot.close()
+
+
+@pytest.mark.parametrize(
+    "read",
+    [
+        lambda reads: reads.lookup_transform("map", "base"),
+        lambda reads: reads.lookup_latest_transform("map", "base"),
+        lambda reads: reads.can_transform("map", "base"),
+        lambda reads: reads.lookup_transforms("map", "base", [stamp_of(1)]),
+        lambda reads: reads.frames(),
+        lambda reads: reads.tree(),
+        lambda reads: reads.explain("map", "base"),
+        lambda reads: reads.__enter__(),
+    ],
+)
+def test_a_closed_snapshot_says_so(read: object) -> None:
+    robot = make_robot()
+    snapshot = robot.buffer.snapshot()
+    snapshot.close()
+    with pytest.raises(tfdb.SnapshotClosed) as caught:
+        read(snapshot)
+    assert caught.value.commit == robot.buffer.commit
+
+
+def test_a_snapshot_outlives_the_name_of_its_buffer() -> None:
+    snapshot = make_robot().buffer.snapshot()
+    gc.collect()
+    assert snapshot.lookup_transform("map", "camera").report.edges[0].child == "camera"
+
+
+# -- looking at the store --------------------------------------------------------------------------
+
+
+def test_frame_info_says_what_is_known() -> None:
+    info = make_robot().buffer.frame_info("left_arm")
+    assert info == tfdb.FrameInfo(
+        name="left_arm",
+        parent="base",
+        is_static=False,
+        samples=COUNT,
+        oldest=stamp_of(0),
+        newest=stamp_of(COUNT - 1),
+        rate=pytest.approx(10.0),
+        authority="joints",
+        late=0,
+        longest_gap=SECOND // 10,
+    )
+
+
+def test_the_tree_lists_all_frames() -> None:
+    buffer = make_robot().buffer
+    parents = {info.name: info.parent for info in buffer.tree()}
+    assert parents == {"map": None, **MOVING, **STATIC}
+    assert list(parents) == buffer.frames() == sorted(parents)
+    root = buffer.frame_info("map")
+    assert (root.parent, root.samples, root.oldest, root.rate) == (None, 0, None, None)
+    static = buffer.frame_info("lidar")
+    assert (static.is_static, static.samples, static.newest) == (True, 1, None)
+    assert static.authority == "urdf"
+
+
+def test_samples_of_static_edges_and_roots() -> None:
+    buffer = make_robot().buffer
+    stamps, poses, parents = buffer.samples("lidar")
+    assert (stamps.tolist(), poses.shape, parents) == ([0], (1, 7), ["base"])
+    stamps, poses, parents = buffer.samples("map")
+    assert (stamps.shape, poses.shape, parents) == ((0,), (0, 7), [])
+
+
+def test_memory_and_counters_add_up() -> None:
+    buffer = tfdb.Buffer()
+    buffer.set_transform("map", "base", 5, (1, 2, 3), (0, 0, 0, 1.001))
+    buffer.set_static_transform("base", "camera", (1, 2, 3), TURN)
+    memory = buffer.memory()
+    assert memory.frames == 3
+    assert memory.samples == 2
+    assert memory.used_bytes > memory.frame_bytes > 0
+    assert buffer.counters().commits == 2
+    assert buffer.counters().normalised == 1
+    rotation = buffer.lookup_transform("map", "base", 5).rotation
+    assert np.linalg.norm(rotation) == pytest.approx(1, abs=1e-15)
+
+
+def test_the_buffer_prints_its_state() -> None:
+    buffer = make_robot(history=60).buffer
+    assert repr(buffer) == f"<tfdb.Buffer at commit {buffer.commit}, history 60 s>"
+    snapshot = buffer.snapshot()
+    assert repr(snapshot) == f"<tfdb.Snapshot of commit {buffer.commit}>"
+    snapshot.close()
+    assert repr(snapshot) == f"<tfdb.Snapshot of commit {buffer.commit}, closed>"
+
+
+# -- messages --------------------------------------------------------------------------------------
+
+BATCH = [
+    tfdb.TransformStamped("map", "base", 1_500_000_007, (1.0, 2.0, 3.0), TURN),
+    tfdb.TransformStamped("base", "höhe", 2_000_000_009, (-1.0, 0.5, 0.25), BACK),
+]
+
+
+@pytest.mark.parametrize("encoding", ["cdr", "ros1", "cdr_le", "cdr_be", "cdr2_le", "cdr_bare_be"])
+@pytest.mark.parametrize("kind", [bytes, bytearray, memoryview])
+def test_messages_come_in_as_they_went_out(encoding: str, kind: type) -> None:
+    data = tfdb.encode_tf_message(BATCH, encoding)
+    assert tfdb.decode_tf_message(kind(data), encoding) == BATCH
+    buffer = tfdb.Buffer()
+    assert buffer.ingest(kind(data), encoding=encoding, authority="wire") == 1
+    found = buffer.lookup_transform("base", "höhe", 2_000_000_009)
+    assert found.pose == pytest.approx([-1, 0.5, 0.25, *BACK])
+    assert buffer.frame_info("höhe").authority == "wire"
+
+
+def test_static_messages_hold_at_every_stamp() -> None:
+    buffer = tfdb.Buffer()
+    buffer.ingest(tfdb.encode_tf_message(BATCH), static=True)
+    assert buffer.lookup_transform("map", "höhe", 10**18).stamp == 10**18
+
+
+def test_one_leading_slash_is_dropped_on_the_wire_only() -> None:
+    buffer = tfdb.Buffer()
+    data = tfdb.encode_tf_message(BATCH, "ros1").replace(b"\x03\0\0\0map", b"\x03\0\0\0/mp")
+    buffer.ingest(data, encoding="ros1")
+    assert "mp" in buffer.frames()
+    buffer.set_transform("/map", "x", 5, (1, 2, 3), TURN)
+    assert "/map" in buffer.frames()
+
+
+def test_many_messages_are_one_commit_each() -> None:
+    buffer = tfdb.Buffer(history=None)
+    messages = [
+        tfdb.encode_tf_message(
+            [tfdb.TransformStamped("map", "base", stamp, (stamp, 2, 3), TURN) for _ in range(3)]
+        )
+        for stamp in range(3000)
+    ]
+    messages[7] = messages[7][:-5]
+    messages[2000] = tfdb.encode_tf_message([tfdb.TransformStamped("x", "x", 1, (1, 2, 3))])
+    messages[2001] = messages[2001][:9]
+    messages.append(tfdb.encode_tf_message([]))
+    result = buffer.ingest_many(iter(messages), encoding="cdr")
+    assert (result.messages, result.refused) == (3001, 3)
+    assert (result.commits, result.transforms) == (2997, 3 * 2997)
+    assert result.commit == buffer.commit == 2997
+    assert set(result.reasons) == {"CorruptMessage", "InvalidTransform"}
+    assert result.reasons["CorruptMessage"].count == 2
+    assert result.reasons["CorruptMessage"].index == 7
+    assert "byte" in result.reasons["CorruptMessage"].first
+    assert result.reasons["InvalidTransform"].index == 2000
+    assert buffer.frame_info("base").samples == 2997
+
+
+def test_an_iterator_that_fails_keeps_what_was_stored() -> None:
+    def messages() -> object:
+        for _ in range(1500):
+            yield tfdb.encode_tf_message(BATCH)
+        raise OSError("unplugged")
+
+    buffer = tfdb.Buffer()
+    with pytest.raises(OSError, match="unplugged"):
+        buffer.ingest_many(messages(), encoding="cdr")
+    assert buffer.commit == 1024
+
+
+# -- objects ---------------------------------------------------------------------------------------
+
+
+def test_nothing_keeps_references_that_it_does_not_need() -> None:
+    names = [sys.intern(f"frame_{i}") for i in range(2)]
+    buffer = tfdb.Buffer()
+    buffer.set_transform(*names, 5, (1, 2, 3), TURN)
+    for _ in range(3):
+        buffer.lookup_transform(*names, 5)
+    counts = [sys.getrefcount(name) for name in names]
+    results = [buffer.lookup_transform(*names, 5) for _ in range(100)]
+    assert [sys.getrefcount(name) for name in names] == [count + 100 for count in counts]
+    del results
+    assert [sys.getrefcount(name) for name in names] == counts
+    for _ in range(100):
+        with pytest.raises(tfdb.Extrapolation):
+            buffer.lookup_transform(*names, 6)
+    gc.collect()
+    assert [sys.getrefcount(name) for name in names] == counts
+
+
+def test_a_buffer_in_a_cycle_with_its_clock_is_collected() -> None:
+    class Owner:
+        def __init__(self) -> None:
+            self.buffer = tfdb.Buffer(clock=self.now)
+
+        def now(self) -> int:
+            return 7
+
+    owner = Owner()
+    owner.buffer.set_transform("map", "base", 5, (1, 2, 3), TURN)
+    alive = weakref.ref(owner)
+    del owner
+    gc.collect()
+    assert alive() is None
+
+
+def test_a_buffer_may_be_subclassed() -> None:
+    class Mine(tfdb.Buffer):
+        """With a name."""
+
+        def __init__(self, name: str) -> None:
+            super().__init__(history=None)
+            self.name = name
+
+    mine = Mine("mine")
+    mine.set_transform("map", "base", 5, (1, 2, 3), TURN)
+    assert mine.lookup_transform("map", "base").pose == pytest.approx([1, 2, 3, *TURN])
+    with mine.snapshot() as snapshot:
+        assert snapshot.can_transform("map", "base")
+
+
+def test_a_buffer_without_init_is_no_crash() -> None:
+    raw = tfdb.Buffer.__new__(tfdb.Buffer)
+    for call in (
+        lambda: raw.lookup_transform("map", "base"),
+        lambda: raw.set_transform("map", "base", 5, (1, 2, 3), TURN),
+    ):
+        with pytest.raises(TypeError, match="__init__"):
+            call()
+
+
+def test_transforms_are_values() -> None:
+    robot = make_robot()
+    found = robot.buffer.lookup_transform("map", "camera", stamp_of(3.5))
+    for twin in (pickle.loads(pickle.dumps(found)), copy.copy(found), copy.deepcopy(found)):
+        assert twin == found
+        assert twin.report == found.report
+        assert (twin.commit, twin.stamp) == (found.commit, found.stamp)
+    assert pickle.loads(pickle.dumps(found.inverse())).report == found.inverse().report
+    assert found != robot.buffer.lookup_transform("map", "camera", stamp_of(3.6))
+    assert found != "T"
+    with pytest.raises(AttributeError):
+        found.stamp = 5
+    with pytest.raises(TypeError):
+        hash(found)
+
+
+@pytest.mark.parametrize(
+    "policy",
+    [
+        tfdb.Interpolate(),
+        tfdb.Interpolate(0.25),
+        tfdb.Exact(),
+        tfdb.Previous(max_age_ns=7),
+        tfdb.Nearest(0.1),
+        tfdb.Extrapolate(2),
+    ],
+)
+def test_policies_are_values(policy: tfdb.Policy) -> None:
+    twin = pickle.loads(pickle.dumps(policy))
+    assert twin == policy
+    assert hash(twin) == hash(policy)
+    assert eval(repr(policy), {**vars(tfdb)}) == policy
+    assert policy != tfdb.Previous(123.0)
+
+
+def test_policies_keep_nanoseconds() -> None:
+    assert tfdb.Interpolate(0.1).limit_ns == 100_000_000
+    assert tfdb.Previous(max_age_ns=3).max_age == 3e-9
+    assert tfdb.Nearest().tolerance is None
+    assert tfdb.Extrapolate(max=0.5).max == 0.5
+
+
+def test_errors_are_pickled_with_their_fields() -> None:
+    buffer = make_robot().buffer
+    with pytest.raises(tfdb.Extrapolation) as caught:
+        buffer.lookup_transform("map", "camera", 5)
+    twin = pickle.loads(pickle.dumps(caught.value))
+    assert type(twin) is tfdb.Extrapolation
+    assert str(twin) == str(caught.value)
+    assert vars(twin) == vars(caught.value)
+    assert type(twin).__module__ == "tfdb"
