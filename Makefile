@@ -97,7 +97,7 @@ asan: $(STAMPS)/venv
 
 relacy: $(STAMPS)/venv
 	$(CMAKE) --preset relacy >/dev/null
-	$(CMAKE) --build --preset relacy -j $(JOBS)
+	$(CMAKE) --build --preset relacy -j $(JOBS) --target tfdb_relacy
 	for model in build/relacy/bin/relacy_*; do echo "$$model"; $$model || exit 1; done
 
 fuzz: $(STAMPS)/venv
