@@ -5,6 +5,7 @@ Pure functions over columns: `tfdb check` reads the file, this module judges.
 
 from __future__ import annotations
 
+from array import array
 from collections import defaultdict
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
@@ -98,14 +99,25 @@ class Edge:
         )
 
 
+@dataclass
+class _Columns:
+    """One edge while it grows: arrays of numbers, since recordings hold millions of rows."""
+
+    stamps: array[int] = field(default_factory=lambda: array("q"))
+    arrivals: array[int] = field(default_factory=lambda: array("q"))
+    poses: array[float] = field(default_factory=lambda: array("d"))
+    parents: array[int] = field(default_factory=lambda: array("q"))
+    publishers: array[int] = field(default_factory=lambda: array("q"))
+    static: array[int] = field(default_factory=lambda: array("b"))
+
+
 class Log:
     """All transforms of a recording; `add` them message by message."""
 
     def __init__(self) -> None:
         self._ids: dict[str, int] = {}
         self.names: list[str] = []
-        self._rows: dict[str, list[tuple[int, int, int, int, bool]]] = defaultdict(list)
-        self._poses: dict[str, list[Sequence[float]]] = defaultdict(list)
+        self._columns: dict[str, _Columns] = defaultdict(_Columns)
 
     def _id(self, name: str) -> int:
         if name not in self._ids:
@@ -124,21 +136,25 @@ class Log:
         """Add one message's transforms: (parent, child, stamp, pose of 7) each."""
         who = self._id(publisher)
         for parent, child, stamp, pose in rows:
-            self._rows[child].append((stamp, arrival, self._id(parent), who, static))
-            self._poses[child].append(pose)
+            columns = self._columns[child]
+            columns.stamps.append(stamp)
+            columns.arrivals.append(arrival)
+            columns.poses.extend(pose)
+            columns.parents.append(self._id(parent))
+            columns.publishers.append(who)
+            columns.static.append(static)
 
     def edges(self) -> Iterator[Edge]:
         """Give the edges by name."""
-        for name in sorted(self._rows):
-            stamps, arrivals, parents, publishers, static = zip(*self._rows[name], strict=True)
+        for name, columns in sorted(self._columns.items()):
             yield Edge(
                 name,
-                np.array(stamps, dtype=np.int64),
-                np.array(arrivals, dtype=np.int64),
-                np.array(self._poses[name], dtype=np.float64).reshape(-1, 7),
-                np.array(parents, dtype=np.int64),
-                np.array(publishers, dtype=np.int64),
-                np.array(static, dtype=bool),
+                np.array(columns.stamps, dtype=np.int64),
+                np.array(columns.arrivals, dtype=np.int64),
+                np.array(columns.poses, dtype=np.float64).reshape(-1, 7),
+                np.array(columns.parents, dtype=np.int64),
+                np.array(columns.publishers, dtype=np.int64),
+                np.array(columns.static, dtype=bool),
             )
 
 

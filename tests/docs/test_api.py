@@ -1,0 +1,34 @@
+"""The API reference builds, without a warning, and shows the extension's signatures."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+pytest.importorskip("pdoc")
+ROOT = Path(__file__).resolve().parents[2]
+
+
+def test_reference(tmp_path: Path) -> None:
+    done = subprocess.run(
+        [
+            sys.executable,
+            "-W",
+            "error",
+            str(ROOT / "tools" / "make_docs.py"),
+            str(tmp_path / "api"),
+        ],
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
+    assert done.stderr == ""
+    page = (tmp_path / "api" / "tfdb.html").read_text(encoding="utf-8")
+    for name in ("Buffer.lookup_transform", "Snapshot", "UnknownFrame", "decode_tf_message"):
+        assert f'id="{name}"' in page
+    assert "(unknown)" not in page
+    assert (tmp_path / "api" / "index.html").is_file()
