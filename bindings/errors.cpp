@@ -22,9 +22,19 @@ static_assert(kClassNames.size() == static_cast<std::size_t>(ErrorCode::kCapacit
 // Strong references for the life of the process.
 std::array<PyObject*, kClassNames.size()> g_classes{};
 
+// Names on the wire and from C++ may hold bytes that are no UTF-8.
+nb::object text(const std::string& message) {
+    PyObject* decoded = PyUnicode_DecodeUTF8(
+        message.data(), static_cast<Py_ssize_t>(message.size()), "backslashreplace");
+    if (decoded == nullptr) {
+        throw nb::python_error();
+    }
+    return nb::steal(decoded);
+}
+
 void set_text(nb::handle error, const char* name, const std::string& value) {
     if (!value.empty()) {
-        error.attr(name) = value;
+        error.attr(name) = text(value);
     }
 }
 
@@ -55,20 +65,10 @@ void set_fields(nb::handle error, const ErrorDetail& detail) {
     if (!detail.frames.empty()) {
         nb::list names;
         for (const std::string& name : detail.frames) {
-            names.append(name);
+            names.append(text(name));
         }
         error.attr("frames") = nb::tuple(names);
     }
-}
-
-// Names on the wire and from C++ may hold bytes that are no UTF-8.
-nb::object text(const std::string& message) {
-    PyObject* decoded = PyUnicode_DecodeUTF8(
-        message.data(), static_cast<Py_ssize_t>(message.size()), "backslashreplace");
-    if (decoded == nullptr) {
-        throw nb::python_error();
-    }
-    return nb::steal(decoded);
 }
 
 }  // namespace

@@ -24,17 +24,45 @@ std::string edge_name(const TransformView& transform) {
     return "T[" + quoted(transform.parent) + "<-" + quoted(transform.child) + "]";
 }
 
+/// Whether the bytes are UTF-8: no overlong forms, no surrogates, nothing beyond U+10FFFF.
+bool is_utf8(std::string_view text) {
+    for (std::size_t i = 0; i < text.size();) {
+        const auto byte = [&](std::size_t at) {
+            return at < text.size() ? static_cast<unsigned char>(text[at]) : 0U;
+        };
+        const unsigned lead = byte(i++);
+        if (lead < 0x80)
+            continue;
+        if (lead < 0xC2 || lead > 0xF4)
+            return false;
+        // Only the second byte's range depends on the lead.
+        const unsigned low = lead == 0xE0 ? 0xA0 : lead == 0xF0 ? 0x90 : 0x80;
+        const unsigned high = lead == 0xED ? 0x9F : lead == 0xF4 ? 0x8F : 0xBF;
+        if (byte(i) < low || byte(i) > high)
+            return false;
+        const std::size_t end = i + (lead < 0xE0 ? 1U : lead < 0xF0 ? 2U : 3U);
+        while (++i < end) {
+            if ((byte(i) & 0xC0) != 0x80)
+                return false;
+        }
+    }
+    return true;
+}
+
 /// Null if the name may be used.
 const char* name_fault(std::string_view name) {
     if (name.empty())
         return "is empty";
     if (name.size() > kMaxNameBytes)
         return "is longer than 1024 bytes";
+    unsigned seen = 0;
     for (const char c : name) {
         if (static_cast<unsigned char>(c) < 0x20 || c == 0x7F)
             return "has a control character";
+        seen |= static_cast<unsigned char>(c);
     }
-    return nullptr;
+    // Any other bytes would make every later listing of the frames fail in Python.
+    return seen < 0x80 || is_utf8(name) ? nullptr : "is not valid UTF-8";
 }
 
 void check_name(std::string_view name, const char* role, const TransformView& transform,
@@ -46,7 +74,7 @@ void check_name(std::string_view name, const char* role, const TransformView& tr
     detail.frame = name;
     detail.reason = fault;
     throw InvalidName(std::string(role) + " frame name " + quoted(name) + by(authority) + " " +
-                          fault + ": a name has 1 to 1024 bytes and no control characters",
+                          fault + ": a name has 1 to 1024 bytes of UTF-8 and no control characters",
                       std::move(detail));
 }
 

@@ -1,0 +1,1 @@
+"""Tests of TFMessage bytes, with PyPI rosbags as the oracle."""

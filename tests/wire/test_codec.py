@@ -1,0 +1,180 @@
+"""`decode_tf_message` and `encode_tf_message` against rosbags."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import pytest
+from hypothesis import example, given
+from hypothesis import strategies as st
+from rosbags.highlevel import AnyReader
+
+import tfdb
+from tests.wire import oracle
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+    from pathlib import Path
+
+HAND_MADE = [
+    oracle.row("ab", "größe/λ", 5_000_000_007, (1, -2, 0.5, 0, 0.6, 0, 0.8)),
+    oracle.row("", "cde", 0, (5e-324, -0.0, 1e308, 0.5, -0.5, 0.5, -0.5)),
+    oracle.row("/abs", "/", oracle.LAST_NANOSECOND, (0.1, 0.2, 0.3, 0.6, 0, 0.8, 0)),
+]
+
+
+def stripped(rows: list[oracle.Row]) -> list[oracle.Row]:
+    return [
+        oracle.Row(
+            oracle.without_slash(r.parent), oracle.without_slash(r.child), r.stamp, r.numbers
+        )
+        for r in rows
+    ]
+
+
+def transforms_of(rows: list[oracle.Row]) -> list[tfdb.TransformStamped]:
+    return [tfdb.TransformStamped(r.parent, r.child, r.stamp, r.pose[:3], r.pose[3:]) for r in rows]
+
+
+def decoded_or_refused(data: bytes | bytearray, encoding: str) -> Any:
+    """The transforms, or None after a refusal that keeps what errors promise."""
+    try:
+        return tfdb.decode_tf_message(data, encoding)
+    except (tfdb.CorruptMessage, tfdb.InvalidName) as error:
+        refusal = error
+    if isinstance(refusal, tfdb.InvalidName):
+        assert "UTF-8" in str(refusal)
+    else:
+        assert refusal.reason
+        assert refusal.offset is not None
+        assert 0 <= refusal.offset <= len(data)
+    return None
+
+
+@pytest.mark.parametrize("encoding", oracle.THEIRS)
+@example(rows=HAND_MADE, seq=7)
+@given(rows=oracle.any_messages, seq=st.integers(0, 2**32 - 1))
+def test_reads_what_rosbags_writes(encoding: str, rows: list[oracle.Row], seq: int) -> None:
+    data = oracle.encode(rows, encoding, seq=seq)
+    assert oracle.rows_of(tfdb.decode_tf_message(data, encoding)) == stripped(rows)
+
+
+@pytest.mark.parametrize("encoding", oracle.THEIRS)
+@example(rows=HAND_MADE)
+@given(rows=oracle.any_messages)
+def test_writes_what_rosbags_writes(encoding: str, rows: list[oracle.Row]) -> None:
+    # What starts with a slash gets another one: readers drop the first.
+    unslashed = [r for r in rows if not r.parent.startswith("/") and not r.child.startswith("/")]
+    data = tfdb.encode_tf_message(transforms_of(unslashed), encoding)
+    assert data == oracle.encode(unslashed, encoding)
+    assert oracle.decode(data, encoding) == unslashed
+
+
+@pytest.mark.parametrize("encoding", oracle.ENCODINGS)
+@example(rows=HAND_MADE)
+@given(rows=oracle.any_messages)
+def test_round_trip_is_exact(encoding: str, rows: list[oracle.Row]) -> None:
+    data = tfdb.encode_tf_message(transforms_of(rows), encoding)
+    assert oracle.rows_of(tfdb.decode_tf_message(data, encoding)) == rows
+
+
+@given(rows=oracle.any_messages)
+def test_cdr_goes_by_the_header(rows: list[oracle.Row]) -> None:
+    for encoding in ("cdr_le", "cdr_be", "cdr2_le", "cdr2_be"):
+        data = tfdb.encode_tf_message(transforms_of(rows), encoding)
+        assert oracle.rows_of(tfdb.decode_tf_message(data, "cdr")) == rows
+
+
+@given(rows=oracle.any_messages)
+def test_the_old_type_of_ros1_has_the_same_bytes(rows: list[oracle.Row]) -> None:
+    old = oracle.encode(rows, "ros1", name=oracle.OLD_MESSAGE)
+    assert oracle.rows_of(tfdb.decode_tf_message(old, "ros1")) == stripped(rows)
+
+
+@pytest.mark.parametrize("encoding", oracle.ENCODINGS)
+def test_every_truncation_is_refused(encoding: str) -> None:
+    data = tfdb.encode_tf_message(transforms_of(HAND_MADE), encoding)
+    for size in range(len(data)):
+        assert decoded_or_refused(data[:size], encoding) is None
+
+
+@pytest.mark.parametrize("encoding", oracle.ENCODINGS)
+@given(
+    rows=oracle.any_messages,
+    damage=st.lists(st.tuples(st.integers(0, 2**16), st.integers(0, 255)), min_size=1, max_size=4),
+)
+def test_damaged_bytes_are_refused_or_read_as_a_message(
+    encoding: str, rows: list[oracle.Row], damage: list[tuple[int, int]]
+) -> None:
+    data = bytearray(tfdb.encode_tf_message(transforms_of(rows), encoding))
+    for position, value in damage:
+        data[position % len(data)] = value
+    read = decoded_or_refused(data, encoding)
+    if read is None:
+        return
+    again = tfdb.encode_tf_message(read, encoding)
+    assert oracle.rows_of(tfdb.decode_tf_message(again, encoding)) == oracle.rows_of(read)
+
+
+@given(data=st.binary(max_size=300))
+def test_noise_never_crashes(data: bytes) -> None:
+    for encoding in oracle.ENCODINGS:
+        decoded_or_refused(data, encoding)
+
+
+def test_ros1_stamps_reach_further_than_those_of_cdr() -> None:
+    last = (2**32 - 1) * 10**9 + 999_999_999
+    [transform] = transforms_of([oracle.row("a", "b", last, HAND_MADE[0].pose)])
+    data = tfdb.encode_tf_message([transform], "ros1")
+    assert tfdb.decode_tf_message(data, "ros1")[0].stamp == last
+    with pytest.raises(tfdb.InvalidStamp) as caught:
+        tfdb.encode_tf_message([transforms_of(HAND_MADE)[0], transform], "cdr")
+    assert (caught.value.index, caught.value.stamp) == (1, last)
+
+
+def test_a_name_with_a_nul_is_not_written() -> None:
+    [transform] = transforms_of([oracle.row("a", "b\0c", 1, HAND_MADE[0].pose)])
+    with pytest.raises(tfdb.InvalidName):
+        tfdb.encode_tf_message([transform], "cdr")
+
+
+def raw_messages(files: list[Path]) -> Iterator[tuple[str, bytes, Any]]:
+    """Encoding, payload and rosbags' own reading of each message of transforms."""
+    with AnyReader(files, default_typestore=oracle.typestore(ros1=False)) as reader:
+        ros1 = not reader.is2
+        wanted = [c for c in reader.connections if c.msgtype.lower().endswith("tfmessage")]
+        assert wanted
+        for connection, _, data in reader.messages(connections=wanted):
+            encoding = "ros1" if ros1 else "cdr"
+            name = oracle.OLD_MESSAGE if connection.msgtype.startswith("tf/") else oracle.MESSAGE
+            yield encoding, bytes(data), oracle.decode(bytes(data), encoding, name=name)
+
+
+def check_recording(files: list[Path], at_least: int) -> None:
+    transforms = 0
+    for encoding, data, expected in raw_messages(files):
+        read = tfdb.decode_tf_message(data, encoding)
+        assert oracle.rows_of(read) == stripped(expected)
+        again = tfdb.encode_tf_message(read, encoding)
+        assert tfdb.decode_tf_message(again, encoding) == read
+        transforms += len(read)
+    assert transforms >= at_least
+
+
+@pytest.mark.parametrize("name", ["pr2.bag", "pr2.mcap"])
+def test_the_shipped_recording(repository: Path, name: str) -> None:
+    check_recording([repository / "examples" / "data" / name], at_least=1000)
+
+
+@pytest.mark.parametrize(
+    ("name", "at_least"),
+    [
+        ("panda/rosbagFrankaPanda.bag", 900),
+        ("panda/ros2", 900),
+        ("turtlebot3/rosbag2_turtlebot3_tf", 500),
+        ("turtlebot_nav/tf_example.bag", 500),
+        ("turtlebot_nav/tf_example", 500),
+    ],
+)
+def test_recordings_of_real_robots(shared_data: Path, name: str, at_least: int) -> None:
+    check_recording([shared_data / name], at_least)
