@@ -76,7 +76,7 @@ void EdgeView<Memory>::visit_near(StampNs stamp, Visit visit) const {
         }
         return;
     }
-    const std::uint64_t order = word(kOrder).load_relaxed();
+    const std::uint64_t order = word(kOrder).load_acquire();
     const std::uint64_t slack = order & 0xFFFFFFFFU;
     const auto runs = static_cast<unsigned>(std::min<std::uint64_t>(order >> 32, kMaxRuns));
     const Offset starts = RingWord::block(ring_);

@@ -56,7 +56,7 @@ bool EdgeWriter<Memory>::widen_slack(std::uint64_t ring, StampNs stamp) {
         }
     }
     const std::uint64_t widened = std::max(slack, head - first_later);
-    word(kOrder).store_relaxed(runs << 32 | widened);
+    word(kOrder).store_release(runs << 32 | widened);
     return true;
 }
 
@@ -68,7 +68,8 @@ void EdgeWriter<Memory>::start_run(const WriteContext& context) {
     const std::uint64_t runs = order >> 32;
     const std::uint64_t ring = word(kRing).load_relaxed();
     memory_.word(RingWord::block(ring) + 8 * runs).store_relaxed(word(kHead).load_relaxed());
-    word(kOrder).store_relaxed((runs + 1) << 32 | (order & 0xFFFFFFFFU));
+    // A reader that counts this run must find where it starts.
+    word(kOrder).store_release((runs + 1) << 32 | (order & 0xFFFFFFFFU));
 }
 
 /// Sorts all committed samples after the last clear into one run, in a block of its own. Samples of

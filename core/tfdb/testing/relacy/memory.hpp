@@ -1,0 +1,152 @@
+// The engine's words under Relacy, which runs them in the C++ memory model, weak orders included.
+// Include what is to be checked before this header: Relacy redefines `assert` and more.
+#pragma once
+
+#include <array>
+#include <cstddef>
+#include <cstdint>
+#include <map>
+#include <streambuf>
+#include <string>
+#include <vector>
+
+#if defined(__GNUC__)
+#pragma GCC diagnostic push
+#pragma GCC diagnostic ignored "-Wshadow"
+#pragma GCC diagnostic ignored "-Wconversion"
+#endif
+#include <relacy/relacy.hpp>
+// The code under test must be able to say what it means; its allocations are ordinary ones.
+#undef new
+#undef delete
+#if defined(__GNUC__)
+#pragma GCC diagnostic pop
+#endif
+
+// Relacy replaces `operator delete`, but not the sized ones that C++14 brought: without these, what
+// its allocator gave goes to the library's. Once per program, as with Relacy's own headers.
+void operator delete(void* block, std::size_t) noexcept {
+    ::operator delete(block);
+}
+void operator delete[](void* block, std::size_t) noexcept {
+    ::operator delete[](block);
+}
+
+namespace tfdb::relacy {
+
+inline constexpr std::uint64_t kNowhere = ~std::uint64_t{0};
+
+/// What a seeded bug leaves out. Set between simulations only.
+struct Weakness {
+    std::uint64_t store = kNowhere;  // the word at this offset is stored relaxed throughout
+    std::uint64_t load = kNowhere;   // ... or loaded relaxed
+    bool no_release_fence = false;
+    bool no_acquire_fence = false;
+};
+inline Weakness g_weakness;
+
+// A word of the region as one of Relacy's atomics; its constructor stores zero.
+// Simulated threads may call all. The orders are those of sync::Word.
+class Word {
+public:
+    [[nodiscard]] std::uint64_t load_relaxed() const { return value_.load(rl::mo_relaxed, $); }
+    [[nodiscard]] std::uint64_t load_acquire() const {
+        return value_.load(weak_load_ ? rl::mo_relaxed : rl::mo_acquire, $);
+    }
+    void store_relaxed(std::uint64_t value) { value_.store(value, rl::mo_relaxed, $); }
+    void store_release(std::uint64_t value) {
+        value_.store(value, weak_store_ ? rl::mo_relaxed : rl::mo_release, $);
+    }
+    bool compare_exchange(std::uint64_t& expected, std::uint64_t desired) {
+        return value_($).compare_exchange_strong(expected, desired, rl::mo_acq_rel, rl::mo_acquire);
+    }
+    std::uint64_t exchange(std::uint64_t desired) {
+        return value_($).exchange(desired, rl::mo_acq_rel);
+    }
+    std::uint64_t fetch_add(std::uint64_t delta) {
+        return value_($).fetch_add(delta, rl::mo_acq_rel);
+    }
+
+    void weaken(bool load, bool store) {
+        weak_load_ = load;
+        weak_store_ = store;
+    }
+
+private:
+    rl::atomic<std::uint64_t> value_{0};
+    bool weak_load_ = false;
+    bool weak_store_ = false;
+};
+
+// A stream buffer of fixed size, for what Relacy prints. A growing one would be grown inside a
+// simulation, by Relacy's allocator, and freed outside by the other one. One thread.
+class Account : public std::streambuf {
+public:
+    Account() { setp(text_.data(), text_.data() + text_.size()); }
+    [[nodiscard]] std::string text() const { return {pbase(), pptr()}; }
+
+protected:
+    // What does not fit is dropped.
+    int_type overflow(int_type character) override { return traits_type::not_eof(character); }
+
+private:
+    std::array<char, 1 << 16> text_;
+};
+
+// A small region of Relacy's words. A released block is handed out again at once.
+// Threads: simulated ones may use words; allocate and release need the engine's lock.
+template <unsigned PayloadWords, std::size_t Bytes>
+class Memory {
+public:
+    using Word = relacy::Word;
+    using Offset = std::uint64_t;
+    static constexpr unsigned kPayloadWords = PayloadWords;
+    static constexpr std::size_t kLine = 64;
+
+    Memory() {
+        for (std::size_t index = 0; index < words_.size(); ++index) {
+            words_[index].weaken(index * 8 == g_weakness.load, index * 8 == g_weakness.store);
+        }
+    }
+
+    Word& word(Offset offset) const {
+        RL_ASSERT(offset < Bytes && offset % 8 == 0);
+        return words_[offset / 8];
+    }
+
+    Offset allocate(std::size_t bytes) {
+        const std::size_t lines = (bytes + kLine - 1) / kLine;
+        std::vector<Offset>& waiting = free_[lines];
+        if (!waiting.empty()) {
+            const Offset block = waiting.back();
+            waiting.pop_back();
+            return block;
+        }
+        const Offset block = next_;
+        next_ += lines * kLine;
+        RL_ASSERT(next_ <= Bytes);
+        return block;
+    }
+    void release(Offset block, std::size_t bytes) {
+        free_[(bytes + kLine - 1) / kLine].push_back(block);
+    }
+
+    static void fence_acquire() {
+        if (!g_weakness.no_acquire_fence) {
+            rl::atomic_thread_fence(rl::mo_acquire, $);
+        }
+    }
+    static void fence_release() {
+        if (!g_weakness.no_release_fence) {
+            rl::atomic_thread_fence(rl::mo_release, $);
+        }
+    }
+    static void fence_full() { rl::atomic_thread_fence(rl::mo_seq_cst, $); }
+
+private:
+    mutable std::array<Word, Bytes / 8> words_;
+    Offset next_ = kLine;
+    std::map<std::size_t, std::vector<Offset>> free_;
+};
+
+}  // namespace tfdb::relacy
