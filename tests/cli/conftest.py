@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 import json
 import subprocess
 import sys
@@ -15,6 +16,9 @@ from click.testing import CliRunner
 
 from tfdb.cli.app import cli
 
+# Click 8.1 has to be asked to keep the two streams apart, 8.2 does so always.
+_APART = "mix_stderr" in inspect.signature(CliRunner.__init__).parameters
+RUNNER = CliRunner(**({"mix_stderr": False} if _APART else {}))
 ROOT = Path(__file__).resolve().parents[2]
 
 
@@ -47,7 +51,7 @@ class Tool:
 
     def __call__(self, *arguments: object, stdin: str | None = None, code: int = 0) -> Outcome:
         """Run in this process; `code` is what it must end with."""
-        done = CliRunner().invoke(cli, [str(a) for a in arguments], input=stdin)
+        done = RUNNER.invoke(cli, [str(a) for a in arguments], input=stdin)
         if done.exception is not None and not isinstance(done.exception, SystemExit):
             raise done.exception
         outcome = Outcome(done.exit_code, done.stdout, done.stderr)
