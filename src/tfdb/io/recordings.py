@@ -156,12 +156,9 @@ def _runs(
 
 
 class _Files:
-    """The files of a ROS 2 bag folder as one container, for folders without usable metadata."""
+    """Several files as one container, one after the other by their start."""
 
-    def __init__(self, folder: Path) -> None:
-        paths = sorted((*folder.glob("*.db3"), *folder.glob("*.mcap")))
-        if not paths:
-            raise RecordingError(folder, "a folder with neither .db3 nor .mcap files in it")
+    def __init__(self, paths: Iterable[Path]) -> None:
         self._files: list[Recording] = []
         try:
             for path in paths:
@@ -185,9 +182,23 @@ class _Files:
             file.close()
 
 
+def _open_folder(folder: Path) -> Container:
+    """A ROS 2 bag folder as its metadata says; its MCAP files with the faster reader."""
+    files = rosbags_reader.mcap_files(folder)
+    return _Files(files) if files else rosbags_reader.open_ros2(folder)
+
+
+def _open_files_of(folder: Path) -> Container:
+    """The files of a folder whose metadata is missing or does not fit them."""
+    paths = sorted((*folder.glob("*.db3"), *folder.glob("*.mcap")))
+    if not paths:
+        raise RecordingError(folder, "a folder with neither .db3 nor .mcap files in it")
+    return _Files(paths)
+
+
 _OPENERS: dict[Kind, tuple[Opener, ...]] = {
     "bag": (rosbags_reader.open_bag,),
     "db3": (rosbags_reader.open_ros2,),
-    "mcap": (rosbags_reader.open_ros2, mcap_reader.open_mcap),
-    "folder": (rosbags_reader.open_ros2, _Files),
+    "mcap": (mcap_reader.open_mcap, rosbags_reader.open_ros2),
+    "folder": (_open_folder, _open_files_of),
 }

@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from tfdb.errors import RecordingError
 
+from .bag_chunks import indexed_messages
 from .containers import Source, Topic, check_count, encoding_of, is_tf_type, typed_errors
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
-    from pathlib import Path
+    from collections.abc import Callable, Collection, Iterator
 
     from .containers import Container
 
@@ -22,7 +23,23 @@ def open_bag(path: Path) -> Container:
 
         reader = Reader(path)
         reader.open()
-    return _RosbagsContainer(path, reader)
+    return _BagContainer(path, reader)
+
+
+def mcap_files(folder: Path) -> list[Path]:
+    """The MCAP files of a bag folder that are not compressed as a whole or message by message.
+
+    Empty for other folders. Raises `RecordingError` where the metadata is bad or a file is missing.
+    """
+    with typed_errors(folder):
+        from rosbags.rosbag2 import Reader  # noqa: PLC0415 - an extra, and slow to import
+
+        with Reader(folder) as reader:
+            if reader.compression_mode is not None:
+                return []
+            storage: Any = reader.storage
+            paths = [Path(file.path) for file in storage.storages]
+            return paths if all(path.suffix == ".mcap" for path in paths) else []
 
 
 def open_ros2(path: Path) -> Container:
@@ -72,20 +89,29 @@ class _RosbagsContainer:
     def messages(self, wanted: Callable[[Source], bool]) -> Iterator[tuple[Source, int, bytes]]:
         """See `Container.messages`."""
         sources = {id_: source for id_, source in self._sources.items() if wanted(source)}
-        connections = [each for each in self._reader.connections if each.id in sources]
         found = dict.fromkeys(sources, 0)
-        if not connections:
-            return
         with typed_errors(self._path):
-            for connection, received, data in self._reader.messages(connections=connections):
-                id_ = connection.id
+            for id_, received, data in self._payloads(sources):
                 found[id_] += 1
                 yield sources[id_], received, data
         for id_, source in sources.items():
             check_count(self._path, source, found[id_])
+
+    def _payloads(self, ids: Collection[int]) -> Iterator[tuple[int, int, bytes]]:
+        connections = [each for each in self._reader.connections if each.id in ids]
+        if connections:
+            for connection, received, data in self._reader.messages(connections=connections):
+                yield connection.id, received, data
 
     def close(self) -> None:
         """Close the file; again is fine."""
         reader, self._reader = self._reader, None
         if reader is not None:
             reader.close()
+
+
+class _BagContainer(_RosbagsContainer):
+    """The same for ROS 1 bags, whose chunks are taken apart here."""
+
+    def _payloads(self, ids: Collection[int]) -> Iterator[tuple[int, int, bytes]]:
+        return indexed_messages(self._reader, ids)
