@@ -68,7 +68,8 @@ def test_bags_cut_short(
     path = recorder.bag(tmp_path / "a.bag", messages, compression)
     whole = path.read_bytes()
     path.write_bytes(whole[: int(len(whole) * share)])
-    refuse(path, "damaged or cut short")
+    error = refuse(path, "damaged or cut short")
+    assert "rosbag reindex" in str(error)
 
 
 def test_bags_without_an_index(recorder: Any, messages: Drive, tmp_path: Path) -> None:
@@ -86,7 +87,7 @@ def test_mcap_cut_short(recorder: Any, messages: Drive, tmp_path: Path, share: f
     whole = (folder / "a.mcap").read_bytes()
     path = tmp_path / "cut.mcap"
     path.write_bytes(whole[: int(len(whole) * share)])
-    refuse(path, "damaged or cut short")
+    refuse(path, "cut short, its end is missing: `mcap recover`")
 
 
 def test_databases_cut_short(recorder: Any, messages: Drive, tmp_path: Path) -> None:

@@ -24,9 +24,10 @@ Kind: TypeAlias = Literal["bag", "db3", "mcap", "folder"]
 NEEDS_EXTRA = "needs a library that is not installed: pip install 'tfdb[recordings]'"
 
 _TF_TYPES = frozenset({"tf2_msgs/TFMessage", "tf/tfMessage"})
+_MCAP = b"\x89MCAP0\r\n"
 _MAGICS: tuple[tuple[bytes, Kind], ...] = (
     (b"#ROSBAG V2.0", "bag"),
-    (b"\x89MCAP0\r\n", "mcap"),
+    (_MCAP, "mcap"),
     (b"SQLite format 3\0", "db3"),
 )
 
@@ -101,8 +102,8 @@ def check_count(path: Path, source: Source, found: int) -> None:
 
 
 @contextmanager
-def typed_errors(path: Path) -> Iterator[None]:
-    """Turn whatever the libraries raise on bad files into `RecordingError`.
+def typed_errors(path: Path, hint: str = "") -> Iterator[None]:
+    """Turn whatever the libraries raise on bad files into `RecordingError`, with a hint.
 
     Errors of the file system pass; bz2 raises `OSError` on bad data, too, but without a number.
     """
@@ -116,7 +117,7 @@ def typed_errors(path: Path) -> Iterator[None]:
         if isinstance(error, OSError) and error.errno is not None:
             raise
         detail = " ".join(str(error).split())[:300] or type(error).__name__
-        raise RecordingError(path, f"damaged or cut short: {detail}") from error
+        raise RecordingError(path, f"damaged or cut short: {detail.rstrip('.')}{hint}") from error
 
 
 def kind_of(path: Path) -> Kind:
@@ -130,8 +131,12 @@ def kind_of(path: Path) -> Kind:
         return "folder"
     with path.open("rb") as file:
         start = file.read(16)
+        file.seek(-min(len(_MCAP), len(start)), os.SEEK_END)
+        end = file.read()
     if not start:
         raise RecordingError(path, "the file is empty")
+    if start.startswith(_MCAP) and end != _MCAP:
+        raise RecordingError(path, "cut short, its end is missing: `mcap recover` saves the rest")
     for magic, kind in _MAGICS:
         if start.startswith(magic):
             return kind

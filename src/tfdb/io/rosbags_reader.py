@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 def open_bag(path: Path) -> Container:
     """Open a ROS 1 bag; raises `RecordingError`."""
-    with typed_errors(path):
+    with typed_errors(path, "; `rosbag reindex` may save the rest"):
         from rosbags.rosbag1 import Reader  # noqa: PLC0415 - an extra, and slow to import
 
         reader = Reader(path)
