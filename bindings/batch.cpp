@@ -91,11 +91,6 @@ struct Points {
     std::size_t stride;  // in elements
 };
 
-[[noreturn]] void throw_bad_points(const char* role, const std::string& expected,
-                                   nb::handle object) {
-    throw_bad_array(role, expected, describe(object));
-}
-
 /// `writable` ones must fit as they are; others are copied where their strides do not fit.
 Points points_of(nb::handle object, const char* role, bool writable) {
     constexpr const char* kExpected = "an array (N, 3) of float32 or float64";
@@ -105,23 +100,22 @@ Points points_of(nb::handle object, const char* role, bool writable) {
         view.emplace(converted_array(object, "float64", role, array));
     }
     if (!view) {
-        throw_bad_points(role, std::string(kExpected) + ", writable", object);
+        throw_bad_array(role, std::string(kExpected) + ", writable", describe(object));
     }
     const bool floats = view->kind() == Kind::kFloat32 || view->kind() == Kind::kFloat64;
     if (!floats || view->dimensions() != 2 || view->extent(1) != 3) {
-        throw_bad_points(role, kExpected, object);
+        throw_bad_array(role, kExpected, describe(object));
     }
     const Py_ssize_t item = view->kind() == Kind::kFloat32 ? sizeof(float) : sizeof(double);
     const std::size_t count = view->extent(0);
     const bool whole = count == 0 || (view->stride(1) == item && view->stride(0) % item == 0 &&
                                       (count == 1 || view->stride(0) >= 3 * item));
     if (!whole) {
-        throw_bad_points(role,
-                         std::string(kExpected) +
-                             " whose rows do not overlap and whose x, y, z lie side by side",
-                         nb::str((describe(object) + " with strides (" +
-                                  std::to_string(view->stride(0)) + ", " +
-                                  std::to_string(view->stride(1)) + ")").c_str()));
+        throw_bad_array(role,
+                        std::string(kExpected) +
+                            " whose rows do not overlap and whose x, y, z lie side by side",
+                        describe(object) + " with strides (" + std::to_string(view->stride(0)) +
+                            ", " + std::to_string(view->stride(1)) + ")");
     }
     const std::size_t stride =
         count == 0 ? 3 : static_cast<std::size_t>(std::max(view->stride(0), 3 * item) / item);
@@ -132,16 +126,18 @@ Points points_of(nb::handle object, const char* role, bool writable) {
 void check_out(const Points& points, const Points& out, nb::handle object) {
     const char* dtype = points.view.kind() == Kind::kFloat32 ? "float32" : "float64";
     if (out.view.kind() != points.view.kind() || out.count != points.count) {
-        throw_bad_points("out", std::string("an array (") + std::to_string(points.count) +
-                                    ", 3) of " + dtype + " like the points", object);
+        throw_bad_array("out",
+                        "an array (" + std::to_string(points.count) + ", 3) of " + dtype +
+                            " like the points",
+                        describe(object));
     }
     const auto [low, high] = points.view.range();
     const auto [out_low, out_high] = out.view.range();
     const bool apart = out_high <= low || high <= out_low;
     const bool same = low == out_low && points.stride == out.stride;
     if (!apart && !same) {
-        throw_bad_points("out", "the points themselves or memory that does not overlap them",
-                         nb::str("memory that overlaps them in part"));
+        throw_bad_array("out", "the points themselves or memory that does not overlap them",
+                        "memory that overlaps them in part");
     }
 }
 

@@ -97,6 +97,9 @@ void set_error(const Error& error) noexcept {
         const nb::handle type = g_classes[static_cast<std::size_t>(error.code())];
         const nb::object value = type(text(error.what()));
         set_fields(value, error.detail());
+        if (error.code() == ErrorCode::kUnknownFrame) {
+            value.attr("frame") = text(error.detail().frame);  // also the empty name
+        }
         PyErr_SetObject(type.ptr(), value.ptr());
     } catch (nb::python_error& failed) {
         failed.restore();

@@ -1,6 +1,8 @@
-"""Poses computed with numpy alone, apart from the library: matrices, and slerp by its definition."""
+"""Poses computed with numpy alone: matrices, and slerp by its definition."""
 
 from __future__ import annotations
+
+from itertools import pairwise
 
 import numpy as np
 import numpy.typing as npt
@@ -78,7 +80,7 @@ class Store:
         if child in self.static:
             return self.static[child]
         samples = self.samples[child]
-        for (start, first), (end, second) in zip(samples, samples[1:], strict=False):
+        for (start, first), (end, second) in pairwise(samples):
             if start <= stamp <= end:
                 return interpolate(first, second, (stamp - start) / (end - start))
         assert samples[0][0] == stamp, "the oracle does not extrapolate"

@@ -1,12 +1,11 @@
-"""A small robot for the tests: a tree with moving and static edges, in a store and in the oracle."""
+"""A small robot for the tests: the same moving and static edges in a store and in the oracle."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
-from oracle import Store, quaternion, wobble
-
 import tfdb
+from oracle import Store, quaternion, wobble
 
 SECOND = 1_000_000_000
 PERIOD = SECOND // 10

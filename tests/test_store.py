@@ -11,10 +11,10 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from oracle import matrix, quaternion
-from robot import COUNT, MOVING, SECOND, STATIC, make_robot, stamp_of
 
 import tfdb
+from oracle import matrix, quaternion
+from robot import COUNT, MOVING, SECOND, STATIC, make_robot, stamp_of
 
 TURN = quaternion((1, -2, 0.5), 0.9)
 BACK = quaternion((0, 1, 3), -1.4)
@@ -87,7 +87,9 @@ def test_a_transform_maps_the_child_into_the_parent() -> None:
         ((np.float32(1), np.int8(2), 3), TURN),
     ],
 )
-def test_translations_and_rotations_come_in_many_forms(translation: object, rotation: object) -> None:
+def test_translations_and_rotations_come_in_many_forms(
+    translation: object, rotation: object
+) -> None:
     buffer = tfdb.Buffer()
     buffer.set_transform("map", "base", 5, translation, rotation)
     expected = matrix([1, 2, 3, *TURN])
