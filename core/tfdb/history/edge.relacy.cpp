@@ -146,7 +146,8 @@ const Script kGrows{.edges = 2,
                     .before = {one(10), one(20)},
                     .during = {{{{0, 30}, {1, 5}}}, {{{0, 40}, {1, 15}}}}};
 const Script kLate{.before = {one(10), one(30)}, .during = {one(20), one(40)}};
-const Script kStartsRun{.before = {one(10), one(20), one(30), one(40)}, .during = {one(15)}};
+const Script kStartsRun{.before = {one(10), one(30), one(20), one(40), one(50)},
+                        .during = {one(15)}};
 const Script kClears{.before = {one(10), one(20)}, .during = {{{{0, kClearMarker}}}, one(5)}};
 const Script kAborts{.before = {one(10)}, .during = {{{{0, 20}}, true}, one(30)}};
 
@@ -158,7 +159,7 @@ TFDB_TEST(edges_hold_in_the_memory_model) {
     holds("two edges, one batch", kTwoEdges, 35);
     holds("grows, and the old ring is used again", kGrows, 15);
     holds("late samples", kLate, 25);
-    holds("a new run", kStartsRun, 35);
+    holds("a new run", kStartsRun, 45);
     holds("clears", kClears, 15);
     holds("aborts", kAborts, 25);
 }
@@ -188,8 +189,8 @@ TFDB_TEST(every_memory_order_is_needed) {
     needs("acquire of begin", kEvicts, 55, {.load = header_word(kBegin)});
     needs("release of ring", kGrows, 15, {.store = header_word(kRing)});
     needs("acquire of ring", kGrows, 15, {.load = header_word(kRing)});
-    needs("release of order", kStartsRun, 35, {.store = header_word(kOrder)});
-    needs("acquire of order", kStartsRun, 35, {.load = header_word(kOrder)});
+    needs("release of order", kStartsRun, 45, {.store = header_word(kOrder)});
+    needs("acquire of order", kStartsRun, 45, {.load = header_word(kOrder)});
     needs("the writer's fence", kEvicts, 55, {.no_release_fence = true});
     needs("the reader's fence", kEvicts, 55, {.no_acquire_fence = true});
     needs("the writer's fence in an abort", kAborts, 25, {.no_release_fence = true});
