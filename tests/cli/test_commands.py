@@ -318,11 +318,25 @@ def test_completion(tool: Tool) -> None:
         check_keys(body, {"tfdb": int, "command": str, "shell": str, "script": str, "save": str})
 
 
-def test_completion_completes(tool: Tool, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize(
+    ("line", "offered"),
+    [
+        ("tfdb ch", ["plain,check"]),
+        ("tfdb info --to", ["plain,--topic"]),
+        ("tfdb info pr2.b", ["file,pr2.b"]),
+        ("tfdb lookup pr2.bag map base_l", ["plain,base_laser_link", "plain,base_link"]),
+        ("tfdb lookup none.bag map base_l", []),
+        ("tfdb check --ignore st", ["plain,static-and-moving", "plain,static-revised"]),
+    ],
+)
+def test_completion_completes(
+    tool: Tool, bag: Path, monkeypatch: pytest.MonkeyPatch, line: str, offered: list[str]
+) -> None:
+    monkeypatch.chdir(bag.parent)
     monkeypatch.setenv("_TFDB_COMPLETE", "bash_complete")
-    monkeypatch.setenv("COMP_WORDS", "tfdb ch")
-    monkeypatch.setenv("COMP_CWORD", "1")
-    assert tool.installed().out == "plain,check\n"
+    monkeypatch.setenv("COMP_WORDS", line)
+    monkeypatch.setenv("COMP_CWORD", str(len(line.split()) - 1))
+    assert tool.installed().out.split() == offered
 
 
 def test_installed_program_ends_as_the_tests_say(tool: Tool, bag: Path) -> None:

@@ -16,7 +16,7 @@ from .times import NS, duration_option, format_ns
 
 
 @click.command("check")
-@click.argument("files", nargs=-1, required=True, metavar="FILE...")
+@common.files_argument
 @click.option(
     "--max-gap",
     metavar="SECONDS",

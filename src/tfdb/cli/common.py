@@ -29,6 +29,10 @@ if TYPE_CHECKING:
 P = ParamSpec("P")
 R = TypeVar("R")
 
+files_argument = click.argument(
+    "files", nargs=-1, required=True, metavar="FILE...", type=click.Path()
+)
+file_argument = click.argument("file", type=click.Path())
 json_option = click.option(
     "--json", "as_json", is_flag=True, help="Print one JSON object instead of text."
 )
@@ -37,12 +41,14 @@ topic_option = click.option(
     "topics",
     multiple=True,
     metavar="FROM[:TO]",
-    help="Read the topic FROM (as TO: /tf or /tf_static) instead of the usual ones; repeatable.",
+    help="Read only the topic FROM (as TO: /tf or /tf_static); repeatable.  "
+    "[default: every topic of transforms]",
 )
 more_option = click.option(
     "--with",
     "more",
     multiple=True,
+    type=click.Path(),
     metavar="FILE",
     help="A further file of the same recording; repeatable.",
 )
@@ -227,3 +233,15 @@ policy_option = click.option(
     help="interpolate[:MAX_GAP], exact, previous[:MAX_AGE], nearest[:TOLERANCE] or "
     "extrapolate:MAX, each in seconds. [default: interpolate]",
 )
+
+
+def complete_frames(ctx: click.Context, _param: click.Parameter, incomplete: str) -> list[str]:
+    """Offer the recording's frames to the shell; none where it cannot be read."""
+    try:
+        return [f for f in tfdb.load(ctx.params["file"]).frames() if f.startswith(incomplete)]
+    except (tfdb.TfdbError, OSError, KeyError, TypeError):
+        return []
+
+
+target_argument = click.argument("target", shell_complete=complete_frames)
+source_argument = click.argument("source", shell_complete=complete_frames)

@@ -33,8 +33,8 @@ class Written:
 
 
 @click.command("convert")
-@click.argument("files", nargs=-1, required=True, metavar="IN...")
-@click.argument("out")
+@click.argument("files", nargs=-1, required=True, metavar="IN...", type=click.Path())
+@click.argument("out", type=click.Path())
 @click.option(
     "--frames",
     nargs=2,

@@ -13,7 +13,7 @@ from .times import format_duration, format_ns
 
 
 @click.command("info")
-@click.argument("files", nargs=-1, required=True, metavar="FILE...")
+@common.files_argument
 @common.topic_option
 @common.json_option
 @common.reports_errors("info")

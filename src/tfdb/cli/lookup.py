@@ -18,9 +18,9 @@ if TYPE_CHECKING:
 
 
 @click.command("lookup")
-@click.argument("file")
-@click.argument("target")
-@click.argument("source")
+@common.file_argument
+@common.target_argument
+@common.source_argument
 @click.argument("time", default="latest", callback=time_option)
 @common.policy_option
 @common.more_option

@@ -34,12 +34,13 @@ class Poses:
 
 
 @click.command("poses")
-@click.argument("file")
-@click.argument("target")
-@click.argument("source")
+@common.file_argument
+@common.target_argument
+@common.source_argument
 @click.option(
     "--at",
     "stamps_file",
+    type=click.Path(),
     metavar="STAMPS",
     help="One stamp per line (first column: a TUM or CSV trajectory works too); '-' reads stdin.",
 )
@@ -55,6 +56,7 @@ class Poses:
     "-o",
     "--output",
     "out",
+    type=click.Path(),
     metavar="OUT",
     help="A .tum, .csv or .npz file. [default: TUM lines to stdout]",
 )

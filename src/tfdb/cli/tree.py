@@ -16,7 +16,7 @@ from .times import TimeSpec, format_duration, format_ns, time_option
 
 
 @click.command("tree")
-@click.argument("files", nargs=-1, required=True, metavar="FILE...")
+@common.files_argument
 @click.option(
     "--at", metavar="TIME", callback=time_option, help="The parents at this time, not the newest."
 )
