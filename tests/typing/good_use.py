@@ -1,0 +1,62 @@
+"""Checked by mypy, never run."""
+
+from __future__ import annotations
+
+from typing import assert_type
+
+import numpy as np
+import numpy.typing as npt
+
+import tfdb
+
+
+class RosTime:
+    """A message with plain attributes."""
+
+    sec: int = 5
+    nanosec: int = 7
+
+
+def everything(buffer: tfdb.Buffer, stamps: npt.NDArray[np.int64]) -> None:
+    buffer.set_transform("map", "base", 5, (1, 2, 3), (0, 0, 0, 1), authority="ekf")
+    buffer.set_transform("map", "base", RosTime(), [1.0, 2.0, 3.0], np.array([0.0, 0, 0, 1]))
+    buffer.set_transform("map", "base", np.datetime64(5, "ns"), (1, 2, 3), (0, 0, 0, 1))
+    buffer.set_static_transform("base", "camera", (0, 0, 1))
+    buffer.set_transforms([tfdb.TransformStamped("map", "base", 5, (1, 2, 3))], authority="x")
+    buffer.set_transforms(tfdb.Columns("map", "base", stamps, np.zeros((5, 7))), static=False)
+    assert_type(buffer.lookup_transform("map", "camera"), tfdb.Transform)
+    assert_type(buffer.lookup_transform("map", "camera", 5, tfdb.Previous(0.1)), tfdb.Transform)
+    assert_type(buffer.lookup_latest_transform("map", "camera", max_age=0.1), tfdb.Transform)
+    assert_type(buffer.can_transform("map", "camera", np.int64(5)), bool)
+    assert_type(buffer.lookup_transforms("map", "camera", stamps), npt.NDArray[np.float64])
+    buffer.lookup_transforms("map", "camera", [5, 6], layout="matrix", missing="nan")
+    buffer.transform_points("map", "camera", np.zeros((5, 3), np.float32), stamps)
+    assert_type(buffer.trajectory("map", "camera", rate=10.0), tfdb.Trajectory)
+    assert_type(buffer.explain("map", "camera").error, tfdb.TfdbError | None)
+    assert_type(buffer.frame_info("base"), tfdb.FrameInfo)
+    assert_type(buffer.tree(), list[tfdb.FrameInfo])
+    assert_type(buffer.commit, int)
+    with buffer.snapshot() as snapshot:
+        assert_type(snapshot, tfdb.Snapshot)
+        assert_type(snapshot.lookup_velocity("base", "map").linear, npt.NDArray[np.float64])
+    found = buffer.lookup_transform("map", "base") @ buffer.lookup_transform("base", "camera")
+    assert_type(found, tfdb.Transform)
+    assert_type(found.inverse().matrix, npt.NDArray[np.float64])
+    assert_type(found.report.edges[0].before, int | None)
+    assert_type(tfdb.stamp("12.5"), int)
+    assert_type(tfdb.encode_tf_message([]), bytes)
+
+
+def both(reads: tfdb.Reads) -> tfdb.Transform:
+    """Take a buffer or a snapshot."""
+    return reads.lookup_transform("map", "base")
+
+
+def errors(buffer: tfdb.Buffer) -> int | None:
+    try:
+        both(buffer)
+    except tfdb.Extrapolation as error:
+        return error.newest
+    except tfdb.TfdbError as error:
+        return error.index
+    return None
