@@ -63,7 +63,9 @@ public:
           policy_(policy),
           mode_(mode),
           up_(chains.source_chain),
-          down_(chains.target_chain) {}
+          down_(chains.target_chain),
+          to_root_(policy.kind == PolicyKind::kNearest || policy.kind == PolicyKind::kExtrapolate) {
+    }
 
     /// Fills both chains up to the meeting point, the last of both; or, when `met` is false, up to
     /// their roots. The depth hints say which side to move; where they are wrong a side may walk
@@ -76,7 +78,7 @@ public:
         down_.assign(1, target);
         branching_ = false;
         while (!(up.ended && down.ended)) {
-            if (!branching_ && up_.back() == down_.back()) {
+            if (!branching_ && !to_root_ && up_.back() == down_.back()) {
                 break;
             }
             const bool move_up = !up.ended && (down.ended || Topology::depth(up.topology) >=
@@ -95,6 +97,9 @@ public:
 
     /// True if a frame on the way had more than one parent in its time.
     [[nodiscard]] bool branching() const { return branching_; }
+    /// True for policies that answer far from an edge's samples: where a frame had several parents,
+    /// there may then be several paths, and the lowest meeting point is found from whole chains.
+    [[nodiscard]] bool to_root() const { return to_root_; }
 
 private:
     struct Side {
@@ -129,6 +134,7 @@ private:
     WalkMode mode_;
     std::vector<FrameId>& up_;
     std::vector<FrameId>& down_;
+    bool to_root_;
     bool branching_ = false;
 };
 
@@ -142,13 +148,10 @@ template <View V>
     bool met = false;
     if (mode == WalkMode::kHints) {
         const Outcome outcome = walker.walk(target, source, Edges::kAll, met);
-        // Policies that answer far from an edge's samples can make more than one path.
-        const bool unique = !walker.branching() || (policy.kind != PolicyKind::kNearest &&
-                                                    policy.kind != PolicyKind::kExtrapolate);
         if (outcome != Outcome::kOk) {
             return outcome;
         }
-        return met && unique ? Outcome::kOk : Outcome::kMismatch;
+        return met && !(walker.branching() && walker.to_root()) ? Outcome::kOk : Outcome::kMismatch;
     }
     for (const Edges edges : {Edges::kAnswering, Edges::kAll}) {
         const Outcome outcome = walker.walk(target, source, edges, met);

@@ -100,20 +100,26 @@ private:
         try {
             buffer_.set_transforms(views, is_static, "driver");
             CHECK(refusals.empty());
+            if (!refusals.empty()) {
+                complain("stored what had to be refused", batch);
+            }
             model_.set(batch, is_static);
         } catch (const Error& error) {
             CHECK(refusals.contains(error.code()));
             if (refusals.empty()) {
-                failed_ = true;
-                std::printf("  %s seed %u: refused without reason: %s\n", shape_.name, seed_,
-                            error.what());
-                for (const Member& m : batch) {
-                    std::printf("    %s<-%s at %lld\n", m.parent.c_str(), m.child.c_str(),
-                                static_cast<long long>(m.stamp));
-                }
-                report(buffer_, model_.commit());
+                complain(error.what(), batch);
             }
         }
+    }
+
+    void complain(const char* what, const std::vector<Member>& batch) {
+        failed_ = true;
+        std::printf("  %s seed %u: %s\n", shape_.name, seed_, what);
+        for (const Member& m : batch) {
+            std::printf("    %s<-%s at %lld\n", m.parent.c_str(), m.child.c_str(),
+                        static_cast<long long>(m.stamp));
+        }
+        report(buffer_, model_.commit());
     }
 
     void remove() {

@@ -95,6 +95,8 @@ private:
     }
     [[nodiscard]] FrameId take_slot();
     void recycle(FrameId id);
+    [[nodiscard]] bool holds(const CommitScratch::Relation& relation, StampNs& from,
+                             StampNs& to) const;
     [[nodiscard]] bool reaches(const CommitScratch::Relation& relation, Cycle& cycle);
     void push_parents(const CommitScratch::Stop& at);
     void push_stop(FrameId parent, CommitNumber written, StampNs from, StampNs to,

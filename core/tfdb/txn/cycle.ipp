@@ -37,25 +37,62 @@ bool Commit<Memory>::find_cycle(Cycle& cycle) {
     return false;
 }
 
+/// The interval in which the relation's parent holds. False if it never does: the sample is too old
+/// to be seen, or a later member of the same batch replaced it.
+template <class Memory>
+bool Commit<Memory>::holds(const CommitScratch::Relation& relation, StampNs& from,
+                           StampNs& to) const {
+    const auto names_parent = [&](const history::EdgeView<Memory>& edge, std::uint64_t index) {
+        return history::SlotWord::parent(edge.slot_word(index)) == relation.parent;
+    };
+    from = detail::kDawn;
+    to = detail::kDusk;
+    history::EdgeView<Memory> edge;
+    history::Bracket around;
+    if (!view().open(relation.child, edge)) {
+        return false;
+    }
+    if (relation.stamp < 0) {
+        return names_parent(edge, edge.static_index());
+    }
+    if (!edge.bracket(relation.stamp, around)) {
+        return false;
+    }
+    if (around.before == history::kNoIndex) {
+        // Too old by now; but what follows it may stand on its word.
+        around.before = around.after;
+        around.before_stamp = around.after_stamp;
+        if (around.before == history::kNoIndex || !edge.bracket(around.before_stamp, around)) {
+            return false;
+        }
+    } else if (around.before_stamp != relation.stamp) {
+        return false;
+    }
+    if (!names_parent(edge, around.before)) {
+        return false;
+    }
+    from = around.before_stamp;
+    if ((edge.topology() & history::Topology::kMixedParents) == 0) {
+        return true;
+    }
+    // Later samples that name the same parent are not looked at by themselves.
+    while (around.after != history::kNoIndex && names_parent(edge, around.after)) {
+        if (!edge.bracket(around.after_stamp, around)) {
+            return false;
+        }
+    }
+    if (around.after != history::kNoIndex) {
+        to = around.after_stamp;
+    }
+    return true;
+}
+
 template <class Memory>
 bool Commit<Memory>::reaches(const CommitScratch::Relation& relation, Cycle& cycle) {
-    StampNs from = detail::kDawn;
-    StampNs to = detail::kDusk;
-    if (relation.stamp >= 0) {
-        history::EdgeView<Memory> edge;
-        history::Bracket around;
-        if (!view().open(relation.child, edge) || !edge.bracket(relation.stamp, around)) {
-            return false;
-        }
-        // Too old to be seen, or replaced by a later member of the same batch: relates nothing.
-        if (around.before == history::kNoIndex || around.before_stamp != relation.stamp ||
-            history::SlotWord::parent(edge.slot_word(around.before)) != relation.parent) {
-            return false;
-        }
-        from = relation.stamp;
-        if (around.after != history::kNoIndex) {
-            to = around.after_stamp;
-        }
+    StampNs from = 0;
+    StampNs to = 0;
+    if (!holds(relation, from, to)) {
+        return false;
     }
     auto& stops = scratch_.stops;
     stops.assign(1, {relation.parent, from, to, 1});

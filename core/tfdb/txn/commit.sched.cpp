@@ -1,0 +1,127 @@
+// Every interleaving of commits with a lookup by names: the answer is that of one committed state.
+#include "tfdb/txn/forest.sched.hpp"
+
+namespace tfdb::txn::forest {
+
+namespace {
+
+Step set(StampNs stamp, std::vector<std::pair<std::string, std::string>> edges) {
+    Step step;
+    for (auto& [parent, child] : edges) {
+        step.edges.push_back({parent, child, stamp});
+    }
+    return step;
+}
+
+Step of_kind(Step::Kind kind, Step step) {
+    step.kind = kind;
+    return step;
+}
+
+Step removal(const std::string& name) {
+    return {Step::kRemove, {}, name};
+}
+Step clearing() {
+    return {Step::kClear, {}, {}};
+}
+
+void holds(const std::string& name, const Script& script, const Reader& reader = ask_fresh) {
+    sched::Walk walk;
+    walk.must_hold(name, program(script, reader));
+}
+
+}  // namespace
+
+TFDB_SCHED(commit_of_two_edges_is_seen_whole) {
+    const Script script{.history = {},
+                        .before = {set(10, {{"map", "odom"}, {"odom", "base"}})},
+                        .during = {set(20, {{"map", "odom"}, {"odom", "base"}})},
+                        .questions = {{"map", "base", 10}}};
+    holds("at a stamp", script);
+    Script latest = script;
+    latest.questions = {{"base", "map", std::nullopt}};
+    holds("at the latest common time", latest);
+}
+
+TFDB_SCHED(commit_makes_frames) {
+    holds("a new leaf", {.history = {},
+                         .before = {set(10, {{"map", "odom"}})},
+                         .during = {set(10, {{"odom", "base"}})},
+                         .questions = {{"map", "base", 10}}});
+    holds("a new root over an old one", {.history = {},
+                                         .before = {set(10, {{"odom", "base"}})},
+                                         .during = {set(10, {{"map", "odom"}})},
+                                         .questions = {{"map", "base", 10}}});
+    holds("the first frames of all, the table of names grows",
+          {.history = {},
+           .before = {},
+           .during = {set(10, {{"map", "odom"}, {"odom", "base"}})},
+           .questions = {{"map", "base", 10}}});
+}
+
+TFDB_SCHED(commit_removes_frames) {
+    const std::vector<Step> chain{set(10, {{"map", "odom"}, {"odom", "base"}})};
+    holds("a leaf", {.history = {},
+                     .before = chain,
+                     .during = {removal("base")},
+                     .questions = {{"map", "base", 10}}});
+    holds("a leaf, then the same name again",
+          {.history = {},
+           .before = chain,
+           .during = {removal("base"), set(10, {{"map", "base"}})},
+           .questions = {{"map", "base", 10}}});
+    holds("a leaf, then another name in its slot",
+          {.history = {},
+           .before = chain,
+           .during = {removal("base"), set(10, {{"map", "tip"}})},
+           .questions = {{"map", "base", 10}}});
+    holds("asked for the new name in the slot",
+          {.history = {},
+           .before = chain,
+           .during = {removal("base"), set(10, {{"map", "tip"}})},
+           .questions = {{"map", "tip", 10}}});
+}
+
+TFDB_SCHED(commit_moves_frames_and_poses) {
+    holds("another parent", {.history = {},
+                             .before = {set(10, {{"map", "odom"}, {"odom", "base"}})},
+                             .during = {set(20, {{"map", "base"}})},
+                             .questions = {{"map", "base", 20}}});
+    holds("static revised", {.history = {},
+                             .before = {of_kind(Step::kSetStatic, set(0, {{"map", "odom"}}))},
+                             .during = {of_kind(Step::kSetStatic, set(0, {{"map", "odom"}}))},
+                             .questions = {{"odom", "map", 5}}});
+    holds("clear", {.history = {},
+                    .before = {set(10, {{"map", "odom"}, {"odom", "base"}})},
+                    .during = {clearing()},
+                    .questions = {{"map", "base", 10}}});
+}
+
+TFDB_SCHED(commit_that_is_refused_leaves_no_trace) {
+    holds("a cycle", {.history = {},
+                      .before = {set(10, {{"map", "odom"}, {"odom", "base"}})},
+                      .during = {of_kind(Step::kSetCycle, set(20, {{"base", "odom"}}))},
+                      .questions = {{"map", "base", 10}}});
+    holds("a cycle with a new frame",
+          {.history = {},
+           .before = {set(10, {{"map", "odom"}})},
+           .during = {of_kind(Step::kSetCycle, set(20, {{"odom", "tip"}, {"tip", "odom"}}))},
+           .questions = {{"map", "tip", 20}}});
+}
+
+TFDB_SCHED(commit_leaves_held_snapshots_alone) {
+    holds("the oldest is not overwritten",
+          {.history = 15,
+           .before = {set(10, {{"map", "odom"}}), set(20, {{"map", "odom"}})},
+           .during = {set(50, {{"map", "odom"}}), set(60, {{"map", "odom"}})},
+           .questions = {{"map", "odom", 15}, {"map", "odom", 15}}},
+          ask_held);
+    holds("the slot of a removed frame is not used again",
+          {.history = {},
+           .before = {set(10, {{"map", "odom"}, {"odom", "base"}})},
+           .during = {removal("base"), set(10, {{"map", "tip"}})},
+           .questions = {{"map", "base", 10}, {"map", "base", 10}}},
+          ask_held);
+}
+
+}  // namespace tfdb::txn::forest
