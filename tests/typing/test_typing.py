@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 import subprocess
 import sys
@@ -16,6 +17,7 @@ HERE = Path(__file__).resolve().parent
 
 def mypy(name: str) -> subprocess.CompletedProcess[str]:
     command = [sys.executable, "-m", "mypy", "--strict", "--no-error-summary", "--config-file="]
+    command += ["--cache-dir", os.devnull]
     return subprocess.run(
         [*command, str(HERE / name)], capture_output=True, text=True, check=False, cwd=HERE
     )
