@@ -78,6 +78,41 @@ CommitNumber ingest(BufferObject& self, nb::handle data, const nb::str& encoding
     return commit_transforms(self, transforms, is_static, name_of(authority, "authority"));
 }
 
+/// Who sent each of many messages: one name for all, or one name each. Made with the GIL.
+class Senders {
+public:
+    Senders(nb::handle authority, nb::handle messages) {
+        if (PyUnicode_Check(authority.ptr())) {
+            common_ = name_of(authority.ptr(), "authority");
+            return;
+        }
+        names_ = nb::steal<nb::object>(PySequence_Tuple(authority.ptr()));
+        if (!names_.is_valid()) {
+            throw nb::python_error();
+        }
+        const Py_ssize_t count = PyObject_Length(messages.ptr());
+        PyErr_Clear();
+        if (count != PyTuple_GET_SIZE(names_.ptr())) {
+            throw_error("InvalidArgument",
+                        "authority must be one name, or one for each of a sequence of messages",
+                        {{"value", nb::borrow(authority)}});
+        }
+        for (Py_ssize_t i = 0; i < count; ++i) {
+            each_.push_back(name_of(PyTuple_GET_ITEM(names_.ptr(), i), "authority"));
+        }
+    }
+
+    /// Valid as long as the arguments of the constructor.
+    [[nodiscard]] std::string_view of(std::size_t message) const {
+        return message < each_.size() ? each_[message] : common_;
+    }
+
+private:
+    nb::object names_;
+    std::vector<std::string_view> each_;
+    std::string_view common_;
+};
+
 struct Refusal {
     std::uint64_t count = 0;
     std::uint64_t index = 0;
@@ -126,10 +161,10 @@ nb::object result_of(const Tally& tally) {
 }
 
 nb::object ingest_many(BufferObject& self, nb::handle messages, const nb::str& encoding,
-                       bool is_static, const nb::str& authority) {
+                       bool is_static, nb::handle authority) {
     constexpr std::size_t kChunk = 1024;
     const wire::Encoding how = encoding_of(encoding);
-    const std::string_view who = name_of(authority, "authority");
+    const Senders senders(authority, messages);
     const nb::object iterator = nb::steal(PyObject_GetIter(messages.ptr()));
     if (!iterator.is_valid()) {
         throw nb::python_error();
@@ -153,7 +188,8 @@ nb::object ingest_many(BufferObject& self, nb::handle messages, const nb::str& e
         }
         const nb::gil_scoped_release released;
         for (const Message& message : chunk) {
-            ingest_one(self.store, message.bytes(), how, is_static, who, scratch, tally);
+            ingest_one(self.store, message.bytes(), how, is_static, senders.of(tally.messages),
+                       scratch, tally);
         }
     }
     return result_of(tally);
@@ -221,7 +257,8 @@ what `set_transforms` raises. Then nothing was stored.)";
 constexpr const char* kIngestManyDoc = R"(Store many TFMessages, one commit each, without a step through Python in between.
 
 A message that is refused is counted, with its reason, and the others go on. Arguments as in
-`ingest`; `messages` is an iterable of bytes-like objects.)";
+`ingest`; `messages` is an iterable of bytes-like objects. `authority` may also be a sequence, with
+one name for each message. Raises InvalidArgument if it then differs in length; nothing was stored.)";
 
 }  // namespace
 
@@ -235,7 +272,7 @@ void bind_wire(nb::module_& module, nb::class_<BufferObject, ReadsObject>& type)
              nb::arg("static") = false, nb::arg("authority") = "",
              nb::sig("def ingest_many(self, messages: collections.abc.Iterable["
                      "tfdb.types.BytesLike], *, encoding: str, static: bool = False, authority: "
-                     "str = '') -> tfdb.types.IngestResult"),
+                     "str | collections.abc.Sequence[str] = '') -> tfdb.types.IngestResult"),
              kIngestManyDoc);
     module.def("encode_tf_message", &encode, nb::arg("transforms").none(), nb::arg("encoding") = "cdr",
                nb::sig("def encode_tf_message(transforms: collections.abc.Iterable["

@@ -1,6 +1,6 @@
 """The compiled part of tfdb. Use the names that `tfdb` exports."""
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from typing import Any, ClassVar, Literal, Self
 
 import numpy
@@ -552,12 +552,13 @@ class Buffer(Reads):
         what `set_transforms` raises. Then nothing was stored.
         """
 
-    def ingest_many(self, messages: Iterable[tfdb.types.BytesLike], *, encoding: str, static: bool = False, authority: str = '') -> tfdb.types.IngestResult:
+    def ingest_many(self, messages: Iterable[tfdb.types.BytesLike], *, encoding: str, static: bool = False, authority: str | Sequence[str] = '') -> tfdb.types.IngestResult:
         """
         Store many TFMessages, one commit each, without a step through Python in between.
 
         A message that is refused is counted, with its reason, and the others go on. Arguments as in
-        `ingest`; `messages` is an iterable of bytes-like objects.
+        `ingest`; `messages` is an iterable of bytes-like objects. `authority` may also be a sequence, with
+        one name for each message. Raises InvalidArgument if it then differs in length; nothing was stored.
         """
 
     def snapshot(self) -> Snapshot:
