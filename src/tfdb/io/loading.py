@@ -120,11 +120,12 @@ def load_recordings(
         recordings.sort(key=lambda recording: recording.start)
         names = tuple(str(recording.path) for recording in recordings)
         meter = _Meter(selection.count(recordings), progress)
+        tally = _Tally()
         runs: deque[Run] = deque()
         for recording in recordings:
-            runs.extend(recording.read(selection.wants, meter.step))
+            runs.extend(recording.read(selection.wants, selection.kind, meter.step))
+            tally.count(recording, selection)
     read_at = time.perf_counter()
-    tally = _Tally()
     while runs:
         tally.store(buffer, runs.popleft(), selection, meter)
     return tally.report(names, time.perf_counter() - started, read_at - started)
@@ -149,6 +150,10 @@ class _Selection:
         name = _absolute(source.topic)
         role = name if self._roles is None else self._roles[name]
         return role.rsplit("/", 1)[-1] == "tf_static"
+
+    def kind(self, source: Source) -> tuple[str, bool]:
+        """What all messages of one run have in common."""
+        return source.encoding, self.is_static(source)
 
     def count(self, recordings: Sequence[Recording]) -> int:
         """Messages to be read."""
@@ -198,11 +203,22 @@ class _Tally:
     start: int = 2**63 - 1
     end: int = 0
 
+    def count(self, recording: Recording, selection: _Selection) -> None:
+        """Add the topics of a recording; its reader has checked their numbers of messages."""
+        for source in filter(selection.wants, recording.sources):
+            before = self.topics.get(source.topic)
+            messages = source.messages + (before.messages if before else 0)
+            static = selection.is_static(source)
+            self.topics[source.topic] = TopicReport(source.topic, messages, static)
+
     def store(self, buffer: Buffer, run: Run, selection: _Selection, meter: _Meter) -> None:
-        source = run.source
-        static = selection.is_static(source)
+        """Commit the messages of a run."""
+        encoding, static = selection.kind(run.sources[0])
         result = buffer.ingest_many(
-            run.messages, encoding=source.encoding, static=static, authority=source.authority
+            run.messages,
+            encoding=encoding,
+            static=static,
+            authority=[source.authority for source in run.sources],
         )
         self.messages += result.messages
         self.transforms += result.transforms
@@ -211,11 +227,8 @@ class _Tally:
         for name, refusal in result.reasons.items():
             self.reasons[name] += refusal.count
             self.first_refusals.setdefault(name, refusal.first)
-        before = self.topics.get(source.topic)
-        count = len(run.messages) + (before.messages if before else 0)
-        self.topics[source.topic] = TopicReport(source.topic, count, static)
         self.start, self.end = min(self.start, run.start), max(self.end, run.end)
-        meter.step(len(run.messages))
+        meter.step(result.messages)
 
     def report(self, files: tuple[str, ...], seconds: float, reading: float) -> LoadReport:
         if not self.transforms:

@@ -30,10 +30,13 @@ MAX_RUN = 4096
 
 @dataclass
 class Run:
-    """Messages of one source that follow each other; `start` and `end` are times of reception."""
+    """Messages that follow each other and are stored alike, each with its source.
 
-    source: Source
+    `start` and `end` are the times of reception (ns) of the first and the last.
+    """
+
     messages: list[bytes]
+    sources: list[Source]
     start: int
     end: int
 
@@ -94,16 +97,18 @@ class Recording:
     def read(
         self,
         wanted: Callable[[Source], bool] | None = None,
+        kind: Callable[[Source], object] | None = None,
         step: Callable[[int], None] | None = None,
     ) -> list[Run]:
         """All messages at once, or none: `RecordingError` where the file is damaged.
 
-        Reads with the next library where the first one fails. `step` is called with the number of
-        messages since the last call.
+        Reads with the next library where the first one fails. A run ends where `kind` of the source
+        changes; by default, that is its topic. `step` is called with the number of messages since
+        the last call.
         """
         while True:
             try:
-                return _runs(self.messages(wanted), step)
+                return _runs(self.messages(wanted), kind or _topic, step)
             except RecordingError as error:
                 self._container.close()
                 self._container = self._open(error)
@@ -131,27 +136,38 @@ def _all(_: Source) -> bool:
     return True
 
 
+def _topic(source: Source) -> str:
+    return source.topic
+
+
 def _runs(
-    messages: Iterable[tuple[Source, int, bytes]], step: Callable[[int], None] | None
+    messages: Iterable[tuple[Source, int, bytes]],
+    kind: Callable[[Source], object],
+    step: Callable[[int], None] | None,
 ) -> list[Run]:
+    # Containers give the same object for the same source: identity is enough, and faster.
+    kinds: dict[int, object] = {}
     runs: list[Run] = []
-    source: Source | None = None
-    batch: list[bytes] = []
-    received = 0
-    for origin, received_now, data in messages:
-        if origin is not source or len(batch) == MAX_RUN:
-            if runs:
-                runs[-1].end = received
-                if step is not None:
-                    step(len(batch))
-            source, batch = origin, []
-            runs.append(Run(origin, batch, received_now, received_now))
-        batch.append(data)
-        received = received_now
-    if runs:
-        runs[-1].end = received
-        if step is not None:
-            step(len(batch))
+    current: Source | None = None
+    current_kind: object = None
+    room = 0
+    for source, received, data in messages:
+        if source is not current or not room:
+            if id(source) not in kinds:
+                kinds[id(source)] = kind(source)
+            if not room or kinds[id(source)] != current_kind:
+                if step is not None and runs:
+                    step(len(runs[-1].messages))
+                run = Run([], [], received, received)
+                runs.append(run)
+                room = MAX_RUN
+            current, current_kind = source, kinds[id(source)]
+        run.messages.append(data)
+        run.sources.append(source)
+        run.end = received
+        room -= 1
+    if step is not None and runs:
+        step(len(runs[-1].messages))
     return runs
 
 
