@@ -368,3 +368,19 @@ def test_report_of_the_function(recorder: Any, messages: list[Any], tmp_path: Pa
     report = load_recordings(tfdb.Buffer(history=None), [str(path)])
     assert isinstance(report, LoadReport)
     assert report.seconds > 0
+
+
+def test_senders_of_single_messages(recorder: Any, messages: list[Any]) -> None:
+    payloads = [recorder.encode(message, "cdr") for message in messages[:4]]
+    senders = ["/a", "/b", "/c", "/d"]
+    buffer = tfdb.Buffer(history=None)
+    result = buffer.ingest_many(payloads, encoding="cdr", authority=senders)
+    assert (result.messages, result.refused) == (4, 0)
+    assert buffer.frame_info("base").authority == "/c"
+    assert buffer.frame_info("hand").authority == "/d"
+    for wrong in (senders[:3], [*senders, "/e"]):
+        with pytest.raises(tfdb.InvalidArgument, match="one for each"):
+            buffer.ingest_many(payloads, encoding="cdr", authority=wrong)
+    with pytest.raises(tfdb.InvalidArgument, match="one for each"):
+        buffer.ingest_many(iter(payloads), encoding="cdr", authority=senders)
+    assert buffer.commit == 4
