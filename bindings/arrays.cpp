@@ -116,8 +116,7 @@ std::string ArrayView::describe() const {
     return text + (view_.ndim == 1 ? ",)" : ")");
 }
 
-void throw_bad_array(const std::string& role, const std::string& expected,
-                     const std::string& got) {
+void throw_bad_array(const std::string& role, const std::string& expected, const std::string& got) {
     const std::string reason = "expected " + expected + ", got " + got;
     throw_error("InvalidArray", role + ": " + reason, {{"reason", nb::str(reason.c_str())}});
 }

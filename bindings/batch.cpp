@@ -28,8 +28,9 @@ void run_batch(std::size_t count, Function&& function) {
 Layout layout_of(const nb::str& layout) {
     const std::string_view name = layout.c_str();
     if (name != "pose" && name != "matrix") {
-        throw_error("InvalidArgument", "layout must be 'pose' or 'matrix', got " +
-                                           short_repr(layout), {{"value", layout}});
+        throw_error("InvalidArgument",
+                    "layout must be 'pose' or 'matrix', got " + short_repr(layout),
+                    {{"value", layout}});
     }
     return name == "pose" ? Layout::kPose : Layout::kMatrix;
 }
@@ -37,8 +38,9 @@ Layout layout_of(const nb::str& layout) {
 Missing missing_of(const nb::str& missing) {
     const std::string_view name = missing.c_str();
     if (name != "raise" && name != "nan") {
-        throw_error("InvalidArgument", "missing must be 'raise' or 'nan', got " +
-                                           short_repr(missing), {{"value", missing}});
+        throw_error("InvalidArgument",
+                    "missing must be 'raise' or 'nan', got " + short_repr(missing),
+                    {{"value", missing}});
     }
     return name == "raise" ? Missing::kThrow : Missing::kNan;
 }
@@ -50,10 +52,10 @@ NewArray<double> rows_for(nb::handle out, std::size_t count, Layout layout) {
         return matrices ? new_doubles({count, 4, 4}) : new_doubles({count, 7});
     }
     const std::optional<ArrayView> view = ArrayView::of(out, true);
-    const bool fits = view && view->kind() == Kind::kFloat64 && view->contiguous() &&
-                      view->dimensions() == (matrices ? 3 : 2) && view->extent(0) == count &&
-                      (matrices ? view->extent(1) == 4 && view->extent(2) == 4
-                                : view->extent(1) == 7);
+    const bool fits =
+        view && view->kind() == Kind::kFloat64 && view->contiguous() &&
+        view->dimensions() == (matrices ? 3 : 2) && view->extent(0) == count &&
+        (matrices ? view->extent(1) == 4 && view->extent(2) == 4 : view->extent(1) == 7);
     if (!fits) {
         const std::string shape =
             std::to_string(count) + (matrices ? std::string(", 4, 4)") : std::string(", 7)"));
@@ -126,10 +128,10 @@ Points points_of(nb::handle object, const char* role, bool writable) {
 void check_out(const Points& points, const Points& out, nb::handle object) {
     const char* dtype = points.view.kind() == Kind::kFloat32 ? "float32" : "float64";
     if (out.view.kind() != points.view.kind() || out.count != points.count) {
-        throw_bad_array("out",
-                        "an array (" + std::to_string(points.count) + ", 3) of " + dtype +
-                            " like the points",
-                        describe(object));
+        throw_bad_array(
+            "out",
+            "an array (" + std::to_string(points.count) + ", 3) of " + dtype + " like the points",
+            describe(object));
     }
     const auto [low, high] = points.view.range();
     const auto [out_low, out_high] = out.view.range();
@@ -168,19 +170,17 @@ nb::object transform_points(nb::handle self, const nb::str& target, const nb::st
     } else {
         many.emplace(stamps);
     }
-    const std::span<const StampNs> when =
-        many ? many->values() : std::span<const StampNs>(&one, 1);
+    const std::span<const StampNs> when = many ? many->values() : std::span<const StampNs>(&one, 1);
     if (many && when.size() != from.count) {
-        throw_bad_array("stamps",
-                        "one stamp, or one for each of the " + std::to_string(from.count) +
-                            " points",
-                        std::to_string(when.size()) + " stamps");
+        throw_bad_array(
+            "stamps", "one stamp, or one for each of the " + std::to_string(from.count) + " points",
+            std::to_string(when.size()) + " stamps");
     }
     nb::object target_array = nb::borrow(out);
     if (out.is_none()) {
         const char* dtype = from.view.kind() == Kind::kFloat32 ? "float32" : "float64";
-        target_array = nb::module_::import_("numpy").attr("empty")(
-            nb::make_tuple(from.count, 3), dtype);
+        target_array =
+            nb::module_::import_("numpy").attr("empty")(nb::make_tuple(from.count, 3), dtype);
     }
     const Points to = points_of(target_array, "out", true);
     check_out(from, to, target_array);
@@ -194,7 +194,8 @@ nb::object transform_points(nb::handle self, const nb::str& target, const nb::st
     return target_array;
 }
 
-constexpr const char* kLookupTransformsDoc = R"(T[target<-source] at each of N stamps, all from one snapshot.
+constexpr const char* kLookupTransformsDoc =
+    R"(T[target<-source] at each of N stamps, all from one snapshot.
 
 Equal to N calls of `lookup_transform`, and much faster.
 
@@ -221,7 +222,8 @@ numpy.ndarray
 
 Raises InvalidArray, InvalidStamp, InvalidArgument, and what `lookup_transform` raises.)";
 
-constexpr const char* kTransformPointsDoc = R"(Map points of `source` into `target`, each at its own stamp.
+constexpr const char* kTransformPointsDoc =
+    R"(Map points of `source` into `target`, each at its own stamp.
 
 Undoes the motion during a scan: p_target[i] = T[target<-source](stamps[i]) p_source[i], all from
 one snapshot.
@@ -251,8 +253,7 @@ Raises InvalidArray, InvalidStamp, and what `lookup_transform` raises, with `ind
 void bind_batch(nb::class_<ReadsObject>& type) {
     type.def("lookup_transforms", &lookup_transforms, nb::arg("target"), nb::arg("source"),
              nb::arg("stamps").none(), nb::arg("policy") = nb::none(), nb::kw_only(),
-             nb::arg("layout") = "pose", nb::arg("out") = nb::none(),
-             nb::arg("missing") = "raise",
+             nb::arg("layout") = "pose", nb::arg("out") = nb::none(), nb::arg("missing") = "raise",
              nb::sig("def lookup_transforms(self, target: str, source: str, stamps: "
                      "tfdb.stamps.StampsLike, policy: Policy | None = None, *, layout: "
                      "typing.Literal['pose', 'matrix'] = 'pose', out: "
@@ -261,8 +262,8 @@ void bind_batch(nb::class_<ReadsObject>& type) {
                      "numpy.typing.NDArray[numpy.float64]"),
              kLookupTransformsDoc);
     type.def("transform_points", &transform_points, nb::arg("target"), nb::arg("source"),
-             nb::arg("points").none(), nb::arg("stamps").none(), nb::arg("policy") = nb::none(), nb::kw_only(),
-             nb::arg("out") = nb::none(),
+             nb::arg("points").none(), nb::arg("stamps").none(), nb::arg("policy") = nb::none(),
+             nb::kw_only(), nb::arg("out") = nb::none(),
              nb::sig("def transform_points(self, target: str, source: str, points: "
                      "numpy.typing.ArrayLike, stamps: tfdb.stamps.StampsLike | "
                      "tfdb.stamps.StampLike, policy: Policy | None = None, *, out: "

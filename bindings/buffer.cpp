@@ -17,8 +17,7 @@ namespace tfdb::python {
 namespace {
 
 void init(nb::pointer_and_handle<BufferObject> self, nb::handle history, std::uint32_t max_frames,
-          std::optional<std::size_t> memory_limit, std::size_t snapshot_memory,
-          nb::handle clock) {
+          std::optional<std::size_t> memory_limit, std::size_t snapshot_memory, nb::handle clock) {
     BufferOptions options;
     options.history_ns = optional_duration_of(history, "history");
     options.max_frames = max_frames;
@@ -45,8 +44,8 @@ CommitNumber set_static_transform(BufferObject& self, const nb::str& parent, con
 CommitNumber set_transforms(BufferObject& self, nb::handle batch, bool is_static,
                             const nb::str& authority) {
     const bool columns = nb::isinstance(batch, record_type("Columns"));
-    const Transforms transforms = columns ? Transforms::from_columns(batch, is_static)
-                                          : Transforms::from_objects(batch);
+    const Transforms transforms =
+        columns ? Transforms::from_columns(batch, is_static) : Transforms::from_objects(batch);
     return commit_transforms(self, transforms.views, is_static, name_of(authority, "authority"));
 }
 
@@ -88,7 +87,7 @@ std::optional<double> history(const BufferObject& self) {
 
 nb::str represent(const BufferObject& self) {
     return nb::str(nb::module_::import_("tfdb.report")
-        .attr("buffer_repr")(self.store.commit(), history(self)));
+                       .attr("buffer_repr")(self.store.commit(), history(self)));
 }
 
 // A clock may refer to the buffer: let the garbage collector see it.
@@ -134,7 +133,8 @@ clock
 
 Raises InvalidArgument, CapacityExceeded.)";
 
-constexpr const char* kSetTransformsDoc = R"(Store a batch of transforms T[parent<-child] in one commit: all or nothing.
+constexpr const char* kSetTransformsDoc =
+    R"(Store a batch of transforms T[parent<-child] in one commit: all or nothing.
 
 Parameters
 ----------

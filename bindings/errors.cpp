@@ -12,10 +12,10 @@ namespace {
 
 // In the order of ErrorCode.
 constexpr std::array kClassNames = {
-    "UnknownFrame",   "Disconnected", "Extrapolation",    "GapTooLarge",     "Stale",
-    "NoSampleNear",   "InvalidTransform", "TooOld",       "StaticConflict",  "CycleError",
-    "FrameInUse",     "InvalidStamp", "InvalidName",      "InvalidArgument", "CorruptMessage",
-    "SnapshotTooOld", "SnapshotClosed", "CapacityExceeded",
+    "UnknownFrame",   "Disconnected",     "Extrapolation",    "GapTooLarge",     "Stale",
+    "NoSampleNear",   "InvalidTransform", "TooOld",           "StaticConflict",  "CycleError",
+    "FrameInUse",     "InvalidStamp",     "InvalidName",      "InvalidArgument", "CorruptMessage",
+    "SnapshotTooOld", "SnapshotClosed",   "CapacityExceeded",
 };
 static_assert(kClassNames.size() == static_cast<std::size_t>(ErrorCode::kCapacityExceeded) + 1);
 

@@ -39,8 +39,12 @@ public:
         return *object_.reads;
 #endif
     }
-    [[nodiscard]] NameCache& names() const { return *object_.names; }
-    [[nodiscard]] PyObject* buffer() const { return object_.buffer; }
+    [[nodiscard]] NameCache& names() const {
+        return *object_.names;
+    }
+    [[nodiscard]] PyObject* buffer() const {
+        return object_.buffer;
+    }
 
 private:
     ReadsObject& object_;
@@ -155,8 +159,7 @@ PyObject* lookup_latest_transform(PyObject* self, PyObject* const* args, Py_ssiz
 }
 
 PyMethodDef g_methods[] = {
-    {"lookup_transform", as_function(lookup_transform),
-     METH_FASTCALL | METH_KEYWORDS,
+    {"lookup_transform", as_function(lookup_transform), METH_FASTCALL | METH_KEYWORDS,
      "lookup_transform($self, target, source, time=None, policy=None)\n--\n\n"
      "T[target<-source] at a stamp: maps points of `source` into `target`.\n\n"
      "Parameters\n----------\n"
@@ -168,8 +171,7 @@ PyMethodDef g_methods[] = {
      "Raises\n------\n"
      "UnknownFrame, Disconnected, Extrapolation, GapTooLarge, Stale, NoSampleNear, InvalidStamp,\n"
      "SnapshotTooOld, SnapshotClosed"},
-    {"lookup_latest_transform", as_function(lookup_latest_transform),
-     METH_FASTCALL | METH_KEYWORDS,
+    {"lookup_latest_transform", as_function(lookup_latest_transform), METH_FASTCALL | METH_KEYWORDS,
      "lookup_latest_transform($self, target, source, max_age=None, now=None)\n--\n\n"
      "T[target<-source] from each edge's own newest sample; nothing is interpolated.\n\n"
      "Parameters\n----------\n"
@@ -189,8 +191,8 @@ PyMethodDef g_methods[] = {
 
 void add_raw_reads(nb::handle type) {
     for (PyMethodDef& method : g_methods) {
-        const nb::object descriptor = nb::steal(
-            PyDescr_NewMethod(reinterpret_cast<PyTypeObject*>(type.ptr()), &method));
+        const nb::object descriptor =
+            nb::steal(PyDescr_NewMethod(reinterpret_cast<PyTypeObject*>(type.ptr()), &method));
         nb::setattr(type, method.ml_name, descriptor);
     }
 }

@@ -57,7 +57,8 @@ void bind_policy(nb::module_& module) {
         },
         nb::arg("kind"), nb::arg("limit_ns").none() = nb::none());
     type.def_prop_ro(
-        "kind", [](const Policy& self) { return kKinds[static_cast<std::size_t>(self.kind)].data(); },
+        "kind",
+        [](const Policy& self) { return kKinds[static_cast<std::size_t>(self.kind)].data(); },
         nb::sig("def kind(self) -> str"), "Name of the rule.");
     type.def_prop_ro(
         "limit_ns",

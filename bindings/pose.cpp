@@ -82,8 +82,7 @@ std::array<double, N> numbers_of(PyObject* object, const char* role) {
     std::array<double, N> out{};
     bool read = false;
     if (PyTuple_CheckExact(object)) {
-        read = PyTuple_GET_SIZE(object) == N &&
-               read_items<N>(&PyTuple_GET_ITEM(object, 0), out);
+        read = PyTuple_GET_SIZE(object) == N && read_items<N>(&PyTuple_GET_ITEM(object, 0), out);
     } else if (PyList_CheckExact(object)) {
         // __float__ of an item may change the list: read from a copy of its items.
         const nb::object items = nb::steal(PyList_AsTuple(object));

@@ -16,18 +16,17 @@ std::string_view optional_name_of(nb::handle name, const char* role) {
 }
 
 /// The two stamps and five names of a lookup through a fixed frame.
-bool attempt_full(const Reads& reads, nb::handle target, nb::handle target_time,
-                  nb::handle source, nb::handle source_time, nb::handle fixed, nb::handle policy,
-                  Answer& answer, Failure& failure) {
+bool attempt_full(const Reads& reads, nb::handle target, nb::handle target_time, nb::handle source,
+                  nb::handle source_time, nb::handle fixed, nb::handle policy, Answer& answer,
+                  Failure& failure) {
     FrameHandle to;
     FrameHandle from;
     FrameHandle through;
     static_cast<void>(reads.find_frame(name_of(target, "target"), to));
     static_cast<void>(reads.find_frame(name_of(source, "source"), from));
     static_cast<void>(reads.find_frame(name_of(fixed, "fixed_frame"), through));
-    return reads.try_lookup_full(to, stamp_of(target_time.ptr()), from,
-                                 stamp_of(source_time.ptr()), through, policy_of(policy.ptr()),
-                                 answer, failure);
+    return reads.try_lookup_full(to, stamp_of(target_time.ptr()), from, stamp_of(source_time.ptr()),
+                                 through, policy_of(policy.ptr()), answer, failure);
 }
 
 [[noreturn]] void raise_full(const Reads& reads, const Failure& failure, nb::handle target,
@@ -51,8 +50,8 @@ nb::object lookup_transform_full(nb::handle self, const nb::str& target, nb::han
     const Pinned pinned = pin(self, object);
     Answer answer;
     Failure failure;
-    if (!attempt_full(pinned.reads, target, target_time, source, source_time, fixed, policy,
-                      answer, failure)) {
+    if (!attempt_full(pinned.reads, target, target_time, source, source_time, fixed, policy, answer,
+                      failure)) {
         raise_full(pinned.reads, failure, target, source, fixed);
     }
     return nb::steal(new_transform(answer, target.ptr(), source.ptr(), object.buffer));
@@ -130,9 +129,9 @@ void bind_full_lookups(nb::class_<ReadsObject>& type) {
 That is T[target<-fixed_frame] at `target_time` times T[fixed_frame<-source] at `source_time`:
 where a point that `source` saw then is for `target` now, if `fixed_frame` did not move.
 Raises what `lookup_transform` raises.)");
-    type.def("can_transform_full", &can_transform_full, nb::arg("target"), nb::arg("target_time").none(),
-             nb::arg("source"), nb::arg("source_time").none(), nb::arg("fixed_frame"),
-             nb::arg("policy") = nb::none(),
+    type.def("can_transform_full", &can_transform_full, nb::arg("target"),
+             nb::arg("target_time").none(), nb::arg("source"), nb::arg("source_time").none(),
+             nb::arg("fixed_frame"), nb::arg("policy") = nb::none(),
              nb::sig("def can_transform_full(self, target: str, target_time: "
                      "tfdb.stamps.StampLike, source: str, source_time: tfdb.stamps.StampLike, "
                      "fixed_frame: str, policy: Policy | None = None) -> bool"),
@@ -175,8 +174,8 @@ Twist
     `linear` in m/s, `angular` in rad/s, both float64 (3,).
 
 Raises what `lookup_transform` raises.)");
-    type.def("_path_stamps", &path_stamps, nb::arg("target"), nb::arg("source"), nb::arg("start").none(),
-             nb::arg("end").none(),
+    type.def("_path_stamps", &path_stamps, nb::arg("target"), nb::arg("source"),
+             nb::arg("start").none(), nb::arg("end").none(),
              nb::sig("def _path_stamps(self, target: str, source: str, start: "
                      "tfdb.stamps.StampLike | None, end: tfdb.stamps.StampLike | None) -> "
                      "numpy.typing.NDArray[numpy.int64]"),
@@ -274,8 +273,7 @@ Each call on a Buffer is answered from one fresh snapshot; each call on a Snapsh
 void add_python_methods(nb::module_& module) {
     module.def(
         "to_nanoseconds", [](nb::handle stamp) { return stamp_of(stamp.ptr()); },
-        nb::arg("stamp").none(),
-        nb::sig("def to_nanoseconds(stamp: tfdb.stamps.StampLike) -> int"),
+        nb::arg("stamp").none(), nb::sig("def to_nanoseconds(stamp: tfdb.stamps.StampLike) -> int"),
         "Nanoseconds of anything that is taken for a stamp. Raises InvalidStamp.");
     const nb::object reads = module.attr("Reads");
     reads.attr("explain") = nb::module_::import_("tfdb.explain").attr("explain");

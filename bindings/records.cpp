@@ -35,8 +35,7 @@ nb::object frame_info_of(const nb::object& type, const FrameInfo& info) {
 
 nb::object frame_info(nb::handle self, const nb::str& name) {
     const Pinned pinned = pin(self, reads_of(self.ptr()));
-    return frame_info_of(record_type("FrameInfo"),
-                         pinned.reads.frame_info(name_of(name, "name")));
+    return frame_info_of(record_type("FrameInfo"), pinned.reads.frame_info(name_of(name, "name")));
 }
 
 nb::list tree(nb::handle self, nb::handle time) {

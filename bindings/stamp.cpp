@@ -12,8 +12,7 @@ constexpr const char* kValid =
     "nanosec, or a numpy.datetime64; tfdb.stamp(seconds) converts seconds";
 
 [[noreturn]] void refuse(PyObject* object, const std::string& problem) {
-    throw_error("InvalidStamp",
-                "stamp " + short_repr(object) + " is " + problem + ": " + kValid,
+    throw_error("InvalidStamp", "stamp " + short_repr(object) + " is " + problem + ": " + kValid,
                 {{"value", nb::borrow(object)}, {"reason", nb::str(problem.c_str())}});
 }
 
@@ -153,10 +152,10 @@ StampNs duration_of(nb::handle seconds, const char* role) {
     }
     const auto nanoseconds = clock::nanoseconds_from_seconds(value);
     if (!nanoseconds || !(value >= 0.0)) {
-        throw_error("InvalidArgument",
-                    std::string(role) + " must be a number of seconds >= 0, got " +
-                        short_repr(seconds),
-                    {{"value", nb::borrow(seconds)}});
+        throw_error(
+            "InvalidArgument",
+            std::string(role) + " must be a number of seconds >= 0, got " + short_repr(seconds),
+            {{"value", nb::borrow(seconds)}});
     }
     return *nanoseconds;
 }

@@ -91,8 +91,8 @@ PyObject* get_report(PyObject* self, void* /*closure*/) {
 
 PyObject* new_from_python(PyTypeObject* /*type*/, PyObject* args, PyObject* keywords) {
     return guarded([&]() -> PyObject* {
-        static const char* names[] = {"target", "source", "translation", "rotation", "stamp",
-                                      nullptr};
+        static const char* names[] = {"target",   "source", "translation",
+                                      "rotation", "stamp",  nullptr};
         PyObject* target = nullptr;
         PyObject* source = nullptr;
         PyObject* translation = nullptr;
@@ -142,8 +142,7 @@ PyObject* represent(PyObject* self) {
 }
 
 PyObject* compare(PyObject* left, PyObject* right, int operation) {
-    if ((operation != Py_EQ && operation != Py_NE) || !is_transform(left) ||
-        !is_transform(right)) {
+    if ((operation != Py_EQ && operation != Py_NE) || !is_transform(left) || !is_transform(right)) {
         Py_RETURN_NOTIMPLEMENTED;
     }
     const TransformObject& a = as_transform(left);
@@ -167,12 +166,12 @@ PyObject* reduce(PyObject* self, PyObject* /*unused*/) {
         TransformObject& transform = as_transform(self);
         const nb::object restore = nb::module_::import_("tfdb.report").attr("restore_transform");
         const auto& [t, q] = transform.pose;
-        const nb::tuple pose = nb::make_tuple(nb::make_tuple(t.x, t.y, t.z),
-                                              nb::make_tuple(q.x, q.y, q.z, q.w));
-        return nb::make_tuple(restore, nb::make_tuple(nb::handle(transform.target),
-                                                      nb::handle(transform.source), pose,
-                                                      transform.stamp, transform.commit,
-                                                      edge_rows(transform)))
+        const nb::tuple pose =
+            nb::make_tuple(nb::make_tuple(t.x, t.y, t.z), nb::make_tuple(q.x, q.y, q.z, q.w));
+        return nb::make_tuple(
+                   restore,
+                   nb::make_tuple(nb::handle(transform.target), nb::handle(transform.source), pose,
+                                  transform.stamp, transform.commit, edge_rows(transform)))
             .release()
             .ptr();
     });
@@ -182,13 +181,13 @@ PyObject* return_self(PyObject* self, PyObject* /*unused*/) {
     return Py_NewRef(self);
 }
 
-nb::object restore(const nb::str& target, const nb::str& source, const std::pair<nb::object, nb::object>& pose,
-                   StampNs stamp, CommitNumber commit, const nb::tuple& rows) {
+nb::object restore(const nb::str& target, const nb::str& source,
+                   const std::pair<nb::object, nb::object>& pose, StampNs stamp,
+                   CommitNumber commit, const nb::tuple& rows) {
     const auto& [translation, rotation] = pose;
     const Pose read{vector_of(translation.ptr(), "translation"),
                     quaternion_of(rotation.ptr(), "rotation")};
-    PyObject* made =
-        new_transform(read, stamp, commit, {}, target.ptr(), source.ptr(), rows.ptr());
+    PyObject* made = new_transform(read, stamp, commit, {}, target.ptr(), source.ptr(), rows.ptr());
     if (made == nullptr) {
         throw nb::python_error();
     }
@@ -247,8 +246,9 @@ PyType_Slot g_slots[] = {
 };
 
 PyType_Spec g_spec = {
-    "tfdb.Transform", sizeof(TransformObject), sizeof(EdgeUse),
-    Py_TPFLAGS_DEFAULT | Py_TPFLAGS_IMMUTABLETYPE, g_slots,
+    "tfdb.Transform", sizeof(TransformObject),
+    sizeof(EdgeUse),  Py_TPFLAGS_DEFAULT | Py_TPFLAGS_IMMUTABLETYPE,
+    g_slots,
 };
 
 }  // namespace
@@ -256,8 +256,7 @@ PyType_Spec g_spec = {
 PyObject* new_transform(const Pose& pose, StampNs stamp, CommitNumber commit,
                         std::span<const EdgeUse> edges, PyObject* target, PyObject* source,
                         PyObject* origin) {
-    auto* made =
-        PyObject_NewVar(TransformObject, g_type, static_cast<Py_ssize_t>(edges.size()));
+    auto* made = PyObject_NewVar(TransformObject, g_type, static_cast<Py_ssize_t>(edges.size()));
     if (made == nullptr) {
         return nullptr;
     }

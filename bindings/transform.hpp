@@ -19,8 +19,7 @@ using lookup::EdgeUse;
 /// The object: fixed part, then `ob_size` EdgeUse records.
 /// Threads: immutable, any. Guarantee: names of edges are looked up only when `report` is read.
 struct TransformObject {
-    PyObject_VAR_HEAD
-    Pose pose;
+    PyObject_VAR_HEAD Pose pose;
     clock::StampNs stamp;
     CommitNumber commit;
     PyObject* target;

@@ -203,8 +203,8 @@ nb::bytes encode(nb::handle transforms, const nb::str& encoding) {
 }
 
 nb::object text_of(std::string_view name) {
-    const nb::object text = nb::steal(
-        PyUnicode_DecodeUTF8(name.data(), static_cast<Py_ssize_t>(name.size()), nullptr));
+    const nb::object text =
+        nb::steal(PyUnicode_DecodeUTF8(name.data(), static_cast<Py_ssize_t>(name.size()), nullptr));
     if (!text.is_valid()) {
         PyErr_Clear();
         throw_error("InvalidName", "a frame name of the message is not valid UTF-8",
@@ -225,14 +225,14 @@ nb::list decode(nb::handle data, const nb::str& encoding) {
         const auto& [t, q] = view.pose;
         at_index(i, [&] {
             result.append(type(text_of(view.parent), text_of(view.child), view.stamp,
-                               nb::make_tuple(t.x, t.y, t.z),
-                               nb::make_tuple(q.x, q.y, q.z, q.w)));
+                               nb::make_tuple(t.x, t.y, t.z), nb::make_tuple(q.x, q.y, q.z, q.w)));
         });
     }
     return result;
 }
 
-constexpr const char* kIngestDoc = R"(Store one tf2_msgs/TFMessage, straight from its bytes, as one commit.
+constexpr const char* kIngestDoc =
+    R"(Store one tf2_msgs/TFMessage, straight from its bytes, as one commit.
 
 Parameters
 ----------
@@ -254,7 +254,8 @@ int
 One leading '/' of a frame name is dropped, as tf does. Raises CorruptMessage (offset, reason) and
 what `set_transforms` raises. Then nothing was stored.)";
 
-constexpr const char* kIngestManyDoc = R"(Store many TFMessages, one commit each, without a step through Python in between.
+constexpr const char* kIngestManyDoc =
+    R"(Store many TFMessages, one commit each, without a step through Python in between.
 
 A message that is refused is counted, with its reason, and the others go on. Arguments as in
 `ingest`; `messages` is an iterable of bytes-like objects. `authority` may also be a sequence, with
@@ -268,13 +269,14 @@ void bind_wire(nb::module_& module, nb::class_<BufferObject, ReadsObject>& type)
              nb::sig("def ingest(self, data: tfdb.types.BytesLike, *, encoding: str = 'cdr', "
                      "static: bool = False, authority: str = '') -> int"),
              kIngestDoc);
-    type.def("ingest_many", &ingest_many, nb::arg("messages").none(), nb::kw_only(), nb::arg("encoding"),
-             nb::arg("static") = false, nb::arg("authority") = "",
+    type.def("ingest_many", &ingest_many, nb::arg("messages").none(), nb::kw_only(),
+             nb::arg("encoding"), nb::arg("static") = false, nb::arg("authority") = "",
              nb::sig("def ingest_many(self, messages: collections.abc.Iterable["
                      "tfdb.types.BytesLike], *, encoding: str, static: bool = False, authority: "
                      "str | collections.abc.Sequence[str] = '') -> tfdb.types.IngestResult"),
              kIngestManyDoc);
-    module.def("encode_tf_message", &encode, nb::arg("transforms").none(), nb::arg("encoding") = "cdr",
+    module.def("encode_tf_message", &encode, nb::arg("transforms").none(),
+               nb::arg("encoding") = "cdr",
                nb::sig("def encode_tf_message(transforms: collections.abc.Iterable["
                        "tfdb.types.TransformStampedLike], encoding: str = 'cdr') -> bytes"),
                "Bytes of one tf2_msgs/TFMessage. Raises InvalidStamp, InvalidName, with `index`.");

@@ -170,7 +170,7 @@ Transforms Transforms::from_columns(nb::handle columns, bool is_static) {
     if (const nb::object given = get(columns, "stamps"); !is_static || !given.is_none()) {
         stamps.emplace(given);
     }
-    const auto fill = [&](const nb::object& names, std::string_view TransformView::* field,
+    const auto fill = [&](const nb::object& names, std::string_view TransformView::*field,
                           const char* role) {
         if (nb::isinstance<nb::str>(names)) {
             const std::string_view name = result.keep_name(names, role);
@@ -205,8 +205,8 @@ Transforms Transforms::from_columns(nb::handle columns, bool is_static) {
 }
 
 void add_raw_writes(nb::handle type) {
-    const nb::object descriptor = nb::steal(
-        PyDescr_NewMethod(reinterpret_cast<PyTypeObject*>(type.ptr()), &g_set_transform));
+    const nb::object descriptor =
+        nb::steal(PyDescr_NewMethod(reinterpret_cast<PyTypeObject*>(type.ptr()), &g_set_transform));
     nb::setattr(type, g_set_transform.ml_name, descriptor);
 }
 

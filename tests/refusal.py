@@ -1,0 +1,40 @@
+"""What must hold of every call that is refused."""
+
+from __future__ import annotations
+
+from contextlib import contextmanager
+from typing import TYPE_CHECKING, Any
+
+import pytest
+
+import tfdb
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+TURN = (0.1, -0.7, 0.1, 0.7)
+
+
+@contextmanager
+def refused(buffer: tfdb.Buffer, error: type[tfdb.TfdbError]) -> Iterator[Any]:
+    """The call raises `error`, and the store is what it was: commit, frames, samples, lookups."""
+
+    def state() -> object:
+        stored = [[part.tolist() for part in buffer.samples(f)[:2]] for f in buffer.frames()]
+        return buffer.commit, buffer.tree(), stored
+
+    before = state()
+    with pytest.raises(error) as caught:
+        yield caught
+    assert type(caught.value) is error
+    assert state() == before
+    buffer.set_static_transform("base", "still_alive", (1, 2, 3), TURN)
+    buffer.remove_frame("still_alive")
+
+
+@contextmanager
+def refused_when_full(buffer: tfdb.Buffer) -> Iterator[None]:
+    before = (buffer.commit, buffer.frames())
+    with pytest.raises(tfdb.CapacityExceeded):
+        yield
+    assert (buffer.commit, buffer.frames()) == before

@@ -1,0 +1,130 @@
+"""The package's objects as Python objects: references, cycles, pickles, subclasses."""
+
+from __future__ import annotations
+
+import copy
+import gc
+import pickle
+import sys
+import weakref
+
+import pytest
+
+import tfdb
+from oracle import quaternion
+from robot import make_robot, stamp_of
+
+TURN = quaternion((1, -2, 0.5), 0.9)
+BACK = quaternion((0, 1, 3), -1.4)
+
+
+def test_nothing_keeps_references_that_it_does_not_need() -> None:
+    names = [sys.intern(f"frame_{i}") for i in range(2)]
+    buffer = tfdb.Buffer()
+    buffer.set_transform(*names, 5, (1, 2, 3), TURN)
+    for _ in range(3):
+        buffer.lookup_transform(*names, 5)
+    counts = [sys.getrefcount(name) for name in names]
+    results = [buffer.lookup_transform(*names, 5) for _ in range(100)]
+    assert [sys.getrefcount(name) for name in names] == [count + 100 for count in counts]
+    del results
+    assert [sys.getrefcount(name) for name in names] == counts
+    for _ in range(100):
+        with pytest.raises(tfdb.Extrapolation):
+            buffer.lookup_transform(*names, 6)
+    gc.collect()
+    assert [sys.getrefcount(name) for name in names] == counts
+
+
+def test_a_buffer_in_a_cycle_with_its_clock_is_collected() -> None:
+    class Owner:
+        def __init__(self) -> None:
+            self.buffer = tfdb.Buffer(clock=self.now)
+
+        def now(self) -> int:
+            return 7
+
+    owner = Owner()
+    owner.buffer.set_transform("map", "base", 5, (1, 2, 3), TURN)
+    alive = weakref.ref(owner)
+    del owner
+    gc.collect()
+    assert alive() is None
+
+
+def test_a_buffer_may_be_subclassed() -> None:
+    class Mine(tfdb.Buffer):
+        """With a name."""
+
+        def __init__(self, name: str) -> None:
+            super().__init__(history=None)
+            self.name = name
+
+    mine = Mine("mine")
+    mine.set_transform("map", "base", 5, (1, 2, 3), TURN)
+    assert mine.lookup_transform("map", "base").pose == pytest.approx([1, 2, 3, *TURN])
+    with mine.snapshot() as snapshot:
+        assert snapshot.can_transform("map", "base")
+
+
+def test_a_buffer_without_init_is_no_crash() -> None:
+    raw = tfdb.Buffer.__new__(tfdb.Buffer)
+    for call in (
+        lambda: raw.lookup_transform("map", "base"),
+        lambda: raw.set_transform("map", "base", 5, (1, 2, 3), TURN),
+    ):
+        with pytest.raises(TypeError, match="__init__"):
+            call()
+
+
+def test_transforms_are_values() -> None:
+    robot = make_robot()
+    found = robot.buffer.lookup_transform("map", "camera", stamp_of(3.5))
+    for twin in (pickle.loads(pickle.dumps(found)), copy.copy(found), copy.deepcopy(found)):
+        assert twin == found
+        assert twin.report == found.report
+        assert (twin.commit, twin.stamp) == (found.commit, found.stamp)
+    assert pickle.loads(pickle.dumps(found.inverse())).report == found.inverse().report
+    assert found != robot.buffer.lookup_transform("map", "camera", stamp_of(3.6))
+    assert found != "T"
+    with pytest.raises(AttributeError):
+        found.stamp = 5
+    with pytest.raises(TypeError):
+        hash(found)
+
+
+@pytest.mark.parametrize(
+    "policy",
+    [
+        tfdb.Interpolate(),
+        tfdb.Interpolate(0.25),
+        tfdb.Exact(),
+        tfdb.Previous(max_age_ns=7),
+        tfdb.Nearest(0.1),
+        tfdb.Extrapolate(2),
+    ],
+)
+def test_policies_are_values(policy: tfdb.Policy) -> None:
+    twin = pickle.loads(pickle.dumps(policy))
+    assert twin == policy
+    assert hash(twin) == hash(policy)
+    assert eval(repr(policy), {**vars(tfdb)}) == policy
+    assert policy != tfdb.Previous(123.0)
+
+
+def test_policies_keep_nanoseconds() -> None:
+    assert tfdb.Interpolate(0.1).limit_ns == 100_000_000
+    assert tfdb.Previous(max_age_ns=3).max_age == 3e-9
+    assert tfdb.Nearest().tolerance is None
+    assert tfdb.Extrapolate(max=0.5).max == 0.5
+
+
+def test_errors_are_pickled_with_their_fields() -> None:
+    buffer = make_robot().buffer
+    with pytest.raises(tfdb.Extrapolation) as caught:
+        buffer.lookup_transform("map", "camera", 5)
+    twin = pickle.loads(pickle.dumps(caught.value))
+    assert type(twin) is tfdb.Extrapolation
+    assert str(twin) == str(caught.value)
+    assert vars(twin) == vars(caught.value)
+    assert type(twin).__module__ == "tfdb"
