@@ -110,7 +110,6 @@ public:
 private:
     using RingWord = history::RingWord;
     static constexpr std::uint64_t kDead = 0xFFFFFFFFULL;
-    static constexpr unsigned kFirstLog2 = 6;
 
     [[nodiscard]] static std::size_t name_bytes(std::size_t length) {
         return 8 + (length + 7) / 8 * 8;
@@ -180,7 +179,7 @@ private:
             if (found != 0 && found != kDead)
                 ++live;
         }
-        unsigned log2 = kFirstLog2;
+        unsigned log2 = history::Tuning<Memory>::kFirstNamesLog2;
         while ((std::uint64_t{1} << log2) < 4 * (live + 1))
             ++log2;
         const std::uint64_t capacity = std::uint64_t{1} << log2;

@@ -70,6 +70,7 @@ struct Tuning {
     static constexpr unsigned kFirstLog2Capacity = 3;
     static constexpr unsigned kMaxRuns = history::kMaxRuns;
     static constexpr std::uint64_t kSlackLimit = 32;  // lateness in positions that starts no run
+    static constexpr unsigned kFirstNamesLog2 = 6;    // entries of the first name table
 };
 
 /// The word that says where a ring is. The version makes a block that was freed and used again

@@ -13,6 +13,7 @@
 #include "tfdb/graph/names.hpp"
 #include "tfdb/lookup/lookup.hpp"
 #include "tfdb/store/naive_model.hpp"
+#include "tfdb/sync/commit_lock.hpp"
 #include "tfdb/testing/sched/memory.hpp"
 #include "tfdb/testing/sched/walk.hpp"
 #include "tfdb/txn/commit.hpp"
@@ -43,6 +44,8 @@ using geometry::Pose;
 
 inline constexpr std::size_t kRegionBytes = 8192;
 inline constexpr std::uint32_t kFrames = 6;
+
+using ForestLock = sync::BasicCommitLock<sched::Word, 0>;
 
 /// One commit of a script. A set that closes a cycle is undone, as the store does.
 struct Step {
@@ -95,7 +98,23 @@ public:
         return {frames, commit, history};
     }
 
+    [[nodiscard]] ForestLock lock() const { return ForestLock(word(graph::kCommitLock)); }
+
     void apply(const Step& step, std::size_t number) {
+        ForestLock held = lock();
+        held.lock();
+        apply_locked(step, number);
+        held.unlock();
+    }
+
+    ForestMemory memory;
+    graph::Frames<ForestMemory> frames;
+    graph::Names<ForestMemory> names;
+    StampNs history;
+    CommitScratch scratch;
+
+private:
+    void apply_locked(const Step& step, std::size_t number) {
         ForestMemory::fence_full();
         const bool may_evict = word(graph::kPins).load_relaxed() == 0;
         Commit<ForestMemory> commit(frames, scratch, history, may_evict);
@@ -115,13 +134,6 @@ public:
         commit.publish();
     }
 
-    ForestMemory memory;
-    graph::Frames<ForestMemory> frames;
-    graph::Names<ForestMemory> names;
-    StampNs history;
-    CommitScratch scratch;
-
-private:
     void set(Commit<ForestMemory>& commit, const Step& step, std::size_t number) {
         std::vector<std::pair<FrameId, FrameId>> ids;
         for (const Step::Edge& edge : step.edges) {
@@ -230,6 +242,7 @@ inline void name_words(const Forest& forest) {
         }
     }
     forest.word(graph::kCommit).rename("commit", 0);
+    forest.word(graph::kCommitLock).rename("lock_of_commits", 0);
     forest.word(graph::kPins).rename("pins", 0);
     forest.word(graph::kNames).rename("names", 0);
     forest.word(graph::kFrameCount).rename("frame_count", 0);
@@ -263,26 +276,37 @@ inline sched::Program program(const Script& script, const Reader& reader) {
     };
 }
 
-/// All questions from one fresh state; overtaken ones are given up.
-inline void ask_fresh(const Forest& forest, const naive::Model& model, const Script& script) {
-    const CommitNumber commit = forest.word(graph::kCommit).load_acquire();
-    for (const Question& question : script.questions) {
-        if (!ask(forest, model, commit, question)) {
+/// As the store reads: again when overtaken, in the end with the commit lock, where nothing can.
+template <class Commit>
+void ask_until_answered(const Forest& forest, const naive::Model& model, const Question& question,
+                        Commit commit) {
+    constexpr int kTriesBeforeLock = 2;  // the store's sixteen would only make the walk longer
+    for (int tries = 0; tries < kTriesBeforeLock; ++tries) {
+        if (ask(forest, model, commit(), question)) {
             return;
         }
     }
+    ForestLock lock = forest.lock();
+    lock.lock();
+    require(ask(forest, model, commit(), question), "no reader that holds the lock is overtaken");
+    lock.unlock();
 }
 
-/// All questions from a held snapshot, which no writer may overtake.
+/// Each question from a fresh state.
+inline void ask_fresh(const Forest& forest, const naive::Model& model, const Script& script) {
+    for (const Question& question : script.questions) {
+        ask_until_answered(forest, model, question,
+                           [&] { return forest.word(graph::kCommit).load_acquire(); });
+    }
+}
+
+/// All questions from one held snapshot.
 inline void ask_held(const Forest& forest, const naive::Model& model, const Script& script) {
     forest.word(graph::kPins).fetch_add(1);
     ForestMemory::fence_full();
     const CommitNumber commit = forest.word(graph::kCommit).load_acquire();
     for (const Question& question : script.questions) {
-        int tries = 0;
-        while (!ask(forest, model, commit, question)) {
-            require(++tries < 4, "a held snapshot stays readable");
-        }
+        ask_until_answered(forest, model, question, [commit] { return commit; });
     }
     forest.word(graph::kPins).fetch_add(~std::uint64_t{0});
 }
