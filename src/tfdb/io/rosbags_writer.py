@@ -45,7 +45,7 @@ class RecordingWriter:
     path
         A name that ends in `.bag` (ROS 1), `.mcap` or `.db3` (ROS 2).
     compress
-        zstd for MCAP, lz4 for bags; `.db3` files have no compression.
+        zstd for MCAP, bz2 for bags; `.db3` files have no compression.
     overwrite
         Whether a file of that name may be replaced.
 
@@ -135,7 +135,8 @@ class _Ros1Target:
         self._path = work / "new.bag"
         self._writer = Writer(self._path)
         if compress:
-            self._writer.set_compression(Writer.CompressionFormat.LZ4)
+            # Not LZ4: ROS's own reader refuses the frames that rosbags makes.
+            self._writer.set_compression(Writer.CompressionFormat.BZ2)
         self._writer.open()
 
     def connect(self, topic: str, authority: str, static: bool) -> Any:

@@ -56,7 +56,7 @@ def write_recording(
     store
         What to write.
     compress
-        zstd for MCAP, lz4 for bags.
+        zstd for MCAP, bz2 for bags.
     overwrite
         Whether a file of that name may be replaced.
     progress
