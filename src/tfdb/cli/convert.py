@@ -41,7 +41,7 @@ class Written:
     metavar="TARGET SOURCE",
     help="For .tum, .csv and .npz: write T[TARGET<-SOURCE] at each stored stamp.",
 )
-@click.option("--compress", is_flag=True, help="zstd for .mcap, lz4 for .bag.")
+@click.option("--compress", is_flag=True, help="zstd for .mcap, bz2 for .bag.")
 @click.option("--overwrite", is_flag=True, help="Replace OUT if it exists.")
 @common.topic_option
 @common.json_option
