@@ -54,6 +54,8 @@ inline bool cut_at_meeting(std::vector<FrameId>& up, std::vector<FrameId>& down)
 }
 
 /// One walk of both frames upward.
+/// Threads: one; the view and the chains outlive it.
+/// Guarantee: takes no lock, and ends also where a policy's choices run in a circle.
 template <View V>
 class Walker {
 public:

@@ -98,6 +98,9 @@ private:
     [[nodiscard]] std::optional<ErrorCode> climb(const std::vector<int>& chain, int top,
                                                  StampNs stamp, Policy policy, std::size_t state,
                                                  Reply& reply, Pose& pose) const;
+    [[nodiscard]] static int meet(const std::vector<int>& a, const std::vector<int>& b);
+    [[nodiscard]] std::optional<StampNs> common_time(std::size_t state, int target,
+                                                     int source) const;
     [[nodiscard]] static Pose pose_of(const Choice& choice, StampNs stamp);
     [[nodiscard]] static Choice choose_outside(const std::vector<const Sample*>& samples,
                                                StampNs stamp, Policy policy, bool future);
@@ -277,6 +280,35 @@ inline std::optional<ErrorCode> Model::climb(const std::vector<int>& chain, int 
     return std::nullopt;
 }
 
+/// The first frame of `a` that `b` has too.
+inline int Model::meet(const std::vector<int>& a, const std::vector<int>& b) {
+    for (const int x : a) {
+        if (std::find(b.begin(), b.end(), x) != b.end())
+            return x;
+    }
+    return kNone;
+}
+
+/// The latest common time; none if the frames are in two trees.
+inline std::optional<StampNs> Model::common_time(std::size_t state, int target, int source) const {
+    const Policy newest{PolicyKind::kLatest, 0};
+    if (source == target) {
+        const Choice own = choose(source, 0, newest, state);
+        return own.anchor == nullptr || own.anchor->is_static ? 0 : own.anchor->stamp;
+    }
+    const auto up = chain(source, 0, newest, state);
+    const auto down = chain(target, 0, newest, state);
+    const int top = meet(up, down);
+    if (top == kNone)
+        return std::nullopt;
+    Reply scratch;
+    scratch.stamp = -1;
+    Pose unused;
+    (void)climb(up, top, 0, newest, state, scratch, unused);
+    (void)climb(down, top, 0, newest, state, scratch, unused);
+    return std::max<StampNs>(0, scratch.stamp);
+}
+
 inline Reply Model::lookup(std::size_t state, const std::string& target, const std::string& source,
                            std::optional<StampNs> stamp, Policy policy) const {
     Reply reply;
@@ -286,34 +318,13 @@ inline Reply Model::lookup(std::size_t state, const std::string& target, const s
         reply.error = ErrorCode::kUnknownFrame;
         return reply;
     }
-    const Policy newest{PolicyKind::kLatest, 0};
     const bool latest = policy.kind == PolicyKind::kLatest;
-    const auto meet = [&](const std::vector<int>& a, const std::vector<int>& b) {
-        for (const int x : a) {
-            if (std::find(b.begin(), b.end(), x) != b.end())
-                return x;
-        }
-        return kNone;
-    };
-    if (!stamp && !latest) {  // the latest common time
-        const auto up = chain(s, 0, newest, state);
-        const auto down = chain(t, 0, newest, state);
-        const int top = meet(up, down);
-        Reply scratch;
-        scratch.stamp = -1;
-        Pose unused;
-        if (top == kNone) {
+    if (!stamp && !latest) {
+        stamp = common_time(state, t, s);
+        if (!stamp) {
             reply.error = ErrorCode::kDisconnected;
             return reply;
         }
-        if (s == t) {
-            const Choice own = choose(s, 0, newest, state);
-            scratch.stamp = own.anchor == nullptr || own.anchor->is_static ? 0 : own.anchor->stamp;
-        } else {
-            (void)climb(up, top, 0, newest, state, scratch, unused);
-            (void)climb(down, top, 0, newest, state, scratch, unused);
-        }
-        stamp = std::max<StampNs>(0, scratch.stamp);
     }
     reply.stamp = latest ? -1 : *stamp;
     const StampNs at = stamp.value_or(0);
