@@ -35,7 +35,7 @@ def mcap_files(folder: Path) -> list[Path]:
         from rosbags.rosbag2 import Reader  # noqa: PLC0415 - an extra, and slow to import
 
         with Reader(folder) as reader:
-            if reader.compression_mode is not None:
+            if reader.compression_mode:
                 return []
             storage: Any = reader.storage
             paths = [Path(file.path) for file in storage.storages]
