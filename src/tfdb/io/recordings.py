@@ -200,7 +200,7 @@ class _Files:
 
 def _open_folder(folder: Path) -> Container:
     """A ROS 2 bag folder as its metadata says; its MCAP files with the faster reader."""
-    files = rosbags_reader.mcap_files(folder)
+    files = rosbags_reader.mcap_files(folder) if any(folder.glob("*.mcap")) else []
     return _Files(files) if files else rosbags_reader.open_ros2(folder)
 
 
