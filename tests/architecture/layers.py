@@ -66,7 +66,7 @@ def _core(tree: Path, core: dict[str, Any]) -> Iterator[Violation]:
         text = path.read_text(encoding="utf-8")
         program = _is_program(path, core["program_kinds"])
         allowed = {room, *rooms[room], *(["testing"] if program else [])}
-        yield from _includes(shown, text, allowed, set(rooms))
+        yield from _includes(shown, text, allowed, core, program=program)
         if not program:
             yield from _headers(shown, text, room, core["headers"])
             yield from _words(shown, text, room, core["words"])
@@ -83,13 +83,18 @@ def _is_program(path: Path, kinds: list[str]) -> bool:
     return len(parts) > 2 and parts[-2] in kinds
 
 
-def _includes(shown: str, text: str, allowed: set[str], rooms: set[str]) -> Iterator[Violation]:
+def _includes(
+    shown: str, text: str, allowed: set[str], core: dict[str, Any], *, program: bool
+) -> Iterator[Violation]:
     for name in cpp_source.includes(text):
         parts = name.split("/")
         if parts[0] != "tfdb" or len(parts) < 3:
             continue
         line = _line_of(text, name)
-        if parts[1] not in rooms:
+        if name in core["program_headers"]:
+            if not program:
+                yield Violation("layer", shown, line, f"{name} is for test programs")
+        elif parts[1] not in core["rooms"]:
             yield Violation("unknown-room", shown, line, f"includes {name}")
         elif parts[1] not in allowed:
             yield Violation("layer", shown, line, f"may not use `{parts[1]}` ({name})")

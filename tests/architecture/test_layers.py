@@ -64,6 +64,7 @@ LONG_PYTHON = "def f(x: int) -> int:\n" + "    x += 1\n" * 60 + "    return x\n"
 
 SEEDED = [
     ("layer", "core/tfdb/wire/bad.hpp", '#include "tfdb/store/buffer.hpp"\n'),
+    ("layer", "core/tfdb/store/bad.cpp", '#include "tfdb/store/naive_model.hpp"\n'),
     ("layer", "core/tfdb/wire/bad.test.cpp", '#include "tfdb/graph/names.hpp"\n'),
     ("unknown-room", "core/tfdb/attic/bad.hpp", "#pragma once\n"),
     ("unknown-room", "core/tfdb/wire/bad.hpp", '#include "tfdb/attic/old.hpp"\n'),
@@ -99,6 +100,7 @@ def test_a_seeded_violation_is_caught(tree: Path, rule: str, name: str, text: st
 
 ALLOWED = [
     ("core/tfdb/graph/good.cpp", "// memory_order is written in sync\n"),
+    ("core/tfdb/txn/good.sched.cpp", '#include "tfdb/store/naive_model.hpp"\n'),
     ("core/tfdb/graph/good.test.cpp", '#include <thread>\n#include "tfdb/testing/check.hpp"\n'),
     (
         "core/tfdb/graph/good.hpp",
