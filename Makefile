@@ -15,19 +15,19 @@ CMAKE := $(BIN)/cmake
 export PATH := $(CURDIR)/$(BIN):$(PATH)
 
 NATIVE := $(shell find core bindings -name '*.?pp' -not -name '*.*.?pp' 2>/dev/null)
-CPP := $(shell find core bindings tests benchmarks -name '*.?pp' 2>/dev/null)
+CPP := $(shell find core bindings tests benchmarks -name '*.?pp' -not -path '*/env/*' 2>/dev/null)
 # Address randomisation finer than GCC 12's ThreadSanitizer expects would stop it at start.
 FIXED_ADDRESSES := $(shell command -v setarch >/dev/null 2>&1 && echo setarch $$(uname -m) -R)
 
 .DELETE_ON_ERROR:
-.PHONY: help demo test test-cpp test-python check bench tsan asan fuzz relacy docs wheel stubs \
-        format clean distclean
+.PHONY: help demo test test-cpp test-python check bench bench-rooms tsan asan fuzz relacy docs \
+        wheel stubs format clean distclean
 
 help:
 	@echo 'make demo [BAG=file]  the main job on a recording, pictures in out/'
 	@echo 'make test             C++ tests, interleaving walks, Python tests'
 	@echo 'make check            formatting, lint, types, warnings as errors'
-	@echo 'make bench            C++ benchmarks'
+	@echo 'make bench            tfdb against its rivals; BENCH="--only cpp" for a part'
 	@echo 'make tsan | asan      C++ tests under sanitizers'
 	@echo 'make fuzz             fuzzers, FUZZ_SECONDS=$(FUZZ_SECONDS) each (clang)'
 	@echo 'make relacy           model checks of the protocol (package relacy-dev)'
@@ -105,7 +105,16 @@ fuzz: $(STAMPS)/venv
 	$(CMAKE) --build --preset fuzz -j $(JOBS)
 	$(BIN)/python tools/run_fuzzers.py build/fuzz --seconds $(FUZZ_SECONDS)
 
-bench: $(STAMPS)/venv
+# The rivals go into an environment of their own; apt is asked for tf2 where it is missing.
+benchmarks/rivals/env: benchmarks/rivals/install
+	benchmarks/rivals/install
+	@touch $@
+
+bench: $(STAMPS)/venv | benchmarks/rivals/env
+	benchmarks/run.py $(BENCH)
+
+# The rooms' own measurements, without rivals.
+bench-rooms: $(STAMPS)/venv
 	$(CMAKE) --preset bench >/dev/null
 	$(CMAKE) --build --preset bench -j $(JOBS)
 	for bench in build/bench/bin/bench_*; do echo "$$bench"; $$bench || exit 1; done

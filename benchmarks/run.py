@@ -44,7 +44,7 @@ def parse() -> argparse.Namespace:
     parser.add_argument("--only", action="append", choices=GROUPS, help="a group; may be repeated")
     parser.add_argument("--rounds", type=int, default=7)
     parser.add_argument("--env", type=Path, default=HERE / "rivals" / "env")
-    parser.add_argument("--build", type=Path, default=ROOT / "build" / "bench")
+    parser.add_argument("--build", type=Path, default=ROOT / "build" / "against_tf2")
     parser.add_argument("--no-install", action="store_true", help="the tfdb of --env is up to date")
     parser.add_argument("--write-docs", action="store_true")
     parser.add_argument("--json", type=Path, default=ROOT / "out" / "bench.json")

@@ -28,8 +28,9 @@ const std::vector<std::pair<std::string, std::function<void(const bench::Options
 };
 
 int usage() {
-    std::fprintf(stderr, "usage: against_tf2 [--rounds N] [--batch-ms MS] [GROUP ...]\n"
-                         "       against_tf2 --count \"CONTENDER OPERATION\" CHAIN TIMES\n");
+    std::fprintf(stderr,
+                 "usage: against_tf2 [--rounds N] [--batch-ms MS] [GROUP ...]\n"
+                 "       against_tf2 --count \"CONTENDER OPERATION\" CHAIN TIMES\n");
     return 2;
 }
 

@@ -133,15 +133,15 @@ void depth_row(const Options& options) {
             return;
         }
         const auto stamps = random_stamps(1 << 18, samples);
-        contenders.push_back({"tfdb, " + std::to_string(samples) + " samples",
-                              [=, answer = tfdb::Answer{}, failure = tfdb::Failure{},
-                               i = std::size_t{0}](std::size_t count) mutable {
-                                  for (std::size_t n = 0; n < count; ++n) {
-                                      i = (i + 1) % stamps.size();
-                                      keep(buffer->try_lookup(target, source, stamps[i], {}, answer,
-                                                              failure));
-                                  }
-                              }});
+        contenders.push_back(
+            {"tfdb, " + std::to_string(samples) + " samples",
+             [=, answer = tfdb::Answer{}, failure = tfdb::Failure{},
+              i = std::size_t{0}](std::size_t count) mutable {
+                 for (std::size_t n = 0; n < count; ++n) {
+                     i = (i + 1) % stamps.size();
+                     keep(buffer->try_lookup(target, source, stamps[i], {}, answer, failure));
+                 }
+             }});
     }
     compare("lookup at random in n samples", 1, options, contenders);
 }
@@ -172,9 +172,9 @@ void memory_row() {
         theirs.set(names[edge], names[edge + 1], stamp, plain(pose));
     });
     const double with_both = resident_bytes();
-    print_row("memory per stored sample", kEdges, "bytes",
-              {{"tf2", {(with_both - with_ours) / kStored}},
-               {"tfdb", {(with_ours - empty) / kStored}}});
+    print_row(
+        "memory per stored sample", kEdges, "bytes",
+        {{"tf2", {(with_both - with_ours) / kStored}}, {"tfdb", {(with_ours - empty) / kStored}}});
     const tfdb::MemoryUse use = ours->memory();
     print_row("memory as reported", kEdges, "bytes",
               {{"tfdb used", {static_cast<double>(use.used_bytes) / kStored}},

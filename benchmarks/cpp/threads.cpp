@@ -90,19 +90,18 @@ struct Lookups {
     }
 
     [[nodiscard]] MakeLookup tf2() const {
-        return [this] {
-            return [this](std::size_t i) { chain_.theirs->lookup_one(question_, i); };
-        };
+        return
+            [this] { return [this](std::size_t i) { chain_.theirs->lookup_one(question_, i); }; };
     }
 
     [[nodiscard]] MakeLookup ours() const {
         return [this] {
-            return [this, answer = tfdb::Answer{},
-                    failure = tfdb::Failure{}](std::size_t i) mutable {
-                const tfdb::StampNs stamp = stamps_[i & 1'023];
-                keep(chain_.ours->try_lookup(chain_.target, chain_.source, stamp, {}, answer,
-                                             failure));
-            };
+            return
+                [this, answer = tfdb::Answer{}, failure = tfdb::Failure{}](std::size_t i) mutable {
+                    const tfdb::StampNs stamp = stamps_[i & 1'023];
+                    keep(chain_.ours->try_lookup(chain_.target, chain_.source, stamp, {}, answer,
+                                                 failure));
+                };
         };
     }
 

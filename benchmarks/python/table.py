@@ -21,6 +21,8 @@ def number(value: float) -> str:
 
 
 def goal_text(goal: Goal) -> str:
+    if goal.goal is None:
+        return ""
     sign = "≥" if goal.at_least else "≤"
     return f"{sign} {number(goal.goal)}{'x' if goal.unit == 'x' else ' ' + goal.unit}".strip()
 
@@ -32,7 +34,7 @@ def goal_line(goal: Goal, results: Results) -> str:
         return f"| {goal.text} | {goal.rival} | {goal_text(goal)} | not measured | | | |"
     figure, ours, theirs = measured
     unit = results.units[goal.ours[:3]]
-    verdict = "yes" if goal.reached(figure) else "**no**"
+    verdict = {True: "yes", False: "**no**", None: ""}[goal.reached(figure)]
     shown = number(figure) + ("x" if goal.unit == "x" else f" {goal.unit}".rstrip())
     their_text = "" if theirs is None else f"{number(theirs)} {unit}"
     return (

@@ -1,14 +1,14 @@
-// Runs operations on the real tf2::BufferCore (ROS 1, libtf2-dev): one operation per line of standard
-// input, one answer per line of standard output. Built and driven by tests/compat/tf2_oracle.py.
+// Runs operations on the real tf2::BufferCore (ROS 1, libtf2-dev): one operation per line of
+// standard input, one answer per line of standard output. Built and driven by
+// tests/compat/tf2_oracle.py.
 //
-// Times are nanoseconds, 0 asks for the latest common time. Numbers of poses are written as hexadecimal
-// floats, so that nothing is rounded. Frame names contain no blanks.
+// Times are nanoseconds, 0 asks for the latest common time. Numbers of poses are written as
+// hexadecimal floats, so that nothing is rounded. Frame names contain no blanks.
 //
 //   reset CACHE_NS                                   ok
 //   set STATIC STAMP PARENT CHILD x y z qx qy qz qw  ok | refused
-//   get TARGET SOURCE TIME                           pose STAMP x y z qx qy qz qw | error CLASS TEXT
-//   full TARGET TIME SOURCE TIME FIXED               the same
-//   can TARGET SOURCE TIME                           yes | no
+//   get TARGET SOURCE TIME                           pose STAMP x y z qx qy qz qw | error CLASS
+//   TEXT full TARGET TIME SOURCE TIME FIXED               the same can TARGET SOURCE TIME yes | no
 //   canfull TARGET TIME SOURCE TIME FIXED            the same
 //   latest TARGET SOURCE                             stamp STAMP | error CLASS TEXT
 //   parent FRAME TIME                                parent NAME | none
@@ -70,8 +70,8 @@ std::string pose_answer(const geometry_msgs::TransformStamped& result) {
     const auto& q = result.transform.rotation;
     char text[256];
     std::snprintf(text, sizeof text, "pose %llu %a %a %a %a %a %a %a",
-                  static_cast<unsigned long long>(result.header.stamp.toNSec()), t.x, t.y, t.z, q.x, q.y,
-                  q.z, q.w);
+                  static_cast<unsigned long long>(result.header.stamp.toNSec()), t.x, t.y, t.z, q.x,
+                  q.y, q.z, q.w);
     return text;
 }
 
@@ -100,7 +100,8 @@ public:
         if (verb == "parent") {
             const auto frame = word(in);
             std::string parent;
-            return buffer_->_getParent(frame, time_of(number(in)), parent) ? "parent " + parent : "none";
+            return buffer_->_getParent(frame, time_of(number(in)), parent) ? "parent " + parent
+                                                                           : "none";
         }
         return read(verb, in);
     }
@@ -135,7 +136,8 @@ private:
         const auto target = word(in);
         const auto source = word(in);
         return guarded([&] {
-            // The public lookup of the latest common time is a lookup at time 0, which answers with it.
+            // The public lookup of the latest common time is a lookup at time 0, which answers with
+            // it.
             const auto result = buffer_->lookupTransform(target, source, ros::Time(0));
             return "stamp " + std::to_string(result.header.stamp.toNSec());
         });
@@ -149,7 +151,8 @@ private:
             if (verb == "can") {
                 return buffer_->canTransform(target, source, time) ? "yes" : "no";
             }
-            return guarded([&] { return pose_answer(buffer_->lookupTransform(target, source, time)); });
+            return guarded(
+                [&] { return pose_answer(buffer_->lookupTransform(target, source, time)); });
         }
         if (verb == "full" || verb == "canfull") {
             const auto target_time = time_of(number(in));
@@ -157,7 +160,9 @@ private:
             const auto source_time = time_of(number(in));
             const auto fixed = word(in);
             if (verb == "canfull") {
-                return buffer_->canTransform(target, target_time, source, source_time, fixed) ? "yes" : "no";
+                return buffer_->canTransform(target, target_time, source, source_time, fixed)
+                           ? "yes"
+                           : "no";
             }
             return guarded([&] {
                 return pose_answer(
