@@ -46,7 +46,8 @@ void require(bool holds, const char*) {
     RL_ASSERT(holds);
 }
 
-struct Edges : rl::test_suite<Edges, 1 + kReaders> {
+/// One store, prepared, and its one writer.
+struct Scene {
     SmallMemory memory;
     Places places;
 
@@ -57,18 +58,35 @@ struct Edges : rl::test_suite<Edges, 1 + kReaders> {
         }
     }
 
-    void thread(unsigned index) {
-        if (index == 0) {
-            const std::size_t already = g_task.script.before.size();
-            for (std::size_t batch = 0; batch < g_task.script.during.size(); ++batch) {
-                write(memory, places, g_task.script, already + batch);
-            }
-            return;
+    void write_all() {
+        const std::size_t already = g_task.script.before.size();
+        for (std::size_t batch = 0; batch < g_task.script.during.size(); ++batch) {
+            SmallMemory::fence_full();
+            const bool may_evict = pins().load_relaxed() == 0;
+            write(memory, places, g_task.script, already + batch, may_evict);
         }
-        // A writer takes many more steps than a reader: readers start anywhere beside it.
-        for (unsigned idle = rl::rand(kIdleSteps); idle > 0; --idle) {
+    }
+
+    /// A writer takes many more steps than a reader: readers start anywhere beside it.
+    void idle() {
+        for (unsigned steps = rl::rand(kIdleSteps); steps > 0; --steps) {
             (void)memory.word(0).load_relaxed();
         }
+    }
+
+    SmallMemory::Word& pins() { return memory.word(places.commit + 8); }
+};
+
+/// Each reader takes a fresh snapshot, and another one if it was overtaken.
+struct Edges : rl::test_suite<Edges, 1 + kReaders>, Scene {
+    void before() { Scene::before(); }
+
+    void thread(unsigned index) {
+        if (index == 0) {
+            write_all();
+            return;
+        }
+        idle();
         for (int attempt = 0; attempt < 2; ++attempt) {
             if (read(memory, places, g_task.script, *g_task.model, g_task.stamp, require)) {
                 return;
@@ -81,12 +99,38 @@ struct Edges : rl::test_suite<Edges, 1 + kReaders> {
     }
 };
 
+/// Readers that hold a snapshot: as store::Buffer does, they count themselves as pins, and a writer
+/// that sees a pin makes the ring grow instead of overwriting. No samples are lost under them.
+struct HeldSnapshots : rl::test_suite<HeldSnapshots, 1 + kReaders>, Scene {
+    void before() { Scene::before(); }
+
+    void thread(unsigned index) {
+        if (index == 0) {
+            write_all();
+            return;
+        }
+        idle();
+        pins().fetch_add(1);
+        SmallMemory::fence_full();
+        const CommitNumber held = memory.word(places.commit).load_acquire();
+        // A ring that grows turns a reader back, but not more often than it grows.
+        bool answered = false;
+        for (int attempt = 0; attempt < 4 && !answered; ++attempt) {
+            answered =
+                read_at(memory, places, g_task.script, *g_task.model, held, g_task.stamp, require);
+        }
+        RL_ASSERT(answered);
+        pins().fetch_add(~std::uint64_t{0});
+    }
+};
+
 unsigned long iterations() {
     const char* const wish = std::getenv("TFDB_RELACY_ITERATIONS");
     return wish == nullptr ? 20'000 : std::strtoul(wish, nullptr, 10);
 }
 
 /// Runs the script; empty if no execution breaks a promise, else Relacy's account of the first.
+template <class Suite = Edges>
 std::string simulate(const std::string& name, const Script& script, StampNs stamp,
                      unsigned long executions_wanted) {
     const Model model(script);
@@ -100,7 +144,7 @@ std::string simulate(const std::string& name, const Script& script, StampNs stam
     params.output_stream = &output;
     params.progress_stream = &progress;
     params.execution_depth_limit = 20'000;
-    const bool held = rl::simulate<Edges>(params);
+    const bool held = rl::simulate<Suite>(params);
     const auto executions = static_cast<unsigned long>(params.stop_iteration);
     if (!name.empty()) {
         std::printf("  %-52s %8lu executions, %s\n", name.c_str(), executions,
@@ -151,7 +195,17 @@ const Script kStartsRun{.before = {one(10), one(30), one(20), one(40), one(50)},
 const Script kClears{.before = {one(10), one(20)}, .during = {{{{0, kClearMarker}}}, one(5)}};
 const Script kAborts{.before = {one(10)}, .during = {{{{0, 20}}, true}, one(30)}};
 
+const Script kHeld{.history = 15, .before = {one(10)}, .during = {one(30), one(50), one(70)}};
+
 }  // namespace
+
+TFDB_TEST(held_snapshots_lose_nothing) {
+    relacy::g_weakness = {};
+    CHECK_EQ(simulate<HeldSnapshots>("held snapshots", kHeld, 20, iterations()), std::string());
+    relacy::g_weakness = {.no_full_fence = true};
+    CHECK(!simulate<HeldSnapshots>("without the fences of pins", kHeld, 20, iterations()).empty());
+    relacy::g_weakness = {};
+}
 
 TFDB_TEST(edges_hold_in_the_memory_model) {
     holds("appends", kAppends, 25);

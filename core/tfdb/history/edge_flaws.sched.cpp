@@ -1,98 +1,16 @@
 // The walks of edges can fail: each bug seeded here is found. They are seeded between the protocol
 // and its words, so the protocol itself is the one that ships.
-#include <utility>
-#include <vector>
-
 #include "tfdb/history/edge.sched.hpp"
+#include "tfdb/testing/sched/flaws.hpp"
 
 namespace tfdb::history::script {
 
 namespace {
 
-using sched::Effect;
-using sched::Interceptor;
-using sched::Kind;
-using sched::Operation;
+using sched::BelievesFirst;
+using sched::Delays;
+using sched::Forgets;
 using sched::Word;
-using Which = std::function<bool(const Word&)>;
-
-bool is_load(Kind kind) {
-    return kind == Kind::kLoadRelaxed || kind == Kind::kLoadAcquire;
-}
-
-/// The writer's stores to some words happen only after its next store to another word.
-class Delays : public Interceptor {
-public:
-    Delays(Which delayed, const Word& until) : delayed_(std::move(delayed)), until_(until) {}
-
-    Effect access(Word& word, const Operation& operation) override {
-        if (sched::Run::inside_thread()->current() != kWriter) {
-            return word.access_directly(operation);
-        }
-        if (is_load(operation.kind)) {
-            for (auto held = held_.rbegin(); held != held_.rend(); ++held) {
-                if (held->word == &word) {
-                    return {held->operand, held->operand, false};
-                }
-            }
-            return word.access_directly(operation);
-        }
-        if (delayed_(word)) {
-            held_.push_back(operation);
-            return {0, operation.operand, true};
-        }
-        const Effect effect = word.access_directly(operation);
-        if (&word == &until_) {
-            for (const Operation& held : std::exchange(held_, {})) {
-                held.word->access_directly(held);
-            }
-        }
-        return effect;
-    }
-
-private:
-    Which delayed_;
-    const Word& until_;
-    std::vector<Operation> held_;
-};
-
-/// Some of the writer's stores never happen.
-class Forgets : public Interceptor {
-public:
-    using Forgotten = std::function<bool(const Word&, std::uint64_t value)>;
-    explicit Forgets(Forgotten forgotten) : forgotten_(std::move(forgotten)) {}
-
-    Effect access(Word& word, const Operation& operation) override {
-        if (!is_load(operation.kind) && forgotten_(word, operation.operand)) {
-            return {0, operation.operand, true};
-        }
-        return word.access_directly(operation);
-    }
-
-private:
-    Forgotten forgotten_;
-};
-
-/// The reader's check at the end sees of one word what the beginning saw.
-class BelievesFirst : public Interceptor {
-public:
-    explicit BelievesFirst(const Word& word) : believed_(word) {}
-
-    Effect access(Word& word, const Operation& operation) override {
-        const bool ours = &word == &believed_ && sched::Run::inside_thread()->current() == kReader;
-        if (ours && operation.kind == Kind::kLoadRelaxed) {
-            return {first_, first_, false};
-        }
-        const Effect effect = word.access_directly(operation);
-        first_ = ours ? effect.before : first_;
-        return effect;
-    }
-
-private:
-    const Word& believed_;
-    std::uint64_t first_ = 0;
-};
-
 const Word& header_word(const SmallMemory& memory, const Places& places, HeaderWord word) {
     return memory.word(places.header(0) + 8 * word);
 }
@@ -100,16 +18,18 @@ const Word& header_word(const SmallMemory& memory, const Places& places, HeaderW
 MakeFlaw late(HeaderWord delayed, HeaderWord until) {
     return [=](const SmallMemory& memory, const Places& places) {
         const Word* const word = &header_word(memory, places, delayed);
-        return std::make_unique<Delays>([word](const Word& asked) { return &asked == word; },
-                                        header_word(memory, places, until));
+        return std::make_unique<Delays>(
+            kWriter, [word](const Word& asked) { return &asked == word; },
+            header_word(memory, places, until));
     };
 }
 
 MakeFlaw late_after_commit(HeaderWord delayed) {
     return [=](const SmallMemory& memory, const Places& places) {
         const Word* const word = &header_word(memory, places, delayed);
-        return std::make_unique<Delays>([word](const Word& asked) { return &asked == word; },
-                                        memory.word(places.commit));
+        return std::make_unique<Delays>(
+            kWriter, [word](const Word& asked) { return &asked == word; },
+            memory.word(places.commit));
     };
 }
 
@@ -117,16 +37,17 @@ MakeFlaw late_after_commit(HeaderWord delayed) {
 MakeFlaw late_samples(HeaderWord until) {
     return [=](const SmallMemory& memory, const Places& places) {
         const Word* const end = &memory.word(places.header(1));
-        return std::make_unique<Delays>([end](const Word& asked) { return &asked >= end; },
-                                        header_word(memory, places, until));
+        return std::make_unique<Delays>(
+            kWriter, [end](const Word& asked) { return &asked >= end; },
+            header_word(memory, places, until));
     };
 }
 
 MakeFlaw commit_first() {
     return [](const SmallMemory& memory, const Places& places) {
         const Word* const commit = &memory.word(places.commit);
-        return std::make_unique<Delays>([commit](const Word& asked) { return &asked != commit; },
-                                        *commit);
+        return std::make_unique<Delays>(
+            kWriter, [commit](const Word& asked) { return &asked != commit; }, *commit);
     };
 }
 
@@ -142,7 +63,7 @@ MakeFlaw forgotten(HeaderWord word,
 
 MakeFlaw believed(HeaderWord word) {
     return [=](const SmallMemory& memory, const Places& places) {
-        return std::make_unique<BelievesFirst>(header_word(memory, places, word));
+        return std::make_unique<BelievesFirst>(kReader, header_word(memory, places, word));
     };
 }
 

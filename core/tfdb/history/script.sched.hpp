@@ -133,13 +133,14 @@ Places place(Memory& memory, const Script& script) {
 
 /// Writes one batch as the store does: append all, then publish, or put everything back.
 template <class Memory>
-void write(Memory& memory, const Places& places, const Script& script, std::size_t number) {
+void write(Memory& memory, const Places& places, const Script& script, std::size_t number,
+           bool may_evict) {
     const std::size_t already = script.before.size();
     const Batch& batch = number < already ? script.before[number] : script.during[number - already];
     WriteContext context;
     context.committed = memory.word(places.commit).load_relaxed();
     context.history = script.history;
-    context.may_evict = script.may_evict;
+    context.may_evict = may_evict;
     std::vector<EdgeUndo> saved;
     for (unsigned edge = 0; batch.aborted && edge < script.edges; ++edge) {
         saved.push_back(EdgeWriter<Memory>(memory, places.header(edge)).save());
@@ -160,6 +161,11 @@ void write(Memory& memory, const Places& places, const Script& script, std::size
     if (!batch.aborted) {
         memory.word(places.commit).store_release(context.committed + 1);
     }
+}
+
+template <class Memory>
+void write(Memory& memory, const Places& places, const Script& script, std::size_t number) {
+    write(memory, places, script, number, script.may_evict);
 }
 
 /// What one lookup takes from an edge.
@@ -243,9 +249,9 @@ void judge(const Taken<Memory>& taken, const std::vector<Sample>& visible, Stamp
 
 /// One lookup over all edges from one snapshot. False: overtaken, nothing was judged.
 template <class Memory, class Require>
-[[nodiscard]] bool read(Memory& memory, const Places& places, const Script& script,
-                        const Model& model, StampNs stamp, const Require& require) {
-    const CommitNumber snapshot = memory.word(places.commit).load_acquire();
+[[nodiscard]] bool read_at(Memory& memory, const Places& places, const Script& script,
+                           const Model& model, CommitNumber snapshot, StampNs stamp,
+                           const Require& require) {
     std::vector<Taken<Memory>> taken(script.edges);
     for (unsigned edge = 0; edge < script.edges; ++edge) {
         if (!take(memory, places.header(edge), snapshot, script.history, stamp, taken[edge])) {
@@ -256,6 +262,14 @@ template <class Memory, class Require>
         judge(taken[edge], model.visible(snapshot, edge), stamp, require);
     }
     return true;
+}
+
+/// The same from a fresh snapshot.
+template <class Memory, class Require>
+[[nodiscard]] bool read(Memory& memory, const Places& places, const Script& script,
+                        const Model& model, StampNs stamp, const Require& require) {
+    const CommitNumber snapshot = memory.word(places.commit).load_acquire();
+    return read_at(memory, places, script, model, snapshot, stamp, require);
 }
 
 }  // namespace tfdb::history::script

@@ -339,8 +339,8 @@ inline Reply Model::lookup(std::size_t state, const std::string& target, const s
         reply.error = ErrorCode::kDisconnected;
         return reply;
     }
-    Pose from_source;
-    Pose from_target;
+    Pose from_source = geometry::identity();
+    Pose from_target = geometry::identity();
     reply.error = climb(up, top, at, policy, state, reply, from_source);
     if (!reply.error)
         reply.error = climb(down, top, at, policy, state, reply, from_target);

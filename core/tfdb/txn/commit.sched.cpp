@@ -1,4 +1,5 @@
 // Every interleaving of commits with a lookup by names: the answer is that of one committed state.
+#include "tfdb/testing/sched/flaws.hpp"
 #include "tfdb/txn/forest.sched.hpp"
 
 namespace tfdb::txn::forest {
@@ -122,6 +123,36 @@ TFDB_SCHED(commit_leaves_held_snapshots_alone) {
            .during = {removal("base"), set(10, {{"map", "tip"}})},
            .questions = {{"map", "base", 10}, {"map", "base", 10}}},
           ask_held);
+}
+
+TFDB_SCHED(commit_flaws_are_found) {
+    using sched::Word;
+    const auto found = [](const std::string& name, const Script& script, const MakeFlaw& flaw) {
+        sched::Walk().must_fail(name, "snapshot:", program(script, ask_fresh, flaw));
+    };
+    const Script batch{.history = {},
+                       .before = {set(10, {{"map", "odom"}, {"odom", "base"}})},
+                       .during = {set(20, {{"map", "odom"}, {"odom", "base"}})},
+                       .questions = {{"map", "base", 20}}};
+    const Script reuse{.history = {},
+                       .before = {set(10, {{"map", "odom"}, {"odom", "base"}})},
+                       .during = {removal("base"), set(10, {{"map", "tip"}})},
+                       .questions = {{"map", "base", 10}}};
+    found("commit published before what it wrote", batch, [](const Forest& forest) {
+        const Word* const commit = &forest.word(graph::kCommit);
+        return std::make_unique<sched::Delays>(
+            0, [commit](const Word& word) { return &word != commit; }, *commit);
+    });
+    found("nobody told that a slot was used again", reuse, [](const Forest& forest) {
+        const Word* const floor = &forest.word(graph::kRecycleFloor);
+        return std::make_unique<sched::Forgets>(
+            [floor](const Word& word, std::uint64_t) { return &word == floor; });
+    });
+    found("removal marked before it is dated", reuse, [](const Forest& forest) {
+        const Word* const died = &forest.frames.word(2, history::kDied);
+        return std::make_unique<sched::Delays>(
+            0, [died](const Word& word) { return &word == died; }, forest.word(graph::kCommit));
+    });
 }
 
 }  // namespace tfdb::txn::forest

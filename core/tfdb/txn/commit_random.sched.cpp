@@ -23,8 +23,8 @@ public:
         script.history = kHistories[below(3)];
         naive::Model model(script.history);
         add(model, script.before, 2 + below(4));
-        add(model, script.during, 1 + below(2));
-        for (int i = 0; i < 2; ++i) {
+        add(model, script.during, 1);
+        for (std::uint64_t left = 1 + below(2); left > 0; --left) {
             Question question{name(), name(), std::nullopt};
             if (below(3) != 0) {
                 question.stamp = static_cast<StampNs>(5 * below(14));
@@ -126,7 +126,7 @@ TFDB_SCHED(commit_random_scripts) {
     const char* const first = std::getenv("TFDB_SCHED_SEED");
     const char* const wish = std::getenv("TFDB_SCHED_SCRIPTS");
     const std::uint64_t seed_of_first = first == nullptr ? 1 : std::strtoull(first, nullptr, 10);
-    const std::uint64_t scripts = wish == nullptr ? 150 : std::strtoull(wish, nullptr, 10);
+    const std::uint64_t scripts = wish == nullptr ? 60 : std::strtoull(wish, nullptr, 10);
     std::uint64_t executions = 0;
     std::uint64_t cut = 0;
     for (std::uint64_t seed = seed_of_first; seed < seed_of_first + scripts; ++seed) {
@@ -143,6 +143,8 @@ TFDB_SCHED(commit_random_scripts) {
                                  outcome.violation + "\n" + outcome.schedule};
         }
     }
+    // A few scripts are too large; most must have been walked to the end.
+    SCHED_EXPECT(4 * cut <= scripts);
     std::printf("  %llu scripts from seed %llu: %llu executions, %llu walks not exhaustive\n",
                 static_cast<unsigned long long>(scripts),
                 static_cast<unsigned long long>(seed_of_first),

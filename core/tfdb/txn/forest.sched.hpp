@@ -252,8 +252,12 @@ inline void name_words(const Forest& forest) {
 /// What the reader's thread does.
 using Reader = std::function<void(const Forest&, const naive::Model&, const Script&)>;
 
-/// One writer runs the script beside one reader.
-inline sched::Program program(const Script& script, const Reader& reader) {
+/// Makes the interceptor that seeds a bug, once per execution; none by default.
+using MakeFlaw = std::function<std::unique_ptr<sched::Interceptor>(const Forest&)>;
+
+/// One writer (thread 0) runs the script beside one reader.
+inline sched::Program program(const Script& script, const Reader& reader,
+                              const MakeFlaw& make_flaw = {}) {
     const auto model = std::make_shared<const naive::Model>(model_of(script));
     return [=](sched::Run& run) {
         Forest forest(script);
@@ -261,6 +265,8 @@ inline sched::Program program(const Script& script, const Reader& reader) {
         for (std::size_t step = 0; step < script.before.size(); ++step) {
             forest.apply(script.before[step], step);
         }
+        const std::unique_ptr<sched::Interceptor> flaw = make_flaw ? make_flaw(forest) : nullptr;
+        forest.memory.intercept(flaw.get());
         run.thread("writer", [&] {
             for (std::size_t step = 0; step < script.during.size(); ++step) {
                 forest.apply(script.during[step], script.before.size() + step);
@@ -268,6 +274,9 @@ inline sched::Program program(const Script& script, const Reader& reader) {
         });
         run.thread("reader", [&] { reader(forest, *model, script); });
         run.join();
+        if (flaw != nullptr) {
+            return;
+        }
         const CommitNumber last = forest.word(graph::kCommit).peek();
         SCHED_REQUIRE(last == model->commit());
         for (const Question& question : script.questions) {

@@ -42,6 +42,7 @@ struct Weakness {
     std::uint64_t load = kNowhere;   // ... or loaded relaxed
     bool no_release_fence = false;
     bool no_acquire_fence = false;
+    bool no_full_fence = false;
 };
 inline Weakness g_weakness;
 
@@ -141,7 +142,11 @@ public:
             rl::atomic_thread_fence(rl::mo_release, $);
         }
     }
-    static void fence_full() { rl::atomic_thread_fence(rl::mo_seq_cst, $); }
+    static void fence_full() {
+        if (!g_weakness.no_full_fence) {
+            rl::atomic_thread_fence(rl::mo_seq_cst, $);
+        }
+    }
 
 private:
     mutable std::array<Word, Bytes / 8> words_;

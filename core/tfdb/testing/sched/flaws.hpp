@@ -1,0 +1,100 @@
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+#include <functional>
+#include <utility>
+#include <vector>
+
+#include "tfdb/testing/sched/run.hpp"
+#include "tfdb/testing/sched/word.hpp"
+
+// Bugs to seed between a protocol and its words, so that the code under test stays the one that
+// ships. Each proves that a walk can fail.
+namespace tfdb::sched {
+
+using Which = std::function<bool(const Word&)>;
+
+inline bool is_load(Kind kind) {
+    return kind == Kind::kLoadRelaxed || kind == Kind::kLoadAcquire;
+}
+
+// One thread's stores to some words happen only after its next store to another word.
+// Made anew for each execution.
+class Delays : public Interceptor {
+public:
+    Delays(std::size_t thread, Which delayed, const Word& until)
+        : thread_(thread), delayed_(std::move(delayed)), until_(until) {}
+
+    Effect access(Word& word, const Operation& operation) override {
+        if (sched::Run::inside_thread()->current() != thread_) {
+            return word.access_directly(operation);
+        }
+        if (is_load(operation.kind)) {
+            for (auto held = held_.rbegin(); held != held_.rend(); ++held) {
+                if (held->word == &word) {
+                    return {held->operand, held->operand, false};
+                }
+            }
+            return word.access_directly(operation);
+        }
+        if (delayed_(word)) {
+            held_.push_back(operation);
+            return {0, operation.operand, true};
+        }
+        const Effect effect = word.access_directly(operation);
+        if (&word == &until_) {
+            for (const Operation& held : std::exchange(held_, {})) {
+                held.word->access_directly(held);
+            }
+        }
+        return effect;
+    }
+
+private:
+    std::size_t thread_;
+    Which delayed_;
+    const Word& until_;
+    std::vector<Operation> held_;
+};
+
+// Some stores never happen. Made anew for each execution.
+class Forgets : public Interceptor {
+public:
+    using Forgotten = std::function<bool(const Word&, std::uint64_t value)>;
+    explicit Forgets(Forgotten forgotten) : forgotten_(std::move(forgotten)) {}
+
+    Effect access(Word& word, const Operation& operation) override {
+        if (!is_load(operation.kind) && forgotten_(word, operation.operand)) {
+            return {0, operation.operand, true};
+        }
+        return word.access_directly(operation);
+    }
+
+private:
+    Forgotten forgotten_;
+};
+
+// A thread's relaxed loads of one word see what its last acquiring load saw: a check at the end
+// that believes the beginning. Made anew for each execution.
+class BelievesFirst : public Interceptor {
+public:
+    BelievesFirst(std::size_t thread, const Word& word) : thread_(thread), believed_(word) {}
+
+    Effect access(Word& word, const Operation& operation) override {
+        const bool ours = &word == &believed_ && sched::Run::inside_thread()->current() == thread_;
+        if (ours && operation.kind == Kind::kLoadRelaxed) {
+            return {first_, first_, false};
+        }
+        const Effect effect = word.access_directly(operation);
+        first_ = ours ? effect.before : first_;
+        return effect;
+    }
+
+private:
+    std::size_t thread_;
+    const Word& believed_;
+    std::uint64_t first_ = 0;
+};
+
+}  // namespace tfdb::sched
