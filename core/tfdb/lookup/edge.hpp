@@ -86,9 +86,15 @@ template <View V>
     const auto anchor = edge.read(chosen.anchor);
     pose = std::bit_cast<geometry::Pose>(anchor.payload);
     geometry::Pose other;
-    const bool mixed = chosen.second != history::kNoIndex;
-    if (mixed)
-        other = std::bit_cast<geometry::Pose>(edge.read(chosen.second).payload);
+    bool mixed = chosen.second != history::kNoIndex;
+    if (mixed) {
+        const auto second = edge.read(chosen.second);
+        other = std::bit_cast<geometry::Pose>(second.payload);
+        // The parent's slot may have held another frame when the second sample was written.
+        mixed = view.alive_since(parent, second.commit);
+        if (!mixed && chosen.used == Used::kInterpolated)
+            chosen.used = Used::kHeld;
+    }
     if (!edge.confirm(chosen.lowest))
         return Outcome::kLapped;
     if (anchor.parent != parent || !view.alive_since(parent, anchor.commit)) {

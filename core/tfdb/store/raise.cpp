@@ -117,7 +117,8 @@ void Reads::raise(const Failure& failure, std::string_view target, std::string_v
     c.detail.newest = known(failure.newest);
     c.detail.before = known(failure.before);
     c.detail.after = known(failure.after);
-    c.detail.limit = known(failure.limit);
+    if (failure.limit < lookup::kNoLimit)
+        c.detail.limit = known(failure.limit);
     c.detail.commit = failure.commit;
     if (failure.code == ErrorCode::kUnknownFrame)
         raise_unknown(c);

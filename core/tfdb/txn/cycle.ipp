@@ -43,7 +43,10 @@ template <class Memory>
 bool Commit<Memory>::holds(const CommitScratch::Relation& relation, StampNs& from,
                            StampNs& to) const {
     const auto names_parent = [&](const history::EdgeView<Memory>& edge, std::uint64_t index) {
-        return history::SlotWord::parent(edge.slot_word(index)) == relation.parent;
+        // Not an earlier frame whose slot the parent took over.
+        const std::uint64_t slot = edge.slot_word(index);
+        return history::SlotWord::parent(slot) == relation.parent &&
+               view().alive_since(relation.parent, history::SlotWord::commit(slot));
     };
     from = detail::kDawn;
     to = detail::kDusk;
