@@ -7,6 +7,11 @@
 #include <cmath>
 #include <type_traits>
 
+// A lookup is a handful of these per edge. They are inlined even where GCC thinks them too large,
+// and poses are written member by member: copied as blocks they would go through memory, and a wide
+// load that follows narrow stores stalls.
+#define TFDB_INLINE [[gnu::always_inline]] inline
+
 namespace tfdb::geometry {
 
 struct Vec3 {
@@ -29,15 +34,15 @@ constexpr Pose identity() noexcept {
     return Pose{{0.0, 0.0, 0.0}, {0.0, 0.0, 0.0, 1.0}};
 }
 
-constexpr double dot(const Quat& a, const Quat& b) noexcept {
+TFDB_INLINE constexpr double dot(const Quat& a, const Quat& b) noexcept {
     return (a.x * b.x + a.y * b.y) + (a.z * b.z + a.w * b.w);
 }
 
-constexpr double norm_squared(const Quat& q) noexcept {
+TFDB_INLINE constexpr double norm_squared(const Quat& q) noexcept {
     return dot(q, q);
 }
 
-constexpr Quat conjugate(const Quat& q) noexcept {
+TFDB_INLINE constexpr Quat conjugate(const Quat& q) noexcept {
     return Quat{-q.x, -q.y, -q.z, q.w};
 }
 
@@ -48,7 +53,7 @@ inline Quat normalized(const Quat& q) noexcept {
 }
 
 /// The rotation b first, then a.
-constexpr Quat multiply(const Quat& a, const Quat& b) noexcept {
+TFDB_INLINE constexpr Quat multiply(const Quat& a, const Quat& b) noexcept {
     return Quat{(a.w * b.x + a.x * b.w) + (a.y * b.z - a.z * b.y),
                 (a.w * b.y + a.y * b.w) + (a.z * b.x - a.x * b.z),
                 (a.w * b.z + a.z * b.w) + (a.x * b.y - a.y * b.x),
@@ -56,7 +61,7 @@ constexpr Quat multiply(const Quat& a, const Quat& b) noexcept {
 }
 
 /// q v q*, as v + 2 w (r x v) + 2 r x (r x v) with r the vector part.
-constexpr Vec3 rotate(const Quat& q, const Vec3& v) noexcept {
+TFDB_INLINE constexpr Vec3 rotate(const Quat& q, const Vec3& v) noexcept {
     const double cx = 2.0 * (q.y * v.z - q.z * v.y);
     const double cy = 2.0 * (q.z * v.x - q.x * v.z);
     const double cz = 2.0 * (q.x * v.y - q.y * v.x);
@@ -69,20 +74,31 @@ constexpr Vec3 rotate_inverse(const Quat& q, const Vec3& v) noexcept {
 }
 
 /// The point p of the source frame, in the target frame.
-constexpr Vec3 apply(const Pose& pose, const Vec3& p) noexcept {
+TFDB_INLINE constexpr Vec3 apply(const Pose& pose, const Vec3& p) noexcept {
     const Vec3 turned = rotate(pose.rotation, p);
     return Vec3{pose.translation.x + turned.x, pose.translation.y + turned.y,
                 pose.translation.z + turned.z};
 }
 
 /// T[c<-a] from T[c<-b] and T[b<-a].
-constexpr Pose compose(const Pose& c_from_b, const Pose& b_from_a) noexcept {
+TFDB_INLINE constexpr Pose compose(const Pose& c_from_b, const Pose& b_from_a) noexcept {
     return Pose{apply(c_from_b, b_from_a.translation),
                 multiply(c_from_b.rotation, b_from_a.rotation)};
 }
 
+/// to = from, member by member.
+TFDB_INLINE constexpr void assign(Pose& to, const Pose& from) noexcept {
+    to.translation.x = from.translation.x;
+    to.translation.y = from.translation.y;
+    to.translation.z = from.translation.z;
+    to.rotation.x = from.rotation.x;
+    to.rotation.y = from.rotation.y;
+    to.rotation.z = from.rotation.z;
+    to.rotation.w = from.rotation.w;
+}
+
 /// T[a<-b] from T[b<-a].
-constexpr Pose inverse(const Pose& pose) noexcept {
+TFDB_INLINE constexpr Pose inverse(const Pose& pose) noexcept {
     const Quat back = conjugate(pose.rotation);
     const Vec3 turned = rotate(back, pose.translation);
     return Pose{{-turned.x, -turned.y, -turned.z}, back};
@@ -106,7 +122,7 @@ inline constexpr double kLongLimit = 0.0184;
 
 /// f_u(x) / u with `Terms` terms, in Horner's form; `squared` is u^2.
 template <int Terms>
-constexpr double sum(double x, double squared) noexcept {
+TFDB_INLINE constexpr double sum(double x, double squared) noexcept {
     double value = 1.0;
     for (int j = Terms - 1; j >= 1; --j) {
         const double scale = 1.0 / (j * (2 * j + 1));
@@ -120,13 +136,13 @@ constexpr double sum(double x, double squared) noexcept {
 
 namespace detail {
 
-constexpr Quat mix(const Quat& a, double of_a, const Quat& b, double of_b) noexcept {
+TFDB_INLINE constexpr Quat mix(const Quat& a, double of_a, const Quat& b, double of_b) noexcept {
     return Quat{of_a * a.x + of_b * b.x, of_a * a.y + of_b * b.y, of_a * a.z + of_b * b.z,
                 of_a * a.w + of_b * b.w};
 }
 
 /// Slerp by libm: for wide angles and for u outside [0, 1]. `sign` picks the nearer of b and -b.
-inline Quat wide_slerp(const Quat& a, const Quat& b, double sign, double u) noexcept {
+[[gnu::noinline]] inline Quat wide_slerp(Quat a, Quat b, double sign, double u) noexcept {
     // Half the angle from |a - b| and |a + b|: as good near 0 as near 180 degrees, unlike acos.
     const double apart = norm_squared(mix(a, 1.0, b, -sign));
     const double along = norm_squared(mix(a, 1.0, b, sign));
@@ -144,7 +160,7 @@ inline Quat wide_slerp(const Quat& a, const Quat& b, double sign, double u) noex
 
 /// From a (u = 0) to b (u = 1) at constant angular speed along the shorter way; u outside [0, 1]
 /// goes on at the same speed. a and b are exact at the ends; elsewhere the norm is 1 to an ulp.
-inline Quat slerp(const Quat& a, const Quat& b, double u) noexcept {
+TFDB_INLINE Quat slerp(const Quat& a, const Quat& b, double u) noexcept {
     if (u == 0.0) {
         return a;
     }
@@ -174,7 +190,7 @@ inline Quat slerp(const Quat& a, const Quat& b, double u) noexcept {
 }
 
 /// Linear in the translation, slerp in the rotation. a and b are exact at u = 0 and u = 1.
-inline Pose interpolate(const Pose& a, const Pose& b, double u) noexcept {
+TFDB_INLINE Pose interpolate(const Pose& a, const Pose& b, double u) noexcept {
     if (u == 1.0) {
         return b;
     }

@@ -45,6 +45,7 @@ struct Answer {
     std::vector<EdgeUse> edges;         // kept between lookups, so that none allocates
     std::vector<FrameId> source_chain;  // the source and its ancestors, scratch of the walk
     std::vector<FrameId> target_chain;
+    std::vector<EdgeUse> target_edges;
 };
 
 /// Why a lookup has no answer, without any allocation: programs probe, and failing must be cheap.

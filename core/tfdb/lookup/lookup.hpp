@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <optional>
 
+#include "tfdb/lookup/quick.hpp"
 #include "tfdb/lookup/walk.hpp"
 
 namespace tfdb::lookup {
@@ -136,10 +137,10 @@ template <View V>
 
 }  // namespace detail
 
-/// The newest stamp at which every moving edge between two frames has data; 0 if none moves.
+/// The latest common time, and the chains of the newest tree from which it comes.
 template <View V>
-[[nodiscard]] Outcome latest_common_time(const V& view, FrameId target, FrameId source,
-                                         Answer& scratch, StampNs& stamp, Failure& failure) {
+[[nodiscard]] Outcome latest_common_path(const V& view, FrameId target, FrameId source,
+                                         Answer& chains, StampNs& stamp, Failure& failure) {
     if (!detail::check_frame(view, target, 0, failure) ||
         !detail::check_frame(view, source, 1, failure)) {
         return Outcome::kFailed;
@@ -149,11 +150,25 @@ template <View V>
         const Outcome outcome = detail::newest_stamp(view, target, stamp, parent);
         if (stamp < 0)
             stamp = 0;
-        return outcome;
+        // A slot that was reused meanwhile looks like a frame without samples.
+        return outcome == Outcome::kOk && !view.alive(target) ? Outcome::kLapped : outcome;
     }
-    return detail::hints_then_samples(scratch, [&](WalkMode mode) {
-        return detail::common_time_once(view, target, source, mode, scratch, stamp, failure);
+    return detail::hints_then_samples(chains, [&](WalkMode mode) {
+        return detail::common_time_once(view, target, source, mode, chains, stamp, failure);
     });
+}
+
+/// The newest stamp at which every moving edge between two frames has data; 0 if none moves.
+template <View V>
+[[nodiscard]] Outcome latest_common_time(const V& view, FrameId target, FrameId source,
+                                         Answer& scratch, StampNs& stamp, Failure& failure) {
+    if constexpr (InPlaceView<V>) {
+        QuickLookup<V> quick(view, {}, scratch);
+        if (quick.common_time(target, source, stamp)) {
+            return Outcome::kOk;
+        }
+    }
+    return latest_common_path(view, target, source, scratch, stamp, failure);
 }
 
 /// Appends to `answer.edges` and sets the pose: T[target<-source] at one stamp.
@@ -189,6 +204,13 @@ template <View V>
         if (outcome != Outcome::kOk)
             return outcome;
     }
+    if constexpr (InPlaceView<V>) {
+        QuickLookup<V> quick(view, policy, answer);
+        if (quick_policy(policy) && quick.at(target, source, at)) {
+            return Outcome::kOk;
+        }
+        answer.edges.clear();
+    }
     return lookup_at(view, target, source, at, policy, answer, failure);
 }
 
@@ -198,9 +220,8 @@ template <View V>
 [[nodiscard]] Outcome lookup_latest(const V& view, FrameId target, FrameId source,
                                     std::optional<StampNs> max_age, StampNs now, Answer& answer,
                                     Failure& failure) {
-    answer.edges.clear();
     const Policy newest{PolicyKind::kLatest, kNoLimit};
-    const Outcome outcome = lookup_at(view, target, source, 0, newest, answer, failure);
+    const Outcome outcome = lookup(view, target, source, StampNs{0}, newest, answer, failure);
     if (outcome != Outcome::kOk)
         return outcome;
     StampNs oldest = history::kNoStamp;

@@ -141,33 +141,41 @@ public:
             return Outcome::kOk;
         // The scalar lookup says why; with the same view it refuses too.
         refused_ = result.first_refused;
-        const Outcome why =
-            lookup::lookup(view, request_.target, request_.source, request_.stamps[refused_],
-                           request_.policy, space.answer, space.failure);
+        const Outcome why = look_up(view, space, refused_);
         return why == Outcome::kOk ? Outcome::kLapped : why;
     }
 
     [[nodiscard]] std::size_t refused() const { return refused_; }
 
 private:
+    Outcome look_up(const StoreView& view, Workspace& space, std::size_t i) {
+        return lookup::lookup(view, request_.target, request_.source, request_.stamps[i],
+                              request_.policy, space.answer, space.failure);
+    }
+
     /// All poses come first: points may be moved in place, and only once.
     Outcome one_by_one(const StoreView& view, Workspace& space) {
         space.poses.clear();
+        std::size_t apart = 0;
         for (std::size_t i = 0; i < request_.stamps.size(); ++i) {
-            const Outcome outcome =
-                lookup::lookup(view, request_.target, request_.source, request_.stamps[i],
-                               request_.policy, space.answer, space.failure);
+            const Outcome outcome = look_up(view, space, i);
             if (outcome == Outcome::kLapped)
                 return outcome;
-            // Frames in two trees have no answer at any stamp: that is no gap in the data.
-            const bool hopeless = i == 0 && space.failure.code == ErrorCode::kDisconnected;
-            if (outcome == Outcome::kFailed && (stop_ || hopeless)) {
+            if (outcome == Outcome::kFailed && stop_) {
                 refused_ = i;
                 return outcome;
             }
             auto& pose = space.poses.emplace_back();
-            if (outcome == Outcome::kOk)
+            if (outcome == Outcome::kOk) {
                 pose = space.answer.pose;
+            } else if (space.failure.code == ErrorCode::kDisconnected) {
+                ++apart;
+            }
+        }
+        // Frames that are in two trees at every stamp: that is no gap in the data.
+        if (apart > 0 && apart == request_.stamps.size()) {
+            refused_ = 0;
+            return look_up(view, space, 0);
         }
         for (std::size_t i = 0; i < space.poses.size(); ++i) {
             one_(i, space.poses[i] ? &*space.poses[i] : nullptr);
@@ -326,7 +334,7 @@ std::vector<StampNs> Reads::path_stamps(std::string_view target, std::string_vie
         StampNs newest = 0;
         // Walks the newest tree, and leaves the chains in the answer.
         const Outcome walked =
-            lookup::latest_common_time(view, to, from, space.answer, newest, space.failure);
+            lookup::latest_common_path(view, to, from, space.answer, newest, space.failure);
         if (walked != Outcome::kOk || from == to)
             return walked;
         StampNs first = start.value_or(0);
@@ -337,7 +345,9 @@ std::vector<StampNs> Reads::path_stamps(std::string_view target, std::string_vie
                 const Outcome copied = store::collect_all(view, (*chain)[i], track);
                 if (copied != Outcome::kOk)
                     return copied;
-                if (track.stamps.empty())
+                if (track.poses.empty())
+                    return Outcome::kLapped;  // the walk found a parent here: the slot was reused
+                if (track.is_static)
                     continue;
                 first = std::max(first, track.stamps.front());
                 last = std::min(last, track.stamps.back());

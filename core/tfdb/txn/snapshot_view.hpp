@@ -29,6 +29,7 @@ public:
     [[nodiscard]] std::uint32_t frame_count() const { return frames_.count(); }
     [[nodiscard]] CommitNumber commit() const { return commit_; }
     [[nodiscard]] const graph::Frames<Memory>& frames() const { return frames_; }
+    [[nodiscard]] clock::StampNs history() const { return history_; }
 
 private:
     graph::Frames<Memory> frames_;

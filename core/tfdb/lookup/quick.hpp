@@ -1,0 +1,323 @@
+// The common case of a lookup, in one pass over the path: ordered samples, one parent per frame,
+// nothing newer than the snapshot. Whatever is different is left to the general code.
+#pragma once
+
+#include <bit>
+#include <cstdint>
+#include <optional>
+
+#include "tfdb/geometry/pose.hpp"
+#include "tfdb/lookup/answer.hpp"
+#include "tfdb/lookup/edge.hpp"
+#include "tfdb/lookup/policy.hpp"
+#include "tfdb/lookup/view.hpp"
+
+namespace tfdb::lookup {
+
+/// A view whose frames may be read in place, without a lock or a note of what was read.
+template <class V>
+concept InPlaceView = View<V> && requires(const V v) {
+    v.frames();
+    v.history();
+};
+
+/// Walks both frames up by the depth hints and mixes and composes each edge on the way.
+/// Threads: any; each makes its own.
+/// Guarantee: wait-free; what it answers is what the general code would answer, or it declines.
+template <InPlaceView V>
+class QuickLookup {
+public:
+    QuickLookup(const V& view, const Policy& policy, Answer& answer)
+        : memory_(view.frames().memory()),
+          view_(view),
+          policy_(policy),
+          answer_(answer),
+          commit_(view.commit()) {}
+
+    /// False: not the common case. The answer's edges are then unspecified.
+    [[nodiscard]] bool at(FrameId target, FrameId source, StampNs stamp) {
+        stamp_ = stamp;
+        answer_.edges.clear();
+        down_uses_.clear();
+        Node up;
+        Node down;
+        if (!start(source, up) || !start(target, down)) {
+            return false;
+        }
+        geometry::Pose from_source = geometry::identity();
+        geometry::Pose from_target = geometry::identity();
+        bool source_moved = false;
+        bool target_moved = false;
+        while (up.id != down.id) {
+            const bool move_up =
+                history::Topology::depth(up.topology) >= history::Topology::depth(down.topology);
+            const bool stepped = move_up ? step(up, from_source, source_moved, answer_.edges, false)
+                                         : step(down, from_target, target_moved, down_uses_, true);
+            if (!stepped) {
+                return false;
+            }
+        }
+        // Wrong depth hints led past the meeting point: both took the edge above it.
+        if (source_moved && target_moved && answer_.edges.back().child == down_uses_.back().child) {
+            return false;
+        }
+        if (!target_moved) {
+            geometry::assign(answer_.pose, from_source);
+        } else {
+            answer_.edges.insert(answer_.edges.end(), down_uses_.begin(), down_uses_.end());
+            answer_.pose = geometry::inverse(from_target);
+            if (source_moved) {
+                answer_.pose = geometry::compose(answer_.pose, from_source);
+            }
+        }
+        answer_.stamp = stamp;
+        answer_.commit = commit_;
+        return true;
+    }
+
+    /// The latest common time of two different frames; false: not the common case.
+    [[nodiscard]] bool common_time(FrameId target, FrameId source, StampNs& stamp) {
+        Node up;
+        Node down;
+        if (target == source || !start(source, up) || !start(target, down)) {
+            return false;
+        }
+        stamp = history::kNoStamp;
+        FrameId up_from = kNoFrame;
+        FrameId down_from = kNoFrame;
+        while (up.id != down.id) {
+            const bool move_up =
+                history::Topology::depth(up.topology) >= history::Topology::depth(down.topology);
+            Node& node = move_up ? up : down;
+            (move_up ? up_from : down_from) = node.id;
+            Ring ring;
+            if (!open(node, ring)) {
+                return false;
+            }
+            const StampNs newest =
+                ring.is_static ? history::kNoStamp : stamp_at(ring, ring.head - 1);
+            const std::uint64_t slot = slot_word(ring, ring.head - 1);
+            if (!confirm(node, ring, ring.head - 1) || !ascend(node, slot)) {
+                return false;
+            }
+            if (newest >= 0 && (stamp < 0 || newest < stamp)) {
+                stamp = newest;
+            }
+        }
+        if (stamp < 0) {
+            stamp = 0;
+        }
+        return up_from != down_from || up_from == kNoFrame;
+    }
+
+private:
+    using Memory = typename V::Memory;
+    using Word = typename Memory::Word;
+    using Layout = history::RingLayout<Memory>;
+    using Topology = history::Topology;
+
+    /// What makes a frame none of the common case.
+    static constexpr std::uint64_t kUnusual = Topology::kMixedParents | Topology::kUnordered |
+                                              Topology::kCleared | Topology::kMortal |
+                                              Topology::kRebuilt;
+    static constexpr int kNear = 8;  // samples around the guess that are tried one by one
+
+    struct Node {
+        FrameId id = kNoFrame;
+        const Word* header = nullptr;
+        std::uint64_t topology = 0;
+        std::uint32_t generation = 0;
+    };
+    struct Ring {
+        std::uint64_t word = 0;
+        std::uint64_t head = 0;
+        std::uint64_t begin = 0;
+        std::uint64_t mask = 0;
+        const Word* stamps = nullptr;
+        const Word* slots = nullptr;
+        bool is_static = false;
+    };
+
+    /// The frame must have been there when `written` was; its words are then taken along.
+    [[nodiscard]] bool load(FrameId id, CommitNumber written, Node& node) const {
+        node.id = id;
+        node.header = &memory_.word(view_.frames().header(id));
+        const std::uint64_t born = node.header[history::kBorn].load_acquire();
+        node.topology = node.header[history::kTopology].load_acquire();
+        node.generation = static_cast<std::uint32_t>(born & kNoFrame);
+        return born >> kFrameBits <= written && (node.topology & Topology::kMortal) == 0;
+    }
+    [[nodiscard]] bool start(FrameId id, Node& node) const {
+        return id != kNoFrame && load(id, commit_, node);
+    }
+    [[nodiscard]] bool ascend(Node& node, std::uint64_t slot) const {
+        const FrameId parent = history::SlotWord::parent(slot);
+        return parent == Topology::parent(node.topology) &&
+               load(parent, history::SlotWord::commit(slot), node);
+    }
+
+    /// Nothing in the ring may be newer than the view: then all of it is the view's, and the flags
+    /// that were read before belong to it.
+    [[nodiscard]] bool open(const Node& node, Ring& ring) const {
+        const Word* header = node.header;
+        ring.word = header[history::kRing].load_acquire();
+        ring.head = header[history::kHead].load_acquire();
+        ring.begin = header[history::kBegin].load_acquire();
+        ring.is_static = (node.topology & Topology::kStatic) != 0;
+        if ((node.topology & kUnusual) != 0 || history::RingWord::empty(ring.word) ||
+            header[history::kHeadCommit].load_relaxed() > commit_ || ring.head <= ring.begin) {
+            return false;
+        }
+        ring.mask = history::RingWord::capacity(ring.word) - 1;
+        ring.stamps = &memory_.word(Layout::stamps(ring.word));
+        ring.slots = &memory_.word(Layout::slots(ring.word));
+        return true;
+    }
+    [[nodiscard]] bool confirm(const Node& node, const Ring& ring, std::uint64_t lowest) const {
+        Memory::fence_acquire();
+        return node.header[history::kRing].load_relaxed() == ring.word &&
+               node.header[history::kBegin].load_relaxed() <= lowest;
+    }
+    [[nodiscard]] static StampNs stamp_at(const Ring& ring, std::uint64_t index) {
+        return history::as_stamp(ring.stamps[index & ring.mask].load_relaxed());
+    }
+    [[nodiscard]] static const Word* slot_at(const Ring& ring, std::uint64_t index) {
+        return ring.slots + (1 + Memory::kPayloadWords) * (index & ring.mask);
+    }
+    [[nodiscard]] static std::uint64_t slot_word(const Ring& ring, std::uint64_t index) {
+        return slot_at(ring, index)->load_relaxed();
+    }
+    static void read_pose(const Word* slot, geometry::Pose& pose) {
+        const auto number = [&](int i) {
+            return std::bit_cast<double>(slot[1 + i].load_relaxed());
+        };
+        pose.translation.x = number(0);
+        pose.translation.y = number(1);
+        pose.translation.z = number(2);
+        pose.rotation.x = number(3);
+        pose.rotation.y = number(4);
+        pose.rotation.z = number(5);
+        pose.rotation.w = number(6);
+    }
+
+    /// Index of the sample at or before the stamp; false where the general code must look. Samples
+    /// mostly come at a steady rate: the guess is at most a few positions off.
+    [[nodiscard]] bool find(const Node& node, const Ring& ring, std::uint64_t& index,
+                            StampNs& before) const {
+        index = ring.head - 1;
+        before = stamp_at(ring, index);
+        if (stamp_ >= before) {
+            return stamp_ == before;
+        }
+        const StampNs cutoff = before - view_.history();
+        const double back = static_cast<double>(before - stamp_) *
+                            std::bit_cast<double>(node.header[history::kRate].load_relaxed());
+        if (back < static_cast<double>(index - ring.begin)) {
+            index -= static_cast<std::uint64_t>(back);
+        }
+        before = stamp_at(ring, index);
+        int tries = kNear;
+        while (before > stamp_ && index > ring.begin && --tries > 0) {
+            before = stamp_at(ring, --index);
+        }
+        while (tries > 0 && index + 1 < ring.head) {
+            const StampNs after = stamp_at(ring, index + 1);
+            if (after > stamp_) {
+                break;
+            }
+            before = after;
+            ++index;
+            --tries;
+        }
+        if (tries <= 0 && !search(node, ring, index, before)) {
+            return false;
+        }
+        return before <= stamp_ && before >= cutoff;
+    }
+
+    [[nodiscard]] bool search(const Node& node, const Ring& ring, std::uint64_t& index,
+                              StampNs& before) const {
+        history::EdgeView<Memory> edge;
+        if (!view_.open(node.id, edge) || !edge.ordered()) {
+            return false;
+        }
+        index = edge.upper_bound(stamp_);
+        if (index <= edge.lo() || index <= ring.begin || index >= ring.head) {
+            return false;
+        }
+        before = stamp_at(ring, --index);
+        return true;
+    }
+
+    /// Takes one edge: its pose at the stamp goes in front of what was composed so far.
+    [[nodiscard, gnu::always_inline]] bool step(Node& node, geometry::Pose& composed, bool& moved,
+                                                std::vector<EdgeUse>& uses, bool inverted) {
+        Ring ring;
+        if (!open(node, ring)) {
+            return false;
+        }
+        EdgeUse use;
+        use.child = node.id;
+        use.generation = node.generation;
+        use.inverted = inverted;
+        std::uint64_t index = ring.head - 1;
+        geometry::Pose pose;
+        geometry::Pose next = geometry::identity();
+        bool mix = false;
+        if (ring.is_static) {
+            use.used = Used::kStatic;
+        } else if (policy_.kind == PolicyKind::kLatest) {
+            use.used = Used::kLatest;
+            use.before = use.after = stamp_at(ring, index);
+        } else {
+            if (!find(node, ring, index, use.before)) {
+                return false;
+            }
+            mix = use.before != stamp_;
+            use.used = mix ? Used::kInterpolated : Used::kExact;
+            use.after = use.before;
+            if (mix) {
+                use.after = stamp_at(ring, index + 1);
+                read_pose(slot_at(ring, index + 1), next);
+                if (use.after - use.before > policy_.limit) {
+                    return false;
+                }
+            }
+        }
+        const Word* slot = slot_at(ring, index);
+        const std::uint64_t first = slot->load_relaxed();
+        read_pose(slot, pose);
+        if (!confirm(node, ring, index) || !ascend(node, first)) {
+            return false;
+        }
+        use.parent = node.id;
+        use.parent_generation = node.generation;
+        uses.push_back(use);
+        if (mix) {
+            geometry::assign(
+                pose, geometry::interpolate(pose, next, share(use.before, use.after, stamp_)));
+        }
+        if (moved) {
+            geometry::assign(composed, geometry::compose(pose, composed));
+        } else {
+            geometry::assign(composed, pose);
+        }
+        moved = true;
+        return true;
+    }
+
+    Memory& memory_;
+    const V& view_;
+    Policy policy_;
+    Answer& answer_;
+    CommitNumber commit_;
+    StampNs stamp_ = 0;
+    std::vector<EdgeUse>& down_uses_ = answer_.target_edges;
+};
+
+/// Policies of which the quick code knows the common case.
+[[nodiscard]] inline bool quick_policy(const Policy& policy) {
+    return policy.kind == PolicyKind::kInterpolate || policy.kind == PolicyKind::kLatest;
+}
+
+}  // namespace tfdb::lookup
