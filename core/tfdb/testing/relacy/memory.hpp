@@ -50,22 +50,25 @@ inline Weakness g_weakness;
 // Simulated threads may call all. The orders are those of sync::Word.
 class Word {
 public:
-    [[nodiscard]] std::uint64_t load_relaxed() const { return value_.load(rl::mo_relaxed, $); }
-    [[nodiscard]] std::uint64_t load_acquire() const {
-        return value_.load(weak_load_ ? rl::mo_relaxed : rl::mo_acquire, $);
+    [[nodiscard]] std::uint64_t load_relaxed() const {
+        return value_.load(rl::mo_relaxed, RL_INFO);
     }
-    void store_relaxed(std::uint64_t value) { value_.store(value, rl::mo_relaxed, $); }
+    [[nodiscard]] std::uint64_t load_acquire() const {
+        return value_.load(weak_load_ ? rl::mo_relaxed : rl::mo_acquire, RL_INFO);
+    }
+    void store_relaxed(std::uint64_t value) { value_.store(value, rl::mo_relaxed, RL_INFO); }
     void store_release(std::uint64_t value) {
-        value_.store(value, weak_store_ ? rl::mo_relaxed : rl::mo_release, $);
+        value_.store(value, weak_store_ ? rl::mo_relaxed : rl::mo_release, RL_INFO);
     }
     bool compare_exchange(std::uint64_t& expected, std::uint64_t desired) {
-        return value_($).compare_exchange_strong(expected, desired, rl::mo_acq_rel, rl::mo_acquire);
+        return value_(RL_INFO).compare_exchange_strong(expected, desired, rl::mo_acq_rel,
+                                                       rl::mo_acquire);
     }
     std::uint64_t exchange(std::uint64_t desired) {
-        return value_($).exchange(desired, rl::mo_acq_rel);
+        return value_(RL_INFO).exchange(desired, rl::mo_acq_rel);
     }
     std::uint64_t fetch_add(std::uint64_t delta) {
-        return value_($).fetch_add(delta, rl::mo_acq_rel);
+        return value_(RL_INFO).fetch_add(delta, rl::mo_acq_rel);
     }
 
     void weaken(bool load, bool store) {
@@ -134,17 +137,17 @@ public:
 
     static void fence_acquire() {
         if (!g_weakness.no_acquire_fence) {
-            rl::atomic_thread_fence(rl::mo_acquire, $);
+            rl::atomic_thread_fence(rl::mo_acquire, RL_INFO);
         }
     }
     static void fence_release() {
         if (!g_weakness.no_release_fence) {
-            rl::atomic_thread_fence(rl::mo_release, $);
+            rl::atomic_thread_fence(rl::mo_release, RL_INFO);
         }
     }
     static void fence_full() {
         if (!g_weakness.no_full_fence) {
-            rl::atomic_thread_fence(rl::mo_seq_cst, $);
+            rl::atomic_thread_fence(rl::mo_seq_cst, RL_INFO);
         }
     }
 
