@@ -27,6 +27,11 @@ def generated() -> str:
         return output.read_text(encoding="utf-8")
 
 
+def _undented(text: str) -> list[str]:
+    """Lines without their margins: Python 3.13 takes the indentation out of docstrings itself."""
+    return [line.strip() for line in text.splitlines()]
+
+
 def main() -> int:
     """Return 0, or 1 when `--check` finds a difference."""
     parser = argparse.ArgumentParser(description=__doc__)
@@ -37,7 +42,7 @@ def main() -> int:
         STUB.write_text(new, encoding="utf-8")
         return 0
     old = STUB.read_text(encoding="utf-8") if STUB.is_file() else ""
-    if old == new:
+    if _undented(old) == _undented(new):
         return 0
     sys.stdout.writelines(
         difflib.unified_diff(
