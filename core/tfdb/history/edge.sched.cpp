@@ -2,6 +2,8 @@
 // state of its commit.
 #include "tfdb/history/edge.sched.hpp"
 
+#include <cstdio>
+
 namespace tfdb::history::script {
 
 namespace {
@@ -14,7 +16,35 @@ void holds(const std::string& name, const Script& script, std::initializer_list<
     }
 }
 
+/// Kills the writer after each of its accesses in turn.
+void outlived(const std::string& name, const Script& script, StampNs stamp) {
+    std::uint64_t executions = 0;
+    std::size_t death = 0;
+    for (bool died = true; died; ++death) {
+        const sched::Outcome outcome =
+            sched::explore(program_with_death(script, stamp, death, died));
+        executions += outcome.executions;
+        if (!outcome.exhaustive() || !outcome.violation.empty()) {
+            throw sched::Failure{name + ", killed after " + std::to_string(death) + ": " +
+                                 outcome.violation + "\n" + outcome.schedule};
+        }
+    }
+    std::printf("  %-58s %9llu executions, killed at each of %zu accesses, exhaustive\n",
+                name.c_str(), static_cast<unsigned long long>(executions), death - 1);
+}
+
 }  // namespace
+
+// An abort and a sort of late samples close the ring for a moment, so they are not among these.
+TFDB_SCHED(edge_readers_outlive_the_writer) {
+    outlived("appends", {.before = {one(10)}, .during = {one(20), one(30)}}, 15);
+    outlived("evicts", {.history = 15, .before = {one(10), one(30)}, .during = {one(50), one(70)}},
+             35);
+    outlived("grows", {.before = {one(10), one(20)}, .during = {one(30)}}, 15);
+    outlived("two edges", {.edges = 2, .before = {both(10)}, .during = {both(20)}}, 15);
+    outlived("late", {.before = {one(10), one(30)}, .during = {one(20)}}, 15);
+    outlived("clears", {.before = {one(10), one(20)}, .during = {one(kClearMarker), one(5)}}, 15);
+}
 
 TFDB_SCHED(edge_first_samples) {
     holds("first sample", {.before = {}, .during = {one(10)}}, {5, 10, 15});

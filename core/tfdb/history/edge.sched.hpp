@@ -64,6 +64,22 @@ inline bool read_soundly(SmallMemory& memory, const Places& places, const Script
     return read(memory, places, script, model, stamp, require);
 }
 
+/// What the script puts before the threads start.
+inline Places prepare(SmallMemory& memory, const Script& script) {
+    const Places places = place(memory, script);
+    name_words(memory, places, script.edges);
+    for (std::size_t batch = 0; batch < script.before.size(); ++batch) {
+        write(memory, places, script, batch);
+    }
+    return places;
+}
+
+inline void write_all(SmallMemory& memory, const Places& places, const Script& script) {
+    for (std::size_t batch = 0; batch < script.during.size(); ++batch) {
+        write(memory, places, script, script.before.size() + batch);
+    }
+}
+
 /// The writer runs the script; the reader looks up `stamp`, again when it was overtaken. Readers
 /// write nothing and writers take turns, so one of each shows all that any number can.
 inline sched::Program program(const Script& script, StampNs stamp, int tries = 2,
@@ -71,21 +87,13 @@ inline sched::Program program(const Script& script, StampNs stamp, int tries = 2
     const Model model(script);
     return [=](sched::Run& run) {
         SmallMemory memory(kRegionBytes);
-        const Places places = place(memory, script);
-        name_words(memory, places, script.edges);
-        for (std::size_t batch = 0; batch < script.before.size(); ++batch) {
-            write(memory, places, script, batch);
-        }
+        const Places places = prepare(memory, script);
         std::unique_ptr<sched::Interceptor> flaw;
         if (make_flaw) {
             flaw = make_flaw(memory, places);
             memory.intercept(flaw.get());
         }
-        run.thread("writer", [&] {
-            for (std::size_t batch = 0; batch < script.during.size(); ++batch) {
-                write(memory, places, script, script.before.size() + batch);
-            }
-        });
+        run.thread("writer", [&] { write_all(memory, places, script); });
         run.thread("reader", [&] {
             for (int attempt = 0; attempt < tries; ++attempt) {
                 if (reader(memory, places, script, model, stamp)) {
@@ -99,6 +107,29 @@ inline sched::Program program(const Script& script, StampNs stamp, int tries = 2
             const bool answered = read_soundly(memory, places, script, model, stamp);
             SCHED_REQUIRE(answered);
         }
+    };
+}
+
+/// The writer is killed after `death` accesses; the reader must be answered all the same, again and
+/// again. `died` says afterwards whether the writer got that far.
+inline sched::Program program_with_death(const Script& script, StampNs stamp, std::size_t death,
+                                         bool& died) {
+    const Model model(script);
+    return [=, &died](sched::Run& run) {
+        SmallMemory memory(kRegionBytes);
+        const Places places = prepare(memory, script);
+        const auto answered = [&] { return read_soundly(memory, places, script, model, stamp); };
+        run.thread("writer", [&] { write_all(memory, places, script); }, death);
+        run.thread("reader", [&] {
+            for (int tries = 0; tries < 4; ++tries) {
+                if (answered()) {
+                    return;
+                }
+            }
+        });
+        run.join();
+        died = run.died(kWriter);
+        SCHED_REQUIRE(answered());
     };
 }
 

@@ -9,11 +9,12 @@
 namespace tfdb::history::script {
 
 TFDB_SCHED(edge_random_scripts) {
-    constexpr std::uint64_t kSeed = 7;
+    const char* const first = std::getenv("TFDB_SCHED_SEED");
+    const std::uint64_t first_seed = first == nullptr ? 7 : std::strtoull(first, nullptr, 10);
     const char* const wish = std::getenv("TFDB_SCHED_SCRIPTS");
     const std::uint64_t scripts = wish == nullptr ? 300 : std::strtoull(wish, nullptr, 10);
     std::uint64_t executions = 0;
-    for (std::uint64_t seed = kSeed; seed < kSeed + scripts; ++seed) {
+    for (std::uint64_t seed = first_seed; seed < first_seed + scripts; ++seed) {
         Author author(seed);
         const Script script = author.script();
         const StampNs stamp = author.stamp();
@@ -30,7 +31,8 @@ TFDB_SCHED(edge_random_scripts) {
         }
     }
     std::printf("  %llu scripts from seed %llu: %llu executions, each walk exhaustive\n",
-                static_cast<unsigned long long>(scripts), static_cast<unsigned long long>(kSeed),
+                static_cast<unsigned long long>(scripts),
+                static_cast<unsigned long long>(first_seed),
                 static_cast<unsigned long long>(executions));
 }
 
