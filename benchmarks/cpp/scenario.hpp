@@ -21,10 +21,11 @@ inline constexpr tfdb::StampNs kStart = 1'700'000'000'000'000'000;
 inline constexpr tfdb::StampNs kPeriod = 1'000'000;
 inline constexpr double kTolerance = 1e-12;
 
-/// T[parent<-child] of one edge at one time: smooth, about 1 rad/s and 1 m/s, never an identity.
+/// T[parent<-child] of one edge at one time: about 1 m/s and 1 rad/s, and never at rest (tf2 does
+/// not interpolate turns of less than 1.5e-8 rad).
 inline tfdb::Pose moving_pose(int edge, double t) {
     const double phase = 0.37 * edge;
-    const double angle = 0.6 + 0.8 * std::sin(1.1 * t + phase);
+    const double angle = 0.6 + 0.9 * t + 0.3 * std::sin(0.5 * t + phase);
     const double tilt = 0.9 + 0.1 * edge;
     const double s = std::sin(angle / 2);
     const double c = std::cos(angle / 2);

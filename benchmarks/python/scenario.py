@@ -18,7 +18,7 @@ Pose = tuple[float, float, float, float, float, float, float]
 def moving_pose(edge: int, t: float) -> Pose:
     """T[parent<-child] of one edge as x y z qx qy qz qw: smooth, never an identity."""
     phase = 0.37 * edge
-    angle = 0.6 + 0.8 * math.sin(1.1 * t + phase)
+    angle = 0.6 + 0.9 * t + 0.3 * math.sin(0.5 * t + phase)  # never at rest
     tilt = 0.9 + 0.1 * edge
     s, c = math.sin(angle / 2), math.cos(angle / 2)
     return (
