@@ -64,7 +64,7 @@ def _core(tree: Path, core: dict[str, Any]) -> Iterator[Violation]:
             yield Violation("unknown-room", shown, 1, f"layers.toml has no room `{room}`")
             continue
         text = path.read_text(encoding="utf-8")
-        program = _is_program(path, core["program_kinds"])
+        program = _is_program(path, core)
         allowed = {room, *rooms[room], *(["testing"] if program else [])}
         yield from _includes(shown, text, allowed, core, program=program)
         if not program:
@@ -78,9 +78,10 @@ def _core(tree: Path, core: dict[str, Any]) -> Iterator[Violation]:
             yield from _class_headers(shown, text)
 
 
-def _is_program(path: Path, kinds: list[str]) -> bool:
+def _is_program(path: Path, core: dict[str, Any]) -> bool:
     parts = path.name.split(".")
-    return len(parts) > 2 and parts[-2] in kinds
+    named = len(parts) > 2 and parts[-2] in core["program_kinds"]
+    return named or path.as_posix().endswith(tuple(core["program_headers"]))
 
 
 def _includes(

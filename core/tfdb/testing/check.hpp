@@ -65,8 +65,8 @@ std::string show(const T& value) {
 template <typename A, typename B>
 bool equal(const A& a, const B& b) {
     constexpr bool kIntegers = std::is_integral_v<A> && std::is_integral_v<B> &&
-                              !std::is_same_v<A, bool> && !std::is_same_v<B, bool> &&
-                              !std::is_same_v<A, char> && !std::is_same_v<B, char>;
+                               !std::is_same_v<A, bool> && !std::is_same_v<B, bool> &&
+                               !std::is_same_v<A, char> && !std::is_same_v<B, char>;
     if constexpr (kIntegers) {
         return std::cmp_equal(a, b);
     } else {
