@@ -1,9 +1,11 @@
 #include "arrays.hpp"
 
+#include <array>
 #include <cstring>
 #include <string_view>
 
 #include "errors.hpp"
+#include "fields.hpp"
 #include "stamp.hpp"
 
 namespace tfdb::python {
@@ -54,16 +56,51 @@ const char* name_of_kind(const Py_buffer& view, Kind kind) {
     }
 }
 
-nb::object numpy(const char* name) {
-    return nb::module_::import_("numpy").attr(name);
+// Parts of numpy, strong references for the life of the process, set by bind_arrays.
+struct Numpy {
+    PyObject* empty = nullptr;
+    PyObject* ascontiguousarray = nullptr;
+    PyObject* float32 = nullptr;
+    PyObject* float64 = nullptr;
+    PyObject* int64 = nullptr;
+};
+Numpy g_numpy;
+
+nb::object call(PyObject* function, PyObject* first, PyObject* second) {
+    const std::array<PyObject*, 2> arguments = {first, second};
+    return nb::steal(PyObject_Vectorcall(function, arguments.data(), 2, nullptr));
 }
 
-nb::object new_array(const nb::object& shape, const char* dtype) {
-    static PyObject* const empty = numpy("empty").release().ptr();
-    return nb::handle(empty)(shape, nb::str(dtype));
+nb::object new_array(std::initializer_list<std::size_t> shape, PyObject* dtype) {
+    const nb::object extents = nb::steal(PyTuple_New(static_cast<Py_ssize_t>(shape.size())));
+    Py_ssize_t axis = 0;
+    for (const std::size_t extent : shape) {
+        PyTuple_SET_ITEM(extents.ptr(), axis++, PyLong_FromSize_t(extent));
+    }
+    nb::object array = call(g_numpy.empty, extents.ptr(), dtype);
+    if (!array.is_valid()) {
+        throw nb::python_error();
+    }
+    return array;
+}
+
+template <class T>
+NewArray<T> with_data(nb::object array) {
+    T* data = ArrayView::of(array, true)->data<T>();
+    return {std::move(array), data};
 }
 
 }  // namespace
+
+void bind_arrays() {
+    const nb::module_ numpy = nb::module_::import_("numpy");
+    const nb::object dtype = numpy.attr("dtype");
+    g_numpy.empty = nb::object(numpy.attr("empty")).release().ptr();
+    g_numpy.ascontiguousarray = nb::object(numpy.attr("ascontiguousarray")).release().ptr();
+    g_numpy.float32 = dtype("float32").release().ptr();
+    g_numpy.float64 = dtype("float64").release().ptr();
+    g_numpy.int64 = dtype("int64").release().ptr();
+}
 
 ArrayView::ArrayView(ArrayView&& other) noexcept : view_(other.view_), kind_(other.kind_) {
     other.view_.obj = nullptr;
@@ -130,6 +167,30 @@ std::string describe(nb::handle object) {
     return std::string(nb::str(dtype).c_str()) + " " + nb::str(shape).c_str();
 }
 
+namespace {
+
+constexpr const char* kExpectedStamps = "int64 nanoseconds (N,)";
+
+/// Another integer type, or datetime64, as int64.
+nb::object as_nanoseconds(nb::handle object) {
+    const nb::object dtype = find(object.ptr(), g_fields.dtype);
+    if (dtype.is_valid()) {
+        const nb::str kind(get(dtype.ptr(), g_fields.kind));
+        const std::string_view code = kind.c_str();
+        if (code == "M") {
+            return object.attr("astype")("datetime64[ns]").attr("view")("int64");
+        }
+        if (code == "u" || code == "i") {
+            // uint64 beyond int64 wraps to a negative number, which is refused later.
+            return object.attr("astype")("int64");
+        }
+    }
+    throw_bad_array("stamps", std::string(kExpectedStamps) + " (tfdb.stamp converts seconds)",
+                    describe(object));
+}
+
+}  // namespace
+
 Stamps::Stamps(nb::handle object) {
     if (PyList_Check(object.ptr()) || PyTuple_Check(object.ptr())) {
         read_sequence(object);
@@ -149,25 +210,13 @@ Stamps::Stamps(nb::handle object) {
 }
 
 void Stamps::read_array(nb::handle object) {
-    constexpr const char* kExpected = "int64 nanoseconds (N,)";
-    const std::string got = tfdb::python::describe(object);
-    converted_ = nb::borrow(object);
-    if (nb::hasattr(object, "dtype")) {
-        const nb::str kind(nb::object(object.attr("dtype").attr("kind")));
-        const std::string_view code = kind.c_str();
-        if (code == "M") {
-            converted_ = converted_.attr("astype")("datetime64[ns]").attr("view")("int64");
-        } else if (code == "u" || code == "i") {
-            // uint64 beyond int64 wraps to a negative number, which is refused below.
-            converted_ = converted_.attr("astype")("int64", nb::arg("copy") = false);
-        } else {
-            throw_bad_array("stamps", std::string(kExpected) + " (tfdb.stamp converts seconds)",
-                            got);
-        }
+    view_ = ArrayView::of(object, false);
+    if (!view_ || view_->kind() != Kind::kInt64) {
+        converted_ = as_nanoseconds(object);
+        view_ = ArrayView::of(converted_, false);
     }
-    view_ = ArrayView::of(converted_, false);
     if (!view_ || view_->kind() != Kind::kInt64 || view_->dimensions() != 1) {
-        throw_bad_array("stamps", kExpected, view_ && got.empty() ? view_->describe() : got);
+        throw_bad_array("stamps", kExpectedStamps, tfdb::python::describe(object));
     }
     if (view_->contiguous()) {
         values_ = {view_->data<const StampNs>(), view_->extent(0)};
@@ -197,35 +246,27 @@ void Stamps::read_sequence(nb::handle object) {
 }
 
 NewArray<double> new_doubles(std::initializer_list<std::size_t> shape) {
-    nb::list extents;
-    for (const std::size_t extent : shape) {
-        extents.append(extent);
-    }
-    nb::object array = new_array(nb::tuple(extents), "float64");
-    auto* data = ArrayView::of(array, true)->data<double>();
-    return {std::move(array), data};
+    return with_data<double>(new_array(shape, g_numpy.float64));
+}
+
+NewArray<float> new_floats(std::initializer_list<std::size_t> shape) {
+    return with_data<float>(new_array(shape, g_numpy.float32));
 }
 
 NewArray<StampNs> new_stamps(std::size_t count) {
-    nb::object array = new_array(nb::int_(count), "int64");
-    auto* data = ArrayView::of(array, true)->data<StampNs>();
-    return {std::move(array), data};
+    return with_data<StampNs>(new_array({count}, g_numpy.int64));
 }
 
-ArrayView converted_array(nb::handle object, const char* dtype, const std::string& role,
-                          nb::object& keep) {
-    static PyObject* const asarray = numpy("ascontiguousarray").release().ptr();
-    PyObject* const result =
-        PyObject_CallFunctionObjArgs(asarray, object.ptr(), nb::str(dtype).ptr(), nullptr);
-    if (result == nullptr) {
+ArrayView as_doubles(nb::handle object, const std::string& role, nb::object& keep) {
+    keep = call(g_numpy.ascontiguousarray, object.ptr(), g_numpy.float64);
+    if (!keep.is_valid()) {
         if (PyErr_ExceptionMatches(PyExc_ValueError) == 0 &&
             PyErr_ExceptionMatches(PyExc_TypeError) == 0) {
             throw nb::python_error();
         }
         PyErr_Clear();
-        throw_bad_array(role, std::string("an array of ") + dtype, describe(object));
+        throw_bad_array(role, "an array of float64", describe(object));
     }
-    keep = nb::steal(result);
     return std::move(*ArrayView::of(keep, false));
 }
 

@@ -20,6 +20,9 @@ namespace tfdb::python {
 
 using clock::StampNs;
 
+/// Finds what is needed of numpy.
+void bind_arrays();
+
 enum class Kind : std::uint8_t { kFloat32, kFloat64, kInt64, kOtherInteger, kOther };
 
 /// A borrowed view of an object's memory. Threads: one. Guarantee: the memory stays where it is
@@ -80,12 +83,12 @@ struct NewArray {
     T* data;
 };
 NewArray<double> new_doubles(std::initializer_list<std::size_t> shape);
+NewArray<float> new_floats(std::initializer_list<std::size_t> shape);
 NewArray<StampNs> new_stamps(std::size_t count);
 
-/// A view of `object` as an array of `dtype` ("float64"), converted if need be.
+/// A contiguous view of `object` as float64, converted and kept in `keep` if need be.
 /// Throws InvalidArray, which says what was expected of `role`.
-ArrayView converted_array(nb::handle object, const char* dtype, const std::string& role,
-                          nb::object& keep);
+ArrayView as_doubles(nb::handle object, const std::string& role, nb::object& keep);
 
 [[noreturn]] void throw_bad_array(const std::string& role, const std::string& expected,
                                   const std::string& got);

@@ -99,7 +99,7 @@ Points points_of(nb::handle object, const char* role, bool writable) {
     nb::object array = nb::borrow(object);
     std::optional<ArrayView> view = ArrayView::of(array, writable);
     if (!view && !writable) {
-        view.emplace(converted_array(object, "float64", role, array));
+        view.emplace(as_doubles(object, role, array));
     }
     if (!view) {
         throw_bad_array(role, std::string(kExpected) + ", writable", describe(object));
@@ -178,9 +178,8 @@ nb::object transform_points(nb::handle self, const nb::str& target, const nb::st
     }
     nb::object target_array = nb::borrow(out);
     if (out.is_none()) {
-        const char* dtype = from.view.kind() == Kind::kFloat32 ? "float32" : "float64";
-        target_array =
-            nb::module_::import_("numpy").attr("empty")(nb::make_tuple(from.count, 3), dtype);
+        target_array = from.view.kind() == Kind::kFloat32 ? new_floats({from.count, 3}).array
+                                                          : new_doubles({from.count, 3}).array;
     }
     const Points to = points_of(target_array, "out", true);
     check_out(from, to, target_array);

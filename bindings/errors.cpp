@@ -71,6 +71,17 @@ void set_fields(nb::handle error, const ErrorDetail& detail) {
     }
 }
 
+/// An instance without its __init__, which would only store the fields again.
+nb::object new_error(nb::handle type, const std::string& message) {
+    const nb::tuple arguments = nb::make_tuple(text(message));
+    auto* kind = reinterpret_cast<PyTypeObject*>(type.ptr());
+    PyObject* value = kind->tp_new(kind, arguments.ptr(), nullptr);
+    if (value == nullptr) {
+        throw nb::python_error();
+    }
+    return nb::steal(value);
+}
+
 }  // namespace
 
 void bind_errors(nb::module_& module) {
@@ -95,7 +106,7 @@ const char* class_name(ErrorCode code) {
 void set_error(const Error& error) noexcept {
     try {
         const nb::handle type = g_classes[static_cast<std::size_t>(error.code())];
-        const nb::object value = type(text(error.what()));
+        const nb::object value = new_error(type, error.what());
         set_fields(value, error.detail());
         if (error.code() == ErrorCode::kUnknownFrame) {
             value.attr("frame") = text(error.detail().frame);  // also the empty name

@@ -2,15 +2,15 @@
 
 #include <array>
 #include <cstddef>
+#include <cstring>
 #include <string>
 
 #include "arrays.hpp"
 #include "errors.hpp"
+#include "fields.hpp"
 
 namespace tfdb::python {
 namespace {
-
-constexpr std::array<const char*, 4> kFieldNames = {"x", "y", "z", "w"};
 
 template <std::size_t N>
 [[noreturn]] void refuse(PyObject* object, const char* role) {
@@ -51,11 +51,11 @@ bool read_array(PyObject* object, std::array<double, N>& out) {
     if (view->kind() == Kind::kFloat64) {
         for (std::size_t i = 0; i < N; ++i) {
             const auto step = static_cast<Py_ssize_t>(i) * view->stride(0);
-            out[i] = *reinterpret_cast<const double*>(view->data<const char>() + step);
+            std::memcpy(&out[i], view->data<const char>() + step, sizeof(double));
         }
         return true;
     }
-    const ArrayView converted = converted_array(object, "float64", "array", keep);
+    const ArrayView converted = as_doubles(object, "array", keep);
     for (std::size_t i = 0; i < N; ++i) {
         out[i] = converted.data<const double>()[i];
     }
@@ -64,13 +64,10 @@ bool read_array(PyObject* object, std::array<double, N>& out) {
 
 template <std::size_t N>
 bool read_fields(PyObject* object, std::array<double, N>& out) {
+    const std::array<PyObject*, 4> names = {g_fields.x, g_fields.y, g_fields.z, g_fields.w};
     for (std::size_t i = 0; i < N; ++i) {
-        const nb::object value = nb::steal(PyObject_GetAttrString(object, kFieldNames[i]));
-        if (!value.is_valid()) {
-            PyErr_Clear();
-            return false;
-        }
-        if (!read_number(value.ptr(), out[i])) {
+        const nb::object value = find(object, names[i]);
+        if (!value.is_valid() || !read_number(value.ptr(), out[i])) {
             return false;
         }
     }

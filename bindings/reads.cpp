@@ -197,12 +197,28 @@ void close(nb::handle self) {
     enter_closed_state(*nb::inst_ptr<SnapshotObject>(self));
 }
 
+// A buffer's clock may refer to what holds its snapshots: let the garbage collector see the way.
+// The buffer gives up its clock, so there is nothing to clear in a snapshot.
+int traverse_snapshot(PyObject* self, visitproc visit, void* arg) {
+    Py_VISIT(Py_TYPE(self));
+    if (nb::inst_ready(self)) {
+        Py_VISIT(nb::inst_ptr<SnapshotObject>(self)->owner.ptr());
+    }
+    return 0;
+}
+
+PyType_Slot g_snapshot_slots[] = {
+    {Py_tp_traverse, reinterpret_cast<void*>(traverse_snapshot)},
+    {0, nullptr},
+};
+
 void bind_snapshot(nb::module_& module) {
     nb::class_<SnapshotObject, ReadsObject> type(module, "Snapshot", R"(One committed state.
 
 `Buffer.snapshot()` makes it. Every read through it sees exactly that commit, whatever is written
 meanwhile. Use it as a context manager, or close() it: while open it keeps old samples in memory.
-Reads raise SnapshotClosed afterwards, and SnapshotTooOld if the writers needed the memory.)");
+Reads raise SnapshotClosed afterwards, and SnapshotTooOld if the writers needed the memory.)",
+                                                 nb::type_slots(g_snapshot_slots));
     type.def("close", &close, nb::sig("def close(self) -> None"),
              "Let the samples go that only this snapshot needs. Closing twice does nothing.");
     type.def_prop_ro(

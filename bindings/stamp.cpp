@@ -3,6 +3,7 @@
 #include <string>
 
 #include "errors.hpp"
+#include "fields.hpp"
 
 namespace tfdb::python {
 namespace {
@@ -14,18 +15,6 @@ constexpr const char* kValid =
 [[noreturn]] void refuse(PyObject* object, const std::string& problem) {
     throw_error("InvalidStamp", "stamp " + short_repr(object) + " is " + problem + ": " + kValid,
                 {{"value", nb::borrow(object)}, {"reason", nb::str(problem.c_str())}});
-}
-
-/// An attribute, or nothing where the object does not have it.
-nb::object attribute(PyObject* object, const char* name) {
-    PyObject* value = PyObject_GetAttrString(object, name);
-    if (value == nullptr) {
-        if (PyErr_ExceptionMatches(PyExc_AttributeError) == 0) {
-            throw nb::python_error();
-        }
-        PyErr_Clear();
-    }
-    return nb::steal(value);
 }
 
 StampNs from_integer(PyObject* object, PyObject* integer) {
@@ -66,11 +55,11 @@ StampNs from_parts(PyObject* object, const nb::object& seconds, const nb::object
 }
 
 bool is_datetime64(PyObject* object) {
-    const nb::object dtype = attribute(object, "dtype");
+    const nb::object dtype = find(object, g_fields.dtype);
     if (!dtype.is_valid()) {
         return false;
     }
-    const nb::object kind = attribute(dtype.ptr(), "kind");
+    const nb::object kind = find(dtype.ptr(), g_fields.kind);
     return kind.is_valid() && nb::isinstance<nb::str>(kind) && kind.equal(nb::str("M"));
 }
 
@@ -90,21 +79,21 @@ StampNs from_datetime64(PyObject* object) {
 
 /// Messages and time objects of ROS 1 and ROS 2.
 std::optional<StampNs> from_message(PyObject* object) {
-    nb::object seconds = attribute(object, "sec");
-    nb::object nanoseconds = attribute(object, "nanosec");
+    nb::object seconds = find(object, g_fields.sec);
+    nb::object nanoseconds = find(object, g_fields.nanosec);
     if (seconds.is_valid() && nanoseconds.is_valid()) {
         return from_parts(object, seconds, nanoseconds, "sec", "nanosec");
     }
-    seconds = attribute(object, "secs");
-    nanoseconds = attribute(object, "nsecs");
+    seconds = find(object, g_fields.secs);
+    nanoseconds = find(object, g_fields.nsecs);
     if (seconds.is_valid() && nanoseconds.is_valid()) {
         return from_parts(object, seconds, nanoseconds, "secs", "nsecs");
     }
     nb::object whole;
-    if (const nb::object to_nsec = attribute(object, "to_nsec"); to_nsec.is_valid()) {
+    if (const nb::object to_nsec = find(object, g_fields.to_nsec); to_nsec.is_valid()) {
         whole = to_nsec();
     } else {
-        whole = attribute(object, "nanoseconds");
+        whole = find(object, g_fields.nanoseconds);
     }
     if (whole.is_valid() && PyLong_Check(whole.ptr()) && !PyBool_Check(whole.ptr())) {
         return from_integer(object, whole.ptr());

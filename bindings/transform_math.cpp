@@ -1,5 +1,6 @@
 // Transform's methods that compute.
 #include <algorithm>
+#include <cstring>
 #include <string>
 #include <vector>
 
@@ -21,18 +22,25 @@ T older(T a, T b) {
 }
 
 template <class T>
-void apply_rows(const Pose& pose, const ArrayView& points, std::size_t count, Py_ssize_t row,
-                Py_ssize_t column, T* out) {
+nb::object apply_rows(const Pose& pose, const ArrayView& points, NewArray<T> result) {
+    const int last = points.dimensions() - 1;
+    const std::size_t count = last == 0 ? 1 : points.extent(0);
+    const Py_ssize_t row = last == 0 ? 0 : points.stride(0);
+    const Py_ssize_t column = points.stride(last);
     const char* from = points.data<const char>();
+    T* out = result.data;
     for (std::size_t i = 0; i < count; ++i, from += row, out += 3) {
         const auto at = [&](int axis) {
-            return static_cast<double>(*reinterpret_cast<const T*>(from + axis * column));
+            T value;
+            std::memcpy(&value, from + axis * column, sizeof value);  // may be unaligned
+            return static_cast<double>(value);
         };
         const geometry::Vec3 moved = geometry::apply(pose, {at(0), at(1), at(2)});
         out[0] = static_cast<T>(moved.x);
         out[1] = static_cast<T>(moved.y);
         out[2] = static_cast<T>(moved.z);
     }
+    return std::move(result.array);
 }
 
 /// The rows of a tuple with `inverted` turned round, in reverse order.
@@ -95,26 +103,21 @@ PyObject* transform_apply(PyObject* self, PyObject* points) {
         nb::object keep;
         std::optional<ArrayView> view = ArrayView::of(points, false);
         if (!view || (view->kind() != Kind::kFloat32 && view->kind() != Kind::kFloat64)) {
-            view.emplace(converted_array(points, "float64", "points", keep));
+            view.emplace(as_doubles(points, "points", keep));
         }
         const int axes = view->dimensions();
         if (axes < 1 || axes > 2 || view->extent(axes - 1) != 3) {
             throw_bad_array("points", "an array (3,) or (N, 3)", view->describe());
         }
-        const std::size_t count = axes == 1 ? 1 : view->extent(0);
-        const Py_ssize_t row = axes == 1 ? 0 : view->stride(0);
         const Pose& pose = as_transform(self).pose;
-        const nb::object shape =
-            axes == 1 ? nb::object(nb::make_tuple(3)) : nb::object(nb::make_tuple(count, 3));
-        const char* dtype = view->kind() == Kind::kFloat32 ? "float32" : "float64";
-        nb::object result = nb::module_::import_("numpy").attr("empty")(shape, dtype);
-        const std::optional<ArrayView> out = ArrayView::of(result, true);
+        const std::size_t count = view->extent(0);
+        nb::object moved;
         if (view->kind() == Kind::kFloat32) {
-            apply_rows(pose, *view, count, row, view->stride(axes - 1), out->data<float>());
+            moved = apply_rows(pose, *view, axes == 1 ? new_floats({3}) : new_floats({count, 3}));
         } else {
-            apply_rows(pose, *view, count, row, view->stride(axes - 1), out->data<double>());
+            moved = apply_rows(pose, *view, axes == 1 ? new_doubles({3}) : new_doubles({count, 3}));
         }
-        return result.release().ptr();
+        return moved.release().ptr();
     });
 }
 

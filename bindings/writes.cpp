@@ -7,6 +7,7 @@
 #include "arguments.hpp"
 #include "arrays.hpp"
 #include "errors.hpp"
+#include "fields.hpp"
 #include "pose.hpp"
 #include "stamp.hpp"
 
@@ -57,18 +58,10 @@ PyMethodDef g_set_transform = {
     "Raises\n------\nInvalidName, InvalidStamp, InvalidArray, InvalidTransform, TooOld,\n"
     "StaticConflict, CycleError, CapacityExceeded. Then nothing was stored."};
 
-nb::object get(nb::handle object, const char* name) {
-    return object.attr(name);
-}
-
-bool has(nb::handle object, const char* name) {
-    return nb::hasattr(object, name);
-}
-
 /// (N, width) of float64, side by side.
 ArrayView matrix_of(const nb::object& object, std::size_t width, const char* role,
                     nb::object& keep) {
-    ArrayView view = converted_array(object, "float64", role, keep);
+    ArrayView view = as_doubles(object, role, keep);
     if (view.dimensions() != 2 || view.extent(1) != width) {
         throw_bad_array(role, "an array (N, " + std::to_string(width) + ") of float64",
                         describe(object));
@@ -85,7 +78,7 @@ void check_rows(std::size_t rows, std::size_t expected, const char* role) {
 
 void read_poses(nb::handle columns, std::vector<TransformView>& views) {
     nb::object keep;
-    const ArrayView poses = matrix_of(get(columns, "poses"), 7, "poses", keep);
+    const ArrayView poses = matrix_of(nb::object(columns.attr("poses")), 7, "poses", keep);
     check_rows(poses.extent(0), views.size(), "poses");
     const auto* from = poses.data<const double>();
     for (TransformView& view : views) {
@@ -113,36 +106,39 @@ std::string_view Transforms::keep_name(nb::object name, const char* role) {
     return bytes;
 }
 
-void Transforms::read_message(nb::handle item) {
-    const nb::object header = get(item, "header");
-    const nb::object transform = get(item, "transform");
+void Transforms::read_message(PyObject* item, nb::object child) {
+    const nb::object header = get(item, g_fields.header);
+    const nb::object transform = get(item, g_fields.transform);
+    const auto part = [&](PyObject* name) { return get(transform.ptr(), name); };
     TransformView view;
-    view.parent = keep_name(get(header, "frame_id"), "header.frame_id");
-    view.child = keep_name(get(item, "child_frame_id"), "child_frame_id");
-    view.stamp = stamp_of(get(header, "stamp").ptr());
-    view.pose = {vector_of(get(transform, "translation").ptr(), "transform.translation"),
-                 quaternion_of(get(transform, "rotation").ptr(), "transform.rotation")};
+    view.parent = keep_name(get(header.ptr(), g_fields.frame_id), "header.frame_id");
+    view.child = keep_name(std::move(child), "child_frame_id");
+    view.stamp = stamp_of(get(header.ptr(), g_fields.stamp).ptr());
+    view.pose = {vector_of(part(g_fields.translation).ptr(), "transform.translation"),
+                 quaternion_of(part(g_fields.rotation).ptr(), "transform.rotation")};
     views.push_back(view);
 }
 
-void Transforms::read_object(nb::handle item) {
-    if (has(item, "child_frame_id")) {
-        read_message(item);
-        return;
-    }
-    if (!has(item, "child") || !has(item, "parent")) {
+void Transforms::read_object(PyObject* item) {
+    nb::object child = find(item, g_fields.child);
+    if (!child.is_valid()) {
+        child = find(item, g_fields.child_frame_id);
+        if (child.is_valid()) {
+            read_message(item, std::move(child));
+            return;
+        }
         PyErr_Format(PyExc_TypeError,
                      "transforms must be tfdb.TransformStamped, or messages with header, "
                      "child_frame_id and transform; item %zu is of type %s",
-                     views.size(), Py_TYPE(item.ptr())->tp_name);
+                     views.size(), Py_TYPE(item)->tp_name);
         throw nb::python_error();
     }
     TransformView view;
-    view.parent = keep_name(get(item, "parent"), "parent");
-    view.child = keep_name(get(item, "child"), "child");
-    view.stamp = stamp_of(get(item, "stamp").ptr());
-    view.pose = {vector_of(get(item, "translation").ptr(), "translation"),
-                 quaternion_of(get(item, "rotation").ptr(), "rotation")};
+    view.parent = keep_name(get(item, g_fields.parent), "parent");
+    view.child = keep_name(std::move(child), "child");
+    view.stamp = stamp_of(get(item, g_fields.stamp).ptr());
+    view.pose = {vector_of(get(item, g_fields.translation).ptr(), "translation"),
+                 quaternion_of(get(item, g_fields.rotation).ptr(), "rotation")};
     views.push_back(view);
 }
 
@@ -164,10 +160,10 @@ Transforms Transforms::from_objects(nb::handle batch) {
 
 Transforms Transforms::from_columns(nb::handle columns, bool is_static) {
     Transforms result;
-    const nb::object children = get(columns, "children");
-    const nb::object parents = get(columns, "parents");
+    const nb::object children = columns.attr("children");
+    const nb::object parents = columns.attr("parents");
     std::optional<Stamps> stamps;
-    if (const nb::object given = get(columns, "stamps"); !is_static || !given.is_none()) {
+    if (const nb::object given = columns.attr("stamps"); !is_static || !given.is_none()) {
         stamps.emplace(given);
     }
     const auto fill = [&](const nb::object& names, std::string_view TransformView::*field,
@@ -191,7 +187,7 @@ Transforms Transforms::from_columns(nb::handle columns, bool is_static) {
         }
         result.kept_.push_back(items);
     };
-    result.views.resize(nb::len(get(columns, "poses")));
+    result.views.resize(nb::len(nb::object(columns.attr("poses"))));
     fill(parents, &TransformView::parent, "parents");
     fill(children, &TransformView::child, "children");
     if (stamps) {

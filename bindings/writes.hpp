@@ -30,8 +30,8 @@ public:
 
 private:
     std::string_view keep_name(nb::object name, const char* role);
-    void read_object(nb::handle item);
-    void read_message(nb::handle item);
+    void read_object(PyObject* item);
+    void read_message(PyObject* item, nb::object child);
 
     std::vector<nb::object> kept_;
 };
