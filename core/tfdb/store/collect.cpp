@@ -30,9 +30,9 @@ Outcome collect_ordered(const StoreEdge& edge, StampNs first, StampNs last, std:
     const StampNs cutoff = edge.cutoff();
     const std::uint64_t retained = edge.upper_bound(cutoff - 1);
     std::uint64_t from = edge.upper_bound(first);
-    std::uint64_t to = edge.upper_bound(last);
+    const std::uint64_t end = edge.upper_bound(last);
     from = std::max(retained, from > edge.lo() + 2 ? from - 2 : edge.lo());
-    to = std::min(edge.hi(), to + 2);
+    const std::uint64_t to = std::min(edge.hi(), end + 2);
     if (from == edge.lo() && edge.may_miss())
         return Outcome::kLapped;
     // Only a search that was misled by overwritten stamps ends below the retained ones.
@@ -46,7 +46,8 @@ Outcome collect_ordered(const StoreEdge& edge, StampNs first, StampNs last, std:
         track.stamps.push_back(edge.stamp_at(i));
         push(edge, i, track);
     }
-    return edge.confirm(from) ? Outcome::kOk : Outcome::kLapped;
+    // A search for the end that overwritten stamps misled ends below those that are left.
+    return edge.confirm(std::min(from, end)) ? Outcome::kOk : Outcome::kLapped;
 }
 
 /// Late or repeated samples: take all that is visible, sort, keep the newest commit of each stamp.
