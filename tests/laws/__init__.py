@@ -1,0 +1,1 @@
+"""Laws of the geometry, on random poses, through the Python API."""

@@ -1,0 +1,1 @@
+"""A naive model of the whole store, and random sequences of operations that it judges."""
