@@ -1,6 +1,7 @@
 // Velocity by finite difference, as tf1's lookupTwist and tf2's lookupVelocity define it, with the
 // lever arm taken as a cross product (both of those multiply element by element there).
 #include <algorithm>
+#include <array>
 #include <cmath>
 
 #include "tfdb/store/impl.hpp"
@@ -27,27 +28,33 @@ Vec3 rotation_between(const Quat& from, const Quat& to) {
     return {turn.x * scale, turn.y * scale, turn.z * scale};
 }
 
-struct Frames {
-    FrameId tracking;
-    FrameId observation;
-    FrameId reference;
-    FrameId point_frame;
+enum Role : std::size_t { kTracking, kObservation, kReference, kPointFrame, kRoles };
+
+using Frames = std::array<FrameId, kRoles>;
+
+/// Which two frames were asked for last: those that an error is about.
+struct Asked {
+    Role target = kObservation;
+    Role source = kTracking;
 };
 
 Outcome velocity_at(const StoreView& view, const Frames& frames, std::optional<StampNs> stamp,
-                    StampNs interval, const Vec3& point, Twist& twist, Answer& answer,
+                    StampNs interval, const Vec3& point, Twist& twist, Asked& asked, Answer& answer,
                     Failure& failure) {
     StampNs newest = 0;
-    Outcome outcome = lookup::latest_common_time(view, frames.observation, frames.tracking, answer,
-                                                 newest, failure);
+    asked = Asked{};
+    Outcome outcome = lookup::latest_common_time(view, frames[kObservation], frames[kTracking],
+                                                 answer, newest, failure);
     if (outcome != Outcome::kOk)
         return outcome;
     const StampNs at = stamp.value_or(newest);
     // A window that would end after the newest data ends there, and keeps its length.
     const StampNs end = std::max(at, std::min(clock::saturating_add(at, interval / 2), newest));
     const StampNs start = end - interval;
-    const auto pose_at = [&](FrameId target, FrameId source, StampNs when, Pose& pose) {
-        const Outcome found = lookup::lookup(view, target, source, when, Policy{}, answer, failure);
+    const auto pose_at = [&](Role target, Role source, StampNs when, Pose& pose) {
+        asked = {target, source};
+        const Outcome found =
+            lookup::lookup(view, frames[target], frames[source], when, Policy{}, answer, failure);
         pose = answer.pose;
         return found;
     };
@@ -56,13 +63,11 @@ Outcome velocity_at(const StoreView& view, const Frames& frames, std::optional<S
     Pose now;
     Pose point_to_observation;
     Pose to_reference;
-    const auto& f = frames;
-    if ((outcome = pose_at(f.observation, f.tracking, start, first)) != Outcome::kOk ||
-        (outcome = pose_at(f.observation, f.tracking, end, last)) != Outcome::kOk ||
-        (outcome = pose_at(f.observation, f.tracking, at, now)) != Outcome::kOk ||
-        (outcome = pose_at(f.observation, f.point_frame, at, point_to_observation)) !=
-            Outcome::kOk ||
-        (outcome = pose_at(f.reference, f.observation, at, to_reference)) != Outcome::kOk) {
+    if ((outcome = pose_at(kObservation, kTracking, start, first)) != Outcome::kOk ||
+        (outcome = pose_at(kObservation, kTracking, end, last)) != Outcome::kOk ||
+        (outcome = pose_at(kObservation, kTracking, at, now)) != Outcome::kOk ||
+        (outcome = pose_at(kObservation, kPointFrame, at, point_to_observation)) != Outcome::kOk ||
+        (outcome = pose_at(kReference, kObservation, at, to_reference)) != Outcome::kOk) {
         return outcome;
     }
     const double dt = clock::to_seconds(interval);
@@ -86,29 +91,30 @@ Twist Reads::lookup_velocity(std::string_view tracking, std::string_view observa
                              std::optional<StampNs> stamp, StampNs interval,
                              std::string_view reference, geometry::Vec3 point,
                              std::string_view point_frame) const {
-    if (interval <= 0) {
-        throw InvalidArgument("the averaging interval must be positive, not " +
+    if (interval <= 0 || interval > history::kForever) {
+        throw InvalidArgument("the averaging interval must be positive and below 2^61 ns, not " +
                               std::to_string(interval) + " ns");
     }
     if (reference.empty())
         reference = observation;
     if (point_frame.empty())
         point_frame = tracking;
+    const std::array<std::string_view, kRoles> names{tracking, observation, reference, point_frame};
     Twist twist{};
+    Asked asked;
     Answer answer;
     Failure failure;
     const Outcome outcome = store::read(*impl_, held_, kFresh, [&](const StoreView& view) {
-        const auto find = [&](std::string_view name) {
-            return impl_->names.find(name, view.commit());
-        };
-        const Frames frames{find(tracking), find(observation), find(reference), find(point_frame)};
-        return velocity_at(view, frames, stamp, interval, point, twist, answer, failure);
+        Frames frames{};
+        for (std::size_t i = 0; i < kRoles; ++i)
+            frames[i] = impl_->names.find(names[i], view.commit());
+        return velocity_at(view, frames, stamp, interval, point, twist, asked, answer, failure);
     });
     if (outcome == Outcome::kOk)
         return twist;
     if (outcome == Outcome::kLapped)
         store::throw_snapshot_too_old(held_, impl_->committed());
-    raise(failure, observation, tracking);
+    raise(failure, names[asked.target], names[asked.source]);
 }
 
 }  // namespace tfdb
