@@ -54,6 +54,9 @@ template <class Function>
 PyObject* guarded(Function&& function) noexcept {
     try {
         return function();
+    } catch (const Error& error) {  // here, and not by a second throw: failing must be cheap
+        set_error(error);
+        return nullptr;
     } catch (...) {
         set_current_exception();
         return nullptr;

@@ -222,7 +222,8 @@ nb::list decode(nb::handle data, const nb::str& encoding) {
     nb::list result;
     for (std::size_t i = 0; i < transforms.size(); ++i) {
         const TransformView& view = transforms[i];
-        const auto& [t, q] = view.pose;
+        const geometry::Vec3& t = view.pose.translation;
+        const geometry::Quat& q = view.pose.rotation;
         at_index(i, [&] {
             result.append(type(text_of(view.parent), text_of(view.child), view.stamp,
                                nb::make_tuple(t.x, t.y, t.z), nb::make_tuple(q.x, q.y, q.z, q.w)));
