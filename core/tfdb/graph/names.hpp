@@ -1,6 +1,7 @@
 // Frame names to ids: a hash table in the region that readers search without a lock.
 #pragma once
 
+#include <bit>
 #include <cstdint>
 #include <cstring>
 #include <string>
@@ -12,13 +13,39 @@
 
 namespace tfdb::graph {
 
-/// FNV-1a (Fowler, Noll, Vo), then a multiply to spread the low bits.
-inline std::uint64_t hash_name(std::string_view name) {
-    std::uint64_t hash = 0xCBF29CE484222325ULL;
-    for (const char c : name) {
-        hash = (hash ^ static_cast<unsigned char>(c)) * 0x100000001B3ULL;
+static_assert(std::endian::native == std::endian::little, "names are compared as words");
+
+/// The (up to eight) bytes at `at`, the first one lowest, zeros behind the end. No call to memcpy
+/// with a length that the compiler does not know: that would cost more than all the rest.
+inline std::uint64_t name_word(std::string_view name, std::size_t at) {
+    const char* bytes = name.data() + at;
+    const std::size_t left = name.size() - at;
+    std::uint64_t word = 0;
+    if (left >= 8) {
+        std::memcpy(&word, bytes, 8);
+    } else if (left >= 4) {
+        std::uint32_t low = 0;
+        std::uint32_t high = 0;  // overlaps `low` where fewer than eight are left
+        std::memcpy(&low, bytes, 4);
+        std::memcpy(&high, bytes + left - 4, 4);
+        word = low | std::uint64_t{high} << 8 * (left - 4);
+    } else {
+        for (std::size_t i = 0; i < left; ++i) {
+            word |= std::uint64_t{static_cast<unsigned char>(bytes[i])} << 8 * i;
+        }
     }
-    return (hash ^ hash >> 32) * 0x9E3779B97F4A7C15ULL;
+    return word;
+}
+
+/// Multiply and fold, a word at a time; the constant is the golden ratio's.
+inline std::uint64_t hash_name(std::string_view name) {
+    constexpr std::uint64_t kGolden = 0x9E3779B97F4A7C15ULL;
+    std::uint64_t hash = name.size();
+    for (std::size_t at = 0; at < name.size(); at += 8) {
+        hash = (hash ^ name_word(name, at)) * kGolden;
+        hash ^= hash >> 29;
+    }
+    return hash * kGolden;
 }
 
 /// An open-addressed table of (hash, id). A name that was removed and made again has two entries
@@ -51,7 +78,7 @@ public:
         const Offset block = memory_->allocate(name_bytes(name.size()));
         memory_->word(block).store_relaxed(name.size());
         for (std::size_t at = 0; at < name.size(); at += 8) {
-            memory_->word(block + 8 + at).store_relaxed(chunk(name, at));
+            memory_->word(block + 8 + at).store_relaxed(name_word(name, at));
         }
         return block;
     }
@@ -114,11 +141,6 @@ private:
     [[nodiscard]] static std::size_t name_bytes(std::size_t length) {
         return 8 + (length + 7) / 8 * 8;
     }
-    [[nodiscard]] static std::uint64_t chunk(std::string_view name, std::size_t at) {
-        std::uint64_t word = 0;
-        std::memcpy(&word, name.data() + at, std::min<std::size_t>(8, name.size() - at));
-        return word;
-    }
     [[nodiscard]] typename Memory::Word& entry(std::uint64_t table, std::uint64_t i) const {
         return memory_->word(RingWord::block(table) + 8 * i);
     }
@@ -155,7 +177,7 @@ private:
         if (block == 0 || memory_->word(block).load_relaxed() != name.size())
             return false;
         for (std::size_t at = 0; at < name.size(); at += 8) {
-            if (memory_->word(block + 8 + at).load_relaxed() != chunk(name, at))
+            if (memory_->word(block + 8 + at).load_relaxed() != name_word(name, at))
                 return false;
         }
         return true;

@@ -12,7 +12,18 @@ namespace tfdb::history {
 struct WriteContext {
     CommitNumber committed = 0;  // newest published commit; samples are tagged with the next one
     StampNs history = kForever;
-    bool may_evict = true;  // false while held snapshots may still need what is oldest
+    mutable bool may_evict = true;  // false while held snapshots may still need what is oldest
+    // Where finding that out costs a fence, it is asked for when a ring is full, and not before.
+    mutable bool (*ask_may_evict)(void* store) = nullptr;
+    void* store = nullptr;
+
+    [[nodiscard]] bool eviction_allowed() const {
+        if (ask_may_evict != nullptr) {
+            may_evict = ask_may_evict(store);
+            ask_may_evict = nullptr;
+        }
+        return may_evict;
+    }
 };
 
 /// A sample as the writer hands it in.
@@ -44,6 +55,8 @@ public:
     void append(const WriteContext& context, const NewSample<Memory>& sample);
 
     [[nodiscard]] EdgeUndo save() const;
+    /// The same into a place that is there: a block copied through memory stalls.
+    void save(EdgeUndo& saved) const;
     /// Takes off all samples that are newer than `committed` and puts the header back.
     void undo(const EdgeUndo& saved);
 
@@ -67,9 +80,10 @@ private:
     [[nodiscard]] CommitNumber commit_at(std::uint64_t ring, std::uint64_t index) const;
 
     void make_room(const WriteContext& context);
-    [[nodiscard]] bool can_evict(const WriteContext& context, std::uint64_t ring,
-                                 std::uint64_t index) const;
+    [[nodiscard]] bool is_obsolete(const WriteContext& context, std::uint64_t ring,
+                                   std::uint64_t index) const;
     void evict_one(const WriteContext& context);
+    void evict_early(const WriteContext& context, std::uint64_t ring);
     void grow();
     void copy_sample(std::uint64_t from_ring, std::uint64_t from, std::uint64_t to_ring,
                      std::uint64_t to);

@@ -4,9 +4,12 @@
 #include <algorithm>
 #include <bit>
 
+#include "tfdb/base/error.hpp"
 #include "tfdb/history/edge_writer.hpp"
 
 namespace tfdb::history {
+
+inline constexpr std::uint64_t kEvictShare = 16;  // of a full ring this part goes at once
 
 template <class Memory>
 StampNs EdgeWriter<Memory>::stamp_at(std::uint64_t ring, std::uint64_t index) const {
@@ -86,7 +89,8 @@ void EdgeWriter<Memory>::note_first(const NewSample<Memory>& sample, std::uint64
                                         Topology::kCleared | Topology::kParented);
     if (sample.stamp == kStaticStamp)
         flags |= Topology::kStatic;
-    if (head > word(kBegin).load_relaxed()) turn_readers_back();
+    if (head > word(kBegin).load_relaxed())
+        turn_readers_back();
     word(kOrder).store_relaxed(std::uint64_t{1} << 32);
     word(kOrderedFrom).store_relaxed(head);
     word(kParentFrom).store_relaxed(head);
@@ -141,20 +145,57 @@ void EdgeWriter<Memory>::make_room(const WriteContext& context) {
     const std::uint64_t ring = word(kRing).load_relaxed();
     const std::uint64_t head = word(kHead).load_relaxed();
     const std::uint64_t begin = word(kBegin).load_relaxed();
-    if (!RingWord::empty(ring) && head - begin < RingWord::capacity(ring))
+    if (!RingWord::empty(ring) && head - begin < RingWord::capacity(ring)) {
+        evict_early(context, ring);
         return;
-    if (!RingWord::empty(ring) && can_evict(context, ring, begin)) {
-        evict_one(context);
-    } else {
+    }
+    const bool obsolete = !RingWord::empty(ring) && is_obsolete(context, ring, begin);
+    if (obsolete && context.eviction_allowed()) {
+        // Several at a time: to learn whether it is allowed costs more than to do it.
+        const std::uint64_t most =
+            std::max<std::uint64_t>(1, RingWord::capacity(ring) / kEvictShare);
+        std::uint64_t evicted = 0;
+        do {
+            evict_one(context);
+        } while (++evicted < most && is_obsolete(context, ring, begin + evicted));
+        return;
+    }
+    try {
         grow();
+    } catch (const CapacityExceeded&) {
+        // A held snapshot makes writers take more memory, but never stops them.
+        if (!obsolete)
+            throw;
+        evict_one(context);
+    }
+}
+
+/// Keeps room in a ring that is half full of what nobody can see any more. Were it full when a
+/// snapshot is taken, it would grow; and again when that room is used up and the next one is taken.
+template <class Memory>
+void EdgeWriter<Memory>::evict_early(const WriteContext& context, std::uint64_t ring) {
+    const std::uint64_t capacity = RingWord::capacity(ring);
+    const std::uint64_t share = std::max<std::uint64_t>(1, capacity / kEvictShare);
+    const std::uint64_t head = word(kHead).load_relaxed();
+    // Now and then only, and not amid a commit, where it costs more to find out what may go.
+    if ((head & (share - 1)) != 0 || word(kHeadCommit).load_relaxed() > context.committed)
+        return;
+    // Twice what came, so that what gathered while a snapshot was held goes again.
+    for (std::uint64_t evicted = 0; evicted < 2 * share; ++evicted) {
+        const std::uint64_t begin = word(kBegin).load_relaxed();
+        if (2 * (head - begin) <= capacity || !is_obsolete(context, ring, begin) ||
+            !context.eviction_allowed()) {
+            return;
+        }
+        evict_one(context);
     }
 }
 
 /// Only what the committed state no longer shows to anyone may go: an abort must lose nothing.
 template <class Memory>
-bool EdgeWriter<Memory>::can_evict(const WriteContext& context, std::uint64_t ring,
-                                   std::uint64_t index) const {
-    if (!context.may_evict || commit_at(ring, index) > context.committed)
+bool EdgeWriter<Memory>::is_obsolete(const WriteContext& context, std::uint64_t ring,
+                                     std::uint64_t index) const {
+    if (commit_at(ring, index) > context.committed)
         return false;
     const std::uint64_t cleared = word(kCleared).load_relaxed();
     if (index < cleared) {
@@ -265,10 +306,15 @@ void EdgeWriter<Memory>::free_ring() {
 template <class Memory>
 EdgeUndo EdgeWriter<Memory>::save() const {
     EdgeUndo saved;
+    save(saved);
+    return saved;
+}
+
+template <class Memory>
+void EdgeWriter<Memory>::save(EdgeUndo& saved) const {
     for (std::size_t i = 0; i < EdgeUndo::kWords.size(); ++i) {
         saved.words[i] = word(EdgeUndo::kWords[i]).load_relaxed();
     }
-    return saved;
 }
 
 /// If a rebuild or an eviction happened meanwhile, its flags and order are the ones that hold.

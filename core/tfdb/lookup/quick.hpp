@@ -256,32 +256,31 @@ private:
         if (!open(node, ring)) {
             return false;
         }
-        EdgeUse use;
-        use.child = node.id;
-        use.generation = node.generation;
-        use.inverted = inverted;
+        const FrameId child = node.id;
+        const std::uint32_t generation = node.generation;
         std::uint64_t index = ring.head - 1;
+        StampNs before = history::kNoStamp;
+        StampNs after = history::kNoStamp;
+        Used used = Used::kStatic;
         geometry::Pose pose;
         geometry::Pose next = geometry::identity();
         bool mix = false;
-        if (ring.is_static) {
-            use.used = Used::kStatic;
-        } else if (policy_.kind == PolicyKind::kLatest) {
-            use.used = Used::kLatest;
-            use.before = use.after = stamp_at(ring, index);
-        } else {
-            if (!find(node, ring, index, use.before)) {
+        if (!ring.is_static && policy_.kind == PolicyKind::kLatest) {
+            used = Used::kLatest;
+            before = after = stamp_at(ring, index);
+        } else if (!ring.is_static) {
+            if (!find(node, ring, index, before)) {
                 return false;
             }
-            mix = use.before != stamp_;
-            use.used = mix ? Used::kInterpolated : Used::kExact;
-            use.after = use.before;
+            mix = before != stamp_;
+            used = mix ? Used::kInterpolated : Used::kExact;
+            after = before;
             if (mix) {
-                use.after = stamp_at(ring, index + 1);
+                after = stamp_at(ring, index + 1);
                 read_pose(slot_at(ring, index + 1), next);
-                if (use.after - use.before > policy_.limit) {
-                    return false;
-                }
+            }
+            if (after - before > policy_.limit) {
+                return false;
             }
         }
         const Word* slot = slot_at(ring, index);
@@ -290,12 +289,18 @@ private:
         if (!confirm(node, ring, index) || !ascend(node, first)) {
             return false;
         }
+        // Filled in place: a use built elsewhere and copied as a block would stall.
+        EdgeUse& use = uses.emplace_back();
+        use.child = child;
         use.parent = node.id;
+        use.generation = generation;
         use.parent_generation = node.generation;
-        uses.push_back(use);
+        use.before = before;
+        use.after = after;
+        use.used = used;
+        use.inverted = inverted;
         if (mix) {
-            geometry::assign(
-                pose, geometry::interpolate(pose, next, share(use.before, use.after, stamp_)));
+            geometry::assign(pose, geometry::interpolate(pose, next, share(before, after, stamp_)));
         }
         if (moved) {
             geometry::assign(composed, geometry::compose(pose, composed));

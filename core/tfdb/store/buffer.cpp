@@ -19,6 +19,14 @@ Reads::Impl::Impl(const BufferOptions& options)
       names(frames),
       lock(frames.store_word(graph::kCommitLock)) {}
 
+StoreCommit Reads::Impl::start_commit() {
+    if (word(graph::kPins).load_relaxed() == 0) {
+        unpinned_bytes = memory.used_bytes();
+    }
+    return {frames, scratch, history,
+            [](void* store) { return static_cast<Impl*>(store)->may_evict(); }, this};
+}
+
 bool Reads::Impl::may_evict() {
     // Pairs with the fence in `Buffer::snapshot`: either we see its pin, or it sees our last
     // commit.
@@ -28,7 +36,7 @@ bool Reads::Impl::may_evict() {
         unpinned_bytes = used;
         return true;
     }
-    return used > unpinned_bytes + snapshot_memory;
+    return used > unpinned_bytes && used - unpinned_bytes > snapshot_memory;
 }
 
 namespace {
@@ -44,20 +52,26 @@ BufferOptions checked(const BufferOptions& options) {
     return options;
 }
 
-history::NewSample<StoreMemory> make_sample(Reads::Impl& impl, const TransformView& transform,
-                                            FrameId parent, bool is_static) {
-    history::NewSample<StoreMemory> sample;
+/// Fills the sample word by word: copied as a block, the pose would go through memory and stall.
+void fill_sample(Reads::Impl& impl, const TransformView& transform, FrameId parent, bool is_static,
+                 history::NewSample<StoreMemory>& sample) {
     sample.stamp = is_static ? history::kStaticStamp : transform.stamp;
     sample.parent = parent;
-    Pose pose = transform.pose;
-    const double norm2 = geometry::norm_squared(pose.rotation);
-    if (norm2 != 1.0) {
-        if (std::abs(norm2 - 1.0) > 2e-9)
+    const geometry::Vec3& t = transform.pose.translation;
+    geometry::Quat q = transform.pose.rotation;
+    // A unit quaternion is off by two roundings at most: it stays as it is, bit for bit.
+    constexpr double kRoundings = 4.5e-16;
+    const double norm2 = geometry::norm_squared(q);
+    if (std::abs(norm2 - 1.0) > kRoundings) {
+        if (std::abs(norm2 - 1.0) > 2e-9) {
             impl.word(graph::kNormalised).fetch_add(1);
-        pose.rotation = geometry::normalized(pose.rotation);
+        }
+        q = geometry::normalized(q);
     }
-    sample.payload = std::bit_cast<std::array<std::uint64_t, 7>>(pose);
-    return sample;
+    const double numbers[7] = {t.x, t.y, t.z, q.x, q.y, q.z, q.w};
+    for (std::size_t i = 0; i < 7; ++i) {
+        sample.payload[i] = std::bit_cast<std::uint64_t>(numbers[i]);
+    }
 }
 
 /// Samples of one edge must come in stamp order; the later member of a batch wins a tie.
@@ -70,13 +84,19 @@ void sort_items(std::vector<Reads::Impl::Item>& items, std::span<const Transform
 }
 
 void resolve_items(Reads::Impl& impl, StoreCommit& commit, std::span<const TransformView> batch,
-                   bool is_static) {
+                   bool is_static, std::string_view authority) {
     auto& items = impl.items;
     items.clear();
     bool repeated = false;
     for (std::size_t i = 0; i < batch.size(); ++i) {
-        const FrameId parent = commit.frame(batch[i].parent);
-        const FrameId child = commit.frame(batch[i].child);
+        FrameId parent = commit.find_frame(batch[i].parent);
+        FrameId child = commit.find_frame(batch[i].child);
+        if (parent == kNoFrame || child == kNoFrame) {
+            // A name that is known was checked when it was new.
+            store::check_names(batch[i], i, authority);
+            parent = commit.frame(batch[i].parent);
+            child = commit.frame(batch[i].child);
+        }
         repeated |= commit.touch(child);
         items.push_back({child, parent, i});
     }
@@ -86,18 +106,21 @@ void resolve_items(Reads::Impl& impl, StoreCommit& commit, std::span<const Trans
 
 /// The commit lock is held.
 CommitNumber commit_batch(Reads::Impl& impl, std::span<const TransformView> batch, bool is_static,
-                          std::uint64_t authority, std::string_view authority_name) {
-    StoreCommit commit(impl.frames, impl.scratch, impl.history, impl.may_evict());
-    resolve_items(impl, commit, batch, is_static);
+                          std::string_view authority_name) {
+    StoreCommit commit = impl.start_commit();
+    resolve_items(impl, commit, batch, is_static, authority_name);
+    history::NewSample<StoreMemory> sample;
     for (const auto& item : impl.items) {
         const TransformView& transform = batch[item.index];
         store::check_edge(impl, item.child, transform, item.index, is_static, authority_name);
-        commit.append(item.child, make_sample(impl, transform, item.parent, is_static), item.index);
+        fill_sample(impl, transform, item.parent, is_static, sample);
+        commit.append(item.child, sample, item.index);
     }
     txn::Cycle cycle;
     if (commit.find_cycle(cycle)) {
         store::throw_cycle(batch[cycle.item], cycle.item, authority_name);
     }
+    const std::uint64_t authority = impl.authorities.id(authority_name);
     for (const auto& item : impl.items) {
         auto& writer = impl.frames.word(item.child, history::kAuthority);
         if (writer.load_relaxed() != authority)
@@ -116,9 +139,8 @@ CommitNumber Buffer::set_transforms(std::span<const TransformView> batch, bool i
     store::check_batch(batch, is_static, authority);
     if (batch.empty())
         return commit();
-    const std::uint64_t id = impl_->authorities.id(authority);
     const std::lock_guard guard(impl_->lock);
-    return commit_batch(*impl_, batch, is_static, id, authority);
+    return commit_batch(*impl_, batch, is_static, authority);
 }
 
 bool Buffer::try_set_transforms(std::span<const TransformView> batch, bool is_static,
@@ -128,11 +150,10 @@ bool Buffer::try_set_transforms(std::span<const TransformView> batch, bool is_st
         commit = this->commit();
         return true;
     }
-    const std::uint64_t id = impl_->authorities.id(authority);
     const std::unique_lock guard(impl_->lock, std::try_to_lock);
     if (!guard.owns_lock())
         return false;
-    commit = commit_batch(*impl_, batch, is_static, id, authority);
+    commit = commit_batch(*impl_, batch, is_static, authority);
     return true;
 }
 
@@ -144,7 +165,7 @@ Snapshot Buffer::snapshot() const {
 
 CommitNumber Buffer::clear() {
     const std::lock_guard guard(impl_->lock);
-    StoreCommit commit(impl_->frames, impl_->scratch, impl_->history, impl_->may_evict());
+    StoreCommit commit = impl_->start_commit();
     const StoreView view = impl_->view(impl_->committed());
     for (FrameId id = 0; id < impl_->frames.count(); ++id) {
         const history::EdgeWriter<StoreMemory> edge(impl_->memory, impl_->frames.header(id));

@@ -22,17 +22,25 @@ using StoreView = txn::SnapshotView<StoreMemory>;
 using StoreEdge = history::EdgeView<StoreMemory>;
 using StoreCommit = txn::Commit<StoreMemory>;
 
-/// Names of authorities to small ids. Threads: any. Guarantee: blocks only against each other.
+/// Names of authorities to small ids.
+/// Threads: `id` only the holder of the commit lock; `name` any.
+/// Guarantee: the two block only against each other.
 class Authorities {
 public:
     std::uint64_t id(std::string_view name) {
-        if (name.empty())
+        if (name.empty()) {
             return 0;
+        }
+        if (name == last_name_) {
+            return last_id_;
+        }
         const std::lock_guard guard(mutex_);
         const auto [at, added] = ids_.try_emplace(std::string(name), names_.size() + 1);
         if (added)
             names_.emplace_back(name);
-        return at->second;
+        last_name_ = name;
+        last_id_ = at->second;
+        return last_id_;
     }
     [[nodiscard]] std::string name(std::uint64_t id) const {
         const std::lock_guard guard(mutex_);
@@ -43,6 +51,8 @@ private:
     mutable std::mutex mutex_;
     std::unordered_map<std::string, std::uint64_t> ids_;
     std::vector<std::string> names_;
+    std::string last_name_;
+    std::uint64_t last_id_ = 0;
 };
 
 /// The region with the forest in it, and what only the writers of this process need.
@@ -58,6 +68,8 @@ struct Reads::Impl {
     /// True if no held snapshot can need what a writer is about to overwrite, or if those that are
     /// held have already made the store grow as far as they may.
     [[nodiscard]] bool may_evict();
+    /// Starts a commit; the commit lock is held.
+    [[nodiscard]] StoreCommit start_commit();
 
     struct Item {
         FrameId child;
@@ -83,6 +95,15 @@ namespace store {
 
 inline constexpr int kTriesBeforeLock = 16;
 
+/// What looks missing in a state may be a frame whose slot was reused since: then kLapped. Lookups
+/// that succeed need not ask; listings, and errors, must.
+[[nodiscard]] inline lookup::Outcome unless_reused(const Reads::Impl& impl, CommitNumber commit,
+                                                   lookup::Outcome outcome) {
+    sync::fence_acquire();
+    return commit < impl.word(graph::kRecycleFloor).load_relaxed() ? lookup::Outcome::kLapped
+                                                                   : outcome;
+}
+
 /// Runs `attempt(view)` on a fresh view, or on the held one, until no writer overtakes it; after
 /// sixteen tries with the commit lock held, where nothing can. kLapped then means: this snapshot's
 /// samples are gone.
@@ -92,12 +113,7 @@ lookup::Outcome read(const Reads::Impl& impl, CommitNumber held, CommitNumber fr
     const auto once = [&] {
         const CommitNumber commit = held == fresh ? impl.committed() : held;
         const lookup::Outcome outcome = attempt(impl.view(commit));
-        if (outcome != lookup::Outcome::kFailed)
-            return outcome;
-        // What looks missing may be a frame whose slot was reused since.
-        sync::fence_acquire();
-        return commit < impl.word(graph::kRecycleFloor).load_relaxed() ? lookup::Outcome::kLapped
-                                                                       : outcome;
+        return outcome == lookup::Outcome::kFailed ? unless_reused(impl, commit, outcome) : outcome;
     };
     lookup::Outcome outcome = once();
     if (outcome != lookup::Outcome::kLapped)

@@ -54,7 +54,7 @@ std::vector<FrameId> subtree(const Reads::Impl& impl, const StoreCommit& commit,
 
 CommitNumber Buffer::remove_frame(std::string_view name, bool recursive) {
     const std::lock_guard guard(impl_->lock);
-    StoreCommit commit(impl_->frames, impl_->scratch, impl_->history, impl_->may_evict());
+    StoreCommit commit = impl_->start_commit();
     const FrameId id = impl_->names.find(name, commit.number());
     if (id == kNoFrame) {
         ErrorDetail detail;

@@ -139,8 +139,6 @@ std::string seconds(StampNs stamp) {
 void check_batch(std::span<const TransformView> batch, bool is_static, std::string_view authority) {
     for (std::size_t i = 0; i < batch.size(); ++i) {
         const TransformView& transform = batch[i];
-        check_name(transform.parent, "parent", transform, i, authority);
-        check_name(transform.child, "child", transform, i, authority);
         if (transform.parent == transform.child) {
             throw_transform(transform, i, authority, "a frame cannot be its own parent");
         }
@@ -154,6 +152,11 @@ void check_batch(std::span<const TransformView> batch, bool is_static, std::stri
         }
         check_numbers(transform, i, authority);
     }
+}
+
+void check_names(const TransformView& transform, std::size_t index, std::string_view authority) {
+    check_name(transform.parent, "parent", transform, index, authority);
+    check_name(transform.child, "child", transform, index, authority);
 }
 
 void check_edge(const Reads::Impl& impl, FrameId child, const TransformView& transform,

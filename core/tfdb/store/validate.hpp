@@ -9,9 +9,12 @@
 
 namespace tfdb::store {
 
-/// Checks all that can be checked without the store: names, stamps, numbers.
-/// Throws InvalidName, InvalidStamp, InvalidTransform with the index of the first bad member.
+/// Checks what can be checked without the store: stamps and numbers.
+/// Throws InvalidStamp, InvalidTransform with the index of the first bad member.
 void check_batch(std::span<const TransformView> batch, bool is_static, std::string_view authority);
+
+/// Checks the names of a member of which one is new to the store. Throws InvalidName.
+void check_names(const TransformView& transform, std::size_t index, std::string_view authority);
 
 /// Checks a sample against its edge. Throws StaticConflict, TooOld.
 void check_edge(const Reads::Impl& impl, FrameId child, const TransformView& transform,

@@ -58,6 +58,13 @@ public:
     /// `may_evict` is false while held snapshots may need what would be overwritten.
     Commit(graph::Frames<Memory> frames, CommitScratch& scratch, clock::StampNs history,
            bool may_evict);
+    /// The same, asked only when a ring is full or a slot is to be reused.
+    Commit(graph::Frames<Memory> frames, CommitScratch& scratch, clock::StampNs history,
+           bool (*ask_may_evict)(void* store), void* store)
+        : Commit(frames, scratch, history, true) {
+        context_.ask_may_evict = ask_may_evict;
+        context_.store = store;
+    }
     ~Commit();
     Commit(const Commit&) = delete;
     Commit& operator=(const Commit&) = delete;
@@ -68,6 +75,8 @@ public:
         return {frames_, number(), context_.history};
     }
 
+    /// The frame of that name as this commit sees it, or kNoFrame.
+    [[nodiscard]] FrameId find_frame(std::string_view name) const;
     /// The frame of that name, made if there is none. Throws CapacityExceeded.
     [[nodiscard]] FrameId frame(std::string_view name);
     /// True if this commit has written to the frame before; marks it as written.
@@ -110,6 +119,7 @@ private:
     CommitScratch& scratch_;
     history::WriteContext context_;
     bool published_ = false;
+    bool cleared_ = false;
 };
 
 }  // namespace tfdb::txn

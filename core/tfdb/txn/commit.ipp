@@ -39,7 +39,7 @@ FrameId Commit<Memory>::take_slot() {
     const bool old_enough =
         retired != kNoFrame &&
         frames_.word(retired, history::kDied).load_relaxed() <= context_.committed;
-    if (old_enough && (context_.may_evict || fresh == kNoFrame)) {
+    if (old_enough && (context_.eviction_allowed() || fresh == kNoFrame)) {
         recycle(retired);
         return retired;
     }
@@ -69,15 +69,23 @@ void Commit<Memory>::recycle(FrameId id) {
 }
 
 template <class Memory>
+FrameId Commit<Memory>::find_frame(std::string_view name) const {
+    return names_.find(name, number());
+}
+
+template <class Memory>
 FrameId Commit<Memory>::frame(std::string_view name) {
-    const FrameId found = names_.find(name, number());
-    if (found != kNoFrame)
+    const FrameId found = find_frame(name);
+    if (found != kNoFrame) {
         return found;
+    }
     names_.reserve();
     const Offset block = names_.store_name(name);
     FrameId id = kNoFrame;
     try {
-        scratch_.made.reserve(scratch_.made.size() + 1);
+        // `reserve` alone grows to the very number asked for.
+        if (scratch_.made.size() == scratch_.made.capacity())
+            scratch_.made.reserve(2 * scratch_.made.size() + 8);
         id = take_slot();
     } catch (...) {
         names_.free_name(block);
@@ -107,7 +115,10 @@ bool Commit<Memory>::touch(FrameId child) {
     auto& mark = frames_.word(child, history::kTouched);
     if (mark.load_relaxed() == scratch_.attempts)
         return true;
-    scratch_.touched.push_back({child, newest_parent(child), writer(child).save()});
+    auto& touched = scratch_.touched.emplace_back();
+    touched.id = child;
+    touched.old_parent = newest_parent(child);
+    writer(child).save(touched.undo);
     mark.store_relaxed(scratch_.attempts);
     return false;
 }
@@ -136,6 +147,7 @@ void Commit<Memory>::clear(FrameId child) {
     history::NewSample<Memory> marker;
     marker.stamp = history::kClearMarker;
     writer(child).append(context_, marker);
+    cleared_ = true;
 }
 
 template <class Memory>
@@ -155,7 +167,12 @@ void Commit<Memory>::settle_parents() {
         auto& children = frames_.word(parent, history::kChildren);
         children.store_relaxed(children.load_relaxed() + delta);
     };
+    // Where no relation is new, nobody has another parent than before.
+    const bool same = scratch_.relations.empty() && !cleared_;
     for (const auto& touched : scratch_.touched) {
+        if (same) {
+            break;
+        }
         const FrameId parent = newest_parent(touched.id);
         if (parent == touched.old_parent)
             continue;
