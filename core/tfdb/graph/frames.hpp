@@ -10,7 +10,7 @@
 namespace tfdb::graph {
 
 /// Where the headers are, and who lives when.
-/// Threads: reads any; `take_slot`, `retire`, ... only the holder of the commit lock.
+/// Threads: reads any; whatever stores, only the holder of the commit lock.
 /// Guarantee: reads are wait-free.
 template <class Memory>
 class Frames {

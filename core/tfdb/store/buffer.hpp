@@ -87,7 +87,8 @@ class Snapshot;
 
 /// The reads that a Buffer (each from a fresh snapshot) and a Snapshot (from its own) share.
 /// Threads: any number may call anything at once. Guarantee: no read takes a lock that a writer
-/// holds, save a lookup that was overtaken sixteen times in a row.
+/// holds, save one that was overtaken sixteen times in a row; `frame_info` and `tree` share a lock
+/// with writers that bring a new authority.
 class Reads {
 public:
     /// Frame by name. False if the snapshot has no such frame.
