@@ -138,17 +138,17 @@ TFDB_SCHED(commit_flaws_are_found) {
                        .before = {set(10, {{"map", "odom"}, {"odom", "base"}})},
                        .during = {removal("base"), set(10, {{"map", "tip"}})},
                        .questions = {{"map", "base", 10}}};
-    found("commit published before what it wrote", batch, [](const Forest& forest) {
+    found("commit published before what it wrote", batch, [](const WalkedForest& forest) {
         const Word* const commit = &forest.word(graph::kCommit);
         return std::make_unique<sched::Delays>(
             0, [commit](const Word& word) { return &word != commit; }, *commit);
     });
-    found("nobody told that a slot was used again", reuse, [](const Forest& forest) {
+    found("nobody told that a slot was used again", reuse, [](const WalkedForest& forest) {
         const Word* const floor = &forest.word(graph::kRecycleFloor);
         return std::make_unique<sched::Forgets>(
             [floor](const Word& word, std::uint64_t) { return &word == floor; });
     });
-    found("removal marked before it is dated", reuse, [](const Forest& forest) {
+    found("removal marked before it is dated", reuse, [](const WalkedForest& forest) {
         const Word* const died = &forest.frames.word(2, history::kDied);
         return std::make_unique<sched::Delays>(
             0, [died](const Word& word) { return &word == died; }, forest.word(graph::kCommit));
