@@ -126,7 +126,7 @@ def test_flipped_bytes(recorder: Any, messages: Drive, tmp_path: Path, container
         try:
             report = buffer.load(path)
         except tfdb.RecordingError as error:
-            assert error.path == str(path)  # noqa: PT017 - either outcome is right
+            assert error.path == str(path)
             assert buffer.commit == 0
         else:
             assert buffer.commit == report.commits == report.messages - report.refused
