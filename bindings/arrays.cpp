@@ -200,7 +200,7 @@ Stamps::Stamps(nb::handle object) {
         throw_bad_array("stamps", "an array (N,) of int64 nanoseconds or a list of stamps",
                         type_name_of(object));
     } else {
-        read_sequence(nb::list(nb::borrow(object)));
+        read_sequence(object);
     }
     for (std::size_t i = 0; i < values_.size(); ++i) {
         if (values_[i] < 0) {
@@ -232,15 +232,16 @@ void Stamps::read_array(nb::handle object) {
 }
 
 void Stamps::read_sequence(nb::handle object) {
-    const nb::object items = nb::steal(PySequence_Fast(object.ptr(), "stamps"));
+    // A tuple of its own: converting an item may run code that changes the list.
+    const nb::object items = nb::steal(PySequence_Tuple(object.ptr()));
     if (!items.is_valid()) {
         throw nb::python_error();
     }
-    const Py_ssize_t count = PySequence_Fast_GET_SIZE(items.ptr());
-    copy_.reserve(static_cast<std::size_t>(count));
-    for (Py_ssize_t i = 0; i < PySequence_Fast_GET_SIZE(items.ptr()); ++i) {
-        const nb::object item = nb::borrow(PySequence_Fast_GET_ITEM(items.ptr(), i));
-        at_index(static_cast<std::size_t>(i), [&] { copy_.push_back(stamp_of(item.ptr())); });
+    const auto count = static_cast<std::size_t>(PyTuple_GET_SIZE(items.ptr()));
+    copy_.resize(count);
+    for (std::size_t i = 0; i < count; ++i) {
+        PyObject* const item = PyTuple_GET_ITEM(items.ptr(), static_cast<Py_ssize_t>(i));
+        at_index(i, [&] { copy_[i] = stamp_of(item); });
     }
     values_ = copy_;
 }

@@ -20,17 +20,15 @@ thread_local
 /// `self` of a raw method, readable until the end of the call.
 class Open {
 public:
-    explicit Open(PyObject* self)
-        : object_(reads_of(self))
 #ifdef Py_GIL_DISABLED
-          ,
-          pinned_(pin(self, object_))
-#endif
-    {
+    explicit Open(PyObject* self) : object_(reads_of(self)), pinned_(pin(self, object_)) {}
+#else
+    explicit Open(PyObject* self) : object_(reads_of(self)) {
         if (object_.reads == nullptr) {
             throw_closed(object_);
         }
     }
+#endif
 
     [[nodiscard]] const Reads& reads() const {
 #ifdef Py_GIL_DISABLED
