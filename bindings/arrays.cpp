@@ -1,5 +1,6 @@
 #include "arrays.hpp"
 
+#include <algorithm>
 #include <array>
 #include <cstring>
 #include <string_view>
@@ -202,10 +203,15 @@ Stamps::Stamps(nb::handle object) {
     } else {
         read_sequence(object);
     }
-    for (std::size_t i = 0; i < values_.size(); ++i) {
-        if (values_[i] < 0) {
-            at_index(i, [&] { stamp_of_object(nb::int_(values_[i]).ptr()); });
-        }
+    StampNs signs = 0;  // an OR of all is a loop that compilers vectorise
+    for (const StampNs stamp : values_) {
+        signs |= stamp;
+    }
+    if (signs < 0) {
+        const auto first =
+            std::find_if(values_.begin(), values_.end(), [](StampNs stamp) { return stamp < 0; });
+        at_index(static_cast<std::size_t>(first - values_.begin()),
+                 [&] { stamp_of_object(nb::int_(*first).ptr()); });
     }
 }
 
