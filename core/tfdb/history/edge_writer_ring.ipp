@@ -126,7 +126,9 @@ void EdgeWriter<Memory>::note_parent(FrameId parent, std::uint64_t head) {
 
 template <class Memory>
 void EdgeWriter<Memory>::set_depth_hint(std::uint32_t depth) {
-    word(kTopology).store_relaxed(
+    // Whoever reads this word must see all that its flags stand for, as with every other store to
+    // it.
+    word(kTopology).store_release(
         Topology::with_parent(topology(), Topology::parent(topology()), depth));
 }
 

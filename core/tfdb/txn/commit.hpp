@@ -45,6 +45,7 @@ struct CommitScratch {
     std::vector<FrameId> removed;
     std::vector<Relation> relations;
     std::vector<Stop> stops;
+    std::vector<FrameId> climb;
     std::uint64_t attempts = 0;
 };
 
@@ -112,6 +113,7 @@ private:
                    std::uint32_t depth);
     void push_mixed_parents(const history::EdgeView<Memory>& edge, const CommitScratch::Stop& at);
     void settle_parents();
+    void refresh_depths();
     void abort();
 
     graph::Frames<Memory> frames_;
@@ -120,6 +122,7 @@ private:
     history::WriteContext context_;
     bool published_ = false;
     bool cleared_ = false;
+    bool depths_stale_ = false;  // a frame with children got another parent
 };
 
 }  // namespace tfdb::txn

@@ -139,6 +139,7 @@ void Commit<Memory>::append(FrameId child, const history::NewSample<Memory>& sam
     edge.append(context_, sample);
     if (Topology::parent(topology) != sample.parent) {
         edge.set_depth_hint(Topology::depth(frames_.topology(sample.parent)) + 1);
+        depths_stale_ |= frames_.word(child, history::kChildren).load_relaxed() != 0;
     }
 }
 
@@ -184,8 +185,38 @@ void Commit<Memory>::settle_parents() {
     }
 }
 
+/// Gives every frame the depth that it has now. Robots are often announced from the leaves upward:
+/// with the depths of that time, walks between two branches would climb past their meeting point.
+template <class Memory>
+void Commit<Memory>::refresh_depths() {
+    using history::Topology;
+    constexpr std::uint32_t kMostFrames = 4096;  // beyond, stale hints cost less than this
+    const std::uint32_t count = frames_.count();
+    if (!depths_stale_ || count > kMostFrames) {
+        return;
+    }
+    constexpr std::uint32_t kUnknown = ~std::uint32_t{0};
+    std::vector<std::uint32_t> depths(count, kUnknown);
+    auto& climb = scratch_.climb;
+    for (FrameId id = 0; id < count; ++id) {
+        climb.clear();
+        FrameId at = id;
+        while (at < count && depths[at] == kUnknown && climb.size() <= count) {
+            climb.push_back(at);
+            at = Topology::parent(frames_.topology(at));
+        }
+        std::uint32_t depth = at < count && depths[at] != kUnknown ? depths[at] + 1 : 0;
+        for (; !climb.empty(); climb.pop_back(), ++depth) {
+            depths[climb.back()] = depth;
+            history::EdgeWriter<Memory> edge = writer(climb.back());
+            edge.set_depth_hint(depth);
+        }
+    }
+}
+
 template <class Memory>
 CommitNumber Commit<Memory>::publish() {
+    refresh_depths();  // may throw: nothing is settled yet
     settle_parents();
     frames_.store_word(graph::kCommit).store_release(number());
     published_ = true;
