@@ -14,9 +14,15 @@ namespace {
     store::throw_snapshot_too_old(held, impl.committed());
 }
 
+/// The name of a frame of this state; false if its slot was reused meanwhile.
+bool read_name(const Reads::Impl& impl, const StoreView& view, FrameId id, std::string& name) {
+    name = impl.names.name(id);
+    sync::fence_acquire();
+    return view.alive(id);
+}
+
 Outcome fill_info(const Reads::Impl& impl, const StoreView& view, FrameId id, FrameInfo& info) {
     info = FrameInfo{};
-    info.name = impl.names.name(id);
     info.authority =
         impl.authorities.name(impl.frames.word(id, history::kAuthority).load_relaxed());
     info.late = impl.frames.word(id, history::kLate).load_relaxed();
@@ -33,10 +39,11 @@ Outcome fill_info(const Reads::Impl& impl, const StoreView& view, FrameId id, Fr
             info.longest_gap = std::max(info.longest_gap, track.stamps[i] - track.stamps[i - 1]);
         }
     }
-    if (!track.parents.empty() && view.alive_since(track.parents.back(), track.commits.back())) {
-        info.parent = impl.names.name(track.parents.back());
+    if (!track.parents.empty() && view.alive_since(track.parents.back(), track.commits.back()) &&
+        !read_name(impl, view, track.parents.back(), info.parent.emplace())) {
+        return Outcome::kLapped;
     }
-    return Outcome::kOk;
+    return read_name(impl, view, id, info.name) ? Outcome::kOk : Outcome::kLapped;
 }
 
 template <class Visit>
@@ -67,12 +74,10 @@ std::vector<std::string> Reads::frames() const {
     const Outcome outcome = store::read(*impl_, held_, kFresh, [&](const StoreView& view) {
         names.clear();
         const Outcome all = for_each_frame(view, [&](FrameId id) {
-            names.push_back(impl_->names.name(id));
-            return view.alive(id) ? Outcome::kOk : Outcome::kLapped;
+            const bool alive = read_name(*impl_, view, id, names.emplace_back());
+            return alive ? Outcome::kOk : Outcome::kLapped;
         });
-        // A reused slot may have hidden a frame of this state.
-        const bool complete = view.commit() >= impl_->word(graph::kRecycleFloor).load_acquire();
-        return complete ? all : Outcome::kLapped;
+        return store::unless_reused(*impl_, view.commit(), all);
     });
     if (outcome == Outcome::kLapped)
         throw_unreadable(*impl_, held_);
@@ -101,7 +106,7 @@ std::vector<FrameInfo> Reads::tree(std::optional<StampNs> stamp) const {
                         lookup::kNoLimit};
     const Outcome outcome = store::read(*impl_, held_, kFresh, [&](const StoreView& view) {
         infos.clear();
-        return for_each_frame(view, [&](FrameId id) {
+        const Outcome all = for_each_frame(view, [&](FrameId id) {
             FrameInfo& info = infos.emplace_back();
             const Outcome filled = fill_info(*impl_, view, id, info);
             if (filled != Outcome::kOk || !stamp)
@@ -110,10 +115,11 @@ std::vector<FrameInfo> Reads::tree(std::optional<StampNs> stamp) const {
             const Outcome found =
                 lookup::exact_parent(view, id, *stamp, policy, lookup::Edges::kAll, parent);
             info.parent.reset();
-            if (parent != kNoFrame)
-                info.parent = impl_->names.name(parent);
+            if (parent != kNoFrame && !read_name(*impl_, view, parent, info.parent.emplace()))
+                return Outcome::kLapped;
             return found;
         });
+        return store::unless_reused(*impl_, view.commit(), all);
     });
     if (outcome == Outcome::kLapped)
         throw_unreadable(*impl_, held_);
@@ -140,10 +146,14 @@ Samples Reads::samples(std::string_view name) const {
             out.stamps.assign(1, -1);
         out.poses = std::move(track.poses);
         for (std::size_t i = 0; i < track.parents.size(); ++i) {
-            const bool alive = view.alive_since(track.parents[i], track.commits[i]);
-            out.parents.push_back(alive ? impl_->names.name(track.parents[i]) : std::string());
+            std::string& parent = out.parents.emplace_back();
+            if (view.alive_since(track.parents[i], track.commits[i]) &&
+                !read_name(*impl_, view, track.parents[i], parent)) {
+                return Outcome::kLapped;
+            }
         }
-        return Outcome::kOk;
+        sync::fence_acquire();
+        return view.alive(id) ? Outcome::kOk : Outcome::kLapped;
     });
     if (outcome == Outcome::kFailed)
         throw_unknown(name, at);

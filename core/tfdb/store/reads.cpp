@@ -1,4 +1,6 @@
 // Lookups of a Buffer or a Snapshot, each from one state.
+#include <initializer_list>
+
 #include "tfdb/store/impl.hpp"
 
 namespace tfdb {
@@ -36,6 +38,28 @@ bool answered(const Reads::Impl& impl, CommitNumber held, CommitNumber fresh, Fa
     return false;
 }
 
+/// The same for handles. What was read counts only if none of their slots was reused by then.
+template <class Attempt>
+bool answered_of(const Reads::Impl& impl, CommitNumber held, CommitNumber fresh, Failure& failure,
+                 std::initializer_list<FrameHandle> handles, Attempt attempt) {
+    return answered(impl, held, fresh, failure, [&](const StoreView& view) {
+        const Outcome outcome = attempt(view);
+        sync::fence_acquire();
+        int argument = 0;
+        for (const FrameHandle handle : handles) {
+            if (handle.id != kNoFrame && view.generation(handle.id) != handle.generation) {
+                failure = Failure{};
+                failure.argument = argument;
+                failure.frame = handle.id;
+                failure.commit = view.commit();
+                return Outcome::kFailed;
+            }
+            ++argument;
+        }
+        return outcome;
+    });
+}
+
 }  // namespace
 
 CommitNumber Reads::commit() const {
@@ -61,61 +85,66 @@ bool Reads::find_frame(std::string_view name, FrameHandle& out) const {
 
 bool Reads::try_lookup(FrameHandle target, FrameHandle source, std::optional<StampNs> stamp,
                        Policy policy, Answer& answer, Failure& failure) const {
-    return answered(*impl_, held_, kFresh, failure, [&](const StoreView& view) {
-        return lookup::lookup(view, target.id, source.id, stamp, policy, answer, failure);
-    });
+    return answered_of(
+        *impl_, held_, kFresh, failure, {target, source}, [&](const StoreView& view) {
+            return lookup::lookup(view, target.id, source.id, stamp, policy, answer, failure);
+        });
 }
 
 bool Reads::try_lookup_full(FrameHandle target, StampNs target_stamp, FrameHandle source,
                             StampNs source_stamp, FrameHandle fixed, Policy policy, Answer& answer,
                             Failure& failure) const {
-    return answered(*impl_, held_, kFresh, failure, [&](const StoreView& view) {
-        return lookup::lookup_full(view, target.id, target_stamp, source.id, source_stamp, fixed.id,
-                                   policy, answer, failure);
-    });
+    return answered_of(
+        *impl_, held_, kFresh, failure, {target, source, fixed}, [&](const StoreView& view) {
+            return lookup::lookup_full(view, target.id, target_stamp, source.id, source_stamp,
+                                       fixed.id, policy, answer, failure);
+        });
 }
 
 bool Reads::try_lookup_latest(FrameHandle target, FrameHandle source,
                               std::optional<StampNs> max_age, StampNs now, Answer& answer,
                               Failure& failure) const {
-    return answered(*impl_, held_, kFresh, failure, [&](const StoreView& view) {
-        return lookup::lookup_latest(view, target.id, source.id, max_age, now, answer, failure);
-    });
+    return answered_of(
+        *impl_, held_, kFresh, failure, {target, source}, [&](const StoreView& view) {
+            return lookup::lookup_latest(view, target.id, source.id, max_age, now, answer, failure);
+        });
 }
 
 bool Reads::try_latest_common_time(FrameHandle target, FrameHandle source, StampNs& stamp,
                                    Failure& failure) const {
     Answer scratch;
-    return answered(*impl_, held_, kFresh, failure, [&](const StoreView& view) {
-        return lookup::latest_common_time(view, target.id, source.id, scratch, stamp, failure);
-    });
+    return answered_of(
+        *impl_, held_, kFresh, failure, {target, source}, [&](const StoreView& view) {
+            return lookup::latest_common_time(view, target.id, source.id, scratch, stamp, failure);
+        });
 }
 
 Answer Reads::lookup_transform(std::string_view target, std::string_view source,
                                std::optional<StampNs> stamp, Policy policy) const {
-    FrameHandle from;
-    FrameHandle to;
     Answer answer;
     Failure failure;
-    // An unknown name leaves an id that no frame has: the lookup then says which one it was.
-    (void)find_frame(target, to);
-    (void)find_frame(source, from);
-    if (!try_lookup(to, from, stamp, policy, answer, failure))
+    // Names and samples of one state: between two states a slot may get another frame.
+    const bool found = answered(*impl_, held_, kFresh, failure, [&](const StoreView& view) {
+        const FrameId to = impl_->names.find(target, view.commit());
+        const FrameId from = impl_->names.find(source, view.commit());
+        return lookup::lookup(view, to, from, stamp, policy, answer, failure);
+    });
+    if (!found)
         raise(failure, target, source);
     return answer;
 }
 
 Answer Reads::lookup_latest_transform(std::string_view target, std::string_view source,
                                       std::optional<StampNs> max_age, StampNs now) const {
-    FrameHandle from;
-    FrameHandle to;
     Answer answer;
     Failure failure;
-    (void)find_frame(target, to);
-    (void)find_frame(source, from);
-    if (!try_lookup_latest(to, from, max_age, now, answer, failure)) {
+    const bool found = answered(*impl_, held_, kFresh, failure, [&](const StoreView& view) {
+        const FrameId to = impl_->names.find(target, view.commit());
+        const FrameId from = impl_->names.find(source, view.commit());
+        return lookup::lookup_latest(view, to, from, max_age, now, answer, failure);
+    });
+    if (!found)
         raise(failure, target, source);
-    }
     return answer;
 }
 

@@ -1,0 +1,152 @@
+#include "tfdb/memory/private_memory.hpp"
+
+#include <algorithm>
+#include <map>
+#include <random>
+#include <vector>
+
+#include "tfdb/base/error.hpp"
+#include "tfdb/memory/block_sizes.hpp"
+#include "tfdb/testing/check.hpp"
+
+namespace tfdb::memory {
+namespace {
+
+constexpr std::size_t kMebi = std::size_t{1} << 20;
+
+void check_class(std::size_t bytes, std::map<unsigned, std::size_t>& classes) {
+    const BlockClass fit = block_class(bytes);
+    CHECK(fit.bytes >= bytes);
+    CHECK(fit.bytes % kLineBytes == 0);
+    CHECK(fit.index < kSizeClasses);
+    const std::size_t lines = round_up(bytes == 0 ? 1 : bytes, kLineBytes) / kLineBytes;
+    const std::size_t wasted = fit.bytes / kLineBytes - lines;
+    CHECK(lines <= 16 ? wasted == 0 : 16 * wasted <= lines);
+    const auto [known, added] = classes.try_emplace(fit.index, fit.bytes);
+    CHECK_EQ(known->second, fit.bytes);
+}
+
+}  // namespace
+
+TFDB_TEST(memory_block_classes_fit_every_size) {
+    std::map<unsigned, std::size_t> classes;
+    for (std::size_t bytes = 0; bytes <= 40'000; ++bytes)
+        check_class(bytes, classes);
+    for (unsigned shift = 16; shift < 40; ++shift) {
+        for (std::size_t sixteenth = 0; sixteenth < 16; ++sixteenth) {
+            const std::size_t at = (std::size_t{1} << shift) + (sixteenth << (shift - 4));
+            for (const std::size_t bytes : {at - 1, at, at + 1, at + kLineBytes})
+                check_class(bytes, classes);
+        }
+    }
+    std::size_t before = 0;
+    for (const auto& [index, bytes] : classes) {
+        CHECK(bytes > before);  // a greater class is a greater block
+        before = bytes;
+    }
+}
+
+TFDB_TEST(memory_blocks_do_not_overlap_and_keep_their_words) {
+    PrivateMemory memory;
+    std::mt19937 random(7);
+    struct Block {
+        std::size_t bytes;
+        std::uint64_t value;
+    };
+    std::map<Offset, Block> blocks;
+    std::uint64_t value = 1;
+    for (int i = 0; i < 4000; ++i) {
+        if (!blocks.empty() && random() % 3 == 0) {
+            const auto at = std::next(blocks.begin(), static_cast<long>(random() % blocks.size()));
+            for (std::size_t word = 0; word < at->second.bytes / 8; ++word)
+                CHECK_EQ(memory.word(at->first + 8 * word).load_relaxed(), at->second.value);
+            memory.release(at->first, at->second.bytes);
+            blocks.erase(at);
+            continue;
+        }
+        const std::size_t bytes = 8 * (1 + random() % (random() % 10 == 0 ? 2000 : 30));
+        const Offset block = memory.allocate(bytes);
+        CHECK(block % kLineBytes == 0);
+        for (std::size_t word = 0; word < bytes / 8; ++word)
+            memory.word(block + 8 * word).store_relaxed(value);
+        const auto next = blocks.emplace(block, Block{bytes, value++}).first;
+        if (next != blocks.begin())
+            CHECK(std::prev(next)->first + std::prev(next)->second.bytes <= block);
+        if (std::next(next) != blocks.end())
+            CHECK(block + bytes <= std::next(next)->first);
+    }
+}
+
+TFDB_TEST(memory_released_blocks_are_used_again) {
+    PrivateMemory memory;
+    const std::size_t empty = memory.used_bytes();
+    std::vector<Offset> blocks;
+    for (int i = 0; i < 100; ++i)
+        blocks.push_back(memory.allocate(1000));
+    const std::size_t full = memory.used_bytes();
+    CHECK_EQ(full - empty, 100 * block_class(1000).bytes);
+    CHECK_EQ(memory.free_bytes(), 0U);
+    for (const Offset block : blocks)
+        memory.release(block, 1000);
+    CHECK_EQ(memory.used_bytes(), empty);
+    CHECK_EQ(memory.free_bytes(), full - empty);
+    for (int i = 0; i < 100; ++i) {
+        const Offset again = memory.allocate(970);  // the same class
+        CHECK(std::find(blocks.begin(), blocks.end(), again) != blocks.end());
+    }
+    CHECK_EQ(memory.used_bytes(), full);
+    CHECK_EQ(memory.free_bytes(), 0U);
+}
+
+TFDB_TEST(memory_limit_is_kept_and_leaves_everything_usable) {
+    PrivateMemory memory(64 * 1024);
+    std::vector<Offset> blocks;
+    CHECK_THROWS_AS(
+        [&] {
+            for (;;)
+                blocks.push_back(memory.allocate(4096));
+        }(),
+        CapacityExceeded);
+    CHECK_EQ(blocks.size(), 16U);
+    CHECK_EQ(memory.used_bytes(), 16U * 4096);
+    CHECK_THROWS_AS(memory.allocate(64), CapacityExceeded);
+    CHECK_THROWS_AS(memory.allocate(std::size_t{1} << 62), CapacityExceeded);
+    memory.release(blocks.back(), 4096);
+    CHECK_EQ(memory.allocate(4096), blocks.back());
+    CHECK_EQ(memory.used_bytes(), 16U * 4096);
+}
+
+TFDB_TEST(memory_released_blocks_stay_mapped) {
+    PrivateMemory memory;
+    // Small blocks keep their words (but for the free list's), large ones may read as zero.
+    const Offset small = memory.allocate(512);
+    const Offset large = memory.allocate(4 * kMebi);
+    for (std::size_t word = 0; word < 64; ++word)
+        memory.word(small + 8 * word).store_relaxed(word + 1);
+    for (std::size_t at = 0; at < 4 * kMebi; at += 4096)
+        memory.word(large + at).store_relaxed(7);
+    memory.release(small, 512);
+    memory.release(large, 4 * kMebi);
+    for (std::size_t word = 1; word < 64; ++word)
+        CHECK_EQ(memory.word(small + 8 * word).load_relaxed(), word + 1);
+    for (std::size_t at = 4096; at < 4 * kMebi; at += 4096) {
+        const std::uint64_t stale = memory.word(large + at).load_relaxed();
+        CHECK(stale == 0 || stale == 7);
+    }
+    CHECK_EQ(memory.allocate(4 * kMebi), large);
+    memory.word(large + 2 * kMebi).store_relaxed(9);
+    CHECK_EQ(memory.word(large + 2 * kMebi).load_relaxed(), 9U);
+}
+
+TFDB_TEST(memory_sparse_blocks_are_zero_and_do_not_count) {
+    PrivateMemory memory;
+    const std::size_t used = memory.used_bytes();
+    const Offset table = memory.allocate_sparse(200 * kMebi);
+    CHECK_EQ(memory.used_bytes(), used);
+    for (std::size_t at = 0; at < 200 * kMebi; at += 16 * kMebi)
+        CHECK_EQ(memory.word(table + at).load_relaxed(), 0U);
+    const Offset after = memory.allocate(64);
+    CHECK(after >= table + 200 * kMebi || after < table);
+}
+
+}  // namespace tfdb::memory

@@ -1,0 +1,144 @@
+// Steady state asks the heap for nothing: neither commits nor lookups. The counting `new` replaces
+// the program's own, and is left out under sanitizers, which bring theirs.
+#include <array>
+#include <atomic>
+#include <cstdlib>
+#include <new>
+
+#include "tfdb/store/fixture.hpp"
+
+#if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__)
+#define TFDB_COUNTS_ALLOCATIONS 0
+#elif defined(__has_feature)
+#if __has_feature(address_sanitizer) || __has_feature(thread_sanitizer)
+#define TFDB_COUNTS_ALLOCATIONS 0
+#endif
+#endif
+#ifndef TFDB_COUNTS_ALLOCATIONS
+#define TFDB_COUNTS_ALLOCATIONS 1
+#endif
+
+#if TFDB_COUNTS_ALLOCATIONS
+
+namespace {
+thread_local long g_allocations = 0;
+}
+
+void* operator new(std::size_t bytes) {
+    ++g_allocations;
+    if (void* block = std::malloc(bytes == 0 ? 1 : bytes))
+        return block;
+    throw std::bad_alloc();
+}
+void operator delete(void* block) noexcept {
+    std::free(block);
+}
+void operator delete(void* block, std::size_t) noexcept {
+    std::free(block);
+}
+
+namespace tfdb {
+namespace {
+
+using namespace fixture;
+
+constexpr int kWarm = 5000;
+constexpr int kCounted = 20'000;
+
+/// How often `call(i)` allocates in all, after it has been called for a while.
+template <class Call>
+long counted(Call&& call) {
+    for (int i = 0; i < kWarm; ++i)
+        call(i);
+    const long before = g_allocations;
+    for (int i = kWarm; i < kWarm + kCounted; ++i)
+        call(i);
+    return g_allocations - before;
+}
+
+const std::array<std::string, 11> kNames = {"world", "j0", "j1", "j2", "j3", "j4",
+                                            "j5",    "j6", "j7", "j8", "j9"};
+
+std::array<TransformView, 10> joints(StampNs stamp) {
+    std::array<TransformView, 10> batch;
+    for (std::size_t i = 0; i < batch.size(); ++i)
+        batch[i] = {kNames[i], kNames[i + 1], stamp, pose_of(static_cast<double>(i))};
+    return batch;
+}
+
+Buffer robot() {
+    Buffer buffer(keeping(200));
+    for (StampNs stamp = 0; stamp < 1000; ++stamp)
+        buffer.set_transforms(joints(stamp), false, "joints");
+    return buffer;
+}
+
+}  // namespace
+
+TFDB_TEST(allocation_is_counted_at_all) {
+    CHECK_EQ(counted([](int) { ::operator delete(::operator new(8)); }), kCounted);
+}
+
+TFDB_TEST(allocation_none_in_set_transform_of_one_edge) {
+    Buffer buffer(keeping(200));
+    CHECK_EQ(counted([&](int i) { set(buffer, "map", "base", i, pose_of(1), "ekf"); }), 0);
+    // A correction and a late sample neither.
+    CHECK_EQ(counted([&](int i) {
+                 const StampNs stamp = kWarm + kCounted + i;
+                 set(buffer, "map", "base", stamp - (i % 5 == 0 ? 3 : 0), pose_of(1), "ekf");
+             }),
+             0);
+}
+
+TFDB_TEST(allocation_none_in_set_transforms_of_ten_edges) {
+    Buffer buffer = robot();
+    CHECK_EQ(counted([&](int i) { buffer.set_transforms(joints(1000 + i), false, "joints"); }), 0);
+}
+
+TFDB_TEST(allocation_none_in_static_revisions) {
+    Buffer buffer;
+    CHECK_EQ(counted([&](int i) { set_static(buffer, "base", "eye", pose_of(i)); }), 0);
+}
+
+TFDB_TEST(allocation_none_in_lookups) {
+    const Buffer buffer = robot();
+    FrameHandle world;
+    FrameHandle tip;
+    CHECK(buffer.find_frame("world", world) && buffer.find_frame("j9", tip));
+    Answer answer;
+    Failure failure;
+    long answered = 0;
+    CHECK_EQ(counted([&](int i) {
+                 answered += buffer.try_lookup(world, tip, 800 + i % 199, {}, answer, failure);
+                 answered += buffer.try_lookup(tip, world, std::nullopt, {}, answer, failure);
+                 answered += buffer.try_lookup_latest(world, tip, {}, 0, answer, failure);
+                 answered += buffer.try_lookup_full(tip, 900, tip, 850, world, {}, answer, failure);
+                 answered += buffer.find_frame("j5", tip) && buffer.find_frame("j9", tip);
+             }),
+             0);
+    CHECK_EQ(answered, 5L * (kWarm + kCounted));
+}
+
+TFDB_TEST(allocation_none_in_lookups_that_fail) {
+    Buffer buffer = robot();
+    set_static(buffer, "space", "moon", pose_of(1));
+    FrameHandle world;
+    FrameHandle tip;
+    FrameHandle moon;
+    CHECK(buffer.find_frame("world", world) && buffer.find_frame("j9", tip));
+    CHECK(buffer.find_frame("moon", moon));
+    Answer answer;
+    Failure failure;
+    long answered = 0;
+    CHECK_EQ(counted([&](int i) {
+                 answered += buffer.try_lookup(world, tip, 5000 + i, {}, answer, failure);
+                 answered += buffer.try_lookup(moon, tip, 900, {}, answer, failure);
+                 answered += buffer.try_lookup(world, {}, 900, {}, answer, failure);
+             }),
+             0);
+    CHECK_EQ(answered, 0);
+}
+
+}  // namespace tfdb
+
+#endif

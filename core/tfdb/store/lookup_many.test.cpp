@@ -1,0 +1,239 @@
+// Batches of stamps and points: equal to one lookup after another.
+#include <algorithm>
+#include <limits>
+#include <random>
+
+#include "tfdb/store/fixture.hpp"
+
+namespace tfdb {
+namespace {
+
+using namespace fixture;
+using lookup::PolicyKind;
+
+constexpr StampNs kEnd = 40'000;
+
+/// map <- a <- b <- c and map <- d: in order, late, static, re-parented in the middle.
+Buffer forest() {
+    Buffer buffer(keeping(std::nullopt));
+    std::mt19937 random(3);
+    std::vector<TransformView> batch;
+    const auto some = [&] { return pose_of(static_cast<double>(random() % 1000) / 7); };
+    for (StampNs stamp = 0; stamp <= kEnd; stamp += 20) {
+        batch.push_back({"map", "a", stamp + static_cast<StampNs>(random() % 10), some()});
+        batch.push_back({"b", "c", stamp, some()});
+        batch.push_back({stamp < kEnd / 2 ? "map" : "a", "d", stamp, some()});
+    }
+    buffer.set_transforms(batch, false, "");
+    set_static(buffer, "a", "b", pose_of(3));
+    for (int i = 0; i < 200; ++i)
+        set(buffer, "b", "c", static_cast<StampNs>(random() % kEnd), some());
+    return buffer;
+}
+
+std::vector<StampNs> some_stamps(bool sorted, StampNs from, StampNs to) {
+    std::mt19937_64 random(9);
+    std::vector<StampNs> stamps(1500);
+    for (StampNs& stamp : stamps)
+        stamp = std::uniform_int_distribution<StampNs>(from, to)(random);
+    if (sorted)
+        std::sort(stamps.begin(), stamps.end());
+    return stamps;
+}
+
+const Policy kPolicies[] = {{PolicyKind::kInterpolate, lookup::kNoLimit},
+                            {PolicyKind::kInterpolate, 18},
+                            {PolicyKind::kExact, lookup::kNoLimit},
+                            {PolicyKind::kPrevious, lookup::kNoLimit},
+                            {PolicyKind::kPrevious, 9},
+                            {PolicyKind::kNearest, lookup::kNoLimit},
+                            {PolicyKind::kNearest, 4},
+                            {PolicyKind::kExtrapolate, 700}};
+
+void check_row(const Reads& reads, const char* target, const char* source, StampNs stamp,
+               const Policy& policy, const double* row) {
+    std::optional<Pose> expected;
+    try {
+        expected = reads.lookup_transform(target, source, stamp, policy).pose;
+    } catch (const Error&) {
+    }
+    if (!expected) {
+        CHECK(std::all_of(row, row + 7, [](double x) { return std::isnan(x); }));
+        return;
+    }
+    Pose got;
+    std::copy_n(row, 7, &got.translation.x);
+    CHECK_NEAR(apart(got, *expected) / (1.0 + std::abs(number_of(*expected))), 0.0, 1e-12);
+}
+
+}  // namespace
+
+TFDB_TEST(lookup_many_equals_scalar_lookups_under_every_policy) {
+    const Buffer buffer = forest();
+    for (const auto& [target, source] :
+         {std::pair{"map", "a"}, {"map", "c"}, {"c", "map"}, {"a", "a"}, {"c", "d"}, {"b", "a"}}) {
+        for (const bool sorted : {true, false}) {
+            const auto stamps = some_stamps(sorted, 0, kEnd + 900);
+            std::vector<double> rows(7 * stamps.size());
+            for (const Policy& policy : kPolicies) {
+                buffer.lookup_many(target, source, stamps, policy, Layout::kPose, Missing::kNan,
+                                   rows);
+                for (std::size_t i = 0; i < stamps.size(); i += 3)
+                    check_row(buffer, target, source, stamps[i], policy, &rows[7 * i]);
+            }
+        }
+    }
+}
+
+TFDB_TEST(lookup_many_gives_matrices_of_the_same_poses) {
+    const Buffer buffer = forest();
+    const auto stamps = some_stamps(false, 100, kEnd - 100);
+    std::vector<double> rows(7 * stamps.size());
+    std::vector<double> matrices(16 * stamps.size());
+    for (const char* target : {"map", "d"}) {
+        buffer.lookup_many(target, "c", stamps, {}, Layout::kPose, Missing::kThrow, rows);
+        buffer.lookup_many(target, "c", stamps, {}, Layout::kMatrix, Missing::kThrow, matrices);
+        for (std::size_t i = 0; i < stamps.size(); ++i) {
+            Pose pose;
+            std::copy_n(&rows[7 * i], 7, &pose.translation.x);
+            const double* m = &matrices[16 * i];
+            const geometry::Vec3 p = geometry::apply(pose, {1.5, -2.5, 0.75});
+            CHECK_NEAR(m[0] * 1.5 + m[1] * -2.5 + m[2] * 0.75 + m[3], p.x, 1e-9);
+            CHECK_NEAR(m[4] * 1.5 + m[5] * -2.5 + m[6] * 0.75 + m[7], p.y, 1e-9);
+            CHECK_NEAR(m[8] * 1.5 + m[9] * -2.5 + m[10] * 0.75 + m[11], p.z, 1e-9);
+            CHECK(m[12] == 0.0 && m[13] == 0.0 && m[14] == 0.0 && m[15] == 1.0);
+        }
+    }
+}
+
+TFDB_TEST(lookup_many_says_which_stamp_was_refused_first) {
+    const Buffer buffer = forest();
+    for (const char* source : {"c", "d"}) {  // copied whole, and looked up one by one
+        auto stamps = some_stamps(true, 100, kEnd - 100);
+        stamps[700] = kEnd + 5000;
+        stamps[900] = kEnd + 6000;
+        std::vector<double> rows(7 * stamps.size());
+        const auto error = THROWN(
+            Extrapolation,
+            buffer.lookup_many("map", source, stamps, {}, Layout::kPose, Missing::kThrow, rows));
+        CHECK(error && error->detail().index == 700U && error->detail().stamp == kEnd + 5000);
+        CHECK(error && error->detail().target == "map" && error->detail().source == source);
+        buffer.lookup_many("map", source, stamps, {}, Layout::kPose, Missing::kNan, rows);
+        for (std::size_t i = 0; i < stamps.size(); ++i)
+            CHECK_EQ(std::isnan(rows[7 * i]), i == 700 || i == 900);
+    }
+    std::vector<double> row(7);
+    const StampNs stamp = 100;
+    for (const Missing missing : {Missing::kThrow, Missing::kNan}) {
+        CHECK_THROWS_AS(
+            buffer.lookup_many("nil", "c", {&stamp, 1}, {}, Layout::kPose, missing, row),
+            UnknownFrame);
+    }
+}
+
+TFDB_TEST(lookup_many_of_no_stamps_and_of_frames_in_two_trees) {
+    Buffer buffer = forest();
+    set_static(buffer, "space", "moon", pose_of(1));
+    std::vector<double> row(7);
+    buffer.lookup_many("map", "c", {}, {}, Layout::kPose, Missing::kThrow, {});
+    const StampNs stamp = 100;
+    for (const Missing missing : {Missing::kThrow, Missing::kNan}) {
+        CHECK_THROWS_AS(
+            buffer.lookup_many("moon", "c", {&stamp, 1}, {}, Layout::kPose, missing, row),
+            Disconnected);
+    }
+}
+
+namespace {
+
+template <class Real>
+void check_points(const Reads& reads, const char* source, std::size_t stride, double tolerance) {
+    const auto stamps = some_stamps(stride == 3, 100, kEnd - 100);
+    std::mt19937 random(4);
+    std::vector<Real> points(stride * stamps.size());
+    for (Real& number : points)
+        number = static_cast<Real>(static_cast<double>(random() % 2000) / 100 - 10);
+    std::vector<Real> out(3 * stamps.size());
+    reads.transform_points("map", source, points.data(), stride, stamps.size(), stamps, {},
+                           out.data(), 3);
+    auto in_place = points;
+    reads.transform_points("map", source, in_place.data(), stride, stamps.size(), stamps, {},
+                           in_place.data(), stride);
+    for (std::size_t i = 0; i < stamps.size(); ++i) {
+        const Pose pose = reads.lookup_transform("map", source, stamps[i]).pose;
+        const Real* p = &points[stride * i];
+        const geometry::Vec3 moved = geometry::apply(pose, {p[0], p[1], p[2]});
+        CHECK_NEAR(static_cast<double>(out[3 * i]), moved.x, tolerance);
+        CHECK_NEAR(static_cast<double>(out[3 * i + 1]), moved.y, tolerance);
+        CHECK_NEAR(static_cast<double>(out[3 * i + 2]), moved.z, tolerance);
+        CHECK(std::equal(&out[3 * i], &out[3 * i] + 3, &in_place[stride * i]));
+        for (std::size_t more = 3; more < stride; ++more)
+            CHECK(in_place[stride * i + more] == points[stride * i + more]);
+    }
+}
+
+}  // namespace
+
+TFDB_TEST(transform_points_equals_scalar_lookups_and_moves_none_twice) {
+    const Buffer buffer = forest();
+    for (const char* source : {"a", "c", "d"}) {  // d was re-parented: one lookup after another
+        check_points<double>(buffer, source, 3, 1e-9);
+        check_points<double>(buffer, source, 5, 1e-9);
+        check_points<float>(buffer, source, 3, 2e-4);
+        check_points<float>(buffer, source, 4, 2e-4);
+    }
+}
+
+TFDB_TEST(transform_points_with_one_stamp_for_all) {
+    const Buffer buffer = forest();
+    const StampNs stamp = 12'345;
+    std::vector<double> points(300);
+    for (std::size_t i = 0; i < points.size(); ++i)
+        points[i] = static_cast<double>(i) - 150;
+    for (const char* source : {"c", "d"}) {
+        const Pose pose = buffer.lookup_transform("map", source, stamp).pose;
+        std::vector<double> out(300);
+        buffer.transform_points("map", source, points.data(), 3, 100, {&stamp, 1}, {}, out.data(),
+                                3);
+        for (std::size_t i = 0; i < 100; ++i) {
+            const geometry::Vec3 moved =
+                geometry::apply(pose, {points[3 * i], points[3 * i + 1], points[3 * i + 2]});
+            CHECK_NEAR(out[3 * i], moved.x, 1e-9);
+            CHECK_NEAR(out[3 * i + 2], moved.z, 1e-9);
+        }
+    }
+    const StampNs three[] = {1, 2, 3};
+    CHECK_THROWS_AS(
+        buffer.transform_points("map", "c", points.data(), 3, 100, three, {}, points.data(), 3),
+        InvalidArgument);
+}
+
+TFDB_TEST(transform_points_refused_in_place_leaves_every_point) {
+    const Buffer buffer = forest();
+    auto stamps = some_stamps(true, 100, kEnd - 100);
+    stamps[1200] = kEnd + 5000;
+    std::vector<double> points(3 * stamps.size(), 1.25);
+    for (const char* source : {"c", "d"}) {
+        const auto error = THROWN(
+            Extrapolation, buffer.transform_points("map", source, points.data(), 3, stamps.size(),
+                                                   stamps, {}, points.data(), 3));
+        CHECK(error && error->detail().index == 1200U);
+        CHECK(std::all_of(points.begin(), points.end(), [](double x) { return x == 1.25; }));
+    }
+}
+
+TFDB_TEST(path_stamps_are_those_of_the_moving_edges_within_what_all_cover) {
+    Buffer buffer(keeping(std::nullopt));
+    for (const StampNs stamp : {10, 20, 30, 40, 50})
+        set(buffer, "map", "a", stamp, pose_of(1));
+    for (const StampNs stamp : {15, 25, 30, 45, 60})
+        set(buffer, "a", "b", stamp, pose_of(2));
+    set_static(buffer, "b", "c", pose_of(3));
+    using Stamps = std::vector<StampNs>;
+    CHECK(buffer.path_stamps("map", "c", {}, {}) == Stamps({15, 20, 25, 30, 40, 45, 50}));
+    CHECK(buffer.path_stamps("c", "map", 21, 44) == Stamps({25, 30, 40}));
+    CHECK(buffer.path_stamps("b", "c", {}, {}).empty());
+    CHECK(buffer.path_stamps("a", "a", {}, {}).empty());
+}
+
+}  // namespace tfdb

@@ -1,0 +1,195 @@
+// Snapshots: one state for as long as they are held, whatever writers do meanwhile.
+#include <memory>
+#include <thread>
+
+#include "tfdb/store/fixture.hpp"
+
+namespace tfdb {
+namespace {
+
+using namespace fixture;
+
+constexpr StampNs kHistory = 64;
+
+/// map <- a <- b moving, b <- c static, map <- other moving.
+CommitNumber advance(Buffer& buffer, StampNs stamp) {
+    const auto number = static_cast<double>(stamp % 100'000);
+    const TransformView batch[] = {{"map", "a", stamp, pose_of(number)},
+                                   {"a", "b", stamp, pose_of(number + 1)},
+                                   {"map", "other", stamp, pose_of(number + 2)}};
+    return buffer.set_transforms(batch, false, "");
+}
+
+/// All that a snapshot answers, bit for bit.
+struct Record {
+    std::vector<Pose> poses;
+    std::vector<StampNs> stamps;
+    std::vector<std::string> frames;
+    std::vector<double> rows;
+
+    Record(const Reads& reads, StampNs newest) {
+        for (StampNs stamp = newest - kHistory; stamp <= newest; stamp += 7) {
+            keep(reads.lookup_transform("map", "c", stamp));
+            keep(reads.lookup_transform("other", "b", stamp,
+                                        {lookup::PolicyKind::kNearest, lookup::kNoLimit}));
+        }
+        keep(reads.lookup_transform("c", "other"));
+        keep(reads.lookup_latest_transform("other", "c"));
+        frames = reads.frames();
+        for (const std::string& frame : frames) {
+            const Samples samples = reads.samples(frame);
+            poses.insert(poses.end(), samples.poses.begin(), samples.poses.end());
+            stamps.insert(stamps.end(), samples.stamps.begin(), samples.stamps.end());
+        }
+        const auto times = reads.path_stamps("other", "c", {}, {});
+        stamps.insert(stamps.end(), times.begin(), times.end());
+        rows.resize(7 * times.size());
+        reads.lookup_many("other", "c", times, {}, Layout::kPose, Missing::kThrow, rows);
+        stamps.push_back(static_cast<StampNs>(reads.commit()));
+    }
+    void keep(const Answer& answer) {
+        poses.push_back(answer.pose);
+        stamps.push_back(answer.stamp);
+        stamps.push_back(static_cast<StampNs>(answer.commit));
+    }
+    [[nodiscard]] bool same(const Record& other) const {
+        return stamps == other.stamps && frames == other.frames && rows == other.rows &&
+               std::equal(poses.begin(), poses.end(), other.poses.begin(), other.poses.end(),
+                          identical);
+    }
+};
+
+}  // namespace
+
+TFDB_TEST(snapshots_answer_the_same_bits_beside_two_hundred_thousand_commits) {
+    constexpr StampNs kCommits = 200'000;
+    Buffer buffer(keeping(kHistory));
+    set_static(buffer, "b", "c", pose_of(77));
+    StampNs now = 0;
+    while (now < 1000)
+        advance(buffer, ++now);
+    const Snapshot held = buffer.snapshot();
+    const Record first(held, now);
+    std::thread writer([&buffer, now] {
+        for (StampNs stamp = now + 1; stamp <= now + kCommits; ++stamp) {
+            advance(buffer, stamp);
+            if (stamp % 1000 == 0)
+                set_static(buffer, "b", "c", pose_of(static_cast<double>(stamp % 97)));
+        }
+    });
+    int rounds = 0;
+    while (buffer.commit() < kCommits) {
+        CHECK(first.same(Record(held, now)));
+        ++rounds;
+    }
+    writer.join();
+    CHECK(rounds > 0);
+    CHECK(first.same(Record(held, now)));
+    CHECK_EQ(number_of(buffer.lookup_transform("map", "a").pose), (now + kCommits) % 100'000);
+}
+
+TFDB_TEST(snapshots_are_given_up_when_their_memory_is_spent_and_fresh_reads_go_on) {
+    BufferOptions options = keeping(kHistory);
+    options.snapshot_memory = 128 * 1024;
+    Buffer buffer(options);
+    set_static(buffer, "b", "c", pose_of(77));
+    StampNs now = 0;
+    while (now < 1000)
+        advance(buffer, ++now);
+    const Snapshot held = buffer.snapshot();
+    const Record first(held, now);
+    const StampNs asked = now - 10;
+    bool lost = false;
+    for (int i = 0; i < 20'000; ++i) {
+        advance(buffer, ++now);
+        CHECK_EQ(buffer.lookup_transform("other", "c").stamp, now);
+        try {
+            CHECK_EQ(held.lookup_transform("map", "c", asked).stamp, asked);
+            CHECK(!lost);  // once lost it stays lost
+        } catch (const SnapshotTooOld& error) {
+            CHECK_EQ(error.detail().commit.value_or(0), held.commit());
+            lost = true;
+        }
+    }
+    CHECK(lost);
+    CHECK_THROWS_AS(held.samples("a"), SnapshotTooOld);
+    CHECK_THROWS_AS(held.tree(), SnapshotTooOld);
+    const auto error = THROWN(SnapshotTooOld, held.lookup_transform("other", "c"));
+    CHECK(error && says(*error, "snapshot_memory"));
+    CHECK(buffer.memory().used_bytes < 512 * 1024);
+    const Snapshot again = buffer.snapshot();
+    CHECK(Record(again, now).same(Record(buffer, now)));
+}
+
+TFDB_TEST(snapshots_with_any_budget_may_be_asked_for) {
+    BufferOptions options = keeping(kHistory);
+    options.snapshot_memory = std::numeric_limits<std::size_t>::max();
+    Buffer buffer(options);
+    StampNs now = 0;
+    while (now < 1000)
+        advance(buffer, ++now);
+    const Snapshot held = buffer.snapshot();
+    for (int i = 0; i < 5000; ++i)
+        advance(buffer, ++now);
+    CHECK_EQ(held.lookup_transform("map", "b", 990).stamp, 990);
+}
+
+TFDB_TEST(snapshots_taken_again_and_again_do_not_make_the_store_grow) {
+    Buffer buffer(keeping(kHistory));
+    StampNs now = 0;
+    std::size_t settled = 0;
+    for (int round = 0; round < 400; ++round) {
+        for (int i = 0; i < 100 * (round % 40); ++i)  // long enough to fill any ring again
+            advance(buffer, ++now);
+        const Snapshot held = buffer.snapshot();
+        for (int i = 0; i < 50; ++i)
+            advance(buffer, ++now);
+        if (round == 120)
+            settled = buffer.memory().used_bytes;
+    }
+    CHECK_EQ(buffer.memory().used_bytes, settled);
+    CHECK(settled < 128 * 1024);
+}
+
+TFDB_TEST(snapshots_live_longer_than_their_buffer) {
+    auto buffer = std::make_unique<Buffer>(keeping(kHistory));
+    set_static(*buffer, "b", "c", pose_of(77));
+    StampNs now = 0;
+    while (now < 100)
+        advance(*buffer, ++now);
+    Snapshot held = buffer->snapshot();
+    const Record first(held, now);
+    const Snapshot moved = std::move(held);
+    buffer.reset();
+    CHECK(first.same(Record(moved, now)));
+}
+
+TFDB_TEST(snapshots_of_the_empty_store) {
+    Buffer buffer;
+    const Snapshot empty = buffer.snapshot();
+    set(buffer, "map", "a", kSecond, pose_of(1));
+    CHECK_EQ(empty.commit(), 0U);
+    CHECK(empty.frames().empty() && empty.tree().empty());
+    CHECK_THROWS_AS(empty.lookup_transform("map", "a"), UnknownFrame);
+    FrameHandle handle;
+    CHECK(!empty.find_frame("map", handle));
+}
+
+TFDB_TEST(snapshots_see_neither_clear_nor_correction) {
+    Buffer buffer(keeping(std::nullopt));
+    for (StampNs stamp = 10; stamp <= 50; stamp += 10)
+        set(buffer, "map", "a", stamp, pose_of(static_cast<double>(stamp)));
+    const Snapshot before = buffer.snapshot();
+    set(buffer, "map", "a", 30, pose_of(99));
+    const Snapshot corrected = buffer.snapshot();
+    buffer.clear();
+    const Snapshot cleared = buffer.snapshot();
+    set(buffer, "map", "a", 5, pose_of(1));
+    CHECK_EQ(number_of(before.lookup_transform("map", "a", 30).pose), 30.0);
+    CHECK_EQ(number_of(corrected.lookup_transform("map", "a", 30).pose), 99.0);
+    CHECK_EQ(before.frame_info("a").samples, 5U);
+    CHECK_THROWS_AS(cleared.lookup_transform("map", "a", 30), Disconnected);
+    CHECK_EQ(buffer.lookup_transform("map", "a").stamp, 5);
+}
+
+}  // namespace tfdb
