@@ -62,8 +62,7 @@ template <class Memory>
 class Forest {
 public:
     explicit Forest(const Script& script)
-        : frames(memory, memory.allocate(graph::kStoreBytes),
-                 memory.allocate(kFrames * history::kHeaderBytes), kFrames),
+        : frames(memory, root, headers, kFrames),
           names(frames),
           history(script.history.value_or(history::kForever)) {
         scratch.touched.reserve(8);
@@ -97,6 +96,8 @@ public:
     }
 
     Memory memory;
+    Offset root = memory.allocate(graph::kStoreBytes);
+    Offset headers = memory.allocate(kFrames * history::kHeaderBytes);
     graph::Frames<Memory> frames;
     graph::Names<Memory> names;
     StampNs history;
