@@ -33,9 +33,10 @@ class EdgeUse:
     before: int | None
     """Stamp of the earlier sample; None for a static edge."""
     after: int | None
-    """Stamp of the later sample; that of `before` where only one was used."""
+    """Stamp of the later sample, also of another parent's before which this one is held; that of
+    `before` where only one was looked at."""
     gap: int
-    """Time between the two; 0 where only one was used."""
+    """Time between the two; 0 where only one was looked at."""
     age: int
     """How much older than the transform's stamp the sample `before` is; negative where it is
     newer; 0 for a static edge. In a latest lookup: how much older than the path's newest sample."""
@@ -78,7 +79,7 @@ class Report:
 
     @property
     def max_gap(self) -> int:
-        """Longest gap that was interpolated over; 0 if none was."""
+        """Longest gap between the two samples that an edge was made from or held between."""
         return max((edge.gap for edge in self.edges), default=0)
 
     @property
