@@ -7,7 +7,11 @@
 #include "reads.hpp"
 #include "transform.hpp"
 
+namespace nb = nanobind;
+
 NB_MODULE(_core, module) {
+    // A policy or a buffer in a global of the user's is alive at exit, and no leak.
+    nb::set_leak_warnings(false);
     module.doc() = "The compiled part of tfdb. Use the names that `tfdb` exports.";
     module.attr("__version__") = TFDB_VERSION;
     tfdb::python::bind_fields();
