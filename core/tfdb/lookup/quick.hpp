@@ -187,17 +187,17 @@ private:
     [[nodiscard]] static std::uint64_t slot_word(const Ring& ring, std::uint64_t index) {
         return slot_at(ring, index)->load_relaxed();
     }
-    static void read_pose(const Word* slot, geometry::Pose& pose) {
-        const auto number = [&](int i) {
+    /// Number by number: a copy of several words would wait until each of them has been stored.
+    [[gnu::always_inline]] static geometry::Pose pose_in(const Word* slot) {
+        const auto number = [slot](int i) {
             return std::bit_cast<double>(slot[1 + i].load_relaxed());
         };
-        pose.translation.x = number(0);
-        pose.translation.y = number(1);
-        pose.translation.z = number(2);
-        pose.rotation.x = number(3);
-        pose.rotation.y = number(4);
-        pose.rotation.z = number(5);
-        pose.rotation.w = number(6);
+        return {{number(0), number(1), number(2)}, {number(3), number(4), number(5), number(6)}};
+    }
+    /// Not inlined: mixing and composing together do not fit into the registers.
+    [[gnu::noinline]] static void mix_slots(const Word* before, const Word* after, double share,
+                                            geometry::Pose& pose) {
+        geometry::assign(pose, geometry::between(pose_in(before), pose_in(after), share));
     }
 
     /// Index of the sample at or before the stamp; false where the general code must look. Samples
@@ -262,9 +262,7 @@ private:
         StampNs before = history::kNoStamp;
         StampNs after = history::kNoStamp;
         Used used = Used::kStatic;
-        geometry::Pose pose;
-        geometry::Pose next = geometry::identity();
-        bool mix = false;
+        const Word* next = nullptr;
         if (!ring.is_static && policy_.kind == PolicyKind::kLatest) {
             used = Used::kLatest;
             before = after = stamp_at(ring, index);
@@ -272,12 +270,12 @@ private:
             if (!find(node, ring, index, before)) {
                 return false;
             }
-            mix = before != stamp_;
-            used = mix ? Used::kInterpolated : Used::kExact;
+            used = Used::kExact;
             after = before;
-            if (mix) {
+            if (before != stamp_) {
+                used = Used::kInterpolated;
                 after = stamp_at(ring, index + 1);
-                read_pose(slot_at(ring, index + 1), next);
+                next = slot_at(ring, index + 1);
             }
             if (after - before > policy_.limit) {
                 return false;
@@ -285,7 +283,13 @@ private:
         }
         const Word* slot = slot_at(ring, index);
         const std::uint64_t first = slot->load_relaxed();
-        read_pose(slot, pose);
+        geometry::Pose pose;
+        if (next != nullptr) {
+            mix_slots(slot, next, share(before, after, stamp_), pose);
+        } else {
+            geometry::assign(pose, pose_in(slot));
+        }
+        // A pose from words that were overwritten meanwhile is turned down here.
         if (!confirm(node, ring, index) || !ascend(node, first)) {
             return false;
         }
@@ -299,9 +303,6 @@ private:
         use.after = after;
         use.used = used;
         use.inverted = inverted;
-        if (mix) {
-            geometry::assign(pose, geometry::interpolate(pose, next, share(before, after, stamp_)));
-        }
         if (moved) {
             geometry::assign(composed, geometry::compose(pose, composed));
         } else {
