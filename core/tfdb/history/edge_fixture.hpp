@@ -67,7 +67,7 @@ public:
             !view.confirm(around.lowest)) {
             return false;
         }
-        const auto expected = visible(snapshot);
+        const auto& expected = visible(snapshot);
         const auto after = expected.upper_bound(stamp);
         judge(view, around.after, after == expected.end() ? nullptr : &after->second);
         judge(view, around.before, after == expected.begin() ? nullptr : &std::prev(after)->second);
@@ -114,8 +114,13 @@ private:
         }
     }
 
-    [[nodiscard]] std::map<StampNs, Entry> visible(CommitNumber snapshot) const {
-        std::map<StampNs, Entry> found;
+    [[nodiscard]] const std::map<StampNs, Entry>& visible(CommitNumber snapshot) {
+        if (seen_snapshot_ == snapshot && seen_entries_ == entries_.size())
+            return seen_;
+        seen_snapshot_ = snapshot;
+        seen_entries_ = entries_.size();
+        std::map<StampNs, Entry>& found = seen_;
+        found.clear();
         for (const Entry& entry : entries_) {
             if (entry.commit > snapshot)
                 break;
@@ -150,6 +155,9 @@ private:
     std::uint64_t value_ = 0;
     std::vector<Entry> entries_;
     std::vector<Entry> pending_;
+    std::map<StampNs, Entry> seen_;  // what `visible` found last
+    CommitNumber seen_snapshot_ = 0;
+    std::size_t seen_entries_ = 0;
 };
 
 }  // namespace tfdb::history::fixture

@@ -106,7 +106,7 @@ TFDB_TEST(threads_commit_numbers_never_go_back) {
 TFDB_TEST(threads_every_answer_comes_from_one_commit_whatever_happens_to_the_forest) {
     // The number in each pose says which parent and which generation of the tool it was written
     // for.
-    constexpr int kRounds = 5'000;
+    constexpr int kRounds = 1'500;
     Buffer buffer(keeping(50));
     set_static(buffer, "map", "dock", pose_of(1000));
     set_static(buffer, "map", "arm", pose_of(2000));
