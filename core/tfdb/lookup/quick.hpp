@@ -249,6 +249,15 @@ private:
         return true;
     }
 
+    static void put_in_front(const geometry::Pose& pose, geometry::Pose& composed, bool& moved) {
+        if (moved) {
+            geometry::assign(composed, geometry::compose(pose, composed));
+        } else {
+            geometry::assign(composed, pose);
+        }
+        moved = true;
+    }
+
     /// Takes one edge: its pose at the stamp goes in front of what was composed so far.
     [[nodiscard, gnu::always_inline]] bool step(Node& node, geometry::Pose& composed, bool& moved,
                                                 std::vector<EdgeUse>& uses, bool inverted) {
@@ -303,12 +312,7 @@ private:
         use.after = after;
         use.used = used;
         use.inverted = inverted;
-        if (moved) {
-            geometry::assign(composed, geometry::compose(pose, composed));
-        } else {
-            geometry::assign(composed, pose);
-        }
-        moved = true;
+        put_in_front(pose, composed, moved);
         return true;
     }
 
