@@ -21,7 +21,7 @@ class Results:
     units: dict[tuple[str, str, int], str] = field(default_factory=dict)
 
     def add(self, source: str, row: str, chain: int, unit: str, rounds: Rounds) -> None:
-        self.rows.setdefault((source, row, chain), {}).update(rounds)
+        self.rows[source, row, chain] = rounds
         self.units[source, row, chain] = unit
         medians = "  ".join(f"{k} {statistics.median(v):,.4g}" for k, v in rounds.items())
         print(f"{source:>7} | {row}, chain {chain}: {medians} {unit}", flush=True)
