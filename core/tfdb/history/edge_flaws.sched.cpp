@@ -52,7 +52,7 @@ MakeFlaw commit_first() {
 }
 
 MakeFlaw forgotten(HeaderWord word,
-                   std::function<bool(std::uint64_t now, std::uint64_t value)> when) {
+                   const std::function<bool(std::uint64_t now, std::uint64_t value)>& when) {
     return [=](const SmallMemory& memory, const Places& places) {
         const Word* const chosen = &header_word(memory, places, word);
         return std::make_unique<Forgets>([=](const Word& asked, std::uint64_t value) {

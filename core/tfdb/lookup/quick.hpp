@@ -270,7 +270,7 @@ private:
         std::uint64_t index = ring.head - 1;
         StampNs before = history::kNoStamp;
         StampNs after = history::kNoStamp;
-        Used used = Used::kStatic;
+        Used used = ring.is_static ? Used::kStatic : Used::kExact;
         const Word* next = nullptr;
         if (!ring.is_static && policy_.kind == PolicyKind::kLatest) {
             used = Used::kLatest;
@@ -279,7 +279,6 @@ private:
             if (!find(node, ring, index, before)) {
                 return false;
             }
-            used = Used::kExact;
             after = before;
             if (before != stamp_) {
                 used = Used::kInterpolated;

@@ -67,8 +67,12 @@ bool equal(const A& a, const B& b) {
     constexpr bool kIntegers = std::is_integral_v<A> && std::is_integral_v<B> &&
                                !std::is_same_v<A, bool> && !std::is_same_v<B, bool> &&
                                !std::is_same_v<A, char> && !std::is_same_v<B, char>;
+    constexpr bool kMixed = std::is_arithmetic_v<A> && std::is_arithmetic_v<B> &&
+                            std::is_floating_point_v<A> != std::is_floating_point_v<B>;
     if constexpr (kIntegers) {
         return std::cmp_equal(a, b);
+    } else if constexpr (kMixed) {
+        return static_cast<double>(a) == static_cast<double>(b);
     } else {
         return a == b;
     }
