@@ -75,7 +75,8 @@ private:
         }
         StampNs stamp = newest_[edge] + static_cast<StampNs>(1 + below(20));
         if (newest_[edge] >= 0 && below(3) == 0) {
-            stamp = newest_[edge] - static_cast<StampNs>(below(30));
+            stamp =
+                newest_[edge] - static_cast<StampNs>(below(2) * below(30));  // or the same again
             stamp = std::max({stamp, newest_[edge] - history, StampNs{0}});
         }
         newest_[edge] = std::max(newest_[edge], stamp);

@@ -147,6 +147,7 @@ TFDB_TEST(edge_sorts_runs_when_there_are_too_many) {
 
 TFDB_TEST(edge_same_stamp_again_is_a_correction_for_newer_snapshots_only) {
     Edge edge;
+    edge.hold(true);
     for (StampNs stamp = 10; stamp <= 100; stamp += 10)
         edge.commit({stamp});
     for (int again = 0; again < 50; ++again)

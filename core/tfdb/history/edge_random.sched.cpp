@@ -24,9 +24,6 @@ TFDB_SCHED(edge_random_scripts) {
         const sched::Outcome outcome = sched::explore(program(script, stamp, 1), options);
         executions += outcome.executions;
         cut += outcome.complete ? 0 : 1;
-        if (std::getenv("V"))
-            std::printf("%llu %llu %s\n", (unsigned long long)seed,
-                        (unsigned long long)outcome.executions, describe(script, stamp).c_str());
         if (!outcome.violation.empty()) {
             throw sched::Failure{"seed " + std::to_string(seed) + ", " + describe(script, stamp) +
                                  "\n" + outcome.violation + "\n" + outcome.schedule};

@@ -3,6 +3,8 @@
 
 #include <array>
 #include <cstdint>
+#include <utility>
+#include <vector>
 
 #include "tfdb/history/layout.hpp"
 
@@ -72,6 +74,13 @@ public:
     [[nodiscard]] bool has_samples() const;
 
 private:
+    /// Those at [first, end) of the ring: stamp and index.
+    struct SortedSamples {
+        std::uint64_t first = 0;
+        std::uint64_t end = 0;
+        std::vector<std::pair<StampNs, std::uint64_t>> samples;
+    };
+
     [[nodiscard]] typename Memory::Word& word(HeaderWord w) const {
         return memory_.word(header_ + 8 * w);
     }
@@ -96,7 +105,10 @@ private:
     void note_late(const WriteContext& context, StampNs stamp);
     [[nodiscard]] bool widen_slack(std::uint64_t ring, StampNs stamp);
     void start_run(const WriteContext& context);
+    [[nodiscard]] SortedSamples sorted_samples(const WriteContext& context) const;
+    void replace_by(const WriteContext& context, const SortedSamples& sorted);
     void rebuild(const WriteContext& context);
+    [[nodiscard]] bool compact(const WriteContext& context);
     void write_slot(const WriteContext& context, const NewSample<Memory>& sample);
     void update_rate(std::uint64_t ring, std::uint64_t head);
 

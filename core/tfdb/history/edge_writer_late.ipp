@@ -72,50 +72,82 @@ void EdgeWriter<Memory>::start_run(const WriteContext& context) {
     word(kOrder).store_release((runs + 1) << 32 | (order & 0xFFFFFFFFU));
 }
 
-/// Sorts all committed samples after the last clear into one run, in a block of its own. Samples of
-/// the commit in progress stay behind them in their own order, so that it can still be undone.
+/// All committed samples after the last clear, by stamp, and by index among equal stamps.
 template <class Memory>
-void EdgeWriter<Memory>::rebuild(const WriteContext& context) {
+auto EdgeWriter<Memory>::sorted_samples(const WriteContext& context) const -> SortedSamples {
+    const std::uint64_t ring = word(kRing).load_relaxed();
+    SortedSamples sorted;
+    sorted.first = std::max(word(kBegin).load_relaxed(), word(kCleared).load_relaxed());
+    sorted.end = word(kHead).load_relaxed();
+    while (sorted.end > sorted.first && commit_at(ring, sorted.end - 1) > context.committed)
+        --sorted.end;
+    sorted.samples.reserve(sorted.end - sorted.first);
+    for (std::uint64_t i = sorted.first; i < sorted.end; ++i)
+        sorted.samples.emplace_back(stamp_at(ring, i), i);
+    std::sort(sorted.samples.begin(), sorted.samples.end());
+    return sorted;
+}
+
+/// Puts the sorted samples, as one run, into a block of their own, up against those of the commit
+/// in progress: these stay behind them in their own order, so that they can still be undone.
+template <class Memory>
+void EdgeWriter<Memory>::replace_by(const WriteContext& context, const SortedSamples& sorted) {
     const std::uint64_t old_ring = word(kRing).load_relaxed();
-    const std::uint64_t begin = word(kBegin).load_relaxed();
     const std::uint64_t head = word(kHead).load_relaxed();
-    const std::uint64_t first = std::max(begin, word(kCleared).load_relaxed());
-    std::uint64_t pending = head;
-    while (pending > first && commit_at(old_ring, pending - 1) > context.committed)
-        --pending;
-
-    std::vector<std::pair<StampNs, std::uint64_t>> sorted;
-    sorted.reserve(pending - first);
-    for (std::uint64_t i = first; i < pending; ++i)
-        sorted.emplace_back(stamp_at(old_ring, i), i);
-    std::sort(sorted.begin(), sorted.end());
-
-    const unsigned log2_capacity = RingWord::log2_capacity(old_ring);
+    const std::uint64_t start = sorted.end - sorted.samples.size();
     const Offset block = memory_.allocate(RingLayout<Memory>::bytes(RingWord::capacity(old_ring)));
     const std::uint64_t ring =
-        RingWord::pack(block, log2_capacity, RingWord::version(old_ring) + 1);
-    for (std::uint64_t i = begin; i < first; ++i)
+        RingWord::pack(block, RingWord::log2_capacity(old_ring), RingWord::version(old_ring) + 1);
+    for (std::uint64_t i = word(kBegin).load_relaxed(); i < sorted.first; ++i)
         copy_sample(old_ring, i, ring, i);
-    for (std::uint64_t i = 0; i < sorted.size(); ++i) {
-        copy_sample(old_ring, sorted[i].second, ring, first + i);
-    }
-    for (std::uint64_t i = pending; i < head; ++i)
+    for (std::uint64_t i = start; i < sorted.end; ++i)
+        copy_sample(old_ring, sorted.samples[i - start].second, ring, i);
+    for (std::uint64_t i = sorted.end; i < head; ++i)
         copy_sample(old_ring, i, ring, i);
 
     std::uint64_t runs = 1;
-    memory_.word(block).store_relaxed(first);
-    for (std::uint64_t i = pending; i < head; ++i) {
-        if (i == pending || stamp_at(ring, i) < stamp_at(ring, i - 1)) {
+    memory_.word(block).store_relaxed(start);
+    for (std::uint64_t i = sorted.end; i < head; ++i) {
+        if (i == sorted.end || stamp_at(ring, i) < stamp_at(ring, i - 1)) {
             memory_.word(block + 8 * runs++).store_relaxed(i);
         }
     }
     close_ring();
-    word(kSortedEnd).store_relaxed(pending);
+    if (start > sorted.first) {
+        word(kEvictSafe).store_relaxed(context.committed);
+        word(kBegin).store_release(start);
+    }
+    word(kSortedEnd).store_relaxed(sorted.end);
     word(kSortedCommit).store_relaxed(context.committed);
     word(kOrder).store_relaxed(runs << 32);
     word(kParentFrom).store_relaxed(head);
     word(kTopology).store_release(topology() | Topology::kRebuilt);
     publish_ring(old_ring, ring);
+}
+
+/// One run in place of many.
+template <class Memory>
+void EdgeWriter<Memory>::rebuild(const WriteContext& context) {
+    replace_by(context, sorted_samples(context));
+}
+
+/// Drops samples that a later one of the same stamp has replaced: a source that repeats its stamps
+/// (a simulation that stands still) must not fill the memory. False if that would gain little.
+template <class Memory>
+bool EdgeWriter<Memory>::compact(const WriteContext& context) {
+    SortedSamples sorted = sorted_samples(context);
+    auto& samples = sorted.samples;
+    std::size_t kept = 0;
+    for (std::size_t i = 0; i < samples.size(); ++i) {
+        if (i + 1 == samples.size() || samples[i + 1].first != samples[i].first)
+            samples[kept++] = samples[i];
+    }
+    const std::uint64_t capacity = RingWord::capacity(word(kRing).load_relaxed());
+    if (4 * (samples.size() - kept) < capacity)
+        return false;
+    samples.resize(kept);
+    replace_by(context, sorted);
+    return true;
 }
 
 }  // namespace tfdb::history

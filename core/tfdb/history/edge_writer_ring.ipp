@@ -163,7 +163,9 @@ void EdgeWriter<Memory>::make_room(const WriteContext& context) {
         return;
     }
     try {
-        grow();
+        const bool repeats = (topology() & Topology::kUnordered) != 0;
+        if (!repeats || !context.eviction_allowed() || !compact(context))
+            grow();
     } catch (const CapacityExceeded&) {
         // A held snapshot makes writers take more memory, but never stops them.
         if (!obsolete)

@@ -81,6 +81,26 @@ TFDB_TEST(memory_limit_without_anything_obsolete_refuses_and_keeps_all) {
     CHECK_EQ(buffer.frame_info("base").samples, static_cast<std::uint64_t>(stamp / 10));
 }
 
+TFDB_TEST(repeated_stamps_do_not_fill_the_memory) {
+    BufferOptions options;
+    options.history_ns = std::nullopt;
+    options.memory_limit = std::size_t{1} << 18;
+    Buffer buffer(options);
+    for (StampNs stamp = 0; stamp < 1'000; stamp += 10)
+        set(buffer, "base", stamp);
+    const std::size_t before = buffer.memory().used_bytes;
+    for (int i = 0; i < 100'000; ++i) {
+        Pose pose = kPose;
+        pose.translation.x = i;
+        buffer.set_transform({"map", "base", 990 - 10 * (i % 3), pose}, false, "");
+    }
+    CHECK(buffer.memory().used_bytes <= 2 * before);
+    CHECK_EQ(buffer.frame_info("base").samples, 100U);
+    CHECK_EQ(buffer.lookup_transform("map", "base", 990).pose.translation.x, 99'999.0);
+    CHECK_EQ(buffer.lookup_transform("map", "base", 970).pose.translation.x, 99'998.0);
+    CHECK_EQ(buffer.lookup_transform("map", "base", 10).pose.translation.x, 1.0);
+}
+
 TFDB_TEST(listings_miss_no_frame_whose_slot_is_reused_meanwhile) {
     constexpr int kFrames = 64;
     constexpr int kSteps = 20'000;
