@@ -40,7 +40,7 @@ std::string picture(const Buffer& buffer) {
 template <class E>
 std::optional<E> refused(Buffer& buffer, const TransformView& transform, bool is_static = false) {
     const std::string before = picture(buffer);
-    const auto error = THROWN(E, buffer.set_transform(transform, is_static, "ekf"));
+    auto error = THROWN(E, buffer.set_transform(transform, is_static, "ekf"));
     CHECK_EQ(picture(buffer), before);
     if (error) {
         CHECK_EQ(error->detail().authority, "ekf");

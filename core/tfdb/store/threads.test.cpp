@@ -311,7 +311,7 @@ TFDB_TEST(threads_latest_common_time_is_of_one_commit) {
     const auto reader = [&] {
         const Answer answer = buffer.lookup_transform("a", "b");
         wrong += answer.stamp % 10 != 5 ||
-                 number_of(answer.pose) != static_cast<double>(-(answer.stamp + 5) / 10);
+                 number_of(answer.pose) != static_cast<double>(answer.stamp + 5) / -10.0;
         const Answer both = buffer.lookup_transform("map", "b");
         wrong += both.stamp % 10 != 5 || both.stamp < answer.stamp;
         const Answer latest = buffer.lookup_latest_transform("map", "b");

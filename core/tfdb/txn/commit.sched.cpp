@@ -6,9 +6,9 @@ namespace tfdb::txn::forest {
 
 namespace {
 
-Step set(StampNs stamp, std::vector<std::pair<std::string, std::string>> edges) {
+Step set(StampNs stamp, const std::vector<std::pair<std::string, std::string>>& edges) {
     Step step;
-    for (auto& [parent, child] : edges) {
+    for (const auto& [parent, child] : edges) {
         step.edges.push_back({parent, child, stamp});
     }
     return step;
