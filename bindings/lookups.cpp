@@ -37,8 +37,12 @@ public:
         return *object_.reads;
 #endif
     }
-    [[nodiscard]] NameCache& names() const { return *object_.names; }
-    [[nodiscard]] PyObject* buffer() const { return object_.buffer; }
+    [[nodiscard]] NameCache& names() const {
+        return *object_.names;
+    }
+    [[nodiscard]] PyObject* buffer() const {
+        return object_.buffer;
+    }
 
 private:
     ReadsObject& object_;

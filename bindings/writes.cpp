@@ -166,7 +166,7 @@ Transforms Transforms::from_columns(nb::handle columns, bool is_static) {
     if (const nb::object given = columns.attr("stamps"); !is_static || !given.is_none()) {
         stamps.emplace(given);
     }
-    const auto fill = [&](const nb::object& names, std::string_view TransformView::* field,
+    const auto fill = [&](const nb::object& names, std::string_view TransformView::*field,
                           const char* role) {
         if (nb::isinstance<nb::str>(names)) {
             const std::string_view name = result.keep_name(names, role);

@@ -119,7 +119,8 @@ inline sched::Program program_with_death(const Script& script, StampNs stamp, st
         SmallMemory memory(kRegionBytes);
         const Places places = prepare(memory, script);
         const auto answered = [&] { return read_soundly(memory, places, script, model, stamp); };
-        run.thread("writer", [&] { write_all(memory, places, script); }, death);
+        run.thread(
+            "writer", [&] { write_all(memory, places, script); }, death);
         run.thread("reader", [&] {
             for (int tries = 0; tries < 4; ++tries) {
                 if (answered()) {

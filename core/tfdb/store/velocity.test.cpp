@@ -35,8 +35,9 @@ void check_vector(const Vec3& got, const Vec3& expected, double tolerance) {
 }  // namespace
 
 TFDB_TEST(velocity_constant_and_straight) {
-    const Buffer buffer =
-        moving([](double t) { return Pose{{1 + 2 * t, 3 - t, 0.5 * t}, about_z(0.7)}; });
+    const Buffer buffer = moving([](double t) {
+        return Pose{{1 + 2 * t, 3 - t, 0.5 * t}, about_z(0.7)};
+    });
     for (const std::optional<StampNs> at : {std::optional<StampNs>(kSecond), {}}) {
         const Twist twist = buffer.lookup_velocity("base", "map", at, kSecond / 10, "", {}, "");
         check_vector(twist.linear, {2, -1, 0.5}, 1e-9);
