@@ -138,8 +138,12 @@ private:
         bool is_static = false;
     };
 
+    // Always inlined: each file that uses the class has a copy of `at`, and the linker keeps any
+    // one.
+
     /// The frame must have been there when `written` was; its words are then taken along.
-    [[nodiscard]] bool load(FrameId id, CommitNumber written, Node& node) const {
+    [[nodiscard, gnu::always_inline]] bool load(FrameId id, CommitNumber written,
+                                                Node& node) const {
         node.id = id;
         node.header = &memory_.word(view_.frames().header(id));
         const std::uint64_t born = node.header[history::kBorn].load_acquire();
@@ -147,10 +151,10 @@ private:
         node.generation = static_cast<std::uint32_t>(born & kNoFrame);
         return born >> kFrameBits <= written && (node.topology & Topology::kMortal) == 0;
     }
-    [[nodiscard]] bool start(FrameId id, Node& node) const {
+    [[nodiscard, gnu::always_inline]] bool start(FrameId id, Node& node) const {
         return id != kNoFrame && load(id, commit_, node);
     }
-    [[nodiscard]] bool ascend(Node& node, std::uint64_t slot) const {
+    [[nodiscard, gnu::always_inline]] bool ascend(Node& node, std::uint64_t slot) const {
         const FrameId parent = history::SlotWord::parent(slot);
         return parent == Topology::parent(node.topology) &&
                load(parent, history::SlotWord::commit(slot), node);
@@ -158,7 +162,7 @@ private:
 
     /// Nothing in the ring may be newer than the view: then all of it is the view's, and the flags
     /// that were read before belong to it.
-    [[nodiscard]] bool open(const Node& node, Ring& ring) const {
+    [[nodiscard, gnu::always_inline]] bool open(const Node& node, Ring& ring) const {
         const Word* header = node.header;
         ring.word = header[history::kRing].load_acquire();
         ring.head = header[history::kHead].load_acquire();
@@ -173,7 +177,8 @@ private:
         ring.slots = &memory_.word(Layout::slots(ring.word));
         return true;
     }
-    [[nodiscard]] bool confirm(const Node& node, const Ring& ring, std::uint64_t lowest) const {
+    [[nodiscard, gnu::always_inline]] bool confirm(const Node& node, const Ring& ring,
+                                                   std::uint64_t lowest) const {
         Memory::fence_acquire();
         return node.header[history::kRing].load_relaxed() == ring.word &&
                node.header[history::kBegin].load_relaxed() <= lowest;
@@ -202,8 +207,8 @@ private:
 
     /// Index of the sample at or before the stamp; false where the general code must look. Samples
     /// mostly come at a steady rate: the guess is at most a few positions off.
-    [[nodiscard]] bool find(const Node& node, const Ring& ring, std::uint64_t& index,
-                            StampNs& before) const {
+    [[nodiscard, gnu::always_inline]] bool find(const Node& node, const Ring& ring,
+                                                std::uint64_t& index, StampNs& before) const {
         index = ring.head - 1;
         before = stamp_at(ring, index);
         if (stamp_ >= before) {

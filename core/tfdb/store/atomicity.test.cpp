@@ -110,8 +110,9 @@ TFDB_TEST(atomicity_aborted_frames_do_not_exist_and_cost_nothing) {
     std::size_t used = 0;
     for (int i = 0; i < 2000; ++i) {
         const std::string name = "ghost_" + std::to_string(i);
+        const std::string below = name + "_";
         const TransformView batch[] = {{"map", name, 50 * kSecond, pose_of(1)},
-                                       {name, name + "_", 50 * kSecond, pose_of(1)},
+                                       {name, below, 50 * kSecond, pose_of(1)},
                                        {"camera", "map", 50 * kSecond, pose_of(1)}};
         CHECK_THROWS_AS(buffer.set_transforms(batch, false, ""), CycleError);
         FrameHandle handle;
