@@ -12,12 +12,30 @@ namespace {
 
 // In the order of ErrorCode.
 constexpr std::array kClassNames = {
-    "UnknownFrame",   "Disconnected",     "Extrapolation",    "GapTooLarge",     "Stale",
-    "NoSampleNear",   "InvalidTransform", "TooOld",           "StaticConflict",  "CycleError",
-    "FrameInUse",     "InvalidStamp",     "InvalidName",      "InvalidArgument", "CorruptMessage",
-    "SnapshotTooOld", "SnapshotClosed",   "CapacityExceeded",
+    "UnknownFrame",
+    "Disconnected",
+    "Extrapolation",
+    "GapTooLarge",
+    "Stale",
+    "NoSampleNear",
+    "InvalidTransform",
+    "TooOld",
+    "StaticConflict",
+    "CycleError",
+    "FrameInUse",
+    "InvalidStamp",
+    "InvalidName",
+    "InvalidArgument",
+    "CorruptMessage",
+    "SnapshotTooOld",
+    "SnapshotClosed",
+    "CapacityExceeded",
+    "Conflict",
+    "TransactionClosed",
+    "TransactionActive",
+    "WrongThread",
 };
-static_assert(kClassNames.size() == static_cast<std::size_t>(ErrorCode::kCapacityExceeded) + 1);
+static_assert(kClassNames.size() == static_cast<std::size_t>(ErrorCode::kWrongThread) + 1);
 
 // Strong references for the life of the process.
 std::array<PyObject*, kClassNames.size()> g_classes{};

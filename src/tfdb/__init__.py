@@ -24,6 +24,7 @@ from ._core import (
 )
 from .errors import (
     CapacityExceeded,
+    Conflict,
     CorruptMessage,
     CycleError,
     Disconnected,
@@ -45,7 +46,10 @@ from .errors import (
     TfdbError,
     TooOld,
     TrajectoryError,
+    TransactionActive,
+    TransactionClosed,
     UnknownFrame,
+    WrongThread,
 )
 from .explain import EdgeExplanation, Explanation
 from .loading import load
@@ -68,6 +72,7 @@ __all__ = [
     "Buffer",
     "CapacityExceeded",
     "Columns",
+    "Conflict",
     "CorruptMessage",
     "Counters",
     "CycleError",
@@ -107,10 +112,13 @@ __all__ = [
     "TooOld",
     "Trajectory",
     "TrajectoryError",
+    "TransactionActive",
+    "TransactionClosed",
     "Transform",
     "TransformStamped",
     "Twist",
     "UnknownFrame",
+    "WrongThread",
     "__version__",
     "decode_tf_message",
     "encode_tf_message",

@@ -12,6 +12,7 @@ from typing import Any
 
 __all__ = [
     "CapacityExceeded",
+    "Conflict",
     "CorruptMessage",
     "CycleError",
     "Disconnected",
@@ -33,7 +34,10 @@ __all__ = [
     "TfdbError",
     "TooOld",
     "TrajectoryError",
+    "TransactionActive",
+    "TransactionClosed",
     "UnknownFrame",
+    "WrongThread",
 ]
 
 
@@ -193,6 +197,25 @@ class SnapshotClosed(TfdbError):
 
 class CapacityExceeded(TfdbError):
     """Out of frames, or over the memory limit. Fields: reason."""
+
+
+class Conflict(TfdbError):
+    """Another commit changed what the transaction had read: nothing was stored, run it again.
+
+    `Buffer.run` does so by itself. Fields: reason, edge or frame, stamp, commit.
+    """
+
+
+class TransactionClosed(TfdbError):
+    """The transaction has ended: it was committed, aborted or lost. Fields: reason."""
+
+
+class TransactionActive(TfdbError):
+    """This thread has a transaction open in the store: work through it. Fields: reason."""
+
+
+class WrongThread(TfdbError):
+    """A transaction was used by another thread than the one that began it."""
 
 
 class _FileError(TfdbError):

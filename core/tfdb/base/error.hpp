@@ -30,6 +30,18 @@ enum class ErrorCode : std::uint8_t {
     kSnapshotTooOld,
     kSnapshotClosed,
     kCapacityExceeded,
+    kConflict,
+    kTransactionClosed,
+    kTransactionActive,
+    kWrongThread,
+};
+
+/// A member of a batch that was refused, and why.
+struct RefusedMember {
+    std::size_t index = 0;  // in the batch
+    ErrorCode code = ErrorCode::kInvalidTransform;
+    std::string message;
+    std::string reason;
 };
 
 /// What an error knows. Only the fields that the code's class documents are filled.
@@ -51,6 +63,7 @@ struct ErrorDetail {
     std::optional<std::uint64_t> index;   // position in the batch
     std::optional<std::uint64_t> offset;  // position in the message's bytes
     std::optional<std::uint64_t> commit;  // snapshot asked
+    std::vector<RefusedMember> refused;   // every refused member of a batch, in its order
 };
 
 /// Root of all errors. Threads: a value. Guarantee: after a throw the store is as it was before.
@@ -93,6 +106,10 @@ using InvalidArgument = ErrorOf<ErrorCode::kInvalidArgument>;
 using SnapshotTooOld = ErrorOf<ErrorCode::kSnapshotTooOld>;
 using SnapshotClosed = ErrorOf<ErrorCode::kSnapshotClosed>;
 using CapacityExceeded = ErrorOf<ErrorCode::kCapacityExceeded>;
+using Conflict = ErrorOf<ErrorCode::kConflict>;
+using TransactionClosed = ErrorOf<ErrorCode::kTransactionClosed>;
+using TransactionActive = ErrorOf<ErrorCode::kTransactionActive>;
+using WrongThread = ErrorOf<ErrorCode::kWrongThread>;
 
 /// A message whose bytes cannot be what they claim to be. Fields: offset, reason.
 class CorruptMessage : public ErrorOf<ErrorCode::kCorruptMessage> {

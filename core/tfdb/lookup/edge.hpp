@@ -19,7 +19,7 @@ template <View V>
 [[nodiscard]] Outcome exact_parent(const V& view, FrameId id, StampNs stamp, const Policy& policy,
                                    Edges edges, FrameId& parent) {
     parent = kNoFrame;
-    history::EdgeView<typename V::Memory> edge;
+    typename V::Edge edge;
     if (!view.open(id, edge))
         return Outcome::kLapped;
     Selection chosen;
@@ -42,8 +42,7 @@ template <View V>
 
 template <View V>
 [[nodiscard]] Outcome describe_refusal(const V& view, FrameId child, FrameId parent, StampNs stamp,
-                                       const Policy& policy,
-                                       const history::EdgeView<typename V::Memory>& edge,
+                                       const Policy& policy, const typename V::Edge& edge,
                                        const Selection& chosen, Failure& failure) {
     failure.code = chosen.code;
     failure.frame = child;
@@ -75,7 +74,7 @@ template <View V>
                                 const Policy& policy, geometry::Pose& pose, EdgeUse& use,
                                 Failure& failure) {
     static_assert(V::Memory::kPayloadWords == 7, "a payload is a pose");
-    history::EdgeView<typename V::Memory> edge;
+    typename V::Edge edge;
     if (!view.open(child, edge))
         return Outcome::kLapped;
     Selection chosen;

@@ -86,7 +86,7 @@ template <View V>
 [[nodiscard]] Outcome newest_stamp(const V& view, FrameId id, StampNs& stamp, FrameId& parent) {
     stamp = history::kNoStamp;
     parent = kNoFrame;
-    history::EdgeView<typename V::Memory> edge;
+    typename V::Edge edge;
     if (!view.open(id, edge)) {
         return Outcome::kLapped;
     }

@@ -3,6 +3,7 @@
 #pragma once
 
 #include <bit>
+#include <concepts>
 #include <cstdint>
 #include <optional>
 
@@ -14,11 +15,19 @@
 
 namespace tfdb::lookup {
 
-/// A view whose frames may be read in place, without a lock or a note of what was read.
+/// A view whose frames may be read in place.
 template <class V>
 concept InPlaceView = View<V> && requires(const V v) {
     v.frames();
     v.history();
+};
+
+/// A view that must be told before a frame is read, and again afterwards: its engine takes a lock
+/// or notes a version. `enter` may refuse; its frame is then not read.
+template <class V>
+concept GuardedView = requires(const V v, FrameId id) {
+    { v.enter(id) } -> std::same_as<bool>;
+    v.leave(id);
 };
 
 /// Walks both frames up by the depth hints and mixes and composes each edge on the way.
@@ -91,7 +100,8 @@ public:
             Node& node = move_up ? up : down;
             (move_up ? up_from : down_from) = node.id;
             Ring ring;
-            if (!open(node, ring)) {
+            const Entered entered(*this, node);
+            if (!entered.admitted() || !open(node, ring)) {
                 return false;
             }
             const StampNs newest =
@@ -136,6 +146,35 @@ private:
         const Word* stamps = nullptr;
         const Word* slots = nullptr;
         bool is_static = false;
+    };
+
+    /// One frame's stay behind its engine's guard, if it has one.
+    /// Threads: one. Guarantee: as the view's `enter`.
+    class Entered {
+    public:
+        [[gnu::always_inline]] Entered(const QuickLookup& lookup, Node& node)
+            : view_(lookup.view_), id_(node.id) {
+            if constexpr (GuardedView<V>) {
+                entered_ = view_.enter(id_);
+                // What was read of the frame before may be of another state.
+                admitted_ = entered_ && lookup.load(id_, lookup.commit_, node);
+            }
+        }
+        [[gnu::always_inline]] ~Entered() {
+            if constexpr (GuardedView<V>) {
+                if (entered_)
+                    view_.leave(id_);
+            }
+        }
+        Entered(const Entered&) = delete;
+        Entered& operator=(const Entered&) = delete;
+        [[nodiscard]] bool admitted() const { return admitted_; }
+
+    private:
+        const V& view_;
+        FrameId id_;
+        bool entered_ = false;
+        bool admitted_ = true;
     };
 
     // Always inlined: each file that uses the class has a copy of `at`, and the linker keeps any
@@ -242,7 +281,7 @@ private:
 
     [[nodiscard]] bool search(const Node& node, const Ring& ring, std::uint64_t& index,
                               StampNs& before) const {
-        history::EdgeView<Memory> edge;
+        typename V::Edge edge;
         if (!view_.open(node.id, edge) || !edge.ordered()) {
             return false;
         }
@@ -267,7 +306,8 @@ private:
     [[nodiscard, gnu::always_inline]] bool step(Node& node, geometry::Pose& composed, bool& moved,
                                                 std::vector<EdgeUse>& uses, bool inverted) {
         Ring ring;
-        if (!open(node, ring)) {
+        const Entered entered(*this, node);
+        if (!entered.admitted() || !open(node, ring)) {
             return false;
         }
         const FrameId child = node.id;

@@ -26,8 +26,8 @@ struct Selection {
 
 namespace detail {
 
-template <class Memory>
-bool parents_equal(const history::EdgeView<Memory>& view, std::uint64_t a, std::uint64_t b) {
+template <class Edge>
+bool parents_equal(const Edge& view, std::uint64_t a, std::uint64_t b) {
     return ((view.slot_word(a) ^ view.slot_word(b)) & kNoFrame) == 0;
 }
 
@@ -38,9 +38,9 @@ inline void refuse(Selection& s, ErrorCode code, int direction) {
 }
 
 /// Outside the samples: only Extrapolate goes on, on the line through the two outermost samples.
-template <class Memory>
-[[nodiscard]] bool select_outside(const history::EdgeView<Memory>& view, StampNs stamp,
-                                  const Policy& policy, int direction, Selection& s) {
+template <class Edge>
+[[nodiscard]] bool select_outside(const Edge& view, StampNs stamp, const Policy& policy,
+                                  int direction, Selection& s) {
     const StampNs beyond = direction > 0 ? stamp - s.anchor_stamp : s.anchor_stamp - stamp;
     if (policy.kind != PolicyKind::kExtrapolate || beyond > policy.limit) {
         refuse(s, ErrorCode::kExtrapolation, direction);
@@ -73,10 +73,9 @@ inline void select_nearest(const history::Bracket& around, StampNs stamp, const 
         refuse(s, ErrorCode::kNoSampleNear, 0);
 }
 
-template <class Memory>
-[[nodiscard]] bool select_between(const history::EdgeView<Memory>& view, StampNs stamp,
-                                  const Policy& policy, const history::Bracket& around,
-                                  Selection& s) {
+template <class Edge>
+[[nodiscard]] bool select_between(const Edge& view, StampNs stamp, const Policy& policy,
+                                  const history::Bracket& around, Selection& s) {
     if (policy.kind == PolicyKind::kExact) {
         refuse(s, ErrorCode::kNoSampleNear, 0);
         return true;
@@ -107,9 +106,8 @@ template <class Memory>
 }  // namespace detail
 
 /// False if the view was overtaken and must be opened again.
-template <class Memory>
-[[nodiscard]] bool select(const history::EdgeView<Memory>& view, StampNs stamp,
-                          const Policy& policy, Selection& s) {
+template <class Edge>
+[[nodiscard]] bool select(const Edge& view, StampNs stamp, const Policy& policy, Selection& s) {
     s = Selection{};
     s.lowest = view.lo();
     if (view.empty())

@@ -10,10 +10,10 @@
 namespace tfdb::lookup {
 
 /// The seam between lookups and concurrency controls. An engine hands out a view of one state;
-/// `open` and `topology` are where it takes a lock, notes a version, or simply looks.
+/// `open` is where it takes a lock, notes a version, or simply looks. `Edge` is what it opens: a
+/// history::EdgeView, or something that answers the same questions.
 template <class V>
-concept View = requires(const V v, FrameId id, CommitNumber commit,
-                        history::EdgeView<typename V::Memory>& edge) {
+concept View = requires(const V v, FrameId id, CommitNumber commit, typename V::Edge& edge) {
     typename V::Memory;
     { v.open(id, edge) } -> std::same_as<bool>;           // false: overtaken, start again
     { v.topology(id) } -> std::same_as<std::uint64_t>;    // a hint that may be newer than the view

@@ -1,8 +1,8 @@
 #include "tfdb/store/buffer.hpp"
 
-#include <algorithm>
-#include <cmath>
+#include <array>
 #include <mutex>
+#include <string>
 
 #include "tfdb/store/impl.hpp"
 #include "tfdb/store/validate.hpp"
@@ -13,6 +13,7 @@ Reads::Impl::Impl(const BufferOptions& options)
     : memory(options.memory_limit.value_or(StoreMemory::kNoLimit)),
       history(options.history_ns.value_or(history::kForever)),
       snapshot_memory(options.snapshot_memory),
+      concurrency(options.concurrency),
       frames(memory, memory.allocate(graph::kStoreBytes),
              memory.allocate_sparse(std::size_t{options.max_frames} * history::kHeaderBytes),
              options.max_frames),
@@ -52,110 +53,28 @@ BufferOptions checked(const BufferOptions& options) {
     return options;
 }
 
-/// Fills the sample word by word: copied as a block, the pose would go through memory and stall.
-void fill_sample(Reads::Impl& impl, const TransformView& transform, FrameId parent, bool is_static,
-                 history::NewSample<StoreMemory>& sample) {
-    sample.stamp = is_static ? history::kStaticStamp : transform.stamp;
-    sample.parent = parent;
-    const geometry::Vec3& t = transform.pose.translation;
-    geometry::Quat q = transform.pose.rotation;
-    // A unit quaternion is off by two roundings at most: it stays as it is, bit for bit.
-    constexpr double kRoundings = 4.5e-16;
-    const double norm2 = geometry::norm_squared(q);
-    if (std::abs(norm2 - 1.0) > kRoundings) {
-        if (std::abs(norm2 - 1.0) > 2e-9) {
-            impl.word(graph::kNormalised).fetch_add(1);
-        }
-        q = geometry::normalized(q);
-    }
-    const double numbers[7] = {t.x, t.y, t.z, q.x, q.y, q.z, q.w};
-    for (std::size_t i = 0; i < 7; ++i) {
-        sample.payload[i] = std::bit_cast<std::uint64_t>(numbers[i]);
-    }
-}
-
-/// Samples of one edge must come in stamp order; the later member of a batch wins a tie.
-void sort_items(std::vector<Reads::Impl::Item>& items, std::span<const TransformView> batch) {
-    std::stable_sort(items.begin(), items.end(), [&](const auto& a, const auto& b) {
-        if (a.child != b.child)
-            return a.child < b.child;
-        return batch[a.index].stamp < batch[b.index].stamp;
-    });
-}
-
-void resolve_items(Reads::Impl& impl, StoreCommit& commit, std::span<const TransformView> batch,
-                   bool is_static, std::string_view authority) {
-    auto& items = impl.items;
-    items.clear();
-    bool repeated = false;
-    for (std::size_t i = 0; i < batch.size(); ++i) {
-        FrameId parent = commit.find_frame(batch[i].parent);
-        FrameId child = commit.find_frame(batch[i].child);
-        if (parent == kNoFrame || child == kNoFrame) {
-            // A name that is known was checked when it was new.
-            store::check_names(batch[i], i, authority);
-            parent = commit.frame(batch[i].parent);
-            child = commit.frame(batch[i].child);
-        }
-        repeated |= commit.touch(child);
-        items.push_back({child, parent, i});
-    }
-    if (repeated && !is_static)
-        sort_items(items, batch);
-}
-
-/// The commit lock is held.
-CommitNumber commit_batch(Reads::Impl& impl, std::span<const TransformView> batch, bool is_static,
-                          std::string_view authority_name) {
-    StoreCommit commit = impl.start_commit();
-    resolve_items(impl, commit, batch, is_static, authority_name);
-    history::NewSample<StoreMemory> sample;
-    for (const auto& item : impl.items) {
-        const TransformView& transform = batch[item.index];
-        store::check_edge(impl, item.child, transform, item.index, is_static, authority_name);
-        fill_sample(impl, transform, item.parent, is_static, sample);
-        commit.append(item.child, sample, item.index);
-    }
-    txn::Cycle cycle;
-    if (commit.find_cycle(cycle)) {
-        store::throw_cycle(batch[cycle.item], cycle.item, authority_name);
-    }
-    const std::uint64_t authority = impl.authorities.id(authority_name);
-    for (const auto& item : impl.items) {
-        auto& writer = impl.frames.word(item.child, history::kAuthority);
-        if (writer.load_relaxed() != authority)
-            writer.store_relaxed(authority);
-    }
-    return commit.publish();
-}
+constexpr std::array<std::string_view, kConcurrencies> kConcurrencyNames = {
+    "snapshot", "giant", "fine", "2pl-no-wait", "2pl-wait-die", "2pl-wound-wait", "silo"};
 
 }  // namespace
 
+std::string_view concurrency_name(Concurrency concurrency) {
+    return kConcurrencyNames[static_cast<std::size_t>(concurrency)];
+}
+
+Concurrency concurrency_of(std::string_view name) {
+    std::string known;
+    for (std::size_t i = 0; i < kConcurrencies; ++i) {
+        if (kConcurrencyNames[i] == name)
+            return static_cast<Concurrency>(i);
+        known += (i == 0 ? "" : ", ") + std::string(kConcurrencyNames[i]);
+    }
+    throw InvalidArgument("there is no concurrency " + store::quoted(name) + ": known are " +
+                          known);
+}
+
 Buffer::Buffer(const BufferOptions& options)
     : Reads(std::make_shared<Impl>(checked(options)), kFresh) {}
-
-CommitNumber Buffer::set_transforms(std::span<const TransformView> batch, bool is_static,
-                                    std::string_view authority) {
-    store::check_batch(batch, is_static, authority);
-    if (batch.empty())
-        return commit();
-    const std::lock_guard guard(impl_->lock);
-    return commit_batch(*impl_, batch, is_static, authority);
-}
-
-bool Buffer::try_set_transforms(std::span<const TransformView> batch, bool is_static,
-                                std::string_view authority, CommitNumber& commit) {
-    store::check_batch(batch, is_static, authority);
-    if (batch.empty()) {
-        commit = this->commit();
-        return true;
-    }
-    const std::unique_lock guard(impl_->lock, std::try_to_lock);
-    if (!guard.owns_lock())
-        return false;
-    commit = commit_batch(*impl_, batch, is_static, authority);
-    return true;
-}
 
 Snapshot Buffer::snapshot() const {
     impl_->word(graph::kPins).fetch_add(1);
@@ -185,8 +104,16 @@ std::optional<StampNs> Buffer::history() const {
 }
 
 Counters Buffer::counters() const {
-    return {commit(), impl_->word(graph::kNormalised).load_relaxed(),
-            impl_->lapped_reads.load_relaxed(), impl_->locked_reads.load_relaxed()};
+    Counters counters;
+    counters.commits = commit();
+    counters.normalised = impl_->word(graph::kNormalised).load_relaxed();
+    counters.lapped_reads = impl_->lapped_reads.load_relaxed();
+    counters.locked_reads = impl_->locked_reads.load_relaxed();
+    return counters;
+}
+
+Concurrency Buffer::concurrency() const {
+    return impl_->concurrency;
 }
 
 MemoryUse Buffer::memory() const {

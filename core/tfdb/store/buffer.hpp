@@ -27,11 +27,29 @@ using lookup::Failure;
 using lookup::Policy;
 using wire::TransformView;
 
+/// How lookups, writes and transactions that run at once are kept apart: see txn/engine.hpp.
+enum class Concurrency : std::uint8_t {
+    kSnapshot,   // the default: reads from snapshots, one commit at a time
+    kGiant,      // one mutex for everything, as in tf2
+    kFine,       // a lock per frame, held while that frame is read or written: not atomic
+    kNoWait,     // two-phase locking; who is refused a lock for writing starts again
+    kWaitDie,    // two-phase locking; the older waits for the younger, the younger starts again
+    kWoundWait,  // two-phase locking; the older makes the younger start again
+    kSilo,       // optimistic: reads are checked at the end
+};
+inline constexpr std::size_t kConcurrencies = 7;
+
+/// "snapshot", "giant", "fine", "2pl-no-wait", "2pl-wait-die", "2pl-wound-wait", "silo".
+[[nodiscard]] std::string_view concurrency_name(Concurrency concurrency);
+/// Throws InvalidArgument, naming those that there are.
+[[nodiscard]] Concurrency concurrency_of(std::string_view name);
+
 struct BufferOptions {
     std::optional<StampNs> history_ns = 10 * clock::kNanosPerSecond;  // none: keep everything
     std::uint32_t max_frames = kMaxFrames;
     std::optional<std::size_t> memory_limit;             // bytes, none: what the machine has
     std::size_t snapshot_memory = std::size_t{1} << 30;  // growth that held snapshots may cause
+    Concurrency concurrency = Concurrency::kSnapshot;
 };
 
 /// A frame's slot plus the generation that makes it unmistakable. Cheap to keep and to compare:
@@ -73,6 +91,10 @@ struct Counters {
     std::uint64_t normalised = 0;    // quaternions that were off by more than 1e-9 and mended
     std::uint64_t lapped_reads = 0;  // single lookups that took a fresh snapshot
     std::uint64_t locked_reads = 0;  // ... that in the end went through the commit lock
+    std::uint64_t aborts = 0;        // transactions that ended without a commit, conflicts included
+    std::uint64_t conflicts = 0;     // transactions that lost against another commit
+    std::uint64_t retries = 0;       // lookups and writes that the engine had to begin again
+    std::uint64_t lock_waits = 0;    // how often somebody waited for a frame's lock
 };
 
 struct Twist {
@@ -222,6 +244,10 @@ public:
     [[nodiscard]] MemoryUse memory() const;
     [[nodiscard]] Counters counters() const;
     [[nodiscard]] std::optional<StampNs> history() const;
+    [[nodiscard]] Concurrency concurrency() const;
+
+private:
+    friend class Transaction;
 };
 
 }  // namespace tfdb

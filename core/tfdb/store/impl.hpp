@@ -80,6 +80,7 @@ struct Reads::Impl {
     StoreMemory memory;
     StampNs history;
     std::size_t snapshot_memory;
+    Concurrency concurrency;
     graph::Frames<StoreMemory> frames;
     graph::Names<StoreMemory> names;
     mutable sync::CommitLock lock;

@@ -13,11 +13,12 @@ template <class M>
 class SnapshotView {
 public:
     using Memory = M;
+    using Edge = history::EdgeView<Memory>;
 
     SnapshotView(graph::Frames<Memory> frames, CommitNumber commit, clock::StampNs history)
         : frames_(frames), commit_(commit), history_(history) {}
 
-    [[nodiscard]] bool open(FrameId id, history::EdgeView<Memory>& edge) const {
+    [[nodiscard]] bool open(FrameId id, Edge& edge) const {
         return edge.open(frames_.memory(), frames_.header(id), commit_, history_);
     }
     [[nodiscard]] std::uint64_t topology(FrameId id) const { return frames_.topology(id); }

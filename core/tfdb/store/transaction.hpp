@@ -1,0 +1,93 @@
+// Read, decide, write: a transaction over the store, as if it ran alone.
+#pragma once
+
+#include <cstdint>
+#include <memory>
+#include <optional>
+#include <span>
+#include <string>
+#include <string_view>
+
+#include "tfdb/store/buffer.hpp"
+
+namespace tfdb {
+
+struct TransactionOptions {
+    /// 0..7. Seniority in wait-die and wound-wait; whose turn is next among those that run alone.
+    unsigned priority = 0;
+    /// From the beginning to the end no other commit: it cannot lose, and writers wait for it.
+    bool alone = false;
+    /// `age()` of the attempt that lost, so that a restart keeps its seniority. 0: a new one.
+    std::uint64_t age = 0;
+};
+
+/// One attempt to read and write as if alone. Reads see one state of the store and, over it, what
+/// the transaction itself has written; writes become visible all at once at `commit`.
+/// Threads: only the one that began it (WrongThread); in that thread the Buffer may not be written
+/// meanwhile, nor another transaction begun (TransactionActive).
+/// Guarantee: strictly serializable, in every engine but `fine`. Conflict: somebody else came
+/// first, nothing was stored and the transaction has ended; run it again.
+class Transaction {
+public:
+    /// Throws InvalidArgument (priority), TransactionActive. Blocks as the engine does.
+    explicit Transaction(Buffer& buffer, const TransactionOptions& options = {});
+    /// Aborts what was not committed.
+    ~Transaction();
+    Transaction(const Transaction&) = delete;
+    Transaction& operator=(const Transaction&) = delete;
+
+    /// T[target<-source]; as Reads::try_lookup, but by name: frames may be the transaction's own.
+    /// Throws Conflict, TransactionClosed, WrongThread, as do all methods below.
+    [[nodiscard]] bool try_lookup(std::string_view target, std::string_view source,
+                                  std::optional<StampNs> stamp, Policy policy, Answer& answer,
+                                  Failure& failure);
+    [[nodiscard]] bool try_lookup_latest(std::string_view target, std::string_view source,
+                                         std::optional<StampNs> max_age, StampNs now,
+                                         Answer& answer, Failure& failure);
+    [[nodiscard]] bool try_latest_common_time(std::string_view target, std::string_view source,
+                                              StampNs& stamp, Failure& failure);
+    /// The same, throwing the typed error.
+    [[nodiscard]] Answer lookup_transform(std::string_view target, std::string_view source,
+                                          std::optional<StampNs> stamp = std::nullopt,
+                                          Policy policy = {});
+    [[nodiscard]] Answer lookup_latest_transform(std::string_view target, std::string_view source,
+                                                 std::optional<StampNs> max_age = std::nullopt,
+                                                 StampNs now = 0);
+    /// Rows of T[target<-source] at each stamp, as Reads::lookup_many.
+    void lookup_many(std::string_view target, std::string_view source,
+                     std::span<const StampNs> stamps, Policy policy, Layout layout, Missing missing,
+                     std::span<double> out);
+    [[nodiscard]] bool has_frame(std::string_view name);
+    /// Throws the typed error of a failed lookup of these two names.
+    [[noreturn]] void raise(const Failure& failure, std::string_view target,
+                            std::string_view source) const;
+    /// Name of a frame of an answer of this transaction, its own new frames included.
+    [[nodiscard]] std::string frame_name(FrameId id, std::uint32_t generation) const;
+
+    /// Kept until `commit`. Throws what Buffer::set_transforms throws, but CycleError only at the
+    /// commit; a batch that is refused leaves the transaction as it was.
+    void set_transforms(std::span<const TransformView> batch, bool is_static,
+                        std::string_view authority);
+    /// Throws UnknownFrame, FrameInUse.
+    void remove_frame(std::string_view name, bool recursive);
+    /// Gives `child` another parent from `stamp` on (none: a static edge). Without a pose it stays
+    /// where it is: T[parent<-child] at the stamp, as this transaction sees it.
+    /// Throws what the lookup or set_transforms throws.
+    void reparent(std::string_view child, std::string_view parent, std::optional<StampNs> stamp,
+                  const std::optional<Pose>& pose, std::string_view authority);
+
+    /// Makes the writes visible at once; returns the commit's number (of the state that was read,
+    /// if nothing was written). Throws Conflict, CycleError, CapacityExceeded: the transaction has
+    /// then ended and the store is as it was.
+    CommitNumber commit();
+    /// Leaves nothing behind. Nothing to do where it has ended.
+    void abort() noexcept;
+    [[nodiscard]] bool is_open() const noexcept;
+    [[nodiscard]] std::uint64_t age() const noexcept;
+
+private:
+    struct State;
+    std::unique_ptr<State> state_;
+};
+
+}  // namespace tfdb
