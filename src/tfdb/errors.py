@@ -19,6 +19,7 @@ __all__ = [
     "Extrapolation",
     "FrameInUse",
     "GapTooLarge",
+    "HistoryError",
     "InvalidArgument",
     "InvalidArray",
     "InvalidName",
@@ -236,6 +237,16 @@ class ModelError(_FileError):
 
 class TrajectoryError(_FileError):
     """A trajectory file that is not valid: `TrajectoryError(path, line, reason)`.
+
+    Fields: path, line (None where the file as a whole is wrong), reason.
+    """
+
+    def __init__(self, path: object, line: int | None, reason: str) -> None:
+        super().__init__(path, reason, line=line)
+
+
+class HistoryError(_FileError):
+    """A recorded history that cannot be judged: `HistoryError(path, line, reason)`.
 
     Fields: path, line (None where the file as a whole is wrong), reason.
     """
