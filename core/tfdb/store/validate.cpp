@@ -106,7 +106,27 @@ void check_numbers(const TransformView& transform, std::size_t index, std::strin
     throw_transform(transform, index, authority, text);
 }
 
+/// Whether `check_numbers` would find nothing.
+bool numbers_are_sound(const Pose& pose) {
+    const auto& t = pose.translation;
+    // Zero times a finite number is zero; times infinity or NaN it is NaN.
+    const double probe = 0.0 * (t.x + t.y + t.z);
+    if (probe != 0.0 && !(std::isfinite(t.x) && std::isfinite(t.y) && std::isfinite(t.z)))
+        return false;
+    return std::abs(geometry::norm_squared(pose.rotation) - 1.0) <= 0.01;
+}
+
 }  // namespace
+
+bool is_sound(std::span<const TransformView> batch, bool is_static) noexcept {
+    for (const TransformView& transform : batch) {
+        const bool timely =
+            is_static || (transform.stamp >= 0 && transform.stamp <= history::kForever);
+        if (!timely || transform.parent == transform.child || !numbers_are_sound(transform.pose))
+            return false;
+    }
+    return true;
+}
 
 std::string quoted(std::string_view name) {
     constexpr std::size_t kShown = 64;

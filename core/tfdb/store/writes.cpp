@@ -1,36 +1,11 @@
 // Batches of transforms: checked, written and published as one commit.
-#include <algorithm>
-#include <bit>
-#include <cmath>
-#include <mutex>
+#include "tfdb/store/writes.hpp"
 
-#include "tfdb/store/impl.hpp"
-#include "tfdb/store/validate.hpp"
+#include <algorithm>
+#include <mutex>
 
 namespace tfdb {
 namespace {
-
-/// Fills the sample word by word: copied as a block, the pose would go through memory and stall.
-void fill_sample(Reads::Impl& impl, const TransformView& transform, FrameId parent, bool is_static,
-                 history::NewSample<StoreMemory>& sample) {
-    sample.stamp = is_static ? history::kStaticStamp : transform.stamp;
-    sample.parent = parent;
-    const geometry::Vec3& t = transform.pose.translation;
-    geometry::Quat q = transform.pose.rotation;
-    // A unit quaternion is off by two roundings at most: it stays as it is, bit for bit.
-    constexpr double kRoundings = 4.5e-16;
-    const double norm2 = geometry::norm_squared(q);
-    if (std::abs(norm2 - 1.0) > kRoundings) {
-        if (std::abs(norm2 - 1.0) > 2e-9) {
-            impl.word(graph::kNormalised).fetch_add(1);
-        }
-        q = geometry::normalized(q);
-    }
-    const double numbers[7] = {t.x, t.y, t.z, q.x, q.y, q.z, q.w};
-    for (std::size_t i = 0; i < 7; ++i) {
-        sample.payload[i] = std::bit_cast<std::uint64_t>(numbers[i]);
-    }
-}
 
 /// Samples of one edge must come in stamp order; the later member of a batch wins a tie.
 void sort_items(std::vector<Reads::Impl::Item>& items, std::span<const TransformView> batch) {
@@ -62,9 +37,16 @@ void resolve_items(Reads::Impl& impl, StoreCommit& commit, std::span<const Trans
         sort_items(items, batch);
 }
 
-/// The commit lock is held.
-CommitNumber commit_batch(Reads::Impl& impl, std::span<const TransformView> batch, bool is_static,
-                          std::string_view authority_name) {
+}  // namespace
+
+namespace store {
+
+CommitNumber commit_batch(Reads::Impl& impl, const Batch& all) {
+    const std::span<const TransformView> batch = all.members();
+    const bool is_static = all.is_static();
+    const std::string_view authority_name = all.authority();
+    if (!all.sound())
+        check_batch(batch, is_static, authority_name);
     StoreCommit commit = impl.start_commit();
     resolve_items(impl, commit, batch, is_static, authority_name);
     history::NewSample<StoreMemory> sample;
@@ -87,28 +69,28 @@ CommitNumber commit_batch(Reads::Impl& impl, std::span<const TransformView> batc
     return commit.publish();
 }
 
-}  // namespace
+}  // namespace store
 
 CommitNumber Buffer::set_transforms(std::span<const TransformView> batch, bool is_static,
                                     std::string_view authority) {
-    store::check_batch(batch, is_static, authority);
     if (batch.empty())
         return commit();
+    const store::Batch judged(batch, is_static, authority);
     const std::lock_guard guard(impl_->lock);
-    return commit_batch(*impl_, batch, is_static, authority);
+    return store::commit_batch(*impl_, judged);
 }
 
 bool Buffer::try_set_transforms(std::span<const TransformView> batch, bool is_static,
                                 std::string_view authority, CommitNumber& commit) {
-    store::check_batch(batch, is_static, authority);
     if (batch.empty()) {
         commit = this->commit();
         return true;
     }
+    const store::Batch judged(batch, is_static, authority);
     const std::unique_lock guard(impl_->lock, std::try_to_lock);
     if (!guard.owns_lock())
         return false;
-    commit = commit_batch(*impl_, batch, is_static, authority);
+    commit = store::commit_batch(*impl_, judged);
     return true;
 }
 

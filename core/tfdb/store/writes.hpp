@@ -1,0 +1,68 @@
+// What every way of storing samples shares: batches that are judged, samples that are filled, and
+// the one commit that stores a batch.
+#pragma once
+
+#include <bit>
+#include <cmath>
+#include <span>
+#include <string_view>
+
+#include "tfdb/store/impl.hpp"
+#include "tfdb/store/validate.hpp"
+
+namespace tfdb::store {
+
+/// A batch as it came, and whether its numbers, stamps and parents are sound: all that can be
+/// judged before any lock is taken.
+/// Threads: a value. Guarantee: wait-free; the members are the caller's and outlive it.
+class Batch {
+public:
+    Batch(std::span<const TransformView> members, bool is_static, std::string_view authority)
+        : members_(members),
+          authority_(authority),
+          is_static_(is_static),
+          sound_(is_sound(members, is_static)) {}
+
+    [[nodiscard]] std::span<const TransformView> members() const { return members_; }
+    [[nodiscard]] std::size_t size() const { return members_.size(); }
+    [[nodiscard]] const TransformView& operator[](std::size_t i) const { return members_[i]; }
+    [[nodiscard]] bool is_static() const { return is_static_; }
+    [[nodiscard]] std::string_view authority() const { return authority_; }
+    /// If not, `commit_batch` throws: whoever stores by other means leaves the batch to it.
+    [[nodiscard]] bool sound() const { return sound_; }
+
+private:
+    std::span<const TransformView> members_;
+    std::string_view authority_;
+    bool is_static_;
+    bool sound_;
+};
+
+/// Fills the sample word by word: copied as a block, the pose would go through memory and stall.
+inline void fill_sample(Reads::Impl& impl, const TransformView& transform, FrameId parent,
+                        bool is_static, history::NewSample<StoreMemory>& sample) {
+    sample.stamp = is_static ? history::kStaticStamp : transform.stamp;
+    sample.parent = parent;
+    const geometry::Vec3& t = transform.pose.translation;
+    geometry::Quat q = transform.pose.rotation;
+    // A unit quaternion is off by two roundings at most: it stays as it is, bit for bit.
+    constexpr double kRoundings = 4.5e-16;
+    const double norm2 = geometry::norm_squared(q);
+    if (std::abs(norm2 - 1.0) > kRoundings) {
+        if (std::abs(norm2 - 1.0) > 2e-9) {
+            impl.word(graph::kNormalised).fetch_add(1);
+        }
+        q = geometry::normalized(q);
+    }
+    const double numbers[7] = {t.x, t.y, t.z, q.x, q.y, q.z, q.w};
+    for (std::size_t i = 0; i < 7; ++i) {
+        sample.payload[i] = std::bit_cast<std::uint64_t>(numbers[i]);
+    }
+}
+
+/// Stores all of a batch in one commit; returns its number. The caller holds the commit lock and
+/// nothing else writes. Throws as Buffer::set_transforms does, naming every refused member; the
+/// store is then as it was.
+CommitNumber commit_batch(Reads::Impl& impl, const Batch& batch);
+
+}  // namespace tfdb::store
