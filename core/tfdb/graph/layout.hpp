@@ -12,6 +12,7 @@ enum StoreWord : unsigned {
     kCommit = 0,       // newest published commit: the one linearization point
     kPins = 8,         // how many snapshots are held
     kCommitLock = 16,  // see sync::CommitLock
+    kLanes = 17,       // who waits for it with priority: see sync::PriorityLock
     kFrameCount = 24,  // slots of the frame table ever used
     kFreeHead = 25,    // id + 1 of the frame that was removed first and waits for reuse
     kFreeTail = 26,

@@ -7,6 +7,26 @@
 
 namespace tfdb::sync {
 
+// ThreadSanitizer does not model fences. That is harmless here: all shared data are atomic words,
+// so no race is ever reported or missed because of a fence.
+#if defined(__GNUC__) && !defined(__clang__)
+#pragma GCC diagnostic push
+#pragma GCC diagnostic ignored "-Wtsan"
+#endif
+inline void fence_acquire() noexcept {
+    std::atomic_thread_fence(std::memory_order_acquire);
+}
+inline void fence_release() noexcept {
+    std::atomic_thread_fence(std::memory_order_release);
+}
+/// Orders an earlier store before a later load (the pin protocol needs it).
+inline void fence_full() noexcept {
+    std::atomic_thread_fence(std::memory_order_seq_cst);
+}
+#if defined(__GNUC__) && !defined(__clang__)
+#pragma GCC diagnostic pop
+#endif
+
 /// A 64-bit word that threads (and later processes) share.
 /// Threads: any may call anything.
 /// Guarantee: every operation is wait-free but `wait`, which blocks until the value differs.
@@ -35,8 +55,25 @@ public:
     std::uint64_t fetch_add(std::uint64_t delta) noexcept {
         return value_.fetch_add(delta, std::memory_order_acq_rel);
     }
+    /// Operations in one total order: where two threads each do a `compare_exchange_ordered`, then
+    /// a `load_ordered` of the other's word, one of the two sees what the other did. Cheaper than a
+    /// full fence between the two.
+    bool compare_exchange_ordered(std::uint64_t& expected, std::uint64_t desired) noexcept {
+        return value_.compare_exchange_strong(expected, desired, std::memory_order_seq_cst,
+                                              std::memory_order_seq_cst);
+    }
+    [[nodiscard]] std::uint64_t load_ordered() const noexcept {
+        return value_.load(std::memory_order_seq_cst);
+    }
+
+    /// The fences as the word's own, so that code over any kind of word uses that kind's fences.
+    static void fence_acquire() noexcept { sync::fence_acquire(); }
+    static void fence_release() noexcept { sync::fence_release(); }
+    static void fence_full() noexcept { sync::fence_full(); }
+
     void wait(std::uint64_t old) const noexcept { value_.wait(old, std::memory_order_relaxed); }
     void notify_one() noexcept { value_.notify_one(); }
+    void notify_all() noexcept { value_.notify_all(); }
 
 private:
     std::atomic<std::uint64_t> value_;
@@ -45,26 +82,6 @@ private:
 static_assert(sizeof(Word) == 8 && alignof(Word) == 8,
               "a word is eight aligned bytes of the region");
 static_assert(std::atomic<std::uint64_t>::is_always_lock_free, "words must not hide a lock");
-
-// ThreadSanitizer does not model fences. That is harmless here: all shared data are atomic words,
-// so no race is ever reported or missed because of a fence.
-#if defined(__GNUC__) && !defined(__clang__)
-#pragma GCC diagnostic push
-#pragma GCC diagnostic ignored "-Wtsan"
-#endif
-inline void fence_acquire() noexcept {
-    std::atomic_thread_fence(std::memory_order_acquire);
-}
-inline void fence_release() noexcept {
-    std::atomic_thread_fence(std::memory_order_release);
-}
-/// Orders an earlier store before a later load (the pin protocol needs it).
-inline void fence_full() noexcept {
-    std::atomic_thread_fence(std::memory_order_seq_cst);
-}
-#if defined(__GNUC__) && !defined(__clang__)
-#pragma GCC diagnostic pop
-#endif
 
 /// Tells the processor that this thread is spinning.
 inline void spin_pause() noexcept {

@@ -82,6 +82,15 @@ public:
         return access({Kind::kFetchAdd, this, value, 0}).before;
     }
 
+    // What stands in one total order anyway here, and fences that have nothing to order.
+    [[nodiscard]] std::uint64_t load_ordered() const { return read(Kind::kLoadAcquire); }
+    bool compare_exchange_ordered(std::uint64_t& expected, std::uint64_t desired) {
+        return compare_exchange(expected, desired);
+    }
+    static void fence_acquire() {}
+    static void fence_release() {}
+    static void fence_full() {}
+
     /// Not runnable while the word holds `blocked`; returns the value that let it go on.
     std::uint64_t wait_while(std::uint64_t blocked) {
         return access({Kind::kWait, this, 0, blocked}).before;

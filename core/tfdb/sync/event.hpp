@@ -1,0 +1,76 @@
+// Where threads sleep until something may have changed, at one load for who changes it.
+#pragma once
+
+#include "tfdb/sync/word.hpp"
+
+namespace tfdb::sync {
+
+/// An event count on one word: the epoch above, how many wait below. After D. Vyukov's eventcount.
+/// A waiter: `prepare`, look whether it still has to wait, then `wait` or `cancel`. Who changes
+/// what waiters look at: change it, then `notify_all`.
+/// Threads: any.
+/// Guarantee: all but `wait` and `await` are wait-free. No wake-up is lost: a change is seen by the
+/// look after `prepare`, or its `notify_all` ends the `wait`.
+template <class Word, int Spins = 100>
+class BasicEvent {
+public:
+    using Epoch = std::uint64_t;
+
+    explicit BasicEvent(Word& word) noexcept : word_(word) {}
+
+    /// Announces a waiter. What it looks at next, it sees as it is now or later.
+    [[nodiscard]] Epoch prepare() noexcept {
+        const std::uint64_t before = word_.fetch_add(kOneWaiter);
+        Word::fence_full();
+        return before >> kEpochShift;
+    }
+
+    /// It need not wait after all.
+    void cancel() noexcept { word_.fetch_add(~kOneWaiter + 1); }
+
+    /// Sleeps until a `notify_all` that came after `prepare`.
+    void wait(Epoch epoch) noexcept {
+        for (std::uint64_t now = word_.load_acquire(); now >> kEpochShift == epoch;
+             now = word_.load_acquire()) {
+            word_.wait(now);
+        }
+        cancel();
+    }
+
+    /// Wakes all that wait; one load behind a full fence when nobody does.
+    void notify_all() noexcept {
+        Word::fence_full();
+        if ((word_.load_relaxed() & kWaiters) == 0)
+            return;
+        word_.fetch_add(kOneEpoch);
+        word_.notify_all();
+    }
+
+    /// Returns once `ready()` says true: spins a little, then sleeps.
+    template <class Ready>
+    void await(Ready ready) {
+        for (int i = 0; i < Spins; ++i) {
+            if (ready())
+                return;
+            spin_pause();
+        }
+        for (;;) {
+            const Epoch epoch = prepare();
+            if (ready())
+                return cancel();
+            wait(epoch);
+        }
+    }
+
+private:
+    static constexpr unsigned kEpochShift = 16;
+    static constexpr std::uint64_t kOneWaiter = 1;
+    static constexpr std::uint64_t kOneEpoch = std::uint64_t{1} << kEpochShift;
+    static constexpr std::uint64_t kWaiters = kOneEpoch - 1;
+
+    Word& word_;
+};
+
+using Event = BasicEvent<Word>;
+
+}  // namespace tfdb::sync

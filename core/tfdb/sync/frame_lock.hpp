@@ -1,0 +1,112 @@
+// The shared/exclusive lock of one frame, which also says who holds it.
+#pragma once
+
+#include <bit>
+
+#include "tfdb/sync/word.hpp"
+
+namespace tfdb::sync {
+
+/// One word: a bit per holder (a gate's slot), one that somebody waits, one for exclusive. Shared
+/// goes with shared, exclusive with nothing. Engines decide who waits, dies or wounds; `wait_for`
+/// is how one waits.
+/// Threads: any; a slot is used by one thread at a time.
+/// Guarantee: all but `wait_for` are lock-free and never wait. Whoever waits is told by the event
+/// when the last holder leaves, or the last but one (which may be who waits, for an upgrade).
+template <class Word>
+class BasicFrameLock {
+public:
+    static constexpr std::uint64_t kExclusive = std::uint64_t{1} << 63;
+    static constexpr std::uint64_t kWaited = std::uint64_t{1} << 62;
+    static constexpr std::uint64_t kHolders = kWaited - 1;
+
+    static constexpr std::uint64_t bit(unsigned slot) { return std::uint64_t{1} << slot; }
+
+    /// How a request went, and the word as it found it.
+    struct Attempt {
+        bool granted;
+        std::uint64_t found;
+
+        explicit operator bool() const { return granted; }
+        /// Who else holds the lock: of a request that was refused, who is in its way.
+        [[nodiscard]] std::uint64_t others(unsigned slot) const {
+            return found & kHolders & ~bit(slot);
+        }
+        /// Somebody sleeps on this lock. Where it matters on whom (by age), who is granted a lock
+        /// that is waited for must tell the event, so that the sleepers look again.
+        [[nodiscard]] bool waited() const { return (found & kWaited) != 0; }
+    };
+
+    explicit BasicFrameLock(Word& word) noexcept : word_(word) {}
+
+    /// Granted also to who has it already, shared or exclusively.
+    [[nodiscard]] Attempt try_shared(unsigned slot) noexcept {
+        std::uint64_t found = word_.load_relaxed();
+        do {
+            if ((found & bit(slot)) != 0)
+                return {true, found};
+            if ((found & kExclusive) != 0)
+                return {false, found};
+        } while (!word_.compare_exchange(found, found | bit(slot)));
+        return {true, found};
+    }
+
+    /// Granted also to the only holder of the shared lock, and to who has it already.
+    [[nodiscard]] Attempt try_exclusive(unsigned slot) noexcept {
+        const std::uint64_t wanted = bit(slot) | kExclusive;
+        std::uint64_t found = word_.load_relaxed();
+        do {
+            if ((found & wanted) == wanted)
+                return {true, found};
+            if ((found & kHolders & ~bit(slot)) != 0)
+                return {false, found};
+        } while (!word_.compare_exchange(found, found | wanted));
+        return {true, found};
+    }
+
+    /// Lets go of what the slot holds (it must hold something). True: the caller must `notify_all`
+    /// the event.
+    [[nodiscard]] bool release(unsigned slot) noexcept {
+        std::uint64_t found = word_.load_relaxed();
+        for (;;) {
+            const std::uint64_t left = found & kHolders & ~bit(slot);
+            const bool tell = (found & kWaited) != 0 && std::popcount(left) <= 1;
+            const std::uint64_t waited = tell ? 0 : found & kWaited;
+            if (word_.compare_exchange(found, left | waited))
+                return tell;
+        }
+    }
+
+    /// Marks a lock that refused, after Event::prepare. False: it has changed, try again.
+    [[nodiscard]] bool mark_waited(const Attempt& refused) noexcept {
+        std::uint64_t found = refused.found;
+        return word_.compare_exchange(found, refused.found | kWaited);
+    }
+
+    /// Sleeps until a lock that refused may have become free, or `give_up()` is true when told.
+    /// Whoever makes `give_up()` true must `notify_all` the event then.
+    template <class Event, class GiveUp>
+    void wait_for(const Attempt& refused, Event& event, GiveUp give_up) {
+        const auto epoch = event.prepare();
+        if (give_up() || !mark_waited(refused))
+            event.cancel();
+        else
+            event.wait(epoch);
+    }
+
+    [[nodiscard]] std::uint64_t holders() const noexcept { return word_.load_acquire() & kHolders; }
+    [[nodiscard]] bool held_by(unsigned slot) const noexcept {
+        return (word_.load_relaxed() & bit(slot)) != 0;
+    }
+    [[nodiscard]] bool held_exclusively_by(unsigned slot) const noexcept {
+        const std::uint64_t wanted = bit(slot) | kExclusive;
+        return (word_.load_relaxed() & wanted) == wanted;
+    }
+
+private:
+    Word& word_;
+};
+
+using FrameLock = BasicFrameLock<Word>;
+
+}  // namespace tfdb::sync

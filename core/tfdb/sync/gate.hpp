@@ -1,0 +1,169 @@
+// Many go through side by side, until one closes it to be alone.
+#pragma once
+
+#include <array>
+
+#include "tfdb/sync/word.hpp"
+
+namespace tfdb::sync {
+
+/// What a slot counts for those who were in it.
+enum class SlotCount : std::uint8_t { kCommits, kRetries, kAborts, kConflicts, kLockWaits };
+
+/// Where the session in a slot stands, for engines in which others may wound it.
+enum class SlotState : std::uint64_t { kActive, kWounded, kCommitting };
+
+/// Slots that threads enter and leave, and a word that closes them all. Whoever is in a slot must
+/// leave it before it closes the gate, or waits for who may close it.
+/// Threads: any; `leave`, `add` and stores to `age` only by who is in the slot; one closes at a
+/// time; `open` only who closed.
+/// Guarantee: `enter` and `leave` cost one exchange each on a line of the thread's own, and wait
+/// for nobody while the gate is open and a slot is free. `close` waits for those inside; `enter`
+/// waits while it is closed; who was turned away gets in before the next `close`.
+template <class Word, unsigned Slots = 62, int Spins = 100>
+class BasicGate {
+public:
+    static constexpr unsigned kSlots = Slots;
+
+    /// Returns the slot that is now the caller's: `preferred`, or the next one that is free.
+    [[nodiscard]] unsigned enter(unsigned preferred) noexcept {
+        const unsigned slot = claim(preferred);
+        if ((gate().load_ordered() & kClosed) == 0) [[likely]]
+            return slot;
+        leave(slot);
+        return enter_after_closure(preferred);
+    }
+
+    void leave(unsigned slot) noexcept {
+        if (claimed(slot).exchange(kFree) == kAwaited) [[unlikely]]
+            claimed(slot).notify_all();
+    }
+
+    /// Keeps all others out, then waits until the last of them has left.
+    void close() noexcept {
+        std::uint64_t found = 0;
+        for (int spin = 0; !gate().compare_exchange_ordered(found, kClosed); found = 0, ++spin) {
+            if (spin < Spins)
+                spin_pause();
+            else
+                gate().wait(found);
+        }
+        for (unsigned slot = 0; slot < Slots; ++slot)
+            await_free(slot);
+    }
+
+    /// Closes only if nobody is inside, or has waited to get in.
+    [[nodiscard]] bool try_close() noexcept {
+        std::uint64_t found = 0;
+        if (!gate().compare_exchange_ordered(found, kClosed))
+            return false;
+        for (unsigned slot = 0; slot < Slots; ++slot) {
+            if (claimed(slot).load_ordered() != kFree) {
+                open();
+                return false;
+            }
+        }
+        return true;
+    }
+
+    void open() noexcept {
+        gate().fetch_add(~kClosed + 1);
+        gate().notify_all();
+    }
+
+    /// Seniority of the session in a slot: see txn::Seniority.
+    [[nodiscard]] Word& age(unsigned slot) noexcept { return lines_[slot].words[kAge]; }
+    /// A SlotState.
+    [[nodiscard]] Word& state(unsigned slot) noexcept { return lines_[slot].words[kState]; }
+
+    void add(unsigned slot, SlotCount which, std::uint64_t count = 1) noexcept {
+        Word& word = lines_[slot].words[kCounts + static_cast<unsigned>(which)];
+        word.store_relaxed(word.load_relaxed() + count);
+    }
+    /// Over all slots; those inside may be adding meanwhile.
+    [[nodiscard]] std::uint64_t total(SlotCount which) const noexcept {
+        std::uint64_t sum = 0;
+        for (const Line& line : lines_)
+            sum += line.words[kCounts + static_cast<unsigned>(which)].load_relaxed();
+        return sum;
+    }
+
+    /// The words that decide, for tests.
+    [[nodiscard]] Word& gate() noexcept { return gate_line_.words[0]; }
+    [[nodiscard]] Word& claimed(unsigned slot) noexcept { return lines_[slot].words[kClaimed]; }
+
+private:
+    // The gate's word: closed or not, and how many were turned away and are not in again.
+    static constexpr std::uint64_t kClosed = 1;
+    static constexpr std::uint64_t kTurnedAway = 2;
+    // A slot's first word.
+    static constexpr std::uint64_t kFree = 0;
+    static constexpr std::uint64_t kTaken = 1;
+    static constexpr std::uint64_t kAwaited = 2;  // taken, and somebody sleeps until it is free
+
+    enum LineWord : unsigned { kClaimed, kAge, kState, kCounts, kLineWords = 8 };
+    struct alignas(64) Line {
+        std::array<Word, kLineWords> words{};
+    };
+
+    bool try_claim(unsigned slot) noexcept {
+        std::uint64_t found = kFree;
+        return claimed(slot).compare_exchange_ordered(found, kTaken);
+    }
+
+    unsigned claim(unsigned preferred) noexcept {
+        for (;;) {
+            for (unsigned i = 0; i < Slots; ++i) {
+                const unsigned slot = (preferred + i) % Slots;
+                if (try_claim(slot)) [[likely]]
+                    return slot;
+            }
+            await_change(preferred % Slots);
+        }
+    }
+
+    /// Nobody closes the gate once it was open after this thread has counted itself.
+    unsigned enter_after_closure(unsigned preferred) noexcept {
+        std::uint64_t now = gate().fetch_add(kTurnedAway) + kTurnedAway;
+        for (int spin = 0; (now & kClosed) != 0; now = gate().load_acquire(), ++spin) {
+            if (spin < Spins)
+                spin_pause();
+            else
+                gate().wait(now);
+        }
+        const unsigned slot = claim(preferred);
+        if (gate().fetch_add(~kTurnedAway + 1) == kTurnedAway)
+            gate().notify_all();
+        return slot;
+    }
+
+    void await_free(unsigned slot) noexcept {
+        for (int spin = 0; claimed(slot).load_ordered() != kFree; ++spin) {
+            if (spin < Spins)
+                spin_pause();
+            else
+                await_change(slot);
+        }
+    }
+
+    /// Sleeps while the slot stays taken by who has it.
+    void await_change(unsigned slot) noexcept {
+        std::uint64_t found = kTaken;
+        if (claimed(slot).compare_exchange(found, kAwaited) || found == kAwaited)
+            claimed(slot).wait(kAwaited);
+    }
+
+    Line gate_line_{};
+    std::array<Line, Slots> lines_{};
+};
+
+using Gate = BasicGate<Word>;
+
+/// A slot for this thread to prefer: threads get different ones as long as there are enough.
+inline unsigned preferred_slot() noexcept {
+    static Word next{};
+    thread_local const unsigned mine = static_cast<unsigned>(next.fetch_add(1) % Gate::kSlots);
+    return mine;
+}
+
+}  // namespace tfdb::sync

@@ -1,0 +1,83 @@
+// The word by which silo's readers notice that a frame was written meanwhile.
+#pragma once
+
+#include "tfdb/sync/word.hpp"
+
+namespace tfdb::sync {
+
+/// A lock and a version in one word: bit 0 locked, bit 1 somebody waits, the version above. After
+/// S. Tu et al., "Speedy Transactions in Multicore In-Memory Databases" (2013).
+/// Threads: any read; only who has it locked may store what it guards, and unlock.
+/// Guarantee: all but `lock` are wait-free. If `unchanged` says yes, all that was loaded between
+/// `version` and it is of one moment.
+template <class Word, int Spins = 100>
+class BasicVersionLock {
+public:
+    explicit BasicVersionLock(Word& word) noexcept : word_(word) {}
+
+    /// Load what is guarded after it, and only if it is not `locked`.
+    [[nodiscard]] std::uint64_t version() const noexcept { return word_.load_acquire(); }
+    static constexpr bool locked(std::uint64_t version) { return (version & kLocked) != 0; }
+
+    /// True if nobody has locked it since `version` was asked, which was not locked.
+    [[nodiscard]] bool unchanged(std::uint64_t version) const noexcept {
+        Word::fence_acquire();
+        return word_.load_relaxed() == version;
+    }
+    /// The same for who has locked it meanwhile: true if nobody did in between.
+    [[nodiscard]] bool unchanged_until_mine(std::uint64_t version) const noexcept {
+        return (word_.load_relaxed() & ~kWaited) == (version | kLocked);
+    }
+
+    [[nodiscard]] bool try_lock() noexcept {
+        std::uint64_t found = word_.load_relaxed();
+        if ((found & kLocked) != 0 || !word_.compare_exchange(found, found | kLocked))
+            return false;
+        Word::fence_release();  // who sees what is stored from here on sees, at its end, the lock
+        return true;
+    }
+
+    /// Spins, then sleeps on the event. Who locks several must do so in an order of all.
+    template <class Event>
+    void lock(Event& event) noexcept {
+        for (int i = 0; i < Spins; ++i) {
+            if (try_lock())
+                return;
+            spin_pause();
+        }
+        while (!try_lock()) {
+            const auto epoch = event.prepare();
+            if (mark_waited())
+                event.wait(epoch);
+            else
+                event.cancel();
+        }
+    }
+
+    /// A new version if something was stored. True: the caller must `notify_all` the event.
+    [[nodiscard]] bool unlock(bool changed) noexcept {
+        const std::uint64_t version = word_.load_relaxed() & ~(kLocked | kWaited);
+        return (word_.exchange(version + (changed ? kOneVersion : 0)) & kWaited) != 0;
+    }
+
+private:
+    static constexpr std::uint64_t kLocked = 1;
+    static constexpr std::uint64_t kWaited = 2;
+    static constexpr std::uint64_t kOneVersion = 4;
+
+    /// False if it is free.
+    bool mark_waited() noexcept {
+        std::uint64_t found = word_.load_relaxed();
+        while ((found & kLocked) != 0) {
+            if (word_.compare_exchange(found, found | kWaited))
+                return true;
+        }
+        return false;
+    }
+
+    Word& word_;
+};
+
+using VersionLock = BasicVersionLock<Word>;
+
+}  // namespace tfdb::sync
