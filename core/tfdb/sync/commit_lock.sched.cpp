@@ -3,7 +3,7 @@
 
 #include <string>
 
-#include "tfdb/testing/sched/walk.hpp"
+#include "tfdb/sync/flaws.sched.hpp"
 
 namespace tfdb::sync {
 
@@ -12,38 +12,7 @@ namespace {
 using sched::Program;
 using sched::Run;
 using sched::Walk;
-
-/// The lock's word as it should be; each flaw below breaks one promise of it.
-using Sound = sched::Word;
-
-struct SplitCompareExchange : sched::Word {
-    bool compare_exchange(std::uint64_t& expected, std::uint64_t desired) {
-        const std::uint64_t found = load_acquire();
-        if (found != expected) {
-            expected = found;
-            return false;
-        }
-        store_release(desired);
-        return true;
-    }
-};
-
-struct SplitExchange : sched::Word {
-    std::uint64_t exchange(std::uint64_t desired) {
-        const std::uint64_t found = load_acquire();
-        store_release(desired);
-        return found;
-    }
-};
-
-struct SilentNotify : sched::Word {
-    void notify_one() {}
-};
-
-/// Sleeps on whatever is there, as a condition variable without its mutex would.
-struct BlindWait : sched::Word {
-    void wait(std::uint64_t) const { sched::Word::wait(load_acquire()); }
-};
+using namespace flaws;
 
 /// Two steps that are only right if nobody comes in between.
 template <class Word, int Spins>
@@ -98,7 +67,6 @@ Program tried() {
 
 constexpr char kExcludes[] = "count.peek() ==";
 constexpr char kTriedExcludes[] = "count.peek() + given_up == 2";
-constexpr char kWakes[] = "deadlock";
 
 }  // namespace
 
@@ -117,9 +85,9 @@ TFDB_SCHED(commit_lock_flaws_are_found) {
     walk.must_fail("compare_exchange in two steps", kTriedExcludes, tried<SplitCompareExchange>());
     walk.must_fail("compare_exchange in two steps, spinning", kExcludes,
                    counted<SplitCompareExchange, 1>(2));
-    walk.must_fail("exchange in two steps", kWakes, counted<SplitExchange, 0>(2));
-    walk.must_fail("unlock without notify", kWakes, counted<SilentNotify, 0>(2));
-    walk.must_fail("sleeping without looking again", kWakes, counted<BlindWait, 0>(2));
+    walk.must_fail("exchange in two steps", kDeadlock, counted<SplitExchange, 0>(2));
+    walk.must_fail("unlock without notify", kDeadlock, counted<SilentNotify, 0>(2));
+    walk.must_fail("sleeping without looking again", kDeadlock, counted<BlindWait, 0>(2));
 }
 
 }  // namespace tfdb::sync

@@ -103,7 +103,7 @@ private:
 
     enum LineWord : unsigned { kClaimed, kAge, kState, kCounts, kLineWords = 8 };
     struct alignas(64) Line {
-        std::array<Word, kLineWords> words{};
+        std::array<Word, kLineWords> words;
     };
 
     bool try_claim(unsigned slot) noexcept {
@@ -153,8 +153,8 @@ private:
             claimed(slot).wait(kAwaited);
     }
 
-    Line gate_line_{};
-    std::array<Line, Slots> lines_{};
+    Line gate_line_;
+    std::array<Line, Slots> lines_;
 };
 
 using Gate = BasicGate<Word>;

@@ -1,0 +1,67 @@
+// Words with one promise broken: what a lock over them turns into must be found by its walk.
+#pragma once
+
+#include <cstdint>
+
+#include "tfdb/testing/sched/walk.hpp"
+
+namespace tfdb::sync::flaws {
+
+/// A word as it should be; each flaw below breaks one promise of it.
+using Sound = sched::Word;
+
+struct SplitCompareExchange : sched::Word {
+    bool compare_exchange(std::uint64_t& expected, std::uint64_t desired) {
+        const std::uint64_t found = load_acquire();
+        if (found != expected) {
+            expected = found;
+            return false;
+        }
+        store_release(desired);
+        return true;
+    }
+};
+
+struct SplitOrderedExchange : SplitCompareExchange {
+    bool compare_exchange_ordered(std::uint64_t& expected, std::uint64_t desired) {
+        return SplitCompareExchange::compare_exchange(expected, desired);
+    }
+    bool compare_exchange(std::uint64_t& expected, std::uint64_t desired) {
+        return sched::Word::compare_exchange(expected, desired);
+    }
+};
+
+struct SplitExchange : sched::Word {
+    std::uint64_t exchange(std::uint64_t desired) {
+        const std::uint64_t found = load_acquire();
+        store_release(desired);
+        return found;
+    }
+};
+
+struct SplitFetchAdd : sched::Word {
+    std::uint64_t fetch_add(std::uint64_t delta) {
+        const std::uint64_t found = load_acquire();
+        store_release(found + delta);
+        return found;
+    }
+};
+
+struct SilentNotify : sched::Word {
+    void notify_one() {}
+    void notify_all() {}
+};
+
+/// Wakes one where all should be woken.
+struct NarrowNotify : sched::Word {
+    void notify_all() { notify_one(); }
+};
+
+/// Sleeps on whatever is there, as a condition variable without its mutex would.
+struct BlindWait : sched::Word {
+    void wait(std::uint64_t) const { sched::Word::wait(load_acquire()); }
+};
+
+inline constexpr char kDeadlock[] = "deadlock";
+
+}  // namespace tfdb::sync::flaws
