@@ -14,8 +14,8 @@ PIP := $(BIN)/python -m pip --disable-pip-version-check -q
 CMAKE := $(BIN)/cmake
 export PATH := $(CURDIR)/$(BIN):$(PATH)
 
-NATIVE := $(shell find core bindings -name '*.?pp' -not -name '*.*.?pp' 2>/dev/null)
-CPP := $(shell find core bindings tests benchmarks -name '*.?pp' -not -path '*/env/*' 2>/dev/null)
+NATIVE := $(shell find core bindings driver -name '*.?pp' -not -name '*.*.?pp' 2>/dev/null)
+CPP := $(shell find core bindings driver tests benchmarks -name '*.?pp' -not -path '*/env/*' 2>/dev/null)
 # Address randomisation finer than GCC 12's ThreadSanitizer expects would stop it at start.
 FIXED_ADDRESSES := $(shell command -v setarch >/dev/null 2>&1 && echo setarch $$(uname -m) -R)
 
@@ -67,6 +67,7 @@ test-cpp: $(STAMPS)/venv
 	$(CMAKE) --build --preset dev -j $(JOBS)
 	build/dev/bin/tfdb_tests
 	build/dev/bin/tfdb_sched
+	build/dev/bin/tfdb_driver_tests
 
 test-python: $(STAMPS)/dev
 	$(BIN)/python -m pytest

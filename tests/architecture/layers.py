@@ -224,7 +224,7 @@ def python_imports(text: str, package: tuple[str, ...]) -> list[Import]:
 
 def _sizes(tree: Path, layers: dict[str, Any]) -> Iterator[Violation]:
     limits: dict[str, int] = layers["limits"]
-    for name in ("core", "bindings", "src", "tests", "tools", "benchmarks", "examples"):
+    for name in ("core", "bindings", "driver", "src", "tests", "tools", "benchmarks", "examples"):
         for path in sorted((tree / name).rglob("*")):
             if path.suffix in CPP_SUFFIXES | {".py"} and path.is_file():
                 yield from _sizes_of(path, path.relative_to(tree).as_posix(), limits)
