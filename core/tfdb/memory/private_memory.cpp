@@ -3,10 +3,11 @@
 #include <sys/mman.h>
 
 #include <algorithm>
+#include <mutex>
 #include <string>
 
 #include "tfdb/base/error.hpp"
-#include "tfdb/memory/block_sizes.hpp"
+#include "tfdb/sync/commit_lock.hpp"
 
 namespace tfdb::memory {
 namespace {
@@ -14,6 +15,7 @@ namespace {
 constexpr Offset kBumpWord = 8;
 constexpr Offset kUsedWord = 16;
 constexpr Offset kFreeWord = 24;
+constexpr Offset kLockWord = 32;
 constexpr Offset kHeads = kLineBytes;  // one free list per size class
 constexpr Offset kFirstBlock = round_up(kHeads + 8 * kSizeClasses, kLineBytes);
 
@@ -61,31 +63,45 @@ Offset PrivateMemory::bump(std::size_t bytes) {
     return at;
 }
 
+/// Page-table misses cost writers of many cold rings a factor of four (measured).
+void PrivateMemory::back_by_huge_pages(Offset end) {
+    if (end <= huge_pages_to_)
+        return;
+    const std::size_t to = round_up(end, kHugePage);
+    ::madvise(base_ + huge_pages_to_, to - huge_pages_to_, MADV_HUGEPAGE);
+    huge_pages_to_ = to;
+}
+
+/// Adds to a counter that others only read meanwhile; `bytes` may be a negative number's.
+void PrivateMemory::count(Offset counter, std::size_t bytes) {
+    word(counter).store_relaxed(word(counter).load_relaxed() + bytes);
+}
+
+Offset PrivateMemory::reuse_or_bump(const BlockClass& fit) {
+    Word& head = word(kHeads + 8 * Offset{fit.index});
+    const Offset waiting = head.load_relaxed();
+    if (waiting == 0) {
+        const Offset block = bump(fit.bytes);
+        back_by_huge_pages(block + fit.bytes);
+        return block;
+    }
+    head.store_relaxed(word(waiting).load_relaxed());
+    count(kFreeWord, std::size_t{0} - fit.bytes);
+    return waiting;
+}
+
 Offset PrivateMemory::allocate(std::size_t bytes) {
     const BlockClass fit = block_class(bytes);
     if (fit.index >= kSizeClasses)
         throw CapacityExceeded("a block that large cannot be had");
-    const std::size_t used = word(kUsedWord).load_relaxed();
-    if (used + fit.bytes > limit_) {
+    sync::CommitLock lock(word(kLockWord));
+    const std::lock_guard guard(lock);
+    if (word(kUsedWord).load_relaxed() + fit.bytes > limit_) {
         throw CapacityExceeded("the store's memory limit of " + std::to_string(limit_) +
                                " bytes is reached: raise memory_limit or shorten history");
     }
-    Word& head = word(kHeads + 8 * Offset{fit.index});
-    Offset block = head.load_relaxed();
-    if (block != 0) {
-        head.store_relaxed(word(block).load_relaxed());
-        word(kFreeWord).store_relaxed(word(kFreeWord).load_relaxed() - fit.bytes);
-    } else {
-        block = bump(fit.bytes);
-        const Offset end = block + fit.bytes;
-        if (end > huge_pages_to_ && fit.bytes >= kLineBytes) {
-            // Page-table misses cost writers of many cold rings a factor of four (measured).
-            const std::size_t to = round_up(end, kHugePage);
-            ::madvise(base_ + huge_pages_to_, to - huge_pages_to_, MADV_HUGEPAGE);
-            huge_pages_to_ = to;
-        }
-    }
-    word(kUsedWord).store_relaxed(used + fit.bytes);
+    const Offset block = reuse_or_bump(fit);
+    count(kUsedWord, fit.bytes);
     // Whoever still reads the block's former content must see, after its acquire fence, what was
     // published when the block was released.
     fence_release();
@@ -93,6 +109,8 @@ Offset PrivateMemory::allocate(std::size_t bytes) {
 }
 
 Offset PrivateMemory::allocate_sparse(std::size_t bytes) {
+    sync::CommitLock lock(word(kLockWord));
+    const std::lock_guard guard(lock);
     const Offset block = bump(round_up(bytes, kHugePage));
     huge_pages_to_ = std::max(huge_pages_to_, round_up(block + bytes, kHugePage));
     return block;
@@ -106,11 +124,13 @@ void PrivateMemory::release(Offset offset, std::size_t bytes) {
         const Offset last = (offset + fit.bytes) / 4096 * 4096;
         ::madvise(base_ + first, last - first, MADV_DONTNEED);
     }
+    sync::CommitLock lock(word(kLockWord));
+    const std::lock_guard guard(lock);
     Word& head = word(kHeads + 8 * Offset{fit.index});
     word(offset).store_relaxed(head.load_relaxed());
     head.store_relaxed(offset);
-    word(kUsedWord).store_relaxed(word(kUsedWord).load_relaxed() - fit.bytes);
-    word(kFreeWord).store_relaxed(word(kFreeWord).load_relaxed() + fit.bytes);
+    count(kUsedWord, std::size_t{0} - fit.bytes);
+    count(kFreeWord, fit.bytes);
 }
 
 std::size_t PrivateMemory::used_bytes() const noexcept {

@@ -6,15 +6,17 @@
 #include <limits>
 
 #include "tfdb/base/types.hpp"
+#include "tfdb/memory/block_sizes.hpp"
 #include "tfdb/memory/memory.hpp"
 #include "tfdb/sync/word.hpp"
 
 namespace tfdb::memory {
 
 /// One mapping of address space, a bump allocator and free lists, all state inside the region.
-/// Threads: `word` any thread; allocate and release only under the store's commit lock.
-/// Guarantee: `word` is wait-free and stays readable for the life of the region, also in a released
-/// block: a reader that was overtaken reads stale words, never unmapped memory.
+/// Threads: any.
+/// Guarantee: `word`, `used_bytes` and `free_bytes` are wait-free; the rest takes turns under a
+/// lock of its own. A word stays readable for the life of the region, also in a released block: a
+/// reader that was overtaken reads stale words, never unmapped memory.
 class PrivateMemory {
 public:
     using Word = sync::Word;
@@ -53,7 +55,11 @@ public:
     [[nodiscard]] static Offset root() noexcept;
 
 private:
+    // All private functions: the lock is held.
     Offset bump(std::size_t bytes);
+    Offset reuse_or_bump(const BlockClass& fit);
+    void back_by_huge_pages(Offset end);
+    void count(Offset counter, std::size_t bytes);
 
     std::byte* base_ = nullptr;
     std::size_t reserved_ = 0;

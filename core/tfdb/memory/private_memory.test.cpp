@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <map>
 #include <random>
+#include <thread>
 #include <vector>
 
 #include "tfdb/base/error.hpp"
@@ -147,6 +148,46 @@ TFDB_TEST(memory_sparse_blocks_are_zero_and_do_not_count) {
         CHECK_EQ(memory.word(table + at).load_relaxed(), 0U);
     const Offset after = memory.allocate(64);
     CHECK(after >= table + 200 * kMebi || after < table);
+}
+
+TFDB_TEST(memory_is_shared_by_threads_that_allocate_and_release) {
+    constexpr std::uint64_t kThreads = 4;
+    PrivateMemory memory;
+    std::vector<std::thread> running;
+    std::vector<std::size_t> kept(kThreads);
+    for (std::uint64_t thread = 0; thread < kThreads; ++thread) {
+        running.emplace_back([&memory, &kept, thread] {
+            struct Block {
+                Offset at;
+                std::size_t bytes;
+            };
+            std::mt19937_64 random(11 + thread);
+            std::vector<Block> mine;
+            const auto check_and_drop = [&] {
+                const Block block = mine[random() % mine.size()];
+                for (std::size_t at = 0; at < block.bytes; at += 8)
+                    CHECK_EQ(memory.word(block.at + at).load_relaxed(), thread << 32 | block.bytes);
+                memory.release(block.at, block.bytes);
+                std::erase_if(mine, [&](const Block& held) { return held.at == block.at; });
+            };
+            for (int i = 0; i < 4000; ++i) {
+                const Block block{0, 64 * (1 + random() % 12)};
+                mine.push_back({memory.allocate(block.bytes), block.bytes});
+                for (std::size_t at = 0; at < block.bytes; at += 8)
+                    memory.word(mine.back().at + at).store_relaxed(thread << 32 | block.bytes);
+                while (mine.size() > 20)
+                    check_and_drop();
+            }
+            for (const Block& block : mine)
+                kept[thread] += block_class(block.bytes).bytes;
+        });
+    }
+    for (std::thread& thread : running)
+        thread.join();
+    std::size_t all = 0;
+    for (const std::size_t bytes : kept)
+        all += bytes;
+    CHECK_EQ(memory.used_bytes(), all);
 }
 
 }  // namespace tfdb::memory
