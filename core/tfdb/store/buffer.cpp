@@ -109,6 +109,8 @@ Counters Buffer::counters() const {
     counters.normalised = impl_->word(graph::kNormalised).load_relaxed();
     counters.lapped_reads = impl_->lapped_reads.load_relaxed();
     counters.locked_reads = impl_->locked_reads.load_relaxed();
+    counters.aborts = impl_->aborts.load_relaxed();
+    counters.conflicts = impl_->conflicts.load_relaxed();
     return counters;
 }
 

@@ -90,6 +90,9 @@ struct Reads::Impl {
     Authorities authorities;
     mutable sync::Word lapped_reads{};
     mutable sync::Word locked_reads{};
+    sync::Word aborts{};     // of transactions, conflicts included
+    sync::Word conflicts{};  // transactions that lost
+    sync::Word ages{};       // transactions so far: the age of the next one
 };
 
 namespace store {

@@ -1,0 +1,61 @@
+// One attempt of a transaction, whatever the engine: what store::Transaction asks of it.
+#pragma once
+
+#include <cstdint>
+#include <memory>
+#include <optional>
+#include <span>
+#include <string>
+#include <string_view>
+
+#include "tfdb/store/buffer.hpp"
+#include "tfdb/store/impl.hpp"
+#include "tfdb/store/transaction.hpp"
+
+namespace tfdb::store {
+
+/// A lookup by names.
+struct Question {
+    enum Kind : std::uint8_t { kAt, kLatest, kCommonTime };
+    Kind kind = kAt;
+    std::string_view target;
+    std::string_view source;
+    std::optional<StampNs> stamp{};    // kAt
+    Policy policy{};                   // kAt
+    std::optional<StampNs> max_age{};  // kLatest
+    StampNs now = 0;                   // kLatest
+};
+
+/// An open transaction of some engine. All but the destructor and `rollback` may throw Conflict:
+/// it has then ended, and nothing was stored.
+/// Threads: one. Guarantee: that of its engine.
+class Attempt {
+public:
+    Attempt() = default;
+    virtual ~Attempt() = default;
+    Attempt(const Attempt&) = delete;
+    Attempt& operator=(const Attempt&) = delete;
+
+    /// False: `failure` says why. The answer to kCommonTime is `answer.stamp`.
+    [[nodiscard]] virtual bool ask(const Question& question, Answer& answer, Failure& failure) = 0;
+    [[nodiscard]] virtual bool has_frame(std::string_view name) = 0;
+    /// The commit whose state is read.
+    [[nodiscard]] virtual CommitNumber read_as_of() = 0;
+    [[nodiscard]] virtual std::string frame_name(FrameId id, std::uint32_t generation) const = 0;
+    /// The name of a frame of a failure.
+    [[nodiscard]] virtual std::string frame_name(FrameId id) const = 0;
+
+    virtual void write(std::span<const TransformView> batch, bool is_static,
+                       std::string_view authority) = 0;
+    virtual void remove_frame(std::string_view name, bool recursive) = 0;
+
+    /// Ends it. Throws Conflict, CycleError, CapacityExceeded.
+    virtual CommitNumber commit() = 0;
+    virtual void rollback() noexcept = 0;
+};
+
+/// Begins an attempt in the store's engine; `options` were checked, and `age` is set.
+[[nodiscard]] std::unique_ptr<Attempt> make_attempt(Reads::Impl& impl,
+                                                    const TransactionOptions& options);
+
+}  // namespace tfdb::store

@@ -1,0 +1,163 @@
+// What a transaction has read, kept as what would have to change for its answers to change.
+#pragma once
+
+#include <algorithm>
+#include <cstdint>
+#include <string>
+#include <string_view>
+#include <unordered_map>
+#include <unordered_set>
+#include <utility>
+#include <vector>
+
+#include "tfdb/graph/frames.hpp"
+#include "tfdb/graph/names.hpp"
+#include "tfdb/history/edge_changes.hpp"
+#include "tfdb/txn/child_index.hpp"
+
+namespace tfdb::txn {
+
+/// Why what was read is no longer so.
+struct ReadConflict {
+    enum Kind : std::uint8_t {
+        kNone,
+        kEdge,      // `change` says how
+        kRemoved,   // the frame
+        kNewName,   // a frame of `name`, which did not exist
+        kChildren,  // the frame has other children
+    };
+    Kind kind = kNone;
+    FrameId frame = kNoFrame;
+    std::string name;
+    history::EdgeChange change;
+
+    [[nodiscard]] explicit operator bool() const { return kind != kNone; }
+};
+
+/// Frames, edges, names and lists of children that answers depend on. An edge is noted as ranges of
+/// stamps: a read between two samples of the past does not mind what is appended.
+/// Threads: one. Guarantee: `validate` never misses a change; it wants all writers held off.
+class ReadSet {
+public:
+    /// The frame exists. Returns its place, which stays.
+    std::size_t note_frame(FrameId id, std::uint32_t generation) {
+        if (last_ < frames_.size() && frames_[last_].id == id)
+            return last_;
+        const auto [at, added] = places_.try_emplace(id, frames_.size());
+        if (added)
+            frames_.push_back({id, generation, {}, history::kNoStamp, false});
+        last_ = at->second;
+        return last_;
+    }
+    /// The frame's edge was looked at: that it was cleared or stored static would show.
+    void note_edge(std::size_t place) { frames_[place].edge = true; }
+    /// A new sample within the stamps, ends included, would show.
+    void note_range(std::size_t place, history::StampRange range) {
+        if (range.from <= range.to)
+            add(frames_[place].ranges, range);
+    }
+    void note_all(std::size_t place) { note_range(place, {}); }
+    /// A sample was used: that it is no longer retained would show.
+    void note_used(std::size_t place, clock::StampNs stamp) {
+        clock::StampNs& lowest = frames_[place].lowest;
+        if (stamp >= 0 && (lowest < 0 || stamp < lowest))
+            lowest = stamp;
+    }
+    void note_absent(std::string_view name) { absent_.emplace(name); }
+    /// The frame's children by newest parents, ascending; none needs no search at the end.
+    void note_children(FrameId id, std::vector<FrameId> children) {
+        listings_.emplace_back(id, std::move(children));
+    }
+
+    [[nodiscard]] bool empty() const { return frames_.empty() && absent_.empty(); }
+
+    /// Whether commit `now` differs from commit `since` in anything that was read. `edges` false:
+    /// only frames, names and children are asked for.
+    template <class Memory>
+    [[nodiscard]] ReadConflict validate(const graph::Frames<Memory>& frames, clock::StampNs history,
+                                        CommitNumber since, CommitNumber now, bool edges) const {
+        for (const Frame& frame : frames_) {
+            const bool same =
+                frames.generation(frame.id) == frame.generation && frames.alive(frame.id, now);
+            if (!same)
+                return {ReadConflict::kRemoved, frame.id, {}, {}};
+            if (!edges || !frame.edge)
+                continue;
+            const history::EdgeChanges<Memory> changes(frames.memory(), frames.header(frame.id),
+                                                       since, history);
+            const history::EdgeChange change = changes.find(frame.ranges, frame.lowest);
+            if (change)
+                return {ReadConflict::kEdge, frame.id, {}, change};
+        }
+        const graph::Names<Memory> names(frames);
+        for (const std::string& name : absent_) {
+            const FrameId found = names.find(name, now);
+            if (found != kNoFrame)
+                return {ReadConflict::kNewName, found, name, {}};
+        }
+        return validate_children(frames, history, now);
+    }
+
+private:
+    struct Frame {
+        FrameId id;
+        std::uint32_t generation;
+        std::vector<history::StampRange> ranges;  // sorted, apart
+        clock::StampNs lowest;                    // stamp that was used
+        bool edge;
+    };
+    static constexpr std::size_t kMostRanges = 64;  // beyond, neighbours become one
+
+    static void add(std::vector<history::StampRange>& ranges, history::StampRange range) {
+        const auto first = std::lower_bound(
+            ranges.begin(), ranges.end(), range.from,
+            [](const history::StampRange& r, clock::StampNs s) { return r.to < s; });
+        auto last = first;
+        for (; last != ranges.end() && last->from <= range.to; ++last) {
+            range.from = std::min(range.from, last->from);
+            range.to = std::max(range.to, last->to);
+        }
+        if (first == last) {
+            ranges.insert(first, range);
+        } else {
+            *first = range;
+            ranges.erase(first + 1, last);
+        }
+        if (ranges.size() <= kMostRanges)
+            return;
+        std::size_t kept = 0;
+        for (std::size_t i = 0; i < ranges.size(); i += 2, ++kept)
+            ranges[kept] = {ranges[i].from, ranges[std::min(i + 1, ranges.size() - 1)].to};
+        ranges.resize(kept);
+    }
+
+    template <class Memory>
+    [[nodiscard]] ReadConflict validate_children(const graph::Frames<Memory>& frames,
+                                                 clock::StampNs history, CommitNumber now) const {
+        ChildIndex index;
+        bool built = false;
+        std::vector<FrameId> found;
+        for (const auto& [id, children] : listings_) {
+            found.clear();
+            const bool any = frames.word(id, history::kChildren).load_relaxed() != 0;
+            if (any && !built) {
+                built = index.build(SnapshotView<Memory>(frames, now, history));
+                if (!built)
+                    return {ReadConflict::kChildren, id, {}, {}};
+            }
+            if (any)
+                index.append_children(id, found);
+            if (found != children)
+                return {ReadConflict::kChildren, id, {}, {}};
+        }
+        return {};
+    }
+
+    std::vector<Frame> frames_;
+    std::unordered_map<FrameId, std::size_t> places_;
+    std::size_t last_ = 0;
+    std::unordered_set<std::string> absent_;
+    std::vector<std::pair<FrameId, std::vector<FrameId>>> listings_;
+};
+
+}  // namespace tfdb::txn

@@ -1,0 +1,183 @@
+// How a transaction ends well: what it read is judged, then what it wrote becomes one commit.
+#pragma once
+
+#include <algorithm>
+#include <cstdint>
+#include <vector>
+
+#include "tfdb/txn/commit.hpp"
+#include "tfdb/txn/engine.hpp"
+#include "tfdb/txn/read_set.hpp"
+#include "tfdb/txn/write_set.hpp"
+
+namespace tfdb::txn {
+
+/// How a transaction ended.
+struct Settled {
+    enum Kind : std::uint8_t {
+        kCommitted,
+        kConflict,  // `conflict` says why; kNone there: the engine gave it up
+        kCycle,     // `child` would be its own ancestor
+    };
+    Kind kind = kCommitted;
+    CommitNumber commit = 0;  // its number, or that of the state that was read
+    ReadConflict conflict;
+    FrameId child = kNoFrame;  // as the transaction knows them
+    FrameId parent = kNoFrame;
+    clock::StampNs stamp = history::kNoStamp;
+    std::uint32_t authority = 0;
+};
+
+/// Puts a WriteSet into a commit: removals, new frames, then each edge's samples in stamp order.
+/// Threads: as Commit. Guarantee: as Commit: what throws leaves the rest to its destructor.
+template <class Memory>
+class Application {
+public:
+    using Writes = WriteSet<Memory>;
+
+    Application(Commit<Memory>& commit, const Writes& writes)
+        : commit_(commit), writes_(writes), ids_(writes.made(), kNoFrame) {}
+
+    void apply() {
+        for (const FrameId id : writes_.removed()) {
+            if (!writes_.is_own(id))
+                commit_.remove(id);
+        }
+        // Frames that are gone again, but that samples of others still name, come first: their
+        // names may have been used anew.
+        for (const auto& edge : writes_.edges()) {
+            for (const auto& sample : edge.samples) {
+                if (writes_.is_own(sample.parent) && writes_.is_removed(sample.parent))
+                    make_and_remove(sample.parent);
+            }
+        }
+        for (std::size_t place = 0; place < ids_.size(); ++place) {
+            const FrameId own = Writes::own_id(place);
+            if (!writes_.is_removed(own))
+                ids_[place] = commit_.frame(writes_.name(own));
+        }
+        for (const auto& edge : writes_.edges()) {
+            if (edge.child != kNoFrame)
+                append(edge);
+        }
+    }
+
+    [[nodiscard]] FrameId real(FrameId id) const {
+        return writes_.is_own(id) ? ids_[Writes::place_of(id)] : id;
+    }
+    /// Which sample an item of the commit was.
+    void describe(std::size_t item, Settled& settled) const {
+        for (const auto& edge : writes_.edges()) {
+            if (item < edge.samples.size()) {
+                settled.child = edge.child;
+                settled.parent = edge.samples[item].parent;
+                settled.stamp = edge.samples[item].stamp;
+                settled.authority = edge.samples[item].authority;
+                return;
+            }
+            item -= edge.samples.size();
+        }
+    }
+
+private:
+    void make_and_remove(FrameId own) {
+        FrameId& id = ids_[Writes::place_of(own)];
+        if (id != kNoFrame)
+            return;
+        id = commit_.frame(writes_.name(own));
+        commit_.remove(id);
+    }
+    void append(const typename Writes::Edge& edge) {
+        const FrameId child = real(edge.child);
+        (void)commit_.touch(child);
+        history::NewSample<Memory> sample;
+        for (const auto& own : edge.samples) {
+            sample.stamp = own.stamp;
+            sample.parent = real(own.parent);
+            sample.payload = own.payload;
+            commit_.append(child, sample, items_++);
+        }
+    }
+
+    Commit<Memory>& commit_;
+    const Writes& writes_;
+    std::vector<FrameId> ids_;  // of the frames that it makes, by place
+    std::size_t items_ = 0;
+};
+
+/// Whether the written edges are still of the kind, moving or static, that they were. For engines
+/// that do not validate what was read.
+template <class Memory>
+[[nodiscard]] ReadConflict check_kinds(const graph::Frames<Memory>& frames,
+                                       const WriteSet<Memory>& writes) {
+    for (const auto& edge : writes.edges()) {
+        if (edge.child == kNoFrame || writes.is_own(edge.child))
+            continue;
+        const history::EdgeWriter<Memory> writer(frames.memory(), frames.header(edge.child));
+        const bool is_static = (writer.topology() & history::Topology::kStatic) != 0;
+        if (writer.has_samples() && is_static != edge.is_static)
+            return {ReadConflict::kEdge, edge.child, {}, {history::Change::kStatic, -1}};
+    }
+    return {};
+}
+
+/// The session is alone and what was read still holds. `Store` starts commits and knows authors.
+template <class Memory, class Store>
+[[nodiscard]] Settled commit_alone(const WriteSet<Memory>& writes, Store& store) {
+    Settled settled;
+    Commit<Memory> commit = store.start_commit();
+    Application<Memory> application(commit, writes);
+    application.apply();
+    Cycle cycle;
+    if (commit.find_cycle(cycle)) {
+        settled.kind = Settled::kCycle;
+        application.describe(cycle.item, settled);
+        return settled;
+    }
+    for (const auto& edge : writes.edges()) {
+        if (edge.child != kNoFrame) {
+            store.set_author(application.real(edge.child),
+                             writes.authority_name(edge.samples.back().authority));
+        }
+    }
+    settled.commit = commit.publish();
+    return settled;
+}
+
+/// Ends a transaction of which the session is open. Whatever comes of it, the session has ended,
+/// unless this throws: then nothing was stored.
+template <Session S, class Reads, class Store>
+[[nodiscard]] Settled settle(S& session, const Reads& reads,
+                             const WriteSet<typename S::Memory>& writes, Store& store) {
+    Settled settled;
+    settled.kind = Settled::kConflict;
+    const bool was_alone = session.alone();
+    const CommitNumber since = session.read_as_of();
+    settled.commit = since;
+    if (!session.confirm()) {
+        session.end(false);
+        return settled;
+    }
+    if (writes.empty()) {
+        session.end(true);
+        settled.kind = Settled::kCommitted;
+        return settled;
+    }
+    if (!was_alone) {
+        session.become_alone();
+        const CommitNumber now = store.frames().store_word(graph::kCommit).load_acquire();
+        settled.conflict =
+            reads.validate(store.frames(), store.history(), since, now, S::kIsolates);
+        if (!settled.conflict)
+            settled.conflict = check_kinds(store.frames(), writes);
+        if (settled.conflict) {
+            session.end(false);
+            return settled;
+        }
+    }
+    settled = commit_alone(writes, store);
+    session.end(settled.kind == Settled::kCommitted);
+    return settled;
+}
+
+}  // namespace tfdb::txn

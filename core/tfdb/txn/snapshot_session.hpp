@@ -1,0 +1,107 @@
+// The default engine: reads from a snapshot that is held, one commit at a time.
+#pragma once
+
+#include <algorithm>
+#include <span>
+
+#include "tfdb/txn/engine.hpp"
+#include "tfdb/txn/snapshot_view.hpp"
+
+namespace tfdb::txn {
+
+/// A transaction that reads commit S and is validated, under the commit lock, against what was
+/// committed since. `Lock` is the store's commit lock: `lock` may take a lane.
+/// Threads: one at a time. Guarantee: reads never wait; `begin(kAlone)` and `become_alone` block.
+template <class M, class Lock>
+class SnapshotSession {
+public:
+    using Memory = M;
+    using View = SnapshotView<Memory>;
+    static constexpr bool kWritesBesideOthers = false;
+    static constexpr bool kIsolates = true;
+
+    SnapshotSession(graph::Frames<Memory> frames, Lock& lock, clock::StampNs history, unsigned lane)
+        : frames_(frames), lock_(lock), history_(history), lane_(lane) {}
+    ~SnapshotSession() { end(false); }
+    SnapshotSession(const SnapshotSession&) = delete;
+    SnapshotSession& operator=(const SnapshotSession&) = delete;
+
+    void begin(Mode mode) {
+        if (mode == Mode::kAlone) {
+            take_lock(std::max(1U, lane_));
+            alone_ = true;
+            commit_ = frames_.store_word(graph::kCommit).load_acquire();
+            return;
+        }
+        // Pairs with the fence of a writer that is about to overwrite: it sees the pin, or this
+        // sees its commit.
+        pins().fetch_add(1);
+        Memory::fence_full();
+        pinned_ = true;
+        commit_ = frames_.store_word(graph::kCommit).load_acquire();
+    }
+
+    [[nodiscard]] View view() { return {frames_, commit_, history_}; }
+    [[nodiscard]] bool confirm() { return true; }
+    [[nodiscard]] CommitNumber read_as_of() { return commit_; }
+    /// Only who is alone writes.
+    [[nodiscard]] bool lock(std::span<const FrameId>) { return alone_; }
+    [[nodiscard]] CommitNumber take_ticket() { return commit_ + 1; }
+
+    void become_alone() {
+        if (alone_)
+            return;
+        take_lock(lane_);
+        alone_ = true;
+        unpin();
+    }
+    [[nodiscard]] bool alone() const { return alone_; }
+
+    void end(bool) {
+        unpin();
+        if (alone_)
+            lock_.unlock();
+        alone_ = false;
+    }
+    void pause() {}
+
+    /// Runs what writers have overtaken again and again while none can.
+    template <class Body>
+    void undisturbed(Body body) {
+        if (alone_)
+            return body();
+        take_lock(lane_);
+        try {
+            body();
+        } catch (...) {
+            lock_.unlock();
+            throw;
+        }
+        lock_.unlock();
+    }
+
+private:
+    [[nodiscard]] typename Memory::Word& pins() const { return frames_.store_word(graph::kPins); }
+    void take_lock([[maybe_unused]] unsigned lane) {
+        if constexpr (requires { lock_.lock(lane); }) {
+            lock_.lock(lane);
+        } else {
+            lock_.lock();
+        }
+    }
+    void unpin() {
+        if (pinned_)
+            pins().fetch_add(~std::uint64_t{0});
+        pinned_ = false;
+    }
+
+    graph::Frames<Memory> frames_;
+    Lock& lock_;
+    clock::StampNs history_;
+    unsigned lane_;
+    CommitNumber commit_ = 0;
+    bool pinned_ = false;
+    bool alone_ = false;
+};
+
+}  // namespace tfdb::txn
