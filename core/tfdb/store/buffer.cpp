@@ -1,7 +1,6 @@
 #include "tfdb/store/buffer.hpp"
 
 #include <array>
-#include <mutex>
 #include <string>
 
 #include "tfdb/store/impl.hpp"
@@ -18,11 +17,14 @@ Reads::Impl::Impl(const BufferOptions& options)
              memory.allocate_sparse(std::size_t{options.max_frames} * history::kHeaderBytes),
              options.max_frames),
       names(frames),
-      lock(frames.store_word(graph::kCommitLock)) {}
+      lock(frames.store_word(graph::kCommitLock), frames.store_word(graph::kLanes)),
+      control(store::make_control(*this)) {}
+
+Reads::Impl::~Impl() = default;
 
 StoreCommit Reads::Impl::start_commit() {
     if (word(graph::kPins).load_relaxed() == 0) {
-        unpinned_bytes = memory.used_bytes();
+        unpinned_bytes.store_relaxed(memory.used_bytes());
     }
     return {frames, scratch, history,
             [](void* store) { return static_cast<Impl*>(store)->may_evict(); }, this};
@@ -34,10 +36,11 @@ bool Reads::Impl::may_evict() {
     sync::fence_full();
     const std::size_t used = memory.used_bytes();
     if (word(graph::kPins).load_relaxed() == 0) {
-        unpinned_bytes = used;
+        unpinned_bytes.store_relaxed(used);
         return true;
     }
-    return used > unpinned_bytes && used - unpinned_bytes > snapshot_memory;
+    const std::size_t unpinned = unpinned_bytes.load_relaxed();
+    return used > unpinned && used - unpinned > snapshot_memory;
 }
 
 namespace {
@@ -77,13 +80,22 @@ Buffer::Buffer(const BufferOptions& options)
     : Reads(std::make_shared<Impl>(checked(options)), kFresh) {}
 
 Snapshot Buffer::snapshot() const {
+    if (impl_->control != nullptr) {
+        // Alone, for then every commit up to this one has been applied in full.
+        store::check_not_in_transaction(*impl_);
+        const store::Alone alone(*impl_);
+        if (impl_->word(graph::kPins).fetch_add(1) == 0)
+            impl_->unpinned_bytes.store_relaxed(impl_->memory.used_bytes());
+        return {impl_, impl_->committed()};
+    }
     impl_->word(graph::kPins).fetch_add(1);
     sync::fence_full();
     return {impl_, impl_->committed()};
 }
 
 CommitNumber Buffer::clear() {
-    const std::lock_guard guard(impl_->lock);
+    store::check_not_in_transaction(*impl_);
+    const store::Alone alone(*impl_);
     StoreCommit commit = impl_->start_commit();
     const StoreView view = impl_->view(impl_->committed());
     for (FrameId id = 0; id < impl_->frames.count(); ++id) {
@@ -111,6 +123,8 @@ Counters Buffer::counters() const {
     counters.locked_reads = impl_->locked_reads.load_relaxed();
     counters.aborts = impl_->aborts.load_relaxed();
     counters.conflicts = impl_->conflicts.load_relaxed();
+    if (impl_->control != nullptr)
+        impl_->control->add_to(counters);
     return counters;
 }
 
@@ -119,7 +133,10 @@ Concurrency Buffer::concurrency() const {
 }
 
 MemoryUse Buffer::memory() const {
-    const std::lock_guard guard(impl_->lock);
+    store::check_not_alone_in_transaction(*impl_);
+    if (impl_->control != nullptr)
+        store::check_not_in_transaction(*impl_);
+    const store::Alone alone(*impl_);
     MemoryUse use;
     use.used_bytes = impl_->memory.used_bytes();
     use.free_bytes = impl_->memory.free_bytes();

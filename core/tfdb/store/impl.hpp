@@ -1,6 +1,7 @@
 // What a Buffer and its Snapshots share, and how a read gets its view.
 #pragma once
 
+#include <memory>
 #include <mutex>
 #include <string>
 #include <unordered_map>
@@ -11,7 +12,9 @@
 #include "tfdb/lookup/lookup.hpp"
 #include "tfdb/memory/private_memory.hpp"
 #include "tfdb/store/buffer.hpp"
-#include "tfdb/sync/commit_lock.hpp"
+#include "tfdb/store/control.hpp"
+#include "tfdb/store/open_transaction.hpp"
+#include "tfdb/sync/priority_lock.hpp"
 #include "tfdb/txn/commit.hpp"
 #include "tfdb/txn/snapshot_view.hpp"
 
@@ -23,8 +26,8 @@ using StoreEdge = history::EdgeView<StoreMemory>;
 using StoreCommit = txn::Commit<StoreMemory>;
 
 /// Names of authorities to small ids.
-/// Threads: `id` only the holder of the commit lock; `name` any.
-/// Guarantee: the two block only against each other.
+/// Threads: `id` only the holder of the commit lock; the others any.
+/// Guarantee: they block only against each other.
 class Authorities {
 public:
     std::uint64_t id(std::string_view name) {
@@ -34,13 +37,26 @@ public:
         if (name == last_name_) {
             return last_id_;
         }
-        const std::lock_guard guard(mutex_);
-        const auto [at, added] = ids_.try_emplace(std::string(name), names_.size() + 1);
-        if (added)
-            names_.emplace_back(name);
+        last_id_ = find_or_add(name);
         last_name_ = name;
-        last_id_ = at->second;
         return last_id_;
+    }
+    /// The same beside others.
+    std::uint64_t id_beside_others(std::string_view name) {
+        struct Last {
+            std::uint64_t serial = 0;
+            std::uint64_t id = 0;
+            std::string name;
+        };
+        static thread_local Last last;
+        if (name.empty())
+            return 0;
+        if (last.serial != serial_ || last.name != name) {
+            last.id = find_or_add(name);
+            last.name = name;
+            last.serial = serial_;
+        }
+        return last.id;
     }
     [[nodiscard]] std::string name(std::uint64_t id) const {
         const std::lock_guard guard(mutex_);
@@ -48,18 +64,33 @@ public:
     }
 
 private:
+    std::uint64_t find_or_add(std::string_view name) {
+        const std::lock_guard guard(mutex_);
+        const auto [at, added] = ids_.try_emplace(std::string(name), names_.size() + 1);
+        if (added)
+            names_.emplace_back(name);
+        return at->second;
+    }
+    /// Never the same twice, as an address might be.
+    static std::uint64_t next_serial() {
+        static sync::Word serials{};
+        return serials.fetch_add(1) + 1;
+    }
+
     mutable std::mutex mutex_;
     std::unordered_map<std::string, std::uint64_t> ids_;
     std::vector<std::string> names_;
     std::string last_name_;
     std::uint64_t last_id_ = 0;
+    std::uint64_t serial_ = next_serial();
 };
 
 /// The region with the forest in it, and what only the writers of this process need.
-/// Threads: reads any; `scratch`, `items` and `unpinned_bytes` only under `lock`.
+/// Threads: reads any; `scratch` and `items` only under `lock`.
 /// Guarantee: lives as long as the Buffer or any Snapshot of it.
 struct Reads::Impl {
     explicit Impl(const BufferOptions& options);
+    ~Impl();
 
     [[nodiscard]] sync::Word& word(graph::StoreWord w) const { return frames.store_word(w); }
     [[nodiscard]] CommitNumber committed() const { return word(graph::kCommit).load_acquire(); }
@@ -83,21 +114,49 @@ struct Reads::Impl {
     Concurrency concurrency;
     graph::Frames<StoreMemory> frames;
     graph::Names<StoreMemory> names;
-    mutable sync::CommitLock lock;
+    mutable sync::PriorityLock lock;
     txn::CommitScratch scratch;
     std::vector<Item> items;
-    std::size_t unpinned_bytes = 0;
+    sync::Word unpinned_bytes{};  // used when no snapshot was held last
     Authorities authorities;
     mutable sync::Word lapped_reads{};
     mutable sync::Word locked_reads{};
-    sync::Word aborts{};     // of transactions, conflicts included
-    sync::Word conflicts{};  // transactions that lost
-    sync::Word ages{};       // transactions so far: the age of the next one
+    sync::Word aborts{};                      // of transactions, conflicts included
+    sync::Word conflicts{};                   // transactions that lost
+    sync::Word ages{};                        // transactions so far: the age of the next one
+    std::unique_ptr<store::Control> control;  // null: the default engine
 };
 
 namespace store {
 
 inline constexpr int kTriesBeforeLock = 16;
+
+/// The lane of readers that take the commit lock because they were overtaken too often. Ordinary
+/// writers let it pass: such a reader waits for one commit of each thread that had passed the lanes
+/// before, and for at most 15 other such readers or transactions, however long its path is.
+inline constexpr unsigned kReadersLane = 1;
+
+/// The store to oneself: the commit lock is held and, in engines that let others go beside it,
+/// nobody is under way.
+/// Threads: one. Guarantee: blocks until all that came before are done.
+class Alone {
+public:
+    explicit Alone(const Reads::Impl& impl, unsigned lane = 0) : impl_(impl) {
+        impl.lock.lock(lane);
+        if (impl.control != nullptr)
+            impl.control->keep_out();
+    }
+    ~Alone() {
+        if (impl_.control != nullptr)
+            impl_.control->let_in();
+        impl_.lock.unlock();
+    }
+    Alone(const Alone&) = delete;
+    Alone& operator=(const Alone&) = delete;
+
+private:
+    const Reads::Impl& impl_;
+};
 
 /// What looks missing in a state may be a frame whose slot was reused since: then kLapped. Lookups
 /// that succeed need not ask; listings, and errors, must.
@@ -109,11 +168,10 @@ inline constexpr int kTriesBeforeLock = 16;
 }
 
 /// Runs `attempt(view)` on a fresh view, or on the held one, until no writer overtakes it; after
-/// sixteen tries with the commit lock held, where nothing can. kLapped then means: this snapshot's
-/// samples are gone.
+/// sixteen tries alone, where nothing can. kLapped then means: this snapshot's samples are gone.
 template <class Attempt>
-lookup::Outcome read(const Reads::Impl& impl, CommitNumber held, CommitNumber fresh,
-                     Attempt attempt) {
+lookup::Outcome read_committed(const Reads::Impl& impl, CommitNumber held, CommitNumber fresh,
+                               Attempt attempt) {
     const auto once = [&] {
         const CommitNumber commit = held == fresh ? impl.committed() : held;
         const lookup::Outcome outcome = attempt(impl.view(commit));
@@ -129,8 +187,21 @@ lookup::Outcome read(const Reads::Impl& impl, CommitNumber held, CommitNumber fr
             return outcome;
     }
     impl.locked_reads.fetch_add(1);
-    const std::lock_guard guard(impl.lock);
+    check_not_alone_in_transaction(impl);
+    const Alone alone(impl, kReadersLane);
     return once();
+}
+
+/// The same. Engines that guard frames may have commits under way that are numbered already: there
+/// a fresh read is alone from the start.
+template <class Attempt>
+lookup::Outcome read(const Reads::Impl& impl, CommitNumber held, CommitNumber fresh,
+                     Attempt attempt) {
+    if (held != fresh || impl.control == nullptr) [[likely]]
+        return read_committed(impl, held, fresh, attempt);
+    check_not_in_transaction(impl);
+    const Alone alone(impl);
+    return attempt(impl.view(impl.committed()));
 }
 
 [[noreturn]] void throw_snapshot_too_old(CommitNumber held, CommitNumber newest);

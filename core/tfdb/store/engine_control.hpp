@@ -1,0 +1,177 @@
+// The engine of a store, made from its session.
+#pragma once
+
+#include <algorithm>
+#include <mutex>
+
+#include "tfdb/store/writes.hpp"
+#include "tfdb/txn/operation.hpp"
+
+namespace tfdb::store {
+
+/// Lookups and batches through sessions of one kind.
+/// Threads: any. Guarantee: as Control's.
+template <txn::Session S>
+class EngineControl final : public Control {
+public:
+    explicit EngineControl(Reads::Impl& impl) : impl_(impl), shared_(impl.frames, impl.history) {}
+
+    [[nodiscard]] lookup::Outcome read(const ReadRequest& request, Answer& answer, StampNs& common,
+                                       Failure& failure) override {
+        S session(shared_, {});
+        CommitNumber as_of = 0;
+        const lookup::Outcome outcome = txn::read_through(session, as_of, [&](const auto& view) {
+            return ask(view, request, answer, common, failure);
+        });
+        answer.commit = as_of;
+        failure.commit = as_of;
+        return outcome;
+    }
+
+    CommitNumber write(const Batch& batch) override {
+        S session(shared_, {});
+        CommitNumber number = 0;
+        for (int tries = 0;; ++tries) {
+            session.begin(tries < kAttempts ? txn::Mode::kBesideOthers : txn::Mode::kAlone);
+            txn::Written written = txn::Written::kNotPlain;
+            if constexpr (S::kWritesBesideOthers) {
+                if (!session.alone())
+                    written = try_beside(session, batch, number);
+            }
+            if (written == txn::Written::kNotPlain) {
+                if (!session.alone())
+                    session.become_alone();
+                number = commit_batch(impl_, batch);
+                written = txn::Written::kDone;
+            }
+            if (written == txn::Written::kDone) {
+                session.end(true);
+                return number;
+            }
+            session.count(sync::SlotCount::kRetries);
+            session.end(false);
+            session.pause();
+        }
+    }
+
+    [[nodiscard]] bool try_write(const Batch& batch, CommitNumber& commit) override {
+        if constexpr (S::kWritesBesideOthers) {
+            return false;  // any frame may be locked, and the gate closed
+        } else {
+            const std::unique_lock guard(shared_.lock, std::try_to_lock);
+            if (guard.owns_lock())
+                commit = commit_batch(impl_, batch);
+            return guard.owns_lock();
+        }
+    }
+
+    void keep_out() override {
+        if constexpr (S::kWritesBesideOthers)
+            shared_.gate.close();
+    }
+    void let_in() override {
+        if constexpr (S::kWritesBesideOthers)
+            shared_.gate.open();
+    }
+    void add_to(Counters& counters) const override {
+        using sync::SlotCount;
+        counters.retries += shared_.gate.total(SlotCount::kRetries);
+        counters.lock_waits += shared_.gate.total(SlotCount::kLockWaits);
+        counters.aborts += shared_.gate.total(SlotCount::kAborts);
+        counters.conflicts += shared_.gate.total(SlotCount::kConflicts);
+    }
+
+    [[nodiscard]] txn::SharedState<StoreMemory>& shared() { return shared_; }
+
+private:
+    using Kind = ReadRequest::Kind;
+    using Item = txn::PlainBatch<StoreMemory>::Item;
+    static constexpr int kAttempts = txn::SyncTuning<StoreMemory>::kAttemptsBeforeAlone;
+
+    template <class View>
+    [[nodiscard]] lookup::Outcome ask(const View& view, const ReadRequest& request, Answer& answer,
+                                      StampNs& common, Failure& failure) const {
+        std::array<FrameId, 3> ids{};
+        for (std::size_t i = 0; i < request.count; ++i) {
+            const FrameHandle handle = request.handles[i];
+            ids[i] =
+                request.by_name ? impl_.names.find(request.names[i], view.commit()) : handle.id;
+            if (request.by_name || handle.id == kNoFrame ||
+                view.generation(handle.id) == handle.generation) {
+                continue;
+            }
+            failure = Failure{};
+            failure.argument = static_cast<int>(i);
+            failure.frame = handle.id;
+            return lookup::Outcome::kFailed;
+        }
+        switch (request.kind) {
+            case Kind::kFull:
+                return lookup::lookup_full(view, ids[0], request.stamp.value_or(0), ids[1],
+                                           request.source_stamp, ids[2], request.policy, answer,
+                                           failure);
+            case Kind::kLatest:
+                return lookup::lookup_latest(view, ids[0], ids[1], request.max_age, request.now,
+                                             answer, failure);
+            case Kind::kCommonTime:
+                return lookup::latest_common_time(view, ids[0], ids[1], answer, common, failure);
+            default:
+                return lookup::lookup(view, ids[0], ids[1], request.stamp, request.policy, answer,
+                                      failure);
+        }
+    }
+
+    [[nodiscard]] txn::Written try_beside(S& session, const Batch& batch, CommitNumber& number) {
+        auto& plain = session.scratch().batch;
+        if (!batch.sound() || !fill(batch, plain))
+            return txn::Written::kNotPlain;
+        const txn::WriteRoom room{
+            [](void* store) { return static_cast<Reads::Impl*>(store)->may_evict(); }, &impl_};
+        const std::uint64_t authority = impl_.authorities.id_beside_others(batch.authority());
+        return txn::write_beside(session, plain, room, number, [&](const Item& item) {
+            auto& author = impl_.frames.word(item.child, history::kAuthority);
+            if (author.load_relaxed() != authority)
+                author.store_relaxed(authority);
+            if (item.mended)
+                impl_.word(graph::kNormalised).fetch_add(1);
+        });
+    }
+
+    /// The samples of the batch, sorted; false if some frame is unknown. Names stay what they are
+    /// while the session is in its slot.
+    [[nodiscard]] bool fill(const Batch& batch, txn::PlainBatch<StoreMemory>& plain) {
+        plain.order.clear();
+        plain.items.clear();
+        plain.frames.clear();
+        for (std::size_t i = 0; i < batch.size(); ++i) {
+            const FrameId parent = impl_.names.find(batch[i].parent, txn::kSeesAll);
+            const FrameId child = impl_.names.find(batch[i].child, txn::kSeesAll);
+            if (parent == kNoFrame || child == kNoFrame)
+                return false;
+            plain.order.push_back({child, parent, i});
+        }
+        const auto before = [&](const auto& a, const auto& b) {
+            if (a.child != b.child)
+                return a.child < b.child;
+            const StampNs at_a = batch.is_static() ? 0 : batch[a.index].stamp;
+            const StampNs at_b = batch.is_static() ? 0 : batch[b.index].stamp;
+            return at_a != at_b ? at_a < at_b : a.index < b.index;
+        };
+        if (!std::is_sorted(plain.order.begin(), plain.order.end(), before))
+            std::sort(plain.order.begin(), plain.order.end(), before);
+        for (const auto& at : plain.order) {
+            Item& item = plain.items.emplace_back();
+            item.child = at.child;
+            item.mended = false;
+            fill_sample(impl_, batch[at.index], at.parent, batch.is_static(), item.sample);
+            if (plain.frames.empty() || plain.frames.back() != at.child)
+                plain.frames.push_back(at.child);
+        }
+        return true;
+    }
+
+    Reads::Impl& impl_;
+    txn::SharedState<StoreMemory> shared_;
+};
+
+}  // namespace tfdb::store

@@ -1,0 +1,38 @@
+// The view of engines that guard frames: the forest as it is, each frame behind its session's lock
+// or version.
+#pragma once
+
+#include "tfdb/base/types.hpp"
+#include "tfdb/txn/snapshot_view.hpp"
+
+namespace tfdb::txn {
+
+/// Newer than any commit: what a frame holds is what it says.
+inline constexpr CommitNumber kSeesAll = kMaxCommit - 1;
+
+/// Everything in the frames that the session lets in.
+/// Threads: the session's only. Guarantee: as the session's; `open` and `enter` refuse once it has
+/// given up. What `open` lets in stays so until the next frame, or until the session ends.
+template <class Session>
+class GuardedView : public SnapshotView<typename Session::Memory> {
+    using Base = SnapshotView<typename Session::Memory>;
+
+public:
+    using Memory = typename Session::Memory;
+    using Edge = typename Base::Edge;
+
+    GuardedView(Session& session, const graph::Frames<Memory>& frames, clock::StampNs history)
+        : Base(frames, kSeesAll, history), session_(&session) {}
+
+    [[nodiscard]] bool open(FrameId id, Edge& edge) const {
+        // A ring that moves on under an optimistic reader may begin behind the head that it saw.
+        return session_->enter(id) && Base::open(id, edge) && edge.lo() <= edge.hi();
+    }
+    [[nodiscard]] bool enter(FrameId id) const { return session_->enter(id); }
+    void leave(FrameId id) const { session_->leave(id); }
+
+private:
+    Session* session_;
+};
+
+}  // namespace tfdb::txn

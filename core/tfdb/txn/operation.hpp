@@ -1,0 +1,95 @@
+// One lookup, or one write beside others, on a session: how often it is tried, and when it counts.
+#pragma once
+
+#include <algorithm>
+
+#include "tfdb/txn/engine.hpp"
+#include "tfdb/txn/parallel_commit.hpp"
+#include "tfdb/txn/shared_state.hpp"
+
+namespace tfdb::txn {
+
+/// Runs `attempt(view)` until what it read is of one state. After kAttemptsBeforeAlone attempts
+/// that came to nothing it runs alone, in a lane above ordinary writers: so it ends, however many
+/// others write flat out. `as_of`: the commit that it saw.
+template <Session S, class Attempt>
+[[nodiscard]] lookup::Outcome read_through(S& session, CommitNumber& as_of, Attempt attempt) {
+    constexpr int kAttempts = SyncTuning<typename S::Memory>::kAttemptsBeforeAlone;
+    for (int tries = 0;; ++tries) {
+        session.begin(tries < kAttempts ? Mode::kBesideOthers : Mode::kAlone);
+        const lookup::Outcome outcome = attempt(session.view());
+        as_of = session.read_as_of();
+        const bool counts = outcome != lookup::Outcome::kLapped && session.confirm();
+        if (counts || session.alone()) {
+            session.end(counts);
+            return outcome;
+        }
+        session.count(sync::SlotCount::kRetries);
+        session.end(false);
+        session.pause();
+    }
+}
+
+enum class Written : std::uint8_t {
+    kDone,
+    kGiveUp,    // end(false), pause, begin again
+    kNotPlain,  // the session must be alone for it; nothing was stored
+};
+
+/// What a write needs of its store.
+struct WriteRoom {
+    bool (*ask_may_evict)(void* store) = nullptr;
+    void* store = nullptr;
+};
+
+/// Whether all of a batch only adds to what its edges hold; certain if the frames are locked.
+template <class Memory>
+[[nodiscard]] bool only_adds(const SharedState<Memory>& shared, const PlainBatch<Memory>& batch) {
+    return std::all_of(batch.items.begin(), batch.items.end(), [&](const auto& item) {
+        return fits_edge(shared.frames, item.child, item.sample) &&
+               (item.sample.stamp < 0 ||
+                fits_history(shared.frames, item.child, item.sample.stamp, shared.history));
+    });
+}
+
+/// Appends a batch under the locks of its frames, if all that the session has read still holds.
+/// `stored(item)` is called before anybody can see the sample. Throws CapacityExceeded: nothing is
+/// stored then. An engine that does not isolate stores sample by sample, each by itself.
+template <Session S, class Stored>
+[[nodiscard]] Written write_beside(S& session, const PlainBatch<typename S::Memory>& batch,
+                                   const WriteRoom& room, CommitNumber& number, Stored stored) {
+    using Item = typename PlainBatch<typename S::Memory>::Item;
+    auto& shared = session.shared();
+    const auto store = [&](std::span<const Item> items) {
+        number = session.take_ticket();
+        ParallelCommit<typename S::Memory> commit(shared.frames, session.scratch().touched,
+                                                  shared.history, number, room.ask_may_evict,
+                                                  room.store);
+        for (const Item& item : items)
+            commit.append(item.child, item.sample);
+        for (const Item& item : items)
+            stored(item);
+        commit.keep();
+    };
+    if constexpr (S::kIsolates) {
+        if (!session.lock(batch.frames))
+            return Written::kGiveUp;
+        if (!only_adds(shared, batch))
+            return Written::kNotPlain;
+        if (!session.confirm())
+            return Written::kGiveUp;
+        store(batch.items);
+    } else {
+        // A sample that is too old when its turn comes is stored all the same, and seen by nobody.
+        if (!only_adds(shared, batch))
+            return Written::kNotPlain;
+        for (const Item& item : batch.items) {
+            (void)session.lock({&item.child, 1});
+            store({&item, 1});
+            session.let_go();
+        }
+    }
+    return Written::kDone;
+}
+
+}  // namespace tfdb::txn
