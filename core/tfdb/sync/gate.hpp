@@ -125,7 +125,7 @@ private:
     /// Nobody closes the gate once it was open after this thread has counted itself.
     unsigned enter_after_closure(unsigned preferred) noexcept {
         std::uint64_t now = gate().fetch_add(kTurnedAway) + kTurnedAway;
-        for (int spin = 0; (now & kClosed) != 0; now = gate().load_acquire(), ++spin) {
+        for (int spin = 0; (now & kClosed) != 0; now = gate().load_relaxed(), ++spin) {
             if (spin < Spins)
                 spin_pause();
             else

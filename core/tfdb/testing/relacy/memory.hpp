@@ -43,8 +43,26 @@ struct Weakness {
     bool no_release_fence = false;
     bool no_acquire_fence = false;
     bool no_full_fence = false;
+    bool no_total_order = false;   // ordered operations only acquire and release
+    bool relaxed_updates = false;  // compare_exchange, exchange and fetch_add order nothing
 };
 inline Weakness g_weakness;
+
+inline void fence_acquire() {
+    if (!g_weakness.no_acquire_fence) {
+        rl::atomic_thread_fence(rl::mo_acquire, RL_INFO);
+    }
+}
+inline void fence_release() {
+    if (!g_weakness.no_release_fence) {
+        rl::atomic_thread_fence(rl::mo_release, RL_INFO);
+    }
+}
+inline void fence_full() {
+    if (!g_weakness.no_full_fence) {
+        rl::atomic_thread_fence(rl::mo_seq_cst, RL_INFO);
+    }
+}
 
 // A word of the region as one of Relacy's atomics; its constructor stores zero.
 // Simulated threads may call all. The orders are those of sync::Word.
@@ -61,15 +79,43 @@ public:
         value_.store(value, weak_store_ ? rl::mo_relaxed : rl::mo_release, RL_INFO);
     }
     bool compare_exchange(std::uint64_t& expected, std::uint64_t desired) {
-        return value_(RL_INFO).compare_exchange_strong(expected, desired, rl::mo_acq_rel,
-                                                       rl::mo_acquire);
+        return value_(RL_INFO).compare_exchange_strong(
+            expected, desired, update_order(),
+            g_weakness.relaxed_updates ? rl::mo_relaxed : rl::mo_acquire);
     }
     std::uint64_t exchange(std::uint64_t desired) {
-        return value_(RL_INFO).exchange(desired, rl::mo_acq_rel);
+        return value_(RL_INFO).exchange(desired, update_order());
     }
     std::uint64_t fetch_add(std::uint64_t delta) {
-        return value_(RL_INFO).fetch_add(delta, rl::mo_acq_rel);
+        return value_(RL_INFO).fetch_add(delta, update_order());
     }
+    [[nodiscard]] std::uint64_t load_ordered() const {
+        return value_.load(g_weakness.no_total_order ? rl::mo_acquire : rl::mo_seq_cst, RL_INFO);
+    }
+    bool compare_exchange_ordered(std::uint64_t& expected, std::uint64_t desired) {
+        if (g_weakness.no_total_order) {
+            return compare_exchange(expected, desired);
+        }
+        return value_(RL_INFO).compare_exchange_strong(expected, desired, rl::mo_seq_cst,
+                                                       rl::mo_seq_cst);
+    }
+    static void fence_acquire() { relacy::fence_acquire(); }
+    static void fence_release() { relacy::fence_release(); }
+    static void fence_full() { relacy::fence_full(); }
+
+    /// Sleeps until told; orders nothing, as std::atomic promises nothing. Relacy calls a thread
+    /// that nobody wakes a livelock.
+    void wait(std::uint64_t old) const {
+        while (value_.debug_value() == old) {
+            const std::uint32_t self = 1U << rl::thread_index();
+            asleep_ |= self;
+            while ((asleep_ & self) != 0) {
+                rl::yield(1, RL_INFO);
+            }
+        }
+    }
+    void notify_one() { asleep_ &= asleep_ - 1; }
+    void notify_all() { asleep_ = 0; }
 
     void weaken(bool load, bool store) {
         weak_load_ = load;
@@ -77,7 +123,12 @@ public:
     }
 
 private:
+    static rl::memory_order update_order() {
+        return g_weakness.relaxed_updates ? rl::mo_relaxed : rl::mo_acq_rel;
+    }
+
     rl::atomic<std::uint64_t> value_{0};
+    mutable std::uint32_t asleep_ = 0;
     bool weak_load_ = false;
     bool weak_store_ = false;
 };
@@ -135,21 +186,9 @@ public:
         free_[(bytes + kLine - 1) / kLine].push_back(block);
     }
 
-    static void fence_acquire() {
-        if (!g_weakness.no_acquire_fence) {
-            rl::atomic_thread_fence(rl::mo_acquire, RL_INFO);
-        }
-    }
-    static void fence_release() {
-        if (!g_weakness.no_release_fence) {
-            rl::atomic_thread_fence(rl::mo_release, RL_INFO);
-        }
-    }
-    static void fence_full() {
-        if (!g_weakness.no_full_fence) {
-            rl::atomic_thread_fence(rl::mo_seq_cst, RL_INFO);
-        }
-    }
+    static void fence_acquire() { relacy::fence_acquire(); }
+    static void fence_release() { relacy::fence_release(); }
+    static void fence_full() { relacy::fence_full(); }
 
 private:
     mutable std::array<Word, Bytes / 8> words_;
