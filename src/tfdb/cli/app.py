@@ -21,6 +21,7 @@ COMMANDS = {
     "poses": "Many poses of SOURCE in TARGET, to a .tum, .csv or .npz file.",
     "check": "A doctor for recordings: gaps, late data, two publishers, jumps in time ...",
     "convert": "Rewrite the transforms of a recording as .mcap, .bag or .tum.",
+    "verify": "Was a recorded history of a store strictly serializable? Anomalies by name.",
     "completion": "The script that makes a shell complete tfdb's commands and options.",
 }
 
@@ -109,5 +110,5 @@ def _print_version(ctx: click.Context, _param: click.Parameter, value: bool) -> 
 def cli() -> None:
     """Look into recordings of robot transforms: ROS 1 .bag, ROS 2 .db3 folders, .mcap.
 
-    Exit codes: 0 fine, 1 'check' has findings, 2 an error (one line on stderr).
+    Exit codes: 0 fine, 1 'check' or 'verify' has findings, 2 an error (one line on stderr).
     """
