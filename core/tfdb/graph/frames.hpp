@@ -83,31 +83,52 @@ public:
             store_word(kFrameCount).store_release(std::uint64_t{id} + 1);
     }
 
-    /// The frame that was removed first and whose slot may be reused, or kNoFrame.
-    [[nodiscard]] FrameId first_retired() const {
-        const std::uint64_t head = store_word(kFreeHead).load_relaxed();
-        return head == 0 ? kNoFrame : static_cast<FrameId>(head - 1);
-    }
+    /// Slots wait for reuse in the order in which their frames were removed; the first ones may be
+    /// empty already. The first of all, or kNoFrame.
+    [[nodiscard]] FrameId first_retired() const { return id_in(kFreeHead); }
+    /// The first one whose frame still has its name and its samples, or kNoFrame.
+    [[nodiscard]] FrameId first_full() const { return id_in(kFreeFull); }
     void pop_retired() const {
         const FrameId id = first_retired();
+        if (id == first_full())
+            pass_full();
         const std::uint64_t next = word(id, history::kNextFree).load_relaxed();
         store_word(kFreeHead).store_relaxed(next);
         if (next == 0)
             store_word(kFreeTail).store_relaxed(0);
     }
+    /// The first full one has been emptied.
+    void pass_full() const {
+        store_word(kFreeFull).store_relaxed(word(first_full(), history::kNextFree).load_relaxed());
+    }
     void push_retired(FrameId id) const {
+        const std::uint64_t link = std::uint64_t{id} + 1;
         word(id, history::kNextFree).store_relaxed(0);
         const std::uint64_t tail = store_word(kFreeTail).load_relaxed();
         if (tail == 0) {
-            store_word(kFreeHead).store_relaxed(std::uint64_t{id} + 1);
+            store_word(kFreeHead).store_relaxed(link);
         } else {
-            word(static_cast<FrameId>(tail - 1), history::kNextFree)
-                .store_relaxed(std::uint64_t{id} + 1);
+            word(static_cast<FrameId>(tail - 1), history::kNextFree).store_relaxed(link);
         }
-        store_word(kFreeTail).store_relaxed(std::uint64_t{id} + 1);
+        store_word(kFreeTail).store_relaxed(link);
+        if (first_full() == kNoFrame)
+            store_word(kFreeFull).store_relaxed(link);
+    }
+    /// An empty slot whose frame nobody ever saw is reused before all others.
+    void push_unseen(FrameId id) const {
+        const std::uint64_t head = store_word(kFreeHead).load_relaxed();
+        word(id, history::kNextFree).store_relaxed(head);
+        store_word(kFreeHead).store_relaxed(std::uint64_t{id} + 1);
+        if (head == 0)
+            store_word(kFreeTail).store_relaxed(std::uint64_t{id} + 1);
     }
 
 private:
+    [[nodiscard]] FrameId id_in(StoreWord w) const {
+        const std::uint64_t link = store_word(w).load_relaxed();
+        return link == 0 ? kNoFrame : static_cast<FrameId>(link - 1);
+    }
+
     Memory* memory_;
     Offset root_;
     Offset base_;

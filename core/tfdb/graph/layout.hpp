@@ -20,6 +20,7 @@ enum StoreWord : unsigned {
     kNamesFilled = 28,   // its entries in use, dead ones included
     kRecycleFloor = 29,  // older snapshots may miss frames whose slots were reused
     kNormalised = 30,
+    kFreeFull = 31,  // id + 1 of the first removed frame that still has its name and its samples
     kStoreWords = 32,
 };
 

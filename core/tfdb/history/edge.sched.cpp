@@ -35,7 +35,8 @@ void outlived(const std::string& name, const Script& script, StampNs stamp) {
 
 }  // namespace
 
-// An abort and a sort of late samples close the ring for a moment, so they are not among these.
+// A sort of late samples closes the ring for a moment, and so does an abort that has more to put
+// back than the head: they are not among these.
 TFDB_SCHED(edge_readers_outlive_the_writer) {
     outlived("appends", {.before = {one(10)}, .during = {one(20), one(30)}}, 15);
     outlived("evicts", {.history = 15, .before = {one(10), one(30)}, .during = {one(50), one(70)}},
@@ -44,6 +45,12 @@ TFDB_SCHED(edge_readers_outlive_the_writer) {
     outlived("two edges", {.edges = 2, .before = {both(10)}, .during = {both(20)}}, 15);
     outlived("late", {.before = {one(10), one(30)}, .during = {one(20)}}, 15);
     outlived("clears", {.before = {one(10), one(20)}, .during = {one(kClearMarker), one(5)}}, 15);
+    outlived("aborts", {.before = {one(10)}, .during = {aborted(one(20)), one(30)}}, 15);
+    outlived("aborts where the ring is full",
+             {.history = 15,
+              .before = {one(10), one(30)},
+              .during = {aborted({{{0, 50}, {0, 60}}}), one(40)}},
+             35);
 }
 
 TFDB_SCHED(edge_first_samples) {
@@ -108,6 +115,20 @@ TFDB_SCHED(edge_aborts) {
     holds("aborted", {.before = {one(10)}, .during = {aborted(one(20))}}, {15});
     holds("aborted, then another", {.before = {one(10)}, .during = {aborted(one(20)), one(30)}},
           {15});
+    holds("aborted in a full ring, then another",
+          {.history = 15, .before = {one(10), one(30)}, .during = {aborted(one(50)), one(40)}},
+          {20, 35});
+    holds("aborted and grown, then another",
+          {.before = {one(10), one(20)}, .during = {aborted({{{0, 30}, {0, 40}}}), one(35)}},
+          {15, 25, 37});
+    holds("aborted twice",
+          {.before = {one(10)}, .during = {aborted(one(20)), aborted(one(30)), one(15)}}, {12, 17});
+    holds("aborted after late samples",
+          {.before = {one(10), one(30), one(20)}, .during = {aborted(one(50)), one(40)}}, {25, 45});
+    holds("aborted new parent", {.before = {one(10)}, .during = {aborted(one(20, 6)), one(30)}},
+          {15, 25});
+    holds("aborted late sample", {.before = {one(10), one(30)}, .during = {aborted(one(20))}},
+          {15, 25});
     holds("aborted clear of unordered samples",
           {.before = {one(10), one(30), one(20)}, .during = {aborted(one(kClearMarker)), one(40)}},
           {15, 25});

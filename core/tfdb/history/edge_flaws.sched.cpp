@@ -94,6 +94,7 @@ const Script kAppends{.before = {one(10)}, .during = {one(20)}};
 const Script kEvicts{.history = 15, .before = {one(10), one(30)}, .during = {one(50)}};
 const Script kGrows{.before = {one(10), one(20)}, .during = {one(30)}};
 const Script kAborts{.before = {one(10)}, .during = {aborted(one(20))}};
+const Script kAbortsLate{.before = {one(10), one(30)}, .during = {aborted(one(20)), one(40)}};
 const Script kSorts{.before = {one(17), one(37), {{{0, 15}, {0, 19}}}}, .during = {one(11)}};
 
 bool always(std::uint64_t, std::uint64_t) {
@@ -119,7 +120,9 @@ TFDB_SCHED(edge_flaws_of_the_writer_are_found) {
           {.history = 15, .before = {one(10)}, .during = {one(30), one(50)}}, 15,
           forgotten(kEvictSafe, always));
     found("ring published before its samples are copied", kGrows, 15, late_samples(kRing));
-    found("abort that turns no reader back", kAborts, 15, forgotten(kRing, same_ring));
+    found("abort of a sample that is not told to be newer", kAborts, 15,
+          forgotten(kHeadCommit, always));
+    found("abort that turns no reader back", kAbortsLate, 35, forgotten(kRing, same_ring));
     found("samples sorted anew beside readers", kSorts, 40, forgotten(kRing, busy_ring));
     found("clear that turns no reader back",
           {.before = {one(1), {{{0, 0}, {0, 4}}}, {{{0, 14}, {0, 3}}}},

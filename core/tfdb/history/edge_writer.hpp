@@ -41,6 +41,13 @@ struct EdgeUndo {
     static constexpr std::array<HeaderWord, 9> kWords = {
         kHead, kTopology, kHeadCommit, kNewest, kOrder, kCleared, kOrderedFrom, kLate, kParentFrom};
     std::array<std::uint64_t, kWords.size()> words{};
+
+    [[nodiscard]] constexpr std::uint64_t operator[](HeaderWord word) const {
+        std::size_t at = 0;
+        while (kWords[at] != word)
+            ++at;
+        return words[at];
+    }
 };
 
 /// Appends samples of the commit in progress to one edge. Nothing that it writes is seen by a
@@ -59,7 +66,8 @@ public:
     [[nodiscard]] EdgeUndo save() const;
     /// The same into a place that is there: a block copied through memory stalls.
     void save(EdgeUndo& saved) const;
-    /// Takes off all samples that are newer than `committed` and puts the header back.
+    /// Takes off all samples that are newer than `committed` and puts the header back. Readers go
+    /// on beside it, unless other things than newer samples of the same parent came.
     void undo(const EdgeUndo& saved);
 
     /// After the sample `parent` has become the newest parent: hint for walks.
@@ -74,6 +82,10 @@ public:
     [[nodiscard]] bool has_samples() const;
 
 private:
+    /// Flags that go once the last sample that made them is evicted.
+    static constexpr std::uint64_t kHeals =
+        Topology::kUnordered | Topology::kMixedParents | Topology::kCleared | Topology::kRebuilt;
+
     /// Those at [first, end) of the ring: stamp and index.
     struct SortedSamples {
         std::uint64_t first = 0;
@@ -110,6 +122,8 @@ private:
     void rebuild(const WriteContext& context);
     [[nodiscard]] bool compact(const WriteContext& context);
     void write_slot(const WriteContext& context, const NewSample<Memory>& sample);
+    [[nodiscard]] bool only_appended(const EdgeUndo& saved) const;
+    void lower_head(const EdgeUndo& saved);
     void update_rate(std::uint64_t ring, std::uint64_t head);
 
     Memory& memory_;

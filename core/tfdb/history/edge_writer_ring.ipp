@@ -232,8 +232,6 @@ void EdgeWriter<Memory>::evict_one(const WriteContext& context) {
     word(kEvictSafe).store_relaxed(context.committed);
     word(kBegin).store_release(begin);
     std::uint64_t topology = this->topology();
-    constexpr std::uint64_t kHeals =
-        Topology::kUnordered | Topology::kMixedParents | Topology::kCleared | Topology::kRebuilt;
     if ((topology & kHeals) == 0)
         return;
     // What was unusual is gone once its last sample is.
@@ -321,9 +319,34 @@ void EdgeWriter<Memory>::save(EdgeUndo& saved) const {
     }
 }
 
+/// True if samples were put behind the others at most, and nothing that readers rely on was changed
+/// but the head. What an eviction healed meanwhile stays healed.
+template <class Memory>
+bool EdgeWriter<Memory>::only_appended(const EdgeUndo& saved) const {
+    constexpr HeaderWord kSame[] = {kOrder, kCleared, kOrderedFrom, kLate, kParentFrom};
+    for (const HeaderWord w : kSame) {
+        if (word(w).load_relaxed() != saved[w])
+            return false;
+    }
+    const std::uint64_t added = topology() & ~saved[kTopology];
+    const std::uint64_t gone = saved[kTopology] & ~topology();
+    return (added & ~Topology::kParented) == 0 && (gone & ~kHeals) == 0;
+}
+
+/// Takes off what was only appended. Nobody sees samples of a commit that was not published, so
+/// readers need not be turned back: one that has the old head also finds kHeadCommit raised, and
+/// leaves out what is too new for it. Hence that stays as it is.
+template <class Memory>
+void EdgeWriter<Memory>::lower_head(const EdgeUndo& saved) {
+    word(kNewest).store_relaxed(saved[kNewest]);
+    word(kHead).store_release(saved[kHead]);
+}
+
 /// If a rebuild or an eviction happened meanwhile, its flags and order are the ones that hold.
 template <class Memory>
 void EdgeWriter<Memory>::undo(const EdgeUndo& saved) {
+    if (only_appended(saved))
+        return lower_head(saved);
     const std::uint64_t order = word(kOrder).load_relaxed();
     const std::uint64_t flags = topology() & (Topology::kUnordered | Topology::kRebuilt |
                                               Topology::kMixedParents | Topology::kParented);

@@ -21,7 +21,7 @@ enum HeaderWord : unsigned {
     kHead = 1,        // index of the next sample; indices grow for ever, slot = index mod capacity
     kBegin = 2,       // lowest index that is not (about to be) overwritten
     kTopology = 3,    // the one parent, flags, depth hint: see Topology
-    kHeadCommit = 4,  // commit of the sample at head - 1
+    kHeadCommit = 4,  // of the sample at head - 1; greater by one after an abort
     kNewest = 5,      // greatest stamp of the segment after the last clear, or kNoStamp
     kRate = 6,        // samples per ns as a double's bits: where to guess
     kBorn = 7,        // commit that made the frame << kFrameBits | generation

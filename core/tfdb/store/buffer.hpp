@@ -224,7 +224,9 @@ public:
 
     /// All of `batch` in one commit; returns its number. An empty batch commits nothing and returns
     /// the current number. Throws InvalidTransform, InvalidName, InvalidStamp, TooOld,
-    /// StaticConflict, CycleError, CapacityExceeded: each with `index`, and nothing is stored.
+    /// StaticConflict, CycleError, CapacityExceeded; nothing is then stored. The error is that of
+    /// the first refused member, with its `index`; `refused` names all of them (not with
+    /// CapacityExceeded, which is no member's fault).
     CommitNumber set_transforms(std::span<const TransformView> batch, bool is_static,
                                 std::string_view authority);
     CommitNumber set_transform(const TransformView& transform, bool is_static,
@@ -234,9 +236,23 @@ public:
     /// The same, but returns false at once if another writer holds the commit lock.
     bool try_set_transforms(std::span<const TransformView> batch, bool is_static,
                             std::string_view authority, CommitNumber& commit);
-    /// Removes frames (the whole subtree of each if recursive) in one commit.
-    /// Throws UnknownFrame, FrameInUse.
-    CommitNumber remove_frame(std::string_view name, bool recursive);
+    /// Stores the members that may be stored, in one commit, and returns the others with what is
+    /// wrong with each, in their order; `commit` is then the commit's number, or the current one if
+    /// none could be stored. Where members together would close a cycle, the last of them is
+    /// refused, and with it what else its edge would say of that time in this batch; what then
+    /// remains is judged again. Throws CapacityExceeded: nothing is then stored.
+    std::vector<RefusedMember> set_transforms_partial(std::span<const TransformView> batch,
+                                                      bool is_static, std::string_view authority,
+                                                      CommitNumber& commit);
+    /// Removes a frame, with all below it if recursive. Throws UnknownFrame, FrameInUse.
+    CommitNumber remove_frame(std::string_view name, bool recursive) {
+        return remove_frames({&name, 1}, recursive);
+    }
+    /// Removes frames in one commit, all or none; their order does not matter, and a name that
+    /// comes twice counts once. No names: nothing is committed. Throws UnknownFrame, FrameInUse
+    /// (the newest parent of a frame that would stay) of the first one that cannot go, with its
+    /// `index`; `refused` names all of them.
+    CommitNumber remove_frames(std::span<const std::string_view> names, bool recursive);
     /// Drops all moving samples; frames and static edges stay.
     CommitNumber clear();
 

@@ -43,8 +43,11 @@ public:
     explicit Model(std::optional<StampNs> history) : history_(history) {}
 
     [[nodiscard]] std::size_t commit() const { return commit_; }
-    /// The codes with which the batch may be refused; empty if it must be stored.
-    [[nodiscard]] std::set<ErrorCode> refusals(const std::vector<Member>& batch, bool is_static);
+    /// What is wrong with single members of the batch, by index.
+    [[nodiscard]] std::map<std::size_t, ErrorCode> faults(const std::vector<Member>& batch,
+                                                          bool is_static) const;
+    /// Whether these members, none of them at fault, would together close a cycle.
+    [[nodiscard]] bool closes_cycle(const std::vector<Member>& batch, bool is_static) const;
     void set(const std::vector<Member>& batch, bool is_static);
     std::optional<ErrorCode> remove(const std::string& name, bool recursive);
     void clear();
@@ -418,31 +421,34 @@ inline void Model::set(const std::vector<Member>& batch, bool is_static) {
     ++commit_;
 }
 
-inline std::set<ErrorCode> Model::refusals(const std::vector<Member>& batch, bool is_static) {
-    std::set<ErrorCode> codes;
-    for (const Member& m : batch) {
-        if (m.parent == m.child)
-            return {ErrorCode::kInvalidTransform};
+inline std::map<std::size_t, ErrorCode> Model::faults(const std::vector<Member>& batch,
+                                                      bool is_static) const {
+    std::map<std::size_t, ErrorCode> found;
+    for (std::size_t i = 0; i < batch.size(); ++i) {
+        const Member& m = batch[i];
+        if (m.parent == m.child) {
+            found[i] = ErrorCode::kInvalidTransform;
+            continue;
+        }
         const int child = find(m.child, commit_);
         if (child == kNone)
             continue;
         const auto samples = visible(child, commit_);
         if (samples.empty())
             continue;
-        if (samples.back()->is_static != is_static)
-            codes.insert(ErrorCode::kStaticConflict);
-        if (!is_static && !samples.back()->is_static && history_ &&
-            m.stamp < samples.back()->stamp - *history_) {
-            codes.insert(ErrorCode::kTooOld);
+        if (samples.back()->is_static != is_static) {
+            found[i] = ErrorCode::kStaticConflict;
+        } else if (!is_static && history_ && m.stamp < samples.back()->stamp - *history_) {
+            found[i] = ErrorCode::kTooOld;
         }
     }
-    if (!codes.empty())
-        return codes;
+    return found;
+}
+
+inline bool Model::closes_cycle(const std::vector<Member>& batch, bool is_static) const {
     Model trial = *this;
     trial.set(batch, is_static);
-    if (trial.has_cycle(trial.commit_))
-        codes.insert(ErrorCode::kCycle);
-    return codes;
+    return trial.has_cycle(trial.commit_);
 }
 
 inline std::optional<ErrorCode> Model::remove(const std::string& name, bool recursive) {

@@ -1,75 +1,163 @@
-// Removing frames.
+// Removing frames: those that are named, in one commit, whatever their order.
 #include <algorithm>
 #include <mutex>
 
-#include "tfdb/store/impl.hpp"
-#include "tfdb/store/validate.hpp"
+#include "tfdb/store/writes.hpp"
 
-namespace tfdb {
+namespace tfdb::store {
 namespace {
 
 constexpr std::size_t kNamedChildren = 8;
 
-/// The frame and all below it, by newest parents.
-std::vector<FrameId> subtree(const Reads::Impl& impl, const StoreCommit& commit, FrameId root) {
-    std::vector<std::vector<FrameId>> children(impl.frames.count());
-    const StoreView view = commit.view();
-    for (FrameId id = 0; id < impl.frames.count(); ++id) {
-        if (!view.alive(id))
-            continue;
-        const FrameId parent = commit.newest_parent(id);
-        if (parent != kNoFrame)
-            children[parent].push_back(id);
+/// What one call is to remove, and whether it may.
+/// Threads: the holder of the commit lock. Guarantee: each frame is looked at a few times, however
+/// many are removed; a leaf by itself needs no look at the others.
+class Removal {
+public:
+    Removal(Reads::Impl& impl, StoreCommit& commit, std::span<const std::string_view> names)
+        : impl_(impl), commit_(commit), names_(names) {
+        ids_.reserve(names.size());
+        for (std::size_t i = 0; i < names.size(); ++i) {
+            const FrameId id = commit_.find_frame(names[i]);
+            ids_.push_back(id);
+            if (id == kNoFrame)
+                refuse_unknown(i);
+            else
+                add(id);
+        }
     }
-    std::vector<FrameId> found{root};
-    for (std::size_t i = 0; i < found.size(); ++i) {
-        const auto& below = children[found[i]];
-        found.insert(found.end(), below.begin(), below.end());
-    }
-    return found;
-}
 
-[[noreturn]] void throw_in_use(const Reads::Impl& impl, const StoreCommit& commit, FrameId frame,
-                               std::string_view name) {
-    ErrorDetail detail;
-    detail.frame = name;
-    const StoreView view = commit.view();
-    std::string children;
-    for (FrameId id = 0; id < impl.frames.count(); ++id) {
-        if (!view.alive(id) || commit.newest_parent(id) != frame)
-            continue;
-        detail.frames.push_back(impl.names.name(id));
-        if (detail.frames.size() > kNamedChildren)
-            continue;
-        children += (children.empty() ? "" : ", ") + store::quoted(detail.frames.back());
+    void judge(bool recursive) {
+        if (std::none_of(gone_.begin(), gone_.end(), [&](FrameId id) { return children(id) > 0; }))
+            return;
+        if (recursive) {
+            add_descendants();
+        } else if (somebody_stays()) {
+            refuse_used();
+        }
     }
-    if (detail.frames.size() > kNamedChildren)
-        children += ", ...";
-    throw FrameInUse("frame " + store::quoted(name) + " is the parent of " + children +
-                         ": remove those first, or pass recursive=True",
-                     std::move(detail));
-}
+
+    [[nodiscard]] const std::vector<FrameId>& frames() const { return gone_; }
+    [[nodiscard]] Refusals& refusals() { return refusals_; }
+
+private:
+    [[nodiscard]] std::uint64_t children(FrameId id) const {
+        return impl_.frames.word(id, history::kChildren).load_relaxed();
+    }
+    [[nodiscard]] bool goes(FrameId id) const {
+        return impl_.frames.word(id, history::kTouched).load_relaxed() == impl_.scratch.attempts;
+    }
+    void add(FrameId id) {
+        if (goes(id))
+            return;
+        impl_.frames.word(id, history::kTouched).store_relaxed(impl_.scratch.attempts);
+        gone_.push_back(id);
+    }
+
+    /// Whether a frame that is to go has a child that is not.
+    [[nodiscard]] bool somebody_stays() const {
+        std::uint64_t expected = 0;
+        std::uint64_t going = 0;
+        for (const FrameId id : gone_) {
+            expected += children(id);
+            const FrameId parent = commit_.newest_parent(id);
+            going += parent != kNoFrame && goes(parent) ? 1 : 0;
+        }
+        return going != expected;
+    }
+
+    /// Calls visit(parent, child) for all frames, by newest parents.
+    template <class Visit>
+    void for_each_relation(Visit visit) const {
+        const StoreView view = commit_.view();
+        for (FrameId id = 0; id < impl_.frames.count(); ++id) {
+            if (!view.alive(id))
+                continue;
+            const FrameId parent = commit_.newest_parent(id);
+            if (parent != kNoFrame)
+                visit(parent, id);
+        }
+    }
+
+    void add_descendants() {
+        std::vector<std::vector<FrameId>> below(impl_.frames.count());
+        for_each_relation([&](FrameId parent, FrameId child) { below[parent].push_back(child); });
+        for (std::size_t i = 0; i < gone_.size(); ++i) {
+            for (const FrameId child : below[gone_[i]])
+                add(child);
+        }
+    }
+
+    void refuse_used() {
+        std::vector<std::vector<FrameId>> stay(impl_.frames.count());
+        for_each_relation([&](FrameId parent, FrameId child) {
+            if (goes(parent) && !goes(child))
+                stay[parent].push_back(child);
+        });
+        for (std::size_t i = 0; i < ids_.size(); ++i) {
+            if (ids_[i] != kNoFrame && !stay[ids_[i]].empty())
+                refuse_used(i, stay[ids_[i]]);
+        }
+    }
+
+    void refuse_used(std::size_t index, const std::vector<FrameId>& children) {
+        ErrorDetail detail;
+        detail.frame = names_[index];
+        detail.index = index;
+        std::string text;
+        for (const FrameId child : children) {
+            detail.frames.push_back(impl_.names.name(child));
+            if (detail.frames.size() > kNamedChildren)
+                continue;
+            text += (text.empty() ? "" : ", ") + quoted(detail.frames.back());
+        }
+        if (detail.frames.size() > kNamedChildren)
+            text += ", ...";
+        refusals_.add(FrameInUse("frame " + quoted(names_[index]) + " is the parent of " + text +
+                                     ": remove those first, or pass recursive=True",
+                                 std::move(detail)));
+    }
+
+    void refuse_unknown(std::size_t index) {
+        ErrorDetail detail;
+        detail.frame = names_[index];
+        detail.index = index;
+        refusals_.add(
+            UnknownFrame("frame " + quoted(names_[index]) + " does not exist: nothing was removed",
+                         std::move(detail)));
+    }
+
+    Reads::Impl& impl_;
+    StoreCommit& commit_;
+    std::span<const std::string_view> names_;
+    std::vector<FrameId> ids_;   // by place in the list
+    std::vector<FrameId> gone_;  // each once
+    Refusals refusals_;
+};
 
 }  // namespace
 
-CommitNumber Buffer::remove_frame(std::string_view name, bool recursive) {
-    const std::lock_guard guard(impl_->lock);
-    StoreCommit commit = impl_->start_commit();
-    const FrameId id = impl_->names.find(name, commit.number());
-    if (id == kNoFrame) {
-        ErrorDetail detail;
-        detail.frame = name;
-        throw UnknownFrame("frame " + store::quoted(name) + " does not exist: nothing was removed",
-                           std::move(detail));
-    }
-    const bool used = impl_->frames.word(id, history::kChildren).load_relaxed() != 0;
-    if (used && !recursive)
-        throw_in_use(*impl_, commit, id, name);
-    const std::vector<FrameId> frames =
-        used ? subtree(*impl_, commit, id) : std::vector<FrameId>{id};
-    for (const FrameId frame : frames)
-        commit.remove(frame);
+CommitNumber commit_removal(Reads::Impl& impl, std::span<const std::string_view> names,
+                            bool recursive) {
+    StoreCommit commit = impl.start_commit();
+    Removal removal(impl, commit, names);
+    removal.judge(recursive);
+    if (!removal.refusals().empty())
+        removal.refusals().raise(std::to_string(names.size()) + " frames");
+    for (const FrameId id : removal.frames())
+        commit.remove(id);
     return commit.publish();
+}
+
+}  // namespace tfdb::store
+
+namespace tfdb {
+
+CommitNumber Buffer::remove_frames(std::span<const std::string_view> names, bool recursive) {
+    if (names.empty())
+        return commit();
+    const store::Alone alone(*impl_);
+    return store::commit_removal(*impl_, names, recursive);
 }
 
 }  // namespace tfdb

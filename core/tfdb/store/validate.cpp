@@ -1,5 +1,6 @@
 #include "tfdb/store/validate.hpp"
 
+#include <algorithm>
 #include <cmath>
 #include <cstdio>
 
@@ -65,67 +66,77 @@ const char* name_fault(std::string_view name) {
     return seen < 0x80 || is_utf8(name) ? nullptr : "is not valid UTF-8";
 }
 
-void check_name(std::string_view name, const char* role, const TransformView& transform,
-                std::size_t index, std::string_view authority) {
+Fault fault_of_name(std::string_view name, const char* role, const TransformView& transform,
+                    std::size_t index, std::string_view authority) {
     const char* fault = name_fault(name);
     if (fault == nullptr)
-        return;
+        return std::nullopt;
     ErrorDetail detail = detail_of(transform, index, authority);
     detail.frame = name;
     detail.reason = fault;
-    throw InvalidName(std::string(role) + " frame name " + quoted(name) + by(authority) + " " +
-                          fault + ": a name has 1 to 1024 bytes of UTF-8 and no control characters",
-                      std::move(detail));
+    return InvalidName(std::string(role) + " frame name " + quoted(name) + by(authority) + " " +
+                           fault +
+                           ": a name has 1 to 1024 bytes of UTF-8 and no control characters",
+                       std::move(detail));
 }
 
-[[noreturn]] void throw_transform(const TransformView& transform, std::size_t index,
-                                  std::string_view authority, const std::string& reason) {
+Error invalid_transform(const TransformView& transform, std::size_t index,
+                        std::string_view authority, const std::string& reason) {
     ErrorDetail detail = detail_of(transform, index, authority);
     detail.stamp = transform.stamp;
     detail.reason = reason;
-    throw InvalidTransform(edge_name(transform) + " at " + seconds(transform.stamp) +
-                               by(authority) + " was refused: " + reason,
-                           std::move(detail));
+    return InvalidTransform(edge_name(transform) + " at " + seconds(transform.stamp) +
+                                by(authority) + " was refused: " + reason,
+                            std::move(detail));
 }
 
-void check_numbers(const TransformView& transform, std::size_t index, std::string_view authority) {
-    const auto& t = transform.pose.translation;
-    const auto& q = transform.pose.rotation;
+bool is_finite(const geometry::Vec3& t) {
     // Zero times a finite number is zero; times infinity or NaN it is NaN.
     const double probe = 0.0 * (t.x + t.y + t.z);
-    if (probe != 0.0 && !(std::isfinite(t.x) && std::isfinite(t.y) && std::isfinite(t.z))) {
-        throw_transform(transform, index, authority, "its translation is not finite");
-    }
-    const double norm2 = geometry::norm_squared(q);
-    if (std::abs(norm2 - 1.0) <= 0.01)
-        return;
-    char text[160];
-    std::snprintf(text, sizeof text,
-                  "its quaternion (%g, %g, %g, %g) has a squared norm of %g, more than 0.01 off 1",
-                  q.x, q.y, q.z, q.w, norm2);
-    throw_transform(transform, index, authority, text);
+    return probe == 0.0 || (std::isfinite(t.x) && std::isfinite(t.y) && std::isfinite(t.z));
 }
 
-/// Whether `check_numbers` would find nothing.
-bool numbers_are_sound(const Pose& pose) {
-    const auto& t = pose.translation;
-    // Zero times a finite number is zero; times infinity or NaN it is NaN.
-    const double probe = 0.0 * (t.x + t.y + t.z);
-    if (probe != 0.0 && !(std::isfinite(t.x) && std::isfinite(t.y) && std::isfinite(t.z)))
-        return false;
-    return std::abs(geometry::norm_squared(pose.rotation) - 1.0) <= 0.01;
+bool is_rotation(const geometry::Quat& q) {
+    return std::abs(geometry::norm_squared(q) - 1.0) <= 0.01;
+}
+
+bool is_timely(const TransformView& transform, bool is_static) {
+    return is_static || (transform.stamp >= 0 && transform.stamp <= history::kForever);
+}
+
+template <ErrorCode Code>
+void throw_if(ErrorCode code, const std::string& message, ErrorDetail& detail) {
+    if (code == Code)
+        throw ErrorOf<Code>(message, std::move(detail));
+}
+
+/// With the class that belongs to the code: those that a write may be refused with.
+[[noreturn]] void throw_typed(ErrorCode code, const std::string& message, ErrorDetail detail) {
+    throw_if<ErrorCode::kInvalidTransform>(code, message, detail);
+    throw_if<ErrorCode::kInvalidStamp>(code, message, detail);
+    throw_if<ErrorCode::kInvalidName>(code, message, detail);
+    throw_if<ErrorCode::kTooOld>(code, message, detail);
+    throw_if<ErrorCode::kStaticConflict>(code, message, detail);
+    throw_if<ErrorCode::kCycle>(code, message, detail);
+    throw_if<ErrorCode::kUnknownFrame>(code, message, detail);
+    throw_if<ErrorCode::kFrameInUse>(code, message, detail);
+    throw Error(code, message, std::move(detail));
 }
 
 }  // namespace
 
 bool is_sound(std::span<const TransformView> batch, bool is_static) noexcept {
     for (const TransformView& transform : batch) {
-        const bool timely =
-            is_static || (transform.stamp >= 0 && transform.stamp <= history::kForever);
-        if (!timely || transform.parent == transform.child || !numbers_are_sound(transform.pose))
+        if (transform.parent == transform.child || !is_timely(transform, is_static) ||
+            !is_finite(transform.pose.translation) || !is_rotation(transform.pose.rotation)) {
             return false;
+        }
     }
     return true;
+}
+
+bool has_sound_names(const TransformView& transform) noexcept {
+    return name_fault(transform.parent) == nullptr && name_fault(transform.child) == nullptr;
 }
 
 std::string quoted(std::string_view name) {
@@ -156,66 +167,100 @@ std::string seconds(StampNs stamp) {
     return text;
 }
 
-void check_batch(std::span<const TransformView> batch, bool is_static, std::string_view authority) {
-    for (std::size_t i = 0; i < batch.size(); ++i) {
-        const TransformView& transform = batch[i];
-        if (transform.parent == transform.child) {
-            throw_transform(transform, i, authority, "a frame cannot be its own parent");
-        }
-        if (!is_static && (transform.stamp < 0 || transform.stamp > history::kForever)) {
-            ErrorDetail detail = detail_of(transform, i, authority);
-            detail.stamp = transform.stamp;
-            throw InvalidStamp("stamp " + std::to_string(transform.stamp) + " ns of " +
-                                   edge_name(transform) + by(authority) +
-                                   " is out of range: stamps lie between 0 and 2^61 ns",
-                               std::move(detail));
-        }
-        check_numbers(transform, i, authority);
-    }
-}
-
-void check_names(const TransformView& transform, std::size_t index, std::string_view authority) {
-    check_name(transform.parent, "parent", transform, index, authority);
-    check_name(transform.child, "child", transform, index, authority);
-}
-
-void check_edge(const Reads::Impl& impl, FrameId child, const TransformView& transform,
-                std::size_t index, bool is_static, std::string_view authority) {
-    StoreMemory& memory = impl.frames.memory();
-    const history::EdgeWriter<StoreMemory> edge(memory, impl.frames.header(child));
-    if (!edge.has_samples())
-        return;
-    const bool was_static = (edge.topology() & history::Topology::kStatic) != 0;
-    if (was_static != is_static) {
+Fault fault_alone(const TransformView& transform, std::size_t index, bool is_static,
+                  std::string_view authority) {
+    if (transform.parent == transform.child)
+        return invalid_transform(transform, index, authority, "a frame cannot be its own parent");
+    if (!is_timely(transform, is_static)) {
         ErrorDetail detail = detail_of(transform, index, authority);
         detail.stamp = transform.stamp;
-        throw StaticConflict(edge_name(transform) + by(authority) + " is " +
-                                 (is_static ? "static, but the edge has moving samples"
-                                            : "moving, but the edge is static") +
-                                 ": remove frame " + quoted(transform.child) + " first",
-                             std::move(detail));
+        return InvalidStamp("stamp " + std::to_string(transform.stamp) + " ns of " +
+                                edge_name(transform) + by(authority) +
+                                " is out of range: stamps lie between 0 and 2^61 ns",
+                            std::move(detail));
     }
-    if (is_static || transform.stamp >= edge.newest() - impl.history)
-        return;
+    if (!is_finite(transform.pose.translation))
+        return invalid_transform(transform, index, authority, "its translation is not finite");
+    const geometry::Quat& q = transform.pose.rotation;
+    if (is_rotation(q))
+        return std::nullopt;
+    char text[160];
+    std::snprintf(text, sizeof text,
+                  "its quaternion (%g, %g, %g, %g) has a squared norm of %g, more than 0.01 off 1",
+                  q.x, q.y, q.z, q.w, geometry::norm_squared(q));
+    return invalid_transform(transform, index, authority, text);
+}
+
+Fault fault_of_names(const TransformView& transform, std::size_t index,
+                     std::string_view authority) {
+    Fault fault = fault_of_name(transform.parent, "parent", transform, index, authority);
+    return fault ? fault : fault_of_name(transform.child, "child", transform, index, authority);
+}
+
+Fault fault_of_edge(const Reads::Impl& impl, FrameId child, const TransformView& transform,
+                    std::size_t index, bool is_static, std::string_view authority) {
+    if (is_storable(impl, child, transform, is_static))
+        return std::nullopt;
+    const history::EdgeWriter<StoreMemory> edge(impl.frames.memory(), impl.frames.header(child));
     ErrorDetail detail = detail_of(transform, index, authority);
     detail.stamp = transform.stamp;
+    const bool was_static = (edge.topology() & history::Topology::kStatic) != 0;
+    if (was_static != is_static) {
+        return StaticConflict(edge_name(transform) + by(authority) + " is " +
+                                  (is_static ? "static, but the edge has moving samples"
+                                             : "moving, but the edge is static") +
+                                  ": remove frame " + quoted(transform.child) + " first",
+                              std::move(detail));
+    }
     detail.newest = edge.newest();
     detail.oldest = edge.newest() - impl.history;
     detail.limit = impl.history;
-    throw TooOld(edge_name(transform) + " at " + seconds(transform.stamp) + by(authority) +
-                     " is older than the retained history: stamps from " +
-                     seconds(edge.newest() - impl.history) + " on are taken",
-                 std::move(detail));
+    return TooOld(edge_name(transform) + " at " + seconds(transform.stamp) + by(authority) +
+                      " is older than the retained history: stamps from " +
+                      seconds(edge.newest() - impl.history) + " on are taken",
+                  std::move(detail));
 }
 
-void throw_cycle(const TransformView& transform, std::size_t index, std::string_view authority) {
+Error cycle_fault(const TransformView& transform, std::size_t index, std::string_view authority) {
     ErrorDetail detail = detail_of(transform, index, authority);
     detail.stamp = transform.stamp;
     detail.frames = {std::string(transform.child), std::string(transform.parent)};
-    throw CycleError(edge_name(transform) + " at " + seconds(transform.stamp) + by(authority) +
-                         " would make " + quoted(transform.child) +
-                         " its own ancestor: nothing was stored",
-                     std::move(detail));
+    return CycleError(edge_name(transform) + " at " + seconds(transform.stamp) + by(authority) +
+                          " would make " + quoted(transform.child) + " its own ancestor",
+                      std::move(detail));
+}
+
+void Refusals::sort() {
+    std::sort(errors_.begin(), errors_.end(), [](const Error& a, const Error& b) {
+        return a.detail().index.value_or(0) < b.detail().index.value_or(0);
+    });
+}
+
+std::vector<RefusedMember> Refusals::members() {
+    sort();
+    std::vector<RefusedMember> members;
+    members.reserve(errors_.size());
+    for (const Error& error : errors_) {
+        members.push_back(
+            {error.detail().index.value_or(0), error.code(), error.what(), error.detail().reason});
+    }
+    return members;
+}
+
+void Refusals::raise(const std::string& of) {
+    std::vector<RefusedMember> refused = members();
+    Error& first = errors_.front();
+    ErrorDetail detail = std::move(first.detail());
+    std::string message = first.what();
+    if (refused.size() > 1) {
+        message = std::to_string(refused.size()) + " of " + of +
+                  " were refused, the first at index " + std::to_string(*detail.index) + ": " +
+                  message;
+    }
+    if (first.code() == ErrorCode::kCycle)
+        message += ": nothing was stored";
+    detail.refused = std::move(refused);
+    throw_typed(first.code(), message, std::move(detail));
 }
 
 }  // namespace tfdb::store

@@ -2,24 +2,24 @@
 #pragma once
 
 #include <cstdint>
+#include <exception>
+#include <optional>
 #include <span>
 #include <string_view>
+#include <vector>
 
 #include "tfdb/store/impl.hpp"
 
 namespace tfdb::store {
 
-/// Whether `check_batch` would find nothing.
+/// What is wrong with a member of a batch; none if it may be stored.
+using Fault = std::optional<Error>;
+
+/// Whether `fault_alone` finds nothing in any member.
 [[nodiscard]] bool is_sound(std::span<const TransformView> batch, bool is_static) noexcept;
-
-/// Checks what can be checked without the store: stamps and numbers.
-/// Throws InvalidStamp, InvalidTransform with the index of the first bad member.
-void check_batch(std::span<const TransformView> batch, bool is_static, std::string_view authority);
-
-/// Checks the names of a member of which one is new to the store. Throws InvalidName.
-void check_names(const TransformView& transform, std::size_t index, std::string_view authority);
-
-/// Whether `check_edge` would find nothing. The newest committed sample is what counts.
+/// Whether `fault_of_names` finds nothing.
+[[nodiscard]] bool has_sound_names(const TransformView& transform) noexcept;
+/// Whether `fault_of_edge` finds nothing. The committed samples are what counts.
 [[nodiscard]] inline bool is_storable(const Reads::Impl& impl, FrameId child,
                                       const TransformView& transform, bool is_static) {
     const history::EdgeWriter<StoreMemory> edge(impl.frames.memory(), impl.frames.header(child));
@@ -30,12 +30,42 @@ void check_names(const TransformView& transform, std::size_t index, std::string_
            (is_static || transform.stamp >= edge.newest() - impl.history);
 }
 
-/// Checks a sample against its edge. Throws StaticConflict, TooOld.
-void check_edge(const Reads::Impl& impl, FrameId child, const TransformView& transform,
-                std::size_t index, bool is_static, std::string_view authority);
+/// Judges what can be judged without the store: InvalidTransform, InvalidStamp.
+[[nodiscard]] Fault fault_alone(const TransformView& transform, std::size_t index, bool is_static,
+                                std::string_view authority);
+/// Judges the names of a member of which one is new to the store: InvalidName.
+[[nodiscard]] Fault fault_of_names(const TransformView& transform, std::size_t index,
+                                   std::string_view authority);
+/// Judges a sample against its edge: StaticConflict, TooOld.
+[[nodiscard]] Fault fault_of_edge(const Reads::Impl& impl, FrameId child,
+                                  const TransformView& transform, std::size_t index, bool is_static,
+                                  std::string_view authority);
+[[nodiscard]] Error cycle_fault(const TransformView& transform, std::size_t index,
+                                std::string_view authority);
 
-[[noreturn]] void throw_cycle(const TransformView& transform, std::size_t index,
-                              std::string_view authority);
+/// The refused members of a batch.
+/// Threads: one. Guarantee: plain code that may allocate.
+class Refusals {
+public:
+    /// `error` has the member's index.
+    void add(Error error) { errors_.push_back(std::move(error)); }
+    void add(Fault fault) {
+        if (fault)
+            add(std::move(*fault));
+    }
+    [[nodiscard]] bool empty() const { return errors_.empty(); }
+    [[nodiscard]] std::size_t size() const { return errors_.size(); }
+
+    /// In the order of the batch.
+    [[nodiscard]] std::vector<RefusedMember> members();
+    /// The first one's error. `of` says how many there were in all, and of what.
+    [[noreturn]] void raise(const std::string& of);
+
+private:
+    void sort();
+
+    std::vector<Error> errors_;
+};
 
 /// A frame name as it may stand in a message: quoted, cut when long, control characters escaped.
 std::string quoted(std::string_view name);

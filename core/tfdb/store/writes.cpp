@@ -1,10 +1,10 @@
-// Batches of transforms: checked, written and published as one commit.
+// Batches of transforms: judged, written and published as one commit.
 #include "tfdb/store/writes.hpp"
 
 #include <algorithm>
 #include <mutex>
 
-namespace tfdb {
+namespace tfdb::store {
 namespace {
 
 /// Samples of one edge must come in stamp order; the later member of a batch wins a tie.
@@ -16,8 +16,9 @@ void sort_items(std::vector<Reads::Impl::Item>& items, std::span<const Transform
     });
 }
 
-void resolve_items(Reads::Impl& impl, StoreCommit& commit, std::span<const TransformView> batch,
-                   bool is_static, std::string_view authority) {
+/// Finds or makes the frames, and judges the samples against their edges while these are as they
+/// were committed. False: a member cannot be stored.
+bool resolve_items(Reads::Impl& impl, StoreCommit& commit, const Batch& batch) {
     auto& items = impl.items;
     items.clear();
     bool repeated = false;
@@ -25,57 +26,186 @@ void resolve_items(Reads::Impl& impl, StoreCommit& commit, std::span<const Trans
         FrameId parent = commit.find_frame(batch[i].parent);
         FrameId child = commit.find_frame(batch[i].child);
         if (parent == kNoFrame || child == kNoFrame) {
-            // A name that is known was checked when it was new.
-            store::check_names(batch[i], i, authority);
+            // A name that is known was judged when it was new.
+            if (!has_sound_names(batch[i]))
+                return false;
             parent = commit.frame(batch[i].parent);
             child = commit.frame(batch[i].child);
         }
+        if (!is_storable(impl, child, batch[i], batch.is_static()))
+            return false;
         repeated |= commit.touch(child);
         items.push_back({child, parent, i});
     }
-    if (repeated && !is_static)
-        sort_items(items, batch);
+    if (repeated && !batch.is_static())
+        sort_items(items, batch.members());
+    return true;
 }
 
-}  // namespace
-
-namespace store {
-
-CommitNumber commit_batch(Reads::Impl& impl, const Batch& all) {
-    const std::span<const TransformView> batch = all.members();
-    const bool is_static = all.is_static();
-    const std::string_view authority_name = all.authority();
-    if (!all.sound())
-        check_batch(batch, is_static, authority_name);
+/// Publishes the batch; false if a member cannot be stored.
+bool store_all(Reads::Impl& impl, const Batch& batch, CommitNumber& number) {
     StoreCommit commit = impl.start_commit();
-    resolve_items(impl, commit, batch, is_static, authority_name);
+    if (!resolve_items(impl, commit, batch))
+        return false;
     history::NewSample<StoreMemory> sample;
+    std::uint64_t mended = 0;
     for (const auto& item : impl.items) {
-        const TransformView& transform = batch[item.index];
-        store::check_edge(impl, item.child, transform, item.index, is_static, authority_name);
-        fill_sample(impl, transform, item.parent, is_static, sample);
+        mended += fill_from(batch[item.index], item.parent, batch.is_static(), sample) ? 1 : 0;
         commit.append(item.child, sample, item.index);
     }
     txn::Cycle cycle;
-    if (commit.find_cycle(cycle)) {
-        store::throw_cycle(batch[cycle.item], cycle.item, authority_name);
-    }
-    const std::uint64_t authority = impl.authorities.id(authority_name);
+    if (commit.find_cycle(cycle))
+        return false;
+    const std::uint64_t authority = impl.authorities.id(batch.authority());
     for (const auto& item : impl.items) {
         auto& writer = impl.frames.word(item.child, history::kAuthority);
         if (writer.load_relaxed() != authority)
             writer.store_relaxed(authority);
     }
-    return commit.publish();
+    if (mended != 0)
+        impl.word(graph::kNormalised).fetch_add(mended);
+    number = commit.publish();
+    return true;
 }
 
-}  // namespace store
+/// The members of a batch that was refused, told apart. Here nothing is in a hurry.
+/// Threads: the holder of the commit lock. Guarantee: the store stays as it is.
+class Sorting {
+public:
+    Sorting(Reads::Impl& impl, const Batch& batch) : impl_(impl), batch_(batch) {
+        for (std::size_t i = 0; i < batch.size(); ++i) {
+            if (Fault fault = fault_of(i)) {
+                refusals.add(std::move(fault));
+            } else {
+                good_.push_back(batch[i]);
+                indices_.push_back(i);
+            }
+        }
+    }
+
+    /// Throws CapacityExceeded.
+    void leave_out_cycles() {
+        for (int tries = 0; leave_out_some(tries >= kTries); ++tries) {
+        }
+    }
+
+    /// What may be stored, all of it together.
+    [[nodiscard]] std::span<const TransformView> good() const { return good_; }
+
+    Refusals refusals;
+
+private:
+    /// Each try costs as much as the batch. Few batches need more than two.
+    static constexpr int kTries = 64;
+
+    [[nodiscard]] Fault fault_of(std::size_t i) const {
+        const TransformView& transform = batch_[i];
+        if (Fault fault = fault_alone(transform, i, batch_.is_static(), batch_.authority()))
+            return fault;
+        const CommitNumber now = impl_.committed();
+        const FrameId child = impl_.names.find(transform.child, now);
+        if (child == kNoFrame || impl_.names.find(transform.parent, now) == kNoFrame) {
+            if (Fault fault = fault_of_names(transform, i, batch_.authority()))
+                return fault;
+        }
+        if (child == kNoFrame)
+            return std::nullopt;
+        return fault_of_edge(impl_, child, transform, i, batch_.is_static(), batch_.authority());
+    }
+
+    /// Writes what is good so far, looks for cycles, takes it all back. True if some members were
+    /// to be left out; `all` leaves out whatever could be part of a cycle.
+    bool leave_out_some(bool all) {
+        if (good_.empty())
+            return false;
+        StoreCommit trial = impl_.start_commit();
+        (void)resolve_items(impl_, trial, {good_, batch_.is_static(), batch_.authority()});
+        history::NewSample<StoreMemory> sample;
+        for (const auto& item : impl_.items) {
+            (void)fill_from(good_[item.index], item.parent, batch_.is_static(), sample);
+            trial.append(item.child, sample, item.index);
+        }
+        std::vector<txn::Cycle> cycles;
+        if (!trial.find_cycles(cycles))
+            return false;
+        if (all)
+            trial.suspects(cycles);
+        leave_out(cycles);
+        return true;
+    }
+
+    void leave_out(std::vector<txn::Cycle>& cycles) {
+        std::sort(cycles.begin(), cycles.end(),
+                  [](const auto& a, const auto& b) { return a.child < b.child; });
+        std::vector<bool> out(good_.size());
+        for (const auto& item : impl_.items) {
+            const StampNs stamp = good_[item.index].stamp;
+            auto at = std::lower_bound(cycles.begin(), cycles.end(), item.child,
+                                       [](const auto& c, FrameId id) { return c.child < id; });
+            for (; at != cycles.end() && at->child == item.child; ++at) {
+                const bool timely = batch_.is_static() || (at->from <= stamp && stamp < at->to);
+                if (at->item == item.index || (at->parent == item.parent && timely))
+                    out[item.index] = true;
+            }
+        }
+        std::size_t kept = 0;
+        for (std::size_t i = 0; i < good_.size(); ++i) {
+            if (out[i]) {
+                refusals.add(cycle_fault(good_[i], indices_[i], batch_.authority()));
+                continue;
+            }
+            good_[kept] = good_[i];
+            indices_[kept++] = indices_[i];
+        }
+        good_.resize(kept);
+        indices_.resize(kept);
+    }
+
+    Reads::Impl& impl_;
+    const Batch& batch_;
+    std::vector<TransformView> good_;
+    std::vector<std::size_t> indices_;  // of the good ones in the batch
+};
+
+}  // namespace
+
+CommitNumber commit_batch(Reads::Impl& impl, const Batch& batch) {
+    CommitNumber commit = 0;
+    if (batch.sound() && store_all(impl, batch, commit))
+        return commit;
+    Sorting sorting(impl, batch);
+    try {
+        sorting.leave_out_cycles();
+    } catch (const CapacityExceeded&) {
+        if (sorting.refusals.empty())
+            throw;
+    }
+    sorting.refusals.raise(std::to_string(batch.size()) + " transforms");
+}
+
+std::vector<RefusedMember> commit_partial(Reads::Impl& impl, const Batch& batch,
+                                          CommitNumber& commit) {
+    if (batch.sound() && store_all(impl, batch, commit))
+        return {};
+    Sorting sorting(impl, batch);
+    sorting.leave_out_cycles();
+    commit = impl.committed();
+    if (!sorting.good().empty())
+        (void)store_all(impl, {sorting.good(), batch.is_static(), batch.authority()}, commit);
+    return sorting.refusals.members();
+}
+
+}  // namespace tfdb::store
+
+namespace tfdb {
 
 CommitNumber Buffer::set_transforms(std::span<const TransformView> batch, bool is_static,
                                     std::string_view authority) {
     if (batch.empty())
         return commit();
     const store::Batch judged(batch, is_static, authority);
+    if (impl_->control != nullptr) [[unlikely]]
+        return impl_->control->write(judged);
     const std::lock_guard guard(impl_->lock);
     return store::commit_batch(*impl_, judged);
 }
@@ -87,11 +217,26 @@ bool Buffer::try_set_transforms(std::span<const TransformView> batch, bool is_st
         return true;
     }
     const store::Batch judged(batch, is_static, authority);
+    if (impl_->control != nullptr) [[unlikely]]
+        return impl_->control->try_write(judged, commit);
     const std::unique_lock guard(impl_->lock, std::try_to_lock);
     if (!guard.owns_lock())
         return false;
     commit = store::commit_batch(*impl_, judged);
     return true;
+}
+
+std::vector<RefusedMember> Buffer::set_transforms_partial(std::span<const TransformView> batch,
+                                                          bool is_static,
+                                                          std::string_view authority,
+                                                          CommitNumber& commit) {
+    if (batch.empty()) {
+        commit = this->commit();
+        return {};
+    }
+    const store::Batch judged(batch, is_static, authority);
+    const store::Alone alone(*impl_);
+    return store::commit_partial(*impl_, judged, commit);
 }
 
 }  // namespace tfdb

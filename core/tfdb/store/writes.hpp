@@ -6,6 +6,7 @@
 #include <cmath>
 #include <span>
 #include <string_view>
+#include <vector>
 
 #include "tfdb/store/impl.hpp"
 #include "tfdb/store/validate.hpp"
@@ -39,8 +40,9 @@ private:
 };
 
 /// Fills the sample word by word: copied as a block, the pose would go through memory and stall.
-inline void fill_sample(Reads::Impl& impl, const TransformView& transform, FrameId parent,
-                        bool is_static, history::NewSample<StoreMemory>& sample) {
+/// True if the quaternion was so far off that its mending counts.
+inline bool fill_from(const TransformView& transform, FrameId parent, bool is_static,
+                      history::NewSample<StoreMemory>& sample) {
     sample.stamp = is_static ? history::kStaticStamp : transform.stamp;
     sample.parent = parent;
     const geometry::Vec3& t = transform.pose.translation;
@@ -48,21 +50,33 @@ inline void fill_sample(Reads::Impl& impl, const TransformView& transform, Frame
     // A unit quaternion is off by two roundings at most: it stays as it is, bit for bit.
     constexpr double kRoundings = 4.5e-16;
     const double norm2 = geometry::norm_squared(q);
-    if (std::abs(norm2 - 1.0) > kRoundings) {
-        if (std::abs(norm2 - 1.0) > 2e-9) {
-            impl.word(graph::kNormalised).fetch_add(1);
-        }
+    const double off = std::abs(norm2 - 1.0);
+    if (off > kRoundings)
         q = geometry::normalized(q);
-    }
     const double numbers[7] = {t.x, t.y, t.z, q.x, q.y, q.z, q.w};
     for (std::size_t i = 0; i < 7; ++i) {
         sample.payload[i] = std::bit_cast<std::uint64_t>(numbers[i]);
     }
+    return off > 2e-9;
 }
 
-/// Stores all of a batch in one commit; returns its number. The caller holds the commit lock and
-/// nothing else writes. Throws as Buffer::set_transforms does, naming every refused member; the
-/// store is then as it was.
+/// The same, counted at once: for a sample that cannot be refused any more.
+inline void fill_sample(Reads::Impl& impl, const TransformView& transform, FrameId parent,
+                        bool is_static, history::NewSample<StoreMemory>& sample) {
+    if (fill_from(transform, parent, is_static, sample))
+        impl.word(graph::kNormalised).fetch_add(1);
+}
+
+// The caller of these holds the commit lock, and nothing else writes. What they throw leaves the
+// store as it was.
+
+/// Stores all of a batch in one commit; returns its number. Throws as Buffer::set_transforms.
 CommitNumber commit_batch(Reads::Impl& impl, const Batch& batch);
+/// Stores what may be stored of a batch; returns the rest. As Buffer::set_transforms_partial.
+std::vector<RefusedMember> commit_partial(Reads::Impl& impl, const Batch& batch,
+                                          CommitNumber& commit);
+/// Removes frames in one commit; returns its number. Throws as Buffer::remove_frames.
+CommitNumber commit_removal(Reads::Impl& impl, std::span<const std::string_view> names,
+                            bool recursive);
 
 }  // namespace tfdb::store

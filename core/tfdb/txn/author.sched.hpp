@@ -3,7 +3,6 @@
 
 #include <algorithm>
 #include <random>
-#include <set>
 #include <string>
 
 #include "tfdb/txn/script.sched.hpp"
@@ -83,13 +82,14 @@ private:
             batch.push_back({edge.parent, edge.child, edge.stamp, pose_of(0, 0)});
         }
         const bool is_static = step.kind == Step::kSetStatic;
-        const std::set<ErrorCode> refusals = model.refusals(batch, is_static);
-        if (refusals.empty()) {
+        if (!model.faults(batch, is_static).empty())
+            return false;
+        if (!model.closes_cycle(batch, is_static)) {
             model.set(batch, is_static);
             return true;
         }
         step.kind = Step::kSetCycle;
-        return !is_static && refusals == std::set<ErrorCode>{ErrorCode::kCycle};
+        return !is_static;
     }
 
     std::mt19937_64 random_;

@@ -13,12 +13,14 @@
 
 namespace tfdb::txn {
 
-/// A cycle that a commit would have closed: `child` is its own ancestor at `stamp`.
+/// A cycle that a commit would close, and the one of its samples that is to be left out.
 struct Cycle {
     FrameId child = kNoFrame;
     FrameId parent = kNoFrame;
-    std::size_t item = 0;  // which sample of the commit, in the order of `append`
-    std::vector<FrameId> frames;
+    std::size_t item = 0;  // as told to `append`: the greatest of those that close it together
+    // The commit's other samples of this edge that name this parent for [from, to) close it too.
+    clock::StampNs from = 0;
+    clock::StampNs to = 0;
 };
 
 /// Lists that a commit fills; kept by the store, so that no commit allocates in steady state.
@@ -38,15 +40,36 @@ struct CommitScratch {
         FrameId id;
         clock::StampNs from;
         clock::StampNs to;
-        std::uint32_t depth;
+        bool entered;  // what lies above it is being looked at
+    };
+    struct Mark {  // what one search knows of a frame
+        std::uint64_t search = 0;
+        clock::StampNs from = 0;  // within [from, to) all above it was looked at
+        clock::StampNs to = 0;
+        bool on_path = false;
+        bool blamed = false;  // a sample of its edge is to be left out
+
+        [[nodiscard]] bool covers(clock::StampNs a, clock::StampNs b) const {
+            return from <= a && b <= to;
+        }
+        void leave(clock::StampNs a, clock::StampNs b) {
+            on_path = false;
+            const bool apart = from == to || b < from || to < a;
+            from = apart || a < from ? a : from;
+            to = apart || to < b ? b : to;
+        }
     };
     std::vector<Touched> touched;
     std::vector<FrameId> made;
     std::vector<FrameId> removed;
     std::vector<Relation> relations;
     std::vector<Stop> stops;
+    std::vector<Mark> marks;              // by frame
+    std::vector<std::uint32_t> by_child;  // the relations, sorted
+    std::vector<std::uint32_t> depths;    // by frame
     std::vector<FrameId> climb;
     std::uint64_t attempts = 0;
+    std::uint64_t searches = 0;
 };
 
 /// Writes of one commit. Nothing is visible before `publish`; the destructor undoes what was not
@@ -63,7 +86,7 @@ public:
     Commit(graph::Frames<Memory> frames, CommitScratch& scratch, clock::StampNs history,
            bool (*ask_may_evict)(void* store), void* store)
         : Commit(frames, scratch, history, true) {
-        context_.ask_may_evict = ask_may_evict;
+        context_.ask_may_evict = ask_may_evict_ = ask_may_evict;
         context_.store = store;
     }
     ~Commit();
@@ -91,6 +114,10 @@ public:
 
     /// Finds a cycle in time among what was appended. To be called before `publish`.
     [[nodiscard]] bool find_cycle(Cycle& cycle);
+    /// Finds cycles, not always all: with their samples left out, there may be others.
+    [[nodiscard]] bool find_cycles(std::vector<Cycle>& cycles);
+    /// After a search: every sample that could be part of any cycle.
+    void suspects(std::vector<Cycle>& cycles) const;
     /// Makes all of it visible at once.
     CommitNumber publish();
 
@@ -104,13 +131,23 @@ private:
         return {frames_.memory(), frames_.header(id)};
     }
     [[nodiscard]] FrameId take_slot();
-    void recycle(FrameId id);
+    void empty_slot(FrameId id);
+    void empty_removed();
     [[nodiscard]] bool holds(const CommitScratch::Relation& relation, StampNs& from,
                              StampNs& to) const;
-    [[nodiscard]] bool reaches(const CommitScratch::Relation& relation, Cycle& cycle);
+    template <class Found>
+    bool search(Found found);
+    template <class Found>
+    bool walk(const Cycle& suspect, Found& found);
+    [[nodiscard]] CommitScratch::Mark& mark_of(FrameId id);
+    template <class Visit>
+    void for_each_in_cycle(const CommitScratch::Stop& top, Visit visit) const;
+    [[nodiscard]] Cycle blame(const CommitScratch::Stop& top, const Cycle& suspect);
+    [[nodiscard]] bool held_before(const CommitScratch::Relation& relation, StampNs stamp) const;
+    [[nodiscard]] static bool next_sample(const history::EdgeView<Memory>& edge,
+                                          std::uint64_t& index, StampNs& stamp);
     void push_parents(const CommitScratch::Stop& at);
-    void push_stop(FrameId parent, CommitNumber written, StampNs from, StampNs to,
-                   std::uint32_t depth);
+    void push_stop(FrameId parent, CommitNumber written, StampNs from, StampNs to);
     void push_mixed_parents(const history::EdgeView<Memory>& edge, const CommitScratch::Stop& at);
     void settle_parents();
     void refresh_depths();
@@ -120,6 +157,7 @@ private:
     graph::Names<Memory> names_;
     CommitScratch& scratch_;
     history::WriteContext context_;
+    bool (*ask_may_evict_)(void* store) = nullptr;
     bool published_ = false;
     bool cleared_ = false;
     bool depths_stale_ = false;  // a frame with children got another parent

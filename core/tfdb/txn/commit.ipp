@@ -36,12 +36,17 @@ template <class Memory>
 FrameId Commit<Memory>::take_slot() {
     const FrameId retired = frames_.first_retired();
     const FrameId fresh = frames_.take_fresh_slot();
-    const bool old_enough =
-        retired != kNoFrame &&
-        frames_.word(retired, history::kDied).load_relaxed() <= context_.committed;
-    if (old_enough && (context_.eviction_allowed() || fresh == kNoFrame)) {
-        recycle(retired);
-        return retired;
+    if (retired != kNoFrame) {
+        const CommitNumber died = frames_.word(retired, history::kDied).load_relaxed();
+        // Zero: made by a commit that was undone.
+        if (died == 0 ||
+            (died <= context_.committed && (fresh == kNoFrame || context_.eviction_allowed()))) {
+            const bool full = retired == frames_.first_full();
+            frames_.pop_retired();
+            if (full)
+                empty_slot(retired);
+            return retired;
+        }
     }
     if (fresh == kNoFrame) {
         throw CapacityExceeded("the store holds max_frames = " +
@@ -51,21 +56,32 @@ FrameId Commit<Memory>::take_slot() {
     return fresh;
 }
 
+/// Whoever still reads the removed frame finds out: it has been born anew, and states in which it
+/// lived lie below the floor.
 template <class Memory>
-void Commit<Memory>::recycle(FrameId id) {
+void Commit<Memory>::empty_slot(FrameId id) {
     const CommitNumber died = frames_.word(id, history::kDied).load_relaxed();
     auto& floor = frames_.store_word(graph::kRecycleFloor);
     floor.store_release(std::max<std::uint64_t>(floor.load_relaxed(), died));
-    frames_.pop_retired();
     frames_.seal(id);
     const Offset name = frames_.word(id, history::kName).load_relaxed();
-    if (name != 0) {
-        names_.erase(id);
-        frames_.word(id, history::kName).store_release(0);
-        Memory::fence_release();
-        names_.free_name(name);
-    }
+    names_.erase(id);
+    frames_.word(id, history::kName).store_release(0);
+    Memory::fence_release();
+    names_.free_name(name);
     writer(id).free_ring();
+}
+
+/// Gives back what removed frames hold. Asked anew: a snapshot that is not seen here has seen the
+/// commit that was just published.
+template <class Memory>
+void Commit<Memory>::empty_removed() {
+    if (ask_may_evict_ == nullptr || !ask_may_evict_(context_.store))
+        return;
+    for (FrameId id = frames_.first_full(); id != kNoFrame; id = frames_.first_full()) {
+        frames_.pass_full();
+        empty_slot(id);
+    }
 }
 
 template <class Memory>
@@ -190,13 +206,15 @@ void Commit<Memory>::settle_parents() {
 template <class Memory>
 void Commit<Memory>::refresh_depths() {
     using history::Topology;
-    constexpr std::uint32_t kMostFrames = 4096;  // beyond, stale hints cost less than this
+    // Beyond, stale hints cost less than this, unless the commit itself is as large.
+    constexpr std::uint32_t kMostFrames = 4096;
     const std::uint32_t count = frames_.count();
-    if (!depths_stale_ || count > kMostFrames) {
+    if (!depths_stale_ || (count > kMostFrames && count / 4 > scratch_.touched.size())) {
         return;
     }
     constexpr std::uint32_t kUnknown = ~std::uint32_t{0};
-    std::vector<std::uint32_t> depths(count, kUnknown);
+    auto& depths = scratch_.depths;
+    depths.assign(count, kUnknown);
     auto& climb = scratch_.climb;
     for (FrameId id = 0; id < count; ++id) {
         climb.clear();
@@ -208,8 +226,8 @@ void Commit<Memory>::refresh_depths() {
         std::uint32_t depth = at < count && depths[at] != kUnknown ? depths[at] + 1 : 0;
         for (; !climb.empty(); climb.pop_back(), ++depth) {
             depths[climb.back()] = depth;
-            history::EdgeWriter<Memory> edge = writer(climb.back());
-            edge.set_depth_hint(depth);
+            if (Topology::depth(frames_.topology(climb.back())) != depth)
+                writer(climb.back()).set_depth_hint(depth);
         }
     }
 }
@@ -222,6 +240,8 @@ CommitNumber Commit<Memory>::publish() {
     published_ = true;
     for (const FrameId id : scratch_.removed)
         frames_.push_retired(id);
+    if (!scratch_.removed.empty())
+        empty_removed();
     return number();
 }
 
@@ -241,7 +261,8 @@ void Commit<Memory>::abort() {
         frames_.word(id, history::kName).store_release(0);
         Memory::fence_release();
         names_.free_name(name);
-        frames_.push_retired(id);
+        writer(id).free_ring();
+        frames_.push_unseen(id);
     }
 }
 

@@ -1,8 +1,9 @@
 // Commit: no frame may be its own ancestor at any time.
 //
 // A sample names its edge's parent from its stamp to the edge's next sample (a static edge: for all
-// time). A new sample closes a cycle if, somewhere in that interval, a walk from its parent upward
-// comes to its child. The walk splits the interval where a frame on the way changes its parent.
+// time). A new sample closes a cycle if, somewhere in that interval, a walk from its child upward
+// comes to its child again. The walk splits the interval where a frame on the way changes its
+// parent, and remembers of every frame when there is no cycle above it: it goes there once.
 #pragma once
 
 #include <algorithm>
@@ -18,16 +19,57 @@ inline constexpr clock::StampNs kDawn = std::numeric_limits<clock::StampNs>::min
 inline constexpr clock::StampNs kDusk = std::numeric_limits<clock::StampNs>::max();
 }  // namespace detail
 
+template <class Memory>
+bool Commit<Memory>::find_cycle(Cycle& cycle) {
+    return search([&](const CommitScratch::Stop& top, const Cycle& suspect) {
+        cycle = blame(top, suspect);
+        return true;
+    });
+}
+
+/// Of two cycles that share a frame which is to change, only one is reported: without it the other
+/// may be none.
+template <class Memory>
+bool Commit<Memory>::find_cycles(std::vector<Cycle>& cycles) {
+    cycles.clear();
+    search([&](const CommitScratch::Stop& top, const Cycle& suspect) {
+        const Cycle cycle = blame(top, suspect);
+        bool touches_another = false;
+        for_each_in_cycle(top, [&](const CommitScratch::Stop& at) {
+            touches_another |= at.id != cycle.child && mark_of(at.id).blamed;
+        });
+        if (!touches_another) {
+            mark_of(cycle.child).blamed = true;
+            cycles.push_back(cycle);
+        }
+        return false;
+    });
+    return !cycles.empty();
+}
+
+/// Calls `found(top)` for each cycle that it comes upon, until that says true: the path in
+/// scratch_.stops then leads from the frame at `top` back to it.
+///
 /// A cycle needs its child to be somebody's parent already. Relations are looked at in the order in
 /// which they came, so of a chain that is built from its root no frame is one yet: the last
 /// relation that closes a cycle always finds the others in place.
 template <class Memory>
-bool Commit<Memory>::find_cycle(Cycle& cycle) {
+template <class Found>
+bool Commit<Memory>::search(Found found) {
     using history::Topology;
+    ++scratch_.searches;
+    scratch_.by_child.clear();
+    Cycle last;  // what was walked last
     for (const auto& relation : scratch_.relations) {
-        if ((frames_.topology(relation.child) & Topology::kParented) != 0 &&
-            reaches(relation, cycle)) {
-            return true;
+        const bool seen = relation.child == last.child && relation.parent == last.parent &&
+                          last.from <= relation.stamp && relation.stamp < last.to;
+        Cycle next{relation.child, relation.parent, relation.item, 0, 0};
+        if (!seen && (frames_.topology(relation.child) & Topology::kParented) != 0 &&
+            holds(relation, next.from, next.to)) {
+            last = next;
+            if (walk(next, found)) {
+                return true;
+            }
         }
         auto& topology = frames_.word(relation.parent, history::kTopology);
         const std::uint64_t word = topology.load_relaxed();
@@ -35,6 +77,125 @@ bool Commit<Memory>::find_cycle(Cycle& cycle) {
             topology.store_release(word | Topology::kParented);
     }
     return false;
+}
+
+/// Goes up from a frame by all parents that it has in the interval.
+template <class Memory>
+template <class Found>
+bool Commit<Memory>::walk(const Cycle& suspect, Found& found) {
+    auto& stops = scratch_.stops;
+    stops.assign(1, {suspect.child, suspect.from, suspect.to, false});
+    while (!stops.empty()) {
+        const CommitScratch::Stop at = stops.back();
+        CommitScratch::Mark& mark = mark_of(at.id);
+        if (at.entered) {
+            mark.leave(at.from, at.to);
+        } else if (mark.on_path) {
+            if (found(at, suspect)) {
+                return true;
+            }
+        } else if (!mark.covers(at.from, at.to)) {
+            stops.back().entered = true;
+            mark.on_path = true;
+            push_parents(at);
+            continue;
+        }
+        stops.pop_back();
+    }
+    return false;
+}
+
+template <class Memory>
+CommitScratch::Mark& Commit<Memory>::mark_of(FrameId id) {
+    if (id >= scratch_.marks.size()) {
+        scratch_.marks.resize(std::max<std::size_t>(id + 1, 2 * scratch_.marks.size()));
+    }
+    CommitScratch::Mark& mark = scratch_.marks[id];
+    if (mark.search != scratch_.searches) {
+        mark = {};
+        mark.search = scratch_.searches;
+    }
+    return mark;
+}
+
+/// Visits the stops of the path from the frame at `top` (its earlier stop) to its end.
+template <class Memory>
+template <class Visit>
+void Commit<Memory>::for_each_in_cycle(const CommitScratch::Stop& top, Visit visit) const {
+    const auto& stops = scratch_.stops;
+    std::size_t first = stops.size();
+    while (first-- > 0) {
+        if (stops[first].entered && stops[first].id == top.id)
+            break;
+    }
+    for (; first < stops.size(); ++first) {
+        if (stops[first].entered)
+            visit(stops[first]);
+    }
+}
+
+/// The last relation among those that together close the cycle, and when its parent holds.
+template <class Memory>
+Cycle Commit<Memory>::blame(const CommitScratch::Stop& top, const Cycle& suspect) {
+    auto& order = scratch_.by_child;
+    const auto& relations = scratch_.relations;
+    if (order.size() != relations.size()) {
+        order.resize(relations.size());
+        for (std::size_t i = 0; i < order.size(); ++i)
+            order[i] = static_cast<std::uint32_t>(i);
+        std::sort(order.begin(), order.end(), [&](std::uint32_t a, std::uint32_t b) {
+            return relations[a].child != relations[b].child
+                       ? relations[a].child < relations[b].child
+                       : a < b;
+        });
+    }
+    Cycle cycle;
+    for_each_in_cycle(top, [&](const CommitScratch::Stop& at) {
+        auto found =
+            std::lower_bound(order.begin(), order.end(), at.id,
+                             [&](std::uint32_t i, FrameId id) { return relations[i].child < id; });
+        for (; found != order.end() && relations[*found].child == at.id; ++found) {
+            const auto& relation = relations[*found];
+            StampNs from = 0;
+            StampNs to = 0;
+            const bool later = cycle.child == kNoFrame || relation.item > cycle.item;
+            if (later && holds(relation, from, to) && from <= top.from && top.from < to &&
+                !held_before(relation, top.from))
+                cycle = {relation.child, relation.parent, relation.item, from, top.to};
+        }
+    });
+    return cycle.child == kNoFrame ? suspect : cycle;
+}
+
+/// Whether the committed state relates the two already at that time: then it is no new relation.
+template <class Memory>
+bool Commit<Memory>::held_before(const CommitScratch::Relation& relation, StampNs stamp) const {
+    const SnapshotView<Memory> committed{frames_, context_.committed, context_.history};
+    history::EdgeView<Memory> edge;
+    history::Bracket around;
+    if (!committed.open(relation.child, edge) || edge.empty()) {
+        return false;
+    }
+    if (edge.is_static()) {
+        around.before = edge.static_index();
+    } else if (!edge.bracket(stamp, around) || around.before == history::kNoIndex) {
+        return false;
+    }
+    const std::uint64_t slot = edge.slot_word(around.before);
+    return history::SlotWord::parent(slot) == relation.parent &&
+           committed.alive_since(relation.parent, history::SlotWord::commit(slot));
+}
+
+/// Every relation that could be part of a cycle, after a search: without them there is none.
+template <class Memory>
+void Commit<Memory>::suspects(std::vector<Cycle>& cycles) const {
+    cycles.clear();
+    for (const auto& relation : scratch_.relations) {
+        if ((frames_.topology(relation.child) & history::Topology::kParented) != 0) {
+            cycles.push_back(
+                {relation.child, relation.parent, relation.item, detail::kDawn, detail::kDusk});
+        }
+    }
 }
 
 /// The interval in which the relation's parent holds. False if it never does: the sample is too old
@@ -79,46 +240,42 @@ bool Commit<Memory>::holds(const CommitScratch::Relation& relation, StampNs& fro
         return true;
     }
     // Later samples that name the same parent are not looked at by themselves.
-    while (around.after != history::kNoIndex && names_parent(edge, around.after)) {
-        if (!edge.bracket(around.after_stamp, around)) {
+    std::uint64_t index = around.before;
+    to = from;
+    do {
+        if (!next_sample(edge, index, to)) {
             return false;
         }
+    } while (index != history::kNoIndex && names_parent(edge, index));
+    return true;
+}
+
+/// Goes on to the sample that follows in time; after the last one to none, at the end of time.
+template <class Memory>
+bool Commit<Memory>::next_sample(const history::EdgeView<Memory>& edge, std::uint64_t& index,
+                                 StampNs& stamp) {
+    if (edge.ordered()) {
+        index = index + 1 < edge.hi() ? index + 1 : history::kNoIndex;
+    } else {
+        history::Bracket around;
+        if (!edge.bracket(stamp, around)) {
+            return false;
+        }
+        index = around.after;
+        stamp = around.after_stamp;
     }
-    if (around.after != history::kNoIndex) {
-        to = around.after_stamp;
+    if (index == history::kNoIndex) {
+        stamp = detail::kDusk;
+    } else if (edge.ordered()) {
+        stamp = edge.stamp_at(index);
     }
     return true;
 }
 
 template <class Memory>
-bool Commit<Memory>::reaches(const CommitScratch::Relation& relation, Cycle& cycle) {
-    StampNs from = 0;
-    StampNs to = 0;
-    if (!holds(relation, from, to)) {
-        return false;
-    }
-    auto& stops = scratch_.stops;
-    stops.assign(1, {relation.parent, from, to, 1});
-    const std::uint32_t bound = frames_.count() + 1;
-    while (!stops.empty()) {
-        const auto at = stops.back();
-        stops.pop_back();
-        if (at.id == relation.child || at.depth > bound) {
-            cycle.child = relation.child;
-            cycle.parent = relation.parent;
-            cycle.item = relation.item;
-            return true;
-        }
-        push_parents(at);
-    }
-    return false;
-}
-
-template <class Memory>
-void Commit<Memory>::push_stop(FrameId parent, CommitNumber written, StampNs from, StampNs to,
-                               std::uint32_t depth) {
-    if (from < to && view().alive_since(parent, written)) {
-        scratch_.stops.push_back({parent, from, to, depth});
+void Commit<Memory>::push_stop(FrameId parent, CommitNumber written, StampNs from, StampNs to) {
+    if (parent != kNoFrame && from < to && view().alive_since(parent, written)) {
+        scratch_.stops.push_back({parent, from, to, false});
     }
 }
 
@@ -129,8 +286,7 @@ void Commit<Memory>::push_parents(const CommitScratch::Stop& at) {
         return;
     if (edge.is_static()) {
         const std::uint64_t slot = edge.slot_word(edge.static_index());
-        push_stop(history::SlotWord::parent(slot), history::SlotWord::commit(slot), at.from, at.to,
-                  at.depth + 1);
+        push_stop(history::SlotWord::parent(slot), history::SlotWord::commit(slot), at.from, at.to);
         return;
     }
     if ((edge.topology() & history::Topology::kMixedParents) != 0) {
@@ -143,28 +299,43 @@ void Commit<Memory>::push_parents(const CommitScratch::Stop& at) {
         return;
     const std::uint64_t slot = edge.slot_word(oldest);
     push_stop(history::SlotWord::parent(slot), history::SlotWord::commit(slot),
-              std::max(at.from, since), at.to, at.depth + 1);
+              std::max(at.from, since), at.to);
 }
 
+/// From the sample that holds when the interval begins to the last one within it; samples in a row
+/// that name the same parent count as one.
 template <class Memory>
 void Commit<Memory>::push_mixed_parents(const history::EdgeView<Memory>& edge,
                                         const CommitScratch::Stop& at) {
     StampNs since = 0;
     std::uint64_t index = 0;
-    if (!edge.oldest(index, since))
+    if (!edge.oldest(index, since) || index == history::kNoIndex)
         return;
-    while (index != history::kNoIndex) {
+    if (since < at.from) {
         history::Bracket around;
-        if (!edge.bracket(since, around))
+        if (!edge.bracket(at.from, around) || around.before == history::kNoIndex)
             return;
-        const StampNs until =
-            around.after == history::kNoIndex ? detail::kDusk : around.after_stamp;
-        const std::uint64_t slot = edge.slot_word(index);
-        push_stop(history::SlotWord::parent(slot), history::SlotWord::commit(slot),
-                  std::max(at.from, since), std::min(at.to, until), at.depth + 1);
-        index = around.after;
-        since = around.after_stamp;
+        index = around.before;
+        since = around.before_stamp;
     }
+    FrameId parent = kNoFrame;
+    CommitNumber written = 0;  // the newest of the row: its parent lived throughout, or not at all
+    StampNs from = since;
+    while (index != history::kNoIndex && since < at.to) {
+        const std::uint64_t slot = edge.slot_word(index);
+        const CommitNumber commit = history::SlotWord::commit(slot);
+        const bool known = view().alive_since(history::SlotWord::parent(slot), commit);
+        const FrameId named = known ? history::SlotWord::parent(slot) : kNoFrame;
+        if (named != parent) {
+            push_stop(parent, written, std::max(at.from, from), std::min(at.to, since));
+            parent = named;
+            from = since;
+        }
+        written = commit;
+        if (!next_sample(edge, index, since))
+            return;
+    }
+    push_stop(parent, written, std::max(at.from, from), std::min(at.to, since));
 }
 
 }  // namespace tfdb::txn
