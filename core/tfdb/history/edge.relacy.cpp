@@ -198,6 +198,7 @@ const Script kAbortsFull{.history = 15,
                          .before = {one(10), one(30)},
                          .during = {{{{0, 50}, {0, 60}}, true}, one(40), one(50)}};
 const Script kAbortsLate{.before = {one(10), one(30)}, .during = {{{{0, 20}}, true}, one(40)}};
+const Script kAbortsMove{.before = {one(10)}, .during = {{{{0, 20, 6}}, true}, one(30)}};
 
 const Script kHeld{.history = 15, .before = {one(10)}, .during = {one(30), one(50), one(70)}};
 
@@ -222,6 +223,7 @@ TFDB_TEST(edges_hold_in_the_memory_model) {
     holds("aborts", kAborts, 25);
     holds("aborts in a full ring", kAbortsFull, 35);
     holds("aborts of late samples", kAbortsLate, 35);
+    holds("aborts of a new parent", kAbortsMove, 25);
 }
 
 TFDB_TEST(random_scripts_hold_in_the_memory_model) {
@@ -253,8 +255,8 @@ TFDB_TEST(every_memory_order_is_needed) {
     needs("acquire of order", kStartsRun, 45, {.load = header_word(kOrder)});
     needs("the writer's fence", kEvicts, 55, {.no_release_fence = true});
     needs("the reader's fence", kEvicts, 55, {.no_acquire_fence = true});
-    needs("the writer's fence in an abort", kAbortsLate, 35, {.no_release_fence = true});
-    needs("the reader's fence beside an abort", kAbortsLate, 35, {.no_acquire_fence = true});
+    needs("the writer's fence in an abort", kAbortsMove, 25, {.no_release_fence = true});
+    needs("the reader's fence beside an abort", kAbortsMove, 25, {.no_acquire_fence = true});
     needs("release of head, which tells of the abort", kAbortsFull, 35,
           {.store = header_word(kHead)});
 }
