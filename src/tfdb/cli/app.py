@@ -21,6 +21,7 @@ COMMANDS = {
     "poses": "Many poses of SOURCE in TARGET, to a .tum, .csv or .npz file.",
     "check": "A doctor for recordings: gaps, late data, two publishers, jumps in time ...",
     "convert": "Rewrite the transforms of a recording as .mcap, .bag or .tum.",
+    "bench": "The paper's evaluation on this machine: engines and tf2, CSV and a report.",
     "verify": "Was a recorded history of a store strictly serializable? Anomalies by name.",
     "completion": "The script that makes a shell complete tfdb's commands and options.",
 }

@@ -1,0 +1,114 @@
+"""What was measured: one row per run, written as it comes, and medians of the rounds."""
+
+from __future__ import annotations
+
+import csv
+import statistics
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+    from pathlib import Path
+
+OWN_COLUMNS = ("sweep", "label", "round", "engine")
+
+
+@dataclass(frozen=True)
+class Spread:
+    """Median, smallest and largest of the rounds."""
+
+    median: float
+    low: float
+    high: float
+
+
+@dataclass
+class Results:
+    """All rows; with a path, each is also appended to a CSV file before `add` returns."""
+
+    path: Path | None = None
+    rows: list[dict[str, Any]] = field(default_factory=list)
+
+    def add(self, sweep: str, label: str, turn: int, engine: str, found: dict[str, Any]) -> None:
+        """Add one run's result."""
+        row = {"sweep": sweep, "label": label, "round": turn, "engine": engine}
+        row |= {key: value for key, value in found.items() if key not in row}
+        if self.path is not None:
+            with self.path.open("a" if self.rows else "w", newline="", encoding="utf-8") as file:
+                writer = csv.DictWriter(file, fieldnames=list(row), extrasaction="ignore")
+                if not self.rows:
+                    writer.writeheader()
+                writer.writerow(row)
+        self.rows.append(row)
+
+    def engines(self, sweep: str) -> list[str]:
+        """Engines with a result, in the order of their first one."""
+        return list(dict.fromkeys(row["engine"] for row in self.rows if row["sweep"] == sweep))
+
+    def labels(self, sweep: str) -> list[str]:
+        """Labels with a result, in the order of their first one."""
+        return list(dict.fromkeys(row["label"] for row in self.rows if row["sweep"] == sweep))
+
+    def sweeps(self) -> list[str]:
+        """Sweeps with a result."""
+        return list(dict.fromkeys(row["sweep"] for row in self.rows))
+
+    def get(self, sweep: str, label: str, engine: str, column: str) -> Spread | None:
+        """Return a column over the rounds of one point; None where nothing was measured."""
+        values = [
+            float(value)
+            for row in self.rows
+            if (row["sweep"], row["label"], row["engine"]) == (sweep, label, engine)
+            for value in [_column(row, column)]
+            if value is not None
+        ]
+        if not values:
+            return None
+        return Spread(statistics.median(values), min(values), max(values))
+
+    def median(self, sweep: str, label: str, engine: str, column: str) -> float | None:
+        """Return the median alone."""
+        spread = self.get(sweep, label, engine, column)
+        return None if spread is None else spread.median
+
+
+def _column(row: dict[str, Any], column: str) -> float | None:
+    """Return a column of the driver's, or one that is made of several."""
+    if column in row:
+        value: float | None = row[column]
+        return value
+    return DERIVED[column](row) if column in DERIVED else None
+
+
+def _per_operation(row: dict[str, Any]) -> float | None:
+    done = row["reads_done"] + row["writes_done"]
+    return aborted(row) / done if done else None
+
+
+def aborted(row: dict[str, Any]) -> float:
+    """Attempts that came to nothing: the engine's retries, lapped lookups, lost transactions."""
+    lost: float = row["retries"] + row["lapped_reads"] + row["reads_lost"] + row["writes_lost"]
+    return lost
+
+
+def _total(row: dict[str, Any]) -> float:
+    total: float = row["reads_per_s"] + row["writes_per_s"]
+    return total
+
+
+def _per_write(row: dict[str, Any]) -> float | None:
+    return aborted(row) / row["writes_done"] if row["writes_done"] else None
+
+
+def _per_read(row: dict[str, Any]) -> float | None:
+    return aborted(row) / row["reads_done"] if row["reads_done"] else None
+
+
+DERIVED: dict[str, Callable[[dict[str, Any]], float | None]] = {
+    "aborts_per_operation": _per_operation,
+    "aborts_per_read": _per_read,
+    "aborts_per_write": _per_write,
+    "operations_per_s": _total,
+}
+"""Columns that are made of the driver's."""
