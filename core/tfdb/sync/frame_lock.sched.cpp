@@ -93,6 +93,34 @@ Program shared_and_exclusive(Cast cast) {
     };
 }
 
+/// Whoever is refused goes away.
+template <class W>
+Program tried(Cast cast) {
+    return [cast](Run& run) {
+        Scene<W> scene;
+        std::uint64_t written = 0;
+        for (unsigned slot = 0; slot < cast.writers + cast.readers; ++slot) {
+            const bool writes = slot < cast.writers;
+            run.thread((writes ? "writer" : "reader") + std::to_string(slot), [&, slot, writes] {
+                BasicFrameLock<W> lock(scene.word);
+                if (!(writes ? lock.try_exclusive(slot) : lock.try_shared(slot)))
+                    return;
+                if (writes) {
+                    scene.write();
+                    written += 1;
+                } else {
+                    scene.look();
+                }
+                scene.unlock(slot);
+            });
+        }
+        run.join();
+        const bool all_were_written = scene.second.peek() == written;
+        SCHED_REQUIRE(all_were_written);
+        SCHED_REQUIRE(scene.word.peek() == 0);
+    };
+}
+
 /// One reads first and then wants to write: it must wait for the others that read.
 template <class W>
 Program upgraded(unsigned readers) {
@@ -218,6 +246,9 @@ TFDB_SCHED(frame_lock_shares_excludes_and_wakes) {
     Walk walk;
     walk.must_hold("two writers", shared_and_exclusive<Sound>({2, 0}));
     walk.must_hold("a writer and a reader", shared_and_exclusive<Sound>({1, 1}));
+    walk.must_hold("three writers that try", tried<Sound>({3, 0}));
+    walk.must_hold("two writers and a reader that try", tried<Sound>({2, 1}));
+    walk.must_hold("a writer and two readers that try", tried<Sound>({1, 2}));
     walk.must_hold("an upgrade beside a reader", upgraded<Sound>(1));
     walk.must_hold("two upgrades, one gives up", both_upgrade<Sound>());
     walk.must_hold("a sleeper that is told to give up", told_to_give_up(true));
