@@ -96,7 +96,7 @@ TFDB_TEST(allocation_none_in_set_transforms_of_ten_edges) {
 }
 
 TFDB_TEST(allocation_none_in_static_revisions) {
-    Buffer buffer;
+    Buffer buffer(defaults());
     CHECK_EQ(counted([&](int i) { set_static(buffer, "base", "eye", pose_of(i)); }), 0);
 }
 

@@ -163,7 +163,7 @@ TFDB_TEST(atomicity_a_batch_of_many_frames_takes_no_square_time) {
         names.push_back("f" + std::to_string(i));
     for (const std::string& name : names)
         batch.push_back({"map", name, 0, pose_of(1)});
-    Buffer buffer;
+    Buffer buffer(defaults());
     CHECK_EQ(buffer.set_transforms(batch, true, ""), 1U);
     CHECK_EQ(buffer.memory().frames, kFrames + 1);
 }

@@ -157,7 +157,7 @@ TFDB_TEST(error_invalid_transform_says_which_number) {
 }
 
 TFDB_TEST(error_quaternions_a_little_off_are_normalised_and_counted) {
-    Buffer buffer;
+    Buffer buffer(defaults());
     CHECK_EQ(buffer.counters().normalised, 0U);
     Pose pose = pose_of(1);
     for (int at = 3; at < 7; ++at)
@@ -254,11 +254,11 @@ TFDB_TEST(error_options_and_arguments) {
     CHECK_THROWS_AS(Buffer(keeping(0)), InvalidArgument);
     CHECK_THROWS_AS(Buffer(keeping(-1)), InvalidArgument);
     for (const std::uint32_t frames : {0U, kMaxFrames + 1}) {
-        BufferOptions options;
+        BufferOptions options = defaults();
         options.max_frames = frames;
         CHECK_THROWS_AS(Buffer{options}, InvalidArgument);
     }
-    BufferOptions tiny;
+    BufferOptions tiny = defaults();
     tiny.memory_limit = 10;
     CHECK_THROWS_AS(Buffer{tiny}, CapacityExceeded);
     const Buffer buffer = robot();
@@ -271,7 +271,7 @@ TFDB_TEST(error_options_and_arguments) {
 }
 
 TFDB_TEST(error_long_names_are_cut_in_messages_only) {
-    Buffer buffer;
+    Buffer buffer(defaults());
     const std::string name(1000, 'q');
     set(buffer, "map", name, kSecond, pose_of(1));
     const auto error = THROWN(Extrapolation, buffer.lookup_transform("map", name, 2 * kSecond));

@@ -1,9 +1,13 @@
 // What the store's tests share: poses that tell where they come from, and writes in one line.
 #pragma once
 
+#include <algorithm>
 #include <bit>
 #include <cmath>
+#include <cstdio>
+#include <cstdlib>
 #include <cstring>
+#include <initializer_list>
 #include <optional>
 #include <string>
 #include <string_view>
@@ -25,8 +29,30 @@ inline double number_of(const Pose& pose) {
     return pose.translation.x;
 }
 
-inline BufferOptions keeping(std::optional<StampNs> history) {
+/// The engine that the whole program runs on: TFDB_CONCURRENCY, or the default one.
+inline Concurrency engine() {
+    const char* const wish = std::getenv("TFDB_CONCURRENCY");
+    return wish == nullptr ? Concurrency::kSnapshot : concurrency_of(wish);
+}
+inline BufferOptions defaults() {
     BufferOptions options;
+    options.concurrency = engine();
+    return options;
+}
+
+/// True, for the test to end there, in engines that do not promise what it judges.
+inline bool skipped_in(std::initializer_list<Concurrency> engines, const char* reason) {
+    const bool skipped = std::find(engines.begin(), engines.end(), engine()) != engines.end();
+    if (skipped) {
+        std::printf("  skipped in %s: %s\n", std::string(concurrency_name(engine())).c_str(),
+                    reason);
+        testing::count_check();
+    }
+    return skipped;
+}
+
+inline BufferOptions keeping(std::optional<StampNs> history) {
+    BufferOptions options = defaults();
     options.history_ns = history;
     return options;
 }

@@ -20,7 +20,7 @@ void build(Buffer& buffer, StampNs stamp) {
 }  // namespace
 
 TFDB_TEST(frames_leaf_is_removed_and_its_parent_may_go_next) {
-    Buffer buffer;
+    Buffer buffer(defaults());
     build(buffer, kSecond);
     CHECK_THROWS_AS(buffer.remove_frame("arm", false), FrameInUse);
     CHECK_EQ(buffer.remove_frame("hand", false), 2U);
@@ -32,7 +32,7 @@ TFDB_TEST(frames_leaf_is_removed_and_its_parent_may_go_next) {
 }
 
 TFDB_TEST(frames_recursive_removal_takes_the_subtree_in_one_commit) {
-    Buffer buffer;
+    Buffer buffer(defaults());
     build(buffer, kSecond);
     const Snapshot before = buffer.snapshot();
     CHECK_EQ(buffer.remove_frame("base", true), 2U);
@@ -44,7 +44,7 @@ TFDB_TEST(frames_recursive_removal_takes_the_subtree_in_one_commit) {
 }
 
 TFDB_TEST(frames_name_made_again_is_a_new_frame) {
-    Buffer buffer;
+    Buffer buffer(defaults());
     build(buffer, kSecond);
     FrameHandle old;
     CHECK(buffer.find_frame("eye", old));
@@ -68,7 +68,7 @@ TFDB_TEST(frames_name_made_again_is_a_new_frame) {
 }
 
 TFDB_TEST(frames_edge_may_change_its_kind_after_removal) {
-    Buffer buffer;
+    Buffer buffer(defaults());
     set_static(buffer, "map", "door", pose_of(1));
     CHECK_THROWS_AS(set(buffer, "map", "door", kSecond, pose_of(2)), StaticConflict);
     buffer.remove_frame("door", false);
@@ -78,7 +78,7 @@ TFDB_TEST(frames_edge_may_change_its_kind_after_removal) {
 }
 
 TFDB_TEST(frames_clear_keeps_frames_and_static_edges) {
-    Buffer buffer;
+    Buffer buffer(defaults());
     build(buffer, 5 * kSecond);
     set_static(buffer, "hand", "tip", pose_of(9));
     const CommitNumber cleared = buffer.clear();
@@ -94,7 +94,7 @@ TFDB_TEST(frames_clear_keeps_frames_and_static_edges) {
 }
 
 TFDB_TEST(frames_slot_of_another_name_does_not_answer_for_the_old_handle) {
-    Buffer buffer;
+    Buffer buffer(defaults());
     set(buffer, "map", "ghost", kSecond, pose_of(1));
     FrameHandle ghost;
     FrameHandle map;
@@ -121,7 +121,7 @@ TFDB_TEST(frames_slot_of_another_name_does_not_answer_for_the_old_handle) {
 }
 
 TFDB_TEST(frames_short_lived_one_after_another_leave_memory_flat) {
-    Buffer buffer;
+    Buffer buffer(defaults());
     std::size_t settled = 0;
     for (int i = 0; i < 100'000; ++i) {
         const std::string name = "visitor_" + std::to_string(i);
@@ -138,7 +138,7 @@ TFDB_TEST(frames_short_lived_one_after_another_leave_memory_flat) {
 }
 
 TFDB_TEST(frames_short_lived_by_the_thousand_leave_memory_flat) {
-    Buffer buffer;
+    Buffer buffer(defaults());
     std::size_t settled = 0;
     for (int round = 0; round < 100; ++round) {
         std::vector<std::string> names;
@@ -160,7 +160,7 @@ TFDB_TEST(frames_short_lived_by_the_thousand_leave_memory_flat) {
 }
 
 TFDB_TEST(frames_removed_while_a_snapshot_is_held_stay_readable_in_it) {
-    Buffer buffer;
+    Buffer buffer(defaults());
     build(buffer, kSecond);
     const Snapshot held = buffer.snapshot();
     buffer.remove_frame("base", true);

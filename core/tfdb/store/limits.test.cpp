@@ -16,7 +16,7 @@ BufferOptions with_memory(std::size_t bytes, std::optional<StampNs> history) {
 }  // namespace
 
 TFDB_TEST(limits_max_frames_is_refused_and_leaves_the_store_usable) {
-    BufferOptions options;
+    BufferOptions options = defaults();
     options.max_frames = 10;
     Buffer buffer(options);
     for (int i = 0; i < 9; ++i)
@@ -45,7 +45,7 @@ TFDB_TEST(limits_max_frames_is_refused_and_leaves_the_store_usable) {
 }
 
 TFDB_TEST(limits_frames_of_held_snapshots_give_way_when_slots_run_out) {
-    BufferOptions options;
+    BufferOptions options = defaults();
     options.max_frames = 3;
     Buffer buffer(options);
     set(buffer, "map", "a", kSecond, pose_of(1));
@@ -68,7 +68,10 @@ TFDB_TEST(limits_memory_is_refused_and_nothing_lost) {
             set(buffer, "map", "base", stamp, pose_of(static_cast<double>(stamp)));
     }());
     CHECK(error && says(*error, "memory limit of 262144 bytes"));
-    CHECK_EQ(buffer.commit(), static_cast<CommitNumber>(stamp));
+    if (engine() == Concurrency::kSnapshot || engine() == Concurrency::kGiant) {
+        // A commit beside others has its number before it is refused.
+        CHECK_EQ(buffer.commit(), static_cast<CommitNumber>(stamp));
+    }
     CHECK(stamp >= 1000);
     for (StampNs s = 0; s < stamp; ++s)
         CHECK_EQ(number_of(buffer.lookup_transform("map", "base", s).pose), static_cast<double>(s));

@@ -165,7 +165,7 @@ TFDB_TEST(snapshots_live_longer_than_their_buffer) {
 }
 
 TFDB_TEST(snapshots_of_the_empty_store) {
-    Buffer buffer;
+    Buffer buffer(defaults());
     const Snapshot empty = buffer.snapshot();
     set(buffer, "map", "a", kSecond, pose_of(1));
     CHECK_EQ(empty.commit(), 0U);
