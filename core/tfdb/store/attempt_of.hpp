@@ -1,7 +1,8 @@
 // An attempt over any engine: its session, what was read and what was written.
 #pragma once
 
-#include <algorithm>
+#include <type_traits>
+#include <unordered_set>
 #include <utility>
 #include <vector>
 
@@ -9,9 +10,8 @@
 #include "tfdb/store/attempt_errors.hpp"
 #include "tfdb/store/validate.hpp"
 #include "tfdb/store/writes.hpp"
-#include "tfdb/txn/child_index.hpp"
+#include "tfdb/txn/draft.hpp"
 #include "tfdb/txn/settle.hpp"
-#include "tfdb/txn/transaction_view.hpp"
 
 namespace tfdb::store {
 
@@ -39,23 +39,23 @@ public:
     /// `session`: what S is made from.
     template <class... Args>
     AttemptOf(Reads::Impl& impl, bool alone, Args&&... session)
-        : impl_(impl), recording_(!alone), session_(std::forward<Args>(session)...) {
-        session_.begin(alone ? txn::Mode::kAlone : txn::Mode::kBesideOthers);
-    }
+        : impl_(impl),
+          draft_(impl.frames, impl.history, alone ? txn::Mode::kAlone : txn::Mode::kBesideOthers,
+                 std::forward<Args>(session)...) {}
 
     [[nodiscard]] bool ask(const Question& question, Answer& answer, Failure& failure) override {
-        const Outcome outcome = steadily([&](const View& view) {
+        const Outcome outcome = needed(draft_.steadily([&](const View& view) {
             const Outcome found = answer_of(view, question, answer, failure);
-            return found == Outcome::kFailed ? unless_reused(impl_, view.commit(), found) : found;
-        });
-        answer.commit = failure.commit = session_.read_as_of();
+            return found == Outcome::kFailed ? draft_.unless_reused(view, found) : found;
+        }));
+        answer.commit = failure.commit = read_as_of();
         return outcome == Outcome::kOk;
     }
     [[nodiscard]] bool has_frame(std::string_view name) override { return find(name) != kNoFrame; }
-    [[nodiscard]] CommitNumber read_as_of() override { return session_.read_as_of(); }
+    [[nodiscard]] CommitNumber read_as_of() override { return draft_.session().read_as_of(); }
     [[nodiscard]] std::string frame_name(FrameId id, std::uint32_t generation) const override {
-        if (writes_.is_own(id) && generation == txn::kOwnGeneration)
-            return writes_.name(id);
+        if (writes().is_own(id) && generation == txn::kOwnGeneration)
+            return writes().name(id);
         if (id < impl_.frames.count()) {
             std::string name = impl_.names.name(id);
             sync::fence_acquire();
@@ -67,14 +67,14 @@ public:
     [[nodiscard]] std::string frame_name(FrameId id) const override {
         if (id == kNoFrame)
             return {};
-        return writes_.is_own(id) ? writes_.name(id) : impl_.names.name(id);
+        return writes().is_own(id) ? writes().name(id) : impl_.names.name(id);
     }
 
     void write(std::span<const TransformView> batch, bool is_static,
                std::string_view authority) override {
         check(batch, is_static, authority);
-        typename Writes::Sample own;
-        own.authority = writes_.authority(authority);
+        typename Draft::Writes::Sample own;
+        own.authority = draft_.writes().authority(authority);
         history::NewSample<StoreMemory> sample;
         for (const TransformView& transform : batch) {
             const FrameId parent = find_or_make(transform.parent);
@@ -83,10 +83,7 @@ public:
             own.stamp = sample.stamp;
             own.parent = parent;
             own.payload = sample.payload;
-            const std::uint64_t known =
-                writes_.is_own(child) ? history::Topology::kRoot : impl_.frames.topology(child);
-            writes_.put(child, own, history::Topology::parent(known),
-                        history::Topology::depth(view().topology(parent)));
+            draft_.put(child, own);
         }
     }
 
@@ -95,63 +92,50 @@ public:
         if (id == kNoFrame)
             throw_frame_unknown(name);
         std::vector<FrameId> gone{id};
+        std::unordered_set<FrameId> seen{id};
+        std::vector<FrameId> children;
         for (std::size_t i = 0; i < gone.size(); ++i) {
-            const std::vector<FrameId> children = children_of(gone[i]);
+            (void)needed(draft_.children_of(gone[i], children));
             if (!children.empty() && !recursive)
                 throw_frame_in_use(name, children, names());
-            gone.insert(gone.end(), children.begin(), children.end());
+            // Before the commit has judged them, own relations may run in a circle.
+            for (const FrameId child : children) {
+                if (seen.insert(child).second)
+                    gone.push_back(child);
+            }
         }
         for (const FrameId frame : gone)
-            writes_.remove(frame);
+            draft_.writes().remove(frame);
     }
 
     CommitNumber commit() override {
         CommitTools tools(impl_);
-        const txn::Settled settled = txn::settle(session_, reads_, writes_, tools);
+        const txn::Settled settled = txn::settle(draft_.session(), draft_.reads(), writes(), tools);
         if (settled.kind == txn::Settled::kCycle)
-            throw_cycle_of(settled, writes_.authority_name(settled.authority), names());
+            throw_cycle_of(settled, writes().authority_name(settled.authority), names());
         if (settled.kind == txn::Settled::kConflict) {
             if (settled.conflict)
                 throw_conflict(settled.conflict, settled.commit, names());
-            lose("another one came first");
+            throw_lost("another one came first", settled.commit);
         }
         return settled.commit;
     }
-    void rollback() noexcept override { session_.end(false); }
+    void rollback() noexcept override { draft_.session().end(false); }
 
 private:
     using Outcome = lookup::Outcome;
-    using View = txn::TransactionView<S>;
-    using Writes = txn::WriteSet<StoreMemory>;
+    using Draft = txn::Draft<S>;
+    using View = typename Draft::View;
     static_assert(std::is_same_v<typename S::Memory, StoreMemory>);
 
-    [[nodiscard]] View view() {
-        return {session_.view(), impl_.names, impl_.history, writes_,
-                recording_ ? &reads_ : nullptr};
-    }
+    [[nodiscard]] const auto& writes() const { return draft_.writes(); }
     [[nodiscard]] NameOf names() const {
         return [this](FrameId id) { return frame_name(id); };
     }
-    [[noreturn]] void lose(std::string_view reason) {
-        const CommitNumber since = session_.read_as_of();
-        session_.end(false);
-        throw_lost(reason, since);
-    }
-
-    /// Runs `attempt(view)` until no writer overtakes it.
-    template <class Body>
-    Outcome steadily(Body attempt) {
-        Outcome outcome = Outcome::kLapped;
-        for (int i = 0; i < kTriesBeforeLock && outcome == Outcome::kLapped; ++i)
-            outcome = attempt(view());
-        if constexpr (requires { session_.undisturbed([] {}); }) {
-            if (outcome == Outcome::kLapped)
-                session_.undisturbed([&] { outcome = attempt(view()); });
-        }
+    /// Throws Conflict where the transaction has lost.
+    Outcome needed(Outcome outcome) {
         if (outcome == Outcome::kLapped)
-            lose("what it reads was overwritten meanwhile");
-        if (!session_.confirm())
-            lose("what it has read has changed");
+            throw_lost("what it has read was changed or overwritten meanwhile", read_as_of());
         return outcome;
     }
 
@@ -174,16 +158,12 @@ private:
 
     [[nodiscard]] FrameId find(std::string_view name) {
         FrameId id = kNoFrame;
-        (void)steadily([&](const View& view) {
-            id = view.find(name);
-            return id == kNoFrame ? unless_reused(impl_, view.commit(), Outcome::kOk)
-                                  : Outcome::kOk;
-        });
+        (void)needed(draft_.find(name, id));
         return id;
     }
     [[nodiscard]] FrameId find_or_make(std::string_view name) {
         const FrameId found = find(name);
-        return found != kNoFrame ? found : writes_.make(name);
+        return found != kNoFrame ? found : draft_.writes().make(name);
     }
 
     /// Judges every member. Throws the first one's error, with all that are refused in it.
@@ -208,7 +188,7 @@ private:
     }
     /// New frames have ids from the top downward, until they meet those of the store.
     void check_room(std::size_t unknown) {
-        if (unknown != 0 && writes_.made() + unknown + impl_.frames.count() > kMaxFrames)
+        if (unknown != 0 && writes().made() + unknown + impl_.frames.count() > kMaxFrames)
             throw CapacityExceeded("a transaction cannot make so many frames: there is room for " +
                                    std::to_string(kMaxFrames) + " in all");
     }
@@ -217,76 +197,20 @@ private:
     [[nodiscard]] Fault fault_of_own_edge(FrameId child, const TransformView& transform,
                                           std::size_t index, bool is_static,
                                           std::string_view authority) {
-        bool written = false;
-        bool was_static = false;
-        StampNs newest = history::kNoStamp;
-        (void)steadily([&](const View& view) {
-            typename View::Edge edge;
-            if (!view.open(child, edge))
-                return Outcome::kLapped;
-            written = edge.has_samples();
-            was_static = edge.holds_static();
-            if (!was_static && !edge.peek_newest(newest))
-                return Outcome::kLapped;
-            if (!edge.confirm(edge.lo()))
-                return Outcome::kLapped;
-            if (!written)
-                edge.note_all();
-            else if (!is_static)
-                edge.note_used(transform.stamp);
-            return Outcome::kOk;
-        });
-        if (written && was_static != is_static)
+        txn::EdgeKind kind;
+        const StampNs stamp = is_static ? history::kStaticStamp : transform.stamp;
+        (void)needed(draft_.look_at(child, stamp, kind));
+        if (!kind.written)
+            return std::nullopt;
+        if (kind.is_static != is_static)
             return static_conflict(transform, index, is_static, authority);
-        if (written && !is_static && transform.stamp < newest - impl_.history)
-            return too_old(transform, index, newest, impl_.history, authority);
+        if (!is_static && transform.stamp < kind.newest - impl_.history)
+            return too_old(transform, index, kind.newest, impl_.history, authority);
         return std::nullopt;
     }
 
-    /// Those whose newest parent is the frame, as this transaction sees it.
-    [[nodiscard]] std::vector<FrameId> children_of(FrameId id) {
-        std::vector<FrameId> children = writes_.naming(id);
-        if (!writes_.is_own(id)) {
-            const std::vector<FrameId> stored = stored_children(id);
-            children.insert(children.end(), stored.begin(), stored.end());
-        }
-        std::sort(children.begin(), children.end());
-        children.erase(std::unique(children.begin(), children.end()), children.end());
-        std::erase_if(children, [&](FrameId child) {
-            return writes_.is_removed(child) ||
-                   (writes_.edge(child) != nullptr && newest_parent(child) != id);
-        });
-        return children;
-    }
-    [[nodiscard]] FrameId newest_parent(FrameId child) {
-        FrameId parent = kNoFrame;
-        const Policy newest{lookup::PolicyKind::kLatest, lookup::kNoLimit};
-        (void)steadily([&](const View& view) {
-            return lookup::exact_parent(view, child, 0, newest, lookup::Edges::kAll, parent);
-        });
-        return parent;
-    }
-    /// By the store alone. That a frame has no children now is checked again at the end.
-    [[nodiscard]] std::vector<FrameId> stored_children(FrameId id) {
-        std::vector<FrameId> children;
-        if (impl_.frames.word(id, history::kChildren).load_relaxed() != 0) {
-            if (!indexed_ && !index_.build(impl_.view(session_.view().commit())))
-                lose("what it reads was overwritten meanwhile");
-            indexed_ = true;
-            index_.append_children(id, children);
-        }
-        if (recording_)
-            reads_.note_children(id, children);
-        return children;
-    }
-
     Reads::Impl& impl_;
-    bool recording_;
-    S session_;
-    txn::ReadSet reads_;
-    Writes writes_;
-    txn::ChildIndex index_;  // of the state that is read
-    bool indexed_ = false;
+    Draft draft_;
 };
 
 }  // namespace tfdb::store

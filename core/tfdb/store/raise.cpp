@@ -1,6 +1,7 @@
 // From a Failure to the typed error: names looked up, and a message that a person can act on.
 #include <string>
 
+#include "tfdb/store/attempt_errors.hpp"
 #include "tfdb/store/impl.hpp"
 #include "tfdb/store/validate.hpp"
 
@@ -103,11 +104,9 @@ std::optional<std::int64_t> known(StampNs stamp) {
 
 }  // namespace
 
-void Reads::raise(const Failure& failure, std::string_view target, std::string_view source) const {
+void store::raise_failure(const Failure& failure, std::string_view target, std::string_view source,
+                          CommitNumber committed, const NameOf& name) {
     Context c{failure, target, source, {}, {}, {}};
-    const auto name = [&](FrameId id) {
-        return id == kNoFrame ? std::string() : impl_->names.name(id);
-    };
     c.frame = name(failure.frame);
     c.other = name(failure.other);
     c.detail.target = target;
@@ -125,7 +124,7 @@ void Reads::raise(const Failure& failure, std::string_view target, std::string_v
     if (failure.code == ErrorCode::kDisconnected)
         raise_disconnected(c);
     if (failure.code == ErrorCode::kSnapshotTooOld) {
-        store::throw_snapshot_too_old(failure.commit, impl_->committed());
+        store::throw_snapshot_too_old(failure.commit, committed);
     }
     c.detail.edge = c.frame;
     c.detail.parent = c.other;
@@ -140,6 +139,12 @@ void Reads::raise(const Failure& failure, std::string_view target, std::string_v
         throw CycleError(message, std::move(c.detail));
     }
     raise_extrapolation(c);
+}
+
+void Reads::raise(const Failure& failure, std::string_view target, std::string_view source) const {
+    store::raise_failure(failure, target, source, impl_->committed(), [this](FrameId id) {
+        return id == kNoFrame ? std::string() : impl_->names.name(id);
+    });
 }
 
 }  // namespace tfdb

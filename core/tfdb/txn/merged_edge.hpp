@@ -150,6 +150,7 @@ public:
         }
         return !has_base_ || base_.newest(index, stamp);
     }
+    void note_newest(clock::StampNs stamp) const { note(stamp, kDusk, stamp); }
     void note_all() const {
         if (reads_ != nullptr)
             reads_->note_all(place_);

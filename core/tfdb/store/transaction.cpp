@@ -1,0 +1,258 @@
+// Transactions: who may call what and when. What they do is the attempt's.
+#include "tfdb/store/transaction.hpp"
+
+#include <array>
+#include <limits>
+
+#include "tfdb/store/attempt.hpp"
+#include "tfdb/store/attempt_errors.hpp"
+#include "tfdb/store/open_transaction.hpp"
+#include "tfdb/store/validate.hpp"
+
+namespace tfdb {
+
+using store::OpenTransaction;
+using store::Question;
+
+/// Threads: the one that began it, but for the destructor. Guarantee: ends once.
+struct Transaction::State {
+    State(std::shared_ptr<Reads::Impl> of, const TransactionOptions& options)
+        : impl(std::move(of)), thread(OpenTransaction::this_thread()) {
+        if (options.priority > txn::Seniority::kMaxPriority) {
+            throw InvalidArgument("a priority lies between 0 and 7, not " +
+                                  std::to_string(options.priority));
+        }
+        store::check_not_in_transaction(*impl);
+        TransactionOptions aged = options;
+        if (aged.age == 0)
+            aged.age = impl->ages.fetch_add(1) + 1;
+        age = aged.age;
+        attempt = store::make_attempt(*impl, aged);
+        entry = OpenTransaction::enter(*impl, options.alone);
+    }
+    ~State() { end(nullptr); }
+    State(const State&) = delete;
+    State& operator=(const State&) = delete;
+
+    /// Throws WrongThread, TransactionClosed.
+    void check() const {
+        if (thread != OpenTransaction::this_thread())
+            throw WrongThread("a transaction belongs to the thread that began it");
+        if (ended != nullptr) {
+            ErrorDetail detail;
+            detail.reason = ended;
+            throw TransactionClosed("the transaction has ended: it was " + detail.reason,
+                                    std::move(detail));
+        }
+    }
+    /// `how` null: aborted.
+    void end(const char* how) noexcept {
+        if (entry == nullptr)
+            return;
+        if (how == nullptr) {
+            impl->aborts.fetch_add(1);
+            how = "aborted";
+        }
+        ended = how;
+        attempt->rollback();
+        std::exchange(entry, nullptr)->close();
+    }
+
+    /// Calls the attempt; a Conflict ends it.
+    template <class Body>
+    auto call(Body body) {
+        check();
+        try {
+            return body(*attempt);
+        } catch (const Conflict&) {
+            lose();
+            throw;
+        }
+    }
+    void lose() noexcept {
+        impl->conflicts.fetch_add(1);
+        impl->aborts.fetch_add(1);
+        end("lost to another one");
+    }
+
+    std::shared_ptr<Reads::Impl> impl;
+    const void* thread;
+    std::uint64_t age = 0;
+    std::unique_ptr<store::Attempt> attempt;
+    OpenTransaction* entry = nullptr;
+    const char* ended = nullptr;
+};
+
+Transaction::Transaction(Buffer& buffer, const TransactionOptions& options)
+    : state_(std::make_unique<State>(buffer.impl_, options)) {}
+
+Transaction::~Transaction() = default;
+
+bool Transaction::try_lookup(std::string_view target, std::string_view source,
+                             std::optional<StampNs> stamp, Policy policy, Answer& answer,
+                             Failure& failure) {
+    const Question question{Question::kAt, target, source, stamp, policy};
+    return state_->call([&](auto& attempt) { return attempt.ask(question, answer, failure); });
+}
+
+bool Transaction::try_lookup_latest(std::string_view target, std::string_view source,
+                                    std::optional<StampNs> max_age, StampNs now, Answer& answer,
+                                    Failure& failure) {
+    const Question question{Question::kLatest, target, source, {}, {}, max_age, now};
+    return state_->call([&](auto& attempt) { return attempt.ask(question, answer, failure); });
+}
+
+bool Transaction::try_latest_common_time(std::string_view target, std::string_view source,
+                                         StampNs& stamp, Failure& failure) {
+    const Question question{Question::kCommonTime, target, source};
+    Answer answer;
+    const bool found =
+        state_->call([&](auto& attempt) { return attempt.ask(question, answer, failure); });
+    stamp = answer.stamp;
+    return found;
+}
+
+Answer Transaction::lookup_transform(std::string_view target, std::string_view source,
+                                     std::optional<StampNs> stamp, Policy policy) {
+    Answer answer;
+    Failure failure;
+    if (!try_lookup(target, source, stamp, policy, answer, failure))
+        raise(failure, target, source);
+    return answer;
+}
+
+Answer Transaction::lookup_latest_transform(std::string_view target, std::string_view source,
+                                            std::optional<StampNs> max_age, StampNs now) {
+    Answer answer;
+    Failure failure;
+    if (!try_lookup_latest(target, source, max_age, now, answer, failure))
+        raise(failure, target, source);
+    return answer;
+}
+
+bool Transaction::has_frame(std::string_view name) {
+    return state_->call([&](auto& attempt) { return attempt.has_frame(name); });
+}
+
+void Transaction::raise(const Failure& failure, std::string_view target,
+                        std::string_view source) const {
+    store::raise_failure(failure, target, source, failure.commit,
+                         [this](FrameId id) { return state_->attempt->frame_name(id); });
+}
+
+std::string Transaction::frame_name(FrameId id, std::uint32_t generation) const {
+    return state_->attempt->frame_name(id, generation);
+}
+
+void Transaction::set_transforms(std::span<const TransformView> batch, bool is_static,
+                                 std::string_view authority) {
+    state_->call([&](auto& attempt) { attempt.write(batch, is_static, authority); });
+}
+
+void Transaction::remove_frame(std::string_view name, bool recursive) {
+    state_->call([&](auto& attempt) { attempt.remove_frame(name, recursive); });
+}
+
+void Transaction::reparent(std::string_view child, std::string_view parent,
+                           std::optional<StampNs> stamp, const std::optional<Pose>& pose,
+                           std::string_view authority) {
+    const Pose placed = pose ? *pose : lookup_transform(parent, child, stamp).pose;
+    const TransformView transform{parent, child, stamp.value_or(0), placed};
+    set_transforms({&transform, 1}, !stamp, authority);
+}
+
+CommitNumber Transaction::commit() {
+    try {
+        const CommitNumber number = state_->call([](auto& attempt) { return attempt.commit(); });
+        state_->end("committed");
+        return number;
+    } catch (const Error& error) {
+        const bool called = error.code() != ErrorCode::kWrongThread;
+        if (called)
+            state_->end(nullptr);
+        throw;
+    } catch (...) {
+        state_->end(nullptr);
+        throw;
+    }
+}
+
+void Transaction::abort() noexcept {
+    state_->end(nullptr);
+}
+
+bool Transaction::is_open() const noexcept {
+    return state_->entry != nullptr;
+}
+
+std::uint64_t Transaction::age() const noexcept {
+    return state_->age;
+}
+
+namespace {
+
+void write_row(const Pose* pose, Layout layout, double* row) {
+    const std::size_t width = layout == Layout::kMatrix ? 16 : 7;
+    std::fill_n(row, width, std::numeric_limits<double>::quiet_NaN());
+    if (pose == nullptr)
+        return;
+    if (layout == Layout::kPose) {
+        std::copy_n(&pose->translation.x, 3, row);
+        std::copy_n(&pose->rotation.x, 4, row + 3);
+        return;
+    }
+    for (std::size_t column = 0; column < 3; ++column) {
+        const geometry::Vec3 axis{column == 0 ? 1.0 : 0.0, column == 1 ? 1.0 : 0.0,
+                                  column == 2 ? 1.0 : 0.0};
+        const geometry::Vec3 turned = geometry::rotate(pose->rotation, axis);
+        row[column] = turned.x;
+        row[4 + column] = turned.y;
+        row[8 + column] = turned.z;
+    }
+    row[3] = pose->translation.x;
+    row[7] = pose->translation.y;
+    row[11] = pose->translation.z;
+    row[12] = row[13] = row[14] = 0.0;
+    row[15] = 1.0;
+}
+
+}  // namespace
+
+void Transaction::lookup_many(std::string_view target, std::string_view source,
+                              std::span<const StampNs> stamps, Policy policy, Layout layout,
+                              Missing missing, std::span<double> out) {
+    state_->check();
+    const std::size_t width = layout == Layout::kMatrix ? 16 : 7;
+    if (out.size() < width * stamps.size()) {
+        throw InvalidArgument("lookup_many needs room for " +
+                              std::to_string(width * stamps.size()) + " numbers, not " +
+                              std::to_string(out.size()));
+    }
+    Answer answer;
+    Failure failure;
+    for (const int argument : {0, 1}) {
+        if (!has_frame(argument == 0 ? target : source)) {
+            failure.argument = argument;
+            failure.commit = state_->attempt->read_as_of();
+            raise(failure, target, source);
+        }
+    }
+    std::size_t apart = 0;
+    for (std::size_t i = 0; i < stamps.size(); ++i) {
+        const bool found = try_lookup(target, source, stamps[i], policy, answer, failure);
+        const bool fatal = !found && missing == Missing::kThrow;
+        apart += !found && failure.code == ErrorCode::kDisconnected;
+        // Frames that are in two trees at every stamp: that is no gap in the data.
+        if (fatal || (apart == stamps.size() && apart > 0)) {
+            try {
+                raise(failure, target, source);
+            } catch (Error& error) {
+                error.detail().index = fatal ? i : 0;
+                throw;
+            }
+        }
+        write_row(found ? &answer.pose : nullptr, layout, out.data() + width * i);
+    }
+}
+
+}  // namespace tfdb

@@ -1,0 +1,166 @@
+// A transaction in progress: its session, what it has read and what it has written.
+#pragma once
+
+#include <algorithm>
+#include <string_view>
+#include <utility>
+#include <vector>
+
+#include "tfdb/graph/names.hpp"
+#include "tfdb/txn/child_index.hpp"
+#include "tfdb/txn/engine.hpp"
+#include "tfdb/txn/read_set.hpp"
+#include "tfdb/txn/transaction_view.hpp"
+#include "tfdb/txn/write_set.hpp"
+
+namespace tfdb::txn {
+
+/// What a write must know of its edge.
+struct EdgeKind {
+    bool written = false;  // there are samples
+    bool is_static = false;
+    clock::StampNs newest = history::kNoStamp;
+};
+
+/// Reads and writes of one transaction. Where a call says kLapped, the transaction has lost.
+/// Threads: one. Guarantee: that of the session; what is asked is noted, what is put is private.
+template <Session S, class R = ReadSet>
+class Draft {
+public:
+    using Memory = typename S::Memory;
+    using Outcome = lookup::Outcome;
+    using View = TransactionView<S, R>;
+    using Writes = WriteSet<Memory>;
+
+    /// `session`: what S is made from. Alone, nothing is noted: nothing can change.
+    template <class... Args>
+    Draft(graph::Frames<Memory> frames, clock::StampNs history, Mode mode, Args&&... session)
+        : frames_(frames),
+          history_(history),
+          noting_(mode != Mode::kAlone),
+          session_(std::forward<Args>(session)...) {
+        session_.begin(mode);
+    }
+
+    [[nodiscard]] S& session() { return session_; }
+    [[nodiscard]] const R& reads() const { return reads_; }
+    [[nodiscard]] const Writes& writes() const { return writes_; }
+    [[nodiscard]] Writes& writes() { return writes_; }
+    [[nodiscard]] View view() {
+        return {session_.view(), graph::Names<Memory>(frames_), history_, writes_,
+                noting_ ? &reads_ : nullptr};
+    }
+
+    /// Runs `body(view)` until no writer overtakes it. kLapped: they did again and again, or what
+    /// was read has changed.
+    template <class Body>
+    [[nodiscard]] Outcome steadily(Body body) {
+        constexpr int kTries = 16;
+        Outcome outcome = Outcome::kLapped;
+        for (int i = 0; i < kTries && outcome == Outcome::kLapped; ++i)
+            outcome = body(view());
+        if constexpr (requires { session_.undisturbed([] {}); }) {
+            if (outcome == Outcome::kLapped)
+                session_.undisturbed([&] { outcome = body(view()); });
+        }
+        return session_.confirm() ? outcome : Outcome::kLapped;
+    }
+    /// What is missing in the state that is read may be a frame whose slot was reused since.
+    [[nodiscard]] Outcome unless_reused(const View& view, Outcome outcome) const {
+        Memory::fence_acquire();
+        const CommitNumber floor = frames_.store_word(graph::kRecycleFloor).load_relaxed();
+        return view.commit() < floor ? Outcome::kLapped : outcome;
+    }
+
+    /// kFailed: there is no frame of that name.
+    [[nodiscard]] Outcome find(std::string_view name, FrameId& id) {
+        return steadily([&](const View& view) {
+            id = view.find(name);
+            return id == kNoFrame ? unless_reused(view, Outcome::kFailed) : Outcome::kOk;
+        });
+    }
+
+    /// What a sample at `stamp` (or kStaticStamp) will meet. That it goes on to fit is noted.
+    [[nodiscard]] Outcome look_at(FrameId child, clock::StampNs stamp, EdgeKind& kind) {
+        return steadily([&](const View& view) {
+            typename View::Edge edge;
+            if (!view.open(child, edge))
+                return Outcome::kLapped;
+            kind.written = edge.has_samples();
+            kind.is_static = edge.holds_static();
+            if (!kind.is_static && !edge.peek_newest(kind.newest))
+                return Outcome::kLapped;
+            if (!edge.confirm(edge.lo()))
+                return Outcome::kLapped;
+            if (!kind.written)
+                edge.note_all();
+            else if (stamp >= kind.newest - history_)
+                edge.note_used(stamp);
+            else
+                edge.note_newest(kind.newest);  // the error will name it
+            return Outcome::kOk;
+        });
+    }
+    /// `look_at` came before, for a frame that the transaction has not made itself.
+    void put(FrameId child, const typename Writes::Sample& sample) {
+        using history::Topology;
+        const std::uint64_t known =
+            writes_.is_own(child) ? Topology::kRoot : frames_.topology(child);
+        writes_.put(child, sample, Topology::parent(known),
+                    Topology::depth(view().topology(sample.parent)));
+    }
+
+    /// Those whose newest parent is the frame, ascending.
+    [[nodiscard]] Outcome children_of(FrameId id, std::vector<FrameId>& children) {
+        children = writes_.naming(id);
+        if (!writes_.is_own(id) && !append_stored_children(id, children))
+            return Outcome::kLapped;
+        std::sort(children.begin(), children.end());
+        children.erase(std::unique(children.begin(), children.end()), children.end());
+        Outcome outcome = Outcome::kOk;
+        std::erase_if(children, [&](FrameId child) {
+            if (writes_.is_removed(child) || outcome != Outcome::kOk)
+                return true;
+            FrameId parent = id;
+            if (writes_.edge(child) != nullptr)
+                outcome = newest_parent(child, parent);
+            return parent != id;
+        });
+        return outcome;
+    }
+
+private:
+    [[nodiscard]] Outcome newest_parent(FrameId child, FrameId& parent) {
+        const lookup::Policy newest{lookup::PolicyKind::kLatest, lookup::kNoLimit};
+        return steadily([&](const View& view) {
+            return lookup::exact_parent(view, child, 0, newest, lookup::Edges::kAll, parent);
+        });
+    }
+    /// By the store alone. Where the frame has no children now, that is what is noted: the state
+    /// that is read may have had some, but they are gone for good or the commit will find them.
+    [[nodiscard]] bool append_stored_children(FrameId id, std::vector<FrameId>& children) {
+        std::vector<FrameId> stored;
+        if (frames_.word(id, history::kChildren).load_relaxed() != 0) {
+            const SnapshotView<Memory> below(frames_, session_.view().commit(), history_);
+            if (!indexed_ && !index_.build(below))
+                return false;
+            indexed_ = true;
+            index_.append_children(id, stored);
+        }
+        children.insert(children.end(), stored.begin(), stored.end());
+        if (noting_)
+            reads_.note_children(id, std::move(stored));
+        return true;
+    }
+
+    graph::Frames<Memory> frames_;
+    clock::StampNs history_;
+    bool noting_;
+    S session_;
+    R reads_;
+    Writes writes_;
+    ChildIndex index_;  // of the state that is read
+    bool indexed_ = false;
+};
+
+}  // namespace tfdb::txn

@@ -1,0 +1,388 @@
+// Every interleaving of small transactions: those that commit have read and written what they would
+// have one after another, in the order of their commits; and each seeded bug breaks that.
+#include <algorithm>
+#include <array>
+#include <functional>
+#include <string>
+#include <vector>
+
+#include "tfdb/testing/sched/flaws.hpp"
+#include "tfdb/txn/draft.hpp"
+#include "tfdb/txn/forest.sched.hpp"
+#include "tfdb/txn/settle.hpp"
+#include "tfdb/txn/snapshot_session.hpp"
+
+namespace tfdb::txn::forest {
+
+namespace {
+
+/// What `settle` asks of a store.
+class WalkedStore {
+public:
+    explicit WalkedStore(WalkedForest& forest) : forest_(forest) {}
+    [[nodiscard]] Commit<ForestMemory> start_commit() {
+        return {forest_.frames, forest_.scratch, forest_.history,
+                [](void* forest) {
+                    ForestMemory::fence_full();
+                    return static_cast<WalkedForest*>(forest)->word(graph::kPins).load_relaxed() ==
+                           0;
+                },
+                &forest_};
+    }
+    [[nodiscard]] const graph::Frames<ForestMemory>& frames() const { return forest_.frames; }
+    [[nodiscard]] StampNs history() const { return forest_.history; }
+    void set_author(FrameId, std::string_view) {}
+
+private:
+    WalkedForest& forest_;
+};
+
+using Sound = SnapshotSession<ForestMemory, ForestLock>;
+
+/// A transaction of a walk: all that it has seen is in `log`.
+template <class S, class Reads>
+class Small {
+public:
+    explicit Small(WalkedForest& forest)
+        : forest_(forest),
+          lock_(forest.word(graph::kCommitLock)),
+          draft_(forest.frames, forest.history, Mode::kBesideOthers, forest.frames, lock_,
+                 forest.history, 0U) {}
+
+    /// The number that the pose was made from, or the error's code below nought.
+    double ask(const std::string& target, const std::string& source, std::optional<StampNs> stamp) {
+        lookup::Answer answer;
+        lookup::Failure failure;
+        const Outcome outcome = draft_.steadily([&](const auto& view) {
+            return lookup::lookup(view, view.find(target), view.find(source), stamp, {}, answer,
+                                  failure);
+        });
+        require(outcome != Outcome::kLapped, "what is pinned can be read");
+        const double seen = outcome == Outcome::kOk ? answer.pose.translation.x
+                                                    : -1.0 - static_cast<double>(failure.code);
+        log += " " + std::to_string(seen);
+        return seen;
+    }
+    void put(const std::string& parent, const std::string& child, StampNs stamp, double number) {
+        typename WriteSet<ForestMemory>::Sample sample;
+        sample.stamp = stamp;
+        sample.parent = find_or_make(parent);
+        const Pose pose{{number, -number, 0.5}, {0.6, 0.0, 0.0, 0.8}};
+        sample.payload = std::bit_cast<std::array<std::uint64_t, 7>>(pose);
+        sample.authority = draft_.writes().authority("walk");
+        const FrameId id = find_or_make(child);
+        EdgeKind kind;
+        require(draft_.look_at(id, stamp, kind) == Outcome::kOk, "what is pinned can be read");
+        draft_.put(id, sample);
+    }
+    /// Only a frame without children goes.
+    void remove(const std::string& name) {
+        FrameId id = kNoFrame;
+        std::vector<FrameId> children;
+        const bool there = draft_.find(name, id) == Outcome::kOk;
+        if (there)
+            (void)draft_.children_of(id, children);
+        const bool goes = there && children.empty();
+        log += goes ? " goes" : " stays";
+        if (goes)
+            draft_.writes().remove(id);
+    }
+
+    void commit() {
+        WalkedStore store(forest_);
+        wrote = !draft_.writes().empty();
+        settled = settle(draft_.session(), draft_.reads(), draft_.writes(), store);
+    }
+
+    std::string log;
+    Settled settled;
+    bool wrote = false;
+
+private:
+    using Outcome = lookup::Outcome;
+
+    [[nodiscard]] FrameId find_or_make(const std::string& name) {
+        FrameId id = kNoFrame;
+        return draft_.find(name, id) == Outcome::kOk ? id : draft_.writes().make(name);
+    }
+
+    WalkedForest& forest_;
+    ForestLock lock_;
+    Draft<S, Reads> draft_;
+};
+
+template <class S, class Reads>
+using Bodies = std::vector<std::function<void(Small<S, Reads>&)>>;
+
+/// How one ended: what it saw, and its place in the order of commits.
+struct Ended {
+    std::size_t body = 0;
+    Settled::Kind kind = Settled::kConflict;
+    CommitNumber place = 0;
+    bool wrote = false;
+    std::string log;
+};
+
+template <class S, class Reads>
+Ended run_one(WalkedForest& forest, const Bodies<S, Reads>& bodies, std::size_t which) {
+    Small<S, Reads> small(forest);
+    bodies[which](small);
+    small.commit();
+    return {which, small.settled.kind, small.settled.commit, small.wrote, small.log};
+}
+
+std::string describe_state(const WalkedForest& forest, const std::vector<Question>& questions) {
+    const CommitNumber commit = forest.word(graph::kCommit).load_acquire();
+    std::string text;
+    for (const Question& question : questions) {
+        lookup::Answer answer;
+        lookup::Failure failure;
+        const lookup::Outcome outcome = lookup::lookup(
+            forest.view(commit), forest.names.find(question.target, commit),
+            forest.names.find(question.source, commit), question.stamp, {}, answer, failure);
+        text += outcome == lookup::Outcome::kOk
+                    ? " " + std::to_string(answer.pose.translation.x)
+                    : " error " + std::to_string(static_cast<int>(failure.code));
+    }
+    return text;
+}
+
+/// Those that committed, one after another in a store of their own.
+template <class S, class Reads>
+std::string replay(const Script& script, const Bodies<S, Reads>& bodies,
+                   const std::vector<Ended>& ended) {
+    WalkedForest forest(script);
+    for (std::size_t step = 0; step < script.before.size(); ++step)
+        (void)forest.apply(script.before[step], step);
+    for (const Ended& one : ended) {
+        const Ended again = run_one(forest, bodies, one.body);
+        sched::Run::require(again.kind == one.kind, "one after another it ends so, too", __FILE__,
+                            __LINE__);
+        sched::Run::require(again.log == one.log, "each saw what it would have seen alone",
+                            __FILE__, __LINE__);
+    }
+    return describe_state(forest, script.questions);
+}
+
+/// Each body in a thread of its own.
+template <class S = Sound, class Reads = ReadSet>
+sched::Program beside(const Script& script, const std::function<Bodies<S, Reads>()>& make_bodies) {
+    return [=](sched::Run& run) {
+        WalkedForest forest(script);
+        name_words(forest);
+        for (std::size_t step = 0; step < script.before.size(); ++step)
+            SCHED_REQUIRE(forest.apply(script.before[step], step));
+        const Bodies<S, Reads> bodies = make_bodies();
+        std::vector<Ended> ended(bodies.size());
+        for (std::size_t i = 0; i < bodies.size(); ++i) {
+            run.thread("transaction" + std::to_string(i),
+                       [&, i] { ended[i] = run_one(forest, bodies, i); });
+        }
+        run.join();
+        SCHED_REQUIRE(forest.word(graph::kPins).peek() == 0);
+        SCHED_REQUIRE(forest.word(graph::kCommitLock).peek() == 0);
+        std::vector<Ended> committed;
+        for (const Ended& one : ended) {
+            if (one.kind != Settled::kConflict)
+                committed.push_back(one);
+        }
+        sched::Run::require(!committed.empty(), "somebody gets through", __FILE__, __LINE__);
+        // Who only read comes right after the commit that it read.
+        std::stable_sort(committed.begin(), committed.end(), [](const Ended& a, const Ended& b) {
+            return a.place != b.place ? a.place < b.place : a.wrote && !b.wrote;
+        });
+        const std::string state = describe_state(forest, script.questions);
+        sched::Run::require(state == replay(script, bodies, committed),
+                            "the state is that of one after another", __FILE__, __LINE__);
+    };
+}
+
+Step set(StampNs stamp, const std::vector<std::pair<std::string, std::string>>& edges) {
+    Step step;
+    for (const auto& [parent, child] : edges)
+        step.edges.push_back({parent, child, stamp});
+    return step;
+}
+
+/// Both read an edge's newest sample and add one to it.
+template <class S, class Reads>
+Bodies<S, Reads> increments() {
+    const auto body = [](Small<S, Reads>& tx) {
+        const double seen = tx.ask("map", "a", std::nullopt);
+        tx.put("map", "a", 20, seen + 1.0);
+    };
+    return {body, body};
+}
+const Script& increments_script() {
+    static const Script script{.history = {},
+                               .before = {set(10, {{"map", "a"}})},
+                               .during = {},
+                               .questions = {{"map", "a", std::nullopt}}};
+    return script;
+}
+
+/// Each reads in the past what the other one writes there.
+template <class S, class Reads>
+Bodies<S, Reads> late_skew() {
+    return {[](Small<S, Reads>& tx) {
+                const double seen = tx.ask("map", "a", 15);
+                tx.put("map", "b", 15, seen + 100.0);
+            },
+            [](Small<S, Reads>& tx) {
+                const double seen = tx.ask("b", "map", 15);
+                tx.put("map", "a", 15, seen + 100.0);
+            }};
+}
+const Script& late_skew_script() {
+    static const Script script{
+        .history = {},
+        .before = {set(10, {{"map", "a"}, {"map", "b"}}), set(20, {{"map", "a"}, {"map", "b"}})},
+        .during = {},
+        .questions = {{"map", "a", 15}, {"map", "b", 15}}};
+    return script;
+}
+
+/// The same at the very stamp of a sample: it is replaced.
+template <class S, class Reads>
+Bodies<S, Reads> replacing_skew() {
+    return {[](Small<S, Reads>& tx) {
+                const double seen = tx.ask("map", "a", 10);
+                tx.put("map", "b", 10, seen + 100.0);
+            },
+            [](Small<S, Reads>& tx) {
+                const double seen = tx.ask("b", "map", 10);
+                tx.put("map", "a", 10, seen + 100.0);
+            }};
+}
+
+/// Each makes a frame unless the other one's is there.
+template <class S, class Reads>
+Bodies<S, Reads> naming_skew() {
+    const auto body = [](const std::string& mine, const std::string& other) {
+        return [=](Small<S, Reads>& tx) {
+            const double seen = tx.ask("map", other, 10);
+            tx.put("map", mine, 10, seen + 100.0);
+        };
+    };
+    return {body("c", "d"), body("d", "c")};
+}
+
+/// One removes a leaf, the other hangs something below it.
+template <class S, class Reads>
+Bodies<S, Reads> removing_skew() {
+    return {[](Small<S, Reads>& tx) { tx.remove("b"); },
+            [](Small<S, Reads>& tx) {
+                const double seen = tx.ask("map", "a", 10);
+                tx.put("b", "a", 20, seen + 1.0);
+            }};
+}
+const Script& removing_script() {
+    static const Script script{.history = {},
+                               .before = {set(10, {{"map", "a"}, {"map", "b"}})},
+                               .during = {},
+                               .questions = {{"map", "a", 20}, {"map", "b", 10}}};
+    return script;
+}
+
+/// One moves on so far that what the other one has read is no longer retained.
+template <class S, class Reads>
+Bodies<S, Reads> forgetting_skew() {
+    return {[](Small<S, Reads>& tx) {
+                const double seen = tx.ask("map", "a", 12);
+                tx.put("map", "b", 12, seen + 100.0);
+            },
+            [](Small<S, Reads>& tx) {
+                const double seen = tx.ask("b", "map", 12);
+                tx.put("map", "a", 60, seen + 100.0);
+            }};
+}
+const Script& forgetting_script() {
+    static const Script script{
+        .history = 30,
+        .before = {set(10, {{"map", "a"}, {"map", "b"}}), set(20, {{"map", "a"}, {"map", "b"}})},
+        .during = {},
+        .questions = {{"map", "a", 12}, {"map", "b", 12}, {"map", "a", std::nullopt}}};
+    return script;
+}
+
+/// Validates nothing.
+struct Careless : Sound {
+    using Sound::Sound;
+    static constexpr bool kIsolates = false;
+};
+/// Validates against the state as it is, not as it was read.
+struct Hindsight : Sound {
+    using Sound::Sound;
+    [[nodiscard]] CommitNumber read_as_of() {
+        const CommitNumber now = view().frames().store_word(graph::kCommit).load_acquire();
+        return now;
+    }
+};
+/// Validates, and then waits for its turn.
+struct Hasty : Sound {
+    using Sound::Sound;
+    void become_alone() { Sound::begin(Mode::kBesideOthers); }
+    [[nodiscard]] bool alone() const { return false; }
+};
+
+/// Takes the ends of what it read for no part of it.
+struct ExclusiveReads : ReadSet {
+    void note_range(std::size_t place, history::StampRange range) {
+        constexpr StampNs kDawn = std::numeric_limits<StampNs>::min();
+        constexpr StampNs kDusk = std::numeric_limits<StampNs>::max();
+        if (range.from != kDawn)
+            ++range.from;
+        if (range.to != kDusk)
+            --range.to;
+        ReadSet::note_range(place, range);
+    }
+};
+/// Forgets names that were not there.
+struct BlindToNames : ReadSet {
+    void note_absent(std::string_view) {}
+};
+/// Forgets that what it used must be kept.
+struct BlindToRetention : ReadSet {
+    void note_used(std::size_t, StampNs) {}
+};
+/// Forgets that there were no children.
+struct BlindToChildren : ReadSet {
+    void note_children(FrameId, const std::vector<FrameId>&) {}
+};
+
+constexpr char kSerial[] = "one after another";
+constexpr char kSaw[] = "each saw what it would have seen alone";
+
+}  // namespace
+
+TFDB_SCHED(transactions_are_as_one_after_another) {
+    sched::Walk walk;
+    walk.must_hold("lost update", beside(increments_script(), increments<Sound, ReadSet>));
+    walk.must_hold("phantom in the past", beside(late_skew_script(), late_skew<Sound, ReadSet>));
+    walk.must_hold("replaced sample", beside(late_skew_script(), replacing_skew<Sound, ReadSet>));
+    walk.must_hold("new names", beside(increments_script(), naming_skew<Sound, ReadSet>));
+    walk.must_hold("removal", beside(removing_script(), removing_skew<Sound, ReadSet>));
+    walk.must_hold("retention", beside(forgetting_script(), forgetting_skew<Sound, ReadSet>));
+}
+
+TFDB_SCHED(transactions_flaws_are_found) {
+    sched::Walk walk;
+    walk.must_fail("validation left out", kSaw,
+                   beside<Careless>(increments_script(), increments<Careless, ReadSet>));
+    walk.must_fail("validated against the wrong commit", kSaw,
+                   beside<Hindsight>(increments_script(), increments<Hindsight, ReadSet>));
+    walk.must_fail(
+        "the ends of a dependency left out", kSaw,
+        beside<Sound, ExclusiveReads>(late_skew_script(), replacing_skew<Sound, ExclusiveReads>));
+    walk.must_fail(
+        "names that were not there left out", kSaw,
+        beside<Sound, BlindToNames>(increments_script(), naming_skew<Sound, BlindToNames>));
+    walk.must_fail("retention left out", kSaw,
+                   beside<Sound, BlindToRetention>(forgetting_script(),
+                                                   forgetting_skew<Sound, BlindToRetention>));
+    walk.must_fail(
+        "children left out", kSaw,
+        beside<Sound, BlindToChildren>(removing_script(), removing_skew<Sound, BlindToChildren>));
+}
+
+}  // namespace tfdb::txn::forest
