@@ -9,7 +9,7 @@ namespace tfdb::sync {
 /// Threads: any may lock; only the holder may unlock.
 /// Guarantee: `try_lock` is wait-free, and fails also while a lane above 0 waits. Once a request of
 /// lane 7 has its ticket, it waits for the commit in progress, for one commit of each thread that
-/// had passed the lanes before, and for those before it in its lane (15 at most). Within lane 0 the
+/// had passed the lanes before, and for those before it in its lane (14 at most). Within lane 0 the
 /// lock is not fair, and lanes above 0 may starve it.
 template <class Word, int Spins = 100>
 class BasicPriorityLock {
