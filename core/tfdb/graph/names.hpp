@@ -137,6 +137,7 @@ public:
 private:
     using RingWord = history::RingWord;
     static constexpr std::uint64_t kDead = 0xFFFFFFFFULL;
+    static constexpr std::uint64_t kTooLarge = 16;  // times what is needed: the table shrinks
 
     [[nodiscard]] static std::size_t name_bytes(std::size_t length) {
         return 8 + (length + 7) / 8 * 8;
@@ -204,6 +205,9 @@ private:
         unsigned log2 = history::Tuning<Memory>::kFirstNamesLog2;
         while ((std::uint64_t{1} << log2) < 4 * (live + 1))
             ++log2;
+        // Frames that come and go must not make the table change its size with them.
+        if (old_capacity >> log2 > 1 && old_capacity >> log2 < kTooLarge)
+            log2 = RingWord::log2_capacity(old);
         const std::uint64_t capacity = std::uint64_t{1} << log2;
         const Offset block = memory_->allocate(8 * capacity);
         const std::uint64_t table = RingWord::pack(block, log2, RingWord::version(old) + 1);
