@@ -66,7 +66,7 @@ test-cpp: $(STAMPS)/venv
 	$(CMAKE) --preset dev >/dev/null
 	$(CMAKE) --build --preset dev -j $(JOBS)
 	build/dev/bin/tfdb_tests
-	cd build/dev && ../../$(BIN)/ctest -Q -R tfdb_tests_ --output-on-failure
+	cd build/dev && ../../$(BIN)/ctest -R tfdb_tests_ --output-on-failure
 	build/dev/bin/tfdb_sched
 	build/dev/bin/tfdb_driver_tests
 
@@ -92,7 +92,7 @@ tsan: $(STAMPS)/venv
 	$(CMAKE) --build --preset tsan -j $(JOBS) --target tfdb_tests
 	TSAN_OPTIONS=halt_on_error=1 $(FIXED_ADDRESSES) build/tsan/bin/tfdb_tests
 	cd build/tsan && TSAN_OPTIONS=halt_on_error=1 \
-	    $(FIXED_ADDRESSES) ../../$(BIN)/ctest -Q -R tfdb_tests_ --output-on-failure
+	    $(FIXED_ADDRESSES) ../../$(BIN)/ctest -R tfdb_tests_ --output-on-failure
 
 asan: $(STAMPS)/venv
 	$(CMAKE) --preset asan >/dev/null

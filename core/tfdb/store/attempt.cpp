@@ -7,10 +7,8 @@
 namespace tfdb::store {
 
 std::unique_ptr<Attempt> make_attempt(Reads::Impl& impl, const TransactionOptions& options) {
-    if (impl.control != nullptr) {
-        throw InvalidArgument("concurrency " + std::string(concurrency_name(impl.concurrency)) +
-                              " has no transactions");
-    }
+    if (impl.control != nullptr)
+        return impl.control->attempt(options);
     using Session = txn::SnapshotSession<StoreMemory, sync::PriorityLock>;
     return std::make_unique<AttemptOf<Session>>(impl, options.alone, impl.frames, impl.lock,
                                                 impl.history, options.priority);

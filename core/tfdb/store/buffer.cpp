@@ -94,7 +94,7 @@ Snapshot Buffer::snapshot() const {
 }
 
 CommitNumber Buffer::clear() {
-    store::check_not_in_transaction(*impl_);
+    store::check_may_wait(*impl_);
     const store::Alone alone(*impl_);
     StoreCommit commit = impl_->start_commit();
     const StoreView view = impl_->view(impl_->committed());
@@ -133,9 +133,7 @@ Concurrency Buffer::concurrency() const {
 }
 
 MemoryUse Buffer::memory() const {
-    store::check_not_alone_in_transaction(*impl_);
-    if (impl_->control != nullptr)
-        store::check_not_in_transaction(*impl_);
+    store::check_may_wait(*impl_);
     const store::Alone alone(*impl_);
     MemoryUse use;
     use.used_bytes = impl_->memory.used_bytes();

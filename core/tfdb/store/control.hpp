@@ -11,8 +11,13 @@
 #include "tfdb/lookup/view.hpp"
 #include "tfdb/store/buffer.hpp"
 
+namespace tfdb {
+struct TransactionOptions;
+}
+
 namespace tfdb::store {
 
+class Attempt;
 class Batch;
 
 /// One lookup, by handles or by names.
@@ -58,6 +63,8 @@ public:
     virtual CommitNumber write(const Batch& batch) = 0;
     /// False, and nothing was done, where it might have to wait.
     [[nodiscard]] virtual bool try_write(const Batch& batch, CommitNumber& commit) = 0;
+    /// One transaction's attempt; `options` were checked, and `age` is set.
+    [[nodiscard]] virtual std::unique_ptr<Attempt> attempt(const TransactionOptions& options) = 0;
     /// From `keep_out` to `let_in` nothing is under way that reads or writes.
     virtual void keep_out() = 0;
     virtual void let_in() = 0;

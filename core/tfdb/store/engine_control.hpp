@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <mutex>
 
+#include "tfdb/store/attempt_of.hpp"
 #include "tfdb/store/writes.hpp"
 #include "tfdb/txn/operation.hpp"
 
@@ -65,6 +66,13 @@ public:
         }
     }
 
+    [[nodiscard]] std::unique_ptr<Attempt> attempt(const TransactionOptions& options) override {
+        txn::SessionOptions session;
+        session.priority = options.priority;
+        session.age = options.age;
+        return std::make_unique<AttemptOf<S>>(impl_, options.alone, shared_, session);
+    }
+
     void keep_out() override {
         if constexpr (S::kWritesBesideOthers)
             shared_.gate.close();
@@ -80,8 +88,6 @@ public:
         counters.aborts += shared_.gate.total(SlotCount::kAborts);
         counters.conflicts += shared_.gate.total(SlotCount::kConflicts);
     }
-
-    [[nodiscard]] txn::SharedState<StoreMemory>& shared() { return shared_; }
 
 private:
     using Kind = ReadRequest::Kind;
@@ -162,8 +168,7 @@ private:
         for (const auto& at : plain.order) {
             Item& item = plain.items.emplace_back();
             item.child = at.child;
-            item.mended = false;
-            fill_sample(impl_, batch[at.index], at.parent, batch.is_static(), item.sample);
+            item.mended = fill_from(batch[at.index], at.parent, batch.is_static(), item.sample);
             if (plain.frames.empty() || plain.frames.back() != at.child)
                 plain.frames.push_back(at.child);
         }

@@ -158,6 +158,15 @@ private:
     const Reads::Impl& impl_;
 };
 
+/// Before a thread takes the store to itself: it would wait for a transaction of its own for ever.
+/// Throws TransactionActive.
+inline void check_may_wait(const Reads::Impl& impl) {
+    if (impl.control != nullptr)
+        check_not_in_transaction(impl);
+    else
+        check_not_alone_in_transaction(impl);
+}
+
 /// What looks missing in a state may be a frame whose slot was reused since: then kLapped. Lookups
 /// that succeed need not ask; listings, and errors, must.
 [[nodiscard]] inline lookup::Outcome unless_reused(const Reads::Impl& impl, CommitNumber commit,
@@ -199,7 +208,7 @@ lookup::Outcome read(const Reads::Impl& impl, CommitNumber held, CommitNumber fr
                      Attempt attempt) {
     if (held != fresh || impl.control == nullptr) [[likely]]
         return read_committed(impl, held, fresh, attempt);
-    check_not_in_transaction(impl);
+    check_may_wait(impl);
     const Alone alone(impl);
     return attempt(impl.view(impl.committed()));
 }
