@@ -196,7 +196,6 @@ private:
         }
     }
 
-#ifdef TFDB_DRIVER_TRANSACTIONS
     template <class Body>
     void until_committed(std::uint64_t& lost, const Body& body) {
         TransactionOptions options;
@@ -222,12 +221,6 @@ private:
             std::this_thread::sleep_for(std::chrono::microseconds(1U << std::min(attempt, 8U)));
         }
     }
-#else
-    template <class Body>
-    void until_committed(std::uint64_t&, const Body&) {
-        throw BadOption("transactions are not there yet");
-    }
-#endif
 
     TfdbStore& store_;
     bool climbs_;  // a batch begins at the high end, where a lookup from there begins too

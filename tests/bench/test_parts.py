@@ -7,7 +7,8 @@ from itertools import pairwise
 import pytest
 
 import tfdb
-from tfdb.bench import points, report
+from tfdb.bench import model, points, report
+from tfdb.bench.model import Costs
 from tfdb.bench.results import Results
 
 RESULT = {
@@ -77,7 +78,7 @@ def test_numbers_keep_three_digits(value: float, text: str) -> None:
 
 
 def test_labels_are_spread_out_and_stay_in_order() -> None:
-    figures = pytest.importorskip("tfdb.bench.figures")
+    figures = pytest.importorskip("tfdb.bench.figure_parts")
     for heights in ([0.5] * 8, [0.0, 0.01, 0.5, 0.98, 0.99, 1.0], [0.3], []):
         placed = figures.spread_out(heights, 0.06)
         assert all(b - a >= 0.06 - 1e-9 for a, b in pairwise(placed))
@@ -89,5 +90,45 @@ def test_labels_are_spread_out_and_stay_in_order() -> None:
     ("value", "text"), [(1e6, "1M"), (999.99, "1k"), (1500, "1.5k"), (0.05, "0.05")]
 )
 def test_short_numbers(value: float, text: str) -> None:
-    figures = pytest.importorskip("tfdb.bench.figures")
+    figures = pytest.importorskip("tfdb.bench.figure_parts")
     assert figures.short(value) == text
+
+
+def measured(engine: str, alone: float, pair: float) -> Costs:
+    return Costs(engine, alone, pair, edges=16, beside_reads=1e6, beside_writes=2e5)
+
+
+def test_model_passes_through_the_points_that_it_was_fitted_to() -> None:
+    for engine in points.ENGINES:
+        costs = measured(engine, 4e6, 6e6)
+        assert costs.reads(1) == pytest.approx(4e6)
+        assert costs.reads(2) == pytest.approx(6e6)
+        assert costs.half_and_half(2) == pytest.approx((1e6, 2e5))
+
+
+def test_model_knows_what_threads_cannot_share() -> None:
+    serial = measured("tf2", 1e6, 0.8e6)
+    assert {serial.reads(threads) for threads in range(2, 17)} == {0.8e6}
+    free = measured("snapshot", 4e6, 8e6)
+    assert free.serial_share == 0
+    assert free.reads(16) == pytest.approx(64e6)
+    assert free.half_and_half(16) == pytest.approx((8e6, 2e5))
+    lines = measured("2pl-no-wait", 4e6, 4e6)
+    # t(1) = 250 ns, t(2) = 500 ns: half of 16 lines moved in 250 ns.
+    assert lines.line_ns == pytest.approx(2 * 250 / 16)
+    assert lines.reads(16) == pytest.approx(16 / (250e-9 + 16 * 31.25e-9 * 15 / 16))
+
+
+def test_model_takes_no_gain_from_noise() -> None:
+    for engine in ("snapshot", "fine"):
+        lucky = measured(engine, 4e6, 9e6)
+        assert lucky.reads(16) == pytest.approx(64e6)
+
+
+def test_model_leaves_out_what_was_not_measured() -> None:
+    results = Results()
+    results.add("readers", "1", 1, "silo", {**RESULT, "edges_per_read": 16})
+    assert model.costs(results) == []
+    results.add("readers", "2", 1, "silo", {**RESULT, "edges_per_read": 16})
+    (found,) = model.costs(results)
+    assert found.half_and_half(4) is None

@@ -3,20 +3,19 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from matplotlib.lines import Line2D
 from matplotlib.ticker import (
     FixedLocator,
     FuncFormatter,
-    LogLocator,
     NullFormatter,
     NullLocator,
 )
 
 from ..plot import style
-from .points import ENGINES, SWEEPS, TF2
+from . import figure_parts as parts
+from . import model
+from .points import SWEEPS, TF2
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -26,31 +25,6 @@ if TYPE_CHECKING:
 
     from .results import Results, Spread
 
-COLOURS = dict(
-    zip(
-        ENGINES,
-        (
-            "#1f6fb2",  # snapshot
-            "#6b7780",  # giant
-            "#c79a1b",  # fine
-            "#2c8c4b",  # 2pl-no-wait
-            "#8b5fbf",  # 2pl-wait-die
-            "#cf3d2e",  # 2pl-wound-wait
-            "#e0812f",  # silo
-            "#111111",  # tf2
-        ),
-        strict=True,
-    )
-)
-MARKERS = dict(zip(ENGINES, "osD^v<>X", strict=True))
-
-_PANEL_INCHES = 4.1
-_LABEL_INCHES = 1.4
-_HEAD_INCHES = 0.86
-_PLOT_INCHES = 2.75
-_FOOT_INCHES = 0.55
-_LEFT_INCHES = 0.72
-_LABEL_GAP = 0.058  # of the axes' height
 SHARES = (
     ("p50", "median"),
     ("p90", "90 %"),
@@ -60,37 +34,27 @@ SHARES = (
 )
 
 
-@dataclass(frozen=True)
-class Panel:
-    """One pair of axes: which column, in which unit."""
-
-    column: str
-    label: str
-    scale: float = 1.0  # what the column is multiplied with
-    log: bool = True
-
-
-_READS = Panel("reads_per_s", "lookups per second")
-_WRITES = Panel("writes_per_s", "writes per second")
-_ABORTS = Panel("aborts_per_operation", "aborts per operation")
-_PANELS: dict[str, tuple[Panel, ...]] = {
-    "readers": (_READS, Panel("reads_p99_ns", "lookup, 99th percentile [us]", 1e-3)),
-    "writers": (_WRITES, Panel("writes_p99_ns", "write, 99th percentile [us]", 1e-3)),
-    "read-ratio": (Panel("operations_per_s", "operations per second"), _ABORTS),
-    "read-length": (_READS, Panel("reads_edges_per_s", "edges looked up per second")),
-    "write-length": (_WRITES, Panel("writes_edges_per_s", "edges written per second")),
+_READS = parts.Panel("reads_per_s", "lookups per second")
+_WRITES = parts.Panel("writes_per_s", "writes per second")
+_ABORTS = parts.Panel("aborts_per_operation", "aborts per operation")
+_PANELS: dict[str, tuple[parts.Panel, ...]] = {
+    "readers": (_READS, parts.Panel("reads_p99_ns", "lookup, 99th percentile [us]", 1e-3)),
+    "writers": (_WRITES, parts.Panel("writes_p99_ns", "write, 99th percentile [us]", 1e-3)),
+    "read-ratio": (parts.Panel("operations_per_s", "operations per second"), _ABORTS),
+    "read-length": (_READS, parts.Panel("reads_edges_per_s", "edges looked up per second")),
+    "write-length": (_WRITES, parts.Panel("writes_edges_per_s", "edges written per second")),
     "age": (
-        Panel("age_p50_ns", "age of the oldest sample used, median [ms]", 1e-6),
-        Panel("age_p99_ns", "the same, 99th percentile [ms]", 1e-6),
+        parts.Panel("age_p50_ns", "age of the oldest sample used, median [ms]", 1e-6),
+        parts.Panel("age_p99_ns", "the same, 99th percentile [ms]", 1e-6),
     ),
     "cars": (
-        Panel("reads_p999_ns", "lookup, 99.9th percentile [us]", 1e-3),
-        Panel("writes_p999_ns", "write, 99.9th percentile [us]", 1e-3),
-        Panel("reads_deadlines_met", "lookups within 8.3 ms [%]", 100.0, log=False),
+        parts.Panel("reads_p999_ns", "lookup, 99.9th percentile [us]", 1e-3),
+        parts.Panel("writes_p999_ns", "write, 99.9th percentile [us]", 1e-3),
+        parts.Panel("reads_deadlines_met", "lookups within 8.3 ms [%]", 100.0, log=False),
     ),
     "starvation": (
         _READS,
-        Panel("reads_max_ns", "longest lookup [ms]", 1e-6),
+        parts.Panel("reads_max_ns", "longest lookup [ms]", 1e-6),
         _WRITES,
     ),
 }
@@ -113,27 +77,9 @@ def draw(results: Results) -> dict[str, Figure]:
     counted: list[str] = [name for name in _COUNTED if name in made]
     if counted:
         made["aborts"] = _aborts(results, counted[:2])
+    if model.costs(results):
+        made["prediction"] = _prediction(results)
     return made
-
-
-def _frame(panels: int, title: str, under: str) -> tuple[Figure, list[Axes]]:
-    width = _LEFT_INCHES + panels * (_PANEL_INCHES + _LABEL_INCHES)
-    height = _HEAD_INCHES + _PLOT_INCHES + _FOOT_INCHES
-    figure = style.new_figure(width, height)
-    style.title(figure, title, under, x=0.15 / width)
-    axes = []
-    for i in range(panels):
-        left = _LEFT_INCHES + i * (_PANEL_INCHES + _LABEL_INCHES)
-        box = (
-            left / width,
-            _FOOT_INCHES / height,
-            (_PANEL_INCHES - 0.35) / width,
-            _PLOT_INCHES / height,
-        )
-        made = figure.add_axes(box)
-        style.tidy(made)
-        axes.append(made)
-    return figure, axes
 
 
 def _under(results: Results, sweep: str) -> str:
@@ -158,16 +104,16 @@ def _fixed(row: dict[str, Any]) -> list[tuple[set[str], str]]:
     ]
 
 
-def _lines(results: Results, sweep: str, panels: Sequence[Panel]) -> Figure:
+def _lines(results: Results, sweep: str, panels: Sequence[parts.Panel]) -> Figure:
     what = SWEEPS[sweep]
-    figure, all_axes = _frame(len(panels), what.title, _under(results, sweep))
+    figure, all_axes = parts.frame(len(panels), what.title, _under(results, sweep))
     for axes, panel in zip(all_axes, panels, strict=True):
         style.label(axes, what.axis, panel.label)
         _line_panel(axes, results, sweep, panel)
     return figure
 
 
-def _line_panel(axes: Axes, results: Results, sweep: str, panel: Panel) -> None:
+def _line_panel(axes: Axes, results: Results, sweep: str, panel: parts.Panel) -> None:
     labels = results.labels(sweep)
     values = sorted(float(label) for label in labels)
     names = {float(label): label for label in labels}
@@ -179,136 +125,21 @@ def _line_panel(axes: Axes, results: Results, sweep: str, panel: Panel) -> None:
         known = [(x, spread) for x, spread in points if spread is not None]
         known = [(x, spread) for x, spread in known if spread.median > 0 or not panel.log]
         if known:
-            _line(axes, engine, known, panel)
+            parts.line(axes, engine, known, panel)
             ends.append((engine, known[-1][0], known[-1][1].median * panel.scale))
     if not ends:
-        _nothing(axes)
+        parts.nothing(axes)
         return
     axes.xaxis.set_major_locator(FixedLocator(values))
     axes.xaxis.set_minor_locator(NullLocator())
-    axes.xaxis.set_major_formatter(FuncFormatter(lambda x, _: short(x)))
-    _scale(axes, log=panel.log)
-    _direct_labels(axes, ends)
-
-
-def _line(axes: Axes, engine: str, known: list[tuple[float, Spread]], panel: Panel) -> None:
-    x = [at for at, _ in known]
-    scale = panel.scale
-    floor = 1e-12 if panel.log else 0.0
-    axes.fill_between(
-        x,
-        [max(spread.low * scale, floor) for _, spread in known],
-        [max(spread.high * scale, floor) for _, spread in known],
-        color=COLOURS[engine],
-        alpha=0.10,
-        linewidth=0,
-    )
-    axes.plot(
-        x,
-        [spread.median * scale for _, spread in known],
-        color=COLOURS[engine],
-        marker=MARKERS[engine],
-        markersize=4.5 if engine in ("snapshot", TF2) else 3.5,
-        linewidth=2.2 if engine in ("snapshot", TF2) else 1.2,
-        linestyle="--" if engine == TF2 else "-",
-        zorder=4 if engine == "snapshot" else 3,
-    )
-
-
-def _scale(axes: Axes, *, log: bool) -> None:
-    if log:
-        axes.set_yscale("log")
-        low, high = axes.get_ylim()
-        if high / low < 20:  # a decade at the least, so that a tick is labelled
-            middle = math.sqrt(low * high)
-            axes.set_ylim(min(low, middle / 4), max(high, middle * 4))
-        few = high / low < 300
-        axes.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0) if few else (1.0,)))
-        axes.yaxis.set_minor_formatter(NullFormatter())
-    else:
-        axes.set_ylim(bottom=0)
-    axes.yaxis.set_major_formatter(FuncFormatter(lambda y, _: short(y)))
-
-
-def short(value: float) -> str:
-    """Write a number for an axis: 1.5k, 2M, 0.1."""
-    for size, letter in ((1e9, "G"), (1e6, "M"), (1e3, "k")):
-        if abs(value) >= size * 0.9999:
-            return f"{value / size:.3g}{letter}"
-    return f"{value:.3g}"
-
-
-def _direct_labels(axes: Axes, ends: list[tuple[str, float, float]]) -> None:
-    """Name each line where it ends; names that would meet are pushed apart."""
-    to_axes = axes.transData + axes.transAxes.inverted()
-    placed = sorted(
-        (float(to_axes.transform((x, y))[1]), float(to_axes.transform((x, y))[0]), engine)
-        for engine, x, y in ends
-    )
-    heights = spread_out([height for height, _, _ in placed], _LABEL_GAP)
-    for (height, x, engine), label in zip(placed, heights, strict=True):
-        axes.plot(
-            [x, 1.035],
-            [height, label],
-            transform=axes.transAxes,
-            color=COLOURS[engine],
-            linewidth=0.6,
-            alpha=0.7,
-            clip_on=False,
-        )
-        axes.text(
-            1.045,
-            label,
-            engine,
-            transform=axes.transAxes,
-            color=COLOURS[engine],
-            fontsize=style.SMALL_SIZE,
-            fontweight="bold" if engine in ("snapshot", TF2) else "normal",
-            va="center",
-        )
-
-
-def spread_out(heights: Sequence[float], gap: float) -> list[float]:
-    """Move sorted heights as little as keeps them `gap` apart, within 0 and 1 where they fit."""
-    count = len(heights)
-    placed = list(heights)
-    for i in range(1, count):
-        placed[i] = max(placed[i], placed[i - 1] + gap)
-    over = max(0.0, placed[-1] - 1.0) if placed else 0.0
-    for i in reversed(range(count)):
-        ceiling = 1.0 if i == count - 1 else placed[i + 1] - gap
-        placed[i] = min(placed[i], ceiling) if over else placed[i]
-    return placed
-
-
-def _legend(figure: Figure, engines: Sequence[str]) -> None:
-    figure.legend(
-        handles=[
-            Line2D(
-                [],
-                [],
-                color=COLOURS[engine],
-                marker=MARKERS[engine],
-                linewidth=0,
-                markersize=5,
-                label=engine,
-            )
-            for engine in engines
-        ],
-        loc="upper right",
-        bbox_to_anchor=(0.995, 1 - 0.12 / figure.get_figheight()),
-        ncols=4,
-        fontsize=style.SMALL_SIZE,
-        frameon=False,
-        labelcolor=style.INK,
-        columnspacing=1.0,
-        handletextpad=0.2,
-    )
+    axes.xaxis.set_major_formatter(FuncFormatter(lambda x, _: parts.short(x)))
+    parts.scale(axes, log=panel.log)
+    parts.direct_labels(axes, ends)
 
 
 def _latency(results: Results) -> Figure:
     title = "Latency of one reader beside one writer, both without pause"
-    figure, all_axes = _frame(2, title, _under(results, "latency"))
+    figure, all_axes = parts.frame(2, title, _under(results, "latency"))
     (label,) = results.labels("latency")
     for axes, lane, what in zip(
         all_axes, ("reads", "writes"), ("lookup", "atomic write"), strict=True
@@ -321,22 +152,24 @@ def _latency(results: Results) -> Figure:
             ]
             known = [(float(i), spread) for i, spread in found if spread and spread.median > 0]
             if known:
-                _line(axes, engine, known, Panel("", "", 1e-3))
+                parts.line(axes, engine, known, parts.Panel("", "", 1e-3))
                 ends.append((engine, known[-1][0], known[-1][1].median * 1e-3))
         axes.set_xticks(range(len(SHARES)), [name for _, name in SHARES])
         style.label(axes, "share of the operations that took no longer", f"{what} [us]")
         if ends:
-            _scale(axes, log=True)
-            _direct_labels(axes, ends)
+            parts.scale(axes, log=True)
+            parts.direct_labels(axes, ends)
         else:
-            _nothing(axes)
+            parts.nothing(axes)
     return figure
 
 
 def _one_value(results: Results, sweep: str) -> Figure:
     """One row per engine: dots with their numbers, all rounds as a stroke."""
     panels = _PANELS[sweep]
-    figure, all_axes = _frame(len(panels), SWEEPS[sweep].title, _under(results, sweep))
+    figure, all_axes = parts.frame(
+        len(panels), SWEEPS[sweep].title, _under(results, sweep), narrow=True
+    )
     (label,) = results.labels(sweep)
     engines = results.engines(sweep)
     for axes, panel in zip(all_axes, panels, strict=True):
@@ -361,12 +194,14 @@ def _one_value(results: Results, sweep: str) -> Figure:
 
 
 def _dot(axes: Axes, row: int, engine: str, spread: Spread, scale: float) -> None:
-    colour = COLOURS[engine]
+    colour = parts.COLOURS[engine]
     ends = [spread.low * scale, spread.high * scale]
     axes.plot(ends, [row, row], color=colour, linewidth=1.6, alpha=0.35)
-    axes.plot([spread.median * scale], [row], color=colour, marker=MARKERS[engine], markersize=6)
+    axes.plot(
+        [spread.median * scale], [row], color=colour, marker=parts.MARKERS[engine], markersize=6
+    )
     axes.annotate(
-        short(spread.median * scale),
+        parts.short(spread.median * scale),
         (1.02, row),
         xycoords=("axes fraction", "data"),
         fontsize=style.SMALL_SIZE,
@@ -380,7 +215,7 @@ def _decades(axes: Axes, known: list[tuple[int, str, Spread]], scale: float) -> 
     high = max(spread.high for _, _, spread in known) * scale
     axes.set_xscale("log")
     axes.set_xlim(10 ** math.floor(math.log10(low)), 10 ** math.ceil(math.log10(high * 1.01)))
-    axes.xaxis.set_major_formatter(FuncFormatter(lambda x, _: short(x)))
+    axes.xaxis.set_major_formatter(FuncFormatter(lambda x, _: parts.short(x)))
     axes.xaxis.set_minor_formatter(NullFormatter())
 
 
@@ -395,7 +230,7 @@ def _make_room(figure: Figure, all_axes: list[Axes]) -> None:
 def _categories(results: Results, sweep: str) -> Figure:
     """Values without an order: dots side by side in each."""
     what = SWEEPS[sweep]
-    figure, all_axes = _frame(2, what.title, _under(results, sweep))
+    figure, all_axes = parts.frame(2, what.title, _under(results, sweep))
     labels = results.labels(sweep)
     engines = results.engines(sweep)
     for axes, panel in zip(all_axes, (_READS, _WRITES), strict=True):
@@ -406,24 +241,24 @@ def _categories(results: Results, sweep: str) -> Figure:
                 if spread is None or spread.median <= 0:
                     continue
                 x = at + offset
-                colour = COLOURS[engine]
+                colour = parts.COLOURS[engine]
                 axes.plot([x, x], [spread.low, spread.high], color=colour, alpha=0.35)
-                axes.plot([x], [spread.median], color=colour, marker=MARKERS[engine], markersize=5)
+                axes.plot(
+                    [x], [spread.median], color=colour, marker=parts.MARKERS[engine], markersize=5
+                )
         axes.set_xticks(range(len(labels)), [label.replace(", ", ",\n") for label in labels])
         axes.set_xlim(-0.5, len(labels) - 0.5)
         axes.grid(visible=False, axis="x")
         style.label(axes, "" if sweep == "direction" else what.axis, panel.label)
-        _scale(axes, log=True)
-    _legend(figure, engines)
+        parts.scale(axes, log=True)
+    parts.legend(figure, engines)
     return figure
 
 
 def _aborts(results: Results, sweeps: list[str]) -> Figure:
     title = "Attempts that came to nothing, per operation"
-    under = (
-        "retries of the engine, lapped lookups, lost transactions; lines at the foot: none at all"
-    )
-    figure, all_axes = _frame(len(sweeps), title, under)
+    under = "retries of the engine, lapped lookups and lost transactions"
+    figure, all_axes = parts.frame(len(sweeps), title, under)
     for axes, sweep in zip(all_axes, sweeps, strict=True):
         style.label(axes, SWEEPS[sweep].axis, "aborts per operation")
         ends = _abort_lines(axes, results, sweep)
@@ -433,7 +268,7 @@ def _aborts(results: Results, sweeps: list[str]) -> Figure:
         axes.yaxis.set_minor_locator(NullLocator())
         axes.yaxis.set_major_formatter(FuncFormatter(lambda y, _: "0" if y == 0 else f"{y:g}"))
         if ends:
-            _direct_labels(axes, ends)
+            parts.direct_labels(axes, ends)
     return figure
 
 
@@ -453,8 +288,8 @@ def _abort_lines(axes: Axes, results: Results, sweep: str) -> list[tuple[str, fl
         axes.plot(
             [x for x, _ in known],
             [y for _, y in known],
-            color=COLOURS[engine],
-            marker=MARKERS[engine],
+            color=parts.COLOURS[engine],
+            marker=parts.MARKERS[engine],
             markersize=4,
             linewidth=2.2 if engine == "snapshot" else 1.2,
         )
@@ -462,9 +297,38 @@ def _abort_lines(axes: Axes, results: Results, sweep: str) -> list[tuple[str, fl
             ends.append((engine, *known[-1]))
     axes.xaxis.set_major_locator(FixedLocator(sorted(names)))
     axes.xaxis.set_minor_locator(NullLocator())
-    axes.xaxis.set_major_formatter(FuncFormatter(lambda x, _: short(x)))
+    axes.xaxis.set_major_formatter(FuncFormatter(lambda x, _: parts.short(x)))
     return ends
 
 
-def _nothing(axes: Axes) -> None:
-    axes.text(0.5, 0.5, "nothing to show", transform=axes.transAxes, color=style.MUTED, ha="center")
+def _prediction(results: Results) -> Figure:
+    """Lines of the model, and the measured points that it was fitted to."""
+    title = "A prediction, not a measurement: what a core for each thread would bring"
+    under = "fitted to the marked points of one and two threads, see tfdb/bench/model.py"
+    figure, (reading, half) = parts.frame(2, title, under)
+    even = [threads for threads in model.THREADS if threads % 2 == 0]
+    ends: dict[str, list[tuple[str, float, float]]] = {"reading": [], "half": []}
+    for found in model.costs(results):
+        look: dict[str, Any] = {
+            "color": parts.COLOURS[found.engine],
+            "linestyle": "--" if found.engine == TF2 else "-",
+        }
+        all_read = [found.reads(threads) for threads in model.THREADS]
+        reading.plot(model.THREADS, all_read, linewidth=1.2, **look)
+        reading.plot([1, 2], all_read[:2], linestyle="", marker="o", color=look["color"])
+        ends["reading"].append((found.engine, float(model.THREADS[-1]), all_read[-1]))
+        mixed = [pair[0] for threads in even for pair in [found.half_and_half(threads)] if pair]
+        if mixed:
+            half.plot(even, mixed, linewidth=1.2, **look)
+            half.plot([2], mixed[:1], linestyle="", marker="o", color=look["color"])
+            ends["half"].append((found.engine, float(even[-1]), mixed[-1]))
+    style.label(reading, "threads, each with a core; all read", "lookups per second")
+    style.label(half, "threads, each with a core; half of them write", "lookups per second")
+    for axes, name in ((reading, "reading"), (half, "half")):
+        axes.xaxis.set_major_locator(FixedLocator([1, 2, 4, 8, 12, 16]))
+        if ends[name]:
+            parts.scale(axes, log=True)
+            parts.direct_labels(axes, ends[name])
+        else:
+            parts.nothing(axes)
+    return figure

@@ -186,10 +186,10 @@ SWEEPS: dict[str, Sweep] = {
             "age",
             "Age of the data at fixed writer rates",
             "writes per second and writer",
-            _over("write-frequency", 10, 100, 1_000, 10_000),
+            _over("write-frequency", 100, 300, 1_000, 3_000, 10_000),
             ("100", "1000"),
             # 100 frames: 16 of them per write, so that the writers' rate and not chance decides.
-            fixed={"threads": 4, "joints": 100},
+            fixed={"threads": 4, "joints": 100, "warmup": 0.3},
             log=True,
         ),
         Sweep(

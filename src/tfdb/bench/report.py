@@ -126,7 +126,7 @@ def _page(
         yield from (f"<li>{html.escape(text)}</li>" for text in failures)
         yield "</ul>"
     for name, picture in pictures.items():
-        heading = SWEEPS[name].title if name in SWEEPS else "Aborts"
+        heading = SWEEPS[name].title if name in SWEEPS else name.capitalize()
         yield (
             f'<figure id="{name}"><img alt="{html.escape(heading)}" '
             f'src="data:image/png;base64,{picture}"></figure>'
