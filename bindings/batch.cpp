@@ -6,6 +6,7 @@
 #include <string_view>
 
 #include "arrays.hpp"
+#include "batch.hpp"
 #include "errors.hpp"
 #include "reads.hpp"
 #include "stamp.hpp"
@@ -13,34 +14,22 @@
 namespace tfdb::python {
 namespace {
 
-// From here on a batch takes so long that other threads should run: about 0.1 ms and more.
-constexpr std::size_t kReleaseFrom = 8192;
-
-template <class Function>
-void run_batch(std::size_t count, Function&& function) {
-    std::optional<nb::gil_scoped_release> released;
-    if (count >= kReleaseFrom) {
-        released.emplace();
-    }
-    function();
-}
-
-Layout layout_of(const nb::str& layout) {
-    const std::string_view name = layout.c_str();
+Layout layout_of(nb::handle layout) {
+    const std::string_view name = name_of(layout, "layout");
     if (name != "pose" && name != "matrix") {
         throw_error("InvalidArgument",
                     "layout must be 'pose' or 'matrix', got " + short_repr(layout),
-                    {{"value", layout}});
+                    {{"value", nb::borrow(layout)}});
     }
     return name == "pose" ? Layout::kPose : Layout::kMatrix;
 }
 
-Missing missing_of(const nb::str& missing) {
-    const std::string_view name = missing.c_str();
+Missing missing_of(nb::handle missing) {
+    const std::string_view name = name_of(missing, "missing");
     if (name != "raise" && name != "nan") {
         throw_error("InvalidArgument",
                     "missing must be 'raise' or 'nan', got " + short_repr(missing),
-                    {{"value", missing}});
+                    {{"value", nb::borrow(missing)}});
     }
     return name == "raise" ? Missing::kThrow : Missing::kNan;
 }
@@ -69,20 +58,13 @@ nb::object lookup_transforms(nb::handle self, const nb::str& target, const nb::s
                              nb::handle stamps, nb::handle policy, const nb::str& layout,
                              nb::handle out, const nb::str& missing) {
     const Pinned pinned = pin(self, reads_of(self.ptr()));
-    const Layout rows = layout_of(layout);
-    const Missing absent = missing_of(missing);
-    const Policy how = policy_of(policy.ptr());
-    const Stamps when(stamps);
-    const std::size_t count = when.values().size();
-    const NewArray<double> result = rows_for(out, count, rows);
-    const std::size_t width = rows == Layout::kPose ? 7 : 16;
-    const std::string_view to = name_of(target, "target");
-    const std::string_view from = name_of(source, "source");
-    run_batch(count, [&] {
-        pinned.reads.lookup_many(to, from, when.values(), how, rows, absent,
-                                 {result.data, count * width});
-    });
-    return result.array;
+    const RowsWanted wanted(target, source, stamps, policy, layout, out, missing);
+    {
+        const Released released(pinned.may_wait() ||
+                                wanted.stamps.values().size() >= kReleaseFromRows);
+        wanted.fill(pinned.reads);
+    }
+    return wanted.result.array;
 }
 
 /// Points as the core wants them: rows of three neighbouring numbers.
@@ -144,13 +126,12 @@ void check_out(const Points& points, const Points& out, nb::handle object) {
 }
 
 template <class T>
-void move_points(const Reads& reads, std::string_view target, std::string_view source,
+void move_points(const Pinned& pinned, std::string_view target, std::string_view source,
                  const Points& points, std::span<const StampNs> stamps, Policy policy,
                  const Points& out) {
-    run_batch(points.count, [&] {
-        reads.transform_points(target, source, points.view.data<const T>(), points.stride,
-                               points.count, stamps, policy, out.view.data<T>(), out.stride);
-    });
+    const Released released(pinned.may_wait() || points.count >= kReleaseFromRows);
+    pinned.reads.transform_points(target, source, points.view.data<const T>(), points.stride,
+                                  points.count, stamps, policy, out.view.data<T>(), out.stride);
 }
 
 bool is_one_stamp(nb::handle stamps) {
@@ -186,9 +167,9 @@ nb::object transform_points(nb::handle self, const nb::str& target, const nb::st
     const std::string_view into = name_of(target, "target");
     const std::string_view out_of = name_of(source, "source");
     if (from.view.kind() == Kind::kFloat32) {
-        move_points<float>(pinned.reads, into, out_of, from, when, how, to);
+        move_points<float>(pinned, into, out_of, from, when, how, to);
     } else {
-        move_points<double>(pinned.reads, into, out_of, from, when, how, to);
+        move_points<double>(pinned, into, out_of, from, when, how, to);
     }
     return target_array;
 }
@@ -248,6 +229,16 @@ numpy.ndarray
 Raises InvalidArray, InvalidStamp, and what `lookup_transform` raises, with `index`.)";
 
 }  // namespace
+
+RowsWanted::RowsWanted(nb::handle target_name, nb::handle source_name, nb::handle when,
+                       nb::handle how, nb::handle rows, nb::handle out, nb::handle absent)
+    : target(name_of(target_name, "target")),
+      source(name_of(source_name, "source")),
+      layout(layout_of(rows)),
+      missing(missing_of(absent)),
+      policy(policy_of(how.ptr())),
+      stamps(when),
+      result(rows_for(out, stamps.values().size(), layout)) {}
 
 void bind_batch(nb::class_<ReadsObject>& type) {
     type.def("lookup_transforms", &lookup_transforms, nb::arg("target"), nb::arg("source"),

@@ -2,9 +2,13 @@
 #include <nanobind/nanobind.h>
 #include <nanobind/stl/optional.h>
 #include <nanobind/stl/string.h>
+#include <nanobind/stl/string_view.h>
 
 #include <optional>
+#include <span>
 #include <string>
+#include <string_view>
+#include <vector>
 
 #include "arguments.hpp"
 #include "errors.hpp"
@@ -16,13 +20,22 @@
 namespace tfdb::python {
 namespace {
 
+Concurrency concurrency_from(nb::handle name) {
+    if (PyUnicode_Check(name.ptr())) {
+        return concurrency_of(name_of(name, "concurrency"));
+    }
+    return concurrency_of(short_repr(name));  // refuses it, and names those that there are
+}
+
 void init(nb::pointer_and_handle<BufferObject> self, nb::handle history, std::uint32_t max_frames,
-          std::optional<std::size_t> memory_limit, std::size_t snapshot_memory, nb::handle clock) {
+          std::optional<std::size_t> memory_limit, std::size_t snapshot_memory, nb::handle clock,
+          nb::handle concurrency) {
     BufferOptions options;
     options.history_ns = optional_duration_of(history, "history");
     options.max_frames = max_frames;
     options.memory_limit = memory_limit;
     options.snapshot_memory = snapshot_memory;
+    options.concurrency = concurrency_from(concurrency);
     auto* object = new (self.p) BufferObject(options);
     object->buffer = self.h.ptr();
     if (!clock.is_none()) {
@@ -33,26 +46,53 @@ void init(nb::pointer_and_handle<BufferObject> self, nb::handle history, std::ui
 CommitNumber set_static_transform(BufferObject& self, const nb::str& parent, const nb::str& child,
                                   nb::handle translation, nb::handle rotation,
                                   const nb::str& authority) {
-    TransformView view;
-    view.parent = name_of(parent, "parent");
-    view.child = name_of(child, "child");
-    view.pose = {vector_of(translation.ptr(), "translation"),
-                 quaternion_of(rotation.ptr(), "rotation")};
+    const TransformView view =
+        view_of(parent.ptr(), child.ptr(), nullptr, translation.ptr(), rotation.ptr());
     return commit_transforms(self, {&view, 1}, true, name_of(authority, "authority"));
 }
 
-CommitNumber set_transforms(BufferObject& self, nb::handle batch, bool is_static,
-                            const nb::str& authority) {
-    const bool columns = nb::isinstance(batch, record_type("Columns"));
-    const Transforms transforms =
-        columns ? Transforms::from_columns(batch, is_static) : Transforms::from_objects(batch);
-    return commit_transforms(self, transforms.views, is_static, name_of(authority, "authority"));
+nb::object set_transforms(BufferObject& self, nb::handle batch, bool is_static,
+                          const nb::str& authority, bool partial) {
+    const Transforms transforms = Transforms::from_batch(batch, is_static);
+    const std::string_view who = name_of(authority, "authority");
+    if (partial) {
+        std::vector<RefusedMember> refused;
+        {
+            const nb::gil_scoped_release released;
+            CommitNumber commit = 0;
+            refused = self.store.set_transforms_partial(transforms.views, is_static, who, commit);
+        }
+        return transforms.refused(refused);
+    }
+    return nb::int_(transforms.give_to([&](std::span<const TransformView> views) {
+        return commit_transforms(self, views, is_static, who);
+    }));
 }
 
 CommitNumber remove_frame(BufferObject& self, const nb::str& name, bool recursive) {
     const std::string_view bytes = name_of(name, "name");
     const nb::gil_scoped_release released;
     return self.store.remove_frame(bytes, recursive);
+}
+
+CommitNumber remove_frames(BufferObject& self, nb::handle names, bool recursive) {
+    if (PyUnicode_Check(names.ptr())) {
+        throw nb::type_error(
+            "names must be a sequence of frame names, got a str: remove_frame() "
+            "takes a single name");
+    }
+    const nb::object items = nb::steal(PySequence_Tuple(names.ptr()));
+    if (!items.is_valid()) {
+        throw nb::python_error();
+    }
+    const auto count = static_cast<std::size_t>(PyTuple_GET_SIZE(items.ptr()));
+    std::vector<std::string_view> all(count);
+    for (std::size_t i = 0; i < count; ++i) {
+        PyObject* const item = PyTuple_GET_ITEM(items.ptr(), static_cast<Py_ssize_t>(i));
+        at_index(i, [&] { all[i] = name_of(item, "names"); });
+    }
+    const nb::gil_scoped_release released;
+    return self.store.remove_frames(all, recursive);
 }
 
 CommitNumber clear(BufferObject& self) {
@@ -72,8 +112,12 @@ nb::object snapshot(nb::handle self) {
     auto* buffer = nb::inst_ptr<BufferObject>(self);
     nb::object made = nb::cast(SnapshotObject{});
     auto* object = nb::inst_ptr<SnapshotObject>(made);
-    object->held = std::make_shared<Snapshot>(buffer->store.snapshot());
+    {
+        const Released released(buffer->reasons != 0);
+        object->held = std::make_shared<Snapshot>(buffer->store.snapshot());
+    }
     object->reads = object->held.get();
+    object->waits = &buffer->reasons;
     object->names = &buffer->own_names;
     object->buffer = self.ptr();
     object->owner = nb::borrow(self);
@@ -85,9 +129,13 @@ std::optional<double> history(const BufferObject& self) {
     return kept ? std::optional(clock::to_seconds(*kept)) : std::nullopt;
 }
 
+std::string_view concurrency(const BufferObject& self) {
+    return concurrency_name(self.store.concurrency());
+}
+
 nb::str represent(const BufferObject& self) {
     return nb::str(nb::module_::import_("tfdb.report")
-                       .attr("buffer_repr")(self.store.commit(), history(self)));
+                       .attr("buffer_repr")(self.store.commit(), history(self), concurrency(self)));
 }
 
 // A clock may refer to the buffer: let the garbage collector see it.
@@ -115,7 +163,8 @@ PyType_Slot g_slots[] = {
 constexpr const char* kBufferDoc = R"(A store of time-stamped transforms between named frames.
 
 Any number of threads may read and write at once. A read is answered from one committed state and
-never waits for a writer; a write is all or nothing.
+never waits for a writer; a write is all or nothing. `transaction` and `run` read, decide and write
+as if nobody else did meanwhile.
 
 Parameters
 ----------
@@ -130,6 +179,12 @@ snapshot_memory
 clock
     What `lookup_latest_transform(max_age=...)` asks for the time, in nanoseconds; None: the
     system's clock.
+concurrency
+    How lookups, writes and transactions that run at once are kept apart. `snapshot` is the fastest
+    reader and never lets a lookup wait. The others are there to be compared with it: `giant` (one
+    mutex for everything), `2pl-no-wait`, `2pl-wait-die`, `2pl-wound-wait` (locks on frames until
+    the end), `silo` (checks at the end what it read), and `fine` (a lock on each frame, taken one
+    after the other), in which batches and transactions are not isolated.
 
 Raises InvalidArgument, CapacityExceeded.)";
 
@@ -145,14 +200,20 @@ static
     Whether they hold at every stamp until replaced.
 authority
     Who writes.
+partial
+    Store the members that can be stored, still in one commit, and return the others.
 
 Returns
 -------
 int
     Number of the commit; of the current one if the batch is empty.
+list[Refused]
+    With `partial`: every member that was refused, and why, in their order.
 
 Raises InvalidName, InvalidStamp, InvalidArray, InvalidTransform, TooOld, StaticConflict,
-CycleError, CapacityExceeded, each with `index`. Then nothing was stored.)";
+CycleError: that of the first refused member, with its `index`, and all of them in `refused`. Raises
+CapacityExceeded. Then nothing was stored. With `partial` only CapacityExceeded is left, and
+TypeError for what is no transform at all.)";
 
 using BufferClass = nb::class_<BufferObject, ReadsObject>;
 
@@ -168,17 +229,23 @@ void bind_writes(BufferClass& type) {
 
 Arguments, result and errors as in `set_transform`.)");
     type.def("set_transforms", &set_transforms, nb::arg("batch").none(), nb::kw_only(),
-             nb::arg("static") = false, nb::arg("authority") = "",
-             nb::sig("def set_transforms(self, batch: collections.abc.Iterable["
-                     "tfdb.types.TransformStampedLike] | tfdb.types.Columns, *, static: bool = "
-                     "False, authority: str = '') -> int"),
-             kSetTransformsDoc);
+             nb::arg("static") = false, nb::arg("authority") = "", nb::arg("partial") = false,
+             kSetTransformsDoc);  // its overloads are in stubs.pattern
     type.def("remove_frame", &remove_frame, nb::arg("name"), nb::kw_only(),
              nb::arg("recursive") = false,
              nb::sig("def remove_frame(self, name: str, *, recursive: bool = False) -> int"),
              R"(Remove a frame and its edge; with `recursive` also all frames below it. One commit.
 
 Returns its number. Raises UnknownFrame, FrameInUse (naming the children).)");
+    type.def("remove_frames", &remove_frames, nb::arg("names").none(), nb::kw_only(),
+             nb::arg("recursive") = false,
+             nb::sig("def remove_frames(self, names: collections.abc.Iterable[str], *, recursive: "
+                     "bool = False) -> int"),
+             R"(Remove many frames in one commit, all or none.
+
+Their order does not matter: a frame may go together with all its children. With `recursive` also
+all frames below them. Returns the commit's number, the current one without names. Raises
+UnknownFrame, FrameInUse, with `index` and, for every name, `refused`.)");
     type.def("clear", &clear, nb::sig("def clear(self) -> int"),
              "Drop all moving samples in one commit; frames and static edges stay.");
 }
@@ -190,14 +257,15 @@ void bind_buffer(nb::module_& module) {
     type.def("__init__", &init, nb::arg("history").none() = 10.0, nb::kw_only(),
              nb::arg("max_frames") = kMaxFrames, nb::arg("memory_limit").none() = nb::none(),
              nb::arg("snapshot_memory") = BufferOptions{}.snapshot_memory,
-             nb::arg("clock").none() = nb::none(),
+             nb::arg("clock").none() = nb::none(), nb::arg("concurrency").none() = "snapshot",
              nb::sig("def __init__(self, history: float | None = 10.0, *, max_frames: int = "
                      "1048575, memory_limit: int | None = None, snapshot_memory: int = "
-                     "1073741824, clock: collections.abc.Callable[[], int] | None = None) -> "
-                     "None"));
+                     "1073741824, clock: collections.abc.Callable[[], int] | None = None, "
+                     "concurrency: tfdb.types.Concurrency = 'snapshot') -> None"));
     add_raw_reads(type);
     bind_writes(type);
     bind_wire(module, type);
+    bind_transaction(module, type);
     type.def("snapshot", &snapshot, nb::sig("def snapshot(self) -> Snapshot"),
              "Hold the newest commit: many reads of one state. Use it in a `with` statement.");
     type.def("memory", &memory, nb::sig("def memory(self) -> tfdb.types.MemoryUse"),
@@ -205,9 +273,12 @@ void bind_buffer(nb::module_& module) {
     type.def(
         "counters", [](const BufferObject& self) { return counters_record(self.store.counters()); },
         nb::sig("def counters(self) -> tfdb.types.Counters"),
-        "Commits, mended quaternions, and reads that a writer overtook.");
+        "Commits, conflicts and waits, mended quaternions, and reads that a writer overtook.");
     type.def_prop_ro("history", &history, nb::sig("def history(self) -> float | None"),
                      "Seconds that are kept; None: everything.");
+    type.def_prop_ro("concurrency", &concurrency,
+                     nb::sig("def concurrency(self) -> tfdb.types.Concurrency"),
+                     "The name of the engine that keeps lookups, writes and transactions apart.");
     type.def("__repr__", &represent);
 }
 

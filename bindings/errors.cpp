@@ -87,6 +87,13 @@ void set_fields(nb::handle error, const ErrorDetail& detail) {
         }
         error.attr("frames") = nb::tuple(names);
     }
+    if (!detail.refused.empty()) {
+        nb::list members;
+        for (const RefusedMember& member : detail.refused) {
+            members.append(refused_record(member));
+        }
+        error.attr("refused") = nb::tuple(members);
+    }
 }
 
 /// An instance without its __init__, which would only store the fields again.
@@ -121,15 +128,31 @@ const char* class_name(ErrorCode code) {
     return kClassNames[static_cast<std::size_t>(code)];
 }
 
+nb::object error_object(const Error& error) {
+    const nb::handle type = g_classes[static_cast<std::size_t>(error.code())];
+    nb::object value = new_error(type, error.what());
+    set_fields(value, error.detail());
+    if (error.code() == ErrorCode::kUnknownFrame) {
+        value.attr("frame") = text(error.detail().frame);  // also the empty name
+    }
+    return value;
+}
+
+void throw_object(const nb::object& error) {
+    PyErr_SetObject(reinterpret_cast<PyObject*>(Py_TYPE(error.ptr())), error.ptr());
+    throw nb::python_error();
+}
+
+nb::object refused_record(const RefusedMember& member) {
+    const nb::object type = nb::module_::import_("tfdb.types").attr("Refused");
+    const std::string& reason = member.reason.empty() ? member.message : member.reason;
+    return type(member.index, class_name(member.code), text(member.message), text(reason));
+}
+
 void set_error(const Error& error) noexcept {
     try {
-        const nb::handle type = g_classes[static_cast<std::size_t>(error.code())];
-        const nb::object value = new_error(type, error.what());
-        set_fields(value, error.detail());
-        if (error.code() == ErrorCode::kUnknownFrame) {
-            value.attr("frame") = text(error.detail().frame);  // also the empty name
-        }
-        PyErr_SetObject(type.ptr(), value.ptr());
+        const nb::object value = error_object(error);
+        PyErr_SetObject(reinterpret_cast<PyObject*>(Py_TYPE(value.ptr())), value.ptr());
     } catch (nb::python_error& failed) {
         failed.restore();
     }
@@ -146,9 +169,13 @@ void throw_error(const char* class_name, const std::string& message,
     throw nb::python_error();
 }
 
-void add_index(nb::python_error& error, std::size_t index) {
+bool is_tfdb_error(const nb::python_error& error) {
     const nb::object root = nb::module_::import_("tfdb.errors").attr("TfdbError");
-    if (nb::isinstance(error.value(), root)) {
+    return nb::isinstance(error.value(), root);
+}
+
+void add_index(nb::python_error& error, std::size_t index) {
+    if (is_tfdb_error(error)) {
         nb::setattr(error.value(), "index", nb::int_(index));
     }
 }

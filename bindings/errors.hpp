@@ -18,8 +18,20 @@ namespace tfdb::python {
 /// Imports tfdb.errors and makes nanobind translate tfdb::Error.
 void bind_errors(nb::module_& module);
 
-/// Sets the Python error that `error` stands for, with all its fields.
+/// The Python error that `error` stands for, with all its fields.
+nb::object error_object(const Error& error);
+
+/// Raises it.
 void set_error(const Error& error) noexcept;
+
+/// Raises an error made before.
+[[noreturn]] void throw_object(const nb::object& error);
+
+/// Whether it is one of tfdb's own.
+bool is_tfdb_error(const nb::python_error& error);
+
+/// A tfdb.Refused.
+nb::object refused_record(const RefusedMember& member);
 
 /// Name of the class of tfdb.errors that stands for a code.
 const char* class_name(ErrorCode code);

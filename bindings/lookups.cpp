@@ -16,6 +16,8 @@ namespace {
 thread_local
 #endif
     Answer g_answer;
+// For lookups without the GIL: what is local to a thread is slower to reach.
+thread_local Answer g_own_answer;
 
 /// `self` of a raw method, readable until the end of the call.
 class Open {
@@ -43,6 +45,9 @@ public:
     [[nodiscard]] PyObject* buffer() const {
         return object_.buffer;
     }
+    [[nodiscard]] bool may_wait() const {
+        return *object_.waits != 0;
+    }
 
 private:
     ReadsObject& object_;
@@ -51,44 +56,56 @@ private:
 #endif
 };
 
-/// Calls `attempt(target, source)` until neither handle turns out to be out of date: afterwards, as
-/// a slot that was not reused by then was not reused before.
+/// Calls `attempt(target, source, answer)` until neither handle turns out to be out of date:
+/// afterwards, as a slot that was not reused by then was not reused before. Null: no answer.
 template <class Attempt>
-bool with_handles(const Open& open, PyObject* target, PyObject* source, const Failure& failure,
-                  Attempt&& attempt) {
+const Answer* look_up(const Open& open, PyObject* target, PyObject* source, const Failure& failure,
+                      Attempt&& attempt) {
     constexpr int kMostTries = 16;
     const Reads& reads = open.reads();
     NameCache& names = open.names();
-    FrameHandle to = names.find(reads, target, "target");
-    FrameHandle from = names.find(reads, source, "source");
+    const bool may_wait = open.may_wait();
+    Answer& answer = may_wait ? g_own_answer : g_answer;
+    FrameHandle to = names.find(reads, target, "target", may_wait);
+    FrameHandle from = names.find(reads, source, "source", may_wait);
     const auto settled = [&](FrameHandle handle) {
         return handle.id == kNoFrame || reads.is_current(handle);
     };
     bool anew = !NameCache::kRemembers;
     for (int i = 0;; ++i) {
-        const bool found = attempt(to, from);
+        bool found = false;
+        if (may_wait) [[unlikely]] {
+            const nb::gil_scoped_release released;
+            found = attempt(to, from, answer);
+        } else {
+            found = attempt(to, from, answer);
+        }
         const bool certain = found || anew || failure.code != ErrorCode::kUnknownFrame;
         if ((certain && settled(to) && settled(from)) || i == kMostTries) [[likely]] {
-            return found;
+            return found ? &answer : nullptr;
         }
-        to = names.renew(reads, target, "target");
-        from = names.renew(reads, source, "source");
+        to = names.renew(reads, target, "target", may_wait);
+        from = names.renew(reads, source, "source", may_wait);
         anew = true;
     }
 }
 
 [[noreturn]] void raise(const Open& open, const Failure& failure, PyObject* target,
                         PyObject* source) {
-    open.reads().raise(failure, name_of(target, "target"), name_of(source, "source"));
+    const std::string_view to = name_of(target, "target");
+    const std::string_view from = name_of(source, "source");
+    const Released released(open.may_wait());
+    open.reads().raise(failure, to, from);
 }
 
-bool attempt_lookup(const Open& open, PyObject* target, PyObject* source, PyObject* time,
-                    PyObject* policy, Failure& failure) {
+const Answer* attempt_lookup(const Open& open, PyObject* target, PyObject* source, PyObject* time,
+                             PyObject* policy, Failure& failure) {
     const std::optional<StampNs> stamp = optional_stamp_of(time);
     const Policy how = policy_of(policy);
-    return with_handles(open, target, source, failure, [&](FrameHandle to, FrameHandle from) {
-        return open.reads().try_lookup(to, from, stamp, how, g_answer, failure);
-    });
+    return look_up(open, target, source, failure,
+                   [&](FrameHandle to, FrameHandle from, Answer& answer) {
+                       return open.reads().try_lookup(to, from, stamp, how, answer, failure);
+                   });
 }
 
 constexpr std::array kLookupNames = {"target", "source", "time", "policy"};
@@ -101,10 +118,11 @@ PyObject* lookup_transform(PyObject* self, PyObject* const* args, Py_ssize_t cou
         const auto [target, source, time, policy] = bind<4>(kList, args, count, keywords);
         const Open open(self);
         Failure failure;
-        if (!attempt_lookup(open, target, source, time, policy, failure)) {
+        const Answer* answer = attempt_lookup(open, target, source, time, policy, failure);
+        if (answer == nullptr) {
             raise(open, failure, target, source);
         }
-        return new_transform(g_answer, target, source, open.buffer());
+        return new_transform(*answer, target, source, open.buffer());
     });
 }
 
@@ -115,21 +133,12 @@ PyObject* can_transform(PyObject* self, PyObject* const* args, Py_ssize_t count,
         const auto [target, source, time, policy] = bind<4>(kList, args, count, keywords);
         const Open open(self);
         Failure failure;
-        const bool can = attempt_lookup(open, target, source, time, policy, failure);
+        const bool can = attempt_lookup(open, target, source, time, policy, failure) != nullptr;
         if (!can && failure.code == ErrorCode::kSnapshotTooOld) {
             raise(open, failure, target, source);
         }
         return PyBool_FromLong(can ? 1 : 0);
     });
-}
-
-StampNs now_of(const Open& open) {
-    const nb::object& clock = nb::inst_ptr<BufferObject>(open.buffer())->clock;
-    if (clock.is_valid()) {
-        return stamp_of(nb::object(clock()).ptr());
-    }
-    const auto now = std::chrono::system_clock::now().time_since_epoch();
-    return std::chrono::duration_cast<std::chrono::nanoseconds>(now).count();
 }
 
 PyObject* lookup_latest_transform(PyObject* self, PyObject* const* args, Py_ssize_t count,
@@ -142,17 +151,17 @@ PyObject* lookup_latest_transform(PyObject* self, PyObject* const* args, Py_ssiz
         StampNs now = 0;
         if (is_given(age)) {
             max_age = duration_of(age, "max_age");
-            now = is_given(when) ? stamp_of(when) : now_of(open);
+            now = is_given(when) ? stamp_of(when) : now_of(open.buffer());
         }
         Failure failure;
-        const bool found =
-            with_handles(open, target, source, failure, [&](FrameHandle to, FrameHandle from) {
-                return open.reads().try_lookup_latest(to, from, max_age, now, g_answer, failure);
+        const Answer* found = look_up(
+            open, target, source, failure, [&](FrameHandle to, FrameHandle from, Answer& answer) {
+                return open.reads().try_lookup_latest(to, from, max_age, now, answer, failure);
             });
-        if (!found) {
+        if (found == nullptr) {
             raise(open, failure, target, source);
         }
-        return new_transform(g_answer, target, source, open.buffer());
+        return new_transform(*found, target, source, open.buffer());
     });
 }
 
@@ -186,6 +195,15 @@ PyMethodDef g_methods[] = {
 };
 
 }  // namespace
+
+StampNs now_of(PyObject* buffer) {
+    const nb::object& clock = nb::inst_ptr<BufferObject>(buffer)->clock;
+    if (clock.is_valid()) {
+        return stamp_of(nb::object(clock()).ptr());
+    }
+    const auto now = std::chrono::system_clock::now().time_since_epoch();
+    return std::chrono::duration_cast<std::chrono::nanoseconds>(now).count();
+}
 
 void add_raw_reads(nb::handle type) {
     for (PyMethodDef& method : g_methods) {

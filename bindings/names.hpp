@@ -6,24 +6,37 @@
 #include <array>
 #include <cstddef>
 #include <cstdint>
+#include <optional>
+#include <string_view>
 
 #include "arguments.hpp"
 #include "tfdb/store/buffer.hpp"
 
 namespace tfdb::python {
 
+/// The handle of a frame by its name; one that no lookup accepts if there is no such frame.
+inline FrameHandle handle_of(const Reads& reads, std::string_view name, bool may_wait) {
+    FrameHandle handle;
+    std::optional<nb::gil_scoped_release> released;
+    if (may_wait) [[unlikely]] {
+        released.emplace();
+    }
+    if (!reads.find_frame(name, handle)) {
+        return {};
+    }
+    return handle;
+}
+
 #ifdef Py_GIL_DISABLED
 
 /// Without the GIL every name is resolved anew: a cache would need a lock on the way of each read.
 class NameCache {
 public:
-    FrameHandle find(const Reads& reads, PyObject* name, const char* role) {
-        FrameHandle handle;
-        static_cast<void>(reads.find_frame(name_of(name, role), handle));
-        return handle;
+    FrameHandle find(const Reads& reads, PyObject* name, const char* role, bool may_wait) {
+        return handle_of(reads, name_of(name, role), may_wait);
     }
-    FrameHandle renew(const Reads& reads, PyObject* name, const char* role) {
-        return find(reads, name, role);
+    FrameHandle renew(const Reads& reads, PyObject* name, const char* role, bool may_wait) {
+        return find(reads, name, role, may_wait);
     }
     static constexpr bool kRemembers = false;
 };
@@ -44,15 +57,14 @@ public:
         }
     }
 
-    /// The handle of a frame; one that no lookup accepts if there is no such frame.
-    FrameHandle find(const Reads& reads, PyObject* name, const char* role) {
+    FrameHandle find(const Reads& reads, PyObject* name, const char* role, bool may_wait) {
         const Entry& entry = entries_[slot(name)];
-        return entry.name == name ? entry.handle : renew(reads, name, role);
+        return entry.name == name ? entry.handle : renew(reads, name, role, may_wait);
     }
 
-    FrameHandle renew(const Reads& reads, PyObject* name, const char* role) {
-        FrameHandle handle;
-        if (reads.find_frame(name_of(name, role), handle) && PyUnicode_CheckExact(name)) {
+    FrameHandle renew(const Reads& reads, PyObject* name, const char* role, bool may_wait) {
+        const FrameHandle handle = handle_of(reads, name_of(name, role), may_wait);
+        if (handle.id != kNoFrame && PyUnicode_CheckExact(name)) {
             Entry& entry = entries_[slot(name)];
             PyObject* const before = entry.name;
             entry = {Py_NewRef(name), handle};

@@ -2,6 +2,10 @@
 
 #include <nanobind/stl/string.h>
 
+#include <algorithm>
+#include <string_view>
+#include <vector>
+
 #include "arrays.hpp"
 #include "errors.hpp"
 #include "pose.hpp"
@@ -15,21 +19,32 @@ std::string_view optional_name_of(nb::handle name, const char* role) {
     return name.is_none() ? std::string_view() : name_of(name, role);
 }
 
-/// The two stamps and five names of a lookup through a fixed frame.
-bool attempt_full(const Reads& reads, nb::handle target, nb::handle target_time, nb::handle source,
-                  nb::handle source_time, nb::handle fixed, nb::handle policy, Answer& answer,
-                  Failure& failure) {
-    FrameHandle to;
-    FrameHandle from;
-    FrameHandle through;
-    static_cast<void>(reads.find_frame(name_of(target, "target"), to));
-    static_cast<void>(reads.find_frame(name_of(source, "source"), from));
-    static_cast<void>(reads.find_frame(name_of(fixed, "fixed_frame"), through));
-    return reads.try_lookup_full(to, stamp_of(target_time.ptr()), from, stamp_of(source_time.ptr()),
-                                 through, policy_of(policy.ptr()), answer, failure);
+/// The two stamps and three names of a lookup through a fixed frame.
+bool attempt_full(const Pinned& pinned, nb::handle target, nb::handle target_time,
+                  nb::handle source, nb::handle source_time, nb::handle fixed, nb::handle policy,
+                  Answer& answer, Failure& failure) {
+    const std::string_view to = name_of(target, "target");
+    const std::string_view from = name_of(source, "source");
+    const std::string_view through = name_of(fixed, "fixed_frame");
+    const StampNs to_stamp = stamp_of(target_time.ptr());
+    const StampNs from_stamp = stamp_of(source_time.ptr());
+    const Policy how = policy_of(policy.ptr());
+    return pinned.ask([&](const Reads& reads) {
+        return reads.try_lookup_full(handle_of(reads, to, false), to_stamp,
+                                     handle_of(reads, from, false), from_stamp,
+                                     handle_of(reads, through, false), how, answer, failure);
+    });
 }
 
-[[noreturn]] void raise_full(const Reads& reads, const Failure& failure, nb::handle target,
+[[noreturn]] void raise(const Pinned& pinned, const Failure& failure, nb::handle target,
+                        nb::handle source) {
+    const std::string_view to = name_of(target, "target");
+    const std::string_view from = name_of(source, "source");
+    const Released released(pinned.may_wait());
+    pinned.reads.raise(failure, to, from);
+}
+
+[[noreturn]] void raise_full(const Pinned& pinned, const Failure& failure, nb::handle target,
                              nb::handle source, nb::handle fixed) {
     if (failure.code == ErrorCode::kUnknownFrame && failure.argument == 2) {
         const std::string name(name_of(fixed, "fixed_frame"));
@@ -40,7 +55,7 @@ bool attempt_full(const Reads& reads, nb::handle target, nb::handle target_time,
         detail.commit = failure.commit;
         throw UnknownFrame("fixed_frame '" + name + "' does not exist", detail);
     }
-    reads.raise(failure, name_of(target, "target"), name_of(source, "source"));
+    raise(pinned, failure, target, source);
 }
 
 nb::object lookup_transform_full(nb::handle self, const nb::str& target, nb::handle target_time,
@@ -50,9 +65,9 @@ nb::object lookup_transform_full(nb::handle self, const nb::str& target, nb::han
     const Pinned pinned = pin(self, object);
     Answer answer;
     Failure failure;
-    if (!attempt_full(pinned.reads, target, target_time, source, source_time, fixed, policy, answer,
+    if (!attempt_full(pinned, target, target_time, source, source_time, fixed, policy, answer,
                       failure)) {
-        raise_full(pinned.reads, failure, target, source, fixed);
+        raise_full(pinned, failure, target, source, fixed);
     }
     return nb::steal(new_transform(answer, target.ptr(), source.ptr(), object.buffer));
 }
@@ -63,20 +78,22 @@ bool can_transform_full(nb::handle self, const nb::str& target, nb::handle targe
     const Pinned pinned = pin(self, reads_of(self.ptr()));
     Answer answer;
     Failure failure;
-    return attempt_full(pinned.reads, target, target_time, source, source_time, fixed, policy,
-                        answer, failure);
+    return attempt_full(pinned, target, target_time, source, source_time, fixed, policy, answer,
+                        failure);
 }
 
 StampNs latest_common_time(nb::handle self, const nb::str& target, const nb::str& source) {
     const Pinned pinned = pin(self, reads_of(self.ptr()));
-    FrameHandle to;
-    FrameHandle from;
-    static_cast<void>(pinned.reads.find_frame(name_of(target, "target"), to));
-    static_cast<void>(pinned.reads.find_frame(name_of(source, "source"), from));
+    const std::string_view to = name_of(target, "target");
+    const std::string_view from = name_of(source, "source");
     StampNs stamp = 0;
     Failure failure;
-    if (!pinned.reads.try_latest_common_time(to, from, stamp, failure)) {
-        pinned.reads.raise(failure, name_of(target, "target"), name_of(source, "source"));
+    const bool found = pinned.ask([&](const Reads& reads) {
+        return reads.try_latest_common_time(handle_of(reads, to, false),
+                                            handle_of(reads, from, false), stamp, failure);
+    });
+    if (!found) {
+        raise(pinned, failure, target, source);
     }
     return stamp;
 }
@@ -93,11 +110,16 @@ nb::object lookup_velocity(nb::handle self, const nb::str& tracking, const nb::s
                            nb::handle time, nb::handle interval, nb::handle reference,
                            nb::handle point, nb::handle point_frame) {
     const Pinned pinned = pin(self, reads_of(self.ptr()));
-    const Twist twist = pinned.reads.lookup_velocity(
-        name_of(tracking, "tracking"), name_of(observation, "observation"),
-        optional_stamp_of(time.ptr()), duration_of(interval, "interval"),
-        optional_name_of(reference, "reference"), vector_of(point.ptr(), "point"),
-        optional_name_of(point_frame, "point_frame"));
+    const std::string_view moving = name_of(tracking, "tracking");
+    const std::string_view watching = name_of(observation, "observation");
+    const std::optional<StampNs> stamp = optional_stamp_of(time.ptr());
+    const StampNs length = duration_of(interval, "interval");
+    const std::string_view axes = optional_name_of(reference, "reference");
+    const geometry::Vec3 where = vector_of(point.ptr(), "point");
+    const std::string_view where_frame = optional_name_of(point_frame, "point_frame");
+    const Twist twist = pinned.ask([&](const Reads& reads) {
+        return reads.lookup_velocity(moving, watching, stamp, length, axes, where, where_frame);
+    });
     return nb::module_::import_("tfdb.types")
         .attr("Twist")(array_of(twist.linear), array_of(twist.angular));
 }
@@ -105,9 +127,12 @@ nb::object lookup_velocity(nb::handle self, const nb::str& tracking, const nb::s
 nb::object path_stamps(nb::handle self, const nb::str& target, const nb::str& source,
                        nb::handle start, nb::handle end) {
     const Pinned pinned = pin(self, reads_of(self.ptr()));
+    const std::string_view to = name_of(target, "target");
+    const std::string_view from = name_of(source, "source");
+    const std::optional<StampNs> first = optional_stamp_of(start.ptr());
+    const std::optional<StampNs> last = optional_stamp_of(end.ptr());
     const std::vector<StampNs> stamps =
-        pinned.reads.path_stamps(name_of(target, "target"), name_of(source, "source"),
-                                 optional_stamp_of(start.ptr()), optional_stamp_of(end.ptr()));
+        pinned.ask([&](const Reads& reads) { return reads.path_stamps(to, from, first, last); });
     const NewArray<StampNs> made = new_stamps(stamps.size());
     std::copy(stamps.begin(), stamps.end(), made.data);
     return made.array;
@@ -257,7 +282,7 @@ Pinned pin(nb::handle self, const ReadsObject& object) {
     if (object.reads == nullptr) {
         throw_closed(object);
     }
-    return {object.held, *object.reads};
+    return {object.held, *object.reads, *object.waits};
 }
 
 ReadsObject& reads_of(PyObject* self) {
@@ -296,6 +321,7 @@ void add_python_methods(nb::module_& module) {
     reads.attr("trajectory") = nb::module_::import_("tfdb.sampling").attr("trajectory");
     const nb::object buffer = module.attr("Buffer");
     buffer.attr("load") = nb::module_::import_("tfdb.loading").attr("load_into");
+    buffer.attr("run") = nb::module_::import_("tfdb.transactions").attr("run");
 }
 
 }  // namespace tfdb::python

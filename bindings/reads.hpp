@@ -3,7 +3,9 @@
 
 #include <nanobind/nanobind.h>
 
+#include <atomic>
 #include <memory>
+#include <optional>
 #include <string>
 #include <utility>
 
@@ -14,11 +16,17 @@ namespace nb = nanobind;
 
 namespace tfdb::python {
 
+/// Reasons for which a call on a store may have to wait for a thread that needs the GIL to go on:
+/// its engine holds locks across Python code, or a transaction is open that runs alone. Where there
+/// is none, quick calls keep the GIL.
+using Reasons = std::atomic<unsigned>;
+
 /// What is behind the Python class Reads. Threads: whoever has the GIL; without one, any.
 /// Guarantee: `reads` is null once a snapshot is closed, and nothing is read after that.
 struct ReadsObject {
     const Reads* reads = nullptr;
-    NameCache* names = nullptr;  // of the buffer
+    const Reasons* waits = nullptr;  // of the buffer
+    NameCache* names = nullptr;      // of the buffer
     PyObject* buffer = nullptr;  // the Buffer object, borrowed: itself, or what a snapshot holds
     CommitNumber closed_commit = 0;
     std::shared_ptr<Snapshot> held;  // of a snapshot
@@ -28,9 +36,14 @@ struct BufferObject : ReadsObject {
     explicit BufferObject(const BufferOptions& options) : store(options) {
         reads = &store;
         names = &own_names;
+        waits = &reasons;
+        if (options.concurrency != Concurrency::kSnapshot) {
+            ++reasons;
+        }
     }
 
     Buffer store;
+    Reasons reasons{0};
     NameCache own_names;
     nb::object clock;  // none: the system's
 };
@@ -41,11 +54,34 @@ struct SnapshotObject : ReadsObject {
 
 [[noreturn]] void throw_closed(const ReadsObject& object);
 
+/// Without the GIL for its lifetime, if so asked.
+class Released {
+public:
+    explicit Released(bool release) {
+        if (release) {
+            released_.emplace();
+        }
+    }
+
+private:
+    std::optional<nb::gil_scoped_release> released_;
+};
+
 /// The reads of an open object. The pointer keeps a snapshot readable for calls that release the
 /// GIL (or have none), though another thread closes it.
 struct Pinned {
     std::shared_ptr<Snapshot> keep;
     const Reads& reads;
+    const Reasons& waits;
+
+    /// Whether the next call must not keep the GIL.
+    [[nodiscard]] bool may_wait() const { return waits != 0; }
+    /// What `question(reads)` answers; asked without the GIL if it may have to wait.
+    template <class Question>
+    auto ask(Question&& question) const {
+        const Released released(may_wait());
+        return question(reads);
+    }
 };
 Pinned pin(nb::handle self, const ReadsObject& object);
 
@@ -66,8 +102,12 @@ void add_raw_writes(nb::handle type);
 void add_python_methods(nb::module_& module);
 void bind_policy(nb::module_& module);
 void bind_wire(nb::module_& module, nb::class_<BufferObject, ReadsObject>& type);
+void bind_transaction(nb::module_& module, nb::class_<BufferObject, ReadsObject>& type);
 
 /// None stands for the default.
 Policy policy_of(PyObject* object);
+
+/// What the buffer's clock says.
+StampNs now_of(PyObject* buffer);
 
 }  // namespace tfdb::python

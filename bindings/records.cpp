@@ -35,14 +35,18 @@ nb::object frame_info_of(const nb::object& type, const FrameInfo& info) {
 
 nb::object frame_info(nb::handle self, const nb::str& name) {
     const Pinned pinned = pin(self, reads_of(self.ptr()));
-    return frame_info_of(record_type("FrameInfo"), pinned.reads.frame_info(name_of(name, "name")));
+    const std::string_view bytes = name_of(name, "name");
+    const FrameInfo info = pinned.ask([&](const Reads& reads) { return reads.frame_info(bytes); });
+    return frame_info_of(record_type("FrameInfo"), info);
 }
 
 nb::list tree(nb::handle self, nb::handle time) {
     const Pinned pinned = pin(self, reads_of(self.ptr()));
     const nb::object type = record_type("FrameInfo");
+    const std::optional<StampNs> stamp = optional_stamp_of(time.ptr());
+    const auto infos = pinned.ask([&](const Reads& reads) { return reads.tree(stamp); });
     nb::list result;
-    for (const FrameInfo& info : pinned.reads.tree(optional_stamp_of(time.ptr()))) {
+    for (const FrameInfo& info : infos) {
         result.append(frame_info_of(type, info));
     }
     return result;
@@ -50,7 +54,8 @@ nb::list tree(nb::handle self, nb::handle time) {
 
 nb::tuple samples(nb::handle self, const nb::str& name) {
     const Pinned pinned = pin(self, reads_of(self.ptr()));
-    const Samples found = pinned.reads.samples(name_of(name, "name"));
+    const std::string_view bytes = name_of(name, "name");
+    const Samples found = pinned.ask([&](const Reads& reads) { return reads.samples(bytes); });
     const NewArray<StampNs> stamps = new_stamps(found.stamps.size());
     for (std::size_t i = 0; i < found.stamps.size(); ++i) {
         stamps.data[i] = std::max<StampNs>(found.stamps[i], 0);
@@ -63,13 +68,16 @@ nb::tuple samples(nb::handle self, const nb::str& name) {
 }
 
 std::vector<std::string> frames(nb::handle self) {
-    return pin(self, reads_of(self.ptr())).reads.frames();
+    return pin(self, reads_of(self.ptr())).ask([](const Reads& reads) { return reads.frames(); });
 }
 
 bool frame_exists(nb::handle self, const nb::str& name) {
     const Pinned pinned = pin(self, reads_of(self.ptr()));
-    FrameHandle handle;
-    return pinned.reads.find_frame(name_of(name, "name"), handle);
+    const std::string_view bytes = name_of(name, "name");
+    return pinned.ask([&](const Reads& reads) {
+        FrameHandle handle;
+        return reads.find_frame(bytes, handle);
+    });
 }
 
 }  // namespace
@@ -85,7 +93,8 @@ nb::object memory_record(const MemoryUse& use) {
 
 nb::object counters_record(const Counters& counters) {
     return record_type("Counters")(counters.commits, counters.normalised, counters.lapped_reads,
-                                   counters.locked_reads);
+                                   counters.locked_reads, counters.aborts, counters.conflicts,
+                                   counters.retries, counters.lock_waits);
 }
 
 void bind_records(nb::class_<ReadsObject>& type) {

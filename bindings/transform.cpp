@@ -276,6 +276,11 @@ bool is_transform(PyObject* object) {
     return Py_IS_TYPE(object, g_type) != 0;
 }
 
+nb::tuple edge_row(const EdgeUse& edge, const std::string& child, const std::string& parent) {
+    return nb::make_tuple(child, parent, kUsedNames[static_cast<std::size_t>(edge.used)],
+                          edge.before, edge.after, edge.inverted);
+}
+
 nb::tuple edge_rows(TransformObject& self) {
     if (PyTuple_Check(self.origin)) {
         return nb::borrow<nb::tuple>(self.origin);
@@ -283,8 +288,7 @@ nb::tuple edge_rows(TransformObject& self) {
     nb::list rows;
     for (const EdgeUse& edge : self.edges()) {
         const auto [child, parent] = edge_names(self.origin, edge);
-        rows.append(nb::make_tuple(child, parent, kUsedNames[static_cast<std::size_t>(edge.used)],
-                                   edge.before, edge.after, edge.inverted));
+        rows.append(edge_row(edge, child, parent));
     }
     return nb::tuple(rows);
 }

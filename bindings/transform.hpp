@@ -4,6 +4,7 @@
 #include <nanobind/nanobind.h>
 
 #include <span>
+#include <string>
 
 #include "tfdb/geometry/pose.hpp"
 #include "tfdb/lookup/answer.hpp"
@@ -53,7 +54,9 @@ PyObject* transform_apply(PyObject* self, PyObject* points);
 
 bool is_transform(PyObject* object);
 
-/// One row for each edge: (child, parent, used, before, after, inverted).
+/// What a report says of one edge: (child, parent, used, before, after, inverted).
+nb::tuple edge_row(const EdgeUse& edge, const std::string& child, const std::string& parent);
+/// One row for each edge.
 nb::tuple edge_rows(TransformObject& self);
 
 }  // namespace tfdb::python

@@ -3,6 +3,7 @@
 
 #include <nanobind/nanobind.h>
 
+#include <cstddef>
 #include <span>
 #include <string_view>
 #include <vector>
@@ -23,17 +24,54 @@ class Transforms {
 public:
     /// A sequence of TransformStamped and of messages like it. Throws with `index`.
     static Transforms from_objects(nb::handle batch);
-    /// A tfdb.Columns. Throws InvalidArray; errors of one row have its `index`.
-    static Transforms from_columns(nb::handle columns, bool is_static);
+    /// The same, or a tfdb.Columns: what `set_transforms` takes. A member that cannot be read (no
+    /// stamp, no text, not three numbers) is remembered, and a stand-in into `views`
+    /// that the core refuses.
+    static Transforms from_batch(nb::handle batch, bool is_static);
+
+    /// What `store(views)` returns. If it refuses the batch, the error knows the unreadable members
+    /// too.
+    template <class Store>
+    auto give_to(Store&& store) const {
+        try {
+            return store(std::span<const TransformView>(views));
+        } catch (const Error& error) {
+            if (unreadable_.empty() || !error.detail().index) {
+                throw;
+            }
+            throw_refused(error);
+        }
+    }
+    /// Records of all refused members, in their order, as a list of tfdb.Refused.
+    [[nodiscard]] nb::list refused(const std::vector<RefusedMember>& by_core) const;
 
     std::vector<TransformView> views;
 
 private:
+    struct Unreadable {
+        std::size_t index;
+        nb::object error;
+    };
+
+    void read_objects(nb::handle batch, bool collect);
+    void read_columns(nb::handle columns, bool is_static);
+    void read_stamps(const nb::object& stamps);
+    void read_names(const nb::object& names, std::string_view TransformView::*field,
+                    const char* role);
     std::string_view keep_name(nb::object name, const char* role);
     void read_object(PyObject* item);
     void read_message(PyObject* item, nb::object child);
+    template <class Function>
+    void collecting(std::size_t index, Function&& function);
+    void put_stand_ins();
+    [[noreturn]] void throw_refused(const Error& error) const;
 
     std::vector<nb::object> kept_;
+    std::vector<Unreadable> unreadable_;
 };
+
+/// T[parent<-child] from the arguments of `set_transform`; null for `stamp`: a static one.
+TransformView view_of(PyObject* parent, PyObject* child, PyObject* stamp, PyObject* translation,
+                      PyObject* rotation);
 
 }  // namespace tfdb::python

@@ -1,7 +1,7 @@
 """The compiled part of tfdb. Use the names that `tfdb` exports."""
 
 from collections.abc import Callable, Iterable, Sequence
-from typing import Any, ClassVar, Literal, Self
+from typing import Any, ClassVar, Literal, Self, overload
 
 import numpy
 import numpy.typing
@@ -11,6 +11,7 @@ import tfdb.io
 import tfdb.loading
 import tfdb.report
 import tfdb.stamps
+import tfdb.transactions
 import tfdb.types
 
 
@@ -429,7 +430,8 @@ class Buffer(Reads):
     A store of time-stamped transforms between named frames.
 
     Any number of threads may read and write at once. A read is answered from one committed state and
-    never waits for a writer; a write is all or nothing.
+    never waits for a writer; a write is all or nothing. `transaction` and `run` read, decide and write
+    as if nobody else did meanwhile.
 
     Parameters
     ----------
@@ -444,11 +446,17 @@ class Buffer(Reads):
     clock
         What `lookup_latest_transform(max_age=...)` asks for the time, in nanoseconds; None: the
         system's clock.
+    concurrency
+        How lookups, writes and transactions that run at once are kept apart. `snapshot` is the fastest
+        reader and never lets a lookup wait. The others are there to be compared with it: `giant` (one
+        mutex for everything), `2pl-no-wait`, `2pl-wait-die`, `2pl-wound-wait` (locks on frames until
+        the end), `silo` (checks at the end what it read), and `fine` (a lock on each frame, taken one
+        after the other), in which batches and transactions are not isolated.
 
     Raises InvalidArgument, CapacityExceeded.
     """
 
-    def __init__(self, history: float | None = 10.0, *, max_frames: int = 1048575, memory_limit: int | None = None, snapshot_memory: int = 1073741824, clock: Callable[[], int] | None = None) -> None: ...
+    def __init__(self, history: float | None = 10.0, *, max_frames: int = 1048575, memory_limit: int | None = None, snapshot_memory: int = 1073741824, clock: Callable[[], int] | None = None, concurrency: tfdb.types.Concurrency = 'snapshot') -> None: ...
 
     def set_transform(
         self,
@@ -494,7 +502,15 @@ class Buffer(Reads):
         Arguments, result and errors as in `set_transform`.
         """
 
-    def set_transforms(self, batch: Iterable[tfdb.types.TransformStampedLike] | tfdb.types.Columns, *, static: bool = False, authority: str = '') -> int:
+    @overload
+    def set_transforms(
+        self,
+        batch: Iterable[tfdb.types.TransformStampedLike] | tfdb.types.Columns,
+        *,
+        static: bool = False,
+        authority: str = "",
+        partial: Literal[False] = False,
+    ) -> int:
         """
         Store a batch of transforms T[parent<-child] in one commit: all or nothing.
 
@@ -507,21 +523,54 @@ class Buffer(Reads):
             Whether they hold at every stamp until replaced.
         authority
             Who writes.
+        partial
+            Store the members that can be stored, still in one commit, and return the others.
 
         Returns
         -------
         int
             Number of the commit; of the current one if the batch is empty.
+        list[Refused]
+            With `partial`: every member that was refused, and why, in their order.
 
         Raises InvalidName, InvalidStamp, InvalidArray, InvalidTransform, TooOld, StaticConflict,
-        CycleError, CapacityExceeded, each with `index`. Then nothing was stored.
+        CycleError: that of the first refused member, with its `index`, and all of them in `refused`. Raises
+        CapacityExceeded. Then nothing was stored. With `partial` only CapacityExceeded is left, and
+        TypeError for what is no transform at all.
         """
+    @overload
+    def set_transforms(
+        self,
+        batch: Iterable[tfdb.types.TransformStampedLike] | tfdb.types.Columns,
+        *,
+        static: bool = False,
+        authority: str = "",
+        partial: Literal[True],
+    ) -> list[tfdb.types.Refused]: ...
+    @overload
+    def set_transforms(
+        self,
+        batch: Iterable[tfdb.types.TransformStampedLike] | tfdb.types.Columns,
+        *,
+        static: bool = False,
+        authority: str = "",
+        partial: bool,
+    ) -> int | list[tfdb.types.Refused]: ...
 
     def remove_frame(self, name: str, *, recursive: bool = False) -> int:
         """
         Remove a frame and its edge; with `recursive` also all frames below it. One commit.
 
         Returns its number. Raises UnknownFrame, FrameInUse (naming the children).
+        """
+
+    def remove_frames(self, names: Iterable[str], *, recursive: bool = False) -> int:
+        """
+        Remove many frames in one commit, all or none.
+
+        Their order does not matter: a frame may go together with all its children. With `recursive` also
+        all frames below them. Returns the commit's number, the current one without names. Raises
+        UnknownFrame, FrameInUse, with `index` and, for every name, `refused`.
         """
 
     def clear(self) -> int:
@@ -561,6 +610,18 @@ class Buffer(Reads):
         one name for each message. Raises InvalidArgument if it then differs in length; nothing was stored.
         """
 
+    def transaction(self, priority: int = 0) -> Transaction:
+        """
+        A transaction: `with buf.transaction() as tx:` reads, decides and writes as if alone.
+
+        Begun by the `with` statement, committed at its end. `priority` is an integer from 0 to 7: where the
+        engine lets one wait for another or start again, the higher goes first. Raises InvalidArgument; the
+        `with` statement raises Conflict, TransactionActive, and CycleError, CapacityExceeded at the commit.
+        """
+
+    def _attempt(self, priority: int, alone: bool, age: int) -> Transaction:
+        """A transaction that may run alone, and keeps the age of one that lost."""
+
     def snapshot(self) -> Snapshot:
         """
         Hold the newest commit: many reads of one state. Use it in a `with` statement.
@@ -570,11 +631,19 @@ class Buffer(Reads):
         """What the store occupies."""
 
     def counters(self) -> tfdb.types.Counters:
-        """Commits, mended quaternions, and reads that a writer overtook."""
+        """
+        Commits, conflicts and waits, mended quaternions, and reads that a writer overtook.
+        """
 
     @property
     def history(self) -> float | None:
         """Seconds that are kept; None: everything."""
+
+    @property
+    def concurrency(self) -> tfdb.types.Concurrency:
+        """
+        The name of the engine that keeps lookups, writes and transactions apart.
+        """
 
     def __repr__(self) -> str: ...
 
@@ -615,6 +684,52 @@ class Buffer(Reads):
                 Nothing was stored.
         """
 
+    def run(
+        self,
+        fn: Callable[[Transaction], tfdb.transactions.Result],
+        *,
+        retries: int = 100,
+        timeout: float | None = None,
+        priority: int = 0,
+    ) -> tfdb.transactions.Result:
+        """
+        Run `fn(tx)` in a transaction, again and again until its commit wins.
+
+            `fn` may be called several times: what it does beside `tx` must bear that. An attempt that lost
+            (Conflict) left nothing behind. Before the next one a random time passes, up to 0.1 ms after the
+            first, twice as long after each next, never more than 10 ms. An attempt keeps the seniority of
+            the first. After eight lost attempts the ninth runs alone: writers wait for it, so it cannot
+            lose. `fn` is hence called nine times at most, however busy the store is.
+
+            Parameters
+            ----------
+            fn
+                Called with an open `Transaction`; it need not commit. Any exception of its own ends the
+                transaction without a trace and is raised at once.
+            retries
+                How many attempts may follow the first.
+            timeout
+                Seconds after which no further attempt begins; None: no limit. The first one always does.
+            priority
+                From 0 to 7, as in `transaction`.
+
+            Returns
+            -------
+            object
+                What `fn` returned in the attempt that was committed.
+
+            Raises
+            ------
+            Conflict
+                The last one, with `attempts`, when retries or time were used up.
+            InvalidArgument
+                A number that is out of its range.
+            TransactionActive
+                This thread has a transaction open in the store already.
+            CycleError, CapacityExceeded
+                At the commit. Nothing was stored.
+        """
+
 def encode_tf_message(transforms: Iterable[tfdb.types.TransformStampedLike], encoding: str = 'cdr') -> bytes:
     """
     Bytes of one tf2_msgs/TFMessage. Raises InvalidStamp, InvalidName, with `index`.
@@ -624,6 +739,143 @@ def decode_tf_message(data: tfdb.types.BytesLike, encoding: str = 'cdr') -> list
     """
     Transforms of one tf2_msgs/TFMessage. Raises CorruptMessage, InvalidName.
     """
+
+class Transaction:
+    """
+    Read, decide, write: as if nobody else did meanwhile.
+
+    `Buffer.transaction()` makes it, a `with` statement begins it. Reads see one state of the store and,
+    over it, what the transaction itself has written. Leaving the block commits: all writes become
+    visible at once. An exception, or `abort()`, leaves nothing behind.
+
+    Conflict, from any call or from the end of the block: another commit changed what was read, in a
+    way that could change an answer (a sample, a parent, a frame that came or went). Nothing was stored
+    then and the transaction has ended; run it again, or use `Buffer.run`, which does. With
+    `Buffer(concurrency='fine')` nothing is checked.
+
+    Only the thread that began it may use it (WrongThread). Meanwhile that thread must not write to the
+    Buffer itself, nor begin another transaction in it (TransactionActive); with another `concurrency`
+    than `snapshot` it must not read from it either. After its end every call raises TransactionClosed.
+    """
+
+    def lookup_transform(self, target: str, source: str, time: tfdb.stamps.StampLike | None = None, policy: Policy | None = None) -> Transform:
+        """
+        T[target<-source] at a stamp, as `Buffer.lookup_transform`.
+
+        Its report stays right after the transaction has ended. Raises what that raises, and Conflict,
+        TransactionClosed, WrongThread.
+        """
+
+    def lookup_latest_transform(self, target: str, source: str, max_age: float | None = None, now: tfdb.stamps.StampLike | None = None) -> Transform:
+        """
+        T[target<-source] from each edge's newest sample, as `Buffer.lookup_latest_transform`.
+
+        Raises what that raises, and Conflict, TransactionClosed, WrongThread.
+        """
+
+    def lookup_transforms(self, target: str, source: str, stamps: tfdb.stamps.StampsLike, policy: Policy | None = None, *, layout: Literal['pose', 'matrix'] = 'pose', out: numpy.typing.NDArray[numpy.float64] | None = None, missing: Literal['raise', 'nan'] = 'raise') -> numpy.typing.NDArray[numpy.float64]:
+        """
+        T[target<-source] at each of N stamps: float64 (N, 7) or (N, 4, 4).
+
+        Arguments, result and errors as in `Buffer.lookup_transforms`; and Conflict, TransactionClosed,
+        WrongThread.
+        """
+
+    def can_transform(self, target: str, source: str, time: tfdb.stamps.StampLike | None = None, policy: Policy | None = None) -> bool:
+        """
+        Whether `lookup_transform` with these arguments has an answer.
+
+        A 'no' is something read, too: a commit that makes it a 'yes' is a Conflict.
+        """
+
+    def latest_common_time(self, target: str, source: str) -> int:
+        """
+        The newest stamp at which every moving edge between two frames has data.
+        """
+
+    def frame_exists(self, name: str) -> bool:
+        """Whether there is a frame of that name."""
+
+    def set_transform(self, parent: str, child: str, stamp: tfdb.stamps.StampLike, translation: tfdb.types.VectorLike, rotation: tfdb.types.QuaternionLike, *, authority: str = '') -> None:
+        """
+        Store T[parent<-child] at a stamp, at the commit; this transaction sees it at once.
+
+        Arguments and errors as in `Buffer.set_transform`, but CycleError only at the commit.
+        """
+
+    def set_static_transform(self, parent: str, child: str, translation: tfdb.types.VectorLike, rotation: tfdb.types.QuaternionLike = (0, 0, 0, 1), *, authority: str = '') -> None:
+        """
+        Store T[parent<-child] for every stamp, at the commit.
+
+        Arguments and errors as in `Buffer.set_static_transform`, but CycleError only at the commit.
+        """
+
+    def set_transforms(self, batch: Iterable[tfdb.types.TransformStampedLike] | tfdb.types.Columns, *, static: bool = False, authority: str = '') -> None:
+        """
+        Store a batch of transforms T[parent<-child], at the commit.
+
+        Arguments and errors as in `Buffer.set_transforms`, but CycleError only at the commit. A batch that
+        is refused leaves the transaction as it was, and open.
+        """
+
+    def remove_frame(self, name: str, *, recursive: bool = False) -> None:
+        """
+        Remove a frame, with `recursive` also all below it, at the commit.
+
+        Raises UnknownFrame, FrameInUse (naming the children).
+        """
+
+    def reparent(self, child: str, parent: str, stamp: tfdb.stamps.StampLike | None = None, translation: tfdb.types.VectorLike | None = None, rotation: tfdb.types.QuaternionLike | None = None, *, authority: str = '') -> None:
+        """
+        Give `child` another parent, from a stamp on.
+
+        Parameters
+        ----------
+        child, parent
+            Frame names.
+        stamp
+            Nanoseconds: before it the child hangs where it did. None: a static edge, at every stamp.
+        translation, rotation
+            T[parent<-child], metres and unit quaternion x y z w. Without both the child stays where it is:
+            T[parent<-child] at `stamp`, as this transaction sees it, where there is data at that stamp.
+            Without a rotation: not rotated.
+        authority
+            Who writes.
+
+        Raises what `lookup_transform` and `set_transform` raise; InvalidArgument for a rotation without a
+        translation.
+        """
+
+    def abort(self) -> None:
+        """
+        Give up: nothing of the transaction is kept. The `with` block may be left normally.
+
+        Aborting twice does nothing. Raises TransactionClosed if it was committed, or never begun.
+        """
+
+    @property
+    def is_open(self) -> bool:
+        """Whether it was begun and has not ended."""
+
+    @property
+    def commit_number(self) -> int | None:
+        """
+        Number of its commit, or of the state that it read if it wrote nothing; None unless it was committed.
+        """
+
+    @property
+    def _age(self) -> int:
+        """Its seniority, for the next attempt."""
+
+    @property
+    def _lost(self) -> bool:
+        """Whether it ended by a Conflict of its own."""
+
+    def __enter__(self) -> Self: ...
+
+    def __exit__(self, kind: object, error: object, traceback: object) -> None: ...
+
+    def __repr__(self) -> str: ...
 
 def to_nanoseconds(stamp: tfdb.stamps.StampLike) -> int:
     """

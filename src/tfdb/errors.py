@@ -8,7 +8,10 @@ After any of them the store is as it was before the call.
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from .types import Refused
 
 __all__ = [
     "CapacityExceeded",
@@ -90,6 +93,10 @@ class TfdbError(Exception):
     """Position in the bytes of a message."""
     commit: int | None = None
     """Number of the snapshot that was read."""
+    refused: tuple[Refused, ...] | None = None
+    """Every member of a batch that was refused, in their order; the error is about the first."""
+    attempts: int | None = None
+    """How often a transaction was tried."""
     value: Any = None
     """The argument that was refused."""
     path: str | None = None
@@ -203,16 +210,20 @@ class CapacityExceeded(TfdbError):
 class Conflict(TfdbError):
     """Another commit changed what the transaction had read: nothing was stored, run it again.
 
-    `Buffer.run` does so by itself. Fields: reason, edge or frame, stamp, commit.
+    `Buffer.run` does so by itself. Fields: reason, edge or frame, stamp, commit; attempts where
+    `Buffer.run` gave up.
     """
 
 
 class TransactionClosed(TfdbError):
-    """The transaction has ended: it was committed, aborted or lost. Fields: reason."""
+    """The transaction has not begun, or has ended.
+
+    Fields: reason (`not begun`, `committed`, `aborted`, `lost`, `refused`).
+    """
 
 
 class TransactionActive(TfdbError):
-    """This thread has a transaction open in the store: work through it. Fields: reason."""
+    """The thread has a transaction open in the store: work through it. Fields: reason."""
 
 
 class WrongThread(TfdbError):

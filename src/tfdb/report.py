@@ -147,10 +147,11 @@ def transform_repr(transform: Transform) -> str:
     )
 
 
-def buffer_repr(commit: int, history: float | None) -> str:
-    """Write `<tfdb.Buffer at commit 7, history 10 s>`."""
+def buffer_repr(commit: int, history: float | None, concurrency: str) -> str:
+    """Write `<tfdb.Buffer at commit 7, history 10 s>`, and the engine where it is another."""
     kept = "unlimited" if history is None else f"{history:g} s"
-    return f"<tfdb.Buffer at commit {commit}, history {kept}>"
+    engine = "" if concurrency == "snapshot" else f", concurrency {concurrency}"
+    return f"<tfdb.Buffer at commit {commit}, history {kept}{engine}>"
 
 
 def restore_transform(*state: object) -> Transform:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Any, Protocol, TypeAlias
+from typing import Any, Literal, Protocol, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
@@ -19,6 +19,7 @@ __all__ = [
     "IngestResult",
     "MemoryUse",
     "Refusal",
+    "Refused",
     "Trajectory",
     "TransformStamped",
     "Twist",
@@ -57,6 +58,11 @@ QuaternionLike: TypeAlias = Sequence[float] | npt.NDArray[np.floating[Any]] | Xy
 
 BytesLike: TypeAlias = bytes | bytearray | memoryview
 """Bytes of a message."""
+
+Concurrency: TypeAlias = Literal[
+    "snapshot", "giant", "fine", "2pl-no-wait", "2pl-wait-die", "2pl-wound-wait", "silo"
+]
+"""How lookups, writes and transactions that run at once are kept apart: see `Buffer`."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -238,6 +244,14 @@ class Counters:
     """Times a lookup began again because a writer had overtaken it."""
     locked_reads: int
     """Lookups that in the end read under the writers' lock."""
+    aborts: int = 0
+    """Transactions that ended without a commit, those that lost included."""
+    conflicts: int = 0
+    """Transactions that lost against another commit."""
+    retries: int = 0
+    """Times that the engine had to begin a lookup or a write again."""
+    lock_waits: int = 0
+    """Times that somebody waited for the lock of a frame."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -248,6 +262,20 @@ class Twist:
     """(3,) in m/s."""
     angular: npt.NDArray[np.float64]
     """(3,) in rad/s."""
+
+
+@dataclass(frozen=True, slots=True)
+class Refused:
+    """A member of a batch that was refused."""
+
+    index: int
+    """Its position in the batch."""
+    error: str
+    """Name of the error class, such as `TooOld`."""
+    message: str
+    """What the error would say."""
+    reason: str
+    """The same, in a few words where they suffice."""
 
 
 @dataclass(frozen=True, slots=True)

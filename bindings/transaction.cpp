@@ -1,0 +1,439 @@
+// The Python class Transaction, and Buffer.transaction.
+#include "transaction.hpp"
+
+#include <nanobind/stl/optional.h>
+#include <nanobind/stl/string.h>
+
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "arguments.hpp"
+#include "batch.hpp"
+#include "errors.hpp"
+#include "pose.hpp"
+#include "stamp.hpp"
+#include "transform.hpp"
+#include "writes.hpp"
+
+namespace tfdb::python {
+namespace {
+
+/// An answer with the names of its edges: the frames may be the transaction's own, which nobody
+/// knows after its end.
+struct Named {
+    Answer answer;
+    std::vector<std::pair<std::string, std::string>> edges;
+};
+
+Named named(const Transaction& transaction, Answer answer) {
+    Named result{std::move(answer), {}};
+    for (const EdgeUse& edge : result.answer.edges) {
+        result.edges.emplace_back(transaction.frame_name(edge.child, edge.generation),
+                                  transaction.frame_name(edge.parent, edge.parent_generation));
+    }
+    return result;
+}
+
+nb::object transform_of(const Named& found, nb::handle target, nb::handle source) {
+    nb::list rows;
+    for (std::size_t i = 0; i < found.edges.size(); ++i) {
+        const auto& [child, parent] = found.edges[i];
+        rows.append(edge_row(found.answer.edges[i], child, parent));
+    }
+    const nb::tuple origin(rows);
+    PyObject* made = new_transform(found.answer.pose, found.answer.stamp, found.answer.commit, {},
+                                   target.ptr(), source.ptr(), origin.ptr());
+    if (made == nullptr) {
+        throw nb::python_error();
+    }
+    return nb::steal(made);
+}
+
+nb::object lookup_transform(TransactionObject& self, nb::handle target, nb::handle source,
+                            nb::handle time, nb::handle policy) {
+    const std::string_view to = name_of(target, "target");
+    const std::string_view from = name_of(source, "source");
+    const std::optional<StampNs> stamp = optional_stamp_of(time.ptr());
+    const Policy how = policy_of(policy.ptr());
+    const Named found = self.run([&](Transaction& transaction) {
+        return named(transaction, transaction.lookup_transform(to, from, stamp, how));
+    });
+    return transform_of(found, target, source);
+}
+
+nb::object lookup_latest_transform(TransactionObject& self, nb::handle target, nb::handle source,
+                                   nb::handle age, nb::handle when) {
+    const std::string_view to = name_of(target, "target");
+    const std::string_view from = name_of(source, "source");
+    const std::optional<StampNs> max_age = optional_duration_of(age, "max_age");
+    StampNs now = 0;
+    if (max_age) {
+        now = is_given(when.ptr()) ? stamp_of(when.ptr()) : now_of(self.owner.ptr());
+    }
+    const Named found = self.run([&](Transaction& transaction) {
+        return named(transaction, transaction.lookup_latest_transform(to, from, max_age, now));
+    });
+    return transform_of(found, target, source);
+}
+
+bool can_transform(TransactionObject& self, nb::handle target, nb::handle source, nb::handle time,
+                   nb::handle policy) {
+    const std::string_view to = name_of(target, "target");
+    const std::string_view from = name_of(source, "source");
+    const std::optional<StampNs> stamp = optional_stamp_of(time.ptr());
+    const Policy how = policy_of(policy.ptr());
+    return self.run([&](Transaction& transaction) {
+        Answer answer;
+        Failure failure;
+        const bool can = transaction.try_lookup(to, from, stamp, how, answer, failure);
+        if (!can && failure.code == ErrorCode::kSnapshotTooOld) {
+            transaction.raise(failure, to, from);
+        }
+        return can;
+    });
+}
+
+nb::object lookup_transforms(TransactionObject& self, nb::handle target, nb::handle source,
+                             nb::handle stamps, nb::handle policy, nb::handle layout,
+                             nb::handle out, nb::handle missing) {
+    const RowsWanted wanted(target, source, stamps, policy, layout, out, missing);
+    self.run([&](Transaction& transaction) { wanted.fill(transaction); });
+    return wanted.result.array;
+}
+
+StampNs latest_common_time(TransactionObject& self, nb::handle target, nb::handle source) {
+    const std::string_view to = name_of(target, "target");
+    const std::string_view from = name_of(source, "source");
+    return self.run([&](Transaction& transaction) {
+        StampNs stamp = 0;
+        Failure failure;
+        if (!transaction.try_latest_common_time(to, from, stamp, failure)) {
+            transaction.raise(failure, to, from);
+        }
+        return stamp;
+    });
+}
+
+bool frame_exists(TransactionObject& self, nb::handle name) {
+    const std::string_view bytes = name_of(name, "name");
+    return self.run([&](Transaction& transaction) { return transaction.has_frame(bytes); });
+}
+
+void store(TransactionObject& self, const TransformView& view, bool is_static,
+           nb::handle authority) {
+    const std::string_view who = name_of(authority, "authority");
+    self.run([&](Transaction& transaction) {
+        transaction.set_transforms({&view, 1}, is_static, who);
+    });
+}
+
+void set_transform(TransactionObject& self, nb::handle parent, nb::handle child, nb::handle stamp,
+                   nb::handle translation, nb::handle rotation, nb::handle authority) {
+    store(self, view_of(parent.ptr(), child.ptr(), stamp.ptr(), translation.ptr(), rotation.ptr()),
+          false, authority);
+}
+
+void set_static_transform(TransactionObject& self, nb::handle parent, nb::handle child,
+                          nb::handle translation, nb::handle rotation, nb::handle authority) {
+    store(self, view_of(parent.ptr(), child.ptr(), nullptr, translation.ptr(), rotation.ptr()),
+          true, authority);
+}
+
+void set_transforms(TransactionObject& self, nb::handle batch, bool is_static,
+                    nb::handle authority) {
+    const Transforms transforms = Transforms::from_batch(batch, is_static);
+    const std::string_view who = name_of(authority, "authority");
+    transforms.give_to([&](std::span<const TransformView> views) {
+        self.run(
+            [&](Transaction& transaction) { transaction.set_transforms(views, is_static, who); });
+    });
+}
+
+void remove_frame(TransactionObject& self, nb::handle name, bool recursive) {
+    const std::string_view bytes = name_of(name, "name");
+    self.run([&](Transaction& transaction) { transaction.remove_frame(bytes, recursive); });
+}
+
+std::optional<Pose> optional_pose_of(nb::handle translation, nb::handle rotation) {
+    if (translation.is_none()) {
+        if (!rotation.is_none()) {
+            throw_error("InvalidArgument",
+                        "a rotation without a translation: give both, or neither, which leaves "
+                        "the frame where it is",
+                        {{"value", nb::borrow(rotation)}});
+        }
+        return std::nullopt;
+    }
+    Pose pose = geometry::identity();
+    pose.translation = vector_of(translation.ptr(), "translation");
+    if (!rotation.is_none()) {
+        pose.rotation = quaternion_of(rotation.ptr(), "rotation");
+    }
+    return pose;
+}
+
+void reparent(TransactionObject& self, nb::handle child, nb::handle parent, nb::handle stamp,
+              nb::handle translation, nb::handle rotation, nb::handle authority) {
+    const std::string_view of = name_of(child, "child");
+    const std::string_view to = name_of(parent, "parent");
+    const std::optional<StampNs> from = optional_stamp_of(stamp.ptr());
+    const std::optional<Pose> pose = optional_pose_of(translation, rotation);
+    const std::string_view who = name_of(authority, "authority");
+    self.run([&](Transaction& transaction) { transaction.reparent(of, to, from, pose, who); });
+}
+
+nb::handle enter(nb::handle self) {
+    nb::inst_ptr<TransactionObject>(self)->begin();
+    return self;
+}
+
+void exit(TransactionObject& self, nb::handle kind, nb::handle, nb::handle) {
+    self.check_thread();
+    if (!kind.is_none()) {
+        if (self.stage() == Stage::kOpen) {
+            self.abort();
+        }
+        return;
+    }
+    self.rethrow_if_lost();
+    if (self.stage() != Stage::kAborted) {
+        self.commit();
+    }
+}
+
+std::string represent(const TransactionObject& self) {
+    switch (self.stage()) {
+        case Stage::kNotBegun:
+            return "<tfdb.Transaction, not begun>";
+        case Stage::kOpen:
+            return "<tfdb.Transaction, open>";
+        case Stage::kCommitted:
+            return "<tfdb.Transaction, committed at " + std::to_string(*self.committed()) + ">";
+        case Stage::kAborted:
+            return "<tfdb.Transaction, aborted>";
+        case Stage::kLost:
+            return "<tfdb.Transaction, lost>";
+        default:
+            return "<tfdb.Transaction, refused>";
+    }
+}
+
+// A buffer's clock may refer to what holds its transactions: let the garbage collector see the way.
+int traverse(PyObject* self, visitproc visit, void* arg) {
+    Py_VISIT(Py_TYPE(self));
+    if (nb::inst_ready(self)) {
+        Py_VISIT(nb::inst_ptr<TransactionObject>(self)->owner.ptr());
+    }
+    return 0;
+}
+
+PyType_Slot g_slots[] = {
+    {Py_tp_traverse, reinterpret_cast<void*>(traverse)},
+    {0, nullptr},
+};
+
+unsigned priority_of(nb::handle priority) {
+    constexpr long kMost = 7;
+    long value = -1;
+    if (!PyBool_Check(priority.ptr()) && PyIndex_Check(priority.ptr())) {
+        const nb::object integer = nb::steal(PyNumber_Index(priority.ptr()));
+        int overflow = 0;
+        value = integer.is_valid() ? PyLong_AsLongAndOverflow(integer.ptr(), &overflow) : -1;
+        PyErr_Clear();
+    }
+    if (value < 0 || value > kMost) {
+        throw_error("InvalidArgument",
+                    "priority must be an integer from 0 (ordinary) to 7 (most urgent), got " +
+                        short_repr(priority),
+                    {{"value", nb::borrow(priority)}});
+    }
+    return static_cast<unsigned>(value);
+}
+
+nb::object attempt(nb::handle self, nb::handle priority, bool alone, std::uint64_t age) {
+    TransactionOptions options;
+    options.priority = priority_of(priority);
+    options.alone = alone;
+    options.age = age;
+    const nb::object made = nb::inst_alloc(nb::type<TransactionObject>());
+    new (nb::inst_ptr<TransactionObject>(made)) TransactionObject(self, options);
+    nb::inst_mark_ready(made);
+    return made;
+}
+
+constexpr const char* kDoc = R"(Read, decide, write: as if nobody else did meanwhile.
+
+`Buffer.transaction()` makes it, a `with` statement begins it. Reads see one state of the store and,
+over it, what the transaction itself has written. Leaving the block commits: all writes become
+visible at once. An exception, or `abort()`, leaves nothing behind.
+
+Conflict, from any call or from the end of the block: another commit changed what was read, in a
+way that could change an answer (a sample, a parent, a frame that came or went). Nothing was stored
+then and the transaction has ended; run it again, or use `Buffer.run`, which does. With
+`Buffer(concurrency='fine')` nothing is checked.
+
+Only the thread that began it may use it (WrongThread). Meanwhile that thread must not write to the
+Buffer itself, nor begin another transaction in it (TransactionActive); with another `concurrency`
+than `snapshot` it must not read from it either. After its end every call raises TransactionClosed.)";
+
+constexpr const char* kReparentDoc =
+    R"(Give `child` another parent, from a stamp on.
+
+Parameters
+----------
+child, parent
+    Frame names.
+stamp
+    Nanoseconds: before it the child hangs where it did. None: a static edge, at every stamp.
+translation, rotation
+    T[parent<-child], metres and unit quaternion x y z w. Without both the child stays where it is:
+    T[parent<-child] at `stamp`, as this transaction sees it, where there is data at that stamp.
+    Without a rotation: not rotated.
+authority
+    Who writes.
+
+Raises what `lookup_transform` and `set_transform` raise; InvalidArgument for a rotation without a
+translation.)";
+
+using TransactionClass = nb::class_<TransactionObject>;
+
+void bind_lookups(TransactionClass& type) {
+    type.def("lookup_transform", &lookup_transform, nb::arg("target").none(),
+             nb::arg("source").none(), nb::arg("time") = nb::none(), nb::arg("policy") = nb::none(),
+             nb::sig("def lookup_transform(self, target: str, source: str, time: "
+                     "tfdb.stamps.StampLike | None = None, policy: Policy | None = None) -> "
+                     "Transform"),
+             R"(T[target<-source] at a stamp, as `Buffer.lookup_transform`.
+
+Its report stays right after the transaction has ended. Raises what that raises, and Conflict,
+TransactionClosed, WrongThread.)");
+    type.def(
+        "lookup_latest_transform", &lookup_latest_transform, nb::arg("target").none(),
+        nb::arg("source").none(), nb::arg("max_age") = nb::none(), nb::arg("now") = nb::none(),
+        nb::sig("def lookup_latest_transform(self, target: str, source: str, max_age: float | "
+                "None = None, now: tfdb.stamps.StampLike | None = None) -> Transform"),
+        R"(T[target<-source] from each edge's newest sample, as `Buffer.lookup_latest_transform`.
+
+Raises what that raises, and Conflict, TransactionClosed, WrongThread.)");
+    type.def("lookup_transforms", &lookup_transforms, nb::arg("target").none(),
+             nb::arg("source").none(), nb::arg("stamps").none(), nb::arg("policy") = nb::none(),
+             nb::kw_only(), nb::arg("layout").none() = "pose", nb::arg("out") = nb::none(),
+             nb::arg("missing").none() = "raise",
+             nb::sig("def lookup_transforms(self, target: str, source: str, stamps: "
+                     "tfdb.stamps.StampsLike, policy: Policy | None = None, *, layout: "
+                     "typing.Literal['pose', 'matrix'] = 'pose', out: "
+                     "numpy.typing.NDArray[numpy.float64] | None = None, missing: "
+                     "typing.Literal['raise', 'nan'] = 'raise') -> "
+                     "numpy.typing.NDArray[numpy.float64]"),
+             R"(T[target<-source] at each of N stamps: float64 (N, 7) or (N, 4, 4).
+
+Arguments, result and errors as in `Buffer.lookup_transforms`; and Conflict, TransactionClosed,
+WrongThread.)");
+    type.def("can_transform", &can_transform, nb::arg("target").none(), nb::arg("source").none(),
+             nb::arg("time") = nb::none(), nb::arg("policy") = nb::none(),
+             nb::sig("def can_transform(self, target: str, source: str, time: "
+                     "tfdb.stamps.StampLike | None = None, policy: Policy | None = None) -> bool"),
+             R"(Whether `lookup_transform` with these arguments has an answer.
+
+A 'no' is something read, too: a commit that makes it a 'yes' is a Conflict.)");
+    type.def("latest_common_time", &latest_common_time, nb::arg("target").none(),
+             nb::arg("source").none(),
+             nb::sig("def latest_common_time(self, target: str, source: str) -> int"),
+             "The newest stamp at which every moving edge between two frames has data.");
+    type.def("frame_exists", &frame_exists, nb::arg("name").none(),
+             nb::sig("def frame_exists(self, name: str) -> bool"),
+             "Whether there is a frame of that name.");
+}
+
+void bind_transaction_writes(TransactionClass& type) {
+    type.def("set_transform", &set_transform, nb::arg("parent").none(), nb::arg("child").none(),
+             nb::arg("stamp").none(), nb::arg("translation").none(), nb::arg("rotation").none(),
+             nb::kw_only(), nb::arg("authority").none() = "",
+             nb::sig("def set_transform(self, parent: str, child: str, stamp: "
+                     "tfdb.stamps.StampLike, translation: tfdb.types.VectorLike, rotation: "
+                     "tfdb.types.QuaternionLike, *, authority: str = '') -> None"),
+             R"(Store T[parent<-child] at a stamp, at the commit; this transaction sees it at once.
+
+Arguments and errors as in `Buffer.set_transform`, but CycleError only at the commit.)");
+    type.def("set_static_transform", &set_static_transform, nb::arg("parent").none(),
+             nb::arg("child").none(), nb::arg("translation").none(),
+             nb::arg("rotation").none() = nb::make_tuple(0, 0, 0, 1), nb::kw_only(),
+             nb::arg("authority").none() = "",
+             nb::sig("def set_static_transform(self, parent: str, child: str, translation: "
+                     "tfdb.types.VectorLike, rotation: tfdb.types.QuaternionLike = (0, 0, 0, 1), "
+                     "*, authority: str = '') -> None"),
+             R"(Store T[parent<-child] for every stamp, at the commit.
+
+Arguments and errors as in `Buffer.set_static_transform`, but CycleError only at the commit.)");
+    type.def("set_transforms", &set_transforms, nb::arg("batch").none(), nb::kw_only(),
+             nb::arg("static") = false, nb::arg("authority").none() = "",
+             nb::sig("def set_transforms(self, batch: collections.abc.Iterable["
+                     "tfdb.types.TransformStampedLike] | tfdb.types.Columns, *, static: bool = "
+                     "False, authority: str = '') -> None"),
+             R"(Store a batch of transforms T[parent<-child], at the commit.
+
+Arguments and errors as in `Buffer.set_transforms`, but CycleError only at the commit. A batch that
+is refused leaves the transaction as it was, and open.)");
+    type.def("remove_frame", &remove_frame, nb::arg("name").none(), nb::kw_only(),
+             nb::arg("recursive") = false,
+             nb::sig("def remove_frame(self, name: str, *, recursive: bool = False) -> None"),
+             R"(Remove a frame, with `recursive` also all below it, at the commit.
+
+Raises UnknownFrame, FrameInUse (naming the children).)");
+    type.def("reparent", &reparent, nb::arg("child").none(), nb::arg("parent").none(),
+             nb::arg("stamp") = nb::none(), nb::arg("translation") = nb::none(),
+             nb::arg("rotation") = nb::none(), nb::kw_only(), nb::arg("authority").none() = "",
+             nb::sig("def reparent(self, child: str, parent: str, stamp: tfdb.stamps.StampLike | "
+                     "None = None, translation: tfdb.types.VectorLike | None = None, rotation: "
+                     "tfdb.types.QuaternionLike | None = None, *, authority: str = '') -> None"),
+             kReparentDoc);
+}
+
+void bind_life(TransactionClass& type) {
+    type.def("abort", &TransactionObject::abort, nb::sig("def abort(self) -> None"),
+             R"(Give up: nothing of the transaction is kept. The `with` block may be left normally.
+
+Aborting twice does nothing. Raises TransactionClosed if it was committed, or never begun.)");
+    type.def_prop_ro(
+        "is_open", [](const TransactionObject& self) { return self.stage() == Stage::kOpen; },
+        nb::sig("def is_open(self) -> bool"), "Whether it was begun and has not ended.");
+    type.def_prop_ro("commit_number", &TransactionObject::committed,
+                     nb::sig("def commit_number(self) -> int | None"),
+                     "Number of its commit, or of the state that it read if it wrote nothing; None "
+                     "unless it was committed.");
+    type.def_prop_ro("_age", &TransactionObject::age, nb::sig("def _age(self) -> int"),
+                     "Its seniority, for the next attempt.");
+    type.def_prop_ro(
+        "_lost", [](const TransactionObject& self) { return self.stage() == Stage::kLost; },
+        nb::sig("def _lost(self) -> bool"), "Whether it ended by a Conflict of its own.");
+    type.def("__enter__", &enter, nb::sig("def __enter__(self) -> typing.Self"));
+    type.def("__exit__", &exit, nb::arg("kind").none(), nb::arg("error").none(),
+             nb::arg("traceback").none(),
+             nb::sig("def __exit__(self, kind: object, error: object, traceback: object) -> None"));
+    type.def("__repr__", &represent);
+}
+
+}  // namespace
+
+void bind_transaction(nb::module_& module, nb::class_<BufferObject, ReadsObject>& type) {
+    TransactionClass transaction(module, "Transaction", kDoc, nb::type_slots(g_slots));
+    bind_lookups(transaction);
+    bind_transaction_writes(transaction);
+    bind_life(transaction);
+    type.def(
+        "transaction",
+        [](nb::handle self, nb::handle priority) { return attempt(self, priority, false, 0); },
+        nb::arg("priority").none() = 0,
+        nb::sig("def transaction(self, priority: int = 0) -> Transaction"),
+        R"(A transaction: `with buf.transaction() as tx:` reads, decides and writes as if alone.
+
+Begun by the `with` statement, committed at its end. `priority` is an integer from 0 to 7: where the
+engine lets one wait for another or start again, the higher goes first. Raises InvalidArgument; the
+`with` statement raises Conflict, TransactionActive, and CycleError, CapacityExceeded at the commit.)");
+    type.def("_attempt", &attempt, nb::arg("priority").none(), nb::arg("alone"), nb::arg("age"),
+             nb::sig("def _attempt(self, priority: int, alone: bool, age: int) -> Transaction"),
+             "A transaction that may run alone, and keeps the age of one that lost.");
+}
+
+}  // namespace tfdb::python

@@ -1,0 +1,76 @@
+// What is behind the Python class Transaction.
+#pragma once
+
+#include <nanobind/nanobind.h>
+
+#include <cstdint>
+#include <memory>
+#include <optional>
+#include <utility>
+
+#include "reads.hpp"
+#include "tfdb/store/transaction.hpp"
+
+namespace nb = nanobind;
+
+namespace tfdb::python {
+
+/// How far a transaction has come.
+enum class Stage : std::uint8_t { kNotBegun, kOpen, kCommitted, kAborted, kLost, kRefused };
+
+/// One attempt at a transaction, begun by `with`.
+/// Threads: only the one that began it, others get WrongThread; it may be freed by any.
+/// Guarantee: what was not committed is aborted; after its end nothing is read or written.
+class TransactionObject {
+public:
+    TransactionObject(nb::handle buffer, const TransactionOptions& options);
+    ~TransactionObject();
+    TransactionObject(const TransactionObject&) = delete;
+    TransactionObject& operator=(const TransactionObject&) = delete;
+
+    void begin();
+    CommitNumber commit();
+    void abort();
+    /// Throws the Conflict that it was lost with, if the program went on after that.
+    void rethrow_if_lost() const;
+    /// Throws WrongThread.
+    void check_thread() const;
+
+    /// What `work(transaction)` returns. Throws TransactionClosed, WrongThread, and what the work
+    /// throws; a Conflict ends the transaction.
+    template <class Work>
+    auto run(Work&& work) {
+        const std::shared_ptr<Transaction> transaction = opened();
+        try {
+            const Released released(may_wait());
+            return work(*transaction);
+        } catch (const Conflict& conflict) {
+            lose(conflict);
+            throw;
+        }
+    }
+
+    [[nodiscard]] std::shared_ptr<Transaction> opened() const;
+    /// Whether reads must not keep the GIL. One that runs alone waits for nobody.
+    [[nodiscard]] bool may_wait() const { return !options_.alone && buffer().reasons != 0; }
+    [[nodiscard]] BufferObject& buffer() const { return *nb::inst_ptr<BufferObject>(owner); }
+    [[nodiscard]] Stage stage() const { return stage_; }
+    [[nodiscard]] std::uint64_t age() const { return options_.age; }
+    [[nodiscard]] std::optional<CommitNumber> committed() const { return committed_; }
+
+    nb::object owner;  // the Buffer
+
+private:
+    void finish(Stage stage);
+    void lose(const Conflict& conflict);
+
+    TransactionOptions options_;
+    std::shared_ptr<Transaction> open_;
+    std::optional<Conflict> conflict_;
+    std::optional<CommitNumber> committed_;
+    unsigned long thread_ = 0;
+    Stage stage_ = Stage::kNotBegun;
+    bool counted_ = false;  // among the buffer's reasons
+};
+
+}  // namespace tfdb::python
