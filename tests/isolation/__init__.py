@@ -1,0 +1,1 @@
+"""Isolation, one anomaly at a time, in every engine."""
