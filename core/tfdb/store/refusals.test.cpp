@@ -189,14 +189,14 @@ TFDB_TEST(refusals_of_a_cycle_take_the_last_member_that_closes_it) {
                                   {"y", "z", 9, pose_of(3)},   {"z", "x", 5, pose_of(4)},
                                   {"map", "w", 3, pose_of(5)}, {"w", "v", 3, pose_of(6)}};
     for (const bool is_static : {false, true}) {
-        Buffer buffer;
+        Buffer buffer(defaults());
         CHECK(indices(refused<CycleError>(buffer, pair, is_static)) == Indices({1}));
         CHECK(indices(left_out(buffer, pair, is_static)) == Indices({1}));
         CHECK_EQ(number_of(buffer.lookup_transform("a", "b").pose), 1.0);
         CHECK(indices(left_out(buffer, ring, is_static)) == Indices({3}));
     }
     // A frame that has children already: the walk comes upon the cycle at another place.
-    Buffer buffer;
+    Buffer buffer(defaults());
     set(buffer, "b", "c", kSecond, pose_of(3));
     set(buffer, "a", "d", kSecond, pose_of(3));
     CHECK(indices(left_out(buffer, pair)) == Indices({1}));
@@ -241,7 +241,7 @@ TFDB_TEST(refusals_of_cycles_concern_the_stamps_at_which_they_close) {
 
 TFDB_TEST(refusals_of_many_cycles_at_once) {
     constexpr std::size_t kPairs = 5000;
-    Buffer buffer;
+    Buffer buffer(defaults());
     std::vector<std::string> names;
     for (std::size_t i = 0; i < 2 * kPairs; ++i)
         names.push_back("f" + std::to_string(i));
@@ -261,7 +261,7 @@ TFDB_TEST(refusals_of_cycles_that_show_one_after_another) {
     // A chain of frames, each of which is to hang on the chain's end: without one of them the next
     // one up closes a cycle, so that none may stay.
     constexpr int kLinks = 200;
-    Buffer buffer;
+    Buffer buffer(defaults());
     const auto name = [](int i) { return "link" + std::to_string(i); };
     std::vector<std::string> names;
     for (int i = 0; i <= kLinks; ++i)
@@ -280,7 +280,7 @@ TFDB_TEST(refusals_of_cycles_that_show_one_after_another) {
 }
 
 TFDB_TEST(refusals_of_an_edge_with_many_samples_in_a_cycle) {
-    Buffer buffer;
+    Buffer buffer(defaults());
     set(buffer, "base", "arm", kSecond, pose_of(1));
     std::vector<TransformView> batch;
     for (StampNs i = 0; i < 2000; ++i)

@@ -12,7 +12,7 @@ using Names = std::vector<std::string_view>;
 
 /// map <- base <- arm <- hand, base <- eye, all moving; space <- moon is static.
 Buffer robot() {
-    Buffer buffer;
+    Buffer buffer(defaults());
     const TransformView batch[] = {{"map", "base", kSecond, pose_of(1)},
                                    {"base", "arm", kSecond, pose_of(2)},
                                    {"arm", "hand", kSecond, pose_of(3)},
@@ -116,7 +116,7 @@ TFDB_TEST(removal_goes_by_newest_parents) {
 }
 
 TFDB_TEST(removal_gives_memory_back_at_once) {
-    Buffer buffer;
+    Buffer buffer(defaults());
     set(buffer, "map", "stays", kSecond, pose_of(1));
     const std::size_t before = buffer.memory().used_bytes;
     for (StampNs i = 0; i < 1000; ++i)
@@ -145,8 +145,8 @@ TFDB_TEST(removal_in_bulk_agrees_with_one_by_one) {
     std::mt19937 random(kSeed);
     std::printf("  seed %u\n", kSeed);
     for (int round = 0; round < 200; ++round) {
-        Buffer bulk;
-        Buffer single;
+        Buffer bulk(defaults());
+        Buffer single(defaults());
         std::vector<std::string> names;
         for (unsigned i = 0; i < 12; ++i)
             names.push_back("n" + std::to_string(i));
