@@ -14,3 +14,15 @@ buffer.lookup_transforms("map", "base", [5], layout="euler")  # error
 buffer.lookup_transform("map", "base").stamp = 5  # error
 buffer.lookup_transform("map", "base") @ 3  # error
 tfdb.Buffer(10.0, 5)  # error
+tfdb.Buffer(concurrency="mvcc")  # error
+tfdb.Buffer(10.0, "silo")  # error
+buffer.concurrency = "silo"  # error
+buffer.transaction("high")  # error
+buffer.transaction().lookup_transform("map", 7)  # error
+buffer.transaction().set_transforms([], partial=True)  # error
+buffer.transaction().frames()  # error
+buffer.run(lambda: 5)  # error
+buffer.run(lambda tx: tx.is_open).upper()  # error
+buffer.run(print, 3)  # error
+buffer.set_transforms([], partial=True) + 1  # error
+buffer.remove_frames(["a", 7])  # error

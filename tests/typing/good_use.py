@@ -47,6 +47,45 @@ def everything(buffer: tfdb.Buffer, stamps: npt.NDArray[np.int64]) -> None:
     assert_type(tfdb.encode_tf_message([]), bytes)
 
 
+def transactions(buffer: tfdb.Buffer, stamps: npt.NDArray[np.int64]) -> None:
+    with buffer.transaction(priority=3) as tx:
+        assert_type(tx, tfdb.Transaction)
+        assert_type(tx.lookup_transform("map", "base", 5, tfdb.Exact()), tfdb.Transform)
+        assert_type(tx.lookup_latest_transform("map", "base", max_age=0.1), tfdb.Transform)
+        assert_type(tx.lookup_transforms("map", "base", stamps), npt.NDArray[np.float64])
+        assert_type(tx.can_transform("map", "base", RosTime()), bool)
+        tx.set_transform("map", "base", 5, (1, 2, 3), (0, 0, 0, 1), authority="ekf")
+        tx.set_static_transform("base", "camera", np.zeros(3))
+        tx.set_transforms([tfdb.TransformStamped("map", "base", 5, (1, 2, 3))], static=True)
+        tx.set_transforms(tfdb.Columns("map", "base", stamps, np.zeros((5, 7))))
+        tx.reparent("cup", "gripper", 5)
+        tx.reparent("cup", "gripper", None, (1, 2, 3), rotation=(0, 0, 0, 1), authority="arm")
+        tx.remove_frame("camera", recursive=True)
+        assert_type(tx.is_open, bool)
+        tx.abort()
+    assert_type(tx.commit_number, int | None)
+    assert_type(buffer.run(lambda tx: tx.frame_exists("cup"), retries=3, timeout=0.1), bool)
+    assert_type(buffer.run(decide, priority=7), str)
+
+
+def decide(tx: tfdb.Transaction) -> str:
+    return tx.lookup_transform("map", "base").source
+
+
+def batches(buffer: tfdb.Buffer, partly: bool) -> None:
+    batch = [tfdb.TransformStamped("map", "base", 5, (1, 2, 3))]
+    assert_type(buffer.set_transforms(batch), int)
+    assert_type(buffer.set_transforms(batch, partial=False), int)
+    refused = buffer.set_transforms(batch, partial=True)
+    assert_type(refused, list[tfdb.Refused])
+    assert_type(refused[0].index, int)
+    assert_type(buffer.set_transforms(batch, partial=partly), int | list[tfdb.Refused])
+    assert_type(buffer.remove_frames(name for name in ("a", "b")), int)
+    engine = tfdb.Buffer(concurrency="2pl-wait-die")
+    if engine.concurrency == "silo":
+        assert_type(engine.counters().lock_waits, int)
+
+
 def both(reads: tfdb.Reads) -> tfdb.Transform:
     """Take a buffer or a snapshot."""
     return reads.lookup_transform("map", "base")
@@ -57,6 +96,8 @@ def errors(buffer: tfdb.Buffer) -> int | None:
         both(buffer)
     except tfdb.Extrapolation as error:
         return error.newest
+    except tfdb.Conflict as error:
+        return error.attempts
     except tfdb.TfdbError as error:
         return error.index
     return None

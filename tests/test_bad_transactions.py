@@ -1,0 +1,427 @@
+"""Transactions used wrongly: a typed error that says what to do, an unchanged store."""
+
+from __future__ import annotations
+
+import threading
+from typing import TYPE_CHECKING, Any
+
+import pytest
+
+import tfdb
+from elsewhere import elsewhere
+from oracle import quaternion
+from refusal import refused
+from robot import COUNT, make_robot, stamp_of
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+
+TURN = quaternion((1, -2, 0.5), 0.9)
+NAN = float("nan")
+
+USES: dict[str, Callable[[Any], object]] = {
+    "lookup": lambda tx: tx.lookup_transform("map", "camera"),
+    "latest": lambda tx: tx.lookup_latest_transform("map", "camera"),
+    "many": lambda tx: tx.lookup_transforms("map", "camera", [stamp_of(1)]),
+    "can": lambda tx: tx.can_transform("map", "camera"),
+    "common": lambda tx: tx.latest_common_time("map", "camera"),
+    "exists": lambda tx: tx.frame_exists("map"),
+    "set": lambda tx: tx.set_transform("map", "odom", stamp_of(50), (1, 2, 3), TURN),
+    "static": lambda tx: tx.set_static_transform("base", "lidar", (1, 2, 3)),
+    "batch": lambda tx: tx.set_transforms(
+        [tfdb.TransformStamped("map", "odom", stamp_of(50), (1, 2, 3), TURN)]
+    ),
+    "empty": lambda tx: tx.set_transforms([]),
+    "remove": lambda tx: tx.remove_frame("camera"),
+    "reparent": lambda tx: tx.reparent("camera", "base"),
+}
+uses = pytest.mark.parametrize("use", USES.values(), ids=USES.keys())
+
+
+@pytest.fixture
+def buffer() -> tfdb.Buffer:
+    return make_robot().buffer
+
+
+# -- engines and priorities ------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", ["", "Snapshot", "2pl", "mvcc", "silo ", "\ud800", None, 7, True])
+def test_engines_that_there_are_not(name: Any) -> None:
+    with pytest.raises(tfdb.InvalidArgument if name != "\ud800" else tfdb.InvalidName) as caught:
+        tfdb.Buffer(concurrency=name)
+    if name != "\ud800":
+        for known in ("snapshot", "giant", "fine", "2pl-no-wait", "2pl-wait-die", "silo"):
+            assert known in str(caught.value)
+
+
+def test_the_engine_is_named_by_keyword() -> None:
+    with pytest.raises(TypeError):
+        tfdb.Buffer(10.0, "silo")  # type: ignore[misc]
+
+
+@pytest.mark.parametrize("priority", ["high", "1", 1.0, True, None, -1, 8, 2**70, [1]])
+def test_priorities_that_are_none(buffer: tfdb.Buffer, priority: Any) -> None:
+    with refused(buffer, tfdb.InvalidArgument) as caught:
+        buffer.transaction(priority)
+    assert "from 0 " in str(caught.value)
+    assert "to 7 " in str(caught.value)
+    assert caught.value.value is priority
+
+
+# -- before and after ------------------------------------------------------------------------------
+
+
+@uses
+def test_one_that_has_not_begun(buffer: tfdb.Buffer, use: Callable[[Any], object]) -> None:
+    tx = buffer.transaction()
+    with refused(buffer, tfdb.TransactionClosed) as caught:
+        use(tx)
+    assert caught.value.reason == "not begun"
+    assert "with" in str(caught.value)
+    with refused(buffer, tfdb.TransactionClosed):
+        tx.abort()
+    with refused(buffer, tfdb.TransactionClosed):
+        tx.__exit__(None, None, None)
+    with tx:
+        use(tx)
+        tx.abort()
+
+
+def committed(buffer: tfdb.Buffer) -> tfdb.Transaction:
+    with buffer.transaction() as tx:
+        tx.set_transform("map", "odom", stamp_of(60), (1, 2, 3), TURN)
+    return tx
+
+
+def aborted(buffer: tfdb.Buffer) -> tfdb.Transaction:
+    with buffer.transaction() as tx:
+        tx.abort()
+    return tx
+
+
+def failed(buffer: tfdb.Buffer) -> tfdb.Transaction:
+    tx = buffer.transaction()
+
+    def work() -> None:
+        with tx:
+            raise LookupError
+
+    with pytest.raises(LookupError):
+        work()
+    return tx
+
+
+def lost(buffer: tfdb.Buffer) -> tfdb.Transaction:
+    tx = buffer.transaction()
+
+    def work() -> None:
+        with tx:
+            tx.lookup_transform("map", "odom")
+            tx.set_static_transform("base", "mark", (1, 2, 3))
+            elsewhere(lambda: buffer.set_transform("map", "odom", stamp_of(61), (1, 2, 3), TURN))
+
+    with pytest.raises(tfdb.Conflict):
+        work()
+    return tx
+
+
+def in_vain(buffer: tfdb.Buffer) -> tfdb.Transaction:
+    tx = buffer.transaction()
+
+    def work() -> None:
+        with tx:
+            tx.set_transform("camera", "map", stamp_of(62), (1, 2, 3), TURN)
+
+    with pytest.raises(tfdb.CycleError):
+        work()
+    return tx
+
+
+@pytest.mark.parametrize(
+    ("end", "reason"),
+    [
+        (committed, "committed"),
+        (aborted, "aborted"),
+        (failed, "aborted"),
+        (lost, "lost"),
+        (in_vain, "refused"),
+    ],
+)
+@uses
+def test_one_that_has_ended(
+    buffer: tfdb.Buffer,
+    end: Callable[[tfdb.Buffer], tfdb.Transaction],
+    reason: str,
+    use: Callable[[Any], object],
+) -> None:
+    tx = end(buffer)
+    assert not tx.is_open
+    with refused(buffer, tfdb.TransactionClosed) as caught:
+        use(tx)
+    assert caught.value.reason == reason
+    assert "Buffer.transaction()" in str(caught.value)
+    with refused(buffer, tfdb.TransactionClosed):
+        tx.__enter__()
+
+
+def test_what_was_committed_cannot_be_aborted(buffer: tfdb.Buffer) -> None:
+    tx = committed(buffer)
+    with refused(buffer, tfdb.TransactionClosed) as caught:
+        tx.abort()
+    assert f"commit {tx.commit_number}" in str(caught.value)
+
+
+# -- threads ---------------------------------------------------------------------------------------
+
+
+@uses
+def test_another_thread_may_not_use_it(buffer: tfdb.Buffer, use: Callable[[Any], object]) -> None:
+    commit = buffer.commit
+    with buffer.transaction() as tx:
+        with pytest.raises(tfdb.WrongThread, match="the thread that began it"):
+            elsewhere(lambda: use(tx))
+        with pytest.raises(tfdb.WrongThread):
+            elsewhere(tx.abort)
+        with pytest.raises(tfdb.WrongThread):
+            elsewhere(lambda: tx.__exit__(None, None, None))
+        with pytest.raises(tfdb.WrongThread):
+            elsewhere(lambda: tx.__exit__(ValueError, ValueError(), None))
+        assert tx.is_open
+        tx.lookup_transform("map", "camera")
+    assert buffer.commit == tx.commit_number == commit
+    with refused(buffer, tfdb.WrongThread):
+        elsewhere(lambda: use(tx))
+
+
+WRITES: dict[str, Callable[[tfdb.Buffer], object]] = {
+    "set": lambda b: b.set_transform("map", "odom", stamp_of(50), (1, 2, 3), TURN),
+    "static": lambda b: b.set_static_transform("base", "lidar", (1, 2, 3)),
+    "batch": lambda b: b.set_transforms(
+        [tfdb.TransformStamped("map", "odom", stamp_of(50), (1, 2, 3), TURN)]
+    ),
+    "long batch": lambda b: b.set_transforms(
+        [tfdb.TransformStamped("map", "odom", stamp_of(50), (1, 2, 3), TURN)] * 5000
+    ),
+    "partial": lambda b: b.set_transforms(
+        [tfdb.TransformStamped("map", "odom", stamp_of(50), (1, 2, 3), TURN)], partial=True
+    ),
+    "remove": lambda b: b.remove_frame("camera"),
+    "remove many": lambda b: b.remove_frames(["camera", "lidar"]),
+    "clear": lambda b: b.clear(),
+    "ingest": lambda b: b.ingest(
+        tfdb.encode_tf_message([tfdb.TransformStamped("map", "odom", stamp_of(50), (1, 2, 3))])
+    ),
+}
+
+
+@pytest.mark.parametrize("write", WRITES.values(), ids=WRITES.keys())
+def test_its_thread_writes_through_it(
+    buffer: tfdb.Buffer, write: Callable[[tfdb.Buffer], object]
+) -> None:
+    commit = buffer.commit
+    with buffer.transaction() as tx:
+        with pytest.raises(tfdb.TransactionActive) as caught:
+            write(buffer)
+        assert "transaction" in str(caught.value)
+        assert tx.is_open
+        assert buffer.commit == commit
+        elsewhere(lambda: write(buffer))
+        tx.lookup_transform("map", "lidar", stamp_of(3))
+    write_again = WRITES["set"]
+    write_again(buffer)
+
+
+def test_one_within_another(buffer: tfdb.Buffer) -> None:
+    commit = buffer.commit
+    with buffer.transaction() as tx:
+        with pytest.raises(tfdb.TransactionActive):
+            buffer.transaction().__enter__()
+        with pytest.raises(tfdb.TransactionActive):
+            buffer._attempt(0, True, 0).__enter__()
+        with pytest.raises(tfdb.TransactionActive):
+            tx.__enter__()
+        with pytest.raises(tfdb.TransactionActive):
+            buffer.run(lambda _: None)
+        assert tx.is_open
+        tx.set_transform("map", "odom", stamp_of(50), (1, 2, 3), TURN)
+    assert buffer.commit == commit + 1
+    assert buffer.counters().aborts == 0
+
+
+def test_its_thread_may_read_the_default_store(buffer: tfdb.Buffer) -> None:
+    with buffer.transaction() as tx:
+        tx.set_transform("map", "odom", stamp_of(50), (1, 2, 3), TURN)
+        assert not buffer.can_transform("map", "odom", stamp_of(50))
+        assert buffer.lookup_transforms("map", "camera", [stamp_of(1)]).shape == (1, 7)
+        assert len(buffer.tree()) == 8
+        with buffer.snapshot() as snapshot:
+            assert snapshot.commit == buffer.commit
+
+
+# -- what goes in ----------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def tx(buffer: tfdb.Buffer) -> Iterator[tfdb.Transaction]:
+    """An open transaction, which must still be open at the end, and store nothing."""
+    commit = buffer.commit
+    with buffer.transaction() as tx:
+        yield tx
+        assert tx.is_open
+    assert tx.commit_number == buffer.commit == commit
+
+
+@pytest.mark.parametrize(
+    ("call", "error"),
+    [
+        (lambda tx: tx.lookup_transform("map", 7), TypeError),
+        (lambda tx: tx.lookup_transform("map"), TypeError),
+        (lambda tx: tx.lookup_transform("map", "odom", when=5), TypeError),
+        (lambda tx: tx.lookup_transform("map", "odom", 5, "linear"), TypeError),
+        (lambda tx: tx.lookup_transform("map", "odom", 1.5), tfdb.InvalidStamp),
+        (lambda tx: tx.lookup_transform("map", "odom", 5), tfdb.Extrapolation),
+        (lambda tx: tx.lookup_transform("map", "cup"), tfdb.UnknownFrame),
+        (lambda tx: tx.lookup_latest_transform("map", "odom", -1), tfdb.InvalidArgument),
+        (lambda tx: tx.lookup_latest_transform("map", "odom", 1, 1.5), tfdb.InvalidStamp),
+        (lambda tx: tx.lookup_transforms("map", "odom", 5), tfdb.InvalidArray),
+        (lambda tx: tx.lookup_transforms("map", "odom", [5], layout="x"), tfdb.InvalidArgument),
+        (lambda tx: tx.lookup_transforms("map", "odom", [5], missing=1), TypeError),
+        (lambda tx: tx.lookup_transforms("map", "cup", []), tfdb.UnknownFrame),
+        (lambda tx: tx.can_transform("map", "odom", -5), tfdb.InvalidStamp),
+        (lambda tx: tx.latest_common_time("map", "cup"), tfdb.UnknownFrame),
+        (lambda tx: tx.frame_exists(None), TypeError),
+        (
+            lambda tx: tx.set_transform("map", "odom", stamp_of(50), (1, 2, NAN), TURN),
+            tfdb.InvalidTransform,
+        ),
+        (
+            lambda tx: tx.set_transform("map", "odom", stamp_of(50), (1, 2), TURN),
+            tfdb.InvalidArray,
+        ),
+        (
+            lambda tx: tx.set_transform("map", "", stamp_of(50), (1, 2, 3), TURN),
+            tfdb.InvalidName,
+        ),
+        (lambda tx: tx.set_transform("map", "odom", -5, (1, 2, 3), TURN), tfdb.InvalidStamp),
+        (
+            lambda tx: tx.set_transform("map", "odom", 5, (1, 2, 3), TURN, authority=7),
+            TypeError,
+        ),
+        (
+            lambda tx: tx.set_transform("base", "lidar", stamp_of(50), (1, 2, 3), TURN),
+            tfdb.StaticConflict,
+        ),
+        (lambda tx: tx.set_static_transform("map", "odom", (1, 2, 3)), tfdb.StaticConflict),
+        (lambda tx: tx.set_static_transform("map", "map", (1, 2, 3)), tfdb.InvalidTransform),
+        (lambda tx: tx.set_transforms(7), TypeError),
+        (lambda tx: tx.set_transforms([7]), TypeError),
+        (lambda tx: tx.set_transforms([], partial=True), TypeError),
+        (lambda tx: tx.remove_frame("cup"), tfdb.UnknownFrame),
+        (lambda tx: tx.remove_frame("base"), tfdb.FrameInUse),
+        (lambda tx: tx.remove_frame(7), TypeError),
+        (lambda tx: tx.reparent("camera", "cup"), tfdb.UnknownFrame),
+        (lambda tx: tx.reparent("cup", "camera"), tfdb.UnknownFrame),
+        (lambda tx: tx.reparent("camera", "camera"), tfdb.InvalidTransform),
+        (lambda tx: tx.reparent("camera", "base", rotation=TURN), tfdb.InvalidArgument),
+        (lambda tx: tx.reparent("camera", "base", None, (1, NAN, 3)), tfdb.InvalidTransform),
+        (lambda tx: tx.reparent("left_arm", "base", 5, (1, 2, 3), 7), tfdb.InvalidArray),
+    ],
+)
+def test_calls_that_are_refused_leave_it_open(
+    tx: tfdb.Transaction, call: Callable[[Any], object], error: type[Exception]
+) -> None:
+    with pytest.raises(error) as caught:
+        call(tx)
+    assert type(caught.value) is error
+
+
+def test_samples_older_than_the_history() -> None:
+    buffer = make_robot(history=1.0).buffer
+    with buffer.transaction() as tx, pytest.raises(tfdb.TooOld) as caught:
+        tx.set_transform("map", "odom", stamp_of(COUNT - 12), (1, 2, 3), TURN)
+    assert caught.value.oldest == stamp_of(COUNT - 11)
+
+
+# -- the end ---------------------------------------------------------------------------------------
+
+
+def test_a_commit_that_would_close_a_cycle(buffer: tfdb.Buffer) -> None:
+    def close() -> None:
+        with buffer.transaction() as tx:
+            tx.set_transform("map", "new", stamp_of(50), (1, 2, 3), TURN)
+            tx.set_transform("left_hand", "base", stamp_of(60), (1, 2, 3), TURN, authority="arm")
+
+    with refused(buffer, tfdb.CycleError) as caught:
+        close()
+    assert {"base", "left_hand"} <= set(caught.value.frames or ())
+    assert caught.value.stamp == stamp_of(60)
+    assert "left_hand" in str(caught.value)
+
+
+def test_a_commit_that_finds_no_room() -> None:
+    buffer = tfdb.Buffer(max_frames=3)
+    buffer.set_static_transform("map", "base", (1, 2, 3), TURN)
+
+    def fill() -> None:
+        with buffer.transaction() as tx:
+            for name in "abc":
+                tx.set_static_transform("base", name, (1, 2, 3), TURN)
+
+    with pytest.raises(tfdb.CapacityExceeded):
+        fill()
+    assert (buffer.commit, buffer.frames()) == (1, ["base", "map"])
+    with buffer.transaction() as tx:
+        tx.set_static_transform("base", "a", (1, 2, 3), TURN)
+    assert buffer.frames() == ["a", "base", "map"]
+
+
+def test_an_error_at_the_end_keeps_what_was_raised_before(buffer: tfdb.Buffer) -> None:
+    """The body's own error comes out, also where the commit would have been refused."""
+
+    def fail() -> None:
+        with buffer.transaction() as tx:
+            tx.set_transform("left_hand", "base", stamp_of(60), (1, 2, 3), TURN)
+            raise LookupError("mine")
+
+    with pytest.raises(LookupError, match="mine") as caught:
+        fail()
+    assert caught.value.__context__ is None
+
+
+def test_classes_are_not_made_by_hand() -> None:
+    with pytest.raises(TypeError):
+        tfdb.Transaction()
+    blank = tfdb.Transaction.__new__(tfdb.Transaction)
+    with pytest.raises(TypeError), pytest.warns(RuntimeWarning, match="uninitialized"):
+        blank.lookup_transform("map", "base")
+
+
+def test_errors_are_told_apart() -> None:
+    errors = [tfdb.Conflict, tfdb.TransactionClosed, tfdb.TransactionActive, tfdb.WrongThread]
+    for error in errors:
+        assert error.__bases__ == (tfdb.TfdbError,)
+        assert error.__module__ == "tfdb"
+
+
+def test_interrupts_while_others_wait(buffer: tfdb.Buffer) -> None:
+    """Who waits for a transaction gets its turn also when that one is interrupted."""
+    begun = threading.Event()
+    numbers: list[int] = []
+
+    def write() -> None:
+        begun.set()
+        numbers.append(buffer.set_static_transform("base", "mark", (1, 2, 3)))
+
+    writer = threading.Thread(target=write)
+
+    def work() -> None:
+        with buffer._attempt(0, True, 0):
+            writer.start()
+            begun.wait()
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        work()
+    writer.join()
+    assert numbers == [buffer.commit]
