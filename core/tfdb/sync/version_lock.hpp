@@ -9,7 +9,8 @@ namespace tfdb::sync {
 /// S. Tu et al., "Speedy Transactions in Multicore In-Memory Databases" (2013).
 /// Threads: any read; only who has it locked may store what it guards, and unlock.
 /// Guarantee: all but `lock` are wait-free. If `unchanged` says yes, all that was loaded between
-/// `version` and it is of one moment.
+/// `version` and it is of one moment. Of two that each lock one frame and then ask whether the
+/// other's is unchanged, at most one is told yes.
 template <class Word, int Spins = 100>
 class BasicVersionLock {
 public:
@@ -22,7 +23,7 @@ public:
     /// True if nobody has locked it since `version` was asked, which was not locked.
     [[nodiscard]] bool unchanged(std::uint64_t version) const noexcept {
         Word::fence_acquire();
-        return word_.load_relaxed() == version;
+        return word_.load_ordered() == version;
     }
     /// The same for who has locked it meanwhile: true if nobody did in between.
     [[nodiscard]] bool unchanged_until_mine(std::uint64_t version) const noexcept {
@@ -31,7 +32,7 @@ public:
 
     [[nodiscard]] bool try_lock() noexcept {
         std::uint64_t found = word_.load_relaxed();
-        if ((found & kLocked) != 0 || !word_.compare_exchange(found, found | kLocked))
+        if ((found & kLocked) != 0 || !word_.compare_exchange_ordered(found, found | kLocked))
             return false;
         Word::fence_release();  // who sees what is stored from here on sees, at its end, the lock
         return true;

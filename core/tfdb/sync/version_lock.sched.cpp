@@ -102,6 +102,35 @@ Program added(unsigned threads) {
     };
 }
 
+/// Each reads the other's frame and raises its own if that is low: at most one may.
+Program skewed(bool confirms) {
+    return [confirms](Run& run) {
+        sched::Word versions[2];
+        sched::Word values[2];
+        for (unsigned i = 0; i < 2; ++i) {
+            versions[i].rename("version", i + 1);
+            values[i].rename("value", i + 1);
+        }
+        for (unsigned i = 0; i < 2; ++i) {
+            run.thread("raises" + std::to_string(i + 1), [&, i] {
+                BasicVersionLock<sched::Word, 0> mine(versions[i]);
+                const BasicVersionLock<sched::Word, 0> theirs(versions[1 - i]);
+                const std::uint64_t seen = theirs.version();
+                const bool low = values[1 - i].load_relaxed() == 0;
+                if (!low || theirs.locked(seen) || !mine.try_lock())
+                    return;
+                const bool wins = !confirms || theirs.unchanged(seen);
+                if (wins)
+                    values[i].store_relaxed(1);
+                (void)mine.unlock(wins);
+            });
+        }
+        run.join();
+        const bool one_is_low = values[0].peek() + values[1].peek() <= 1;
+        SCHED_REQUIRE(one_is_low);
+    };
+}
+
 /// A version that stays the same when it is unlocked.
 struct StuckVersion : sched::Word {
     std::uint64_t exchange(std::uint64_t) { return sched::Word::exchange(0); }
@@ -117,6 +146,7 @@ TFDB_SCHED(version_lock_excludes_wakes_and_warns) {
     walk.must_hold("a writer and two readers", written<Sound, 0>({1, 2}));
     walk.must_hold("two that read, then write", added<Sound>(2));
     walk.must_hold("three that read, then write", added<Sound>(3));
+    walk.must_hold("two that read what the other writes", skewed(true));
 }
 
 TFDB_SCHED(version_lock_of_three) {
@@ -129,11 +159,12 @@ TFDB_SCHED(version_lock_of_three) {
 
 TFDB_SCHED(version_lock_flaws_are_found) {
     Walk walk;
-    walk.must_fail("locking in two steps", "none_is_lost", added<SplitCompareExchange>(2));
+    walk.must_fail("locking in two steps", "none_is_lost", added<SplitOrderedExchange>(2));
     walk.must_fail("marking in two steps", kDeadlock, written<SplitCompareExchange, 0>({2}));
     walk.must_fail("unlocking in two steps", kDeadlock, written<SplitExchange, 0>({2}));
     walk.must_fail("a write without a new version", "is_whole",
                    written<Sound, 0>({.writers = 1, .readers = 1, .announces = false}));
+    walk.must_fail("two that do not look again", "one_is_low", skewed(false));
     walk.must_fail("a version that stands still", "none_is_lost", added<StuckVersion>(2));
     walk.must_fail("a reader that does not look again", "is_whole",
                    written<Sound, 0>({.writers = 1, .readers = 1, .confirms = false}));
