@@ -94,8 +94,9 @@ void throw_lost(std::string_view reason, CommitNumber since) {
     ErrorDetail detail;
     detail.reason = reason;
     detail.commit = since;
-    throw Conflict("the transaction lost: " + detail.reason + "; nothing was stored, run it again",
-                   std::move(detail));
+    const std::string message =
+        "the transaction lost: " + detail.reason + "; nothing was stored, run it again";
+    throw Conflict(message, std::move(detail));
 }
 
 void throw_cycle_of(const txn::Settled& settled, std::string_view authority, const NameOf& name) {

@@ -26,6 +26,15 @@ public:
     void set_author(FrameId id, std::string_view authority) {
         impl_.frames.word(id, history::kAuthority).store_relaxed(impl_.authorities.id(authority));
     }
+    void set_author_beside(FrameId id, std::string_view authority) {
+        auto& author = impl_.frames.word(id, history::kAuthority);
+        const std::uint64_t number = impl_.authorities.id_beside_others(authority);
+        if (author.load_relaxed() != number)
+            author.store_relaxed(number);
+    }
+    [[nodiscard]] txn::WriteRoom room() {
+        return {[](void* store) { return static_cast<Reads::Impl*>(store)->may_evict(); }, &impl_};
+    }
 
 private:
     Reads::Impl& impl_;

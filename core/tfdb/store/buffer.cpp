@@ -94,7 +94,7 @@ Snapshot Buffer::snapshot() const {
 }
 
 CommitNumber Buffer::clear() {
-    store::check_may_wait(*impl_);
+    store::check_not_in_transaction(*impl_);
     const store::Alone alone(*impl_);
     StoreCommit commit = impl_->start_commit();
     const StoreView view = impl_->view(impl_->committed());

@@ -156,7 +156,7 @@ namespace tfdb {
 CommitNumber Buffer::remove_frames(std::span<const std::string_view> names, bool recursive) {
     if (names.empty())
         return commit();
-    store::check_may_wait(*impl_);
+    store::check_not_in_transaction(*impl_);
     const store::Alone alone(*impl_);
     return store::commit_removal(*impl_, names, recursive);
 }

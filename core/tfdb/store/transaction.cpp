@@ -39,10 +39,10 @@ struct Transaction::State {
         if (thread != OpenTransaction::this_thread())
             throw WrongThread("a transaction belongs to the thread that began it");
         if (ended != nullptr) {
+            const std::string message = std::string("the transaction has ended: it was ") + ended;
             ErrorDetail detail;
             detail.reason = ended;
-            throw TransactionClosed("the transaction has ended: it was " + detail.reason,
-                                    std::move(detail));
+            throw TransactionClosed(message, std::move(detail));
         }
     }
     /// `how` null: aborted.

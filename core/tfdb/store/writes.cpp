@@ -203,7 +203,7 @@ CommitNumber Buffer::set_transforms(std::span<const TransformView> batch, bool i
                                     std::string_view authority) {
     if (batch.empty())
         return commit();
-    store::check_may_wait(*impl_);
+    store::check_not_in_transaction(*impl_);
     const store::Batch judged(batch, is_static, authority);
     if (impl_->control != nullptr) [[unlikely]]
         return impl_->control->write(judged);
@@ -217,7 +217,7 @@ bool Buffer::try_set_transforms(std::span<const TransformView> batch, bool is_st
         commit = this->commit();
         return true;
     }
-    store::check_may_wait(*impl_);
+    store::check_not_in_transaction(*impl_);
     const store::Batch judged(batch, is_static, authority);
     if (impl_->control != nullptr) [[unlikely]]
         return impl_->control->try_write(judged, commit);
@@ -236,7 +236,7 @@ std::vector<RefusedMember> Buffer::set_transforms_partial(std::span<const Transf
         commit = this->commit();
         return {};
     }
-    store::check_may_wait(*impl_);
+    store::check_not_in_transaction(*impl_);
     const store::Batch judged(batch, is_static, authority);
     const store::Alone alone(*impl_);
     return store::commit_partial(*impl_, judged, commit);

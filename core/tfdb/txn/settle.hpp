@@ -7,6 +7,7 @@
 
 #include "tfdb/txn/commit.hpp"
 #include "tfdb/txn/engine.hpp"
+#include "tfdb/txn/operation.hpp"
 #include "tfdb/txn/read_set.hpp"
 #include "tfdb/txn/write_set.hpp"
 
@@ -144,6 +145,53 @@ template <class Memory, class Store>
     return settled;
 }
 
+/// The writes as samples that only append to edges that are there. False: they do more.
+template <class Memory>
+[[nodiscard]] bool make_plain(const WriteSet<Memory>& writes, PlainBatch<Memory>& plain) {
+    plain.items.clear();
+    plain.frames.clear();
+    if (writes.made() != 0 || !writes.removed().empty())
+        return false;
+    std::vector<const typename WriteSet<Memory>::Edge*> edges;
+    for (const auto& edge : writes.edges())
+        edges.push_back(&edge);
+    std::sort(edges.begin(), edges.end(),
+              [](const auto* a, const auto* b) { return a->child < b->child; });
+    for (const auto* edge : edges) {
+        plain.frames.push_back(edge->child);
+        for (const auto& own : edge->samples) {
+            auto& item = plain.items.emplace_back();
+            item.child = edge->child;
+            item.sample.stamp = own.stamp;
+            item.sample.parent = own.parent;
+            item.sample.payload = own.payload;
+        }
+    }
+    return true;
+}
+
+/// Stores the writes beside others if they are plain: then the transaction has ended, well or not.
+/// False: it must be alone for them.
+template <Session S, class Store>
+[[nodiscard]] bool settle_beside(S& session, const WriteSet<typename S::Memory>& writes,
+                                 Store& store, Settled& settled) {
+    auto& plain = session.scratch().batch;
+    if (!make_plain(writes, plain))
+        return false;
+    const Written written =
+        write_beside(session, plain, store.room(), settled.commit, [&](const auto& item) {
+            store.set_author_beside(
+                item.child,
+                writes.authority_name(writes.edge(item.child)->samples.back().authority));
+        });
+    if (written == Written::kNotPlain)
+        return false;
+    if (written == Written::kDone)
+        settled.kind = Settled::kCommitted;
+    session.end(written == Written::kDone);
+    return true;
+}
+
 /// Ends a transaction of which the session is open. Whatever comes of it, the session has ended,
 /// unless this throws: then nothing was stored.
 template <Session S, class Reads, class Store>
@@ -164,6 +212,10 @@ template <Session S, class Reads, class Store>
         return settled;
     }
     if (!was_alone) {
+        if constexpr (S::kWritesBesideOthers) {
+            if (settle_beside(session, writes, store, settled))
+                return settled;
+        }
         session.become_alone();
         const CommitNumber now = store.frames().store_word(graph::kCommit).load_acquire();
         settled.conflict =
