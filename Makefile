@@ -20,7 +20,7 @@ CPP := $(shell find core bindings driver tests benchmarks -name '*.?pp' -not -pa
 FIXED_ADDRESSES := $(shell command -v setarch >/dev/null 2>&1 && echo setarch $$(uname -m) -R)
 
 .DELETE_ON_ERROR:
-.PHONY: help demo test test-cpp test-python check bench bench-rooms tsan asan fuzz relacy docs \
+.PHONY: help demo test test-cpp test-python check bench bench-rooms evaluation tsan asan fuzz relacy docs \
         wheel stubs format clean distclean
 
 help:
@@ -28,6 +28,7 @@ help:
 	@echo 'make test             C++ tests, interleaving walks, Python tests'
 	@echo 'make check            formatting, lint, types, warnings as errors'
 	@echo 'make bench            tfdb against its rivals; BENCH="--only cpp" for a part'
+	@echo 'make evaluation       the goals and the paper'"'"'s sweeps, for docs/evaluation.md'
 	@echo 'make tsan | asan      C++ tests under sanitizers'
 	@echo 'make fuzz             fuzzers, FUZZ_SECONDS=$(FUZZ_SECONDS) each (clang)'
 	@echo 'make relacy           model checks of the protocol (package relacy-dev)'
@@ -116,6 +117,10 @@ benchmarks/rivals/env: benchmarks/rivals/install
 
 bench: $(STAMPS)/venv | benchmarks/rivals/env
 	benchmarks/run.py $(BENCH)
+
+# tf2 takes part: its driver is built where libtf2-dev is installed (benchmarks/rivals/install).
+evaluation: $(STAMPS)/install
+	$(BIN)/python benchmarks/evaluation.py $(EVALUATION)
 
 # The rooms' own measurements, without rivals.
 bench-rooms: $(STAMPS)/venv
