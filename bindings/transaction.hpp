@@ -3,10 +3,10 @@
 
 #include <nanobind/nanobind.h>
 
+#include <atomic>
 #include <cstdint>
 #include <memory>
 #include <optional>
-#include <utility>
 
 #include "reads.hpp"
 #include "tfdb/store/transaction.hpp"
@@ -54,22 +54,25 @@ public:
     /// Whether reads must not keep the GIL. One that runs alone waits for nobody.
     [[nodiscard]] bool may_wait() const { return !options_.alone && buffer().reasons != 0; }
     [[nodiscard]] BufferObject& buffer() const { return *nb::inst_ptr<BufferObject>(owner); }
-    [[nodiscard]] Stage stage() const { return stage_; }
+    [[nodiscard]] Stage stage() const { return stage_.load(); }
     [[nodiscard]] std::uint64_t age() const { return options_.age; }
-    [[nodiscard]] std::optional<CommitNumber> committed() const { return committed_; }
+    [[nodiscard]] std::optional<CommitNumber> committed() const {
+        return stage() == Stage::kCommitted ? std::optional(committed_) : std::nullopt;
+    }
 
     nb::object owner;  // the Buffer
 
 private:
+    void claim();
     void finish(Stage stage);
     void lose(const Conflict& conflict);
 
     TransactionOptions options_;
     std::shared_ptr<Transaction> open_;
     std::optional<Conflict> conflict_;
-    std::optional<CommitNumber> committed_;
-    unsigned long thread_ = 0;
-    Stage stage_ = Stage::kNotBegun;
+    CommitNumber committed_ = 0;
+    std::atomic<unsigned long> thread_{0};  // 0: nobody has begun it
+    std::atomic<Stage> stage_{Stage::kNotBegun};
     bool counted_ = false;  // among the buffer's reasons
 };
 

@@ -13,13 +13,13 @@ namespace {
     throw TransactionClosed(message, detail);
 }
 
-[[noreturn]] void throw_not_open(Stage stage, std::optional<CommitNumber> committed) {
+[[noreturn]] void throw_not_open(Stage stage, CommitNumber committed) {
     const std::string again = "; begin a new one with Buffer.transaction()";
     switch (stage) {
         case Stage::kCommitted:
             throw_ended(
                 "the transaction has ended: it was committed, the store was then at commit " +
-                    std::to_string(committed.value_or(0)) + again,
+                    std::to_string(committed) + again,
                 "committed");
         case Stage::kAborted:
             throw_ended("the transaction has ended: it was aborted and left nothing behind" + again,
@@ -51,16 +51,25 @@ TransactionObject::~TransactionObject() {
     finish(Stage::kAborted);
 }
 
-void TransactionObject::begin() {
+/// Makes it this thread's. Two may try at once: beginning may wait without the GIL.
+void TransactionObject::claim() {
+    unsigned long nobody = 0;
+    const bool first = thread_.compare_exchange_strong(nobody, PyThread_get_thread_ident());
+    if (first) {
+        return;
+    }
+    check_thread();
     if (stage_ == Stage::kOpen) {
         ErrorDetail detail;
         detail.reason = "entered twice";
         throw TransactionActive("the transaction is already open: enter its `with` statement once",
                                 detail);
     }
-    if (stage_ != Stage::kNotBegun) {
-        throw_not_open(stage_, committed_);
-    }
+    throw_not_open(stage_, committed_);
+}
+
+void TransactionObject::begin() {
+    claim();
     if (options_.alone) {
         // Before it holds the lock: from now on nobody waits for it with the GIL.
         ++buffer().reasons;
@@ -77,10 +86,10 @@ void TransactionObject::begin() {
         open_ = std::move(made);
     } catch (...) {
         finish(Stage::kNotBegun);
+        thread_ = 0;
         throw;
     }
     options_.age = open_->age();
-    thread_ = PyThread_get_thread_ident();
     stage_ = Stage::kOpen;
 }
 
@@ -99,7 +108,7 @@ CommitNumber TransactionObject::commit() {
         throw;
     }
     finish(Stage::kCommitted);
-    return *committed_;
+    return committed_;
 }
 
 void TransactionObject::abort() {
@@ -118,7 +127,8 @@ void TransactionObject::rethrow_if_lost() const {
 }
 
 void TransactionObject::check_thread() const {
-    if (stage_ != Stage::kNotBegun && thread_ != PyThread_get_thread_ident()) {
+    const unsigned long owner_thread = thread_;
+    if (owner_thread != 0 && owner_thread != PyThread_get_thread_ident()) {
         throw WrongThread(
             "a transaction belongs to the thread that began it: begin one in this thread with "
             "Buffer.transaction(), or hand the work over to the other one");

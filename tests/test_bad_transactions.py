@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import pytest
 
 import tfdb
-from elsewhere import elsewhere
+from elsewhere import Call, elsewhere
 from oracle import quaternion
 from refusal import refused
 from robot import COUNT, make_robot, stamp_of
@@ -247,6 +247,27 @@ def test_one_within_another(buffer: tfdb.Buffer) -> None:
         tx.set_transform("map", "odom", stamp_of(50), (1, 2, 3), TURN)
     assert buffer.commit == commit + 1
     assert buffer.counters().aborts == 0
+
+
+@pytest.mark.parametrize("engine", ["snapshot", "giant"])
+def test_one_that_many_threads_begin(engine: str) -> None:
+    """It is the first one's, also while that one still waits for its turn."""
+    buffer = tfdb.Buffer(concurrency=engine)
+    buffer.set_static_transform("map", "base", (1, 2, 3), TURN)
+    tx = buffer._attempt(0, True, 0)
+
+    def use() -> str:
+        try:
+            with tx:
+                tx.set_static_transform("map", "base", (4, 5, 6), TURN)
+        except tfdb.WrongThread:
+            return "wrong"
+        return "committed"
+
+    with buffer._attempt(0, True, 0):
+        calls = [Call(use) for _ in range(4)]
+    assert sorted(call.result() for call in calls) == ["committed", *["wrong"] * 3]
+    assert tx.commit_number == buffer.commit == 2
 
 
 def test_its_thread_may_read_the_default_store(buffer: tfdb.Buffer) -> None:
