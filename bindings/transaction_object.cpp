@@ -60,10 +60,7 @@ void TransactionObject::claim() {
     }
     check_thread();
     if (stage_ == Stage::kOpen) {
-        ErrorDetail detail;
-        detail.reason = "entered twice";
-        throw TransactionActive("the transaction is already open: enter its `with` statement once",
-                                detail);
+        throw TransactionActive("the transaction is already open: enter its `with` statement once");
     }
     throw_not_open(stage_, committed_);
 }
@@ -101,8 +98,11 @@ CommitNumber TransactionObject::commit() {
     } catch (const Conflict& conflict) {
         lose(conflict);
         throw;
-    } catch (const WrongThread&) {
-        throw;
+    } catch (const Error& error) {
+        finish(Stage::kRefused);
+        throw Error(error.code(),
+                    std::string(error.what()) + "; the transaction has ended, nothing was stored",
+                    error.detail());
     } catch (...) {
         finish(Stage::kRefused);
         throw;

@@ -378,6 +378,7 @@ def test_a_commit_that_would_close_a_cycle(buffer: tfdb.Buffer) -> None:
     assert {"base", "left_hand"} <= set(caught.value.frames or ())
     assert caught.value.stamp == stamp_of(60)
     assert "left_hand" in str(caught.value)
+    assert str(caught.value).endswith("nothing was stored")
 
 
 def test_a_commit_that_finds_no_room() -> None:

@@ -223,7 +223,7 @@ class TransactionClosed(TfdbError):
 
 
 class TransactionActive(TfdbError):
-    """The thread has a transaction open in the store: work through it. Fields: reason."""
+    """The thread has a transaction open in the store: work through it, or end it first."""
 
 
 class WrongThread(TfdbError):
