@@ -9,8 +9,10 @@ from typing import TYPE_CHECKING
 from PIL import Image
 
 from tfdb.bench import model
+from tfdb.bench.figure_parts import COLOURS
 from tfdb.bench.points import OURS, SWEEPS
 from tfdb.bench.report import COLUMNS, USUAL, number, rows
+from tfdb.plot import style
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping
@@ -21,7 +23,7 @@ if TYPE_CHECKING:
     from tfdb.bench.results import Results
     from tfdb.bench.session import Plan
 
-COLOURS = 32  # of a picture: lines on white need no more, and files stay small
+SHADES = (1.0, 0.6, 0.3, 0.1)  # of a colour on white, as smooth edges and bands have
 
 
 def between(text: str, name: str, lines: list[str]) -> str:
@@ -39,9 +41,24 @@ def pictures(drawn: Mapping[str, Figure], folder: Path) -> None:
     folder.mkdir(exist_ok=True)
     for name, figure in drawn.items():
         file = io.BytesIO()
-        figure.savefig(file, format="png", dpi=82)
-        small = Image.open(file).convert("RGB").quantize(COLOURS, dither=Image.Dither.NONE)
+        figure.savefig(file, format="png", dpi=80)
+        whole = Image.open(file).convert("RGB")
+        small = whole.quantize(palette=_palette(), dither=Image.Dither.NONE)
         small.save(folder / f"{name}.png", optimize=True)
+
+
+def _palette() -> Image.Image:
+    """The pictures' own colours: one found by counting pixels would give engines each other's."""
+    used = [*COLOURS.values(), style.INK, style.MUTED, style.FAINT]
+    colours = [
+        round(255 - shade * (255 - int(colour[at : at + 2], 16)))
+        for colour in used
+        for shade in SHADES
+        for at in (1, 3, 5)
+    ]
+    image = Image.new("P", (1, 1))
+    image.putpalette([255, 255, 255, *colours])
+    return image
 
 
 def parts(results: Results, head: Mapping[str, str], plan: Plan) -> dict[str, list[str]]:
@@ -274,3 +291,12 @@ def _prediction(results: Results) -> Iterator[str]:
         over = number(costs.reads(8) / found["tf2"].reads(8)) + "x" if "tf2" in found else ""
         line = [f"`{engine}`", costs.kind, costs.parameter(), *values, over]
         yield "| " + " | ".join(line) + " |"
+    busy = [
+        f"`{e}`" for e, c in found.items() if c.kind == "nothing moves" and c.serial_share > 0.4
+    ]
+    if busy:
+        yield ""
+        yield (
+            f"**Two threads brought {' and '.join(busy)} so little that the machine must have been "
+            "busy with something else: repeat this run on a quiet one.**"
+        )

@@ -181,7 +181,9 @@ def _one_value(results: Results, sweep: str) -> Figure:
         ]
         for row, engine, spread in known:
             _dot(axes, row, engine, spread, panel.scale)
-        axes.set_yticks(range(len(engines)), engines)
+        # The names once, at the left of all panels.
+        names = engines if axes is all_axes[0] else [""] * len(engines)
+        axes.set_yticks(range(len(engines)), names)
         axes.set_ylim(len(engines) - 0.4, -0.6)
         axes.tick_params(axis="y", labelcolor=style.INK, length=0)
         style.label(axes, panel.label, "")
