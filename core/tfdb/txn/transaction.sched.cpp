@@ -19,8 +19,10 @@ namespace {
 /// What `settle` asks of a store.
 class WalkedStore {
 public:
-    explicit WalkedStore(WalkedForest& forest) : forest_(forest) {}
+    WalkedStore(WalkedForest& forest, std::function<void()> before_commit)
+        : forest_(forest), before_commit_(std::move(before_commit)) {}
     [[nodiscard]] Commit<ForestMemory> start_commit() {
+        before_commit_();
         return {forest_.frames, forest_.scratch, forest_.history,
                 [](void* forest) {
                     ForestMemory::fence_full();
@@ -35,19 +37,26 @@ public:
 
 private:
     WalkedForest& forest_;
+    std::function<void()> before_commit_;
 };
 
 using Sound = SnapshotSession<ForestMemory, ForestLock>;
+
+/// Validates, and only then waits for its turn.
+struct Hasty : Sound {
+    using Sound::Sound;
+    void become_alone() {}
+    void take_turn() { Sound::become_alone(); }
+};
 
 /// A transaction of a walk: all that it has seen is in `log`.
 template <class S, class Reads>
 class Small {
 public:
-    explicit Small(WalkedForest& forest)
+    Small(WalkedForest& forest, Mode mode)
         : forest_(forest),
           lock_(forest.word(graph::kCommitLock)),
-          draft_(forest.frames, forest.history, Mode::kBesideOthers, forest.frames, lock_,
-                 forest.history, 0U) {}
+          draft_(forest.frames, forest.history, mode, forest.frames, lock_, forest.history, 0U) {}
 
     /// The number that the pose was made from, or the error's code below nought.
     double ask(const std::string& target, const std::string& source, std::optional<StampNs> stamp) {
@@ -89,7 +98,10 @@ public:
     }
 
     void commit() {
-        WalkedStore store(forest_);
+        WalkedStore store(forest_, [this] {
+            if constexpr (std::is_same_v<S, Hasty>)
+                draft_.session().take_turn();
+        });
         wrote = !draft_.writes().empty();
         settled = settle(draft_.session(), draft_.reads(), draft_.writes(), store);
     }
@@ -124,8 +136,9 @@ struct Ended {
 };
 
 template <class S, class Reads>
-Ended run_one(WalkedForest& forest, const Bodies<S, Reads>& bodies, std::size_t which) {
-    Small<S, Reads> small(forest);
+Ended run_one(WalkedForest& forest, const Bodies<S, Reads>& bodies, std::size_t which,
+              Mode mode = Mode::kBesideOthers) {
+    Small<S, Reads> small(forest, mode);
     bodies[which](small);
     small.commit();
     return {which, small.settled.kind, small.settled.commit, small.wrote, small.log};
@@ -164,9 +177,10 @@ std::string replay(const Script& script, const Bodies<S, Reads>& bodies,
     return describe_state(forest, script.questions);
 }
 
-/// Each body in a thread of its own.
+/// Each body in a thread of its own; the first one alone, if `alone`: it must not lose then.
 template <class S = Sound, class Reads = ReadSet>
-sched::Program beside(const Script& script, const std::function<Bodies<S, Reads>()>& make_bodies) {
+sched::Program beside(const Script& script, const std::function<Bodies<S, Reads>()>& make_bodies,
+                      bool alone = false) {
     return [=](sched::Run& run) {
         WalkedForest forest(script);
         name_words(forest);
@@ -175,12 +189,17 @@ sched::Program beside(const Script& script, const std::function<Bodies<S, Reads>
         const Bodies<S, Reads> bodies = make_bodies();
         std::vector<Ended> ended(bodies.size());
         for (std::size_t i = 0; i < bodies.size(); ++i) {
-            run.thread("transaction" + std::to_string(i),
-                       [&, i] { ended[i] = run_one(forest, bodies, i); });
+            run.thread("transaction" + std::to_string(i), [&, i] {
+                const bool by_itself = alone && i == 0;
+                ended[i] =
+                    run_one(forest, bodies, i, by_itself ? Mode::kAlone : Mode::kBesideOthers);
+            });
         }
         run.join();
         SCHED_REQUIRE(forest.word(graph::kPins).peek() == 0);
         SCHED_REQUIRE(forest.word(graph::kCommitLock).peek() == 0);
+        sched::Run::require(!alone || ended[0].kind == Settled::kCommitted,
+                            "who runs alone does not lose", __FILE__, __LINE__);
         std::vector<Ended> committed;
         for (const Ended& one : ended) {
             if (one.kind != Settled::kConflict)
@@ -318,13 +337,6 @@ struct Hindsight : Sound {
         return now;
     }
 };
-/// Validates, and then waits for its turn.
-struct Hasty : Sound {
-    using Sound::Sound;
-    void become_alone() { Sound::begin(Mode::kBesideOthers); }
-    [[nodiscard]] bool alone() const { return false; }
-};
-
 /// Takes the ends of what it read for no part of it.
 struct ExclusiveReads : ReadSet {
     void note_range(std::size_t place, history::StampRange range) {
@@ -350,7 +362,28 @@ struct BlindToChildren : ReadSet {
     void note_children(FrameId, const std::vector<FrameId>&) {}
 };
 
-constexpr char kSerial[] = "one after another";
+/// Reads beside others, and says it was alone.
+struct Boastful : Sound {
+    using Sound::Sound;
+    void begin(Mode) { Sound::begin(Mode::kBesideOthers); }
+};
+
+/// One reads two edges, each of which somebody else moves.
+template <class S, class Reads>
+Bodies<S, Reads> reading_two() {
+    const auto move = [](const std::string& child) {
+        return [=](Small<S, Reads>& tx) {
+            tx.put("map", child, 20, 5.0);
+            (void)tx.ask("map", child, std::nullopt);
+        };
+    };
+    return {[](Small<S, Reads>& tx) {
+                (void)tx.ask("map", "a", std::nullopt);
+                (void)tx.ask("b", "map", std::nullopt);
+            },
+            move("a"), move("b")};
+}
+
 constexpr char kSaw[] = "each saw what it would have seen alone";
 
 }  // namespace
@@ -365,12 +398,32 @@ TFDB_SCHED(transactions_are_as_one_after_another) {
     walk.must_hold("retention", beside(forgetting_script(), forgetting_skew<Sound, ReadSet>));
 }
 
+TFDB_SCHED(transactions_of_three_threads) {
+    // Three whole walks would take an hour; one turn taken away shows what there is to show.
+    sched::Options options;
+    options.preemptions = 1;
+    sched::Walk walk(options);
+    walk.must_hold("a reader of two edges",
+                   beside(late_skew_script(), reading_two<Sound, ReadSet>));
+}
+
+TFDB_SCHED(transactions_that_run_alone_never_lose) {
+    sched::Walk walk;
+    walk.must_hold("lost update", beside(increments_script(), increments<Sound, ReadSet>, true));
+    walk.must_hold("removal", beside(removing_script(), removing_skew<Sound, ReadSet>, true));
+    walk.must_hold("new names", beside(increments_script(), naming_skew<Sound, ReadSet>, true));
+}
+
 TFDB_SCHED(transactions_flaws_are_found) {
     sched::Walk walk;
     walk.must_fail("validation left out", kSaw,
                    beside<Careless>(increments_script(), increments<Careless, ReadSet>));
     walk.must_fail("validated against the wrong commit", kSaw,
                    beside<Hindsight>(increments_script(), increments<Hindsight, ReadSet>));
+    walk.must_fail("validated before it has the lock", kSaw,
+                   beside<Hasty>(increments_script(), increments<Hasty, ReadSet>));
+    walk.must_fail("alone without the lock", kSaw,
+                   beside<Boastful>(increments_script(), increments<Boastful, ReadSet>, true));
     walk.must_fail(
         "the ends of a dependency left out", kSaw,
         beside<Sound, ExclusiveReads>(late_skew_script(), replacing_skew<Sound, ExclusiveReads>));
