@@ -31,28 +31,9 @@ public:
 
     CommitNumber write(const Batch& batch) override {
         S session(shared_, {});
-        CommitNumber number = 0;
-        for (int tries = 0;; ++tries) {
-            session.begin(tries < kAttempts ? txn::Mode::kBesideOthers : txn::Mode::kAlone);
-            txn::Written written = txn::Written::kNotPlain;
-            if constexpr (S::kWritesBesideOthers) {
-                if (!session.alone())
-                    written = try_beside(session, batch, number);
-            }
-            if (written == txn::Written::kNotPlain) {
-                if (!session.alone())
-                    session.become_alone();
-                number = commit_batch(impl_, batch);
-                written = txn::Written::kDone;
-            }
-            if (written == txn::Written::kDone) {
-                session.end(true);
-                return number;
-            }
-            session.count(sync::SlotCount::kRetries);
-            session.end(false);
-            session.pause();
-        }
+        return txn::write_through(
+            session, [&](CommitNumber& number) { return try_beside(session, batch, number); },
+            [&] { return commit_batch(impl_, batch); });
     }
 
     [[nodiscard]] bool try_write(const Batch& batch, CommitNumber& commit) override {
@@ -92,7 +73,6 @@ public:
 private:
     using Kind = ReadRequest::Kind;
     using Item = txn::PlainBatch<StoreMemory>::Item;
-    static constexpr int kAttempts = txn::SyncTuning<StoreMemory>::kAttemptsBeforeAlone;
 
     template <class View>
     [[nodiscard]] lookup::Outcome ask(const View& view, const ReadRequest& request, Answer& answer,
@@ -127,20 +107,26 @@ private:
         }
     }
 
-    [[nodiscard]] txn::Written try_beside(S& session, const Batch& batch, CommitNumber& number) {
-        auto& plain = session.scratch().batch;
-        if (!batch.sound() || !fill(batch, plain))
+    [[nodiscard]] txn::Written try_beside([[maybe_unused]] S& session,
+                                          [[maybe_unused]] const Batch& batch,
+                                          [[maybe_unused]] CommitNumber& number) {
+        if constexpr (!S::kWritesBesideOthers) {
             return txn::Written::kNotPlain;
-        const txn::WriteRoom room{
-            [](void* store) { return static_cast<Reads::Impl*>(store)->may_evict(); }, &impl_};
-        const std::uint64_t authority = impl_.authorities.id_beside_others(batch.authority());
-        return txn::write_beside(session, plain, room, number, [&](const Item& item) {
-            auto& author = impl_.frames.word(item.child, history::kAuthority);
-            if (author.load_relaxed() != authority)
-                author.store_relaxed(authority);
-            if (item.mended)
-                impl_.word(graph::kNormalised).fetch_add(1);
-        });
+        } else {
+            auto& plain = session.scratch().batch;
+            if (!batch.sound() || !fill(batch, plain))
+                return txn::Written::kNotPlain;
+            const txn::WriteRoom room{
+                [](void* store) { return static_cast<Reads::Impl*>(store)->may_evict(); }, &impl_};
+            const std::uint64_t authority = impl_.authorities.id_beside_others(batch.authority());
+            return txn::write_beside(session, plain, room, number, [&](const Item& item) {
+                auto& author = impl_.frames.word(item.child, history::kAuthority);
+                if (author.load_relaxed() != authority)
+                    author.store_relaxed(authority);
+                if (item.mended)
+                    impl_.word(graph::kNormalised).fetch_add(1);
+            });
+        }
     }
 
     /// The samples of the batch, sorted; false if some frame is unknown. Names stay what they are

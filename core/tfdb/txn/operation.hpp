@@ -30,6 +30,7 @@ template <Session S, class Attempt>
     }
 }
 
+/// How one attempt to write beside others went.
 enum class Written : std::uint8_t {
     kDone,
     kGiveUp,    // end(false), pause, begin again
@@ -90,6 +91,31 @@ template <Session S, class Stored>
         }
     }
     return Written::kDone;
+}
+
+/// Runs `beside(number)` until it is done, or `alone()` where it cannot go beside others or has
+/// come to nothing kAttemptsBeforeAlone times. Returns the commit's number; what these throw ends
+/// the session.
+template <Session S, class Beside, class ByItself>
+CommitNumber write_through(S& session, Beside beside, ByItself alone) {
+    constexpr int kAttempts = SyncTuning<typename S::Memory>::kAttemptsBeforeAlone;
+    for (int tries = 0;; ++tries) {
+        session.begin(tries < kAttempts ? Mode::kBesideOthers : Mode::kAlone);
+        CommitNumber number = 0;
+        const Written written = session.alone() ? Written::kNotPlain : beside(number);
+        if (written == Written::kNotPlain) {
+            if (!session.alone())
+                session.become_alone();
+            number = alone();
+        }
+        if (written != Written::kGiveUp) {
+            session.end(true);
+            return number;
+        }
+        session.count(sync::SlotCount::kRetries);
+        session.end(false);
+        session.pause();
+    }
 }
 
 }  // namespace tfdb::txn
