@@ -55,7 +55,7 @@ COLUMNS: dict[str, tuple[tuple[str, str, float], ...]] = {
         ("longest lookup [ms]", "reads_max_ns", 1e-6),
         ("writes/s", "writes_per_s", 1.0),
         ("longest write [ms]", "writes_max_ns", 1e-6),
-        ("aborts per lookup", "aborts_per_read", 1.0),
+        ("aborts per operation", "aborts_per_operation", 1.0),
     ),
 }
 """What a sweep's table shows, where it is not the usual: title, column, factor."""
