@@ -10,7 +10,9 @@ namespace tfdb::graph {
 /// Words of the root block. Each of the first three has a cache line of its own.
 enum StoreWord : unsigned {
     kCommit = 0,       // newest published commit: the one linearization point
-    kPins = 8,         // how many snapshots are held
+    kPins = 8,         // how many snapshots are held, in three counts: see Pins
+    kPinFloors = 11,   // what those are not older than
+    kPinHint = 14,     // which count the next snapshot goes to
     kCommitLock = 16,  // see sync::CommitLock
     kLanes = 17,       // who waits for it with priority: see sync::PriorityLock
     kFrameCount = 24,  // slots of the frame table ever used

@@ -1,6 +1,7 @@
 // The writer's side of one edge's ring: append, evict, grow, take late samples, undo.
 #pragma once
 
+#include <algorithm>
 #include <array>
 #include <cstdint>
 #include <utility>
@@ -17,15 +18,26 @@ struct WriteContext {
     mutable bool may_evict = true;  // false while held snapshots may still need what is oldest
     // Where finding that out costs a fence, it is asked for when a ring is full, and not before.
     mutable bool (*ask_may_evict)(void* store) = nullptr;
+    // The same, where those that are held are told from those that are not: the oldest state that
+    // anybody may read, or later; what it does not show may go.
+    mutable CommitNumber (*ask_oldest)(void* store) = nullptr;
+    mutable CommitNumber oldest = kMaxCommit;
     void* store = nullptr;
 
-    [[nodiscard]] bool eviction_allowed() const {
+    /// What this state does not show may be overwritten. Nothing that is newer than it may.
+    [[nodiscard]] CommitNumber oldest_read() const {
+        if (ask_oldest != nullptr) {
+            oldest = ask_oldest(store);
+            ask_oldest = nullptr;
+        }
         if (ask_may_evict != nullptr) {
             may_evict = ask_may_evict(store);
             ask_may_evict = nullptr;
         }
-        return may_evict;
+        return may_evict ? std::min(oldest, committed) : 0;
     }
+    /// Whether no held snapshot may need what is oldest.
+    [[nodiscard]] bool eviction_allowed() const { return oldest_read() == committed; }
 };
 
 /// A sample as the writer hands it in.
@@ -102,8 +114,11 @@ private:
 
     void make_room(const WriteContext& context);
     [[nodiscard]] bool is_obsolete(const WriteContext& context, std::uint64_t ring,
-                                   std::uint64_t index) const;
-    void evict_one(const WriteContext& context);
+                                   std::uint64_t index, CommitNumber state) const;
+    [[nodiscard]] StampNs newest_of(std::uint64_t ring, std::uint64_t from,
+                                    CommitNumber state) const;
+    [[nodiscard]] CommitNumber evictable(const WriteContext& context) const;
+    void evict_one(CommitNumber state);
     void evict_early(const WriteContext& context, std::uint64_t ring);
     void grow();
     void copy_sample(std::uint64_t from_ring, std::uint64_t from, std::uint64_t to_ring,

@@ -151,15 +151,18 @@ void EdgeWriter<Memory>::make_room(const WriteContext& context) {
         evict_early(context, ring);
         return;
     }
-    const bool obsolete = !RingWord::empty(ring) && is_obsolete(context, ring, begin);
-    if (obsolete && context.eviction_allowed()) {
-        // Several at a time: to learn whether it is allowed costs more than to do it.
+    // To learn what may go costs more than to see that nothing could.
+    const CommitNumber committed = context.committed;
+    const bool obsolete = !RingWord::empty(ring) && is_obsolete(context, ring, begin, committed);
+    const CommitNumber state = obsolete ? evictable(context) : 0;
+    if (obsolete && is_obsolete(context, ring, begin, state)) {
+        // Several at a time, for the same reason.
         const std::uint64_t most =
             std::max<std::uint64_t>(1, RingWord::capacity(ring) / kEvictShare);
         std::uint64_t evicted = 0;
         do {
-            evict_one(context);
-        } while (++evicted < most && is_obsolete(context, ring, begin + evicted));
+            evict_one(state);
+        } while (++evicted < most && is_obsolete(context, ring, begin + evicted, state));
         return;
     }
     try {
@@ -170,7 +173,7 @@ void EdgeWriter<Memory>::make_room(const WriteContext& context) {
         // A held snapshot makes writers take more memory, but never stops them.
         if (!obsolete)
             throw;
-        evict_one(context);
+        evict_one(committed);
     }
 }
 
@@ -187,49 +190,77 @@ void EdgeWriter<Memory>::evict_early(const WriteContext& context, std::uint64_t 
     // Twice what came, so that what gathered while a snapshot was held goes again.
     for (std::uint64_t evicted = 0; evicted < 2 * share; ++evicted) {
         const std::uint64_t begin = word(kBegin).load_relaxed();
-        if (2 * (head - begin) <= capacity || !is_obsolete(context, ring, begin) ||
-            !context.eviction_allowed()) {
+        if (2 * (head - begin) <= capacity ||
+            !is_obsolete(context, ring, begin, context.committed) ||
+            !is_obsolete(context, ring, begin, evictable(context))) {
             return;
         }
-        evict_one(context);
+        evict_one(evictable(context));
     }
 }
 
-/// Only what the committed state no longer shows to anyone may go: an abort must lose nothing.
+/// The state by which to judge what may go; 0, which shows nothing as obsolete, if it is not worth
+/// the search: where commits do not lie in order, only the newest state is asked.
+template <class Memory>
+CommitNumber EdgeWriter<Memory>::evictable(const WriteContext& context) const {
+    const CommitNumber state = context.oldest_read();
+    const bool in_order = (topology() & (Topology::kUnordered | Topology::kRebuilt)) == 0;
+    return state == context.committed || in_order ? state : 0;
+}
+
+/// Only what neither that state nor a later one shows to anyone may go: an abort must lose nothing.
 template <class Memory>
 bool EdgeWriter<Memory>::is_obsolete(const WriteContext& context, std::uint64_t ring,
-                                     std::uint64_t index) const {
-    if (commit_at(ring, index) > context.committed)
+                                     std::uint64_t index, CommitNumber state) const {
+    if (commit_at(ring, index) > state)
         return false;
     const std::uint64_t cleared = word(kCleared).load_relaxed();
     if (index < cleared) {
-        return commit_at(ring, cleared - 1) <= context.committed;
+        return commit_at(ring, cleared - 1) <= state;
     }
     const StampNs stamp = stamp_at(ring, index);
     if (stamp == kStaticStamp) {
-        return index + 1 < word(kHead).load_relaxed() &&
-               commit_at(ring, index + 1) <= context.committed;
+        return index + 1 < word(kHead).load_relaxed() && commit_at(ring, index + 1) <= state;
     }
-    // The greatest committed stamp is the greatest of all unless this commit raised it.
-    StampNs newest = as_stamp(word(kNewest).load_relaxed());
-    if (word(kHeadCommit).load_relaxed() > context.committed) {
-        newest = kNoStamp;
-        const std::uint64_t head = word(kHead).load_relaxed();
-        for (std::uint64_t i = head; i-- > index;) {
-            if (commit_at(ring, i) > context.committed)
-                continue;
-            newest = std::max(newest, stamp_at(ring, i));
-            if ((topology() & Topology::kUnordered) == 0)
-                break;
-        }
-    }
+    // The greatest stamp of that state is the greatest of all unless a later commit raised it.
+    const StampNs newest = word(kHeadCommit).load_relaxed() > state
+                               ? newest_of(ring, index, state)
+                               : as_stamp(word(kNewest).load_relaxed());
     return stamp < newest - context.history;
 }
 
+/// The greatest stamp from that index on that a state shows.
 template <class Memory>
-void EdgeWriter<Memory>::evict_one(const WriteContext& context) {
+StampNs EdgeWriter<Memory>::newest_of(std::uint64_t ring, std::uint64_t from,
+                                      CommitNumber state) const {
+    std::uint64_t end = word(kHead).load_relaxed();
+    if ((topology() & (Topology::kUnordered | Topology::kRebuilt)) == 0) {
+        // Commits and stamps rise together: the last one that the state shows.
+        std::uint64_t seen = from;
+        while (seen < end) {
+            const std::uint64_t middle = seen + (end - seen) / 2;
+            if (commit_at(ring, middle) <= state) {
+                seen = middle + 1;
+            } else {
+                end = middle;
+            }
+        }
+        return end > from ? stamp_at(ring, end - 1) : kNoStamp;
+    }
+    StampNs newest = kNoStamp;
+    while (end-- > from) {
+        if (commit_at(ring, end) <= state)
+            newest = std::max(newest, stamp_at(ring, end));
+    }
+    return newest;
+}
+
+template <class Memory>
+void EdgeWriter<Memory>::evict_one(CommitNumber state) {
     const std::uint64_t begin = word(kBegin).load_relaxed() + 1;
-    word(kEvictSafe).store_relaxed(context.committed);
+    auto& safe = word(kEvictSafe);
+    if (safe.load_relaxed() < state)
+        safe.store_relaxed(state);
     word(kBegin).store_release(begin);
     std::uint64_t topology = this->topology();
     if ((topology & kHeals) == 0)

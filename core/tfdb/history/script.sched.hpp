@@ -132,15 +132,16 @@ Places place(Memory& memory, const Script& script) {
 }
 
 /// Writes one batch as the store does: append all, then publish, or put everything back.
+/// `oldest` is the oldest state that anybody may still read.
 template <class Memory>
-void write(Memory& memory, const Places& places, const Script& script, std::size_t number,
-           bool may_evict) {
+void write_beside(Memory& memory, const Places& places, const Script& script, std::size_t number,
+                  CommitNumber oldest) {
     const std::size_t already = script.before.size();
     const Batch& batch = number < already ? script.before[number] : script.during[number - already];
     WriteContext context;
     context.committed = memory.word(places.commit).load_relaxed();
     context.history = script.history;
-    context.may_evict = may_evict;
+    context.oldest = oldest;
     std::vector<EdgeUndo> saved;
     for (unsigned edge = 0; batch.aborted && edge < script.edges; ++edge) {
         saved.push_back(EdgeWriter<Memory>(memory, places.header(edge)).save());
@@ -163,6 +164,11 @@ void write(Memory& memory, const Places& places, const Script& script, std::size
     }
 }
 
+template <class Memory>
+void write(Memory& memory, const Places& places, const Script& script, std::size_t number,
+           bool may_evict) {
+    write_beside(memory, places, script, number, may_evict ? kMaxCommit : 0);
+}
 template <class Memory>
 void write(Memory& memory, const Places& places, const Script& script, std::size_t number) {
     write(memory, places, script, number, script.may_evict);

@@ -17,30 +17,32 @@ Reads::Impl::Impl(const BufferOptions& options)
              memory.allocate_sparse(std::size_t{options.max_frames} * history::kHeaderBytes),
              options.max_frames),
       names(frames),
+      pins(frames),
       lock(frames.store_word(graph::kCommitLock), frames.store_word(graph::kLanes)),
       control(store::make_control(*this)) {}
 
 Reads::Impl::~Impl() = default;
 
 StoreCommit Reads::Impl::start_commit() {
-    if (word(graph::kPins).load_relaxed() == 0) {
+    if (!pins.any()) {
         unpinned_bytes.store_relaxed(memory.used_bytes());
     }
     return {frames, scratch, history,
-            [](void* store) { return static_cast<Impl*>(store)->may_evict(); }, this};
+            [](void* store) { return static_cast<Impl*>(store)->oldest_read(); }, this};
 }
 
-bool Reads::Impl::may_evict() {
-    // Pairs with the fence in `Buffer::snapshot`: either we see its pin, or it sees our last
-    // commit.
-    sync::fence_full();
+CommitNumber Reads::Impl::oldest_read() {
+    const CommitNumber newest = committed();
+    const CommitNumber oldest = pins.oldest(newest);
     const std::size_t used = memory.used_bytes();
-    if (word(graph::kPins).load_relaxed() == 0) {
+    // What makes the store grow is the oldest snapshot: with the next one counting begins anew.
+    if (oldest == newest || oldest > oldest_held.load_relaxed()) {
+        oldest_held.store_relaxed(oldest);
         unpinned_bytes.store_relaxed(used);
-        return true;
+        return oldest;
     }
     const std::size_t unpinned = unpinned_bytes.load_relaxed();
-    return used > unpinned && used - unpinned > snapshot_memory;
+    return used > unpinned && used - unpinned > snapshot_memory ? newest : oldest;
 }
 
 namespace {
@@ -84,13 +86,12 @@ Snapshot Buffer::snapshot() const {
         // Alone, for then every commit up to this one has been applied in full.
         store::check_not_in_transaction(*impl_);
         const store::Alone alone(*impl_);
-        if (impl_->word(graph::kPins).fetch_add(1) == 0)
-            impl_->unpinned_bytes.store_relaxed(impl_->memory.used_bytes());
-        return {impl_, impl_->committed()};
+        (void)impl_->oldest_read();
+        const unsigned pin = impl_->pins.take();
+        return {impl_, impl_->committed(), pin};
     }
-    impl_->word(graph::kPins).fetch_add(1);
-    sync::fence_full();
-    return {impl_, impl_->committed()};
+    const unsigned pin = impl_->pins.take();
+    return {impl_, impl_->committed(), pin};
 }
 
 CommitNumber Buffer::clear() {
@@ -147,13 +148,15 @@ MemoryUse Buffer::memory() const {
     return use;
 }
 
-Snapshot::Snapshot(std::shared_ptr<Impl> impl, CommitNumber held) : Reads(std::move(impl), held) {}
+Snapshot::Snapshot(std::shared_ptr<Impl> impl, CommitNumber held, unsigned pin)
+    : Reads(std::move(impl), held), pin_(pin) {}
 
-Snapshot::Snapshot(Snapshot&& other) noexcept : Reads(std::move(other.impl_), other.held_) {}
+Snapshot::Snapshot(Snapshot&& other) noexcept
+    : Reads(std::move(other.impl_), other.held_), pin_(other.pin_) {}
 
 Snapshot::~Snapshot() {
     if (impl_)
-        impl_->word(graph::kPins).fetch_add(~std::uint64_t{0});
+        impl_->pins.drop(pin_);
 }
 
 }  // namespace tfdb

@@ -212,7 +212,9 @@ public:
 
 private:
     friend class Buffer;
-    Snapshot(std::shared_ptr<Impl> impl, CommitNumber held);
+    Snapshot(std::shared_ptr<Impl> impl, CommitNumber held, unsigned pin);
+
+    unsigned pin_;  // which count of held snapshots it is in
 };
 
 /// The store. Threads: any number may read and write at once; writers take turns.

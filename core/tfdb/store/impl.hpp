@@ -9,6 +9,7 @@
 
 #include "tfdb/graph/frames.hpp"
 #include "tfdb/graph/names.hpp"
+#include "tfdb/graph/pins.hpp"
 #include "tfdb/lookup/lookup.hpp"
 #include "tfdb/memory/private_memory.hpp"
 #include "tfdb/store/buffer.hpp"
@@ -96,9 +97,13 @@ struct Reads::Impl {
     [[nodiscard]] CommitNumber committed() const { return word(graph::kCommit).load_acquire(); }
     [[nodiscard]] StoreView view(CommitNumber commit) const { return {frames, commit, history}; }
 
-    /// True if no held snapshot can need what a writer is about to overwrite, or if those that are
-    /// held have already made the store grow as far as they may.
-    [[nodiscard]] bool may_evict();
+    /// The oldest state that anybody may read: what it does not show may be overwritten. The newest
+    /// one where held snapshots have already made the store grow as far as they may.
+    [[nodiscard]] CommitNumber oldest_read();
+    [[nodiscard]] bool may_evict() {
+        const CommitNumber newest = committed();
+        return oldest_read() >= newest;
+    }
     /// Starts a commit; the commit lock is held.
     [[nodiscard]] StoreCommit start_commit();
 
@@ -114,10 +119,12 @@ struct Reads::Impl {
     Concurrency concurrency;
     graph::Frames<StoreMemory> frames;
     graph::Names<StoreMemory> names;
+    graph::Pins<StoreMemory> pins;
     mutable sync::PriorityLock lock;
     txn::CommitScratch scratch;
     std::vector<Item> items;
-    sync::Word unpinned_bytes{};  // used when no snapshot was held last
+    sync::Word oldest_held{};     // what `oldest_read` said last
+    sync::Word unpinned_bytes{};  // used when that state was the newest one or came to be asked for
     Authorities authorities;
     mutable sync::Word lapped_reads{};
     mutable sync::Word locked_reads{};

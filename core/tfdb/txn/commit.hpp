@@ -89,6 +89,13 @@ public:
         context_.ask_may_evict = ask_may_evict_ = ask_may_evict;
         context_.store = store;
     }
+    /// The same, with the oldest state that anybody may still read.
+    Commit(graph::Frames<Memory> frames, CommitScratch& scratch, clock::StampNs history,
+           CommitNumber (*ask_oldest)(void* store), void* store)
+        : Commit(frames, scratch, history, true) {
+        context_.ask_oldest = ask_oldest_ = ask_oldest;
+        context_.store = store;
+    }
     ~Commit();
     Commit(const Commit&) = delete;
     Commit& operator=(const Commit&) = delete;
@@ -158,6 +165,7 @@ private:
     CommitScratch& scratch_;
     history::WriteContext context_;
     bool (*ask_may_evict_)(void* store) = nullptr;
+    CommitNumber (*ask_oldest_)(void* store) = nullptr;
     bool published_ = false;
     bool cleared_ = false;
     bool depths_stale_ = false;  // a frame with children got another parent

@@ -40,7 +40,7 @@ FrameId Commit<Memory>::take_slot() {
         const CommitNumber died = frames_.word(retired, history::kDied).load_relaxed();
         // Zero: made by a commit that was undone.
         if (died == 0 ||
-            (died <= context_.committed && (fresh == kNoFrame || context_.eviction_allowed()))) {
+            (died <= context_.committed && (fresh == kNoFrame || died <= context_.oldest_read()))) {
             const bool full = retired == frames_.first_full();
             frames_.pop_retired();
             if (full)
@@ -76,9 +76,15 @@ void Commit<Memory>::empty_slot(FrameId id) {
 /// commit that was just published.
 template <class Memory>
 void Commit<Memory>::empty_removed() {
-    if (ask_may_evict_ == nullptr || !ask_may_evict_(context_.store))
-        return;
+    CommitNumber oldest = 0;
+    if (ask_oldest_ != nullptr) {
+        oldest = ask_oldest_(context_.store);
+    } else if (ask_may_evict_ != nullptr && ask_may_evict_(context_.store)) {
+        oldest = number();
+    }
     for (FrameId id = frames_.first_full(); id != kNoFrame; id = frames_.first_full()) {
+        if (frames_.word(id, history::kDied).load_relaxed() > oldest)
+            return;
         frames_.pass_full();
         empty_slot(id);
     }
