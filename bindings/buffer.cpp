@@ -230,7 +230,12 @@ void bind_writes(BufferClass& type) {
 Arguments, result and errors as in `set_transform`.)");
     type.def("set_transforms", &set_transforms, nb::arg("batch").none(), nb::kw_only(),
              nb::arg("static") = false, nb::arg("authority") = "", nb::arg("partial") = false,
-             kSetTransformsDoc);  // its overloads are in stubs.pattern
+             // Its overloads are in stubs.pattern.
+             nb::sig("def set_transforms(self, batch: collections.abc.Iterable["
+                     "tfdb.types.TransformStampedLike] | tfdb.types.Columns, *, static: bool = "
+                     "False, authority: str = '', partial: bool = False) -> int | "
+                     "list[tfdb.types.Refused]"),
+             kSetTransformsDoc);
     type.def("remove_frame", &remove_frame, nb::arg("name"), nb::kw_only(),
              nb::arg("recursive") = false,
              nb::sig("def remove_frame(self, name: str, *, recursive: bool = False) -> int"),

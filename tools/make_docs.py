@@ -32,6 +32,7 @@ def readable_stub() -> str:
     names = sorted(set(ALIAS.findall(stub)))
     aliases = [f'{name} = typing.NewType("{name}", object)' for name in names]
     stub = CONSTRUCTOR.sub(r'\1: """As above."""', ALIAS.sub(r"\1", stub))
+    stub = stub.replace("    @overload\n", "")  # the last one, which says it all, is shown
     return "\n".join(
         ["from __future__ import annotations", "import typing", *aliases, stub, "import tfdb"]
     )

@@ -554,7 +554,7 @@ class Buffer(Reads):
         *,
         static: bool = False,
         authority: str = "",
-        partial: bool,
+        partial: bool = False,
     ) -> int | list[tfdb.types.Refused]: ...
 
     def remove_frame(self, name: str, *, recursive: bool = False) -> int:
