@@ -167,7 +167,7 @@ def command(
     as_json: bool,
     **parameters: Any,
 ) -> None:
-    r"""Measure the engines and the real tf2 on this machine: CSV, pictures, one page.
+    """Measure the engines and the real tf2 on this machine: CSV, pictures, one page.
 
     Engines take turns in each round; figures are medians of the rounds. Ctrl-C ends the run and
     reports what was finished.
@@ -176,7 +176,7 @@ def command(
     tfdb bench --quick
     tfdb bench --sweep threads,skew --engines snapshot,silo,tf2 --rounds 5
     tfdb bench --sweep readers --read-length 100 --out long-paths
-    """
+    """  # noqa: D301, click wants the character
     base = _base(parameters, seconds or (_QUICK["seconds"] if quick else 1.0))
     plan = session.plan(
         points.choose_engines(engines),

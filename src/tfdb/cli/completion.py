@@ -19,13 +19,13 @@ WHERE = {
 @common.json_option
 @common.reports_errors("completion")
 def command(*, shell: str, as_json: bool) -> None:
-    r"""Print the completion script of SHELL; save it where the shell looks for it.
+    """Print the completion script of SHELL; save it where the shell looks for it.
 
     \b
     bash  tfdb completion bash > ~/.local/share/bash-completion/completions/tfdb
     zsh   tfdb completion zsh > ~/.zfunc/_tfdb   (with ~/.zfunc in $fpath)
     fish  tfdb completion fish > ~/.config/fish/completions/tfdb.fish
-    """
+    """  # noqa: D301, click wants the character
     from .app import cli  # noqa: PLC0415, app imports this module on demand
 
     maker = get_completion_class(shell)
