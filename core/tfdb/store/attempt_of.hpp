@@ -33,7 +33,8 @@ public:
             author.store_relaxed(number);
     }
     [[nodiscard]] txn::WriteRoom room() {
-        return {[](void* store) { return static_cast<Reads::Impl*>(store)->may_evict(); }, &impl_};
+        return {[](void* store) { return static_cast<Reads::Impl*>(store)->oldest_read(); },
+                &impl_};
     }
 
 private:

@@ -117,7 +117,8 @@ private:
             if (!batch.sound() || !fill(batch, plain))
                 return txn::Written::kNotPlain;
             const txn::WriteRoom room{
-                [](void* store) { return static_cast<Reads::Impl*>(store)->may_evict(); }, &impl_};
+                [](void* store) { return static_cast<Reads::Impl*>(store)->oldest_read(); },
+                &impl_};
             const std::uint64_t authority = impl_.authorities.id_beside_others(batch.authority());
             return txn::write_beside(session, plain, room, number, [&](const Item& item) {
                 auto& author = impl_.frames.word(item.child, history::kAuthority);

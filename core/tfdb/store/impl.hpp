@@ -100,10 +100,6 @@ struct Reads::Impl {
     /// The oldest state that anybody may read: what it does not show may be overwritten. The newest
     /// one where held snapshots have already made the store grow as far as they may.
     [[nodiscard]] CommitNumber oldest_read();
-    [[nodiscard]] bool may_evict() {
-        const CommitNumber newest = committed();
-        return oldest_read() >= newest;
-    }
     /// Starts a commit; the commit lock is held.
     [[nodiscard]] StoreCommit start_commit();
 

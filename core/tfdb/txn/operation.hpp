@@ -39,7 +39,7 @@ enum class Written : std::uint8_t {
 
 /// What a write needs of its store.
 struct WriteRoom {
-    bool (*ask_may_evict)(void* store) = nullptr;
+    CommitNumber (*ask_oldest)(void* store) = nullptr;
     void* store = nullptr;
 };
 
@@ -64,7 +64,7 @@ template <Session S, class Stored>
     const auto store = [&](std::span<const Item> items) {
         number = session.take_ticket();
         ParallelCommit<typename S::Memory> commit(shared.frames, session.scratch().touched,
-                                                  shared.history, number, room.ask_may_evict,
+                                                  shared.history, number, room.ask_oldest,
                                                   room.store);
         for (const Item& item : items)
             commit.append(item.child, item.sample);

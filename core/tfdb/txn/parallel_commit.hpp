@@ -73,15 +73,15 @@ struct TouchedEdge {
 template <class Memory>
 class ParallelCommit {
 public:
-    /// `ask_may_evict` as in txn::Commit; `touched` is scratch memory.
+    /// `ask_oldest` as in txn::Commit; `touched` is scratch memory.
     ParallelCommit(const graph::Frames<Memory>& frames, std::vector<TouchedEdge>& touched,
-                   clock::StampNs history, CommitNumber ticket, bool (*ask_may_evict)(void* store),
-                   void* store)
+                   clock::StampNs history, CommitNumber ticket,
+                   CommitNumber (*ask_oldest)(void* store), void* store)
         : frames_(frames), touched_(touched) {
         touched_.clear();
         context_.committed = ticket - 1;
         context_.history = history;
-        context_.ask_may_evict = ask_may_evict;
+        context_.ask_oldest = ask_oldest;
         context_.store = store;
     }
     ~ParallelCommit() {

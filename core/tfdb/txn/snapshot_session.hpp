@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <span>
 
+#include "tfdb/graph/pins.hpp"
 #include "tfdb/txn/engine.hpp"
 #include "tfdb/txn/snapshot_view.hpp"
 
@@ -33,10 +34,7 @@ public:
             commit_ = frames_.store_word(graph::kCommit).load_acquire();
             return;
         }
-        // Pairs with the fence of a writer that is about to overwrite: it sees the pin, or this
-        // sees its commit.
-        pins().fetch_add(1);
-        Memory::fence_full();
+        pin_ = graph::Pins<Memory>(frames_).take();
         pinned_ = true;
         commit_ = frames_.store_word(graph::kCommit).load_acquire();
     }
@@ -81,7 +79,6 @@ public:
     }
 
 private:
-    [[nodiscard]] typename Memory::Word& pins() const { return frames_.store_word(graph::kPins); }
     void take_lock([[maybe_unused]] unsigned lane) {
         if constexpr (requires { lock_.lock(lane); }) {
             lock_.lock(lane);
@@ -91,7 +88,7 @@ private:
     }
     void unpin() {
         if (pinned_)
-            pins().fetch_add(~std::uint64_t{0});
+            graph::Pins<Memory>(frames_).drop(pin_);
         pinned_ = false;
     }
 
@@ -100,6 +97,7 @@ private:
     clock::StampNs history_;
     unsigned lane_;
     CommitNumber commit_ = 0;
+    unsigned pin_ = 0;  // which count of held snapshots, if pinned
     bool pinned_ = false;
     bool alone_ = false;
 };
