@@ -107,6 +107,8 @@ def main() -> int:
         "command": "make evaluation",
     }
     text = options.page.read_text(encoding="utf-8")
+    for name in ("about", "goals", "claims", "losses", "prediction", *(f"sweep {k}" for k in KEPT)):
+        page.between(text, name, [])  # ten minutes later would be late to miss a marker
     if options.only != "sweeps":
         found = measure_goals(options)
         text = page.between(text, "goals", goals.table(found, head))
