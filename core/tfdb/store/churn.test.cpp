@@ -84,6 +84,30 @@ struct Crowd {
     }
 };
 
+constexpr int kMoves = 6;
+
+/// Carts that stood in the hall (map <- hall is pose 1) and in the yard (pose 2) by turns.
+void check_moves(const Buffer& buffer, const std::vector<std::string>& carts) {
+    for (std::size_t i = 0; i < kCarts; i += kCarts / 100) {
+        for (int move = 0; move <= kMoves; ++move) {
+            const std::string_view parent = move % 2 == 1 ? "yard" : "hall";
+            const double number = static_cast<double>(i) + 0.5 * move;
+            const StampNs at = 1000 + 1000 * move;
+            for (const StampNs stamp : {at, at + 999}) {  // it holds until the next one
+                if (move == kMoves && stamp != at)
+                    continue;
+                CHECK_EQ(number_of(buffer.lookup_transform(parent, carts[i], stamp).pose), number);
+                const Pose expected =
+                    geometry::compose(pose_of(move % 2 == 1 ? 2 : 1), pose_of(number));
+                CHECK(apart(buffer.lookup_transform("map", carts[i], stamp).pose, expected) <
+                      1e-9 * (1 + number));
+                CHECK(apart(geometry::inverse(buffer.lookup_transform(carts[i], "map", stamp).pose),
+                            expected) < 1e-9 * (1 + number));
+            }
+        }
+    }
+}
+
 }  // namespace
 
 TFDB_TEST(churn_of_frames_leaves_memory_flat_and_answers_right) {
@@ -178,37 +202,20 @@ TFDB_TEST(churn_of_parents_is_seen_whole_at_and_around_its_stamp) {
     };
     beside(
         [&] {
-            for (int move = 1; move <= 6; ++move) {
+            for (int move = 1; move <= kMoves; ++move) {
                 const std::string_view to = move % 2 == 1 ? "yard" : "hall";
                 buffer.set_transforms(all_at(to, 1000 + 1000 * move, 0.5 * move), false, "");
             }
         },
         {together, together});
 
-    for (std::size_t i = 0; i < kCarts; i += kCarts / 100) {
-        for (int move = 0; move <= 6; ++move) {
-            const std::string_view parent = move % 2 == 1 ? "yard" : "hall";
-            const double number = static_cast<double>(i) + 0.5 * move;
-            const StampNs at = 1000 + 1000 * move;
-            for (const StampNs stamp : {at, at + 999}) {  // it holds until the next one
-                if (move == 6 && stamp != at)
-                    continue;
-                CHECK_EQ(number_of(buffer.lookup_transform(parent, carts[i], stamp).pose), number);
-                const Pose expected =
-                    geometry::compose(pose_of(move % 2 == 1 ? 2 : 1), pose_of(number));
-                CHECK(apart(buffer.lookup_transform("map", carts[i], stamp).pose, expected) <
-                      1e-9 * (1 + number));
-                CHECK(apart(geometry::inverse(buffer.lookup_transform(carts[i], "map", stamp).pose),
-                            expected) < 1e-9 * (1 + number));
-            }
-        }
-    }
+    check_moves(buffer, carts);
     // None of them may hang on its own load, whoever else is moved with it.
     auto wrong = all_at("yard", 9000, 0.0);
     wrong[kCarts / 2].parent = loads[kCarts / 2];
     const auto error = THROWN(CycleError, buffer.set_transforms(wrong, false, ""));
     CHECK(error && error->detail().refused.size() == 1 && error->detail().index == kCarts / 2);
-    CHECK_EQ(buffer.frame_info(carts[0]).newest, 7000);
+    CHECK_EQ(buffer.frame_info(carts[0]).newest, 1000 + 1000 * kMoves);
 }
 
 }  // namespace tfdb
