@@ -27,17 +27,18 @@ struct StoreCounters {
     std::uint64_t locked_reads = 0;
 };
 
-/// A Worker belongs to one thread. All but the last two calls are timed, so none may allocate where
-/// the store itself does not. `lost` counts attempts that ended in a conflict.
+/// A Worker belongs to one thread. A null `used` is one that nobody wants to know. All but the last
+/// two calls are timed, so none may allocate where the store itself does not. `lost` counts
+/// attempts that ended in a conflict.
 template <class S>
-concept Store = requires(S store, typename S::Worker worker, const Path& path, Used& used,
-                         std::uint32_t run, std::int64_t stamp, std::uint64_t& lost, Pose& pose,
-                         std::optional<std::int64_t> at) {
+concept Store = requires(S store, typename S::Worker worker, const Path& path, Used* wanted,
+                         Used& used, std::uint32_t run, std::int64_t stamp, std::uint64_t& lost,
+                         Pose& pose, std::optional<std::int64_t> at) {
     requires std::constructible_from<S, const Options&, const Forest&, const Motion&>;
     requires std::constructible_from<typename S::Worker, S&>;
     /// False where the store has no answer.
-    { worker.read(path, used) } -> std::same_as<bool>;
-    { worker.read_in_transaction(path, used, lost) } -> std::same_as<bool>;
+    { worker.read(path, wanted) } -> std::same_as<bool>;
+    { worker.read_in_transaction(path, wanted, lost) } -> std::same_as<bool>;
     /// False where the store refuses.
     { worker.write_batch(run, stamp) } -> std::same_as<bool>;
     { worker.write_singly(run, stamp) } -> std::same_as<bool>;

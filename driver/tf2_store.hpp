@@ -66,15 +66,18 @@ public:
     explicit Worker(Tf2Store& store)
         : store_(store), climbs_(store.options_.opposite == store.options_.from_low) {}
 
-    bool read(const Path& path, Used& used) {
+    bool read(const Path& path, Used* used) {
         const bool from_low = store_.options_.from_low;
+        std::int64_t stamp = 0;
         const bool found = store_.tf2_.lookup(store_.forest_.name(from_low ? path.high : path.low),
                                               store_.forest_.name(from_low ? path.low : path.high),
-                                              used.oldest, message_);
-        used.newest = used.oldest;
+                                              stamp, message_);
+        if (used != nullptr) {
+            *used = {stamp, stamp};
+        }
         return found;
     }
-    bool read_in_transaction(const Path&, Used&, std::uint64_t&) { return false; }
+    bool read_in_transaction(const Path&, Used*, std::uint64_t&) { return false; }
 
     bool write_batch(std::uint32_t run, std::int64_t stamp) { return write_singly(run, stamp); }
     bool write_singly(std::uint32_t run, std::int64_t stamp) {

@@ -105,7 +105,7 @@ public:
         batch_.resize(store.options_.write_length);
     }
 
-    bool read(const Path& path, Used& used) {
+    bool read(const Path& path, Used* used) {
         const auto [target, source] = ends(path);
         const FrameHandle to = store_.handles_[target];
         const FrameHandle from = store_.handles_[source];
@@ -117,7 +117,7 @@ public:
         return found;
     }
 
-    bool read_in_transaction(const Path& path, Used& used, std::uint64_t& lost) {
+    bool read_in_transaction(const Path& path, Used* used, std::uint64_t& lost) {
         const auto [target, source] = ends(path);
         const std::string& to = store_.forest_.name(target);
         const std::string& from = store_.forest_.name(source);
@@ -171,9 +171,9 @@ private:
                                         : std::pair{path.low, path.high};
     }
 
-    void note(bool found, Used& used) const {
-        if (found) {
-            used = used_in(answer_);
+    void note(bool found, Used* used) const {
+        if (found && used != nullptr) {
+            *used = used_in(answer_);
         }
     }
 
