@@ -98,6 +98,11 @@ def measure_sweeps(options: argparse.Namespace) -> tuple[Results, session.Plan]:
 
 def main() -> int:
     options = parse()
+    try:
+        for engine in points.ENGINES:
+            drivers.find(engine)
+    except drivers.DriverMissing as error:
+        sys.exit(str(error))
     options.out.mkdir(parents=True, exist_ok=True)
     started = time.monotonic()
     head = {
