@@ -86,10 +86,13 @@ public:
         typename Draft::Writes::Sample own;
         own.authority = draft_.writes().authority(authority);
         history::NewSample<StoreMemory> sample;
-        for (const TransformView& transform : batch) {
-            const FrameId parent = find_or_make(transform.parent);
-            const FrameId child = find_or_make(transform.child);
-            fill_sample(impl_, transform, parent, is_static, sample);
+        for (std::size_t i = 0; i < batch.size(); ++i) {
+            auto [parent, child] = found_[i];
+            if (parent == kNoFrame)
+                parent = find_or_make(batch[i].parent);
+            if (child == kNoFrame)
+                child = find_or_make(batch[i].child);
+            fill_sample(impl_, batch[i], parent, is_static, sample);
             own.stamp = sample.stamp;
             own.parent = parent;
             own.payload = sample.payload;
@@ -180,11 +183,13 @@ private:
     void check(std::span<const TransformView> batch, bool is_static, std::string_view authority) {
         Refusals refusals;
         std::size_t unknown = 0;
+        found_.clear();
         for (std::size_t i = 0; i < batch.size(); ++i) {
             const TransformView& transform = batch[i];
             Fault fault = fault_alone(transform, i, is_static, authority);
             const FrameId parent = find(transform.parent);
             const FrameId child = find(transform.child);
+            found_.emplace_back(parent, child);
             if (!fault && (parent == kNoFrame || child == kNoFrame))
                 fault = fault_of_names(transform, i, authority);
             if (!fault && child != kNoFrame)
@@ -221,6 +226,7 @@ private:
 
     Reads::Impl& impl_;
     Draft draft_;
+    std::vector<std::pair<FrameId, FrameId>> found_;  // parents and children of a batch
 };
 
 }  // namespace tfdb::store

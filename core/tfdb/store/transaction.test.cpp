@@ -254,6 +254,24 @@ TFDB_TEST(transaction_reparents_without_moving) {
     CHECK_EQ(latest(buffer, "cellar", "base"), 5.0);
 }
 
+TFDB_TEST(transaction_that_reads_what_was_overwritten_has_lost) {
+    BufferOptions options = keeping(50);
+    options.snapshot_memory = 0;
+    Buffer buffer(options);
+    for (StampNs stamp = 0; stamp < 100; ++stamp)
+        set(buffer, "map", "base", stamp, pose_of(static_cast<double>(stamp)));
+    Transaction tx(buffer);
+    CHECK_EQ(number_of(tx.lookup_transform("map", "base", 60).pose), 60.0);
+    elsewhere([&] {
+        for (StampNs stamp = 100; stamp < 5000; ++stamp)
+            set(buffer, "map", "base", stamp, pose_of(1));
+    });
+    const auto lost = THROWN(Conflict, tx.lookup_transform("map", "base", 60));
+    CHECK(lost && says(*lost, "overwritten"));
+    CHECK(THROWN(TransactionClosed, tx.has_frame("map")));
+    CHECK_EQ(buffer.counters().conflicts, 1U);
+}
+
 TFDB_TEST(transaction_looks_up_many_at_once) {
     Buffer buffer(forever());
     for (const StampNs stamp : {10, 20})

@@ -25,9 +25,9 @@ public:
         before_commit_();
         return {forest_.frames, forest_.scratch, forest_.history,
                 [](void* forest) {
-                    ForestMemory::fence_full();
-                    return static_cast<WalkedForest*>(forest)->word(graph::kPins).load_relaxed() ==
-                           0;
+                    const auto& of = *static_cast<WalkedForest*>(forest);
+                    return graph::Pins<ForestMemory>(of.frames).oldest(
+                        of.word(graph::kCommit).load_acquire());
                 },
                 &forest_};
     }
