@@ -18,6 +18,7 @@ struct txn::SyncTuning<txn::forest::ForestMemory> {
     static constexpr int kSpins = 0;
     static constexpr int kAttemptsBeforeAlone = 1;
     static constexpr int kWaitsBeforeRetry = 8;
+    static constexpr bool kAwaitsChange = false;
 };
 
 namespace txn::engines {

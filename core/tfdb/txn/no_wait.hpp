@@ -5,8 +5,8 @@
 
 namespace tfdb::txn {
 
-/// Who is refused a lock for writing lets go of everything and starts again; readers wait. No cycle
-/// can arise: who writes never waits.
+/// Who is refused a lock for writing lets go of everything, and starts again once that lock has
+/// changed hands; readers wait. No cycle can arise: who has a lock for writing never waits.
 /// Threads: one. Guarantee: as TwoPhase's.
 template <class M>
 class NoWaitSession : public TwoPhase<M, NoWaitSession<M>> {

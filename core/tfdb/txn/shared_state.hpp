@@ -20,6 +20,7 @@ struct SyncTuning {
     static constexpr int kSpins = 100;
     static constexpr int kAttemptsBeforeAlone = 32;
     static constexpr int kWaitsBeforeRetry = 64;
+    static constexpr bool kAwaitsChange = true;  // of a lock that was refused, before the retry
 };
 
 /// How a session is to be begun.

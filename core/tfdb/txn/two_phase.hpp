@@ -2,6 +2,7 @@
 #pragma once
 
 #include <span>
+#include <utility>
 
 #include "tfdb/sync/frame_lock.hpp"
 #include "tfdb/txn/gate_session.hpp"
@@ -40,6 +41,14 @@ public:
     [[nodiscard]] bool enter(FrameId id) { return this->alone() || get(id, false); }
     void leave(FrameId) {}
 
+    /// Who was refused a lock, and has let go of all others, waits until that one has changed
+    /// hands: to ask again before would be to be refused again.
+    void pause() {
+        const FrameId id = std::exchange(refused_, kNoFrame);
+        if (!Tuning::kAwaitsChange || id == kNoFrame || !await_change(id))
+            Base::pause();
+    }
+
     void start() {
         given_up_ = false;
         engine().take_place();
@@ -75,8 +84,11 @@ private:
         Attempt attempt = request(lock, exclusive);
         if (!attempt) [[unlikely]] {
             attempt = wait_for(lock, attempt, exclusive);
-            if (!attempt)
+            if (!attempt) {
+                refused_ = id;
+                refused_by_ = attempt;
                 return give_up();
+            }
         }
         if ((attempt.found & FrameLock::bit(this->slot_)) == 0)
             held.push_back(id);
@@ -116,12 +128,31 @@ private:
         return attempt;
     }
 
+    /// False if it had changed already.
+    [[nodiscard]] bool await_change(FrameId id) {
+        for (int spin = 0; spin < Tuning::kSpins; ++spin) {
+            if (this->lock_word(id).load_relaxed() != refused_by_.found)
+                return false;
+            sync::spin_pause();
+        }
+        FrameLock lock(this->lock_word(id));
+        const auto epoch = this->shared_.event.prepare();
+        if (lock.mark_waited(refused_by_)) {
+            this->shared_.event.wait(epoch);
+            return true;
+        }
+        this->shared_.event.cancel();
+        return false;
+    }
+
     bool give_up() {
         given_up_ = true;
         return false;
     }
 
     bool given_up_ = false;
+    FrameId refused_ = kNoFrame;
+    Attempt refused_by_{};
 };
 
 }  // namespace tfdb::txn
