@@ -140,6 +140,12 @@ private:
     bool branching_ = false;
 };
 
+/// A view that notes which samples an answer depends on: hints are no samples.
+template <class V>
+concept NotingView = View<V> && requires {
+    requires V::kNotesReads;
+};
+
 /// Fills both chains of the answer, each from its frame up to the meeting point. By the samples: a
 /// path of edges that all answer at the stamp if there is one, else one that names the culprit.
 /// When there is none, kFailed with both roots.
@@ -149,6 +155,9 @@ template <View V>
     Walker<V> walker(view, stamp, policy, mode, chains);
     bool met = false;
     if (mode == WalkMode::kHints) {
+        // There the path depends on whole chains, of which hints note only what lies on it.
+        if (NotingView<V> && walker.to_root())
+            return Outcome::kMismatch;
         const Outcome outcome = walker.walk(target, source, Edges::kAll, met);
         if (outcome != Outcome::kOk) {
             return outcome;

@@ -198,8 +198,11 @@ lookup::Outcome read_committed(const Reads::Impl& impl, CommitNumber held, Commi
         if (outcome != lookup::Outcome::kLapped)
             return outcome;
     }
+    // While this thread's own transaction keeps all writers out, trying again is of no use.
+    if (OpenTransaction::any(impl, true))
+        return outcome;
+    check_may_wait(impl);
     impl.locked_reads.fetch_add(1);
-    check_not_alone_in_transaction(impl);
     const Alone alone(impl, kReadersLane);
     return once();
 }

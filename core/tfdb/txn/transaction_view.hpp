@@ -32,6 +32,7 @@ private:
 
 public:
     using Edge = MergedEdge<Parts>;
+    static constexpr bool kNotesReads = true;
 
     /// `reads` null: nothing is noted, because nothing can change.
     TransactionView(const Below& below, graph::Names<Memory> names, clock::StampNs history,
