@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 from typing import TYPE_CHECKING
 
 import pytest
@@ -12,13 +11,13 @@ from isolation.engines import atomic_engines, judge
 if TYPE_CHECKING:
     from pathlib import Path
 
-SEEDS = (1, 2, 3)
+SEEDS = (1, 2)
 
 
 @atomic_engines
 @pytest.mark.parametrize("seed", SEEDS)
 def test_an_atomic_engine_is_strictly_serializable(engine: str, seed: int, tmp_path: Path) -> None:
-    verdict = judge(tmp_path, engine=engine, threads=4, operations=800, seed=seed)
+    verdict = judge(tmp_path, engine=engine, threads=4, operations=500, seed=seed)
     assert verdict.serializable is True, verdict
     assert verdict.counts["committed"] > 1000
 
@@ -33,7 +32,7 @@ def test_so_it_is_without_the_numbers_of_the_commits(engine: str, tmp_path: Path
 @pytest.mark.slow
 @atomic_engines
 def test_so_it_is_with_many_threads(engine: str, tmp_path: Path) -> None:
-    verdict = judge(tmp_path, engine=engine, threads=12, operations=1000, seed=5)
+    verdict = judge(tmp_path, engine=engine, threads=8, operations=500, seed=5)
     assert verdict.serializable is True, verdict
 
 
@@ -61,8 +60,7 @@ def test_one_mutex_without_batches_tears_what_belongs_together(tmp_path: Path) -
 
 
 @pytest.mark.parametrize("engine", ["giant", "snapshot"])
-def test_single_writes_that_claim_nothing_are_fine(engine: str, tmp_path: Path) -> None:
-    """The control: the same threads with batches."""
-    for seed in itertools.islice(itertools.count(1), 3):
-        verdict = judge(tmp_path, engine=engine, threads=3, writers=1, operations=800, seed=seed)
+def test_with_batches_the_same_threads_tear_nothing(engine: str, tmp_path: Path) -> None:
+    for seed in (1, 2):
+        verdict = judge(tmp_path, engine=engine, threads=3, writers=1, operations=500, seed=seed)
         assert verdict.serializable is True, verdict
