@@ -129,7 +129,9 @@ void upgrades(Concurrency engine) {
             until_committed(buffer, [&](Transaction& tx, bool first) {
                 const int seen = whole(newest(tx, Direction::kUp, "map", "x"));
                 const Pose below = newest(tx, Direction::kDown, "map", "y");
-                CHECK(apart(below, geometry::compose(pose_of(seen), pose_of(5))) < 1e-6);
+                const Pose expected = geometry::compose(pose_of(seen), pose_of(5));
+                if (engine != Concurrency::kFine)  // which may not repeat the read
+                    CHECK(apart(below, expected) < 1e-6);
                 if (first && i == 0)
                     meeting.meet(2);
                 else if (first && i % 8 == 0)
