@@ -142,10 +142,10 @@ void upgrades(Concurrency engine) {
         writing.fetch_sub(1);
     };
     const auto read = [&] {
-        while (writing.load() != 0) {
+        do {
             const Answer answer = buffer.lookup_latest_transform("y", "map");
             reads += answer.edges.size() == 2;
-        }
+        } while (writing.load() != 0);
     };
     side_by_side({increment, increment, read, read});
     CHECK(reads.load() > 0);
