@@ -18,6 +18,9 @@ template <class Memory>
 struct SyncTuning {
     static constexpr unsigned kSlots = 62;
     static constexpr int kSpins = 100;
+    // So nobody starves: after at most 32 attempts, each of which sleeps at most 64 times for a
+    // frame, an operation runs alone in lane 1. It then waits for what is under way, for one commit
+    // of each thread that had passed the lanes before, and for at most 15 others of its lane.
     static constexpr int kAttemptsBeforeAlone = 32;
     static constexpr int kWaitsBeforeRetry = 64;
     static constexpr bool kAwaitsChange = true;  // of a lock that was refused, before the retry
