@@ -34,87 +34,89 @@ def _parameter(*names: str, **settings: Any) -> Callable[[Any], Any]:
     return click.option(*names, default=None, **settings)
 
 
+_MANY = click.IntRange(1, points.MOST_JOINTS)
+_DRIVER_OPTIONS = (
+    _parameter(
+        "--threads",
+        type=click.IntRange(1, points.MOST_THREADS),
+        help="Threads.  [default: 2]",
+    ),
+    _parameter(
+        "--joints",
+        type=click.IntRange(2, points.MOST_JOINTS),
+        help="Moving frames.  [default: 1000]",
+    ),
+    _parameter(
+        "--read-ratio",
+        type=click.FloatRange(0, 1),
+        help="Share that reads.  [default: 0.5]",
+    ),
+    _parameter(
+        "--share",
+        type=click.Choice(["threads", "operations"]),
+        help="Of what the read ratio is a share.  [default: threads]",
+    ),
+    _parameter("--read-length", type=_MANY, help="Edges of a lookup.  [default: 16]"),
+    _parameter("--write-length", type=_MANY, help="Edges of a write.  [default: 16]"),
+    _parameter(
+        "--frequency",
+        type=_NUMBER,
+        help="Operations per second and thread; 0: no pause.  [default: 0]",
+    ),
+    _parameter("--read-frequency", type=_NUMBER, help="The same, of reads alone."),
+    _parameter("--write-frequency", type=_NUMBER, help="The same, of writes alone."),
+    _parameter(
+        "--iterations",
+        type=click.IntRange(0, 10**9),
+        help="Operations per thread, instead of --seconds.",
+    ),
+    _parameter(
+        "--skew",
+        type=click.FloatRange(0, 5),
+        help="Zipf's theta; 0: uniform.  [default: 0]",
+    ),
+    _parameter(
+        "--tree",
+        type=click.Choice(["chain", "star", "humanoid", "random"]),
+        help="Shape.  [default: chain]",
+    ),
+    _parameter(
+        "--time",
+        type=click.Choice(["latest", "common"]),
+        help="Each edge's newest, or the latest common time, interpolated.  [default: latest]",
+    ),
+    _parameter(
+        "--reads",
+        type=click.Choice(["lookup", "transaction"]),
+        help="How to read.  [default: lookup]",
+    ),
+    _parameter(
+        "--writes",
+        type=click.Choice(["batch", "single", "modify"]),
+        help="One atomic write, one per edge, or a transaction that reads edges and writes "
+        "the same.  [default: batch]",
+    ),
+    _parameter(
+        "--direction",
+        type=click.Choice(["opposite", "same"]),
+        help="Order of a batch against a lookup's.  [default: opposite]",
+    ),
+    _parameter(
+        "--lookup-from",
+        type=click.Choice(["high", "low"]),
+        help="End of the chain that is the source.  [default: high]",
+    ),
+    _parameter("--deadline-ms", type=_NUMBER, help="For --frequency.  [default: one period]"),
+    _parameter("--history", type=_NUMBER, help="Seconds kept; 0: chosen.  [default: 0]"),
+    _parameter("--warmup", type=_NUMBER, help="Seconds before each run.  [default: 0.1]"),
+    _parameter("--seed", type=click.IntRange(min=0), help="Of all choices.  [default: 1]"),
+    click.option("--no-batch", is_flag=True, help="The same as --writes single."),
+    click.option("--no-pin", is_flag=True, help="Leave the threads to the scheduler."),
+)
+
+
 def _driver_options(command: Any) -> Any:
-    many = click.IntRange(1, points.MOST_JOINTS)
-    options = [
-        _parameter(
-            "--threads",
-            type=click.IntRange(1, points.MOST_THREADS),
-            help="Threads.  [default: 2]",
-        ),
-        _parameter(
-            "--joints",
-            type=click.IntRange(2, points.MOST_JOINTS),
-            help="Moving frames.  [default: 1000]",
-        ),
-        _parameter(
-            "--read-ratio",
-            type=click.FloatRange(0, 1),
-            help="Share that reads.  [default: 0.5]",
-        ),
-        _parameter(
-            "--share",
-            type=click.Choice(["threads", "operations"]),
-            help="Of what the read ratio is a share.  [default: threads]",
-        ),
-        _parameter("--read-length", type=many, help="Edges of a lookup.  [default: 16]"),
-        _parameter("--write-length", type=many, help="Edges of a write.  [default: 16]"),
-        _parameter(
-            "--frequency",
-            type=_NUMBER,
-            help="Operations per second and thread; 0: no pause.  [default: 0]",
-        ),
-        _parameter("--read-frequency", type=_NUMBER, help="The same, of reads alone."),
-        _parameter("--write-frequency", type=_NUMBER, help="The same, of writes alone."),
-        _parameter(
-            "--iterations",
-            type=click.IntRange(0, 10**9),
-            help="Operations per thread, instead of --seconds.",
-        ),
-        _parameter(
-            "--skew",
-            type=click.FloatRange(0, 5),
-            help="Zipf's theta; 0: uniform.  [default: 0]",
-        ),
-        _parameter(
-            "--tree",
-            type=click.Choice(["chain", "star", "humanoid", "random"]),
-            help="Shape.  [default: chain]",
-        ),
-        _parameter(
-            "--time",
-            type=click.Choice(["latest", "common"]),
-            help="Each edge's newest, or the latest common time, interpolated.  [default: latest]",
-        ),
-        _parameter(
-            "--reads",
-            type=click.Choice(["lookup", "transaction"]),
-            help="How to read.  [default: lookup]",
-        ),
-        _parameter(
-            "--writes",
-            type=click.Choice(["batch", "single", "modify"]),
-            help="One atomic write, one per edge, or a transaction that reads edges and writes "
-            "the same.  [default: batch]",
-        ),
-        _parameter(
-            "--direction",
-            type=click.Choice(["opposite", "same"]),
-            help="Order of a batch against a lookup's.  [default: opposite]",
-        ),
-        _parameter(
-            "--lookup-from",
-            type=click.Choice(["high", "low"]),
-            help="End of the chain that is the source.  [default: high]",
-        ),
-        _parameter("--deadline-ms", type=_NUMBER, help="For --frequency.  [default: one period]"),
-        _parameter("--history", type=_NUMBER, help="Seconds kept; 0: chosen.  [default: 0]"),
-        _parameter("--warmup", type=_NUMBER, help="Seconds before each run.  [default: 0.1]"),
-        _parameter("--seed", type=click.IntRange(min=0), help="Of all choices.  [default: 1]"),
-        click.option("--no-batch", is_flag=True, help="The same as --writes single."),
-        click.option("--no-pin", is_flag=True, help="Leave the threads to the scheduler."),
-    ]
-    for option in reversed(options):
+    for option in reversed(_DRIVER_OPTIONS):
         command = option(command)
     return command
 
