@@ -189,10 +189,11 @@ std::vector<RefusedMember> commit_partial(Reads::Impl& impl, const Batch& batch,
         return {};
     Sorting sorting(impl, batch);
     sorting.leave_out_cycles();
+    auto refused = sorting.refusals.members();  // it may throw: not once something is stored
     commit = impl.committed();
     if (!sorting.good().empty())
         (void)store_all(impl, {sorting.good(), batch.is_static(), batch.authority()}, commit);
-    return sorting.refusals.members();
+    return refused;
 }
 
 }  // namespace tfdb::store

@@ -82,9 +82,11 @@ public:
     [[nodiscard]] View view() { return {*this, this->shared_.frames, this->shared_.history}; }
     [[nodiscard]] bool confirm() { return true; }
     [[nodiscard]] bool lock(std::span<const FrameId> frames) {
+        auto& held = this->scratch().held;
+        held.reserve(held.size() + frames.size());  // once granted, nothing may throw
         for (const FrameId id : frames) {
             get(id, true);
-            this->scratch().held.push_back(id);
+            held.push_back(id);
         }
         return true;
     }
