@@ -26,7 +26,7 @@ thread_local long g_allocations = 0;
 thread_local long g_until_failure = -1;  // how many more succeed; negative: all
 }  // namespace
 
-// Not inlined: the compiler would miss that `delete` is its counterpart.
+// None of them inlined: the compiler would take `malloc` and `delete`, say, for a mismatch.
 [[gnu::noinline]] void* operator new(std::size_t bytes) {
     ++g_allocations;
     if (g_until_failure >= 0 && g_until_failure-- == 0)
@@ -35,10 +35,10 @@ thread_local long g_until_failure = -1;  // how many more succeed; negative: all
         return block;
     throw std::bad_alloc();
 }
-void operator delete(void* block) noexcept {
+[[gnu::noinline]] void operator delete(void* block) noexcept {
     std::free(block);
 }
-void operator delete(void* block, std::size_t) noexcept {
+[[gnu::noinline]] void operator delete(void* block, std::size_t) noexcept {
     std::free(block);
 }
 
