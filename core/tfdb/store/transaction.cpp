@@ -22,6 +22,10 @@ struct Transaction::State {
             throw InvalidArgument("a priority lies between 0 and 7, not " +
                                   std::to_string(options.priority));
         }
+        if (options.age >> txn::Seniority::kAgeBits != 0) {
+            throw InvalidArgument("an age is what `age()` of another attempt said, not " +
+                                  std::to_string(options.age));
+        }
         store::check_not_in_transaction(*impl);
         TransactionOptions aged = options;
         if (aged.age == 0)
