@@ -148,7 +148,7 @@ TFDB_TEST(refusals_name_every_bad_member_in_order) {
     const std::span<const TransformView> all(batch);
     CHECK(indices(refused<InvalidStamp>(buffer, all.subspan(4, 4))) == Indices({0, 1, 2, 3}));
     CHECK(indices(refused<CycleError>(buffer, all.subspan(7, 1))) == Indices({0}));
-    CHECK(indices(refused<StaticConflict>(buffer, batch, true)).size() > 0);
+    CHECK(!indices(refused<StaticConflict>(buffer, batch, true)).empty());
     const auto one = THROWN(TooOld, buffer.set_transforms(all.subspan(5, 1), false, "ekf"));
     CHECK(one && one->detail().newest == 47 * kSecond && one->detail().limit == 10 * kSecond);
     CHECK(one && one->detail().refused.size() == 1 &&

@@ -80,8 +80,8 @@ struct Stage {
     }
 
     /// One batch on both edges. `frames` in the order in which they are to be locked.
-    CommitNumber write(unsigned thread, StampNs stamp, std::vector<FrameId> frames = {kOdom, kBase},
-                       bool breaks = false) {
+    CommitNumber write(unsigned thread, StampNs stamp,
+                       const std::vector<FrameId>& frames = {kOdom, kBase}, bool breaks = false) {
         S session(shared, in_slot(thread));
         PlainBatch<ForestMemory> batch;
         batch.frames = frames;

@@ -52,7 +52,7 @@ struct alignas(64) SlotScratch {
 /// Threads: any; a slot's scratch only who is in the slot.
 /// Guarantee: as the parts'.
 template <class Memory>
-struct SharedState {
+struct SharedState {  // NOLINT(clang-analyzer-optin.performance.Padding): one per store
     using Word = typename Memory::Word;
     using Tuning = SyncTuning<Memory>;
     using Gate = sync::BasicGate<Word, Tuning::kSlots, Tuning::kSpins>;

@@ -178,9 +178,8 @@ std::string replay(const Script& script, const Bodies<S, Reads>& bodies,
 }
 
 /// Each body in a thread of its own; the first one alone, if `alone`: it must not lose then.
-template <class S = Sound, class Reads = ReadSet>
-sched::Program beside(const Script& script, const std::function<Bodies<S, Reads>()>& make_bodies,
-                      bool alone = false) {
+template <class S, class Reads>
+sched::Program beside(const Script& script, Bodies<S, Reads> (*make_bodies)(), bool alone = false) {
     return [=](sched::Run& run) {
         WalkedForest forest(script);
         name_words(forest);
