@@ -18,6 +18,8 @@ NATIVE := $(shell find core bindings driver -name '*.?pp' -not -name '*.*.?pp' 2
 CPP := $(shell find core bindings driver tests benchmarks -name '*.?pp' -not -path '*/env/*' 2>/dev/null)
 # Address randomisation finer than GCC 12's ThreadSanitizer expects would stop it at start.
 FIXED_ADDRESSES := $(shell command -v setarch >/dev/null 2>&1 && echo setarch $$(uname -m) -R)
+# The naive model is slow under sanitizers, and has one thread: `make test` draws more.
+ONE_SEED := TFDB_MODEL_SEEDS=1
 
 .DELETE_ON_ERROR:
 .PHONY: help demo test test-cpp test-python check bench bench-rooms evaluation tsan asan fuzz relacy docs \
@@ -91,14 +93,14 @@ check: $(STAMPS)/dev
 tsan: $(STAMPS)/venv
 	$(CMAKE) --preset tsan >/dev/null
 	$(CMAKE) --build --preset tsan -j $(JOBS) --target tfdb_tests
-	TSAN_OPTIONS=halt_on_error=1 $(FIXED_ADDRESSES) build/tsan/bin/tfdb_tests
+	TSAN_OPTIONS=halt_on_error=1 $(ONE_SEED) $(FIXED_ADDRESSES) build/tsan/bin/tfdb_tests
 	cd build/tsan && TSAN_OPTIONS=halt_on_error=1 \
 	    $(FIXED_ADDRESSES) ../../$(BIN)/ctest -R tfdb_tests_ --output-on-failure
 
 asan: $(STAMPS)/venv
 	$(CMAKE) --preset asan >/dev/null
 	$(CMAKE) --build --preset asan -j $(JOBS) --target tfdb_tests
-	UBSAN_OPTIONS=print_stacktrace=1 build/asan/bin/tfdb_tests
+	UBSAN_OPTIONS=print_stacktrace=1 $(ONE_SEED) build/asan/bin/tfdb_tests
 
 relacy: $(STAMPS)/venv
 	$(CMAKE) --preset relacy >/dev/null
