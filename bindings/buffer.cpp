@@ -27,6 +27,16 @@ Concurrency concurrency_from(nb::handle name) {
     return concurrency_of(short_repr(name));  // refuses it, and names those that there are
 }
 
+BufferObject* make_object(void* place, const BufferOptions& options) {
+    try {
+        return new (place) BufferObject(options);
+    } catch (const CapacityExceeded&) {
+        // Stores that are garbage, but in a cycle, still hold their address space.
+        PyGC_Collect();
+        return new (place) BufferObject(options);
+    }
+}
+
 void init(nb::pointer_and_handle<BufferObject> self, nb::handle history, std::uint32_t max_frames,
           std::optional<std::size_t> memory_limit, std::size_t snapshot_memory, nb::handle clock,
           nb::handle concurrency) {
@@ -36,7 +46,7 @@ void init(nb::pointer_and_handle<BufferObject> self, nb::handle history, std::ui
     options.memory_limit = memory_limit;
     options.snapshot_memory = snapshot_memory;
     options.concurrency = concurrency_from(concurrency);
-    auto* object = new (self.p) BufferObject(options);
+    BufferObject* const object = make_object(self.p, options);
     object->buffer = self.h.ptr();
     if (!clock.is_none()) {
         object->clock = nb::borrow(clock);

@@ -45,7 +45,8 @@ def test_version(tool: Tool) -> None:
 
 def test_help_names_every_command(tool: Tool) -> None:
     shown = tool("--help").out
-    names = ("info", "tree", "lookup", "poses", "check", "convert", "completion")
+    names = ("info", "tree", "lookup", "poses", "check", "convert", "bench", "verify")
+    names += ("completion",)
     assert re.findall(r"^  (\w+)  ", shown, re.MULTILINE) == list(names)
     for name in names:
         assert "--json" in tool(name, "--help").out
