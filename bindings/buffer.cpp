@@ -32,7 +32,7 @@ BufferObject* make_object(void* place, const BufferOptions& options) {
         return new (place) BufferObject(options);
     } catch (const CapacityExceeded&) {
         // Stores that are garbage, but in a cycle, still hold their address space.
-        PyGC_Collect();
+        nb::module_::import_("gc").attr("collect")();
         return new (place) BufferObject(options);
     }
 }
