@@ -2,17 +2,13 @@
 // that overwrites what the oldest of them cannot see. No held snapshot loses a sample; without the
 // fences one does.
 #include <algorithm>
-#include <cstdio>
-#include <cstdlib>
-#include <ostream>
 #include <string>
 #include <vector>
 
 #include "tfdb/graph/pins.hpp"
 #include "tfdb/history/script.sched.hpp"
-#include "tfdb/testing/check.hpp"
 // After all others: it redefines `assert` and more.
-#include "tfdb/testing/relacy/memory.hpp"
+#include "tfdb/testing/relacy/simulate.hpp"
 
 namespace tfdb {
 
@@ -93,42 +89,21 @@ struct HeldSnapshots : rl::test_suite<HeldSnapshots, 1 + kReaders> {
     }
 };
 
-unsigned long iterations() {
-    const char* const wish = std::getenv("TFDB_RELACY_ITERATIONS");
-    return wish == nullptr ? 20'000 : std::strtoul(wish, nullptr, 10);
-}
-
-bool holds(const char* name) {
+/// Empty if all of it holds, else what Relacy says of the first execution that breaks it.
+std::string simulated(const char* name, const relacy::Weakness& weakness = {}) {
+    constexpr unsigned kDepth = 20'000;
     const Model model(kScript);
     g_model = &model;
-    relacy::Account account;
-    relacy::Account ignored;
-    std::ostream output(&account);
-    std::ostream progress(&ignored);
-    rl::test_params params;
-    params.iteration_count = iterations();
-    params.output_stream = &output;
-    params.progress_stream = &progress;
-    params.execution_depth_limit = 20'000;
-    const bool held = rl::simulate<HeldSnapshots>(params);
-    std::printf("  %-40s %8lu executions, %s\n", name,
-                static_cast<unsigned long>(params.stop_iteration), held ? "all hold" : "violated");
-    std::fflush(stdout);
-    if (!held && relacy::g_weakness.no_full_fence == false && !g_reuses_busy_count)
-        std::printf("%s\n", account.text().c_str());
-    return held;
+    return relacy::simulate<HeldSnapshots>(name, weakness, kDepth);
 }
 
 }  // namespace
 
 TFDB_TEST(pins_keep_what_held_snapshots_need) {
-    relacy::g_weakness = {};
-    CHECK(holds("held snapshots"));
-    relacy::g_weakness = {.no_full_fence = true};
-    CHECK(!holds("without the fences"));
-    relacy::g_weakness = {};
+    CHECK_EQ(simulated("held snapshots"), std::string());
+    CHECK(!simulated("without the fences", {.no_full_fence = true}).empty());
     g_reuses_busy_count = true;
-    CHECK(!holds("counts not looked at"));
+    CHECK(!simulated("counts not looked at").empty());
     g_reuses_busy_count = false;
 }
 

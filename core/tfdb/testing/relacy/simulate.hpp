@@ -16,9 +16,11 @@ inline unsigned long iterations() {
     return wish == nullptr ? 20'000 : std::strtoul(wish, nullptr, 10);
 }
 
-/// Empty if no execution breaks a promise, else Relacy's account of the first that does.
+/// Empty if no execution breaks a promise, else Relacy's account of the first that does. One that
+/// takes more than `depth` steps breaks one.
 template <class Suite>
-std::string simulate(const std::string& name, const Weakness& weakness) {
+std::string simulate(const std::string& name, const Weakness& weakness,
+                     unsigned depth = rl::test_params().execution_depth_limit) {
     g_weakness = weakness;
     Account account;
     Account ignored;
@@ -26,6 +28,7 @@ std::string simulate(const std::string& name, const Weakness& weakness) {
     std::ostream progress(&ignored);
     rl::test_params params;
     params.iteration_count = iterations();
+    params.execution_depth_limit = depth;
     params.output_stream = &output;
     params.progress_stream = &progress;
     const bool held = rl::simulate<Suite>(params);
