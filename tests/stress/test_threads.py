@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import sys
 import threading
 from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
 import numpy as np
-import pytest
 
 import tfdb
 
@@ -17,15 +15,6 @@ if TYPE_CHECKING:
 
 TILT = (0.5, -0.5, 0.5, 0.5)
 UPRIGHT = (-0.5, 0.5, -0.5, 0.5)
-
-
-@pytest.fixture(autouse=True)
-def _switch_often() -> Iterator[None]:
-    """Let threads take turns a thousand times more often than usual."""
-    before = sys.getswitchinterval()
-    sys.setswitchinterval(5e-6)
-    yield
-    sys.setswitchinterval(before)
 
 
 @contextmanager

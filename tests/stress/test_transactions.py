@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import random
-import sys
 import typing
-from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
@@ -14,24 +12,12 @@ import tfdb
 import tfdb.types
 from elsewhere import Call
 
-if TYPE_CHECKING:
-    from collections.abc import Iterator
-
 TILT = (0.5, -0.5, 0.5, 0.5)
 ISOLATING = [e for e in typing.get_args(tfdb.types.Concurrency) if e != "fine"]
 THREADS = 4
 ACCOUNTS = 12
 START = 1000.0
 SEED = 20240817
-
-
-@pytest.fixture(autouse=True)
-def _switch_often() -> Iterator[None]:
-    """Let threads take turns a thousand times more often than usual."""
-    before = sys.getswitchinterval()
-    sys.setswitchinterval(5e-6)
-    yield
-    sys.setswitchinterval(before)
 
 
 def account(number: int) -> str:
