@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, NamedTuple
 from .versions import EdgeVersions, Span, Version, final_writes, stamp_of
 
 if TYPE_CHECKING:
-    from collections.abc import Collection, Iterable, Sequence
+    from collections.abc import Collection, Iterable, Iterator, Sequence
 
     from .history import Read, Transaction, Value, Write
 
@@ -89,6 +89,19 @@ def precedes(first: Transaction, second: Transaction) -> bool:
         return True
     same = (first.process, first.thread) == (second.process, second.thread)
     return same and first.end == second.begin and first is not second and first.begin < first.end
+
+
+def thread_order(
+    transactions: Sequence[Transaction], by_begin: Iterable[int]
+) -> Iterator[tuple[int, int]]:
+    """Give each one with the one before it in its thread, where that had ended."""
+    last_of: dict[tuple[int, int], int] = {}
+    for node in by_begin:
+        one = transactions[node]
+        before = last_of.get((one.process, one.thread))
+        if before is not None and precedes(transactions[before], one):
+            yield before, node
+        last_of[one.process, one.thread] = node
 
 
 class Graph:
@@ -285,13 +298,8 @@ def _real_time(transactions: Sequence[Transaction]) -> list[list[int]]:
                 later[other].append(barrier)
         if barrier >= 0:
             later[barrier].append(node)
-    last_of: dict[tuple[int, int], int] = {}
-    for node in by_begin:
-        one = transactions[node]
-        before = last_of.get((one.process, one.thread))
-        if before is not None and precedes(transactions[before], one):
-            later[before].append(node)
-        last_of[one.process, one.thread] = node
+    for before, node in thread_order(transactions, by_begin):
+        later[before].append(node)
     return later
 
 

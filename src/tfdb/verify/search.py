@@ -12,7 +12,7 @@ from collections import defaultdict
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
-from .graph import precedes
+from .graph import thread_order
 from .history import UNSEEN, Read, Transaction, Unseen, Value, Write
 from .versions import stamp_of
 
@@ -250,13 +250,8 @@ def _needs(
     """Who must be done before each: by the order of its thread, and by commit numbers."""
     by_begin = [node for node in by_begin if node < needed]
     needs: list[list[int]] = [[] for _ in transactions]
-    last_of: dict[tuple[int, int], int] = {}
-    for node in by_begin:
-        one = transactions[node]
-        before = last_of.get((one.process, one.thread))
-        if before is not None and precedes(transactions[before], one):
-            needs[node].append(before)
-        last_of[one.process, one.thread] = node
+    for before, node in thread_order(transactions, by_begin):
+        needs[node].append(before)
     writers: dict[str, list[int]] = defaultdict(list)
     numbered = [t for t in by_begin if transactions[t].commit is not None]
     numbered.sort(key=lambda t: transactions[t].commit or 0)
