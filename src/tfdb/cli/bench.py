@@ -11,8 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
-from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+from rich.progress import MofNCompleteColumn, TimeRemainingColumn
 
 import tfdb
 
@@ -242,18 +241,10 @@ def _head(plan: Plan) -> dict[str, str]:
 @contextmanager
 def _progress(plan: Plan) -> Iterator[Callable[[int, Turn], None] | None]:
     """Show a bar on stderr with what is being measured; nothing where that is no terminal."""
-    if not sys.stderr.isatty():
-        yield None
-        return
-    bar = Progress(
-        TextColumn("{task.description}"),
-        BarColumn(),
-        MofNCompleteColumn(),
-        TimeRemainingColumn(),
-        console=Console(stderr=True),
-        transient=True,
-    )
-    with bar:
+    with common.bar_on_stderr(MofNCompleteColumn(), TimeRemainingColumn()) as bar:
+        if bar is None:
+            yield None
+            return
         task = bar.add_task("measuring", total=plan.count())
         yield lambda done, turn: bar.update(
             task,

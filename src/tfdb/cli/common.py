@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, ParamSpec, TypeVar
 
 import click
 from rich.console import Console
-from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+from rich.progress import BarColumn, Progress, ProgressColumn, TextColumn, TimeElapsedColumn
 
 import tfdb
 from tfdb.summary import Forest, span
@@ -139,20 +139,29 @@ def load(names: Sequence[str], topics: Sequence[str] = ()) -> Loaded:
 
 
 @contextmanager
-def progress_bar(what: str) -> Iterator[Callable[[int, int], None] | None]:
-    """Give a callback (done, total) that moves a bar on stderr; None where that is no terminal."""
+def bar_on_stderr(*columns: ProgressColumn) -> Iterator[Progress | None]:
+    """Give a bar on stderr that vanishes at the end; None where that is no terminal."""
     if not sys.stderr.isatty():
         yield None
         return
-    bar = Progress(
+    with Progress(
         TextColumn("{task.description}"),
         BarColumn(),
-        TextColumn("{task.percentage:>3.0f} %"),
-        TimeElapsedColumn(),
+        *columns,
         console=Console(stderr=True),
         transient=True,
-    )
-    with bar:
+    ) as bar:
+        yield bar
+
+
+@contextmanager
+def progress_bar(what: str) -> Iterator[Callable[[int, int], None] | None]:
+    """Give a callback (done, total) that moves a bar on stderr; None where that is no terminal."""
+    percentage = TextColumn("{task.percentage:>3.0f} %")
+    with bar_on_stderr(percentage, TimeElapsedColumn()) as bar:
+        if bar is None:
+            yield None
+            return
         task = bar.add_task(what, total=None)
         yield lambda done, total: bar.update(task, completed=done, total=total)
 
