@@ -5,11 +5,13 @@
 #include <thread>
 
 #include "tfdb/store/fixture.hpp"
+#include "tfdb/store/isolation.test.hpp"
 
 namespace tfdb {
 namespace {
 
 using namespace fixture;
+using isolation::side_by_side;
 
 constexpr Concurrency kEngines[] = {
     Concurrency::kSnapshot, Concurrency::kGiant,     Concurrency::kFine, Concurrency::kNoWait,
@@ -39,22 +41,6 @@ const std::string& joint(std::size_t i) {
 /// A turn by `angle` around z and a step of one along x: a joint of an arm.
 Pose turned(double angle) {
     return {{1, 0, 0}, {0, 0, std::sin(angle / 2), std::cos(angle / 2)}};
-}
-
-/// Runs all bodies at once; what one throws fails the test.
-void together(const std::vector<std::function<void()>>& bodies) {
-    std::vector<std::thread> threads;
-    for (const auto& body : bodies) {
-        threads.emplace_back([&] {
-            try {
-                body();
-            } catch (const std::exception& error) {
-                testing::report_failure(__FILE__, __LINE__, error.what());
-            }
-        });
-    }
-    for (std::thread& thread : threads)
-        thread.join();
 }
 
 /// Counts its writer out, also when that throws.
@@ -190,8 +176,8 @@ TFDB_TEST(engines_store_batches_whole_beside_readers) {
                 torn += buffer.lookup_transform(target, source).pose.translation.x != 0;
             }
         };
-        together({[&] { writer(false); }, [&] { writer(true); },
-                  [&] { reader(joint(0), joint(4)); }, [&] { reader(joint(4), joint(0)); }});
+        side_by_side({[&] { writer(false); }, [&] { writer(true); },
+                      [&] { reader(joint(0), joint(4)); }, [&] { reader(joint(4), joint(0)); }});
         if (engine != Concurrency::kFine)
             CHECK_EQ(std::to_string(torn.load()) + " torn in " + name_of(engine),
                      "0 torn in " + name_of(engine));
@@ -223,29 +209,29 @@ TFDB_TEST(engines_grow_rings_and_make_frames_under_contention) {
                 }
             };
         };
-        together({own(0), own(4),
-                  [&] {
-                      const Leaving leaving(writing);
-                      for (int i = 0; i < 300; ++i) {
-                          const std::string name = "visitor" + std::to_string(i % 7);
-                          set(buffer, joint(3), name, i, pose_of(i));
-                          wrong += number_of(buffer.lookup_transform(joint(3), name).pose) != i;
-                          buffer.remove_frame(name, false);
-                      }
-                  },
-                  [&] {
-                      while (writing.load() != 0) {
-                          wrong +=
-                              number_of(buffer.lookup_latest_transform(joint(0), joint(8)).pose) !=
-                              8;
-                          const Snapshot held = buffer.snapshot();
-                          const Samples samples = held.samples(joint(1));
-                          wrong += samples.stamps != held.samples(joint(2)).stamps &&
-                                   engine != Concurrency::kFine;
-                          wrong += samples.stamps.back() + 1 !=
-                                   static_cast<StampNs>(samples.stamps.size());
-                      }
-                  }});
+        side_by_side(
+            {own(0), own(4),
+             [&] {
+                 const Leaving leaving(writing);
+                 for (int i = 0; i < 300; ++i) {
+                     const std::string name = "visitor" + std::to_string(i % 7);
+                     set(buffer, joint(3), name, i, pose_of(i));
+                     wrong += number_of(buffer.lookup_transform(joint(3), name).pose) != i;
+                     buffer.remove_frame(name, false);
+                 }
+             },
+             [&] {
+                 while (writing.load() != 0) {
+                     wrong +=
+                         number_of(buffer.lookup_latest_transform(joint(0), joint(8)).pose) != 8;
+                     const Snapshot held = buffer.snapshot();
+                     const Samples samples = held.samples(joint(1));
+                     wrong += samples.stamps != held.samples(joint(2)).stamps &&
+                              engine != Concurrency::kFine;
+                     wrong +=
+                         samples.stamps.back() + 1 != static_cast<StampNs>(samples.stamps.size());
+                 }
+             }});
         CHECK_EQ(wrong.load(), 0);
         CHECK_EQ(buffer.samples(joint(2)).stamps.size(), std::size_t{kWrites + 1});
         CHECK_EQ(buffer.frame_info(joint(5)).authority, "a writer whose name is long");
@@ -329,7 +315,7 @@ TFDB_TEST(engines_starve_neither_a_long_reader_nor_wide_writers) {
             }
             reading.store(false);
         });
-        together(bodies);
+        side_by_side(bodies);
         CHECK_EQ(wrong.load(), 0);
     }
 }
@@ -350,7 +336,7 @@ TFDB_TEST(engines_let_more_threads_in_than_there_are_slots) {
                 }
             });
         }
-        together(bodies);
+        side_by_side(bodies);
         CHECK_EQ(wrong.load(), 0);
     }
 }

@@ -114,7 +114,7 @@ int until_committed(Buffer& buffer, const Body& body) {
     }
 }
 
-/// Both at once; what one throws fails the test.
+/// All at once; what one throws fails the test.
 inline void side_by_side(const std::vector<std::function<void()>>& bodies) {
     std::vector<std::thread> threads;
     for (const auto& body : bodies) {
