@@ -5,31 +5,9 @@
 namespace tfdb::store {
 namespace {
 
-constexpr std::size_t kNamedChildren = 8;
-
-std::string by(std::string_view authority) {
-    return authority.empty() ? std::string() : " from " + quoted(authority);
-}
-
-std::string edge_name(const TransformView& transform) {
-    return "T[" + quoted(transform.parent) + "<-" + quoted(transform.child) + "]";
-}
-
-ErrorDetail detail_of(const TransformView& transform, std::size_t index,
-                      std::string_view authority) {
-    ErrorDetail detail;
-    detail.edge = transform.child;
-    detail.parent = transform.parent;
-    detail.authority = authority;
-    detail.index = index;
-    detail.stamp = transform.stamp;
-    return detail;
-}
-
 /// The one name of a call was refused.
 [[noreturn]] void refuse(Error error) {
     Refusals refusals;
-    error.detail().index = 0;
     refusals.add(std::move(error));
     refusals.raise("1 frame");
 }
@@ -109,49 +87,16 @@ void throw_cycle_of(const txn::Settled& settled, std::string_view authority, con
     throw CycleError(fault.what(), std::move(fault.detail()));
 }
 
-Error static_conflict(const TransformView& transform, std::size_t index, bool is_static,
-                      std::string_view authority) {
-    return StaticConflict(edge_name(transform) + by(authority) + " is " +
-                              (is_static ? "static, but the edge has moving samples"
-                                         : "moving, but the edge is static") +
-                              ": remove frame " + quoted(transform.child) + " first",
-                          detail_of(transform, index, authority));
-}
-
-Error too_old(const TransformView& transform, std::size_t index, StampNs newest, StampNs history,
-              std::string_view authority) {
-    ErrorDetail detail = detail_of(transform, index, authority);
-    detail.newest = newest;
-    detail.oldest = newest - history;
-    detail.limit = history;
-    return TooOld(edge_name(transform) + " at " + seconds(transform.stamp) + by(authority) +
-                      " is older than the retained history: stamps from " +
-                      seconds(newest - history) + " on are taken",
-                  std::move(detail));
-}
-
 void throw_frame_unknown(std::string_view name) {
-    ErrorDetail detail;
-    detail.frame = name;
-    refuse(UnknownFrame("frame " + quoted(name) + " does not exist: nothing was removed",
-                        std::move(detail)));
+    refuse(unknown_frame(name, 0));
 }
 
 void throw_frame_in_use(std::string_view name, std::span<const FrameId> children,
                         const NameOf& name_of) {
-    ErrorDetail detail;
-    detail.frame = name;
-    std::string list;
-    for (const FrameId child : children) {
-        detail.frames.push_back(name_of(child));
-        if (detail.frames.size() <= kNamedChildren)
-            list += (list.empty() ? "" : ", ") + quoted(detail.frames.back());
-    }
-    if (detail.frames.size() > kNamedChildren)
-        list += ", ...";
-    refuse(FrameInUse("frame " + quoted(name) + " is the parent of " + list +
-                          ": remove those first, or pass recursive=True",
-                      std::move(detail)));
+    std::vector<std::string> names;
+    for (const FrameId child : children)
+        names.push_back(name_of(child));
+    refuse(frame_in_use(name, 0, std::move(names)));
 }
 
 }  // namespace tfdb::store

@@ -22,10 +22,6 @@ using NameOf = std::function<std::string(FrameId)>;
 [[noreturn]] void throw_cycle_of(const txn::Settled& settled, std::string_view authority,
                                  const NameOf& name);
 
-[[nodiscard]] Error static_conflict(const TransformView& transform, std::size_t index,
-                                    bool is_static, std::string_view authority);
-[[nodiscard]] Error too_old(const TransformView& transform, std::size_t index, StampNs newest,
-                            StampNs history, std::string_view authority);
 [[noreturn]] void throw_frame_unknown(std::string_view name);
 [[noreturn]] void throw_frame_in_use(std::string_view name, std::span<const FrameId> children,
                                      const NameOf& name_of);

@@ -66,13 +66,7 @@ public:
     [[nodiscard]] std::string frame_name(FrameId id, std::uint32_t generation) const override {
         if (writes().is_own(id) && generation == txn::kOwnGeneration)
             return writes().name(id);
-        if (id < impl_.frames.count()) {
-            std::string name = impl_.names.name(id);
-            sync::fence_acquire();
-            if (impl_.frames.generation(id) == generation)
-                return name;
-        }
-        return "(removed)";
+        return name_of_frame(impl_, id, generation);
     }
     [[nodiscard]] std::string frame_name(FrameId id) const override {
         if (id == kNoFrame)

@@ -1,10 +1,12 @@
 // Many stamps in one call: the windows of all edges are copied under one snapshot, then the
 // kernels of geometry/batch.hpp run on plain memory.
 #include <algorithm>
+#include <limits>
 
 #include "tfdb/geometry/batch.hpp"
 #include "tfdb/store/collect.hpp"
 #include "tfdb/store/impl.hpp"
+#include "tfdb/store/rows.hpp"
 
 namespace tfdb {
 
@@ -190,33 +192,6 @@ private:
     std::size_t refused_ = geometry::kNoneRefused;
 };
 
-void write_row(const Pose* pose, geometry::PoseLayout layout, double* row) {
-    if (layout == geometry::PoseLayout::kPose) {
-        std::fill_n(row, 7, std::numeric_limits<double>::quiet_NaN());
-        if (pose != nullptr)
-            std::copy_n(&pose->translation.x, 3, row);
-        if (pose != nullptr)
-            std::copy_n(&pose->rotation.x, 4, row + 3);
-        return;
-    }
-    std::fill_n(row, 16, std::numeric_limits<double>::quiet_NaN());
-    if (pose == nullptr)
-        return;
-    for (int column = 0; column < 3; ++column) {
-        const geometry::Vec3 axis{column == 0 ? 1.0 : 0.0, column == 1 ? 1.0 : 0.0,
-                                  column == 2 ? 1.0 : 0.0};
-        const geometry::Vec3 turned = geometry::rotate(pose->rotation, axis);
-        row[column] = turned.x;
-        row[4 + column] = turned.y;
-        row[8 + column] = turned.z;
-    }
-    row[3] = pose->translation.x;
-    row[7] = pose->translation.y;
-    row[11] = pose->translation.z;
-    row[12] = row[13] = row[14] = 0.0;
-    row[15] = 1.0;
-}
-
 template <class Real>
 void move_point(const Pose* pose, const Real* in, Real* out) {
     if (pose == nullptr) {
@@ -264,14 +239,9 @@ void Reads::run_batch(std::string_view target, std::string_view source,
 void Reads::lookup_many(std::string_view target, std::string_view source,
                         std::span<const StampNs> stamps, Policy policy, Layout layout,
                         Missing missing, std::span<double> out) const {
-    const bool matrix = layout == Layout::kMatrix;
-    const std::size_t width = matrix ? 16 : 7;
-    if (out.size() < width * stamps.size()) {
-        throw InvalidArgument("lookup_many needs room for " +
-                              std::to_string(width * stamps.size()) + " numbers, not " +
-                              std::to_string(out.size()));
-    }
-    const auto rows = matrix ? geometry::PoseLayout::kMatrix : geometry::PoseLayout::kPose;
+    store::check_room(stamps, layout, out);
+    const auto rows =
+        layout == Layout::kMatrix ? geometry::PoseLayout::kMatrix : geometry::PoseLayout::kPose;
     const bool stop = missing == Missing::kThrow;
     run_batch(
         target, source, stamps, policy, stop,
@@ -280,7 +250,9 @@ void Reads::lookup_many(std::string_view target, std::string_view source,
                 space.chain, rule_of(policy), stamps, rows, out.data(),
                 stop ? geometry::OnRefused::kStop : geometry::OnRefused::kNan, space.scratch);
         },
-        [&](std::size_t i, const Pose* pose) { write_row(pose, rows, out.data() + width * i); });
+        [&](std::size_t i, const Pose* pose) {
+            store::write_row(pose, layout, out.data() + store::row_width(layout) * i);
+        });
 }
 
 template <class Real>

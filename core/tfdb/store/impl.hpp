@@ -221,6 +221,18 @@ lookup::Outcome read(const Reads::Impl& impl, CommitNumber held, CommitNumber fr
 
 [[noreturn]] void throw_snapshot_too_old(CommitNumber held, CommitNumber newest);
 
+/// "(removed)" where the slot was reused since.
+[[nodiscard]] inline std::string name_of_frame(const Reads::Impl& impl, FrameId id,
+                                               std::uint32_t generation) {
+    if (id < impl.frames.count()) {
+        std::string name = impl.names.name(id);
+        sync::fence_acquire();
+        if (impl.frames.generation(id) == generation)
+            return name;
+    }
+    return "(removed)";
+}
+
 /// "12.345678901 s"
 std::string seconds(StampNs stamp);
 

@@ -163,13 +163,7 @@ Samples Reads::samples(std::string_view name) const {
 }
 
 std::string Reads::frame_name(FrameId id, std::uint32_t generation) const {
-    if (id < impl_->frames.count()) {
-        std::string name = impl_->names.name(id);
-        sync::fence_acquire();
-        if (impl_->frames.generation(id) == generation)
-            return name;
-    }
-    return "(removed)";
+    return store::name_of_frame(*impl_, id, generation);
 }
 
 }  // namespace tfdb

@@ -7,8 +7,6 @@
 namespace tfdb::store {
 namespace {
 
-constexpr std::size_t kNamedChildren = 8;
-
 /// What one call is to remove, and whether it may.
 /// Threads: the holder of the commit lock. Guarantee: each frame is looked at a few times, however
 /// many are removed; a leaf by itself needs no look at the others.
@@ -21,7 +19,7 @@ public:
             const FrameId id = commit_.find_frame(names[i]);
             ids_.push_back(id);
             if (id == kNoFrame)
-                refuse_unknown(i);
+                refusals_.add(unknown_frame(names[i], i));
             else
                 add(id);
         }
@@ -101,30 +99,10 @@ private:
     }
 
     void refuse_used(std::size_t index, const std::vector<FrameId>& children) {
-        ErrorDetail detail;
-        detail.frame = names_[index];
-        detail.index = index;
-        std::string text;
-        for (const FrameId child : children) {
-            detail.frames.push_back(impl_.names.name(child));
-            if (detail.frames.size() > kNamedChildren)
-                continue;
-            text += (text.empty() ? "" : ", ") + quoted(detail.frames.back());
-        }
-        if (detail.frames.size() > kNamedChildren)
-            text += ", ...";
-        refusals_.add(FrameInUse("frame " + quoted(names_[index]) + " is the parent of " + text +
-                                     ": remove those first, or pass recursive=True",
-                                 std::move(detail)));
-    }
-
-    void refuse_unknown(std::size_t index) {
-        ErrorDetail detail;
-        detail.frame = names_[index];
-        detail.index = index;
-        refusals_.add(
-            UnknownFrame("frame " + quoted(names_[index]) + " does not exist: nothing was removed",
-                         std::move(detail)));
+        std::vector<std::string> names;
+        for (const FrameId child : children)
+            names.push_back(impl_.names.name(child));
+        refusals_.add(frame_in_use(names_[index], index, std::move(names)));
     }
 
     Reads::Impl& impl_;

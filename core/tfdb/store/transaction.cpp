@@ -1,12 +1,12 @@
 // Transactions: who may call what and when. What they do is the attempt's.
 #include "tfdb/store/transaction.hpp"
 
-#include <array>
-#include <limits>
+#include <utility>
 
 #include "tfdb/store/attempt.hpp"
 #include "tfdb/store/attempt_errors.hpp"
 #include "tfdb/store/open_transaction.hpp"
+#include "tfdb/store/rows.hpp"
 #include "tfdb/store/validate.hpp"
 
 namespace tfdb {
@@ -193,45 +193,11 @@ std::uint64_t Transaction::age() const noexcept {
     return state_->age;
 }
 
-namespace {
-
-void write_row(const Pose* pose, Layout layout, double* row) {
-    const std::size_t width = layout == Layout::kMatrix ? 16 : 7;
-    std::fill_n(row, width, std::numeric_limits<double>::quiet_NaN());
-    if (pose == nullptr)
-        return;
-    if (layout == Layout::kPose) {
-        std::copy_n(&pose->translation.x, 3, row);
-        std::copy_n(&pose->rotation.x, 4, row + 3);
-        return;
-    }
-    for (std::size_t column = 0; column < 3; ++column) {
-        const geometry::Vec3 axis{column == 0 ? 1.0 : 0.0, column == 1 ? 1.0 : 0.0,
-                                  column == 2 ? 1.0 : 0.0};
-        const geometry::Vec3 turned = geometry::rotate(pose->rotation, axis);
-        row[column] = turned.x;
-        row[4 + column] = turned.y;
-        row[8 + column] = turned.z;
-    }
-    row[3] = pose->translation.x;
-    row[7] = pose->translation.y;
-    row[11] = pose->translation.z;
-    row[12] = row[13] = row[14] = 0.0;
-    row[15] = 1.0;
-}
-
-}  // namespace
-
 void Transaction::lookup_many(std::string_view target, std::string_view source,
                               std::span<const StampNs> stamps, Policy policy, Layout layout,
                               Missing missing, std::span<double> out) {
     state_->check();
-    const std::size_t width = layout == Layout::kMatrix ? 16 : 7;
-    if (out.size() < width * stamps.size()) {
-        throw InvalidArgument("lookup_many needs room for " +
-                              std::to_string(width * stamps.size()) + " numbers, not " +
-                              std::to_string(out.size()));
-    }
+    store::check_room(stamps, layout, out);
     Answer answer;
     Failure failure;
     for (const int argument : {0, 1}) {
@@ -255,7 +221,8 @@ void Transaction::lookup_many(std::string_view target, std::string_view source,
                 throw;
             }
         }
-        write_row(found ? &answer.pose : nullptr, layout, out.data() + width * i);
+        store::write_row(found ? &answer.pose : nullptr, layout,
+                         out.data() + store::row_width(layout) * i);
     }
 }
 

@@ -202,23 +202,58 @@ Fault fault_of_edge(const Reads::Impl& impl, FrameId child, const TransformView&
     if (is_storable(impl, child, transform, is_static))
         return std::nullopt;
     const history::EdgeWriter<StoreMemory> edge(impl.frames.memory(), impl.frames.header(child));
+    const bool was_static = (edge.topology() & history::Topology::kStatic) != 0;
+    return was_static != is_static
+               ? static_conflict(transform, index, is_static, authority)
+               : too_old(transform, index, edge.newest(), impl.history, authority);
+}
+
+Error static_conflict(const TransformView& transform, std::size_t index, bool is_static,
+                      std::string_view authority) {
     ErrorDetail detail = detail_of(transform, index, authority);
     detail.stamp = transform.stamp;
-    const bool was_static = (edge.topology() & history::Topology::kStatic) != 0;
-    if (was_static != is_static) {
-        return StaticConflict(edge_name(transform) + by(authority) + " is " +
-                                  (is_static ? "static, but the edge has moving samples"
-                                             : "moving, but the edge is static") +
-                                  ": remove frame " + quoted(transform.child) + " first",
-                              std::move(detail));
-    }
-    detail.newest = edge.newest();
-    detail.oldest = edge.newest() - impl.history;
-    detail.limit = impl.history;
+    return StaticConflict(edge_name(transform) + by(authority) + " is " +
+                              (is_static ? "static, but the edge has moving samples"
+                                         : "moving, but the edge is static") +
+                              ": remove frame " + quoted(transform.child) + " first",
+                          std::move(detail));
+}
+
+Error too_old(const TransformView& transform, std::size_t index, StampNs newest, StampNs history,
+              std::string_view authority) {
+    ErrorDetail detail = detail_of(transform, index, authority);
+    detail.stamp = transform.stamp;
+    detail.newest = newest;
+    detail.oldest = newest - history;
+    detail.limit = history;
     return TooOld(edge_name(transform) + " at " + seconds(transform.stamp) + by(authority) +
                       " is older than the retained history: stamps from " +
-                      seconds(edge.newest() - impl.history) + " on are taken",
+                      seconds(newest - history) + " on are taken",
                   std::move(detail));
+}
+
+Error unknown_frame(std::string_view name, std::size_t index) {
+    ErrorDetail detail;
+    detail.frame = name;
+    detail.index = index;
+    return UnknownFrame("frame " + quoted(name) + " does not exist: nothing was removed",
+                        std::move(detail));
+}
+
+Error frame_in_use(std::string_view name, std::size_t index, std::vector<std::string> children) {
+    constexpr std::size_t kNamedChildren = 8;
+    std::string list;
+    for (std::size_t i = 0; i < std::min(children.size(), kNamedChildren); ++i)
+        list += (i == 0 ? "" : ", ") + quoted(children[i]);
+    if (children.size() > kNamedChildren)
+        list += ", ...";
+    ErrorDetail detail;
+    detail.frame = name;
+    detail.index = index;
+    detail.frames = std::move(children);
+    return FrameInUse("frame " + quoted(name) + " is the parent of " + list +
+                          ": remove those first, or pass recursive=True",
+                      std::move(detail));
 }
 
 Error cycle_fault(const TransformView& transform, std::size_t index, std::string_view authority) {

@@ -40,6 +40,15 @@ using Fault = std::optional<Error>;
 [[nodiscard]] Fault fault_of_edge(const Reads::Impl& impl, FrameId child,
                                   const TransformView& transform, std::size_t index, bool is_static,
                                   std::string_view authority);
+[[nodiscard]] Error static_conflict(const TransformView& transform, std::size_t index,
+                                    bool is_static, std::string_view authority);
+/// `newest`: the greatest stamp of the edge, behind which `history` is retained.
+[[nodiscard]] Error too_old(const TransformView& transform, std::size_t index, StampNs newest,
+                            StampNs history, std::string_view authority);
+/// Of a frame that was to be removed, at `index` of the call's names.
+[[nodiscard]] Error unknown_frame(std::string_view name, std::size_t index);
+[[nodiscard]] Error frame_in_use(std::string_view name, std::size_t index,
+                                 std::vector<std::string> children);
 [[nodiscard]] Error cycle_fault(const TransformView& transform, std::size_t index,
                                 std::string_view authority);
 
