@@ -78,8 +78,8 @@ public:
         Side down{down_, view_.topology(target)};
         up_.assign(1, source);
         down_.assign(1, target);
-        // The flags that `climb` looks at may be of a later state; what an error names must not hang
-        // on them.
+        // The flags that `climb` looks at may be of a later state; what an error names must not
+        // hang on them.
         branching_ = mode_ == WalkMode::kSamples && (to_root_ || edges == Edges::kAll);
         while (!(up.ended && down.ended)) {
             if (!branching_ && !to_root_ && up_.back() == down_.back()) {
