@@ -315,35 +315,32 @@ class Model:
 
     # -- writes ------------------------------------------------------------------------------------
 
-    def set(self, batch: Sequence[Member], *, static: bool) -> None:
-        """Commit a batch; refuses all of it if one member cannot be stored.
-
-        `index` of the refusal holds every member that is reason enough, `kinds` every class.
-        """
-        for index, m in enumerate(batch):
-            if m.parent == m.child:
-                raise Refused(tfdb.InvalidTransform, kinds={tfdb.InvalidTransform: {index}})
-        kinds: dict[ErrorClass, set[int]] = {}
+    def faults(self, batch: Sequence[Member], *, static: bool) -> dict[int, ErrorClass]:
+        """What is wrong with single members of a batch, by index: judged by what is committed."""
+        found: dict[int, ErrorClass] = {}
         for index, m in enumerate(batch):
             child = self.find(m.child, self.commit)
             stored = [] if child is None else self.visible(child, self.commit)
-            if not stored:
-                continue
-            newest = stored[-1]
-            if newest.static != static:
-                kinds.setdefault(tfdb.StaticConflict, set()).add(index)
-            elif not static and self.history is not None and m.stamp < newest.stamp - self.history:
-                kinds.setdefault(tfdb.TooOld, set()).add(index)
-        if kinds:
-            raise Refused(next(iter(kinds)), kinds=kinds)
-        frames, samples = len(self.frames), len(self.samples)
-        self._store(batch, static=static)
-        if self._has_cycle():
-            del self.frames[frames:], self.samples[samples:]
-            self.commit -= 1
-            raise Refused(tfdb.CycleError, kinds={tfdb.CycleError: set(range(len(batch)))})
+            oldest = stored[-1].stamp - self.history if stored and self.history is not None else 0
+            if m.parent == m.child:
+                found[index] = tfdb.InvalidTransform
+            elif stored and stored[-1].static != static:
+                found[index] = tfdb.StaticConflict
+            elif stored and not static and m.stamp < oldest:
+                found[index] = tfdb.TooOld
+        return found
 
-    def _store(self, batch: Iterable[Member], *, static: bool) -> None:
+    def closes_cycle(self, batch: Sequence[Member], *, static: bool) -> bool:
+        """Whether these members, none of them at fault, would together close a cycle."""
+        frames, samples = len(self.frames), len(self.samples)
+        self.set(batch, static=static)
+        closed = self._has_cycle()
+        del self.frames[frames:], self.samples[samples:]
+        self.commit -= 1
+        return closed
+
+    def set(self, batch: Iterable[Member], *, static: bool) -> None:
+        """Commit a batch of which no member has to be refused."""
         self.commit += 1
         for m in batch:
             parent, child = (self._find_or_make(name) for name in (m.parent, m.child))

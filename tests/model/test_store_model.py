@@ -107,52 +107,79 @@ class Store(RuleBasedStateMachine):
 
     # -- writes ------------------------------------------------------------------------------------
 
-    def commit(self, batch: list[tuple[str, str, int]], *, static: bool) -> None:
+    def commit(
+        self, batch: list[tuple[str, str, int]], *, static: bool, partial: bool = False
+    ) -> None:
         """Write a batch of (parent, child, stamp) to both, each member with a pose of its own."""
         members = []
         for parent, child, stamp in batch:
             self.poses += 1
             members.append(Member(parent, child, stamp, random_pose(self.poses)))
-        refused = outcome(lambda: self.model.set(members, static=static))
         transforms = [
             tfdb.TransformStamped(m.parent, m.child, m.stamp, m.pose[:3], m.pose[3:])
             for m in members
         ]
-
-        def write() -> int:
-            return self.buffer.set_transforms(transforms, static=static, authority="driver")
-
-        if isinstance(refused, Refused):
-            self.check_refusal(refused, members, write)
+        if partial:
+            refused = self.buffer.set_transforms(
+                transforms, static=static, authority="driver", partial=True
+            )
+        else:
+            refused = self.refusals(members, transforms, static=static)
+        stored = self.judge(members, refused, static=static)
+        if (refused and not partial) or not stored:
+            same_frames(self.buffer, self.model, self.model.commit)
             return
-        assert write() == self.model.commit
+        self.model.set(stored, static=static)
         if not static:
-            newest = max(m.stamp for m in members)
+            newest = max(m.stamp for m in stored)
             self.horizon = max(self.horizon, (newest - self.start) // self.tick)
 
-    def check_refusal(self, refused: Refused, members: list[Member], write: Any) -> None:
-        """One of the right errors about one of the right members, and nothing has changed."""
-        kinds = refused.fields["kinds"]
+    def refusals(
+        self, members: list[Member], transforms: list[tfdb.TransformStamped], *, static: bool
+    ) -> list[tfdb.types.Refused]:
+        """Write all or nothing; if nothing, whom the error names."""
         try:
-            write()
+            commit = self.buffer.set_transforms(transforms, static=static, authority="driver")
         except tfdb.TfdbError as error:
-            assert type(error) in kinds, (error, kinds)
-            assert error.index is not None
-            assert error.index in kinds[type(error)], (error, kinds)
-            member = members[error.index]
+            assert error.refused
+            first = error.refused[0]
+            assert (type(error).__name__, error.index) == (first.error, first.index)
+            member = members[first.index]
             assert (error.edge, error.parent) == (member.child, member.parent)
             if isinstance(error, tfdb.TooOld):
                 assert error.stamp == member.stamp
                 assert error.oldest is not None
                 assert error.newest is not None
                 assert member.stamp < error.oldest == error.newest - (self.model.history or 0)
-        else:
-            raise AssertionError((kinds, members))
-        same_frames(self.buffer, self.model, self.model.commit)
+            return list(error.refused)
+        assert commit == self.model.commit + 1
+        return []
 
-    @rule(batch=st.lists(st.tuples(edges, ticks), min_size=1, max_size=4))
-    def move(self, batch: list[tuple[tuple[str, str], int]]) -> None:
-        self.commit([(parent, child, self.at(t)) for (child, parent), t in batch], static=False)
+    def judge(
+        self, members: list[Member], refused: list[tfdb.types.Refused], *, static: bool
+    ) -> list[Member]:
+        """Whether just the right members are refused, each for the right reason; the others."""
+        told = {record.index: record.error for record in refused}
+        assert list(told) == sorted(told)
+        assert len(told) == len(refused)
+        faults = self.model.faults(members, static=static)
+        sound = [m for i, m in enumerate(members) if i not in faults]
+        rest = [m for i, m in enumerate(members) if i not in told]
+        alone = {i: error for i, error in told.items() if i in faults or error != "CycleError"}
+        assert alone == {i: kind.__name__ for i, kind in faults.items()}
+        # Members are left out for a cycle only if there is one, and until there is none.
+        closes = bool(sound) and self.model.closes_cycle(sound, static=static)
+        assert closes == (len(rest) < len(sound)), (members, refused)
+        assert not rest or not self.model.closes_cycle(rest, static=static)
+        return rest
+
+    @rule(
+        batch=st.lists(st.tuples(edges, ticks), min_size=1, max_size=4),
+        partial=st.booleans(),
+    )
+    def move(self, batch: list[tuple[tuple[str, str], int]], partial: bool) -> None:
+        members = [(parent, child, self.at(t)) for (child, parent), t in batch]
+        self.commit(members, static=False, partial=partial)
 
     @rule(
         count=st.integers(1, 12),
