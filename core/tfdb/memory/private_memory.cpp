@@ -3,6 +3,7 @@
 #include <sys/mman.h>
 
 #include <algorithm>
+#include <bit>
 #include <mutex>
 #include <string>
 
@@ -20,22 +21,38 @@ constexpr Offset kHeads = kLineBytes;  // one free list per size class
 constexpr Offset kFirstBlock = round_up(kHeads + 8 * kSizeClasses, kLineBytes);
 
 constexpr std::size_t kLargestReserve = std::size_t{1} << 38;   // 256 GiB of addresses
-constexpr std::size_t kSmallestReserve = std::size_t{1} << 28;  // 256 MiB
+constexpr std::size_t kFairReserve = std::size_t{1} << 30;      // 1 GiB: also where stores are many
+constexpr std::size_t kSmallestReserve = std::size_t{1} << 28;  // 256 MiB: if no more is to be had
+// A process has 128 TiB of addresses. Half of them go to stores that may be large; each takes no
+// more than this part of what is left of that half, so that thousands of stores find room.
+constexpr std::size_t kShared = std::size_t{1} << 46;
+constexpr std::size_t kPart = 256;
 constexpr std::size_t kHugePage = std::size_t{1} << 21;
 constexpr std::size_t kReturnPagesFrom = std::size_t{1} << 20;
 // Ring bases at power-of-two distances collide in the caches; three odd lines spread them.
 constexpr std::size_t kSkewBytes = 3 * kLineBytes;
 
+sync::Word g_reserved;  // by all stores of this process
+
+/// How much to ask for. Two at once may both count the same bytes as left: it is a measure, no
+/// limit.
+std::size_t reserve_wanted() {
+    const std::size_t taken = g_reserved.load_relaxed();
+    const std::size_t left = taken < kShared ? kShared - taken : 0;
+    return std::clamp(std::bit_floor(left / kPart), kFairReserve, kLargestReserve);
+}
+
 }  // namespace
 
 PrivateMemory::PrivateMemory(std::size_t limit_bytes) : limit_(limit_bytes) {
-    for (std::size_t size = kLargestReserve; size >= kSmallestReserve; size /= 2) {
+    for (std::size_t size = reserve_wanted(); size >= kSmallestReserve; size /= 2) {
         void* mapped = ::mmap(nullptr, size, PROT_READ | PROT_WRITE,
                               MAP_PRIVATE | MAP_ANONYMOUS | MAP_NORESERVE, -1, 0);
         if (mapped == MAP_FAILED)
             continue;
         base_ = static_cast<std::byte*>(mapped);
         reserved_ = size;
+        g_reserved.fetch_add(size);
         huge_pages_to_ = kHugePage;
         word(kBumpWord).store_relaxed(kFirstBlock);
         return;
@@ -44,8 +61,8 @@ PrivateMemory::PrivateMemory(std::size_t limit_bytes) : limit_(limit_bytes) {
 }
 
 PrivateMemory::~PrivateMemory() {
-    if (base_ != nullptr)
-        ::munmap(base_, reserved_);
+    ::munmap(base_, reserved_);
+    g_reserved.fetch_add(std::uint64_t{0} - reserved_);
 }
 
 Offset PrivateMemory::root() noexcept {

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <map>
+#include <memory>
 #include <random>
 #include <thread>
 #include <vector>
@@ -149,6 +150,25 @@ TFDB_TEST(memory_sparse_blocks_are_zero_and_do_not_count) {
     const Offset after = memory.allocate(64);
     CHECK(after >= table + 200 * kMebi || after < table);
 }
+
+#if !defined(__SANITIZE_THREAD__)  // which leaves a program a hundredth of the addresses
+TFDB_TEST(memory_of_thousands_of_stores_finds_room) {
+    std::vector<std::unique_ptr<PrivateMemory>> stores;
+    for (int i = 0; i < 5000; ++i) {
+        stores.push_back(std::make_unique<PrivateMemory>());
+        const Offset block = stores.back()->allocate(64);
+        stores.back()->word(block).store_relaxed(static_cast<std::uint64_t>(i));
+        // Large enough for the largest table of frames and a few hundred thousand samples.
+        CHECK(stores.back()->allocate_sparse(512 * kMebi) != 0);
+    }
+    CHECK_EQ(stores.front()->word(PrivateMemory::root()).load_relaxed(), 0U);
+    CHECK_EQ(stores.back()->word(PrivateMemory::root()).load_relaxed(), 4999U);
+    // What ends gives its addresses back: the next one is as large as the first one was.
+    stores.clear();
+    PrivateMemory next;
+    CHECK(next.allocate_sparse(200'000 * kMebi) != 0);
+}
+#endif
 
 TFDB_TEST(memory_is_shared_by_threads_that_allocate_and_release) {
     constexpr std::uint64_t kThreads = 4;
