@@ -18,6 +18,11 @@ public:
     Frames(Memory& memory, Offset root, Offset base, std::uint32_t max_frames)
         : memory_(&memory), root_(root), base_(base), max_frames_(max_frames) {}
 
+    /// What the table takes: the headers, and behind them the hints.
+    [[nodiscard]] static constexpr std::size_t bytes(std::uint32_t max_frames) {
+        return std::size_t{max_frames} * (history::kHeaderBytes + 8);
+    }
+
     [[nodiscard]] Memory& memory() const { return *memory_; }
     [[nodiscard]] Offset header(FrameId id) const {
         return base_ + Offset{id} * history::kHeaderBytes;
@@ -30,6 +35,15 @@ public:
     }
     [[nodiscard]] std::uint64_t topology(FrameId id) const {
         return word(id, history::kTopology).load_acquire();
+    }
+    /// A frame's topology as it was when its parent last changed: eight frames in a line, and no
+    /// line that every write changes. For guesses only, such as what to fetch.
+    [[nodiscard]] std::uint64_t hint(FrameId id) const requires memory::Fetchable<Memory> {
+        return hint_word(id).load_relaxed();
+    }
+    void refresh_hint(FrameId id) const {
+        if constexpr (memory::Fetchable<Memory>)
+            hint_word(id).store_relaxed(word(id, history::kTopology).load_relaxed());
     }
     [[nodiscard]] std::uint32_t generation(FrameId id) const {
         return static_cast<std::uint32_t>(word(id, history::kBorn).load_relaxed() & kNoFrame);
@@ -77,6 +91,7 @@ public:
         word(id, history::kNewest).store_relaxed(history::as_word(history::kNoStamp));
         word(id, history::kName).store_release(name_block);
         word(id, history::kTopology).store_release(history::Topology::kRoot);
+        refresh_hint(id);
         const std::uint64_t generation = word(id, history::kBorn).load_relaxed() & kNoFrame;
         word(id, history::kBorn).store_release(commit << kFrameBits | generation);
         if (id >= count())
@@ -124,6 +139,9 @@ public:
     }
 
 private:
+    [[nodiscard]] typename Memory::Word& hint_word(FrameId id) const {
+        return memory_->word(header(max_frames_) + 8 * Offset{id});
+    }
     [[nodiscard]] FrameId id_in(StoreWord w) const {
         const std::uint64_t link = store_word(w).load_relaxed();
         return link == 0 ? kNoFrame : static_cast<FrameId>(link - 1);

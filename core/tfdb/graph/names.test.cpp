@@ -21,8 +21,7 @@ public:
     explicit Table(std::uint32_t max_frames, std::size_t limit = Memory::kNoLimit)
         : memory(limit),
           frames(memory, memory.allocate(kStoreBytes),
-                 memory.allocate_sparse(std::size_t{max_frames} * history::kHeaderBytes),
-                 max_frames),
+                 memory.allocate_sparse(Frames<Memory>::bytes(max_frames)), max_frames),
           names(frames) {}
 
     FrameId make(std::string_view name, CommitNumber commit) {

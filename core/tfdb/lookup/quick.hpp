@@ -1,5 +1,5 @@
 // The common case of a lookup, in one pass over the path: ordered samples, one parent per frame,
-// nothing newer than the snapshot. Whatever is different is left to the general code.
+// at most a few samples newer than the snapshot. Whatever is different is left to the general code.
 #pragma once
 
 #include <bit>
@@ -10,6 +10,7 @@
 #include "tfdb/geometry/pose.hpp"
 #include "tfdb/lookup/answer.hpp"
 #include "tfdb/lookup/edge.hpp"
+#include "tfdb/lookup/fetch.hpp"
 #include "tfdb/lookup/policy.hpp"
 #include "tfdb/lookup/view.hpp"
 
@@ -48,6 +49,7 @@ public:
         stamp_ = stamp;
         answer_.edges.clear();
         down_uses_.clear();
+        expect_changes();
         Node up;
         Node down;
         if (!start(source, up) || !start(target, down)) {
@@ -58,6 +60,7 @@ public:
         bool source_moved = false;
         bool target_moved = false;
         while (up.id != down.id) {
+            fetch(down.id, up.id);
             const bool move_up =
                 history::Topology::depth(up.topology) >= history::Topology::depth(down.topology);
             const bool stepped = move_up ? step(up, from_source, source_moved, answer_.edges, false)
@@ -92,11 +95,13 @@ public:
             return false;
         }
         stamp = history::kNoStamp;
+        expect_changes();
         FrameId up_from = kNoFrame;
         FrameId down_from = kNoFrame;
         while (up.id != down.id) {
             const bool move_up =
                 history::Topology::depth(up.topology) >= history::Topology::depth(down.topology);
+            fetch(down.id, up.id);
             Node& node = move_up ? up : down;
             (move_up ? up_from : down_from) = node.id;
             Ring ring;
@@ -125,6 +130,21 @@ private:
     using Word = typename Memory::Word;
     using Layout = history::RingLayout<Memory>;
     using Topology = history::Topology;
+
+    /// Where nothing was committed since this answer's last lookup, the caches still have its
+    /// lines.
+    void expect_changes() {
+        if (answer_.commit != commit_) {
+            answer_.commit = commit_;
+            unfetched_in_ = 0;
+        }
+    }
+    [[gnu::always_inline]] void fetch(FrameId target, FrameId source) {
+        if constexpr (memory::Fetchable<Memory>) {
+            if (unfetched_in_-- == 0)
+                unfetched_in_ = fetch_path(view_.frames(), target, source);
+        }
+    }
 
     /// What makes a frame none of the common case.
     static constexpr std::uint64_t kUnusual = Topology::kMixedParents | Topology::kUnordered |
@@ -195,12 +215,13 @@ private:
     }
     [[nodiscard, gnu::always_inline]] bool ascend(Node& node, std::uint64_t slot) const {
         const FrameId parent = history::SlotWord::parent(slot);
-        return parent == Topology::parent(node.topology) &&
-               load(parent, history::SlotWord::commit(slot), node);
+        // Equal, but known before the slot is there.
+        const FrameId hinted = Topology::parent(node.topology);
+        return parent == hinted && load(hinted, history::SlotWord::commit(slot), node);
     }
 
-    /// Nothing in the ring may be newer than the view: then all of it is the view's, and the flags
-    /// that were read before belong to it.
+    /// If nothing in the ring is newer than the view, all of it is the view's, and the flags that
+    /// were read before belong to it.
     [[nodiscard, gnu::always_inline]] bool open(const Node& node, Ring& ring) const {
         const Word* header = node.header;
         ring.word = header[history::kRing].load_acquire();
@@ -208,13 +229,27 @@ private:
         ring.begin = header[history::kBegin].load_acquire();
         ring.is_static = (node.topology & Topology::kStatic) != 0;
         if ((node.topology & kUnusual) != 0 || history::RingWord::empty(ring.word) ||
-            header[history::kHeadCommit].load_relaxed() > commit_ || ring.head <= ring.begin) {
+            ring.head <= ring.begin) {
             return false;
         }
         ring.mask = history::RingWord::capacity(ring.word) - 1;
         ring.stamps = &memory_.word(Layout::stamps(ring.word));
         ring.slots = &memory_.word(Layout::slots(ring.word));
-        return true;
+        return header[history::kHeadCommit].load_relaxed() <= commit_ ||
+               leave_out_newer(node, ring);
+    }
+    /// Few commits pass during one lookup: what they appended is left out one by one. The flags
+    /// must be those of the ring that is read: one that was sorted anew has newer samples in its
+    /// midst.
+    [[nodiscard, gnu::noinline]] bool leave_out_newer(const Node& node, Ring& ring) const {
+        if ((node.header[history::kTopology].load_acquire() & kUnusual) != 0)
+            return false;
+        for (int tries = kNear; ring.head > ring.begin && tries > 0; --tries) {
+            if (history::SlotWord::commit(slot_word(ring, ring.head - 1)) <= commit_)
+                return true;
+            --ring.head;
+        }
+        return false;
     }
     [[nodiscard, gnu::always_inline]] bool confirm(const Node& node, const Ring& ring,
                                                    std::uint64_t lowest) const {
@@ -366,6 +401,7 @@ private:
     Answer& answer_;
     CommitNumber commit_;
     StampNs stamp_ = 0;
+    unsigned unfetched_in_ = ~0U;  // steps that the lines already asked for will do
     std::vector<EdgeUse>& down_uses_ = answer_.target_edges;
 };
 

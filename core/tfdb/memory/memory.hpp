@@ -24,6 +24,13 @@ concept Memory = requires(M m, const M cm, Offset offset, std::size_t bytes) {
     M::fence_full();
 };
 
+/// Memory whose lines may be asked for before they are needed. A checker's cannot: it has no cache,
+/// and one step more for each line.
+template <class M>
+concept Fetchable = Memory<M> && requires(const M cm, Offset offset) {
+    cm.fetch(offset);
+};
+
 inline constexpr std::size_t kLineBytes = 64;
 
 constexpr std::size_t round_up(std::size_t bytes, std::size_t multiple) {

@@ -35,6 +35,12 @@ public:
         return *reinterpret_cast<Word*>(base_ + offset);
     }
 
+    /// Asks for the cache line at any offset, a wrong one too, and does not wait for it.
+    void fetch(Offset offset) const noexcept {
+        __builtin_prefetch(
+            reinterpret_cast<const void*>(reinterpret_cast<std::uintptr_t>(base_) + offset));
+    }
+
     static void fence_acquire() noexcept { sync::fence_acquire(); }
     static void fence_release() noexcept { sync::fence_release(); }
     static void fence_full() noexcept { sync::fence_full(); }
@@ -67,6 +73,6 @@ private:
     std::size_t huge_pages_to_ = 0;
 };
 
-static_assert(Memory<PrivateMemory>);
+static_assert(Fetchable<PrivateMemory>);
 
 }  // namespace tfdb::memory

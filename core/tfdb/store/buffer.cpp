@@ -14,7 +14,7 @@ Reads::Impl::Impl(const BufferOptions& options)
       snapshot_memory(options.snapshot_memory),
       concurrency(options.concurrency),
       frames(memory, memory.allocate(graph::kStoreBytes),
-             memory.allocate_sparse(std::size_t{options.max_frames} * history::kHeaderBytes),
+             memory.allocate_sparse(graph::Frames<StoreMemory>::bytes(options.max_frames)),
              options.max_frames),
       names(frames),
       pins(frames),
@@ -140,7 +140,7 @@ MemoryUse Buffer::memory() const {
     use.used_bytes = impl_->memory.used_bytes();
     use.free_bytes = impl_->memory.free_bytes();
     use.frames = impl_->frames.count();
-    use.frame_bytes = use.frames * history::kHeaderBytes;
+    use.frame_bytes = impl_->frames.bytes(static_cast<std::uint32_t>(use.frames));
     for (FrameId id = 0; id < impl_->frames.count(); ++id) {
         use.samples += impl_->frames.word(id, history::kHead).load_relaxed() -
                        impl_->frames.word(id, history::kBegin).load_relaxed();

@@ -161,6 +161,7 @@ void Commit<Memory>::append(FrameId child, const history::NewSample<Memory>& sam
     edge.append(context_, sample);
     if (Topology::parent(topology) != sample.parent) {
         edge.set_depth_hint(Topology::depth(frames_.topology(sample.parent)) + 1);
+        frames_.refresh_hint(child);
         depths_stale_ |= frames_.word(child, history::kChildren).load_relaxed() != 0;
     }
 }
@@ -170,6 +171,7 @@ void Commit<Memory>::clear(FrameId child) {
     history::NewSample<Memory> marker;
     marker.stamp = history::kClearMarker;
     writer(child).append(context_, marker);
+    frames_.refresh_hint(child);
     cleared_ = true;
 }
 
@@ -232,8 +234,10 @@ void Commit<Memory>::refresh_depths() {
         std::uint32_t depth = at < count && depths[at] != kUnknown ? depths[at] + 1 : 0;
         for (; !climb.empty(); climb.pop_back(), ++depth) {
             depths[climb.back()] = depth;
-            if (Topology::depth(frames_.topology(climb.back())) != depth)
-                writer(climb.back()).set_depth_hint(depth);
+            if (Topology::depth(frames_.topology(climb.back())) == depth)
+                continue;
+            writer(climb.back()).set_depth_hint(depth);
+            frames_.refresh_hint(climb.back());
         }
     }
 }
@@ -258,8 +262,10 @@ void Commit<Memory>::abort() {
         auto& topology = frames_.word(id, history::kTopology);
         topology.store_release(topology.load_relaxed() & ~history::Topology::kMortal);
     }
-    for (const auto& touched : scratch_.touched)
+    for (const auto& touched : scratch_.touched) {
         writer(touched.id).undo(touched.undo);
+        frames_.refresh_hint(touched.id);
+    }
     for (const FrameId id : scratch_.made) {
         const Offset name = frames_.word(id, history::kName).load_relaxed();
         names_.erase(id);

@@ -97,7 +97,7 @@ public:
 
     Memory memory;
     Offset root = memory.allocate(graph::kStoreBytes);
-    Offset headers = memory.allocate(kFrames * history::kHeaderBytes);
+    Offset headers = memory.allocate(graph::Frames<Memory>::bytes(kFrames));
     graph::Frames<Memory> frames;
     graph::Names<Memory> names;
     StampNs history;

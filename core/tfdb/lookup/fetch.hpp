@@ -1,0 +1,50 @@
+// A path's cache lines, asked for all at once: beside writers most of them are in another core's
+// cache, and a lookup that comes to them one by one waits for each.
+#pragma once
+
+#include <array>
+
+#include "tfdb/graph/frames.hpp"
+#include "tfdb/history/layout.hpp"
+#include "tfdb/memory/memory.hpp"
+
+namespace tfdb::lookup {
+
+/// Asks for the headers and the newest samples of a path's first edges, as the hints show the path;
+/// returns how many edges. Wrong hints cost time and nothing else.
+template <memory::Fetchable Memory>
+[[gnu::noinline]] unsigned fetch_path(const graph::Frames<Memory>& frames, FrameId target,
+                                      FrameId source) {
+    using history::RingWord;
+    using history::Topology;
+    constexpr unsigned kMost = 64;  // edges: three lines each are half of a first-level cache
+    std::array<FrameId, kMost> edges;
+    const Memory& memory = frames.memory();
+    const std::uint32_t count = frames.max_frames();
+    unsigned found = 0;
+    std::uint64_t up = frames.hint(source);
+    std::uint64_t down = frames.hint(target);
+    while (source != target && found < kMost) {
+        const bool move_up = Topology::depth(up) >= Topology::depth(down);
+        FrameId& id = move_up ? source : target;
+        std::uint64_t& hint = move_up ? up : down;
+        memory.fetch(frames.header(id));
+        edges[found++] = id;
+        id = Topology::parent(hint);
+        if (id >= count)
+            break;
+        hint = frames.hint(id);
+    }
+    for (unsigned i = 0; i < found; ++i) {
+        const Offset header = frames.header(edges[i]);
+        const std::uint64_t ring = memory.word(header + 8 * history::kRing).load_relaxed();
+        const std::uint64_t head = memory.word(header + 8 * history::kHead).load_relaxed();
+        const std::uint64_t newest = (head - 1) & (RingWord::capacity(ring) - 1);
+        memory.fetch(history::RingLayout<Memory>::stamps(ring) + 8 * newest);
+        memory.fetch(history::RingLayout<Memory>::slots(ring) +
+                     history::RingLayout<Memory>::kSlotBytes * newest);
+    }
+    return found;
+}
+
+}  // namespace tfdb::lookup
