@@ -66,8 +66,6 @@ public:
         using sync::SlotCount;
         counters.retries += shared_.gate.total(SlotCount::kRetries);
         counters.lock_waits += shared_.gate.total(SlotCount::kLockWaits);
-        counters.aborts += shared_.gate.total(SlotCount::kAborts);
-        counters.conflicts += shared_.gate.total(SlotCount::kConflicts);
     }
 
 private:

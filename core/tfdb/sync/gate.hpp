@@ -8,10 +8,7 @@
 namespace tfdb::sync {
 
 /// What a slot counts for those who were in it.
-enum class SlotCount : std::uint8_t { kCommits, kRetries, kAborts, kConflicts, kLockWaits };
-
-/// Where the session in a slot stands, for engines in which others may wound it.
-enum class SlotState : std::uint64_t { kActive, kWounded, kCommitting };
+enum class SlotCount : std::uint8_t { kRetries, kLockWaits };
 
 /// Slots that threads enter and leave, and a word that closes them all. Whoever is in a slot must
 /// leave it before it closes the gate, or waits for who may close it.
@@ -52,20 +49,6 @@ public:
             await_free(slot);
     }
 
-    /// Closes only if nobody is inside, or has waited to get in.
-    [[nodiscard]] bool try_close() noexcept {
-        std::uint64_t found = 0;
-        if (!gate().compare_exchange_ordered(found, kClosed))
-            return false;
-        for (unsigned slot = 0; slot < Slots; ++slot) {
-            if (claimed(slot).load_ordered() != kFree) {
-                open();
-                return false;
-            }
-        }
-        return true;
-    }
-
     void open() noexcept {
         gate().fetch_add(~kClosed + 1);
         gate().notify_all();
@@ -73,7 +56,7 @@ public:
 
     /// Seniority of the session in a slot: see txn::Seniority.
     [[nodiscard]] Word& age(unsigned slot) noexcept { return lines_[slot].words[kAge]; }
-    /// A SlotState.
+    /// Whether others have wounded that session: see txn::WoundWaitSession.
     [[nodiscard]] Word& state(unsigned slot) noexcept { return lines_[slot].words[kState]; }
 
     void add(unsigned slot, SlotCount which, std::uint64_t count = 1) noexcept {
