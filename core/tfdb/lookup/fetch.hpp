@@ -38,6 +38,8 @@ template <memory::Fetchable Memory>
     for (unsigned i = 0; i < found; ++i) {
         const Offset header = frames.header(edges[i]);
         const std::uint64_t ring = memory.word(header + 8 * history::kRing).load_relaxed();
+        if (RingWord::empty(ring))
+            continue;
         const std::uint64_t head = memory.word(header + 8 * history::kHead).load_relaxed();
         const std::uint64_t newest = (head - 1) & (RingWord::capacity(ring) - 1);
         memory.fetch(history::RingLayout<Memory>::stamps(ring) + 8 * newest);

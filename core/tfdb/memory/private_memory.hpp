@@ -35,11 +35,8 @@ public:
         return *reinterpret_cast<Word*>(base_ + offset);
     }
 
-    /// Asks for the cache line at any offset, a wrong one too, and does not wait for it.
-    void fetch(Offset offset) const noexcept {
-        __builtin_prefetch(
-            reinterpret_cast<const void*>(reinterpret_cast<std::uintptr_t>(base_) + offset));
-    }
+    /// Asks for the cache line of a word, and does not wait for it.
+    void fetch(Offset offset) const noexcept { __builtin_prefetch(base_ + offset); }
 
     static void fence_acquire() noexcept { sync::fence_acquire(); }
     static void fence_release() noexcept { sync::fence_release(); }
