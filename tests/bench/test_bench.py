@@ -14,6 +14,7 @@ from tests.bench.running import TINY, Bench, has
 from tfdb.bench import points
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
     from pathlib import Path
 
 
@@ -74,7 +75,16 @@ def test_tf2_takes_part(bench: Bench) -> None:
     assert {row["engine"] for row in done.rows} == {"snapshot", "tf2"}
 
 
-def test_interrupt_leaves_the_finished_points(bench: Bench, tmp_path: Path) -> None:
+@pytest.fixture
+def interruptible() -> Iterator[None]:
+    """Programs started here feel Ctrl-C, also where the tests run in the background."""
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    signal.signal(signal.SIGINT, before)
+
+
+@pytest.mark.usefixtures("interruptible")
+def test_interrupt_leaves_the_finished_points(bench: Bench) -> None:
     command = bench.command(
         *("--seconds", "0.05", "--warmup", "0", "--joints", "64", "--rounds", "1000"),
         *("--sweep", "latency", "--engines", "snapshot"),
