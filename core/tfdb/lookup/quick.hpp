@@ -1,5 +1,5 @@
 // The common case of a lookup, in one pass over the path: ordered samples, one parent per frame,
-// nothing newer than the snapshot. Whatever is different is left to the general code.
+// at most a few samples newer than the snapshot. Whatever is different is left to the general code.
 #pragma once
 
 #include <bit>
@@ -131,7 +131,8 @@ private:
     using Layout = history::RingLayout<Memory>;
     using Topology = history::Topology;
 
-    /// Where nothing was committed since this answer's last lookup, the caches still have its lines.
+    /// Where nothing was committed since this answer's last lookup, the caches still have its
+    /// lines.
     void expect_changes() {
         if (answer_.commit != commit_) {
             answer_.commit = commit_;
@@ -234,10 +235,12 @@ private:
         ring.mask = history::RingWord::capacity(ring.word) - 1;
         ring.stamps = &memory_.word(Layout::stamps(ring.word));
         ring.slots = &memory_.word(Layout::slots(ring.word));
-        return header[history::kHeadCommit].load_relaxed() <= commit_ || leave_out_newer(node, ring);
+        return header[history::kHeadCommit].load_relaxed() <= commit_ ||
+               leave_out_newer(node, ring);
     }
-    /// Few commits pass during one lookup: what they appended is left out one by one. The flags must
-    /// be those of the ring that is read: one that was sorted anew has newer samples in its midst.
+    /// Few commits pass during one lookup: what they appended is left out one by one. The flags
+    /// must be those of the ring that is read: one that was sorted anew has newer samples in its
+    /// midst.
     [[nodiscard, gnu::noinline]] bool leave_out_newer(const Node& node, Ring& ring) const {
         if ((node.header[history::kTopology].load_acquire() & kUnusual) != 0)
             return false;
