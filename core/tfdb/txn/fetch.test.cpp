@@ -78,7 +78,7 @@ TFDB_TEST(fetch_asks_for_headers_and_newest_samples_of_a_path) {
         CHECK(forest.memory.was_asked(Layout::slots(ring) + Layout::kSlotBytes));
     }
     CHECK_EQ(lookup::fetch_path(forest.frames, arm, arm), 0U);
-    // Up to a root, and between trees: no further than the roots.
+    // Up to a root: no further.
     CHECK_EQ(lookup::fetch_path(forest.frames, id_of(forest, "map"), arm), 2U);
 }
 
