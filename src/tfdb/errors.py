@@ -36,6 +36,7 @@ __all__ = [
     "Stale",
     "StaticConflict",
     "TfdbError",
+    "TfdbWarning",
     "TooOld",
     "TrajectoryError",
     "TransactionActive",
@@ -120,6 +121,13 @@ def _restore(cls: type[TfdbError], message: str, fields: dict[str, Any]) -> Tfdb
     error = cls.__new__(cls)
     TfdbError.__init__(error, message, **fields)
     return error
+
+
+class TfdbWarning(UserWarning):
+    """Something that is allowed and was done, but is rarely meant; the message says what to do.
+
+    `warnings.simplefilter("error", tfdb.TfdbWarning)` makes errors of them.
+    """
 
 
 class UnknownFrame(TfdbError, LookupError):
