@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -106,6 +107,47 @@ def test_existing_file_stays(tool: Tool, mcap: Path, tmp_path: Path) -> None:
     assert out.read_text() == "precious"
     tool("convert", mcap, out, "--overwrite")
     assert out.read_bytes().startswith(b"#ROSBAG")
+
+
+@pytest.mark.parametrize("overwrite", [(), ("--overwrite",)])
+def test_an_input_is_never_the_output(
+    tool: Tool, bag: Path, tmp_path: Path, overwrite: tuple[str, ...]
+) -> None:
+    source, hard, soft = (tmp_path / f"{name}.bag" for name in ("source", "hard", "soft"))
+    shutil.copy(bag, source)
+    hard.hardlink_to(source)
+    soft.symlink_to(source.name)
+    (tmp_path / "door").symlink_to(tmp_path)
+    before = source.read_bytes()
+    for out in (source, hard, soft, tmp_path / "door" / "source.bag"):
+        said = tool("convert", source, out, *overwrite, code=2).error
+        assert said == f"{out}: is one of the files to be read; choose another name"
+        assert source.read_bytes() == before
+    assert len(list(tmp_path.iterdir())) == 4
+
+
+def test_a_part_of_the_input_is_never_the_output(
+    tool: Tool, shared_data: Path, tmp_path: Path
+) -> None:
+    folder = tmp_path / "drive"
+    shutil.copytree(shared_data / "turtlebot_nav" / "tf_example", folder)
+    part = folder / "tf_example.db3"
+    before = part.read_bytes()
+    assert "one of the files to be read" in tool("convert", folder, part, "--overwrite", code=2).err
+    assert part.read_bytes() == before
+
+
+def test_poses_replace_nothing_unasked(tool: Tool, mcap: Path, tmp_path: Path) -> None:
+    out = tmp_path / "base.tum"
+    arguments = ("poses", mcap, "map", "base_link", "-o", out)
+    tool(*arguments)
+    before = out.read_text()
+    assert "--overwrite replaces it" in tool(*arguments, "--rate", "1", code=2).error
+    assert out.read_text() == before
+    tool(*arguments, "--rate", "1", "--overwrite")
+    assert out.read_text() != before
+    said = tool(*arguments, "--at", out, "--overwrite", code=2).error
+    assert "one of the files to be read" in said
 
 
 @pytest.mark.parametrize(

@@ -7,6 +7,8 @@ import html
 import io
 from typing import TYPE_CHECKING
 
+from tfdb.new_file import new_file
+
 from .points import SWEEPS
 
 if TYPE_CHECKING:
@@ -95,9 +97,8 @@ def write(
         (folder / f"{name}.png").write_bytes(file.getvalue())
         pictures[name] = base64.b64encode(file.getvalue()).decode("ascii")
     page = folder / "report.html"
-    partial = folder / ".report.html"
-    partial.write_text("\n".join(_page(results, head, pictures, failures)), encoding="utf-8")
-    partial.replace(page)  # a reader never sees half of it
+    with new_file(page, overwrite=True) as made:
+        made.write_text("\n".join(_page(results, head, pictures, failures)), encoding="utf-8")
     return page
 
 

@@ -15,6 +15,7 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, ProgressColumn, TextColumn, TimeElapsedColumn
 
 import tfdb
+from tfdb.new_file import is_one_of, refuse_existing
 from tfdb.summary import Forest, span
 
 from .output import emit_json, error_body
@@ -52,6 +53,7 @@ more_option = click.option(
     metavar="FILE",
     help="A further file of the same recording; repeatable.",
 )
+overwrite_option = click.option("--overwrite", is_flag=True, help="Replace OUT if it exists.")
 
 
 @dataclass(frozen=True)
@@ -114,6 +116,19 @@ def find_paths(names: Sequence[str]) -> tuple[Path, ...]:
         hint = f"did you mean {folder / near[0]}?" if near else "check the path"
         raise click.ClickException(f"{path}: no such file; {hint}")
     return paths
+
+
+def check_output(out: str, inputs: Sequence[Path], *, overwrite: bool) -> None:
+    """Refuse an output that is one of the inputs, or exists without `--overwrite`."""
+    path = Path(out)
+    if is_one_of(path, inputs):
+        raise click.ClickException(f"{out}: is one of the files to be read; choose another name")
+    hint = "exists already; --overwrite replaces it"
+    refuse_existing(path, overwrite=overwrite, refusal=_refusal, hint=hint)
+
+
+def _refusal(path: Path, reason: str) -> click.ClickException:
+    return click.ClickException(f"{path}: {reason}")
 
 
 def parse_topics(texts: Sequence[str]) -> dict[str, str] | None:

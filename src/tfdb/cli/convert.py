@@ -42,7 +42,7 @@ class Written:
     help="For .tum, .csv and .npz: write T[TARGET<-SOURCE] at each stored stamp.",
 )
 @click.option("--compress", is_flag=True, help="zstd for .mcap, bz2 for .bag.")
-@click.option("--overwrite", is_flag=True, help="Replace OUT if it exists.")
+@common.overwrite_option
 @common.topic_option
 @common.json_option
 @common.reports_errors("convert")
@@ -69,12 +69,17 @@ def command(
     if (frames is not None) != (suffix in TRAJECTORIES):
         raise click.UsageError(f"--frames TARGET SOURCE goes with {', '.join(TRAJECTORIES)}")
     inputs = common.find_paths(files)
-    if path.exists() and not overwrite:
-        raise click.ClickException(f"{out}: exists already; --overwrite replaces it")
+    common.check_output(out, inputs, overwrite=overwrite)
     if frames is not None:
-        written = _trajectory(files, path, frames, topics)
+        loaded = common.load(files, topics)
+        common.check_frames(loaded.store, *frames)
+        poses = loaded.store.trajectory(*frames)
+        write_trajectory(out, poses, overwrite=overwrite)
+        written = Written(loaded.report.messages, len(poses.stamps))
     else:
-        written = _recording(inputs, path, common.parse_topics(topics), compress=compress)
+        renamed = common.parse_topics(topics)
+        writer = RecordingWriter(path, compress=compress, overwrite=overwrite)
+        written = _recording(inputs, writer, renamed)
     if as_json:
         output.emit_json("convert", _body(inputs, out, written))
         return
@@ -94,18 +99,8 @@ def _body(inputs: Sequence[Path], out: str, written: Written) -> dict[str, Any]:
     }
 
 
-def _trajectory(
-    files: Sequence[str], out: Path, frames: tuple[str, str], topics: Sequence[str]
-) -> Written:
-    loaded = common.load(files, topics)
-    common.check_frames(loaded.store, *frames)
-    path = loaded.store.trajectory(*frames)
-    write_trajectory(out, path)
-    return Written(loaded.report.messages, len(path.stamps))
-
-
 def _recording(
-    inputs: Sequence[Path], out: Path, renamed: Mapping[str, str] | None, *, compress: bool
+    inputs: Sequence[Path], writer: RecordingWriter, renamed: Mapping[str, str] | None
 ) -> Written:
     written = Written()
     with ExitStack() as stack:
@@ -121,7 +116,7 @@ def _recording(
             listed = ", ".join(sorted(found)) or "none at all"
             raise click.ClickException(f"none of the topics is there to convert; found: {listed}")
         total = sum(source.messages for source in sources)
-        writer = stack.enter_context(RecordingWriter(out, compress=compress, overwrite=True))
+        stack.enter_context(writer)
         update = stack.enter_context(common.progress_bar("converting"))
         for recording in recordings:
             _copy(recording, writer, wanted, renamed or {}, written)

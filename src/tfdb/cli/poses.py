@@ -65,6 +65,7 @@ class Poses:
     is_flag=True,
     help="Leave out stamps without a pose instead of ending with an error.",
 )
+@common.overwrite_option
 @common.policy_option
 @common.more_option
 @common.topic_option
@@ -81,6 +82,7 @@ def command(
     end: TimeSpec | None,
     out: str | None,
     skip_missing: bool,
+    overwrite: bool,
     policy: Any,
     more: tuple[str, ...],
     topics: tuple[str, ...],
@@ -97,6 +99,9 @@ def command(
     if as_json and out is None:
         raise click.UsageError("--json describes what was written: give it -o OUT")
     wanted = None if stamps_file is None else _stamps(stamps_file)
+    if out is not None:
+        read = (file, *more, *([] if stamps_file in (None, "-") else [stamps_file]))
+        common.check_output(out, common.find_paths(read), overwrite=overwrite)
     loaded = common.load((file, *more), topics)
     store = loaded.store
     common.check_frames(store, target, source)
@@ -110,7 +115,7 @@ def command(
         poses = _poses(store, (target, source), stamps, policy, skip_missing=skip_missing)
     kept: npt.NDArray[np.bool_] = np.asarray(np.isfinite(poses).all(axis=1))
     made = Poses(target, source, stamps[kept], poses[kept], int(len(kept) - kept.sum()))
-    _write(out, made)
+    _write(out, made, overwrite=overwrite)
     if as_json:
         output.emit_json("poses", _body(loaded, made, out))
     elif out is not None:
@@ -151,9 +156,9 @@ def _poses(
         raise click.ClickException(message) from error
 
 
-def _write(out: str | None, made: Poses) -> None:
+def _write(out: str | None, made: Poses, *, overwrite: bool) -> None:
     if out is not None:
-        write_trajectory(out, made)
+        write_trajectory(out, made, overwrite=overwrite)
         return
     for stamp, pose in zip(made.stamps.tolist(), made.poses.tolist(), strict=True):
         click.echo(f"{format_ns(stamp)} {' '.join(map(repr, pose))}")

@@ -2,16 +2,21 @@
 
 from __future__ import annotations
 
-import tempfile
-from contextlib import ExitStack
-from pathlib import Path
+import errno
+import os
+import sqlite3
+from contextlib import ExitStack, contextmanager
 from typing import TYPE_CHECKING, Any, Protocol
 
 from tfdb.errors import InvalidArgument, RecordingError
+from tfdb.new_file import new_file, refuse_existing
 
 from .containers import NEEDS_EXTRA, Encoding
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
+    from contextlib import AbstractContextManager
+    from pathlib import Path
     from types import TracebackType
     from typing import Self
 
@@ -30,8 +35,12 @@ class _Target(Protocol):
     def write(self, connection: Any, received: int, data: bytes) -> None:
         """One message."""
 
-    def finish(self) -> Path:
-        """Close the file and say where it is."""
+    @property
+    def writer(self) -> AbstractContextManager[Any]:
+        """The library's writer, which closes the file."""
+
+    def deliver(self) -> None:
+        """Put the closed file where it was to be made."""
 
 
 class RecordingWriter:
@@ -58,12 +67,12 @@ class RecordingWriter:
     def __init__(self, path: Path, *, compress: bool = False, overwrite: bool = False) -> None:
         if path.suffix not in SUFFIXES:
             raise RecordingError(path, f"the name must end in one of {', '.join(SUFFIXES)}")
-        if path.exists() and not overwrite:
-            raise RecordingError(path, "exists already; pass overwrite=True to replace it")
+        refuse_existing(path, overwrite=overwrite, refusal=RecordingError)
         if compress and path.suffix == ".db3":
             raise InvalidArgument(".db3 files are not compressed; write .mcap or .bag")
         self._path = path
         self._compress = compress
+        self._overwrite = overwrite
         self._connections: dict[tuple[str, str, bool], Any] = {}
         self._stack = ExitStack()
         self._target: _Target | None = None
@@ -74,18 +83,24 @@ class RecordingWriter:
         return "ros1" if self._path.suffix == ".bag" else "cdr"
 
     def __enter__(self) -> Self:
-        # Beside the target, so that moving it there is one atomic step.
-        folder = tempfile.TemporaryDirectory(prefix=".tfdb-", dir=self._path.parent)
-        work = Path(self._stack.enter_context(folder))
-        try:
-            if self._path.suffix == ".bag":
-                self._target = _Ros1Target(work, self._compress)
-            else:
-                self._target = _Ros2Target(work, self._path.suffix, self._compress)
-        except ModuleNotFoundError as error:
-            self._stack.close()
-            raise RecordingError(self._path, f"{NEEDS_EXTRA} ({error.name})") from error
+        with ExitStack() as stack:
+            file = new_file(self._path, overwrite=self._overwrite, refusal=RecordingError)
+            made = stack.enter_context(file)
+            stack.enter_context(_database_errors(self._path))
+            try:
+                target = self._make(made)
+            except ModuleNotFoundError as error:
+                raise RecordingError(self._path, f"{NEEDS_EXTRA} ({error.name})") from error
+            stack.push(lambda kind, *_: target.deliver() if kind is None else None)
+            stack.enter_context(target.writer)
+            self._target = target
+            self._stack = stack.pop_all()
         return self
+
+    def _make(self, made: Path) -> _Target:
+        if self._path.suffix == ".bag":
+            return _Ros1Target(made, self._compress)
+        return _Ros2Target(made, self._compress)
 
     def write(
         self, data: bytes, received: int, *, topic: str, static: bool = False, authority: str = ""
@@ -107,20 +122,28 @@ class RecordingWriter:
         error: BaseException | None,
         traceback: TracebackType | None,
     ) -> None:
-        target, self._target = self._target, None
-        with self._stack:
-            if target is not None:
-                written = target.finish()
-                if kind is None:
-                    written.replace(self._path)
+        self._target = None
+        self._stack.__exit__(kind, error, traceback)
+
+
+@contextmanager
+def _database_errors(path: Path) -> Iterator[None]:
+    """Turn what SQLite says of the file system into `OSError`."""
+    try:
+        yield
+    except sqlite3.OperationalError as error:
+        full = error.sqlite_errorcode == sqlite3.SQLITE_FULL
+        number = errno.ENOSPC if full else errno.EIO
+        raise OSError(number, f"{os.strerror(number)} ({error})", str(path)) from error
 
 
 class _Ros1Target:
     """A ROS 1 bag: one connection for each topic and publisher."""
 
     encoding: Encoding = "ros1"
+    writer: Any
 
-    def __init__(self, work: Path, compress: bool) -> None:
+    def __init__(self, made: Path, compress: bool) -> None:
         from rosbags.rosbag1 import Writer  # noqa: PLC0415 - an extra
         from rosbags.typesys import (  # noqa: PLC0415
             Stores,
@@ -132,15 +155,13 @@ class _Ros1Target:
         # rosbags knows the messages of ROS 1 but for those of tf2.
         text = "geometry_msgs/TransformStamped[] transforms"
         self._types.register(get_types_from_msg(text, TF_MESSAGE))
-        self._path = work / "new.bag"
-        self._writer = Writer(self._path)
+        self.writer = Writer(made)
         if compress:
             # Not LZ4: ROS's own reader refuses the frames that rosbags makes.
-            self._writer.set_compression(Writer.CompressionFormat.BZ2)
-        self._writer.open()
+            self.writer.set_compression(Writer.CompressionFormat.BZ2)
 
     def connect(self, topic: str, authority: str, static: bool) -> Any:
-        return self._writer.add_connection(
+        return self.writer.add_connection(
             topic,
             TF_MESSAGE,
             typestore=self._types,
@@ -149,19 +170,19 @@ class _Ros1Target:
         )
 
     def write(self, connection: Any, received: int, data: bytes) -> None:
-        self._writer.write(connection, received, data)
+        self.writer.write(connection, received, data)
 
-    def finish(self) -> Path:
-        self._writer.close()
-        return self._path
+    def deliver(self) -> None:
+        """It was written there."""
 
 
 class _Ros2Target:
     """An MCAP file or a ROS 2 database, taken out of the folder that rosbags makes around it."""
 
     encoding: Encoding = "cdr"
+    writer: Any
 
-    def __init__(self, work: Path, suffix: str, compress: bool) -> None:
+    def __init__(self, made: Path, compress: bool) -> None:
         from rosbags.rosbag2 import (  # noqa: PLC0415 - an extra
             CompressionFormat,
             CompressionMode,
@@ -171,25 +192,25 @@ class _Ros2Target:
         from rosbags.typesys import Stores, get_typestore  # noqa: PLC0415
 
         self._types = get_typestore(Stores.ROS2_JAZZY)
-        plugin = StoragePlugin.MCAP if suffix == ".mcap" else StoragePlugin.SQLITE3
-        self._path = work / "new" / f"new{suffix}"
-        self._writer = Writer(work / "new", version=8, storage_plugin=plugin)
+        plugin = StoragePlugin.MCAP if made.suffix == ".mcap" else StoragePlugin.SQLITE3
+        self._made = made
+        folder = made.with_name("new")
+        self._path = folder / f"new{made.suffix}"
+        self.writer = Writer(folder, version=8, storage_plugin=plugin)
         if compress:
-            self._writer.set_compression(CompressionMode.STORAGE, CompressionFormat.ZSTD)
-        self._writer.open()
+            self.writer.set_compression(CompressionMode.STORAGE, CompressionFormat.ZSTD)
 
     def connect(self, topic: str, authority: str, static: bool) -> Any:
         del authority  # ROS 2 recordings do not say who published
-        return self._writer.add_connection(
+        return self.writer.add_connection(
             topic, TF_MESSAGE, typestore=self._types, offered_qos_profiles=[_qos(static)]
         )
 
     def write(self, connection: Any, received: int, data: bytes) -> None:
-        self._writer.write(connection, received, data)
+        self.writer.write(connection, received, data)
 
-    def finish(self) -> Path:
-        self._writer.close()
-        return self._path
+    def deliver(self) -> None:
+        self._path.replace(self._made)
 
 
 def _qos(static: bool) -> Any:

@@ -1,23 +1,26 @@
 """Trajectories to files: TUM, KITTI, EuRoC, CSV and NPZ.
 
 Numbers are written with as many digits as it takes to read the same float64 again, stamps as exact
-decimals.
+decimals. A file appears under its name when it is complete (`tfdb.new_file`), and takes that of
+another only with `overwrite=True`.
 """
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
 from tfdb.errors import TrajectoryError
+from tfdb.new_file import new_file
 
 from .decimal_time import ns_to_seconds
 from .trajectories import CSV_COLUMNS, Poses, TrajectoryLike
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable
+    from collections.abc import Iterable
 
     from .trajectories import PathLike
 
@@ -26,7 +29,7 @@ _EUROC_HEADING = (
 )
 
 
-def write_tum(path: PathLike, trajectory: TrajectoryLike) -> None:
+def write_tum(path: PathLike, trajectory: TrajectoryLike, *, overwrite: bool = False) -> None:
     """Write `seconds x y z qx qy qz qw` lines, seconds with nine decimals."""
     stamps, poses = trajectory.stamps.tolist(), trajectory.poses.tolist()
     _write_lines(
@@ -36,24 +39,29 @@ def write_tum(path: PathLike, trajectory: TrajectoryLike) -> None:
             f"{ns_to_seconds(stamp)} {' '.join(map(repr, pose))}"
             for stamp, pose in zip(stamps, poses, strict=True)
         ),
+        overwrite=overwrite,
     )
 
 
-def write_euroc(path: PathLike, trajectory: TrajectoryLike) -> None:
+def write_euroc(path: PathLike, trajectory: TrajectoryLike, *, overwrite: bool = False) -> None:
     """Write `nanoseconds,x,y,z,qw,qx,qy,qz` lines under EuRoC's heading."""
     stamps = trajectory.stamps.tolist()
     poses = trajectory.poses[:, (0, 1, 2, 6, 3, 4, 5)].tolist()
-    _write_lines(path, _EUROC_HEADING, _comma_rows(stamps, poses))
+    _write_lines(path, _EUROC_HEADING, _comma_rows(stamps, poses), overwrite=overwrite)
 
 
-def write_csv(path: PathLike, trajectory: TrajectoryLike) -> None:
+def write_csv(path: PathLike, trajectory: TrajectoryLike, *, overwrite: bool = False) -> None:
     """Write `stamp_ns,x,y,z,qx,qy,qz,qw` lines with that heading; stamps in nanoseconds."""
     rows = _comma_rows(trajectory.stamps.tolist(), trajectory.poses.tolist())
-    _write_lines(path, ",".join(CSV_COLUMNS), rows)
+    _write_lines(path, ",".join(CSV_COLUMNS), rows, overwrite=overwrite)
 
 
 def write_kitti(
-    path: PathLike, trajectory: TrajectoryLike, *, times: PathLike | None = None
+    path: PathLike,
+    trajectory: TrajectoryLike,
+    *,
+    times: PathLike | None = None,
+    overwrite: bool = False,
 ) -> None:
     """Write the rows of 3x4 matrices to `path` and the stamps in seconds to `times`.
 
@@ -64,19 +72,34 @@ def write_kitti(
         (matrices_from_quaternions(poses[:, 3:]), poses[:, :3, np.newaxis]), axis=2
     )
     rows = matrices.reshape(-1, 12).tolist()
-    _write_lines(path, None, (" ".join(map(repr, row)) for row in rows))
     where = Path(path)
-    beside = where.with_name(f"{where.stem}_times.txt") if times is None else times
-    _write_lines(beside, None, map(ns_to_seconds, trajectory.stamps.tolist()))
+    beside = where.with_name(f"{where.stem}_times.txt") if times is None else Path(times)
+    if os.path.realpath(beside) == os.path.realpath(where):
+        raise _refusal(where, "the stamps need a file of their own")
+    with new_file(where, overwrite=overwrite, refusal=_refusal) as made:
+        made.write_text("".join(" ".join(map(repr, row)) + "\n" for row in rows))
+        stamps = map(ns_to_seconds, trajectory.stamps.tolist())
+        _write_lines(beside, None, stamps, overwrite=overwrite)
 
 
-def write_npz(path: PathLike, trajectory: TrajectoryLike) -> None:
+def write_npz(path: PathLike, trajectory: TrajectoryLike, *, overwrite: bool = False) -> None:
     """Write a compressed NPZ with the arrays `stamps` (N,) int64 and `poses` (N, 7) float64."""
-    with Path(path).open("wb") as file:
+    with (
+        new_file(path, overwrite=overwrite, refusal=_refusal) as made,
+        made.open("wb") as file,
+    ):
         np.savez_compressed(file, stamps=trajectory.stamps, poses=trajectory.poses)
 
 
-_WRITERS: dict[str, Callable[[PathLike, TrajectoryLike], None]] = {
+class _Writer(Protocol):
+    """One of the functions above."""
+
+    def __call__(
+        self, path: PathLike, trajectory: TrajectoryLike, *, overwrite: bool = False
+    ) -> None: ...
+
+
+_WRITERS: dict[str, _Writer] = {
     "tum": write_tum,
     "euroc": write_euroc,
     "csv": write_csv,
@@ -89,17 +112,21 @@ def write_trajectory(
     path: PathLike,
     trajectory: TrajectoryLike,
     format: str | None = None,  # noqa: A002 - as in read_trajectory
+    *,
+    overwrite: bool = False,
 ) -> None:
     """Write a trajectory; the format is that of the name's end where `format` is None.
 
     `.tum` and `.txt` are TUM, `.csv` and `.npz` themselves; `"euroc"` and `"kitti"` are asked for
-    by name. Raises `TrajectoryError` for any other, `OSError` where the file cannot be written.
+    by name. Raises `TrajectoryError` for any other and where a file of that name exists, unless
+    `overwrite`; `OSError` where the file cannot be written. Then what the name had is still there.
     """
-    name = format or {".txt": "tum"}.get(Path(path).suffix, Path(path).suffix.removeprefix("."))
+    suffix = Path(path).suffix.lower()
+    name = format or {".txt": "tum"}.get(suffix, suffix.removeprefix("."))
     writer = _WRITERS.get(name)
     if writer is None:
         raise TrajectoryError(path, None, f"no trajectory format {name!r}: one of {_names()}")
-    writer(path, trajectory)
+    writer(path, trajectory, overwrite=overwrite)
 
 
 def matrices_from_quaternions(quaternions: Poses) -> Poses:
@@ -123,8 +150,17 @@ def _comma_rows(stamps: list[int], poses: list[list[float]]) -> Iterable[str]:
     )
 
 
-def _write_lines(path: PathLike, heading: str | None, lines: Iterable[str]) -> None:
-    with Path(path).open("w", encoding="utf-8", newline="\n") as file:
+def _write_lines(
+    path: PathLike, heading: str | None, lines: Iterable[str], *, overwrite: bool
+) -> None:
+    with (
+        new_file(path, overwrite=overwrite, refusal=_refusal) as made,
+        made.open("w", encoding="utf-8", newline="\n") as file,
+    ):
         if heading is not None:
             file.write(heading + "\n")
         file.writelines(line + "\n" for line in lines)
+
+
+def _refusal(path: Path, reason: str) -> TrajectoryError:
+    return TrajectoryError(path, None, reason)
