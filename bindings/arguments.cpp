@@ -19,7 +19,7 @@ std::size_t find_parameter(const ParameterList& list, PyObject* keyword) {
         }
     }
     throw_type_error(std::string(list.function) + "() got an unexpected keyword argument '" +
-                     nb::borrow<nb::str>(keyword).c_str() + "'");
+                     text_of(keyword) + "'");
 }
 
 }  // namespace
@@ -58,7 +58,7 @@ std::string_view other_name(PyObject* object, const char* role) {
     Py_ssize_t size = 0;
     const char* bytes = PyUnicode_AsUTF8AndSize(object, &size);
     if (bytes == nullptr) {
-        PyErr_Clear();
+        forget_error();
         throw_error("InvalidName",
                     std::string(role) + " cannot be written as UTF-8: " + short_repr(object),
                     {{"value", nb::borrow(object)}, {"reason", nb::str("not valid UTF-8")}});

@@ -124,8 +124,8 @@ std::optional<ArrayView> ArrayView::of(nb::handle object, bool writable) {
     const int flags = PyBUF_FORMAT | PyBUF_STRIDES | (writable ? PyBUF_WRITABLE : 0);
     if (PyObject_CheckBuffer(object.ptr()) == 0 ||
         PyObject_GetBuffer(object.ptr(), &result.view_, flags) != 0) {
-        PyErr_Clear();
         result.view_.obj = nullptr;
+        forget_error();
         return std::nullopt;
     }
     result.kind_ = kind_of(result.view_);
@@ -165,7 +165,7 @@ std::string describe(nb::handle object) {
     if (dtype.is_none() || shape.is_none()) {
         return type_name_of(object);
     }
-    return std::string(nb::str(dtype).c_str()) + " " + nb::str(shape).c_str();
+    return text_of(dtype) + " " + text_of(shape);
 }
 
 namespace {
@@ -175,9 +175,10 @@ constexpr const char* kExpectedStamps = "int64 nanoseconds (N,)";
 /// Another integer type, or datetime64, as int64.
 nb::object as_nanoseconds(nb::handle object) {
     const nb::object dtype = find(object.ptr(), g_fields.dtype);
-    if (dtype.is_valid()) {
-        const nb::str kind(get(dtype.ptr(), g_fields.kind));
-        const std::string_view code = kind.c_str();
+    const nb::object kind =
+        dtype.is_valid() ? find(dtype.ptr(), g_fields.kind) : nb::object(nb::none());
+    if (kind.is_valid()) {
+        const std::string code = text_of(kind);
         if (code == "M") {
             return object.attr("astype")("datetime64[ns]").attr("view")("int64");
         }

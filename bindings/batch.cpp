@@ -57,7 +57,7 @@ NewArray<double> rows_for(nb::handle out, std::size_t count, Layout layout) {
 nb::object lookup_transforms(nb::handle self, const nb::str& target, const nb::str& source,
                              nb::handle stamps, nb::handle policy, const nb::str& layout,
                              nb::handle out, const nb::str& missing) {
-    const Pinned pinned = pin(self, reads_of(self.ptr()));
+    const Pinned pinned = pin(self, object_of<ReadsObject>(self));
     const RowsWanted wanted(target, source, stamps, policy, layout, out, missing);
     {
         const Released released(pinned.may_wait() ||
@@ -141,7 +141,7 @@ bool is_one_stamp(nb::handle stamps) {
 nb::object transform_points(nb::handle self, const nb::str& target, const nb::str& source,
                             nb::handle points, nb::handle stamps, nb::handle policy,
                             nb::handle out) {
-    const Pinned pinned = pin(self, reads_of(self.ptr()));
+    const Pinned pinned = pin(self, object_of<ReadsObject>(self));
     const Policy how = policy_of(policy.ptr());
     const Points from = points_of(points, "points", false);
     std::optional<Stamps> many;

@@ -119,16 +119,16 @@ nb::object memory(BufferObject& self) {
 }
 
 nb::object snapshot(nb::handle self) {
-    auto* buffer = nb::inst_ptr<BufferObject>(self);
+    BufferObject& buffer = object_of<BufferObject>(self);
     nb::object made = nb::cast(SnapshotObject{});
     auto* object = nb::inst_ptr<SnapshotObject>(made);
     {
-        const Released released(buffer->reasons != 0);
-        object->held = std::make_shared<Snapshot>(buffer->store.snapshot());
+        const Released released(buffer.reasons != 0);
+        object->held = std::make_shared<Snapshot>(buffer.store.snapshot());
     }
     object->reads = object->held.get();
-    object->waits = &buffer->reasons;
-    object->names = &buffer->own_names;
+    object->waits = &buffer.reasons;
+    object->names = &buffer.own_names;
     object->buffer = self.ptr();
     object->owner = nb::borrow(self);
     return made;

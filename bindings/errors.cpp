@@ -203,15 +203,38 @@ std::string short_repr(nb::handle object) {
     constexpr std::size_t kLongest = 80;
     const nb::object printed = nb::steal(PyObject_Repr(object.ptr()));
     if (!printed.is_valid()) {
-        PyErr_Clear();
+        forget_error();
         return "<" + type_name_of(object) + ">";
     }
-    std::string result(nb::str(printed).c_str());
+    std::string result = text_of(printed);
     if (result.size() > kLongest) {
         result.resize(kLongest);
         result += "...";
     }
     return result;
+}
+
+std::string text_of(nb::handle object) {
+    const nb::object text = nb::steal(PyObject_Str(object.ptr()));
+    if (!text.is_valid()) {
+        forget_error();
+        return "<" + type_name_of(object) + ">";
+    }
+    const nb::object bytes =
+        nb::steal(PyUnicode_AsEncodedString(text.ptr(), "utf-8", "backslashreplace"));
+    if (!bytes.is_valid()) {
+        throw nb::python_error();
+    }
+    return {PyBytes_AS_STRING(bytes.ptr()),
+            static_cast<std::size_t>(PyBytes_GET_SIZE(bytes.ptr()))};
+}
+
+void forget_error() {
+    if (PyErr_Occurred() != nullptr && (PyErr_ExceptionMatches(PyExc_Exception) == 0 ||
+                                        PyErr_ExceptionMatches(PyExc_MemoryError) != 0)) {
+        throw nb::python_error();
+    }
+    PyErr_Clear();
 }
 
 }  // namespace tfdb::python

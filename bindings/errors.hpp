@@ -83,4 +83,11 @@ inline std::string type_name_of(nb::handle object) {
 /// repr() cut to what fits into a message.
 std::string short_repr(nb::handle object);
 
+/// str() for a message; what has no UTF-8 is escaped.
+std::string text_of(nb::handle object);
+
+/// Forgets the Python error, because another one will be raised in its place. One that is no
+/// Exception (KeyboardInterrupt), and MemoryError, are thrown.
+void forget_error();
+
 }  // namespace tfdb::python

@@ -19,41 +19,39 @@ thread_local
 // For lookups without the GIL: what is local to a thread is slower to reach.
 thread_local Answer g_own_answer;
 
-/// `self` of a raw method, readable until the end of the call.
+/// `self` of a raw method, readable until the end of the call. To be made when no Python code will
+/// run any more: only then a snapshot that the GIL protects cannot be closed meanwhile.
 class Open {
 public:
-#ifdef Py_GIL_DISABLED
-    explicit Open(PyObject* self) : object_(reads_of(self)), pinned_(pin(self, object_)) {}
-#else
-    explicit Open(PyObject* self) : object_(reads_of(self)) {
-        if (object_.reads == nullptr) {
+    explicit Open(PyObject* self) : object_(made_reads(self)) {
+        const nb::ft_object_guard guard(self);
+        reads_ = object_.reads;
+        if (reads_ == nullptr) {
             throw_closed(object_);
         }
+        may_wait_ = *object_.waits != 0;
+        if (may_wait_ || kWithoutGil) {
+            keep_ = object_.held;
+        }
     }
-#endif
 
-    [[nodiscard]] const Reads& reads() const {
-#ifdef Py_GIL_DISABLED
-        return pinned_.reads;
-#else
-        return *object_.reads;
-#endif
-    }
-    [[nodiscard]] NameCache& names() const {
-        return *object_.names;
-    }
-    [[nodiscard]] PyObject* buffer() const {
-        return object_.buffer;
-    }
-    [[nodiscard]] bool may_wait() const {
-        return *object_.waits != 0;
-    }
+    [[nodiscard]] const Reads& reads() const { return *reads_; }
+    [[nodiscard]] NameCache& names() const { return *object_.names; }
+    [[nodiscard]] PyObject* buffer() const { return object_.buffer; }
+    /// Whether the GIL must not be kept.
+    [[nodiscard]] bool may_wait() const { return may_wait_; }
 
 private:
-    ReadsObject& object_;
 #ifdef Py_GIL_DISABLED
-    Pinned pinned_;
+    static constexpr bool kWithoutGil = true;
+#else
+    static constexpr bool kWithoutGil = false;
 #endif
+
+    const ReadsObject& object_;
+    const Reads* reads_;
+    bool may_wait_;
+    std::shared_ptr<Snapshot> keep_;
 };
 
 /// Calls `attempt(target, source, answer)` until neither handle turns out to be out of date:
@@ -98,10 +96,8 @@ const Answer* look_up(const Open& open, PyObject* target, PyObject* source, cons
     open.reads().raise(failure, to, from);
 }
 
-const Answer* attempt_lookup(const Open& open, PyObject* target, PyObject* source, PyObject* time,
-                             PyObject* policy, Failure& failure) {
-    const std::optional<StampNs> stamp = optional_stamp_of(time);
-    const Policy how = policy_of(policy);
+const Answer* attempt_lookup(const Open& open, PyObject* target, PyObject* source,
+                             std::optional<StampNs> stamp, Policy how, Failure& failure) {
     return look_up(open, target, source, failure,
                    [&](FrameHandle to, FrameHandle from, Answer& answer) {
                        return open.reads().try_lookup(to, from, stamp, how, answer, failure);
@@ -116,9 +112,11 @@ PyObject* lookup_transform(PyObject* self, PyObject* const* args, Py_ssize_t cou
     return guarded([&]() -> PyObject* {
         constexpr ParameterList kList{"lookup_transform", kLookupNames, 2, 4};
         const auto [target, source, time, policy] = bind<4>(kList, args, count, keywords);
+        const std::optional<StampNs> stamp = optional_stamp_of(time);
+        const Policy how = policy_of(policy);
         const Open open(self);
         Failure failure;
-        const Answer* answer = attempt_lookup(open, target, source, time, policy, failure);
+        const Answer* answer = attempt_lookup(open, target, source, stamp, how, failure);
         if (answer == nullptr) {
             raise(open, failure, target, source);
         }
@@ -131,9 +129,11 @@ PyObject* can_transform(PyObject* self, PyObject* const* args, Py_ssize_t count,
     return guarded([&]() -> PyObject* {
         constexpr ParameterList kList{"can_transform", kLookupNames, 2, 4};
         const auto [target, source, time, policy] = bind<4>(kList, args, count, keywords);
+        const std::optional<StampNs> stamp = optional_stamp_of(time);
+        const Policy how = policy_of(policy);
         const Open open(self);
         Failure failure;
-        const bool can = attempt_lookup(open, target, source, time, policy, failure) != nullptr;
+        const bool can = attempt_lookup(open, target, source, stamp, how, failure) != nullptr;
         if (!can && failure.code == ErrorCode::kSnapshotTooOld) {
             raise(open, failure, target, source);
         }
@@ -146,13 +146,13 @@ PyObject* lookup_latest_transform(PyObject* self, PyObject* const* args, Py_ssiz
     return guarded([&]() -> PyObject* {
         constexpr ParameterList kList{"lookup_latest_transform", kLatestNames, 2, 4};
         const auto [target, source, age, when] = bind<4>(kList, args, count, keywords);
-        const Open open(self);
         std::optional<StampNs> max_age;
         StampNs now = 0;
         if (is_given(age)) {
             max_age = duration_of(age, "max_age");
-            now = is_given(when) ? stamp_of(when) : now_of(open.buffer());
+            now = is_given(when) ? stamp_of(when) : now_of(made_reads(self).buffer);
         }
+        const Open open(self);
         Failure failure;
         const Answer* found = look_up(
             open, target, source, failure, [&](FrameHandle to, FrameHandle from, Answer& answer) {
@@ -197,7 +197,8 @@ PyMethodDef g_methods[] = {
 }  // namespace
 
 StampNs now_of(PyObject* buffer) {
-    const nb::object& clock = nb::inst_ptr<BufferObject>(buffer)->clock;
+    // A reference of its own: the call may drop the buffer's.
+    const nb::object clock = nb::inst_ptr<BufferObject>(buffer)->clock;
     if (clock.is_valid()) {
         return stamp_of(nb::object(clock()).ptr());
     }

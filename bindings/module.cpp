@@ -9,6 +9,8 @@
 
 namespace nb = nanobind;
 
+// nanobind's entry, behind ours.
+#define PyInit__core tfdb_make_core
 NB_MODULE(_core, module) {
     // A policy or a buffer in a global of the user's is alive at exit, and no leak.
     nb::set_leak_warnings(false);
@@ -22,4 +24,16 @@ NB_MODULE(_core, module) {
     tfdb::python::bind_reads(module);
     tfdb::python::bind_buffer(module);
     tfdb::python::add_python_methods(module);
+}
+#undef PyInit__core
+
+// What this module keeps of Python (types, interned names, numpy's parts) is of one interpreter.
+extern "C" NB_EXPORT PyObject* PyInit__core() {
+    if (PyInterpreterState_Get() != PyInterpreterState_Main()) {
+        PyErr_SetString(PyExc_ImportError,
+                        "tfdb can be imported in the main interpreter only: no sub-interpreter is "
+                        "supported; use threads, or processes");
+        return nullptr;
+    }
+    return tfdb_make_core();
 }

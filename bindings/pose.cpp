@@ -25,7 +25,7 @@ bool read_number(PyObject* object, double& out) {
     }
     out = PyFloat_AsDouble(object);
     if (out == -1.0 && PyErr_Occurred() != nullptr) {
-        PyErr_Clear();
+        forget_error();
         return false;
     }
     return true;

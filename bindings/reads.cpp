@@ -61,7 +61,7 @@ bool attempt_full(const Pinned& pinned, nb::handle target, nb::handle target_tim
 nb::object lookup_transform_full(nb::handle self, const nb::str& target, nb::handle target_time,
                                  const nb::str& source, nb::handle source_time,
                                  const nb::str& fixed, nb::handle policy) {
-    const ReadsObject& object = reads_of(self.ptr());
+    const ReadsObject& object = object_of<ReadsObject>(self);
     const Pinned pinned = pin(self, object);
     Answer answer;
     Failure failure;
@@ -75,7 +75,7 @@ nb::object lookup_transform_full(nb::handle self, const nb::str& target, nb::han
 bool can_transform_full(nb::handle self, const nb::str& target, nb::handle target_time,
                         const nb::str& source, nb::handle source_time, const nb::str& fixed,
                         nb::handle policy) {
-    const Pinned pinned = pin(self, reads_of(self.ptr()));
+    const Pinned pinned = pin(self, object_of<ReadsObject>(self));
     Answer answer;
     Failure failure;
     return attempt_full(pinned, target, target_time, source, source_time, fixed, policy, answer,
@@ -83,7 +83,7 @@ bool can_transform_full(nb::handle self, const nb::str& target, nb::handle targe
 }
 
 StampNs latest_common_time(nb::handle self, const nb::str& target, const nb::str& source) {
-    const Pinned pinned = pin(self, reads_of(self.ptr()));
+    const Pinned pinned = pin(self, object_of<ReadsObject>(self));
     const std::string_view to = name_of(target, "target");
     const std::string_view from = name_of(source, "source");
     StampNs stamp = 0;
@@ -109,7 +109,7 @@ nb::object array_of(const geometry::Vec3& vector) {
 nb::object lookup_velocity(nb::handle self, const nb::str& tracking, const nb::str& observation,
                            nb::handle time, nb::handle interval, nb::handle reference,
                            nb::handle point, nb::handle point_frame) {
-    const Pinned pinned = pin(self, reads_of(self.ptr()));
+    const Pinned pinned = pin(self, object_of<ReadsObject>(self));
     const std::string_view moving = name_of(tracking, "tracking");
     const std::string_view watching = name_of(observation, "observation");
     const std::optional<StampNs> stamp = optional_stamp_of(time.ptr());
@@ -126,7 +126,7 @@ nb::object lookup_velocity(nb::handle self, const nb::str& tracking, const nb::s
 
 nb::object path_stamps(nb::handle self, const nb::str& target, const nb::str& source,
                        nb::handle start, nb::handle end) {
-    const Pinned pinned = pin(self, reads_of(self.ptr()));
+    const Pinned pinned = pin(self, object_of<ReadsObject>(self));
     const std::string_view to = name_of(target, "target");
     const std::string_view from = name_of(source, "source");
     const std::optional<StampNs> first = optional_stamp_of(start.ptr());
@@ -219,7 +219,7 @@ void enter_closed_state(SnapshotObject& object) {
 
 void close(nb::handle self) {
     nb::ft_object_guard guard(self);
-    enter_closed_state(*nb::inst_ptr<SnapshotObject>(self));
+    enter_closed_state(object_of<SnapshotObject>(self));
 }
 
 // A buffer's clock may refer to what holds its snapshots: let the garbage collector see the way.
@@ -252,7 +252,7 @@ Reads raise SnapshotClosed afterwards, and SnapshotTooOld if the writers needed 
     type.def(
         "__enter__",
         [](nb::handle self) {
-            static_cast<void>(pin(self, reads_of(self.ptr())));
+            static_cast<void>(pin(self, object_of<SnapshotObject>(self)));
             return nb::borrow(self);
         },
         nb::sig("def __enter__(self) -> typing.Self"));
@@ -285,16 +285,18 @@ Pinned pin(nb::handle self, const ReadsObject& object) {
     return {object.held, *object.reads, *object.waits};
 }
 
-ReadsObject& reads_of(PyObject* self) {
-    if (!nb::inst_ready(self)) {
-        PyErr_Format(PyExc_TypeError, "%s.__init__() was never called", Py_TYPE(self)->tp_name);
-        throw nb::python_error();
+void throw_not_made(nb::handle self, const char* expected) {
+    const char* const type = Py_TYPE(self.ptr())->tp_name;
+    if (expected == nullptr) {
+        PyErr_Format(PyExc_TypeError, "%s.__init__() was never called", type);
+    } else {
+        PyErr_Format(PyExc_TypeError, "self must be a %s, got %s", expected, type);
     }
-    return *nb::inst_ptr<ReadsObject>(self);
+    throw nb::python_error();
 }
 
 std::pair<std::string, std::string> edge_names(PyObject* buffer, const EdgeUse& edge) {
-    const Reads& reads = *reads_of(buffer).reads;
+    const Reads& reads = *object_of<ReadsObject>(buffer).reads;
     return {reads.frame_name(edge.child, edge.generation),
             reads.frame_name(edge.parent, edge.parent_generation)};
 }

@@ -85,8 +85,28 @@ struct Pinned {
 };
 Pinned pin(nb::handle self, const ReadsObject& object);
 
-/// The object behind `self`, which the caller knows to be a Reads. Throws if __init__ never ran.
-ReadsObject& reads_of(PyObject* self);
+/// Throws TypeError: `self` is no `expected`, or, where that is null, its __init__ never ran.
+[[noreturn]] void throw_not_made(nb::handle self, const char* expected);
+
+/// The object behind `self`. Throws TypeError if it is of another class or its __init__ never ran.
+template <class Object>
+Object& object_of(nb::handle self) {
+    if (!nb::isinstance<Object>(self)) {
+        throw_not_made(self, nb::type_name(nb::type<Object>()).c_str());
+    }
+    if (!nb::inst_ready(self)) {
+        throw_not_made(self, nullptr);
+    }
+    return *nb::inst_ptr<Object>(self);
+}
+
+/// The same where the caller knows the class, as in methods that Python has checked.
+inline ReadsObject& made_reads(PyObject* self) {
+    if (!nb::inst_ready(self)) {
+        throw_not_made(self, nullptr);
+    }
+    return *nb::inst_ptr<ReadsObject>(self);
+}
 
 /// Names of an edge's child and parent.
 std::pair<std::string, std::string> edge_names(PyObject* buffer, const EdgeUse& edge);

@@ -34,14 +34,14 @@ nb::object frame_info_of(const nb::object& type, const FrameInfo& info) {
 }
 
 nb::object frame_info(nb::handle self, const nb::str& name) {
-    const Pinned pinned = pin(self, reads_of(self.ptr()));
+    const Pinned pinned = pin(self, object_of<ReadsObject>(self));
     const std::string_view bytes = name_of(name, "name");
     const FrameInfo info = pinned.ask([&](const Reads& reads) { return reads.frame_info(bytes); });
     return frame_info_of(record_type("FrameInfo"), info);
 }
 
 nb::list tree(nb::handle self, nb::handle time) {
-    const Pinned pinned = pin(self, reads_of(self.ptr()));
+    const Pinned pinned = pin(self, object_of<ReadsObject>(self));
     const nb::object type = record_type("FrameInfo");
     const std::optional<StampNs> stamp = optional_stamp_of(time.ptr());
     const auto infos = pinned.ask([&](const Reads& reads) { return reads.tree(stamp); });
@@ -53,7 +53,7 @@ nb::list tree(nb::handle self, nb::handle time) {
 }
 
 nb::tuple samples(nb::handle self, const nb::str& name) {
-    const Pinned pinned = pin(self, reads_of(self.ptr()));
+    const Pinned pinned = pin(self, object_of<ReadsObject>(self));
     const std::string_view bytes = name_of(name, "name");
     const Samples found = pinned.ask([&](const Reads& reads) { return reads.samples(bytes); });
     const NewArray<StampNs> stamps = new_stamps(found.stamps.size());
@@ -68,11 +68,13 @@ nb::tuple samples(nb::handle self, const nb::str& name) {
 }
 
 std::vector<std::string> frames(nb::handle self) {
-    return pin(self, reads_of(self.ptr())).ask([](const Reads& reads) { return reads.frames(); });
+    return pin(self, object_of<ReadsObject>(self)).ask([](const Reads& reads) {
+        return reads.frames();
+    });
 }
 
 bool frame_exists(nb::handle self, const nb::str& name) {
-    const Pinned pinned = pin(self, reads_of(self.ptr()));
+    const Pinned pinned = pin(self, object_of<ReadsObject>(self));
     const std::string_view bytes = name_of(name, "name");
     return pinned.ask([&](const Reads& reads) {
         FrameHandle handle;

@@ -38,7 +38,7 @@ long long part(PyObject* object, const nb::object& value, const char* name) {
     const long long number =
         integer.is_valid() ? PyLong_AsLongLongAndOverflow(integer.ptr(), &overflow) : -1;
     if (!integer.is_valid() || overflow != 0) {
-        PyErr_Clear();
+        forget_error();
         refuse(object, std::string("not a stamp, because its ") + name + " is out of range");
     }
     return number;
@@ -119,7 +119,7 @@ StampNs stamp_of_object(PyObject* object) {
     if (PyIndex_Check(object)) {
         const nb::object integer = nb::steal(PyNumber_Index(object));
         if (!integer.is_valid()) {
-            PyErr_Clear();
+            forget_error();
             refuse(object, "of type " + type_name_of(object));
         }
         return from_integer(object, integer.ptr());
@@ -137,7 +137,7 @@ StampNs stamp_of_object(PyObject* object) {
 StampNs duration_of(nb::handle seconds, const char* role) {
     const double value = PyBool_Check(seconds.ptr()) ? -1.0 : PyFloat_AsDouble(seconds.ptr());
     if (value == -1.0 && PyErr_Occurred() != nullptr) {
-        PyErr_Clear();
+        forget_error();
     }
     const auto nanoseconds = clock::nanoseconds_from_seconds(value);
     if (!nanoseconds || !(value >= 0.0)) {

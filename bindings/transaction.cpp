@@ -184,7 +184,7 @@ void reparent(TransactionObject& self, nb::handle child, nb::handle parent, nb::
 }
 
 nb::handle enter(nb::handle self) {
-    nb::inst_ptr<TransactionObject>(self)->begin();
+    object_of<TransactionObject>(self).begin();
     return self;
 }
 
@@ -240,7 +240,7 @@ unsigned priority_of(nb::handle priority) {
         const nb::object integer = nb::steal(PyNumber_Index(priority.ptr()));
         int overflow = 0;
         value = integer.is_valid() ? PyLong_AsLongAndOverflow(integer.ptr(), &overflow) : -1;
-        PyErr_Clear();
+        forget_error();
     }
     if (value < 0 || value > kMost) {
         throw_error("InvalidArgument",
@@ -252,6 +252,7 @@ unsigned priority_of(nb::handle priority) {
 }
 
 nb::object attempt(nb::handle self, nb::handle priority, bool alone, std::uint64_t age) {
+    static_cast<void>(object_of<BufferObject>(self));
     TransactionOptions options;
     options.priority = priority_of(priority);
     options.alone = alone;

@@ -84,12 +84,11 @@ PyObject* transform_multiply(PyObject* left, PyObject* right) {
             return nullptr;
         }
         if (equal == 0) {
-            const std::string first = nb::str(nb::handle(a.source)).c_str();
-            const std::string second = nb::str(nb::handle(b.target)).c_str();
+            const std::string first = text_of(a.source);
+            const std::string second = text_of(b.target);
             throw_error("InvalidArgument",
-                        "T[" + std::string(nb::str(nb::handle(a.target)).c_str()) + "<-" + first +
-                            "] @ T[" + second + "<-" + nb::str(nb::handle(b.source)).c_str() +
-                            "] do not chain: the first maps from '" + first +
+                        "T[" + text_of(a.target) + "<-" + first + "] @ T[" + second + "<-" +
+                            text_of(b.source) + "] do not chain: the first maps from '" + first +
                             "', the second into '" + second + "'",
                         {{"source", nb::borrow(a.source)}, {"target", nb::borrow(b.target)}});
         }

@@ -33,40 +33,32 @@ wire::Encoding encoding_of(const nb::str& name) {
     return *encoding;
 }
 
-/// The bytes of a bytes-like object, in place. Must be destroyed with the GIL.
+/// The bytes of a bytes-like object. Those that somebody may change are copied: decoding relies on
+/// what it has checked. Must be destroyed with the GIL.
 class Message {
 public:
-    explicit Message(nb::handle object) : object_(nb::borrow(object)) {
-        if (PyBytes_CheckExact(object.ptr())) {
-            bytes_ = {reinterpret_cast<const std::byte*>(PyBytes_AS_STRING(object.ptr())),
-                      static_cast<std::size_t>(PyBytes_GET_SIZE(object.ptr()))};
-            return;
+    explicit Message(nb::handle object) {
+        if (PyBytes_Check(object.ptr())) {
+            object_ = nb::borrow(object);
+        } else if (Py_buffer view; PyObject_GetBuffer(object.ptr(), &view, PyBUF_SIMPLE) == 0) {
+            object_ =
+                nb::steal(PyBytes_FromStringAndSize(static_cast<const char*>(view.buf), view.len));
+            PyBuffer_Release(&view);
         }
-        if (PyObject_GetBuffer(object.ptr(), &view_, PyBUF_SIMPLE) != 0) {
-            view_.obj = nullptr;
-            PyErr_Clear();
+        if (!object_.is_valid()) {
+            forget_error();
             PyErr_Format(PyExc_TypeError, "a message must be bytes-like, got %s",
                          Py_TYPE(object.ptr())->tp_name);
             throw nb::python_error();
         }
-        bytes_ = {static_cast<const std::byte*>(view_.buf), static_cast<std::size_t>(view_.len)};
-    }
-    Message(Message&& other) noexcept
-        : object_(std::move(other.object_)), view_(other.view_), bytes_(other.bytes_) {
-        other.view_.obj = nullptr;
-    }
-    Message& operator=(Message&&) = delete;
-    ~Message() {
-        if (view_.obj != nullptr) {
-            PyBuffer_Release(&view_);
-        }
+        bytes_ = {reinterpret_cast<const std::byte*>(PyBytes_AS_STRING(object_.ptr())),
+                  static_cast<std::size_t>(PyBytes_GET_SIZE(object_.ptr()))};
     }
 
     [[nodiscard]] Bytes bytes() const { return bytes_; }
 
 private:
     nb::object object_;
-    Py_buffer view_{};
     Bytes bytes_;
 };
 
@@ -91,7 +83,7 @@ public:
             throw nb::python_error();
         }
         const Py_ssize_t count = PyObject_Length(messages.ptr());
-        PyErr_Clear();
+        forget_error();
         if (count != PyTuple_GET_SIZE(names_.ptr())) {
             throw_error("InvalidArgument",
                         "authority must be one name, or one for each of a sequence of messages",
@@ -206,7 +198,7 @@ nb::object text_of(std::string_view name) {
     const nb::object text =
         nb::steal(PyUnicode_DecodeUTF8(name.data(), static_cast<Py_ssize_t>(name.size()), nullptr));
     if (!text.is_valid()) {
-        PyErr_Clear();
+        forget_error();
         throw_error("InvalidName", "a frame name of the message is not valid UTF-8",
                     {{"value", nb::bytes(name.data(), name.size())},
                      {"reason", nb::str("not valid UTF-8")}});

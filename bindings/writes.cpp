@@ -21,7 +21,7 @@ std::string_view authority_of(PyObject* authority) {
 }
 
 BufferObject& buffer_of(PyObject* self) {
-    return static_cast<BufferObject&>(reads_of(self));
+    return static_cast<BufferObject&>(made_reads(self));
 }
 
 PyObject* set_transform(PyObject* self, PyObject* const* args, Py_ssize_t count,

@@ -1,0 +1,142 @@
+"""Methods of objects that were never made, or are of another class; text without UTF-8."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pytest
+
+import tfdb
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+SURROGATE = "\ud800"
+
+
+class Hollow(tfdb.Buffer):
+    """Does not call our __init__."""
+
+    def __init__(self) -> None:
+        pass
+
+
+def hollows() -> list[Any]:
+    """Make one object of each class without its __init__."""
+    classes = [Hollow, tfdb.Buffer, tfdb.Snapshot, tfdb.Transaction, tfdb.Reads]
+    return [cls.__new__(cls) for cls in classes]
+
+
+def methods(cls: type) -> dict[str, Callable[..., Any]]:
+    """Find all that can be called on an object of the class."""
+    own = {name: getattr(cls, name) for name in dir(cls) if not name.startswith("__")}
+    own |= {name: getattr(cls, name) for name in ("__enter__", "__exit__") if hasattr(cls, name)}
+    return {name: method for name, method in own.items() if callable(method)}
+
+
+# Arguments that each method would take.
+ARGUMENTS: dict[str, tuple[Any, ...]] = {
+    "lookup_transforms": ("map", "base", [5]),
+    "transform_points": ("map", "base", np.ones((1, 3)), 5),
+    "lookup_transform_full": ("map", 5, "base", 5, "map"),
+    "can_transform_full": ("map", 5, "base", 5, "map"),
+    "_path_stamps": ("map", "base", None, None),
+    "frame_exists": ("map",),
+    "frame_info": ("map",),
+    "samples": ("map",),
+    "set_transform": ("map", "base", 5, (1, 2, 3), (0, 0, 0, 1)),
+    "set_static_transform": ("map", "base", (1, 2, 3)),
+    "set_transforms": ([],),
+    "remove_frame": ("map",),
+    "remove_frames": (["map"],),
+    "reparent": ("map", "base"),
+    "ingest": (b"",),
+    "run": (lambda tx: tx,),
+    "load": ("nowhere.mcap",),
+    "_attempt": (0, False, 0),
+    "__exit__": (None, None, None),
+}
+NONE = {"frames", "tree", "snapshot", "memory", "counters", "clear", "close", "abort"}
+NONE |= {"transaction", "__enter__"}
+
+
+def call(method: Callable[..., Any], name: str, obj: Any) -> Any:
+    """Call a method with arguments that are right."""
+    if name == "ingest_many":
+        return method(obj, [], encoding="cdr")
+    arguments = ARGUMENTS.get(name, () if name in NONE else ("map", "base"))
+    return method(obj, *arguments)
+
+
+@pytest.mark.parametrize("hollow", hollows(), ids=lambda obj: type(obj).__name__)
+@pytest.mark.filterwarnings("ignore:nanobind. attempted to access an uninitialized instance")
+def test_objects_whose_init_never_ran(hollow: Any) -> None:
+    for name, method in methods(type(hollow)).items():
+        if name == "load":
+            continue  # looks at its file first
+        with pytest.raises(TypeError):
+            call(method, name, hollow)
+
+
+@pytest.mark.parametrize("cls", [tfdb.Buffer, tfdb.Snapshot, tfdb.Transaction, tfdb.Reads])
+def test_methods_on_objects_of_another_class(cls: type) -> None:
+    buf = tfdb.Buffer()
+    buf.set_transform("map", "base", 5, (1, 2, 3), (0, 0, 0.6, 0.8))
+    others = [5, "map", None, object(), tfdb.Interpolate(), buf, buf.snapshot(), buf.transaction()]
+    python = {"explain", "trajectory", "run", "load"}  # they take what behaves alike
+    for name in methods(cls).keys() - python:
+        owner = next(base for base in cls.__mro__ if name in vars(base))
+        method = getattr(owner, name)
+        for other in others:
+            if isinstance(other, owner):
+                continue
+            with pytest.raises(TypeError):
+                call(method, name, other)
+    assert buf.frames() == ["base", "map"]
+
+
+class Unprintable:
+    """Its repr and its attributes have no UTF-8."""
+
+    dtype = SURROGATE
+    shape = SURROGATE
+
+    def __repr__(self) -> str:
+        return SURROGATE
+
+
+class Kindless:
+    """Its dtype says what no array says."""
+
+    dtype = type("dtype", (), {"kind": SURROGATE, "__repr__": lambda _: SURROGATE})()
+    shape = SURROGATE
+
+
+def test_text_without_utf8() -> None:
+    buf = tfdb.Buffer()
+    buf.set_transform("map", "base", 5, (1, 2, 3), (0, 0, 0.6, 0.8))
+    made = tfdb.Transform("a", "b", (1, 2, 3))
+    odd: dict[str, Any] = {SURROGATE: 1}
+    calls: list[Callable[[], Any]] = [
+        lambda: buf.lookup_transform("map", "base", **odd),
+        lambda: buf.lookup_transforms("map", "base", [5], **odd),
+        lambda: buf.set_transform("map", "base", 5, (1, 2, 3), (0, 0, 0, 1), **odd),
+        lambda: buf.set_transforms([], **odd),
+        lambda: buf.snapshot(**odd),
+        lambda: tfdb.Buffer(**odd),
+        lambda: tfdb.Transform("a", "b", (1, 2, 3), **odd),
+        lambda: made @ tfdb.Transform("c", SURROGATE, (1, 2, 3)),
+        lambda: made @ tfdb.Transform(SURROGATE, "c", (1, 2, 3)),
+        lambda: buf.lookup_transform("map", "base", Unprintable()),  # type: ignore[arg-type]
+        lambda: buf.lookup_transforms("map", "base", Unprintable()),  # type: ignore[arg-type]
+        lambda: buf.lookup_transforms("map", "base", Kindless()),  # type: ignore[arg-type]
+        lambda: buf.lookup_transform("map", SURROGATE),
+        lambda: buf.set_transforms([], authority=SURROGATE),
+        lambda: buf.remove_frame(SURROGATE),
+        lambda: tfdb.Buffer(concurrency=SURROGATE),  # type: ignore[arg-type]
+        lambda: tfdb.encode_tf_message([], SURROGATE),
+    ]
+    for refused in calls:
+        with pytest.raises((tfdb.TfdbError, TypeError)):
+            refused()
