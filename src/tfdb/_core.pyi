@@ -373,6 +373,8 @@ class Reads:
         start: tfdb.stamps.StampLike | None = None,
         end: tfdb.stamps.StampLike | None = None,
         policy: Policy | None = None,
+        *,
+        missing: Literal['raise', 'nan', 'skip'] = 'raise',
     ) -> tfdb.types.Trajectory:
         """
         Sample T[target<-source] over time, all from one snapshot.
@@ -387,6 +389,9 @@ class Reads:
                 First and last stamp, nanoseconds. None: where every moving edge has data.
             policy
                 How stamps between samples are answered. None: Interpolate().
+            missing
+                `raise`: the error of the first stamp without an answer, with its `index`. `nan`: NaN in its
+                pose instead. `skip`: it is left out; where none is left, the first one's error.
 
             Returns
             -------
@@ -396,7 +401,8 @@ class Reads:
             Raises
             ------
             InvalidArgument
-                A rate that is not positive, `end` before `start`, or nothing moves and no time is given.
+                A rate that is not positive, `end` before `start`, or nothing moves and no time is given;
+                a `missing` that is none of the three.
             Extrapolation, and what else `lookup_transforms` raises
                 With `index`, the position of the stamp.
         """

@@ -73,6 +73,11 @@ class Report:
     looked up, or was multiplied."""
 
     @property
+    def timeless(self) -> bool:
+        """Whether it holds at all times: the stamp is 0 and nothing moves."""
+        return self.stamp == 0 and all(edge.before is None for edge in self.edges)
+
+    @property
     def age(self) -> int:
         """Greatest age of an edge's sample; 0 if nothing moves."""
         return max((edge.age for edge in self.edges if edge.before is not None), default=0)
@@ -104,7 +109,8 @@ class Report:
         return max(moving, key=lambda edge: max(edge.gap, abs(edge.age)), default=None)
 
     def __str__(self) -> str:
-        lines = [f"T[{self.target}<-{self.source}] at {format_seconds(self.stamp)}"]
+        when = "all times" if self.timeless else format_seconds(self.stamp)
+        lines = [f"T[{self.target}<-{self.source}] at {when}"]
         lines += [f"  {edge}" for edge in self.edges]
         limiting = self.limiting_edge
         if limiting is not None:
@@ -139,10 +145,12 @@ def make_report(target: str, source: str, stamp: int, rows: Sequence[Row]) -> Re
 
 def transform_repr(transform: Transform) -> str:
     """Write `T[map<-camera] at 12.5 s: translation [...] rotation [...]`."""
+    timeless = transform.stamp == 0 and transform.report.timeless
+    when = "all times" if timeless else format_seconds(transform.stamp)
     translation = ", ".join(f"{value:.6g}" for value in transform.translation)
     rotation = ", ".join(f"{value:.6g}" for value in transform.rotation)
     return (
-        f"T[{transform.target}<-{transform.source}] at {format_seconds(transform.stamp)}: "
+        f"T[{transform.target}<-{transform.source}] at {when}: "
         f"translation [{translation}], rotation [{rotation}]"
     )
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 import numpy.typing as npt
@@ -18,7 +18,9 @@ if TYPE_CHECKING:
 
 __all__ = ["trajectory"]
 
-_MOST_POSES = 2**31
+_MOST_POSES = 10**8
+"""More are a mistake in a rate or a time, and would need more memory than there is."""
+_MISSING: tuple[Any, ...] = ("raise", "nan", "skip")
 
 
 def trajectory(
@@ -29,6 +31,8 @@ def trajectory(
     start: StampLike | None = None,
     end: StampLike | None = None,
     policy: Policy | None = None,
+    *,
+    missing: Literal["raise", "nan", "skip"] = "raise",
 ) -> Trajectory:
     """Sample T[target<-source] over time, all from one snapshot.
 
@@ -42,6 +46,9 @@ def trajectory(
         First and last stamp, nanoseconds. None: where every moving edge has data.
     policy
         How stamps between samples are answered. None: Interpolate().
+    missing
+        `raise`: the error of the first stamp without an answer, with its `index`. `nan`: NaN in its
+        pose instead. `skip`: it is left out; where none is left, the first one's error.
 
     Returns
     -------
@@ -51,16 +58,30 @@ def trajectory(
     Raises
     ------
     InvalidArgument
-        A rate that is not positive, `end` before `start`, or nothing moves and no time is given.
+        A rate that is not positive, `end` before `start`, or nothing moves and no time is given;
+        a `missing` that is none of the three.
     Extrapolation, and what else `lookup_transforms` raises
         With `index`, the position of the stamp.
     """
+    if missing not in _MISSING:
+        message = f"missing must be 'raise', 'nan' or 'skip', got {missing!r}"
+        raise InvalidArgument(message, value=missing)
+    absent: Literal["raise", "nan"] = "raise" if missing == "raise" else "nan"
     with held(self) as snapshot:
         if rate is None:
             stamps = _stored_stamps(snapshot, target, source, start, end)
         else:
-            stamps = _even_stamps(snapshot, target, source, rate, start, end)
-        poses = snapshot.lookup_transforms(target, source, stamps, policy)
+            _period(rate)
+            first, last = _range(snapshot, target, source, start, end)
+            if missing == "raise":  # before much is made of a time that is far off
+                snapshot.lookup_transforms(target, source, [first], policy)
+            stamps = _even_stamps(first, last, rate)
+        poses = snapshot.lookup_transforms(target, source, stamps, policy, missing=absent)
+        if missing == "skip":
+            found = np.isfinite(poses).all(axis=1)
+            if not found.any():
+                snapshot.lookup_transforms(target, source, stamps, policy)  # raises
+            stamps, poses = stamps[found], poses[found]
     return Trajectory(target, source, stamps, poses)
 
 
@@ -85,29 +106,47 @@ def _stored_stamps(
     return stamps
 
 
-def _even_stamps(
-    snapshot: Snapshot,
-    target: str,
-    source: str,
-    rate: float,
-    start: StampLike | None,
-    end: StampLike | None,
-) -> npt.NDArray[np.int64]:
-    if isinstance(rate, bool) or not (math.isfinite(rate) and rate > 0):
-        raise InvalidArgument(f"rate must be a positive number of Hz, got {rate!r}", value=rate)
+def _range(
+    snapshot: Snapshot, target: str, source: str, start: StampLike | None, end: StampLike | None
+) -> tuple[int, int]:
+    """First and last stamp: those given, else those of the path."""
     if start is None or end is None:
         stored = _stored_stamps(snapshot, target, source, start, end)
     first = int(stored[0]) if start is None else _nanoseconds(start)
     last = int(stored[-1]) if end is None else _nanoseconds(end)
     if last < first:
         raise InvalidArgument(f"end {last} lies before start {first}", value=last)
-    period = 1e9 / rate
-    # The last stamp may miss `end` by the rounding of the period.
+    return first, last
+
+
+def _even_stamps(first: int, last: int, rate: float) -> npt.NDArray[np.int64]:
+    period = _period(rate)
+    # The last stamp may miss the end by the rounding of the period.
     count = math.floor((last - first) / period * (1.0 + 1e-15)) + 1
     if period < 1.0 or count > _MOST_POSES:
         raise InvalidArgument(
-            f"a rate of {rate!r} Hz over {(last - first) / 1e9} s is too much", value=rate
+            f"a rate of {rate!r} Hz over {(last - first) / 1e9} s is too much: at most "
+            f"{_MOST_POSES:,} poses can be asked for at once",
+            value=rate,
+            limit=_MOST_POSES,
         )
     offsets = np.rint(np.arange(count, dtype=np.float64) * period).astype(np.int64)
     stamps: npt.NDArray[np.int64] = first + offsets[offsets <= last - first]
     return stamps
+
+
+def _period(rate: float) -> float:
+    """Nanoseconds from one pose to the next."""
+    try:
+        if not isinstance(rate, bool) and math.isfinite(rate) and rate > 0:
+            return 1e9 / rate
+    except (TypeError, OverflowError):
+        pass
+    raise InvalidArgument(f"rate must be a positive number of Hz, got {_short(rate)}", value=rate)
+
+
+def _short(value: object) -> str:
+    """Write any argument in a message: an integer may have thousands of digits."""
+    if isinstance(value, int) and value.bit_length() > 64:
+        return f"an integer of {value.bit_length()} bits"
+    return repr(value)[:80]

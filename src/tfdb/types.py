@@ -350,6 +350,26 @@ class Trajectory:
     def __len__(self) -> int:
         return len(self.stamps)
 
+    def __array__(
+        self, dtype: npt.DTypeLike | None = None, copy: bool | None = None
+    ) -> npt.NDArray[Any]:
+        """Return the poses: `np.asarray(trajectory)` is (N, 7)."""
+        if copy:
+            return self.poses.astype(dtype or self.poses.dtype, copy=True)
+        return np.asarray(self.poses, dtype)
+
+    __hash__ = None  # type: ignore[assignment]
+
+    def __eq__(self, other: object) -> bool:
+        """Compare frames, stamps and poses, all exactly; a missing pose equals a missing one."""
+        if not isinstance(other, Trajectory):
+            return NotImplemented
+        return (
+            (self.target, self.source) == (other.target, other.source)
+            and np.array_equal(self.stamps, other.stamps)
+            and np.array_equal(self.poses, other.poses, equal_nan=True)
+        )
+
     def __repr__(self) -> str:
         first, last = int(self.stamps[0]), int(self.stamps[-1])
         return (

@@ -50,7 +50,8 @@ class Outcome:
     @property
     def error(self) -> str:
         assert self.code == 2, self.out + self.err
-        (line,) = self.err.strip().splitlines()
+        *warnings, line = self.err.strip().splitlines()
+        assert all(warning.startswith("tfdb: warning: ") for warning in warnings)
         return line.removeprefix("tfdb: error: ")
 
 

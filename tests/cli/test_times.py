@@ -7,6 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+import tfdb
 from tfdb.cli.times import (
     LATEST,
     TimeSpec,
@@ -50,17 +51,25 @@ def test_absolute(text: str, ns: int) -> None:
 
 def test_latest() -> None:
     assert parse("latest") == LATEST
-    assert LATEST.resolve(12) is None
+    assert LATEST.resolve((12, 34)) is None
 
 
-def test_relative_counts_from_the_start() -> None:
-    assert parse("+1.5").resolve(10) == 1_500_000_010
-    assert parse("+20ns").resolve(10) == 30
-    with pytest.raises(click.ClickException, match="there is none"):
-        parse("+1").resolve(None)
+def test_relative_counts_from_the_start_or_the_end() -> None:
+    span = (10, 7_000_000_000)
+    assert parse("+1.5").resolve(span) == 1_500_000_010
+    assert parse("+20ns").resolve(span) == 30
+    assert parse("-1.5").resolve(span) == 5_500_000_000
+    assert parse("-7").resolve(span) == 0
+    for text in ("+1", "-1"):
+        with pytest.raises(tfdb.InvalidArgument, match="there is none"):
+            parse(text).resolve(None)
+    with pytest.raises(tfdb.InvalidStamp, match="before time 0"):
+        parse("-7.1").resolve(span)
 
 
-@pytest.mark.parametrize("text", ["", "noon", "-1", "1.5s", "1.5ns", "+", "+-1", "nan", "1e99"])
+@pytest.mark.parametrize(
+    "text", ["", "noon", "1.5s", "1.5ns", "+", "-", "+-1", "--1", "nan", "1e99"]
+)
 def test_refused(text: str) -> None:
     with pytest.raises(click.BadParameter, match="write seconds"):
         parse(text)
@@ -104,5 +113,5 @@ def test_stamps_of_a_trajectory() -> None:
 
 @pytest.mark.parametrize(("text", "words"), [("", "no stamp"), ("1.5\nsoon\n", "line 2")])
 def test_stamps_refused(text: str, words: str) -> None:
-    with pytest.raises(click.ClickException, match=words):
+    with pytest.raises(tfdb.InvalidStamp, match=words):
         read_stamps(text, "stamps.txt")

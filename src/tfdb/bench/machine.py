@@ -10,6 +10,9 @@ from pathlib import Path
 
 from .. import __version__
 
+_BUSY = 0.25
+"""So many running programs for each core make figures doubtful."""
+
 
 def machine() -> str:
     """Processor, cores, memory and system; no names of hosts or users."""
@@ -32,6 +35,17 @@ def machine() -> str:
 def cores() -> int:
     """Return how many processors this process may use."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def busy() -> str | None:
+    """Say how busy the machine is with other work; None where it is idle enough to measure."""
+    load, all_cores = os.getloadavg()[0], os.cpu_count() or 1
+    if load < _BUSY * all_cores:
+        return None
+    return (
+        f"the machine is busy: {load:.1f} programs ran on its {all_cores} cores in the last "
+        "minute; the figures are of what these left over"
+    )
 
 
 def versions(*, tf2: bool) -> str:

@@ -88,6 +88,7 @@ def write(
     head: Mapping[str, str],
     figures: Mapping[str, Figure],
     failures: Sequence[str],
+    doubts: Sequence[str] = (),
 ) -> Path:
     """Write ``report.html`` and one PNG per figure; return the page's path."""
     pictures = {}
@@ -97,8 +98,9 @@ def write(
         (folder / f"{name}.png").write_bytes(file.getvalue())
         pictures[name] = base64.b64encode(file.getvalue()).decode("ascii")
     page = folder / "report.html"
+    lines = _page(results, head, pictures, failures, doubts)
     with new_file(page, overwrite=True) as made:
-        made.write_text("\n".join(_page(results, head, pictures, failures)), encoding="utf-8")
+        made.write_text("\n".join(lines), encoding="utf-8")
     return page
 
 
@@ -107,6 +109,7 @@ def _page(
     head: Mapping[str, str],
     pictures: Mapping[str, str],
     failures: Sequence[str],
+    doubts: Sequence[str],
 ) -> Iterator[str]:
     title = "tfdb bench"
     yield '<!doctype html><html lang="en"><head><meta charset="utf-8">'
@@ -122,6 +125,7 @@ def _page(
         "asked for time 0, the latest common time, and writes a batch edge by edge: it has "
         "neither a newest-of-each-edge lookup nor atomic writes.</p>"
     )
+    yield from (f'<p class="warning">{html.escape(text)}</p>' for text in doubts)
     if failures:
         yield f'<p class="warning">{len(failures)} of the runs failed:</p><ul>'
         yield from (f"<li>{html.escape(text)}</li>" for text in failures)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import statistics
+from collections import Counter
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
@@ -66,6 +67,11 @@ class Results:
         if not values:
             return None
         return Spread(statistics.median(values), min(values), max(values))
+
+    def single_rounds(self) -> int:
+        """Count the points that were measured only once: their spread is unknown."""
+        rounds = Counter((row["sweep"], row["label"], row["engine"]) for row in self.rows)
+        return sum(1 for count in rounds.values() if count == 1)
 
     def median(self, sweep: str, label: str, engine: str, column: str) -> float | None:
         """Return the median alone."""

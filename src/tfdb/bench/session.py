@@ -65,10 +65,11 @@ class Plan:
                 progress(done, turn)
             try:
                 found = drivers.run(turn.point, limit=_limit(turn.point))
+                results.add(turn.sweep, turn.label, turn.round, turn.point.engine, found)
             except drivers.DriverFailed as error:
                 self.failures.append(f"{turn.sweep} {turn.label}, {turn.point.engine}: {error}")
-                continue
-            results.add(turn.sweep, turn.label, turn.round, turn.point.engine, found)
+            if progress is not None:
+                progress(done + 1, turn)
 
 
 def _check_point(turn: Turn) -> None:

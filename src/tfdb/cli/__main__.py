@@ -1,5 +1,5 @@
 """``python -m tfdb.cli`` is the same as ``tfdb``."""
 
-from . import main
+from tfdb_command import main
 
 main()

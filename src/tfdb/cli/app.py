@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import importlib
 import sys
+import warnings
 from typing import TYPE_CHECKING, Any
 
 import click
 
 import tfdb
+
+from . import output
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -57,19 +60,26 @@ class TfdbGroup(click.Group):
         **extra: Any,
     ) -> Any:
         """Run; unless `standalone_mode` is off, end the process with 0, 1, 2 or 130."""
+        given = list(sys.argv[1:] if args is None else args)
         try:
-            result = super().main(
-                args,
-                prog_name,
-                complete_var,
-                standalone_mode=False,
-                windows_expand_args=windows_expand_args,
-                **extra,
-            )
-        except click.ClickException as error:
+            with warnings.catch_warnings():
+                warnings.simplefilter("always", tfdb.TfdbWarning)
+                warnings.showwarning = _show_warning
+                result = super().main(
+                    given,
+                    prog_name,
+                    complete_var,
+                    standalone_mode=False,
+                    windows_expand_args=windows_expand_args,
+                    **extra,
+                )
+        except (tfdb.TfdbError, OSError, click.ClickException) as error:
             if not standalone_mode:
                 raise
-            click.echo(f"tfdb: error: {_one_line(error)}", err=True)
+            if "--json" in given:
+                command = next((name for name in given if name in COMMANDS), None)
+                output.emit_json(command, output.error_body(error))
+            click.echo(f"tfdb: error: {output.describe_error(error)}", err=True)
             sys.exit(2)
         except (click.Abort, KeyboardInterrupt):
             if not standalone_mode:
@@ -81,13 +91,17 @@ class TfdbGroup(click.Group):
         return result
 
 
-def _one_line(error: click.ClickException) -> str:
-    """Return the message without line breaks; for a misuse, with where to read the usage."""
-    message = " ".join(error.format_message().split())
-    if isinstance(error, click.UsageError):
-        path = error.ctx.command_path if error.ctx is not None else "tfdb"
-        message = f"{message.rstrip('.')}; see '{path} --help'"
-    return message
+def _show_warning(
+    message: Warning | str, category: type[Warning], *where: Any, **more: Any
+) -> None:
+    """Print a warning of tfdb in one line; others as Python does."""
+    if issubclass(category, tfdb.TfdbWarning):
+        click.echo(f"tfdb: warning: {' '.join(str(message).split())}", err=True)
+    else:
+        _show_other_warning(message, category, *where, **more)
+
+
+_show_other_warning = warnings.showwarning
 
 
 def _print_version(ctx: click.Context, _param: click.Parameter, value: bool) -> None:
@@ -98,6 +112,7 @@ def _print_version(ctx: click.Context, _param: click.Parameter, value: bool) -> 
 
 @click.group(
     cls=TfdbGroup,
+    invoke_without_command=True,
     context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100},
 )
 @click.option(
@@ -108,8 +123,11 @@ def _print_version(ctx: click.Context, _param: click.Parameter, value: bool) -> 
     callback=_print_version,
     help="Print the version and stop.",
 )
-def cli() -> None:
+@click.pass_context
+def cli(ctx: click.Context) -> None:
     """Look into recordings of robot transforms: ROS 1 .bag, ROS 2 .db3 folders, .mcap.
 
     Exit codes: 0 fine, 1 'check' or 'verify' has findings, 2 an error (one line on stderr).
     """
+    if ctx.invoked_subcommand is None:
+        click.echo(ctx.get_help())

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import ExitStack
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, TypeAlias, cast
 
@@ -36,12 +37,14 @@ def read_arrivals(
     """
     log = Log()
     known = False
-    for path in paths:
-        with Recording(path) as recording:
-            total = sum(s.messages for s in recording.sources if s.topic in static)
-            messages = recording.messages(lambda source: source.topic in static)
-            for done, (source, arrival, data) in enumerate(messages):
-                if progress is not None and done % 1000 == 0:
+    done = 0
+    with ExitStack() as stack:
+        recordings = [stack.enter_context(Recording(path)) for path in paths]
+        total = sum(s.messages for r in recordings for s in r.sources if s.topic in static)
+        for recording in recordings:
+            for source, arrival, data in recording.messages(lambda s: s.topic in static):
+                done += 1
+                if progress is not None and (done % 1000 == 0 or done == total):
                     progress(done, total)
                 named = source.authority != source.topic
                 known = known or named

@@ -6,6 +6,7 @@ import importlib.util
 import shlex
 import sys
 import time
+import warnings
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -155,7 +156,6 @@ def _driver_options(command: Any) -> Any:
 @click.option("--csv-only", is_flag=True, help="No pictures: needs no matplotlib.")
 @_driver_options
 @common.json_option
-@common.reports_errors("bench")
 def command(
     *,
     engines: str,
@@ -193,6 +193,7 @@ def command(
     out.mkdir(parents=True, exist_ok=True)
     results = Results(out / "results.csv")
     head = _head(plan)
+    busy = machine.busy()
     started = time.monotonic()
     stopped = False
     try:
@@ -202,12 +203,15 @@ def command(
         stopped = True
     head["measured"] = f"{len(results.rows)} of {plan.count()} runs"
     head["took"] = f"{time.monotonic() - started:.0f} s" + (", stopped early" if stopped else "")
+    doubts = [text for text in (busy, _single(results)) if text]
+    for text in doubts:
+        warnings.warn(text, tfdb.TfdbWarning, stacklevel=1)
     page = None
     if results.rows and not csv_only:
         from ..bench import figures  # noqa: PLC0415, needs matplotlib
 
-        page = report.write(out, results, head, figures.draw(results), plan.failures)
-    _say(results, plan, out, page, as_json=as_json)
+        page = report.write(out, results, head, figures.draw(results), plan.failures, doubts)
+    _say(results, plan, out, page, doubts, as_json=as_json)
     if stopped:
         raise KeyboardInterrupt
     if plan.failures:
@@ -238,6 +242,15 @@ def _head(plan: Plan) -> dict[str, str]:
     }
 
 
+def _single(results: Results) -> str | None:
+    """Say which points have no spread."""
+    count = results.single_rounds()
+    if not count:
+        return None
+    points_ = "1 point has" if count == 1 else f"{count} points have"
+    return f"{points_} one round only, so nobody knows how far its figures scatter: give --rounds 3"
+
+
 @contextmanager
 def _progress(plan: Plan) -> Iterator[Callable[[int, Turn], None] | None]:
     """Show a bar on stderr with what is being measured; nothing where that is no terminal."""
@@ -253,13 +266,22 @@ def _progress(plan: Plan) -> Iterator[Callable[[int, Turn], None] | None]:
         )
 
 
-def _say(results: Results, plan: Plan, out: Path, page: Path | None, *, as_json: bool) -> None:
+def _say(
+    results: Results,
+    plan: Plan,
+    out: Path,
+    page: Path | None,
+    doubts: list[str],
+    *,
+    as_json: bool,
+) -> None:
     files = {"csv": str(out / "results.csv"), "report": None if page is None else str(page)}
     if as_json:
         body = {
             "runs": len(results.rows),
             "planned": plan.count(),
             "failures": plan.failures,
+            "warnings": doubts,
             **files,
             "points": [
                 {

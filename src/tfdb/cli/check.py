@@ -47,7 +47,6 @@ from .times import NS, duration_option, format_ns
 )
 @common.topic_option
 @common.json_option
-@common.reports_errors("check")
 def command(
     *,
     files: tuple[str, ...],

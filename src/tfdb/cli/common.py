@@ -3,32 +3,34 @@
 from __future__ import annotations
 
 import difflib
-import functools
+import errno
 import sys
 from contextlib import contextmanager
 from dataclasses import dataclass
+from itertools import chain, islice
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ParamSpec, TypeVar
+from typing import TYPE_CHECKING, Any
 
 import click
 from rich.console import Console
 from rich.progress import BarColumn, Progress, ProgressColumn, TextColumn, TimeElapsedColumn
 
 import tfdb
+from tfdb.io import Recording
 from tfdb.new_file import is_one_of, refuse_existing
 from tfdb.summary import Forest, span
 
-from .output import emit_json, error_body
 from .times import format_ns, parse_stamp
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
 
     from tfdb import Buffer
+    from tfdb.io import Source
     from tfdb.io.loading import LoadReport
 
-P = ParamSpec("P")
-R = TypeVar("R")
+_COMPLETION_MESSAGES = 300
+"""So many messages of moving transforms does completion read: a shell must not seem to hang."""
 
 files_argument = click.argument(
     "files", nargs=-1, required=True, metavar="FILE...", type=click.Path()
@@ -65,43 +67,9 @@ class Loaded:
     paths: tuple[Path, ...]
 
     @property
-    def start(self) -> int | None:
-        """The first moving stamp in nanoseconds."""
-        whole = span(self.store.tree())
-        return None if whole is None else whole[0]
-
-
-def reports_errors(command: str) -> Callable[[Callable[P, R]], Callable[P, R]]:
-    """Decorate a command so that errors end it with one line, and with JSON under ``--json``."""
-
-    def decorate(run: Callable[P, R]) -> Callable[P, R]:
-        @functools.wraps(run)
-        def wrapped(*args: P.args, **kwargs: P.kwargs) -> R:
-            try:
-                return run(*args, **kwargs)
-            except (tfdb.TfdbError, OSError) as error:
-                if isinstance(error, BrokenPipeError):
-                    raise
-                message = _describe(error)
-                failed: Exception = error
-            except click.UsageError as error:
-                error.ctx = error.ctx or click.get_current_context(silent=True)
-                raise
-            except click.ClickException as error:
-                message, failed = error.format_message(), error
-            if kwargs.get("as_json"):
-                emit_json(command, error_body(failed, message))
-            raise click.ClickException(message) from failed
-
-        return wrapped
-
-    return decorate
-
-
-def _describe(error: Exception) -> str:
-    if isinstance(error, OSError) and error.filename is not None:
-        return f"{error.filename}: {error.strerror or error}"
-    return str(error)
+    def span(self) -> tuple[int, int] | None:
+        """The first and the last moving stamp in nanoseconds; None where nothing moves."""
+        return span(self.store.tree())
 
 
 def find_paths(names: Sequence[str]) -> tuple[Path, ...]:
@@ -114,13 +82,25 @@ def find_paths(names: Sequence[str]) -> tuple[Path, ...]:
         beside = [other.name for other in folder.iterdir()] if folder.is_dir() else []
         near = difflib.get_close_matches(path.name, beside, n=1)
         hint = f"did you mean {folder / near[0]}?" if near else "check the path"
-        raise click.ClickException(f"{path}: no such file; {hint}")
+        missing = _nearest_missing(path)
+        what = "no such file" if missing == path else f"there is no folder {missing}"
+        raise FileNotFoundError(errno.ENOENT, f"{what}; {hint}", str(path))
     return paths
 
 
+def _nearest_missing(path: Path) -> Path:
+    """Return the first part of the path that does not exist."""
+    parents = [parent for parent in (path, *path.parents) if not parent.exists()]
+    return parents[-1] if parents else path
+
+
 def check_output(out: str, inputs: Sequence[Path], *, overwrite: bool) -> None:
-    """Refuse an output that is one of the inputs, or exists without `--overwrite`."""
+    """Refuse an output without a folder, one of the inputs, or one that exists already."""
     path = Path(out)
+    if not path.parent.is_dir():
+        missing = _nearest_missing(path.parent)
+        what = "is no folder" if missing.exists() else "there is no such folder; make it first"
+        raise FileNotFoundError(errno.ENOENT, what, str(missing))
     if is_one_of(path, inputs):
         raise click.ClickException(f"{out}: is one of the files to be read; choose another name")
     hint = "exists already; --overwrite replaces it"
@@ -260,11 +240,29 @@ policy_option = click.option(
 
 
 def complete_frames(ctx: click.Context, _param: click.Parameter, incomplete: str) -> list[str]:
-    """Offer the recording's frames to the shell; none where it cannot be read."""
+    """Offer frames of the recording to the shell; none where it cannot be read."""
     try:
-        return [f for f in tfdb.load(ctx.params["file"]).frames() if f.startswith(incomplete)]
+        return sorted(f for f in _some_frames(ctx.params["file"]) if f.startswith(incomplete))
     except (tfdb.TfdbError, OSError, KeyError, TypeError):
         return []
+
+
+def _some_frames(path: str) -> set[str]:
+    """Frames of the static transforms, and of the first moving ones."""
+    names: set[str] = set()
+    with Recording(path) as recording:
+        messages = chain(
+            recording.messages(_is_static),
+            islice(recording.messages(lambda s: not _is_static(s)), _COMPLETION_MESSAGES),
+        )
+        for source, _, data in messages:
+            for transform in tfdb.decode_tf_message(data, source.encoding):
+                names |= {transform.parent, transform.child}
+    return names
+
+
+def _is_static(source: Source) -> bool:
+    return source.topic.rsplit("/", 1)[-1] == "tf_static"
 
 
 target_argument = click.argument("target", shell_complete=complete_frames)

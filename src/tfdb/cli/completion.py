@@ -17,7 +17,6 @@ WHERE = {
 @click.command("completion")
 @click.argument("shell", type=click.Choice(list(WHERE)))
 @common.json_option
-@common.reports_errors("completion")
 def command(*, shell: str, as_json: bool) -> None:
     """Print the completion script of SHELL; save it where the shell looks for it.
 

@@ -15,7 +15,7 @@ from tfdb.io import Recording, RecordingWriter, write_trajectory
 from . import common, output
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping, Sequence
+    from collections.abc import Callable, Iterator, Mapping, Sequence
 
     from tfdb.io import Source
 
@@ -45,7 +45,6 @@ class Written:
 @common.overwrite_option
 @common.topic_option
 @common.json_option
-@common.reports_errors("convert")
 def command(
     *,
     files: tuple[str, ...],
@@ -119,9 +118,9 @@ def _recording(
         stack.enter_context(writer)
         update = stack.enter_context(common.progress_bar("converting"))
         for recording in recordings:
-            _copy(recording, writer, wanted, renamed or {}, written)
-            if update is not None:
-                update(written.messages + written.skipped, total)
+            for done in _copy(recording, writer, wanted, renamed or {}, written):
+                if update is not None and (done % 1000 == 0 or done == total):
+                    update(done, total)
     return written
 
 
@@ -131,13 +130,15 @@ def _copy(
     wanted: Callable[[Source], bool],
     renamed: Mapping[str, str],
     written: Written,
-) -> None:
+) -> Iterator[int]:
+    """Copy message by message; gives how many there were of all recordings so far."""
     for source, received, data in recording.messages(wanted):
         try:
             transforms = tfdb.decode_tf_message(data, source.encoding)
             made = tfdb.encode_tf_message(transforms, writer.encoding)
         except (tfdb.CorruptMessage, tfdb.InvalidName, tfdb.InvalidStamp):
             written.skipped += 1
+            yield written.messages + written.skipped
             continue
         topic = renamed.get(source.topic, source.topic)
         topic = topic if topic.startswith("/") else f"/{topic}"
@@ -150,3 +151,4 @@ def _copy(
         )
         written.messages += 1
         written.transforms += len(transforms)
+        yield written.messages + written.skipped

@@ -16,7 +16,6 @@ from .times import format_duration, format_ns
 @common.files_argument
 @common.topic_option
 @common.json_option
-@common.reports_errors("info")
 def command(*, files: tuple[str, ...], topics: tuple[str, ...], as_json: bool) -> None:
     """Topics, frames, edges with rates and gaps, and the time span.
 

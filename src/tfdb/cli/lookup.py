@@ -11,13 +11,13 @@ import tfdb
 
 from . import common, output
 from .angles import roll_pitch_yaw
-from .times import TimeSpec, format_duration, format_ns, time_option
+from .times import TimedCommand, TimeSpec, format_duration, format_ns, time_option
 
 if TYPE_CHECKING:
     from tfdb import Transform
 
 
-@click.command("lookup")
+@click.command("lookup", cls=TimedCommand)
 @common.file_argument
 @common.target_argument
 @common.source_argument
@@ -26,7 +26,6 @@ if TYPE_CHECKING:
 @common.more_option
 @common.topic_option
 @common.json_option
-@common.reports_errors("lookup")
 def command(
     *,
     file: str,
@@ -40,22 +39,24 @@ def command(
 ) -> None:
     """T[TARGET<-SOURCE] at TIME: it maps a point of SOURCE into TARGET.
 
-    TIME: seconds (12.5), nanoseconds (12500000000ns), an offset from the start (+1.5) or 'latest',
-    the newest stamp at which every edge has data.
+    TIME: seconds (12.5), nanoseconds (12500000000ns), an offset from the start (+1.5) or from the
+    end (-0.5), or 'latest', the newest stamp at which every edge has data.
     """
     loaded = common.load((file, *more), topics)
     store = loaded.store
     common.check_frames(store, target, source)
-    stamp = time.resolve(loaded.start)
+    stamp = time.resolve(loaded.span)
     try:
         found = store.lookup_transform(target, source, stamp, policy)
     except (tfdb.Extrapolation, tfdb.NoSampleNear) as error:
         valid = common.explain_range(store, target, source)
-        raise click.ClickException(f"{error}; {valid}" if valid else str(error)) from error
+        if valid:
+            error.args = (f"{error}; {valid}",)
+        raise
     if as_json:
         output.emit_json("lookup", _body(loaded, found, time.text))
     else:
-        _show(found, loaded.start)
+        _show(found, loaded.span)
 
 
 def _body(loaded: common.Loaded, found: Transform, asked: str) -> dict[str, Any]:
@@ -87,11 +88,10 @@ def _body(loaded: common.Loaded, found: Transform, asked: str) -> dict[str, Any]
     }
 
 
-def _show(found: Transform, start: int | None) -> None:
+def _show(found: Transform, span: tuple[int, int] | None) -> None:
     out = output.console()
     out.print(f"T[{found.target}<-{found.source}]", style="bold")
-    since = "" if start is None else f"  ({format_ns(found.stamp - start)} from the start)"
-    out.print(f"stamp           {format_ns(found.stamp)}{since}")
+    out.print("stamp           " + _when(found, span))
     out.print("translation     " + _numbers(found.translation) + "  m")
     out.print("quaternion      " + _numbers(found.rotation) + "  x y z w")
     angles = np.array(roll_pitch_yaw(found.rotation))
@@ -110,6 +110,13 @@ def _show(found: Transform, start: int | None) -> None:
         out.print(output.add_rows(made, rows))
     if limiting is not None:
         out.print(f"limited by {limiting.child}", style="dim")
+
+
+def _when(found: Transform, span: tuple[int, int] | None) -> str:
+    if found.report.timeless:
+        return "none: nothing moves between the two, it holds at all times"
+    since = "" if span is None else f"  ({format_ns(found.stamp - span[0])} from the start)"
+    return format_ns(found.stamp) + since
 
 
 def _row(edge: Any, stamp: int) -> tuple[Any, ...]:

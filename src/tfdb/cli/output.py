@@ -54,16 +54,37 @@ def loud(text: str) -> Text:
     return Text(text, style="bold red")
 
 
-def emit_json(command: str, body: dict[str, Any]) -> None:
+def emit_json(command: str | None, body: dict[str, Any]) -> None:
     """Print the command's one JSON object."""
     click.echo(json.dumps({"tfdb": SCHEMA, "command": command, **body}, indent=2))
 
 
-def error_body(error: Exception, message: str) -> dict[str, Any]:
-    """Return what ``--json`` prints for an error: its class, its message and its fields."""
-    fields = {
+def describe_error(error: Exception) -> str:
+    """Return the message of an error in one line; for a misuse, with where to read the usage."""
+    if isinstance(error, click.ClickException):
+        text = error.format_message()
+    elif isinstance(error, OSError) and error.filename is not None:
+        text = f"{error.filename}: {error.strerror or error}"
+    else:
+        text = str(error)
+    text = " ".join(text.split())
+    if isinstance(error, click.UsageError):
+        path = error.ctx.command_path if error.ctx is not None else "tfdb"
+        text = f"{text.rstrip('.')}; see '{path} --help'"
+    return text
+
+
+def error_body(error: Exception) -> dict[str, Any]:
+    """Return what ``--json`` prints for an error: its class, its message and its fields.
+
+    A misuse of the command line is an `InvalidArgument`.
+    """
+    name, fields = type(error).__name__, vars(error)
+    if isinstance(error, click.ClickException):
+        name, fields = "InvalidArgument", {}
+    shown = {
         key: value
-        for key, value in sorted(vars(error).items())
+        for key, value in sorted(fields.items())
         if isinstance(value, str | int | float | list | tuple) and not key.startswith("_")
     }
-    return {"error": {"type": type(error).__name__, "message": message, "fields": fields}}
+    return {"error": {"type": name, "message": describe_error(error), "fields": shown}}

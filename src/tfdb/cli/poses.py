@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Any, Literal
 
 import click
 import numpy as np
@@ -15,9 +15,6 @@ from tfdb.io.trajectory_writers import write_trajectory
 
 from . import common, output
 from .times import TimeSpec, format_duration, format_ns, read_stamps, time_option
-
-if TYPE_CHECKING:
-    from tfdb import Buffer
 
 FORMATS = (".tum", ".csv", ".npz")
 
@@ -70,7 +67,6 @@ class Poses:
 @common.more_option
 @common.topic_option
 @common.json_option
-@common.reports_errors("poses")
 def command(
     *,
     file: str,
@@ -105,14 +101,21 @@ def command(
     loaded = common.load((file, *more), topics)
     store = loaded.store
     common.check_frames(store, target, source)
-    first = None if start is None else start.resolve(loaded.start)
-    last = None if end is None else end.resolve(loaded.start)
-    if wanted is None:
-        path = store.trajectory(target, source, rate=rate, start=first, end=last, policy=policy)
-        stamps, poses = np.asarray(path.stamps), np.asarray(path.poses)
-    else:
-        stamps = _between(wanted, first, last)
-        poses = _poses(store, (target, source), stamps, policy, skip_missing=skip_missing)
+    first = None if start is None else start.resolve(loaded.span)
+    last = None if end is None else end.resolve(loaded.span)
+    missing: Literal["nan", "raise"] = "nan" if skip_missing else "raise"
+    try:
+        if wanted is None:
+            path = store.trajectory(target, source, rate, first, last, policy, missing=missing)
+            stamps, poses = path.stamps, path.poses
+        else:
+            stamps = _between(wanted, first, last)
+            poses = store.lookup_transforms(target, source, stamps, policy, missing=missing)
+    except (tfdb.Extrapolation, tfdb.NoSampleNear, tfdb.GapTooLarge, tfdb.Stale) as error:
+        valid = common.explain_range(store, target, source)
+        parts = [str(error), valid, "--skip-missing leaves such stamps out"]
+        error.args = ("; ".join(filter(None, parts)),)
+        raise
     kept: npt.NDArray[np.bool_] = np.asarray(np.isfinite(poses).all(axis=1))
     made = Poses(target, source, stamps[kept], poses[kept], int(len(kept) - kept.sum()))
     _write(out, made, overwrite=overwrite)
@@ -136,24 +139,6 @@ def _between(
     if last is not None:
         inside &= stamps <= last
     return stamps[inside]
-
-
-def _poses(
-    store: Buffer,
-    frames: tuple[str, str],
-    stamps: npt.NDArray[np.int64],
-    policy: Any,
-    *,
-    skip_missing: bool,
-) -> npt.NDArray[np.float64]:
-    missing: Literal["nan", "raise"] = "nan" if skip_missing else "raise"
-    try:
-        return np.asarray(store.lookup_transforms(*frames, stamps, policy, missing=missing))
-    except (tfdb.Extrapolation, tfdb.NoSampleNear, tfdb.GapTooLarge, tfdb.Stale) as error:
-        valid = common.explain_range(store, *frames)
-        hint = "; --skip-missing leaves such stamps out"
-        message = f"{error}; {valid}{hint}" if valid else f"{error}{hint}"
-        raise click.ClickException(message) from error
 
 
 def _write(out: str | None, made: Poses, *, overwrite: bool) -> None:

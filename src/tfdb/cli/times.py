@@ -2,18 +2,23 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass
 from decimal import Decimal
+from typing import Literal
 
 import click
 
+import tfdb
 from tfdb.io.decimal_time import NS_PER_SECOND, integer_ns, ns_to_seconds, seconds_to_ns
 
 NS = NS_PER_SECOND
 
 HINT = (
-    "write seconds (12.5), nanoseconds (12500000000ns), an offset from the start (+1.5) or 'latest'"
+    "write seconds (12.5), nanoseconds (12500000000ns), an offset from the start (+1.5) or from "
+    "the end (-0.5), or 'latest'"
 )
+_NEGATIVE = re.compile(r"-\.?[0-9]")
 
 
 def parse_stamp(text: str) -> int:
@@ -23,28 +28,52 @@ def parse_stamp(text: str) -> int:
 
 @dataclass(frozen=True)
 class TimeSpec:
-    """A time that may need the recording to be known: absolute, from the start, or the latest."""
+    """A time that may need the recording to be known.
+
+    `ns` is absolute, or counts from the start (`since` 1) or to the end (-1); None: the latest.
+    """
 
     text: str
     ns: int | None
-    relative: bool = False
+    since: Literal[0, 1, -1] = 0
 
-    def resolve(self, start: int | None) -> int | None:
+    def resolve(self, span: tuple[int, int] | None) -> int | None:
         """Return the stamp in nanoseconds, or None for the latest common time.
 
-        `start` is the recording's first moving stamp, None when it has none.
+        `span` holds the recording's first and last moving stamp, None when it has none.
         """
-        if self.ns is None or not self.relative:
+        if self.ns is None or not self.since:
             return self.ns
-        if start is None:
-            raise click.ClickException(
-                f"{self.text!r} counts from the first moving sample and there is none; "
-                "give an absolute time or 'latest'"
+        if span is None:
+            raise tfdb.InvalidArgument(
+                f"{self.text!r} counts from the first or the last moving sample and there is "
+                "none; give an absolute time or 'latest'"
             )
-        return start + self.ns
+        stamp = span[0] + self.ns if self.since > 0 else span[1] - self.ns
+        if stamp < 0:
+            raise tfdb.InvalidStamp(
+                f"{self.text!r} lies before time 0: the last moving sample is at "
+                f"{format_ns(span[1])} s"
+            )
+        return stamp
 
 
 LATEST = TimeSpec("latest", None)
+
+
+class TimedCommand(click.Command):
+    """A command that takes `-0.5` for a time; everything else with a dash is an option."""
+
+    ignore_unknown_options = True
+
+    def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
+        """Refuse the unknown options that the class lets pass, as other commands do."""
+        found, rest, _ = self.make_parser(ctx).parse_args(args=list(args))
+        names = [param.name for param in self.params if isinstance(param, click.Argument)]
+        for text in (*map(found.get, names), *rest):
+            if isinstance(text, str) and text.startswith("-") and not _NEGATIVE.match(text):
+                raise click.NoSuchOption(text, ctx=ctx)
+        return super().parse_args(ctx, args)
 
 
 def time_option(ctx: click.Context, param: click.Parameter, value: str | None) -> TimeSpec | None:
@@ -56,7 +85,9 @@ def time_option(ctx: click.Context, param: click.Parameter, value: str | None) -
         return LATEST
     try:
         if text.startswith("+"):
-            return TimeSpec(text, parse_stamp(text[1:]), relative=True)
+            return TimeSpec(text, parse_stamp(text[1:]), 1)
+        if text.startswith("-"):
+            return TimeSpec(text, parse_stamp(text[1:]), -1)
         return TimeSpec(text, parse_stamp(text))
     except ValueError as error:
         raise click.BadParameter(f"{error}: {HINT}", ctx, param) from None
@@ -118,10 +149,12 @@ def read_stamps(text: str, name: str) -> list[int]:
         except ValueError as error:
             if not stamps and not first[0].isdigit() and len(fields) > 1:
                 continue
-            raise click.ClickException(
+            raise tfdb.InvalidStamp(
                 f"{name}, line {number}: {error}; write one stamp per line in seconds, "
-                "or in nanoseconds with 'ns'"
+                "or in nanoseconds with 'ns'",
+                path=name,
+                line=number,
             ) from None
     if not stamps:
-        raise click.ClickException(f"{name} holds no stamp; write one per line")
+        raise tfdb.InvalidStamp(f"{name} holds no stamp; write one per line", path=name)
     return stamps

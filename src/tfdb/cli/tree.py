@@ -22,16 +22,16 @@ from .times import TimeSpec, format_duration, format_ns, time_option
 )
 @common.topic_option
 @common.json_option
-@common.reports_errors("tree")
 def command(
     *, files: tuple[str, ...], at: TimeSpec | None, topics: tuple[str, ...], as_json: bool
 ) -> None:
     """Draw the frame tree with rates, gaps and who published.
 
-    TIME: seconds (12.5), nanoseconds (12500000000ns) or an offset from the start (+1.5).
+    TIME: seconds (12.5), nanoseconds (12500000000ns), or an offset from the start (+1.5) or from
+    the end (-0.5).
     """
     loaded = common.load(files, topics)
-    time = None if at is None else at.resolve(loaded.start)
+    time = None if at is None else at.resolve(loaded.span)
     infos = loaded.store.tree(time)
     forest = Forest(infos)
     edges = {edge.info.name: edge for edge in edge_summaries(loaded.store)}

@@ -25,7 +25,6 @@ if TYPE_CHECKING:
     help="How long to search for an order of writes that the history does not record.",
 )
 @common.json_option
-@common.reports_errors("verify")
 def command(*, history: str, steps: int, as_json: bool) -> None:
     """Was this history strictly serializable? Exit code 0 yes, 1 no or undecided, 2 unreadable.
 

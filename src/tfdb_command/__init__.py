@@ -1,0 +1,23 @@
+"""The program `tfdb`: a package of its own, so that it runs before anything slow is imported."""
+
+from __future__ import annotations
+
+import signal
+import sys
+
+
+def main() -> None:
+    """Run the command line; the process ends with 0 (fine), 1 (findings) or 2 (an error).
+
+    A closed pipe ends it as it ends other programs, by its signal, and so does Ctrl-C until the
+    command can say what it stopped.
+    """
+    signal.signal(signal.SIGPIPE, signal.SIG_DFL)
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
+    from tfdb.cli.app import cli  # noqa: PLC0415 - what takes long
+
+    try:
+        signal.signal(signal.SIGINT, signal.default_int_handler)
+        cli.main(prog_name="tfdb")
+    except KeyboardInterrupt:
+        sys.exit(130)
