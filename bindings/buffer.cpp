@@ -129,6 +129,7 @@ nb::object snapshot(nb::handle self) {
     object->reads = object->held.get();
     object->waits = &buffer.reasons;
     object->names = &buffer.own_names;
+    object->paths = &buffer.own_paths;
     object->buffer = self.ptr();
     object->owner = nb::borrow(self);
     return made;

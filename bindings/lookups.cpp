@@ -20,7 +20,7 @@ thread_local
 thread_local Answer g_own_answer;
 
 /// `self` of a raw method, readable until the end of the call. To be made when no Python code will
-/// run any more: only then a snapshot that the GIL protects cannot be closed meanwhile.
+/// run any more, but after `keep`: else a snapshot that the GIL protects could be closed meanwhile.
 class Open {
 public:
     explicit Open(PyObject* self) : object_(made_reads(self)) {
@@ -31,13 +31,16 @@ public:
         }
         may_wait_ = *object_.waits != 0;
         if (may_wait_ || kWithoutGil) {
-            keep_ = object_.held;
+            keep();
         }
     }
 
+    /// Keeps a snapshot readable from here on also where Python code runs.
+    void keep() { keep_ = object_.held; }
+
     [[nodiscard]] const Reads& reads() const { return *reads_; }
     [[nodiscard]] NameCache& names() const { return *object_.names; }
-    [[nodiscard]] PyObject* buffer() const { return object_.buffer; }
+    [[nodiscard]] PathNames& paths() const { return *object_.paths; }
     /// Whether the GIL must not be kept.
     [[nodiscard]] bool may_wait() const { return may_wait_; }
 
@@ -96,12 +99,29 @@ const Answer* look_up(const Open& open, PyObject* target, PyObject* source, cons
     open.reads().raise(failure, to, from);
 }
 
-const Answer* attempt_lookup(const Open& open, PyObject* target, PyObject* source,
-                             std::optional<StampNs> stamp, Policy how, Failure& failure) {
-    return look_up(open, target, source, failure,
-                   [&](FrameHandle to, FrameHandle from, Answer& answer) {
-                       return open.reads().try_lookup(to, from, stamp, how, answer, failure);
-                   });
+/// What `attempt` finds, as an object; throws what it is refused with.
+template <class Attempt>
+PyObject* transform_of(Open& open, PyObject* target, PyObject* source, Attempt&& attempt) {
+    for (;;) {
+        Failure failure;
+        const Answer* const found = look_up(open, target, source, failure,
+                                            [&](FrameHandle to, FrameHandle from, Answer& answer) {
+                                                return attempt(to, from, answer, failure);
+                                            });
+        if (found == nullptr) {
+            raise(open, failure, target, source);
+        }
+        if (PyObject* const names = open.paths().find(found->edges); names != nullptr) [[likely]] {
+            return new_transform(*found, target, source, names);
+        }
+        // Making names may run Python code, and that another lookup.
+        open.keep();
+        const Answer own = *found;
+        const nb::object names = open.paths().make(open.reads(), own.edges);
+        if (names.is_valid()) {
+            return new_transform(own, target, source, names.ptr());
+        }
+    }
 }
 
 constexpr std::array kLookupNames = {"target", "source", "time", "policy"};
@@ -114,13 +134,12 @@ PyObject* lookup_transform(PyObject* self, PyObject* const* args, Py_ssize_t cou
         const auto [target, source, time, policy] = bind<4>(kList, args, count, keywords);
         const std::optional<StampNs> stamp = optional_stamp_of(time);
         const Policy how = policy_of(policy);
-        const Open open(self);
-        Failure failure;
-        const Answer* answer = attempt_lookup(open, target, source, stamp, how, failure);
-        if (answer == nullptr) {
-            raise(open, failure, target, source);
-        }
-        return new_transform(*answer, target, source, open.buffer());
+        Open open(self);
+        return transform_of(
+            open, target, source,
+            [&](FrameHandle to, FrameHandle from, Answer& answer, Failure& failure) {
+                return open.reads().try_lookup(to, from, stamp, how, answer, failure);
+            });
     });
 }
 
@@ -133,7 +152,11 @@ PyObject* can_transform(PyObject* self, PyObject* const* args, Py_ssize_t count,
         const Policy how = policy_of(policy);
         const Open open(self);
         Failure failure;
-        const bool can = attempt_lookup(open, target, source, stamp, how, failure) != nullptr;
+        const bool can =
+            look_up(open, target, source, failure,
+                    [&](FrameHandle to, FrameHandle from, Answer& answer) {
+                        return open.reads().try_lookup(to, from, stamp, how, answer, failure);
+                    }) != nullptr;
         if (!can && failure.code == ErrorCode::kSnapshotTooOld) {
             raise(open, failure, target, source);
         }
@@ -152,16 +175,12 @@ PyObject* lookup_latest_transform(PyObject* self, PyObject* const* args, Py_ssiz
             max_age = duration_of(age, "max_age");
             now = is_given(when) ? stamp_of(when) : now_of(made_reads(self).buffer);
         }
-        const Open open(self);
-        Failure failure;
-        const Answer* found = look_up(
-            open, target, source, failure, [&](FrameHandle to, FrameHandle from, Answer& answer) {
+        Open open(self);
+        return transform_of(
+            open, target, source,
+            [&](FrameHandle to, FrameHandle from, Answer& answer, Failure& failure) {
                 return open.reads().try_lookup_latest(to, from, max_age, now, answer, failure);
             });
-        if (found == nullptr) {
-            raise(open, failure, target, source);
-        }
-        return new_transform(*found, target, source, open.buffer());
     });
 }
 

@@ -20,21 +20,31 @@ std::string_view optional_name_of(nb::handle name, const char* role) {
 }
 
 /// The two stamps and three names of a lookup through a fixed frame.
-bool attempt_full(const Pinned& pinned, nb::handle target, nb::handle target_time,
-                  nb::handle source, nb::handle source_time, nb::handle fixed, nb::handle policy,
-                  Answer& answer, Failure& failure) {
-    const std::string_view to = name_of(target, "target");
-    const std::string_view from = name_of(source, "source");
-    const std::string_view through = name_of(fixed, "fixed_frame");
-    const StampNs to_stamp = stamp_of(target_time.ptr());
-    const StampNs from_stamp = stamp_of(source_time.ptr());
-    const Policy how = policy_of(policy.ptr());
-    return pinned.ask([&](const Reads& reads) {
-        return reads.try_lookup_full(handle_of(reads, to, false), to_stamp,
-                                     handle_of(reads, from, false), from_stamp,
-                                     handle_of(reads, through, false), how, answer, failure);
-    });
-}
+struct FullLookup {
+    std::string_view target;
+    StampNs target_stamp;
+    std::string_view source;
+    StampNs source_stamp;
+    std::string_view fixed;
+    Policy policy;
+
+    FullLookup(nb::handle to, nb::handle to_time, nb::handle from, nb::handle from_time,
+               nb::handle through, nb::handle how)
+        : target(name_of(to, "target")),
+          target_stamp(stamp_of(to_time.ptr())),
+          source(name_of(from, "source")),
+          source_stamp(stamp_of(from_time.ptr())),
+          fixed(name_of(through, "fixed_frame")),
+          policy(policy_of(how.ptr())) {}
+
+    bool ask(const Pinned& pinned, Answer& answer, Failure& failure) const {
+        return pinned.ask([&](const Reads& reads) {
+            return reads.try_lookup_full(handle_of(reads, target, false), target_stamp,
+                                         handle_of(reads, source, false), source_stamp,
+                                         handle_of(reads, fixed, false), policy, answer, failure);
+        });
+    }
+};
 
 [[noreturn]] void raise(const Pinned& pinned, const Failure& failure, nb::handle target,
                         nb::handle source) {
@@ -62,24 +72,32 @@ nb::object lookup_transform_full(nb::handle self, const nb::str& target, nb::han
                                  const nb::str& source, nb::handle source_time,
                                  const nb::str& fixed, nb::handle policy) {
     const ReadsObject& object = object_of<ReadsObject>(self);
+    const FullLookup question(target, target_time, source, source_time, fixed, policy);
     const Pinned pinned = pin(self, object);
     Answer answer;
     Failure failure;
-    if (!attempt_full(pinned, target, target_time, source, source_time, fixed, policy, answer,
-                      failure)) {
-        raise_full(pinned, failure, target, source, fixed);
+    nb::object names;
+    while (!names.is_valid()) {
+        if (!question.ask(pinned, answer, failure)) {
+            raise_full(pinned, failure, target, source, fixed);
+        }
+        names = object.paths->make(pinned.reads, answer.edges);
     }
-    return nb::steal(new_transform(answer, target.ptr(), source.ptr(), object.buffer));
+    PyObject* made = new_transform(answer, target.ptr(), source.ptr(), names.ptr());
+    if (made == nullptr) {
+        throw nb::python_error();
+    }
+    return nb::steal(made);
 }
 
 bool can_transform_full(nb::handle self, const nb::str& target, nb::handle target_time,
                         const nb::str& source, nb::handle source_time, const nb::str& fixed,
                         nb::handle policy) {
-    const Pinned pinned = pin(self, object_of<ReadsObject>(self));
+    const ReadsObject& object = object_of<ReadsObject>(self);
+    const FullLookup question(target, target_time, source, source_time, fixed, policy);
     Answer answer;
     Failure failure;
-    return attempt_full(pinned, target, target_time, source, source_time, fixed, policy, answer,
-                        failure);
+    return question.ask(pin(self, object), answer, failure);
 }
 
 StampNs latest_common_time(nb::handle self, const nb::str& target, const nb::str& source) {
@@ -293,12 +311,6 @@ void throw_not_made(nb::handle self, const char* expected) {
         PyErr_Format(PyExc_TypeError, "self must be a %s, got %s", expected, type);
     }
     throw nb::python_error();
-}
-
-std::pair<std::string, std::string> edge_names(PyObject* buffer, const EdgeUse& edge) {
-    const Reads& reads = *object_of<ReadsObject>(buffer).reads;
-    return {reads.frame_name(edge.child, edge.generation),
-            reads.frame_name(edge.parent, edge.parent_generation)};
 }
 
 void bind_reads(nb::module_& module) {

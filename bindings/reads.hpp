@@ -10,6 +10,7 @@
 #include <utility>
 
 #include "names.hpp"
+#include "paths.hpp"
 #include "tfdb/store/buffer.hpp"
 
 namespace nb = nanobind;
@@ -27,6 +28,7 @@ struct ReadsObject {
     const Reads* reads = nullptr;
     const Reasons* waits = nullptr;  // of the buffer
     NameCache* names = nullptr;      // of the buffer
+    PathNames* paths = nullptr;      // of the buffer
     PyObject* buffer = nullptr;  // the Buffer object, borrowed: itself, or what a snapshot holds
     CommitNumber closed_commit = 0;
     std::shared_ptr<Snapshot> held;  // of a snapshot
@@ -36,6 +38,7 @@ struct BufferObject : ReadsObject {
     explicit BufferObject(const BufferOptions& options) : store(options) {
         reads = &store;
         names = &own_names;
+        paths = &own_paths;
         waits = &reasons;
         if (options.concurrency != Concurrency::kSnapshot) {
             ++reasons;
@@ -45,6 +48,7 @@ struct BufferObject : ReadsObject {
     Buffer store;
     Reasons reasons{0};
     NameCache own_names;
+    PathNames own_paths;
     nb::object clock;  // none: the system's
 };
 
@@ -107,9 +111,6 @@ inline ReadsObject& made_reads(PyObject* self) {
     }
     return *nb::inst_ptr<ReadsObject>(self);
 }
-
-/// Names of an edge's child and parent.
-std::pair<std::string, std::string> edge_names(PyObject* buffer, const EdgeUse& edge);
 
 void bind_reads(nb::module_& module);
 /// The methods that bypass nanobind, on Reads, Buffer and Snapshot.

@@ -36,14 +36,13 @@ Named named(const Transaction& transaction, Answer answer) {
 }
 
 nb::object transform_of(const Named& found, nb::handle target, nb::handle source) {
-    nb::list rows;
-    for (std::size_t i = 0; i < found.edges.size(); ++i) {
-        const auto& [child, parent] = found.edges[i];
-        rows.append(edge_row(found.answer.edges[i], child, parent));
+    nb::list names;
+    for (const auto& [child, parent] : found.edges) {
+        names.append(nb::str(child.data(), child.size()));
+        names.append(nb::str(parent.data(), parent.size()));
     }
-    const nb::tuple origin(rows);
-    PyObject* made = new_transform(found.answer.pose, found.answer.stamp, found.answer.commit, {},
-                                   target.ptr(), source.ptr(), origin.ptr());
+    PyObject* made =
+        new_transform(found.answer, target.ptr(), source.ptr(), nb::tuple(names).ptr());
     if (made == nullptr) {
         throw nb::python_error();
     }

@@ -2,16 +2,18 @@
 
 #include <nanobind/stl/pair.h>
 #include <nanobind/stl/string.h>
+#include <nanobind/stl/tuple.h>
 
 #include <array>
 #include <cstring>
 #include <string>
+#include <tuple>
+#include <vector>
 
 #include "arguments.hpp"
 #include "arrays.hpp"
 #include "errors.hpp"
 #include "pose.hpp"
-#include "reads.hpp"
 #include "stamp.hpp"
 
 namespace tfdb::python {
@@ -26,6 +28,19 @@ TransformObject& as_transform(PyObject* object) {
 // In the order of lookup::Used.
 constexpr std::array kUsedNames = {"static",  "exact",        "interpolated", "held",
                                    "nearest", "extrapolated", "latest"};
+
+/// What a report says of each edge: (child, parent, used, before, after, inverted).
+nb::tuple edge_rows(TransformObject& self) {
+    nb::list rows;
+    Py_ssize_t name = 0;
+    for (const EdgeUse& edge : self.edges()) {
+        const nb::handle child = PyTuple_GET_ITEM(self.names, name++);
+        const nb::handle parent = PyTuple_GET_ITEM(self.names, name++);
+        rows.append(nb::make_tuple(child, parent, kUsedNames[static_cast<std::size_t>(edge.used)],
+                                   edge.before, edge.after, edge.inverted));
+    }
+    return nb::tuple(rows);
+}
 
 PyObject* doubles(const double* values, std::size_t count) {
     return guarded([&]() -> PyObject* {
@@ -89,6 +104,15 @@ PyObject* get_report(PyObject* self, void* /*closure*/) {
     });
 }
 
+/// The text itself: an object of a subclass might refer to anything.
+nb::object exact_text(PyObject* text) {
+    nb::object exact = nb::steal(PyUnicode_FromObject(text));
+    if (!exact.is_valid()) {
+        throw nb::python_error();
+    }
+    return exact;
+}
+
 PyObject* new_from_python(PyTypeObject* /*type*/, PyObject* args, PyObject* keywords) {
     return guarded([&]() -> PyObject* {
         static const char* names[] = {"target",   "source", "translation",
@@ -120,16 +144,16 @@ PyObject* new_from_python(PyTypeObject* /*type*/, PyObject* args, PyObject* keyw
         }
         pose.rotation = geometry::normalized(pose.rotation);
         const StampNs when = is_given(stamp) ? stamp_of(stamp) : 0;
-        return new_transform(pose, when, 0, {}, target, source, Py_None);
+        return new_transform(pose, when, 0, {}, target, source, nullptr);
     });
 }
 
 void deallocate(PyObject* self) {
     TransformObject& transform = as_transform(self);
     PyTypeObject* type = Py_TYPE(self);
-    Py_DECREF(transform.target);
-    Py_DECREF(transform.source);
-    Py_DECREF(transform.origin);
+    Py_XDECREF(transform.target);
+    Py_XDECREF(transform.source);
+    Py_XDECREF(transform.names);
     type->tp_free(self);
     Py_DECREF(type);
 }
@@ -181,13 +205,37 @@ PyObject* return_self(PyObject* self, PyObject* /*unused*/) {
     return Py_NewRef(self);
 }
 
+lookup::Used used_of(nb::handle name) {
+    for (std::size_t i = 0; i < kUsedNames.size(); ++i) {
+        if (nb::str(kUsedNames[i]).equal(name)) {
+            return static_cast<lookup::Used>(i);
+        }
+    }
+    throw nb::value_error("no way in which an edge is used");
+}
+
+/// From what `reduce` gave. Throws TypeError, ValueError.
 nb::object restore(const nb::str& target, const nb::str& source,
                    const std::pair<nb::object, nb::object>& pose, StampNs stamp,
                    CommitNumber commit, const nb::tuple& rows) {
     const auto& [translation, rotation] = pose;
     const Pose read{vector_of(translation.ptr(), "translation"),
                     quaternion_of(rotation.ptr(), "rotation")};
-    PyObject* made = new_transform(read, stamp, commit, {}, target.ptr(), source.ptr(), rows.ptr());
+    std::vector<EdgeUse> edges;
+    nb::list names;
+    for (const nb::handle row : rows) {
+        const auto [child, parent, used, before, after, inverted] =
+            nb::cast<std::tuple<nb::str, nb::str, nb::str, StampNs, StampNs, bool>>(row);
+        EdgeUse& edge = edges.emplace_back();
+        edge.before = before;
+        edge.after = after;
+        edge.used = used_of(used);
+        edge.inverted = inverted;
+        names.append(exact_text(child.ptr()));
+        names.append(exact_text(parent.ptr()));
+    }
+    PyObject* made = new_transform(read, stamp, commit, edges, target.ptr(), source.ptr(),
+                                   nb::tuple(names).ptr());
     if (made == nullptr) {
         throw nb::python_error();
     }
@@ -255,7 +303,7 @@ PyType_Spec g_spec = {
 
 PyObject* new_transform(const Pose& pose, StampNs stamp, CommitNumber commit,
                         std::span<const EdgeUse> edges, PyObject* target, PyObject* source,
-                        PyObject* origin) {
+                        PyObject* names) {
     auto* made = PyObject_NewVar(TransformObject, g_type, static_cast<Py_ssize_t>(edges.size()));
     if (made == nullptr) {
         return nullptr;
@@ -263,34 +311,21 @@ PyObject* new_transform(const Pose& pose, StampNs stamp, CommitNumber commit,
     made->pose = pose;
     made->stamp = stamp;
     made->commit = commit;
-    made->target = Py_NewRef(target);
-    made->source = Py_NewRef(source);
-    made->origin = Py_NewRef(origin);
+    made->target = PyUnicode_FromObject(target);
+    made->source = PyUnicode_FromObject(source);
+    made->names = edges.empty() ? nullptr : Py_NewRef(names);
     if (!edges.empty()) {
         std::memcpy(made->edges().data(), edges.data(), edges.size_bytes());
+    }
+    if (made->target == nullptr || made->source == nullptr) {
+        Py_DECREF(made);
+        return nullptr;
     }
     return reinterpret_cast<PyObject*>(made);
 }
 
 bool is_transform(PyObject* object) {
     return Py_IS_TYPE(object, g_type) != 0;
-}
-
-nb::tuple edge_row(const EdgeUse& edge, const std::string& child, const std::string& parent) {
-    return nb::make_tuple(child, parent, kUsedNames[static_cast<std::size_t>(edge.used)],
-                          edge.before, edge.after, edge.inverted);
-}
-
-nb::tuple edge_rows(TransformObject& self) {
-    if (PyTuple_Check(self.origin)) {
-        return nb::borrow<nb::tuple>(self.origin);
-    }
-    nb::list rows;
-    for (const EdgeUse& edge : self.edges()) {
-        const auto [child, parent] = edge_names(self.origin, edge);
-        rows.append(edge_row(edge, child, parent));
-    }
-    return nb::tuple(rows);
 }
 
 void bind_transform(nb::module_& module) {

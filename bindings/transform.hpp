@@ -4,7 +4,6 @@
 #include <nanobind/nanobind.h>
 
 #include <span>
-#include <string>
 
 #include "tfdb/geometry/pose.hpp"
 #include "tfdb/lookup/answer.hpp"
@@ -18,14 +17,15 @@ using lookup::Answer;
 using lookup::EdgeUse;
 
 /// The object: fixed part, then `ob_size` EdgeUse records.
-/// Threads: immutable, any. Guarantee: names of edges are looked up only when `report` is read.
+/// Threads: immutable, any. Guarantee: refers to nothing but text, so that it outlives its store
+/// and is in no cycle.
 struct TransformObject {
     PyObject_VAR_HEAD Pose pose;
     clock::StampNs stamp;
     CommitNumber commit;
     PyObject* target;
     PyObject* source;
-    PyObject* origin;  // the Buffer that knows the edges' names; or a tuple of rows; or None
+    PyObject* names;  // of the edges: (child, parent, child, parent, ...); null without edges
 
     [[nodiscard]] std::span<EdgeUse> edges() {
         return {reinterpret_cast<EdgeUse*>(this + 1), static_cast<std::size_t>(Py_SIZE(this))};
@@ -36,15 +36,16 @@ static_assert(sizeof(TransformObject) % alignof(EdgeUse) == 0);
 /// Adds the type to the module.
 void bind_transform(nb::module_& module);
 
-/// A new reference; null with MemoryError. Takes new references to the three objects.
+/// A new reference; null with MemoryError. Takes new references to the three objects. `names` holds
+/// two exact str for each edge; null where there are none.
 PyObject* new_transform(const Pose& pose, clock::StampNs stamp, CommitNumber commit,
                         std::span<const EdgeUse> edges, PyObject* target, PyObject* source,
-                        PyObject* origin);
+                        PyObject* names);
 
 inline PyObject* new_transform(const Answer& answer, PyObject* target, PyObject* source,
-                               PyObject* buffer) {
+                               PyObject* names) {
     return new_transform(answer.pose, answer.stamp, answer.commit, answer.edges, target, source,
-                         buffer);
+                         names);
 }
 
 /// The methods that compute: inverse(), @, apply().
@@ -53,10 +54,5 @@ PyObject* transform_multiply(PyObject* left, PyObject* right);
 PyObject* transform_apply(PyObject* self, PyObject* points);
 
 bool is_transform(PyObject* object);
-
-/// What a report says of one edge: (child, parent, used, before, after, inverted).
-nb::tuple edge_row(const EdgeUse& edge, const std::string& child, const std::string& parent);
-/// One row for each edge.
-nb::tuple edge_rows(TransformObject& self);
 
 }  // namespace tfdb::python

@@ -43,15 +43,14 @@ nb::object apply_rows(const Pose& pose, const ArrayView& points, NewArray<T> res
     return std::move(result.array);
 }
 
-/// The rows of a tuple with `inverted` turned round, in reverse order.
-nb::object inverted_rows(nb::handle rows) {
-    nb::list turned;
-    for (nb::handle row : nb::borrow<nb::tuple>(rows)) {
-        nb::list fields(nb::borrow(row));
-        fields[5] = !nb::cast<bool>(nb::object(fields[5]));
-        turned.insert(0, nb::tuple(fields));
+/// The names of the edges in reverse order.
+nb::object reversed_names(PyObject* names) {
+    nb::list pairs;
+    for (Py_ssize_t i = names == nullptr ? 0 : PyTuple_GET_SIZE(names); i > 0; i -= 2) {
+        pairs.append(nb::handle(PyTuple_GET_ITEM(names, i - 2)));
+        pairs.append(nb::handle(PyTuple_GET_ITEM(names, i - 1)));
     }
-    return nb::tuple(turned);
+    return nb::tuple(pairs);
 }
 
 }  // namespace
@@ -63,12 +62,8 @@ PyObject* transform_inverse(PyObject* self, PyObject* /*unused*/) {
         for (EdgeUse& edge : edges) {
             edge.inverted = !edge.inverted;
         }
-        nb::object origin = nb::borrow(from.origin);
-        if (PyTuple_Check(origin.ptr())) {
-            origin = inverted_rows(origin);
-        }
         return new_transform(geometry::inverse(from.pose), from.stamp, from.commit, edges,
-                             from.source, from.target, origin.ptr());
+                             from.source, from.target, reversed_names(from.names).ptr());
     });
 }
 
@@ -93,7 +88,7 @@ PyObject* transform_multiply(PyObject* left, PyObject* right) {
                         {{"source", nb::borrow(a.source)}, {"target", nb::borrow(b.target)}});
         }
         return new_transform(geometry::compose(a.pose, b.pose), older(a.stamp, b.stamp),
-                             older(a.commit, b.commit), {}, a.target, b.source, Py_None);
+                             older(a.commit, b.commit), {}, a.target, b.source, nullptr);
     });
 }
 

@@ -1,0 +1,45 @@
+#include "paths.hpp"
+
+#include <string>
+#include <utility>
+
+namespace tfdb::python {
+namespace {
+
+/// Nothing where the slot was reused since.
+nb::object name_of_frame(const Reads& reads, FrameHandle frame) {
+    const std::string name = reads.frame_name(frame.id, frame.generation);
+    if (!reads.is_current(frame)) {
+        return {};
+    }
+    return nb::str(name.data(), name.size());
+}
+
+}  // namespace
+
+nb::object PathNames::make(const Reads& reads, std::span<const EdgeUse> edges) {
+    nb::list names;
+    std::vector<Frames> frames;
+    frames.reserve(edges.size());
+    for (const EdgeUse& edge : edges) {
+        const Frames& both = frames.emplace_back(edge);
+        for (const FrameHandle frame : {both.child, both.parent}) {
+            const nb::object name = name_of_frame(reads, frame);
+            if (!name.is_valid()) {
+                return {};
+            }
+            names.append(name);
+        }
+    }
+    nb::object made = nb::tuple(names);
+#ifndef Py_GIL_DISABLED
+    Entry& entry = entries_[slot(edges)];
+    entry.frames = std::move(frames);
+    std::swap(entry.names, made);
+    return entry.names;
+#else
+    return made;
+#endif
+}
+
+}  // namespace tfdb::python
