@@ -168,35 +168,10 @@ std::string describe(nb::handle object) {
     return text_of(dtype) + " " + text_of(shape);
 }
 
-namespace {
-
-constexpr const char* kExpectedStamps = "int64 nanoseconds (N,)";
-
-/// Another integer type, or datetime64, as int64.
-nb::object as_nanoseconds(nb::handle object) {
-    const nb::object dtype = find(object.ptr(), g_fields.dtype);
-    const nb::object kind =
-        dtype.is_valid() ? find(dtype.ptr(), g_fields.kind) : nb::object(nb::none());
-    if (kind.is_valid()) {
-        const std::string code = text_of(kind);
-        if (code == "M") {
-            return object.attr("astype")("datetime64[ns]").attr("view")("int64");
-        }
-        if (code == "u" || code == "i") {
-            // uint64 beyond int64 wraps to a negative number, which is refused later.
-            return object.attr("astype")("int64");
-        }
-    }
-    throw_bad_array("stamps", std::string(kExpectedStamps) + " (tfdb.stamp converts seconds)",
-                    describe(object));
-}
-
-}  // namespace
-
 Stamps::Stamps(nb::handle object) {
     if (PyList_Check(object.ptr()) || PyTuple_Check(object.ptr())) {
         read_sequence(object);
-    } else if (nb::hasattr(object, "dtype") || PyObject_CheckBuffer(object.ptr()) != 0) {
+    } else if (nb::hasattr(object, "__array__") || PyObject_CheckBuffer(object.ptr()) != 0) {
         read_array(object);
     } else if (PyUnicode_Check(object.ptr()) || !nb::hasattr(object, "__iter__")) {
         throw_bad_array("stamps", "an array (N,) of int64 nanoseconds or a list of stamps",
@@ -218,12 +193,9 @@ Stamps::Stamps(nb::handle object) {
 
 void Stamps::read_array(nb::handle object) {
     view_ = ArrayView::of(object, false);
-    if (!view_ || view_->kind() != Kind::kInt64) {
-        converted_ = as_nanoseconds(object);
-        view_ = ArrayView::of(converted_, false);
-    }
     if (!view_ || view_->kind() != Kind::kInt64 || view_->dimensions() != 1) {
-        throw_bad_array("stamps", kExpectedStamps, tfdb::python::describe(object));
+        converted_ = nb::module_::import_("tfdb.stamps").attr("as_nanoseconds")(object);
+        view_ = ArrayView::of(converted_, false);
     }
     if (view_->contiguous()) {
         values_ = {view_->data<const StampNs>(), view_->extent(0)};

@@ -10,7 +10,8 @@ namespace {
 
 constexpr const char* kValid =
     "a stamp is an integer number of nanoseconds from 0 to 2**63 - 1, a message with sec and "
-    "nanosec, or a numpy.datetime64; tfdb.stamp(seconds) converts seconds";
+    "nanosec, a numpy.datetime64 or a datetime with a time zone; tfdb.stamp() converts seconds and "
+    "text";
 
 [[noreturn]] void refuse(PyObject* object, const std::string& problem) {
     throw_error("InvalidStamp", "stamp " + short_repr(object) + " is " + problem + ": " + kValid,
@@ -57,6 +58,10 @@ StampNs from_parts(PyObject* object, const nb::object& seconds, const nb::object
 bool is_datetime64(PyObject* object) {
     const nb::object dtype = find(object, g_fields.dtype);
     if (!dtype.is_valid()) {
+        return false;
+    }
+    const nb::object axes = nb::getattr(object, "ndim", nb::none());
+    if (!axes.equal(nb::int_(0))) {
         return false;
     }
     const nb::object kind = find(dtype.ptr(), g_fields.kind);
@@ -124,9 +129,13 @@ StampNs stamp_of_object(PyObject* object) {
         }
         return from_integer(object, integer.ptr());
     }
+    const nb::module_ datetime = nb::module_::import_("datetime");
+    if (nb::isinstance(object, datetime.attr("datetime"))) {
+        const nb::object convert = nb::module_::import_("tfdb.stamps").attr("from_datetime");
+        return nb::cast<StampNs>(convert(nb::handle(object)));
+    }
     // pandas' Timedelta has `nanoseconds`, which is only its last three digits.
-    const nb::object timedelta = nb::module_::import_("datetime").attr("timedelta");
-    if (!nb::isinstance(object, timedelta)) {
+    if (!nb::isinstance(object, datetime.attr("timedelta"))) {
         if (const auto stamp = from_message(object)) {
             return *stamp;
         }

@@ -2,7 +2,14 @@
 
 from __future__ import annotations
 
+from datetime import UTC, date, datetime, timedelta, timezone
+from decimal import Decimal
+from types import SimpleNamespace
+from typing import Any
+
 import numpy as np
+import pandas as pd
+import polars as pl
 import pytest
 
 import tfdb
@@ -101,3 +108,198 @@ def test_what_does_not_move_holds_at_all_times(buffer: tfdb.Buffer) -> None:
     first = simulated.lookup_transform("map", "base", 0)
     assert repr(first).startswith("T[map<-base] at 0 s: ")
     assert not first.report.timeless
+
+
+# -- stamps ----------------------------------------------------------------------------------------
+
+NS = 1_700_000_000_123_456_789
+MICRO = NS // 1000 * 1000  # as fine as a datetime is
+TIME = datetime(2023, 11, 14, 22, 13, 20, 123456, UTC)
+THERE = TIME.astimezone(timezone(timedelta(hours=-7, minutes=-30)))
+PANDAS = pd.Timestamp(NS, tz="Asia/Tokyo")
+
+
+def clock() -> tfdb.Buffer:
+    """A frame whose x tells the time: nanoseconds since MICRO."""
+    made = tfdb.Buffer(history=None)
+    for offset in (0, 789, 10**9):
+        made.set_transform("map", "hand", MICRO + offset, (offset, 0, 0), TURN)
+    return made
+
+
+@pytest.mark.parametrize(
+    ("time", "ns"),
+    [
+        (TIME, MICRO),
+        (THERE, MICRO),
+        (PANDAS, NS),
+        (PANDAS.tz_convert("UTC").tz_localize(None), NS),
+        (PANDAS.as_unit("us"), MICRO),
+        (np.datetime64(NS, "ns"), NS),
+        (SimpleNamespace(sec=NS // 10**9, nanosec=NS % 10**9), NS),
+    ],
+    ids=lambda value: type(value).__name__,
+)
+def test_times_of_all_kinds_are_stamps(time: Any, ns: int) -> None:
+    buffer = clock()
+    assert buffer.lookup_transform("map", "hand", time).stamp == ns
+    assert buffer.lookup_transform("map", "hand", time, tfdb.Exact()).translation[0] == ns - MICRO
+    assert buffer.lookup_transforms("map", "hand", [time], tfdb.Exact())[0, 0] == ns - MICRO
+    assert tfdb.stamp(time) == ns
+    buffer.set_transform("map", "other", time, (1, 2, 3), TURN)
+    assert buffer.latest_common_time("map", "other") == ns
+
+
+@pytest.mark.parametrize("time", [datetime(2023, 11, 14, 22, 13), datetime.max, datetime.min])
+def test_a_time_without_a_zone_is_refused_with_the_reason(time: datetime) -> None:
+    for call in (
+        lambda: clock().lookup_transform("map", "hand", time),
+        lambda: clock().lookup_transforms("map", "hand", [time]),
+        lambda: tfdb.stamp(time),
+        lambda: tfdb.stamp("2023-11-14T22:13:20"),
+    ):
+        with pytest.raises(tfdb.InvalidStamp, match="no time zone"):
+            call()
+
+
+@pytest.mark.parametrize(
+    "time",
+    [
+        datetime(1969, 12, 31, 23, tzinfo=UTC),
+        datetime(2263, 1, 1, tzinfo=UTC),
+        date(2023, 11, 14),
+        timedelta(seconds=5),
+        pd.NaT,
+        pd.Timestamp("2500-01-01", tz="UTC"),
+        pd.Timedelta(5, "ns"),
+        pd.NA,
+    ],
+    ids=repr,
+)
+def test_what_is_no_time_of_a_clock(time: Any) -> None:
+    with pytest.raises(tfdb.InvalidStamp):
+        clock().lookup_transform("map", "hand", time)
+    with pytest.raises(tfdb.InvalidStamp) as caught:
+        clock().lookup_transforms("map", "hand", [NS, time])
+    assert caught.value.index == 1
+    with pytest.raises(tfdb.InvalidStamp):
+        tfdb.stamp(time)
+
+
+@pytest.mark.parametrize(
+    ("text", "ns"),
+    [
+        ("2023-11-14T22:13:20.123456789Z", NS),
+        ("2023-11-14 15:43:20.123456789-06:30", NS),
+        ("2023-11-14T22:13:20,1234567894+00:00", NS),
+        ("2023-11-14T22:13:20.1234567885Z", NS - 1),  # half to even, as of seconds
+        ("2023-11-14T22:13:20Z", NS // 10**9 * 10**9),
+        ("1970-01-01T00:00Z", 0),
+        (" 1700000000.123456789 ", NS),
+    ],
+)
+def test_dates_as_text(text: str, ns: int) -> None:
+    assert tfdb.stamp(text) == ns
+
+
+def test_text_is_no_stamp_by_itself() -> None:
+    with pytest.raises(tfdb.InvalidStamp, match=r"tfdb\.stamp\(\) converts seconds and text"):
+        clock().lookup_transform("map", "hand", "2023-11-14T22:13:20Z")  # type: ignore[arg-type]
+
+
+COLUMNS = {
+    "int64": np.array,
+    "uint64": lambda ns: np.array(ns, dtype=np.uint64),
+    "datetime64[ns]": lambda ns: np.array(ns).view("datetime64[ns]"),
+    "objects": lambda ns: np.array([pd.Timestamp(n, tz="UTC") for n in ns], dtype=object),
+    "pandas int": pd.Series,
+    "pandas Int64": lambda ns: pd.Series(ns, dtype="Int64"),
+    "pandas times": lambda ns: pd.Series(pd.to_datetime(ns)),
+    "pandas times of a zone": lambda ns: pd.Series(pd.to_datetime(ns, utc=True)).dt.tz_convert(
+        "Asia/Tokyo"
+    ),
+    "pandas index": lambda ns: pd.DatetimeIndex(pd.to_datetime(ns, utc=True)),
+    "pandas column by other labels": lambda ns: pd.Series(ns, index=range(7, 7 + len(ns))),
+    "polars int": pl.Series,
+    "polars times": lambda ns: pl.Series(np.array(ns).view("datetime64[ns]")),
+    "polars times of a zone": lambda ns: pl.Series(
+        np.array(ns).view("datetime64[ns]")
+    ).dt.replace_time_zone("UTC").dt.convert_time_zone("Asia/Tokyo"),
+    "generator": lambda ns: (n for n in ns),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("column", COLUMNS)
+def test_columns_of_tables_are_stamps(column: str) -> None:
+    make: Any = COLUMNS[column]
+    buffer = clock()
+    wanted = [MICRO + 10**9, NS, MICRO]
+    rows = buffer.lookup_transforms("map", "hand", make(wanted), tfdb.Exact())
+    assert rows[:, 0].tolist() == [10**9, 789, 0]
+    points = buffer.transform_points("map", "hand", np.zeros((3, 3)), make(wanted), tfdb.Exact())
+    assert points[:, 0].tolist() == [10**9, 789, 0]
+    buffer.set_transforms(tfdb.Columns("map", "other", make(wanted), rows))
+    assert buffer.samples("other")[0].tolist() == sorted(wanted)
+    assert buffer.lookup_transforms("map", "hand", make([])).shape == (0, 7)
+
+
+@pytest.mark.parametrize(
+    ("column", "error", "words"),
+    [
+        (np.array([5, 6.5]), tfdb.InvalidArray, "tfdb.stamp() converts seconds"),
+        (pd.Series([5, 6.5]), tfdb.InvalidArray, "tfdb.stamp() converts seconds"),
+        (pl.Series([5, None]), tfdb.InvalidArray, "tfdb.stamp() converts seconds"),
+        (pd.Series(["5", "6"], dtype=object), tfdb.InvalidStamp, "tfdb.stamp() converts seconds"),
+        (np.array(["5", "6"]), tfdb.InvalidArray, "tfdb.stamp() converts seconds"),
+        (np.array([[5, 6]]), tfdb.InvalidArray, "the shape (1, 2)"),
+        (np.array(5), tfdb.InvalidArray, "a single one"),
+        (np.int64(5), tfdb.InvalidArray, "a single one"),
+        (pd.DataFrame({"t": [5, 6]}), tfdb.InvalidArray, "the shape (2, 1)"),
+        (pd.Series([NS, None], dtype="Int64"), tfdb.InvalidStamp, "NA"),
+        (np.array([NS, -5]), tfdb.InvalidStamp, "negative"),
+        (np.array([5, 2**63 + 5], dtype=np.uint64), tfdb.InvalidStamp, "too large"),
+        (np.array(["2023-01-01", "NaT"], dtype="M8[s]"), tfdb.InvalidStamp, "NaT"),
+        (np.array(["2023-01-01", "2500-01-01"], dtype="M8[s]"), tfdb.InvalidStamp, "2500"),
+        (
+            pd.Series(pd.to_datetime(["2023-01-01T00:00Z", "2500-01-01T00:00Z"]).as_unit("s")),
+            tfdb.InvalidStamp,
+            "2500",
+        ),
+    ],
+    ids=str,
+)
+def test_columns_that_are_no_stamps(column: Any, error: type[tfdb.TfdbError], words: str) -> None:
+    with pytest.raises(error) as caught:
+        clock().lookup_transforms("map", "hand", column)
+    said = str(caught.value)
+    assert words in said
+    assert "expected int64" not in said
+    if error is tfdb.InvalidStamp and "converts seconds" not in words:
+        assert caught.value.index == 1
+
+
+def test_seconds_in_arrays_become_stamps() -> None:
+    seconds = ["0.1", "1700000000.123456789", "7"]
+    wanted = [tfdb.stamp(text) for text in seconds]
+    for many in (
+        seconds,
+        tuple(map(Decimal, seconds)),
+        np.array(seconds),
+        pd.Series(seconds),
+        pl.Series(seconds),
+    ):
+        made = tfdb.stamp(many)
+        assert (made.dtype, made.tolist()) == (np.int64, wanted)
+    rng = np.random.default_rng(7)
+    for floats in (rng.uniform(0, 2e9, 200), rng.uniform(0, 1, 50).astype(np.float32)):
+        assert tfdb.stamp(floats).tolist() == [tfdb.stamp(value) for value in floats]
+        assert tfdb.stamp(pd.Series(floats)).tolist() == tfdb.stamp(floats).tolist()
+    grid = np.arange(6).reshape(2, 3)
+    assert np.array_equal(tfdb.stamp(grid), grid * 10**9)
+    assert tfdb.stamp(np.array([PANDAS.to_datetime64()])).tolist() == [NS]
+    assert tfdb.stamp(pd.Series([PANDAS])).tolist() == [NS]
+    assert tfdb.stamp([]).shape == (0,)
+    for bad in ([1, -1], np.array([1, np.nan]), ["1", "soon"], [1, True], [1, [2]]):
+        with pytest.raises(tfdb.InvalidStamp) as caught:
+            tfdb.stamp(bad)
+        assert caught.value.index == 1

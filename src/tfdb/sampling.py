@@ -10,6 +10,7 @@ import numpy.typing as npt
 
 from .errors import InvalidArgument
 from .explain import held
+from .stamps import shown
 from .types import Trajectory
 
 if TYPE_CHECKING:
@@ -142,11 +143,4 @@ def _period(rate: float) -> float:
             return 1e9 / rate
     except (TypeError, OverflowError):
         pass
-    raise InvalidArgument(f"rate must be a positive number of Hz, got {_short(rate)}", value=rate)
-
-
-def _short(value: object) -> str:
-    """Write any argument in a message: an integer may have thousands of digits."""
-    if isinstance(value, int) and value.bit_length() > 64:
-        return f"an integer of {value.bit_length()} bits"
-    return repr(value)[:80]
+    raise InvalidArgument(f"rate must be a positive number of Hz, got {shown(rate)}", value=rate)
