@@ -21,6 +21,7 @@ constexpr std::array kClassNames = {
     "InvalidTransform",
     "TooOld",
     "StaticConflict",
+    "RepeatedStamp",
     "CycleError",
     "FrameInUse",
     "InvalidStamp",

@@ -34,6 +34,7 @@ __all__ = [
     "SnapshotClosed",
     "SnapshotTooOld",
     "Stale",
+    "RepeatedStamp",
     "StaticConflict",
     "TfdbError",
     "TfdbWarning",
@@ -173,6 +174,10 @@ class TooOld(TfdbError):
 
 class StaticConflict(TfdbError):
     """A moving sample for a static edge, or the other way round. Fields: frame, index."""
+
+
+class RepeatedStamp(TfdbError):
+    """A write with `only_new` for a stamp that the edge has already. Fields: frame, stamp, index."""
 
 
 class CycleError(TfdbError):

@@ -21,6 +21,7 @@ enum class ErrorCode : std::uint8_t {
     kInvalidTransform,
     kTooOld,
     kStaticConflict,
+    kRepeatedStamp,
     kCycle,
     kFrameInUse,
     kInvalidStamp,
@@ -98,6 +99,7 @@ using NoSampleNear = ErrorOf<ErrorCode::kNoSampleNear>;
 using InvalidTransform = ErrorOf<ErrorCode::kInvalidTransform>;
 using TooOld = ErrorOf<ErrorCode::kTooOld>;
 using StaticConflict = ErrorOf<ErrorCode::kStaticConflict>;
+using RepeatedStamp = ErrorOf<ErrorCode::kRepeatedStamp>;
 using CycleError = ErrorOf<ErrorCode::kCycle>;
 using FrameInUse = ErrorOf<ErrorCode::kFrameInUse>;
 using InvalidStamp = ErrorOf<ErrorCode::kInvalidStamp>;

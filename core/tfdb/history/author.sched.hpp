@@ -12,7 +12,7 @@
 namespace tfdb::history::script {
 
 // Makes random scripts that the store would accept: no sample older than the history, an edge is
-// static or moves. One thread; the same seed gives the same script.
+// static or moves, and starts anew to change that. One thread; the same seed gives the same script.
 class Author {
 public:
     explicit Author(std::uint64_t seed) : random_(seed) {}
@@ -44,13 +44,21 @@ private:
         made.aborted = below(6) == 0;
         const std::vector<StampNs> newest = newest_;
         const std::vector<bool> is_static = is_static_;
-        const bool clears = below(8) == 0;
+        const std::uint64_t chance = below(8);
+        const bool clears = chance == 0;
         for (unsigned edge = 0; edge < script.edges; ++edge) {
             if (clears) {
                 if (newest_[edge] >= 0) {
                     made.puts.push_back({edge, kClearMarker, kNoFrame});
                     newest_[edge] = kNoStamp;
                 }
+                continue;
+            }
+            if (chance == 1 && (newest_[edge] >= 0 || is_static_[edge])) {
+                made.puts.push_back({edge, kClearMarker, kNoFrame});
+                newest_[edge] = kNoStamp;
+                is_static_[edge] = !is_static_[edge];
+                made.puts.push_back(put(edge, script.history));
                 continue;
             }
             const bool many = script.edges == 1 && below(5) >= 3;

@@ -373,16 +373,23 @@ void EdgeWriter<Memory>::lower_head(const EdgeUndo& saved) {
     word(kHead).store_release(saved[kHead]);
 }
 
-/// If a rebuild or an eviction happened meanwhile, its flags and order are the ones that hold.
+/// If a rebuild or an eviction happened meanwhile, its flags and order are the ones that hold; but
+/// those of an edge that was cleared speak of what came after it.
 template <class Memory>
 void EdgeWriter<Memory>::undo(const EdgeUndo& saved) {
     if (only_appended(saved))
         return lower_head(saved);
-    const std::uint64_t order = word(kOrder).load_relaxed();
-    const std::uint64_t flags = topology() & (Topology::kUnordered | Topology::kRebuilt |
-                                              Topology::kMixedParents | Topology::kParented);
-    const std::uint64_t ordered_from = word(kOrderedFrom).load_relaxed();
-    const std::uint64_t parent_from = word(kParentFrom).load_relaxed();
+    const bool cleared = word(kCleared).load_relaxed() != saved[kCleared];
+    const auto valid = [&](HeaderWord w) {
+        return cleared ? saved[w] : word(w).load_relaxed();
+    };
+    const std::uint64_t order = valid(kOrder);
+    const std::uint64_t flags =
+        topology() & (cleared ? Topology::kParented
+                              : Topology::kUnordered | Topology::kRebuilt |
+                                    Topology::kMixedParents | Topology::kParented);
+    const std::uint64_t ordered_from = valid(kOrderedFrom);
+    const std::uint64_t parent_from = valid(kParentFrom);
     const std::uint64_t ring = word(kRing).load_relaxed();
     close_ring();
     for (std::size_t i = 0; i < EdgeUndo::kWords.size(); ++i) {

@@ -102,6 +102,18 @@ struct Twist {
     geometry::Vec3 angular;  // rad/s
 };
 
+/// What a write may do beyond adding samples, and what it may not do.
+struct WriteRules {
+    /// A moving edge may become static and a static one moving: the samples that it has are dropped
+    /// in the same commit. Its frame stays, and so do the frames below it.
+    bool change_kind = false;
+    /// A stamp that the edge has already, or an earlier member of the batch, is refused as
+    /// RepeatedStamp: the first value stays. Not for static transforms, which have no stamp.
+    bool only_new = false;
+
+    [[nodiscard]] bool any() const { return change_kind || only_new; }
+};
+
 enum class Layout : std::uint8_t { kPose, kMatrix };  // rows of 7, or of 16 (4x4 row-major)
 enum class Missing : std::uint8_t { kThrow, kNan };
 
@@ -226,18 +238,20 @@ public:
 
     /// All of `batch` in one commit; returns its number. An empty batch commits nothing and returns
     /// the current number. Throws InvalidTransform, InvalidName, InvalidStamp, TooOld,
-    /// StaticConflict, CycleError, CapacityExceeded; nothing is then stored. The error is that of
-    /// the first refused member, with its `index`; `refused` names all of them (not with
-    /// CapacityExceeded, which is no member's fault).
+    /// StaticConflict, RepeatedStamp, CycleError, CapacityExceeded; nothing is then stored. The
+    /// error is that of the first refused member, with its `index`; `refused` names all of them
+    /// (not with CapacityExceeded, which is no member's fault). Throws InvalidArgument for
+    /// `only_new` of static transforms.
     CommitNumber set_transforms(std::span<const TransformView> batch, bool is_static,
-                                std::string_view authority);
+                                std::string_view authority, WriteRules rules = {});
     CommitNumber set_transform(const TransformView& transform, bool is_static,
-                               std::string_view authority) {
-        return set_transforms({&transform, 1}, is_static, authority);
+                               std::string_view authority, WriteRules rules = {}) {
+        return set_transforms({&transform, 1}, is_static, authority, rules);
     }
     /// The same, but returns false at once if another writer holds the commit lock.
     bool try_set_transforms(std::span<const TransformView> batch, bool is_static,
-                            std::string_view authority, CommitNumber& commit);
+                            std::string_view authority, CommitNumber& commit,
+                            WriteRules rules = {});
     /// Stores the members that may be stored, in one commit, and returns the others with what is
     /// wrong with each, in their order; `commit` is then the commit's number, or the current one if
     /// none could be stored. Where members together would close a cycle, the last of them is
@@ -245,7 +259,7 @@ public:
     /// remains is judged again. Throws CapacityExceeded: nothing is then stored.
     std::vector<RefusedMember> set_transforms_partial(std::span<const TransformView> batch,
                                                       bool is_static, std::string_view authority,
-                                                      CommitNumber& commit);
+                                                      CommitNumber& commit, WriteRules rules = {});
     /// Removes a frame, with all below it if recursive. Throws UnknownFrame, FrameInUse.
     CommitNumber remove_frame(std::string_view name, bool recursive) {
         return remove_frames({&name, 1}, recursive);

@@ -112,7 +112,7 @@ private:
             return txn::Written::kNotPlain;
         } else {
             auto& plain = session.scratch().batch;
-            if (!batch.sound() || !fill(batch, plain))
+            if (!batch.sound() || batch.rules().any() || !fill(batch, plain))
                 return txn::Written::kNotPlain;
             const txn::WriteRoom room{
                 [](void* store) { return static_cast<Reads::Impl*>(store)->oldest_read(); },

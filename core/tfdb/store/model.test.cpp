@@ -103,29 +103,30 @@ private:
         for (const Member& m : batch)
             views.push_back({m.parent, m.child, m.stamp, m.pose});
         const bool partial = chance(0.3);
+        const WriteRules rules{chance(0.2), !is_static && chance(0.2)};
         std::vector<RefusedMember> refused;
         try {
             if (partial) {
                 CommitNumber commit = 0;
-                refused = buffer_.set_transforms_partial(views, is_static, "driver", commit);
+                refused = buffer_.set_transforms_partial(views, is_static, "driver", commit, rules);
                 CHECK_EQ(commit, buffer_.commit());
             } else {
-                buffer_.set_transforms(views, is_static, "driver");
+                buffer_.set_transforms(views, is_static, "driver", rules);
             }
         } catch (const Error& error) {
             refused = error.detail().refused;
             CHECK(!partial && !refused.empty() && refused[0].code == error.code() &&
                   refused[0].index == error.detail().index);
         }
-        const std::vector<Member> rest = judge(batch, is_static, refused);
+        const std::vector<Member> rest = judge(batch, is_static, rules, refused);
         if ((partial || refused.empty()) && !rest.empty())
             model_.set(rest, is_static);
     }
 
     /// Whether the refused members are the right ones; the others.
-    std::vector<Member> judge(const std::vector<Member>& batch, bool is_static,
+    std::vector<Member> judge(const std::vector<Member>& batch, bool is_static, WriteRules rules,
                               const std::vector<RefusedMember>& refused) {
-        const auto faults = model_.faults(batch, is_static);
+        const auto faults = model_.faults(batch, is_static, rules);
         std::map<std::size_t, ErrorCode> told;
         for (const RefusedMember& member : refused)
             told[member.index] = member.code;

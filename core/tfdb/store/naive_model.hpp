@@ -7,12 +7,14 @@
 #include <optional>
 #include <set>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "tfdb/base/error.hpp"
 #include "tfdb/geometry/pose.hpp"
 #include "tfdb/lookup/answer.hpp"
 #include "tfdb/lookup/policy.hpp"
+#include "tfdb/store/buffer.hpp"
 
 namespace tfdb::naive {
 
@@ -45,7 +47,8 @@ public:
     [[nodiscard]] std::size_t commit() const { return commit_; }
     /// What is wrong with single members of the batch, by index.
     [[nodiscard]] std::map<std::size_t, ErrorCode> faults(const std::vector<Member>& batch,
-                                                          bool is_static) const;
+                                                          bool is_static,
+                                                          WriteRules rules = {}) const;
     /// Whether these members, none of them at fault, would together close a cycle.
     [[nodiscard]] bool closes_cycle(const std::vector<Member>& batch, bool is_static) const;
     void set(const std::vector<Member>& batch, bool is_static);
@@ -96,6 +99,8 @@ private:
                                 bool answering = false) const;
     [[nodiscard]] int held_parent(int frame, StampNs stamp, std::size_t state) const;
     [[nodiscard]] bool has_cycle(std::size_t state) const;
+    [[nodiscard]] std::optional<ErrorCode> fault_of_edge(const Member& m, bool is_static,
+                                                         WriteRules rules) const;
     [[nodiscard]] std::vector<int> chain(int frame, StampNs stamp, Policy policy, std::size_t state,
                                          bool answering = false) const;
     [[nodiscard]] std::optional<ErrorCode> climb(const std::vector<int>& chain, int top,
@@ -143,6 +148,9 @@ inline std::vector<const Model::Sample*> Model::visible(int frame, std::size_t s
     for (const Sample& s : samples_) {
         if (s.child != frame || s.commit > state)
             continue;
+        // An edge that changes its kind starts anew.
+        if (!by_stamp.empty() && by_stamp.begin()->second->is_static != s.is_static)
+            by_stamp.clear();
         if (s.is_static) {
             by_stamp[0] = &s;
         } else if (s.commit > cleared) {
@@ -422,27 +430,40 @@ inline void Model::set(const std::vector<Member>& batch, bool is_static) {
 }
 
 inline std::map<std::size_t, ErrorCode> Model::faults(const std::vector<Member>& batch,
-                                                      bool is_static) const {
+                                                      bool is_static, WriteRules rules) const {
     std::map<std::size_t, ErrorCode> found;
+    std::set<std::pair<std::string, StampNs>> taken;  // by earlier members
     for (std::size_t i = 0; i < batch.size(); ++i) {
         const Member& m = batch[i];
         if (m.parent == m.child) {
             found[i] = ErrorCode::kInvalidTransform;
             continue;
         }
-        const int child = find(m.child, commit_);
-        if (child == kNone)
-            continue;
-        const auto samples = visible(child, commit_);
-        if (samples.empty())
-            continue;
-        if (samples.back()->is_static != is_static) {
-            found[i] = ErrorCode::kStaticConflict;
-        } else if (!is_static && history_ && m.stamp < samples.back()->stamp - *history_) {
-            found[i] = ErrorCode::kTooOld;
+        const auto fault = fault_of_edge(m, is_static, rules);
+        if (fault) {
+            found[i] = *fault;
+        } else if (rules.only_new && !taken.insert({m.child, m.stamp}).second) {
+            found[i] = ErrorCode::kRepeatedStamp;
         }
     }
     return found;
+}
+
+inline std::optional<ErrorCode> Model::fault_of_edge(const Member& m, bool is_static,
+                                                     WriteRules rules) const {
+    const int child = find(m.child, commit_);
+    const auto samples = child == kNone ? std::vector<const Sample*>() : visible(child, commit_);
+    if (samples.empty())
+        return std::nullopt;
+    if (samples.back()->is_static != is_static)
+        return rules.change_kind ? std::nullopt : std::optional(ErrorCode::kStaticConflict);
+    if (is_static)
+        return std::nullopt;
+    if (history_ && m.stamp < samples.back()->stamp - *history_)
+        return ErrorCode::kTooOld;
+    const bool known = std::any_of(samples.begin(), samples.end(),
+                                   [&](const Sample* s) { return s->stamp == m.stamp; });
+    return rules.only_new && known ? std::optional(ErrorCode::kRepeatedStamp) : std::nullopt;
 }
 
 inline bool Model::closes_cycle(const std::vector<Member>& batch, bool is_static) const {

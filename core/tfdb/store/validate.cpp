@@ -117,6 +117,7 @@ void throw_if(ErrorCode code, const std::string& message, ErrorDetail& detail) {
     throw_if<ErrorCode::kInvalidName>(code, message, detail);
     throw_if<ErrorCode::kTooOld>(code, message, detail);
     throw_if<ErrorCode::kStaticConflict>(code, message, detail);
+    throw_if<ErrorCode::kRepeatedStamp>(code, message, detail);
     throw_if<ErrorCode::kCycle>(code, message, detail);
     throw_if<ErrorCode::kUnknownFrame>(code, message, detail);
     throw_if<ErrorCode::kFrameInUse>(code, message, detail);
@@ -198,25 +199,47 @@ Fault fault_of_names(const TransformView& transform, std::size_t index,
 }
 
 Fault fault_of_edge(const Reads::Impl& impl, FrameId child, const TransformView& transform,
-                    std::size_t index, bool is_static, std::string_view authority) {
-    if (is_storable(impl, child, transform, is_static))
+                    std::size_t index, bool is_static, std::string_view authority,
+                    WriteRules rules) {
+    if (is_storable(impl, child, transform, is_static, rules))
         return std::nullopt;
     const history::EdgeWriter<StoreMemory> edge(impl.frames.memory(), impl.frames.header(child));
-    const bool was_static = (edge.topology() & history::Topology::kStatic) != 0;
-    return was_static != is_static
-               ? static_conflict(transform, index, is_static, authority)
-               : too_old(transform, index, edge.newest(), impl.history, authority);
+    if (changes_kind(edge, is_static))
+        return static_conflict(transform, index, is_static, authority,
+                               ", or pass change_kind=True to drop the samples that it has");
+    if (transform.stamp < edge.newest() - impl.history)
+        return too_old(transform, index, edge.newest(), impl.history, authority);
+    return repeated_stamp(transform, index, authority);
+}
+
+bool has_stamp(const Reads::Impl& impl, FrameId child, StampNs stamp) {
+    history::EdgeView<StoreMemory> edge;
+    history::Bracket around;
+    return edge.open(impl.frames.memory(), impl.frames.header(child), impl.committed(),
+                     impl.history) &&
+           edge.bracket(stamp, around) && around.before != history::kNoIndex &&
+           around.before_stamp == stamp;
 }
 
 Error static_conflict(const TransformView& transform, std::size_t index, bool is_static,
-                      std::string_view authority) {
+                      std::string_view authority, const char* other_way) {
     ErrorDetail detail = detail_of(transform, index, authority);
     detail.stamp = transform.stamp;
     return StaticConflict(edge_name(transform) + by(authority) + " is " +
                               (is_static ? "static, but the edge has moving samples"
                                          : "moving, but the edge is static") +
-                              ": remove frame " + quoted(transform.child) + " first",
+                              ": remove frame " + quoted(transform.child) +
+                              " first" + other_way,
                           std::move(detail));
+}
+
+Error repeated_stamp(const TransformView& transform, std::size_t index,
+                     std::string_view authority) {
+    ErrorDetail detail = detail_of(transform, index, authority);
+    detail.stamp = transform.stamp;
+    return RepeatedStamp(edge_name(transform) + " at " + seconds(transform.stamp) + by(authority) +
+                             " was refused: there is a sample of that stamp, and only_new keeps it",
+                         std::move(detail));
 }
 
 Error too_old(const TransformView& transform, std::size_t index, StampNs newest, StampNs history,

@@ -19,15 +19,26 @@ using Fault = std::optional<Error>;
 [[nodiscard]] bool is_sound(std::span<const TransformView> batch, bool is_static) noexcept;
 /// Whether `fault_of_names` finds nothing.
 [[nodiscard]] bool has_sound_names(const TransformView& transform) noexcept;
+/// Whether the edge has samples, and of the other kind, moving or static.
+[[nodiscard]] inline bool changes_kind(const history::EdgeWriter<StoreMemory>& edge,
+                                       bool is_static) {
+    return edge.has_samples() &&
+           ((edge.topology() & history::Topology::kStatic) != 0) != is_static;
+}
+/// Whether a moving edge has a sample of that stamp. The caller holds the commit lock, and has not
+/// written to the edge.
+[[nodiscard]] bool has_stamp(const Reads::Impl& impl, FrameId child, StampNs stamp);
 /// Whether `fault_of_edge` finds nothing. The committed samples are what counts.
 [[nodiscard]] inline bool is_storable(const Reads::Impl& impl, FrameId child,
-                                      const TransformView& transform, bool is_static) {
+                                      const TransformView& transform, bool is_static,
+                                      WriteRules rules) {
     const history::EdgeWriter<StoreMemory> edge(impl.frames.memory(), impl.frames.header(child));
-    if (!edge.has_samples())
+    if (changes_kind(edge, is_static))
+        return rules.change_kind;
+    if (is_static || !edge.has_samples() || transform.stamp > edge.newest())
         return true;
-    const bool was_static = (edge.topology() & history::Topology::kStatic) != 0;
-    return was_static == is_static &&
-           (is_static || transform.stamp >= edge.newest() - impl.history);
+    return transform.stamp >= edge.newest() - impl.history &&
+           !(rules.only_new && has_stamp(impl, child, transform.stamp));
 }
 
 /// Judges what can be judged without the store: InvalidTransform, InvalidStamp.
@@ -36,12 +47,16 @@ using Fault = std::optional<Error>;
 /// Judges the names of a member of which one is new to the store: InvalidName.
 [[nodiscard]] Fault fault_of_names(const TransformView& transform, std::size_t index,
                                    std::string_view authority);
-/// Judges a sample against its edge: StaticConflict, TooOld.
+/// Judges a sample against its edge: StaticConflict, TooOld, RepeatedStamp.
 [[nodiscard]] Fault fault_of_edge(const Reads::Impl& impl, FrameId child,
                                   const TransformView& transform, std::size_t index, bool is_static,
-                                  std::string_view authority);
+                                  std::string_view authority, WriteRules rules);
+[[nodiscard]] Error repeated_stamp(const TransformView& transform, std::size_t index,
+                                   std::string_view authority);
+/// `other_way`: what the message says after the way that always works.
 [[nodiscard]] Error static_conflict(const TransformView& transform, std::size_t index,
-                                    bool is_static, std::string_view authority);
+                                    bool is_static, std::string_view authority,
+                                    const char* other_way = "");
 /// `newest`: the greatest stamp of the edge, behind which `history` is retained.
 [[nodiscard]] Error too_old(const TransformView& transform, std::size_t index, StampNs newest,
                             StampNs history, std::string_view authority);

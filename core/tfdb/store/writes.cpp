@@ -3,6 +3,8 @@
 
 #include <algorithm>
 #include <mutex>
+#include <set>
+#include <utility>
 
 namespace tfdb::store {
 namespace {
@@ -14,6 +16,14 @@ void sort_items(std::vector<Reads::Impl::Item>& items, std::span<const Transform
             return a.child < b.child;
         return batch[a.index].stamp < batch[b.index].stamp;
     });
+}
+
+/// Of items in order: whether two members of the batch are of one edge and stamp.
+bool repeats_a_stamp(const std::vector<Reads::Impl::Item>& items, const Batch& batch) {
+    const auto same = [&](const auto& a, const auto& b) {
+        return a.child == b.child && batch[a.index].stamp == batch[b.index].stamp;
+    };
+    return std::adjacent_find(items.begin(), items.end(), same) != items.end();
 }
 
 /// Finds or makes the frames, and judges the samples against their edges while these are as they
@@ -32,14 +42,26 @@ bool resolve_items(Reads::Impl& impl, StoreCommit& commit, const Batch& batch) {
             parent = commit.frame(batch[i].parent);
             child = commit.frame(batch[i].child);
         }
-        if (!is_storable(impl, child, batch[i], batch.is_static()))
+        if (!is_storable(impl, child, batch[i], batch.is_static(), batch.rules()))
             return false;
         repeated |= commit.touch(child);
         items.push_back({child, parent, i});
     }
-    if (repeated && !batch.is_static())
+    if (repeated && !batch.is_static()) {
         sort_items(items, batch.members());
+        if (batch.rules().only_new && repeats_a_stamp(items, batch))
+            return false;
+    }
     return true;
+}
+
+/// Appends a sample of the batch; where its edge is of the other kind, it starts anew.
+void append_item(Reads::Impl& impl, StoreCommit& commit, const Batch& batch,
+                 const Reads::Impl::Item& item, const history::NewSample<StoreMemory>& sample) {
+    if (batch.rules().change_kind &&
+        changes_kind({impl.frames.memory(), impl.frames.header(item.child)}, batch.is_static()))
+        commit.clear(item.child);
+    commit.append(item.child, sample, item.index);
 }
 
 /// Publishes the batch; false if a member cannot be stored.
@@ -51,7 +73,7 @@ bool store_all(Reads::Impl& impl, const Batch& batch, CommitNumber& number) {
     std::uint64_t mended = 0;
     for (const auto& item : impl.items) {
         mended += fill_from(batch[item.index], item.parent, batch.is_static(), sample) ? 1 : 0;
-        commit.append(item.child, sample, item.index);
+        append_item(impl, commit, batch, item, sample);
     }
     txn::Cycle cycle;
     if (commit.find_cycle(cycle))
@@ -76,6 +98,8 @@ public:
         for (std::size_t i = 0; i < batch.size(); ++i) {
             if (Fault fault = fault_of(i)) {
                 refusals.add(std::move(fault));
+            } else if (batch.rules().only_new && !stamps_.insert(stamp_of(batch[i])).second) {
+                refusals.add(repeated_stamp(batch[i], i, batch.authority()));
             } else {
                 good_.push_back(batch[i]);
                 indices_.push_back(i);
@@ -98,6 +122,11 @@ private:
     /// Each try costs as much as the batch. Few batches need more than two.
     static constexpr int kTries = 64;
 
+    using EdgeStamp = std::pair<std::string_view, StampNs>;
+    [[nodiscard]] static EdgeStamp stamp_of(const TransformView& transform) {
+        return {transform.child, transform.stamp};
+    }
+
     [[nodiscard]] Fault fault_of(std::size_t i) const {
         const TransformView& transform = batch_[i];
         if (Fault fault = fault_alone(transform, i, batch_.is_static(), batch_.authority()))
@@ -110,7 +139,8 @@ private:
         }
         if (child == kNoFrame)
             return std::nullopt;
-        return fault_of_edge(impl_, child, transform, i, batch_.is_static(), batch_.authority());
+        return fault_of_edge(impl_, child, transform, i, batch_.is_static(), batch_.authority(),
+                             batch_.rules());
     }
 
     /// Writes what is good so far, looks for cycles, takes it all back. True if some members were
@@ -119,11 +149,11 @@ private:
         if (good_.empty())
             return false;
         StoreCommit trial = impl_.start_commit();
-        (void)resolve_items(impl_, trial, {good_, batch_.is_static(), batch_.authority()});
+        (void)resolve_items(impl_, trial, batch_.with(good_));
         history::NewSample<StoreMemory> sample;
         for (const auto& item : impl_.items) {
             (void)fill_from(good_[item.index], item.parent, batch_.is_static(), sample);
-            trial.append(item.child, sample, item.index);
+            append_item(impl_, trial, batch_, item, sample);
         }
         std::vector<txn::Cycle> cycles;
         if (!trial.find_cycles(cycles))
@@ -165,9 +195,15 @@ private:
     const Batch& batch_;
     std::vector<TransformView> good_;
     std::vector<std::size_t> indices_;  // of the good ones in the batch
+    std::set<EdgeStamp> stamps_;        // theirs, where each may come once
 };
 
 }  // namespace
+
+void check_rules(WriteRules rules, bool is_static) {
+    if (rules.only_new && is_static)
+        throw InvalidArgument("only_new is about stamps: a static transform has none");
+}
 
 CommitNumber commit_batch(Reads::Impl& impl, const Batch& batch) {
     CommitNumber commit = 0;
@@ -192,7 +228,7 @@ std::vector<RefusedMember> commit_partial(Reads::Impl& impl, const Batch& batch,
     auto refused = sorting.refusals.members();  // it may throw: not once something is stored
     commit = impl.committed();
     if (!sorting.good().empty())
-        (void)store_all(impl, {sorting.good(), batch.is_static(), batch.authority()}, commit);
+        (void)store_all(impl, batch.with(sorting.good()), commit);
     return refused;
 }
 
@@ -201,11 +237,12 @@ std::vector<RefusedMember> commit_partial(Reads::Impl& impl, const Batch& batch,
 namespace tfdb {
 
 CommitNumber Buffer::set_transforms(std::span<const TransformView> batch, bool is_static,
-                                    std::string_view authority) {
+                                    std::string_view authority, WriteRules rules) {
+    store::check_rules(rules, is_static);
     if (batch.empty())
         return commit();
     store::check_not_in_transaction(*impl_);
-    const store::Batch judged(batch, is_static, authority);
+    const store::Batch judged(batch, is_static, authority, rules);
     if (impl_->control != nullptr) [[unlikely]]
         return impl_->control->write(judged);
     const std::lock_guard guard(impl_->lock);
@@ -213,13 +250,15 @@ CommitNumber Buffer::set_transforms(std::span<const TransformView> batch, bool i
 }
 
 bool Buffer::try_set_transforms(std::span<const TransformView> batch, bool is_static,
-                                std::string_view authority, CommitNumber& commit) {
+                                std::string_view authority, CommitNumber& commit,
+                                WriteRules rules) {
+    store::check_rules(rules, is_static);
     if (batch.empty()) {
         commit = this->commit();
         return true;
     }
     store::check_not_in_transaction(*impl_);
-    const store::Batch judged(batch, is_static, authority);
+    const store::Batch judged(batch, is_static, authority, rules);
     if (impl_->control != nullptr) [[unlikely]]
         return impl_->control->try_write(judged, commit);
     const std::unique_lock guard(impl_->lock, std::try_to_lock);
@@ -232,13 +271,15 @@ bool Buffer::try_set_transforms(std::span<const TransformView> batch, bool is_st
 std::vector<RefusedMember> Buffer::set_transforms_partial(std::span<const TransformView> batch,
                                                           bool is_static,
                                                           std::string_view authority,
-                                                          CommitNumber& commit) {
+                                                          CommitNumber& commit,
+                                                          WriteRules rules) {
+    store::check_rules(rules, is_static);
     if (batch.empty()) {
         commit = this->commit();
         return {};
     }
     store::check_not_in_transaction(*impl_);
-    const store::Batch judged(batch, is_static, authority);
+    const store::Batch judged(batch, is_static, authority, rules);
     const store::Alone alone(*impl_);
     return store::commit_partial(*impl_, judged, commit);
 }

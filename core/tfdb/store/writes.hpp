@@ -18,23 +18,31 @@ namespace tfdb::store {
 /// Threads: a value. Guarantee: wait-free; the members are the caller's and outlive it.
 class Batch {
 public:
-    Batch(std::span<const TransformView> members, bool is_static, std::string_view authority)
+    Batch(std::span<const TransformView> members, bool is_static, std::string_view authority,
+          WriteRules rules)
         : members_(members),
           authority_(authority),
+          rules_(rules),
           is_static_(is_static),
           sound_(is_sound(members, is_static)) {}
+    /// Other members, written in the same way.
+    [[nodiscard]] Batch with(std::span<const TransformView> members) const {
+        return {members, is_static_, authority_, rules_};
+    }
 
     [[nodiscard]] std::span<const TransformView> members() const { return members_; }
     [[nodiscard]] std::size_t size() const { return members_.size(); }
     [[nodiscard]] const TransformView& operator[](std::size_t i) const { return members_[i]; }
     [[nodiscard]] bool is_static() const { return is_static_; }
     [[nodiscard]] std::string_view authority() const { return authority_; }
+    [[nodiscard]] WriteRules rules() const { return rules_; }
     /// If not, `commit_batch` throws: whoever stores by other means leaves the batch to it.
     [[nodiscard]] bool sound() const { return sound_; }
 
 private:
     std::span<const TransformView> members_;
     std::string_view authority_;
+    WriteRules rules_;
     bool is_static_;
     bool sound_;
 };
@@ -66,6 +74,9 @@ inline void fill_sample(Reads::Impl& impl, const TransformView& transform, Frame
     if (fill_from(transform, parent, is_static, sample))
         impl.word(graph::kNormalised).fetch_add(1);
 }
+
+/// Throws InvalidArgument.
+void check_rules(WriteRules rules, bool is_static);
 
 // The caller of these holds the commit lock, and nothing else writes. What they throw leaves the
 // store as it was.

@@ -82,7 +82,8 @@ private:
             batch.push_back({edge.parent, edge.child, edge.stamp, pose_of(0, 0)});
         }
         const bool is_static = step.kind == Step::kSetStatic;
-        if (!model.faults(batch, is_static).empty())
+        const WriteRules rules{.change_kind = true};
+        if (!model.faults(batch, is_static, rules).empty())
             return false;
         if (!model.closes_cycle(batch, is_static)) {
             model.set(batch, is_static);

@@ -114,7 +114,8 @@ public:
     [[nodiscard]] bool touch(FrameId child);
     /// Appends one sample; `touch(child)` came before. The samples of one edge come in stamp order.
     void append(FrameId child, const history::NewSample<Memory>& sample, std::size_t item);
-    /// Hides all samples of a moving edge.
+    /// Hides all samples of an edge. Those that this commit appends to it afterwards are static,
+    /// or rise in stamp, so that they start no run.
     void clear(FrameId child);
     /// The frame exists no longer; nothing names it as its newest parent.
     void remove(FrameId id);

@@ -23,7 +23,8 @@ using geometry::Pose;
 
 inline constexpr std::uint32_t kFrames = 6;
 
-/// One commit of a script. A set that closes a cycle is undone, as the store does.
+/// One commit of a script. A set may change an edge's kind; one that closes a cycle is undone, as
+/// the store does.
 struct Step {
     enum Kind { kSet, kSetStatic, kSetCycle, kRemove, kClear };
     struct Edge {
@@ -121,6 +122,10 @@ private:
                 step.kind == Step::kSetStatic ? history::kStaticStamp : step.edges[i].stamp;
             sample.parent = ids[i].first;
             sample.payload = std::bit_cast<std::array<std::uint64_t, 7>>(pose_of(number, i));
+            const history::EdgeWriter<Memory> edge(memory, frames.header(ids[i].second));
+            const bool was_static = (edge.topology() & history::Topology::kStatic) != 0;
+            if (edge.has_samples() && was_static != (step.kind == Step::kSetStatic))
+                commit.clear(ids[i].second);
             commit.append(ids[i].second, sample, i);
         }
     }
