@@ -55,14 +55,16 @@ void init(nb::pointer_and_handle<BufferObject> self, nb::handle history, std::ui
 
 CommitNumber set_static_transform(BufferObject& self, const nb::str& parent, const nb::str& child,
                                   nb::handle translation, nb::handle rotation,
-                                  const nb::str& authority) {
+                                  const nb::str& authority, bool change_kind) {
     const TransformView view =
         view_of(parent.ptr(), child.ptr(), nullptr, translation.ptr(), rotation.ptr());
-    return commit_transforms(self, {&view, 1}, true, name_of(authority, "authority"));
+    return commit_transforms(self, {&view, 1}, true, name_of(authority, "authority"),
+                             {change_kind, false});
 }
 
 nb::object set_transforms(BufferObject& self, nb::handle batch, bool is_static,
-                          const nb::str& authority, bool partial) {
+                          const nb::str& authority, bool partial, bool change_kind, bool only_new) {
+    const WriteRules rules{change_kind, only_new};
     const Transforms transforms = Transforms::from_batch(batch, is_static);
     const std::string_view who = name_of(authority, "authority");
     if (partial) {
@@ -70,12 +72,13 @@ nb::object set_transforms(BufferObject& self, nb::handle batch, bool is_static,
         {
             const nb::gil_scoped_release released;
             CommitNumber commit = 0;
-            refused = self.store.set_transforms_partial(transforms.views, is_static, who, commit);
+            refused =
+                self.store.set_transforms_partial(transforms.views, is_static, who, commit, rules);
         }
         return transforms.refused(refused);
     }
     return nb::int_(transforms.give_to([&](std::span<const TransformView> views) {
-        return commit_transforms(self, views, is_static, who);
+        return commit_transforms(self, views, is_static, who, rules);
     }));
 }
 
@@ -213,6 +216,12 @@ authority
     Who writes.
 partial
     Store the members that can be stored, still in one commit, and return the others.
+change_kind
+    Members of the other kind than their edge, static or moving, change it: the samples that the
+    edge has are dropped in the same commit, the frames below it stay.
+only_new
+    Refuse members whose stamp their edge has already, or an earlier member: the first value stays.
+    Not with `static`.
 
 Returns
 -------
@@ -222,7 +231,7 @@ list[Refused]
     With `partial`: every member that was refused, and why, in their order.
 
 Raises InvalidName, InvalidStamp, InvalidArray, InvalidTransform, TooOld, StaticConflict,
-CycleError: that of the first refused member, with its `index`, and all of them in `refused`. Raises
+RepeatedStamp, CycleError: that of the first refused member, with its `index`, and all of them in `refused`. Raises
 CapacityExceeded. Then nothing was stored. With `partial` only CapacityExceeded is left, and
 TypeError for what is no transform at all.)";
 
@@ -232,19 +241,22 @@ void bind_writes(BufferClass& type) {
     add_raw_writes(type);
     type.def("set_static_transform", &set_static_transform, nb::arg("parent"), nb::arg("child"),
              nb::arg("translation").none(), nb::arg("rotation").none() = nb::make_tuple(0, 0, 0, 1),
-             nb::kw_only(), nb::arg("authority") = "",
+             nb::kw_only(), nb::arg("authority") = "", nb::arg("change_kind") = false,
              nb::sig("def set_static_transform(self, parent: str, child: str, translation: "
                      "tfdb.types.VectorLike, rotation: tfdb.types.QuaternionLike = (0, 0, 0, 1), "
-                     "*, authority: str = '') -> int"),
+                     "*, authority: str = '', change_kind: bool = False) -> int"),
              R"(Store T[parent<-child] for every stamp, until a later commit replaces it.
 
-Arguments, result and errors as in `set_transform`.)");
+Arguments, result and errors as in `set_transform`; with `change_kind` a moving edge becomes static
+and its samples are dropped.)");
     type.def("set_transforms", &set_transforms, nb::arg("batch").none(), nb::kw_only(),
              nb::arg("static") = false, nb::arg("authority") = "", nb::arg("partial") = false,
+             nb::arg("change_kind") = false, nb::arg("only_new") = false,
              // Its overloads are in stubs.pattern.
              nb::sig("def set_transforms(self, batch: collections.abc.Iterable["
                      "tfdb.types.TransformStampedLike] | tfdb.types.Columns, *, static: bool = "
-                     "False, authority: str = '', partial: bool = False) -> int | "
+                     "False, authority: str = '', partial: bool = False, change_kind: bool = "
+                     "False, only_new: bool = False) -> int | "
                      "list[tfdb.types.Refused]"),
              kSetTransformsDoc);
     type.def("remove_frame", &remove_frame, nb::arg("name"), nb::kw_only(),

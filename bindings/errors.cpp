@@ -12,29 +12,14 @@ namespace {
 
 // In the order of ErrorCode.
 constexpr std::array kClassNames = {
-    "UnknownFrame",
-    "Disconnected",
-    "Extrapolation",
-    "GapTooLarge",
-    "Stale",
-    "NoSampleNear",
-    "InvalidTransform",
-    "TooOld",
-    "StaticConflict",
-    "RepeatedStamp",
-    "CycleError",
-    "FrameInUse",
-    "InvalidStamp",
-    "InvalidName",
-    "InvalidArgument",
-    "CorruptMessage",
-    "SnapshotTooOld",
-    "SnapshotClosed",
-    "CapacityExceeded",
-    "Conflict",
-    "TransactionClosed",
-    "TransactionActive",
-    "WrongThread",
+    "UnknownFrame",      "Disconnected",   "Extrapolation",
+    "GapTooLarge",       "Stale",          "NoSampleNear",
+    "InvalidTransform",  "TooOld",         "StaticConflict",
+    "RepeatedStamp",     "CycleError",     "FrameInUse",
+    "InvalidStamp",      "InvalidName",    "InvalidArgument",
+    "CorruptMessage",    "SnapshotTooOld", "SnapshotClosed",
+    "CapacityExceeded",  "Conflict",       "TransactionClosed",
+    "TransactionActive", "WrongThread",
 };
 static_assert(kClassNames.size() == static_cast<std::size_t>(ErrorCode::kWrongThread) + 1);
 

@@ -63,11 +63,12 @@ private:
 };
 
 CommitNumber ingest(BufferObject& self, nb::handle data, const nb::str& encoding, bool is_static,
-                    const nb::str& authority) {
+                    const nb::str& authority, bool change_kind, bool only_new) {
     const Message message(data);
     std::vector<TransformView> transforms;
     wire::decode_tf_message(message.bytes(), encoding_of(encoding), transforms);
-    return commit_transforms(self, transforms, is_static, name_of(authority, "authority"));
+    return commit_transforms(self, transforms, is_static, name_of(authority, "authority"),
+                             {change_kind, only_new});
 }
 
 /// Who sent each of many messages: one name for all, or one name each. Made with the GIL.
@@ -238,6 +239,8 @@ static
     Whether it came from /tf_static.
 authority
     Who sent it.
+change_kind, only_new
+    As in `set_transforms`.
 
 Returns
 -------
@@ -258,9 +261,11 @@ one name for each message. Raises InvalidArgument if it then differs in length; 
 
 void bind_wire(nb::module_& module, nb::class_<BufferObject, ReadsObject>& type) {
     type.def("ingest", &ingest, nb::arg("data").none(), nb::kw_only(), nb::arg("encoding") = "cdr",
-             nb::arg("static") = false, nb::arg("authority") = "",
+             nb::arg("static") = false, nb::arg("authority") = "", nb::arg("change_kind") = false,
+             nb::arg("only_new") = false,
              nb::sig("def ingest(self, data: tfdb.types.BytesLike, *, encoding: str = 'cdr', "
-                     "static: bool = False, authority: str = '') -> int"),
+                     "static: bool = False, authority: str = '', change_kind: bool = False, "
+                     "only_new: bool = False) -> int"),
              kIngestDoc);
     type.def("ingest_many", &ingest_many, nb::arg("messages").none(), nb::kw_only(),
              nb::arg("encoding"), nb::arg("static") = false, nb::arg("authority") = "",

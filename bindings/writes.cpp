@@ -13,11 +13,19 @@ namespace {
 /// Above this a commit takes longer than handing the GIL over and back.
 constexpr std::size_t kReleaseFrom = 1024;
 
-constexpr std::array kSetNames = {"parent",      "child",    "stamp",
-                                  "translation", "rotation", "authority"};
+constexpr std::array kSetNames = {"parent",   "child",     "stamp",       "translation",
+                                  "rotation", "authority", "change_kind", "only_new"};
 
 std::string_view authority_of(PyObject* authority) {
     return authority == nullptr ? std::string_view() : name_of(authority, "authority");
+}
+
+bool flag_of(PyObject* flag, const char* role) {
+    if (flag != nullptr && !PyBool_Check(flag)) {
+        PyErr_Format(PyExc_TypeError, "%s must be a bool, got %s", role, Py_TYPE(flag)->tp_name);
+        throw nb::python_error();
+    }
+    return flag == Py_True;
 }
 
 BufferObject& buffer_of(PyObject* self) {
@@ -28,39 +36,44 @@ PyObject* set_transform(PyObject* self, PyObject* const* args, Py_ssize_t count,
                         PyObject* keywords) {
     return guarded([&]() -> PyObject* {
         constexpr ParameterList kList{"set_transform", kSetNames, 5, 5};
-        const auto [parent, child, stamp, translation, rotation, authority] =
-            bind<6>(kList, args, count, keywords);
+        const auto [parent, child, stamp, translation, rotation, authority, change_kind, only_new] =
+            bind<8>(kList, args, count, keywords);
+        const WriteRules rules{flag_of(change_kind, "change_kind"), flag_of(only_new, "only_new")};
         const TransformView view = view_of(parent, child, stamp, translation, rotation);
         return PyLong_FromUnsignedLongLong(
-            commit_transforms(buffer_of(self), {&view, 1}, false, authority_of(authority)));
+            commit_transforms(buffer_of(self), {&view, 1}, false, authority_of(authority), rules));
     });
 }
 
 PyMethodDef g_set_transform = {
     "set_transform", as_function(set_transform), METH_FASTCALL | METH_KEYWORDS,
-    "set_transform($self, parent, child, stamp, translation, rotation, *, authority='')\n--\n\n"
+    "set_transform($self, parent, child, stamp, translation, rotation, *, authority='', "
+    "change_kind=False, only_new=False)\n--\n\n"
     "Store where `child` was in `parent` at a stamp: T[parent<-child].\n\n"
     "Parameters\n----------\n"
     "parent, child\n    Frame names; new ones become frames.\n"
     "stamp\n    Nanoseconds (or an object that holds a stamp).\n"
     "translation\n    Metres, x y z: a sequence, an array, or an object with x, y, z.\n"
     "rotation\n    Unit quaternion, x y z w, likewise. Normalised if slightly off.\n"
-    "authority\n    Who writes.\n\n"
+    "authority\n    Who writes.\n"
+    "change_kind\n    A static edge becomes moving: its pose is dropped in the same commit, the\n"
+    "    frames below it stay.\n"
+    "only_new\n    Refuse a stamp that the edge has already; else the later value replaces it.\n\n"
     "Returns\n-------\nint\n    Number of the commit.\n\n"
     "Raises\n------\nInvalidName, InvalidStamp, InvalidArray, InvalidTransform, TooOld,\n"
-    "StaticConflict, CycleError, CapacityExceeded. Then nothing was stored."};
+    "StaticConflict, RepeatedStamp, CycleError, CapacityExceeded. Then nothing was stored."};
 
 }  // namespace
 
 CommitNumber commit_transforms(BufferObject& buffer, std::span<const TransformView> batch,
-                               bool is_static, std::string_view authority) {
+                               bool is_static, std::string_view authority, WriteRules rules) {
     CommitNumber commit = 0;
     if (batch.size() < kReleaseFrom && buffer.reasons == 0 &&
-        buffer.store.try_set_transforms(batch, is_static, authority, commit)) {
+        buffer.store.try_set_transforms(batch, is_static, authority, commit, rules)) {
         return commit;
     }
     const nb::gil_scoped_release released;
-    return buffer.store.set_transforms(batch, is_static, authority);
+    return buffer.store.set_transforms(batch, is_static, authority, rules);
 }
 
 TransformView view_of(PyObject* parent, PyObject* child, PyObject* stamp, PyObject* translation,

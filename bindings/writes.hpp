@@ -17,7 +17,7 @@ namespace tfdb::python {
 
 /// Commits with the GIL held if no other writer is at it, else waits without the GIL.
 CommitNumber commit_transforms(BufferObject& buffer, std::span<const TransformView> batch,
-                               bool is_static, std::string_view authority);
+                               bool is_static, std::string_view authority, WriteRules rules = {});
 
 /// Transforms read from Python objects; the views in `views` stay valid while it lives.
 class Transforms {

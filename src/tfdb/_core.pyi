@@ -489,6 +489,11 @@ class Buffer(Reads):
             Unit quaternion, x y z w, likewise. Normalised if slightly off.
         authority
             Who writes.
+        change_kind
+            A static edge becomes moving: its pose is dropped in the same commit, the
+            frames below it stay.
+        only_new
+            Refuse a stamp that the edge has already; else the later value replaces it.
 
         Returns
         -------
@@ -498,14 +503,15 @@ class Buffer(Reads):
         Raises
         ------
         InvalidName, InvalidStamp, InvalidArray, InvalidTransform, TooOld,
-        StaticConflict, CycleError, CapacityExceeded. Then nothing was stored.
+        StaticConflict, RepeatedStamp, CycleError, CapacityExceeded. Then nothing was stored.
         """
 
-    def set_static_transform(self, parent: str, child: str, translation: tfdb.types.VectorLike, rotation: tfdb.types.QuaternionLike = (0, 0, 0, 1), *, authority: str = '') -> int:
+    def set_static_transform(self, parent: str, child: str, translation: tfdb.types.VectorLike, rotation: tfdb.types.QuaternionLike = (0, 0, 0, 1), *, authority: str = '', change_kind: bool = False) -> int:
         """
         Store T[parent<-child] for every stamp, until a later commit replaces it.
 
-        Arguments, result and errors as in `set_transform`.
+        Arguments, result and errors as in `set_transform`; with `change_kind` a moving edge becomes static
+        and its samples are dropped.
         """
 
     @overload
@@ -516,6 +522,8 @@ class Buffer(Reads):
         static: bool = False,
         authority: str = "",
         partial: Literal[False] = False,
+        change_kind: bool = False,
+        only_new: bool = False,
     ) -> int:
         """
         Store a batch of transforms T[parent<-child] in one commit: all or nothing.
@@ -531,6 +539,12 @@ class Buffer(Reads):
             Who writes.
         partial
             Store the members that can be stored, still in one commit, and return the others.
+        change_kind
+            Members of the other kind than their edge, static or moving, change it: the samples that the
+            edge has are dropped in the same commit, the frames below it stay.
+        only_new
+            Refuse members whose stamp their edge has already, or an earlier member: the first value stays.
+            Not with `static`.
 
         Returns
         -------
@@ -540,7 +554,7 @@ class Buffer(Reads):
             With `partial`: every member that was refused, and why, in their order.
 
         Raises InvalidName, InvalidStamp, InvalidArray, InvalidTransform, TooOld, StaticConflict,
-        CycleError: that of the first refused member, with its `index`, and all of them in `refused`. Raises
+        RepeatedStamp, CycleError: that of the first refused member, with its `index`, and all of them in `refused`. Raises
         CapacityExceeded. Then nothing was stored. With `partial` only CapacityExceeded is left, and
         TypeError for what is no transform at all.
         """
@@ -552,6 +566,8 @@ class Buffer(Reads):
         static: bool = False,
         authority: str = "",
         partial: Literal[True],
+        change_kind: bool = False,
+        only_new: bool = False,
     ) -> list[tfdb.types.Refused]: ...
     @overload
     def set_transforms(
@@ -561,6 +577,8 @@ class Buffer(Reads):
         static: bool = False,
         authority: str = "",
         partial: bool = False,
+        change_kind: bool = False,
+        only_new: bool = False,
     ) -> int | list[tfdb.types.Refused]: ...
 
     def remove_frame(self, name: str, *, recursive: bool = False) -> int:
@@ -582,7 +600,7 @@ class Buffer(Reads):
     def clear(self) -> int:
         """Drop all moving samples in one commit; frames and static edges stay."""
 
-    def ingest(self, data: tfdb.types.BytesLike, *, encoding: str = 'cdr', static: bool = False, authority: str = '') -> int:
+    def ingest(self, data: tfdb.types.BytesLike, *, encoding: str = 'cdr', static: bool = False, authority: str = '', change_kind: bool = False, only_new: bool = False) -> int:
         """
         Store one tf2_msgs/TFMessage, straight from its bytes, as one commit.
 
@@ -597,6 +615,8 @@ class Buffer(Reads):
             Whether it came from /tf_static.
         authority
             Who sent it.
+        change_kind, only_new
+            As in `set_transforms`.
 
         Returns
         -------

@@ -31,10 +31,10 @@ __all__ = [
     "ModelError",
     "NoSampleNear",
     "RecordingError",
+    "RepeatedStamp",
     "SnapshotClosed",
     "SnapshotTooOld",
     "Stale",
-    "RepeatedStamp",
     "StaticConflict",
     "TfdbError",
     "TfdbWarning",
@@ -177,7 +177,7 @@ class StaticConflict(TfdbError):
 
 
 class RepeatedStamp(TfdbError):
-    """A write with `only_new` for a stamp that the edge has already. Fields: frame, stamp, index."""
+    """With `only_new`: the edge has a sample of that stamp already. Fields: edge, stamp, index."""
 
 
 class CycleError(TfdbError):

@@ -380,9 +380,7 @@ void EdgeWriter<Memory>::undo(const EdgeUndo& saved) {
     if (only_appended(saved))
         return lower_head(saved);
     const bool cleared = word(kCleared).load_relaxed() != saved[kCleared];
-    const auto valid = [&](HeaderWord w) {
-        return cleared ? saved[w] : word(w).load_relaxed();
-    };
+    const auto valid = [&](HeaderWord w) { return cleared ? saved[w] : word(w).load_relaxed(); };
     const std::uint64_t order = valid(kOrder);
     const std::uint64_t flags =
         topology() & (cleared ? Topology::kParented

@@ -228,8 +228,7 @@ Error static_conflict(const TransformView& transform, std::size_t index, bool is
     return StaticConflict(edge_name(transform) + by(authority) + " is " +
                               (is_static ? "static, but the edge has moving samples"
                                          : "moving, but the edge is static") +
-                              ": remove frame " + quoted(transform.child) +
-                              " first" + other_way,
+                              ": remove frame " + quoted(transform.child) + " first" + other_way,
                           std::move(detail));
 }
 

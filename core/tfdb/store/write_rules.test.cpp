@@ -35,9 +35,9 @@ TFDB_TEST(a_static_edge_with_children_becomes_moving_in_one_commit) {
     const Snapshot before = buffer.snapshot();
     const CommitNumber commit = buffer.commit();
     CHECK_THROWS_AS(set(buffer, "base", "lidar", 2 * kSecond, pose_of(21)), StaticConflict);
-    CHECK_EQ(buffer.set_transform({"base", "lidar", 2 * kSecond, pose_of(21)}, false, "me",
-                                  kChangeKind),
-             commit + 1);
+    CHECK_EQ(
+        buffer.set_transform({"base", "lidar", 2 * kSecond, pose_of(21)}, false, "me", kChangeKind),
+        commit + 1);
     set(buffer, "base", "lidar", 4 * kSecond, pose_of(23));
 
     CHECK(identical(at(buffer, "base", "lidar", 2 * kSecond), pose_of(21)));
@@ -143,8 +143,7 @@ TFDB_TEST(only_new_refuses_a_stamp_that_comes_twice_in_the_batch) {
                                    {"base", "arm", 9 * kSecond, pose_of(10)},
                                    {"map", "base", 9 * kSecond, pose_of(11)},
                                    {"map", "base", 1 * kSecond, pose_of(12)}};
-    const auto error =
-        THROWN(RepeatedStamp, buffer.set_transforms(batch, false, "me", kOnlyNew));
+    const auto error = THROWN(RepeatedStamp, buffer.set_transforms(batch, false, "me", kOnlyNew));
     CHECK_EQ(error->detail().index, std::optional<std::uint64_t>(2));
     CHECK_EQ(error->detail().refused.size(), 2U);
     CommitNumber commit = 0;
@@ -175,7 +174,8 @@ TFDB_TEST(parent_and_child_swap_in_one_batch) {
     Buffer buffer = robot();
     const TransformView first[] = {{"scan", "lidar", 0, pose_of(1)}};
     CHECK_THROWS_AS(buffer.set_transforms(first, true, "me"), CycleError);
-    const TransformView both[] = {{"scan", "lidar", 0, pose_of(1)}, {"base", "scan", 0, pose_of(2)}};
+    const TransformView both[] = {{"scan", "lidar", 0, pose_of(1)},
+                                  {"base", "scan", 0, pose_of(2)}};
     buffer.set_transforms(both, true, "me");
     CHECK(apart(at(buffer, "base", "lidar", 0), geometry::compose(pose_of(2), pose_of(1))) < 1e-12);
     // Moving: from that stamp on.

@@ -271,8 +271,7 @@ bool Buffer::try_set_transforms(std::span<const TransformView> batch, bool is_st
 std::vector<RefusedMember> Buffer::set_transforms_partial(std::span<const TransformView> batch,
                                                           bool is_static,
                                                           std::string_view authority,
-                                                          CommitNumber& commit,
-                                                          WriteRules rules) {
+                                                          CommitNumber& commit, WriteRules rules) {
     store::check_rules(rules, is_static);
     if (batch.empty()) {
         commit = this->commit();
