@@ -74,7 +74,7 @@ SEEDED = [
     ("header", "core/tfdb/graph/bad.cpp", "#include <atomic>\n"),
     ("class-header", "core/tfdb/graph/bad.hpp", "// A thing.\nclass Bad {\n    int x;\n};\n"),
     ("function-length", "core/tfdb/graph/bad.cpp", LONG_CPP),
-    ("file-length", "core/tfdb/graph/bad.cpp", "int x;\n" * 501),
+    ("file-length", "core/tfdb/graph/bad.cpp", "int x;\n" * 701),
     ("layer", "bindings/bad.cpp", '#include "tfdb/history/ring.hpp"\n'),
     ("third-party", "bindings/bad.cpp", "#include <boost/python.hpp>\n"),
     ("layer", "src/tfdb/bad.py", "from tfdb.io import recordings\n"),
@@ -85,7 +85,7 @@ SEEDED = [
     ("third-party", "src/tfdb/bad.py", "def f():\n    from scipy import spatial\n"),
     ("unknown-room", "src/tfdb/attic/bad.py", "x = 1\n"),
     ("function-length", "src/tfdb/bad.py", LONG_PYTHON),
-    ("file-length", "src/tfdb/bad.py", "x = 1\n" * 501),
+    ("file-length", "src/tfdb/bad.py", "x = 1\n" * 701),
 ]
 
 
