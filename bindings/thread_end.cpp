@@ -9,6 +9,8 @@
 #include <unistd.h>
 #include <unwind.h>
 
+#include "tfdb/store/transaction.hpp"
+
 namespace tfdb::python {
 
 /// What the C++ runtime does with a frame on the way of an exception.
@@ -23,8 +25,11 @@ _Unwind_Reason_Code personality(int version, _Unwind_Action actions, _Unwind_Exc
 
 _Unwind_Reason_Code personality(int version, _Unwind_Action actions, _Unwind_Exception_Class kind,
                                 _Unwind_Exception* exception, _Unwind_Context* context) {
-    while ((actions & _UA_FORCE_UNWIND) != 0) {
-        pause();
+    if ((actions & _UA_FORCE_UNWIND) != 0) {
+        Transaction::end_thread();  // nobody is to wait for it
+        for (;;) {
+            pause();
+        }
     }
     return real_personality(version, actions, kind, exception, context);
 }

@@ -273,7 +273,8 @@ way that could change an answer (a sample, a parent, a frame that came or went).
 then and the transaction has ended; run it again, or use `Buffer.run`, which does. With
 `Buffer(concurrency='fine')` nothing is checked.
 
-Only the thread that began it may use it (WrongThread). Meanwhile that thread must not write to the
+Only the thread that began it may use it (WrongThread); what is open when that thread ends is
+aborted. Meanwhile that thread must not write to the
 Buffer itself, nor begin another transaction in it (TransactionActive); with another `concurrency`
 than `snapshot` it must not read from it either. After its end every call raises TransactionClosed.)";
 
@@ -396,7 +397,7 @@ void bind_life(TransactionClass& type) {
 
 Aborting twice does nothing. Raises TransactionClosed if it was committed, or never begun.)");
     type.def_prop_ro(
-        "is_open", [](const TransactionObject& self) { return self.stage() == Stage::kOpen; },
+        "is_open", [](const TransactionObject& self) { return self.is_open(); },
         nb::sig("def is_open(self) -> bool"), "Whether it was begun and has not ended.");
     type.def_prop_ro("commit_number", &TransactionObject::committed,
                      nb::sig("def commit_number(self) -> int | None"),

@@ -18,9 +18,23 @@ namespace tfdb::python {
 /// How far a transaction has come.
 enum class Stage : std::uint8_t { kNotBegun, kOpen, kCommitted, kAborted, kLost, kRefused };
 
+/// A thread, as long as anybody asks for it: unlike its id, no other thread ever gets it.
+/// Threads: any. Guarantee: wait-free.
+class ThreadLife {
+public:
+    /// That of this thread.
+    static const std::shared_ptr<ThreadLife>& mine();
+    [[nodiscard]] bool ended() const { return ended_; }
+
+private:
+    friend struct ThreadLifeEnd;
+    std::atomic<bool> ended_{false};
+};
+
 /// One attempt at a transaction, begun by `with`.
 /// Threads: only the one that began it, others get WrongThread; it may be freed by any.
-/// Guarantee: what was not committed is aborted; after its end nothing is read or written.
+/// Guarantee: what was not committed is aborted, at the end of its thread at the latest; after its
+/// end nothing is read or written.
 class TransactionObject {
 public:
     TransactionObject(nb::handle buffer, const TransactionOptions& options);
@@ -55,6 +69,10 @@ public:
     [[nodiscard]] bool may_wait() const { return !options_.alone && buffer().reasons != 0; }
     [[nodiscard]] BufferObject& buffer() const { return *nb::inst_ptr<BufferObject>(owner); }
     [[nodiscard]] Stage stage() const { return stage_.load(); }
+    [[nodiscard]] bool is_open() const {
+        const ThreadLife* const owner_thread = thread_;
+        return stage() == Stage::kOpen && owner_thread != nullptr && !owner_thread->ended();
+    }
     [[nodiscard]] std::uint64_t age() const { return options_.age; }
     [[nodiscard]] std::optional<CommitNumber> committed() const {
         return stage() == Stage::kCommitted ? std::optional(committed_) : std::nullopt;
@@ -71,7 +89,8 @@ private:
     std::shared_ptr<Transaction> open_;
     std::optional<Conflict> conflict_;
     CommitNumber committed_ = 0;
-    std::atomic<unsigned long> thread_{0};  // 0: nobody has begun it
+    std::atomic<const ThreadLife*> thread_{nullptr};  // null: nobody has begun it
+    std::shared_ptr<const ThreadLife> life_;          // keeps it
     std::atomic<Stage> stage_{Stage::kNotBegun};
     bool counted_ = false;  // among the buffer's reasons
 };

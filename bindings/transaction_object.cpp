@@ -43,6 +43,20 @@ namespace {
 
 }  // namespace
 
+/// Threads: its own. Guarantee: wait-free.
+struct ThreadLifeEnd {
+    std::shared_ptr<ThreadLife> life = std::make_shared<ThreadLife>();
+    ThreadLifeEnd() = default;
+    ThreadLifeEnd(const ThreadLifeEnd&) = delete;
+    ThreadLifeEnd& operator=(const ThreadLifeEnd&) = delete;
+    ~ThreadLifeEnd() { life->ended_ = true; }
+};
+
+const std::shared_ptr<ThreadLife>& ThreadLife::mine() {
+    static thread_local const ThreadLifeEnd here;
+    return here.life;
+}
+
 TransactionObject::TransactionObject(nb::handle buffer, const TransactionOptions& options)
     : owner(nb::borrow(buffer)), options_(options) {}
 
@@ -53,9 +67,9 @@ TransactionObject::~TransactionObject() {
 
 /// Makes it this thread's. Two may try at once: beginning may wait without the GIL.
 void TransactionObject::claim() {
-    unsigned long nobody = 0;
-    const bool first = thread_.compare_exchange_strong(nobody, PyThread_get_thread_ident());
-    if (first) {
+    const ThreadLife* nobody = nullptr;
+    if (thread_.compare_exchange_strong(nobody, ThreadLife::mine().get())) {
+        life_ = ThreadLife::mine();
         return;
     }
     check_thread();
@@ -83,7 +97,7 @@ void TransactionObject::begin() {
         open_ = std::move(made);
     } catch (...) {
         finish(Stage::kNotBegun);
-        thread_ = 0;
+        thread_ = nullptr;
         throw;
     }
     options_.age = open_->age();
@@ -127,8 +141,8 @@ void TransactionObject::rethrow_if_lost() const {
 }
 
 void TransactionObject::check_thread() const {
-    const unsigned long owner_thread = thread_;
-    if (owner_thread != 0 && owner_thread != PyThread_get_thread_ident()) {
+    const ThreadLife* const owner_thread = thread_;
+    if (owner_thread != nullptr && owner_thread != ThreadLife::mine().get()) {
         throw WrongThread(
             "a transaction belongs to the thread that began it: begin one in this thread with "
             "Buffer.transaction(), or hand the work over to the other one");

@@ -779,7 +779,8 @@ class Transaction:
     then and the transaction has ended; run it again, or use `Buffer.run`, which does. With
     `Buffer(concurrency='fine')` nothing is checked.
 
-    Only the thread that began it may use it (WrongThread). Meanwhile that thread must not write to the
+    Only the thread that began it may use it (WrongThread); what is open when that thread ends is
+    aborted. Meanwhile that thread must not write to the
     Buffer itself, nor begin another transaction in it (TransactionActive); with another `concurrency`
     than `snapshot` it must not read from it either. After its end every call raises TransactionClosed.
     """

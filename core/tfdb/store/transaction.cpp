@@ -32,7 +32,7 @@ struct Transaction::State {
             aged.age = impl->ages.fetch_add(1) + 1;
         age = aged.age;
         attempt = store::make_attempt(*impl, aged);
-        entry = OpenTransaction::enter(*impl, options.alone);
+        entry = OpenTransaction::enter(*impl, options.alone, *attempt);
     }
     ~State() { end(nullptr); }
     State(const State&) = delete;
@@ -53,13 +53,8 @@ struct Transaction::State {
     void end(const char* how) noexcept {
         if (entry == nullptr)
             return;
-        if (how == nullptr) {
-            impl->aborts.fetch_add(1);
-            how = "aborted";
-        }
-        ended = how;
-        attempt->rollback();
-        std::exchange(entry, nullptr)->close();
+        ended = how == nullptr ? "aborted" : how;
+        std::exchange(entry, nullptr)->close(how == nullptr);
     }
 
     /// Calls the attempt; a Conflict ends it.
@@ -80,7 +75,7 @@ struct Transaction::State {
     }
 
     std::shared_ptr<Reads::Impl> impl;
-    const void* thread;
+    std::uint64_t thread;
     std::uint64_t age = 0;
     std::unique_ptr<store::Attempt> attempt;
     OpenTransaction* entry = nullptr;
@@ -179,6 +174,10 @@ CommitNumber Transaction::commit() {
         state_->end(nullptr);
         throw;
     }
+}
+
+void Transaction::end_thread() noexcept {
+    OpenTransaction::end_thread();
 }
 
 void Transaction::abort() noexcept {

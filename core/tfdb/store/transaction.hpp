@@ -23,8 +23,8 @@ struct TransactionOptions {
 
 /// One attempt to read and write as if alone. Reads see one state of the store and, over it, what
 /// the transaction itself has written; writes become visible all at once at `commit`.
-/// Threads: only the one that began it (WrongThread); in that thread the Buffer may not be written
-/// meanwhile, nor another transaction begun (TransactionActive).
+/// Threads: only the one that began it (WrongThread), whose end aborts it; in that thread the
+/// Buffer may not be written meanwhile, nor another transaction begun (TransactionActive).
 /// Guarantee: strictly serializable, in every engine but `fine`. Conflict: somebody else came
 /// first, nothing was stored and the transaction has ended; run it again.
 class Transaction {
@@ -84,6 +84,9 @@ public:
     void abort() noexcept;
     [[nodiscard]] bool is_open() const noexcept;
     [[nodiscard]] std::uint64_t age() const noexcept;
+
+    /// Aborts what this thread has open, as its end does: for a thread that will never go on.
+    static void end_thread() noexcept;
 
 private:
     struct State;

@@ -190,4 +190,64 @@ TFDB_TEST(transaction_threads_alone_never_loses) {
     CHECK_EQ(buffer.counters().conflicts, 0U);
 }
 
+TFDB_TEST(transaction_threads_that_end_abort_what_they_have_open) {
+    for (const Concurrency concurrency : kIsolating) {
+        for (const bool alone : {false, true}) {
+            Buffer buffer(options_of(concurrency));
+            set(buffer, "map", "count", 0, at(0));
+            const std::uint64_t aborts = buffer.counters().aborts;
+            std::vector<std::unique_ptr<Transaction>> left(3);
+            for (std::unique_ptr<Transaction>& tx : left) {
+                in_threads(1, [&](int) {
+                    TransactionOptions options;
+                    options.alone = alone;
+                    tx = std::make_unique<Transaction>(buffer, options);
+                    const Answer seen = tx->lookup_latest_transform("map", "count");
+                    const TransformView next{"map", "count", seen.stamp + 1, at(7)};
+                    tx->set_transforms({&next, 1}, false, "");
+                });
+                // A thread that comes after gets the place and the ids of the one before.
+                in_threads(1, [&](int) {
+                    CHECK_THROWS_AS(tx->commit(), WrongThread);
+                    CHECK_EQ(insist(buffer,
+                                    [](Transaction& own) {
+                                        const TransformView other{"map", "other", 5, at(2)};
+                                        own.set_transforms({&other, 1}, false, "");
+                                    }),
+                             0);
+                });
+            }
+            CHECK_EQ(buffer.counters().aborts - aborts, left.size());
+            CHECK_EQ(buffer.lookup_latest_transform("map", "count").stamp, 0);
+            in_threads(1, [&](int) { left.clear(); });
+            CHECK_EQ(buffer.counters().aborts - aborts, 3U);
+            set(buffer, "map", "count", 9, at(9));
+        }
+    }
+}
+
+TFDB_TEST(transaction_threads_end_while_others_free_their_transactions) {
+    for (const Concurrency concurrency : kIsolating) {
+        Buffer buffer(options_of(concurrency));
+        set(buffer, "map", "count", 0, at(0));
+        for (int i = 0; i < 200; ++i) {
+            std::unique_ptr<Transaction> tx;
+            std::atomic<bool> open{false};
+            in_threads(2, [&](int which) {
+                if (which == 0) {
+                    tx = std::make_unique<Transaction>(buffer);
+                    CHECK(tx->has_frame("count"));
+                    open = true;
+                    open.notify_all();
+                } else {
+                    open.wait(false);
+                    tx.reset();
+                }
+            });
+        }
+        CHECK_EQ(buffer.counters().aborts, 200U);
+        set(buffer, "map", "count", 9, at(9));
+    }
+}
+
 }  // namespace tfdb
