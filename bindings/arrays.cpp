@@ -237,6 +237,12 @@ NewArray<StampNs> new_stamps(std::size_t count) {
     return with_data<StampNs>(new_array({count}, g_numpy.int64));
 }
 
+nb::object read_only(nb::object array) {
+    static_cast<void>(nb::steal(
+        PyObject_CallMethodOneArg(array.ptr(), g_fields.setflags, Py_False)));  // write=False
+    return array;
+}
+
 ArrayView as_doubles(nb::handle object, const std::string& role, nb::object& keep) {
     keep = call(g_numpy.ascontiguousarray, object.ptr(), g_numpy.float64);
     if (!keep.is_valid()) {

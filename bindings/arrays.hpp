@@ -86,6 +86,9 @@ NewArray<double> new_doubles(std::initializer_list<std::size_t> shape);
 NewArray<float> new_floats(std::initializer_list<std::size_t> shape);
 NewArray<StampNs> new_stamps(std::size_t count);
 
+/// The array, which Python may not write to from here on.
+nb::object read_only(nb::object array);
+
 /// A contiguous view of `object` as float64, converted and kept in `keep` if need be.
 /// Throws InvalidArray, which says what was expected of `role`.
 ArrayView as_doubles(nb::handle object, const std::string& role, nb::object& keep);

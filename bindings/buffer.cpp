@@ -123,10 +123,11 @@ nb::object memory(BufferObject& self) {
 
 nb::object snapshot(nb::handle self) {
     BufferObject& buffer = object_of<BufferObject>(self);
+    check_not_in_transaction(buffer);
     nb::object made = nb::cast(SnapshotObject{});
     auto* object = nb::inst_ptr<SnapshotObject>(made);
     {
-        const Released released(buffer.reasons != 0);
+        const Released released(buffer.reasons.to_wait());
         object->held = std::make_shared<Snapshot>(buffer.store.snapshot());
     }
     object->reads = object->held.get();

@@ -29,7 +29,11 @@ public:
         if (reads_ == nullptr) {
             throw_closed(object_);
         }
-        may_wait_ = *object_.waits != 0;
+        may_wait_ = false;
+        if (!object_.waits->none()) [[unlikely]] {
+            check_not_in_transaction(object_);
+            may_wait_ = object_.waits->to_wait();
+        }
         if (may_wait_ || kWithoutGil) {
             keep();
         }

@@ -300,7 +300,15 @@ Pinned pin(nb::handle self, const ReadsObject& object) {
     if (object.reads == nullptr) {
         throw_closed(object);
     }
+    check_not_in_transaction(object);
     return {object.held, *object.reads, *object.waits};
+}
+
+void check_not_in_transaction(const ReadsObject& object) {
+    // A snapshot says which state it is of.
+    if (object.waits->transactions() && object.held == nullptr) {
+        nb::inst_ptr<BufferObject>(object.buffer)->store.check_not_in_transaction();
+    }
 }
 
 void throw_not_made(nb::handle self, const char* expected) {

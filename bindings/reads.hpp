@@ -17,10 +17,25 @@ namespace nb = nanobind;
 
 namespace tfdb::python {
 
-/// Reasons for which a call on a store may have to wait for a thread that needs the GIL to go on:
-/// its engine holds locks across Python code, or a transaction is open that runs alone. Where there
-/// is none, quick calls keep the GIL.
-using Reasons = std::atomic<unsigned>;
+/// What a call on a store has to mind, in one word. Reasons to wait: why it may have to wait for a
+/// thread that needs the GIL to go on (its engine holds locks across Python code, or a transaction
+/// is open that runs alone); where there is none, quick calls keep the GIL. And how many
+/// transactions are open, one of which may be the calling thread's.
+/// Threads: any. Guarantee: wait-free.
+class Reasons {
+public:
+    void add_wait() { ++word_; }
+    void end_wait() { --word_; }
+    void add_transaction() { word_ += kTransaction; }
+    void end_transaction() { word_ -= kTransaction; }
+    [[nodiscard]] bool to_wait() const { return word_ % kTransaction != 0; }
+    [[nodiscard]] bool none() const { return word_ == 0; }
+    [[nodiscard]] bool transactions() const { return word_ >= kTransaction; }
+
+private:
+    static constexpr std::uint64_t kTransaction = std::uint64_t{1} << 32U;
+    std::atomic<std::uint64_t> word_{0};
+};
 
 /// What is behind the Python class Reads. Threads: whoever has the GIL; without one, any.
 /// Guarantee: `reads` is null once a snapshot is closed, and nothing is read after that.
@@ -41,12 +56,12 @@ struct BufferObject : ReadsObject {
         paths = &own_paths;
         waits = &reasons;
         if (options.concurrency != Concurrency::kSnapshot) {
-            ++reasons;
+            reasons.add_wait();
         }
     }
 
     Buffer store;
-    Reasons reasons{0};
+    Reasons reasons;
     NameCache own_names;
     PathNames own_paths;
     nb::object clock;  // none: the system's
@@ -79,7 +94,7 @@ struct Pinned {
     const Reasons& waits;
 
     /// Whether the next call must not keep the GIL.
-    [[nodiscard]] bool may_wait() const { return waits != 0; }
+    [[nodiscard]] bool may_wait() const { return waits.to_wait(); }
     /// What `question(reads)` answers; asked without the GIL if it may have to wait.
     template <class Question>
     auto ask(Question&& question) const {
@@ -87,7 +102,11 @@ struct Pinned {
         return question(reads);
     }
 };
+/// Throws SnapshotClosed; TransactionActive where a buffer is read by a thread amid a transaction.
 Pinned pin(nb::handle self, const ReadsObject& object);
+
+/// Throws TransactionActive where the object is a buffer of which this thread has one open.
+void check_not_in_transaction(const ReadsObject& object);
 
 /// Throws TypeError: `self` is no `expected`, or, where that is null, its __init__ never ran.
 [[noreturn]] void throw_not_made(nb::handle self, const char* expected);

@@ -66,7 +66,7 @@ public:
 
     [[nodiscard]] std::shared_ptr<Transaction> opened() const;
     /// Whether reads must not keep the GIL. One that runs alone waits for nobody.
-    [[nodiscard]] bool may_wait() const { return !options_.alone && buffer().reasons != 0; }
+    [[nodiscard]] bool may_wait() const { return !options_.alone && buffer().reasons.to_wait(); }
     [[nodiscard]] BufferObject& buffer() const { return *nb::inst_ptr<BufferObject>(owner); }
     [[nodiscard]] Stage stage() const { return stage_.load(); }
     [[nodiscard]] bool is_open() const {

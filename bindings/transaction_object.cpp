@@ -83,7 +83,7 @@ void TransactionObject::begin() {
     claim();
     if (options_.alone) {
         // Before it holds the lock: from now on nobody waits for it with the GIL.
-        ++buffer().reasons;
+        buffer().reasons.add_wait();
         counted_ = true;
     }
     Buffer& store = buffer().store;
@@ -91,10 +91,11 @@ void TransactionObject::begin() {
     try {
         std::shared_ptr<Transaction> made;
         {
-            const Released released(buffer().reasons != 0);
+            const Released released(buffer().reasons.to_wait());
             made = std::make_shared<Transaction>(store, options);
         }
         open_ = std::move(made);
+        buffer().reasons.add_transaction();
     } catch (...) {
         finish(Stage::kNotBegun);
         thread_ = nullptr;
@@ -166,9 +167,10 @@ void TransactionObject::finish(Stage stage) {
     if (open_ != nullptr) {
         open_->abort();
         open_.reset();
+        buffer().reasons.end_transaction();
     }
     if (counted_) {
-        --buffer().reasons;
+        buffer().reasons.end_wait();
         counted_ = false;
     }
     stage_ = stage;

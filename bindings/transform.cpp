@@ -46,7 +46,7 @@ PyObject* doubles(const double* values, std::size_t count) {
     return guarded([&]() -> PyObject* {
         NewArray<double> made = new_doubles({count});
         std::memcpy(made.data, values, count * sizeof(double));
-        return made.array.release().ptr();
+        return read_only(std::move(made.array)).release().ptr();
     });
 }
 
@@ -73,7 +73,7 @@ PyObject* get_matrix(PyObject* self, void* /*closure*/) {
                                              x.z, y.z, z.z, t.z, 0.0, 0.0, 0.0, 1.0};
         NewArray<double> made = new_doubles({4, 4});
         std::memcpy(made.data, rows.data(), sizeof rows);
-        return made.array.release().ptr();
+        return read_only(std::move(made.array)).release().ptr();
     });
 }
 
@@ -201,6 +201,37 @@ PyObject* reduce(PyObject* self, PyObject* /*unused*/) {
     });
 }
 
+Py_hash_t hash(PyObject* self) {
+    const TransformObject& transform = as_transform(self);
+    const auto& [t, q] = transform.pose;
+    const nb::tuple compared =
+        nb::make_tuple(nb::handle(transform.target), nb::handle(transform.source), transform.stamp,
+                       nb::make_tuple(t.x, t.y, t.z), nb::make_tuple(q.x, q.y, q.z, q.w));
+    return PyObject_Hash(compared.ptr());
+}
+
+/// The pose, as numpy asks for it: the array is always a new one.
+PyObject* as_array(PyObject* self, PyObject* args, PyObject* keywords) {
+    return guarded([&]() -> PyObject* {
+        static const char* names[] = {"dtype", "copy", nullptr};
+        PyObject* dtype = Py_None;
+        PyObject* copy = Py_None;
+        if (PyArg_ParseTupleAndKeywords(args, keywords, "|OO:__array__", const_cast<char**>(names),
+                                        &dtype, &copy) == 0) {
+            return nullptr;
+        }
+        if (copy == Py_False) {
+            PyErr_SetString(PyExc_ValueError, "a Transform cannot lend its memory: copy=False");
+            return nullptr;
+        }
+        nb::object pose = nb::steal(get_pose(self, nullptr));
+        if (pose.is_valid() && (copy == Py_True || dtype != Py_None)) {
+            pose = dtype == Py_None ? pose.attr("copy")() : pose.attr("astype")(nb::handle(dtype));
+        }
+        return pose.release().ptr();
+    });
+}
+
 PyObject* return_self(PyObject* self, PyObject* /*unused*/) {
     return Py_NewRef(self);
 }
@@ -243,10 +274,13 @@ nb::object restore(const nb::str& target, const nb::str& source,
 }
 
 PyGetSetDef g_attributes[] = {
-    {"translation", get_translation, nullptr, "Metres, x y z: float64 array (3,).", nullptr},
-    {"rotation", get_rotation, nullptr, "Unit quaternion, x y z w: float64 array (4,).", nullptr},
-    {"pose", get_pose, nullptr, "x y z qx qy qz qw: float64 array (7,).", nullptr},
-    {"matrix", get_matrix, nullptr, "Homogeneous matrix: float64 array (4, 4).", nullptr},
+    {"translation", get_translation, nullptr, "Metres, x y z: float64 array (3,), read-only.",
+     nullptr},
+    {"rotation", get_rotation, nullptr, "Unit quaternion, x y z w: float64 array (4,), read-only.",
+     nullptr},
+    {"pose", get_pose, nullptr, "x y z qx qy qz qw: float64 array (7,), read-only.", nullptr},
+    {"matrix", get_matrix, nullptr, "Homogeneous matrix: float64 array (4, 4), read-only.",
+     nullptr},
     {"stamp", get_stamp, nullptr, "The stamp it holds at, in nanoseconds.", nullptr},
     {"commit", get_commit, nullptr,
      "Number of the snapshot it was read from; 0 if it was not looked up.", nullptr},
@@ -267,6 +301,10 @@ PyMethodDef g_methods[] = {
      "Map points of the source frame into the target frame.\n\n"
      "`points` is (3,) or (N, 3), float32 or float64 (anything else is converted to float64).\n"
      "Returns a new array of the same shape and dtype. Raises InvalidArray."},
+    {"__array__", reinterpret_cast<PyCFunction>(reinterpret_cast<void (*)()>(as_array)),
+     METH_VARARGS | METH_KEYWORDS,
+     "__array__($self, dtype=None, copy=None)\n--\n\n"
+     "The pose: `np.asarray(T)` is x y z qx qy qz qw, float64 (7,)."},
     {"__reduce__", reduce, METH_NOARGS, nullptr},
     {"__copy__", return_self, METH_NOARGS, nullptr},
     {"__deepcopy__", return_self, METH_O, nullptr},
@@ -278,14 +316,15 @@ constexpr const char* kDoc =
     "A rigid transform T[target<-source] at a stamp: p_target = T p_source. Immutable.\n\n"
     "Lookups return it; it can also be made from a translation (metres) and a unit quaternion\n"
     "(x, y, z, w). `A @ B` chains T[a<-b] and T[b<-c] to T[a<-c] and raises InvalidArgument if\n"
-    "A.source is not B.target; the result has the older of the two stamps (0: at all times).";
+    "A.source is not B.target; the result has the older of the two stamps (0: at all times).\n"
+    "Equal ones (frames, stamp and pose) have the same hash. Its arrays are read-only.";
 
 PyType_Slot g_slots[] = {
     {Py_tp_new, reinterpret_cast<void*>(new_from_python)},
     {Py_tp_dealloc, reinterpret_cast<void*>(deallocate)},
     {Py_tp_repr, reinterpret_cast<void*>(represent)},
     {Py_tp_richcompare, reinterpret_cast<void*>(compare)},
-    {Py_tp_hash, reinterpret_cast<void*>(PyObject_HashNotImplemented)},
+    {Py_tp_hash, reinterpret_cast<void*>(hash)},
     {Py_tp_getset, g_attributes},
     {Py_tp_methods, g_methods},
     {Py_tp_doc, const_cast<char*>(kDoc)},
@@ -334,6 +373,11 @@ void bind_transform(nb::module_& module) {
         throw nb::python_error();
     }
     g_type = reinterpret_cast<PyTypeObject*>(type);
+    // numpy leaves `array @ T` to us. No slot is made for this, and the type cannot be written to.
+    if (PyDict_SetItemString(g_type->tp_dict, "__array_ufunc__", Py_None) != 0) {
+        throw nb::python_error();
+    }
+    PyType_Modified(g_type);
     module.attr("Transform") = nb::borrow(type);
     module.def("_restore_transform", &restore);
 }

@@ -53,6 +53,18 @@ nb::object reversed_names(PyObject* names) {
     return nb::tuple(pairs);
 }
 
+/// For `T @ other`, where `other` is no transform.
+PyObject* no_chain(PyObject* other) {
+    if (PyList_Check(other) == 0 && PyTuple_Check(other) == 0 && !nb::hasattr(other, "__array__")) {
+        Py_RETURN_NOTIMPLEMENTED;  // it may know how
+    }
+    PyErr_Format(PyExc_TypeError,
+                 "'@' chains two transforms, the other is a %s: T.apply(points) maps points, "
+                 "T.matrix @ array multiplies numbers",
+                 Py_TYPE(other)->tp_name);
+    return nullptr;
+}
+
 }  // namespace
 
 PyObject* transform_inverse(PyObject* self, PyObject* /*unused*/) {
@@ -69,7 +81,7 @@ PyObject* transform_inverse(PyObject* self, PyObject* /*unused*/) {
 
 PyObject* transform_multiply(PyObject* left, PyObject* right) {
     if (!is_transform(left) || !is_transform(right)) {
-        Py_RETURN_NOTIMPLEMENTED;
+        return no_chain(is_transform(left) ? right : left);
     }
     return guarded([&]() -> PyObject* {
         TransformObject& a = as_transform(left);

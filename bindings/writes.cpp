@@ -68,7 +68,7 @@ PyMethodDef g_set_transform = {
 CommitNumber commit_transforms(BufferObject& buffer, std::span<const TransformView> batch,
                                bool is_static, std::string_view authority, WriteRules rules) {
     CommitNumber commit = 0;
-    if (batch.size() < kReleaseFrom && buffer.reasons == 0 &&
+    if (batch.size() < kReleaseFrom && !buffer.reasons.to_wait() &&
         buffer.store.try_set_transforms(batch, is_static, authority, commit, rules)) {
         return commit;
     }

@@ -93,7 +93,7 @@ def test_a_change_of_what_was_read_is_a_conflict(
             read(tx)
             tx.set_static_transform("map", "decided", (1, 2, 3), TURN)
             elsewhere(lambda: change(buffer))
-            after = contents(buffer)
+            after = elsewhere(lambda: contents(buffer))
 
     with pytest.raises(tfdb.Conflict) as caught:
         work()

@@ -5,7 +5,7 @@ from __future__ import annotations
 from datetime import UTC, date, datetime, timedelta, timezone
 from decimal import Decimal
 from types import SimpleNamespace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pandas as pd
@@ -14,6 +14,10 @@ import pytest
 
 import tfdb
 from oracle import quaternion
+from tfdb.io import write_recording
+
+if TYPE_CHECKING:
+    from pathlib import Path
 
 TURN = quaternion((1, -2, 0.5), 0.9)
 START = tfdb.stamp("1700000000.25")
@@ -303,3 +307,125 @@ def test_seconds_in_arrays_become_stamps() -> None:
         with pytest.raises(tfdb.InvalidStamp) as caught:
             tfdb.stamp(bad)
         assert caught.value.index == 1
+
+
+# -- transforms as numbers -------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", ["translation", "rotation", "pose", "matrix"])
+def test_a_write_to_a_copy_is_not_lost_in_silence(buffer: tfdb.Buffer, name: str) -> None:
+    for found in (
+        buffer.lookup_transform("map", "hand", START),
+        tfdb.Transform("a", "b", (1, 2, 3), TURN),
+    ):
+        array = getattr(found, name)
+        with pytest.raises(ValueError, match="read-only"):
+            array[..., 0] = 5
+        mine = array.copy()
+        mine[..., 0] = 5
+        assert not np.array_equal(mine, getattr(found, name))
+    assert found.apply([1.0, 2.0, 3.0]).flags.writeable
+
+
+def test_a_transform_is_an_array(buffer: tfdb.Buffer) -> None:
+    found = buffer.lookup_transform("map", "hand", START + 7)
+    rows = buffer.lookup_transforms("map", "hand", [START + 7, START + 8])
+    assert np.array_equal(np.asarray(found), found.pose)
+    assert np.asarray(found) == pytest.approx(rows[0], abs=1e-12)
+    later = buffer.lookup_transform("map", "hand", START + 8)
+    assert np.stack([found, later]) == pytest.approx(rows, abs=1e-12)
+    assert np.asarray(found, dtype=np.float32).dtype == np.float32
+    assert np.array(found).flags.writeable
+    assert np.allclose(found, found.inverse().inverse())
+
+
+def test_equal_transforms_have_one_hash(buffer: tfdb.Buffer) -> None:
+    found = [buffer.lookup_transform("map", "hand", START + i % 3) for i in range(6)]
+    assert len(set(found)) == 3
+    assert hash(found[0]) == hash(found[3])
+    zero = tfdb.Transform("a", "b", (0.0, 1, 2))
+    assert zero == tfdb.Transform("a", "b", (-0.0, 1, 2))
+    assert hash(zero) == hash(tfdb.Transform("a", "b", (-0.0, 1, 2)))
+    assert len({zero, zero.inverse(), tfdb.Transform("a", "b", (0, 1, 2), stamp=5)}) == 3
+
+
+@pytest.mark.parametrize(
+    "points", [np.eye(4), np.zeros((5, 3)), np.float64(2), [1, 2, 3], (1, 2, 3), pd.Series([1, 2])]
+)
+def test_points_are_mapped_by_apply(points: Any) -> None:
+    made = tfdb.Transform("a", "b", (1, 2, 3), TURN)
+    with pytest.raises(TypeError, match=r"T\.apply\(points\) maps points"):
+        made @ points
+    if not isinstance(points, pd.Series):  # pandas looks at the shapes first
+        with pytest.raises(TypeError, match=r"T\.apply\(points\) maps points"):
+            points @ made
+    with pytest.raises(TypeError, match="unsupported operand"):
+        made @ "b"
+
+
+def test_who_knows_transforms_may_multiply_them() -> None:
+    class Friend:
+        def __rmatmul__(self, other: object) -> str:
+            return "mine"
+
+    assert tfdb.Transform("a", "b", (1, 2, 3), TURN) @ Friend() == "mine"
+
+
+# -- recordings that do not fit --------------------------------------------------------------------
+
+
+def simulated(offset: int = 0) -> tfdb.Buffer:
+    made = tfdb.Buffer(history=None)
+    for i in range(5):
+        made.set_transform("map", "base", offset + i * STEP, (i, 1, 2), TURN)
+        made.set_transform("base", "arm", offset + i * STEP, (0, i, 2), TURN)
+    return made
+
+
+def recorded(folder: Path, buffer: tfdb.Buffer, name: str) -> Path:
+    write_recording(folder / name, buffer)
+    return folder / name
+
+
+def test_two_clocks_in_one_store_are_noticed(buffer: tfdb.Buffer, tmp_path: Path) -> None:
+    real = recorded(tmp_path, buffer, "real.mcap")
+    sim = recorded(tmp_path, simulated(STEP), "sim.mcap")
+    store = tfdb.Buffer(history=None)
+    store.load(real)
+    with pytest.warns(tfdb.TfdbWarning, match="stamps of 2 clocks") as caught:
+        store.load(sim)
+    said = str(caught.pop().message)
+    assert said.startswith(f"{sim}: ")
+    assert "arm, base has stamps of both" in said
+    with pytest.warns(tfdb.TfdbWarning, match="stamps of 2 clocks"):
+        tfdb.load([real, sim])
+    text = str(store.explain("map", "arm", START + 15 * STEP, tfdb.Interpolate(max_gap=0.2)))
+    assert "stamps of 2 clocks" in text
+    tfdb.load(real)  # one clock: no warning
+
+
+def test_seconds_among_nanoseconds_are_noticed(buffer: tfdb.Buffer, tmp_path: Path) -> None:
+    """The edge is named that was written in seconds by somebody."""
+    for i in range(5):
+        buffer.set_transform("map", "car", START // 10**9 + i, (i, 2, 3), TURN)
+    buffer.set_transform("map", "base", START // 10**9, (1, 2, 3), TURN)
+    file = recorded(tmp_path, buffer, "mixed.mcap")
+    with pytest.warns(tfdb.TfdbWarning, match="look like seconds") as caught:
+        tfdb.load(file)
+    said = str(caught.pop().message)
+    assert "base, car from 1.7 s to" in said
+    assert "base has stamps of both" in said
+
+
+def test_the_same_file_twice_is_noticed(buffer: tfdb.Buffer, tmp_path: Path) -> None:
+    file = recorded(tmp_path, buffer, "drive.mcap")
+    store = tfdb.Buffer(history=None)
+    store.load(file)
+    with pytest.warns(tfdb.TfdbWarning, match="loaded twice"):
+        store.load(file)
+    (tmp_path / "link.mcap").symlink_to(file)
+    for twice in ([file, file], [str(file), tmp_path / "link.mcap"]):
+        with pytest.raises(tfdb.InvalidArgument, match="given twice"):
+            tfdb.load(twice)
+    other = simulated(START + 40 * STEP)
+    store.load(recorded(tmp_path, other, "next.mcap"))  # new samples: no warning

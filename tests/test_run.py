@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import functools
+import inspect
 import threading
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
 import pytest
 
 import tfdb
@@ -13,7 +16,7 @@ from elsewhere import elsewhere
 from oracle import quaternion
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
+    from collections.abc import AsyncIterator, Callable, Iterator
 
 TURN = quaternion((1, -2, 0.5), 0.9)
 
@@ -122,7 +125,7 @@ def test_lookups_go_on_while_one_runs_alone(buffer: tfdb.Buffer) -> None:
     with buffer._attempt(0, True, 0) as tx:
         add(tx)
         assert elsewhere(lambda: value(buffer)) == 0
-        with buffer.snapshot() as snapshot:
+        with elsewhere(buffer.snapshot) as snapshot:
             assert value(snapshot) == 0
     assert value(buffer) == 1
 
@@ -289,6 +292,103 @@ def test_options_that_cannot_be(buffer: tfdb.Buffer, options: dict[str, Any]) ->
     assert caught.value.value is given
     assert calls == []
     assert buffer.commit == 1
+
+
+def test_the_default_is_enough_to_win(buffer: tfdb.Buffer) -> None:
+    """Nine calls at most: the eight retries of the default end with one that runs alone."""
+    calls = 0
+
+    def contested(tx: tfdb.Transaction) -> int:
+        nonlocal calls
+        calls += 1
+        add(tx)
+        if calls <= tfdb.transactions.LOST_BEFORE_ALONE:
+            interfere(buffer)
+        return calls
+
+    default = inspect.signature(tfdb.Buffer.run).parameters["retries"].default
+    assert buffer.run(contested) == default + 1 == 9
+
+
+async def later(tx: tfdb.Transaction) -> None:
+    add(tx)
+
+
+def piecemeal(tx: tfdb.Transaction) -> Iterator[float]:
+    yield add(tx)
+
+
+async def piecemeal_later(tx: tfdb.Transaction) -> AsyncIterator[float]:
+    yield add(tx)
+
+
+def disguised(tx: tfdb.Transaction) -> Any:
+    add(tx)
+    return later(tx)
+
+
+@pytest.mark.parametrize(
+    "function",
+    [
+        later,
+        piecemeal,
+        piecemeal_later,
+        disguised,
+        functools.partial(later),
+    ],
+    ids=["async", "generator", "async generator", "plain", "partial"],
+)
+def test_a_function_that_works_later_is_refused(buffer: tfdb.Buffer, function: Any) -> None:
+    with pytest.raises(TypeError, match="has not done its work yet"):
+        buffer.run(function)
+    assert buffer.commit == 1
+    assert buffer.run(add) == 1
+
+
+@pytest.mark.parametrize("engine", ["snapshot", "silo", "giant"])
+@pytest.mark.parametrize(
+    "read",
+    [
+        lambda buf: buf.lookup_transform("map", "counter"),
+        lambda buf: buf.lookup_latest_transform("map", "counter"),
+        lambda buf: buf.can_transform("map", "counter"),
+        lambda buf: buf.lookup_transforms("map", "counter", [5]),
+        lambda buf: buf.transform_points("map", "counter", np.zeros((1, 3)), 5),
+        lambda buf: buf.lookup_transform_full("map", 5, "counter", 6, "map"),
+        lambda buf: buf.can_transform_full("map", 5, "counter", 6, "map"),
+        lambda buf: buf.lookup_velocity("counter", "map"),
+        lambda buf: buf.latest_common_time("map", "counter"),
+        lambda buf: buf.trajectory("map", "counter", 1.0, 0, 10**9),
+        lambda buf: buf.explain("map", "counter"),
+        lambda buf: buf.frame_exists("map"),
+        lambda buf: buf.frame_info("map"),
+        lambda buf: buf.samples("counter"),
+        lambda buf: buf.frames(),
+        lambda buf: buf.tree(),
+        lambda buf: buf.snapshot(),
+    ],
+)
+def test_what_it_reads_past_the_transaction_is_refused(engine: Any, read: Any) -> None:
+    """As writes are: no commit would notice that what was read there has changed."""
+    buffer = tfdb.Buffer(history=None, concurrency=engine)
+    buffer.set_static_transform("map", "counter", (0, 1, 2), TURN)
+    other = tfdb.Buffer()
+    other.set_static_transform("map", "counter", (7, 1, 2), TURN)
+
+    def decide(tx: tfdb.Transaction) -> None:
+        assert value(other) == 7  # another store's business
+        add(tx)
+        read(buffer)
+
+    with pytest.raises(tfdb.TransactionActive, match="use the transaction's methods"):
+        buffer.run(decide)
+    assert value(buffer) == 0
+    read(buffer)
+    with buffer.transaction() as tx:
+        add(tx)
+        if engine == "snapshot":
+            elsewhere(lambda: read(buffer))
+    assert value(buffer) == 1
 
 
 @pytest.mark.parametrize("function", [None, 7, "add"])

@@ -708,13 +708,21 @@ class Buffer(Reads):
             RecordingError
                 A file is no recording, damaged or cut short; a topic is missing or holds no transforms.
                 Nothing was stored.
+            InvalidArgument
+                A file is given twice.
+
+            Warns
+            -----
+            TfdbWarning
+                All of it was in the store before; or its stamps and those of the rest are more than a year
+                apart, as those of a simulated and of a real clock.
         """
 
     def run(
         self,
         fn: Callable[[Transaction], tfdb.transactions.Result],
         *,
-        retries: int = 100,
+        retries: int = 8,
         timeout: float | None = None,
         priority: int = 0,
     ) -> tfdb.transactions.Result:
@@ -725,15 +733,18 @@ class Buffer(Reads):
             (Conflict) left nothing behind. Before the next one a random time passes, up to 0.1 ms after the
             first, twice as long after each next, never more than 10 ms. An attempt keeps the seniority of
             the first. After eight lost attempts the ninth runs alone: writers wait for it, so it cannot
-            lose. `fn` is hence called nine times at most, however busy the store is.
+            lose. `fn` is hence called nine times at most, however busy the store is, and always wins unless
+            `retries` or `timeout` set a closer limit.
 
             Parameters
             ----------
             fn
                 Called with an open `Transaction`; it need not commit. Any exception of its own ends the
-                transaction without a trace and is raised at once.
+                transaction without a trace and is raised at once. It reads and writes through the
+                transaction only (TransactionActive), and is done when it returns: not `async def`, no
+                generator.
             retries
-                How many attempts may follow the first.
+                How many attempts may follow the first; 8, the default, are always enough.
             timeout
                 Seconds after which no further attempt begins; None: no limit. The first one always does.
             priority
@@ -751,7 +762,10 @@ class Buffer(Reads):
             InvalidArgument
                 A number that is out of its range.
             TransactionActive
-                This thread has a transaction open in the store already.
+                This thread has a transaction open in the store already; also where `fn` reads from the
+                Buffer itself, or writes to it.
+            TypeError
+                `fn` cannot be called, or returned before it did its work. Nothing was stored.
             CycleError, CapacityExceeded
                 At the commit. Nothing was stored.
         """
@@ -780,9 +794,10 @@ class Transaction:
     `Buffer(concurrency='fine')` nothing is checked.
 
     Only the thread that began it may use it (WrongThread); what is open when that thread ends is
-    aborted. Meanwhile that thread must not write to the
-    Buffer itself, nor begin another transaction in it (TransactionActive); with another `concurrency`
-    than `snapshot` it must not read from it either. After its end every call raises TransactionClosed.
+    aborted. Meanwhile that thread must not write to the Buffer itself, read from it or begin another
+    transaction in it (TransactionActive): nothing would notice if what it read there had changed at the
+    commit. Snapshots taken before may be read, in the engine `snapshot`. After its end every call
+    raises TransactionClosed.
     """
 
     def lookup_transform(self, target: str, source: str, time: tfdb.stamps.StampLike | None = None, policy: Policy | None = None) -> Transform:

@@ -17,6 +17,7 @@ from .errors import (
     UnknownFrame,
 )
 from .stamps import format_seconds
+from .summary import clocks, describe_clocks
 
 if TYPE_CHECKING:
     from contextlib import AbstractContextManager
@@ -258,6 +259,11 @@ def _reason(error: TfdbError) -> str:
 
 def _advice(edges: list[FrameInfo]) -> str:
     """Which stamps every edge of the path covers."""
+    several = describe_clocks(clocks(edges))
+    return f"{_covered(edges)} There are {several}." if several else _covered(edges)
+
+
+def _covered(edges: list[FrameInfo]) -> str:
     moving = [edge for edge in edges if edge.oldest is not None and edge.newest is not None]
     if not moving:
         return "No edge of the path moves."

@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
+import os
+import warnings
 from typing import TYPE_CHECKING, TypeAlias
 
+from .errors import InvalidArgument, TfdbWarning
+from .summary import clocks, describe_clocks
+
 if TYPE_CHECKING:
-    import os
     from collections.abc import Callable, Iterable, Mapping, Sequence
 
     from ._core import Buffer
     from .io import LoadReport
+    from .types import FrameInfo
 
     Paths: TypeAlias = str | os.PathLike[str] | Sequence[str | os.PathLike[str]]
     Topics: TypeAlias = str | Iterable[str] | Mapping[str, str]
@@ -52,10 +57,49 @@ def load_into(
     RecordingError
         A file is no recording, damaged or cut short; a topic is missing or holds no transforms.
         Nothing was stored.
+    InvalidArgument
+        A file is given twice.
+
+    Warns
+    -----
+    TfdbWarning
+        All of it was in the store before; or its stamps and those of the rest are more than a year
+        apart, as those of a simulated and of a real clock.
     """
     from .io import load_recordings  # noqa: PLC0415 - recordings need optional packages
 
-    return load_recordings(self, path, topics=topics, progress=progress)
+    path = _each_once(path)
+    before = self.tree()
+    report = load_recordings(self, path, topics=topics, progress=progress)
+    _warn(report.files, before, self.tree())
+    return report
+
+
+def _each_once(path: Paths) -> list[str | os.PathLike[str]]:
+    """List the paths; refuse one that comes twice."""
+    paths = [path] if isinstance(path, str | os.PathLike) else list(path)
+    seen: set[str] = set()
+    for each in paths:
+        real = os.path.realpath(each)
+        if real in seen:
+            raise InvalidArgument(f"{os.fspath(each)} is given twice", path=os.fspath(each))
+        seen.add(real)
+    return paths
+
+
+def _warn(files: Sequence[str], before: Sequence[FrameInfo], after: Sequence[FrameInfo]) -> None:
+    """Warn of what is hardly meant: the same data again, another clock than that of the rest."""
+    if any(i.samples for i in before if not i.is_static) and _extent(before) == _extent(after):
+        message = f"{', '.join(files)}: every sample was in the store before; loaded twice?"
+        warnings.warn(message, TfdbWarning, stacklevel=3)
+    several = describe_clocks(clocks(after))
+    if several and len(clocks(before)) < len(clocks(after)):
+        warnings.warn(f"{', '.join(files)}: {several}", TfdbWarning, stacklevel=3)
+
+
+def _extent(infos: Sequence[FrameInfo]) -> set[tuple[object, ...]]:
+    """What changes wherever a sample is added."""
+    return {(i.name, i.parent, i.samples, i.oldest, i.newest) for i in infos}
 
 
 def load(path: Paths, *, topics: Topics | None = None, progress: Progress | None = None) -> Buffer:

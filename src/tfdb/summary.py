@@ -6,15 +6,21 @@ The command line, the pictures and the demo show the same numbers because they t
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
 
+from .stamps import format_seconds
+
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator
+    from collections.abc import Iterable, Iterator, Sequence
 
     from . import Buffer, FrameInfo, Snapshot
+
+YEAR_NS = 365 * 86_400 * 1_000_000_000
+"""Stamps further apart than this were not made by one clock."""
 
 GAP_FACTOR = 5
 """A hole counts as a gap when it is longer than this many median periods of its edge."""
@@ -80,6 +86,59 @@ def edge_summaries(store: Buffer | Snapshot, max_gap: int | None = None) -> list
             stamps = np.asarray(store.samples(info.name)[0])
             found.append(EdgeSummary(info, *find_gaps(stamps, max_gap)))
     return sorted(found, key=lambda edge: edge.info.name)
+
+
+@dataclass(frozen=True)
+class Clock:
+    """Moving edges whose stamps belong together: the first and last stamp, and whose they are."""
+
+    start: int
+    end: int
+    frames: tuple[str, ...]
+
+    def __str__(self) -> str:
+        listed = ", ".join(self.frames[:3])
+        more = f" and {len(self.frames) - 3} more" if len(self.frames) > 3 else ""
+        return f"{listed}{more} from {format_seconds(self.start)} to {format_seconds(self.end)}"
+
+
+def clocks(infos: Iterable[FrameInfo]) -> list[Clock]:
+    """Sort the moving edges by the clocks that their stamps run on, the earliest first.
+
+    Two clocks, such as a simulated and a real one, lie more than a year apart. An edge with stamps
+    of both is named with both.
+    """
+    spans = []
+    for info in infos:
+        if info.oldest is None or info.newest is None:
+            continue
+        if info.longest_gap > YEAR_NS:
+            spans += [(info.oldest, info.oldest, info.name), (info.newest, info.newest, info.name)]
+        else:
+            spans.append((info.oldest, info.newest, info.name))
+    found: list[Clock] = []
+    for start, end, name in sorted(spans):
+        if found and start - found[-1].end <= YEAR_NS:
+            last = found[-1]
+            found[-1] = Clock(last.start, max(last.end, end), (*last.frames, name))
+        else:
+            found.append(Clock(start, end, (name,)))
+    return found
+
+
+def describe_clocks(found: Sequence[Clock]) -> str:
+    """Say what is odd about several clocks in one store, and what to do; empty for one."""
+    if len(found) < 2:
+        return ""
+    text = f"stamps of {len(found)} clocks, more than a year apart: " + "; ".join(map(str, found))
+    for one, other in pairwise(found):
+        both = sorted(set(one.frames) & set(other.frames))
+        if both:
+            text += f"; {', '.join(both[:3])} has stamps of both"
+            text += ", and lookups between them interpolate over all the time that lies between"
+        if other.start - YEAR_NS <= one.end * 1_000_000_000 <= other.end + YEAR_NS:
+            return f"{text}; the small ones look like seconds: tfdb.stamp() converts them"
+    return f"{text}; a path over edges of both has an answer at no stamp"
 
 
 def span(infos: Iterable[FrameInfo]) -> tuple[int, int] | None:

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import inspect
 import math
 import operator
 import random
 import time
+from collections.abc import AsyncGenerator, Generator
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from .errors import Conflict, InvalidArgument
@@ -34,7 +36,7 @@ def run(
     self: Buffer,
     fn: Callable[[Transaction], Result],
     *,
-    retries: int = 100,
+    retries: int = LOST_BEFORE_ALONE,
     timeout: float | None = None,
     priority: int = 0,
 ) -> Result:
@@ -44,15 +46,18 @@ def run(
     (Conflict) left nothing behind. Before the next one a random time passes, up to 0.1 ms after the
     first, twice as long after each next, never more than 10 ms. An attempt keeps the seniority of
     the first. After eight lost attempts the ninth runs alone: writers wait for it, so it cannot
-    lose. `fn` is hence called nine times at most, however busy the store is.
+    lose. `fn` is hence called nine times at most, however busy the store is, and always wins unless
+    `retries` or `timeout` set a closer limit.
 
     Parameters
     ----------
     fn
         Called with an open `Transaction`; it need not commit. Any exception of its own ends the
-        transaction without a trace and is raised at once.
+        transaction without a trace and is raised at once. It reads and writes through the
+        transaction only (TransactionActive), and is done when it returns: not `async def`, no
+        generator.
     retries
-        How many attempts may follow the first.
+        How many attempts may follow the first; 8, the default, are always enough.
     timeout
         Seconds after which no further attempt begins; None: no limit. The first one always does.
     priority
@@ -70,7 +75,10 @@ def run(
     InvalidArgument
         A number that is out of its range.
     TransactionActive
-        This thread has a transaction open in the store already.
+        This thread has a transaction open in the store already; also where `fn` reads from the
+        Buffer itself, or writes to it.
+    TypeError
+        `fn` cannot be called, or returned before it did its work. Nothing was stored.
     CycleError, CapacityExceeded
         At the commit. Nothing was stored.
     """
@@ -85,6 +93,7 @@ def run(
         try:
             with transaction:
                 result = fn(transaction)
+                _check_done(result)
         except Conflict as error:
             if not transaction._lost:
                 raise  # of another store
@@ -97,6 +106,18 @@ def run(
         age = transaction._age
         attempt += 1
         time.sleep(wait)
+
+
+def _check_done(result: object) -> None:
+    """Refuse a function that has not run yet: its transaction would end before it begins."""
+    if inspect.iscoroutine(result):
+        result.close()
+    elif not inspect.isawaitable(result) and not isinstance(result, Generator | AsyncGenerator):
+        return
+    raise TypeError(
+        f"fn returned a {type(result).__name__}, so it has not done its work yet: give run() a "
+        "plain function, neither `async def` nor a generator, and await before or after it"
+    )
 
 
 def _give_up(error: Conflict, attempts: int) -> None:

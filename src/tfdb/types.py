@@ -354,9 +354,10 @@ class Trajectory:
         self, dtype: npt.DTypeLike | None = None, copy: bool | None = None
     ) -> npt.NDArray[Any]:
         """Return the poses: `np.asarray(trajectory)` is (N, 7)."""
-        if copy:
-            return self.poses.astype(dtype or self.poses.dtype, copy=True)
-        return np.asarray(self.poses, dtype)
+        wanted = np.dtype(self.poses.dtype if dtype is None else dtype)
+        if copy is False and wanted != self.poses.dtype:
+            raise ValueError(f"the poses are {self.poses.dtype}: {wanted} needs a copy")
+        return self.poses.astype(wanted, copy=bool(copy))
 
     __hash__ = None  # type: ignore[assignment]
 

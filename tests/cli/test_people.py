@@ -258,3 +258,53 @@ def test_bench_counts_points_with_one_round() -> None:
         for turn in range(rounds):
             results.add("threads", label, turn, "snapshot", {"reads_per_s": 1.0})
     assert results.single_rounds() == 2
+
+
+# -- two clocks ------------------------------------------------------------------------------------
+
+
+def test_two_clocks_are_one_finding(tool: Tool, tmp_path: Path) -> None:
+    """A simulated arm on a base of today: twelve edges that start late would say the same."""
+    turn = (0.0, 0.0, np.sin(0.2), np.cos(0.2))
+    buffer = tfdb.Buffer(history=None)
+    for i in range(50):
+        now = START + i * 20_000_000
+        buffer.set_transform("map", "base", now, (0.1 * i, 1, -2), turn)
+        buffer.set_transform("base", "joint_0", now - START, (0, 0.1, 0.02 * i), turn)
+        for joint in range(1, 6):
+            frames = (f"joint_{joint - 1}", f"joint_{joint}")
+            buffer.set_transform(*frames, now - START, (0, 0.1, 0.02 * i), turn)
+    file = tmp_path / "mixed.mcap"
+    tfdb.io.write_recording(file, buffer)
+    done = tool("check", file, "--json", code=1)
+    (finding,) = done.json["findings"]
+    assert done.err == ""
+    assert (finding["kind"], finding["severity"]) == ("two-clocks", "error")
+    assert finding["frames"] == ["base"]
+    assert "joint_0, joint_1, joint_2 and 3 more from 0 s to 0.98 s" in finding["message"]
+    assert f"base from {START // 10**9}.25 s" in finding["message"]
+    assert "tfdb: warning: " in tool("info", file).err
+    assert tool("check", file, "--ignore", "two-clocks").code == 0
+
+
+def test_each_clock_is_judged_alone(tool: Tool, tmp_path: Path) -> None:
+    buffer = tfdb.Buffer(history=None)
+    for i in (*range(50), *range(150, 200)):
+        buffer.set_transform("map", "base", START + i * 20_000_000, (i, 1, -2), (0, 0, 0, 1))
+        buffer.set_transform("base", "arm", 5 + i * 20_000_000, (i, 0.1, 2), (0, 0, 0, 1))
+    buffer.set_transform("map", "base", 7, (1, 1, -2), (0, 0, 0, 1))
+    file = tmp_path / "mixed.mcap"
+    tfdb.io.write_recording(file, buffer)
+    found = tool("check", file, "--json", code=1).json["findings"]
+    assert [(one["kind"], one["frames"]) for one in found if one["kind"] != "coverage"] == [
+        ("two-clocks", ["base"]),
+        ("gap", ["arm"]),
+        ("gap", ["base"]),
+    ]
+    assert "base has stamps of both" in found[0]["message"]
+
+
+def test_a_file_given_twice_is_refused(tool: Tool, bag: Path) -> None:
+    assert "given twice" in tool("info", bag, bag, code=2).error
+    body = tool("check", bag, bag, "--json", code=2).json
+    assert body["error"]["type"] == "InvalidArgument"

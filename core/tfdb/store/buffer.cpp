@@ -81,6 +81,10 @@ Concurrency concurrency_of(std::string_view name) {
 Buffer::Buffer(const BufferOptions& options)
     : Reads(std::make_shared<Impl>(checked(options)), kFresh) {}
 
+void Buffer::check_not_in_transaction() const {
+    store::check_not_in_transaction(*impl_);
+}
+
 Snapshot Buffer::snapshot() const {
     if (impl_->control != nullptr) {
         // Alone, for then every commit up to this one has been applied in full.

@@ -272,6 +272,9 @@ public:
     /// Drops all moving samples; frames and static edges stay.
     CommitNumber clear();
 
+    /// Throws TransactionActive where this thread has a transaction of the store open: what it
+    /// reads past that would be of another state, and no commit would notice.
+    void check_not_in_transaction() const;
     [[nodiscard]] Snapshot snapshot() const;
     [[nodiscard]] MemoryUse memory() const;
     [[nodiscard]] Counters counters() const;

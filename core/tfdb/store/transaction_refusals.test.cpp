@@ -157,7 +157,10 @@ TFDB_TEST(transaction_keeps_its_thread_from_waiting_for_itself) {
         CHECK(THROWN(TransactionActive, buffer.remove_frame("base", true)));
         CHECK(THROWN(TransactionActive, buffer.clear()));
         CHECK(THROWN(TransactionActive, Transaction(buffer).commit()));
-        // Reading is fine, and so is another store.
+        // A program that wants to read past it, as Python does not, must not ask.
+        CHECK(THROWN(TransactionActive, buffer.check_not_in_transaction()));
+        other.check_not_in_transaction();
+        // Another store is fine.
         CHECK_EQ(latest(buffer, "map", "base"), 2.0);
         set(other, "map", "base", 3000, pose_of(4));
         Transaction second(other);

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import warnings
 from collections import Counter
 from typing import Any
 
 import click
 
+import tfdb
 from tfdb.summary import Forest
 
 from . import common, output
@@ -62,7 +64,9 @@ def command(
     Several FILEs are parts of one recording.
     """
     limits = Limits(max_gap, NS if jump is None else jump, NS if coverage is None else coverage)
-    loaded = common.load(files, topics)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", tfdb.TfdbWarning)  # they are findings
+        loaded = common.load(files, topics)
     with common.progress_bar("checking") as update:
         static = {topic.name: topic.static for topic in loaded.report.topics}
         arrivals = read_arrivals(loaded.report.files, static, update)

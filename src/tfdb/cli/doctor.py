@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
-from tfdb.summary import find_gaps
+from tfdb.summary import YEAR_NS, Clock, describe_clocks, find_gaps
 
 from .times import NS, format_duration, format_ns
 
@@ -23,6 +23,7 @@ if TYPE_CHECKING:
 # kind -> (severity, what it means); the documentation lists the same.
 KINDS = {
     "refused": ("error", "messages that the store refuses"),
+    "two-clocks": ("error", "stamps of two clocks, as of a simulation and of the day"),
     "time-jump": ("error", "stamps that jump against the time of arrival"),
     "two-publishers": ("error", "one edge written by several publishers"),
     "static-and-moving": ("error", "one edge written as static and as moving"),
@@ -86,6 +87,10 @@ class Edge:
     def fixed(self) -> Edge:
         """Only the static transforms."""
         return self._rows(self.static)
+
+    def between(self, first: int, beyond: int) -> Edge:
+        """Only the transforms with stamps from `first` on and before `beyond`."""
+        return self._rows((self.stamps >= first) & (self.stamps < beyond))
 
     def _rows(self, kept: npt.NDArray[np.bool_]) -> Edge:
         return Edge(
@@ -162,18 +167,26 @@ def examine(log: Log, limits: Limits = Limits()) -> list[Finding]:
     """Find everything that the transforms themselves show, edge by edge."""
     edges = list(log.edges())
     moving = [edge.moving for edge in edges]
-    whole = [edge for edge in moving if len(edge.stamps)]
-    start = min((int(edge.stamps.min()) for edge in whole), default=0)
-    end = max((int(edge.stamps.max()) for edge in whole), default=0)
-    found: list[Finding] = list(_jumps(whole, limits.jump))
-    jumped = {name for finding in found for name in finding.frames}
+    parts = _by_clock([edge for edge in moving if len(edge.stamps)])
+    found: list[Finding] = list(_two_clocks(parts))
     for edge in edges:
         found += _publishers(edge, log.names)
         found += _static_and_moving(edge)
         found += _quaternions(edge)
         found += _revised(edge.fixed)
+    for part in parts:
+        found += _examine_clock(part, log.names, limits)
+    return found
+
+
+def _examine_clock(whole: Sequence[Edge], names: Sequence[str], limits: Limits) -> list[Finding]:
+    """Find what is wrong with the moving edges, whose stamps are of one clock."""
+    start = min(int(edge.stamps.min()) for edge in whole)
+    end = max(int(edge.stamps.max()) for edge in whole)
+    found: list[Finding] = list(_jumps(whole, limits.jump))
+    jumped = {name for finding in found for name in finding.frames}
     for edge in whole:
-        found += _reparented(edge, log.names)
+        found += _reparented(edge, names)
         if edge.name not in jumped:  # the rest would only repeat the jump in other words
             found += _repeated(edge)
             found += _late(edge)
@@ -194,6 +207,34 @@ def disconnected(roots: Sequence[tuple[str, int]]) -> list[Finding]:
 def sort_key(finding: Finding) -> tuple[int, tuple[str, ...], int]:
     """Order by kind as listed in KINDS, then by frame, then by time."""
     return list(KINDS).index(finding.kind), finding.frames, finding.stamp or 0
+
+
+def _by_clock(edges: Sequence[Edge]) -> list[list[Edge]]:
+    """Part the moving edges by clocks, the earliest first: the rest is judged for each alone."""
+    if not edges:
+        return []
+    stamps = np.sort(np.concatenate([edge.stamps for edge in edges]))
+    firsts = [int(stamps[0]), *stamps[1:][np.diff(stamps) > YEAR_NS].tolist()]
+    parts = []
+    for first, beyond in zip(firsts, [*firsts[1:], int(stamps[-1]) + 1], strict=True):
+        rows = [edge.between(first, beyond) for edge in edges]
+        parts.append([edge for edge in rows if len(edge.stamps)])
+    return parts
+
+
+def _two_clocks(parts: Sequence[Sequence[Edge]]) -> Iterator[Finding]:
+    found = [
+        Clock(
+            min(int(edge.stamps.min()) for edge in part),
+            max(int(edge.stamps.max()) for edge in part),
+            tuple(edge.name for edge in part),
+        )
+        for part in parts
+    ]
+    message = describe_clocks(found)
+    if message:
+        fewest = min(found, key=lambda clock: len(clock.frames))
+        yield Finding("two-clocks", fewest.frames, message, fewest.start, len(found))
 
 
 def _jumps(edges: Sequence[Edge], limit: int) -> Iterator[Finding]:
