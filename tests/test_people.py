@@ -371,6 +371,35 @@ def test_who_knows_transforms_may_multiply_them() -> None:
     assert tfdb.Transform("a", "b", (1, 2, 3), TURN) @ Friend() == "mine"
 
 
+# -- stamps that are hardly meant ------------------------------------------------------------------
+
+
+def test_seconds_in_place_of_nanoseconds_are_named_in_the_error(buffer: tfdb.Buffer) -> None:
+    looks = f"{START // 10**9} looks like seconds"
+    for call in (
+        lambda: buffer.lookup_transform("map", "hand", START // 10**9),
+        lambda: buffer.lookup_transforms("map", "hand", [START // 10**9]),
+        lambda: buffer.trajectory("map", "hand", 10.0, START // 10**9),
+    ):
+        with pytest.raises(tfdb.Extrapolation) as caught:
+            call()
+        assert looks in str(caught.value)
+    assert looks in str(buffer.explain("map", "hand", START // 10**9))
+    short = tfdb.Buffer(history=10)
+    short.set_transform("map", "base", START, (1, 2, 3), TURN)
+    with pytest.raises(tfdb.TooOld, match=looks) as old:
+        short.set_transform("map", "base", START // 10**9, (1, 2, 3), TURN)
+    assert old.value.frame == "base"
+    with pytest.raises(tfdb.Extrapolation) as caught:
+        buffer.lookup_transform("map", "hand", START - 5)
+    assert "looks like" not in str(caught.value)
+
+
+def test_time_0_is_not_the_latest(buffer: tfdb.Buffer) -> None:
+    with pytest.raises(tfdb.Extrapolation, match="for the latest, give no time"):
+        buffer.lookup_transform("map", "hand", 0)
+
+
 # -- recordings that do not fit --------------------------------------------------------------------
 
 

@@ -63,7 +63,8 @@ std::optional<std::int64_t> known(StampNs stamp) {
         c.path() + " at " + seconds(f.stamp) + " would need extrapolation by " + seconds(distance) +
         " into the " + c.detail.reason + ": " + c.edge() +
         (future ? " has data up to " : " has data from ") + seconds(end) + " only (it covers " +
-        seconds(f.oldest) + " to " + seconds(f.newest) + ")";
+        seconds(f.oldest) + " to " + seconds(f.newest) + ")" +
+        store::likely_meant(f.stamp, f.oldest, f.newest);
     throw Extrapolation(message, std::move(c.detail));
 }
 

@@ -157,10 +157,9 @@ TFDB_TEST(transaction_keeps_its_thread_from_waiting_for_itself) {
         CHECK(THROWN(TransactionActive, buffer.remove_frame("base", true)));
         CHECK(THROWN(TransactionActive, buffer.clear()));
         CHECK(THROWN(TransactionActive, Transaction(buffer).commit()));
-        // A program that wants to read past it, as Python does not, must not ask.
+        // Reads do not ask by themselves; another store is fine.
         CHECK(THROWN(TransactionActive, buffer.check_not_in_transaction()));
         other.check_not_in_transaction();
-        // Another store is fine.
         CHECK_EQ(latest(buffer, "map", "base"), 2.0);
         set(other, "map", "base", 3000, pose_of(4));
         Transaction second(other);

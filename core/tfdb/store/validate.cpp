@@ -168,6 +168,18 @@ std::string seconds(StampNs stamp) {
     return text;
 }
 
+std::string likely_meant(StampNs stamp, StampNs oldest, StampNs newest) {
+    constexpr StampNs kSecond = 1'000'000'000;
+    constexpr StampNs kDay = 86'400 * kSecond;
+    if (stamp == 0)
+        return "; time 0 is a stamp like any other here: for the latest, give no time";
+    const bool is_seconds = stamp < oldest && stamp <= history::kForever / kSecond &&
+                            (stamp + 1) * kSecond > oldest && stamp * kSecond <= newest + kDay;
+    if (!is_seconds)
+        return {};
+    return "; stamps are nanoseconds, " + std::to_string(stamp) + " looks like seconds";
+}
+
 Fault fault_alone(const TransformView& transform, std::size_t index, bool is_static,
                   std::string_view authority) {
     if (transform.parent == transform.child)
@@ -248,10 +260,12 @@ Error too_old(const TransformView& transform, std::size_t index, StampNs newest,
     detail.newest = newest;
     detail.oldest = newest - history;
     detail.limit = history;
-    return TooOld(edge_name(transform) + " at " + seconds(transform.stamp) + by(authority) +
-                      " is older than the retained history: stamps from " +
-                      seconds(newest - history) + " on are taken",
-                  std::move(detail));
+    return TooOld(
+        edge_name(transform) + " at " + seconds(transform.stamp) + by(authority) +
+            " is older than the retained history: stamps from " + seconds(newest - history) +
+            " on are taken" +
+            (transform.stamp == 0 ? "" : likely_meant(transform.stamp, newest - history, newest)),
+        std::move(detail));
 }
 
 Error unknown_frame(std::string_view name, std::size_t index) {
