@@ -389,7 +389,7 @@ def test_seconds_in_place_of_nanoseconds_are_named_in_the_error(buffer: tfdb.Buf
     short.set_transform("map", "base", START, (1, 2, 3), TURN)
     with pytest.raises(tfdb.TooOld, match=looks) as old:
         short.set_transform("map", "base", START // 10**9, (1, 2, 3), TURN)
-    assert old.value.frame == "base"
+    assert old.value.edge == "base"
     with pytest.raises(tfdb.Extrapolation) as caught:
         buffer.lookup_transform("map", "hand", START - 5)
     assert "looks like" not in str(caught.value)

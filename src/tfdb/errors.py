@@ -164,16 +164,19 @@ class NoSampleNear(TfdbError):
 class InvalidTransform(TfdbError, ValueError):
     """Numbers that are no rigid transform, or a frame that is its own parent.
 
-    Fields: frame, reason, index.
+    Fields: edge, parent, reason, index.
     """
 
 
 class TooOld(TfdbError):
-    """The sample is older than the retained history. Fields: frame, stamp, oldest, index."""
+    """The sample is older than the retained history.
+
+    Fields: edge, parent, stamp, oldest, newest, limit (the history), index.
+    """
 
 
 class StaticConflict(TfdbError):
-    """A moving sample for a static edge, or the other way round. Fields: frame, index."""
+    """A moving sample for a static edge, or the other way round. Fields: edge, parent, index."""
 
 
 class RepeatedStamp(TfdbError):

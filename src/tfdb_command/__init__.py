@@ -21,3 +21,6 @@ def main() -> None:
         cli.main(prog_name="tfdb")
     except KeyboardInterrupt:
         sys.exit(130)
+    except Exception:  # a mistake of the program's, which is no finding either
+        sys.excepthook(*sys.exc_info())
+        sys.exit(2)

@@ -193,6 +193,14 @@ def test_a_closed_pipe_is_no_finding(bag: Path, arguments: str) -> None:
     assert (done.returncode, done.stderr) == (-signal.SIGPIPE, b"")
 
 
+def test_a_mistake_of_the_program_is_no_finding() -> None:
+    program = "import tfdb_command; from tfdb.cli.app import cli; cli.main = None; "
+    command = [sys.executable, "-c", program + "tfdb_command.main()"]
+    done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=120)
+    assert done.returncode == 2
+    assert "TypeError" in done.stderr
+
+
 @pytest.mark.parametrize("during", ["numpy", "click", "rich"])
 def test_ctrl_c_at_start_prints_no_traceback(tmp_path: Path, during: str) -> None:
     """Pressed while the program is still importing what it needs."""
