@@ -218,25 +218,33 @@ def test_payloads_of_another_encoding(recorder: Any, messages: Drive, tmp_path: 
     refuse(path, "topic '/tf' is encoded as 'json', not as cdr or ros1")
 
 
-@pytest.mark.parametrize("missing", ["rosbags", "mcap"])
+@pytest.mark.parametrize("missing", ["rosbags", "lz4", "zstandard", "ruamel"])
 def test_missing_libraries(
     recorder: Any, messages: Drive, tmp_path: Path, missing: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    """What is not packed needs none."""
+    packed = {
+        "lz4": recorder.bag(tmp_path / "b.bag", messages, "lz4"),
+        "zstandard": recorder.folder(tmp_path / "c", messages, mode="storage") / "c.mcap",
+        "ruamel": recorder.folder(tmp_path / "d", messages),
+    }
     bag = recorder.bag(tmp_path / "a.bag", messages)
     mcap = recorder.folder(tmp_path / "b", messages) / "b.mcap"
+    db3 = recorder.folder(tmp_path / "e", messages, "sqlite3") / "e.db3"
     for name in [name for name in sys.modules if name.split(".")[0] == missing]:
         monkeypatch.delitem(sys.modules, name)
     monkeypatch.setitem(sys.modules, missing, None)
-    # One library stands in for the other where it can.
-    assert tfdb.load(mcap).commit == len(messages)
-    if missing == "rosbags":
-        refuse(bag, "pip install 'tfdb[recordings]'")
-    else:
-        assert tfdb.load(bag).commit == len(messages)
+    for path in (bag, mcap, db3):
+        assert tfdb.load(path).commit == len(messages)
+    for name, path in packed.items():
+        if name == missing:
+            refuse(path, "pip install 'tfdb[recordings]'")
+        else:
+            assert tfdb.load(path).commit == len(messages)
 
 
 def test_the_libraries_are_imported_late() -> None:
-    code = "import sys, tfdb, tfdb.io; print({'rosbags', 'mcap', 'lz4'} & set(sys.modules))"
+    code = "import sys, tfdb, tfdb.io; print({'rosbags', 'lz4', 'zstandard'} & set(sys.modules))"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "set()"
 

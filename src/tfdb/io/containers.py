@@ -1,34 +1,55 @@
-"""What a recording's container gives, whichever library opens it.
+"""What a recording's container gives, whatever its format.
 
-One file per library implements `Container` (`rosbags_reader`, `mcap_reader`); nothing else imports
-them. Payloads stay bytes: the store decodes them itself.
+One file per format makes a `Container` (`bag_reader`, `mcap_reader`, `db3_reader`, `bag_folder`).
+Payloads stay bytes: the store decodes them itself.
 """
 
 from __future__ import annotations
 
-import errno
-import os
+import stat
+import struct
+from bisect import bisect_left
+from collections import Counter
 from contextlib import contextmanager
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal, Protocol, TypeAlias
+from dataclasses import dataclass, field
+from operator import itemgetter
+from typing import TYPE_CHECKING, Literal, TypeAlias, TypeVar
 
 from tfdb.errors import RecordingError
 
+from .raw_file import BadDataError, BrokenChunkError
+
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
+    from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
     from pathlib import Path
+
+T = TypeVar("T")
 
 Encoding: TypeAlias = Literal["ros1", "cdr"]
 Kind: TypeAlias = Literal["bag", "db3", "mcap", "folder"]
+Payload: TypeAlias = "tuple[int, int, bytes]"
+"""Time of reception (ns), id of the source, bytes."""
 
 NEEDS_EXTRA = "needs a library that is not installed: pip install 'tfdb[recordings]'"
+SALVAGE = "salvage=True (--salvage) reads as far as it goes"
+NO_START = 2**63 - 1
 
 _TF_TYPES = frozenset({"tf2_msgs/TFMessage", "tf/tfMessage"})
-_MCAP = b"\x89MCAP0\r\n"
 _MAGICS: tuple[tuple[bytes, Kind], ...] = (
     (b"#ROSBAG V2.0", "bag"),
-    (_MCAP, "mcap"),
+    (b"\x89MCAP0\r\n", "mcap"),
     (b"SQLite format 3\0", "db3"),
+)
+_OTHERS = (
+    (b"#ROSBAG V1", "a bag of the old version 1: convert it with `rosbag fix`"),
+    (
+        b"version https://git-lfs",
+        "a Git LFS pointer, not the recording itself: fetch it with `git lfs pull`",
+    ),
+    (b"\x28\xb5\x2f\xfd", "packed as a whole with zstd: unpack it first, `zstd -d {name}`"),
+    (b"\x04\x22\x4d\x18", "packed as a whole with lz4: unpack it first, `lz4 -d {name}`"),
+    (b"BZh", "packed as a whole with bzip2: unpack it first, `bunzip2 {name}`"),
+    (b"\x1f\x8b", "packed as a whole with gzip: unpack it first, `gunzip {name}`"),
 )
 
 
@@ -55,29 +76,154 @@ class Source:
     messages: int
 
 
-class Container(Protocol):
-    """An open recording. Not for several threads at once."""
+@dataclass(frozen=True)
+class Loss:
+    """What could not be saved of a damaged file: at least so many messages and bytes, and why.
 
-    @property
-    def topics(self) -> tuple[Topic, ...]:
-        """All topics, also those without transforms."""
+    Messages count on the topics of transforms, and where what is left of the file tells of them.
+    """
 
-    @property
-    def sources(self) -> tuple[Source, ...]:
-        """The streams of transforms."""
+    path: str
+    reason: str
+    messages: int
+    bytes: int
 
-    @property
-    def start(self) -> int:
-        """When the first message was received, nanoseconds; 2**63 - 1 without messages."""
+    def __str__(self) -> str:
+        what = f"{self.messages:,} messages and {self.bytes:,} bytes"
+        return f"{self.path}: lost at least {what}: {self.reason}"
+
+
+class Container:
+    """An open recording. Not for several threads at once.
+
+    Parameters
+    ----------
+    path
+        The file or folder, for errors.
+    topics
+        All topics, also those without transforms.
+    sources
+        The streams of transforms, by id.
+    start
+        When the first message was received, nanoseconds; `NO_START` without messages.
+    payloads
+        Gives the messages of the sources with the ids that it gets, in order of reception.
+    close
+        Closes the file; called again, does nothing.
+    losses
+        What could not be saved of the file.
+    hint
+        What may help where the file is damaged.
+    """
+
+    unpack: Callable[[bytes], bytes] | None = None
+    """For messages that are packed one by one."""
+
+    def __init__(
+        self,
+        path: Path,
+        topics: Iterable[Topic],
+        sources: Mapping[int, Source],
+        start: int,
+        payloads: Callable[[Collection[int]], Iterable[Payload]],
+        close: Callable[[], None],
+        losses: Sequence[Loss] = (),
+        *,
+        hint: str = SALVAGE,
+    ) -> None:
+        self.path = path
+        self._sources = sources
+        self._payloads = payloads
+        self.topics = tuple(topics)
+        self.sources = tuple(sources.values())
+        self.start = start
+        self.close = close
+        self.losses = tuple(losses)
+        self._hint = hint
 
     def messages(self, wanted: Callable[[Source], bool]) -> Iterator[tuple[Source, int, bytes]]:
         """Source, time of reception (ns) and payload of each message, in order of reception.
 
         Raises `RecordingError` where the file is damaged, also after some messages.
         """
+        sources = {id_: source for id_, source in self._sources.items() if wanted(source)}
+        found = dict.fromkeys(sources, 0)
+        unpack = self.unpack
+        with typed_errors(self.path, self._hint):
+            for received, id_, data in self._payloads(sources.keys()):
+                found[id_] += 1
+                yield sources[id_], received, data if unpack is None else unpack(data)
+            for id_, source in sources.items():
+                if found[id_] != source.messages:
+                    promise = f"its index promises {source.messages} messages on {source.topic!r}"
+                    raise BadDataError(f"{promise}, the file holds {found[id_]}")
 
-    def close(self) -> None:
-        """Close the file."""
+
+@dataclass
+class Gathered:
+    """What a walk over a file without its index finds: only messages that may be of transforms.
+
+    `promised` are the messages that records beside the chunks tell of, by id.
+    """
+
+    messages: list[Payload] = field(default_factory=list)
+    promised: Counter[int] = field(default_factory=Counter)
+    bytes_lost: int = 0
+    reasons: list[str] = field(default_factory=list)
+
+    def lose(self, count: int, reason: object) -> None:
+        """Note bytes that gave nothing."""
+        self.bytes_lost += max(count, 0)
+        self.reasons.append(str(reason))
+
+    def take(self, messages: Iterable[Payload], size: int) -> int:
+        """Add the messages of a chunk of `size` bytes; says how many bytes of it were good."""
+        try:
+            for message in messages:
+                self.messages.append(message)
+        except BrokenChunkError as error:
+            return error.at
+        return size
+
+    def found(self) -> Counter[int]:
+        """How many messages there are of each source."""
+        return Counter(id_ for _, id_, _ in self.messages)
+
+    def payloads(self, ids: Collection[int]) -> list[Payload]:
+        """The messages of some sources, by time."""
+        self.messages.sort(key=_time)
+        return [message for message in self.messages if message[1] in ids]
+
+    def losses(self, path: Path, ids: Collection[int]) -> list[Loss]:
+        """What was lost of the sources of transforms; nothing where nothing was."""
+        found = self.found()
+        lost = sum(max(0, self.promised[id_] - found[id_]) for id_ in ids)
+        if not lost and not self.reasons:
+            return []
+        first = self.reasons[0] if self.reasons else "messages are missing"
+        more = f", and {len(self.reasons) - 1} more" if len(self.reasons) > 1 else ""
+        return [Loss(str(path), first + more, lost, self.bytes_lost)]
+
+
+_time = itemgetter(0)
+
+
+def in_order(
+    chunks: Iterable[tuple[int, T]], read: Callable[[T], Iterable[Payload]]
+) -> Iterator[Payload]:
+    """Messages by time, out of chunks that come with the time of their first message.
+
+    They may overlap: what may still be preceded waits for the next chunk.
+    """
+    ordered = sorted(chunks, key=_time)
+    nexts = [start for start, _ in ordered[1:]]
+    pending: list[Payload] = []
+    for (_, chunk), end in zip(ordered, [*nexts, None], strict=True):
+        pending += read(chunk)
+        pending.sort(key=_time)
+        cut = len(pending) if end is None else bisect_left(pending, end, key=_time)
+        yield from pending[:cut]
+        del pending[:cut]
 
 
 def is_tf_type(name: str) -> bool:
@@ -91,33 +237,18 @@ def encoding_of(path: Path, topic: str, name: str) -> Encoding:
         return "cdr"
     if name in ("ros1", "ros1msg"):
         return "ros1"
-    raise RecordingError(path, f"topic {topic!r} is encoded as {name!r}, not as cdr or ros1")
-
-
-def check_count(path: Path, source: Source, found: int) -> None:
-    """Refuse a file whose index promises other messages than it holds."""
-    if found != source.messages:
-        reason = f"its index promises {source.messages} messages on {source.topic!r}"
-        raise RecordingError(path, f"{reason}, the file holds {found}")
+    raise RecordingError(path, f"topic {topic!r} is encoded as {name[:40]!r}, not as cdr or ros1")
 
 
 @contextmanager
-def typed_errors(path: Path, hint: str = "") -> Iterator[None]:
-    """Turn whatever the libraries raise on bad files into `RecordingError`, with a hint.
-
-    Errors of the file system pass; bz2 raises `OSError` on bad data, too, but without a number.
-    """
+def typed_errors(path: Path, hint: str = SALVAGE) -> Iterator[None]:
+    """Turn what broken data raise where they are parsed into `RecordingError`; nothing else."""
     try:
         yield
-    except (RecordingError, GeneratorExit):
-        raise
     except ModuleNotFoundError as error:
         raise RecordingError(path, f"{NEEDS_EXTRA} ({error.name})") from error
-    except Exception as error:
-        if isinstance(error, OSError) and error.errno is not None:
-            raise
-        detail = " ".join(str(error).split())[:300] or type(error).__name__
-        raise RecordingError(path, f"damaged or cut short: {detail.rstrip('.')}{hint}") from error
+    except (BadDataError, struct.error, UnicodeDecodeError) as error:
+        raise RecordingError(path, f"damaged or cut short: {error}; {hint}") from error
 
 
 def kind_of(path: Path) -> Kind:
@@ -125,21 +256,19 @@ def kind_of(path: Path) -> Kind:
 
     Raises `RecordingError` for anything that is no recording, `OSError` where it cannot be opened.
     """
-    if not path.exists():
-        raise FileNotFoundError(errno.ENOENT, os.strerror(errno.ENOENT), str(path))
-    if path.is_dir():
+    mode = path.stat().st_mode
+    if stat.S_ISDIR(mode):
         return "folder"
+    if not stat.S_ISREG(mode):
+        raise RecordingError(path, "no regular file")
     with path.open("rb") as file:
-        start = file.read(16)
-        file.seek(-min(len(_MCAP), len(start)), os.SEEK_END)
-        end = file.read()
+        start = file.read(32)
     if not start:
         raise RecordingError(path, "the file is empty")
-    if start.startswith(_MCAP) and end != _MCAP:
-        raise RecordingError(path, "cut short, its end is missing: `mcap recover` saves the rest")
     for magic, kind in _MAGICS:
         if start.startswith(magic):
             return kind
-    if start.startswith(b"#ROSBAG V1"):
-        raise RecordingError(path, "a bag of the old version 1: convert it with `rosbag fix`")
+    for magic, reason in _OTHERS:
+        if start.startswith(magic):
+            raise RecordingError(path, reason.format(name=path.name))
     raise RecordingError(path, "neither a ROS 1 bag, nor a ROS 2 database (.db3), nor an MCAP file")

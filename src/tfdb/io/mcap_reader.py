@@ -1,152 +1,370 @@
-"""MCAP files through PyPI's `mcap`.
+"""MCAP files (https://mcap.dev/spec).
 
-The library reads the summary and decompresses chunks; cutting these into messages is done here, ten
-times as fast. Files without a usable summary are left to the library altogether.
+With the summary at the end of the file only those chunks are read that hold what is wanted. Files
+without one, and damaged ones (`salvage`), are walked from their beginning.
 """
 
 from __future__ import annotations
 
 import struct
-from bisect import bisect_left
-from operator import itemgetter
-from typing import TYPE_CHECKING, Any, BinaryIO
+import zlib
+from bisect import bisect_right
+from dataclasses import dataclass, field
+from functools import partial
+from typing import TYPE_CHECKING
 
-from .containers import Source, Topic, check_count, encoding_of, is_tf_type, typed_errors
+from tfdb.errors import RecordingError
+
+from .containers import (
+    NO_START,
+    SALVAGE,
+    Container,
+    Gathered,
+    Source,
+    Topic,
+    encoding_of,
+    in_order,
+    is_tf_type,
+    typed_errors,
+)
+from .raw_file import BadDataError, BrokenChunkError, RawFile, unpack, unpack_the_start
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
-    from collections.abc import Set as AbstractSet
+    from collections.abc import Callable, Collection, Iterator
     from pathlib import Path
 
-    from .containers import Container
+    from .containers import Payload
 
-_MESSAGE = 0x05
-# Opcode, length, channel, sequence, time of logging; the time of publishing and the data follow.
-_RECORD = struct.Struct("<BQHIQ")
+_MAGIC = b"\x89MCAP0\r\n"
+_HEADER, _FOOTER, _SCHEMA, _CHANNEL, _MESSAGE, _CHUNK, _MESSAGE_INDEX, _CHUNK_INDEX = range(1, 9)
+_STATISTICS, _DATA_END = 0x0B, 0x0F
+# Opcode and length; then, in a message: channel, sequence, time of logging, time of publishing.
+_RECORD = struct.Struct("<BQ")
+_MESSAGE_HEAD = struct.Struct("<BQHIQ")
 _HEAD, _DATA = 9, 31
-_log_time = itemgetter(0)
+_FOOTER_SIZE = _HEAD + 20 + len(_MAGIC)
+_CHUNK_HEAD = struct.Struct("<QQQI")
+_PAIR = struct.Struct("<HQ")
 
 
-def open_mcap(path: Path) -> Container:
+@dataclass(frozen=True)
+class _Channel:
+    """One stream of messages."""
+
+    schema: int
+    topic: str
+    encoding: str
+
+
+@dataclass(frozen=True)
+class _Chunk:
+    """Where a chunk lies, and which channels it holds; none named: any."""
+
+    position: int
+    start: int
+    channels: frozenset[int]
+
+
+@dataclass
+class _Index:
+    """What the file says of its messages: their streams, where they lie, how many there are."""
+
+    schemas: dict[int, str] = field(default_factory=dict)
+    channels: dict[int, _Channel] = field(default_factory=dict)
+    chunks: list[_Chunk] = field(default_factory=list)
+    counts: dict[int, int] | None = None
+    chunk_count: int = 0
+    start: int = NO_START
+
+    def learn(self, kind: int, data: bytes) -> None:
+        """Take in a schema, channel, chunk index or statistics record."""
+        fields = _Fields(data)
+        if kind == _SCHEMA:
+            id_ = fields.number(2)
+            self.schemas[id_] = fields.text()
+        elif kind == _CHANNEL:
+            id_ = fields.number(2)
+            self.channels[id_] = _Channel(fields.number(2), fields.text(), fields.text())
+        elif kind == _CHUNK_INDEX:
+            start, _, position = fields.number(8), fields.number(8), fields.number(8)
+            fields.number(8)
+            self.chunks.append(_Chunk(position, start, frozenset(fields.pairs())))
+        elif kind == _STATISTICS:
+            count = fields.number(8)
+            fields.skip(2 + 4 + 4 + 4)
+            self.chunk_count, start = fields.number(4), fields.number(8)
+            fields.number(8)
+            self.counts, self.start = fields.pairs(), start if count else NO_START
+
+    def is_tf(self, channel: int) -> bool:
+        return channel in self.channels and is_tf_type(self.type_of(channel))
+
+    def type_of(self, channel: int) -> str:
+        return self.schemas.get(self.channels[channel].schema, "")
+
+
+class _Fields:
+    """Takes the fields of a record one after the other."""
+
+    def __init__(self, data: bytes) -> None:
+        self._data = data
+        self._at = 0
+
+    def number(self, width: int) -> int:
+        return int.from_bytes(self._take(width), "little")
+
+    def text(self) -> str:
+        return self._take(self.number(4)).decode()
+
+    def pairs(self) -> dict[int, int]:
+        """A map from ids to numbers."""
+        data = self._take(self.number(4))
+        return dict(_PAIR.iter_unpack(data))
+
+    def skip(self, width: int) -> None:
+        self._take(width)
+
+    def _take(self, width: int) -> bytes:
+        taken = self._data[self._at : self._at + width]
+        if len(taken) != width:
+            raise BadDataError(f"a record of {len(self._data)} bytes ends within a field")
+        self._at += width
+        return taken
+
+
+def open_mcap(path: Path, *, salvage: bool = False) -> Container:
     """Open an MCAP file; raises `RecordingError`."""
-    file = path.open("rb")
+    file = RawFile(path)
     try:
-        return _McapContainer(path, file)
+        with typed_errors(path):
+            return _salvaged(path, file) if salvage else _whole(path, file)
     except BaseException:
         file.close()
         raise
 
 
-class _McapContainer:
-    """A `Container` over the reader of mcap."""
+def _whole(path: Path, file: RawFile) -> Container:
+    if not _has_end(file):
+        reason = f"cut short, its end is missing: `mcap recover` saves the rest; {SALVAGE}"
+        raise RecordingError(path, reason)
+    index = _read_summary(file)
+    listed = index.counts is not None and index.channels and index.chunks
+    if listed and len(index.chunks) == index.chunk_count:
+        return _indexed(path, file, index)
+    walked = _walked(path, file, index, _gather(file, index, [], strict=True))
+    if walked.losses:
+        raise BadDataError(walked.losses[0].reason)
+    return walked
 
-    def __init__(self, path: Path, file: BinaryIO) -> None:
-        self._path = path
-        self._file = file
-        self._chunks: list[Any] = []
-        with typed_errors(path):
-            from mcap.reader import make_reader  # noqa: PLC0415 - an extra
 
-            self._reader = make_reader(file, validate_crcs=True)
-            channels, counts, self.start = self._survey()
-        named = [(channel, schema.name if schema else "") for channel, schema in channels.values()]
-        self.topics = tuple(
-            Topic(channel.topic, name, counts.get(channel.id, 0)) for channel, name in named
+def _has_end(file: RawFile) -> bool:
+    return file.read(file.size - len(_MAGIC), len(_MAGIC)) == _MAGIC
+
+
+def _indexed(path: Path, file: RawFile, index: _Index) -> Container:
+    def payloads(ids: Collection[int]) -> Iterator[Payload]:
+        # Without message indexes, what is in a chunk shows only when it is read.
+        wanted = [c for c in index.chunks if not c.channels or not c.channels.isdisjoint(ids)]
+        return in_order(
+            ((each.start, each.position) for each in wanted), partial(_chunk_messages, file, ids)
         )
-        self._sources = {
-            channel.id: Source(
-                topic=channel.topic,
-                encoding=encoding_of(path, channel.topic, channel.message_encoding),
-                authority=channel.topic,
-                messages=counts.get(channel.id, 0),
-            )
-            for channel, name in named
-            if is_tf_type(name)
-        }
-        self.sources = tuple(self._sources.values())
 
-    def _survey(self) -> tuple[dict[int, tuple[Any, Any]], dict[int, int], int]:
-        """Channels with schemas, messages by channel, and the start: by summary or by reading."""
-        summary = self._reader.get_summary()
-        if summary is not None and summary.statistics is not None and summary.channels:
-            self._chunks = summary.chunk_indexes
-            statistics = summary.statistics
-            channels = {
-                id_: (channel, summary.schemas.get(channel.schema_id))
-                for id_, channel in summary.channels.items()
-            }
-            start = statistics.message_start_time if statistics.message_count else 2**63 - 1
-            return channels, statistics.channel_message_counts, start
-        channels, start = {}, 2**63 - 1
-        counts: dict[int, int] = {}
-        for schema, channel, message in self._reader.iter_messages(log_time_order=False):
-            channels[channel.id] = (channel, schema)
-            counts[channel.id] = counts.get(channel.id, 0) + 1
-            start = min(start, message.log_time)
-        return channels, counts, start
+    counts = index.counts or {}
+    return Container(
+        path,
+        _topics(index, counts),
+        _sources(path, index, counts),
+        index.start,
+        payloads,
+        file.close,
+    )
 
-    def messages(self, wanted: Callable[[Source], bool]) -> Iterator[tuple[Source, int, bytes]]:
-        """See `Container.messages`."""
-        sources = {id_: source for id_, source in self._sources.items() if wanted(source)}
-        found = dict.fromkeys(sources, 0)
-        with typed_errors(self._path):
-            for received, id_, data in self._payloads(sources.keys()):
-                found[id_] += 1
-                yield sources[id_], received, data
-        for id_, source in sources.items():
-            check_count(self._path, source, found[id_])
 
-    def _payloads(self, ids: AbstractSet[int]) -> Iterator[tuple[int, int, bytes]]:
-        """Time, channel and payload of the channels' messages, by time."""
-        if not self._chunks:
-            topics = {self._sources[id_].topic for id_ in ids}
-            for _, channel, message in self._reader.iter_messages(topics=topics):
-                if channel.id in ids:
-                    yield message.log_time, channel.id, message.data
-            return
-        chunks = sorted(
-            (
-                chunk
-                for chunk in self._chunks
-                # Without message indexes, what is in a chunk shows only when it is read.
-                if not chunk.message_index_offsets
-                or not ids.isdisjoint(chunk.message_index_offsets)
-            ),
-            key=lambda chunk: (chunk.message_start_time, chunk.chunk_start_offset),
+def _salvaged(path: Path, file: RawFile) -> Container:
+    try:
+        index = _read_summary(file) if _has_end(file) else _Index()
+    except (BadDataError, struct.error, UnicodeDecodeError):
+        index = _Index()
+    gathered = _gather(file, index, [chunk.position for chunk in index.chunks])
+    if not _has_end(file) and not gathered.reasons:
+        gathered.lose(0, "cut short, its end is missing")
+    return _walked(path, file, index, gathered)
+
+
+def _walked(path: Path, file: RawFile, index: _Index, gathered: Gathered) -> Container:
+    for id_, count in (index.counts or {}).items():
+        gathered.promised[id_] = max(gathered.promised[id_], count)
+    counts = gathered.found()
+    sources = _sources(path, index, counts)
+    start = min((at for at, _, _ in gathered.messages), default=NO_START)
+    return Container(
+        path,
+        _topics(index, counts),
+        sources,
+        start,
+        gathered.payloads,
+        file.close,
+        gathered.losses(path, sources),
+    )
+
+
+def _sources(path: Path, index: _Index, counts: dict[int, int]) -> dict[int, Source]:
+    return {
+        id_: Source(
+            channel.topic,
+            encoding_of(path, channel.topic, channel.encoding),
+            channel.topic,
+            counts.get(id_, 0),
         )
-        nexts = [chunk.message_start_time for chunk in chunks[1:]]
-        # Chunks may overlap in time: what may still be preceded waits for the next chunk.
-        pending: list[tuple[int, int, bytes]] = []
-        for chunk, end in zip(chunks, [*nexts, None], strict=True):
-            pending += self._messages_in(chunk, ids)
-            pending.sort(key=_log_time)
-            cut = len(pending) if end is None else bisect_left(pending, end, key=_log_time)
-            yield from pending[:cut]
-            del pending[:cut]
+        for id_, channel in index.channels.items()
+        if index.is_tf(id_)
+    }
 
-    def _messages_in(self, index: Any, ids: AbstractSet[int]) -> Iterator[tuple[int, int, bytes]]:
-        """The same of one chunk, in the order in which they lie there."""
-        from mcap.data_stream import ReadDataStream  # noqa: PLC0415 - an extra
-        from mcap.records import Chunk  # noqa: PLC0415
-        from mcap.stream_reader import get_chunk_data_stream  # noqa: PLC0415
 
-        self._file.seek(index.chunk_start_offset + _HEAD)
-        chunk = Chunk.read(ReadDataStream(self._file))
-        stream, size = get_chunk_data_stream(chunk, validate_crc=True)
-        if size != chunk.uncompressed_size:
-            raise ValueError(f"a chunk of {chunk.uncompressed_size} bytes ends after {size}")
-        # Records shorter than a message's head may come last.
-        data = stream.read(size) + bytes(_RECORD.size)
-        at = 0
-        while at < size:
-            kind, length, channel, _, log_time = _RECORD.unpack_from(data, at)
-            end = at + _HEAD + length
-            if end > size:
-                raise ValueError(f"a record of {length} bytes goes beyond its chunk")
-            if kind == _MESSAGE and channel in ids:
+def _topics(index: _Index, counts: dict[int, int]) -> Iterator[Topic]:
+    return (
+        Topic(channel.topic, index.type_of(id_), counts.get(id_, 0))
+        for id_, channel in index.channels.items()
+    )
+
+
+# -- the top of the file --------------------------------------------------------------------------
+
+
+def _read_summary(file: RawFile) -> _Index:
+    """The summary; an empty one where the file has none."""
+    end = file.size - _FOOTER_SIZE
+    footer = _Fields(file.read(end, _FOOTER_SIZE))
+    if (footer.number(1), footer.number(8)) != (_FOOTER, 20):
+        raise BadDataError("no footer at its end")
+    index = _Index()
+    at = footer.number(8)
+    while 0 < at < end:
+        kind, size = _RECORD.unpack(file.read(at, _HEAD))
+        if kind in (_SCHEMA, _CHANNEL, _CHUNK_INDEX, _STATISTICS):
+            index.learn(kind, file.read(at + _HEAD, size))
+        at += _HEAD + size
+    if at > end:
+        raise BadDataError("its summary goes beyond its end")
+    if len({chunk.position for chunk in index.chunks}) != len(index.chunks):
+        raise BadDataError("its summary names the same chunk twice")
+    return index
+
+
+def _chunk_messages(file: RawFile, ids: Collection[int], position: int) -> Iterator[Payload]:
+    kind, size = _RECORD.unpack(file.read(position, _HEAD))
+    if kind != _CHUNK:
+        raise BadDataError(f"no chunk at {position}, where the summary has one")
+    packing, packed, unpacked, crc = _chunk(file.read(position + _HEAD, size))
+    raw = _checked(unpack(packing, packed, unpacked), crc)
+    return _messages_in(raw, ids.__contains__, lambda _kind, _data: None)
+
+
+def _chunk(record: bytes, *, cut: bool = False) -> tuple[str, bytes, int, int]:
+    """Packing, packed records, their unpacked size and checksum."""
+    _, _, unpacked, crc = _CHUNK_HEAD.unpack_from(record)
+    fields = _Fields(record)
+    fields.skip(_CHUNK_HEAD.size)
+    packing = fields.text()
+    size = fields.number(8)
+    start = _CHUNK_HEAD.size + 4 + len(packing.encode()) + 8
+    packed = record[start : start + size]
+    if len(packed) != size and not cut:
+        raise BadDataError("a chunk that ends within its records")
+    return packing, packed, unpacked, crc
+
+
+def _checked(raw: bytes, crc: int) -> bytes:
+    if crc and zlib.crc32(raw) != crc:
+        raise BadDataError("a chunk whose checksum is wrong")
+    return raw
+
+
+def _gather(file: RawFile, index: _Index, chunks: list[int], *, strict: bool = False) -> Gathered:
+    """Walk over the records of the file; where they break off, go on with the next known chunk.
+
+    Adds the schemas and channels that it finds to `index`. With `strict`, raises instead.
+    """
+    found = Gathered()
+    starts = sorted(chunks)
+    at = len(_MAGIC)
+    while at < file.size:
+        try:
+            kind, size = _RECORD.unpack(file.read(at, _HEAD))
+            if kind in (_DATA_END, _FOOTER):
+                break
+            _gather_record(file, (kind, at, size), index, found, strict=strict)
+            at += _HEAD + size
+        except (BadDataError, struct.error, UnicodeDecodeError) as error:
+            if strict:
+                raise
+            place = bisect_right(starts, at)
+            following = starts[place] if place < len(starts) else file.size
+            found.lose(following - at, error)
+            at = following
+    return found
+
+
+def _gather_record(
+    file: RawFile, record: tuple[int, int, int], index: _Index, found: Gathered, *, strict: bool
+) -> None:
+    kind, at, size = record
+    there = min(size, file.size - at - _HEAD)
+    if kind == _CHUNK and not strict:
+        _gather_chunk(file.read(at + _HEAD, there), size, index, found)
+    elif there < size or kind == 0:
+        raise BadDataError(f"no whole record at {at}, where one of {size} bytes begins")
+    elif kind == _CHUNK:
+        packing, packed, unpacked, crc = _chunk(file.read(at + _HEAD, size))
+        raw = _checked(unpack(packing, packed, unpacked), crc)
+        found.messages += _messages_in(raw, index.is_tf, index.learn)
+    elif kind in (_SCHEMA, _CHANNEL):
+        index.learn(kind, file.read(at + _HEAD, size))
+    elif kind == _MESSAGE_INDEX:
+        fields = _Fields(file.read(at + _HEAD, size))
+        found.promised[fields.number(2)] += fields.number(4) // 16
+    elif kind == _MESSAGE:
+        raw = file.read(at, _HEAD + size)
+        found.messages += _messages_in(raw, index.is_tf, index.learn)
+
+
+def _gather_chunk(record: bytes, size: int, index: _Index, found: Gathered) -> None:
+    """Take what can be had of a chunk that may be cut or damaged."""
+    packing, packed, unpacked, crc = _chunk(record, cut=True)
+    reason: Exception | None = None
+    try:
+        raw = unpack(packing, packed, unpacked)
+        _checked(raw, crc)
+    except BadDataError as error:
+        raw, reason = unpack_the_start(packing, packed, unpacked), error
+        if len(raw) == unpacked:
+            raise  # nobody knows which of its bytes are wrong
+    if len(record) < size:
+        reason = BadDataError(f"cut short in the middle of a chunk of {size} bytes")
+    read = found.take(_messages_in(raw, index.is_tf, index.learn), len(raw))
+    if reason is not None or read < len(raw):
+        found.lose(unpacked - read, reason or f"a chunk breaks off at {read}")
+
+
+# -- inside of a chunk ----------------------------------------------------------------------------
+
+
+def _messages_in(
+    raw: bytes, wanted: Callable[[int], bool], learn: Callable[[int, bytes], None]
+) -> Iterator[Payload]:
+    """The messages of a chunk that are wanted, as they lie there; other records are learned."""
+    size = len(raw)
+    # Records shorter than a message's head may come last.
+    data = raw + bytes(_MESSAGE_HEAD.size)
+    at = 0
+    while at < size:
+        kind, length, channel, _, log_time = _MESSAGE_HEAD.unpack_from(data, at)
+        end = at + _HEAD + length
+        if end > size:
+            raise BrokenChunkError(f"a record of {length} bytes goes beyond its chunk", at)
+        if kind == _MESSAGE:
+            if wanted(channel):
                 yield log_time, channel, data[at + _DATA : end]
-            at = end
-
-    def close(self) -> None:
-        """Close the file."""
-        self._file.close()
+        elif kind in (_SCHEMA, _CHANNEL):
+            learn(kind, data[at + _HEAD : end])
+        at = end

@@ -1,6 +1,6 @@
 """Open recordings: ROS 1 bags, ROS 2 databases and bag folders, MCAP files.
 
-Kept libraries read the containers (`pip install 'tfdb[recordings]'`); the payloads stay bytes.
+Chunks packed with lz4 or zstd and the metadata of folders need `pip install 'tfdb[recordings]'`.
 """
 
 from __future__ import annotations
@@ -9,20 +9,18 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeAlias
 
-from tfdb.errors import RecordingError
-
-from . import mcap_reader, rosbags_reader
-from .containers import Source, Topic, kind_of
+from .bag_folder import open_folder
+from .bag_reader import open_bag
+from .containers import Loss, Source, Topic, kind_of
+from .db3_reader import open_db3
+from .mcap_reader import open_mcap
 
 if TYPE_CHECKING:
     import os
     from collections.abc import Callable, Iterable, Iterator
     from typing import Self
 
-    from .containers import Container, Kind
-
     PathLike: TypeAlias = str | os.PathLike[str]
-    Opener: TypeAlias = Callable[[Path], Container]
 
 # Long enough to store fast, short enough that progress and Ctrl-C come through.
 MAX_RUN = 4096
@@ -49,6 +47,8 @@ class Recording:
     path
         A ROS 1 `.bag` (also compressed), a ROS 2 `.db3`, an `.mcap`, or a ROS 2 bag folder. What it
         is, its first bytes tell.
+    salvage
+        Read damaged, cut and unindexed files as far as they go; `losses` says what is missing.
 
     Raises
     ------
@@ -58,10 +58,9 @@ class Recording:
         The file cannot be opened.
     """
 
-    def __init__(self, path: PathLike) -> None:
+    def __init__(self, path: PathLike, *, salvage: bool = False) -> None:
         self.path = Path(path)
-        self._openers = list(_OPENERS[kind_of(self.path)])
-        self._container = self._open(None)
+        self._container = _OPENERS[kind_of(self.path)](self.path, salvage=salvage)
 
     def __enter__(self) -> Self:
         return self
@@ -84,6 +83,11 @@ class Recording:
         """When the first message was received, nanoseconds; 2**63 - 1 without messages."""
         return self._container.start
 
+    @property
+    def losses(self) -> tuple[Loss, ...]:
+        """What salvaging could not save; empty without it."""
+        return self._container.losses
+
     def messages(
         self, wanted: Callable[[Source], bool] | None = None
     ) -> Iterator[tuple[Source, int, bytes]]:
@@ -102,34 +106,14 @@ class Recording:
     ) -> list[Run]:
         """All messages at once, or none: `RecordingError` where the file is damaged.
 
-        Reads with the next library where the first one fails. A run ends where `kind` of the source
-        changes; by default, that is its topic. `step` is called with the number of messages since
-        the last call.
+        A run ends where `kind` of the source changes; by default, that is its topic. `step` is
+        called with the number of messages since the last call.
         """
-        while True:
-            try:
-                return _runs(self.messages(wanted), kind or _topic, step)
-            except RecordingError as error:
-                self._container.close()
-                self._container = self._open(error)
+        return _runs(self.messages(wanted), kind or _topic, step)
 
     def close(self) -> None:
         """Close the file."""
         self._container.close()
-
-    def _open(self, failed: RecordingError | None) -> Container:
-        """The container by the next opener that takes it; raises when none is left."""
-        errors = [] if failed is None else [failed]
-        while self._openers:
-            opener = self._openers.pop(0)
-            try:
-                return opener(self.path)
-            except RecordingError as error:
-                errors.append(error)
-        if len({error.reason for error in errors}) == 1:
-            raise errors[0]
-        first, second = errors
-        raise RecordingError(self.path, f"{first.reason}; or: {second.reason}") from first
 
 
 def _all(_: Source) -> bool:
@@ -171,50 +155,4 @@ def _runs(
     return runs
 
 
-class _Files:
-    """Several files as one container, one after the other by their start."""
-
-    def __init__(self, paths: Iterable[Path]) -> None:
-        self._files: list[Recording] = []
-        try:
-            for path in paths:
-                self._files.append(Recording(path))
-        except BaseException:
-            self.close()
-            raise
-        self._files.sort(key=lambda file: file.start)
-        self.start = self._files[0].start
-        self.topics = tuple(topic for file in self._files for topic in file.topics)
-        self.sources = tuple(source for file in self._files for source in file.sources)
-
-    def messages(self, wanted: Callable[[Source], bool]) -> Iterator[tuple[Source, int, bytes]]:
-        """See `Container.messages`."""
-        for file in self._files:
-            yield from file.messages(wanted)
-
-    def close(self) -> None:
-        """Close the files."""
-        for file in self._files:
-            file.close()
-
-
-def _open_folder(folder: Path) -> Container:
-    """A ROS 2 bag folder as its metadata says; its MCAP files with the faster reader."""
-    files = rosbags_reader.mcap_files(folder) if any(folder.glob("*.mcap")) else []
-    return _Files(files) if files else rosbags_reader.open_ros2(folder)
-
-
-def _open_files_of(folder: Path) -> Container:
-    """The files of a folder whose metadata is missing or does not fit them."""
-    paths = sorted((*folder.glob("*.db3"), *folder.glob("*.mcap")))
-    if not paths:
-        raise RecordingError(folder, "a folder with neither .db3 nor .mcap files in it")
-    return _Files(paths)
-
-
-_OPENERS: dict[Kind, tuple[Opener, ...]] = {
-    "bag": (rosbags_reader.open_bag,),
-    "db3": (rosbags_reader.open_ros2,),
-    "mcap": (mcap_reader.open_mcap, rosbags_reader.open_ros2),
-    "folder": (_open_folder, _open_files_of),
-}
+_OPENERS = {"bag": open_bag, "db3": open_db3, "mcap": open_mcap, "folder": open_folder}

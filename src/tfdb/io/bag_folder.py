@@ -1,0 +1,207 @@
+"""ROS 2 bag folders: `metadata.yaml` and the files that it names."""
+
+from __future__ import annotations
+
+import re
+import tempfile
+from collections import Counter, defaultdict
+from contextlib import ExitStack
+from dataclasses import dataclass, field, replace
+from pathlib import Path, PurePath
+from typing import TYPE_CHECKING, Any
+
+from tfdb.errors import RecordingError
+
+from .containers import Container, Loss, is_tf_type, kind_of, typed_errors
+from .db3_reader import open_db3
+from .mcap_reader import open_mcap
+from .raw_file import BadDataError, unpack_file, unpack_message
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+
+    from .containers import Source
+
+_METADATA = "metadata.yaml"
+_MAX_METADATA = 64 * 2**20
+_PART = re.compile(r".*\.(db3|mcap)(\.zstd)?", re.DOTALL)
+_NUMBERED = re.compile(r"(.*)_(\d{1,9})(\.(?:db3|mcap)(?:\.zstd)?)", re.DOTALL)
+
+
+@dataclass
+class _Metadata:
+    """What of the metadata counts: the names of the files, and the messages of each topic."""
+
+    files: list[str]
+    packing: str = ""
+    counts: dict[str, int] = field(default_factory=dict)
+    types: dict[str, str] = field(default_factory=dict)
+
+
+def open_folder(folder: Path, *, salvage: bool = False) -> Container:
+    """Open a bag folder as its metadata says, or the files in it where it has none.
+
+    A file that the metadata names and that is missing, metadata that cannot be read, and files that
+    hold fewer messages than it promises are errors; with `salvage` they are counted as lost.
+    Raises `RecordingError`.
+    """
+    problems: list[str] = []
+
+    def problem(reason: str) -> None:
+        if not salvage:
+            raise RecordingError(folder, f"{reason}; salvage=True (--salvage) reads what is there")
+        problems.append(reason)
+
+    with typed_errors(folder), ExitStack() as stack:
+        metadata = _metadata(folder, problem)
+        parts = []
+        for path in [folder / name for name in metadata.files]:
+            try:
+                if path.exists():
+                    parts.append(_open(path, metadata.packing, stack, salvage=salvage))
+            except RecordingError as error:
+                if not salvage:
+                    raise
+                problem(str(error))
+        if not parts:
+            raise RecordingError(folder, "a folder with neither .db3 nor .mcap files in it")
+        lost = _lost(metadata, parts)
+        if lost and not problems:
+            listed = ", ".join(f"{count} of {name!r}" for name, count in lost.items())
+            problem(f"its metadata promises messages that its files lack: {listed}")
+        losses = [loss for part in parts for loss in part.losses]
+        if problems:
+            known = sum(loss.messages for loss in losses)
+            count = max(0, sum(lost.values()) - known)
+            losses.append(Loss(str(folder), "; ".join(problems), count, 0))
+        return _Joined(folder, parts, losses, stack.pop_all().close)
+
+
+class _Joined(Container):
+    """Several files as one container, one after the other by their start."""
+
+    def __init__(
+        self, folder: Path, parts: list[Container], losses: list[Loss], close: Callable[[], None]
+    ) -> None:
+        self._parts = sorted(parts, key=lambda part: part.start)
+        topics = [topic for part in self._parts for topic in part.topics]
+        super().__init__(folder, topics, {}, self._parts[0].start, lambda _: (), close, losses)
+        self.sources = tuple(source for part in self._parts for source in part.sources)
+
+    def messages(self, wanted: Callable[[Source], bool]) -> Iterator[tuple[Source, int, bytes]]:
+        """See `Container.messages`."""
+        for part in self._parts:
+            yield from part.messages(wanted)
+
+
+def _lost(metadata: _Metadata, parts: list[Container]) -> dict[str, int]:
+    """How many messages the metadata promises beyond what the files hold, by topic."""
+    found: Counter[str] = Counter()
+    for part in parts:
+        for topic in part.topics:
+            found[topic.name] += topic.messages
+    return {
+        name: count - found[name]
+        for name, count in metadata.counts.items()
+        if count > found[name] and is_tf_type(metadata.types[name])
+    }
+
+
+def _metadata(folder: Path, problem: Callable[[str], None]) -> _Metadata:
+    """The metadata, or what the names in the folder tell where there is none."""
+    path = folder / _METADATA
+    if path.exists():
+        try:
+            metadata = _parse(path)
+            missing = [name for name in metadata.files if not (folder / name).exists()]
+            if missing:
+                problem(f"files that its {_METADATA} names are missing: {', '.join(missing)}")
+        except BadDataError as error:
+            problem(f"its {_METADATA} is broken: {error}")
+        else:
+            return metadata
+    names = sorted(each.name for each in folder.iterdir() if _PART.fullmatch(each.name))
+    missing = _holes(names)
+    if missing:
+        problem(f"parts are missing, judging by the names: {', '.join(missing)}")
+    return _Metadata(names)
+
+
+def _holes(names: list[str]) -> list[str]:
+    """Names of parts between those that are there; recorders count them from 0 and may drop old."""
+    numbers: dict[tuple[str, str], set[int]] = defaultdict(set)
+    for name in names:
+        if numbered := _NUMBERED.fullmatch(name):
+            numbers[numbered[1], numbered[3]].add(int(numbered[2]))
+    return [
+        f"{stem}_{number}{end}"
+        for (stem, end), found in numbers.items()
+        for number in range(min(found), min(max(found), min(found) + len(found) + 10))
+        if number not in found
+    ]
+
+
+def _parse(path: Path) -> _Metadata:
+    from ruamel.yaml import YAML  # noqa: PLC0415 - an extra, and slow to import
+    from ruamel.yaml.error import YAMLError  # noqa: PLC0415
+
+    if path.stat().st_size > _MAX_METADATA:
+        raise BadDataError(f"it has more than {_MAX_METADATA} bytes")
+    try:
+        whole = YAML(typ="safe").load(path.read_text("utf-8"))
+    except (YAMLError, ValueError, RecursionError) as error:
+        words = " ".join(str(error).split())[:200]
+        raise BadDataError(f"no YAML: {words}") from error
+    found = _get(whole, "rosbag2_bagfile_information", dict)
+    names = [PurePath(name).name for name in _get(found, "relative_file_paths", list, of=str)]
+    if not names or not all(names):
+        raise BadDataError("it names no files")
+    packing = str(found.get("compression_mode") or "").lower()
+    made = _Metadata(names, "" if packing in ("none", "storage") else packing)
+    if made.packing not in ("", "file", "message"):
+        raise BadDataError(f"the compression mode {packing[:40]!r} is unknown")
+    format_ = str(found.get("compression_format") or "").lower()
+    if made.packing and format_ != "zstd":
+        raise BadDataError(f"the compression format {format_[:40]!r} is not zstd")
+    for topic in _get(found, "topics_with_message_count", list, of=dict):
+        inner = _get(topic, "topic_metadata", dict)
+        name = _get(inner, "name", str)
+        made.counts[name] = made.counts.get(name, 0) + _get(topic, "message_count", int)
+        made.types[name] = _get(inner, "type", str)
+    return made
+
+
+def _get(whole: Any, key: str, kind: type, of: type | None = None) -> Any:
+    value: Any = whole.get(key) if isinstance(whole, dict) else None
+    fits = isinstance(value, kind)
+    if not fits or (of is not None and not all(isinstance(each, of) for each in value)):
+        raise BadDataError(f"its {key!r} is missing or not what it should be")
+    return value
+
+
+def _open(path: Path, packing: str, stack: ExitStack, *, salvage: bool) -> Container:
+    """One file of the folder, unpacked if it is packed."""
+    file = path
+    if packing == "file":
+        work = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="tfdb-")))
+        file = work / path.stem
+        with typed_errors(path):
+            unpack_file(path, file)
+    try:
+        part = _opener(file)(file, salvage=salvage)
+    except RecordingError as error:
+        raise RecordingError(path, str(error.reason)) from error
+    stack.callback(part.close)
+    part.path = path
+    part.losses = tuple(replace(loss, path=str(path)) for loss in part.losses)
+    if packing == "message":
+        part.unpack = unpack_message
+    return part
+
+
+def _opener(path: Path) -> Callable[..., Container]:
+    openers = {"mcap": open_mcap, "db3": open_db3}
+    kind = kind_of(path)
+    if kind not in openers:
+        raise RecordingError(path, "neither a ROS 2 database (.db3) nor an MCAP file")
+    return openers[kind]

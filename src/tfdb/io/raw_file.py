@@ -1,0 +1,149 @@
+"""Bytes of recordings: read by position, unpacked within bounds.
+
+Nothing here trusts a number that it reads: no read goes beyond the end of the file, nothing unpacks
+to more than its record declares, and no record may declare more than `MAX_CHUNK`.
+"""
+
+from __future__ import annotations
+
+import bz2
+import io
+import os
+from typing import IO, TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+MAX_CHUNK = 512 * 2**20
+"""The most bytes that one record or chunk may hold, packed or unpacked; a program that trusts its
+recordings may raise it."""
+
+_PIECE = 65536
+
+
+class BadDataError(Exception):
+    """The bytes are not what their format says."""
+
+
+class BrokenChunkError(BadDataError):
+    """The records of an unpacked chunk end at `at`, where something else begins."""
+
+    def __init__(self, reason: object, at: int) -> None:
+        super().__init__(str(reason))
+        self.at = at
+
+
+class RawFile:
+    """A file that is read by position. Any number of threads; `close` is the last call."""
+
+    def __init__(self, path: Path) -> None:
+        self._descriptor = os.open(path, os.O_RDONLY | os.O_CLOEXEC)
+        self.size = os.fstat(self._descriptor).st_size
+
+    def read(self, at: int, count: int) -> bytes:
+        """Give the bytes from a position on; raises `BadDataError` where the file has fewer."""
+        check_size(count)
+        if at < 0 or at + count > self.size:
+            raise BadDataError(f"{count} bytes at {at} go beyond the end of the file, {self.size}")
+        data = os.pread(self._descriptor, count, at)
+        if len(data) != count:
+            raise BadDataError(f"the file ends at {at + len(data)} while it is read")
+        return data
+
+    def close(self) -> None:
+        """Close the file; again is fine."""
+        descriptor, self._descriptor = self._descriptor, -1
+        if descriptor >= 0:
+            os.close(descriptor)
+
+
+def check_size(size: int) -> None:
+    """Refuse what declares more than `MAX_CHUNK` bytes."""
+    if size > MAX_CHUNK:
+        limit = f"the limit of {MAX_CHUNK} (tfdb.io.raw_file.MAX_CHUNK)"
+        raise BadDataError(f"a record of {size} bytes, above {limit}")
+
+
+def unpack(packing: str, packed: bytes, size: int) -> bytes:
+    """Give the `size` bytes of a chunk; `packing` is empty, `bz2`, `lz4` or `zstd`.
+
+    Raises `BadDataError` if there are fewer or more, which are not unpacked.
+    """
+    check_size(size)
+    raw = packed
+    if packing:
+        reader, broken = _open(packing, packed)
+        try:
+            raw = reader.read(size + 1)
+        except broken as error:
+            raise BadDataError(f"its {packing} does not unpack: {_words(error)}") from error
+    if len(raw) != size:
+        held = "more" if len(raw) > size else str(len(raw))
+        raise BadDataError(f"a chunk that declares {size} bytes holds {held}")
+    return raw
+
+
+def unpack_the_start(packing: str, packed: bytes, size: int) -> bytes:
+    """Give as many of a damaged or cut chunk's `size` bytes as can be had."""
+    if not packing:
+        return packed[:size]
+    reader, broken = _open(packing, packed)
+    pieces: list[bytes] = []
+    room = min(size, MAX_CHUNK)
+    try:
+        while room and (piece := reader.read(min(room, _PIECE))):
+            pieces.append(piece)
+            room -= len(piece)
+    except broken:
+        pass  # what came before is what was asked for
+    return b"".join(pieces)
+
+
+def unpack_message(packed: bytes) -> bytes:
+    """Give the bytes of one message that is a zstd frame."""
+    reader, broken = _open("zstd", packed)
+    try:
+        raw: bytes = reader.read(MAX_CHUNK + 1)
+    except broken as error:
+        raise BadDataError(f"its zstd does not unpack: {_words(error)}") from error
+    check_size(len(raw))
+    return raw
+
+
+def unpack_file(path: Path, target: Path) -> None:
+    """Unpack a file that is zstd as a whole.
+
+    Raises `BadDataError` if it is none, or grows beyond `MAX_CHUNK` and a hundred times its size.
+    """
+    room = MAX_CHUNK + 100 * path.stat().st_size
+    with path.open("rb") as packed, target.open("wb") as out:
+        reader, broken = _open("zstd", packed)
+        try:
+            while piece := reader.read(2**20):
+                room -= len(piece)
+                if room < 0:
+                    raise BadDataError(f"it grows beyond all measure: `zstd -d {path.name}` first")
+                out.write(piece)
+        except broken as error:
+            raise BadDataError(f"its zstd does not unpack: {_words(error)}") from error
+
+
+def _open(packing: str, packed: bytes | IO[bytes]) -> tuple[Any, tuple[type[Exception], ...]]:
+    """A reader, and the errors by which the library says that the data are broken."""
+    stream = io.BytesIO(packed) if isinstance(packed, bytes) else packed
+    if packing == "bz2":
+        return bz2.open(stream), (OSError, EOFError, ValueError)
+    if packing == "lz4":
+        import lz4.frame  # noqa: PLC0415 - an extra
+
+        return lz4.frame.open(stream), (OSError, EOFError, RuntimeError)
+    if packing == "zstd":
+        import zstandard  # noqa: PLC0415 - an extra
+
+        reader = zstandard.ZstdDecompressor().stream_reader(stream, read_across_frames=True)
+        return reader, (zstandard.ZstdError,)
+    raise BadDataError(f"packed as {packing[:40]!r}, which is none of bz2, lz4 and zstd")
+
+
+def _words(error: Exception) -> str:
+    return " ".join(str(error).split())[:200] or type(error).__name__
