@@ -685,7 +685,8 @@ class Buffer(Reads):
 
             The files are read whole before the first commit. Then each message is one commit, in the order
             of its reception; one that is refused is counted and skipped. A buffer with a limited history
-            forgets the beginning of a long recording: `tfdb.load` keeps everything.
+            (10 s by default) forgets the beginning of a long recording: the report counts the samples, and
+            a TfdbWarning says so. `Buffer(history=None)` and `tfdb.load` keep everything.
 
             Parameters
             ----------
@@ -697,11 +698,14 @@ class Buffer(Reads):
                 last part of the topic's (new) name is `tf_static`.
             progress
                 Called with (done, total); each message counts once when read and once when stored.
+            salvage
+                Read damaged, cut and unindexed files as far as they go, and bag folders without the files
+                that are missing; the report says what was lost.
 
             Returns
             -------
             LoadReport
-                What was read, stored and refused.
+                What was read, stored, refused, forgotten and lost.
 
             Raises
             ------
@@ -709,13 +713,15 @@ class Buffer(Reads):
                 A file is no recording, damaged or cut short; a topic is missing or holds no transforms.
                 Nothing was stored.
             InvalidArgument
-                A file is given twice.
+                No path, a file that is given twice, or topics that are no names.
+            OSError
+                A file cannot be opened.
 
             Warns
             -----
             TfdbWarning
                 All of it was in the store before; or its stamps and those of the rest are more than a year
-                apart, as those of a simulated and of a real clock.
+                apart, as those of a simulated and of a real clock; or samples were forgotten.
         """
 
     def run(
@@ -794,10 +800,9 @@ class Transaction:
     `Buffer(concurrency='fine')` nothing is checked.
 
     Only the thread that began it may use it (WrongThread); what is open when that thread ends is
-    aborted. Meanwhile that thread must not write to the Buffer itself, read from it or begin another
-    transaction in it (TransactionActive): nothing would notice if what it read there had changed at the
-    commit. Snapshots taken before may be read, in the engine `snapshot`. After its end every call
-    raises TransactionClosed.
+    aborted. Meanwhile that thread must not write to the
+    Buffer itself, nor begin another transaction in it (TransactionActive); with another `concurrency`
+    than `snapshot` it must not read from it either. After its end every call raises TransactionClosed.
     """
 
     def lookup_transform(self, target: str, source: str, time: tfdb.stamps.StampLike | None = None, policy: Policy | None = None) -> Transform:

@@ -29,12 +29,14 @@ def load_into(
     *,
     topics: Topics | None = None,
     progress: Progress | None = None,
+    salvage: bool = False,
 ) -> LoadReport:
     """Load the transforms of recordings: `.bag`, `.db3`, `.mcap`, folders of ROS 2 bags.
 
     The files are read whole before the first commit. Then each message is one commit, in the order
     of its reception; one that is refused is counted and skipped. A buffer with a limited history
-    forgets the beginning of a long recording: `tfdb.load` keeps everything.
+    (10 s by default) forgets the beginning of a long recording: the report counts the samples, and
+    a TfdbWarning says so. `Buffer(history=None)` and `tfdb.load` keep everything.
 
     Parameters
     ----------
@@ -46,11 +48,14 @@ def load_into(
         last part of the topic's (new) name is `tf_static`.
     progress
         Called with (done, total); each message counts once when read and once when stored.
+    salvage
+        Read damaged, cut and unindexed files as far as they go, and bag folders without the files
+        that are missing; the report says what was lost.
 
     Returns
     -------
     LoadReport
-        What was read, stored and refused.
+        What was read, stored, refused, forgotten and lost.
 
     Raises
     ------
@@ -58,19 +63,21 @@ def load_into(
         A file is no recording, damaged or cut short; a topic is missing or holds no transforms.
         Nothing was stored.
     InvalidArgument
-        A file is given twice.
+        No path, a file that is given twice, or topics that are no names.
+    OSError
+        A file cannot be opened.
 
     Warns
     -----
     TfdbWarning
         All of it was in the store before; or its stamps and those of the rest are more than a year
-        apart, as those of a simulated and of a real clock.
+        apart, as those of a simulated and of a real clock; or samples were forgotten.
     """
     from .io import load_recordings  # noqa: PLC0415 - recordings need optional packages
 
     path = _each_once(path)
     before = self.tree()
-    report = load_recordings(self, path, topics=topics, progress=progress)
+    report = load_recordings(self, path, topics=topics, progress=progress, salvage=salvage)
     _warn(report.files, before, self.tree())
     return report
 
@@ -102,10 +109,16 @@ def _extent(infos: Sequence[FrameInfo]) -> set[tuple[object, ...]]:
     return {(i.name, i.parent, i.samples, i.oldest, i.newest) for i in infos}
 
 
-def load(path: Paths, *, topics: Topics | None = None, progress: Progress | None = None) -> Buffer:
+def load(
+    path: Paths,
+    *,
+    topics: Topics | None = None,
+    progress: Progress | None = None,
+    salvage: bool = False,
+) -> Buffer:
     """Load recordings into a new buffer that keeps everything; arguments as in `Buffer.load`."""
     from ._core import Buffer  # noqa: PLC0415 - the extension imports this module
 
     buffer = Buffer(history=None)
-    load_into(buffer, path, topics=topics, progress=progress)
+    load_into(buffer, path, topics=topics, progress=progress, salvage=salvage)
     return buffer

@@ -324,6 +324,8 @@ class Trajectory:
     """(N,) nanoseconds, increasing."""
     poses: npt.NDArray[np.float64]
     """(N, 7) x y z qx qy qz qw."""
+    repeated: int = 0
+    """Poses of the file that it was read from which a later one with the same stamp replaced."""
 
     def __post_init__(self) -> None:
         count = len(self.stamps)

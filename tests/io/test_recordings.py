@@ -384,3 +384,45 @@ def test_senders_of_single_messages(recorder: Any, messages: list[Any]) -> None:
     with pytest.raises(tfdb.InvalidArgument, match="one for each"):
         buffer.ingest_many(iter(payloads), encoding="cdr", authority=senders)
     assert buffer.commit == 4
+
+
+def test_what_is_forgotten_is_counted(recorder: Any, messages: list[Any], tmp_path: Path) -> None:
+    path = recorder.bag(tmp_path / "a.bag", messages)  # three seconds, 100 samples each
+    buffer = tfdb.Buffer(history=1)
+    with pytest.warns(tfdb.TfdbWarning, match=r"Buffer\(history=None\) keeps everything") as said:
+        report = buffer.load(path)
+    assert said[0].filename == __file__
+    kept = sum(info.samples for info in buffer.tree() if info.oldest is not None)
+    assert report.forgotten == 900 - kept > 500
+    assert (report.transforms, report.refused) == (901, 0)
+    for keeps in (tfdb.Buffer(history=None), tfdb.Buffer(history=3)):
+        assert keeps.load(path).forgotten == 0
+
+
+def test_what_is_too_old_is_counted(recorder: Any, messages: list[Any], tmp_path: Path) -> None:
+    late = [*messages[300:], *messages[:300]]
+    for number, message in enumerate(late):
+        late[number] = type(message)(
+            message.topic, messages[number].received, message.transforms, message.callerid
+        )
+    path = recorder.bag(tmp_path / "a.bag", late)
+    buffer = tfdb.Buffer(history=1)
+    with pytest.warns(tfdb.TfdbWarning, match="samples are not kept"):
+        report = buffer.load(path)
+    assert set(report.reasons) == {"TooOld"}
+    kept = sum(info.samples for info in buffer.tree() if info.oldest is not None)
+    assert report.forgotten == 900 - kept
+
+
+def test_repeated_samples_are_not_forgotten(
+    recorder: Any, messages: list[Any], tmp_path: Path
+) -> None:
+    path = recorder.bag(tmp_path / "a.bag", [each for each in messages for _ in range(2)])
+    assert tfdb.Buffer(history=10).load(path).forgotten == 0
+
+
+@pytest.mark.parametrize("topics", [{"/tf": 5}, {5: "/tf"}, [5], 5, [b"/tf"]])
+def test_topics_are_names(recorder: Any, tmp_path: Path, topics: Any) -> None:
+    path = recorder.bag(tmp_path / "a.bag", [])
+    with pytest.raises(tfdb.InvalidArgument, match="topics are names"):
+        tfdb.load(path, topics=topics)

@@ -126,6 +126,48 @@ def test_npz(tmp_path: Path) -> None:
         assert np.array_equal(found["poses"], trajectory.poses)
 
 
+def test_npz_is_read_again(tmp_path: Path) -> None:
+    trajectory = random_trajectory()
+    path = tmp_path / "a.bin"  # the name does not matter
+    write_npz(path, trajectory)
+    for found in (read_trajectory(path), read_trajectory(path, "npz", target="m", source="b")):
+        assert np.array_equal(found.stamps, trajectory.stamps)
+        assert np.array_equal(found.poses, trajectory.poses)
+    assert (found.target, found.source) == ("m", "b")
+
+
+@pytest.mark.parametrize(
+    ("arrays", "reason"),
+    [
+        ({"stamps": np.array([1, 2])}, "without the array 'poses"),
+        ({"stamps": np.array([1.5]), "poses": np.ones((1, 7))}, "expected int64"),
+        ({"stamps": np.array([1]), "poses": np.ones((2, 7))}, r"expected float64 \(1, 7\)"),
+        ({"stamps": np.array([2, 1]), "poses": np.ones((2, 7))}, "must increase"),
+        ({"stamps": np.array([1]), "poses": np.ones((1, 7))}, "row 0 holds no pose"),
+        ({"stamps": np.array([1]), "poses": np.full((1, 7), np.nan)}, "row 0 holds no pose"),
+        ({"stamps": np.array([-1]), "poses": np.eye(7)[6:]}, "negative"),
+        ({"stamps": np.array([1]), "poses": np.array([{}])}, "damaged or cut short"),
+    ],
+)
+def test_bad_npz(tmp_path: Path, arrays: dict[str, np.ndarray], reason: str) -> None:
+    path = tmp_path / "a.npz"
+    np.savez(path, **arrays)
+    with pytest.raises(tfdb.TrajectoryError, match=reason) as caught:
+        read_trajectory(path)
+    assert caught.value.path == str(path)
+
+
+def test_repeated_stamps_are_counted(tmp_path: Path) -> None:
+    path = tmp_path / "a.tum"
+    lines = [f"{second} {x} 0 0 0 0 0.6 0.8" for second, x in ((1, 1), (2, 2), (2, 3), (2, 4))]
+    path.write_text("\n".join(lines))
+    found = read_trajectory(path)
+    assert found.repeated == 2
+    assert found.stamps.tolist() == [1_000_000_000, 2_000_000_000]
+    assert found.poses[1, 0] == 4
+    assert random_trajectory().repeated == 0
+
+
 @pytest.mark.parametrize("name", ["a.tum", "a.txt", "a.csv", "a.npz"])
 def test_format_by_name(tmp_path: Path, name: str) -> None:
     write_trajectory(tmp_path / name, random_trajectory(3))
@@ -256,6 +298,18 @@ def test_into_buffer() -> None:
     assert np.abs(poses - trajectory.poses).max() < 1e-15
     assert set(parents) == {"map"}
     assert buffer.frame_info("base").authority == "file"
+
+
+def test_into_a_buffer_that_forgets() -> None:
+    poses = random_trajectory(100).poses
+    path = tfdb.Trajectory("map", "base", np.arange(100) * 1_000_000_000, poses)
+    buffer = tfdb.Buffer(history=9.5)
+    with pytest.warns(tfdb.TfdbWarning, match=r"90 samples are not kept.*history of 9.5 s") as said:
+        into_buffer(buffer, "map", "base", path)
+    assert said[0].filename == __file__
+    assert buffer.frame_info("base").samples == 10
+    into_buffer(tfdb.Buffer(history=None), "map", "base", path)
+    into_buffer(tfdb.Buffer(history=99), "map", "base", path)
 
 
 def test_into_buffer_is_all_or_nothing() -> None:

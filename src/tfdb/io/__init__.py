@@ -5,7 +5,7 @@ Recordings need `pip install 'tfdb[recordings]'`; the rest needs nothing but num
 
 from __future__ import annotations
 
-from .containers import Source, Topic
+from .containers import Loss, Source, Topic
 from .loading import LoadReport, TopicReport, load_recordings
 from .recordings import Recording, Run
 from .robot_model import Joint, JointLimits, Mimic, RobotModel
@@ -26,6 +26,7 @@ __all__ = [
     "Joint",
     "JointLimits",
     "LoadReport",
+    "Loss",
     "Mimic",
     "Recording",
     "RecordingWriter",

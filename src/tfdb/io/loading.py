@@ -4,22 +4,28 @@ from __future__ import annotations
 
 import os
 import time
+import warnings
 from collections import Counter, deque
 from collections.abc import Iterable, Mapping
 from contextlib import ExitStack
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, TypeAlias
+from typing import TYPE_CHECKING, Any, TypeAlias
 
-from tfdb.errors import InvalidArgument, RecordingError
+import numpy as np
+
+from tfdb import _core
+from tfdb.errors import InvalidArgument, RecordingError, TfdbWarning
 
 from .recordings import Recording
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
+    import numpy.typing as npt
+
     from tfdb import Buffer
 
-    from .containers import Source
+    from .containers import Loss, Source
     from .recordings import PathLike, Run
 
     Progress: TypeAlias = Callable[[int, int], None]
@@ -58,7 +64,12 @@ class LoadReport:
         When the first and last message were received, nanoseconds. The stamps inside the messages
         may run on another clock.
     seconds, seconds_reading_container
-        Time taken; the second is the part of the libraries that read the containers.
+        Time taken; the second is the part that read the containers.
+    forgotten
+        Samples of the recordings that the store does not keep, because they are older than its
+        `history` allows; those of refused messages (`TooOld`) included.
+    lost
+        What `salvage` could not save of damaged files; empty where nothing was lost.
     """
 
     files: tuple[str, ...]
@@ -73,6 +84,8 @@ class LoadReport:
     end: int
     seconds: float
     seconds_reading_container: float
+    forgotten: int = 0
+    lost: tuple[Loss, ...] = ()
 
 
 def load_recordings(
@@ -80,6 +93,8 @@ def load_recordings(
     paths: PathLike | Sequence[PathLike],
     topics: Topics | None = None,
     progress: Progress | None = None,
+    *,
+    salvage: bool = False,
 ) -> LoadReport:
     """Load the transforms of recordings into a store.
 
@@ -100,35 +115,52 @@ def load_recordings(
         last part of the topic's (new) name is `tf_static`, wherever in the file they lie.
     progress
         Called with (done, total); each message counts once when read and once when stored.
+    salvage
+        Read damaged and cut files as far as they go, and folders of which files are missing; the
+        report counts what was lost.
 
     Raises
     ------
     RecordingError
         A file is no recording, damaged or cut short; a topic is missing or holds no transforms;
         nothing could be stored. The store is unchanged. Fields: path, reason.
+    InvalidArgument
+        No path, or topics that are no names.
     OSError
         A file cannot be opened.
     """
     started = time.perf_counter()
+    tally = _Tally(buffer)
     files = [paths] if isinstance(paths, (str, os.PathLike)) else list(paths)
     if not files:
         raise InvalidArgument("no recording to load: paths is empty")
     selection = _Selection(topics)
     with ExitStack() as stack:
-        recordings = [stack.enter_context(Recording(path)) for path in files]
+        recordings = [stack.enter_context(Recording(path, salvage=salvage)) for path in files]
         selection.check(recordings)
         recordings.sort(key=lambda recording: recording.start)
         names = tuple(str(recording.path) for recording in recordings)
         meter = _Meter(selection.count(recordings), progress)
-        tally = _Tally()
         runs: deque[Run] = deque()
         for recording in recordings:
             runs.extend(recording.read(selection.wants, selection.kind, meter.step))
             tally.count(recording, selection)
     read_at = time.perf_counter()
     while runs:
-        tally.store(buffer, runs.popleft(), selection, meter)
-    return tally.report(names, time.perf_counter() - started, read_at - started)
+        tally.store(runs.popleft(), selection, meter)
+    report = tally.report(names, time.perf_counter() - started, read_at - started)
+    if report.forgotten:
+        warn_of_forgotten(buffer, report.forgotten, 4)
+    return report
+
+
+def warn_of_forgotten(buffer: Buffer, samples: int, depth: int) -> None:
+    """Say how to keep what a store's history dropped; `depth` frames up is who asked for it."""
+    message = (
+        f"{samples:,} samples are not kept: the store has a history of {buffer.history:g} s. "
+        "Buffer(history=None) keeps everything, as tfdb.load does"
+    )
+    warnings.warn(message, TfdbWarning, stacklevel=depth)
 
 
 class _Selection:
@@ -138,10 +170,13 @@ class _Selection:
         if topics is None:
             self._roles: dict[str, str] | None = None
         elif isinstance(topics, Mapping):
-            self._roles = {_absolute(name): role for name, role in topics.items()}
+            self._roles = {_absolute(name): _name(role) for name, role in topics.items()}
+        elif isinstance(topics, str):
+            self._roles = {_absolute(topics): topics}
+        elif isinstance(topics, Iterable):
+            self._roles = {_absolute(name): name for name in topics}
         else:
-            names = [topics] if isinstance(topics, str) else list(topics)
-            self._roles = {_absolute(name): name for name in names}
+            raise _no_name(topics)
 
     def wants(self, source: Source) -> bool:
         return self._roles is None or _absolute(source.topic) in self._roles
@@ -191,8 +226,13 @@ class _Meter:
 
 @dataclass
 class _Tally:
-    """Stores runs of messages and counts what became of them."""
+    """Stores runs of messages and counts what became of them.
 
+    Beside a store with a limited history, everything goes into one that forgets nothing, too: that
+    tells what was forgotten.
+    """
+
+    buffer: Buffer
     messages: int = 0
     transforms: int = 0
     commits: int = 0
@@ -202,6 +242,12 @@ class _Tally:
     topics: dict[str, TopicReport] = field(default_factory=dict)
     start: int = 2**63 - 1
     end: int = 0
+    lost: list[Loss] = field(default_factory=list)
+    everything: Buffer | None = None
+
+    def __post_init__(self) -> None:
+        if self.buffer.history is not None:
+            self.everything = _core.Buffer(history=None)
 
     def count(self, recording: Recording, selection: _Selection) -> None:
         """Add the topics of a recording; its reader has checked their numbers of messages."""
@@ -210,16 +256,19 @@ class _Tally:
             messages = source.messages + (before.messages if before else 0)
             static = selection.is_static(source)
             self.topics[source.topic] = TopicReport(source.topic, messages, static)
+        self.lost += recording.losses
 
-    def store(self, buffer: Buffer, run: Run, selection: _Selection, meter: _Meter) -> None:
+    def store(self, run: Run, selection: _Selection, meter: _Meter) -> None:
         """Commit the messages of a run."""
         encoding, static = selection.kind(run.sources[0])
-        result = buffer.ingest_many(
+        result = self.buffer.ingest_many(
             run.messages,
             encoding=encoding,
             static=static,
             authority=[source.authority for source in run.sources],
         )
+        if self.everything is not None:
+            self.everything.ingest_many(run.messages, encoding=encoding, static=static)
         self.messages += result.messages
         self.transforms += result.transforms
         self.commits += result.commits
@@ -229,6 +278,16 @@ class _Tally:
             self.first_refusals.setdefault(name, refusal.first)
         self.start, self.end = min(self.start, run.start), max(self.end, run.end)
         meter.step(result.messages)
+
+    def forgotten(self) -> int:
+        """How many samples that were read are not in the store."""
+        if self.everything is None:
+            return 0
+        return sum(
+            missing_samples(self.buffer, info.name, self.everything.samples(info.name)[0])
+            for info in self.everything.tree()
+            if info.oldest is not None
+        )
 
     def report(self, files: tuple[str, ...], seconds: float, reading: float) -> LoadReport:
         if not self.transforms:
@@ -251,8 +310,28 @@ class _Tally:
             end=self.end,
             seconds=seconds,
             seconds_reading_container=reading,
+            forgotten=self.forgotten(),
+            lost=tuple(self.lost),
         )
 
 
+def missing_samples(buffer: Buffer, frame: str, stamps: npt.NDArray[np.int64]) -> int:
+    """How many of these stamps a moving edge of the store has no sample at."""
+    if frame not in buffer.frames() or buffer.frame_info(frame).is_static:
+        return 0
+    return len(np.setdiff1d(stamps, buffer.samples(frame)[0]))
+
+
 def _absolute(topic: str) -> str:
-    return "/" + topic.strip("/")
+    return "/" + _name(topic).strip("/")
+
+
+def _name(topic: Any) -> str:
+    if not isinstance(topic, str):
+        raise _no_name(topic)
+    return topic
+
+
+def _no_name(topic: Any) -> InvalidArgument:
+    kind = type(topic).__name__
+    return InvalidArgument(f"topics are names or map names to names, got a {kind}", value=topic)

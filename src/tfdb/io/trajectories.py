@@ -1,4 +1,4 @@
-"""Trajectories as text: TUM, KITTI and EuRoC files, and the CSV that tfdb writes itself.
+"""Trajectories: TUM, KITTI and EuRoC files, and the CSV and NPZ that tfdb writes itself.
 
 A trajectory is the motion of one frame in another: stamps and poses `T[parent<-child]`. The files
 do not say which frames; :func:`into_buffer` does.
@@ -7,6 +7,8 @@ do not say which frames; :func:`into_buffer` does.
 from __future__ import annotations
 
 import math
+import zipfile
+import zlib
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal, Protocol, TypeAlias
@@ -14,10 +16,12 @@ from typing import TYPE_CHECKING, Literal, Protocol, TypeAlias
 import numpy as np
 import numpy.typing as npt
 
-from tfdb.errors import TrajectoryError
+from tfdb.errors import InvalidArray, TrajectoryError
 from tfdb.types import Columns, Trajectory
 
 from .decimal_time import integer_ns, seconds_to_ns
+from .loading import missing_samples, warn_of_forgotten
+from .raw_file import MAX_CHUNK
 
 if TYPE_CHECKING:
     import os
@@ -29,10 +33,10 @@ if TYPE_CHECKING:
 
 Stamps: TypeAlias = npt.NDArray[np.int64]
 Poses: TypeAlias = npt.NDArray[np.float64]
-Format: TypeAlias = Literal["tum", "kitti", "euroc", "csv"]
+Format: TypeAlias = Literal["tum", "kitti", "euroc", "csv", "npz"]
 
 CSV_COLUMNS = ("stamp_ns", "x", "y", "z", "qx", "qy", "qz", "qw")
-FORMATS: tuple[Format, ...] = ("tum", "kitti", "euroc", "csv")
+FORMATS: tuple[Format, ...] = ("tum", "kitti", "euroc", "csv", "npz")
 
 # tf2's rule, and that of the store: further off is no rotation, nearer is rounding.
 MAX_NORM_ERROR = 0.01
@@ -66,11 +70,13 @@ def read_trajectory(
     ----------
     path
         The file. Quaternions that are slightly off unit length are normalised. A line that repeats
-        the stamp of the one before replaces it, as the newer sample does in a store.
+        the stamp of the one before replaces it, as the newer sample does in a store; `repeated` of
+        the result counts such lines.
     format
         `"tum"` (`seconds x y z qx qy qz qw`), `"kitti"` (the 12 numbers of a 3x4 matrix, stamps in
-        a file of their own), `"euroc"` (`nanoseconds,x,y,z,qw,qx,qy,qz,...`) or `"csv"` (as
-        written by :func:`tfdb.io.write_csv`); None looks at the first line.
+        a file of their own), `"euroc"` (`nanoseconds,x,y,z,qw,qx,qy,qz,...`), `"csv"` or `"npz"`
+        (as written by :func:`tfdb.io.write_csv` and :func:`tfdb.io.write_npz`); None looks at the
+        beginning of the file.
     times
         KITTI only: the file with one stamp in seconds per pose. By default `NAME_times.txt` or
         `times.txt` beside the poses.
@@ -85,9 +91,13 @@ def read_trajectory(
     OSError
         The file cannot be opened.
     """
-    lines = _Lines(Path(path), target, source)
     if format is not None and format not in FORMATS:
-        raise lines.error(None, f"unknown format {format!r}; one of {', '.join(FORMATS)}")
+        raise TrajectoryError(path, None, f"unknown format {format!r}; one of {', '.join(FORMATS)}")
+    if format == "npz" or (format is None and _is_npz(Path(path))):
+        if times is not None:
+            raise TrajectoryError(path, None, "a file of times belongs to KITTI poses, not to npz")
+        return _read_npz(Path(path), target, source)
+    lines = _Lines(Path(path), target, source)
     kind = _guess(lines) if format is None else format
     if kind == "kitti":
         return _read_kitti(lines, Path(times) if times is not None else _find_times(lines.path))
@@ -102,11 +112,17 @@ def into_buffer(
     """Store a trajectory as the edge from `parent` to `child`, in one commit.
 
     The poses are `T[parent<-child]`. Returns the number of the commit. Raises what
-    `Buffer.set_transforms` raises; then nothing was stored. A buffer with a limited history refuses
-    or drops what is older: load whole trajectories into `Buffer(history=None)`.
+    `Buffer.set_transforms` raises; then nothing was stored. A buffer with a limited history (10 s
+    by default) drops what is older: a TfdbWarning counts the poses. Store whole trajectories in
+    `Buffer(history=None)`.
     """
     columns = Columns(parent, child, trajectory.stamps, trajectory.poses)
-    return buffer.set_transforms(columns, authority=authority)
+    commit = buffer.set_transforms(columns, authority=authority)
+    if buffer.history is not None:
+        forgotten = missing_samples(buffer, child, trajectory.stamps)
+        if forgotten:
+            warn_of_forgotten(buffer, forgotten, 3)
+    return commit
 
 
 class _Lines:
@@ -130,9 +146,9 @@ class _Lines:
             if stripped and not stripped.startswith("#"):
                 yield number, stripped
 
-    def trajectory(self, stamps: list[int], poses: Poses) -> Trajectory:
+    def trajectory(self, stamps: list[int], poses: Poses, repeated: int = 0) -> Trajectory:
         """The result of reading them."""
-        return Trajectory(*self._frames, np.array(stamps, dtype=np.int64), poses)
+        return Trajectory(*self._frames, np.array(stamps, dtype=np.int64), poses, repeated)
 
     def error(self, line: int | None, reason: str) -> TrajectoryError:
         """An error about one of the lines."""
@@ -181,6 +197,7 @@ def _guess(lines: _Lines) -> Format:
 def _read_rows(lines: _Lines, row: _Row) -> Trajectory:
     stamps: list[int] = []
     poses: list[list[float]] = []
+    repeated = 0
     for number, line in lines:
         fields = line.split(row.separator)
         if not stamps and row.separator and _is_heading(fields):
@@ -203,16 +220,50 @@ def _read_rows(lines: _Lines, row: _Row) -> Trajectory:
             if stamp < stamps[-1]:
                 raise lines.error(number, _backwards(stamp, stamps[-1]))
             poses[-1] = pose
+            repeated += 1
             continue
         stamps.append(stamp)
         poses.append(pose)
     if not stamps:
         raise lines.error(None, "no pose in it")
-    array = np.array(poses, dtype=np.float64)
-    norms = np.linalg.norm(array[:, 3:], axis=1, keepdims=True)
-    # Those that are units up to rounding stay bit for bit, so that a file survives a round trip.
-    array[:, 3:] /= np.where(np.abs(norms - 1.0) > 1e-15, norms, 1.0)
-    return lines.trajectory(stamps, array)
+    return lines.trajectory(stamps, _normalised(np.array(poses, dtype=np.float64)), repeated)
+
+
+def _normalised(poses: Poses) -> Poses:
+    """Unit quaternions; those that are it up to rounding stay bit for bit, for round trips."""
+    norms = np.linalg.norm(poses[:, 3:], axis=1, keepdims=True)
+    poses[:, 3:] /= np.where(np.abs(norms - 1.0) > 1e-15, norms, 1.0)
+    return poses
+
+
+def _is_npz(path: Path) -> bool:
+    with path.open("rb") as file:
+        return file.read(4) == b"PK\x03\x04"
+
+
+def _read_npz(path: Path, target: str, source: str) -> Trajectory:
+    try:
+        with zipfile.ZipFile(path) as archive:
+            size = sum(each.file_size for each in archive.infolist())
+        if size > MAX_CHUNK:
+            raise TrajectoryError(path, None, f"its arrays take {size} bytes, above {MAX_CHUNK}")
+        with np.load(path, allow_pickle=False) as arrays:
+            stamps, poses = arrays["stamps"], arrays["poses"]
+    except KeyError as error:
+        raise TrajectoryError(path, None, f"an NPZ without the array {error}") from None
+    except (zipfile.BadZipFile, zlib.error, ValueError, EOFError, NotImplementedError) as error:
+        raise TrajectoryError(path, None, f"damaged or cut short: {error}") from error
+    try:
+        made = Trajectory(target, source, stamps, poses)
+    except InvalidArray as error:
+        raise TrajectoryError(path, None, str(error)) from None
+    with np.errstate(over="ignore", invalid="ignore"):
+        off = np.abs(np.sum(poses[:, 3:] ** 2, axis=1) - 1.0)
+        bad = np.flatnonzero(~(off <= MAX_NORM_ERROR) | ~np.isfinite(poses).all(axis=1))
+    if stamps[0] < 0 or len(bad):
+        row = int(bad[0]) if len(bad) else 0
+        raise TrajectoryError(path, None, f"row {row} holds no pose, or a negative stamp")
+    return Trajectory(target, source, made.stamps, _normalised(poses.copy()))
 
 
 def _is_heading(fields: list[str]) -> bool:
