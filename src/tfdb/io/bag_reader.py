@@ -121,10 +121,14 @@ def _indexed(path: Path, file: RawFile) -> Container:
 def _salvaged(path: Path, file: RawFile) -> Container:
     try:
         index = _read_index(path, file)
-    except (BadDataError, struct.error, UnicodeDecodeError):
-        index = _Index()
+        reason: Exception | None = None
+    except (BadDataError, struct.error, UnicodeDecodeError) as error:
+        index, reason = _Index(), error
     connections = dict(index.connections)
     gathered = _gather(file, connections, [chunk.position for chunk in index.chunks])
+    missing = _index_position(file) - file.size
+    if reason is not None and missing > 0 and not gathered.reasons:
+        gathered.lose(missing, f"cut short between two records: {reason}")
     for id_ in index.connections:
         gathered.promised[id_] = max(gathered.promised[id_], index.count(id_))
     counts = gathered.found()
@@ -181,6 +185,14 @@ def _read_index(path: Path, file: RawFile) -> _Index:
     if len(positions) != len(index.chunks):
         raise BadDataError("its index names the same chunk twice")
     return index
+
+
+def _index_position(file: RawFile) -> int:
+    """Where the index is to be; 0 where that cannot be read."""
+    try:
+        return _number(_record(file, _FIRST_RECORD, _HEADER).fields, b"index_pos", 8)
+    except (BadDataError, struct.error):
+        return 0
 
 
 def _record(file: RawFile, at: int, *kinds: int) -> _Record:
@@ -241,6 +253,8 @@ def _gather(file: RawFile, connections: dict[int, _Connection], chunks: list[int
             kind = record.kind
             if kind == _CHUNK:
                 _gather_chunk(file, record, found, wanted, learn)
+            elif record.end > file.size:
+                found.lose(file.size - at, f"cut short in the middle of a record at {at}")
             elif kind == _CONNECTION:
                 learn(record.fields, file.read(record.at, record.size))
             elif kind == _COUNTS:

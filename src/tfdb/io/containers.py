@@ -218,7 +218,7 @@ def in_order(
     ordered = sorted(chunks, key=_time)
     nexts = [start for start, _ in ordered[1:]]
     pending: list[Payload] = []
-    for (_, chunk), end in zip(ordered, [*nexts, None], strict=True):
+    for (_, chunk), end in zip(ordered, [*nexts, None], strict=False):
         pending += read(chunk)
         pending.sort(key=_time)
         cut = len(pending) if end is None else bisect_left(pending, end, key=_time)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sqlite3
 from contextlib import contextmanager
+from functools import partial
 from typing import TYPE_CHECKING, Any
 from urllib.parse import quote
 
@@ -12,7 +13,6 @@ from tfdb.errors import RecordingError
 from .containers import (
     NO_START,
     Container,
-    Loss,
     Source,
     Topic,
     encoding_of,
@@ -22,7 +22,7 @@ from .containers import (
 from .raw_file import MAX_CHUNK, BadDataError
 
 if TYPE_CHECKING:
-    from collections.abc import Collection, Iterable, Iterator
+    from collections.abc import Collection, Iterator
     from pathlib import Path
 
     from .containers import Payload
@@ -36,7 +36,11 @@ _TABLES = (
 
 
 def open_db3(path: Path, *, salvage: bool = False) -> Container:
-    """Open a `.db3` file; raises `RecordingError`."""
+    """Open a `.db3` file; raises `RecordingError`.
+
+    There is nothing to salvage: SQLite reads zeros where a file was cut.
+    """
+    del salvage
     log = path.with_name(path.name + "-wal")
     if log.is_file() and log.stat().st_size:
         raise RecordingError(
@@ -44,88 +48,49 @@ def open_db3(path: Path, *, salvage: bool = False) -> Container:
             f"the recorder did not finish and left messages in {log.name}: merge them with "
             f"`sqlite3 {path.name} 'PRAGMA wal_checkpoint'`",
         )
-    with typed_errors(path), _database_errors():
+    with typed_errors(path, _hint(path)), _database_errors():
         database = sqlite3.connect(
             f"file:{quote(str(path.absolute()))}?immutable=1", uri=True, check_same_thread=False
         )
         try:
             database.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, MAX_CHUNK)
-            return _open(path, database, salvage=salvage)
+            return _open(path, database)
         except BaseException:
             database.close()
             raise
 
 
-def _open(path: Path, database: sqlite3.Connection, *, salvage: bool) -> Container:
-    if salvage:
-        # Otherwise a database that lacks its last pages is refused as a whole.
-        database.execute("PRAGMA writable_schema = ON")
+def _open(path: Path, database: sqlite3.Connection) -> Container:
     ((tables,),) = database.execute(_TABLES)
     if tables != 2:
         raise BadDataError("a database without the tables of a recording: missing tables")
     topics = [_typed(row, (int, str, str, str)) for row in database.execute(_TOPICS)]
-    tf = {id_: (name, format_) for id_, name, type_, format_ in topics if is_tf_type(type_)}
-
-    def sources(counts: dict[int, int]) -> dict[int, Source]:
-        return {
-            id_: Source(name, encoding_of(path, name, format_), name, counts.get(id_, 0))
-            for id_, (name, format_) in tf.items()
-        }
-
-    if salvage:
-        saved, reason = _save(database, tf)
-        counts = {id_: sum(1 for _, each, _ in saved if each == id_) for id_ in tf}
-        start = min((at for at, _, _ in saved), default=NO_START)
-        losses = [] if reason is None else [Loss(str(path), str(reason), 0, _bytes_missing(path))]
-    else:
-        found = [_typed(row, (int, int, int)) for row in database.execute(_COUNTS)]
-        counts = {id_: count for id_, count, _ in found}
-        start = min((first for _, _, first in found), default=NO_START)
-        saved, losses = [], []
-
-    def payloads(ids: Collection[int]) -> Iterable[Payload]:
-        if salvage:
-            return [each for each in saved if each[1] in ids]
-        return _messages(database, ids, "timestamp")
-
+    found = [_typed(row, (int, int, int)) for row in database.execute(_COUNTS)]
+    counts = {id_: count for id_, count, _ in found}
+    start = min((first for _, _, first in found), default=NO_START)
     rows = [Topic(name, type_, counts.get(id_, 0)) for id_, name, type_, _ in topics]
-    return Container(path, rows, sources(counts), start, payloads, database.close, losses)
+    sources = {
+        id_: Source(name, encoding_of(path, name, format_), name, counts.get(id_, 0))
+        for id_, name, type_, format_ in topics
+        if is_tf_type(type_)
+    }
+    payloads = partial(_messages, database)
+    return Container(path, rows, sources, start, payloads, database.close, hint=_hint(path))
 
 
-def _messages(database: sqlite3.Connection, ids: Collection[int], order: str) -> Iterator[Payload]:
+def _hint(path: Path) -> str:
+    return f"`sqlite3 {path.name} .recover` may save the rest"
+
+
+def _messages(database: sqlite3.Connection, ids: Collection[int]) -> Iterator[Payload]:
     marks = ", ".join("?" for _ in ids)
     query = f"""SELECT timestamp, topic_id, data FROM messages
-                WHERE topic_id IN ({marks}) ORDER BY {order}"""  # noqa: S608 - marks and a name
+                WHERE topic_id IN ({marks}) ORDER BY timestamp"""  # noqa: S608 - marks alone
     with _database_errors():
         for row in database.execute(query, tuple(ids)):
             if tuple(map(type, row)) != _MESSAGE:
                 raise BadDataError("a message of another type than the format has")
             yield row
-
-
-def _save(
-    database: sqlite3.Connection, ids: Collection[int]
-) -> tuple[list[Payload], BadDataError | None]:
-    """What can be read of the messages as they lie in the table, by time; and why no more."""
-    saved: list[Payload] = []
-    reason = None
-    try:
-        for message in _messages(database, ids, "rowid"):
-            saved.append(message)  # noqa: PERF402 - it keeps those before an error
-    except BadDataError as error:
-        reason = error
-    saved.sort(key=lambda message: message[0])
-    return saved, reason
-
-
-def _bytes_missing(path: Path) -> int:
-    """How much shorter a database is than its header says."""
-    with path.open("rb") as file:
-        head = file.read(32)
-    page = int.from_bytes(head[16:18], "big")
-    return max(
-        0, (page if page > 1 else 65536) * int.from_bytes(head[28:32], "big") - path.stat().st_size
-    )
 
 
 def _typed(row: tuple[object, ...], types: tuple[type, ...]) -> tuple[Any, ...]:
