@@ -218,7 +218,7 @@ def test_missing_parts(recorder: Any, messages: Drive, tmp_path: Path, plugin: s
     metadata.unlink()
     with pytest.raises(tfdb.RecordingError, match=parts[1].name):
         tfdb.load(folder)
-    for broken in ("{", "[]", "rosbag2_bagfile_information: 5", "\x00", "[" * 2_000, text[:300]):
+    for broken in ("{", "[]", "rosbag2_bagfile_information: 5", "\x00", "[" * 400, text[:300]):
         metadata.write_text(broken)
         with pytest.raises(tfdb.RecordingError, match=r"metadata\.yaml is broken"):
             tfdb.load(folder)

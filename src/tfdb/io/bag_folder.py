@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from .containers import Source
 
 _METADATA = "metadata.yaml"
-_MAX_METADATA = 64 * 2**20
+_MAX_METADATA = 16 * 2**20
 _PART = re.compile(r".*\.(db3|mcap)(\.zstd)?", re.DOTALL)
 _NUMBERED = re.compile(r"(.*)_(\d{1,9})(\.(?:db3|mcap)(?:\.zstd)?)", re.DOTALL)
 

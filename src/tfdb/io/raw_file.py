@@ -14,9 +14,11 @@ from typing import IO, TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from pathlib import Path
 
-MAX_CHUNK = 512 * 2**20
+MAX_CHUNK = 256 * 2**20
 """The most bytes that one record or chunk may hold, packed or unpacked; a program that trusts its
 recordings may raise it."""
+MAX_MESSAGE = 64 * 2**20
+"""The most bytes of one message that is packed by itself."""
 
 _PIECE = 65536
 
@@ -85,15 +87,14 @@ def unpack(packing: str, packed: bytes, size: int) -> bytes:
 
 def unpack_the_start(packing: str, packed: bytes, size: int) -> bytes:
     """Give as many of a damaged or cut chunk's `size` bytes as can be had."""
-    if not packing:
-        return packed[:size]
+    if not packing or size > MAX_CHUNK:
+        return packed[: 0 if packing else size]
     reader, broken = _open(packing, packed)
     pieces: list[bytes] = []
-    room = min(size, MAX_CHUNK)
     try:
-        while room and (piece := reader.read(min(room, _PIECE))):
+        while size and (piece := reader.read(min(size, _PIECE))):
             pieces.append(piece)
-            room -= len(piece)
+            size -= len(piece)
     except broken:
         pass  # what came before is what was asked for
     return b"".join(pieces)
@@ -103,10 +104,11 @@ def unpack_message(packed: bytes) -> bytes:
     """Give the bytes of one message that is a zstd frame."""
     reader, broken = _open("zstd", packed)
     try:
-        raw: bytes = reader.read(MAX_CHUNK + 1)
+        raw: bytes = reader.read(MAX_MESSAGE + 1)
     except broken as error:
         raise BadDataError(f"its zstd does not unpack: {_words(error)}") from error
-    check_size(len(raw))
+    if len(raw) > MAX_MESSAGE:
+        raise BadDataError(f"a message unpacks to more than the limit of {MAX_MESSAGE} bytes")
     return raw
 
 

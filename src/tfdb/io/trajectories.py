@@ -6,7 +6,9 @@ do not say which frames; :func:`into_buffer` does.
 
 from __future__ import annotations
 
+import io
 import math
+import stat
 import zipfile
 import zlib
 from dataclasses import dataclass
@@ -93,11 +95,12 @@ def read_trajectory(
     """
     if format is not None and format not in FORMATS:
         raise TrajectoryError(path, None, f"unknown format {format!r}; one of {', '.join(FORMATS)}")
-    if format == "npz" or (format is None and _is_npz(Path(path))):
+    raw = _read(Path(path))
+    if format == "npz" or (format is None and raw.startswith(b"PK\x03\x04")):
         if times is not None:
             raise TrajectoryError(path, None, "a file of times belongs to KITTI poses, not to npz")
-        return _read_npz(Path(path), target, source)
-    lines = _Lines(Path(path), target, source)
+        return _read_npz(Path(path), raw, target, source)
+    lines = _Lines(Path(path), raw, target, source)
     kind = _guess(lines) if format is None else format
     if kind == "kitti":
         return _read_kitti(lines, Path(times) if times is not None else _find_times(lines.path))
@@ -125,13 +128,19 @@ def into_buffer(
     return commit
 
 
+def _read(path: Path) -> bytes:
+    """The bytes of a file or pipe; a device may have no end."""
+    if stat.S_ISCHR(path.stat().st_mode):
+        raise TrajectoryError(path, None, "no regular file")
+    return path.read_bytes()
+
+
 class _Lines:
     """The lines of a text file that carry data, with their numbers."""
 
-    def __init__(self, path: Path, target: str = "", source: str = "") -> None:
+    def __init__(self, path: Path, raw: bytes, target: str = "", source: str = "") -> None:
         self.path = path
         self._frames = target, source
-        raw = path.read_bytes()
         if b"\0" in raw[:4096]:
             raise TrajectoryError(path, None, "this is a binary file, not a trajectory in text")
         try:
@@ -236,18 +245,13 @@ def _normalised(poses: Poses) -> Poses:
     return poses
 
 
-def _is_npz(path: Path) -> bool:
-    with path.open("rb") as file:
-        return file.read(4) == b"PK\x03\x04"
-
-
-def _read_npz(path: Path, target: str, source: str) -> Trajectory:
+def _read_npz(path: Path, raw: bytes, target: str, source: str) -> Trajectory:
     try:
-        with zipfile.ZipFile(path) as archive:
+        with zipfile.ZipFile(io.BytesIO(raw)) as archive:
             size = sum(each.file_size for each in archive.infolist())
         if size > MAX_CHUNK:
             raise TrajectoryError(path, None, f"its arrays take {size} bytes, above {MAX_CHUNK}")
-        with np.load(path, allow_pickle=False) as arrays:
+        with np.load(io.BytesIO(raw), allow_pickle=False) as arrays:
             stamps, poses = arrays["stamps"], arrays["poses"]
     except KeyError as error:
         raise TrajectoryError(path, None, f"an NPZ without the array {error}") from None
@@ -329,7 +333,7 @@ def _read_kitti(lines: _Lines, times: Path) -> Trajectory:
 
 
 def _read_times(path: Path) -> list[int]:
-    lines = _Lines(path)
+    lines = _Lines(path, _read(path))
     stamps: list[int] = []
     for number, line in lines:
         try:
