@@ -800,9 +800,10 @@ class Transaction:
     `Buffer(concurrency='fine')` nothing is checked.
 
     Only the thread that began it may use it (WrongThread); what is open when that thread ends is
-    aborted. Meanwhile that thread must not write to the
-    Buffer itself, nor begin another transaction in it (TransactionActive); with another `concurrency`
-    than `snapshot` it must not read from it either. After its end every call raises TransactionClosed.
+    aborted. Meanwhile that thread must not write to the Buffer itself, read from it or begin another
+    transaction in it (TransactionActive): nothing would notice if what it read there had changed at the
+    commit. Snapshots taken before may be read, in the engine `snapshot`. After its end every call
+    raises TransactionClosed.
     """
 
     def lookup_transform(self, target: str, source: str, time: tfdb.stamps.StampLike | None = None, policy: Policy | None = None) -> Transform:
