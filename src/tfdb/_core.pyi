@@ -679,6 +679,7 @@ class Buffer(Reads):
         *,
         topics: tfdb.loading.Topics | None = None,
         progress: tfdb.loading.Progress | None = None,
+        salvage: bool = False,
     ) -> tfdb.io.LoadReport:
         """
         Load the transforms of recordings: `.bag`, `.db3`, `.mcap`, folders of ROS 2 bags.

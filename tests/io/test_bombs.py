@@ -56,7 +56,14 @@ def bag_of(packing: str, packed: bytes, declared: int) -> bytes:
     )
     at = 13 + 4096
     info = record(
-        {"op": b"\x06", "ver": u32(1), "chunk_pos": u64(at), "start_time": u64(1), "count": u32(1)},
+        {
+            "op": b"\x06",
+            "ver": u32(1),
+            "chunk_pos": u64(at),
+            "start_time": u64(1),
+            "end_time": u64(9),
+            "count": u32(1),
+        },
         u32(0) + u32(1),
     )
 

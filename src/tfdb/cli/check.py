@@ -13,7 +13,7 @@ from tfdb.summary import Forest
 
 from . import common, output
 from .arrivals import Arrivals, read_arrivals
-from .doctor import KINDS, Finding, Limits, disconnected, examine, sort_key
+from .doctor import KINDS, Finding, Limits, disconnected, examine, leading_slashes, sort_key
 from .times import NS, duration_option, format_ns
 
 
@@ -69,8 +69,14 @@ def command(
         loaded = common.load(files, topics)
     with common.progress_bar("checking") as update:
         static = {topic.name: topic.static for topic in loaded.report.topics}
-        arrivals = read_arrivals(loaded.report.files, static, update)
-    found = [*_refused(loaded), *_trees(loaded), *examine(arrivals.log, limits)]
+        arrivals = read_arrivals(loaded.report.files, static, update, salvage=common.salvages())
+    found = [
+        *_refused(loaded),
+        *_lost(loaded),
+        *_trees(loaded),
+        *leading_slashes(arrivals.mixed),
+        *examine(arrivals.log, limits),
+    ]
     kept = sorted((f for f in found if f.kind not in ignore), key=sort_key)
     if as_json:
         output.emit_json("check", _body(loaded, arrivals, kept))
@@ -83,6 +89,13 @@ def command(
 def _trees(loaded: common.Loaded) -> list[Finding]:
     forest = Forest(loaded.store.tree())
     return disconnected([(root, sum(1 for _ in forest.walk(root))) for root in forest.roots])
+
+
+def _lost(loaded: common.Loaded) -> list[Finding]:
+    return [
+        Finding("lost", (), str(loss), None, loss.messages, {"bytes": loss.bytes})
+        for loss in loaded.report.lost
+    ]
 
 
 def _refused(loaded: common.Loaded) -> list[Finding]:

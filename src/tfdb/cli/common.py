@@ -23,10 +23,10 @@ from tfdb.summary import Forest, span
 from .times import format_ns, parse_stamp
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Sequence
+    from collections.abc import Callable, Iterable, Iterator, Sequence
 
     from tfdb import Buffer
-    from tfdb.io import Source
+    from tfdb.io import Loss, Source
     from tfdb.io.loading import LoadReport
 
 _COMPLETION_MESSAGES = 300
@@ -39,7 +39,7 @@ file_argument = click.argument("file", type=click.Path())
 json_option = click.option(
     "--json", "as_json", is_flag=True, help="Print one JSON object instead of text."
 )
-topic_option = click.option(
+_topic_option = click.option(
     "--topic",
     "topics",
     multiple=True,
@@ -47,6 +47,39 @@ topic_option = click.option(
     help="Read only the topic FROM (as TO: /tf or /tf_static); repeatable.  "
     "[default: every topic of transforms]",
 )
+_SALVAGE = "tfdb.salvage"
+
+
+def _salvage(ctx: click.Context, _param: click.Parameter, value: bool) -> None:
+    ctx.meta[_SALVAGE] = value
+
+
+_salvage_option = click.option(
+    "--salvage",
+    is_flag=True,
+    expose_value=False,
+    callback=_salvage,
+    help="Read damaged, cut and unindexed files as far as they go, and say what is lost.",
+)
+
+
+def topic_option(command: Any) -> Any:
+    """Give a command that reads recordings the options that say what to read of them."""
+    return _topic_option(_salvage_option(command))
+
+
+def salvages() -> bool:
+    """Whether the command was called with `--salvage`."""
+    context = click.get_current_context(silent=True)
+    return bool(context is not None and context.meta.get(_SALVAGE))
+
+
+def report_losses(losses: Iterable[Loss]) -> None:
+    """Say on stderr what salvaging could not save."""
+    for loss in losses:
+        click.echo(f"tfdb: salvaged {loss}", err=True)
+
+
 more_option = click.option(
     "--with",
     "more",
@@ -129,7 +162,10 @@ def load(names: Sequence[str], topics: Sequence[str] = ()) -> Loaded:
     paths = find_paths(names)
     store = tfdb.Buffer(history=None)
     with progress_bar("reading") as update:
-        report = store.load(list(paths), topics=parse_topics(topics), progress=update)
+        report = store.load(
+            list(paths), topics=parse_topics(topics), progress=update, salvage=salvages()
+        )
+    report_losses(report.lost)
     return Loaded(store, report, paths)
 
 

@@ -103,7 +103,9 @@ def _recording(
 ) -> Written:
     written = Written()
     with ExitStack() as stack:
-        recordings = [stack.enter_context(Recording(path)) for path in inputs]
+        salvage = common.salvages()
+        recordings = [stack.enter_context(Recording(path, salvage=salvage)) for path in inputs]
+        common.report_losses(loss for recording in recordings for loss in recording.losses)
         recordings.sort(key=lambda recording: recording.start)
 
         def wanted(source: Source) -> bool:

@@ -18,7 +18,7 @@ from tfdb.summary import YEAR_NS, Clock, describe_clocks, find_gaps
 from .times import NS, format_duration, format_ns
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator, Sequence
+    from collections.abc import Iterable, Iterator, Mapping, Sequence
 
 # kind -> (severity, what it means); the documentation lists the same.
 KINDS = {
@@ -28,6 +28,8 @@ KINDS = {
     "two-publishers": ("error", "one edge written by several publishers"),
     "static-and-moving": ("error", "one edge written as static and as moving"),
     "disconnected": ("error", "more than one tree"),
+    "lost": ("error", "what --salvage could not save of a damaged file"),
+    "leading-slash": ("warning", "a frame that is written with and without a leading slash"),
     "quaternion": ("warning", "quaternions that are not of unit length"),
     "reparented": ("warning", "a frame whose parent changes"),
     "repeated": ("warning", "the same stamp again with another pose"),
@@ -183,16 +185,31 @@ def _examine_clock(whole: Sequence[Edge], names: Sequence[str], limits: Limits) 
     """Find what is wrong with the moving edges, whose stamps are of one clock."""
     start = min(int(edge.stamps.min()) for edge in whole)
     end = max(int(edge.stamps.max()) for edge in whole)
-    found: list[Finding] = list(_jumps(whole, limits.jump))
-    jumped = {name for finding in found for name in finding.frames}
+    jumps = {edge.name: jump_rows(edge, limits.jump) for edge in whole}
+    found: list[Finding] = list(_jumps(whole, jumps))
     for edge in whole:
+        # What comes between two jumps is judged by itself: the stamps may come again after one.
+        pieces = np.zeros(len(edge.stamps), dtype=np.int64)
+        pieces[jumps[edge.name] + 1] = 1
+        pieces = np.cumsum(pieces)
         found += _reparented(edge, names)
-        if edge.name not in jumped:  # the rest would only repeat the jump in other words
-            found += _repeated(edge)
-            found += _late(edge)
-            found += _gaps(edge, limits.gap)
-            found += _coverage(edge, start, end, limits)
+        found += _repeated(edge, pieces)
+        found += _late(edge, pieces)
+        found += _gaps(edge, pieces, limits.gap)
+        found += _coverage(edge, start, end, limits)
     return found
+
+
+def leading_slashes(frames: Sequence[str]) -> list[Finding]:
+    """Report the frames of which messages say both `map` and `/map`."""
+    return [
+        Finding(
+            "leading-slash",
+            (name,),
+            f"written as {name!r} and as {'/' + name!r}: taken for one here, refused by tf2",
+        )
+        for name in sorted(frames)
+    ]
 
 
 def disconnected(roots: Sequence[tuple[str, int]]) -> list[Finding]:
@@ -237,24 +254,66 @@ def _two_clocks(parts: Sequence[Sequence[Edge]]) -> Iterator[Finding]:
         yield Finding("two-clocks", fewest.frames, message, fewest.start, len(found))
 
 
-def _jumps(edges: Sequence[Edge], limit: int) -> Iterator[Finding]:
-    """Stamps that move otherwise than the time of arrival, all edges that do so at once in one."""
-    at: dict[tuple[int, int], list[tuple[str, int, int, int]]] = defaultdict(list)
+def jump_rows(edge: Edge, limit: int) -> npt.NDArray[np.int64]:
+    """Find the rows after which the stamps jump otherwise than the time of arrival.
+
+    They jump back where they do not return at once, as late samples do. They jump forth where they
+    come to lie further ahead of the arrival than ever since the last jump: a delivery that stalls
+    lets them fall behind and then catch up, which is none.
+    """
+    steps = np.diff(edge.stamps)
+    moved = steps - _expected(steps, np.diff(edge.arrivals))
+    ahead = np.concatenate([[0], np.cumsum(moved)])
+    rows: list[int] = []
+    most, seen = 0, 0
+    for row in np.flatnonzero(np.abs(moved) > limit).tolist():
+        most = max(most, int(ahead[seen : row + 1].max()))
+        seen = row + 1
+        back = steps[row] < 0 and ahead[row + 1 : row + 4].max() < ahead[row] - limit
+        if back or ahead[row + 1] > most + limit:
+            rows.append(row)
+            most = int(ahead[row + 1])
+    return np.array(rows, dtype=np.int64)
+
+
+def _expected(steps: npt.NDArray[np.int64], passed: npt.NDArray[np.int64]) -> npt.NDArray[np.int64]:
+    """By how much the stamps should move: as time passes, or as a simulation runs beside it."""
+    timed = passed > 0
+    if np.count_nonzero(timed) < 10:
+        return passed
+    pace = float(np.median(steps[timed] / passed[timed]))
+    return passed if 0.9 < pace < 1.1 or pace <= 0 else np.rint(passed * pace).astype(np.int64)
+
+
+def _jumps(edges: Sequence[Edge], rows: Mapping[str, npt.NDArray[np.int64]]) -> Iterator[Finding]:
+    """Report the jumps, those edges together that jump at the same times."""
+    groups: dict[tuple[tuple[int, bool], ...], list[Edge]] = defaultdict(list)
     for edge in edges:
-        steps, passed = np.diff(edge.stamps), np.diff(edge.arrivals)
-        for row in np.flatnonzero(np.abs(steps - passed) > limit):
-            member = (edge.name, int(edge.stamps[row]), int(steps[row]), int(passed[row]))
-            at[int(edge.arrivals[row + 1]), int(np.sign(steps[row]))].append(member)
-    for (arrival, _), members in sorted(at.items()):
-        names = tuple(sorted(name for name, *_ in members))
-        _, before, step, passed_ns = members[0]
+        at = rows[edge.name]
+        forth = edge.stamps[at + 1] > edge.stamps[at]
+        key = tuple(zip(edge.arrivals[at + 1].tolist(), forth.tolist(), strict=True))
+        if key:
+            groups[key].append(edge)
+    for members in groups.values():
+        edge = members[0]
+        at = rows[edge.name]
+        steps = edge.stamps[at + 1] - edge.stamps[at]
+        before, step = int(edge.stamps[at[0]]), int(steps[0])
+        arrival = int(edge.arrivals[at[0] + 1])
+        times = "" if len(at) == 1 else f" {_times(len(at))}, first"
         message = (
-            f"the stamps of {_count(len(names), 'edge')} jump from {format_ns(before)} to "
-            f"{format_ns(before + step)} ({_signed(step)}) while "
-            f"{format_duration(passed_ns)} passed"
+            f"the stamps of {_count(len(members), 'edge')} jump{times} from {format_ns(before)} "
+            f"to {format_ns(before + step)} ({_signed(step)}) while "
+            f"{format_duration(arrival - int(edge.arrivals[at[0]]))} passed"
         )
-        details = {"from_ns": before, "to_ns": before + step, "arrival_ns": arrival}
-        yield Finding("time-jump", names, message, before, len(names), details)
+        details = {
+            "from_ns": before,
+            "to_ns": before + step,
+            "arrival_ns": arrival,
+            "jumps": len(at),
+        }
+        names = tuple(sorted(member.name for member in members))
+        yield Finding("time-jump", names, message, before, len(names) * len(at), details)
 
 
 def _publishers(edge: Edge, names: Sequence[str]) -> Iterator[Finding]:
@@ -312,9 +371,9 @@ def _reparented(edge: Edge, names: Sequence[str]) -> Iterator[Finding]:
         )
 
 
-def _repeated(edge: Edge) -> Iterator[Finding]:
-    order = np.argsort(edge.stamps, kind="stable")
-    same = np.diff(edge.stamps[order]) == 0
+def _repeated(edge: Edge, pieces: npt.NDArray[np.int64]) -> Iterator[Finding]:
+    order = np.lexsort((edge.stamps, pieces))
+    same = (np.diff(edge.stamps[order]) == 0) & (np.diff(pieces[order]) == 0)
     poses = edge.poses[order]
     other = same & np.any(poses[1:] != poses[:-1], axis=1)
     if other.any():
@@ -324,8 +383,9 @@ def _repeated(edge: Edge) -> Iterator[Finding]:
         yield Finding("repeated", (edge.name,), message, stamp, count)
 
 
-def _late(edge: Edge) -> Iterator[Finding]:
-    behind = np.maximum.accumulate(edge.stamps) - edge.stamps
+def _late(edge: Edge, pieces: npt.NDArray[np.int64]) -> Iterator[Finding]:
+    parts = np.split(edge.stamps, np.flatnonzero(np.diff(pieces)) + 1)
+    behind = np.concatenate([np.maximum.accumulate(part) - part for part in parts])
     late = behind > 0
     if late.any():
         count = int(late.sum())
@@ -338,17 +398,21 @@ def _late(edge: Edge) -> Iterator[Finding]:
         yield Finding("late", (edge.name,), message, stamp, count, details)
 
 
-def _gaps(edge: Edge, limit: int | None) -> Iterator[Finding]:
-    period, longest, gaps = find_gaps(np.unique(edge.stamps), limit)
-    if not gaps or longest is None or period is None:
+def _gaps(edge: Edge, pieces: npt.NDArray[np.int64], limit: int | None) -> Iterator[Finding]:
+    parts = np.split(edge.stamps, np.flatnonzero(np.diff(pieces)) + 1)
+    found = [find_gaps(np.unique(part), limit) for part in parts]
+    gaps = [gap for _, _, some in found for gap in some]
+    periods = [period for period, _, some in found if some and period is not None]
+    if not gaps or not periods:
         return
+    longest = max(gaps, key=lambda gap: gap.length)
     message = (
         f"{_count(len(gaps), 'gap')}, the longest {format_duration(longest.length)} "
-        f"where {format_duration(period)} is usual"
+        f"where {format_duration(periods[0])} is usual"
     )
     details = {
         "longest_ns": longest.length,
-        "period_ns": period,
+        "period_ns": periods[0],
         "gaps": [[gap.before, gap.after] for gap in gaps],
     }
     yield Finding("gap", (edge.name,), message, longest.before, len(gaps), details)

@@ -60,6 +60,7 @@ class _Chunk:
 
     position: int
     start: int
+    end: int
     counts: dict[int, int]
 
 
@@ -109,7 +110,7 @@ def _indexed(path: Path, file: RawFile) -> Container:
     def payloads(ids: Collection[int]) -> Iterator[Payload]:
         wanted = [each for each in index.chunks if not each.counts.keys().isdisjoint(ids)]
         return in_order(
-            ((each.start, each.position) for each in wanted), partial(_chunk_messages, file, ids)
+            ((each.start, each) for each in wanted), partial(_chunk_messages, file, ids)
         )
 
     start = min((each.start for each in index.chunks if each.counts), default=NO_START)
@@ -212,15 +213,18 @@ def _chunk_info(fields: Fields, data: bytes) -> _Chunk:
     if _number(fields, b"ver", 4) != 1:
         raise BadDataError("chunks of an unknown version")
     pairs = [_seconds(data, 8 * row) for row in range(_number(fields, b"count", 4))]
-    start = _time_of(fields, b"start_time")
+    start, end = _time_of(fields, b"start_time"), _time_of(fields, b"end_time")
     counts = {id_: count for id_, count in pairs if count}
-    return _Chunk(_number(fields, b"chunk_pos", 8), start, counts)
+    return _Chunk(_number(fields, b"chunk_pos", 8), start, end, counts)
 
 
-def _chunk_messages(file: RawFile, ids: Collection[int], position: int) -> Iterator[Payload]:
-    record = _record(file, position, _CHUNK)
+def _chunk_messages(file: RawFile, ids: Collection[int], chunk: _Chunk) -> Iterator[Payload]:
+    record = _record(file, chunk.position, _CHUNK)
     raw = unpack(_packing(record), file.read(record.at, record.size), _unpacked_size(record))
-    return _messages_in(raw, ids.__contains__, lambda _fields, _data: None)
+    for message in _messages_in(raw, ids.__contains__, lambda _fields, _data: None):
+        if not chunk.start <= message[0] <= chunk.end:
+            raise BadDataError("a message differs from what the index says of its chunk")
+        yield message
 
 
 def _packing(chunk: _Record) -> str:
