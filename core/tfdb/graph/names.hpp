@@ -37,15 +37,17 @@ inline std::uint64_t name_word(std::string_view name, std::size_t at) {
     return word;
 }
 
-/// Multiply and fold, a word at a time; the constant is the golden ratio's.
+/// Multiply and fold, a word at a time; the constant is the golden ratio's. A product's low bits
+/// know nothing of its factor's high ones, and tables are entered by the low bits: hence the folds.
 inline std::uint64_t hash_name(std::string_view name) {
     constexpr std::uint64_t kGolden = 0x9E3779B97F4A7C15ULL;
     std::uint64_t hash = name.size();
     for (std::size_t at = 0; at < name.size(); at += 8) {
         hash = (hash ^ name_word(name, at)) * kGolden;
-        hash ^= hash >> 29;
+        hash ^= hash >> 32;
     }
-    return hash * kGolden;
+    hash *= kGolden;
+    return hash ^ hash >> 29;
 }
 
 /// An open-addressed table of (hash, id). A name that was removed and made again has two entries

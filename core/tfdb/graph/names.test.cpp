@@ -55,6 +55,21 @@ public:
     Names<Memory> names;
 };
 
+/// How many entries `find` looks at until it comes to the frame.
+std::uint64_t probes_for(const Table& table, FrameId id) {
+    using history::RingWord;
+    const std::uint64_t where = table.frames.store_word(kNames).load_acquire();
+    const std::uint64_t mask = RingWord::capacity(where) - 1;
+    std::uint64_t at = hash_name(table.names.name(id)) & mask;
+    std::uint64_t probes = 1;
+    const auto entry = [&] {
+        return table.memory.word(RingWord::block(where) + 8 * at).load_acquire();
+    };
+    for (; static_cast<std::uint32_t>(entry()) != id + 1; ++probes)
+        at = (at + 1) & mask;
+    return probes;
+}
+
 std::string long_name(std::size_t length, char last) {
     std::string name(length, 'x');
     name.back() = last;
@@ -96,6 +111,27 @@ TFDB_TEST(names_that_share_a_bucket_are_told_apart) {
     table.retire(3, 2);  // those behind it must still be found
     for (std::size_t i = 0; i < names.size(); ++i)
         CHECK_EQ(table.names.find(names[i], 2), i == 3 ? kNoFrame : i);
+}
+
+TFDB_TEST(names_that_differ_in_a_number_only_are_found_at_once) {
+    constexpr std::string_view kPrefixes[] = {
+        "f",        "joint",     "link_", "robot_7/arm/link_", "/camera/frame/of/row/", "obj",
+        "tag36h11", "left_leg_", "wheel", "world/model/part-"};
+    for (const FrameId count : {10U, 100U, 500U, 1000U, 10'000U, 100'000U}) {
+        std::uint64_t in_all = 0;
+        for (const std::string_view prefix : kPrefixes) {
+            Table table(count);
+            for (FrameId i = 0; i < count; ++i)
+                (void)table.make(std::string(prefix) + std::to_string(i), 1);
+            std::uint64_t probes = 0;
+            for (FrameId i = 0; i < count; ++i)
+                probes += probes_for(table, i);
+            CHECK(probes <= 2 * count);
+            in_all += probes;
+        }
+        // As good as chance in a table that is at most half full.
+        CHECK(2 * in_all <= 3 * std::size(kPrefixes) * count);
+    }
 }
 
 TFDB_TEST(names_of_every_length_up_to_the_longest) {
