@@ -134,13 +134,22 @@ void move_points(const Pinned& pinned, std::string_view target, std::string_view
                                   points.count, stamps, policy, out.view.data<T>(), out.stride);
 }
 
+/// The same with NaN for points whose stamps have no answer: a look at all stamps comes first.
+void move_points_found(nb::handle self, nb::handle target, nb::handle source, const Points& points,
+                       std::span<const StampNs> stamps, nb::handle policy, nb::handle out) {
+    const NewArray<StampNs> when = new_stamps(stamps.size());
+    std::copy(stamps.begin(), stamps.end(), when.data);
+    nb::module_::import_("tfdb.sampling")
+        .attr("move_points_found")(self, target, source, points.array, when.array, policy, out);
+}
+
 bool is_one_stamp(nb::handle stamps) {
     return !PySequence_Check(stamps.ptr()) && !nb::hasattr(stamps, "__iter__");
 }
 
 nb::object transform_points(nb::handle self, const nb::str& target, const nb::str& source,
-                            nb::handle points, nb::handle stamps, nb::handle policy,
-                            nb::handle out) {
+                            nb::handle points, nb::handle stamps, nb::handle policy, nb::handle out,
+                            nb::handle missing) {
     const Pinned pinned = pin(self, object_of<ReadsObject>(self));
     const Policy how = policy_of(policy.ptr());
     const Points from = points_of(points, "points", false);
@@ -166,7 +175,9 @@ nb::object transform_points(nb::handle self, const nb::str& target, const nb::st
     check_out(from, to, target_array);
     const std::string_view into = name_of(target, "target");
     const std::string_view out_of = name_of(source, "source");
-    if (from.view.kind() == Kind::kFloat32) {
+    if (missing_of(missing) == Missing::kNan) {
+        move_points_found(self, target, source, from, when, policy, target_array);
+    } else if (from.view.kind() == Kind::kFloat32) {
         move_points<float>(pinned, into, out_of, from, when, how, to);
     } else {
         move_points<double>(pinned, into, out_of, from, when, how, to);
@@ -220,13 +231,17 @@ policy
     How stamps between samples are answered. None: Interpolate().
 out
     Array to write to, like the points; the points themselves to work in place.
+missing
+    `raise`: the error of the first stamp without an answer, with its `index`. `nan`: NaN for its
+    points instead.
 
 Returns
 -------
 numpy.ndarray
     `out`, or a new array (N, 3) of the points' dtype. Computed in float64.
 
-Raises InvalidArray, InvalidStamp, and what `lookup_transform` raises, with `index`.)";
+Raises InvalidArray, InvalidStamp, InvalidArgument, and what `lookup_transform` raises, with
+`index`.)";
 
 }  // namespace
 
@@ -253,11 +268,12 @@ void bind_batch(nb::class_<ReadsObject>& type) {
              kLookupTransformsDoc);
     type.def("transform_points", &transform_points, nb::arg("target"), nb::arg("source"),
              nb::arg("points").none(), nb::arg("stamps").none(), nb::arg("policy") = nb::none(),
-             nb::kw_only(), nb::arg("out") = nb::none(),
+             nb::kw_only(), nb::arg("out") = nb::none(), nb::arg("missing") = "raise",
              nb::sig("def transform_points(self, target: str, source: str, points: "
                      "numpy.typing.ArrayLike, stamps: tfdb.stamps.StampsLike | "
                      "tfdb.stamps.StampLike, policy: Policy | None = None, *, out: "
-                     "numpy.typing.NDArray[typing.Any] | None = None) -> "
+                     "numpy.typing.NDArray[typing.Any] | None = None, missing: "
+                     "typing.Literal['raise', 'nan'] = 'raise') -> "
                      "numpy.typing.NDArray[typing.Any]"),
              kTransformPointsDoc);
 }

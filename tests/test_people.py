@@ -60,6 +60,40 @@ def test_a_trajectory_may_have_holes(buffer: tfdb.Buffer) -> None:
         buffer.trajectory("map", "hand", missing="drop")  # type: ignore[arg-type]
 
 
+@pytest.mark.parametrize("dtype", [np.float64, np.float32])
+@pytest.mark.parametrize("place", ["new", "other", "in place"])
+def test_points_may_have_no_answer(buffer: tfdb.Buffer, dtype: Any, place: str) -> None:
+    """Every other point's stamp lies in the second of silence, which a limit does not bridge."""
+    strict = tfdb.Interpolate(max_gap=0.1)
+    rng = np.random.default_rng(3)
+    points = rng.uniform(-5, 5, (40, 4)).astype(dtype)[:, :3]
+    stamps = START + np.where(np.arange(40) % 2 == 0, 5 * STEP, 15 * STEP) + np.arange(40) * 1000
+    with pytest.raises(tfdb.GapTooLarge) as caught:
+        buffer.transform_points("map", "hand", points, stamps, strict)
+    assert caught.value.index == 1
+    wanted = buffer.transform_points("map", "hand", points[::2], stamps[::2], strict)
+    out = {"new": None, "other": np.empty((40, 3), dtype), "in place": points}[place]
+    moved = buffer.transform_points("map", "hand", points, stamps, strict, out=out, missing="nan")
+    assert moved.dtype == dtype
+    assert out is None or moved is out
+    assert np.array_equal(moved[::2], wanted)
+    assert np.isnan(moved[1::2]).all()
+
+
+def test_points_of_one_stamp_may_have_no_answer(buffer: tfdb.Buffer) -> None:
+    points = np.array([[1.0, 2, 3], [4, 5, 6]])
+    for reads in (buffer, buffer.snapshot()):
+        found = reads.transform_points("map", "hand", points, START + 7, missing="nan")
+        assert np.array_equal(found, reads.transform_points("map", "hand", points, START + 7))
+        assert np.isnan(reads.transform_points("map", "hand", points, 5, missing="nan")).all()
+        none = reads.transform_points("map", "hand", points[:0], [], missing="nan")
+        assert none.shape == (0, 3)
+        with pytest.raises(tfdb.UnknownFrame):
+            reads.transform_points("map", "nowhere", points, 5, missing="nan")
+        with pytest.raises(tfdb.InvalidArgument, match="'raise' or 'nan'"):
+            reads.transform_points("map", "hand", points, 5, missing="skip")  # type: ignore[arg-type]
+
+
 def test_a_time_that_is_far_off_costs_nothing(buffer: tfdb.Buffer) -> None:
     with pytest.raises(tfdb.Extrapolation) as caught:
         buffer.trajectory("map", "hand", 1e9, start=5)

@@ -205,7 +205,7 @@ class Reads:
         Raises InvalidArray, InvalidStamp, InvalidArgument, and what `lookup_transform` raises.
         """
 
-    def transform_points(self, target: str, source: str, points: numpy.typing.ArrayLike, stamps: tfdb.stamps.StampsLike | tfdb.stamps.StampLike, policy: Policy | None = None, *, out: numpy.typing.NDArray[Any] | None = None) -> numpy.typing.NDArray[Any]:
+    def transform_points(self, target: str, source: str, points: numpy.typing.ArrayLike, stamps: tfdb.stamps.StampsLike | tfdb.stamps.StampLike, policy: Policy | None = None, *, out: numpy.typing.NDArray[Any] | None = None, missing: Literal['raise', 'nan'] = 'raise') -> numpy.typing.NDArray[Any]:
         """
         Map points of `source` into `target`, each at its own stamp.
 
@@ -224,13 +224,17 @@ class Reads:
             How stamps between samples are answered. None: Interpolate().
         out
             Array to write to, like the points; the points themselves to work in place.
+        missing
+            `raise`: the error of the first stamp without an answer, with its `index`. `nan`: NaN for its
+            points instead.
 
         Returns
         -------
         numpy.ndarray
             `out`, or a new array (N, 3) of the points' dtype. Computed in float64.
 
-        Raises InvalidArray, InvalidStamp, and what `lookup_transform` raises, with `index`.
+        Raises InvalidArray, InvalidStamp, InvalidArgument, and what `lookup_transform` raises, with
+        `index`.
         """
 
     def frames(self) -> list[str]:

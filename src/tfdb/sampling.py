@@ -86,6 +86,30 @@ def trajectory(
     return Trajectory(target, source, stamps, poses)
 
 
+def move_points_found(
+    reads: Reads,
+    target: str,
+    source: str,
+    points: npt.ArrayLike,
+    stamps: npt.NDArray[np.int64],
+    policy: Policy | None,
+    out: npt.ArrayLike,
+) -> None:
+    """Map the points whose stamps have an answer into `out`, and write NaN for the others.
+
+    The extension calls it, with points that it has checked, and one stamp for all or one for each.
+    """
+    made, given = np.asarray(out), np.asarray(points)
+    with held(reads) as snapshot:
+        rows = snapshot.lookup_transforms(target, source, stamps, policy, missing="nan")
+        finite = np.isfinite(rows).all(axis=1)
+        found = np.broadcast_to(finite, len(given))
+        when = int(stamps[0]) if len(stamps) == 1 and finite[0] else stamps[finite]
+        moved = snapshot.transform_points(target, source, given[found], when, policy)
+    made[~found] = np.nan
+    made[found] = moved
+
+
 def _nanoseconds(time: StampLike) -> int:
     """Convert one stamp as the store would."""
     from ._core import to_nanoseconds  # noqa: PLC0415 - the extension imports this module
