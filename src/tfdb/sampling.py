@@ -102,7 +102,7 @@ def move_points_found(
     made, given = np.asarray(out), np.asarray(points)
     with held(reads) as snapshot:
         rows = snapshot.lookup_transforms(target, source, stamps, policy, missing="nan")
-        finite = np.isfinite(rows).all(axis=1)
+        finite: npt.NDArray[np.bool_] = np.asarray(np.isfinite(rows).all(axis=1))
         found = np.broadcast_to(finite, len(given))
         when = int(stamps[0]) if len(stamps) == 1 and finite[0] else stamps[finite]
         moved = snapshot.transform_points(target, source, given[found], when, policy)
