@@ -107,10 +107,12 @@ relacy: $(STAMPS)/venv
 	$(CMAKE) --build --preset relacy -j $(JOBS) --target tfdb_relacy
 	for model in build/relacy/bin/relacy_*; do echo "$$model"; $$model || exit 1; done
 
-fuzz: $(STAMPS)/venv
+fuzz: $(STAMPS)/dev
 	$(CMAKE) --preset fuzz >/dev/null
 	$(CMAKE) --build --preset fuzz -j $(JOBS)
 	$(BIN)/python tools/run_fuzzers.py build/fuzz --seconds $(FUZZ_SECONDS)
+	$(BIN)/python -m tests.hostile.fuzz --seconds $(FUZZ_SECONDS)
+	$(BIN)/python -m tests.hostile.fuzz --seconds $(FUZZ_SECONDS) --threads
 
 # The rivals go into an environment of their own; apt is asked for tf2 where it is missing.
 benchmarks/rivals/env: benchmarks/rivals/install

@@ -219,6 +219,7 @@ void Stamps::read_sequence(nb::handle object) {
     const auto count = static_cast<std::size_t>(PyTuple_GET_SIZE(items.ptr()));
     copy_.resize(count);
     for (std::size_t i = 0; i < count; ++i) {
+        look_for_signals(i);
         PyObject* const item = PyTuple_GET_ITEM(items.ptr(), static_cast<Py_ssize_t>(i));
         at_index(i, [&] { copy_[i] = stamp_of(item); });
     }

@@ -60,8 +60,7 @@ nb::object lookup_transforms(nb::handle self, const nb::str& target, const nb::s
     const Pinned pinned = pin(self, object_of<ReadsObject>(self));
     const RowsWanted wanted(target, source, stamps, policy, layout, out, missing);
     {
-        const Released released(pinned.may_wait() ||
-                                wanted.stamps.values().size() >= kReleaseFromRows);
+        const LongWork work(pinned.may_wait() || wanted.stamps.values().size() >= kReleaseFromRows);
         wanted.fill(pinned.reads);
     }
     return wanted.result.array;
@@ -129,7 +128,7 @@ template <class T>
 void move_points(const Pinned& pinned, std::string_view target, std::string_view source,
                  const Points& points, std::span<const StampNs> stamps, Policy policy,
                  const Points& out) {
-    const Released released(pinned.may_wait() || points.count >= kReleaseFromRows);
+    const LongWork work(pinned.may_wait() || points.count >= kReleaseFromRows);
     pinned.reads.transform_points(target, source, points.view.data<const T>(), points.stride,
                                   points.count, stamps, policy, out.view.data<T>(), out.stride);
 }
@@ -253,7 +252,8 @@ RowsWanted::RowsWanted(nb::handle target_name, nb::handle source_name, nb::handl
       missing(missing_of(absent)),
       policy(policy_of(how.ptr())),
       stamps(when),
-      result(rows_for(out, stamps.values().size(), layout)) {}
+      result(rows_for(out, stamps.values().size(), layout)),
+      kept(ArrayView::of(result.array, true)) {}
 
 void bind_batch(nb::class_<ReadsObject>& type) {
     type.def("lookup_transforms", &lookup_transforms, nb::arg("target"), nb::arg("source"),

@@ -4,6 +4,7 @@
 #include <nanobind/nanobind.h>
 
 #include <cstddef>
+#include <optional>
 #include <span>
 #include <string_view>
 
@@ -30,6 +31,7 @@ struct RowsWanted {
     Policy policy;
     Stamps stamps;
     NewArray<double> result;
+    std::optional<ArrayView> kept;  // while it is written, nobody may move the result
 
     /// Lets `reads`, a store's or a transaction's, write the rows. Needs no GIL.
     template <class From>

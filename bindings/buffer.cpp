@@ -101,6 +101,7 @@ CommitNumber remove_frames(BufferObject& self, nb::handle names, bool recursive)
     const auto count = static_cast<std::size_t>(PyTuple_GET_SIZE(items.ptr()));
     std::vector<std::string_view> all(count);
     for (std::size_t i = 0; i < count; ++i) {
+        look_for_signals(i);
         PyObject* const item = PyTuple_GET_ITEM(items.ptr(), static_cast<Py_ssize_t>(i));
         at_index(i, [&] { all[i] = name_of(item, "names"); });
     }

@@ -194,7 +194,11 @@ std::string short_repr(nb::handle object) {
     }
     std::string result = text_of(printed);
     if (result.size() > kLongest) {
-        result.resize(kLongest);
+        std::size_t end = kLongest;  // where a character begins
+        while (end > 0 && (static_cast<unsigned char>(result[end]) & 0xC0U) == 0x80U) {
+            --end;
+        }
+        result.resize(end);
         result += "...";
     }
     return result;

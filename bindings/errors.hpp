@@ -90,4 +90,8 @@ std::string text_of(nb::handle object);
 /// Exception (KeyboardInterrupt), and MemoryError, are thrown.
 void forget_error();
 
+/// For loops that keep the GIL: runs Python's signal handlers now and then, and throws what they
+/// raise.
+void look_for_signals(std::size_t step);
+
 }  // namespace tfdb::python

@@ -19,6 +19,7 @@ NB_MODULE(_core, module) {
     tfdb::python::bind_fields();
     tfdb::python::bind_arrays();
     tfdb::python::bind_errors(module);
+    tfdb::python::bind_signals();
     tfdb::python::bind_policy(module);
     tfdb::python::bind_transform(module);
     tfdb::python::bind_reads(module);

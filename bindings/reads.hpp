@@ -4,6 +4,7 @@
 #include <nanobind/nanobind.h>
 
 #include <atomic>
+#include <chrono>
 #include <memory>
 #include <optional>
 #include <string>
@@ -11,6 +12,7 @@
 
 #include "names.hpp"
 #include "paths.hpp"
+#include "tfdb/base/interruption.hpp"
 #include "tfdb/store/buffer.hpp"
 
 namespace nb = nanobind;
@@ -86,6 +88,26 @@ private:
     std::optional<nb::gil_scoped_release> released_;
 };
 
+/// Long work, without the GIL if so asked, that a signal may end: in the main thread Python's
+/// handlers run every few milliseconds, and what they raise (KeyboardInterrupt) is thrown.
+class LongWork final : public Interruption {
+public:
+    explicit LongWork(bool release);
+    ~LongWork();
+    LongWork(const LongWork&) = delete;
+    LongWork& operator=(const LongWork&) = delete;
+
+    void ask() override;
+
+private:
+    using Clock = std::chrono::steady_clock;
+
+    Interruption* before_;
+    PyThreadState* state_ = nullptr;  // of the GIL that was given up
+    bool release_;
+    Clock::time_point next_;
+};
+
 /// The reads of an open object. The pointer keeps a snapshot readable for calls that release the
 /// GIL (or have none), though another thread closes it.
 struct Pinned {
@@ -98,7 +120,7 @@ struct Pinned {
     /// What `question(reads)` answers; asked without the GIL if it may have to wait.
     template <class Question>
     auto ask(Question&& question) const {
-        const Released released(may_wait());
+        const LongWork work(may_wait());
         return question(reads);
     }
 };
@@ -131,6 +153,7 @@ inline ReadsObject& made_reads(PyObject* self) {
     return *nb::inst_ptr<ReadsObject>(self);
 }
 
+void bind_signals();
 void bind_reads(nb::module_& module);
 /// The methods that bypass nanobind, on Reads, Buffer and Snapshot.
 void add_raw_reads(nb::handle type);

@@ -56,7 +56,7 @@ public:
     auto run(Work&& work) {
         const std::shared_ptr<Transaction> transaction = opened();
         try {
-            const Released released(may_wait());
+            const LongWork long_work(may_wait());
             return work(*transaction);
         } catch (const Conflict& conflict) {
             lose(conflict);

@@ -169,6 +169,7 @@ void Transforms::read_objects(nb::handle batch, bool collect) {
     views.reserve(count);
     kept_.reserve(2 * count);
     for (std::size_t i = 0; i < count; ++i) {
+        look_for_signals(i);
         PyObject* const item = PyTuple_GET_ITEM(items.ptr(), static_cast<Py_ssize_t>(i));
         if (collect) {
             collecting(i, [&] { read_object(item); });
@@ -193,6 +194,7 @@ void Transforms::read_names(const nb::object& names, std::string_view TransformV
     const auto count = static_cast<std::size_t>(PyTuple_GET_SIZE(items.ptr()));
     check_rows(count, views.size(), role);
     for (std::size_t i = 0; i < count; ++i) {
+        look_for_signals(i);
         PyObject* const item = PyTuple_GET_ITEM(items.ptr(), static_cast<Py_ssize_t>(i));
         collecting(i, [&] { views[i].*field = name_of(item, role); });
     }
@@ -215,6 +217,7 @@ void Transforms::read_stamps(const nb::object& given) {
         const auto count = static_cast<std::size_t>(PyTuple_GET_SIZE(items.ptr()));
         check_rows(count, views.size(), "stamps");
         for (std::size_t i = 0; i < count; ++i) {
+            look_for_signals(i);
             PyObject* const item = PyTuple_GET_ITEM(items.ptr(), static_cast<Py_ssize_t>(i));
             collecting(i, [&] { views[i].stamp = stamp_of(item); });
         }

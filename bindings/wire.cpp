@@ -168,6 +168,7 @@ nb::object ingest_many(BufferObject& self, nb::handle messages, const nb::str& e
     tally.commit = self.store.commit();
     for (bool more = true; more;) {
         chunk.clear();
+        look_for_signals(0);
         while (chunk.size() < kChunk) {
             const nb::object item = nb::steal(PyIter_Next(iterator.ptr()));
             if (!item.is_valid()) {

@@ -328,6 +328,10 @@ class Trajectory:
     """Poses of the file that it was read from which a later one with the same stamp replaced."""
 
     def __post_init__(self) -> None:
+        columns: dict[str, Any] = {"stamps": self.stamps, "poses": self.poses}
+        for name, array in columns.items():
+            if not isinstance(array, np.ndarray) or array.ndim == 0:
+                raise InvalidArray(f"{name}: expected an array, got {type(array).__name__}")
         count = len(self.stamps)
         if count == 0:
             raise InvalidArray("a trajectory needs at least one stamp, got none")

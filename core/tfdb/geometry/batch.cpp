@@ -4,6 +4,7 @@
 #include <limits>
 #include <vector>
 
+#include "tfdb/base/interruption.hpp"
 #include "tfdb/geometry/batch_kernels.hpp"
 #include "tfdb/geometry/locate.hpp"
 #include "tfdb/geometry/select.hpp"
@@ -254,6 +255,7 @@ std::size_t find_first_refused(State& state, const Rule& rule, std::span<const S
         return kNoneRefused;
     }
     for (std::size_t begin = 0; begin < stamps.size(); begin += kBlock) {
+        may_end();
         const std::size_t count = std::min(kBlock, stamps.size() - begin);
         if (mark_refused(state, rule, stamps.data() + begin, count)) {
             const std::uint8_t* found = std::find(state.refused, state.refused + count, 1);
@@ -282,6 +284,7 @@ BatchResult for_blocks(std::span<const ChainEdge> chain, const Rule& rule,
         }
     }
     for (std::size_t begin = 0; begin < stamps.size(); begin += kBlock) {
+        may_end();
         const std::size_t count = std::min(kBlock, stamps.size() - begin);
         evaluate_block(state, rule, stamps.data() + begin, count);
         emit(begin, count);

@@ -2,6 +2,7 @@
 // kernels of geometry/batch.hpp run on plain memory.
 #include <algorithm>
 #include <limits>
+#include <memory>
 
 #include "tfdb/geometry/batch.hpp"
 #include "tfdb/store/collect.hpp"
@@ -17,6 +18,9 @@ namespace {
 // Below this many samples per stamp copying the window is cheaper than single lookups (measured).
 constexpr std::size_t kSamplesPerStamp = 16;
 constexpr std::size_t kAlwaysCopied = 1024;
+
+// So many stamps are looked up one by one before the work may be ended.
+constexpr std::size_t kRowsBetween = 256;
 
 struct Request {
     FrameId target;
@@ -37,9 +41,39 @@ struct Workspace {
     Failure failure;
 };
 
+/// Those of one thread: who may end its work may ask for a batch of its own, amid another one.
+/// Threads: one. Guarantee: wait-free but for the first of each depth.
+struct Workspaces {
+    std::vector<std::unique_ptr<Workspace>> all;
+    std::size_t used = 0;
+
+    static Workspaces& here() {
+        thread_local Workspaces spaces;
+        return spaces;
+    }
+};
+
+/// Takes a workspace for its lifetime.
+/// Threads: one. Guarantee: as Workspaces.
+class Lease {
+public:
+    Lease() : spaces_(Workspaces::here()) {
+        if (spaces_.used == spaces_.all.size())
+            spaces_.all.push_back(std::make_unique<Workspace>());
+        ++spaces_.used;
+    }
+    ~Lease() { --spaces_.used; }
+    Lease(const Lease&) = delete;
+    Lease& operator=(const Lease&) = delete;
+
+private:
+    Workspaces& spaces_;
+};
+
+/// The one that was taken last.
 Workspace& workspace() {
-    thread_local Workspace space;
-    return space;
+    const Workspaces& spaces = Workspaces::here();
+    return *spaces.all[spaces.used - 1];
 }
 
 geometry::Rule rule_of(const Policy& policy) {
@@ -160,6 +194,8 @@ private:
         space.poses.clear();
         std::size_t apart = 0;
         for (std::size_t i = 0; i < request_.stamps.size(); ++i) {
+            if (i % kRowsBetween == 0)
+                may_end();
             const Outcome outcome = look_up(view, space, i);
             if (outcome == Outcome::kLapped)
                 return outcome;
@@ -211,6 +247,7 @@ template <class Kernel, class One>
 void Reads::run_batch(std::string_view target, std::string_view source,
                       std::span<const StampNs> stamps, Policy policy, bool stop, Kernel kernel,
                       One one) const {
+    const Lease lease;
     Request request{kNoFrame, kNoFrame, stamps, 0, 0, policy};
     if (!stamps.empty()) {
         const auto [first, last] = std::minmax_element(stamps.begin(), stamps.end());
@@ -297,6 +334,7 @@ void Reads::transform_points(std::string_view target, std::string_view source, c
 std::vector<StampNs> Reads::path_stamps(std::string_view target, std::string_view source,
                                         std::optional<StampNs> start,
                                         std::optional<StampNs> end) const {
+    const Lease lease;
     std::vector<StampNs> stamps;
     Workspace& space = workspace();
     const Outcome outcome = store::read(*impl_, held_, kFresh, [&](const StoreView& view) {
@@ -313,6 +351,7 @@ std::vector<StampNs> Reads::path_stamps(std::string_view target, std::string_vie
         StampNs last = std::min(newest, end.value_or(newest));
         for (const auto* chain : {&space.answer.source_chain, &space.answer.target_chain}) {
             for (std::size_t i = 0; i + 1 < chain->size(); ++i) {
+                may_end();
                 store::Track track;
                 const Outcome copied = store::collect_all(view, (*chain)[i], track);
                 if (copied != Outcome::kOk)

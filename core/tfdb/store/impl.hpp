@@ -7,6 +7,7 @@
 #include <unordered_map>
 #include <vector>
 
+#include "tfdb/base/interruption.hpp"
 #include "tfdb/graph/frames.hpp"
 #include "tfdb/graph/names.hpp"
 #include "tfdb/graph/pins.hpp"
@@ -158,6 +159,7 @@ public:
     Alone& operator=(const Alone&) = delete;
 
 private:
+    const NotInterrupted not_interrupted_;
     const Reads::Impl& impl_;
 };
 

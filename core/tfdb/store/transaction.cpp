@@ -208,6 +208,8 @@ void Transaction::lookup_many(std::string_view target, std::string_view source,
     }
     std::size_t apart = 0;
     for (std::size_t i = 0; i < stamps.size(); ++i) {
+        if (i % 256 == 0)
+            may_end();
         const bool found = try_lookup(target, source, stamps[i], policy, answer, failure);
         const bool fatal = !found && missing == Missing::kThrow;
         apart += !found && failure.code == ErrorCode::kDisconnected;

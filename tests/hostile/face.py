@@ -1,0 +1,101 @@
+"""The public face: every class, method, property and function, with the names of its parameters."""
+
+from __future__ import annotations
+
+import ast
+import functools
+import inspect
+from dataclasses import dataclass
+from pathlib import Path
+
+import tfdb
+
+STUB = Path(tfdb.__file__).with_name("_core.pyi")
+ELSEWHERE = {"load"}
+"""Reads files: they have fuzzers of their own."""
+
+
+ANSWERS = {"EdgeExplanation", "EdgeUse", "Explanation", "FrameInfo", "IngestResult", "MemoryUse"}
+ANSWERS |= {"Counters", "Refusal", "Refused", "Report", "Twist"}
+"""Plain records that only we make: what is written into them by hand is not checked."""
+
+
+@dataclass(frozen=True)
+class Call:
+    """Something that can be called: a function, a method of `owner`, or a property of it."""
+
+    owner: str | None
+    name: str
+    positional: tuple[str, ...] = ()
+    keywords: tuple[str, ...] = ()
+    is_property: bool = False
+
+
+def _parameters(node: ast.FunctionDef) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    positional = tuple(arg.arg for arg in node.args.posonlyargs + node.args.args)
+    return positional[1:], tuple(arg.arg for arg in node.args.kwonlyargs)
+
+
+def _methods(stub: ast.Module) -> list[Call]:
+    found: dict[tuple[str, str], Call] = {}
+    bases: dict[str, list[str]] = {}
+    for cls in stub.body:
+        if not isinstance(cls, ast.ClassDef):
+            continue
+        bases[cls.name] = [base.id for base in cls.bases if isinstance(base, ast.Name)]
+        for node in cls.body:
+            if not isinstance(node, ast.FunctionDef) or node.name in ELSEWHERE:
+                continue
+            marks = {mark.id for mark in node.decorator_list if isinstance(mark, ast.Name)}
+            positional, keywords = _parameters(node)
+            call = Call(cls.name, node.name, positional, keywords, "property" in marks)
+            if node.name in ("__init__", "__new__"):
+                call = Call(None, cls.name, positional, keywords)
+            found[cls.name, node.name] = call
+    for cls, parents in bases.items():
+        for (owner, name), call in list(found.items()):
+            if owner in parents and call.owner is not None and (cls, name) not in found:
+                found[cls, name] = Call(cls, name, call.positional, call.keywords, call.is_property)
+    return [call for call in found.values() if call.owner or hasattr(tfdb, call.name)]
+
+
+def _plain() -> list[Call]:
+    """Everything that is written in Python, and the constructors."""
+    calls = []
+    for name in tfdb.__all__:
+        thing = getattr(tfdb, name)
+        if name in ELSEWHERE or not callable(thing) or thing in (tfdb.Buffer, tfdb.Transform):
+            continue
+        if isinstance(thing, type) and issubclass(thing, BaseException):
+            continue
+        try:
+            names = list(inspect.signature(thing).parameters)
+        except (TypeError, ValueError):
+            names = []
+        if name not in ANSWERS:
+            names = [n for n in names if n not in ("args", "kwargs")]
+            calls.append(Call(None, name, tuple(names)))
+        if isinstance(thing, type) and thing.__module__ != tfdb.Buffer.__module__:
+            for attribute in vars(thing):
+                if not attribute.startswith("_"):
+                    is_property = not callable(getattr(thing, attribute))
+                    calls.append(Call(name, attribute, (), (), is_property))
+    return calls
+
+
+@functools.cache
+def everything() -> list[Call]:
+    """Find all there is, in an order that stays the same."""
+    stub = ast.parse(STUB.read_text(encoding="utf-8"))
+    functions = [
+        Call(None, node.name, *_function(node))
+        for node in stub.body
+        if isinstance(node, ast.FunctionDef) and hasattr(tfdb, node.name)
+    ]
+    found = dict.fromkeys(functions + _methods(stub) + _plain())
+    return sorted(found, key=lambda call: (call.owner or "", call.name, call.positional))
+
+
+def _function(node: ast.FunctionDef) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    positional = tuple(arg.arg for arg in node.args.args)
+    return positional, tuple(arg.arg for arg in node.args.kwonlyargs)
