@@ -200,7 +200,8 @@ policy
 layout
     `pose`: rows x y z qx qy qz qw. `matrix`: homogeneous 4x4 matrices.
 out
-    Array to write to: float64, C-contiguous, (N, 7) or (N, 4, 4).
+    Array to write to: float64, C-contiguous, (N, 7) or (N, 4, 4). An error, or Ctrl-C, may leave it
+    partly written.
 missing
     `raise`: the error of the first stamp without an answer, with its `index`. `nan`: NaN in its
     rows instead.

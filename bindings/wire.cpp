@@ -256,7 +256,8 @@ constexpr const char* kIngestManyDoc =
 
 A message that is refused is counted, with its reason, and the others go on. Arguments as in
 `ingest`; `messages` is an iterable of bytes-like objects. `authority` may also be a sequence, with
-one name for each message. Raises InvalidArgument if it then differs in length; nothing was stored.)";
+one name for each message. Raises InvalidArgument if it then differs in length; nothing was stored.
+Ctrl-C ends it between two messages; those before are stored.)";
 
 }  // namespace
 

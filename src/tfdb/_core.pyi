@@ -192,7 +192,8 @@ class Reads:
         layout
             `pose`: rows x y z qx qy qz qw. `matrix`: homogeneous 4x4 matrices.
         out
-            Array to write to: float64, C-contiguous, (N, 7) or (N, 4, 4).
+            Array to write to: float64, C-contiguous, (N, 7) or (N, 4, 4). An error, or Ctrl-C, may leave it
+            partly written.
         missing
             `raise`: the error of the first stamp without an answer, with its `index`. `nan`: NaN in its
             rows instead.
@@ -638,6 +639,7 @@ class Buffer(Reads):
         A message that is refused is counted, with its reason, and the others go on. Arguments as in
         `ingest`; `messages` is an iterable of bytes-like objects. `authority` may also be a sequence, with
         one name for each message. Raises InvalidArgument if it then differs in length; nothing was stored.
+        Ctrl-C ends it between two messages; those before are stored.
         """
 
     def transaction(self, priority: int = 0) -> Transaction:
