@@ -29,8 +29,8 @@ if TYPE_CHECKING:
     from tfdb.io import Loss, Source
     from tfdb.io.loading import LoadReport
 
-_COMPLETION_MESSAGES = 300
-"""So many messages of moving transforms does completion read: a shell must not seem to hang."""
+_COMPLETION_MESSAGES = 200
+"""So many messages of each kind does completion read: a shell must not seem to hang."""
 
 files_argument = click.argument(
     "files", nargs=-1, required=True, metavar="FILE...", type=click.Path()
@@ -284,12 +284,12 @@ def complete_frames(ctx: click.Context, _param: click.Parameter, incomplete: str
 
 
 def _some_frames(path: str) -> set[str]:
-    """Frames of the static transforms, and of the first moving ones."""
+    """Frames of the first static and of the first moving transforms."""
     names: set[str] = set()
     with Recording(path) as recording:
-        messages = chain(
-            recording.messages(_is_static),
-            islice(recording.messages(lambda s: not _is_static(s)), _COMPLETION_MESSAGES),
+        messages = chain.from_iterable(
+            islice(recording.messages(wanted), _COMPLETION_MESSAGES)
+            for wanted in (_is_static, lambda source: not _is_static(source))
         )
         for source, _, data in messages:
             for transform in tfdb.decode_tf_message(data, source.encoding):
