@@ -14,7 +14,7 @@ import pytest
 
 import tfdb
 from oracle import quaternion
-from tfdb.io import write_recording
+from tfdb.io import RecordingWriter, write_recording
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -492,3 +492,10 @@ def test_the_same_file_twice_is_noticed(buffer: tfdb.Buffer, tmp_path: Path) -> 
             tfdb.load(twice)
     other = simulated(START + 40 * STEP)
     store.load(recorded(tmp_path, other, "next.mcap"))  # new samples: no warning
+
+
+def test_a_path_may_be_text(buffer: tfdb.Buffer, tmp_path: Path) -> None:
+    data = tfdb.encode_tf_message([tfdb.TransformStamped("map", "base", START, (1, 2, 3), TURN)])
+    with RecordingWriter(str(tmp_path / "drive.mcap")) as writer:
+        writer.write(data, START, topic="/tf")
+    assert tfdb.load(str(tmp_path / "drive.mcap")).frames() == ["base", "map"]

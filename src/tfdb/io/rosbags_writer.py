@@ -6,6 +6,7 @@ import errno
 import os
 import sqlite3
 from contextlib import ExitStack, contextmanager
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
 
 from tfdb.errors import InvalidArgument, RecordingError
@@ -16,9 +17,10 @@ from .containers import NEEDS_EXTRA, Encoding
 if TYPE_CHECKING:
     from collections.abc import Iterator
     from contextlib import AbstractContextManager
-    from pathlib import Path
     from types import TracebackType
     from typing import Self
+
+    from .recordings import PathLike
 
 TF_MESSAGE = "tf2_msgs/msg/TFMessage"
 SUFFIXES = (".bag", ".mcap", ".db3")
@@ -64,7 +66,8 @@ class RecordingWriter:
         Another ending, the file exists, or `rosbags` is not installed. Fields: path, reason.
     """
 
-    def __init__(self, path: Path, *, compress: bool = False, overwrite: bool = False) -> None:
+    def __init__(self, path: PathLike, *, compress: bool = False, overwrite: bool = False) -> None:
+        path = Path(path)
         if path.suffix not in SUFFIXES:
             raise RecordingError(path, f"the name must end in one of {', '.join(SUFFIXES)}")
         refuse_existing(path, overwrite=overwrite, refusal=RecordingError)
