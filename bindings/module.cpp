@@ -28,6 +28,7 @@ NB_MODULE(_core, module) {
 }
 #undef PyInit__core
 
+// NOLINTBEGIN(bugprone-reserved-identifier,readability-identifier-naming): Python chose the name.
 // What this module keeps of Python (types, interned names, numpy's parts) is of one interpreter.
 extern "C" NB_EXPORT PyObject* PyInit__core() {
     if (PyInterpreterState_Get() != PyInterpreterState_Main()) {
@@ -38,3 +39,4 @@ extern "C" NB_EXPORT PyObject* PyInit__core() {
     }
     return tfdb_make_core();
 }
+// NOLINTEND(bugprone-reserved-identifier,readability-identifier-naming)

@@ -93,7 +93,7 @@ private:
 class LongWork final : public Interruption {
 public:
     explicit LongWork(bool release);
-    ~LongWork();
+    ~LongWork();  // NOLINT(cppcoreguidelines-virtual-class-destructor): final, on the stack only
     LongWork(const LongWork&) = delete;
     LongWork& operator=(const LongWork&) = delete;
 

@@ -24,6 +24,8 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 import tfdb
 
 from .face import Call, everything
@@ -67,6 +69,7 @@ class World:
         self.snapshots = shared.snapshots if shared else [buf.snapshot() for buf in self.stores]
         self.transactions: list[tfdb.Transaction] = []
         self.alone = shared is None
+        self.stamps = shared.stamps if shared else np.arange(9_000, dtype=np.int64) % 2_500
         self.made: list[Any] = [tfdb.Transform("map", "base", (1, 2, 3), TURNED, 500)]
         self.values = Values(rng, self)
 
@@ -171,6 +174,11 @@ class World:
             self.made.append(rng.choice(self.snapshots).lookup_latest_transform("map", "base"))
         elif kind == 10 and self.alone:
             self.stores[rng.randrange(len(self.stores))] = rng.choice(self.stores)
+        elif kind == 12 and not self.alone:
+            # Amid a batch of another thread, which has given up the GIL.
+            at = rng.randrange(9_000)
+            self.stamps[at:] = rng.choice([-1, 0, 1_500, 2**63 - 1, -(2**63)])
+            self.stamps[at:] = np.arange(9_000 - at) % 2_500
         elif kind == 11:
             buf.set_static_transform(rng.choice(["map", "base"]), "hand", (1, 2, 3), TURNED)
 
