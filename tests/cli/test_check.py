@@ -260,3 +260,46 @@ def test_other_commands_on_real_robots(
 ) -> None:
     assert tool(command, shared_data / recording).out
     assert tool(command, shared_data / recording, "--json").json["roots"]
+
+
+def test_leading_slashes(tool: Tool, maker: BagMaker) -> None:
+    maker.add_drive()
+    for i in range(40):
+        maker.add(i / 10 + 0.01, [moved("base", "camera", i / 10, 1)])
+    plain = tfdb.encode_tf_message([moved("base", "camera", 4.0, 1)], "ros1")
+    base, camera = b"\4\0\0\0base", b"\6\0\0\0camera"
+    assert base in plain
+    maker.add(4.01, plain.replace(base, b"\5\0\0\0/base").replace(camera, b"\7\0\0\0/camera"))
+    found = tool("check", maker.write(), "--json", code=1).json["findings"]
+    assert [(f["kind"], f["frames"]) for f in found] == [
+        ("leading-slash", ["base"]),
+        ("leading-slash", ["camera"]),
+    ]
+    assert "'base' and as '/base'" in found[0]["message"]
+
+
+def test_slashes_everywhere_are_fine(tool: Tool, maker: BagMaker) -> None:
+    for i in range(40):
+        plain = tfdb.encode_tf_message([moved("odom", "base", i / 10, 1)], "ros1")
+        named = plain.replace(b"\4\0\0\0odom", b"\5\0\0\0/odom")
+        maker.add(i / 10, named.replace(b"\4\0\0\0base", b"\5\0\0\0/base"))
+    assert kinds(tool, maker.write(), code=0) == []
+
+
+def test_salvaged(tool: Tool, maker: BagMaker, tmp_path: Path) -> None:
+    maker.add_drive(60)
+    path = maker.write()
+    whole = tfdb.load(path)
+    path.write_bytes(path.read_bytes()[:60_000])
+    for command in (("info",), ("tree",), ("check",)):
+        assert "--salvage" in tool(*command, path, code=2).error
+    done = tool("info", path, "--salvage")
+    assert f"tfdb: salvaged {path}: lost at least" in done.err
+    body = tool("check", path, "--salvage", "--json", code=1).json
+    assert [finding["kind"] for finding in body["findings"]] == ["lost"]
+    assert body["findings"][0]["details"]["bytes"] > 0
+    out = tmp_path / "saved.bag"
+    tool("convert", path, out, "--salvage")
+    saved = tfdb.load(out).samples("base")[0]
+    assert 100 < len(saved) < 600
+    assert saved.tolist() == whole.samples("base")[0][: len(saved)].tolist()

@@ -118,6 +118,86 @@ def test_jump_below_the_limit_is_late_data() -> None:
     assert "late" in kinds
 
 
+@pytest.mark.parametrize("lost", [0, 20])
+def test_stalled_delivery_is_no_jump(lost: int) -> None:
+    """Five seconds in which nothing arrives, then all at once, or all but the oldest of it."""
+    log = Log()
+    for i in range(200):
+        arrival = START + i * 100 * MS
+        if 50 <= i < 100:
+            arrival = START + 100 * 100 * MS + i  # kept back, then one after the other
+        if not 50 <= i < 50 + lost:
+            rows = [("odom", "base", START + i * 100 * MS, pose(i))]
+            log.add(rows, arrival=arrival, publisher="", static=False)
+    assert [finding.kind for finding in examine(log)] == (["gap"] if lost else [])
+
+
+def test_a_clock_that_is_set_forth() -> None:
+    log = Log()
+    for i in range(60):
+        add(log, i, shift=7 * S if i >= 30 else 0)
+    found = examine(log)
+    assert [finding.kind for finding in found] == ["time-jump"]
+    assert found[0].details["to_ns"] - found[0].details["from_ns"] == 7100 * MS
+
+
+def test_a_clock_that_is_set_back_and_forth_again() -> None:
+    log = Log()
+    for i in range(90):
+        add(log, i, shift=-4 * S if 30 <= i < 60 else 0)
+    found = only(log, "time-jump")
+    assert found.details["jumps"] == 2
+    assert "jump 2 times, first from" in found.message
+
+
+def test_late_samples_are_no_jumps() -> None:
+    """A second publisher whose clock lags by two seconds."""
+    log = healthy()
+    for i in range(0, 100, 2):
+        add(log, i, shift=-2 * S + 50 * MS, late=50 * MS)
+    log = _by_arrival(log)
+    assert {finding.kind for finding in examine(log)} == {"late"}
+
+
+def _by_arrival(log: Log) -> Log:
+    made = Log()
+    (base,) = (edge for edge in log.edges() if edge.name == "base")
+    for row in np.argsort(base.arrivals, kind="stable"):
+        transform = ("odom", "base", int(base.stamps[row]), base.poses[row])
+        arrival = int(base.arrivals[row])
+        made.add([transform], arrival=arrival, publisher="", static=False)
+    return made
+
+
+def test_many_jumps_are_one_line_and_hide_nothing() -> None:
+    """A bag that loops forty times, with a hole and a late sample in each round."""
+    log = Log()
+    arrival = START
+    for _ in range(40):
+        for i in [*range(20), 40, *range(39, 38, -1), *range(41, 60)]:
+            arrival += 100 * MS
+            rows = [("odom", child, START + i * 100 * MS, pose(i)) for child in ("base", "arm")]
+            log.add(rows, arrival=arrival, publisher="", static=False)
+    found = examine(log, Limits(jump=3 * S))
+    assert [(finding.kind, finding.frames) for finding in found] == [
+        ("time-jump", ("arm", "base")),
+        ("late", ("arm",)),
+        ("gap", ("arm",)),
+        ("late", ("base",)),
+        ("gap", ("base",)),
+    ]
+    assert found[0].details["jumps"] == 39
+    assert {finding.count for finding in found[1:]} == {40}
+
+
+def test_a_simulation_at_a_tenth_of_its_speed_is_no_jump() -> None:
+    log = Log()
+    for i in range(60):  # one sample a second, which takes ten
+        rows = [("odom", "base", START + i * S, pose(i))]
+        log.add(rows, arrival=START + i * 10 * S, publisher="", static=False)
+    assert examine(log) == []
+
+
 def test_slow_simulation_is_no_jump() -> None:
     log = Log()
     for i in range(60):  # arrives ten times slower than its stamps say
