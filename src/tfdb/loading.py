@@ -7,6 +7,7 @@ import warnings
 from typing import TYPE_CHECKING, TypeAlias
 
 from .errors import InvalidArgument, TfdbWarning
+from .new_file import is_file_name
 from .summary import clocks, describe_clocks
 
 if TYPE_CHECKING:
@@ -87,7 +88,8 @@ def _each_once(path: Paths) -> list[str | os.PathLike[str]]:
     paths = [path] if isinstance(path, str | os.PathLike) else list(path)
     seen: set[str] = set()
     for each in paths:
-        real = os.path.realpath(each)
+        # What no file can be called is refused when it is opened.
+        real = os.path.realpath(each) if is_file_name(each) else os.fspath(each)
         if real in seen:
             raise InvalidArgument(f"{os.fspath(each)} is given twice", path=os.fspath(each))
         seen.add(real)

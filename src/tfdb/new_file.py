@@ -21,6 +21,7 @@ if TYPE_CHECKING:
 
     Refusal = Callable[[Path, str], Exception]
 
+NO_NAME = "no file can have this name"
 EXISTS = "exists already; pass overwrite=True to replace it"
 
 # Where the file system knows no hard links.
@@ -71,6 +72,8 @@ def refuse_existing(
     path: Path, *, overwrite: bool = False, refusal: Refusal = _invalid, hint: str = EXISTS
 ) -> None:
     """Raise what `refusal` makes of (path, reason) unless a file may be written under that name."""
+    if not is_file_name(path):
+        raise refusal(path, NO_NAME)
     if not os.path.lexists(path):
         return
     if not overwrite:
@@ -78,6 +81,14 @@ def refuse_existing(
     # A device or a pipe would be replaced by a file.
     if path.exists() and not stat.S_ISREG(path.stat().st_mode):
         raise refusal(path, "is no regular file")
+
+
+def is_file_name(path: str | os.PathLike[str]) -> bool:
+    """Whether a file can have that name: no zero byte, nothing that the system cannot encode."""
+    try:
+        return b"\0" not in os.fsencode(path)
+    except UnicodeEncodeError:
+        return False
 
 
 def is_one_of(path: Path, inputs: Sequence[Path]) -> bool:

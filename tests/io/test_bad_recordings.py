@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 import tfdb
-from tfdb.io import Recording
+from tfdb.io import Recording, read_trajectory, write_transforms
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -262,3 +262,69 @@ def test_reading_after_damage(recorder: Any, messages: Drive, tmp_path: Path) ->
     with Recording(path) as recording, pytest.raises(tfdb.RecordingError):
         read()
     assert 0 < len(found) < len(messages)
+
+
+@pytest.mark.parametrize("name", ["a\0b.bag", "\ud800.bag"])
+def test_names_that_no_file_can_have(tmp_path: Path, name: str) -> None:
+    path = tmp_path / name
+    with pytest.raises(tfdb.RecordingError, match="no file can have this name"):
+        tfdb.load(path)
+    with pytest.raises(tfdb.TrajectoryError, match="no file can have this name"):
+        read_trajectory(path)
+    with pytest.raises(tfdb.RecordingError, match="no file can have this name"):
+        write_transforms(path, [tfdb.TransformStamped("a", "b", 5, (1, 2, 3))])
+
+
+@pytest.mark.parametrize("kind", ["bag", "mcap", "db3", "folder"])
+@pytest.mark.parametrize("error", [AttributeError, TypeError, KeyError, ValueError, RuntimeError])
+def test_an_error_of_the_program_is_no_damage(
+    recorder: Any,
+    messages: Drive,
+    tmp_path: Path,
+    kind: str,
+    error: type[Exception],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Whatever calls go wrong while a good file is read: that is no word about the file."""
+    from tfdb.io import bag_folder, bag_reader, db3_reader, mcap_reader
+
+    def fail(*_: object, **__: object) -> None:
+        raise error("a fault of the program")
+
+    path, module, name = {
+        "bag": lambda: (recorder.bag(tmp_path / "a.bag", messages), bag_reader, "_messages_in"),
+        "mcap": lambda: (
+            recorder.folder(tmp_path / "a", messages) / "a.mcap",
+            mcap_reader,
+            "_messages_in",
+        ),
+        "db3": lambda: (
+            recorder.folder(tmp_path / "a", messages, "sqlite3") / "a.db3",
+            db3_reader,
+            "_typed",
+        ),
+        "folder": lambda: (recorder.folder(tmp_path / "a", messages), bag_folder, "_get"),
+    }[kind]()
+    monkeypatch.setattr(module, name, fail)
+    for salvage in (False, True):
+        with pytest.raises(error, match="a fault of the program"):
+            tfdb.load(path, salvage=salvage)
+
+
+def test_a_wrong_call_of_sqlite_is_no_damage(
+    recorder: Any, messages: Drive, tmp_path: Path
+) -> None:
+    path = recorder.folder(tmp_path / "a", messages, "sqlite3") / "a.db3"
+    recording = Recording(path)
+    recording.close()
+    with pytest.raises(sqlite3.ProgrammingError):
+        list(recording.messages())
+
+
+def test_versions_of_the_library_that_writes() -> None:
+    """Below the ceiling in pyproject.toml, which rises when these tests pass with a newer one."""
+    from importlib.metadata import requires, version
+
+    (wanted,) = (each for each in requires("tfdb") or () if each.startswith("rosbags"))
+    assert "<0.12" in wanted
+    assert version("rosbags").split(".")[:2] == ["0", "11"]

@@ -16,6 +16,7 @@ from operator import itemgetter
 from typing import TYPE_CHECKING, Literal, TypeAlias, TypeVar
 
 from tfdb.errors import RecordingError
+from tfdb.new_file import NO_NAME, is_file_name
 
 from .raw_file import BadDataError, BrokenChunkError
 
@@ -256,6 +257,8 @@ def kind_of(path: Path) -> Kind:
 
     Raises `RecordingError` for anything that is no recording, `OSError` where it cannot be opened.
     """
+    if not is_file_name(path):
+        raise RecordingError(path, NO_NAME)
     mode = path.stat().st_mode
     if stat.S_ISDIR(mode):
         return "folder"

@@ -19,6 +19,7 @@ import numpy as np
 import numpy.typing as npt
 
 from tfdb.errors import InvalidArray, TrajectoryError
+from tfdb.new_file import NO_NAME, is_file_name
 from tfdb.types import Columns, Trajectory
 
 from .decimal_time import integer_ns, seconds_to_ns
@@ -130,6 +131,8 @@ def into_buffer(
 
 def _read(path: Path) -> bytes:
     """The bytes of a file or pipe; a device may have no end."""
+    if not is_file_name(path):
+        raise TrajectoryError(path, None, NO_NAME)
     if stat.S_ISCHR(path.stat().st_mode):
         raise TrajectoryError(path, None, "no regular file")
     return path.read_bytes()
