@@ -41,6 +41,7 @@ def _body(loaded: common.Loaded, edges: list[EdgeSummary]) -> dict[str, Any]:
         "messages": report.messages,
         "transforms": report.transforms,
         "refused": report.refused,
+        **({"lost": [vars(loss) for loss in report.lost]} if common.salvages() else {}),
         "frames": len(loaded.store.frames()),
         "roots": [info.name for info in loaded.store.tree() if info.parent is None],
         "start_ns": None if whole is None else whole[0],
