@@ -61,59 +61,46 @@ private:
     std::shared_ptr<Snapshot> keep_;
 };
 
-/// Calls `attempt(target, source, answer)` until neither handle turns out to be out of date:
-/// afterwards, as a slot that was not reused by then was not reused before. Null: no answer.
-template <class Attempt>
-const Answer* look_up(const Open& open, PyObject* target, PyObject* source, const Failure& failure,
-                      Attempt&& attempt) {
-    constexpr int kMostTries = 16;
-    const Reads& reads = open.reads();
+/// Asks about two frames, by the handles that are remembered of their names; by the names, in one
+/// state, where a frame is gone. Null: no answer. The question then holds the names.
+const Answer* ask(const Open& open, PyObject* target, PyObject* source, Question& question,
+                  Failure& failure) {
     NameCache& names = open.names();
     const bool may_wait = open.may_wait();
     Answer& answer = may_wait ? g_own_answer : g_answer;
-    FrameHandle to = names.find(reads, target, "target", may_wait);
-    FrameHandle from = names.find(reads, source, "source", may_wait);
-    const auto settled = [&](FrameHandle handle) {
-        return handle.id == kNoFrame || reads.is_current(handle);
+    const auto attempt = [&] {
+        const Released released(may_wait);
+        return open.reads().ask(question, answer, failure);
     };
-    bool anew = !NameCache::kRemembers;
-    for (int i = 0;; ++i) {
-        bool found = false;
-        if (may_wait) [[unlikely]] {
-            const nb::gil_scoped_release released;
-            found = attempt(to, from, answer);
-        } else {
-            found = attempt(to, from, answer);
+    question.target = names.find(target, "target");
+    question.source = names.find(source, "source");
+    bool found = attempt();
+    if (!found) [[unlikely]] {
+        const bool by_handle =
+            question.target.name.data() == nullptr || question.source.name.data() == nullptr;
+        question.target.name = name_of(target, "target");
+        question.source.name = name_of(source, "source");
+        if (by_handle && failure.code == ErrorCode::kUnknownFrame) {
+            found = attempt();
         }
-        const bool certain = found || anew || failure.code != ErrorCode::kUnknownFrame;
-        if ((certain && settled(to) && settled(from)) || i == kMostTries) [[likely]] {
-            return found ? &answer : nullptr;
-        }
-        to = names.renew(reads, target, "target", may_wait);
-        from = names.renew(reads, source, "source", may_wait);
-        anew = true;
     }
+    names.remember(target, question.target.handle);
+    names.remember(source, question.source.handle);
+    return found ? &answer : nullptr;
 }
 
-[[noreturn]] void raise(const Open& open, const Failure& failure, PyObject* target,
-                        PyObject* source) {
-    const std::string_view to = name_of(target, "target");
-    const std::string_view from = name_of(source, "source");
+[[noreturn]] void raise(const Open& open, const Failure& failure, const Question& question) {
     const Released released(open.may_wait());
-    open.reads().raise(failure, to, from);
+    open.reads().raise(failure, question);
 }
 
-/// What `attempt` finds, as an object; throws what it is refused with.
-template <class Attempt>
-PyObject* transform_of(Open& open, PyObject* target, PyObject* source, Attempt&& attempt) {
+/// The answer as an object; throws what the question is refused with.
+PyObject* transform_of(Open& open, PyObject* target, PyObject* source, Question& question) {
     for (;;) {
         Failure failure;
-        const Answer* const found = look_up(open, target, source, failure,
-                                            [&](FrameHandle to, FrameHandle from, Answer& answer) {
-                                                return attempt(to, from, answer, failure);
-                                            });
+        const Answer* const found = ask(open, target, source, question, failure);
         if (found == nullptr) {
-            raise(open, failure, target, source);
+            raise(open, failure, question);
         }
         if (PyObject* const names = open.paths().find(found->edges); names != nullptr) [[likely]] {
             return new_transform(*found, target, source, names);
@@ -128,6 +115,13 @@ PyObject* transform_of(Open& open, PyObject* target, PyObject* source, Attempt&&
     }
 }
 
+Question question_at(PyObject* time, PyObject* policy) {
+    Question question;
+    question.stamp = optional_stamp_of(time);
+    question.policy = policy_of(policy);
+    return question;
+}
+
 constexpr std::array kLookupNames = {"target", "source", "time", "policy"};
 constexpr std::array kLatestNames = {"target", "source", "max_age", "now"};
 
@@ -136,14 +130,9 @@ PyObject* lookup_transform(PyObject* self, PyObject* const* args, Py_ssize_t cou
     return guarded([&]() -> PyObject* {
         constexpr ParameterList kList{"lookup_transform", kLookupNames, 2, 4};
         const auto [target, source, time, policy] = bind<4>(kList, args, count, keywords);
-        const std::optional<StampNs> stamp = optional_stamp_of(time);
-        const Policy how = policy_of(policy);
+        Question question = question_at(time, policy);
         Open open(self);
-        return transform_of(
-            open, target, source,
-            [&](FrameHandle to, FrameHandle from, Answer& answer, Failure& failure) {
-                return open.reads().try_lookup(to, from, stamp, how, answer, failure);
-            });
+        return transform_of(open, target, source, question);
     });
 }
 
@@ -152,17 +141,12 @@ PyObject* can_transform(PyObject* self, PyObject* const* args, Py_ssize_t count,
     return guarded([&]() -> PyObject* {
         constexpr ParameterList kList{"can_transform", kLookupNames, 2, 4};
         const auto [target, source, time, policy] = bind<4>(kList, args, count, keywords);
-        const std::optional<StampNs> stamp = optional_stamp_of(time);
-        const Policy how = policy_of(policy);
+        Question question = question_at(time, policy);
         const Open open(self);
         Failure failure;
-        const bool can =
-            look_up(open, target, source, failure,
-                    [&](FrameHandle to, FrameHandle from, Answer& answer) {
-                        return open.reads().try_lookup(to, from, stamp, how, answer, failure);
-                    }) != nullptr;
+        const bool can = ask(open, target, source, question, failure) != nullptr;
         if (!can && failure.code == ErrorCode::kSnapshotTooOld) {
-            raise(open, failure, target, source);
+            raise(open, failure, question);
         }
         return PyBool_FromLong(can ? 1 : 0);
     });
@@ -173,18 +157,13 @@ PyObject* lookup_latest_transform(PyObject* self, PyObject* const* args, Py_ssiz
     return guarded([&]() -> PyObject* {
         constexpr ParameterList kList{"lookup_latest_transform", kLatestNames, 2, 4};
         const auto [target, source, age, when] = bind<4>(kList, args, count, keywords);
-        std::optional<StampNs> max_age;
-        StampNs now = 0;
+        Question question{.kind = Question::kLatest};
         if (is_given(age)) {
-            max_age = duration_of(age, "max_age");
-            now = is_given(when) ? stamp_of(when) : now_of(made_reads(self).buffer);
+            question.max_age = duration_of(age, "max_age");
+            question.now = is_given(when) ? stamp_of(when) : now_of(made_reads(self).buffer);
         }
         Open open(self);
-        return transform_of(
-            open, target, source,
-            [&](FrameHandle to, FrameHandle from, Answer& answer, Failure& failure) {
-                return open.reads().try_lookup_latest(to, from, max_age, now, answer, failure);
-            });
+        return transform_of(open, target, source, question);
     });
 }
 

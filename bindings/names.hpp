@@ -6,46 +6,26 @@
 #include <array>
 #include <cstddef>
 #include <cstdint>
-#include <optional>
-#include <string_view>
 
 #include "arguments.hpp"
 #include "tfdb/store/buffer.hpp"
 
 namespace tfdb::python {
 
-/// The handle of a frame by its name; one that no lookup accepts if there is no such frame.
-inline FrameHandle handle_of(const Reads& reads, std::string_view name, bool may_wait) {
-    FrameHandle handle;
-    std::optional<nb::gil_scoped_release> released;
-    if (may_wait) [[unlikely]] {
-        released.emplace();
-    }
-    if (!reads.find_frame(name, handle)) {
-        return {};
-    }
-    return handle;
-}
-
 #ifdef Py_GIL_DISABLED
 
-/// Without the GIL every name is resolved anew: a cache would need a lock on the way of each read.
+/// Without the GIL every name is looked up anew: a cache would need a lock on the way of each read.
 class NameCache {
 public:
-    FrameHandle find(const Reads& reads, PyObject* name, const char* role, bool may_wait) {
-        return handle_of(reads, name_of(name, role), may_wait);
-    }
-    FrameHandle renew(const Reads& reads, PyObject* name, const char* role, bool may_wait) {
-        return find(reads, name, role, may_wait);
-    }
-    static constexpr bool kRemembers = false;
+    FrameRef find(PyObject* name, const char* role) { return {.name = name_of(name, role)}; }
+    void remember(PyObject*, FrameHandle) {}
 };
 
 #else
 
 /// A direct-mapped cache of handles by the address of the str, which it keeps alive, so that an
 /// address never comes to mean another name. Threads: whoever has the GIL.
-/// Guarantee: a handle may be out of date; the lookup that takes it says so, then `renew`.
+/// Guarantee: a handle may be out of date; the question that takes it says so.
 class NameCache {
 public:
     NameCache() = default;
@@ -57,22 +37,25 @@ public:
         }
     }
 
-    FrameHandle find(const Reads& reads, PyObject* name, const char* role, bool may_wait) {
+    /// By the handle alone where there is one: then the name need not be looked at.
+    FrameRef find(PyObject* name, const char* role) {
         const Entry& entry = entries_[slot(name)];
-        return entry.name == name ? entry.handle : renew(reads, name, role, may_wait);
+        if (entry.name == name) {
+            return {.handle = entry.handle};
+        }
+        return {.name = name_of(name, role)};
     }
 
-    FrameHandle renew(const Reads& reads, PyObject* name, const char* role, bool may_wait) {
-        const FrameHandle handle = handle_of(reads, name_of(name, role), may_wait);
-        if (handle.id != kNoFrame && PyUnicode_CheckExact(name)) {
-            Entry& entry = entries_[slot(name)];
-            PyObject* const before = entry.name;
-            entry = {Py_NewRef(name), handle};
-            Py_XDECREF(before);
+    void remember(PyObject* name, FrameHandle handle) {
+        Entry& entry = entries_[slot(name)];
+        if (handle.id == kNoFrame || (entry.name == name && entry.handle == handle) ||
+            !PyUnicode_CheckExact(name)) {
+            return;
         }
-        return handle;
+        PyObject* const before = entry.name;
+        entry = {Py_NewRef(name), handle};
+        Py_XDECREF(before);
     }
-    static constexpr bool kRemembers = true;
 
 private:
     static constexpr std::size_t kEntries = 256;

@@ -19,68 +19,18 @@ std::string_view optional_name_of(nb::handle name, const char* role) {
     return name.is_none() ? std::string_view() : name_of(name, role);
 }
 
-/// The two stamps and three names of a lookup through a fixed frame.
-struct FullLookup {
-    std::string_view target;
-    StampNs target_stamp;
-    std::string_view source;
-    StampNs source_stamp;
-    std::string_view fixed;
-    Policy policy;
-
-    FullLookup(nb::handle to, nb::handle to_time, nb::handle from, nb::handle from_time,
-               nb::handle through, nb::handle how)
-        : target(name_of(to, "target")),
-          target_stamp(stamp_of(to_time.ptr())),
-          source(name_of(from, "source")),
-          source_stamp(stamp_of(from_time.ptr())),
-          fixed(name_of(through, "fixed_frame")),
-          policy(policy_of(how.ptr())) {}
-
-    bool ask(const Pinned& pinned, Answer& answer, Failure& failure) const {
-        return pinned.ask([&](const Reads& reads) {
-            return reads.try_lookup_full(handle_of(reads, target, false), target_stamp,
-                                         handle_of(reads, source, false), source_stamp,
-                                         handle_of(reads, fixed, false), policy, answer, failure);
-        });
-    }
-};
-
-[[noreturn]] void raise(const Pinned& pinned, const Failure& failure, nb::handle target,
-                        nb::handle source) {
-    const std::string_view to = name_of(target, "target");
-    const std::string_view from = name_of(source, "source");
-    const Released released(pinned.may_wait());
-    pinned.reads.raise(failure, to, from);
-}
-
-[[noreturn]] void raise_full(const Pinned& pinned, const Failure& failure, nb::handle target,
-                             nb::handle source, nb::handle fixed) {
-    if (failure.code == ErrorCode::kUnknownFrame && failure.argument == 2) {
-        const std::string name(name_of(fixed, "fixed_frame"));
-        ErrorDetail detail;
-        detail.frame = name;
-        detail.target = name_of(target, "target");
-        detail.source = name_of(source, "source");
-        detail.commit = failure.commit;
-        throw UnknownFrame("fixed_frame '" + name + "' does not exist", detail);
-    }
-    raise(pinned, failure, target, source);
-}
-
 nb::object lookup_transform_full(nb::handle self, const nb::str& target, nb::handle target_time,
                                  const nb::str& source, nb::handle source_time,
                                  const nb::str& fixed, nb::handle policy) {
     const ReadsObject& object = object_of<ReadsObject>(self);
-    const FullLookup question(target, target_time, source, source_time, fixed, policy);
+    const Question question =
+        question_through(fixed, target, target_time, source, source_time, policy);
     const Pinned pinned = pin(self, object);
     Answer answer;
-    Failure failure;
     nb::object names;
     while (!names.is_valid()) {
-        if (!question.ask(pinned, answer, failure)) {
-            raise_full(pinned, failure, target, source, fixed);
-        }
+        answer =
+            pinned.ask([&](const Reads& reads) { return store::answer_or_raise(reads, question); });
         names = object.paths->make(pinned.reads, answer.edges);
     }
     PyObject* made = new_transform(answer, target.ptr(), source.ptr(), names.ptr());
@@ -93,27 +43,26 @@ nb::object lookup_transform_full(nb::handle self, const nb::str& target, nb::han
 bool can_transform_full(nb::handle self, const nb::str& target, nb::handle target_time,
                         const nb::str& source, nb::handle source_time, const nb::str& fixed,
                         nb::handle policy) {
-    const ReadsObject& object = object_of<ReadsObject>(self);
-    const FullLookup question(target, target_time, source, source_time, fixed, policy);
-    Answer answer;
-    Failure failure;
-    return question.ask(pin(self, object), answer, failure);
+    const Question question =
+        question_through(fixed, target, target_time, source, source_time, policy);
+    const Pinned pinned = pin(self, object_of<ReadsObject>(self));
+    return pinned.ask([&](const Reads& reads) { return store::can_answer(reads, question); });
 }
 
 StampNs latest_common_time(nb::handle self, const nb::str& target, const nb::str& source) {
     const Pinned pinned = pin(self, object_of<ReadsObject>(self));
     const std::string_view to = name_of(target, "target");
     const std::string_view from = name_of(source, "source");
-    StampNs stamp = 0;
-    Failure failure;
-    const bool found = pinned.ask([&](const Reads& reads) {
-        return reads.try_latest_common_time(handle_of(reads, to, false),
-                                            handle_of(reads, from, false), stamp, failure);
-    });
-    if (!found) {
-        raise(pinned, failure, target, source);
-    }
-    return stamp;
+    return pinned.ask([&](const Reads& reads) { return reads.latest_common_time(to, from); });
+}
+
+nb::tuple common_times(nb::handle self, const nb::str& target, const nb::str& source) {
+    const Pinned pinned = pin(self, object_of<ReadsObject>(self));
+    const std::string_view to = name_of(target, "target");
+    const std::string_view from = name_of(source, "source");
+    const CommonTimes times =
+        pinned.ask([&](const Reads& reads) { return reads.common_times(to, from); });
+    return nb::make_tuple(times.oldest, times.newest);
 }
 
 nb::object array_of(const geometry::Vec3& vector) {
@@ -160,24 +109,59 @@ CommitNumber commit_of(const ReadsObject& object) {
     return object.reads == nullptr ? object.closed_commit : object.reads->commit();
 }
 
+constexpr const char* kCommonTimesDoc =
+    R"(The oldest and the newest stamp at which the path between two frames has data.
+
+The path is that of the newest tree; at each stamp from the oldest to the newest every moving edge
+of it has data and the parent that it has there. The newest is `latest_common_time`; both are of one
+state. Where the oldest is above the newest, no stamp is covered by the whole path.
+
+Returns
+-------
+(int, int)
+    Nanoseconds; both 0 if nothing moves.
+
+Raises UnknownFrame, Disconnected.)";
+
+constexpr const char* kFullDoc =
+    R"(T[target at target_time <- source at source_time], through a frame that stays put.
+
+That is T[target<-fixed_frame] at `target_time` times T[fixed_frame<-source] at `source_time`:
+where a point that `source` saw then is for `target` now, if `fixed_frame` did not move.
+
+Parameters
+----------
+target, source, fixed_frame
+    Frame names.
+target_time, source_time
+    Stamps in nanoseconds. None: the latest common time of that frame and `fixed_frame`, each from
+    the same state. 0 is a stamp like any other.
+policy
+    As in `lookup_transform`.
+
+Returns
+-------
+Transform
+    Its stamp is the target's.
+
+Raises what `lookup_transform` raises.)";
+
 void bind_full_lookups(nb::class_<ReadsObject>& type) {
     type.def("lookup_transform_full", &lookup_transform_full, nb::arg("target"),
              nb::arg("target_time").none(), nb::arg("source"), nb::arg("source_time").none(),
              nb::arg("fixed_frame"), nb::arg("policy") = nb::none(),
              nb::sig("def lookup_transform_full(self, target: str, target_time: "
-                     "tfdb.stamps.StampLike, source: str, source_time: tfdb.stamps.StampLike, "
-                     "fixed_frame: str, policy: Policy | None = None) -> Transform"),
-             R"(T[target at target_time <- source at source_time], through a frame that stays put.
-
-That is T[target<-fixed_frame] at `target_time` times T[fixed_frame<-source] at `source_time`:
-where a point that `source` saw then is for `target` now, if `fixed_frame` did not move.
-Raises what `lookup_transform` raises.)");
+                     "tfdb.stamps.StampLike | None, source: str, source_time: "
+                     "tfdb.stamps.StampLike | None, fixed_frame: str, policy: Policy | None = "
+                     "None) -> Transform"),
+             kFullDoc);
     type.def("can_transform_full", &can_transform_full, nb::arg("target"),
              nb::arg("target_time").none(), nb::arg("source"), nb::arg("source_time").none(),
              nb::arg("fixed_frame"), nb::arg("policy") = nb::none(),
              nb::sig("def can_transform_full(self, target: str, target_time: "
-                     "tfdb.stamps.StampLike, source: str, source_time: tfdb.stamps.StampLike, "
-                     "fixed_frame: str, policy: Policy | None = None) -> bool"),
+                     "tfdb.stamps.StampLike | None, source: str, source_time: "
+                     "tfdb.stamps.StampLike | None, fixed_frame: str, policy: Policy | None = "
+                     "None) -> bool"),
              "Whether `lookup_transform_full` with these arguments has an answer.");
 }
 
@@ -187,6 +171,9 @@ void bind_other_reads(nb::class_<ReadsObject>& type) {
              R"(The newest stamp at which every moving edge between two frames has data.
 
 Nanoseconds; 0 if nothing moves. Raises UnknownFrame, Disconnected.)");
+    type.def("common_times", &common_times, nb::arg("target"), nb::arg("source"),
+             nb::sig("def common_times(self, target: str, source: str) -> tuple[int, int]"),
+             kCommonTimesDoc);
     type.def("lookup_velocity", &lookup_velocity, nb::arg("tracking"), nb::arg("observation"),
              nb::arg("time") = nb::none(), nb::arg("interval").none() = 0.1, nb::kw_only(),
              nb::arg("reference") = nb::none(), nb::arg("point").none() = nb::make_tuple(0, 0, 0),
@@ -202,10 +189,10 @@ Parameters
 tracking, observation
     Frame names.
 time
-    Middle of the interval, nanoseconds; None: the latest common time. Where data ends, the
-    interval is moved to lie inside.
+    Middle of the interval, nanoseconds; None: the latest common time.
 interval
-    Seconds over which the difference is taken.
+    Seconds over which the difference is taken. Where the data or a parent begins or ends, the
+    interval is moved to lie inside; where there is less than that, it is all there is.
 reference
     The frame in whose axes the result is given; None: `observation`.
 point, point_frame
@@ -216,7 +203,7 @@ Returns
 Twist
     `linear` in m/s, `angular` in rad/s, both float64 (3,).
 
-Raises what `lookup_transform` raises.)");
+Raises what `lookup_transform` raises; Extrapolation (`no data`) where there is one stamp only.)");
     type.def("_path_stamps", &path_stamps, nb::arg("target"), nb::arg("source"),
              nb::arg("start").none(), nb::arg("end").none(),
              nb::sig("def _path_stamps(self, target: str, source: str, start: "
@@ -286,6 +273,13 @@ Reads raise SnapshotClosed afterwards, and SnapshotTooOld if the writers needed 
 }
 
 }  // namespace
+
+Question question_through(nb::handle fixed, nb::handle target, nb::handle target_time,
+                          nb::handle source, nb::handle source_time, nb::handle policy) {
+    return store::by_way_of(name_of(fixed, "fixed_frame"), name_of(target, "target"),
+                            optional_stamp_of(target_time.ptr()), name_of(source, "source"),
+                            optional_stamp_of(source_time.ptr()), policy_of(policy.ptr()));
+}
 
 void throw_closed(const ReadsObject& object) {
     ErrorDetail detail;

@@ -1,4 +1,5 @@
 // Frames, samples and figures of the store as Python dataclasses.
+#include <nanobind/stl/optional.h>
 #include <nanobind/stl/string.h>
 #include <nanobind/stl/vector.h>
 
@@ -38,6 +39,13 @@ nb::object frame_info(nb::handle self, const nb::str& name) {
     const std::string_view bytes = name_of(name, "name");
     const FrameInfo info = pinned.ask([&](const Reads& reads) { return reads.frame_info(bytes); });
     return frame_info_of(record_type("FrameInfo"), info);
+}
+
+std::optional<std::string> parent_of(nb::handle self, const nb::str& name, nb::handle time) {
+    const Pinned pinned = pin(self, object_of<ReadsObject>(self));
+    const std::string_view bytes = name_of(name, "name");
+    const std::optional<StampNs> stamp = optional_stamp_of(time.ptr());
+    return pinned.ask([&](const Reads& reads) { return reads.parent_of(bytes, stamp); });
 }
 
 nb::list tree(nb::handle self, nb::handle time) {
@@ -108,6 +116,14 @@ void bind_records(nb::class_<ReadsObject>& type) {
     type.def("frame_info", &frame_info, nb::arg("name"),
              nb::sig("def frame_info(self, name: str) -> tfdb.types.FrameInfo"),
              "What is known of one frame and the edge to its parent. Raises UnknownFrame.");
+    type.def(
+        "parent_of", &parent_of, nb::arg("name"), nb::arg("time") = nb::none(),
+        nb::sig("def parent_of(self, name: str, time: tfdb.stamps.StampLike | None = None) -> "
+                "str | None"),
+        R"(The parent that a frame has at a stamp (None: in its newest sample); None for a root.
+
+A sample's parent holds from its stamp to the next sample's; before the first sample and after the
+last one the nearest one's counts. A static edge has its parent at every stamp. Raises UnknownFrame.)");
     type.def("tree", &tree, nb::arg("time") = nb::none(),
              nb::sig("def tree(self, time: tfdb.stamps.StampLike | None = None) -> "
                      "list[tfdb.types.FrameInfo]"),

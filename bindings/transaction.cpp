@@ -78,19 +78,31 @@ nb::object lookup_latest_transform(TransactionObject& self, nb::handle target, n
 
 bool can_transform(TransactionObject& self, nb::handle target, nb::handle source, nb::handle time,
                    nb::handle policy) {
-    const std::string_view to = name_of(target, "target");
-    const std::string_view from = name_of(source, "source");
-    const std::optional<StampNs> stamp = optional_stamp_of(time.ptr());
-    const Policy how = policy_of(policy.ptr());
-    return self.run([&](Transaction& transaction) {
-        Answer answer;
-        Failure failure;
-        const bool can = transaction.try_lookup(to, from, stamp, how, answer, failure);
-        if (!can && failure.code == ErrorCode::kSnapshotTooOld) {
-            transaction.raise(failure, to, from);
-        }
-        return can;
+    const Question question =
+        store::at_stamp(name_of(target, "target"), name_of(source, "source"),
+                        optional_stamp_of(time.ptr()), policy_of(policy.ptr()));
+    return self.run(
+        [&](Transaction& transaction) { return store::can_answer(transaction, question); });
+}
+
+nb::object lookup_transform_full(TransactionObject& self, nb::handle target, nb::handle target_time,
+                                 nb::handle source, nb::handle source_time, nb::handle fixed,
+                                 nb::handle policy) {
+    const Question question =
+        question_through(fixed, target, target_time, source, source_time, policy);
+    const Named found = self.run([&](Transaction& transaction) {
+        return named(transaction, store::answer_or_raise(transaction, question));
     });
+    return transform_of(found, target, source);
+}
+
+bool can_transform_full(TransactionObject& self, nb::handle target, nb::handle target_time,
+                        nb::handle source, nb::handle source_time, nb::handle fixed,
+                        nb::handle policy) {
+    const Question question =
+        question_through(fixed, target, target_time, source, source_time, policy);
+    return self.run(
+        [&](Transaction& transaction) { return store::can_answer(transaction, question); });
 }
 
 nb::object lookup_transforms(TransactionObject& self, nb::handle target, nb::handle source,
@@ -104,14 +116,22 @@ nb::object lookup_transforms(TransactionObject& self, nb::handle target, nb::han
 StampNs latest_common_time(TransactionObject& self, nb::handle target, nb::handle source) {
     const std::string_view to = name_of(target, "target");
     const std::string_view from = name_of(source, "source");
-    return self.run([&](Transaction& transaction) {
-        StampNs stamp = 0;
-        Failure failure;
-        if (!transaction.try_latest_common_time(to, from, stamp, failure)) {
-            transaction.raise(failure, to, from);
-        }
-        return stamp;
-    });
+    return self.run(
+        [&](Transaction& transaction) { return transaction.latest_common_time(to, from); });
+}
+
+nb::tuple common_times(TransactionObject& self, nb::handle target, nb::handle source) {
+    const std::string_view to = name_of(target, "target");
+    const std::string_view from = name_of(source, "source");
+    const CommonTimes times =
+        self.run([&](Transaction& transaction) { return transaction.common_times(to, from); });
+    return nb::make_tuple(times.oldest, times.newest);
+}
+
+std::optional<std::string> parent_of(TransactionObject& self, nb::handle name, nb::handle time) {
+    const std::string_view bytes = name_of(name, "name");
+    const std::optional<StampNs> stamp = optional_stamp_of(time.ptr());
+    return self.run([&](Transaction& transaction) { return transaction.parent_of(bytes, stamp); });
 }
 
 bool frame_exists(TransactionObject& self, nb::handle name) {
@@ -300,7 +320,30 @@ translation.)";
 
 using TransactionClass = nb::class_<TransactionObject>;
 
+void bind_full_lookups(TransactionClass& type) {
+    type.def(
+        "lookup_transform_full", &lookup_transform_full, nb::arg("target").none(),
+        nb::arg("target_time").none(), nb::arg("source").none(), nb::arg("source_time").none(),
+        nb::arg("fixed_frame").none(), nb::arg("policy") = nb::none(),
+        nb::sig("def lookup_transform_full(self, target: str, target_time: "
+                "tfdb.stamps.StampLike | None, source: str, source_time: "
+                "tfdb.stamps.StampLike | None, fixed_frame: str, policy: Policy | None = "
+                "None) -> Transform"),
+        R"(T[target at target_time <- source at source_time], as `Buffer.lookup_transform_full`.
+
+Raises what that raises, and Conflict, TransactionClosed, WrongThread.)");
+    type.def("can_transform_full", &can_transform_full, nb::arg("target").none(),
+             nb::arg("target_time").none(), nb::arg("source").none(), nb::arg("source_time").none(),
+             nb::arg("fixed_frame").none(), nb::arg("policy") = nb::none(),
+             nb::sig("def can_transform_full(self, target: str, target_time: "
+                     "tfdb.stamps.StampLike | None, source: str, source_time: "
+                     "tfdb.stamps.StampLike | None, fixed_frame: str, policy: Policy | None = "
+                     "None) -> bool"),
+             "Whether `lookup_transform_full` with these arguments has an answer.");
+}
+
 void bind_lookups(TransactionClass& type) {
+    bind_full_lookups(type);
     type.def("lookup_transform", &lookup_transform, nb::arg("target").none(),
              nb::arg("source").none(), nb::arg("time") = nb::none(), nb::arg("policy") = nb::none(),
              nb::sig("def lookup_transform(self, target: str, source: str, time: "
@@ -343,6 +386,15 @@ A 'no' is something read, too: a commit that makes it a 'yes' is a Conflict.)");
              nb::arg("source").none(),
              nb::sig("def latest_common_time(self, target: str, source: str) -> int"),
              "The newest stamp at which every moving edge between two frames has data.");
+    type.def("common_times", &common_times, nb::arg("target").none(), nb::arg("source").none(),
+             nb::sig("def common_times(self, target: str, source: str) -> tuple[int, int]"),
+             "The oldest and the newest stamp at which the path between two frames has data, as "
+             "`Buffer.common_times`.");
+    type.def("parent_of", &parent_of, nb::arg("name").none(), nb::arg("time") = nb::none(),
+             nb::sig("def parent_of(self, name: str, time: tfdb.stamps.StampLike | None = None) -> "
+                     "str | None"),
+             "The parent that a frame has at a stamp (None: in its newest sample), as "
+             "`Buffer.parent_of`.");
     type.def("frame_exists", &frame_exists, nb::arg("name").none(),
              nb::sig("def frame_exists(self, name: str) -> bool"),
              "Whether there is a frame of that name.");

@@ -44,6 +44,7 @@ ARGUMENTS: dict[str, tuple[Any, ...]] = {
     "_path_stamps": ("map", "base", None, None),
     "frame_exists": ("map",),
     "frame_info": ("map",),
+    "parent_of": ("map",),
     "samples": ("map",),
     "set_transform": ("map", "base", 5, (1, 2, 3), (0, 0, 0, 1)),
     "set_static_transform": ("map", "base", (1, 2, 3)),

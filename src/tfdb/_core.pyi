@@ -113,16 +113,32 @@ class Reads:
     Each call on a Buffer is answered from one fresh snapshot; each call on a Snapshot from its own.
     """
 
-    def lookup_transform_full(self, target: str, target_time: tfdb.stamps.StampLike, source: str, source_time: tfdb.stamps.StampLike, fixed_frame: str, policy: Policy | None = None) -> Transform:
+    def lookup_transform_full(self, target: str, target_time: tfdb.stamps.StampLike | None, source: str, source_time: tfdb.stamps.StampLike | None, fixed_frame: str, policy: Policy | None = None) -> Transform:
         """
         T[target at target_time <- source at source_time], through a frame that stays put.
 
         That is T[target<-fixed_frame] at `target_time` times T[fixed_frame<-source] at `source_time`:
         where a point that `source` saw then is for `target` now, if `fixed_frame` did not move.
+
+        Parameters
+        ----------
+        target, source, fixed_frame
+            Frame names.
+        target_time, source_time
+            Stamps in nanoseconds. None: the latest common time of that frame and `fixed_frame`, each from
+            the same state. 0 is a stamp like any other.
+        policy
+            As in `lookup_transform`.
+
+        Returns
+        -------
+        Transform
+            Its stamp is the target's.
+
         Raises what `lookup_transform` raises.
         """
 
-    def can_transform_full(self, target: str, target_time: tfdb.stamps.StampLike, source: str, source_time: tfdb.stamps.StampLike, fixed_frame: str, policy: Policy | None = None) -> bool:
+    def can_transform_full(self, target: str, target_time: tfdb.stamps.StampLike | None, source: str, source_time: tfdb.stamps.StampLike | None, fixed_frame: str, policy: Policy | None = None) -> bool:
         """Whether `lookup_transform_full` with these arguments has an answer."""
 
     def latest_common_time(self, target: str, source: str) -> int:
@@ -130,6 +146,22 @@ class Reads:
         The newest stamp at which every moving edge between two frames has data.
 
         Nanoseconds; 0 if nothing moves. Raises UnknownFrame, Disconnected.
+        """
+
+    def common_times(self, target: str, source: str) -> tuple[int, int]:
+        """
+        The oldest and the newest stamp at which the path between two frames has data.
+
+        The path is that of the newest tree; at each stamp from the oldest to the newest every moving edge
+        of it has data and the parent that it has there. The newest is `latest_common_time`; both are of one
+        state. Where the oldest is above the newest, no stamp is covered by the whole path.
+
+        Returns
+        -------
+        (int, int)
+            Nanoseconds; both 0 if nothing moves.
+
+        Raises UnknownFrame, Disconnected.
         """
 
     def lookup_velocity(self, tracking: str, observation: str, time: tfdb.stamps.StampLike | None = None, interval: float = 0.1, *, reference: str | None = None, point: tfdb.types.VectorLike = (0, 0, 0), point_frame: str | None = None) -> tfdb.types.Twist:
@@ -141,10 +173,10 @@ class Reads:
         tracking, observation
             Frame names.
         time
-            Middle of the interval, nanoseconds; None: the latest common time. Where data ends, the
-            interval is moved to lie inside.
+            Middle of the interval, nanoseconds; None: the latest common time.
         interval
-            Seconds over which the difference is taken.
+            Seconds over which the difference is taken. Where the data or a parent begins or ends, the
+            interval is moved to lie inside; where there is less than that, it is all there is.
         reference
             The frame in whose axes the result is given; None: `observation`.
         point, point_frame
@@ -155,7 +187,7 @@ class Reads:
         Twist
             `linear` in m/s, `angular` in rad/s, both float64 (3,).
 
-        Raises what `lookup_transform` raises.
+        Raises what `lookup_transform` raises; Extrapolation (`no data`) where there is one stamp only.
         """
 
     def _path_stamps(
@@ -247,6 +279,14 @@ class Reads:
     def frame_info(self, name: str) -> tfdb.types.FrameInfo:
         """
         What is known of one frame and the edge to its parent. Raises UnknownFrame.
+        """
+
+    def parent_of(self, name: str, time: tfdb.stamps.StampLike | None = None) -> str | None:
+        """
+        The parent that a frame has at a stamp (None: in its newest sample); None for a root.
+
+        A sample's parent holds from its stamp to the next sample's; before the first sample and after the
+        last one the nearest one's counts. A static edge has its parent at every stamp. Raises UnknownFrame.
         """
 
     def tree(self, time: tfdb.stamps.StampLike | None = None) -> list[tfdb.types.FrameInfo]:
@@ -846,6 +886,26 @@ class Transaction:
     def latest_common_time(self, target: str, source: str) -> int:
         """
         The newest stamp at which every moving edge between two frames has data.
+        """
+
+    def common_times(self, target: str, source: str) -> tuple[int, int]:
+        """
+        The oldest and the newest stamp at which the path between two frames has data, as `Buffer.common_times`.
+        """
+
+    def lookup_transform_full(self, target: str, target_time: tfdb.stamps.StampLike | None, source: str, source_time: tfdb.stamps.StampLike | None, fixed_frame: str, policy: Policy | None = None) -> Transform:
+        """
+        T[target at target_time <- source at source_time], as `Buffer.lookup_transform_full`.
+
+        Raises what that raises, and Conflict, TransactionClosed, WrongThread.
+        """
+
+    def can_transform_full(self, target: str, target_time: tfdb.stamps.StampLike | None, source: str, source_time: tfdb.stamps.StampLike | None, fixed_frame: str, policy: Policy | None = None) -> bool:
+        """Whether `lookup_transform_full` with these arguments has an answer."""
+
+    def parent_of(self, name: str, time: tfdb.stamps.StampLike | None = None) -> str | None:
+        """
+        The parent that a frame has at a stamp (None: in its newest sample), as `Buffer.parent_of`.
         """
 
     def frame_exists(self, name: str) -> bool:

@@ -7,6 +7,7 @@ that was removed and comes back is another frame.
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from itertools import takewhile
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 import tfdb
@@ -234,6 +235,24 @@ class Model:
         newest = [samples[-1] for f in up + down if (samples := self.visible(f, state))]
         return min((s.stamp for s in newest if not s.static), default=0)
 
+    def common_times(self, target: str, source: str, state: int) -> tuple[int, int]:
+        """The oldest and the newest stamp that the newest path covers."""
+        to, start = self.require(target, source, state=state)
+        up, down = ([start], []) if to == start else self.path(to, start, 0, NEWEST, state)
+        oldest = 0
+        for samples in (self.visible(f, state) for f in up + down):
+            moving = [s for s in samples if not s.static]
+            last = takewhile(lambda s: s.parent == moving[-1].parent, reversed(moving))  # noqa: B023
+            oldest = max([oldest, *(s.stamp for s in list(last)[-1:])])
+        return oldest, self.common_time(target, source, state)
+
+    def parent_of(self, name: str, time: int | None, state: int) -> str | None:
+        """The parent at a stamp; None: of the newest sample."""
+        (frame,) = self.require(name, state=state)
+        policy = NEWEST if time is None else tfdb.Interpolate()
+        parent = self.parent_at(frame, time or 0, policy, state)
+        return None if parent is None else self.frames[parent].name
+
     def lookup(
         self, target: str, source: str, time: int | None, policy: Policy, state: int
     ) -> Answer:
@@ -300,8 +319,8 @@ class Model:
 
     def lookup_full(
         self,
-        target: tuple[str, int],
-        source: tuple[str, int],
+        target: tuple[str, int | None],
+        source: tuple[str, int | None],
         fixed: str,
         policy: Policy,
         state: int,
@@ -311,7 +330,7 @@ class Model:
         first = self.lookup(fixed, source[0], source[1], policy, state)
         second = self.lookup(target[0], fixed, target[1], policy, state)
         pose = compose(second.pose, first.pose)
-        return Answer(pose, target[1], first.edges + second.edges)
+        return Answer(pose, second.stamp, first.edges + second.edges)
 
     # -- writes ------------------------------------------------------------------------------------
 

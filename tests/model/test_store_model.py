@@ -299,6 +299,10 @@ class Store(RuleBasedStateMachine):
                 refuses(common, partial(reads.latest_common_time, target, source))
             else:
                 assert reads.latest_common_time(target, source) == common
+                covered = self.model.common_times(target, source, state)
+                assert reads.common_times(target, source) == covered
+        if source != UNKNOWN:
+            assert reads.parent_of(source, at) == self.model.parent_of(source, at, state)
 
     def check_scalar(
         self,
@@ -339,7 +343,7 @@ class Store(RuleBasedStateMachine):
         number=readers,
         pair=pairs_asked,
         through=frame_numbers,
-        stamps=st.tuples(ticks, ticks),
+        stamps=st.tuples(times, times),
         how=rules,
     )
     def ask_full(
@@ -347,12 +351,12 @@ class Store(RuleBasedStateMachine):
         number: int,
         pair: tuple[int, int],
         through: int,
-        stamps: tuple[int, int],
+        stamps: tuple[int | None, int | None],
         how: Rule,
     ) -> None:
         reads, state = self.reader(number)
         target, source, fixed = (self.frame(i, state) for i in (*pair, through))
-        first, second = self.at(stamps[0]), self.at(stamps[1])
+        first, second = self.maybe_at(stamps[0]), self.maybe_at(stamps[1])
         policy = how.policy(self.tick)
         question = (target, first, source, second, fixed, policy)
         expected = outcome(

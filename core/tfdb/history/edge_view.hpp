@@ -39,6 +39,7 @@ public:
         snapshot_ = snapshot;
         history_ = history;
         mode_ = Mode::kOrdered;
+        cleared_ = false;
         ring_ = word(kRing).load_acquire();
         topology_ = word(kTopology).load_acquire();
         if (RingWord::empty(ring_)) {
@@ -61,6 +62,8 @@ public:
     }
 
     [[nodiscard]] bool empty() const { return hi_ == lo_; }
+    /// Whether samples of the edge were cleared before this snapshot (of an edge that is empty).
+    [[nodiscard]] bool was_cleared() const { return cleared_; }
     [[nodiscard]] std::uint64_t topology() const { return topology_; }
     [[nodiscard]] bool is_static() const {
         return hi_ > lo_ &&
@@ -69,6 +72,10 @@ public:
     [[nodiscard]] std::uint64_t lo() const { return lo_; }
     [[nodiscard]] std::uint64_t hi() const { return hi_; }
     [[nodiscard]] bool ordered() const { return mode_ == Mode::kOrdered; }
+    /// True only if all samples name one parent (by its slot, which may have had another frame).
+    [[nodiscard]] bool one_parent() const {
+        return mode_ != Mode::kScan && (topology_ & Topology::kMixedParents) == 0;
+    }
 
     /// True if all that was read since `open`, at `lowest` and above, was whole and of this ring.
     [[nodiscard]] bool confirm(std::uint64_t lowest) const {
@@ -215,6 +222,7 @@ private:
     std::uint64_t hi_ = 0;
     Mode mode_ = Mode::kOrdered;
     bool scan_static_ = false;
+    bool cleared_ = false;
     std::uint64_t scan_last_ = kNoIndex;
 };
 

@@ -53,6 +53,7 @@ void EdgeView<Memory>::open_unusual(bool newer) {
         if (cleared > hi_)
             return open_scan();
         lo_ = std::max(lo_, cleared);
+        cleared_ = true;
     }
     if ((topology_ & Topology::kUnordered) != 0)
         mode_ = Mode::kRuns;
@@ -70,6 +71,7 @@ void EdgeView<Memory>::open_scan() {
         const StampNs stamp = stamp_at(i);
         if (stamp == kClearMarker) {
             lo_ = i + 1;
+            cleared_ = true;
             scan_last_ = kNoIndex;
             continue;
         }

@@ -13,6 +13,14 @@ namespace tfdb::lookup {
 
 using clock::StampNs;
 
+/// A frame's slot plus the generation that makes it unmistakable. Cheap to keep and to compare.
+struct FrameHandle {
+    FrameId id = kNoFrame;
+    std::uint32_t generation = 0;
+
+    friend bool operator==(const FrameHandle&, const FrameHandle&) = default;
+};
+
 /// How one edge's pose was made.
 enum class Used : std::uint8_t {
     kStatic,
@@ -42,19 +50,30 @@ struct Answer {
     geometry::Pose pose;
     StampNs stamp = 0;
     CommitNumber commit = 0;
+    StampNs oldest = 0;                 // of the stamps that a path covers: see covered_stamps
     std::vector<EdgeUse> edges;         // kept between lookups, so that none allocates
     std::vector<FrameId> source_chain;  // the source and its ancestors, scratch of the walk
     std::vector<FrameId> target_chain;
     std::vector<EdgeUse> target_edges;
 };
 
+/// Which part of a lookup through a fixed frame failed.
+enum class Half : std::uint8_t {
+    kWhole,   // it has no halves
+    kSource,  // T[fixed<-source]
+    kTarget,  // T[target<-fixed]
+};
+
 /// Why a lookup has no answer, without any allocation: programs probe, and failing must be cheap.
 struct Failure {
     ErrorCode code = ErrorCode::kUnknownFrame;
-    FrameId frame = kNoFrame;  // the edge's child, or the target's root
-    FrameId other = kNoFrame;  // the edge's parent, or the source's root
-    int argument = 0;          // which argument an unknown frame was: 0 target, 1 source, 2 fixed
-    int direction = 0;         // -1 past, 1 future, 0 no data
+    FrameHandle frame;   // the edge's child, or the target's root
+    FrameHandle other;   // the edge's parent, or the source's root
+    FrameHandle edge;    // of two trees: an edge without data at the stamp, its child ...
+    FrameHandle parent;  // ... and its parent; none: its samples were cleared
+    Half half = Half::kWhole;
+    int argument = 0;   // which argument an unknown frame was: 0 target, 1 source, 2 fixed
+    int direction = 0;  // -1 past, 1 future, 0 no data
     StampNs stamp = -1;
     StampNs oldest = -1;
     StampNs newest = -1;

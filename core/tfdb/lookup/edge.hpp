@@ -2,6 +2,7 @@
 #pragma once
 
 #include <bit>
+#include <optional>
 #include <utility>
 
 #include "tfdb/geometry/pose.hpp"
@@ -40,13 +41,28 @@ template <View V>
     return Outcome::kOk;
 }
 
+/// The parent at a stamp, or of the newest sample: outside the samples that of the nearest one.
+template <View V>
+[[nodiscard]] Outcome parent_at(const V& view, FrameId id, std::optional<StampNs> stamp,
+                                FrameId& parent) {
+    const Policy policy{stamp ? PolicyKind::kInterpolate : PolicyKind::kLatest, kNoLimit};
+    return exact_parent(view, id, stamp.value_or(0), policy, Edges::kAll, parent);
+}
+
+/// For errors to name.
+template <View V>
+[[nodiscard]] FrameHandle handle_of(const V& view, FrameId id) {
+    return {id, id == kNoFrame ? 0 : view.generation(id)};
+}
+
 template <View V>
 [[nodiscard]] Outcome describe_refusal(const V& view, FrameId child, FrameId parent, StampNs stamp,
                                        const Policy& policy, const typename V::Edge& edge,
                                        const Selection& chosen, Failure& failure) {
+    failure = Failure{};
     failure.code = chosen.code;
-    failure.frame = child;
-    failure.other = parent;
+    failure.frame = handle_of(view, child);
+    failure.other = handle_of(view, parent);
     failure.direction = chosen.direction;
     failure.stamp = stamp;
     failure.limit = policy.limit;
@@ -61,6 +77,41 @@ template <View V>
     failure.after = around.after_stamp;
     // The oldest sample is the lowest that any of this depends on.
     return edge.confirm(edge.lo()) ? Outcome::kFailed : Outcome::kLapped;
+}
+
+/// Adds to a failure that this frame has no parent, or another one, only because its edge has no
+/// data at the stamp; false if that is not so.
+template <View V>
+[[nodiscard]] Outcome note_if_out_of_range(const V& view, FrameId child, StampNs stamp,
+                                           const Policy& policy, Failure& failure, bool& noted) {
+    noted = false;
+    typename V::Edge edge;
+    Selection chosen;
+    if (!view.open(child, edge) || !select(edge, stamp, policy, chosen))
+        return Outcome::kLapped;
+    const bool emptied = edge.empty() && edge.was_cleared();
+    std::uint64_t slot = 0;
+    StampNs oldest = history::kNoStamp;
+    StampNs newest = history::kNoStamp;
+    if (chosen.refused) {
+        std::uint64_t index = 0;
+        if (!edge.newest(index, newest) || !edge.oldest(index, oldest))
+            return Outcome::kLapped;
+        slot = edge.slot_word(chosen.anchor);
+    }
+    if (!edge.confirm(edge.lo()))
+        return Outcome::kLapped;
+    noted = emptied || (chosen.refused && (stamp < oldest || stamp > newest));
+    if (!noted)
+        return Outcome::kOk;
+    failure.edge = handle_of(view, child);
+    failure.oldest = oldest;
+    failure.newest = newest;
+    if (!emptied) {
+        failure.direction = stamp < oldest ? -1 : 1;
+        failure.parent = handle_of(view, history::SlotWord::parent(slot));
+    }
+    return Outcome::kOk;
 }
 
 /// The stamp at which `a` and `b` are mixed, as a share of the way from a to b.

@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <optional>
 
+#include "tfdb/lookup/cover.hpp"
 #include "tfdb/lookup/quick.hpp"
 #include "tfdb/lookup/walk.hpp"
 
@@ -74,9 +75,9 @@ template <View V>
 [[nodiscard]] bool check_frame(const V& view, FrameId id, int argument, Failure& failure) {
     if (id != kNoFrame && view.alive(id))
         return true;
+    failure = Failure{};
     failure.code = ErrorCode::kUnknownFrame;
     failure.argument = argument;
-    failure.frame = id;
     failure.commit = view.commit();
     return false;
 }
@@ -106,28 +107,36 @@ template <View V>
     return edge.confirm(lowest) ? Outcome::kOk : Outcome::kLapped;
 }
 
+/// What is asked of the path in the newest tree.
+enum class Common : std::uint8_t { kNewest, kOldestToo };
+
 template <View V>
-[[nodiscard]] Outcome common_time_once(const V& view, FrameId target, FrameId source, WalkMode mode,
-                                       Answer& chains, StampNs& stamp, Failure& failure) {
+[[nodiscard]] Outcome common_time_once(const V& view, FrameId target, FrameId source, Common wanted,
+                                       WalkMode mode, Answer& answer, Failure& failure) {
     const Policy newest{PolicyKind::kLatest, kNoLimit};
-    const Outcome walked = walk(view, target, source, 0, newest, mode, chains, failure);
+    const Outcome walked = walk(view, target, source, 0, newest, mode, answer, failure);
     if (walked != Outcome::kOk)
         return walked;
+    StampNs& stamp = answer.stamp;
     stamp = history::kNoStamp;
-    for (const auto* chain : {&chains.source_chain, &chains.target_chain}) {
+    answer.oldest = 0;
+    for (const auto* chain : {&answer.source_chain, &answer.target_chain}) {
         for (std::size_t i = 0; i + 1 < chain->size(); ++i) {
             StampNs newest_of_edge = history::kNoStamp;
             FrameId parent = kNoFrame;
-            const Outcome outcome = newest_stamp(view, (*chain)[i], newest_of_edge, parent);
-            if (outcome != Outcome::kOk) {
+            Outcome outcome = newest_stamp(view, (*chain)[i], newest_of_edge, parent);
+            if (outcome != Outcome::kOk)
                 return outcome;
-            }
-            if (parent != (*chain)[i + 1]) {
+            if (parent != (*chain)[i + 1])
                 return Outcome::kMismatch;
-            }
             if (newest_of_edge < 0)
                 continue;
             stamp = stamp < 0 ? newest_of_edge : std::min(stamp, newest_of_edge);
+            StampNs to = newest_of_edge;
+            if (wanted == Common::kOldestToo)
+                outcome = narrow_to_edge(view, (*chain)[i], parent, to, answer.oldest, to);
+            if (outcome != Outcome::kOk)
+                return outcome;
         }
     }
     if (stamp < 0)
@@ -137,38 +146,58 @@ template <View V>
 
 }  // namespace detail
 
-/// The latest common time, and the chains of the newest tree from which it comes.
+namespace detail {
+
+template <View V>
+[[nodiscard]] Outcome common_times(const V& view, FrameId target, FrameId source, Common wanted,
+                                   Answer& answer, Failure& failure) {
+    if (!check_frame(view, target, 0, failure) || !check_frame(view, source, 1, failure))
+        return Outcome::kFailed;
+    answer.commit = view.commit();
+    if (target != source) {
+        return hints_then_samples(answer, [&](WalkMode mode) {
+            return common_time_once(view, target, source, wanted, mode, answer, failure);
+        });
+    }
+    FrameId parent = kNoFrame;
+    answer.oldest = 0;
+    Outcome outcome = newest_stamp(view, target, answer.stamp, parent);
+    StampNs to = answer.stamp;
+    if (outcome == Outcome::kOk && to >= 0 && wanted == Common::kOldestToo)
+        outcome = narrow_to_edge(view, target, parent, to, answer.oldest, to);
+    answer.stamp = std::max<StampNs>(answer.stamp, 0);
+    // A slot that was reused meanwhile looks like a frame without samples.
+    const bool sound = outcome != Outcome::kMismatch && view.alive(target);
+    return sound ? outcome : Outcome::kLapped;
+}
+
+}  // namespace detail
+
+/// The latest common time, and the chains of the newest tree from which it comes: `answer.stamp`.
 template <View V>
 [[nodiscard]] Outcome latest_common_path(const V& view, FrameId target, FrameId source,
-                                         Answer& chains, StampNs& stamp, Failure& failure) {
-    if (!detail::check_frame(view, target, 0, failure) ||
-        !detail::check_frame(view, source, 1, failure)) {
-        return Outcome::kFailed;
-    }
-    if (target == source) {
-        FrameId parent = kNoFrame;
-        const Outcome outcome = detail::newest_stamp(view, target, stamp, parent);
-        if (stamp < 0)
-            stamp = 0;
-        // A slot that was reused meanwhile looks like a frame without samples.
-        return outcome == Outcome::kOk && !view.alive(target) ? Outcome::kLapped : outcome;
-    }
-    return detail::hints_then_samples(chains, [&](WalkMode mode) {
-        return detail::common_time_once(view, target, source, mode, chains, stamp, failure);
-    });
+                                         Answer& answer, Failure& failure) {
+    return detail::common_times(view, target, source, detail::Common::kNewest, answer, failure);
 }
 
 /// The newest stamp at which every moving edge between two frames has data; 0 if none moves.
 template <View V>
 [[nodiscard]] Outcome latest_common_time(const V& view, FrameId target, FrameId source,
-                                         Answer& scratch, StampNs& stamp, Failure& failure) {
+                                         Answer& answer, Failure& failure) {
     if constexpr (InPlaceView<V>) {
-        QuickLookup<V> quick(view, {}, scratch);
-        if (quick.common_time(target, source, stamp)) {
+        QuickLookup<V> quick(view, {}, answer);
+        if (quick.common_time(target, source, answer.stamp))
             return Outcome::kOk;
-        }
     }
-    return latest_common_path(view, target, source, scratch, stamp, failure);
+    return latest_common_path(view, target, source, answer, failure);
+}
+
+/// The stamps at which every moving edge of the newest tree's path has data and the parent that it
+/// has there: from `answer.oldest` to `answer.stamp`, the latest common time. Both 0 if none moves.
+template <View V>
+[[nodiscard]] Outcome covered_stamps(const V& view, FrameId target, FrameId source, Answer& answer,
+                                     Failure& failure) {
+    return detail::common_times(view, target, source, detail::Common::kOldestToo, answer, failure);
 }
 
 /// Appends to `answer.edges` and sets the pose: T[target<-source] at one stamp.
@@ -200,9 +229,10 @@ template <View V>
     if (stamp) {
         at = *stamp;
     } else {
-        const Outcome outcome = latest_common_time(view, target, source, answer, at, failure);
+        const Outcome outcome = latest_common_time(view, target, source, answer, failure);
         if (outcome != Outcome::kOk)
             return outcome;
+        at = answer.stamp;
     }
     if constexpr (InPlaceView<V>) {
         QuickLookup<V> quick(view, policy, answer);
@@ -233,8 +263,8 @@ template <View V>
         if (max_age && use.before < clock::saturating_sub(now, *max_age)) {
             failure = Failure{};
             failure.code = ErrorCode::kStale;
-            failure.frame = use.child;
-            failure.other = use.parent;
+            failure.frame = {use.child, use.generation};
+            failure.other = {use.parent, use.parent_generation};
             failure.stamp = now;
             failure.newest = use.before;
             failure.before = use.before;
@@ -247,10 +277,33 @@ template <View V>
     return Outcome::kOk;
 }
 
-/// T[target at target_stamp <- source at source_stamp], by way of a frame that did not move.
+namespace detail {
+
+/// One half of a lookup through a fixed frame; without a stamp at its own latest common time.
 template <View V>
-[[nodiscard]] Outcome lookup_full(const V& view, FrameId target, StampNs target_stamp,
-                                  FrameId source, StampNs source_stamp, FrameId fixed,
+[[nodiscard]] Outcome lookup_half(const V& view, FrameId target, FrameId source,
+                                  std::optional<StampNs> stamp, const Policy& policy, Half half,
+                                  Answer& answer, Failure& failure) {
+    if (!stamp) {
+        const Outcome found = latest_common_path(view, target, source, answer, failure);
+        failure.half = half;
+        if (found != Outcome::kOk)
+            return found;
+        stamp = answer.stamp;
+    }
+    const Outcome outcome = lookup_at(view, target, source, *stamp, policy, answer, failure);
+    failure.half = half;
+    return outcome;
+}
+
+}  // namespace detail
+
+/// T[target at target_stamp <- source at source_stamp], by way of a frame that did not move. Where
+/// a stamp is missing, that side is taken at its latest common time with the fixed frame.
+template <View V>
+[[nodiscard]] Outcome lookup_full(const V& view, FrameId target,
+                                  std::optional<StampNs> target_stamp, FrameId source,
+                                  std::optional<StampNs> source_stamp, FrameId fixed,
                                   const Policy& policy, Answer& answer, Failure& failure) {
     answer.edges.clear();
     if (!detail::check_frame(view, target, 0, failure) ||
@@ -258,11 +311,13 @@ template <View V>
         !detail::check_frame(view, fixed, 2, failure)) {
         return Outcome::kFailed;
     }
-    Outcome outcome = lookup_at(view, fixed, source, source_stamp, policy, answer, failure);
+    Outcome outcome = detail::lookup_half(view, fixed, source, source_stamp, policy, Half::kSource,
+                                          answer, failure);
     if (outcome != Outcome::kOk)
         return outcome;
     const geometry::Pose fixed_from_source = answer.pose;
-    outcome = lookup_at(view, target, fixed, target_stamp, policy, answer, failure);
+    outcome = detail::lookup_half(view, target, fixed, target_stamp, policy, Half::kTarget, answer,
+                                  failure);
     if (outcome != Outcome::kOk)
         return outcome;
     answer.pose = geometry::compose(answer.pose, fixed_from_source);

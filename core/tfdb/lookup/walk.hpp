@@ -148,6 +148,31 @@ concept NotingView = View<V> && requires {
     requires V::kNotesReads;
 };
 
+/// Says that the chains end at two roots, and which edge of them has no data at the stamp: the
+/// first one from the source upward, then from the target.
+template <View V>
+[[nodiscard]] Outcome describe_apart(const V& view, StampNs stamp, const Policy& policy,
+                                     const Answer& chains, Failure& failure) {
+    failure = Failure{};
+    failure.code = ErrorCode::kDisconnected;
+    failure.frame = handle_of(view, chains.target_chain.back());
+    failure.other = handle_of(view, chains.source_chain.back());
+    failure.commit = view.commit();
+    if (policy.kind != PolicyKind::kLatest)
+        failure.stamp = stamp;
+    for (const auto* chain : {&chains.source_chain, &chains.target_chain}) {
+        for (const FrameId id : *chain) {
+            bool noted = false;
+            const Outcome outcome = note_if_out_of_range(view, id, stamp, policy, failure, noted);
+            if (outcome != Outcome::kOk)
+                return outcome;
+            if (noted)
+                return Outcome::kFailed;
+        }
+    }
+    return Outcome::kFailed;
+}
+
 /// Fills both chains of the answer, each from its frame up to the meeting point. By the samples: a
 /// path of edges that all answer at the stamp if there is one, else one that names the culprit.
 /// When there is none, kFailed with both roots.
@@ -172,12 +197,7 @@ template <View V>
             return outcome;
         }
     }
-    failure.code = ErrorCode::kDisconnected;
-    failure.frame = chains.target_chain.back();
-    failure.other = chains.source_chain.back();
-    failure.commit = view.commit();
-    failure.stamp = stamp;
-    return Outcome::kFailed;
+    return describe_apart(view, stamp, policy, chains, failure);
 }
 
 }  // namespace tfdb::lookup

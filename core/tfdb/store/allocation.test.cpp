@@ -112,12 +112,13 @@ TFDB_TEST(allocation_none_in_lookups) {
     CHECK(buffer.find_frame("world", world) && buffer.find_frame("j9", tip));
     Answer answer;
     Failure failure;
+    Question full = store::by_way_of("world", "j9", 900, "j9", {}, {});
     long answered = 0;
     CHECK_EQ(counted([&](int i) {
                  answered += buffer.try_lookup(world, tip, 800 + i % 199, {}, answer, failure);
                  answered += buffer.try_lookup(tip, world, std::nullopt, {}, answer, failure);
                  answered += buffer.try_lookup_latest(world, tip, {}, 0, answer, failure);
-                 answered += buffer.try_lookup_full(tip, 900, tip, 850, world, {}, answer, failure);
+                 answered += buffer.ask(full, answer, failure);
                  answered += buffer.find_frame("j5", tip) && buffer.find_frame("j9", tip);
              }),
              0);

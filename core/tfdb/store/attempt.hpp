@@ -14,18 +14,6 @@
 
 namespace tfdb::store {
 
-/// A lookup by names.
-struct Question {
-    enum Kind : std::uint8_t { kAt, kLatest, kCommonTime };
-    Kind kind = kAt;
-    std::string_view target;
-    std::string_view source;
-    std::optional<StampNs> stamp{};    // kAt
-    Policy policy{};                   // kAt
-    std::optional<StampNs> max_age{};  // kLatest
-    StampNs now = 0;                   // kLatest
-};
-
 /// An open transaction of some engine. All but the destructor and `rollback` may throw Conflict:
 /// it has then ended, and nothing was stored.
 /// Threads: one. Guarantee: that of its engine.
@@ -36,14 +24,15 @@ public:
     Attempt(const Attempt&) = delete;
     Attempt& operator=(const Attempt&) = delete;
 
-    /// False: `failure` says why. The answer to kCommonTime is `answer.stamp`.
-    [[nodiscard]] virtual bool ask(const Question& question, Answer& answer, Failure& failure) = 0;
+    /// As Reads::ask, by name.
+    [[nodiscard]] virtual bool ask(Question& question, Answer& answer, Failure& failure) = 0;
     [[nodiscard]] virtual bool has_frame(std::string_view name) = 0;
+    /// As Reads::parent_of.
+    [[nodiscard]] virtual std::optional<std::string> parent_of(std::string_view name,
+                                                               std::optional<StampNs> stamp) = 0;
     /// The commit whose state is read.
     [[nodiscard]] virtual CommitNumber read_as_of() = 0;
     [[nodiscard]] virtual std::string frame_name(FrameId id, std::uint32_t generation) const = 0;
-    /// The name of a frame of a failure.
-    [[nodiscard]] virtual std::string frame_name(FrameId id) const = 0;
 
     virtual void write(std::span<const TransformView> batch, bool is_static,
                        std::string_view authority) = 0;

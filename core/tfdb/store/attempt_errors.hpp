@@ -26,9 +26,13 @@ using NameOf = std::function<std::string(FrameId)>;
 [[noreturn]] void throw_frame_in_use(std::string_view name, std::span<const FrameId> children,
                                      const NameOf& name_of);
 
+/// Of a read that names one frame.
+[[noreturn]] void throw_unknown_frame(std::string_view name, CommitNumber commit);
+
+/// Name of a frame of a failure.
+using NameOfHandle = std::function<std::string(FrameHandle)>;
 /// The typed error of a failed lookup.
-[[noreturn]] void raise_failure(const Failure& failure, std::string_view target,
-                                std::string_view source, CommitNumber committed,
-                                const NameOf& name);
+[[noreturn]] void raise_failure(const Failure& failure, const Question& question,
+                                CommitNumber committed, const NameOfHandle& name);
 
 }  // namespace tfdb::store

@@ -6,6 +6,7 @@
 #include <utility>
 #include <vector>
 
+#include "tfdb/store/asking.hpp"
 #include "tfdb/store/attempt.hpp"
 #include "tfdb/store/attempt_errors.hpp"
 #include "tfdb/store/validate.hpp"
@@ -53,25 +54,42 @@ public:
           draft_(impl.frames, impl.history, alone ? txn::Mode::kAlone : txn::Mode::kBesideOthers,
                  std::forward<Args>(session)...) {}
 
-    [[nodiscard]] bool ask(const Question& question, Answer& answer, Failure& failure) override {
+    [[nodiscard]] bool ask(Question& question, Answer& answer, Failure& failure) override {
         const Outcome outcome = needed(draft_.steadily([&](const View& view) {
-            const Outcome found = answer_of(view, question, answer, failure);
+            const auto find = [&](std::string_view name) { return view.find(name); };
+            const Outcome found = Asking(view, find, question).answer(answer, failure);
             return found == Outcome::kFailed ? draft_.unless_reused(view, found) : found;
         }));
         answer.commit = failure.commit = read_as_of();
         return outcome == Outcome::kOk;
     }
     [[nodiscard]] bool has_frame(std::string_view name) override { return find(name) != kNoFrame; }
+    [[nodiscard]] std::optional<std::string> parent_of(std::string_view name,
+                                                       std::optional<StampNs> stamp) override {
+        std::optional<std::string> found;
+        const Outcome outcome = needed(draft_.steadily([&](const View& view) {
+            const FrameId id = view.find(name);
+            if (id == kNoFrame)
+                return draft_.unless_reused(view, Outcome::kFailed);
+            FrameId parent = kNoFrame;
+            const Outcome read = lookup::parent_at(view, id, stamp, parent);
+            found.reset();
+            if (parent == kNoFrame)
+                return draft_.unless_reused(view, read);
+            found = frame_name(parent);
+            // Its slot may have been reused before its name was read.
+            StoreMemory::fence_acquire();
+            return view.alive(parent) ? read : Outcome::kLapped;
+        }));
+        if (outcome == Outcome::kFailed)
+            throw_unknown_frame(name, read_as_of());
+        return found;
+    }
     [[nodiscard]] CommitNumber read_as_of() override { return draft_.session().read_as_of(); }
     [[nodiscard]] std::string frame_name(FrameId id, std::uint32_t generation) const override {
         if (writes().is_own(id) && generation == txn::kOwnGeneration)
             return writes().name(id);
         return name_of_frame(impl_, id, generation);
-    }
-    [[nodiscard]] std::string frame_name(FrameId id) const override {
-        if (id == kNoFrame)
-            return {};
-        return writes().is_own(id) ? writes().name(id) : impl_.names.name(id);
     }
 
     void write(std::span<const TransformView> batch, bool is_static,
@@ -136,6 +154,11 @@ private:
     static_assert(std::is_same_v<typename S::Memory, StoreMemory>);
 
     [[nodiscard]] const auto& writes() const { return draft_.writes(); }
+    [[nodiscard]] std::string frame_name(FrameId id) const {
+        if (id == kNoFrame)
+            return {};
+        return writes().is_own(id) ? writes().name(id) : impl_.names.name(id);
+    }
     [[nodiscard]] NameOf names() const {
         return [this](FrameId id) { return frame_name(id); };
     }
@@ -144,23 +167,6 @@ private:
         if (outcome == Outcome::kLapped)
             throw_lost("what it has read was changed or overwritten meanwhile", read_as_of());
         return outcome;
-    }
-
-    [[nodiscard]] Outcome answer_of(const View& view, const Question& question, Answer& answer,
-                                    Failure& failure) {
-        const FrameId target = view.find(question.target);
-        const FrameId source = view.find(question.source);
-        switch (question.kind) {
-            case Question::kAt:
-                return lookup::lookup(view, target, source, question.stamp, question.policy, answer,
-                                      failure);
-            case Question::kLatest:
-                return lookup::lookup_latest(view, target, source, question.max_age, question.now,
-                                             answer, failure);
-            case Question::kCommonTime:
-                break;
-        }
-        return lookup::latest_common_time(view, target, source, answer, answer.stamp, failure);
     }
 
     [[nodiscard]] FrameId find(std::string_view name) {

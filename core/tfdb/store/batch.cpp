@@ -265,7 +265,7 @@ void Reads::run_batch(std::string_view target, std::string_view source,
     if (outcome == Outcome::kLapped)
         store::throw_snapshot_too_old(held_, impl_->committed());
     try {
-        raise(workspace().failure, target, source);
+        raise(workspace().failure, store::by_name(Question::kAt, target, source));
     } catch (Error& error) {
         if (run.refused() != geometry::kNoneRefused)
             error.detail().index = run.refused();
@@ -341,12 +341,12 @@ std::vector<StampNs> Reads::path_stamps(std::string_view target, std::string_vie
         stamps.clear();
         const FrameId from = impl_->names.find(source, view.commit());
         const FrameId to = impl_->names.find(target, view.commit());
-        StampNs newest = 0;
         // Walks the newest tree, and leaves the chains in the answer.
         const Outcome walked =
-            lookup::latest_common_path(view, to, from, space.answer, newest, space.failure);
+            lookup::latest_common_path(view, to, from, space.answer, space.failure);
         if (walked != Outcome::kOk || from == to)
             return walked;
+        const StampNs newest = space.answer.stamp;
         StampNs first = start.value_or(0);
         StampNs last = std::min(newest, end.value_or(newest));
         for (const auto* chain : {&space.answer.source_chain, &space.answer.target_chain}) {
@@ -371,7 +371,7 @@ std::vector<StampNs> Reads::path_stamps(std::string_view target, std::string_vie
     if (outcome == Outcome::kLapped)
         store::throw_snapshot_too_old(held_, impl_->committed());
     if (outcome == Outcome::kFailed)
-        raise(space.failure, target, source);
+        raise(space.failure, store::by_name(Question::kCommonTime, target, source));
     std::sort(stamps.begin(), stamps.end());
     stamps.erase(std::unique(stamps.begin(), stamps.end()), stamps.end());
     return stamps;

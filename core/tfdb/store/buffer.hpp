@@ -15,16 +15,13 @@
 #include "tfdb/geometry/pose.hpp"
 #include "tfdb/lookup/answer.hpp"
 #include "tfdb/lookup/policy.hpp"
+#include "tfdb/store/question.hpp"
 #include "tfdb/wire/tf_message.hpp"
 
 namespace tfdb {
 
-using clock::StampNs;
 using geometry::Pose;
-using lookup::Answer;
 using lookup::EdgeUse;
-using lookup::Failure;
-using lookup::Policy;
 using wire::TransformView;
 
 /// How lookups, writes and transactions that run at once are kept apart: see txn/engine.hpp.
@@ -50,13 +47,6 @@ struct BufferOptions {
     std::optional<std::size_t> memory_limit;             // bytes, none: what the machine has
     std::size_t snapshot_memory = std::size_t{1} << 30;  // growth that held snapshots may cause
     Concurrency concurrency = Concurrency::kSnapshot;
-};
-
-/// A frame's slot plus the generation that makes it unmistakable. Cheap to keep and to compare:
-/// a handle of a frame whose slot was reused resolves by name again.
-struct FrameHandle {
-    FrameId id = kNoFrame;
-    std::uint32_t generation = 0;
 };
 
 /// What is known of one frame in one snapshot.
@@ -127,26 +117,23 @@ class Reads {
 public:
     /// Frame by name. False if the snapshot has no such frame.
     [[nodiscard]] bool find_frame(std::string_view name, FrameHandle& out) const;
-    /// True if the handle still means the frame it was made for (one load; use to cache handles).
+    /// True while the handle's slot has not been reused, also if its frame is gone.
     [[nodiscard]] bool is_current(FrameHandle handle) const noexcept;
 
-    /// T[target<-source]. `stamp` none: latest common time. False: `failure` says why, nothing is
-    /// thrown and nothing allocated; `raise` turns it into the typed error with names.
+    /// False: `failure` says why, nothing is thrown and nothing allocated; `raise` turns it into
+    /// the typed error with names. Edges older than now - max_age fail as kStale. The answers to
+    /// kCommonTime and kCovered are `answer.stamp` and, as its other end, `answer.oldest`.
+    [[nodiscard]] bool ask(Question& question, Answer& answer, Failure& failure) const;
+    /// T[target<-source] of handles that were found before. `stamp` none: latest common time. A
+    /// handle whose frame is gone is an unknown frame, also if its name has come back.
     [[nodiscard]] bool try_lookup(FrameHandle target, FrameHandle source,
                                   std::optional<StampNs> stamp, Policy policy, Answer& answer,
                                   Failure& failure) const;
-    [[nodiscard]] bool try_lookup_full(FrameHandle target, StampNs target_stamp, FrameHandle source,
-                                       StampNs source_stamp, FrameHandle fixed, Policy policy,
-                                       Answer& answer, Failure& failure) const;
-    /// Each edge's newest sample; edges older than now - max_age fail as kStale.
     [[nodiscard]] bool try_lookup_latest(FrameHandle target, FrameHandle source,
                                          std::optional<StampNs> max_age, StampNs now,
                                          Answer& answer, Failure& failure) const;
-    [[nodiscard]] bool try_latest_common_time(FrameHandle target, FrameHandle source,
-                                              StampNs& stamp, Failure& failure) const;
-    /// Throws the typed error of a failed lookup of these two names.
-    [[noreturn]] void raise(const Failure& failure, std::string_view target,
-                            std::string_view source) const;
+    /// Throws the typed error of a failed question.
+    [[noreturn]] void raise(const Failure& failure, const Question& question) const;
 
     /// By name, throwing: for C++ programs and tests.
     [[nodiscard]] Answer lookup_transform(std::string_view target, std::string_view source,
@@ -155,6 +142,24 @@ public:
     [[nodiscard]] Answer lookup_latest_transform(std::string_view target, std::string_view source,
                                                  std::optional<StampNs> max_age = std::nullopt,
                                                  StampNs now = 0) const;
+
+    /// T[target at target_stamp <- source at source_stamp], by way of `fixed`; a stamp that is none
+    /// is the latest common time of its frame and `fixed`.
+    [[nodiscard]] Answer lookup_transform_full(std::string_view target,
+                                               std::optional<StampNs> target_stamp,
+                                               std::string_view source,
+                                               std::optional<StampNs> source_stamp,
+                                               std::string_view fixed, Policy policy = {}) const;
+    /// The newest stamp at which every moving edge between two frames has data; 0 if none moves.
+    [[nodiscard]] StampNs latest_common_time(std::string_view target,
+                                             std::string_view source) const;
+    /// That and the oldest stamp, of one state: at each stamp from one to the other every edge of
+    /// the newest tree's path has data and the parent that it has there. Both 0 if none moves.
+    [[nodiscard]] CommonTimes common_times(std::string_view target, std::string_view source) const;
+    /// The frame's parent at a stamp (none: of its newest sample); outside the edge's data that of
+    /// its nearest sample. None for a root. Throws UnknownFrame.
+    [[nodiscard]] std::optional<std::string> parent_of(
+        std::string_view name, std::optional<StampNs> stamp = std::nullopt) const;
 
     /// Rows of T[target<-source] at each stamp, all from one snapshot. `out` holds 7 or 16 doubles
     /// per stamp. Stamps in any order. Missing::kThrow: throws the typed error of the first stamp

@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <mutex>
 
+#include "tfdb/store/asking.hpp"
 #include "tfdb/store/attempt_of.hpp"
 #include "tfdb/store/writes.hpp"
 #include "tfdb/txn/operation.hpp"
@@ -17,12 +18,16 @@ class EngineControl final : public Control {
 public:
     explicit EngineControl(Reads::Impl& impl) : impl_(impl), shared_(impl.frames, impl.history) {}
 
-    [[nodiscard]] lookup::Outcome read(const ReadRequest& request, Answer& answer, StampNs& common,
+    [[nodiscard]] lookup::Outcome read(Question& question, Answer& answer,
                                        Failure& failure) override {
         S session(shared_, {});
         CommitNumber as_of = 0;
         const lookup::Outcome outcome = txn::read_through(session, as_of, [&](const auto& view) {
-            return ask(view, request, answer, common, failure);
+            // While the session lasts, names mean what they mean.
+            const auto find = [&](std::string_view name) {
+                return impl_.names.find(name, view.commit());
+            };
+            return Asking(view, find, question).answer(answer, failure);
         });
         answer.commit = as_of;
         failure.commit = as_of;
@@ -69,41 +74,7 @@ public:
     }
 
 private:
-    using Kind = ReadRequest::Kind;
     using Item = txn::PlainBatch<StoreMemory>::Item;
-
-    template <class View>
-    [[nodiscard]] lookup::Outcome ask(const View& view, const ReadRequest& request, Answer& answer,
-                                      StampNs& common, Failure& failure) const {
-        std::array<FrameId, 3> ids{};
-        for (std::size_t i = 0; i < request.count; ++i) {
-            const FrameHandle handle = request.handles[i];
-            ids[i] =
-                request.by_name ? impl_.names.find(request.names[i], view.commit()) : handle.id;
-            if (request.by_name || handle.id == kNoFrame ||
-                view.generation(handle.id) == handle.generation) {
-                continue;
-            }
-            failure = Failure{};
-            failure.argument = static_cast<int>(i);
-            failure.frame = handle.id;
-            return lookup::Outcome::kFailed;
-        }
-        switch (request.kind) {
-            case Kind::kFull:
-                return lookup::lookup_full(view, ids[0], request.stamp.value_or(0), ids[1],
-                                           request.source_stamp, ids[2], request.policy, answer,
-                                           failure);
-            case Kind::kLatest:
-                return lookup::lookup_latest(view, ids[0], ids[1], request.max_age, request.now,
-                                             answer, failure);
-            case Kind::kCommonTime:
-                return lookup::latest_common_time(view, ids[0], ids[1], answer, common, failure);
-            default:
-                return lookup::lookup(view, ids[0], ids[1], request.stamp, request.policy, answer,
-                                      failure);
-        }
-    }
 
     [[nodiscard]] txn::Written try_beside([[maybe_unused]] S& session,
                                           [[maybe_unused]] const Batch& batch,

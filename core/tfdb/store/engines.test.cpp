@@ -131,11 +131,9 @@ TFDB_TEST(engines_name_unknown_frames_and_stale_handles) {
         CHECK(buffer.find_frame("map", map) && buffer.find_frame("base", base));
         Answer answer;
         Failure failure;
-        StampNs stamp = 0;
-        CHECK(buffer.try_latest_common_time(map, base, stamp, failure));
-        CHECK_EQ(stamp, kSecond);
-        CHECK(buffer.try_lookup_full(map, kSecond, base, kSecond, map, {}, answer, failure));
-        CHECK(identical(answer.pose, pose_of(1)));
+        CHECK_EQ(buffer.latest_common_time("map", "base"), kSecond);
+        CHECK(identical(buffer.lookup_transform_full("map", kSecond, "base", {}, "map").pose,
+                        pose_of(1)));
         // The slot goes to another frame of the same name, and then the handle is stale.
         buffer.remove_frame("base", false);
         set(buffer, "map", "base", kSecond, pose_of(2));

@@ -77,6 +77,65 @@ TFDB_TEST(error_disconnected_names_both_roots) {
     CHECK_THROWS_AS(buffer.lookup_latest_transform("moon", "camera"), Disconnected);
 }
 
+TFDB_TEST(error_disconnected_names_an_edge_that_was_out_of_its_range) {
+    // tool hangs on the arm until 30 s, later on the ship, which is in another tree.
+    Buffer buffer(keeping(std::nullopt));
+    set_static(buffer, "map", "arm", pose_of(1));
+    set_static(buffer, "sea", "ship", pose_of(2));
+    set(buffer, "arm", "tool", 10 * kSecond, pose_of(3));
+    set(buffer, "ship", "tool", 30 * kSecond, pose_of(4));
+    set_static(buffer, "tool", "tip", pose_of(5));
+    const auto late = THROWN(Disconnected, buffer.lookup_transform("map", "tip", 40 * kSecond));
+    CHECK(late && late->detail().frames == std::vector<std::string>({"map", "sea"}));
+    CHECK(late && late->detail().edge == "tool" && late->detail().parent == "ship");
+    CHECK(late && late->detail().stamp == 40 * kSecond && late->detail().reason == "future");
+    CHECK(late && late->detail().oldest == 10 * kSecond && late->detail().newest == 30 * kSecond);
+    CHECK(late && says(*late, "edge T['ship'<-'tool'] has no data at 40.000000000 s") &&
+          says(*late, "(it covers 10.000000000 s to 30.000000000 s)"));
+    // The other way round the culprit is on the target's side.
+    const auto early = THROWN(Disconnected, buffer.lookup_transform("tip", "sea", 5 * kSecond));
+    CHECK(early && early->detail().edge == "tool" && early->detail().parent == "arm");
+    CHECK(early && early->detail().reason == "past" && early->detail().stamp == 5 * kSecond);
+    // Where all edges have data nothing is to blame, and of the newest samples there is no stamp.
+    const auto apart = THROWN(Disconnected, buffer.lookup_transform("map", "tip", 30 * kSecond));
+    CHECK(apart && apart->detail().edge.empty() && !apart->detail().oldest);
+    const auto newest = THROWN(Disconnected, buffer.lookup_transform("map", "tip"));
+    CHECK(newest && newest->detail().edge.empty() && !newest->detail().stamp);
+}
+
+TFDB_TEST(error_disconnected_says_that_samples_were_cleared) {
+    Buffer buffer = robot();
+    const Snapshot before = buffer.snapshot();
+    buffer.clear();
+    for (const std::optional<StampNs> at : {std::optional<StampNs>(2 * kSecond), {}}) {
+        const auto error = THROWN(Disconnected, buffer.lookup_transform("map", "camera", at));
+        CHECK(error && error->detail().edge == "base" && error->detail().parent.empty());
+        CHECK(error && error->detail().reason == "no data" && error->detail().stamp == at);
+        CHECK(error && !error->detail().oldest && says(*error, "'base' has no samples"));
+    }
+    const auto other = THROWN(Disconnected, before.lookup_transform("moon", "camera", kSecond));
+    CHECK(other && other->detail().edge.empty());
+    // A frame that never had a parent was not cleared.
+    const auto moon = THROWN(Disconnected, buffer.lookup_transform("moon", "map", kSecond));
+    CHECK(moon && moon->detail().edge.empty());
+}
+
+TFDB_TEST(error_of_a_lookup_through_a_fixed_frame_is_about_the_half_that_failed) {
+    const Buffer buffer = robot();
+    const auto past = THROWN(Extrapolation, buffer.lookup_transform_full(
+                                                "camera", 2 * kSecond, "base", kSecond / 2, "map"));
+    CHECK(past && past->detail().target == "camera" && past->detail().source == "base");
+    CHECK(past && past->detail().stamp == kSecond / 2 && says(*past, "T['map'<-'base']") &&
+          says(*past, "(of T['camera'<-'base'])"));
+    const auto apart =
+        THROWN(Disconnected, buffer.lookup_transform_full("moon", {}, "base", kSecond, "map"));
+    CHECK(apart && apart->detail().frames == std::vector<std::string>({"space", "map"}));
+    CHECK(apart && says(*apart, "'moon' under root 'space' and 'map' under root 'map'"));
+    const auto fixed =
+        THROWN(UnknownFrame, buffer.lookup_transform_full("camera", {}, "base", {}, "nil"));
+    CHECK(fixed && fixed->detail().frame == "nil" && says(*fixed, "fixed frame 'nil'"));
+}
+
 TFDB_TEST(error_extrapolation_tells_past_from_future) {
     const Buffer buffer = robot();
     const auto past = THROWN(Extrapolation, buffer.lookup_transform("map", "camera", 400'000'000));

@@ -107,14 +107,19 @@ TFDB_TEST(frames_slot_of_another_name_does_not_answer_for_the_old_handle) {
     CHECK(!buffer.is_current(ghost) && buffer.is_current(heir));
     Answer answer;
     Failure failure;
-    StampNs stamp = 0;
     CHECK(!buffer.try_lookup(map, ghost, kSecond, {}, answer, failure));
     CHECK(failure.code == ErrorCode::kUnknownFrame && failure.argument == 1);
     CHECK(!buffer.try_lookup_latest(ghost, map, {}, 0, answer, failure));
     CHECK(failure.code == ErrorCode::kUnknownFrame && failure.argument == 0);
-    CHECK(!buffer.try_lookup_full(map, kSecond, map, kSecond, ghost, {}, answer, failure));
+    Question question{.kind = Question::kFull,
+                      .target = {.handle = map},
+                      .source = {.handle = map},
+                      .fixed = {.handle = ghost}};
+    CHECK(!buffer.ask(question, answer, failure));
     CHECK(failure.code == ErrorCode::kUnknownFrame && failure.argument == 2);
-    CHECK(!buffer.try_latest_common_time(ghost, ghost, stamp, failure));
+    question.kind = Question::kCommonTime;
+    question.target.handle = ghost;
+    CHECK(!buffer.ask(question, answer, failure));
     CHECK(buffer.try_lookup(map, heir, kSecond, {}, answer, failure));
     CHECK_EQ(buffer.frame_name(heir.id, heir.generation), "heir");
     CHECK_EQ(buffer.frame_name(ghost.id, ghost.generation), "(removed)");

@@ -1,6 +1,7 @@
 // Looking at frames and their samples.
 #include <algorithm>
 
+#include "tfdb/store/attempt_errors.hpp"
 #include "tfdb/store/collect.hpp"
 #include "tfdb/store/impl.hpp"
 
@@ -58,15 +59,6 @@ Outcome for_each_frame(const StoreView& view, Visit visit) {
     return Outcome::kOk;
 }
 
-[[noreturn]] void throw_unknown(std::string_view name, CommitNumber commit) {
-    ErrorDetail detail;
-    detail.frame = name;
-    detail.commit = commit;
-    throw UnknownFrame(
-        "frame '" + std::string(name) + "' does not exist in commit " + std::to_string(commit),
-        std::move(detail));
-}
-
 }  // namespace
 
 std::vector<std::string> Reads::frames() const {
@@ -94,7 +86,7 @@ FrameInfo Reads::frame_info(std::string_view name) const {
         return id == kNoFrame ? Outcome::kFailed : fill_info(*impl_, view, id, info);
     });
     if (outcome == Outcome::kFailed)
-        throw_unknown(name, at);
+        store::throw_unknown_frame(name, at);
     if (outcome == Outcome::kLapped)
         throw_unreadable(*impl_, held_);
     return info;
@@ -102,8 +94,6 @@ FrameInfo Reads::frame_info(std::string_view name) const {
 
 std::vector<FrameInfo> Reads::tree(std::optional<StampNs> stamp) const {
     std::vector<FrameInfo> infos;
-    const Policy policy{stamp ? lookup::PolicyKind::kInterpolate : lookup::PolicyKind::kLatest,
-                        lookup::kNoLimit};
     const Outcome outcome = store::read(*impl_, held_, kFresh, [&](const StoreView& view) {
         infos.clear();
         const Outcome all = for_each_frame(view, [&](FrameId id) {
@@ -112,8 +102,7 @@ std::vector<FrameInfo> Reads::tree(std::optional<StampNs> stamp) const {
             if (filled != Outcome::kOk || !stamp)
                 return filled;
             FrameId parent = kNoFrame;
-            const Outcome found =
-                lookup::exact_parent(view, id, *stamp, policy, lookup::Edges::kAll, parent);
+            const Outcome found = lookup::parent_at(view, id, stamp, parent);
             info.parent.reset();
             if (parent != kNoFrame && !read_name(*impl_, view, parent, info.parent.emplace()))
                 return Outcome::kLapped;
@@ -156,10 +145,33 @@ Samples Reads::samples(std::string_view name) const {
         return view.alive(id) ? Outcome::kOk : Outcome::kLapped;
     });
     if (outcome == Outcome::kFailed)
-        throw_unknown(name, at);
+        store::throw_unknown_frame(name, at);
     if (outcome == Outcome::kLapped)
         throw_unreadable(*impl_, held_);
     return out;
+}
+
+std::optional<std::string> Reads::parent_of(std::string_view name,
+                                            std::optional<StampNs> stamp) const {
+    std::optional<std::string> found;
+    CommitNumber at = 0;
+    const Outcome outcome = store::read(*impl_, held_, kFresh, [&](const StoreView& view) {
+        at = view.commit();
+        found.reset();
+        const FrameId id = impl_->names.find(name, at);
+        if (id == kNoFrame)
+            return Outcome::kFailed;
+        FrameId parent = kNoFrame;
+        const Outcome read = lookup::parent_at(view, id, stamp, parent);
+        if (parent == kNoFrame)
+            return store::unless_reused(*impl_, at, read);
+        return read_name(*impl_, view, parent, found.emplace()) ? read : Outcome::kLapped;
+    });
+    if (outcome == Outcome::kFailed)
+        store::throw_unknown_frame(name, at);
+    if (outcome == Outcome::kLapped)
+        throw_unreadable(*impl_, held_);
+    return found;
 }
 
 std::string Reads::frame_name(FrameId id, std::uint32_t generation) const {

@@ -211,7 +211,8 @@ private:
         if (chance(0.25))
             at.reset();
         const auto expected = model_.lookup(state, target, source, at, policy);
-        const bool agreed = ask(*reads, target, source, at, policy, expected);
+        const bool agreed = ask(*reads, target, source, at, policy, expected) &&
+                            agree_about_times(*reads, state, target, source, at);
         CHECK(agreed);
         if (agreed)
             return;
@@ -229,6 +230,29 @@ private:
             std::printf("    model %s\n    store %s\n", model_.describe(state, frame).c_str(),
                         describe(reads, frame).c_str());
         }
+    }
+
+    bool agree_about_times(const Reads& reads, std::size_t state, const std::string& target,
+                           const std::string& source, std::optional<StampNs> at) const {
+        std::optional<std::pair<StampNs, StampNs>> times;
+        std::optional<std::string> parent;
+        try {
+            parent = reads.parent_of(source, at).value_or("");
+            const CommonTimes found = reads.common_times(target, source);
+            times = {found.oldest, found.newest};
+        } catch (const Error& error) {
+            CHECK(error.code() == ErrorCode::kUnknownFrame ||
+                  error.code() == ErrorCode::kDisconnected);
+        }
+        const auto expected = model_.common_times(state, target, source);
+        if (times != expected) {
+            const auto want = expected.value_or(std::pair<StampNs, StampNs>{-1, -1});
+            const auto got = times.value_or(std::pair<StampNs, StampNs>{-1, -1});
+            std::printf("  covered from %lld to %lld, expected %lld to %lld\n",
+                        static_cast<long long>(got.first), static_cast<long long>(got.second),
+                        static_cast<long long>(want.first), static_cast<long long>(want.second));
+        }
+        return times == expected && parent == model_.parent_of(state, source, at);
     }
 
     static bool ask(const Reads& reads, const std::string& target, const std::string& source,

@@ -60,6 +60,14 @@ public:
                                const std::string& source, std::optional<StampNs> stamp,
                                Policy policy) const;
 
+    /// The oldest and the newest stamp that the newest tree's path covers; none if there is no
+    /// path.
+    [[nodiscard]] std::optional<std::pair<StampNs, StampNs>> common_times(
+        std::size_t state, const std::string& target, const std::string& source) const;
+    /// Empty for a root; none if there is no such frame. `stamp` none: of the newest sample.
+    [[nodiscard]] std::optional<std::string> parent_of(std::size_t state, const std::string& name,
+                                                       std::optional<StampNs> stamp) const;
+
     /// Stamps and parents of a frame's visible samples, for the report of a disagreement.
     [[nodiscard]] std::string describe(std::size_t state, const std::string& name) const;
 
@@ -318,6 +326,49 @@ inline std::optional<StampNs> Model::common_time(std::size_t state, int target, 
     (void)climb(up, top, 0, newest, state, scratch, unused);
     (void)climb(down, top, 0, newest, state, scratch, unused);
     return std::max<StampNs>(0, scratch.stamp);
+}
+
+inline std::optional<std::pair<StampNs, StampNs>> Model::common_times(
+    std::size_t state, const std::string& target, const std::string& source) const {
+    const int t = find(target, state);
+    const int s = find(source, state);
+    if (t == kNone || s == kNone)
+        return std::nullopt;
+    const auto newest = common_time(state, t, s);
+    if (!newest)
+        return std::nullopt;
+    const Policy latest{PolicyKind::kLatest, 0};
+    std::vector<int> on_path{s};
+    if (s != t) {
+        const auto up = chain(s, 0, latest, state);
+        const auto down = chain(t, 0, latest, state);
+        const int top = meet(up, down);
+        on_path.assign(up.begin(), std::find(up.begin(), up.end(), top));
+        on_path.insert(on_path.end(), down.begin(), std::find(down.begin(), down.end(), top));
+    }
+    StampNs oldest = 0;
+    for (const int frame : on_path) {
+        const auto samples = visible(frame, state);
+        auto first = samples.rbegin();
+        while (first != samples.rend() && !(*first)->is_static &&
+               (*first)->parent == samples.back()->parent) {
+            oldest = first + 1 == samples.rend() || (*(first + 1))->parent != (*first)->parent
+                         ? std::max(oldest, (*first)->stamp)
+                         : oldest;
+            ++first;
+        }
+    }
+    return std::pair{oldest, *newest};
+}
+
+inline std::optional<std::string> Model::parent_of(std::size_t state, const std::string& name,
+                                                   std::optional<StampNs> stamp) const {
+    const int frame = find(name, state);
+    if (frame == kNone)
+        return std::nullopt;
+    const Policy policy{stamp ? PolicyKind::kInterpolate : PolicyKind::kLatest, lookup::kNoLimit};
+    const int parent = parent_at(frame, stamp.value_or(0), policy, state);
+    return parent == kNone ? std::string() : frames_[static_cast<std::size_t>(parent)].name;
 }
 
 inline Reply Model::lookup(std::size_t state, const std::string& target, const std::string& source,

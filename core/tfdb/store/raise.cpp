@@ -11,19 +11,28 @@ namespace {
 using store::quoted;
 using store::seconds;
 
+/// T[target<-source] of a failed lookup, or of the half of it that failed.
 struct Context {
     const Failure& failure;
     std::string_view target;
     std::string_view source;
+    std::string whole;  // of which it is a half
     std::string frame;
     std::string other;
     ErrorDetail detail;
 
-    [[nodiscard]] std::string path() const {
+    [[nodiscard]] std::string path() const { return path_of(target, source) + whole; }
+    [[nodiscard]] std::string edge() const { return edge_of(other, frame); }
+    /// " at 12.345678901 s", where a stamp was asked for.
+    [[nodiscard]] std::string at() const {
+        return failure.stamp < 0 ? std::string() : " at " + seconds(failure.stamp);
+    }
+
+    static std::string path_of(std::string_view target, std::string_view source) {
         return "T[" + quoted(target) + "<-" + quoted(source) + "]";
     }
-    [[nodiscard]] std::string edge() const {
-        return "edge T[" + quoted(other) + "<-" + quoted(frame) + "]";
+    static std::string edge_of(std::string_view parent, std::string_view child) {
+        return "edge " + path_of(parent, child);
     }
 };
 
@@ -31,30 +40,59 @@ std::optional<std::int64_t> known(StampNs stamp) {
     return stamp < 0 ? std::nullopt : std::optional<std::int64_t>(stamp);
 }
 
-[[noreturn]] void raise_unknown(Context& c) {
+std::string span_of(const Failure& f) {
+    return seconds(f.oldest) + " to " + seconds(f.newest);
+}
+
+[[noreturn]] void raise_unknown(Context& c, const Question& question) {
     const int argument = c.failure.argument;
-    if (argument == 0)
-        c.detail.frame = c.target;
-    if (argument == 1)
-        c.detail.frame = c.source;
-    const std::string role =
-        argument == 0 ? "target frame " : (argument == 1 ? "source frame " : "fixed frame ");
-    const std::string name = argument == 2 ? std::string() : quoted(c.detail.frame) + " ";
-    const std::string message =
-        role + name + "does not exist in commit " + std::to_string(c.failure.commit);
+    const FrameRef& asked =
+        argument == 0 ? question.target : (argument == 1 ? question.source : question.fixed);
+    const std::string role = argument == 0 ? "target" : (argument == 1 ? "source" : "fixed");
+    c.detail.frame = asked.name;
+    const std::string message = role + " frame " + quoted(asked.name) +
+                                " does not exist in commit " + std::to_string(c.failure.commit);
     throw UnknownFrame(message, std::move(c.detail));
 }
 
-[[noreturn]] void raise_disconnected(Context& c) {
+/// Which edge had no data at the stamp, so that the trees are apart there.
+std::string out_of_range(Context& c, const std::string& child, const std::string& parent) {
+    const Failure& f = c.failure;
+    if (child.empty())
+        return {};
+    c.detail.edge = child;
+    c.detail.parent = parent;
+    if (f.oldest < 0) {
+        c.detail.reason = "no data";
+        return "; the edge of " + quoted(child) + " has no samples, they were cleared";
+    }
+    c.detail.reason = f.direction > 0 ? "future" : "past";
+    return "; " + Context::edge_of(parent, child) + " has no data" + c.at() + " (it covers " +
+           span_of(f) + ")";
+}
+
+[[noreturn]] void raise_disconnected(Context& c, const std::string& child,
+                                     const std::string& parent) {
     c.detail.frames = {c.frame, c.other};
-    const std::string message = c.path() + " has no answer: the frames are in two trees, " +
-                                quoted(c.target) + " under root " + quoted(c.frame) + " and " +
-                                quoted(c.source) + " under root " + quoted(c.other);
+    const std::string message = c.path() + c.at() +
+                                " has no answer: the frames are in two trees, " + quoted(c.target) +
+                                " under root " + quoted(c.frame) + " and " + quoted(c.source) +
+                                " under root " + quoted(c.other) + out_of_range(c, child, parent);
     throw Disconnected(message, std::move(c.detail));
+}
+
+/// An edge that has data at a single stamp, where more would be needed.
+[[noreturn]] void raise_no_data(Context& c) {
+    c.detail.reason = "no data";
+    const std::string message = c.path() + c.at() + " has no velocity: there is data at that one " +
+                                "stamp only (" + c.edge() + " covers " + span_of(c.failure) + ")";
+    throw Extrapolation(message, std::move(c.detail));
 }
 
 [[noreturn]] void raise_extrapolation(Context& c) {
     const Failure& f = c.failure;
+    if (f.direction == 0)
+        raise_no_data(c);
     const bool future = f.direction > 0;
     c.detail.reason = future ? "future" : "past";
     const StampNs end = future ? f.newest : f.oldest;
@@ -63,8 +101,7 @@ std::optional<std::int64_t> known(StampNs stamp) {
         c.path() + " at " + seconds(f.stamp) + " would need extrapolation by " + seconds(distance) +
         " into the " + c.detail.reason + ": " + c.edge() +
         (future ? " has data up to " : " has data from ") + seconds(end) + " only (it covers " +
-        seconds(f.oldest) + " to " + seconds(f.newest) + ")" +
-        store::likely_meant(f.stamp, f.oldest, f.newest);
+        span_of(f) + ")" + store::likely_meant(f.stamp, f.oldest, f.newest);
     throw Extrapolation(message, std::move(c.detail));
 }
 
@@ -105,13 +142,27 @@ std::optional<std::int64_t> known(StampNs stamp) {
 
 }  // namespace
 
-void store::raise_failure(const Failure& failure, std::string_view target, std::string_view source,
-                          CommitNumber committed, const NameOf& name) {
-    Context c{failure, target, source, {}, {}, {}};
+void store::throw_unknown_frame(std::string_view name, CommitNumber commit) {
+    ErrorDetail detail;
+    detail.frame = name;
+    detail.commit = commit;
+    throw UnknownFrame(
+        "frame " + quoted(name) + " does not exist in commit " + std::to_string(commit),
+        std::move(detail));
+}
+
+void store::raise_failure(const Failure& failure, const Question& question, CommitNumber committed,
+                          const NameOfHandle& name) {
+    using lookup::Half;
+    Context c{failure, question.target.name, question.source.name, {}, {}, {}, {}};
+    c.detail.target = c.target;
+    c.detail.source = c.source;
+    if (failure.half != Half::kWhole) {
+        c.whole = " (of " + Context::path_of(c.target, c.source) + ")";
+        (failure.half == Half::kSource ? c.target : c.source) = question.fixed.name;
+    }
     c.frame = name(failure.frame);
     c.other = name(failure.other);
-    c.detail.target = target;
-    c.detail.source = source;
     c.detail.stamp = known(failure.stamp);
     c.detail.oldest = known(failure.oldest);
     c.detail.newest = known(failure.newest);
@@ -121,9 +172,9 @@ void store::raise_failure(const Failure& failure, std::string_view target, std::
         c.detail.limit = known(failure.limit);
     c.detail.commit = failure.commit;
     if (failure.code == ErrorCode::kUnknownFrame)
-        raise_unknown(c);
+        raise_unknown(c, question);
     if (failure.code == ErrorCode::kDisconnected)
-        raise_disconnected(c);
+        raise_disconnected(c, name(failure.edge), name(failure.parent));
     if (failure.code == ErrorCode::kSnapshotTooOld) {
         store::throw_snapshot_too_old(failure.commit, committed);
     }
@@ -135,16 +186,13 @@ void store::raise_failure(const Failure& failure, std::string_view target, std::
         raise_stale(c);
     if (failure.code == ErrorCode::kNoSampleNear)
         raise_not_near(c);
-    if (failure.code == ErrorCode::kCycle) {
-        const std::string message = c.path() + " runs in a circle at frame " + quoted(c.frame);
-        throw CycleError(message, std::move(c.detail));
-    }
     raise_extrapolation(c);
 }
 
-void Reads::raise(const Failure& failure, std::string_view target, std::string_view source) const {
-    store::raise_failure(failure, target, source, impl_->committed(), [this](FrameId id) {
-        return id == kNoFrame ? std::string() : impl_->names.name(id);
+void Reads::raise(const Failure& failure, const Question& question) const {
+    store::raise_failure(failure, question, impl_->committed(), [this](FrameHandle frame) {
+        return frame.id == kNoFrame ? std::string()
+                                    : store::name_of_frame(*impl_, frame.id, frame.generation);
     });
 }
 

@@ -12,7 +12,6 @@
 namespace tfdb {
 
 using store::OpenTransaction;
-using store::Question;
 
 /// Threads: the one that began it, but for the destructor. Guarantee: ends once.
 struct Transaction::State {
@@ -87,56 +86,68 @@ Transaction::Transaction(Buffer& buffer, const TransactionOptions& options)
 
 Transaction::~Transaction() = default;
 
+bool Transaction::ask(Question& question, Answer& answer, Failure& failure) {
+    return state_->call([&](auto& attempt) { return attempt.ask(question, answer, failure); });
+}
+
 bool Transaction::try_lookup(std::string_view target, std::string_view source,
                              std::optional<StampNs> stamp, Policy policy, Answer& answer,
                              Failure& failure) {
-    const Question question{Question::kAt, target, source, stamp, policy};
-    return state_->call([&](auto& attempt) { return attempt.ask(question, answer, failure); });
+    Question question = store::at_stamp(target, source, stamp, policy);
+    return ask(question, answer, failure);
 }
 
 bool Transaction::try_lookup_latest(std::string_view target, std::string_view source,
                                     std::optional<StampNs> max_age, StampNs now, Answer& answer,
                                     Failure& failure) {
-    const Question question{Question::kLatest, target, source, {}, {}, max_age, now};
-    return state_->call([&](auto& attempt) { return attempt.ask(question, answer, failure); });
-}
-
-bool Transaction::try_latest_common_time(std::string_view target, std::string_view source,
-                                         StampNs& stamp, Failure& failure) {
-    const Question question{Question::kCommonTime, target, source};
-    Answer answer;
-    const bool found =
-        state_->call([&](auto& attempt) { return attempt.ask(question, answer, failure); });
-    stamp = answer.stamp;
-    return found;
+    Question question = store::of_newest(target, source, max_age, now);
+    return ask(question, answer, failure);
 }
 
 Answer Transaction::lookup_transform(std::string_view target, std::string_view source,
                                      std::optional<StampNs> stamp, Policy policy) {
-    Answer answer;
-    Failure failure;
-    if (!try_lookup(target, source, stamp, policy, answer, failure))
-        raise(failure, target, source);
-    return answer;
+    return store::answer_or_raise(*this, store::at_stamp(target, source, stamp, policy));
 }
 
 Answer Transaction::lookup_latest_transform(std::string_view target, std::string_view source,
                                             std::optional<StampNs> max_age, StampNs now) {
-    Answer answer;
-    Failure failure;
-    if (!try_lookup_latest(target, source, max_age, now, answer, failure))
-        raise(failure, target, source);
-    return answer;
+    return store::answer_or_raise(*this, store::of_newest(target, source, max_age, now));
+}
+
+Answer Transaction::lookup_transform_full(std::string_view target,
+                                          std::optional<StampNs> target_stamp,
+                                          std::string_view source,
+                                          std::optional<StampNs> source_stamp,
+                                          std::string_view fixed, Policy policy) {
+    return store::answer_or_raise(
+        *this, store::by_way_of(fixed, target, target_stamp, source, source_stamp, policy));
+}
+
+StampNs Transaction::latest_common_time(std::string_view target, std::string_view source) {
+    return store::answer_or_raise(*this, store::by_name(Question::kCommonTime, target, source))
+        .stamp;
+}
+
+CommonTimes Transaction::common_times(std::string_view target, std::string_view source) {
+    const Answer answer =
+        store::answer_or_raise(*this, store::by_name(Question::kCovered, target, source));
+    return {answer.oldest, answer.stamp};
+}
+
+std::optional<std::string> Transaction::parent_of(std::string_view name,
+                                                  std::optional<StampNs> stamp) {
+    return state_->call([&](auto& attempt) { return attempt.parent_of(name, stamp); });
 }
 
 bool Transaction::has_frame(std::string_view name) {
     return state_->call([&](auto& attempt) { return attempt.has_frame(name); });
 }
 
-void Transaction::raise(const Failure& failure, std::string_view target,
-                        std::string_view source) const {
-    store::raise_failure(failure, target, source, failure.commit,
-                         [this](FrameId id) { return state_->attempt->frame_name(id); });
+void Transaction::raise(const Failure& failure, const Question& question) const {
+    store::raise_failure(failure, question, failure.commit, [this](FrameHandle frame) {
+        return frame.id == kNoFrame ? std::string()
+                                    : state_->attempt->frame_name(frame.id, frame.generation);
+    });
 }
 
 std::string Transaction::frame_name(FrameId id, std::uint32_t generation) const {
@@ -199,24 +210,26 @@ void Transaction::lookup_many(std::string_view target, std::string_view source,
     store::check_room(stamps, layout, out);
     Answer answer;
     Failure failure;
+    Question question = store::at_stamp(target, source, {}, policy);
     for (const int argument : {0, 1}) {
         if (!has_frame(argument == 0 ? target : source)) {
             failure.argument = argument;
             failure.commit = state_->attempt->read_as_of();
-            raise(failure, target, source);
+            raise(failure, question);
         }
     }
     std::size_t apart = 0;
     for (std::size_t i = 0; i < stamps.size(); ++i) {
         if (i % 256 == 0)
             may_end();
-        const bool found = try_lookup(target, source, stamps[i], policy, answer, failure);
+        question.stamp = stamps[i];
+        const bool found = ask(question, answer, failure);
         const bool fatal = !found && missing == Missing::kThrow;
         apart += !found && failure.code == ErrorCode::kDisconnected;
         // Frames that are in two trees at every stamp: that is no gap in the data.
         if (fatal || (apart == stamps.size() && apart > 0)) {
             try {
-                raise(failure, target, source);
+                raise(failure, question);
             } catch (Error& error) {
                 error.detail().index = fatal ? i : 0;
                 throw;

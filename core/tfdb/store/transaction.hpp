@@ -36,16 +36,16 @@ public:
     Transaction(const Transaction&) = delete;
     Transaction& operator=(const Transaction&) = delete;
 
-    /// T[target<-source]; as Reads::try_lookup, but by name: frames may be the transaction's own.
-    /// Throws Conflict, TransactionClosed, WrongThread, as do all methods below.
+    /// As Reads::ask; frames may be the transaction's own. Throws Conflict, TransactionClosed,
+    /// WrongThread, as do all methods below.
+    [[nodiscard]] bool ask(Question& question, Answer& answer, Failure& failure);
+    /// T[target<-source] by name.
     [[nodiscard]] bool try_lookup(std::string_view target, std::string_view source,
                                   std::optional<StampNs> stamp, Policy policy, Answer& answer,
                                   Failure& failure);
     [[nodiscard]] bool try_lookup_latest(std::string_view target, std::string_view source,
                                          std::optional<StampNs> max_age, StampNs now,
                                          Answer& answer, Failure& failure);
-    [[nodiscard]] bool try_latest_common_time(std::string_view target, std::string_view source,
-                                              StampNs& stamp, Failure& failure);
     /// The same, throwing the typed error.
     [[nodiscard]] Answer lookup_transform(std::string_view target, std::string_view source,
                                           std::optional<StampNs> stamp = std::nullopt,
@@ -57,10 +57,19 @@ public:
     void lookup_many(std::string_view target, std::string_view source,
                      std::span<const StampNs> stamps, Policy policy, Layout layout, Missing missing,
                      std::span<double> out);
+    /// As in Reads.
+    [[nodiscard]] Answer lookup_transform_full(std::string_view target,
+                                               std::optional<StampNs> target_stamp,
+                                               std::string_view source,
+                                               std::optional<StampNs> source_stamp,
+                                               std::string_view fixed, Policy policy = {});
+    [[nodiscard]] StampNs latest_common_time(std::string_view target, std::string_view source);
+    [[nodiscard]] CommonTimes common_times(std::string_view target, std::string_view source);
+    [[nodiscard]] std::optional<std::string> parent_of(std::string_view name,
+                                                       std::optional<StampNs> stamp = std::nullopt);
     [[nodiscard]] bool has_frame(std::string_view name);
-    /// Throws the typed error of a failed lookup of these two names.
-    [[noreturn]] void raise(const Failure& failure, std::string_view target,
-                            std::string_view source) const;
+    /// Throws the typed error of a failed question.
+    [[noreturn]] void raise(const Failure& failure, const Question& question) const;
     /// Name of a frame of an answer of this transaction, its own new frames included.
     [[nodiscard]] std::string frame_name(FrameId id, std::uint32_t generation) const;
 

@@ -109,27 +109,27 @@ std::string ask(Store& store, const Step& step) {
     return {};
 }
 
+template <class Asked>
+std::string times_and_parent(Asked& asked, const Step& step) {
+    try {
+        const CommonTimes times = asked.common_times(step.target, step.source);
+        CHECK_EQ(asked.latest_common_time(step.target, step.source), times.newest);
+        return std::to_string(times.oldest) + " to " + std::to_string(times.newest) + " under " +
+               asked.parent_of(step.source, step.stamp).value_or("none");
+    } catch (const Error& error) {
+        return "error " + std::to_string(static_cast<int>(error.code()));
+    }
+}
 std::string ask_more(Transaction& tx, const Step& step) {
     if (step.kind == Step::kHas)
         return tx.has_frame(step.target) ? "there" : "not there";
-    StampNs stamp = 0;
-    Failure failure;
-    if (tx.try_latest_common_time(step.target, step.source, stamp, failure))
-        return std::to_string(stamp);
-    return "error " + std::to_string(static_cast<int>(failure.code));
+    return times_and_parent(tx, step);
 }
 std::string ask_more(Buffer& buffer, const Step& step) {
-    FrameHandle target;
-    FrameHandle source;
-    const bool known = buffer.find_frame(step.target, target);
+    FrameHandle unused;
     if (step.kind == Step::kHas)
-        return known ? "there" : "not there";
-    (void)buffer.find_frame(step.source, source);
-    StampNs stamp = 0;
-    Failure failure;
-    if (buffer.try_latest_common_time(target, source, stamp, failure))
-        return std::to_string(stamp);
-    return "error " + std::to_string(static_cast<int>(failure.code));
+        return buffer.find_frame(step.target, unused) ? "there" : "not there";
+    return times_and_parent(buffer, step);
 }
 
 void reparent(Transaction& tx, const Step& step) {

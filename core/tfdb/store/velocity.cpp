@@ -38,20 +38,50 @@ struct Asked {
     Role source = kTracking;
 };
 
+/// The interval over which the difference is taken: as long as was asked for if there is that much
+/// data around the stamp, moved to lie inside it.
+struct Window {
+    StampNs start = 0;
+    StampNs end = 0;
+};
+
+/// kFailed where the data are of the one stamp only.
+Outcome find_window(const StoreView& view, const Answer& path, StampNs stamp, StampNs interval,
+                    Window& window, Failure& failure) {
+    StampNs from = std::max<StampNs>(0, stamp - interval);
+    StampNs to = clock::saturating_add(stamp, interval);
+    FrameHandle child;
+    FrameHandle parent;
+    for (const lookup::EdgeUse& use : path.edges) {
+        const StampNs length = to - from;
+        const Outcome outcome =
+            lookup::narrow_to_edge(view, use.child, use.parent, stamp, from, to);
+        // What was used a moment ago is gone.
+        if (outcome != Outcome::kOk)
+            return Outcome::kLapped;
+        if (to - from == length)
+            continue;
+        child = {use.child, use.generation};
+        parent = {use.parent, use.parent_generation};
+    }
+    window.start = std::max(from, stamp - interval / 2);
+    window.end = std::min(to, clock::saturating_add(window.start, interval));
+    window.start = std::max(from, window.end - interval);
+    if (window.start < window.end)
+        return Outcome::kOk;
+    failure = Failure{};
+    failure.code = ErrorCode::kExtrapolation;
+    failure.frame = child;
+    failure.other = parent;
+    failure.stamp = failure.oldest = failure.newest = stamp;
+    failure.commit = view.commit();
+    return Outcome::kFailed;
+}
+
 Outcome velocity_at(const StoreView& view, const Frames& frames, std::optional<StampNs> stamp,
                     StampNs interval, const Vec3& point, Twist& twist, Asked& asked, Answer& answer,
                     Failure& failure) {
-    StampNs newest = 0;
-    asked = Asked{};
-    Outcome outcome = lookup::latest_common_time(view, frames[kObservation], frames[kTracking],
-                                                 answer, newest, failure);
-    if (outcome != Outcome::kOk)
-        return outcome;
-    const StampNs at = stamp.value_or(newest);
-    // A window that would end after the newest data ends there, and keeps its length.
-    const StampNs end = std::max(at, std::min(clock::saturating_add(at, interval / 2), newest));
-    const StampNs start = end - interval;
-    const auto pose_at = [&](Role target, Role source, StampNs when, Pose& pose) {
+    const auto pose_at = [&](Role target, Role source, std::optional<StampNs> when, Pose& pose) {
         asked = {target, source};
         const Outcome found =
             lookup::lookup(view, frames[target], frames[source], when, Policy{}, answer, failure);
@@ -63,14 +93,19 @@ Outcome velocity_at(const StoreView& view, const Frames& frames, std::optional<S
     Pose now;
     Pose point_to_observation;
     Pose to_reference;
-    if ((outcome = pose_at(kObservation, kTracking, start, first)) != Outcome::kOk ||
-        (outcome = pose_at(kObservation, kTracking, end, last)) != Outcome::kOk ||
-        (outcome = pose_at(kObservation, kTracking, at, now)) != Outcome::kOk ||
+    Window window;
+    Outcome outcome = pose_at(kObservation, kTracking, stamp, now);
+    if (outcome != Outcome::kOk)
+        return outcome;
+    const StampNs at = answer.stamp;
+    if ((outcome = find_window(view, answer, at, interval, window, failure)) != Outcome::kOk ||
+        (outcome = pose_at(kObservation, kTracking, window.start, first)) != Outcome::kOk ||
+        (outcome = pose_at(kObservation, kTracking, window.end, last)) != Outcome::kOk ||
         (outcome = pose_at(kObservation, kPointFrame, at, point_to_observation)) != Outcome::kOk ||
         (outcome = pose_at(kReference, kObservation, at, to_reference)) != Outcome::kOk) {
         return outcome;
     }
-    const double dt = clock::to_seconds(interval);
+    const double dt = clock::to_seconds(window.end - window.start);
     const Vec3 turn = rotation_between(first.rotation, last.rotation);
     const Vec3 angular{turn.x / dt, turn.y / dt, turn.z / dt};
     const Vec3 place = geometry::apply(point_to_observation, point);
@@ -114,7 +149,7 @@ Twist Reads::lookup_velocity(std::string_view tracking, std::string_view observa
         return twist;
     if (outcome == Outcome::kLapped)
         store::throw_snapshot_too_old(held_, impl_->committed());
-    raise(failure, names[asked.target], names[asked.source]);
+    raise(failure, store::by_name(Question::kAt, names[asked.target], names[asked.source]));
 }
 
 }  // namespace tfdb

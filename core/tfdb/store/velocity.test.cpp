@@ -94,7 +94,7 @@ TFDB_TEST(velocity_on_a_circle_has_centre_and_rim_right) {
     check_vector(centre.linear, {0, 0, 0}, 1e-4);
 }
 
-TFDB_TEST(velocity_window_ends_with_the_data_and_keeps_its_length) {
+TFDB_TEST(velocity_window_lies_inside_the_data_and_keeps_its_length) {
     // Speed 2 t in x: the mean over a window is the speed in its middle.
     const Buffer buffer = moving([](double t) { return Pose{{t * t, 0, 0}, about_z(0.3)}; });
     const auto speed = [&](std::optional<StampNs> at, StampNs interval) {
@@ -104,9 +104,51 @@ TFDB_TEST(velocity_window_ends_with_the_data_and_keeps_its_length) {
     CHECK_NEAR(speed(2 * kSecond, kSecond / 5), 2 * 1.9, 1e-9);
     CHECK_NEAR(speed({}, kSecond / 5), 2 * 1.9, 1e-9);
     CHECK_NEAR(speed(2 * kSecond - 50 * kMilli, kSecond / 5), 2 * 1.9, 1e-9);
-    CHECK_THROWS_AS(speed(kSecond / 20, kSecond / 5), Extrapolation);
-    CHECK_THROWS_AS(speed(3 * kSecond, kSecond / 5), Extrapolation);
+    CHECK_NEAR(speed(kSecond / 20, kSecond / 5), 2 * 0.1, 1e-9);
+    CHECK_NEAR(speed(0, kSecond / 5), 2 * 0.1, 1e-9);
+    // More than all data: the mean speed of them all.
+    CHECK_NEAR(speed(kSecond / 3, 5 * kSecond), 2.0, 1e-9);
+    CHECK_NEAR(speed(2 * kSecond, StampNs{1} << 60), 2.0, 1e-9);
     CHECK_THROWS_AS(speed(kSecond, -1), InvalidArgument);
+    // Outside the data the error is about the stamp that was asked for.
+    const auto past = THROWN(Extrapolation, speed(2 * kSecond + 1, kSecond / 5));
+    CHECK(past && past->detail().stamp == 2 * kSecond + 1 && past->detail().reason == "future");
+}
+
+TFDB_TEST(velocity_window_lies_inside_what_hangs_on_the_same_parent) {
+    // Until 4 s base moves with 2 m/s in map, from then on with -3 m/s on a ship.
+    Buffer buffer(keeping(std::nullopt));
+    set_static(buffer, "map", "ship", pose_of(50));
+    for (StampNs s = 0; s < 4; ++s)
+        set(buffer, "map", "base", s * kSecond, {{2.0 * static_cast<double>(s), 1, 2}, about_z(1)});
+    for (StampNs s = 4; s <= 8; ++s) {
+        const Pose pose{{-3.0 * static_cast<double>(s), 5, 6}, about_z(1)};
+        set(buffer, "ship", "base", s * kSecond, pose);
+    }
+    const auto speed = [&](const char* in, StampNs at) {
+        return buffer.lookup_velocity("base", in, at, 2 * kSecond, "", {}, "").linear.x;
+    };
+    CHECK_NEAR(speed("map", 0), 2.0, 1e-9);
+    CHECK_NEAR(speed("map", 3 * kSecond / 2), 2.0, 1e-9);
+    CHECK_NEAR(speed("ship", 4 * kSecond), -3.0, 1e-9);
+    CHECK_NEAR(speed("ship", 9 * kSecond / 2), -3.0, 1e-9);
+    CHECK_NEAR(speed("ship", 8 * kSecond), -3.0, 1e-9);
+}
+
+TFDB_TEST(velocity_needs_two_stamps) {
+    Buffer buffer(keeping(std::nullopt));
+    set(buffer, "map", "base", 3 * kSecond, pose_of(1));
+    set_static(buffer, "base", "eye", pose_of(2));
+    const auto lone =
+        THROWN(Extrapolation, buffer.lookup_velocity("eye", "map", {}, kSecond, "", {}, ""));
+    CHECK(lone && lone->detail().reason == "no data" && lone->detail().edge == "base");
+    CHECK(lone && lone->detail().stamp == 3 * kSecond && says(*lone, "that one stamp only"));
+    // What cannot move stands still, at every stamp.
+    for (const StampNs at : {StampNs{0}, kSecond, 9 * kSecond}) {
+        const Twist still = buffer.lookup_velocity("eye", "base", at, kSecond, "", {1, 2, 3}, "");
+        check_vector(still.linear, {0, 0, 0}, 0);
+        check_vector(still.angular, {0, 0, 0}, 0);
+    }
 }
 
 TFDB_TEST(velocity_errors_name_the_frames_that_were_asked_for) {

@@ -49,6 +49,7 @@ public:
             note_all();
         return none;
     }
+    [[nodiscard]] bool was_cleared() const { return has_base_ && base_.was_cleared(); }
     [[nodiscard]] bool is_static() const {
         if (own_ != nullptr)
             return own_->is_static;
@@ -63,6 +64,9 @@ public:
     [[nodiscard]] std::uint64_t lo() const { return has_base_ ? base_.lo() : 0; }
     /// An own sample's index says nothing of how far down the ring must have been whole.
     [[nodiscard]] bool ordered() const { return own_ == nullptr && has_base_ && base_.ordered(); }
+    [[nodiscard]] bool one_parent() const {
+        return own_ == nullptr && has_base_ && base_.one_parent();
+    }
     [[nodiscard]] bool confirm(std::uint64_t lowest) const {
         return !has_base_ || base_.confirm(lowest);
     }

@@ -1,0 +1,88 @@
+// The stamps that a path covers: at each of them every edge of it has data and the same parent.
+#pragma once
+
+#include <algorithm>
+
+#include "tfdb/lookup/edge.hpp"
+
+namespace tfdb::lookup {
+
+namespace detail {
+
+template <View V>
+[[nodiscard]] bool names_parent(const V& view, const typename V::Edge& edge, std::uint64_t index,
+                                FrameId parent) {
+    const std::uint64_t slot = edge.slot_word(index);
+    return history::SlotWord::parent(slot) == parent &&
+           view.alive_since(parent, history::SlotWord::commit(slot));
+}
+
+/// Goes from the sample at or before `stamp` to earlier ones, then from there to later ones, while
+/// they name the parent and lie within [from, to].
+template <View V>
+[[nodiscard]] Outcome narrow_step_by_step(const V& view, const typename V::Edge& edge,
+                                          FrameId parent, history::Bracket around, StampNs& from,
+                                          StampNs& to) {
+    history::Bracket at = around;
+    StampNs first = around.before_stamp;
+    while (first > from) {
+        if (!edge.bracket(first - 1, at))
+            return Outcome::kLapped;
+        if (at.before == history::kNoIndex || !names_parent(view, edge, at.before, parent))
+            break;
+        first = at.before_stamp;
+    }
+    from = std::max(from, first);
+    StampNs last = around.before_stamp;
+    while (last < to) {
+        if (around.after == history::kNoIndex) {
+            to = last;
+        } else if (!names_parent(view, edge, around.after, parent)) {
+            to = std::min(to, around.after_stamp - 1);  // the sample before is held until then
+        } else {
+            last = around.after_stamp;
+            if (!edge.bracket(last, around))
+                return Outcome::kLapped;
+            continue;
+        }
+        break;
+    }
+    return Outcome::kOk;
+}
+
+}  // namespace detail
+
+/// Narrows [from, to] to the stamps around `stamp` at which an edge has data and this parent.
+/// kMismatch: it does not even at `stamp`.
+template <View V>
+[[nodiscard]] Outcome narrow_to_edge(const V& view, FrameId child, FrameId parent, StampNs stamp,
+                                     StampNs& from, StampNs& to) {
+    typename V::Edge edge;
+    if (!view.open(child, edge))
+        return Outcome::kLapped;
+    if (edge.empty() || edge.is_static())
+        return edge.confirm(edge.lo()) ? Outcome::kOk : Outcome::kLapped;
+    history::Bracket around;
+    StampNs oldest = history::kNoStamp;
+    StampNs newest = history::kNoStamp;
+    std::uint64_t first = 0;
+    std::uint64_t last = 0;
+    if (!edge.bracket(stamp, around) || !edge.oldest(first, oldest) || !edge.newest(last, newest))
+        return Outcome::kLapped;
+    Outcome outcome = Outcome::kOk;
+    if (around.before == history::kNoIndex ||
+        !detail::names_parent(view, edge, around.before, parent)) {
+        outcome = Outcome::kMismatch;
+    } else if (edge.one_parent() &&
+               (view.generation(parent) == 0 ||
+                (edge.ordered() && detail::names_parent(view, edge, first, parent)))) {
+        // The parent's slot had no other frame before, or none in whose time a sample was written.
+        from = std::max(from, oldest);
+        to = std::min(to, newest);
+    } else {
+        outcome = detail::narrow_step_by_step(view, edge, parent, around, from, to);
+    }
+    return edge.confirm(edge.lo()) ? outcome : Outcome::kLapped;
+}
+
+}  // namespace tfdb::lookup

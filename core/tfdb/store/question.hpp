@@ -1,0 +1,112 @@
+// What a lookup asks, of any state of a store.
+#pragma once
+
+#include <cstdint>
+#include <optional>
+#include <string_view>
+
+#include "tfdb/base/error.hpp"
+#include "tfdb/clock/stamp.hpp"
+#include "tfdb/lookup/answer.hpp"
+#include "tfdb/lookup/policy.hpp"
+
+namespace tfdb {
+
+using clock::StampNs;
+using lookup::Answer;
+using lookup::Failure;
+using lookup::FrameHandle;
+using lookup::Policy;
+
+/// A frame by its name, by a handle, or both: the handle then saves the search for the name, as
+/// long as it means the frame of that name in the state that is read. Without a name, a handle
+/// whose frame is gone means no frame.
+struct FrameRef {
+    std::string_view name{};
+    FrameHandle handle{};
+};
+
+/// One lookup. Names and answer are of one state; afterwards the handles of what was named by name
+/// are those of that state.
+struct Question {
+    enum Kind : std::uint8_t {
+        kAt,          // T[target<-source] at `stamp`, none: the latest common time
+        kFull,        // T[target at stamp <- source at source_stamp] by way of `fixed`
+        kLatest,      // from each edge's newest sample, none older than now - max_age
+        kCommonTime,  // the newest stamp at which the path has data
+        kCovered,     // ... and the oldest one
+    };
+    Kind kind = kAt;
+    FrameRef target{};
+    FrameRef source{};
+    FrameRef fixed{};                       // kFull
+    std::optional<StampNs> stamp{};         // kAt, kFull
+    std::optional<StampNs> source_stamp{};  // kFull
+    Policy policy{};                        // kAt, kFull
+    std::optional<StampNs> max_age{};       // kLatest
+    StampNs now = 0;                        // kLatest
+};
+
+namespace store {
+
+[[nodiscard]] inline Question by_name(Question::Kind kind, std::string_view target,
+                                      std::string_view source) {
+    return {.kind = kind, .target = {.name = target}, .source = {.name = source}};
+}
+[[nodiscard]] inline Question at_stamp(std::string_view target, std::string_view source,
+                                       std::optional<StampNs> stamp, const Policy& policy) {
+    Question question = by_name(Question::kAt, target, source);
+    question.stamp = stamp;
+    question.policy = policy;
+    return question;
+}
+[[nodiscard]] inline Question of_newest(std::string_view target, std::string_view source,
+                                        std::optional<StampNs> max_age, StampNs now) {
+    Question question = by_name(Question::kLatest, target, source);
+    question.max_age = max_age;
+    question.now = now;
+    return question;
+}
+[[nodiscard]] inline Question by_way_of(std::string_view fixed, std::string_view target,
+                                        std::optional<StampNs> target_stamp,
+                                        std::string_view source,
+                                        std::optional<StampNs> source_stamp, const Policy& policy) {
+    Question question = by_name(Question::kFull, target, source);
+    question.fixed.name = fixed;
+    question.stamp = target_stamp;
+    question.source_stamp = source_stamp;
+    question.policy = policy;
+    return question;
+}
+
+/// What a Reads or a Transaction answers. Throws the typed error where there is no answer.
+template <class Asked>
+[[nodiscard]] Answer answer_or_raise(Asked& asked, Question question) {
+    Answer answer;
+    Failure failure;
+    if (!asked.ask(question, answer, failure))
+        asked.raise(failure, question);
+    return answer;
+}
+
+/// Whether a Reads or a Transaction has an answer. Throws SnapshotTooOld: that is no answer either.
+template <class Asked>
+[[nodiscard]] bool can_answer(Asked& asked, Question question) {
+    Answer answer;
+    Failure failure;
+    const bool can = asked.ask(question, answer, failure);
+    if (!can && failure.code == ErrorCode::kSnapshotTooOld)
+        asked.raise(failure, question);
+    return can;
+}
+
+}  // namespace store
+
+/// From the oldest to the newest stamp at which a path has data throughout; none if
+/// `oldest > newest`.
+struct CommonTimes {
+    StampNs oldest = 0;
+    StampNs newest = 0;
+};
+
+}  // namespace tfdb

@@ -1,0 +1,205 @@
+"""Which stamps a path covers, whose parent is whose, and times that are None."""
+
+from __future__ import annotations
+
+import threading
+from contextlib import contextmanager
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+
+import tfdb
+from chain import BACK, TURN, chain
+from oracle import matrix
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+
+    from tfdb import Buffer, Snapshot, Transaction
+
+WAYS = ["buffer", "snapshot", "transaction"]
+
+
+@contextmanager
+def asked(buffer: Buffer, way: str) -> Iterator[Buffer | Snapshot | Transaction]:
+    """The same questions to a buffer, a snapshot of it, or a transaction."""
+    if way == "buffer":
+        yield buffer
+    elif way == "snapshot":
+        with buffer.snapshot() as snapshot:
+            yield snapshot
+    else:
+        with buffer.transaction() as tx:
+            yield tx
+
+
+@pytest.mark.parametrize("way", WAYS)
+def test_common_times_are_those_that_the_whole_path_covers(way: str) -> None:
+    buffer = chain()
+    buffer.set_transform("odom", "map", 25, (1, 2, 3), TURN)
+    buffer.set_transform("odom", "map", 40, (1, 2, 3), TURN)
+    buffer.set_transform("odom", "cup", 50, (1, 2, 3), TURN)
+    with asked(buffer, way) as reads:
+        assert reads.common_times("map", "camera") == (10, 30)
+        assert reads.common_times("camera", "odom") == (25, 30)
+        assert reads.common_times("odom", "base")[1] == reads.latest_common_time("odom", "base")
+        assert reads.common_times("base", "camera") == (0, 0)
+        assert reads.common_times("map", "map") == (25, 40)
+        # No stamp is covered by both.
+        assert reads.common_times("cup", "base") == (50, 30)
+        for stamp in (25, 27, 30):
+            assert reads.can_transform("odom", "camera", stamp)
+        for stamp in (24, 31):
+            assert not reads.can_transform("odom", "camera", stamp)
+        with pytest.raises(tfdb.UnknownFrame) as caught:
+            reads.common_times("map", "nowhere")
+        assert caught.value.frame == "nowhere"
+
+
+@pytest.mark.parametrize("way", WAYS)
+def test_common_times_begin_where_the_newest_parent_does(way: str) -> None:
+    buffer = chain()
+    buffer.set_static_transform("map", "dock", (1, 2, 3), BACK)
+    for stamp in (40, 50):
+        buffer.set_transform("dock", "base", stamp, (1, 2, 3), TURN)
+    with asked(buffer, way) as reads:
+        assert reads.common_times("map", "base") == (40, 50)
+        assert [reads.parent_of("base", at) for at in (5, 10, 39, 40, 99, None)] == [
+            *["map"] * 3,
+            *["dock"] * 3,
+        ]
+        assert reads.parent_of("camera", 7) == reads.parent_of("camera") == "base"
+        assert reads.parent_of("map") is None
+        with pytest.raises(tfdb.UnknownFrame):
+            reads.parent_of("nowhere")
+
+
+def test_a_transaction_asks_of_its_own_writes_too() -> None:
+    buffer = chain()
+    with buffer.transaction() as tx:
+        tx.set_transform("map", "base", 60, (1, 2, 3), TURN)
+        tx.set_transform("base", "cup", 20, (1, 2, 3), TURN)
+        tx.set_transform("base", "cup", 70, (1, 2, 3), TURN)
+        assert tx.common_times("map", "cup") == (20, 60)
+        assert tx.parent_of("cup") == "base"
+        full = tx.lookup_transform_full("cup", None, "camera", 20, "map")
+        assert full.stamp == 60
+        assert tx.can_transform_full("cup", None, "camera", 20, "map")
+        tx.reparent("cup", "map", 75, (4, 5, 6), BACK)
+        assert tx.common_times("map", "cup") == (75, 75)
+        assert tx.parent_of("cup", 74) == "base"
+    assert buffer.common_times("map", "base") == (10, 60)
+
+
+@pytest.mark.parametrize("way", WAYS)
+def test_a_time_that_is_none_is_the_latest_common_one_of_its_side(way: str) -> None:
+    buffer = chain()
+    buffer.set_transform("map", "arm", 15, (1, 2, 3), TURN)
+    buffer.set_transform("map", "arm", 25, (4, 5, 6), BACK)
+    with asked(buffer, way) as reads:
+        for target_time, source_time in ((None, 20), (15, None), (None, None)):
+            question = ("arm", target_time, "camera", source_time, "map")
+            found = reads.lookup_transform_full(*question)
+            to, at = target_time or 25, source_time or 30
+            expected = (
+                reads.lookup_transform("arm", "map", to).matrix
+                @ reads.lookup_transform("map", "camera", at).matrix
+            )
+            np.testing.assert_allclose(found.matrix, expected, atol=1e-12)
+            assert found.stamp == to
+            assert reads.can_transform_full(*question)
+        # 0 is a stamp, and there is no data at it.
+        assert not reads.can_transform_full("arm", 0, "camera", 20, "map")
+        with pytest.raises(tfdb.Extrapolation) as caught:
+            reads.lookup_transform_full("arm", 0, "camera", 20, "map")
+        assert (caught.value.target, caught.value.source) == ("arm", "camera")
+        assert (caught.value.edge, caught.value.stamp) == ("arm", 0)
+
+
+def test_velocity_lies_inside_the_data() -> None:
+    buffer = tfdb.Buffer(history=None)
+    for second in range(3):
+        buffer.set_transform("map", "base", second * 10**9, (second**2, 1, 2), TURN)
+    speeds = [
+        buffer.lookup_velocity("base", "map", at, interval).linear[0]
+        for at, interval in ((0, 1.0), (10**9, 2.0), (2 * 10**9, 1.0), (10**9, 50.0))
+    ]
+    assert speeds == pytest.approx([1, 2, 3, 2])
+    lone = tfdb.Buffer()
+    lone.set_transform("map", "base", 5, (1, 2, 3), TURN)
+    with pytest.raises(tfdb.Extrapolation) as caught:
+        lone.lookup_velocity("base", "map")
+    assert (caught.value.reason, caught.value.stamp, caught.value.edge) == ("no data", 5, "base")
+
+
+def test_disconnected_names_what_had_no_data() -> None:
+    buffer = chain()
+    buffer.set_transform("ship", "base", 40, (1, 2, 3), TURN)
+    with pytest.raises(tfdb.Disconnected) as caught:
+        buffer.lookup_transform("map", "camera", 50)
+    error = caught.value
+    assert (error.edge, error.parent, error.reason) == ("base", "ship", "future")
+    assert (error.stamp, error.oldest, error.newest) == (50, 10, 40)
+    assert "T['ship'<-'base'] has no data at 0.000000050 s" in str(error)
+    assert str(error) in str(buffer.explain("map", "camera", 50))
+    buffer.clear()
+    with pytest.raises(tfdb.Disconnected) as caught:
+        buffer.lookup_transform("map", "camera", 20)
+    assert (caught.value.edge, caught.value.reason) == ("base", "no data")
+
+
+READS: dict[str, Callable[[Buffer | Snapshot], object]] = {
+    "lookup_transform": lambda reads: reads.lookup_transform("map", "base", 15).stamp,
+    "latest": lambda reads: reads.lookup_latest_transform("base", "map").stamp,
+    "can_transform": lambda reads: reads.can_transform("map", "base", 15),
+    "full": lambda reads: reads.lookup_transform_full("base", 15, "map", None, "base").stamp,
+    "latest_common_time": lambda reads: reads.latest_common_time("map", "base"),
+    "common_times": lambda reads: reads.common_times("map", "base"),
+    "parent_of": lambda reads: reads.parent_of("base"),
+    "velocity": lambda reads: reads.lookup_velocity("base", "map", 15).linear[2],
+    "batch": lambda reads: len(reads.lookup_transforms("map", "base", [12, 15])),
+    "points": lambda reads: len(reads.transform_points("map", "base", np.ones((2, 3)), 15)),
+    "frame_exists": lambda reads: reads.frame_exists("base"),
+    "frame_info": lambda reads: reads.frame_info("base").samples,
+    "samples": lambda reads: len(reads.samples("base")[0]),
+    "explain": lambda reads: reads.explain("map", "base", 15).ok,
+    "trajectory": lambda reads: len(reads.trajectory("map", "base").stamps),
+}
+
+
+@pytest.mark.parametrize("engine", ["snapshot", "giant", "silo", "2pl-no-wait"])
+def test_a_frame_that_every_commit_has_is_never_unknown(engine: str) -> None:
+    """While a transaction removes it and makes it again, over and over."""
+    buffer = tfdb.Buffer(history=None, concurrency=engine)
+
+    def make(tx: Transaction) -> None:
+        if tx.frame_exists("base"):
+            tx.remove_frame("base")
+        for stamp in (10, 20):
+            tx.set_transform("map", "base", stamp, (1, 2, 3), TURN)
+
+    buffer.run(make)
+    expected = {name: read(buffer) for name, read in READS.items()}
+    done = threading.Event()
+
+    def renew() -> None:
+        try:
+            for _ in range(150):
+                buffer.run(make)
+        finally:
+            done.set()
+
+    writer = threading.Thread(target=renew)
+    writer.start()
+    rounds = 0
+    while not done.is_set() or rounds == 0:
+        rounds += 1
+        for name, read in READS.items():
+            assert read(buffer) == expected[name], name
+            with buffer.snapshot() as held:
+                assert read(held) == expected[name], name
+    writer.join()
+    assert buffer.lookup_transform("map", "base", 15).matrix == pytest.approx(
+        matrix((1, 2, 3, *TURN))
+    )
