@@ -853,6 +853,16 @@ class Transaction:
     raises TransactionClosed.
     """
 
+    def lookup_transform_full(self, target: str, target_time: tfdb.stamps.StampLike | None, source: str, source_time: tfdb.stamps.StampLike | None, fixed_frame: str, policy: Policy | None = None) -> Transform:
+        """
+        T[target at target_time <- source at source_time], as `Buffer.lookup_transform_full`.
+
+        Raises what that raises, and Conflict, TransactionClosed, WrongThread.
+        """
+
+    def can_transform_full(self, target: str, target_time: tfdb.stamps.StampLike | None, source: str, source_time: tfdb.stamps.StampLike | None, fixed_frame: str, policy: Policy | None = None) -> bool:
+        """Whether `lookup_transform_full` with these arguments has an answer."""
+
     def lookup_transform(self, target: str, source: str, time: tfdb.stamps.StampLike | None = None, policy: Policy | None = None) -> Transform:
         """
         T[target<-source] at a stamp, as `Buffer.lookup_transform`.
@@ -892,16 +902,6 @@ class Transaction:
         """
         The oldest and the newest stamp at which the path between two frames has data, as `Buffer.common_times`.
         """
-
-    def lookup_transform_full(self, target: str, target_time: tfdb.stamps.StampLike | None, source: str, source_time: tfdb.stamps.StampLike | None, fixed_frame: str, policy: Policy | None = None) -> Transform:
-        """
-        T[target at target_time <- source at source_time], as `Buffer.lookup_transform_full`.
-
-        Raises what that raises, and Conflict, TransactionClosed, WrongThread.
-        """
-
-    def can_transform_full(self, target: str, target_time: tfdb.stamps.StampLike | None, source: str, source_time: tfdb.stamps.StampLike | None, fixed_frame: str, policy: Policy | None = None) -> bool:
-        """Whether `lookup_transform_full` with these arguments has an answer."""
 
     def parent_of(self, name: str, time: tfdb.stamps.StampLike | None = None) -> str | None:
         """
