@@ -94,10 +94,11 @@ private:
 
 /// Long work, without the GIL if so asked, that a signal may end: in the main thread Python's
 /// handlers run every few milliseconds, and what they raise (KeyboardInterrupt) is thrown.
+// NOLINTNEXTLINE(cppcoreguidelines-virtual-class-destructor): final, and on the stack only
 class LongWork final : public Interruption {
 public:
     explicit LongWork(bool release);
-    ~LongWork();  // NOLINT(cppcoreguidelines-virtual-class-destructor): final, on the stack only
+    ~LongWork();
     LongWork(const LongWork&) = delete;
     LongWork& operator=(const LongWork&) = delete;
 

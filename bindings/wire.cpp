@@ -197,7 +197,7 @@ nb::bytes encode(nb::handle transforms, const nb::str& encoding) {
 }
 
 nb::object text_of(std::string_view name) {
-    const nb::object text =
+    nb::object text =
         nb::steal(PyUnicode_DecodeUTF8(name.data(), static_cast<Py_ssize_t>(name.size()), nullptr));
     if (!text.is_valid()) {
         forget_error();
