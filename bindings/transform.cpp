@@ -65,12 +65,10 @@ PyObject* get_pose(PyObject* self, void* /*closure*/) {
 PyObject* get_matrix(PyObject* self, void* /*closure*/) {
     return guarded([&]() -> PyObject* {
         const Pose& pose = as_transform(self).pose;
-        const geometry::Vec3 x = geometry::rotate(pose.rotation, {1.0, 0.0, 0.0});
-        const geometry::Vec3 y = geometry::rotate(pose.rotation, {0.0, 1.0, 0.0});
-        const geometry::Vec3 z = geometry::rotate(pose.rotation, {0.0, 0.0, 1.0});
+        const auto& [r] = geometry::matrix(pose.rotation);
         const geometry::Vec3& t = pose.translation;
-        const std::array<double, 16> rows = {x.x, y.x, z.x, t.x, x.y, y.y, z.y, t.y,
-                                             x.z, y.z, z.z, t.z, 0.0, 0.0, 0.0, 1.0};
+        const std::array<double, 16> rows = {r[0], r[1], r[2], t.x, r[3], r[4], r[5], t.y,
+                                             r[6], r[7], r[8], t.z, 0.0,  0.0,  0.0,  1.0};
         NewArray<double> made = new_doubles({4, 4});
         std::memcpy(made.data, rows.data(), sizeof rows);
         return read_only(std::move(made.array)).release().ptr();

@@ -1,4 +1,4 @@
-// Nanoseconds per stamp of the batch functions: chains of 1 and 4 moving edges of 10,000 jittered
+// Nanoseconds per stamp of the batch functions: paths of 1 and 4 moving edges of 10,000 jittered
 // samples at 1 kHz, 100,000 stamps. Each figure is the best of several passes.
 
 #include <algorithm>
@@ -66,16 +66,17 @@ double best_ns(Body body) {
 }
 
 /// What a caller would write: one search and one slerp per edge and stamp.
-void scalar_loop(const std::vector<ChainEdge>& chain, const std::vector<StampNs>& stamps,
-                 std::vector<double>& out) {
+void scalar_loop(const Path& path, const std::vector<StampNs>& stamps, std::vector<double>& out) {
     for (std::size_t i = 0; i < stamps.size(); ++i) {
-        Pose pose = identity();
-        for (const ChainEdge& edge : chain) {
-            const Selected at = select_sample(edge.track, Rule{}, stamps[i]);
-            const Pose* segment = edge.track.poses + at.index;
-            const Pose here = interpolate(segment[0], segment[1], at.u);
-            pose = compose(edge.inverted ? inverse(here) : here, pose);
-        }
+        const auto side = [&](std::span<const TrackView> tracks) {
+            Pose pose = identity();
+            for (const TrackView& track : tracks) {
+                const Selected at = select_sample(track, Rule{}, stamps[i]);
+                pose = compose(pose_at(track, at, stamps[i]), pose);
+            }
+            return pose;
+        };
+        const Pose pose = compose(inverse(side(path.target_side)), side(path.source_side));
         const double row[7] = {pose.translation.x, pose.translation.y, pose.translation.z,
                                pose.rotation.x,    pose.rotation.y,    pose.rotation.z,
                                pose.rotation.w};
@@ -89,29 +90,30 @@ struct Buffers {
     std::vector<float> floats = std::vector<float>(3 * kStamps, 1.5F);
 };
 
-void report(const char* name, const std::vector<ChainEdge>& chain,
-            const std::vector<StampNs>& stamps, KernelChoice choice, Buffers& buffers) {
+void report(const char* name, const Path& path, const std::vector<StampNs>& stamps,
+            KernelChoice choice, Buffers& buffers) {
     BatchScratch scratch(choice);
     const Rule rule;
     const OnRefused stop = OnRefused::kStop;
     const auto poses = [&](PoseLayout layout) {
         return best_ns([&] {
-            evaluate_poses(chain, rule, stamps, layout, buffers.rows.data(), stop, scratch);
+            evaluate_poses(path, rule, stamps, layout, buffers.rows.data(), stop, scratch);
         });
     };
     const double rows = poses(PoseLayout::kPose);
     const double matrices = poses(PoseLayout::kMatrix);
     const double doubles = best_ns([&] {
-        transform_points(chain, rule, stamps, kStamps, {buffers.doubles.data()},
+        transform_points(path, rule, stamps, kStamps, {buffers.doubles.data()},
                          {buffers.rows.data()}, stop, scratch);
     });
     const double floats = best_ns([&] {
-        transform_points(chain, rule, stamps, kStamps, {buffers.floats.data()},
+        transform_points(path, rule, stamps, kStamps, {buffers.floats.data()},
                          {buffers.floats.data()}, stop, scratch);
     });
+    const std::size_t edges = path.source_side.size() + path.target_side.size();
     std::printf("%-28s %zu edge%s %-9s poses %6.2f  matrices %6.2f  points f64 %6.2f  f32 %6.2f\n",
-                name, chain.size(), chain.size() == 1 ? " " : "s", scratch.kernel_name(), rows,
-                matrices, doubles, floats);
+                name, edges, edges == 1 ? " " : "s", scratch.kernel_name(), rows, matrices, doubles,
+                floats);
 }
 
 void report_one_pose(KernelChoice choice, Buffers& buffers) {
@@ -154,15 +156,16 @@ int main() {
         }
         const std::vector<StampNs> stamps = make_stamps(random, each.duration, each.sorted);
         for (const std::size_t edges : {std::size_t{1}, std::size_t{4}}) {
-            std::vector<ChainEdge> chain;
+            std::vector<TrackView> sides[2];
             for (std::size_t i = 0; i < edges; ++i) {
                 const Track& t = tracks[i];
-                chain.push_back({{t.stamps.data(), t.poses.data(), nullptr, kSamples}, i >= 2});
+                sides[i / 2].push_back({t.stamps.data(), t.poses.data(), nullptr, kSamples});
             }
-            report(each.name, chain, stamps, KernelChoice::kBest, buffers);
-            report(each.name, chain, stamps, KernelChoice::kPortable, buffers);
+            const Path path{sides[0], sides[1]};
+            report(each.name, path, stamps, KernelChoice::kBest, buffers);
+            report(each.name, path, stamps, KernelChoice::kPortable, buffers);
             std::printf("%-28s %zu scalar loop %28.2f\n", each.name, edges,
-                        best_ns([&] { scalar_loop(chain, stamps, buffers.rows); }));
+                        best_ns([&] { scalar_loop(path, stamps, buffers.rows); }));
         }
     }
     report_one_pose(KernelChoice::kBest, buffers);

@@ -1,7 +1,9 @@
 #include "tfdb/geometry/batch.hpp"
 
 #include <algorithm>
+#include <cstdlib>
 #include <limits>
+#include <string_view>
 #include <vector>
 
 #include "tfdb/base/interruption.hpp"
@@ -13,10 +15,20 @@ namespace tfdb::geometry {
 
 namespace {
 
+#if defined(__x86_64__)
+/// TFDB_KERNELS=portable: for tests, and to compare machines.
+bool portable_wanted() {
+    static const bool wanted = [] {
+        const char* const kernels = std::getenv("TFDB_KERNELS");
+        return kernels != nullptr && std::string_view(kernels) == "portable";
+    }();
+    return wanted;
+}
+#endif
+
 const Kernels& choose_kernels(KernelChoice choice) {
 #if defined(__x86_64__)
-    if (choice == KernelChoice::kBest && __builtin_cpu_supports("avx2") &&
-        __builtin_cpu_supports("fma")) {
+    if (choice == KernelChoice::kBest && !portable_wanted() && __builtin_cpu_supports("avx2")) {
         return kAvx2Kernels;
     }
 #else
@@ -28,13 +40,12 @@ const Kernels& choose_kernels(KernelChoice choice) {
 /// A run of groups in one segment shorter than this costs more than it saves.
 constexpr std::size_t kShortestRun = 16;
 
-/// One step of a prepared chain: a constant pose, or a track that moves.
+/// One step of a prepared side: a constant pose, or a track that moves.
 struct Step {
     Pose constant;
     const TrackView* track;  // null for a constant
-    bool inverted;
-    bool plain;           // see is_plain
-    std::size_t locator;  // index into State::locators
+    bool plain;              // see is_plain
+    std::size_t locator;     // index into State::locators
 };
 
 }  // namespace
@@ -43,7 +54,8 @@ struct BatchScratch::State {
     explicit State(KernelChoice choice) : kernels(choose_kernels(choice)) {}
 
     const Kernels& kernels;
-    std::vector<Step> steps;
+    std::vector<Step> source_steps;
+    std::vector<Step> target_steps;
     std::vector<const TrackView*> lone;  // moving tracks of one sample: constant, but may refuse
     std::vector<Locator> locators;       // kept from call to call for their tables
     std::size_t used_locators = 0;
@@ -51,7 +63,8 @@ struct BatchScratch::State {
     bool may_refuse = false;
     bool refuses_all = false;
 
-    PoseBlock block;
+    PoseBlock block;         // of the source's side, then of the whole path
+    PoseBlock target_block;  // of the target's side
     StampNs stamps[kBlock];  // the last block's stamps, filled up to a whole group
     std::uint32_t index[kBlock];
     double weights[kBlock];
@@ -62,54 +75,61 @@ namespace {
 
 using State = BatchScratch::State;
 
-// --- the chain -------------------------------------------------------------------------------
+// --- the path --------------------------------------------------------------------------------
 
-void add_constant(State& state, const Pose& pose) {
-    if (!state.steps.empty() && state.steps.back().track == nullptr) {
-        Pose& folded = state.steps.back().constant;
+/// Constants at the start of a side are composed beforehand, in the order of the walk. Behind an
+/// edge that moves each stays by itself: composed with each other first, they would round
+/// otherwise.
+void add_constant(std::vector<Step>& steps, const Pose& pose) {
+    if (steps.size() == 1 && steps.back().track == nullptr) {
+        Pose& folded = steps.back().constant;
         folded = compose(pose, folded);
     } else {
-        state.steps.push_back(Step{pose, nullptr, false, true, 0});
+        steps.push_back(Step{pose, nullptr, true, 0});
     }
 }
 
-void add_moving(State& state, const ChainEdge& edge, const Rule& rule) {
+void add_moving(State& state, std::vector<Step>& steps, const TrackView& track, const Rule& rule) {
     if (state.used_locators == state.locators.size()) {
         state.locators.emplace_back();
     }
     Locator& locator = state.locators[state.used_locators];
-    locator.prepare(edge.track.stamps, edge.track.size, state.queries);
-    const bool plain = is_plain(edge.track, rule, state.queries, locator.low(), locator.high());
+    locator.prepare(track.stamps, track.size, state.queries);
+    const bool plain = is_plain(track, rule, state.queries, locator.low(), locator.high());
     state.may_refuse |= !plain;
-    state.steps.push_back(Step{identity(), &edge.track, edge.inverted, plain, state.used_locators});
+    steps.push_back(Step{identity(), &track, plain, state.used_locators});
     ++state.used_locators;
 }
 
-void prepare(State& state, std::span<const ChainEdge> chain, const Rule& rule,
-             std::span<const StampNs> stamps) {
-    state.steps.clear();
-    state.lone.clear();
-    state.used_locators = 0;
-    state.may_refuse = false;
-    state.refuses_all = false;
-    state.queries = describe(stamps);
-    for (const ChainEdge& edge : chain) {
-        const TrackView& track = edge.track;
+void prepare_side(State& state, std::vector<Step>& steps, std::span<const TrackView> side,
+                  const Rule& rule) {
+    steps.clear();
+    for (const TrackView& track : side) {
         if (!track.is_static && track.size == 0) {
             state.refuses_all = true;
             state.may_refuse = true;
         } else if (track.is_static || track.size == 1) {
-            add_constant(state, edge.inverted ? inverse(track.poses[0]) : track.poses[0]);
+            add_constant(steps, track.poses[0]);
             if (!track.is_static) {
                 state.lone.push_back(&track);
                 state.may_refuse = true;
             }
         } else {
-            add_moving(state, edge, rule);
+            add_moving(state, steps, track, rule);
         }
     }
-    if (state.steps.empty()) {
-        state.steps.push_back(Step{identity(), nullptr, false, true, 0});
+}
+
+void prepare(State& state, const Path& path, const Rule& rule, std::span<const StampNs> stamps) {
+    state.lone.clear();
+    state.used_locators = 0;
+    state.may_refuse = false;
+    state.refuses_all = false;
+    state.queries = describe(stamps);
+    prepare_side(state, state.source_steps, path.source_side, rule);
+    prepare_side(state, state.target_steps, path.target_side, rule);
+    if (state.source_steps.empty() && state.target_steps.empty()) {
+        state.source_steps.push_back(Step{identity(), nullptr, true, 0});
     }
 }
 
@@ -150,25 +170,26 @@ bool mark_refused(State& state, const Rule& rule, const StampNs* stamps, std::si
         return true;
     }
     std::size_t refused = mark_lone(state, rule, stamps, count);
-    for (const Step& step : state.steps) {
-        if (step.plain) {
-            continue;
+    for (const auto* steps : {&state.source_steps, &state.target_steps}) {
+        for (const Step& step : *steps) {
+            if (step.plain) {
+                continue;
+            }
+            state.locators[step.locator].locate(stamps, count, state.index);
+            refused += select_block(*step.track, rule, stamps, state.index, count, state.weights,
+                                    state.refused)
+                           .refused;
         }
-        state.locators[step.locator].locate(stamps, count, state.index);
-        refused += select_block(*step.track, rule, stamps, state.index, count, state.weights,
-                                state.refused)
-                       .refused;
     }
     return refused > 0;
 }
 
 /// Extrapolated stamps are rare: their blocks go through the scalar functions.
-void join_scalar(State& state, const Step& step, std::size_t count, bool first) {
-    PoseBlock& b = state.block;
+void join_scalar(const State& state, PoseBlock& b, const TrackView& track, const Rule& rule,
+                 const StampNs* stamps, std::size_t count, bool first) {
     for (std::size_t i = 0; i < count; ++i) {
-        const Pose* segment = step.track->poses + state.index[i];
-        const Pose pose = interpolate(segment[0], segment[1], state.weights[i]);
-        const Pose edge = step.inverted ? inverse(pose) : pose;
+        const Selected selected = select_at(track, rule, stamps[i], state.index[i]);
+        const Pose edge = pose_at(track, selected, stamps[i]);
         const Pose before{{b.x[i], b.y[i], b.z[i]}, {b.qx[i], b.qy[i], b.qz[i], b.qw[i]}};
         const Pose after = first ? edge : compose(edge, before);
         b.x[i] = after.translation.x;
@@ -183,7 +204,8 @@ void join_scalar(State& state, const Step& step, std::size_t count, bool first) 
 
 /// Sorted stamps: long runs inside one segment by their own kernel, the groups between by the
 /// other. A group that crosses a sample is never part of a run.
-void join_sorted(State& state, const Pose* poses, std::size_t whole, Join join) {
+void join_sorted(const State& state, PoseBlock& block, const Pose* poses, std::size_t whole,
+                 bool first) {
     const Kernels& kernels = state.kernels;
     const std::uint32_t* index = state.index;
     std::size_t pending = 0;  // groups from here to `at` wait for the scattered kernel
@@ -196,17 +218,15 @@ void join_sorted(State& state, const Pose* poses, std::size_t whole, Join join) 
         const auto past = static_cast<std::size_t>(
             std::upper_bound(index + at + kShortestRun, index + whole, index[at]) - index);
         const GroupRange run{at, past / kGroup * kGroup};
-        if (kernels.join_run(state.block, run, poses + index[at], state.weights, join)) {
-            kernels.join_scattered(state.block, {pending, at}, poses, index, state.weights, join);
-            pending = run.end;
-        }
-        at = run.end;
+        kernels.join_run(block, run, poses + index[at], state.weights, first);
+        kernels.join_scattered(block, {pending, at}, poses, index, state.weights, first);
+        at = pending = run.end;
     }
-    kernels.join_scattered(state.block, {pending, whole}, poses, index, state.weights, join);
+    kernels.join_scattered(block, {pending, whole}, poses, index, state.weights, first);
 }
 
-void join_moving(State& state, const Step& step, const Rule& rule, const StampNs* stamps,
-                 std::size_t whole, bool first) {
+void join_moving(State& state, PoseBlock& block, const Step& step, const Rule& rule,
+                 const StampNs* stamps, std::size_t whole, bool first) {
     const TrackView& track = *step.track;
     state.locators[step.locator].locate(stamps, whole, state.index);
     if (step.plain) {
@@ -215,16 +235,28 @@ void join_moving(State& state, const Step& step, const Rule& rule, const StampNs
         const BlockSelection selected =
             select_block(track, rule, stamps, state.index, whole, state.weights, state.refused);
         if (selected.outside) {
-            join_scalar(state, step, whole, first);
+            join_scalar(state, block, track, rule, stamps, whole, first);
             return;
         }
     }
-    const Join join{first, step.inverted};
     if (state.queries.sorted && step.plain) {
-        join_sorted(state, track.poses, whole, join);
+        join_sorted(state, block, track.poses, whole, first);
     } else {
-        state.kernels.join_scattered(state.block, {0, whole}, track.poses, state.index,
-                                     state.weights, join);
+        state.kernels.join_scattered(block, {0, whole}, track.poses, state.index, state.weights,
+                                     first);
+    }
+}
+
+void join_side(State& state, PoseBlock& block, const std::vector<Step>& steps, const Rule& rule,
+               const StampNs* stamps, std::size_t whole) {
+    bool first = true;
+    for (const Step& step : steps) {
+        if (step.track == nullptr) {
+            state.kernels.join_constant(block, whole, step.constant, first);
+        } else {
+            join_moving(state, block, step, rule, stamps, whole, first);
+        }
+        first = false;
     }
 }
 
@@ -237,14 +269,15 @@ void evaluate_block(State& state, const Rule& rule, const StampNs* block_stamps,
         std::fill_n(state.refused, kBlock, static_cast<std::uint8_t>(state.refuses_all));
         mark_lone(state, rule, stamps, whole);
     }
-    bool first = true;
-    for (const Step& step : state.steps) {
-        if (step.track == nullptr) {
-            state.kernels.join_constant(state.block, whole, step.constant, first);
-        } else {
-            join_moving(state, step, rule, stamps, whole, first);
-        }
-        first = false;
+    if (state.target_steps.empty()) {
+        join_side(state, state.block, state.source_steps, rule, stamps, whole);
+    } else if (state.source_steps.empty()) {
+        join_side(state, state.block, state.target_steps, rule, stamps, whole);
+        state.kernels.turn(state.block, whole);
+    } else {
+        join_side(state, state.block, state.source_steps, rule, stamps, whole);
+        join_side(state, state.target_block, state.target_steps, rule, stamps, whole);
+        state.kernels.meet(state.block, state.target_block, whole);
     }
 }
 
@@ -268,14 +301,13 @@ std::size_t find_first_refused(State& state, const Rule& rule, std::span<const S
 
 /// Calls emit(begin, count) for each block of evaluated poses and blank(i) for refused stamps.
 template <class Emit, class Blank>
-BatchResult for_blocks(std::span<const ChainEdge> chain, const Rule& rule,
-                       std::span<const StampNs> stamps, OnRefused on_refused, State& state,
-                       Emit emit, Blank blank) {
+BatchResult for_blocks(const Path& path, const Rule& rule, std::span<const StampNs> stamps,
+                       OnRefused on_refused, State& state, Emit emit, Blank blank) {
     BatchResult result;
     if (stamps.empty()) {
         return result;
     }
-    prepare(state, chain, rule, stamps);
+    prepare(state, path, rule, stamps);
     if (on_refused == OnRefused::kStop) {
         result.first_refused = find_first_refused(state, rule, stamps);
         if (result.first_refused != kNoneRefused) {
@@ -320,10 +352,9 @@ void blank_point(PointRows<Number> out, std::size_t i) {
 }
 
 template <class Number>
-BatchResult transform_points_of(std::span<const ChainEdge> chain, const Rule& rule,
-                                std::span<const StampNs> stamps, std::size_t count,
-                                PointRows<const Number> in, PointRows<Number> out,
-                                OnRefused on_refused, State& state) {
+BatchResult transform_points_of(const Path& path, const Rule& rule, std::span<const StampNs> stamps,
+                                std::size_t count, PointRows<const Number> in,
+                                PointRows<Number> out, OnRefused on_refused, State& state) {
     const Kernels& kernels = state.kernels;
     if (stamps.size() == 1 && count != 1) {
         double row[7] = {};
@@ -331,7 +362,7 @@ BatchResult transform_points_of(std::span<const ChainEdge> chain, const Rule& ru
             kernels.store_poses(state.block, 1, row);
         };
         BatchResult result =
-            for_blocks(chain, rule, stamps, on_refused, state, emit, [](std::size_t) {});
+            for_blocks(path, rule, stamps, on_refused, state, emit, [](std::size_t) {});
         if (result.refused == 0) {
             const Pose pose{{row[0], row[1], row[2]}, {row[3], row[4], row[5], row[6]}};
             move_by_one(kernels, pose, count, in, out);
@@ -352,7 +383,7 @@ BatchResult transform_points_of(std::span<const ChainEdge> chain, const Rule& ru
             kernels.move_floats(state.block, rows, from, to);
         }
     };
-    return for_blocks(chain, rule, stamps.first(count), on_refused, state, emit,
+    return for_blocks(path, rule, stamps.first(count), on_refused, state, emit,
                       [&](std::size_t i) { blank_point(out, i); });
 }
 
@@ -367,15 +398,15 @@ const char* BatchScratch::kernel_name() const noexcept {
     return state_->kernels.name;
 }
 
-BatchResult evaluate_poses(std::span<const ChainEdge> chain, const Rule& rule,
-                           std::span<const StampNs> stamps, PoseLayout layout, double* out,
-                           OnRefused on_refused, BatchScratch& scratch) {
+BatchResult evaluate_poses(const Path& path, const Rule& rule, std::span<const StampNs> stamps,
+                           PoseLayout layout, double* out, OnRefused on_refused,
+                           BatchScratch& scratch) {
     State& state = scratch.state();
     const bool poses = layout == PoseLayout::kPose;
     const std::size_t width = poses ? 7 : 16;
     const auto store = poses ? state.kernels.store_poses : state.kernels.store_matrices;
     return for_blocks(
-        chain, rule, stamps, on_refused, state,
+        path, rule, stamps, on_refused, state,
         [&](std::size_t begin, std::size_t count) {
             store(state.block, count, out + width * begin);
         },
@@ -384,18 +415,16 @@ BatchResult evaluate_poses(std::span<const ChainEdge> chain, const Rule& rule,
         });
 }
 
-BatchResult transform_points(std::span<const ChainEdge> chain, const Rule& rule,
-                             std::span<const StampNs> stamps, std::size_t count,
-                             PointRows<const double> in, PointRows<double> out,
+BatchResult transform_points(const Path& path, const Rule& rule, std::span<const StampNs> stamps,
+                             std::size_t count, PointRows<const double> in, PointRows<double> out,
                              OnRefused on_refused, BatchScratch& scratch) {
-    return transform_points_of(chain, rule, stamps, count, in, out, on_refused, scratch.state());
+    return transform_points_of(path, rule, stamps, count, in, out, on_refused, scratch.state());
 }
 
-BatchResult transform_points(std::span<const ChainEdge> chain, const Rule& rule,
-                             std::span<const StampNs> stamps, std::size_t count,
-                             PointRows<const float> in, PointRows<float> out, OnRefused on_refused,
-                             BatchScratch& scratch) {
-    return transform_points_of(chain, rule, stamps, count, in, out, on_refused, scratch.state());
+BatchResult transform_points(const Path& path, const Rule& rule, std::span<const StampNs> stamps,
+                             std::size_t count, PointRows<const float> in, PointRows<float> out,
+                             OnRefused on_refused, BatchScratch& scratch) {
+    return transform_points_of(path, rule, stamps, count, in, out, on_refused, scratch.state());
 }
 
 void transform_points(const Pose& pose, std::size_t count, PointRows<const double> in,
@@ -408,12 +437,12 @@ void transform_points(const Pose& pose, std::size_t count, PointRows<const float
     move_by_one(scratch.state().kernels, pose, count, in, out);
 }
 
-std::size_t first_refused(std::span<const ChainEdge> chain, const Rule& rule,
-                          std::span<const StampNs> stamps, BatchScratch& scratch) {
+std::size_t first_refused(const Path& path, const Rule& rule, std::span<const StampNs> stamps,
+                          BatchScratch& scratch) {
     if (stamps.empty()) {
         return kNoneRefused;
     }
-    prepare(scratch.state(), chain, rule, stamps);
+    prepare(scratch.state(), path, rule, stamps);
     return find_first_refused(scratch.state(), rule, stamps);
 }
 

@@ -1,17 +1,14 @@
-// Poses of a whole chain of edges at many stamps, and points each moved at its own stamp.
+// Poses of a whole path of edges at many stamps, and points each moved at its own stamp.
 //
-// The caller copies each edge's window of samples into plain memory under one snapshot, builds the
-// chain and calls one of these. A chain is a walk: its first edge is the one above the source, the
-// walk goes up to the meeting point (`inverted` false) and from there down to the target
-// (`inverted` true). For source s, target g and meeting point m, with s under a under m and g
-// under b under m:
+// The caller copies each edge's window of samples into plain memory under one snapshot and hands
+// over both sides of the path: from the source s and from the target g upward to the meeting point
+// m, with s under a under m and g under b under m:
 //
-//     edges   s->a        a->m        m->b             b->g
-//     track   of s        of a        of b             of g
-//     inv.    false       false       true             true
+//     source side: tracks of s, a        target side: tracks of g, b
 //
-// An empty chain is the identity. Stamps may have any order; sorted ones are found faster. The
-// poses differ from those of pose.hpp by rounding only, a few units of the last place per edge.
+// A path without edges is the identity. Stamps may have any order; sorted ones are found faster.
+// The poses are, bit for bit, those of slerp.hpp and pose.hpp composed edge by edge: upward on each
+// side, then one side with the inverse of the other.
 #pragma once
 
 #include <cstddef>
@@ -38,7 +35,7 @@ enum class OnRefused : std::uint8_t {
 };
 
 enum class KernelChoice : std::uint8_t {
-    kBest,      // AVX2 and FMA where the processor has them
+    kBest,      // AVX2 where the processor has it
     kPortable,  // the same algorithm in plain C++
 };
 
@@ -67,9 +64,9 @@ private:
 };
 
 /// Rows of T[target<-source] at the stamps into `out`: stamps.size() rows without padding.
-BatchResult evaluate_poses(std::span<const ChainEdge> chain, const Rule& rule,
-                           std::span<const StampNs> stamps, PoseLayout layout, double* out,
-                           OnRefused on_refused, BatchScratch& scratch);
+BatchResult evaluate_poses(const Path& path, const Rule& rule, std::span<const StampNs> stamps,
+                           PoseLayout layout, double* out, OnRefused on_refused,
+                           BatchScratch& scratch);
 
 /// Rows of three coordinates. Real is float, double, const float or const double.
 template <class Real>
@@ -81,14 +78,12 @@ struct PointRows {
 /// out[i] = T[target<-source](stamps[i]) * in[i] for `count` points. One stamp for all points is
 /// allowed: stamps.size() is `count` or 1. In place when `in` and `out` are the same rows; rows
 /// that overlap otherwise are not supported. The arithmetic is in double also for float.
-BatchResult transform_points(std::span<const ChainEdge> chain, const Rule& rule,
-                             std::span<const StampNs> stamps, std::size_t count,
-                             PointRows<const double> in, PointRows<double> out,
+BatchResult transform_points(const Path& path, const Rule& rule, std::span<const StampNs> stamps,
+                             std::size_t count, PointRows<const double> in, PointRows<double> out,
                              OnRefused on_refused, BatchScratch& scratch);
-BatchResult transform_points(std::span<const ChainEdge> chain, const Rule& rule,
-                             std::span<const StampNs> stamps, std::size_t count,
-                             PointRows<const float> in, PointRows<float> out, OnRefused on_refused,
-                             BatchScratch& scratch);
+BatchResult transform_points(const Path& path, const Rule& rule, std::span<const StampNs> stamps,
+                             std::size_t count, PointRows<const float> in, PointRows<float> out,
+                             OnRefused on_refused, BatchScratch& scratch);
 
 /// out[i] = pose * in[i].
 void transform_points(const Pose& pose, std::size_t count, PointRows<const double> in,
@@ -96,8 +91,8 @@ void transform_points(const Pose& pose, std::size_t count, PointRows<const doubl
 void transform_points(const Pose& pose, std::size_t count, PointRows<const float> in,
                       PointRows<float> out, BatchScratch& scratch);
 
-/// The smallest index of a stamp at which some edge of the chain is refused, or kNoneRefused.
-std::size_t first_refused(std::span<const ChainEdge> chain, const Rule& rule,
-                          std::span<const StampNs> stamps, BatchScratch& scratch);
+/// The smallest index of a stamp at which some edge of the path is refused, or kNoneRefused.
+std::size_t first_refused(const Path& path, const Rule& rule, std::span<const StampNs> stamps,
+                          BatchScratch& scratch);
 
 }  // namespace tfdb::geometry

@@ -1,4 +1,4 @@
-// Compiled with -mavx2 -mfma and reached only where the processor has both: see batch.cpp.
+// Compiled with -mavx2 and reached only where the processor has it: see batch.cpp.
 #include "tfdb/geometry/batch_output.ipp"
 
 namespace tfdb::geometry {

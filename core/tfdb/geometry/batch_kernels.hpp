@@ -25,12 +25,6 @@ struct alignas(64) PoseBlock {
     double qx[kBlock], qy[kBlock], qz[kBlock], qw[kBlock];
 };
 
-/// How an edge's pose E joins the poses of the edges before it.
-struct Join {
-    bool first;     // there are none: the result is E (or its inverse) itself
-    bool inverted;  // E inverse instead of E
-};
-
 /// Half-open range of positions in a block; both ends are multiples of kGroup.
 struct GroupRange {
     std::size_t begin, end;
@@ -44,16 +38,23 @@ struct Kernels {
     void (*weigh)(const StampNs* stamps, const StampNs* queries, const std::uint32_t* index,
                   std::size_t count, double* weights);
 
-    /// One segment for the whole range: its coefficients are computed once. False, with nothing
-    /// done, when the angle is wide or the ends lie on different halves of the sphere.
-    bool (*join_run)(PoseBlock& block, GroupRange range, const Pose* segment, const double* weights,
-                     Join join);
+    // Joining puts an edge's poses in front of those of the edges before it; where it is the first,
+    // they are the result.
+
+    /// One segment for the whole range.
+    void (*join_run)(PoseBlock& block, GroupRange range, const Pose* segment, const double* weights,
+                     bool first);
 
     /// A segment of its own for every position.
     void (*join_scattered)(PoseBlock& block, GroupRange range, const Pose* poses,
-                           const std::uint32_t* index, const double* weights, Join join);
+                           const std::uint32_t* index, const double* weights, bool first);
 
     void (*join_constant)(PoseBlock& block, std::size_t count, const Pose& pose, bool first);
+
+    /// The inverse of each pose.
+    void (*turn)(PoseBlock& block, std::size_t count);
+    /// T[target<-source] into `block` from T[meeting<-source] in it and T[meeting<-target].
+    void (*meet)(PoseBlock& block, const PoseBlock& target_side, std::size_t count);
 
     void (*store_poses)(const PoseBlock& block, std::size_t count, double* out);
     void (*store_matrices)(const PoseBlock& block, std::size_t count, double* out);

@@ -10,7 +10,7 @@
 #include <immintrin.h>
 #endif
 
-#define TFDB_LANES_INLINE [[gnu::always_inline]] inline
+#include "tfdb/geometry/pose.hpp"
 
 namespace tfdb::geometry {
 
@@ -22,25 +22,29 @@ template <>
 struct Lanes<2> {
     using Real = double __attribute__((vector_size(16)));
     using Word = std::uint64_t __attribute__((vector_size(16)));
-    using Mask = long long __attribute__((vector_size(16)));
+    using Mask = decltype(Real{} < Real{});
 
-    TFDB_LANES_INLINE static Real all(double value) { return Real{value, value}; }
-    TFDB_LANES_INLINE static Word all(std::uint64_t value) { return Word{value, value}; }
+    TFDB_INLINE static Real fill(double value) { return Real{value, value}; }
+    TFDB_INLINE static Word fill(std::uint64_t value) { return Word{value, value}; }
     template <class Each>
-    TFDB_LANES_INLINE static Real make(Each each) {
+    TFDB_INLINE static Real make(Each each) {
         return Real{each(0), each(1)};
     }
     template <class Each>
-    TFDB_LANES_INLINE static Word make_words(Each each) {
+    TFDB_INLINE static Word make_words(Each each) {
         return Word{each(0), each(1)};
     }
-    TFDB_LANES_INLINE static bool any(Mask mask) { return (mask[0] | mask[1]) != 0; }
-    TFDB_LANES_INLINE static Real root(Real a) {
+    TFDB_INLINE static bool any(Mask mask) { return (mask[0] | mask[1]) != 0; }
+    TFDB_INLINE static Real choose(Mask mask, Real yes, Real no) {
+        return reinterpret_cast<Real>((mask & reinterpret_cast<Mask>(yes)) |
+                                      (~mask & reinterpret_cast<Mask>(no)));
+    }
+    TFDB_INLINE static Real root(Real a) {
         return Real{__builtin_sqrt(a[0]), __builtin_sqrt(a[1])};
     }
 
     /// Two doubles of each row become two columns.
-    TFDB_LANES_INLINE static void transpose(Real& r0, Real& r1) {
+    TFDB_INLINE static void transpose(Real& r0, Real& r1) {
         const Real c0{r0[0], r1[0]};
         const Real c1{r0[1], r1[1]};
         r0 = c0;
@@ -48,33 +52,37 @@ struct Lanes<2> {
     }
 };
 
+template <>
+struct Arithmetic<Lanes<2>::Real> : Lanes<2> {};
+
 #ifdef __AVX2__
 template <>
 struct Lanes<4> {
     using Real = double __attribute__((vector_size(32)));
     using Word = std::uint64_t __attribute__((vector_size(32)));
-    using Mask = long long __attribute__((vector_size(32)));
+    using Mask = decltype(Real{} < Real{});
 
-    TFDB_LANES_INLINE static Real all(double value) { return Real{value, value, value, value}; }
-    TFDB_LANES_INLINE static Word all(std::uint64_t value) {
-        return Word{value, value, value, value};
-    }
+    TFDB_INLINE static Real fill(double value) { return Real{value, value, value, value}; }
+    TFDB_INLINE static Word fill(std::uint64_t value) { return Word{value, value, value, value}; }
     // From a list: assigning lane by lane makes GCC go through memory.
     template <class Each>
-    TFDB_LANES_INLINE static Real make(Each each) {
+    TFDB_INLINE static Real make(Each each) {
         return Real{each(0), each(1), each(2), each(3)};
     }
     template <class Each>
-    TFDB_LANES_INLINE static Word make_words(Each each) {
+    TFDB_INLINE static Word make_words(Each each) {
         return Word{each(0), each(1), each(2), each(3)};
     }
-    TFDB_LANES_INLINE static bool any(Mask mask) {
+    TFDB_INLINE static bool any(Mask mask) {
         return _mm256_movemask_pd(reinterpret_cast<__m256d>(mask)) != 0;
     }
-    TFDB_LANES_INLINE static Real root(Real a) { return _mm256_sqrt_pd(a); }
+    TFDB_INLINE static Real choose(Mask mask, Real yes, Real no) {
+        return _mm256_blendv_pd(no, yes, reinterpret_cast<__m256d>(mask));
+    }
+    TFDB_INLINE static Real root(Real a) { return _mm256_sqrt_pd(a); }
 
     /// Four doubles of each row become four columns.
-    TFDB_LANES_INLINE static void transpose(Real& r0, Real& r1, Real& r2, Real& r3) {
+    TFDB_INLINE static void transpose(Real& r0, Real& r1, Real& r2, Real& r3) {
         const __m256d a = _mm256_unpacklo_pd(r0, r1);
         const __m256d b = _mm256_unpackhi_pd(r0, r1);
         const __m256d c = _mm256_unpacklo_pd(r2, r3);
@@ -85,6 +93,9 @@ struct Lanes<4> {
         r3 = _mm256_permute2f128_pd(b, d, 0x31);
     }
 };
+
+template <>
+struct Arithmetic<Lanes<4>::Real> : Lanes<4> {};
 #endif
 
 }  // namespace tfdb::geometry

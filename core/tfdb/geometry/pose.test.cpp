@@ -1,4 +1,4 @@
-#include "tfdb/geometry/pose.hpp"
+#include "tfdb/geometry/slerp.hpp"
 
 #include <cmath>
 #include <numbers>

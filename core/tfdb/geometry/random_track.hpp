@@ -1,4 +1,4 @@
-// Random tracks and chains for tests, and the scalar loop that the batch functions must agree with.
+// Random tracks and paths for tests, and the scalar loop that the batch functions must agree with.
 #pragma once
 
 #include <algorithm>
@@ -87,22 +87,30 @@ struct ScalarAnswer {
     bool refused = false;
 };
 
-/// One stamp through pose.hpp and select_sample alone.
-inline ScalarAnswer evaluate_one(const std::vector<ChainEdge>& chain, const Rule& rule,
-                                 StampNs stamp) {
-    ScalarAnswer answer;
-    for (const ChainEdge& edge : chain) {
-        const TrackView& track = edge.track;
-        const Selected at = select_sample(track, rule, stamp);
+/// The poses of one side, composed upward; false where one is refused.
+inline bool evaluate_side(std::span<const TrackView> side, const Rule& rule, StampNs stamp,
+                          Pose& pose) {
+    for (std::size_t i = 0; i < side.size(); ++i) {
+        const Selected at = select_sample(side[i], rule, stamp);
         if (at.refused) {
-            answer.refused = true;
-            return answer;
+            return false;
         }
-        const bool lone = track.is_static || track.size == 1;
-        const Pose here = lone
-                              ? track.poses[0]
-                              : interpolate(track.poses[at.index], track.poses[at.index + 1], at.u);
-        answer.pose = compose(edge.inverted ? inverse(here) : here, answer.pose);
+        const Pose here = pose_at(side[i], at, stamp);
+        pose = i == 0 ? here : compose(here, pose);
+    }
+    return true;
+}
+
+/// One stamp through pose.hpp, slerp.hpp and select_sample alone.
+inline ScalarAnswer evaluate_one(const Path& path, const Rule& rule, StampNs stamp) {
+    ScalarAnswer answer;
+    Pose from_target = identity();
+    answer.refused = !evaluate_side(path.source_side, rule, stamp, answer.pose) ||
+                     !evaluate_side(path.target_side, rule, stamp, from_target);
+    if (path.source_side.empty() && !path.target_side.empty()) {
+        answer.pose = inverse(from_target);
+    } else if (!path.target_side.empty()) {
+        answer.pose = compose(inverse(from_target), answer.pose);
     }
     return answer;
 }

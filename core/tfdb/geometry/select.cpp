@@ -2,6 +2,8 @@
 
 #include <algorithm>
 
+#include "tfdb/geometry/slerp.hpp"
+
 namespace tfdb::geometry {
 
 namespace {
@@ -31,9 +33,6 @@ struct Around {
     StampNs before, after, stamp;
     bool held;  // the parent changes in between
 
-    [[nodiscard]] double fraction() const noexcept {
-        return static_cast<double>(stamp - before) / static_cast<double>(after - before);
-    }
     [[nodiscard]] double held_fraction() const noexcept { return stamp >= after ? 1.0 : 0.0; }
 };
 
@@ -61,16 +60,21 @@ Selected interpolated(const Rule& rule, const Around& at, std::size_t index) noe
     if (outside > (extrapolates ? limit : 0)) {
         return kRefused;
     }
-    const bool stored = at.stamp == at.before || at.stamp == at.after;
+    const StampNs stamp = at.stamp;
+    const bool stored = stamp == at.before || stamp == at.after;
     if (!extrapolates && !stored && at.after - at.before > limit) {
         return kRefused;
     }
-    return Selected{index, at.held ? at.held_fraction() : at.fraction()};
+    if (at.held) {
+        return Selected{index, at.held_fraction()};
+    }
+    return Selected{index, share(at.before, at.after, stamp), false, outside > 0};
 }
 
-/// `index` as Locator::locate gives it.
-Selected decide(const TrackView& track, const Rule& rule, StampNs stamp,
-                std::size_t index) noexcept {
+}  // namespace
+
+Selected select_at(const TrackView& track, const Rule& rule, StampNs stamp,
+                   std::size_t index) noexcept {
     if (track.size == 1) {
         return of_lone_sample(rule, track.stamps[0], stamp);
     }
@@ -93,8 +97,6 @@ Selected decide(const TrackView& track, const Rule& rule, StampNs stamp,
     return kRefused;
 }
 
-}  // namespace
-
 Selected select_sample(const TrackView& track, const Rule& rule, StampNs stamp) noexcept {
     if (track.is_static) {
         return Selected{};
@@ -103,7 +105,19 @@ Selected select_sample(const TrackView& track, const Rule& rule, StampNs stamp) 
         return kRefused;
     }
     const std::size_t before = sample_before(track.stamps, track.size, stamp);
-    return decide(track, rule, stamp, track.size == 1 ? 0 : std::min(before, track.size - 2));
+    return select_at(track, rule, stamp, track.size == 1 ? 0 : std::min(before, track.size - 2));
+}
+
+Pose pose_at(const TrackView& track, const Selected& selected, StampNs stamp) noexcept {
+    if (track.is_static || track.size == 1) {
+        return track.poses[0];
+    }
+    const StampNs* stamps = track.stamps + selected.index;
+    const Pose* segment = track.poses + selected.index;
+    if (selected.outside && stamp > stamps[1]) {
+        return interpolate(segment[1], segment[0], share(stamps[1], stamps[0], stamp));
+    }
+    return interpolate(segment[0], segment[1], selected.u);
 }
 
 BlockSelection select_block(const TrackView& track, const Rule& rule, const StampNs* queries,
@@ -111,11 +125,11 @@ BlockSelection select_block(const TrackView& track, const Rule& rule, const Stam
                             std::uint8_t* refused) noexcept {
     BlockSelection result;
     for (std::size_t i = 0; i < count; ++i) {
-        const Selected selected = decide(track, rule, queries[i], index[i]);
+        const Selected selected = select_at(track, rule, queries[i], index[i]);
         weights[i] = selected.u;
         refused[i] |= static_cast<std::uint8_t>(selected.refused);
         result.refused += selected.refused ? 1 : 0;
-        result.outside |= selected.u < 0.0 || selected.u > 1.0;
+        result.outside |= selected.outside;
     }
     return result;
 }

@@ -12,8 +12,12 @@ namespace tfdb::geometry {
 /// What a block of stamps needs beyond the plain case.
 struct BlockSelection {
     std::size_t refused = 0;
-    bool outside = false;  // some u is outside [0, 1]
+    bool outside = false;  // some stamp is extrapolated
 };
+
+/// As select_sample, with `index` as Locator::locate gives it, or 0 for a track of one sample.
+Selected select_at(const TrackView& track, const Rule& rule, StampNs stamp,
+                   std::size_t index) noexcept;
 
 /// Weights by the rule for `count` stamps with index[i] as Locator::locate gives it (0 for tracks
 /// of one sample). A refused stamp gets weight 0 and refused[i] = 1; other marks stay.

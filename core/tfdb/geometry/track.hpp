@@ -1,10 +1,11 @@
-// What the batch kernels read: one edge's samples as plain arrays, the chain of edges between two
+// What the batch kernels read: one edge's samples as plain arrays, the path of edges between two
 // frames, and the rule that picks the pose of an edge at a stamp.
 #pragma once
 
 #include <cstddef>
 #include <cstdint>
 #include <limits>
+#include <span>
 
 #include "tfdb/clock/stamp.hpp"
 #include "tfdb/geometry/pose.hpp"
@@ -25,10 +26,10 @@ struct TrackView {
     bool is_static = false;  // poses[0] is valid at every stamp
 };
 
-/// One step of the walk from the source up to the meeting point and down to the target.
-struct ChainEdge {
-    TrackView track;
-    bool inverted = false;  // true on the way down to the target: from the parent to the child
+/// The edges between two frames, each side from its frame upward to where both meet.
+struct Path {
+    std::span<const TrackView> source_side;
+    std::span<const TrackView> target_side;
 };
 
 enum class Selection : std::uint8_t {
@@ -46,15 +47,19 @@ struct Rule {
     StampNs limit = kNoLimit;
 };
 
-/// The pose of a moving track at a stamp is interpolate(poses[index], poses[index + 1], u), with
-/// u outside [0, 1] for extrapolation only; a track of one sample has index 0 and u 0.
+/// Where a rule finds the pose of a moving track at a stamp: see pose_at.
 struct Selected {
-    std::size_t index = 0;
-    double u = 0.0;
+    std::size_t index = 0;  // 0 for a track of one sample
+    double u = 0.0;        // how far on the way to the next sample; as far as it is known in double
     bool refused = false;  // the rule gives no pose at this stamp; index and u are then 0
+    bool outside = false;  // extrapolated
 };
 
 /// One stamp, by binary search: the definition that the kernels must agree with.
 Selected select_sample(const TrackView& track, const Rule& rule, StampNs stamp) noexcept;
+
+/// The pose at a stamp for which `selected` is not refused. Beyond an end the motion goes on from
+/// the sample there.
+Pose pose_at(const TrackView& track, const Selected& selected, StampNs stamp) noexcept;
 
 }  // namespace tfdb::geometry

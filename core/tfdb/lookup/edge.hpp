@@ -5,7 +5,7 @@
 #include <optional>
 #include <utility>
 
-#include "tfdb/geometry/pose.hpp"
+#include "tfdb/geometry/slerp.hpp"
 #include "tfdb/lookup/select.hpp"
 #include "tfdb/lookup/view.hpp"
 
@@ -114,11 +114,6 @@ template <View V>
     return Outcome::kOk;
 }
 
-/// The stamp at which `a` and `b` are mixed, as a share of the way from a to b.
-[[nodiscard]] inline double share(StampNs a, StampNs b, StampNs stamp) {
-    return static_cast<double>(stamp - a) / static_cast<double>(b - a);
-}
-
 /// T[parent<-child] of one edge at a stamp. kMismatch if the samples name another parent.
 template <View V>
 [[nodiscard]] Outcome edge_pose(const V& view, FrameId child, FrameId parent, StampNs stamp,
@@ -154,8 +149,8 @@ template <View V>
         return describe_refusal(view, child, parent, stamp, policy, edge, chosen, failure);
     }
     if (mixed) {
-        pose = geometry::interpolate(pose, other,
-                                     share(chosen.anchor_stamp, chosen.second_stamp, stamp));
+        pose = geometry::interpolate(
+            pose, other, geometry::share(chosen.anchor_stamp, chosen.second_stamp, stamp));
     }
     use.child = child;
     use.parent = parent;

@@ -30,6 +30,19 @@ template <View V>
     return Outcome::kOk;
 }
 
+/// Translations that are finite edge by edge may overflow on their way through others.
+template <View V>
+[[nodiscard]] Outcome check_finite(const V& view, StampNs stamp, const geometry::Pose& pose,
+                                   Failure& failure) {
+    if (geometry::is_finite(pose)) [[likely]]
+        return Outcome::kOk;
+    failure = Failure{};
+    failure.code = ErrorCode::kInvalidTransform;
+    failure.stamp = stamp;
+    failure.commit = view.commit();
+    return Outcome::kFailed;
+}
+
 template <View V>
 [[nodiscard]] Outcome lookup_once(const V& view, FrameId target, FrameId source, StampNs stamp,
                                   const Policy& policy, WalkMode mode, Answer& answer,
@@ -54,7 +67,8 @@ template <View V>
     } else {
         answer.pose = geometry::compose(geometry::inverse(from_target), from_source);
     }
-    return Outcome::kOk;
+    const bool at_stamp = policy.kind != PolicyKind::kLatest;
+    return check_finite(view, at_stamp ? stamp : -1, answer.pose, failure);
 }
 
 /// Runs an attempt with hints, and once more by the samples when the hints misled or it failed:
@@ -321,7 +335,7 @@ template <View V>
     if (outcome != Outcome::kOk)
         return outcome;
     answer.pose = geometry::compose(answer.pose, fixed_from_source);
-    return Outcome::kOk;
+    return detail::check_finite(view, target_stamp.value_or(answer.stamp), answer.pose, failure);
 }
 
 }  // namespace tfdb::lookup

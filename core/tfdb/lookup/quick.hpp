@@ -7,7 +7,7 @@
 #include <cstdint>
 #include <optional>
 
-#include "tfdb/geometry/pose.hpp"
+#include "tfdb/geometry/slerp.hpp"
 #include "tfdb/lookup/answer.hpp"
 #include "tfdb/lookup/edge.hpp"
 #include "tfdb/lookup/fetch.hpp"
@@ -84,7 +84,7 @@ public:
         }
         answer_.stamp = stamp;
         answer_.commit = commit_;
-        return true;
+        return geometry::is_finite(answer_.pose);
     }
 
     /// The latest common time of two different frames; false: not the common case.
@@ -276,7 +276,7 @@ private:
     /// Not inlined: mixing and composing together do not fit into the registers.
     [[gnu::noinline]] static void mix_slots(const Word* before, const Word* after, double share,
                                             geometry::Pose& pose) {
-        geometry::assign(pose, geometry::between(pose_in(before), pose_in(after), share));
+        geometry::assign(pose, geometry::interpolate(pose_in(before), pose_in(after), share));
     }
 
     /// Index of the sample at or before the stamp; false where the general code must look. Samples
@@ -373,7 +373,7 @@ private:
         const std::uint64_t first = slot->load_relaxed();
         geometry::Pose pose;
         if (next != nullptr) {
-            mix_slots(slot, next, share(before, after, stamp_), pose);
+            mix_slots(slot, next, geometry::share(before, after, stamp_), pose);
         } else {
             geometry::assign(pose, pose_in(slot));
         }

@@ -1,6 +1,7 @@
 // Many stamps in one call: the windows of all edges are copied under one snapshot, then the
 // kernels of geometry/batch.hpp run on plain memory.
 #include <algorithm>
+#include <cmath>
 #include <limits>
 #include <memory>
 
@@ -22,6 +23,10 @@ constexpr std::size_t kAlwaysCopied = 1024;
 // So many stamps are looked up one by one before the work may be ended.
 constexpr std::size_t kRowsBetween = 256;
 
+// Up to here no path, however long, and no extrapolation makes a translation overflow: sums of 2^20
+// edges times 2^62, the furthest that stamps can lie beyond two samples, stay below 1e308.
+constexpr double kNoOverflow = 1e280;
+
 struct Request {
     FrameId target;
     FrameId source;
@@ -34,11 +39,17 @@ struct Request {
 /// Working memory of one thread, reused by its calls.
 struct Workspace {
     std::vector<store::Track> tracks;
-    std::vector<geometry::ChainEdge> chain;
+    std::vector<geometry::TrackView> views;  // the source's side, then the target's
+    std::size_t source_edges = 0;
     geometry::BatchScratch scratch;
     std::vector<std::optional<Pose>> poses;
     Answer answer;
     Failure failure;
+
+    [[nodiscard]] geometry::Path path() const {
+        const std::span<const geometry::TrackView> all(views);
+        return {all.first(source_edges), all.subspan(source_edges)};
+    }
 };
 
 /// Those of one thread: who may end its work may ask for a batch of its own, amid another one.
@@ -78,23 +89,26 @@ Workspace& workspace() {
 
 geometry::Rule rule_of(const Policy& policy) {
     using geometry::Selection;
-    const StampNs limit = policy.limit >= lookup::kNoLimit ? geometry::kNoLimit : policy.limit;
     switch (policy.kind) {
         case lookup::PolicyKind::kExact:
-            return {Selection::kExact, geometry::kNoLimit};
+            return {Selection::kExact, policy.limit};
         case lookup::PolicyKind::kPrevious:
-            return {Selection::kPrevious, limit};
+            return {Selection::kPrevious, policy.limit};
         case lookup::PolicyKind::kNearest:
-            return {Selection::kNearest, limit};
+            return {Selection::kNearest, policy.limit};
         case lookup::PolicyKind::kExtrapolate:
-            return {Selection::kExtrapolate, limit};
+            return {Selection::kExtrapolate, policy.limit};
         default:
-            return {Selection::kInterpolate, limit};
+            break;
     }
+    // No two stored stamps lie further apart: then the kernels need not look at the gaps.
+    const bool any_gap = policy.limit >= lookup::kNoLimit;
+    return {Selection::kInterpolate, any_gap ? geometry::kNoLimit : policy.limit};
 }
 
-/// Copies one edge. kMismatch if the path may be another one at some of the stamps, or if too much
-/// would have to be copied: then every stamp is looked up by itself.
+/// Copies one edge. kMismatch if the path may be another one at some of the stamps, if its numbers
+/// are so large that sums may overflow, or if too much would have to be copied: then every stamp is
+/// looked up by itself.
 Outcome copy_edge(const StoreView& view, FrameId child, FrameId parent, const Request& request,
                   store::Track& track) {
     const std::size_t most = std::max(kAlwaysCopied, kSamplesPerStamp * request.stamps.size());
@@ -109,11 +123,15 @@ Outcome copy_edge(const StoreView& view, FrameId child, FrameId parent, const Re
     const CommitNumber oldest = *std::min_element(track.commits.begin(), track.commits.end());
     const bool same = std::all_of(track.parents.begin(), track.parents.end(),
                                   [&](FrameId id) { return id == parent; });
-    return same && view.alive_since(parent, oldest) ? Outcome::kOk : Outcome::kMismatch;
+    const bool small = std::all_of(track.poses.begin(), track.poses.end(), [](const Pose& pose) {
+        const geometry::Vec3& t = pose.translation;
+        return std::fabs(t.x) + std::fabs(t.y) + std::fabs(t.z) < kNoOverflow;
+    });
+    return same && small && view.alive_since(parent, oldest) ? Outcome::kOk : Outcome::kMismatch;
 }
 
-Outcome copy_chain(const StoreView& view, const Request& request, Workspace& space) {
-    space.chain.clear();
+Outcome copy_path(const StoreView& view, const Request& request, Workspace& space) {
+    space.views.clear();
     const Outcome walked =
         lookup::walk(view, request.target, request.source, request.first, request.policy,
                      lookup::WalkMode::kHints, space.answer, space.failure);
@@ -121,40 +139,61 @@ Outcome copy_chain(const StoreView& view, const Request& request, Workspace& spa
         return walked;
     const auto& up = space.answer.source_chain;
     const auto& down = space.answer.target_chain;
+    space.source_edges = up.size() - 1;
     const std::size_t edges = up.size() + down.size() - 2;
     if (space.tracks.size() < edges)
         space.tracks.resize(edges);
-    const auto add = [&](FrameId child, FrameId parent, bool inverted) {
-        store::Track& track = space.tracks[space.chain.size()];
-        const Outcome outcome = copy_edge(view, child, parent, request, track);
-        geometry::ChainEdge& edge = space.chain.emplace_back();
-        edge.inverted = inverted;
-        edge.track.stamps = track.stamps.data();
-        edge.track.poses = track.poses.data();
-        edge.track.size = track.poses.size();
-        edge.track.is_static = track.is_static;
-        return outcome;
-    };
-    for (std::size_t i = 0; i + 1 < up.size(); ++i) {
-        const Outcome outcome = add(up[i], up[i + 1], false);
-        if (outcome != Outcome::kOk)
-            return outcome;
-    }
-    for (std::size_t i = down.size() - 1; i > 0; --i) {
-        const Outcome outcome = add(down[i - 1], down[i], true);
-        if (outcome != Outcome::kOk)
-            return outcome;
+    for (const auto* chain : {&up, &down}) {
+        for (std::size_t i = 0; i + 1 < chain->size(); ++i) {
+            store::Track& track = space.tracks[space.views.size()];
+            const Outcome outcome = copy_edge(view, (*chain)[i], (*chain)[i + 1], request, track);
+            if (outcome != Outcome::kOk)
+                return outcome;
+            geometry::TrackView& copied = space.views.emplace_back();
+            copied.stamps = track.stamps.data();
+            copied.poses = track.poses.data();
+            copied.size = track.poses.size();
+            copied.is_static = track.is_static;
+        }
     }
     return Outcome::kOk;
 }
 
-/// The caller's way to consume results: `kernel` runs on a copied chain, `one` takes one pose
-/// (null: no answer, write NaN).
+/// Whether the path that was copied is the only one also where an edge of it refuses: from the
+/// meeting point upward each frame has one parent at all these stamps, and none is on the path.
+/// Elsewhere the two frames may meet in another frame. kMismatch: perhaps not.
+Outcome check_only_path(const StoreView& view, const Request& request, const Answer& walked) {
+    const auto is_on = [](const std::vector<FrameId>& chain, FrameId id) {
+        return std::find(chain.begin(), chain.end(), id) != chain.end();
+    };
+    FrameId id = walked.source_chain.back();
+    store::Track track;
+    for (std::uint32_t steps = 0; steps <= view.frame_count(); ++steps) {
+        const Outcome outcome =
+            store::collect_window(view, id, request.first, request.last, kAlwaysCopied, track);
+        if (outcome != Outcome::kOk)
+            return outcome == Outcome::kFailed ? Outcome::kMismatch : outcome;
+        if (track.parents.empty())
+            return Outcome::kOk;
+        id = track.parents.front();
+        const CommitNumber oldest = *std::min_element(track.commits.begin(), track.commits.end());
+        const bool same = std::all_of(track.parents.begin(), track.parents.end(),
+                                      [&](FrameId parent) { return parent == id; });
+        if (!same || !view.alive_since(id, oldest) || is_on(walked.source_chain, id) ||
+            is_on(walked.target_chain, id)) {
+            return Outcome::kMismatch;
+        }
+    }
+    return Outcome::kMismatch;
+}
+
+/// The caller's way to consume results: `kernel` runs on a copied path, and leaves NaN where an
+/// edge refuses; `one` takes one pose (null: no answer, write NaN).
 template <class Kernel, class One>
 class BatchRun {
 public:
-    BatchRun(const Request& request, bool stop, Kernel kernel, One one)
-        : request_(request), stop_(stop), kernel_(kernel), one_(one) {}
+    BatchRun(const Reads::Impl& impl, const Request& request, bool stop, Kernel kernel, One one)
+        : impl_(impl), request_(request), stop_(stop), kernel_(kernel), one_(one) {}
 
     Outcome operator()(const StoreView& view) {
         Workspace& space = workspace();
@@ -164,21 +203,24 @@ public:
             return Outcome::kFailed;
         }
         if (request_.target == request_.source) {
-            space.chain.clear();
+            space.views.clear();
+            space.source_edges = 0;
         } else {
-            const Outcome copied = copy_chain(view, request_, space);
-            if (copied == Outcome::kLapped)
-                return copied;
+            const Outcome copied = copy_path(view, request_, space);
             if (copied != Outcome::kOk)
-                return one_by_one(view, space);
+                return copied == Outcome::kLapped ? copied : one_by_one(view, space);
         }
-        const geometry::BatchResult result = kernel_(space);
-        if (result.first_refused == geometry::kNoneRefused || !stop_)
-            return Outcome::kOk;
-        // The scalar lookup says why; with the same view it refuses too.
-        refused_ = result.first_refused;
-        const Outcome why = look_up(view, space, refused_);
-        return why == Outcome::kOk ? Outcome::kLapped : why;
+        const std::size_t refused = geometry::first_refused(space.path(), rule_of(request_.policy),
+                                                            request_.stamps, space.scratch);
+        if (refused != geometry::kNoneRefused) {
+            const Outcome only = check_only_path(view, request_, space.answer);
+            if (only != Outcome::kOk)
+                return only == Outcome::kLapped ? only : one_by_one(view, space);
+            if (stop_)
+                return refuse(view, space, refused);
+        }
+        kernel_(space);
+        return refused == geometry::kNoneRefused ? Outcome::kOk : unless_reused(view);
     }
 
     [[nodiscard]] std::size_t refused() const { return refused_; }
@@ -188,10 +230,21 @@ private:
         return lookup::lookup(view, request_.target, request_.source, request_.stamps[i],
                               request_.policy, space.answer, space.failure);
     }
+    /// What is missing may be a frame whose slot was reused since.
+    [[nodiscard]] Outcome unless_reused(const StoreView& view) const {
+        return store::unless_reused(impl_, view.commit(), Outcome::kOk);
+    }
+    /// The lookup of one stamp says why.
+    Outcome refuse(const StoreView& view, Workspace& space, std::size_t i) {
+        refused_ = i;
+        const Outcome why = look_up(view, space, i);
+        return why == Outcome::kOk ? Outcome::kLapped : why;
+    }
 
     /// All poses come first: points may be moved in place, and only once.
     Outcome one_by_one(const StoreView& view, Workspace& space) {
         space.poses.clear();
+        std::size_t missing = 0;
         std::size_t apart = 0;
         for (std::size_t i = 0; i < request_.stamps.size(); ++i) {
             if (i % kRowsBetween == 0)
@@ -206,21 +259,21 @@ private:
             auto& pose = space.poses.emplace_back();
             if (outcome == Outcome::kOk) {
                 pose = space.answer.pose;
-            } else if (space.failure.code == ErrorCode::kDisconnected) {
-                ++apart;
+            } else {
+                ++missing;
+                apart += space.failure.code == ErrorCode::kDisconnected ? 1 : 0;
             }
         }
         // Frames that are in two trees at every stamp: that is no gap in the data.
-        if (apart > 0 && apart == request_.stamps.size()) {
-            refused_ = 0;
-            return look_up(view, space, 0);
-        }
+        if (apart > 0 && apart == request_.stamps.size())
+            return refuse(view, space, 0);
         for (std::size_t i = 0; i < space.poses.size(); ++i) {
             one_(i, space.poses[i] ? &*space.poses[i] : nullptr);
         }
-        return Outcome::kOk;
+        return missing == 0 ? Outcome::kOk : unless_reused(view);
     }
 
+    const Reads::Impl& impl_;
     const Request& request_;
     bool stop_;
     Kernel kernel_;
@@ -254,7 +307,7 @@ void Reads::run_batch(std::string_view target, std::string_view source,
         request.first = *first;
         request.last = *last;
     }
-    BatchRun run(request, stop, kernel, one);
+    BatchRun run(*impl_, request, stop, kernel, one);
     const Outcome outcome = store::read(*impl_, held_, kFresh, [&](const StoreView& view) {
         request.target = impl_->names.find(target, view.commit());
         request.source = impl_->names.find(source, view.commit());
@@ -279,13 +332,11 @@ void Reads::lookup_many(std::string_view target, std::string_view source,
     store::check_room(stamps, layout, out);
     const auto rows =
         layout == Layout::kMatrix ? geometry::PoseLayout::kMatrix : geometry::PoseLayout::kPose;
-    const bool stop = missing == Missing::kThrow;
     run_batch(
-        target, source, stamps, policy, stop,
+        target, source, stamps, policy, missing == Missing::kThrow,
         [&](Workspace& space) {
-            return geometry::evaluate_poses(
-                space.chain, rule_of(policy), stamps, rows, out.data(),
-                stop ? geometry::OnRefused::kStop : geometry::OnRefused::kNan, space.scratch);
+            geometry::evaluate_poses(space.path(), rule_of(policy), stamps, rows, out.data(),
+                                     geometry::OnRefused::kNan, space.scratch);
         },
         [&](std::size_t i, const Pose* pose) {
             store::write_row(pose, layout, out.data() + store::row_width(layout) * i);
@@ -301,14 +352,20 @@ void Reads::move_points(std::string_view target, std::string_view source, const 
                               std::to_string(count) + " points or one for all, not " +
                               std::to_string(stamps.size()));
     }
+    store::check_apart(store::bytes_of(stamps), store::bytes_of_rows(out, out_stride, count),
+                       "the stamps");
+    if (points != out || stride != out_stride) {
+        store::check_apart(store::bytes_of_rows(points, stride, count),
+                           store::bytes_of_rows(out, out_stride, count), "the points");
+    }
     run_batch(
         target, source, stamps, policy, true,
         [&](Workspace& space) {
-            return geometry::transform_points(
-                space.chain, rule_of(policy), stamps, count,
+            geometry::transform_points(
+                space.path(), rule_of(policy), stamps, count,
                 geometry::PointRows<const Real>{points, static_cast<std::ptrdiff_t>(stride)},
                 geometry::PointRows<Real>{out, static_cast<std::ptrdiff_t>(out_stride)},
-                geometry::OnRefused::kStop, space.scratch);
+                geometry::OnRefused::kNan, space.scratch);
         },
         [&](std::size_t i, const Pose* pose) {
             const std::size_t first = stamps.size() == 1 ? 0 : i;

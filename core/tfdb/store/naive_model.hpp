@@ -11,7 +11,7 @@
 #include <vector>
 
 #include "tfdb/base/error.hpp"
-#include "tfdb/geometry/pose.hpp"
+#include "tfdb/geometry/slerp.hpp"
 #include "tfdb/lookup/answer.hpp"
 #include "tfdb/lookup/policy.hpp"
 #include "tfdb/store/buffer.hpp"

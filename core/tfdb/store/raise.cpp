@@ -140,6 +140,15 @@ std::string out_of_range(Context& c, const std::string& child, const std::string
     throw NoSampleNear(message, std::move(c.detail));
 }
 
+[[noreturn]] void raise_not_finite(Context& c) {
+    c.detail.reason = "not finite";
+    const StampNs stamp = c.failure.stamp;
+    const std::string message = c.path() + (stamp < 0 ? "" : " at " + seconds(stamp)) +
+                                " is not finite: the translations between the two frames are too "
+                                "large to be added in 64-bit floating point";
+    throw InvalidTransform(message, std::move(c.detail));
+}
+
 }  // namespace
 
 void store::throw_unknown_frame(std::string_view name, CommitNumber commit) {
@@ -175,6 +184,8 @@ void store::raise_failure(const Failure& failure, const Question& question, Comm
         raise_unknown(c, question);
     if (failure.code == ErrorCode::kDisconnected)
         raise_disconnected(c, name(failure.edge), name(failure.parent));
+    if (failure.code == ErrorCode::kInvalidTransform)
+        raise_not_finite(c);
     if (failure.code == ErrorCode::kSnapshotTooOld) {
         store::throw_snapshot_too_old(failure.commit, committed);
     }

@@ -2,6 +2,7 @@
 #pragma once
 
 #include <algorithm>
+#include <cstdint>
 #include <limits>
 #include <span>
 #include <string>
@@ -15,13 +16,39 @@ namespace tfdb::store {
     return layout == Layout::kMatrix ? 16 : 7;
 }
 
-/// Throws InvalidArgument if `out` has no room for a row of each stamp.
+/// Where something lies in memory: its first byte and the one behind its last.
+struct Bytes {
+    std::uintptr_t begin, end;
+};
+
+template <class Value>
+[[nodiscard]] Bytes bytes_of(std::span<Value> values) {
+    const auto begin = reinterpret_cast<std::uintptr_t>(values.data());
+    return {begin, begin + values.size_bytes()};
+}
+
+/// Rows of three numbers, `stride` numbers from one to the next.
+template <class Number>
+[[nodiscard]] Bytes bytes_of_rows(const Number* first, std::size_t stride, std::size_t count) {
+    return bytes_of(std::span(first, count == 0 ? 0 : stride * (count - 1) + 3));
+}
+
+/// Throws InvalidArgument where writing to `out` would change `what` before it is read.
+inline void check_apart(Bytes input, Bytes out, const char* what) {
+    if (input.begin < out.end && out.begin < input.end) {
+        throw InvalidArgument(std::string("out overlaps ") + what +
+                              " in memory: rows would be written over what is still to be read");
+    }
+}
+
+/// Throws InvalidArgument if `out` has no room for a row of each stamp, or lies over the stamps.
 inline void check_room(std::span<const StampNs> stamps, Layout layout, std::span<double> out) {
     const std::size_t needed = row_width(layout) * stamps.size();
     if (out.size() < needed) {
         throw InvalidArgument("lookup_many needs room for " + std::to_string(needed) +
                               " numbers, not " + std::to_string(out.size()));
     }
+    check_apart(bytes_of(stamps), bytes_of(out), "the stamps");
 }
 
 /// One row; NaN where there is no pose.
@@ -34,14 +61,9 @@ inline void write_row(const Pose* pose, Layout layout, double* row) {
         std::copy_n(&pose->rotation.x, 4, row + 3);
         return;
     }
-    for (int column = 0; column < 3; ++column) {
-        const geometry::Vec3 axis{column == 0 ? 1.0 : 0.0, column == 1 ? 1.0 : 0.0,
-                                  column == 2 ? 1.0 : 0.0};
-        const geometry::Vec3 turned = geometry::rotate(pose->rotation, axis);
-        row[column] = turned.x;
-        row[4 + column] = turned.y;
-        row[8 + column] = turned.z;
-    }
+    const geometry::MatrixOf<double> turn = geometry::matrix(pose->rotation);
+    for (int i = 0; i < 3; ++i)
+        std::copy_n(turn.m + 3 * i, 3, row + 4 * i);
     row[3] = pose->translation.x;
     row[7] = pose->translation.y;
     row[11] = pose->translation.z;
