@@ -179,6 +179,7 @@ PyMethodDef g_methods[] = {
      "Returns\n-------\nTransform\n    With a report of the samples that were used.\n\n"
      "Raises\n------\n"
      "UnknownFrame, Disconnected, Extrapolation, GapTooLarge, Stale, NoSampleNear, InvalidStamp,\n"
+     "InvalidTransform (the numbers on the path are so large that the result is not finite),\n"
      "SnapshotTooOld, SnapshotClosed"},
     {"lookup_latest_transform", as_function(lookup_latest_transform), METH_FASTCALL | METH_KEYWORDS,
      "lookup_latest_transform($self, target, source, max_age=None, now=None)\n--\n\n"

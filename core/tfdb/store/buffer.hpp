@@ -161,14 +161,16 @@ public:
     [[nodiscard]] std::optional<std::string> parent_of(
         std::string_view name, std::optional<StampNs> stamp = std::nullopt) const;
 
-    /// Rows of T[target<-source] at each stamp, all from one snapshot. `out` holds 7 or 16 doubles
-    /// per stamp. Stamps in any order. Missing::kThrow: throws the typed error of the first stamp
-    /// that has no answer, with its index; `out` is then unspecified.
+    /// Rows of T[target<-source] at each stamp, all from one snapshot: bit for bit the single
+    /// lookup of each. `out` holds 7 or 16 doubles per stamp and lies apart from the stamps
+    /// (InvalidArgument). Stamps in any order. Missing::kThrow: throws the typed error of the first
+    /// stamp that has no answer, with its index; `out` is then unspecified.
     void lookup_many(std::string_view target, std::string_view source,
                      std::span<const StampNs> stamps, Policy policy, Layout layout, Missing missing,
                      std::span<double> out) const;
     /// p_target = T[target<-source](stamp of the point) p_source; strides in elements. One stamp
-    /// for each point, or a single one for all. In place is allowed (out == points).
+    /// for each point, or a single one for all. In place is allowed (out == points); `out` that
+    /// overlaps the points otherwise, or the stamps, is refused (InvalidArgument).
     void transform_points(std::string_view target, std::string_view source, const float* points,
                           std::size_t stride, std::size_t count, std::span<const StampNs> stamps,
                           Policy policy, float* out, std::size_t out_stride) const;

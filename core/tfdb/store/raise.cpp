@@ -145,7 +145,7 @@ std::string out_of_range(Context& c, const std::string& child, const std::string
     const StampNs stamp = c.failure.stamp;
     const std::string message = c.path() + (stamp < 0 ? "" : " at " + seconds(stamp)) +
                                 " is not finite: the translations between the two frames are too "
-                                "large to be added in 64-bit floating point";
+                                "large for 64-bit floating point";
     throw InvalidTransform(message, std::move(c.detail));
 }
 

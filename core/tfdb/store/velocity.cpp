@@ -117,7 +117,10 @@ Outcome velocity_at(const StoreView& view, const Frames& frames, std::optional<S
                       (last.translation.z - first.translation.z) / dt + swing.z};
     twist.linear = geometry::rotate(to_reference.rotation, linear);
     twist.angular = geometry::rotate(to_reference.rotation, angular);
-    return Outcome::kOk;
+    asked = Asked{};
+    const Pose moved{twist.linear, geometry::identity().rotation};
+    return lookup::detail::check_finite(view, frames[kObservation], frames[kTracking], at, moved,
+                                        failure);
 }
 
 }  // namespace

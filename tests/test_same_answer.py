@@ -1,0 +1,286 @@
+"""One answer, however it is asked for: rows, points, trajectories, snapshots and transactions."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+
+import numpy as np
+import numpy.typing as npt
+import pytest
+
+import tfdb
+
+POLICIES = [
+    tfdb.Interpolate(),
+    tfdb.Exact(),
+    tfdb.Previous(),
+    tfdb.Nearest(),
+    tfdb.Extrapolate(),
+    tfdb.Extrapolate(1e-6),
+]
+
+
+def yaw(degrees: float) -> tuple[float, float, float, float]:
+    half = np.radians(degrees) / 2
+    return (0.0, 0.0, float(np.sin(half)), float(np.cos(half)))
+
+
+def single(
+    reads: tfdb.Reads, target: str, source: str, stamp: int, policy: tfdb.Policy
+) -> tfdb.Transform | None:
+    can = reads.can_transform(target, source, stamp, policy)
+    try:
+        found = reads.lookup_transform(target, source, stamp, policy)
+    except (tfdb.Extrapolation, tfdb.NoSampleNear, tfdb.Disconnected, tfdb.InvalidTransform):
+        assert not can
+        return None
+    assert can
+    return found
+
+
+def same_bits(found: npt.ArrayLike, expected: npt.ArrayLike) -> None:
+    """Every bit, but that not a number is not a number."""
+    a, b = np.asarray(found, float), np.asarray(expected, float)
+    assert a.shape == b.shape
+    either = np.isnan(a) & np.isnan(b)
+    np.testing.assert_array_equal(a.view(np.int64)[~either], b.view(np.int64)[~either])
+
+
+def ask_rows(
+    reads: tfdb.Reads | tfdb.Transaction,
+    path: tuple[str, str],
+    stamps: list[int],
+    policy: tfdb.Policy,
+    found: list[tfdb.Transform | None],
+) -> None:
+    """Rows and lookups of `reads` are what the single lookups have found."""
+    poses = np.array([np.full(7, np.nan) if t is None else t.pose for t in found])
+    matrices = np.array([np.full((4, 4), np.nan) if t is None else t.matrix for t in found])
+    if all(t is None for t in found):
+        return  # may be an error: frames in two trees
+    same_bits(reads.lookup_transforms(*path, stamps, policy, missing="nan"), poses)
+    same_bits(
+        reads.lookup_transforms(*path, stamps, policy, missing="nan", layout="matrix"), matrices
+    )
+    if all(t is not None for t in found):
+        same_bits(reads.lookup_transforms(*path, stamps, policy), poses)
+    for stamp, transform in zip(stamps, found, strict=True):
+        if transform is not None:
+            again = reads.lookup_transform(*path, stamp, policy)
+            same_bits(again.pose, transform.pose)
+
+
+def ask_points(
+    reads: tfdb.Reads,
+    path: tuple[str, str],
+    stamps: list[int],
+    policy: tfdb.Policy,
+    found: list[tfdb.Transform],
+) -> None:
+    points = np.linspace(-7.0, 9.0, 3 * len(stamps)).reshape(-1, 3)
+    moved = [t.apply(p) for t, p in zip(found, points, strict=True)]
+    same_bits(reads.transform_points(*path, points, stamps, policy), moved)
+    for transform, stamp in zip(found, stamps, strict=True):
+        at_once = reads.transform_points(*path, points, stamp, policy)
+        same_bits(at_once, transform.apply(points))
+
+
+def ask_every_way(buffer: tfdb.Buffer, target: str, source: str, stamps: list[int]) -> None:
+    """All ways to ask have the answer of the single lookups."""
+    path = (target, source)
+    for policy in POLICIES:
+        found = [single(buffer, target, source, stamp, policy) for stamp in stamps]
+        answers = [t for t in found if t is not None]
+        with buffer.snapshot() as snapshot:
+            for reads in (buffer, snapshot):
+                ask_rows(reads, path, stamps, policy, found)
+                if len(answers) == len(stamps):
+                    ask_points(reads, path, stamps, policy, answers)
+        with buffer.transaction() as transaction:
+            ask_rows(transaction, path, stamps, policy, found)
+            transaction.abort()
+
+
+def test_from_a_quaternion_to_its_opposite() -> None:
+    buffer = tfdb.Buffer()
+    for stamp, rotation in [(100, (0, 0, 0.6, 0.8)), (200, (0, 0, 0, 1)), (300, (0, 0, 0, -1))]:
+        buffer.set_transform("map", "base", stamp, (stamp, 0, 0), rotation)
+    rows = buffer.lookup_transforms("map", "base", [150, 300])
+    np.testing.assert_array_equal(rows[1], [300, 0, 0, 0, 0, 0, -1])
+    ask_every_way(buffer, "map", "base", [150, 300])
+    ask_every_way(buffer, "base", "map", [100, 150, 200, 201, 299, 300, 301])
+    for rate in (None, 2e7):
+        trajectory = buffer.trajectory("map", "base", rate=rate)
+        assert np.isfinite(trajectory.poses).all()
+        same_bits(
+            trajectory.poses,
+            [buffer.lookup_transform("map", "base", int(t)).pose for t in trajectory.stamps],
+        )
+
+
+def test_where_parent_and_child_swapped_roles() -> None:
+    buffer = tfdb.Buffer(history=None)
+    buffer.set_transform("w", "f", 5, (1, 2, 3), yaw(30))
+    before = buffer.snapshot()
+    buffer.set_transform("g", "f", 30, (4, 5, 6), yaw(60))
+    buffer.set_transform("f", "w", 40, (7, 8, 9), yaw(90))
+    for reads in (buffer, before):
+        np.testing.assert_array_equal(
+            reads.lookup_transforms("w", "f", [5])[0], reads.lookup_transform("w", "f", 5).pose
+        )
+        rows = reads.lookup_transforms("w", "f", [3, 5], missing="nan")
+        assert np.isnan(rows[0]).all()
+        assert np.isfinite(rows[1]).all()
+    for stamps in ([5], [3, 5, 6, 20, 30, 40, 1000], [40, 5]):
+        ask_every_way(buffer, "w", "f", stamps)
+        ask_every_way(buffer, "f", "g", stamps)
+    before.close()
+
+
+def test_a_held_snapshot_keeps_every_bit() -> None:
+    buffer = tfdb.Buffer(history=None)
+    random = np.random.default_rng(4)
+    print("seed 4")
+    for i in range(400):
+        buffer.set_transform("map", "odom", 10 * i, random.normal(size=3), yaw(7.0 * i))
+        buffer.set_transform("odom", "base", 10 * i + 3, random.normal(size=3), yaw(-50.0 * i))
+    buffer.set_static_transform("base", "camera", (1, 2, 3), yaw(12))
+    stamps = random.integers(3, 3990, 500)
+    pairs = [("map", "camera"), ("camera", "odom"), ("base", "map")]
+    with buffer.snapshot() as held:
+        said = [held.lookup_transforms(*pair, stamps) for pair in pairs]
+        for change in (
+            lambda: buffer.set_transform("map", "base", 5000, (0, 0, 0), yaw(1)),
+            lambda: buffer.set_transform("base", "odom", 5001, (0, 0, 1), yaw(2)),
+            lambda: buffer.set_transform("map", "odom", 1234, (9, 9, 9), yaw(3)),
+            lambda: buffer.set_static_transform("base", "camera", (3, 2, 1), yaw(4)),
+            buffer.clear,
+            lambda: buffer.remove_frame("camera"),
+            lambda: buffer.set_transform("world", "map", 1, (1, 1, 1), yaw(5)),
+        ):
+            change()
+            for pair, rows in zip(pairs, said, strict=True):
+                same_bits(held.lookup_transforms(*pair, stamps), rows)
+                for row, stamp in zip(rows[::50], stamps[::50], strict=True):
+                    same_bits(held.lookup_transform(*pair, int(stamp)).pose, row)
+
+
+@pytest.mark.parametrize("first", [40.0, 0.0, 10.0, 90.0, -139.9])
+def test_at_half_a_turn(first: float) -> None:
+    buffer = tfdb.Buffer(history=None)
+    for i in range(6):
+        buffer.set_transform("map", "base", 100 * i, (i, 0, 0), yaw(first + 180.0 * i))
+    stamps = [0, 50, 100, 150, 175, 200, 250, 333, 450, 500, 550]
+    ask_every_way(buffer, "map", "base", stamps)
+    ask_every_way(buffer, "base", "map", stamps[::-1])
+
+
+def test_exact_rows_are_the_stored_samples() -> None:
+    buffer = tfdb.Buffer(history=None)
+    random = np.random.default_rng(5)
+    print("seed 5")
+    for i in range(200):
+        q = random.normal(size=4)
+        buffer.set_transform("map", "base", 7 * i, random.normal(size=3), q / np.linalg.norm(q))
+    stamps, poses, _ = buffer.samples("base")
+    for policy in POLICIES:
+        same_bits(buffer.lookup_transforms("map", "base", stamps, policy), poses)
+
+
+def test_random_paths_with_and_without_avx2() -> None:
+    """The kernels for processors without AVX2 give the same bits as those of this one."""
+    program = """
+import sys, numpy as np, tfdb
+random = np.random.default_rng(6)
+buffer = tfdb.Buffer(history=None)
+for child, parent in (("a", "map"), ("b", "a"), ("c", "b"), ("d", "map")):
+    for i in range(300):
+        q = random.normal(size=4) if i % 9 else np.array([0.0, 0.0, 0.0, 1.0])
+        buffer.set_transform(parent, child, 10 * i, random.normal(size=3), q / np.linalg.norm(q))
+for pair in (("map", "c"), ("d", "c"), ("c", "a")):
+    stamps = random.integers(0, 2991, 2000)
+    for order in (stamps, np.sort(stamps)):
+        for layout in ("pose", "matrix"):
+            rows = buffer.lookup_transforms(*pair, order, layout=layout)
+            sys.stdout.buffer.write(rows.tobytes())
+"""
+    said = [
+        subprocess.run(
+            [sys.executable, "-c", program],
+            env={**os.environ, "TFDB_KERNELS": kernels},
+            stdout=subprocess.PIPE,
+            check=True,
+        ).stdout
+        for kernels in ("", "portable")
+    ]
+    assert len(said[0]) == 3 * 2 * 2000 * (7 + 16) * 8
+    assert said[0] == said[1]
+
+
+def refuses_the_sum(reads: tfdb.Reads | tfdb.Transaction) -> None:
+    assert not reads.can_transform("map", "b", 10)
+    assert reads.can_transform("map", "a", 10)
+    with pytest.raises(tfdb.InvalidTransform, match=r"T\['map'<-'b'\]") as caught:
+        reads.lookup_transform("map", "b", 10)
+    assert caught.value.stamp == 10
+    assert caught.value.target == "map"
+    assert caught.value.source == "b"
+    assert caught.value.reason == "not finite"
+    with pytest.raises(tfdb.InvalidTransform) as caught:
+        reads.lookup_transforms("map", "b", [20, 10])
+    assert caught.value.index == 1
+    rows = reads.lookup_transforms("map", "b", [20, 10], missing="nan")
+    assert np.isnan(rows).tolist() == [[False] * 7, [True] * 7]
+
+
+def test_what_is_not_finite_is_refused() -> None:
+    buffer = tfdb.Buffer()
+    buffer.set_transform("map", "a", 10, (1e308, 0, 0), yaw(0))
+    buffer.set_transform("a", "b", 10, (1e308, 0, 0), yaw(0))
+    buffer.set_transform("a", "b", 20, (5, 0, 0), yaw(0))
+    buffer.set_transform("map", "a", 20, (5, 0, 0), yaw(0))
+    with buffer.snapshot() as snapshot:
+        refuses_the_sum(buffer)
+        refuses_the_sum(snapshot)
+    with buffer.transaction() as transaction:
+        refuses_the_sum(transaction)
+        transaction.abort()
+    with pytest.raises(tfdb.InvalidTransform):
+        buffer.lookup_transform_full("map", 10, "b", 10, "a")
+    with pytest.raises(tfdb.InvalidTransform):
+        buffer.transform_points("map", "b", np.ones((2, 3)), 10)
+    ask_every_way(buffer, "b", "map", [10, 11, 15, 20])
+    buffer.set_transform("a", "b", 30, (1e308, 0, 0), yaw(0))
+    buffer.set_transform("map", "a", 30, (1e308, 0, 0), yaw(0))
+    with pytest.raises(tfdb.InvalidTransform):
+        buffer.lookup_latest_transform("map", "b")
+    with pytest.raises(tfdb.InvalidTransform):
+        buffer.lookup_transform("map", "b")
+
+
+def test_an_output_over_the_stamps_is_refused() -> None:
+    buffer = tfdb.Buffer()
+    for stamp in range(0, 101, 10):
+        buffer.set_transform("map", "base", stamp, (stamp, 0, 0), yaw(stamp))
+    memory = np.zeros(100)
+    stamps = memory[50:60].view(np.int64)
+    stamps[:] = range(10)
+    for first in (0, 29):
+        out = memory[first : first + 70].reshape(10, 7)
+        with pytest.raises(tfdb.InvalidArgument, match="overlaps the stamps"):
+            buffer.lookup_transforms("map", "base", stamps, out=out)
+        with buffer.transaction() as transaction:
+            with pytest.raises(tfdb.InvalidArgument, match="overlaps the stamps"):
+                transaction.lookup_transforms("map", "base", stamps, out=out)
+            transaction.abort()
+    points = np.ones((10, 3))
+    with pytest.raises(tfdb.InvalidArgument, match="overlaps the stamps"):
+        buffer.transform_points("map", "base", points, stamps, out=memory[40:70].reshape(10, 3))
+    assert stamps.tolist() == list(range(10))
+    rows = np.zeros((10, 7))
+    same_bits(
+        buffer.lookup_transforms("map", "base", stamps, out=rows),
+        [buffer.lookup_transform("map", "base", int(t)).pose for t in stamps],
+    )
