@@ -14,8 +14,6 @@ template <int L>
 using Real = typename Lanes<L>::Real;
 template <int L>
 using Word = typename Lanes<L>::Word;
-template <int L>
-using Mask = typename Lanes<L>::Mask;
 
 template <class Vector>
 TFDB_INLINE Vector load(const void* from) {
