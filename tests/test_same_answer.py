@@ -17,7 +17,7 @@ POLICIES = [
     tfdb.Exact(),
     tfdb.Previous(),
     tfdb.Nearest(),
-    tfdb.Extrapolate(),
+    tfdb.Extrapolate(1.0),
     tfdb.Extrapolate(1e-6),
 ]
 
