@@ -211,7 +211,9 @@ class Reads:
         """
         T[target<-source] at each of N stamps, all from one snapshot.
 
-        Equal to N calls of `lookup_transform`, and much faster.
+        Row i is what `lookup_transform(target, source, stamps[i], policy)` gives in that snapshot, bit for
+        bit, and much faster: whatever the other stamps are and whichever instructions the processor has. A
+        stored sample that is used as it is comes out as it was stored.
 
         Parameters
         ----------
@@ -222,10 +224,10 @@ class Reads:
         policy
             How stamps between samples are answered. None: Interpolate().
         layout
-            `pose`: rows x y z qx qy qz qw. `matrix`: homogeneous 4x4 matrices.
+            `pose`: rows x y z qx qy qz qw. `matrix`: homogeneous 4x4 matrices, as `Transform.matrix`.
         out
-            Array to write to: float64, C-contiguous, (N, 7) or (N, 4, 4). An error, or Ctrl-C, may leave it
-            partly written.
+            Array to write to: float64, C-contiguous, (N, 7) or (N, 4, 4), apart from the stamps in memory.
+            An error, or Ctrl-C, may leave it partly written.
         missing
             `raise`: the error of the first stamp without an answer, with its `index`. `nan`: NaN in its
             rows instead.
@@ -243,7 +245,8 @@ class Reads:
         Map points of `source` into `target`, each at its own stamp.
 
         Undoes the motion during a scan: p_target[i] = T[target<-source](stamps[i]) p_source[i], all from
-        one snapshot.
+        one snapshot. Each is what `lookup_transform(target, source, stamps[i], policy).apply(points[i])`
+        gives there, bit for bit; a coordinate that is not a number stays one.
 
         Parameters
         ----------
@@ -256,7 +259,8 @@ class Reads:
         policy
             How stamps between samples are answered. None: Interpolate().
         out
-            Array to write to, like the points; the points themselves to work in place.
+            Array to write to, like the points; the points themselves to work in place. It must not overlap
+            the points otherwise, nor the stamps.
         missing
             `raise`: the error of the first stamp without an answer, with its `index`. `nan`: NaN for its
             points instead.
@@ -330,6 +334,7 @@ class Reads:
         Raises
         ------
         UnknownFrame, Disconnected, Extrapolation, GapTooLarge, Stale, NoSampleNear, InvalidStamp,
+        InvalidTransform (the numbers on the path are so large that the result is not finite),
         SnapshotTooOld, SnapshotClosed
         """
 
