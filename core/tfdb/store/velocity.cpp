@@ -119,8 +119,7 @@ Outcome velocity_at(const StoreView& view, const Frames& frames, std::optional<S
     twist.angular = geometry::rotate(to_reference.rotation, angular);
     asked = Asked{};
     const Pose moved{twist.linear, geometry::identity().rotation};
-    return lookup::detail::check_finite(view, frames[kObservation], frames[kTracking], at, moved,
-                                        failure);
+    return lookup::detail::check_finite(view, at, moved, failure);
 }
 
 }  // namespace
