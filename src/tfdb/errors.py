@@ -168,8 +168,8 @@ class NoSampleNear(TfdbError):
 class InvalidTransform(TfdbError, ValueError):
     """Numbers that are no rigid transform, or a frame that is its own parent.
 
-    Fields: edge, parent, reason, index. Of a lookup: its result is not finite (reason `not finite`),
-    as translations near 1e308 m were added. Fields: target, source, stamp, index.
+    Fields: edge, parent, reason, index. Of a lookup: its result is not finite, as translations near
+    1e308 m were added. Fields: target, source, stamp, index, reason (`not finite`).
     """
 
 
