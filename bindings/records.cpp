@@ -98,7 +98,7 @@ nb::object record_type(const char* name) {
 
 nb::object memory_record(const MemoryUse& use) {
     return record_type("MemoryUse")(use.used_bytes, use.free_bytes, use.frames, use.samples,
-                                    use.frame_bytes);
+                                    use.frame_bytes, use.authority_bytes);
 }
 
 nb::object counters_record(const Counters& counters) {

@@ -230,6 +230,8 @@ class MemoryUse:
     """Samples in memory, also those that are no longer retained."""
     frame_bytes: int
     """Bytes of the frames' headers, part of `used_bytes`."""
+    authority_bytes: int
+    """Bytes of the names of those who write, not part of `used_bytes`."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -39,15 +39,21 @@ inline std::uint64_t name_word(std::string_view name, std::size_t at) {
 
 /// Multiply and fold, a word at a time; the constant is the golden ratio's. A product's low bits
 /// know nothing of its factor's high ones, and tables are entered by the low bits: hence the folds.
-inline std::uint64_t hash_name(std::string_view name) {
+/// `word_at(i)`: the bytes from the i-th on, as `name_word` gives them.
+template <class WordAt>
+std::uint64_t hash_words(std::size_t size, WordAt word_at) {
     constexpr std::uint64_t kGolden = 0x9E3779B97F4A7C15ULL;
-    std::uint64_t hash = name.size();
-    for (std::size_t at = 0; at < name.size(); at += 8) {
-        hash = (hash ^ name_word(name, at)) * kGolden;
+    std::uint64_t hash = size;
+    for (std::size_t at = 0; at < size; at += 8) {
+        hash = (hash ^ word_at(at)) * kGolden;
         hash ^= hash >> 32;
     }
     hash *= kGolden;
     return hash ^ hash >> 29;
+}
+
+inline std::uint64_t hash_name(std::string_view name) {
+    return hash_words(name.size(), [&](std::size_t at) { return name_word(name, at); });
 }
 
 /// An open-addressed table of (hash, id). A name that was removed and made again has two entries
@@ -104,11 +110,11 @@ public:
         store_filled(1 + frames_.store_word(kNamesFilled).load_relaxed());
     }
 
+    /// Allocates nothing: commits that are undone call it.
     void erase(FrameId id) const {
         const std::uint64_t table = frames_.store_word(kNames).load_relaxed();
         const std::uint64_t mask = RingWord::capacity(table) - 1;
-        const std::uint64_t hash = hash_name(name(id));
-        for (std::uint64_t i = hash & mask;; i = (i + 1) & mask) {
+        for (std::uint64_t i = stored_hash(id) & mask;; i = (i + 1) & mask) {
             const std::uint64_t found = entry(table, i).load_relaxed();
             if (found == 0)
                 return;
@@ -146,6 +152,13 @@ private:
     }
     [[nodiscard]] typename Memory::Word& entry(std::uint64_t table, std::uint64_t i) const {
         return memory_->word(RingWord::block(table) + 8 * i);
+    }
+    /// Of the frame's name, which nobody changes meanwhile.
+    [[nodiscard]] std::uint64_t stored_hash(FrameId id) const {
+        const Offset block = frames_.word(id, history::kName).load_relaxed();
+        return hash_words(memory_->word(block).load_relaxed(), [&](std::size_t at) {
+            return memory_->word(block + 8 + at).load_relaxed();
+        });
     }
     void store_filled(std::uint64_t filled) const {
         frames_.store_word(kNamesFilled).store_relaxed(filled);
@@ -220,7 +233,7 @@ private:
             if (found == 0 || found == kDead)
                 continue;
             const FrameId id = static_cast<std::uint32_t>(found) - 1;
-            put(table, hash_name(name(id)), id);
+            put(table, stored_hash(id), id);
         }
         frames_.store_word(kNames).store_release(table);
         store_filled(live);

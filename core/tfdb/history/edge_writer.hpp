@@ -75,6 +75,10 @@ public:
     /// O(1) at the newest end. May throw CapacityExceeded, having changed nothing that counts.
     void append(const WriteContext& context, const NewSample<Memory>& sample);
 
+    /// Makes room for samples that come one after another in stamp order, beginning with `first`
+    /// (a stamp, or kStaticStamp): to append them cannot fail then. May throw as `append`.
+    void reserve(const WriteContext& context, std::uint64_t samples, StampNs first);
+
     [[nodiscard]] EdgeUndo save() const;
     /// The same into a place that is there: a block copied through memory stalls.
     void save(EdgeUndo& saved) const;
@@ -112,7 +116,9 @@ private:
     [[nodiscard]] Offset slot_at(std::uint64_t ring, std::uint64_t index) const;
     [[nodiscard]] CommitNumber commit_at(std::uint64_t ring, std::uint64_t index) const;
 
+    [[nodiscard]] bool has_room(std::uint64_t samples) const;
     void make_room(const WriteContext& context);
+    void free_or_grow(const WriteContext& context);
     [[nodiscard]] bool is_obsolete(const WriteContext& context, std::uint64_t ring,
                                    std::uint64_t index, CommitNumber state) const;
     [[nodiscard]] StampNs newest_of(std::uint64_t ring, std::uint64_t from,

@@ -143,14 +143,37 @@ void EdgeWriter<Memory>::update_rate(std::uint64_t ring, std::uint64_t head) {
 }
 
 template <class Memory>
-void EdgeWriter<Memory>::make_room(const WriteContext& context) {
+bool EdgeWriter<Memory>::has_room(std::uint64_t samples) const {
     const std::uint64_t ring = word(kRing).load_relaxed();
-    const std::uint64_t head = word(kHead).load_relaxed();
-    const std::uint64_t begin = word(kBegin).load_relaxed();
-    if (!RingWord::empty(ring) && head - begin < RingWord::capacity(ring)) {
-        evict_early(context, ring);
-        return;
+    const std::uint64_t taken = word(kHead).load_relaxed() - word(kBegin).load_relaxed();
+    return !RingWord::empty(ring) && taken + samples <= RingWord::capacity(ring);
+}
+
+template <class Memory>
+void EdgeWriter<Memory>::reserve(const WriteContext& context, std::uint64_t samples,
+                                 StampNs first) {
+    while (!has_room(samples))
+        free_or_grow(context);
+    // Samples in stamp order start one run at most.
+    if (first >= 0 && first <= newest() &&
+        word(kOrder).load_relaxed() >> 32 >= Tuning<Memory>::kMaxRuns) {
+        rebuild(context);
     }
+}
+
+template <class Memory>
+void EdgeWriter<Memory>::make_room(const WriteContext& context) {
+    if (has_room(1)) {
+        evict_early(context, word(kRing).load_relaxed());
+    } else {
+        free_or_grow(context);
+    }
+}
+
+template <class Memory>
+void EdgeWriter<Memory>::free_or_grow(const WriteContext& context) {
+    const std::uint64_t ring = word(kRing).load_relaxed();
+    const std::uint64_t begin = word(kBegin).load_relaxed();
     // To learn what may go costs more than to see that nothing could.
     const CommitNumber committed = context.committed;
     const bool obsolete = !RingWord::empty(ring) && is_obsolete(context, ring, begin, committed);

@@ -1,35 +1,24 @@
-// Steady state asks the heap for nothing: neither commits nor lookups. The counting `new` replaces
-// the program's own, and is left out under sanitizers, which bring theirs.
+// Steady state asks the heap for nothing: neither commits nor lookups.
+#include "tfdb/store/allocation.test.hpp"
+
 #include <array>
-#include <atomic>
 #include <cstdlib>
 #include <new>
 
 #include "tfdb/store/fixture.hpp"
-#include "tfdb/store/transaction.hpp"
-
-#if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__)
-#define TFDB_COUNTS_ALLOCATIONS 0
-#elif defined(__has_feature)
-#if __has_feature(address_sanitizer) || __has_feature(thread_sanitizer)
-#define TFDB_COUNTS_ALLOCATIONS 0
-#endif
-#endif
-#ifndef TFDB_COUNTS_ALLOCATIONS
-#define TFDB_COUNTS_ALLOCATIONS 1
-#endif
 
 #if TFDB_COUNTS_ALLOCATIONS
 
-namespace {
-thread_local long g_allocations = 0;
-thread_local long g_until_failure = -1;  // how many more succeed; negative: all
-}  // namespace
+namespace tfdb::allocation {
+thread_local long count = 0;
+thread_local long until_failure = -1;
+}  // namespace tfdb::allocation
 
 // None of them inlined: the compiler would take `malloc` and `delete`, say, for a mismatch.
 [[gnu::noinline]] void* operator new(std::size_t bytes) {
-    ++g_allocations;
-    if (g_until_failure >= 0 && g_until_failure-- == 0)
+    using namespace tfdb::allocation;
+    ++count;
+    if (until_failure >= 0 && until_failure-- == 0)
         throw std::bad_alloc();
     if (void* block = std::malloc(bytes == 0 ? 1 : bytes))
         return block;
@@ -55,10 +44,10 @@ template <class Call>
 long counted(Call&& call) {
     for (int i = 0; i < kWarm; ++i)
         call(i);
-    const long before = g_allocations;
+    const long before = allocation::count;
     for (int i = kWarm; i < kWarm + kCounted; ++i)
         call(i);
-    return g_allocations - before;
+    return allocation::count - before;
 }
 
 const std::array<std::string, 11> kNames = {"world", "j0", "j1", "j2", "j3", "j4",
@@ -143,68 +132,6 @@ TFDB_TEST(allocation_none_in_lookups_that_fail) {
              }),
              0);
     CHECK_EQ(answered, 0);
-}
-
-namespace {
-
-void write_partly(Buffer& buffer) {
-    const TransformView batch[] = {{"map", "new", 50, pose_of(3)}, {"map", "", 50, pose_of(4)}};
-    CommitNumber commit = 0;
-    (void)buffer.set_transforms_partial(batch, false, "somebody", commit);
-}
-void write_in_transaction(Buffer& buffer) {
-    const TransformView batch[] = {{"map", "a", 50, pose_of(3)}, {"a", "b", 50, pose_of(4)}};
-    Transaction tx(buffer);
-    (void)tx.lookup_transform("map", "b");
-    tx.set_transforms(batch, false, "somebody");
-    tx.commit();
-}
-void write_plainly(Buffer& buffer) {
-    const TransformView batch[] = {{"map", "a", 50, pose_of(3)}, {"a", "b", 50, pose_of(4)}};
-    buffer.set_transforms(batch, false, "somebody");
-}
-
-/// Samples of everything: a commit that was refused may draw a number.
-std::size_t stored(const Buffer& buffer) {
-    return buffer.memory().samples + buffer.frames().size();
-}
-
-/// Calls `write` on a store of its own whose n-th allocation fails; false if it needs fewer.
-bool fails_cleanly(Concurrency concurrency, void (*write)(Buffer&), long n) {
-    BufferOptions options = keeping(std::nullopt);
-    options.concurrency = concurrency;
-    Buffer buffer(options);
-    set(buffer, "map", "a", 10, pose_of(1));
-    set(buffer, "a", "b", 10, pose_of(2));
-    const std::size_t before = stored(buffer);
-    bool failed = false;
-    g_until_failure = n;
-    try {
-        write(buffer);
-    } catch (const std::bad_alloc&) {
-        failed = true;
-    }
-    g_until_failure = -1;
-    if (failed)
-        CHECK_EQ(stored(buffer), before);
-    // Nobody holds a lock any more.
-    write_plainly(buffer);
-    write_in_transaction(buffer);
-    CHECK_EQ(number_of(buffer.lookup_transform("map", "a", 50).pose), 3.0);
-    return failed;
-}
-
-}  // namespace
-
-TFDB_TEST(allocation_that_fails_stores_nothing_and_keeps_no_lock) {
-    for (std::size_t i = 0; i < kConcurrencies; ++i) {
-        for (const auto write : {write_partly, write_in_transaction, write_plainly}) {
-            long n = 0;
-            while (fails_cleanly(static_cast<Concurrency>(i), write, n))
-                ++n;
-            CHECK(n > 3);
-        }
-    }
 }
 
 }  // namespace tfdb

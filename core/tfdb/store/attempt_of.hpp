@@ -24,15 +24,12 @@ public:
     [[nodiscard]] StoreCommit start_commit() { return impl_.start_commit(); }
     [[nodiscard]] const graph::Frames<StoreMemory>& frames() const { return impl_.frames; }
     [[nodiscard]] StampNs history() const { return impl_.history; }
-    void set_author(FrameId id, std::string_view authority) {
-        impl_.frames.word(id, history::kAuthority).store_relaxed(impl_.authorities.id(authority));
+    /// Whether names of authorities are to be dropped, which only who is alone can do.
+    [[nodiscard]] bool crowded() const { return impl_.authorities.crowded(); }
+    [[nodiscard]] std::uint64_t author(std::string_view authority) {
+        return impl_.authorities.id(authority);
     }
-    void set_author_beside(FrameId id, std::string_view authority) {
-        auto& author = impl_.frames.word(id, history::kAuthority);
-        const std::uint64_t number = impl_.authorities.id_beside_others(authority);
-        if (author.load_relaxed() != number)
-            author.store_relaxed(number);
-    }
+    void set_author(FrameId id, std::uint64_t author) { impl_.set_author(id, author); }
     [[nodiscard]] txn::WriteRoom room() {
         return {[](void* store) { return static_cast<Reads::Impl*>(store)->oldest_read(); },
                 &impl_};

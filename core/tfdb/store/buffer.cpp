@@ -23,7 +23,28 @@ Reads::Impl::Impl(const BufferOptions& options)
 
 Reads::Impl::~Impl() = default;
 
+std::string Reads::Impl::author(FrameId id) const {
+    for (;;) {
+        // What has no name any more has been replaced.
+        auto name = authorities.name(frames.word(id, history::kAuthority).load_acquire());
+        if (name)
+            return *std::move(name);
+    }
+}
+
+void Reads::Impl::forget_authorities() {
+    std::vector<std::uint64_t> ids;
+    for (FrameId id = 0; id < frames.count(); ++id) {
+        const std::uint64_t author = frames.word(id, history::kAuthority).load_relaxed();
+        if (author != 0 && (ids.empty() || ids.back() != author))
+            ids.push_back(author);
+    }
+    authorities.keep_only(std::move(ids), frames.count() / kFramesPerSpareName);
+}
+
 StoreCommit Reads::Impl::start_commit() {
+    if (authorities.crowded())
+        forget_authorities();
     if (!pins.any()) {
         unpinned_bytes.store_relaxed(memory.used_bytes());
     }
@@ -145,6 +166,7 @@ MemoryUse Buffer::memory() const {
     use.free_bytes = impl_->memory.free_bytes();
     use.frames = impl_->frames.count();
     use.frame_bytes = impl_->frames.bytes(static_cast<std::uint32_t>(use.frames));
+    use.authority_bytes = impl_->authorities.bytes();
     for (FrameId id = 0; id < impl_->frames.count(); ++id) {
         use.samples += impl_->frames.word(id, history::kHead).load_relaxed() -
                        impl_->frames.word(id, history::kBegin).load_relaxed();

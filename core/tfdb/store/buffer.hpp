@@ -74,6 +74,7 @@ struct MemoryUse {
     std::size_t frames = 0;       // frame slots in use, 192 bytes each
     std::size_t samples = 0;      // samples in the rings, also those that are no longer retained
     std::size_t frame_bytes = 0;  // frames * header size
+    std::size_t authority_bytes = 0;  // names of those who write, beside `used_bytes`
 };
 
 struct Counters {

@@ -83,16 +83,15 @@ private:
             return txn::Written::kNotPlain;
         } else {
             auto& plain = session.scratch().batch;
-            if (!batch.sound() || batch.rules().any() || !fill(batch, plain))
+            if (!batch.sound() || batch.rules().any() || impl_.authorities.crowded() ||
+                !fill(batch, plain))
                 return txn::Written::kNotPlain;
             const txn::WriteRoom room{
                 [](void* store) { return static_cast<Reads::Impl*>(store)->oldest_read(); },
                 &impl_};
-            const std::uint64_t authority = impl_.authorities.id_beside_others(batch.authority());
+            const std::uint64_t author = impl_.authorities.id(batch.authority());
             return txn::write_beside(session, plain, room, number, [&](const Item& item) {
-                auto& author = impl_.frames.word(item.child, history::kAuthority);
-                if (author.load_relaxed() != authority)
-                    author.store_relaxed(authority);
+                impl_.set_author(item.child, author);
                 if (item.mended)
                     impl_.word(graph::kNormalised).fetch_add(1);
             });

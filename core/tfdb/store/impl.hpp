@@ -2,9 +2,7 @@
 #pragma once
 
 #include <memory>
-#include <mutex>
 #include <string>
-#include <unordered_map>
 #include <vector>
 
 #include "tfdb/base/interruption.hpp"
@@ -13,6 +11,7 @@
 #include "tfdb/graph/pins.hpp"
 #include "tfdb/lookup/lookup.hpp"
 #include "tfdb/memory/private_memory.hpp"
+#include "tfdb/store/authorities.hpp"
 #include "tfdb/store/buffer.hpp"
 #include "tfdb/store/control.hpp"
 #include "tfdb/store/open_transaction.hpp"
@@ -26,66 +25,6 @@ using StoreMemory = memory::PrivateMemory;
 using StoreView = txn::SnapshotView<StoreMemory>;
 using StoreEdge = history::EdgeView<StoreMemory>;
 using StoreCommit = txn::Commit<StoreMemory>;
-
-/// Names of authorities to small ids.
-/// Threads: `id` only the holder of the commit lock; the others any.
-/// Guarantee: they block only against each other.
-class Authorities {
-public:
-    std::uint64_t id(std::string_view name) {
-        if (name.empty()) {
-            return 0;
-        }
-        if (name == last_name_) {
-            return last_id_;
-        }
-        last_id_ = find_or_add(name);
-        last_name_ = name;
-        return last_id_;
-    }
-    /// The same beside others.
-    std::uint64_t id_beside_others(std::string_view name) {
-        struct Last {
-            std::uint64_t serial = 0;
-            std::uint64_t id = 0;
-            std::string name;
-        };
-        static thread_local Last last;
-        if (name.empty())
-            return 0;
-        if (last.serial != serial_ || last.name != name) {
-            last.id = find_or_add(name);
-            last.name = name;
-            last.serial = serial_;
-        }
-        return last.id;
-    }
-    [[nodiscard]] std::string name(std::uint64_t id) const {
-        const std::lock_guard guard(mutex_);
-        return id == 0 || id > names_.size() ? std::string() : names_[id - 1];
-    }
-
-private:
-    std::uint64_t find_or_add(std::string_view name) {
-        const std::lock_guard guard(mutex_);
-        const auto [at, added] = ids_.try_emplace(std::string(name), names_.size() + 1);
-        if (added)
-            names_.emplace_back(name);
-        return at->second;
-    }
-    /// Never the same twice, as an address might be.
-    static std::uint64_t next_serial() {
-        static sync::Word serials{};
-        return serials.fetch_add(1) + 1;
-    }
-
-    mutable std::mutex mutex_;
-    std::unordered_map<std::string, std::uint64_t> ids_;
-    std::vector<std::string> names_;
-    std::string last_name_;
-    std::uint64_t last_id_ = 0;
-    std::uint64_t serial_ = next_serial();
-};
 
 /// The region with the forest in it, and what only the writers of this process need.
 /// Threads: reads any; `scratch` and `items` only under `lock`.
@@ -101,14 +40,26 @@ struct Reads::Impl {
     /// The oldest state that anybody may read: what it does not show may be overwritten. The newest
     /// one where held snapshots have already made the store grow as far as they may.
     [[nodiscard]] CommitNumber oldest_read();
-    /// Starts a commit; the commit lock is held.
+    /// Starts a commit; the commit lock is held, and nobody writes beside it.
     [[nodiscard]] StoreCommit start_commit();
+    /// `author`: what `authorities.id` said since the commit was started.
+    void set_author(FrameId id, std::uint64_t author) {
+        auto& word = frames.word(id, history::kAuthority);
+        if (word.load_relaxed() != author)
+            word.store_relaxed(author);
+    }
+    /// Who wrote to the frame last.
+    [[nodiscard]] std::string author(FrameId id) const;
+    /// Drops the names of authorities that no frame has; as `start_commit`.
+    void forget_authorities();
 
     struct Item {
         FrameId child;
         FrameId parent;
         std::size_t index;
     };
+    /// To look at all frames for names of authorities must not be dear for each name.
+    static constexpr std::size_t kFramesPerSpareName = 8;
 
     StoreMemory memory;
     StampNs history;
@@ -122,7 +73,7 @@ struct Reads::Impl {
     std::vector<Item> items;
     sync::Word oldest_held{};     // what `oldest_read` said last
     sync::Word unpinned_bytes{};  // used when that state was the newest one or came to be asked for
-    Authorities authorities;
+    store::Authorities authorities;
     mutable sync::Word lapped_reads{};
     mutable sync::Word locked_reads{};
     sync::Word aborts{};                      // of transactions, conflicts included

@@ -24,8 +24,7 @@ bool read_name(const Reads::Impl& impl, const StoreView& view, FrameId id, std::
 
 Outcome fill_info(const Reads::Impl& impl, const StoreView& view, FrameId id, FrameInfo& info) {
     info = FrameInfo{};
-    info.authority =
-        impl.authorities.name(impl.frames.word(id, history::kAuthority).load_relaxed());
+    info.authority = impl.author(id);
     info.late = impl.frames.word(id, history::kLate).load_relaxed();
     store::Track track;
     const Outcome outcome = store::collect_all(view, id, track);

@@ -56,7 +56,8 @@ struct Transaction::State {
         std::exchange(entry, nullptr)->close(how == nullptr);
     }
 
-    /// Calls the attempt; a Conflict ends it.
+    /// Calls the attempt. A Conflict ends it; so does what is no Error: memory may have run out
+    /// amid a write, and half of one must never be committed.
     template <class Body>
     auto call(Body body) {
         check();
@@ -64,6 +65,11 @@ struct Transaction::State {
             return body(*attempt);
         } catch (const Conflict&) {
             lose();
+            throw;
+        } catch (const Error&) {
+            throw;
+        } catch (...) {
+            end(nullptr);
             throw;
         }
     }

@@ -78,12 +78,10 @@ bool store_all(Reads::Impl& impl, const Batch& batch, CommitNumber& number) {
     txn::Cycle cycle;
     if (commit.find_cycle(cycle))
         return false;
-    const std::uint64_t authority = impl.authorities.id(batch.authority());
-    for (const auto& item : impl.items) {
-        auto& writer = impl.frames.word(item.child, history::kAuthority);
-        if (writer.load_relaxed() != authority)
-            writer.store_relaxed(authority);
-    }
+    const std::uint64_t author = impl.authorities.id(batch.authority());
+    commit.prepare();  // from here on nothing throws
+    for (const auto& item : impl.items)
+        impl.set_author(item.child, author);
     if (mended != 0)
         impl.word(graph::kNormalised).fetch_add(mended);
     number = commit.publish();

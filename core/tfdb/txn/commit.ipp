@@ -243,8 +243,15 @@ void Commit<Memory>::refresh_depths() {
 }
 
 template <class Memory>
+void Commit<Memory>::prepare() {
+    refresh_depths();
+    prepared_ = true;
+}
+
+template <class Memory>
 CommitNumber Commit<Memory>::publish() {
-    refresh_depths();  // may throw: nothing is settled yet
+    if (!prepared_)
+        prepare();
     settle_parents();
     frames_.store_word(graph::kCommit).store_release(number());
     published_ = true;

@@ -79,7 +79,8 @@ struct Stage {
         require(answer.edges[0].before == answer.edges[1].before, "both edges of one batch");
     }
 
-    /// One batch on both edges. `frames` in the order in which they are to be locked.
+    /// One batch on both edges. `frames` in the order in which they are to be locked. `breaks`:
+    /// there is no room for the second edge's samples, so the commit number stays as it is.
     CommitNumber write(unsigned thread, StampNs stamp,
                        const std::vector<FrameId>& frames = {kOdom, kBase}, bool breaks = false) {
         S session(shared, in_slot(thread));
@@ -91,18 +92,19 @@ struct Stage {
             item.sample = sample(id - 1, stamp);
             batch.items.push_back(item);
         }
+        for (StampNs more = 1; breaks && more < kMoreThanFit; ++more) {
+            batch.items.push_back(batch.items.back());
+            batch.items.back().sample.stamp = stamp + more;
+        }
         try {
             return write_through(
                 session,
                 [&](CommitNumber& number) {
-                    return beside(session, batch, number, [&](const Item& item) {
-                        if (breaks && item.child == kBase)
-                            throw CapacityExceeded("seeded");
-                    });
+                    return beside(session, batch, number, [](const Item&) {});
                 },
                 [&] {
                     if (breaks)
-                        throw CapacityExceeded("seeded");
+                        throw CapacityExceeded("alone");
                     (void)store.apply(chain(stamp), static_cast<std::size_t>(stamp));
                     return shared.committed();
                 });
@@ -170,6 +172,7 @@ struct Stage {
     SharedState<ForestMemory> shared{store.frames, history::kForever};
 
 private:
+    static constexpr StampNs kMoreThanFit = 32;
     // Of a frame's lock: the first two slots, waited for, exclusive; of a version's: locked, waited
     // for.
     static constexpr std::uint64_t kLockBits = 3 | std::uint64_t{3} << 62;

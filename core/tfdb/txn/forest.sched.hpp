@@ -16,10 +16,17 @@ namespace tfdb {
 namespace txn::forest {
 
 inline constexpr std::size_t kRegionBytes = 8192;
+inline constexpr std::size_t kLargestBlock = 2048;  // no ring of 32 slots
 
 /// Rings that start with two slots, a table of names that starts with four.
 struct ForestMemory : sched::BasicMemory<7> {
     ForestMemory() : BasicMemory(kRegionBytes) {}
+
+    Offset allocate(std::size_t bytes) {
+        if (bytes > kLargestBlock)
+            throw CapacityExceeded("the walked region has no block that large");
+        return BasicMemory::allocate(bytes);
+    }
 };
 
 }  // namespace txn::forest

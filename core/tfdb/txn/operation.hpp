@@ -54,23 +54,30 @@ template <class Memory>
 }
 
 /// Appends a batch under the locks of its frames, if all that the session has read still holds.
-/// `stored(item)` is called before anybody can see the sample. Throws CapacityExceeded: nothing is
-/// stored then. An engine that does not isolate stores sample by sample, each by itself.
+/// `stored(item)` is called before anybody can see the sample, and throws nothing. Throws
+/// CapacityExceeded: nothing is stored then, and no number used. An engine that does not isolate
+/// stores sample by sample, each by itself.
 template <Session S, class Stored>
 [[nodiscard]] Written write_beside(S& session, const PlainBatch<typename S::Memory>& batch,
                                    const WriteRoom& room, CommitNumber& number, Stored stored) {
     using Item = typename PlainBatch<typename S::Memory>::Item;
     auto& shared = session.shared();
+    const auto reserve = [&](std::span<const Item> items) {
+        history::WriteContext context;
+        context.committed = shared.committed();
+        context.history = shared.history;
+        context.ask_oldest = room.ask_oldest;
+        context.store = room.store;
+        reserve_beside<typename S::Memory>(shared.frames, context, items);
+        return context;
+    };
     const auto store = [&](std::span<const Item> items) {
+        history::WriteContext context = reserve(items);
         number = session.take_ticket();
-        ParallelCommit<typename S::Memory> commit(shared.frames, session.scratch().touched,
-                                                  shared.history, number, room.ask_oldest,
-                                                  room.store);
-        for (const Item& item : items)
-            commit.append(item.child, item.sample);
+        context.committed = number - 1;
+        append_beside<typename S::Memory>(shared.frames, context, items);
         for (const Item& item : items)
             stored(item);
-        commit.keep();
     };
     if constexpr (S::kIsolates) {
         if (!session.lock(batch.frames))
@@ -84,6 +91,12 @@ template <Session S, class Stored>
         // A sample that is too old when its turn comes is stored all the same, and seen by nobody.
         if (!only_adds(shared, batch))
             return Written::kNotPlain;
+        // Where there is no room for some of it, none of it is stored.
+        for_each_edge<typename S::Memory>(shared.frames, batch.items, [&](auto, const auto& items) {
+            (void)session.lock({&items.front().child, 1});
+            (void)reserve(items);
+            session.let_go();
+        });
         for (const Item& item : batch.items) {
             (void)session.lock({&item.child, 1});
             store({&item, 1});

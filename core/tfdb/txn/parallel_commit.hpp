@@ -1,6 +1,7 @@
 // A commit beside others: samples for edges that are there, under their frames' locks.
 #pragma once
 
+#include <span>
 #include <vector>
 
 #include "tfdb/graph/frames.hpp"
@@ -53,63 +54,46 @@ struct PlainBatch {
     struct Item {
         FrameId child = kNoFrame;
         history::NewSample<Memory> sample;
-        bool mended = false;  // for whoever counts that
+        std::uint64_t author = 0;  // for whoever stores that
+        bool mended = false;       // for whoever counts that
     };
     std::vector<Place> order;  // scratch of whoever fills the batch
     std::vector<Item> items;
     std::vector<FrameId> frames;  // those written, ascending, each once
 };
 
-/// An edge that a commit has written to, and how it was.
-struct TouchedEdge {
-    FrameId id = kNoFrame;
-    history::EdgeUndo undo;
-};
+/// Calls visit(edge, samples) for each edge of the items, which come as in a PlainBatch.
+template <class Memory, class Visit>
+void for_each_edge(const graph::Frames<Memory>& frames,
+                   std::span<const typename PlainBatch<Memory>::Item> items, Visit visit) {
+    for (std::size_t first = 0, end = 0; first < items.size(); first = end) {
+        while (end < items.size() && items[end].child == items[first].child)
+            ++end;
+        visit(history::EdgeWriter<Memory>(frames.memory(), frames.header(items[first].child)),
+              items.subspan(first, end - first));
+    }
+}
 
-/// Appends under the locks of the written frames, tagged with a ticket. The destructor takes off
-/// what was not kept.
-/// Threads: one, which holds the written frames for writing from before the ticket was taken until
-/// after the destructor. Guarantee: all or nothing, also when a call throws.
+/// Makes room for samples that fit their edges, before their commit has a number: what is refused
+/// counts as no commit. The caller holds the frames for writing. Throws CapacityExceeded, having
+/// changed nothing that counts.
 template <class Memory>
-class ParallelCommit {
-public:
-    /// `ask_oldest` as in txn::Commit; `touched` is scratch memory.
-    ParallelCommit(const graph::Frames<Memory>& frames, std::vector<TouchedEdge>& touched,
-                   clock::StampNs history, CommitNumber ticket,
-                   CommitNumber (*ask_oldest)(void* store), void* store)
-        : frames_(frames), touched_(touched) {
-        touched_.clear();
-        context_.committed = ticket - 1;
-        context_.history = history;
-        context_.ask_oldest = ask_oldest;
-        context_.store = store;
-    }
-    ~ParallelCommit() {
-        for (const TouchedEdge& touched : touched_)
-            writer(touched.id).undo(touched.undo);
-    }
-    ParallelCommit(const ParallelCommit&) = delete;
-    ParallelCommit& operator=(const ParallelCommit&) = delete;
+void reserve_beside(const graph::Frames<Memory>& frames, const history::WriteContext& context,
+                    std::span<const typename PlainBatch<Memory>::Item> items) {
+    for_each_edge<Memory>(frames, items, [&](auto edge, const auto& samples) {
+        edge.reserve(context, samples.size(), samples.front().sample.stamp);
+    });
+}
 
-    /// The samples of one edge come one after another, in stamp order, and fit it.
-    void append(FrameId child, const history::NewSample<Memory>& sample) {
-        if (touched_.empty() || touched_.back().id != child) {
-            TouchedEdge& touched = touched_.emplace_back();
-            touched.id = child;
-            writer(child).save(touched.undo);
-        }
-        writer(child).append(context_, sample);
-    }
-    void keep() { touched_.clear(); }
-
-private:
-    [[nodiscard]] history::EdgeWriter<Memory> writer(FrameId id) const {
-        return {frames_.memory(), frames_.header(id)};
-    }
-
-    const graph::Frames<Memory>& frames_;
-    std::vector<TouchedEdge>& touched_;
-    history::WriteContext context_;
-};
+/// Appends the samples for which there is room. The caller holds the frames for writing, from
+/// before `context` got its ticket.
+template <class Memory>
+void append_beside(const graph::Frames<Memory>& frames, const history::WriteContext& context,
+                   std::span<const typename PlainBatch<Memory>::Item> items) {
+    for_each_edge<Memory>(frames, items, [&](auto edge, const auto& samples) {
+        for (const auto& item : samples)
+            edge.append(context, item.sample);
+    });
+}
 
 }  // namespace tfdb::txn

@@ -1,5 +1,5 @@
-// Every interleaving of commits beside others with what reads without any lock, and of those that
-// are taken back.
+// Every interleaving of commits beside others with what reads without any lock, and of those for
+// which there is no room.
 #include "tfdb/txn/parallel_commit.hpp"
 
 #include "tfdb/txn/engines.sched.hpp"
@@ -10,7 +10,8 @@ namespace tfdb::txn::engines {
 
 namespace {
 
-/// A batch that breaks after it was appended: nothing of it stays.
+/// A batch for which there is no room once the first edge's ring has grown: nothing is stored, and
+/// it is no commit.
 template <class S>
 Body<S> breaker(StampNs stamp) {
     return [=](Stage<S>& stage, unsigned thread) {
@@ -46,7 +47,7 @@ Body<S> holder() {
 
 }  // namespace
 
-TFDB_SCHED(parallel_commit_is_taken_back) {
+TFDB_SCHED(parallel_commit_without_room_is_none) {
     sched::Walk walk;
     using Locks = NoWaitSession<ForestMemory>;
     using Versions = SiloSession<ForestMemory>;
@@ -64,7 +65,7 @@ TFDB_SCHED(parallel_commit_leaves_held_snapshots_alone) {
     sched::Walk walk;
     using S = NoWaitSession<ForestMemory>;
     walk.must_hold("a writer", acted<S>({holder<S>(), writer<S>(20)}, newest_is<S>(20, 20, 6)));
-    walk.must_hold("one that is taken back",
+    walk.must_hold("one without room",
                    acted<S>({holder<S>(), breaker<S>(20)}, newest_is<S>(11, 11, 4)));
 }
 

@@ -122,7 +122,8 @@ template <class Memory>
     return {};
 }
 
-/// The session is alone and what was read still holds. `Store` starts commits and knows authors.
+/// The session is alone and what was read still holds. `Store` starts commits and knows authors:
+/// `author(name)` may throw, `set_author` not.
 template <class Memory, class Store>
 [[nodiscard]] Settled commit_alone(const WriteSet<Memory>& writes, Store& store) {
     Settled settled;
@@ -135,19 +136,25 @@ template <class Memory, class Store>
         application.describe(cycle.item, settled);
         return settled;
     }
+    std::vector<std::uint64_t> authors;
     for (const auto& edge : writes.edges()) {
-        if (edge.child != kNoFrame) {
-            store.set_author(application.real(edge.child),
-                             writes.authority_name(edge.samples.back().authority));
-        }
+        if (edge.child != kNoFrame)
+            authors.push_back(store.author(writes.author_of(edge)));
+    }
+    commit.prepare();  // from here on nothing throws
+    auto author = authors.begin();
+    for (const auto& edge : writes.edges()) {
+        if (edge.child != kNoFrame)
+            store.set_author(application.real(edge.child), *author++);
     }
     settled.commit = commit.publish();
     return settled;
 }
 
 /// The writes as samples that only append to edges that are there. False: they do more.
-template <class Memory>
-[[nodiscard]] bool make_plain(const WriteSet<Memory>& writes, PlainBatch<Memory>& plain) {
+template <class Memory, class Store>
+[[nodiscard]] bool make_plain(const WriteSet<Memory>& writes, Store& store,
+                              PlainBatch<Memory>& plain) {
     plain.items.clear();
     plain.frames.clear();
     if (writes.made() != 0 || !writes.removed().empty())
@@ -159,9 +166,11 @@ template <class Memory>
               [](const auto* a, const auto* b) { return a->child < b->child; });
     for (const auto* edge : edges) {
         plain.frames.push_back(edge->child);
+        const std::uint64_t author = store.author(writes.author_of(*edge));
         for (const auto& own : edge->samples) {
             auto& item = plain.items.emplace_back();
             item.child = edge->child;
+            item.author = author;
             item.sample.stamp = own.stamp;
             item.sample.parent = own.parent;
             item.sample.payload = own.payload;
@@ -176,14 +185,13 @@ template <Session S, class Store>
 [[nodiscard]] bool settle_beside(S& session, const WriteSet<typename S::Memory>& writes,
                                  Store& store, Settled& settled) {
     auto& plain = session.scratch().batch;
-    if (!make_plain(writes, plain))
+    if (store.crowded())
+        return false;
+    if (!make_plain(writes, store, plain))
         return false;
     const Written written =
-        write_beside(session, plain, store.room(), settled.commit, [&](const auto& item) {
-            store.set_author_beside(
-                item.child,
-                writes.authority_name(writes.edge(item.child)->samples.back().authority));
-        });
+        write_beside(session, plain, store.room(), settled.commit,
+                     [&](const auto& item) { store.set_author(item.child, item.author); });
     if (written == Written::kNotPlain)
         return false;
     if (written == Written::kDone)

@@ -45,7 +45,6 @@ struct alignas(64) SlotScratch {
     std::vector<FrameId> held;
     std::vector<NotedVersion> noted;
     PlainBatch<Memory> batch;
-    std::vector<TouchedEdge> touched;
 };
 
 /// The gate, the commit lock and the event that frames' locks are waited for with.

@@ -33,7 +33,9 @@ public:
     }
     [[nodiscard]] const graph::Frames<ForestMemory>& frames() const { return forest_.frames; }
     [[nodiscard]] StampNs history() const { return forest_.history; }
-    void set_author(FrameId, std::string_view) {}
+    [[nodiscard]] bool crowded() const { return false; }
+    [[nodiscard]] std::uint64_t author(std::string_view) const { return 0; }
+    void set_author(FrameId, std::uint64_t) {}
 
 private:
     WalkedForest& forest_;

@@ -123,6 +123,10 @@ public:
     [[nodiscard]] const std::string& authority_name(std::uint32_t place) const {
         return authorities_[place];
     }
+    /// Who wrote an edge's newest sample.
+    [[nodiscard]] const std::string& author_of(const Edge& edge) const {
+        return authority_name(edge.samples.back().authority);
+    }
 
     /// In the order of their first samples; `child` is kNoFrame where the frame was removed since.
     [[nodiscard]] const std::vector<Edge>& edges() const { return edges_; }

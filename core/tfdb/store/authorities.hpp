@@ -1,0 +1,64 @@
+// Who writes: names of authorities, and the numbers that frames keep of them.
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+#include <mutex>
+#include <optional>
+#include <string>
+#include <string_view>
+#include <unordered_map>
+#include <vector>
+
+#include "tfdb/sync/word.hpp"
+
+namespace tfdb::store {
+
+/// Names of authorities by numbers that are never used twice; no name is number 0.
+/// Threads: any; `keep_only` only who is alone in the store.
+/// Guarantee: they block only against each other. What throws leaves all as it was.
+class Authorities {
+public:
+    Authorities();
+
+    /// The number of a name, a new one if need be.
+    [[nodiscard]] std::uint64_t id(std::string_view name);
+    /// None: it was dropped, so no frame has it any more.
+    [[nodiscard]] std::optional<std::string> name(std::uint64_t id) const;
+
+    /// Whether there are so many names that those which no frame has should go.
+    [[nodiscard]] bool crowded() const noexcept {
+        return count_.load_relaxed() > most_.load_relaxed();
+    }
+    /// Drops all names but those with these numbers, and is crowded once twice as many, and
+    /// `spare` more, have come.
+    void keep_only(std::vector<std::uint64_t> ids, std::size_t spare);
+
+    /// What the names occupy.
+    [[nodiscard]] std::size_t bytes() const;
+
+private:
+    struct Hash {
+        using is_transparent = void;
+        std::size_t operator()(std::string_view name) const noexcept {
+            return std::hash<std::string_view>()(name);
+        }
+    };
+    using Ids = std::unordered_map<std::string, std::uint64_t, Hash, std::equal_to<>>;
+
+    static constexpr std::uint64_t kFew = 64;
+
+    std::uint64_t find_or_add(std::string_view name);
+    /// Never the same twice, as an address might be.
+    static std::uint64_t next_serial();
+
+    mutable std::mutex mutex_;
+    Ids ids_;
+    std::unordered_map<std::uint64_t, const std::string*> names_;  // the keys of `ids_`
+    std::uint64_t last_id_ = 0;
+    sync::Word count_{};
+    sync::Word most_{};
+    sync::Word serial_{};  // another one once names were dropped
+};
+
+}  // namespace tfdb::store
