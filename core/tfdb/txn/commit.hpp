@@ -64,12 +64,14 @@ struct CommitScratch {
     std::vector<FrameId> removed;
     std::vector<Relation> relations;
     std::vector<Stop> stops;
+    std::vector<FrameId> path;            // those of the stops that were entered
     std::vector<Mark> marks;              // by frame
     std::vector<std::uint32_t> by_child;  // the relations, sorted
     std::vector<std::uint32_t> depths;    // by frame
     std::vector<FrameId> climb;
     std::uint64_t attempts = 0;
     std::uint64_t searches = 0;
+    std::uint64_t steps = 0;  // stops, samples and relations that searches looked at: for tests
 };
 
 /// Writes of one commit. Nothing is visible before `publish`; the destructor undoes what was not
@@ -126,7 +128,10 @@ public:
     [[nodiscard]] bool find_cycles(std::vector<Cycle>& cycles);
     /// After a search: every sample that could be part of any cycle.
     void suspects(std::vector<Cycle>& cycles) const;
-    /// Makes all of it visible at once.
+    /// Does beforehand all of `publish` that may throw.
+    void prepare();
+    /// Makes all of it visible at once. Throws nothing after `prepare`, and only before anything
+    /// is visible.
     CommitNumber publish();
 
     /// The parent that the newest sample names, kNoFrame for a root.
@@ -143,17 +148,22 @@ private:
     void empty_removed();
     [[nodiscard]] bool holds(const CommitScratch::Relation& relation, StampNs& from,
                              StampNs& to) const;
+    enum class Next : std::uint8_t {
+        kGoOn,     // above the same suspect
+        kSuspect,  // the other ones
+        kEnd,
+    };
     template <class Found>
-    bool search(Found found);
+    void search(Found found);
     template <class Found>
-    bool walk(const Cycle& suspect, Found& found);
+    [[nodiscard]] Next walk(const Cycle& suspect, Found& found);
     [[nodiscard]] CommitScratch::Mark& mark_of(FrameId id);
     template <class Visit>
-    void for_each_in_cycle(const CommitScratch::Stop& top, Visit visit) const;
+    void for_each_in_cycle(FrameId top, Visit visit) const;
     [[nodiscard]] Cycle blame(const CommitScratch::Stop& top, const Cycle& suspect);
     [[nodiscard]] bool held_before(const CommitScratch::Relation& relation, StampNs stamp) const;
-    [[nodiscard]] static bool next_sample(const history::EdgeView<Memory>& edge,
-                                          std::uint64_t& index, StampNs& stamp);
+    [[nodiscard]] bool next_sample(const history::EdgeView<Memory>& edge, std::uint64_t& index,
+                                   StampNs& stamp) const;
     void push_parents(const CommitScratch::Stop& at);
     void push_stop(FrameId parent, CommitNumber written, StampNs from, StampNs to);
     void push_mixed_parents(const history::EdgeView<Memory>& edge, const CommitScratch::Stop& at);
@@ -167,6 +177,7 @@ private:
     history::WriteContext context_;
     bool (*ask_may_evict_)(void* store) = nullptr;
     CommitNumber (*ask_oldest_)(void* store) = nullptr;
+    bool prepared_ = false;
     bool published_ = false;
     bool cleared_ = false;
     bool depths_stale_ = false;  // a frame with children got another parent

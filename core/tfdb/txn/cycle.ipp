@@ -21,41 +21,45 @@ inline constexpr clock::StampNs kDusk = std::numeric_limits<clock::StampNs>::max
 
 template <class Memory>
 bool Commit<Memory>::find_cycle(Cycle& cycle) {
-    return search([&](const CommitScratch::Stop& top, const Cycle& suspect) {
+    bool any = false;
+    search([&](const CommitScratch::Stop& top, const Cycle& suspect) {
         cycle = blame(top, suspect);
-        return true;
+        any = true;
+        return Next::kEnd;
     });
+    return any;
 }
 
 /// Of two cycles that share a frame which is to change, only one is reported: without it the other
-/// may be none.
+/// may be none. Once the suspect is to change there is no need to look for more above it: what
+/// comes last in time is found first, so the cycle's end is that of all.
 template <class Memory>
 bool Commit<Memory>::find_cycles(std::vector<Cycle>& cycles) {
     cycles.clear();
     search([&](const CommitScratch::Stop& top, const Cycle& suspect) {
         const Cycle cycle = blame(top, suspect);
         bool touches_another = false;
-        for_each_in_cycle(top, [&](const CommitScratch::Stop& at) {
-            touches_another |= at.id != cycle.child && mark_of(at.id).blamed;
+        for_each_in_cycle(top.id, [&](FrameId id) {
+            touches_another |= id != cycle.child && mark_of(id).blamed;
         });
-        if (!touches_another) {
-            mark_of(cycle.child).blamed = true;
-            cycles.push_back(cycle);
-        }
-        return false;
+        if (touches_another)
+            return Next::kGoOn;
+        mark_of(cycle.child).blamed = true;
+        cycles.push_back(cycle);
+        return cycle.item == suspect.item ? Next::kSuspect : Next::kGoOn;
     });
     return !cycles.empty();
 }
 
-/// Calls `found(top)` for each cycle that it comes upon, until that says true: the path in
-/// scratch_.stops then leads from the frame at `top` back to it.
+/// Calls `found(top, suspect)` for each cycle that it comes upon, and goes on as that says: the
+/// path in scratch_.path then leads from the frame at `top` back to it.
 ///
 /// A cycle needs its child to be somebody's parent already. Relations are looked at in the order in
 /// which they came, so of a chain that is built from its root no frame is one yet: the last
 /// relation that closes a cycle always finds the others in place.
 template <class Memory>
 template <class Found>
-bool Commit<Memory>::search(Found found) {
+void Commit<Memory>::search(Found found) {
     using history::Topology;
     ++scratch_.searches;
     scratch_.by_child.clear();
@@ -67,34 +71,43 @@ bool Commit<Memory>::search(Found found) {
         if (!seen && (frames_.topology(relation.child) & Topology::kParented) != 0 &&
             holds(relation, next.from, next.to)) {
             last = next;
-            if (walk(next, found)) {
-                return true;
-            }
+            if (walk(next, found) == Next::kEnd)
+                return;
         }
         auto& topology = frames_.word(relation.parent, history::kTopology);
         const std::uint64_t word = topology.load_relaxed();
         if ((word & Topology::kParented) == 0)
             topology.store_release(word | Topology::kParented);
     }
-    return false;
 }
 
 /// Goes up from a frame by all parents that it has in the interval.
 template <class Memory>
 template <class Found>
-bool Commit<Memory>::walk(const Cycle& suspect, Found& found) {
+auto Commit<Memory>::walk(const Cycle& suspect, Found& found) -> Next {
     auto& stops = scratch_.stops;
+    auto& path = scratch_.path;
+    path.clear();
     stops.assign(1, {suspect.child, suspect.from, suspect.to, false});
     while (!stops.empty()) {
+        ++scratch_.steps;
         const CommitScratch::Stop at = stops.back();
         CommitScratch::Mark& mark = mark_of(at.id);
         if (at.entered) {
             mark.leave(at.from, at.to);
+            path.pop_back();
         } else if (mark.on_path) {
-            if (found(at, suspect)) {
-                return true;
+            const Next next = found(at, suspect);
+            if (next == Next::kGoOn) {
+                stops.pop_back();
+                continue;
             }
+            // What lies above them was not all looked at.
+            for (const FrameId id : path)
+                mark_of(id).on_path = false;
+            return next;
         } else if (!mark.covers(at.from, at.to)) {
+            path.push_back(at.id);
             stops.back().entered = true;
             mark.on_path = true;
             push_parents(at);
@@ -102,7 +115,7 @@ bool Commit<Memory>::walk(const Cycle& suspect, Found& found) {
         }
         stops.pop_back();
     }
-    return false;
+    return Next::kSuspect;
 }
 
 template <class Memory>
@@ -118,19 +131,15 @@ CommitScratch::Mark& Commit<Memory>::mark_of(FrameId id) {
     return mark;
 }
 
-/// Visits the stops of the path from the frame at `top` (its earlier stop) to its end.
+/// Visits the frames of the path from its end back to the frame that was met again.
 template <class Memory>
 template <class Visit>
-void Commit<Memory>::for_each_in_cycle(const CommitScratch::Stop& top, Visit visit) const {
-    const auto& stops = scratch_.stops;
-    std::size_t first = stops.size();
-    while (first-- > 0) {
-        if (stops[first].entered && stops[first].id == top.id)
-            break;
-    }
-    for (; first < stops.size(); ++first) {
-        if (stops[first].entered)
-            visit(stops[first]);
+void Commit<Memory>::for_each_in_cycle(FrameId top, Visit visit) const {
+    for (auto at = scratch_.path.rbegin(); at != scratch_.path.rend(); ++at) {
+        ++scratch_.steps;
+        visit(*at);
+        if (*at == top)
+            return;
     }
 }
 
@@ -146,22 +155,27 @@ Cycle Commit<Memory>::blame(const CommitScratch::Stop& top, const Cycle& suspect
         std::sort(order.begin(), order.end(), [&](std::uint32_t a, std::uint32_t b) {
             return relations[a].child != relations[b].child
                        ? relations[a].child < relations[b].child
-                       : a < b;
+                       : relations[a].item < relations[b].item;
         });
     }
     Cycle cycle;
-    for_each_in_cycle(top, [&](const CommitScratch::Stop& at) {
+    for_each_in_cycle(top.id, [&](FrameId id) {
         auto found =
-            std::lower_bound(order.begin(), order.end(), at.id,
-                             [&](std::uint32_t i, FrameId id) { return relations[i].child < id; });
-        for (; found != order.end() && relations[*found].child == at.id; ++found) {
+            std::upper_bound(order.begin(), order.end(), id,
+                             [&](FrameId of, std::uint32_t i) { return of < relations[i].child; });
+        // The last one first.
+        while (found != order.begin() && relations[*--found].child == id) {
+            ++scratch_.steps;
             const auto& relation = relations[*found];
+            if (cycle.child != kNoFrame && relation.item < cycle.item)
+                break;
             StampNs from = 0;
             StampNs to = 0;
-            const bool later = cycle.child == kNoFrame || relation.item > cycle.item;
-            if (later && holds(relation, from, to) && from <= top.from && top.from < to &&
-                !held_before(relation, top.from))
+            if (holds(relation, from, to) && from <= top.from && top.from < to &&
+                !held_before(relation, top.from)) {
                 cycle = {relation.child, relation.parent, relation.item, from, top.to};
+                break;
+            }
         }
     });
     return cycle.child == kNoFrame ? suspect : cycle;
@@ -253,7 +267,8 @@ bool Commit<Memory>::holds(const CommitScratch::Relation& relation, StampNs& fro
 /// Goes on to the sample that follows in time; after the last one to none, at the end of time.
 template <class Memory>
 bool Commit<Memory>::next_sample(const history::EdgeView<Memory>& edge, std::uint64_t& index,
-                                 StampNs& stamp) {
+                                 StampNs& stamp) const {
+    ++scratch_.steps;
     if (edge.ordered()) {
         index = index + 1 < edge.hi() ? index + 1 : history::kNoIndex;
     } else {

@@ -1,0 +1,102 @@
+// What the search for cycles costs, by what it looks at.
+#include <limits>
+#include <string_view>
+#include <vector>
+
+#include "tfdb/memory/private_memory.hpp"
+#include "tfdb/testing/check.hpp"
+#include "tfdb/txn/commit.hpp"
+
+namespace tfdb::txn {
+namespace {
+
+using Memory = memory::PrivateMemory;
+
+/// A forest that is written one relation at a time.
+class Trees {
+public:
+    /// Publishes the relation. False: it closes a cycle, and is taken back.
+    bool set(std::string_view parent, std::string_view child, clock::StampNs stamp) {
+        Commit<Memory> commit(frames_, scratch_, history::kForever, true);
+        append(commit, parent, child, stamp);
+        Cycle cycle;
+        if (commit.find_cycle(cycle))
+            return false;
+        commit.publish();
+        return true;
+    }
+    /// Which of its cycles a search for all finds; taken back.
+    std::vector<Cycle> cycles(std::string_view parent, std::string_view child,
+                              clock::StampNs stamp) {
+        Commit<Memory> commit(frames_, scratch_, history::kForever, true);
+        append(commit, parent, child, stamp);
+        std::vector<Cycle> found;
+        (void)commit.find_cycles(found);
+        return found;
+    }
+    /// What `body()` makes searches look at.
+    template <class Body>
+    std::uint64_t steps_of(Body body) {
+        const std::uint64_t before = scratch_.steps;
+        body();
+        return scratch_.steps - before;
+    }
+
+private:
+    static constexpr std::uint32_t kFrames = 16;
+
+    static void append(Commit<Memory>& commit, std::string_view parent, std::string_view child,
+                       clock::StampNs stamp) {
+        history::NewSample<Memory> sample;
+        sample.stamp = stamp;
+        sample.parent = commit.frame(parent);
+        const FrameId id = commit.frame(child);
+        (void)commit.touch(id);
+        commit.append(id, sample, 0);
+    }
+
+    Memory memory_;
+    graph::Frames<Memory> frames_{memory_, memory_.allocate(graph::kStoreBytes),
+                                  memory_.allocate_sparse(graph::Frames<Memory>::bytes(kFrames)),
+                                  kFrames};
+    CommitScratch scratch_;
+};
+
+/// `a` hangs below `p` and `q` by turns, `count` times; `x` below `a`, and `z` below `y`.
+void grow(Trees& trees, clock::StampNs count) {
+    CHECK(trees.set("x", "below_x", history::kStaticStamp));
+    CHECK(trees.set("a", "x", history::kStaticStamp));
+    CHECK(trees.set("y", "z", history::kStaticStamp));
+    for (clock::StampNs stamp = 1; stamp <= count; ++stamp)
+        CHECK(trees.set(stamp % 2 == 0 ? "p" : "q", "a", stamp));
+}
+
+}  // namespace
+
+TFDB_TEST(cycle_that_is_refused_costs_no_more_than_what_is_accepted) {
+    for (const clock::StampNs count : {100, 1000, 10'000}) {
+        Trees trees;
+        grow(trees, count);
+        const std::uint64_t accepted = trees.steps_of([&] { CHECK(trees.set("x", "y", 1)); });
+        CHECK(accepted >= static_cast<std::uint64_t>(count));  // its walk comes by them all
+        const std::uint64_t refused = trees.steps_of([&] { CHECK(!trees.set("x", "p", 1)); });
+        CHECK(refused <= accepted);
+        const std::uint64_t told_apart =
+            trees.steps_of([&] { CHECK_EQ(trees.cycles("x", "p", 1).size(), 1U); });
+        CHECK(told_apart <= accepted);
+    }
+}
+
+TFDB_TEST(cycle_is_told_up_to_its_last_moment) {
+    Trees trees;
+    grow(trees, 10);
+    // `a` hangs below `p` in [2, 3), [4, 5), ... [10, oo), below `q` up to [9, 10).
+    const std::vector<Cycle> with_p = trees.cycles("x", "p", 1);
+    CHECK_EQ(with_p.size(), 1U);
+    CHECK(with_p[0].from == 1 && with_p[0].to == std::numeric_limits<clock::StampNs>::max());
+    const std::vector<Cycle> with_q = trees.cycles("x", "q", 1);
+    CHECK_EQ(with_q.size(), 1U);
+    CHECK(with_q[0].from == 1 && with_q[0].to == 10);
+}
+
+}  // namespace tfdb::txn
