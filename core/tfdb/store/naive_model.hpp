@@ -1,8 +1,9 @@
-// The whole store as one would write it on a napkin: lists, and a search through all of them for
-// every question. For tests only: it judges what the real one answers.
+// The whole store as one would write it on a napkin: a list of samples for each frame, and a search
+// through it for every question. For tests only: it judges what the real one answers.
 #pragma once
 
 #include <algorithm>
+#include <deque>
 #include <map>
 #include <optional>
 #include <set>
@@ -81,13 +82,13 @@ private:
         std::size_t died = kAlive;
     };
     struct Sample {
-        int child;
         int parent;
         StampNs stamp;
         Pose pose;
         std::size_t commit;
         bool is_static;
     };
+    using Samples = std::vector<const Sample*>;
     struct Choice {
         const Sample* anchor = nullptr;
         const Sample* second = nullptr;
@@ -101,11 +102,12 @@ private:
     }
     [[nodiscard]] int find(const std::string& name, std::size_t state) const;
     int find_or_make(const std::string& name);
-    [[nodiscard]] std::vector<const Sample*> visible(int frame, std::size_t state) const;
+    [[nodiscard]] const Samples& visible(int frame, std::size_t state) const;
+    [[nodiscard]] Samples look_for_visible(int frame, std::size_t state) const;
     [[nodiscard]] Choice choose(int frame, StampNs stamp, Policy policy, std::size_t state) const;
     [[nodiscard]] int parent_at(int frame, StampNs stamp, Policy policy, std::size_t state,
                                 bool answering = false) const;
-    [[nodiscard]] int held_parent(int frame, StampNs stamp, std::size_t state) const;
+    [[nodiscard]] int held_parent(const Samples& samples, StampNs stamp, std::size_t state) const;
     [[nodiscard]] bool has_cycle(std::size_t state) const;
     [[nodiscard]] std::optional<ErrorCode> fault_of_edge(const Member& m, bool is_static,
                                                          WriteRules rules) const;
@@ -118,14 +120,16 @@ private:
     [[nodiscard]] std::optional<StampNs> common_time(std::size_t state, int target,
                                                      int source) const;
     [[nodiscard]] static Pose pose_of(const Choice& choice, StampNs stamp);
-    [[nodiscard]] static Choice choose_outside(const std::vector<const Sample*>& samples,
-                                               StampNs stamp, Policy policy, bool future);
+    [[nodiscard]] static Choice choose_outside(const Samples& samples, StampNs stamp, Policy policy,
+                                               bool future);
 
     std::optional<StampNs> history_;
     std::size_t commit_ = 0;
     std::vector<Frame> frames_;
-    std::vector<Sample> samples_;
+    std::vector<std::deque<Sample>> samples_;  // by child, in the order in which they came
     std::vector<std::size_t> clears_;
+    // What `visible` said since the last write.
+    mutable std::map<std::pair<int, std::size_t>, Samples> seen_;
 };
 
 inline int Model::find(const std::string& name, std::size_t state) const {
@@ -146,16 +150,25 @@ inline int Model::find_or_make(const std::string& name) {
 }
 
 /// In stamp order, one for each stamp; a static edge has just its newest pose.
-inline std::vector<const Model::Sample*> Model::visible(int frame, std::size_t state) const {
+inline const Model::Samples& Model::visible(int frame, std::size_t state) const {
+    const auto [at, asked] = seen_.try_emplace({frame, state});
+    if (asked)
+        at->second = look_for_visible(frame, state);
+    return at->second;
+}
+
+inline Model::Samples Model::look_for_visible(int frame, std::size_t state) const {
     std::size_t cleared = 0;
     for (const std::size_t c : clears_) {
         if (c <= state)
             cleared = c;
     }
     std::map<StampNs, const Sample*> by_stamp;
-    for (const Sample& s : samples_) {
-        if (s.child != frame || s.commit > state)
-            continue;
+    if (static_cast<std::size_t>(frame) >= samples_.size())
+        return {};
+    for (const Sample& s : samples_[static_cast<std::size_t>(frame)]) {
+        if (s.commit > state)
+            break;
         // An edge that changes its kind starts anew.
         if (!by_stamp.empty() && by_stamp.begin()->second->is_static != s.is_static)
             by_stamp.clear();
@@ -165,7 +178,7 @@ inline std::vector<const Model::Sample*> Model::visible(int frame, std::size_t s
             by_stamp[s.stamp] = &s;
         }
     }
-    std::vector<const Sample*> found;
+    Samples found;
     for (const auto& [stamp, sample] : by_stamp) {
         if (sample->is_static || !history_ || stamp >= by_stamp.rbegin()->first - *history_) {
             found.push_back(sample);
@@ -174,8 +187,8 @@ inline std::vector<const Model::Sample*> Model::visible(int frame, std::size_t s
     return found;
 }
 
-inline Model::Choice Model::choose_outside(const std::vector<const Sample*>& samples, StampNs stamp,
-                                           Policy policy, bool future) {
+inline Model::Choice Model::choose_outside(const Samples& samples, StampNs stamp, Policy policy,
+                                           bool future) {
     Choice c;
     c.anchor = future ? samples.back() : samples.front();
     const StampNs beyond = future ? stamp - c.anchor->stamp : c.anchor->stamp - stamp;
@@ -200,7 +213,7 @@ inline Model::Choice Model::choose_outside(const std::vector<const Sample*>& sam
 
 inline Model::Choice Model::choose(int frame, StampNs stamp, Policy policy,
                                    std::size_t state) const {
-    const auto samples = visible(frame, state);
+    const Samples& samples = visible(frame, state);
     Choice c;
     if (samples.empty())
         return c;
@@ -439,9 +452,9 @@ inline std::string Model::describe(std::size_t state, const std::string& name) c
 }
 
 /// From each sample to the next one its parent holds; a static edge's holds for all time.
-inline int Model::held_parent(int frame, StampNs stamp, std::size_t state) const {
+inline int Model::held_parent(const Samples& samples, StampNs stamp, std::size_t state) const {
     int parent = kNone;
-    for (const Sample* s : visible(frame, state)) {
+    for (const Sample* s : samples) {
         if ((s->is_static || s->stamp <= stamp) && alive(s->parent, state))
             parent = s->parent;
         if (!s->is_static && s->stamp <= stamp && !alive(s->parent, state))
@@ -451,10 +464,15 @@ inline int Model::held_parent(int frame, StampNs stamp, std::size_t state) const
 }
 
 inline bool Model::has_cycle(std::size_t state) const {
+    // Between two stamps that can be seen nobody changes its parent.
     std::set<StampNs> times{-1};
-    for (const Sample& s : samples_) {
-        if (!s.is_static)
-            times.insert(s.stamp);
+    for (std::size_t f = 0; f < frames_.size(); ++f) {
+        if (!alive(static_cast<int>(f), state))
+            continue;
+        for (const Sample* s : visible(static_cast<int>(f), state)) {
+            if (!s->is_static)
+                times.insert(s->stamp);
+        }
     }
     for (const StampNs t : times) {
         for (std::size_t f = 0; f < frames_.size(); ++f) {
@@ -464,7 +482,7 @@ inline bool Model::has_cycle(std::size_t state) const {
             for (std::size_t steps = 0; at != kNone; ++steps) {
                 if (steps > frames_.size())
                     return true;
-                at = held_parent(at, t, state);
+                at = held_parent(visible(at, state), t, state);
             }
         }
     }
@@ -475,9 +493,12 @@ inline void Model::set(const std::vector<Member>& batch, bool is_static) {
     for (const Member& m : batch) {
         const int parent = find_or_make(m.parent);
         const int child = find_or_make(m.child);
-        samples_.push_back({child, parent, m.stamp, m.pose, commit_ + 1, is_static});
+        samples_.resize(frames_.size());
+        samples_[static_cast<std::size_t>(child)].push_back(
+            {parent, m.stamp, m.pose, commit_ + 1, is_static});
     }
     ++commit_;
+    seen_.clear();
 }
 
 inline std::map<std::size_t, ErrorCode> Model::faults(const std::vector<Member>& batch,
@@ -503,7 +524,7 @@ inline std::map<std::size_t, ErrorCode> Model::faults(const std::vector<Member>&
 inline std::optional<ErrorCode> Model::fault_of_edge(const Member& m, bool is_static,
                                                      WriteRules rules) const {
     const int child = find(m.child, commit_);
-    const auto samples = child == kNone ? std::vector<const Sample*>() : visible(child, commit_);
+    const Samples samples = child == kNone ? Samples() : visible(child, commit_);
     if (samples.empty())
         return std::nullopt;
     if (samples.back()->is_static != is_static)
