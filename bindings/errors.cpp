@@ -19,9 +19,9 @@ constexpr std::array kClassNames = {
     "InvalidStamp",      "InvalidName",    "InvalidArgument",
     "CorruptMessage",    "SnapshotTooOld", "SnapshotClosed",
     "CapacityExceeded",  "Conflict",       "TransactionClosed",
-    "TransactionActive", "WrongThread",
+    "TransactionActive", "WrongThread",    "Forked",
 };
-static_assert(kClassNames.size() == static_cast<std::size_t>(ErrorCode::kWrongThread) + 1);
+static_assert(kClassNames.size() == static_cast<std::size_t>(ErrorCode::kForked) + 1);
 
 // Strong references for the life of the process.
 std::array<PyObject*, kClassNames.size()> g_classes{};

@@ -98,8 +98,8 @@ nb::object path_stamps(nb::handle self, const nb::str& target, const nb::str& so
     const std::string_view from = name_of(source, "source");
     const std::optional<StampNs> first = optional_stamp_of(start.ptr());
     const std::optional<StampNs> last = optional_stamp_of(end.ptr());
-    const std::vector<StampNs> stamps =
-        pinned.ask([&](const Reads& reads) { return reads.path_stamps(to, from, first, last); });
+    const std::vector<StampNs> stamps = pinned.ask_long(
+        [&](const Reads& reads) { return reads.path_stamps(to, from, first, last); });
     const NewArray<StampNs> made = new_stamps(stamps.size());
     std::copy(stamps.begin(), stamps.end(), made.data);
     return made.array;

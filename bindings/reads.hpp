@@ -128,6 +128,12 @@ struct Pinned {
         const LongWork work(may_wait());
         return question(reads);
     }
+    /// The same for what takes long on a large store: always asked without the GIL.
+    template <class Question>
+    auto ask_long(Question&& question) const {
+        const Released released(true);
+        return question(reads);
+    }
 };
 /// Throws SnapshotClosed; TransactionActive where a buffer is read by a thread amid a transaction.
 Pinned pin(nb::handle self, const ReadsObject& object);

@@ -37,7 +37,8 @@ nb::object frame_info_of(const nb::object& type, const FrameInfo& info) {
 nb::object frame_info(nb::handle self, const nb::str& name) {
     const Pinned pinned = pin(self, object_of<ReadsObject>(self));
     const std::string_view bytes = name_of(name, "name");
-    const FrameInfo info = pinned.ask([&](const Reads& reads) { return reads.frame_info(bytes); });
+    const FrameInfo info =
+        pinned.ask_long([&](const Reads& reads) { return reads.frame_info(bytes); });
     return frame_info_of(record_type("FrameInfo"), info);
 }
 
@@ -52,7 +53,7 @@ nb::list tree(nb::handle self, nb::handle time) {
     const Pinned pinned = pin(self, object_of<ReadsObject>(self));
     const nb::object type = record_type("FrameInfo");
     const std::optional<StampNs> stamp = optional_stamp_of(time.ptr());
-    const auto infos = pinned.ask([&](const Reads& reads) { return reads.tree(stamp); });
+    const auto infos = pinned.ask_long([&](const Reads& reads) { return reads.tree(stamp); });
     nb::list result;
     for (const FrameInfo& info : infos) {
         result.append(frame_info_of(type, info));
@@ -60,10 +61,22 @@ nb::list tree(nb::handle self, nb::handle time) {
     return result;
 }
 
+/// Names in a row that are the same become one object.
+nb::list list_of(const std::vector<std::string>& names) {
+    nb::list list;
+    nb::object last;
+    for (std::size_t i = 0; i < names.size(); ++i) {
+        if (i == 0 || names[i] != names[i - 1])
+            last = nb::str(names[i].c_str(), names[i].size());
+        list.append(last);
+    }
+    return list;
+}
+
 nb::tuple samples(nb::handle self, const nb::str& name) {
     const Pinned pinned = pin(self, object_of<ReadsObject>(self));
     const std::string_view bytes = name_of(name, "name");
-    const Samples found = pinned.ask([&](const Reads& reads) { return reads.samples(bytes); });
+    const Samples found = pinned.ask_long([&](const Reads& reads) { return reads.samples(bytes); });
     const NewArray<StampNs> stamps = new_stamps(found.stamps.size());
     for (std::size_t i = 0; i < found.stamps.size(); ++i) {
         stamps.data[i] = std::max<StampNs>(found.stamps[i], 0);
@@ -72,7 +85,7 @@ nb::tuple samples(nb::handle self, const nb::str& name) {
     if (!found.poses.empty()) {
         std::memcpy(poses.data, found.poses.data(), found.poses.size() * sizeof(geometry::Pose));
     }
-    return nb::make_tuple(stamps.array, poses.array, found.parents);
+    return nb::make_tuple(stamps.array, poses.array, list_of(found.parents));
 }
 
 std::vector<std::string> frames(nb::handle self) {

@@ -20,6 +20,7 @@ __all__ = [
     "CycleError",
     "Disconnected",
     "Extrapolation",
+    "Forked",
     "FrameInUse",
     "GapTooLarge",
     "HistoryError",
@@ -249,6 +250,15 @@ class TransactionActive(TfdbError):
 
 class WrongThread(TfdbError):
     """A transaction was used by another thread than the one that began it."""
+
+
+class Forked(TfdbError):
+    """This process was forked from one that was at work in the store: it cannot be used here.
+
+    Who was at work is not in this process, so its locks stay taken. With the default engine the
+    store can still be read; in every engine a new `Buffer` can be made. See "Forks" in
+    docs/concurrency.md.
+    """
 
 
 class _FileError(TfdbError):

@@ -35,6 +35,7 @@ enum class ErrorCode : std::uint8_t {
     kTransactionClosed,
     kTransactionActive,
     kWrongThread,
+    kForked,
 };
 
 /// A member of a batch that was refused, and why.
@@ -112,6 +113,7 @@ using Conflict = ErrorOf<ErrorCode::kConflict>;
 using TransactionClosed = ErrorOf<ErrorCode::kTransactionClosed>;
 using TransactionActive = ErrorOf<ErrorCode::kTransactionActive>;
 using WrongThread = ErrorOf<ErrorCode::kWrongThread>;
+using Forked = ErrorOf<ErrorCode::kForked>;
 
 /// A message whose bytes cannot be what they claim to be. Fields: offset, reason.
 class CorruptMessage : public ErrorOf<ErrorCode::kCorruptMessage> {

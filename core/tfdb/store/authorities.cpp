@@ -1,6 +1,7 @@
 #include "tfdb/store/authorities.hpp"
 
 #include <algorithm>
+#include <mutex>
 
 namespace tfdb::store {
 
@@ -35,7 +36,7 @@ std::uint64_t Authorities::id(std::string_view name) {
 }
 
 std::uint64_t Authorities::find_or_add(std::string_view name) {
-    const std::lock_guard guard(mutex_);
+    const std::lock_guard guard(lock_);
     const auto known = ids_.find(name);
     if (known != ids_.end())
         return known->second;
@@ -53,14 +54,14 @@ std::uint64_t Authorities::find_or_add(std::string_view name) {
 std::optional<std::string> Authorities::name(std::uint64_t id) const {
     if (id == 0)
         return std::string();
-    const std::lock_guard guard(mutex_);
+    const std::lock_guard guard(lock_);
     const auto found = names_.find(id);
     return found == names_.end() ? std::nullopt : std::optional(*found->second);
 }
 
 void Authorities::keep_only(std::vector<std::uint64_t> ids, std::size_t spare) {
     std::sort(ids.begin(), ids.end());
-    const std::lock_guard guard(mutex_);
+    const std::lock_guard guard(lock_);
     std::erase_if(names_, [&](const auto& entry) {
         return !std::binary_search(ids.begin(), ids.end(), entry.first);
     });
@@ -72,7 +73,7 @@ void Authorities::keep_only(std::vector<std::uint64_t> ids, std::size_t spare) {
 
 std::size_t Authorities::bytes() const {
     constexpr std::size_t kNode = 2 * sizeof(void*);  // what a table keeps beside each entry
-    const std::lock_guard guard(mutex_);
+    const std::lock_guard guard(lock_);
     std::size_t bytes = sizeof(void*) * (ids_.bucket_count() + names_.bucket_count());
     for (const auto& entry : ids_) {
         const std::string& name = entry.first;

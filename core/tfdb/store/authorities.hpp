@@ -3,14 +3,13 @@
 
 #include <cstddef>
 #include <cstdint>
-#include <mutex>
 #include <optional>
 #include <string>
 #include <string_view>
 #include <unordered_map>
 #include <vector>
 
-#include "tfdb/sync/word.hpp"
+#include "tfdb/sync/commit_lock.hpp"
 
 namespace tfdb::store {
 
@@ -34,6 +33,8 @@ public:
     /// `spare` more, have come.
     void keep_only(std::vector<std::uint64_t> ids, std::size_t spare);
 
+    /// Whether somebody is at the names.
+    [[nodiscard]] bool in_use() const noexcept { return lock_.held(); }
     /// What the names occupy.
     [[nodiscard]] std::size_t bytes() const;
 
@@ -52,7 +53,8 @@ private:
     /// Never the same twice, as an address might be.
     static std::uint64_t next_serial();
 
-    mutable std::mutex mutex_;
+    mutable sync::Word lock_word_{};
+    mutable sync::CommitLock lock_{lock_word_};
     Ids ids_;
     std::unordered_map<std::uint64_t, const std::string*> names_;  // the keys of `ids_`
     std::uint64_t last_id_ = 0;

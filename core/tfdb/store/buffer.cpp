@@ -19,11 +19,37 @@ Reads::Impl::Impl(const BufferOptions& options)
       names(frames),
       pins(frames),
       lock(frames.store_word(graph::kCommitLock), frames.store_word(graph::kLanes)),
-      control(store::make_control(*this)) {}
+      control(store::make_control(*this)) {
+    sync::watch_forks();
+    home_process.store_relaxed(sync::forks() << kForksShift);
+}
 
 Reads::Impl::~Impl() = default;
 
+std::uint64_t Reads::Impl::look_around(std::uint64_t home) const {
+    std::uint64_t judged = sync::forks() << kForksShift;
+    if (lock.in_use() || authorities.in_use() || (control != nullptr && control->in_use()))
+        judged |= kOrphan;
+    if (authorities.in_use())
+        judged |= kNamesLost;
+    // Who comes second takes what the first one has seen.
+    return home_process.compare_exchange(home, judged) ? judged : home;
+}
+
+void Reads::Impl::throw_orphaned() const {
+    ErrorDetail detail;
+    detail.reason = "forked";
+    throw Forked(
+        "this process was forked while a thread of its parent was at work in the store: here it " +
+            std::string(control == nullptr ? "can be read, but not written to"
+                                           : "can be used no more") +
+            "; make a Buffer in this process, or fork while no thread uses the store",
+        std::move(detail));
+}
+
 std::string Reads::Impl::author(FrameId id) const {
+    if ((whereabouts() & kNamesLost) != 0)
+        throw_orphaned();
     for (;;) {
         // What has no name any more has been replaced.
         auto name = authorities.name(frames.word(id, history::kAuthority).load_acquire());

@@ -112,6 +112,62 @@ Outcome collect_window(const StoreView& view, FrameId id, StampNs first, StampNs
     return collect_sorted(edge, first, last, most, track);
 }
 
+namespace {
+
+/// Of stamps that rise.
+template <class StampAt>
+void take_stamps(std::uint64_t from, std::uint64_t to, StampAt stamp_at, Outline& out) {
+    if (from == to)
+        return;
+    out.oldest = out.newest = stamp_at(from);
+    for (std::uint64_t i = from + 1; i < to; ++i) {
+        const StampNs stamp = stamp_at(i);
+        out.longest_gap = std::max(out.longest_gap, stamp - out.newest);
+        out.newest = stamp;
+    }
+}
+
+Outcome outline_ordered(const StoreEdge& edge, Outline& out) {
+    const StampNs cutoff = edge.cutoff();
+    const std::uint64_t from = edge.upper_bound(cutoff - 1);
+    if (from == edge.lo() && edge.may_miss())
+        return Outcome::kLapped;
+    // Only a search that was misled by overwritten stamps ends below the retained ones.
+    if (from == edge.hi() || edge.stamp_at(from) < cutoff)
+        return Outcome::kLapped;
+    out.samples = edge.hi() - from;
+    take_stamps(
+        from, edge.hi(), [&](std::uint64_t i) { return edge.stamp_at(i); }, out);
+    const std::uint64_t newest = edge.slot_word(edge.hi() - 1);
+    out.parent = history::SlotWord::parent(newest);
+    out.named = history::SlotWord::commit(newest);
+    return edge.confirm(from) ? Outcome::kOk : Outcome::kLapped;
+}
+
+}  // namespace
+
+Outcome outline(const StoreView& view, FrameId id, Outline& out) {
+    out = Outline{};
+    StoreEdge edge;
+    if (!view.open(id, edge))
+        return Outcome::kLapped;
+    if (!edge.empty() && !edge.is_static() && edge.ordered())
+        return outline_ordered(edge, out);
+    Track track;
+    const Outcome outcome = collect_all(view, id, track);
+    if (outcome != Outcome::kOk)
+        return outcome;
+    out.samples = track.poses.size();
+    out.is_static = track.is_static;
+    take_stamps(
+        0, track.stamps.size(), [&](std::uint64_t i) { return track.stamps[i]; }, out);
+    if (!track.parents.empty()) {
+        out.parent = track.parents.back();
+        out.named = track.commits.back();
+    }
+    return outcome;
+}
+
 Outcome collect_all(const StoreView& view, FrameId id, Track& track) {
     return collect_window(view, id, std::numeric_limits<StampNs>::min() / 2, history::kForever,
                           std::numeric_limits<std::size_t>::max(), track);

@@ -18,6 +18,20 @@ struct Track {
     bool is_static = false;
 };
 
+/// What an edge is like, in a few figures.
+struct Outline {
+    std::size_t samples = 0;
+    bool is_static = false;
+    StampNs oldest = history::kNoStamp;
+    StampNs newest = history::kNoStamp;
+    StampNs longest_gap = 0;
+    FrameId parent = kNoFrame;  // that the newest sample names
+    CommitNumber named = 0;     // in which commit
+};
+
+/// The outline of what the view retains of an edge; where samples came in order, no pose is read.
+[[nodiscard]] lookup::Outcome outline(const StoreView& view, FrameId id, Outline& out);
+
 /// Everything that the view retains of an edge.
 [[nodiscard]] lookup::Outcome collect_all(const StoreView& view, FrameId id, Track& track);
 

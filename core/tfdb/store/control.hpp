@@ -38,6 +38,8 @@ public:
     /// From `keep_out` to `let_in` nothing is under way that reads or writes.
     virtual void keep_out() = 0;
     virtual void let_in() = 0;
+    /// Whether somebody is under way beside the holder of the commit lock.
+    [[nodiscard]] virtual bool in_use() const = 0;
     virtual void add_to(Counters& counters) const = 0;
 };
 

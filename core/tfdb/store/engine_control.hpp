@@ -67,6 +67,7 @@ public:
         if constexpr (S::kWritesBesideOthers)
             shared_.gate.open();
     }
+    [[nodiscard]] bool in_use() const override { return shared_.gate.in_use(); }
     void add_to(Counters& counters) const override {
         using sync::SlotCount;
         counters.retries += shared_.gate.total(SlotCount::kRetries);

@@ -15,6 +15,7 @@
 #include "tfdb/store/buffer.hpp"
 #include "tfdb/store/control.hpp"
 #include "tfdb/store/open_transaction.hpp"
+#include "tfdb/sync/fork.hpp"
 #include "tfdb/sync/priority_lock.hpp"
 #include "tfdb/txn/commit.hpp"
 #include "tfdb/txn/snapshot_view.hpp"
@@ -53,6 +54,13 @@ struct Reads::Impl {
     /// Drops the names of authorities that no frame has; as `start_commit`.
     void forget_authorities();
 
+    /// Throws Forked where the store is an orphan: this process was forked from one in which some
+    /// thread was at work in the store. That thread is not here, so its locks stay taken.
+    void check_not_orphaned() const {
+        if ((whereabouts() & kOrphan) != 0) [[unlikely]]
+            throw_orphaned();
+    }
+
     struct Item {
         FrameId child;
         FrameId parent;
@@ -60,6 +68,19 @@ struct Reads::Impl {
     };
     /// To look at all frames for names of authorities must not be dear for each name.
     static constexpr std::size_t kFramesPerSpareName = 8;
+
+    static constexpr std::uint64_t kOrphan = 1;
+    static constexpr std::uint64_t kNamesLost = 2;  // somebody was at the names of authorities
+    static constexpr unsigned kForksShift = 2;
+
+    /// In which process the locks are of use. What was in use when the process was forked is seen
+    /// by the first thread that asks: nobody has taken a lock here before.
+    [[nodiscard]] std::uint64_t whereabouts() const {
+        const std::uint64_t home = home_process.load_acquire();
+        return home >> kForksShift == sync::forks() ? home : look_around(home);
+    }
+    std::uint64_t look_around(std::uint64_t home) const;
+    [[noreturn]] void throw_orphaned() const;
 
     StoreMemory memory;
     StampNs history;
@@ -78,6 +99,7 @@ struct Reads::Impl {
     mutable sync::Word locked_reads{};
     sync::Word aborts{};                      // of transactions, conflicts included
     sync::Word conflicts{};                   // transactions that lost
+    mutable sync::Word home_process{};        // forks, and the flags above
     sync::Word ages{};                        // transactions so far: the age of the next one
     std::unique_ptr<store::Control> control;  // null: the default engine
 };
@@ -114,8 +136,22 @@ private:
     const Reads::Impl& impl_;
 };
 
+/// For what a thread may not do to a store of which it has a transaction open: it would wait for
+/// itself, or see its own half-done work. Throws TransactionActive, Forked.
+inline void check_not_in_transaction(const Reads::Impl& store) {
+    store.check_not_orphaned();
+    if (OpenTransaction::any(store, false))
+        throw_transaction_active("use the transaction's methods, or end it first");
+}
+/// The same, where only a transaction that runs alone is in the way.
+inline void check_not_alone_in_transaction(const Reads::Impl& store) {
+    store.check_not_orphaned();
+    if (OpenTransaction::any(store, true))
+        throw_transaction_active("it runs alone: end it first");
+}
+
 /// Before a thread takes the store to itself: it would wait for a transaction of its own for ever.
-/// Throws TransactionActive.
+/// Throws TransactionActive, Forked.
 inline void check_may_wait(const Reads::Impl& impl) {
     if (impl.control != nullptr)
         check_not_in_transaction(impl);

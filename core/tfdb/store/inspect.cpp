@@ -26,21 +26,17 @@ Outcome fill_info(const Reads::Impl& impl, const StoreView& view, FrameId id, Fr
     info = FrameInfo{};
     info.authority = impl.author(id);
     info.late = impl.frames.word(id, history::kLate).load_relaxed();
-    store::Track track;
-    const Outcome outcome = store::collect_all(view, id, track);
+    store::Outline outline;
+    const Outcome outcome = store::outline(view, id, outline);
     if (outcome != Outcome::kOk)
         return outcome;
-    info.is_static = track.is_static;
-    info.samples = track.poses.size();
-    if (!track.stamps.empty()) {
-        info.oldest = track.stamps.front();
-        info.newest = track.stamps.back();
-        for (std::size_t i = 1; i < track.stamps.size(); ++i) {
-            info.longest_gap = std::max(info.longest_gap, track.stamps[i] - track.stamps[i - 1]);
-        }
-    }
-    if (!track.parents.empty() && view.alive_since(track.parents.back(), track.commits.back()) &&
-        !read_name(impl, view, track.parents.back(), info.parent.emplace())) {
+    info.is_static = outline.is_static;
+    info.samples = outline.samples;
+    info.oldest = outline.oldest;
+    info.newest = outline.newest;
+    info.longest_gap = outline.longest_gap;
+    if (outline.parent != kNoFrame && view.alive_since(outline.parent, outline.named) &&
+        !read_name(impl, view, outline.parent, info.parent.emplace())) {
         return Outcome::kLapped;
     }
     return read_name(impl, view, id, info.name) ? Outcome::kOk : Outcome::kLapped;
@@ -133,12 +129,16 @@ Samples Reads::samples(std::string_view name) const {
         if (track.is_static)
             out.stamps.assign(1, -1);
         out.poses = std::move(track.poses);
+        std::string parent;  // samples in a row mostly have the same
+        FrameId read = kNoFrame;
         for (std::size_t i = 0; i < track.parents.size(); ++i) {
-            std::string& parent = out.parents.emplace_back();
-            if (view.alive_since(track.parents[i], track.commits[i]) &&
-                !read_name(*impl_, view, track.parents[i], parent)) {
-                return Outcome::kLapped;
+            const bool known = view.alive_since(track.parents[i], track.commits[i]);
+            if (known && read != track.parents[i]) {
+                read = track.parents[i];
+                if (!read_name(*impl_, view, read, parent))
+                    return Outcome::kLapped;
             }
+            out.parents.push_back(known ? parent : std::string());
         }
         sync::fence_acquire();
         return view.alive(id) ? Outcome::kOk : Outcome::kLapped;

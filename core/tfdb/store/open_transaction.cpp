@@ -31,6 +31,8 @@ void OpenTransaction::end_thread() noexcept {
     while (head != nullptr) {
         OpenTransaction* const entry = head;
         head = entry->next_;
+        if (entry->forks_ != sync::forks())
+            continue;
         if (entry->claim()) {
             entry->roll_back(true, kThreadEnded);  // whoever closes it frees it
         } else {
@@ -64,7 +66,7 @@ std::uint64_t OpenTransaction::this_thread() noexcept {
 bool OpenTransaction::find(const Reads::Impl& store, bool alone) noexcept {
     sweep();
     for (const OpenTransaction* at = head; at != nullptr; at = at->next_) {
-        if (at->store_ == &store && (at->alone_ || !alone))
+        if (at->store_ == &store && at->forks_ == sync::forks() && (at->alone_ || !alone))
             return true;
     }
     return false;

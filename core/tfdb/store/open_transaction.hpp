@@ -3,6 +3,7 @@
 #pragma once
 
 #include "tfdb/store/buffer.hpp"
+#include "tfdb/sync/fork.hpp"
 #include "tfdb/sync/word.hpp"
 
 namespace tfdb::store {
@@ -58,21 +59,10 @@ private:
     bool alone_;
     Attempt* attempt_;
     OpenTransaction* next_;
+    std::uint64_t forks_ = sync::forks();  // in a child of its process it is nobody's
     sync::Word state_{};
 };
 
 [[noreturn]] void throw_transaction_active(const char* what);
-
-/// For what a thread may not do to a store of which it has a transaction open: it would wait for
-/// itself, or see its own half-done work. Throws TransactionActive.
-inline void check_not_in_transaction(const Reads::Impl& store) {
-    if (OpenTransaction::any(store, false))
-        throw_transaction_active("use the transaction's methods, or end it first");
-}
-/// The same, where only a transaction that runs alone is in the way.
-inline void check_not_alone_in_transaction(const Reads::Impl& store) {
-    if (OpenTransaction::any(store, true))
-        throw_transaction_active("it runs alone: end it first");
-}
 
 }  // namespace tfdb::store

@@ -37,8 +37,10 @@ struct Transaction::State {
     State(const State&) = delete;
     State& operator=(const State&) = delete;
 
-    /// Throws WrongThread, TransactionClosed.
+    /// Throws Forked, WrongThread, TransactionClosed.
     void check() const {
+        if (forks != sync::forks())
+            throw Forked("a transaction belongs to the process that began it");
         if (thread != OpenTransaction::this_thread())
             throw WrongThread("a transaction belongs to the thread that began it");
         if (ended != nullptr) {
@@ -53,6 +55,13 @@ struct Transaction::State {
         if (entry == nullptr)
             return;
         ended = how == nullptr ? "aborted" : how;
+        if (forks != sync::forks()) {
+            // Who had it in hand may not be here: what it holds in this copy stays as it is.
+            (void)impl->whereabouts();
+            (void)attempt.release();
+            entry = nullptr;
+            return;
+        }
         std::exchange(entry, nullptr)->close(how == nullptr);
     }
 
@@ -81,6 +90,7 @@ struct Transaction::State {
 
     std::shared_ptr<Reads::Impl> impl;
     std::uint64_t thread;
+    std::uint64_t forks = sync::forks();
     std::uint64_t age = 0;
     std::unique_ptr<store::Attempt> attempt;
     OpenTransaction* entry = nullptr;

@@ -34,6 +34,8 @@ public:
             word_.notify_one();
     }
 
+    [[nodiscard]] bool held() const noexcept { return word_.load_relaxed() != kFree; }
+
 private:
     static constexpr std::uint64_t kFree = 0;
     static constexpr std::uint64_t kHeld = 1;

@@ -54,6 +54,14 @@ public:
         gate().notify_all();
     }
 
+    /// Whether somebody is inside, has closed it, or waits for it to open.
+    [[nodiscard]] bool in_use() const noexcept {
+        bool used = gate_line_.words[0].load_relaxed() != 0;
+        for (const Line& line : lines_)
+            used |= line.words[kClaimed].load_relaxed() != kFree;
+        return used;
+    }
+
     /// Seniority of the session in a slot: see txn::Seniority.
     [[nodiscard]] Word& age(unsigned slot) noexcept { return lines_[slot].words[kAge]; }
     /// Whether others have wounded that session: see txn::WoundWaitSession.

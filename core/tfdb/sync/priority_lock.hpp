@@ -37,6 +37,11 @@ public:
 
     void unlock() noexcept { lock_.unlock(); }
 
+    /// Whether somebody holds it, or waits for it in a lane above 0.
+    [[nodiscard]] bool in_use() const noexcept {
+        return lock_.held() || waits_above(lanes_.load_relaxed(), 0);
+    }
+
 private:
     // A lane's byte: the next ticket in its low half, whose turn it is in its high half.
     static constexpr std::uint64_t kHalf = 15;

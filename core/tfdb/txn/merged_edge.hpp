@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <cstdint>
+#include <iterator>
 #include <limits>
 
 #include "tfdb/history/edge_view.hpp"
@@ -12,8 +13,8 @@
 namespace tfdb::txn {
 
 /// Answers what history::EdgeView answers, as if the transaction's samples had been committed, and
-/// notes of each answer which samples of others would have changed it. Own samples have indices
-/// with the high bit set.
+/// notes of each answer which samples of others would have changed it. An own sample's index is its
+/// stamp with a high bit set.
 /// Threads: one. Guarantee: that of the view below.
 template <class Base>
 class MergedEdge {
@@ -59,7 +60,7 @@ public:
         return fixed;
     }
     [[nodiscard]] std::uint64_t static_index() const {
-        return own_ != nullptr ? kOwnBit : base_.static_index();
+        return own_ != nullptr ? index_of(own_->newest()) : base_.static_index();
     }
     [[nodiscard]] std::uint64_t lo() const { return has_base_ ? base_.lo() : 0; }
     /// An own sample's index says nothing of how far down the ring must have been whole.
@@ -79,9 +80,9 @@ public:
             }
             if (!base_.newest(index, stamp))
                 return false;
-        } else if (own_->samples.back().stamp >= base_newest_) {
-            index = kOwnBit | (own_->samples.size() - 1);
-            stamp = own_->samples.back().stamp;
+        } else if (own_->newest().stamp >= base_newest_) {
+            index = index_of(own_->newest());
+            stamp = own_->newest().stamp;
         } else if (!base_.newest(index, stamp)) {
             return false;
         }
@@ -149,7 +150,7 @@ public:
         stamp = history::kNoStamp;
         std::uint64_t index = history::kNoIndex;
         if (own_ != nullptr) {
-            stamp = std::max(base_newest_, own_->samples.back().stamp);
+            stamp = std::max(base_newest_, own_->newest().stamp);
             return true;
         }
         return !has_base_ || base_.newest(index, stamp);
@@ -168,12 +169,20 @@ public:
 private:
     using StampNs = clock::StampNs;
     static constexpr std::uint64_t kOwnBit = std::uint64_t{1} << 62;
+    static_assert(history::kForever < StampNs{1} << 62, "a stamp leaves the bit free");
     static constexpr StampNs kDawn = std::numeric_limits<StampNs>::min();
     static constexpr StampNs kDusk = std::numeric_limits<StampNs>::max();
 
     [[nodiscard]] static bool is_own(std::uint64_t index) { return (index & kOwnBit) != 0; }
-    [[nodiscard]] const auto& sample(std::uint64_t index) const {
-        return own_->samples[index & ~kOwnBit];
+    using OwnSample = typename WriteSet<Memory>::Sample;
+    [[nodiscard]] static std::uint64_t index_of(const OwnSample& sample) {
+        return kOwnBit |
+               (sample.stamp == history::kStaticStamp ? 0 : history::as_word(sample.stamp));
+    }
+    [[nodiscard]] const OwnSample& sample(std::uint64_t index) const {
+        const StampNs stamp =
+            own_->is_static ? history::kStaticStamp : history::as_stamp(index & ~kOwnBit);
+        return *own_->samples.find(stamp);
     }
     /// A sample of somebody else at an own sample's stamp would be replaced by that.
     [[nodiscard]] static StampNs from_of(std::uint64_t index, StampNs stamp) {
@@ -195,7 +204,7 @@ private:
         base_newest_ = history::kNoStamp;
         if (has_base_ && !base_.newest(index, base_newest_))
             return false;
-        cutoff_ = std::max(base_newest_, own_->samples.back().stamp) - history;
+        cutoff_ = std::max(base_newest_, own_->newest().stamp) - history;
         return true;
     }
 
@@ -217,23 +226,19 @@ private:
             }
         }
         const auto& samples = own_->samples;
-        const auto later_than = [&](StampNs s) {
-            return std::upper_bound(samples.begin(), samples.end(), s,
-                                    [](StampNs a, const auto& b) { return a < b.stamp; });
-        };
-        const auto index = [&](auto at) {
-            return kOwnBit | static_cast<std::uint64_t>(at - samples.begin());
-        };
-        const auto before = later_than(stamp);
-        if (before != samples.begin() && (before - 1)->stamp >= cutoff_ &&
-            (out.before == history::kNoIndex || (before - 1)->stamp >= out.before_stamp)) {
-            out.before = index(before - 1);
-            out.before_stamp = (before - 1)->stamp;
+        const auto next = samples.upper_bound(stamp);
+        if (next != samples.begin()) {
+            const OwnSample& before = *std::prev(next);
+            if (before.stamp >= cutoff_ &&
+                (out.before == history::kNoIndex || before.stamp >= out.before_stamp)) {
+                out.before = index_of(before);
+                out.before_stamp = before.stamp;
+            }
         }
-        const auto after = later_than(std::max(stamp, cutoff_ - 1));
+        const auto after = samples.upper_bound(std::max(stamp, cutoff_ - 1));
         if (after != samples.end() &&
             (out.after == history::kNoIndex || after->stamp <= out.after_stamp)) {
-            out.after = index(after);
+            out.after = index_of(*after);
             out.after_stamp = after->stamp;
         }
         return true;

@@ -2,7 +2,9 @@
 #pragma once
 
 #include <algorithm>
+#include <cstddef>
 #include <cstdint>
+#include <iterator>
 #include <vector>
 
 #include "tfdb/txn/commit.hpp"
@@ -71,9 +73,11 @@ public:
         for (const auto& edge : writes_.edges()) {
             if (item < edge.samples.size()) {
                 settled.child = edge.child;
-                settled.parent = edge.samples[item].parent;
-                settled.stamp = edge.samples[item].stamp;
-                settled.authority = edge.samples[item].authority;
+                const auto sample =
+                    std::next(edge.samples.begin(), static_cast<std::ptrdiff_t>(item));
+                settled.parent = sample->parent;
+                settled.stamp = sample->stamp;
+                settled.authority = sample->authority;
                 return;
             }
             item -= edge.samples.size();

@@ -50,7 +50,7 @@ public:
         if (own == nullptr)
             return below;
         const std::uint64_t mixed = own->mixed ? Topology::kMixedParents : 0;
-        return Topology::with_parent(below, own->samples.back().parent, own->depth) | mixed;
+        return Topology::with_parent(below, own->newest().parent, own->depth) | mixed;
     }
     [[nodiscard]] bool alive(FrameId id) const {
         if (writes_->is_removed(id))

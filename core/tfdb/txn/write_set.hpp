@@ -1,9 +1,10 @@
 // What a transaction has written, kept as the state that it will leave, until its commit.
 #pragma once
 
-#include <algorithm>
 #include <array>
 #include <cstdint>
+#include <iterator>
+#include <set>
 #include <string>
 #include <string_view>
 #include <unordered_map>
@@ -32,12 +33,20 @@ public:
         std::array<std::uint64_t, Memory::kPayloadWords> payload{};
         std::uint32_t authority = 0;  // position among `authorities`
     };
+    struct ByStamp {
+        using is_transparent = void;
+        bool operator()(const Sample& a, const Sample& b) const { return a.stamp < b.stamp; }
+        bool operator()(const Sample& a, clock::StampNs b) const { return a.stamp < b; }
+        bool operator()(clock::StampNs a, const Sample& b) const { return a < b.stamp; }
+    };
     struct Edge {
         FrameId child = kNoFrame;
         bool is_static = false;
-        bool mixed = false;           // several parents, the store's own included
-        std::uint32_t depth = 0;      // hint, of the newest sample's parent plus one
-        std::vector<Sample> samples;  // by stamp, each once; a static edge has one
+        bool mixed = false;                 // several parents, the store's own included
+        std::uint32_t depth = 0;            // hint, of the newest sample's parent plus one
+        std::set<Sample, ByStamp> samples;  // a static edge has one
+
+        [[nodiscard]] const Sample& newest() const { return *samples.rbegin(); }
     };
 
     [[nodiscard]] bool empty() const { return edges_.empty() && made_.empty() && removed_.empty(); }
@@ -91,19 +100,14 @@ public:
         Edge& edge = edges_[place->second];
         edge.is_static = sample.stamp == history::kStaticStamp;
         edge.mixed |= base != kNoFrame && base != sample.parent;
-        edge.mixed |= !edge.samples.empty() && edge.samples.back().parent != sample.parent;
+        edge.mixed |= !edge.samples.empty() && edge.newest().parent != sample.parent;
         auto at = edge.samples.end();
-        if (!edge.samples.empty() && edge.samples.back().stamp >= sample.stamp) {
-            at = std::lower_bound(
-                edge.samples.begin(), edge.samples.end(), sample.stamp,
-                [](const Sample& a, clock::StampNs stamp) { return a.stamp < stamp; });
-        }
-        if (at != edge.samples.end() && at->stamp == sample.stamp) {
-            *at = sample;
-        } else {
-            at = edge.samples.insert(at, sample);
-        }
-        if (at + 1 == edge.samples.end())
+        if (!edge.samples.empty() && edge.newest().stamp >= sample.stamp)
+            at = edge.samples.lower_bound(sample.stamp);
+        if (at != edge.samples.end() && at->stamp == sample.stamp)
+            at = edge.samples.erase(at);
+        at = edge.samples.insert(at, sample);
+        if (std::next(at) == edge.samples.end())
             edge.depth = depth + 1;
         std::vector<FrameId>& children = naming_[sample.parent];
         if (children.empty() || children.back() != child)
@@ -125,7 +129,7 @@ public:
     }
     /// Who wrote an edge's newest sample.
     [[nodiscard]] const std::string& author_of(const Edge& edge) const {
-        return authority_name(edge.samples.back().authority);
+        return authority_name(edge.newest().authority);
     }
 
     /// In the order of their first samples; `child` is kNoFrame where the frame was removed since.

@@ -1,0 +1,96 @@
+"""A process is forked while its threads are at work in a store: nothing in the child hangs."""
+
+from __future__ import annotations
+
+import json
+import multiprocessing
+import os
+import subprocess
+import sys
+
+import pytest
+
+import tfdb
+
+from . import fork
+
+ENGINES = ["snapshot", "giant", "fine", "2pl-no-wait", "2pl-wait-die", "2pl-wound-wait", "silo"]
+
+
+def results(concurrency: str, times: int, how: str) -> list[dict[str, str]]:
+    done = subprocess.run(
+        [sys.executable, fork.__file__, concurrency, str(times), how],
+        capture_output=True,
+        text=True,
+        timeout=500,
+        check=False,
+    )
+    assert done.stderr == ""
+    assert done.returncode == 0
+    ends: list[dict[str, str]] = json.loads(done.stdout)
+    assert len(ends) == times
+    return ends
+
+
+@pytest.mark.parametrize("concurrency", ENGINES)
+def test_forks_beside_writers(concurrency: str) -> None:
+    expected = {"end", "held", *fork.READS, *fork.WRITES}
+    expected |= {f"own_{name}" for name in (*fork.READS, *fork.WRITES)}
+    for told in results(concurrency, 20, "busy"):
+        assert told.pop("end") == "0", f"hung or died, at the last of {told}"
+        assert told.keys() == expected - {"end"}
+        for name, result in told.items():
+            if name.startswith("own_"):
+                assert result == "ok", name
+            else:
+                assert result in {"ok", "Forked"}, name
+        # Whether it may write is one answer for the store.
+        assert len({told[name] for name in fork.WRITES if name != "snapshot"}) == 1, told
+
+
+@pytest.mark.parametrize("concurrency", ENGINES)
+def test_a_store_at_rest_works_in_children_and_theirs(concurrency: str) -> None:
+    for told in results(concurrency, 4, "quiet"):
+        assert told.pop("end") == "0"
+        assert set(told.values()) == {"ok"}
+
+
+def test_most_reads_of_the_default_engine_work() -> None:
+    told = results("snapshot", 20, "busy")
+    answers = [child[name] for child in told for name in ("lookup_transform", "lookup_transforms")]
+    assert answers.count("ok") > len(answers) / 2
+
+
+def test_a_transaction_stays_with_its_process() -> None:
+    for concurrency in ENGINES:
+        buf = fork.filled(concurrency)
+        there, here = os.pipe()
+        with buf.transaction() as tx:
+            tx.set_transform("map", "odom", 5, (1, 2, 3), fork.TURNED)
+            pid = os.fork()
+            if pid == 0:
+                try:
+                    tx.lookup_transform("map", "odom", 5)
+                    os.write(here, b"answered")
+                except tfdb.Forked:
+                    os.write(here, b"Forked")
+                finally:
+                    os._exit(0)
+            os.waitpid(pid, 0)
+            assert os.read(there, 100) == b"Forked"
+        assert buf.can_transform("map", "odom", 5)
+        os.close(here)
+        os.close(there)
+
+
+_shared = fork.filled("snapshot")
+
+
+def _look_up(stamp: int) -> tuple[float, ...]:
+    return tuple(_shared.lookup_transform("map", "eye", stamp).pose)
+
+
+def test_a_pool_of_workers_reads_what_was_loaded_before() -> None:
+    stamps = range(10, 1_000)
+    with multiprocessing.get_context("fork").Pool(2) as pool:
+        assert pool.map(_look_up, stamps) == [_look_up(stamp) for stamp in stamps]
