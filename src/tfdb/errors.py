@@ -253,7 +253,7 @@ class WrongThread(TfdbError):
 
 
 class Forked(TfdbError):
-    """This process was forked from one that was at work in the store: it cannot be used here.
+    """The store belongs to a process that was at work in it when this one was forked from it.
 
     Who was at work is not in this process, so its locks stay taken. With the default engine the
     store can still be read; in every engine a new `Buffer` can be made. See "Forks" in
