@@ -105,9 +105,7 @@ void write_in(Buffer& buffer, const TransactionOptions& options) {
     tx.set_transforms(batch, false, kOther);
     tx.reparent(kNewer, kNew, std::nullopt, pose_of(5), kOther);
     tx.remove_frame(kEye, true);
-    StampNs common = 0;
-    Failure failure;
-    CHECK(tx.try_latest_common_time(kMap, kNewer, common, failure));
+    CHECK_EQ(tx.latest_common_time(kMap, kNewer), 50);
     tx.commit();
 }
 void write_plainly_in_transaction(Buffer& buffer) {
