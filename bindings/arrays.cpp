@@ -179,13 +179,15 @@ Stamps::Stamps(nb::handle object) {
     } else {
         read_sequence(object);
     }
-    StampNs signs = 0;  // an OR of all is a loop that compilers vectorise
+    // An OR of all is a loop that compilers vectorise, and the limit is all ones.
+    static_assert((clock::kMaxStamp & (clock::kMaxStamp + 1)) == 0);
+    const auto out_of_range = [](StampNs stamp) { return stamp < 0 || stamp > clock::kMaxStamp; };
+    StampNs bits = 0;
     for (const StampNs stamp : values_) {
-        signs |= stamp;
+        bits |= stamp;
     }
-    if (signs < 0) {
-        const auto first =
-            std::find_if(values_.begin(), values_.end(), [](StampNs stamp) { return stamp < 0; });
+    if (out_of_range(bits)) {
+        const auto first = std::find_if(values_.begin(), values_.end(), out_of_range);
         at_index(static_cast<std::size_t>(first - values_.begin()),
                  [&] { stamp_of_object(nb::int_(*first).ptr()); });
     }

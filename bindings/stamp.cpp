@@ -9,7 +9,7 @@ namespace tfdb::python {
 namespace {
 
 constexpr const char* kValid =
-    "a stamp is an integer number of nanoseconds from 0 to 2**63 - 1, a message with sec and "
+    "a stamp is an integer number of nanoseconds from 0 to 2**61 - 1 (the year 2043), a message with sec and "
     "nanosec, a numpy.datetime64 or a datetime with a time zone; tfdb.stamp() converts seconds and "
     "text";
 
@@ -21,7 +21,7 @@ constexpr const char* kValid =
 StampNs from_integer(PyObject* object, PyObject* integer) {
     int overflow = 0;
     const long long value = PyLong_AsLongLongAndOverflow(integer, &overflow);
-    if (overflow > 0) {
+    if (overflow > 0 || value > clock::kMaxStamp) {
         refuse(object, "too large");
     }
     if (overflow < 0 || value < 0) {
@@ -49,7 +49,7 @@ StampNs from_parts(PyObject* object, const nb::object& seconds, const nb::object
                    const char* seconds_name, const char* nanoseconds_name) {
     const auto stamp = clock::stamp_from_parts(part(object, seconds, seconds_name),
                                                part(object, nanoseconds, nanoseconds_name));
-    if (!stamp) {
+    if (!stamp || *stamp > clock::kMaxStamp) {
         refuse(object, std::string("out of range in ") + seconds_name + " or " + nanoseconds_name);
     }
     return *stamp;

@@ -14,7 +14,7 @@ namespace tfdb::python {
 
 using clock::StampNs;
 
-/// What is no small non-negative int: numpy integers, datetime64, messages with sec and nanosec,
+/// What is no int from 0 to kMaxStamp: numpy integers, datetime64, messages with sec and nanosec,
 /// and everything that is refused with InvalidStamp.
 StampNs stamp_of_object(PyObject* object);
 
@@ -23,7 +23,7 @@ inline StampNs stamp_of(PyObject* object) {
     if (PyLong_CheckExact(object)) {
         int overflow = 0;
         const long long value = PyLong_AsLongLongAndOverflow(object, &overflow);
-        if (value >= 0) {
+        if (value >= 0 && value <= clock::kMaxStamp) {
             return value;
         }
     }

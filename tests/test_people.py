@@ -100,7 +100,7 @@ def test_a_time_that_is_far_off_costs_nothing(buffer: tfdb.Buffer) -> None:
     assert caught.value.index == 0
     for missing in ("raise", "nan", "skip"):
         with pytest.raises(tfdb.InvalidArgument, match="at most 100,000,000 poses"):
-            buffer.trajectory("map", "hand", 1.0, START, 2**62, missing=missing)  # type: ignore[arg-type]
+            buffer.trajectory("map", "hand", 1.0, START, 2**61 - 1, missing=missing)  # type: ignore[arg-type]
 
 
 # -- numbers out of answers ------------------------------------------------------------------------

@@ -1,7 +1,7 @@
 """The compiled part of tfdb. Use the names that `tfdb` exports."""
 
 from collections.abc import Callable, Iterable, Sequence
-from typing import Any, ClassVar, Literal, Self, overload
+from typing import Any, Literal, Self, overload
 
 import numpy
 import numpy.typing
@@ -102,7 +102,7 @@ class Transform:
 
     def __eq__(self, other: object, /) -> bool: ...
 
-    __hash__: ClassVar[None]  # type: ignore[assignment]
+    def __hash__(self) -> int: ...
 
 def _restore_transform(*state: object) -> Transform: ...
 

@@ -16,7 +16,7 @@ from .errors import InvalidArray, InvalidStamp
 
 __all__ = ["StampLike", "StampsLike", "format_seconds", "stamp"]
 
-MAX_STAMP = 2**63 - 1
+MAX_STAMP = 2**61 - 1
 
 
 class SecNanosec(Protocol):
@@ -108,7 +108,8 @@ def stamp(seconds: Any) -> Any:
     Raises
     ------
     InvalidStamp
-        Negative, not a number, infinite, or beyond 2**63 - 1 ns; a date without a time zone. With
+        Negative, not a number, infinite, or beyond 2**61 - 1 ns (the year 2043); a date without a
+        time zone. With
         `index` where it is one of many.
     """
     if isinstance(seconds, list | tuple):
@@ -207,7 +208,7 @@ def from_datetime(time: datetime) -> int:
     nanoseconds = _since_epoch(time)
     if not 0 <= nanoseconds <= MAX_STAMP:
         raise InvalidStamp(
-            f"stamp {time!r} is out of range: valid are 1970-01-01 to 2262-04-11",
+            f"stamp {time!r} is out of range: valid are 1970-01-01 to 2043-01-25",
             value=time,
             reason="out of range",
         )

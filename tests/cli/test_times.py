@@ -28,7 +28,7 @@ def parse(text: str) -> TimeSpec:
     return spec
 
 
-@given(st.integers(min_value=0, max_value=2**63 - 1))
+@given(st.integers(min_value=0, max_value=2**61 - 1))
 def test_seconds_and_back(ns: int) -> None:
     assert parse_stamp(format_ns(ns)) == ns
     assert parse_stamp(f"{ns}ns") == ns

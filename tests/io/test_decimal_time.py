@@ -23,7 +23,7 @@ stamps = st.integers(0, MAX_STAMP)
         ("1311868163.8697", 1_311_868_163_869_700_000),
         ("1.037359e-01", 103_735_900),
         ("1.403636579763555584e+09", 1_403_636_579_763_555_584),
-        ("9223372036.854775807", MAX_STAMP),
+        ("2305843009.213693951", MAX_STAMP),
         ("-0.0", 0),
         ("1e-40", 0),
         # Digits that a float left behind: to the nearest, ties to the even one.
@@ -45,13 +45,13 @@ def test_no_seconds(text: str) -> None:
         seconds_to_ns(text)
 
 
-@pytest.mark.parametrize("text", ["9223372036.854775808", "1e999999999", "9" * 5000, "1e400"])
+@pytest.mark.parametrize("text", ["2305843009.213693952", "1e999999999", "9" * 5000, "1e400"])
 def test_too_many_seconds(text: str) -> None:
     with pytest.raises(ValueError, match="beyond the greatest stamp"):
         seconds_to_ns(text)
 
 
-@pytest.mark.parametrize("text", ["", "1.0", "-1", "1e3", "1_0", "²", str(2**63), "9" * 5000])
+@pytest.mark.parametrize("text", ["", "1.0", "-1", "1e3", "1_0", "²", str(2**61), "9" * 5000])
 def test_no_integer(text: str) -> None:
     with pytest.raises(ValueError, match=r"not an integer|beyond"):
         integer_ns(text)
@@ -69,6 +69,6 @@ def test_every_notation_of_a_number_means_the_same(stamp: int, shift: int) -> No
     assert seconds_to_ns(f"{shifted:f}e{shift}") == stamp
 
 
-@given(st.decimals(0, 9_000_000_000, places=15))
+@given(st.decimals(0, 2_300_000_000, places=15))
 def test_nearest_nanosecond(seconds: Decimal) -> None:
     assert abs(Decimal(seconds_to_ns(str(seconds))) - seconds * 10**9) <= Decimal("0.5")

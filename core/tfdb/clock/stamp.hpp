@@ -11,14 +11,15 @@ namespace tfdb::clock {
 using StampNs = std::int64_t;
 
 inline constexpr StampNs kNanosPerSecond = 1'000'000'000;
-inline constexpr StampNs kMinStamp = 0;
-inline constexpr StampNs kMaxStamp = std::numeric_limits<StampNs>::max();
+/// The last stamp that a store takes, 2^61 - 1: 2043-01-25. No difference of two stamps, and no
+/// stamp and a duration below it, leaves int64.
+inline constexpr StampNs kMaxStamp = std::numeric_limits<StampNs>::max() / 4;
 
 /// a + b, held at the ends of int64 instead of wrapping around.
 constexpr StampNs saturating_add(StampNs a, StampNs b) noexcept {
     StampNs sum = 0;
     if (__builtin_add_overflow(a, b, &sum)) {
-        return b < 0 ? std::numeric_limits<StampNs>::min() : kMaxStamp;
+        return b < 0 ? std::numeric_limits<StampNs>::min() : std::numeric_limits<StampNs>::max();
     }
     return sum;
 }
@@ -27,13 +28,13 @@ constexpr StampNs saturating_add(StampNs a, StampNs b) noexcept {
 constexpr StampNs saturating_sub(StampNs a, StampNs b) noexcept {
     StampNs difference = 0;
     if (__builtin_sub_overflow(a, b, &difference)) {
-        return b < 0 ? kMaxStamp : std::numeric_limits<StampNs>::min();
+        return b < 0 ? std::numeric_limits<StampNs>::max() : std::numeric_limits<StampNs>::min();
     }
     return difference;
 }
 
 /// The stamp of a message's two fields, exactly; nothing when it is negative, when `nanoseconds`
-/// is not below one second, or when the sum does not fit.
+/// is not below one second, or when the sum does not fit into int64.
 constexpr std::optional<StampNs> stamp_from_parts(std::int64_t seconds,
                                                   std::int64_t nanoseconds) noexcept {
     StampNs stamp = 0;
@@ -49,7 +50,7 @@ constexpr std::optional<StampNs> stamp_from_parts(std::int64_t seconds,
 /// is not finite or does not fit. For durations only: a stamp of today has no room in a double.
 inline std::optional<StampNs> nanoseconds_from_seconds(double seconds) noexcept {
     const double nanoseconds = std::round(seconds * static_cast<double>(kNanosPerSecond));
-    // 2^63 is exact as a double, kMaxStamp is not. The comparisons are false for a NaN.
+    // 2^63 is exact as a double, the greatest int64 is not. The comparisons are false for a NaN.
     constexpr double kLimit = 9223372036854775808.0;
     if (!(nanoseconds >= -kLimit && nanoseconds < kLimit)) {
         return std::nullopt;

@@ -51,8 +51,8 @@ inline constexpr StampNs kNoStamp = -1;
 inline constexpr StampNs kStaticStamp = -2;  // the pose is valid at every stamp
 inline constexpr StampNs kClearMarker = -3;  // hides what lies before it
 
-/// History of a store that forgets nothing; small enough that no sum with a stamp overflows.
-inline constexpr StampNs kForever = std::numeric_limits<StampNs>::max() / 4;
+/// History of a store that forgets nothing.
+inline constexpr StampNs kForever = clock::kMaxStamp;
 
 inline constexpr std::uint64_t kNoIndex = ~std::uint64_t{0};
 inline constexpr unsigned kMaxRuns = 8;

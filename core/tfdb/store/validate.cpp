@@ -101,7 +101,7 @@ bool is_rotation(const geometry::Quat& q) {
 }
 
 bool is_timely(const TransformView& transform, bool is_static) {
-    return is_static || (transform.stamp >= 0 && transform.stamp <= history::kForever);
+    return is_static || (transform.stamp >= 0 && transform.stamp <= clock::kMaxStamp);
 }
 
 template <ErrorCode Code>
@@ -187,10 +187,11 @@ Fault fault_alone(const TransformView& transform, std::size_t index, bool is_sta
     if (!is_timely(transform, is_static)) {
         ErrorDetail detail = detail_of(transform, index, authority);
         detail.stamp = transform.stamp;
-        return InvalidStamp("stamp " + std::to_string(transform.stamp) + " ns of " +
-                                edge_name(transform) + by(authority) +
-                                " is out of range: stamps lie between 0 and 2^61 ns",
-                            std::move(detail));
+        return InvalidStamp(
+            "stamp " + std::to_string(transform.stamp) + " ns of " + edge_name(transform) +
+                by(authority) +
+                " is out of range: stamps are from 0 to 2^61 - 1 ns (the year 2043)",
+            std::move(detail));
     }
     if (!is_finite(transform.pose.translation))
         return invalid_transform(transform, index, authority, "its translation is not finite");

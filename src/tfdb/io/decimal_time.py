@@ -5,8 +5,9 @@ from __future__ import annotations
 import re
 from decimal import ROUND_HALF_EVEN, Context
 
+from tfdb.stamps import MAX_STAMP
+
 NS_PER_SECOND = 1_000_000_000
-MAX_STAMP = 2**63 - 1
 
 _NUMBER = re.compile(r"[+-]?(\d+(\.\d*)?|\.\d+)([eE][+-]?\d+)?", re.ASCII)
 # Every stamp has at most 19 digits of nanoseconds; 60 leave room for any digits behind them.
