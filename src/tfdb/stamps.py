@@ -109,8 +109,7 @@ def stamp(seconds: Any) -> Any:
     ------
     InvalidStamp
         Negative, not a number, infinite, or beyond 2**61 - 1 ns (the year 2043); a date without a
-        time zone. With
-        `index` where it is one of many.
+        time zone. With `index` where it is one of many.
     """
     if isinstance(seconds, list | tuple):
         return _each(_stamp, seconds)
