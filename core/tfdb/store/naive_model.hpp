@@ -46,10 +46,11 @@ public:
     explicit Model(std::optional<StampNs> history) : history_(history) {}
 
     [[nodiscard]] std::size_t commit() const { return commit_; }
-    /// What is wrong with single members of the batch, by index.
-    [[nodiscard]] std::map<std::size_t, ErrorCode> faults(const std::vector<Member>& batch,
-                                                          bool is_static,
-                                                          WriteRules rules = {}) const;
+    /// What is wrong with single members of the batch, by index. Those that are left out keep no
+    /// stamp from others.
+    [[nodiscard]] std::map<std::size_t, ErrorCode> faults(
+        const std::vector<Member>& batch, bool is_static, WriteRules rules = {},
+        const std::set<std::size_t>& left_out = {}) const;
     /// Whether these members, none of them at fault, would together close a cycle.
     [[nodiscard]] bool closes_cycle(const std::vector<Member>& batch, bool is_static) const;
     void set(const std::vector<Member>& batch, bool is_static);
@@ -502,7 +503,8 @@ inline void Model::set(const std::vector<Member>& batch, bool is_static) {
 }
 
 inline std::map<std::size_t, ErrorCode> Model::faults(const std::vector<Member>& batch,
-                                                      bool is_static, WriteRules rules) const {
+                                                      bool is_static, WriteRules rules,
+                                                      const std::set<std::size_t>& left_out) const {
     std::map<std::size_t, ErrorCode> found;
     std::set<std::pair<std::string, StampNs>> taken;  // by earlier members
     for (std::size_t i = 0; i < batch.size(); ++i) {
@@ -514,7 +516,8 @@ inline std::map<std::size_t, ErrorCode> Model::faults(const std::vector<Member>&
         const auto fault = fault_of_edge(m, is_static, rules);
         if (fault) {
             found[i] = *fault;
-        } else if (rules.only_new && !taken.insert({m.child, m.stamp}).second) {
+        } else if (rules.only_new && left_out.count(i) == 0 &&
+                   !taken.insert({m.child, m.stamp}).second) {
             found[i] = ErrorCode::kRepeatedStamp;
         }
     }

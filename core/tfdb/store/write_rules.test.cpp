@@ -153,6 +153,19 @@ TFDB_TEST(only_new_refuses_a_stamp_that_comes_twice_in_the_batch) {
     CHECK(identical(at(buffer, "base", "arm", 9 * kSecond), pose_of(10)));
 }
 
+TFDB_TEST(only_new_lets_the_next_one_in_where_the_first_closes_a_cycle) {
+    Buffer buffer = robot();
+    const TransformView batch[] = {{"scan", "lidar", 9 * kSecond, pose_of(9)},
+                                   {"base", "lidar", 9 * kSecond, pose_of(10)},
+                                   {"base", "lidar", 9 * kSecond, pose_of(11)}};
+    CommitNumber commit = 0;
+    const auto refused = buffer.set_transforms_partial(batch, false, "me", commit, {true, true});
+    CHECK_EQ(refused.size(), 2U);
+    CHECK(refused[0].index == 0 && refused[0].code == ErrorCode::kCycle);
+    CHECK(refused[1].index == 2 && refused[1].code == ErrorCode::kRepeatedStamp);
+    CHECK(identical(at(buffer, "base", "lidar", 9 * kSecond), pose_of(10)));
+}
+
 TFDB_TEST(only_new_judges_what_is_retained_and_not_cleared) {
     Buffer buffer(keeping(2 * kSecond));
     for (StampNs second = 1; second <= 4; ++second)

@@ -2,9 +2,11 @@
 #include "tfdb/store/writes.hpp"
 
 #include <algorithm>
+#include <map>
 #include <mutex>
-#include <set>
+#include <string_view>
 #include <utility>
+#include <vector>
 
 namespace tfdb::store {
 namespace {
@@ -96,12 +98,17 @@ public:
         for (std::size_t i = 0; i < batch.size(); ++i) {
             if (Fault fault = fault_of(i)) {
                 refusals.add(std::move(fault));
-            } else if (batch.rules().only_new && !stamps_.insert(stamp_of(batch[i])).second) {
-                refusals.add(repeated_stamp(batch[i], i, batch.authority()));
-            } else {
-                good_.push_back(batch[i]);
-                indices_.push_back(i);
+                continue;
             }
+            if (batch.rules().only_new) {
+                const auto [place, is_new] = repeats_.try_emplace({batch[i].child, batch[i].stamp});
+                if (!is_new) {
+                    place->second.push_back(i);
+                    continue;
+                }
+            }
+            good_.push_back(batch[i]);
+            indices_.push_back(i);
         }
     }
 
@@ -109,6 +116,11 @@ public:
     void leave_out_cycles() {
         for (int tries = 0; leave_out_some(tries >= kTries); ++tries) {
         }
+        for (const auto& [stamp, waiting] : repeats_) {
+            for (const std::size_t i : waiting)
+                refusals.add(repeated_stamp(batch_[i], i, batch_.authority()));
+        }
+        repeats_.clear();
     }
 
     /// What may be stored, all of it together.
@@ -119,11 +131,6 @@ public:
 private:
     /// Each try costs as much as the batch. Few batches need more than two.
     static constexpr int kTries = 64;
-
-    using EdgeStamp = std::pair<std::string_view, StampNs>;
-    [[nodiscard]] static EdgeStamp stamp_of(const TransformView& transform) {
-        return {transform.child, transform.stamp};
-    }
 
     [[nodiscard]] Fault fault_of(std::size_t i) const {
         const TransformView& transform = batch_[i];
@@ -178,22 +185,35 @@ private:
         }
         std::size_t kept = 0;
         for (std::size_t i = 0; i < good_.size(); ++i) {
+            std::size_t index = indices_[i];
             if (out[i]) {
-                refusals.add(cycle_fault(good_[i], indices_[i], batch_.authority()));
-                continue;
+                refusals.add(cycle_fault(good_[i], index, batch_.authority()));
+                if (!take_next(good_[i], index))
+                    continue;
             }
-            good_[kept] = good_[i];
-            indices_[kept++] = indices_[i];
+            good_[kept] = batch_[index];
+            indices_[kept++] = index;
         }
         good_.resize(kept);
         indices_.resize(kept);
+    }
+
+    /// Who comes in the place of a member that was left out: the next one of its edge and stamp.
+    [[nodiscard]] bool take_next(const TransformView& left_out, std::size_t& index) {
+        const auto found = repeats_.find({left_out.child, left_out.stamp});
+        if (found == repeats_.end() || found->second.empty())
+            return false;
+        index = found->second.front();
+        found->second.erase(found->second.begin());
+        return true;
     }
 
     Reads::Impl& impl_;
     const Batch& batch_;
     std::vector<TransformView> good_;
     std::vector<std::size_t> indices_;  // of the good ones in the batch
-    std::set<EdgeStamp> stamps_;        // theirs, where each may come once
+    // With `only_new`: their stamps, and who came later with the same one.
+    std::map<std::pair<std::string_view, StampNs>, std::vector<std::size_t>> repeats_;
 };
 
 }  // namespace
