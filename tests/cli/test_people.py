@@ -113,6 +113,24 @@ def test_what_does_not_move_has_no_time(tool: Tool, bag: Path) -> None:
     assert tool("lookup", bag, "base_link", "base_laser_link", "--json").json["stamp_ns"] == 0
 
 
+@pytest.mark.parametrize("arguments", ["info BAG", "info BAG --json"])
+def test_an_output_that_takes_no_more_is_one_line(bag: Path, arguments: str) -> None:
+    command = [sys.executable, "-m", "tfdb.cli", *arguments.replace("BAG", str(bag)).split()]
+    with open("/dev/full", "w") as full:  # noqa: PTH123
+        done = subprocess.run(
+            command, stdout=full, stderr=subprocess.PIPE, text=True, check=False, timeout=120
+        )
+    assert done.returncode == 2
+    assert done.stderr.startswith("tfdb: error: ")
+    assert "Traceback" not in done.stderr
+
+
+@pytest.mark.parametrize("option", ["--seconds", "--skew", "--read-ratio"])
+@pytest.mark.parametrize("number", ["nan", "inf"])
+def test_a_benchmark_takes_finite_numbers(tool: Tool, option: str, number: str) -> None:
+    assert "Invalid value" in tool("bench", option, number, code=2).error
+
+
 # -- poses that are missing ------------------------------------------------------------------------
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import importlib
 import sys
 import warnings
@@ -78,7 +79,9 @@ class TfdbGroup(click.Group):
                 raise
             if "--json" in given:
                 command = next((name for name in given if name in COMMANDS), None)
-                output.emit_json(command, output.error_body(error))
+                # The error may be that the output takes no more.
+                with contextlib.suppress(OSError):
+                    output.emit_json(command, output.error_body(error))
             click.echo(f"tfdb: error: {output.describe_error(error)}", err=True)
             sys.exit(2)
         except (click.Abort, KeyboardInterrupt):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib.util
+import math
 import shlex
 import sys
 import time
@@ -25,7 +26,20 @@ if TYPE_CHECKING:
 
     from ..bench.session import Plan, Turn
 
-_NUMBER = click.FloatRange(min=0)
+
+class _Real(click.FloatRange):
+    """Finite numbers: click's range lets NaN through."""
+
+    def convert(
+        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
+    ) -> float:
+        number = float(super().convert(value, param, ctx))
+        if not math.isfinite(number):
+            self.fail(f"{value} is not a finite number", param, ctx)
+        return number
+
+
+_NUMBER = _Real(min=0)
 _QUICK = {"seconds": 0.2, "rounds": 1}
 
 
@@ -48,7 +62,7 @@ _DRIVER_OPTIONS = (
     ),
     _parameter(
         "--read-ratio",
-        type=click.FloatRange(0, 1),
+        type=_Real(0, 1),
         help="Share that reads.  [default: 0.5]",
     ),
     _parameter(
@@ -72,7 +86,7 @@ _DRIVER_OPTIONS = (
     ),
     _parameter(
         "--skew",
-        type=click.FloatRange(0, 5),
+        type=_Real(0, 5),
         help="Zipf's theta; 0: uniform.  [default: 0]",
     ),
     _parameter(
@@ -142,7 +156,7 @@ def _driver_options(command: Any) -> Any:
 )
 @click.option(
     "--seconds",
-    type=click.FloatRange(0.001, 3600),
+    type=_Real(0.001, 3600),
     help="Of one run.  [default: 1, --quick: 0.2]",
 )
 @click.option(
