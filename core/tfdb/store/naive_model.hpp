@@ -70,6 +70,15 @@ public:
     [[nodiscard]] std::optional<std::string> parent_of(std::size_t state, const std::string& name,
                                                        std::optional<StampNs> stamp) const;
 
+    /// Looks at every frame in every state now: questions then change nothing until the next write.
+    void remember() const {
+        for (std::size_t frame = 0; frame < frames_.size(); ++frame) {
+            for (std::size_t state = 0; state <= commit_; ++state) {
+                (void)visible(static_cast<int>(frame), state);
+            }
+        }
+    }
+
     /// Stamps and parents of a frame's visible samples, for the report of a disagreement.
     [[nodiscard]] std::string describe(std::size_t state, const std::string& name) const;
 

@@ -86,6 +86,7 @@ unsigned long iterations() {
 /// Runs the script; empty if no execution breaks a promise, else Relacy's account of the first.
 std::string simulate(const Script& script, unsigned long executions) {
     const naive::Model model = model_of(script);
+    model.remember();  // inside, memory is Relacy's and lasts for one execution
     g_task = {&script, &model};
     relacy::Account account;
     relacy::Account ignored;
