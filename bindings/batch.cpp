@@ -127,19 +127,11 @@ void check_out(const Points& points, const Points& out, nb::handle object) {
 template <class T>
 void move_points(const Pinned& pinned, std::string_view target, std::string_view source,
                  const Points& points, std::span<const StampNs> stamps, Policy policy,
-                 const Points& out) {
+                 Missing missing, const Points& out) {
     const LongWork work(pinned.may_wait() || points.count >= kReleaseFromRows);
     pinned.reads.transform_points(target, source, points.view.data<const T>(), points.stride,
-                                  points.count, stamps, policy, out.view.data<T>(), out.stride);
-}
-
-/// The same with NaN for points whose stamps have no answer: a look at all stamps comes first.
-void move_points_found(nb::handle self, nb::handle target, nb::handle source, const Points& points,
-                       std::span<const StampNs> stamps, nb::handle policy, nb::handle out) {
-    const NewArray<StampNs> when = new_stamps(stamps.size());
-    std::copy(stamps.begin(), stamps.end(), when.data);
-    nb::module_::import_("tfdb.sampling")
-        .attr("move_points_found")(self, target, source, points.array, when.array, policy, out);
+                                  points.count, stamps, policy, missing, out.view.data<T>(),
+                                  out.stride);
 }
 
 bool is_one_stamp(nb::handle stamps) {
@@ -174,12 +166,11 @@ nb::object transform_points(nb::handle self, const nb::str& target, const nb::st
     check_out(from, to, target_array);
     const std::string_view into = name_of(target, "target");
     const std::string_view out_of = name_of(source, "source");
-    if (missing_of(missing) == Missing::kNan) {
-        move_points_found(self, target, source, from, when, policy, target_array);
-    } else if (from.view.kind() == Kind::kFloat32) {
-        move_points<float>(pinned, into, out_of, from, when, how, to);
+    const Missing absent = missing_of(missing);
+    if (from.view.kind() == Kind::kFloat32) {
+        move_points<float>(pinned, into, out_of, from, when, how, absent, to);
     } else {
-        move_points<double>(pinned, into, out_of, from, when, how, to);
+        move_points<double>(pinned, into, out_of, from, when, how, absent, to);
     }
     return target_array;
 }
@@ -206,7 +197,7 @@ out
     An error, or Ctrl-C, may leave it partly written.
 missing
     `raise`: the error of the first stamp without an answer, with its `index`. `nan`: NaN in its
-    rows instead.
+    row instead, whatever the reason; only a frame that does not exist is then an error.
 
 Returns
 -------
@@ -237,7 +228,7 @@ out
     the points otherwise, nor the stamps.
 missing
     `raise`: the error of the first stamp without an answer, with its `index`. `nan`: NaN for its
-    points instead.
+    points instead, whatever the reason; only a frame that does not exist is then an error.
 
 Returns
 -------

@@ -119,7 +119,8 @@ state. Where the oldest is above the newest, no stamp is covered by the whole pa
 Returns
 -------
 (int, int)
-    Nanoseconds; both 0 if nothing moves.
+    Nanoseconds; both 0 if nothing moves. Of a frame and itself: those of its own samples, as for
+    tf2.
 
 Raises UnknownFrame, Disconnected.)";
 
@@ -170,7 +171,8 @@ void bind_other_reads(nb::class_<ReadsObject>& type) {
              nb::sig("def latest_common_time(self, target: str, source: str) -> int"),
              R"(The newest stamp at which every moving edge between two frames has data.
 
-Nanoseconds; 0 if nothing moves. Raises UnknownFrame, Disconnected.)");
+Nanoseconds; 0 if nothing moves. Of a frame and itself it is that of the frame's newest sample, as
+for tf2. Raises UnknownFrame, Disconnected.)");
     type.def("common_times", &common_times, nb::arg("target"), nb::arg("source"),
              nb::sig("def common_times(self, target: str, source: str) -> tuple[int, int]"),
              kCommonTimesDoc);

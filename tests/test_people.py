@@ -103,6 +103,34 @@ def test_a_time_that_is_far_off_costs_nothing(buffer: tfdb.Buffer) -> None:
             buffer.trajectory("map", "hand", 1.0, START, 2**61 - 1, missing=missing)  # type: ignore[arg-type]
 
 
+def test_frames_that_nothing_joins_are_nan_like_any_other_gap(buffer: tfdb.Buffer) -> None:
+    buffer.set_transform("moon", "rock", START, (1, 2, 3), (0, 0, 0, 1))
+    points, stamps = np.ones((2, 3)), [START + 7, START + 8]
+
+    def check(reads: tfdb.Reads | tfdb.Transaction) -> None:
+        rows = reads.lookup_transforms("moon", "hand", stamps, missing="nan")
+        assert np.isnan(rows).all()
+        with pytest.raises(tfdb.Disconnected) as caught:
+            reads.lookup_transforms("moon", "hand", stamps)
+        assert (caught.value.index, caught.value.stamp) == (0, stamps[0])
+        with pytest.raises(tfdb.UnknownFrame):
+            reads.lookup_transforms("moon", "nowhere", stamps, missing="nan")
+
+    with buffer.transaction() as tx:
+        check(tx)
+    with buffer.snapshot() as snapshot:
+        for store in (buffer, snapshot):
+            check(store)
+            for when in (stamps, stamps[0]):
+                moved = store.transform_points("moon", "hand", points, when, missing="nan")
+                assert np.isnan(moved).all()
+            path = store.trajectory("moon", "hand", 1e9, *stamps, missing="nan")
+            assert np.isnan(path.poses).all()
+            assert path.stamps.tolist() == stamps
+            with pytest.raises(tfdb.Disconnected):
+                store.trajectory("moon", "hand", 1e9, *stamps, missing="skip")
+
+
 # -- numbers out of answers ------------------------------------------------------------------------
 
 

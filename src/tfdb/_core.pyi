@@ -145,7 +145,8 @@ class Reads:
         """
         The newest stamp at which every moving edge between two frames has data.
 
-        Nanoseconds; 0 if nothing moves. Raises UnknownFrame, Disconnected.
+        Nanoseconds; 0 if nothing moves. Of a frame and itself it is that of the frame's newest sample, as
+        for tf2. Raises UnknownFrame, Disconnected.
         """
 
     def common_times(self, target: str, source: str) -> tuple[int, int]:
@@ -159,7 +160,8 @@ class Reads:
         Returns
         -------
         (int, int)
-            Nanoseconds; both 0 if nothing moves.
+            Nanoseconds; both 0 if nothing moves. Of a frame and itself: those of its own samples, as for
+            tf2.
 
         Raises UnknownFrame, Disconnected.
         """
@@ -230,7 +232,7 @@ class Reads:
             An error, or Ctrl-C, may leave it partly written.
         missing
             `raise`: the error of the first stamp without an answer, with its `index`. `nan`: NaN in its
-            rows instead.
+            row instead, whatever the reason; only a frame that does not exist is then an error.
 
         Returns
         -------
@@ -263,7 +265,7 @@ class Reads:
             the points otherwise, nor the stamps.
         missing
             `raise`: the error of the first stamp without an answer, with its `index`. `nan`: NaN for its
-            points instead.
+            points instead, whatever the reason; only a frame that does not exist is then an error.
 
         Returns
         -------
@@ -441,7 +443,9 @@ class Reads:
                 How stamps between samples are answered. None: Interpolate().
             missing
                 `raise`: the error of the first stamp without an answer, with its `index`. `nan`: NaN in its
-                pose instead. `skip`: it is left out; where none is left, the first one's error.
+                pose instead. `skip`: it is left out; where none is left, the first one's error. Where no
+                rate, or not both start and end are given, frames that nothing joins are an error in any
+                case: no stamp is known.
 
             Returns
             -------

@@ -49,7 +49,9 @@ def trajectory(
         How stamps between samples are answered. None: Interpolate().
     missing
         `raise`: the error of the first stamp without an answer, with its `index`. `nan`: NaN in its
-        pose instead. `skip`: it is left out; where none is left, the first one's error.
+        pose instead. `skip`: it is left out; where none is left, the first one's error. Where no
+        rate, or not both start and end are given, frames that nothing joins are an error in any
+        case: no stamp is known.
 
     Returns
     -------
@@ -84,30 +86,6 @@ def trajectory(
                 snapshot.lookup_transforms(target, source, stamps, policy)  # raises
             stamps, poses = stamps[found], poses[found]
     return Trajectory(target, source, stamps, poses)
-
-
-def move_points_found(
-    reads: Reads,
-    target: str,
-    source: str,
-    points: npt.ArrayLike,
-    stamps: npt.NDArray[np.int64],
-    policy: Policy | None,
-    out: npt.ArrayLike,
-) -> None:
-    """Map the points whose stamps have an answer into `out`, and write NaN for the others.
-
-    The extension calls it, with points that it has checked, and one stamp for all or one for each.
-    """
-    made, given = np.asarray(out), np.asarray(points)
-    with held(reads) as snapshot:
-        rows = snapshot.lookup_transforms(target, source, stamps, policy, missing="nan")
-        finite: npt.NDArray[np.bool_] = np.asarray(np.isfinite(rows).all(axis=1))
-        found = np.broadcast_to(finite, len(given))
-        when = int(stamps[0]) if len(stamps) == 1 and finite[0] else stamps[finite]
-        moved = snapshot.transform_points(target, source, given[found], when, policy)
-    made[~found] = np.nan
-    made[found] = moved
 
 
 def _nanoseconds(time: StampLike) -> int:

@@ -402,8 +402,7 @@ class Store(RuleBasedStateMachine):
                 refused.fields["index"] = index
             refuses(refused, partial(reads.lookup_transforms, target, source, at, policy))
             refuses(refused, partial(reads.transform_points, target, source, points, at, policy))
-            hopeless = (tfdb.Disconnected, tfdb.UnknownFrame)
-            if sum(refusal.kind in hopeless for _, refusal in refusals) == len(at):
+            if refused.kind is tfdb.UnknownFrame:
                 refuses(refused, nan)
                 return
         found = nan()

@@ -194,7 +194,8 @@ template <View V>
     return detail::common_times(view, target, source, detail::Common::kNewest, answer, failure);
 }
 
-/// The newest stamp at which every moving edge between two frames has data; 0 if none moves.
+/// The newest stamp at which every moving edge between two frames has data; 0 if none moves. The
+/// edge of a frame and itself is the frame's own, as for tf2.
 template <View V>
 [[nodiscard]] Outcome latest_common_time(const V& view, FrameId target, FrameId source,
                                          Answer& answer, Failure& failure) {

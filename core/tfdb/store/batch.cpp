@@ -218,9 +218,11 @@ public:
                 return only == Outcome::kLapped ? only : one_by_one(view, space);
             if (stop_)
                 return refuse(view, space, refused);
+            if (reused(view))
+                return Outcome::kLapped;
         }
         kernel_(space);
-        return refused == geometry::kNoneRefused ? Outcome::kOk : unless_reused(view);
+        return Outcome::kOk;
     }
 
     [[nodiscard]] std::size_t refused() const { return refused_; }
@@ -230,9 +232,10 @@ private:
         return lookup::lookup(view, request_.target, request_.source, request_.stamps[i],
                               request_.policy, space.answer, space.failure);
     }
-    /// What is missing may be a frame whose slot was reused since.
-    [[nodiscard]] Outcome unless_reused(const StoreView& view) const {
-        return store::unless_reused(impl_, view.commit(), Outcome::kOk);
+    /// What is missing may be a frame whose slot was reused since. Asked before anything is
+    /// written: points may be moved in place, and only once.
+    [[nodiscard]] bool reused(const StoreView& view) const {
+        return store::unless_reused(impl_, view.commit(), Outcome::kOk) == Outcome::kLapped;
     }
     /// The lookup of one stamp says why.
     Outcome refuse(const StoreView& view, Workspace& space, std::size_t i) {
@@ -241,11 +244,10 @@ private:
         return why == Outcome::kOk ? Outcome::kLapped : why;
     }
 
-    /// All poses come first: points may be moved in place, and only once.
+    /// All poses come first.
     Outcome one_by_one(const StoreView& view, Workspace& space) {
         space.poses.clear();
-        std::size_t missing = 0;
-        std::size_t apart = 0;
+        bool missing = false;
         for (std::size_t i = 0; i < request_.stamps.size(); ++i) {
             if (i % kRowsBetween == 0)
                 may_end();
@@ -257,20 +259,16 @@ private:
                 return outcome;
             }
             auto& pose = space.poses.emplace_back();
-            if (outcome == Outcome::kOk) {
+            if (outcome == Outcome::kOk)
                 pose = space.answer.pose;
-            } else {
-                ++missing;
-                apart += space.failure.code == ErrorCode::kDisconnected ? 1 : 0;
-            }
+            missing |= !pose;
         }
-        // Frames that are in two trees at every stamp: that is no gap in the data.
-        if (apart > 0 && apart == request_.stamps.size())
-            return refuse(view, space, 0);
+        if (missing && reused(view))
+            return Outcome::kLapped;
         for (std::size_t i = 0; i < space.poses.size(); ++i) {
             one_(i, space.poses[i] ? &*space.poses[i] : nullptr);
         }
-        return missing == 0 ? Outcome::kOk : unless_reused(view);
+        return Outcome::kOk;
     }
 
     const Reads::Impl& impl_;
@@ -346,7 +344,7 @@ void Reads::lookup_many(std::string_view target, std::string_view source,
 template <class Real>
 void Reads::move_points(std::string_view target, std::string_view source, const Real* points,
                         std::size_t stride, std::size_t count, std::span<const StampNs> stamps,
-                        Policy policy, Real* out, std::size_t out_stride) const {
+                        Policy policy, Missing missing, Real* out, std::size_t out_stride) const {
     if (stamps.size() != count && stamps.size() != 1) {
         throw InvalidArgument("transform_points takes one stamp for each of the " +
                               std::to_string(count) + " points or one for all, not " +
@@ -359,7 +357,7 @@ void Reads::move_points(std::string_view target, std::string_view source, const 
                            store::bytes_of_rows(out, out_stride, count), "the points");
     }
     run_batch(
-        target, source, stamps, policy, true,
+        target, source, stamps, policy, missing == Missing::kThrow,
         [&](Workspace& space) {
             geometry::transform_points(
                 space.path(), rule_of(policy), stamps, count,
@@ -378,14 +376,16 @@ void Reads::move_points(std::string_view target, std::string_view source, const 
 
 void Reads::transform_points(std::string_view target, std::string_view source, const float* points,
                              std::size_t stride, std::size_t count, std::span<const StampNs> stamps,
-                             Policy policy, float* out, std::size_t out_stride) const {
-    move_points(target, source, points, stride, count, stamps, policy, out, out_stride);
+                             Policy policy, Missing missing, float* out,
+                             std::size_t out_stride) const {
+    move_points(target, source, points, stride, count, stamps, policy, missing, out, out_stride);
 }
 
 void Reads::transform_points(std::string_view target, std::string_view source, const double* points,
                              std::size_t stride, std::size_t count, std::span<const StampNs> stamps,
-                             Policy policy, double* out, std::size_t out_stride) const {
-    move_points(target, source, points, stride, count, stamps, policy, out, out_stride);
+                             Policy policy, Missing missing, double* out,
+                             std::size_t out_stride) const {
+    move_points(target, source, points, stride, count, stamps, policy, missing, out, out_stride);
 }
 
 std::vector<StampNs> Reads::path_stamps(std::string_view target, std::string_view source,

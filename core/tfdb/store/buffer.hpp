@@ -151,7 +151,8 @@ public:
                                                std::string_view source,
                                                std::optional<StampNs> source_stamp,
                                                std::string_view fixed, Policy policy = {}) const;
-    /// The newest stamp at which every moving edge between two frames has data; 0 if none moves.
+    /// The newest stamp at which every moving edge between two frames has data; 0 if none moves. Of
+    /// a frame and itself, as for tf2: the stamp of its own newest sample.
     [[nodiscard]] StampNs latest_common_time(std::string_view target,
                                              std::string_view source) const;
     /// That and the oldest stamp, of one state: at each stamp from one to the other every edge of
@@ -165,7 +166,8 @@ public:
     /// Rows of T[target<-source] at each stamp, all from one snapshot: bit for bit the single
     /// lookup of each. `out` holds 7 or 16 doubles per stamp and lies apart from the stamps
     /// (InvalidArgument). Stamps in any order. Missing::kThrow: throws the typed error of the first
-    /// stamp that has no answer, with its index; `out` is then unspecified.
+    /// stamp that has no answer, with its index; `out` is then unspecified. Missing::kNan: NaN for
+    /// such a stamp, whatever the reason; UnknownFrame alone is thrown.
     void lookup_many(std::string_view target, std::string_view source,
                      std::span<const StampNs> stamps, Policy policy, Layout layout, Missing missing,
                      std::span<double> out) const;
@@ -174,10 +176,11 @@ public:
     /// overlaps the points otherwise, or the stamps, is refused (InvalidArgument).
     void transform_points(std::string_view target, std::string_view source, const float* points,
                           std::size_t stride, std::size_t count, std::span<const StampNs> stamps,
-                          Policy policy, float* out, std::size_t out_stride) const;
+                          Policy policy, Missing missing, float* out, std::size_t out_stride) const;
     void transform_points(std::string_view target, std::string_view source, const double* points,
                           std::size_t stride, std::size_t count, std::span<const StampNs> stamps,
-                          Policy policy, double* out, std::size_t out_stride) const;
+                          Policy policy, Missing missing, double* out,
+                          std::size_t out_stride) const;
     /// The stored stamps of the moving edges between two frames, sorted, each once, within
     /// [start, end] and within what every edge covers.
     [[nodiscard]] std::vector<StampNs> path_stamps(std::string_view target, std::string_view source,
@@ -217,7 +220,7 @@ private:
     template <class Real>
     void move_points(std::string_view target, std::string_view source, const Real* points,
                      std::size_t stride, std::size_t count, std::span<const StampNs> stamps,
-                     Policy policy, Real* out, std::size_t out_stride) const;
+                     Policy policy, Missing missing, Real* out, std::size_t out_stride) const;
 };
 
 /// One committed state, kept readable. Threads: any. Guarantee: every read through it sees exactly

@@ -234,20 +234,16 @@ void Transaction::lookup_many(std::string_view target, std::string_view source,
             raise(failure, question);
         }
     }
-    std::size_t apart = 0;
     for (std::size_t i = 0; i < stamps.size(); ++i) {
         if (i % 256 == 0)
             may_end();
         question.stamp = stamps[i];
         const bool found = ask(question, answer, failure);
-        const bool fatal = !found && missing == Missing::kThrow;
-        apart += !found && failure.code == ErrorCode::kDisconnected;
-        // Frames that are in two trees at every stamp: that is no gap in the data.
-        if (fatal || (apart == stamps.size() && apart > 0)) {
+        if (!found && missing == Missing::kThrow) {
             try {
                 raise(failure, question);
             } catch (Error& error) {
-                error.detail().index = fatal ? i : 0;
+                error.detail().index = i;
                 throw;
             }
         }

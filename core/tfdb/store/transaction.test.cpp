@@ -288,6 +288,12 @@ TFDB_TEST(transaction_looks_up_many_at_once) {
     CHECK(refused && refused->detail().index == 2);
     CHECK(THROWN(UnknownFrame,
                  tx.lookup_many("base", "x", {}, {}, Layout::kPose, Missing::kNan, rows)));
+    put(tx, "sky", "moon", 30, 5);
+    const auto apart = THROWN(Disconnected, tx.lookup_many("base", "moon", stamps, {},
+                                                           Layout::kPose, Missing::kThrow, rows));
+    CHECK(apart && apart->detail().index == 0 && apart->detail().stamp == 30);
+    tx.lookup_many("base", "moon", stamps, {}, Layout::kPose, Missing::kNan, rows);
+    CHECK(std::all_of(rows, rows + 4 * 7, [](double x) { return std::isnan(x); }));
     CHECK(THROWN(InvalidArgument, tx.lookup_many("base", "map", stamps, {}, Layout::kPose,
                                                  Missing::kNan, std::span(rows).first(20))));
     tx.lookup_many("base", "map", stamps, {}, Layout::kMatrix, Missing::kNan, rows);
