@@ -22,8 +22,8 @@ FIXED_ADDRESSES := $(shell command -v setarch >/dev/null 2>&1 && echo setarch $$
 ONE_SEED := TFDB_MODEL_SEEDS=1
 
 .DELETE_ON_ERROR:
-.PHONY: help demo test test-cpp test-python check bench bench-rooms evaluation tsan asan fuzz relacy docs \
-        wheel stubs format clean distclean
+.PHONY: help demo test test-cpp test-python check bench bench-rooms evaluation tsan asan asan-python fuzz \
+        relacy docs wheel stubs format clean distclean
 
 help:
 	@echo 'make demo [BAG=file]  the main job on a recording, pictures in out/'
@@ -32,6 +32,7 @@ help:
 	@echo 'make bench            tfdb against its rivals; BENCH="--only cpp" for a part'
 	@echo 'make evaluation       the goals and the paper'"'"'s sweeps, for docs/evaluation.md'
 	@echo 'make tsan | asan      C++ tests under sanitizers'
+	@echo 'make asan-python      the fuzzer of the public face, with the extension under a sanitizer'
 	@echo 'make fuzz             fuzzers, FUZZ_SECONDS=$(FUZZ_SECONDS) each (clang)'
 	@echo 'make relacy           model checks of the protocol (package relacy-dev)'
 	@echo 'make docs             API reference in build/docs'
@@ -101,6 +102,17 @@ asan: $(STAMPS)/venv
 	$(CMAKE) --preset asan >/dev/null
 	$(CMAKE) --build --preset asan -j $(JOBS) --target tfdb_tests
 	UBSAN_OPTIONS=print_stacktrace=1 $(ONE_SEED) build/asan/bin/tfdb_tests
+
+# The extension in a Python that looks at every access to memory, and the tests that press it most.
+UNDER_ASAN := $(BIN)/python tools/run_under_asan.py build/asan-python
+asan-python: $(STAMPS)/dev
+	$(CMAKE) --preset asan-python -DPython_EXECUTABLE=$(CURDIR)/$(BIN)/python >/dev/null
+	$(CMAKE) --build --preset asan-python -j $(JOBS) --target _core
+	$(UNDER_ASAN) -m tests.hostile.fuzz --calls 40000
+	$(UNDER_ASAN) -m tests.hostile.fuzz --calls 20000 --threads
+	$(UNDER_ASAN) -m pytest -q -p no:cacheprovider tests/test_bad_*.py tests/test_batch.py \
+	    tests/test_objects.py tests/test_messages.py tests/wire/test_codec.py \
+	    tests/wire/test_changing.py tests/life/test_closing.py
 
 relacy: $(STAMPS)/venv
 	$(CMAKE) --preset relacy >/dev/null
