@@ -99,6 +99,23 @@ def test_two_trees_and_no_data(tf2: Tf2Oracle) -> None:
         buffer.lookup_transform("b", "d", 3 * SECOND)
 
 
+def test_parent_outside_of_the_data(tf2: Tf2Oracle) -> None:
+    """tf2 knows no parent before the first sample and after the last. tfdb: the nearest sample's."""
+    script = [set_line("a", "c", 5 * SECOND, TURNED, static=False)]
+    script += [set_line("b", "c", 7 * SECOND, MOVED, static=False)]
+    stamps = [4 * SECOND, 5 * SECOND, 7 * SECOND - 1, 7 * SECOND, 8 * SECOND]
+    answers = tf2.run([*script, *(f"parent c {stamp}" for stamp in stamps), "parent nowhere 5"])
+    assert [answer.text for answer in answers[2:]] == ["", "a", "a", "b", "", ""]
+    assert [answer.word for answer in answers if not answer.text] == ["ok", "ok", *3 * ["none"]]
+
+    buffer = tfdb.Buffer()
+    store(buffer, "a", "c", 5 * SECOND, TURNED)
+    store(buffer, "b", "c", 7 * SECOND, MOVED)
+    assert [buffer.parent_of("c", stamp) for stamp in stamps] == ["a", "a", "a", "b", "b"]
+    with pytest.raises(tfdb.UnknownFrame):
+        buffer.parent_of("nowhere", 5)
+
+
 def test_infinity(tf2: Tf2Oracle) -> None:
     """tf2 accepts infinite translations. tfdb: InvalidTransform."""
     infinite = TURNED.copy()

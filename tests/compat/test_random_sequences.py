@@ -25,6 +25,7 @@ OPERATIONS = 250
 
 FRAMES = [f"f{i}" for i in range(9)]
 STATIC_FRAMES = {"f2", "f5"}
+WORDS = ["ok", "refused", "pose", "stamp", "parent", "none", "yes", "no"]
 KIND_OF_ERROR = {
     tfdb.UnknownFrame: "lookup",
     tfdb.Disconnected: "connectivity",
@@ -46,6 +47,7 @@ class Ours:
     word: str
     stamp: int = 0
     pose: np.ndarray | None = None
+    text: str = ""
 
 
 @dataclass
@@ -127,9 +129,9 @@ class Sequence:
 
     def lookup_full(self) -> None:
         target, source, fixed = self.names(3)
-        t, s = self.stamp(), self.stamp()
+        t, s = self.time(), self.time()
         self.ask(
-            f"full {target} {t} {source} {s} {fixed}",
+            f"full {target} {t or 0} {source} {s or 0} {fixed}",
             lambda: self.buffer.lookup_transform_full(target, t, source, s, fixed),
         )
 
@@ -140,10 +142,36 @@ class Sequence:
 
     def can_full(self) -> None:
         target, source, fixed = self.names(3)
-        t, s = self.stamp(), self.stamp()
+        t, s = self.time(), self.time()
         possible = self.buffer.can_transform_full(target, t, source, s, fixed)
-        line = f"canfull {target} {t} {source} {s} {fixed}"
+        line = f"canfull {target} {t or 0} {source} {s or 0} {fixed}"
         self.log(line, Ours("yes" if possible else "no"))
+
+    def common_times(self) -> None:
+        """The newest is that of tf2; up to it and from the oldest on, tf2 has an answer, too."""
+        target, source = self.names(2)
+        line = f"latest {target} {source}"
+        try:
+            oldest, newest = self.buffer.common_times(target, source)
+        except tfdb.TfdbError as error:
+            self.log(line, Ours(KIND_OF_ERROR[type(error)]))
+            return
+        self.log(line, Ours("stamp", newest))
+        if 0 < oldest <= newest:
+            for stamp in (oldest, self.rng.randint(oldest, newest), newest):
+                self.log(f"can {target} {source} {stamp}", Ours("yes"))
+
+    def parent(self) -> None:
+        (name,), time = self.names(1), self.time()
+        answer = Ours("none")
+        if self.buffer.frame_exists(name):
+            info = self.buffer.frame_info(name)
+            parent = self.buffer.parent_of(name, time)
+            # Outside of the data tf2 knows none: see test_known_differences.
+            known = time is None or info.oldest is None or info.oldest <= time <= info.newest
+            if known and parent is not None:
+                answer = Ours("parent", text=parent)
+        self.log(f"parent {name} {time or 0}", answer)
 
     def step(self) -> None:
         chance = self.rng.random()
@@ -154,7 +182,8 @@ class Sequence:
             self.now += self.rng.choice([0, 0, SECOND // 10, SECOND // 2])
             self.write()
         else:
-            self.rng.choice([self.lookup, self.lookup, self.lookup_full, self.can, self.can_full])()
+            asked = [self.lookup, self.lookup, self.lookup_full, self.can, self.can_full]
+            self.rng.choice([*asked, self.common_times, self.parent])()
 
 
 def explained(line: str, ours: Ours, theirs: Answer, *, turns_over: bool) -> bool:
@@ -165,17 +194,24 @@ def explained(line: str, ours: Ours, theirs: Answer, *, turns_over: bool) -> boo
         # If its parent then was its child before, tf2 finds a way that is closed here.
         return True
     names = [word for word in words if not word.isdigit()]
-    if ours.word in {"lookup", "no"} and theirs.word in {"pose", "yes"}:
+    if ours.word in {"lookup", "no"} and theirs.word in {"pose", "stamp", "yes"}:
         # tf2 answers identity for a frame against itself, whether it exists or not.
         return "nowhere" in names or len(set(names)) < len(names)
     # A walk that ends at an edge without data at that time: tf2 calls it extrapolation even where
     # the frames are in two trees, because it does not look further.
-    return verb in {"get", "full"} and (ours.word, theirs.word) == ("connectivity", "extrapolation")
+    return verb in {"get", "full", "latest"} and (ours.word, theirs.word) == (
+        "connectivity",
+        "extrapolation",
+    )
 
 
 def agrees(ours: Ours, theirs: Answer) -> bool:
     if ours.word != theirs.word:
         return False
+    if ours.word == "parent":
+        return ours.text == theirs.text
+    if ours.word == "stamp":
+        return ours.stamp == theirs.stamp
     if ours.pose is None or theirs.pose is None:
         return True
     return ours.stamp == theirs.stamp and pose_difference(ours.pose, theirs.pose)[0] <= TOLERANCE
@@ -207,6 +243,6 @@ def test_sequences_reach_every_kind_of_answer(tf2: Tf2Oracle) -> None:
             different += not agrees(ours, theirs)
             total += 1
     print(counts, f"{different} explained differences in {total}")
-    for word in ("ok", "refused", "pose", "yes", "no", "lookup", "connectivity", "extrapolation"):
+    for word in (*WORDS, *KIND_OF_ERROR.values()):
         assert counts.get(word, 0) >= 20, word
     assert different < 0.15 * total

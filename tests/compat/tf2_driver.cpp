@@ -17,6 +17,7 @@
 #include <console_bridge/console.h>
 #include <tf2/buffer_core.h>
 #include <tf2/exceptions.h>
+#include <tf2_msgs/TF2Error.h>
 
 #include <cstdint>
 #include <cstdio>
@@ -136,10 +137,20 @@ private:
         const auto target = word(in);
         const auto source = word(in);
         return guarded([&] {
-            // The public lookup of the latest common time is a lookup at time 0, which answers with
-            // it.
-            const auto result = buffer_->lookupTransform(target, source, ros::Time(0));
-            return "stamp " + std::to_string(result.header.stamp.toNSec());
+            ros::Time time;
+            std::string text;
+            const auto id_of = [&](const std::string& frame) {
+                return buffer_->_validateFrameId("latest", frame);
+            };
+            const int code =
+                buffer_->_getLatestCommonTime(id_of(target), id_of(source), time, &text);
+            if (code == tf2_msgs::TF2Error::CONNECTIVITY_ERROR) {
+                throw tf2::ConnectivityException(text);
+            }
+            if (code != tf2_msgs::TF2Error::NO_ERROR) {
+                throw tf2::TransformException(text);
+            }
+            return "stamp " + std::to_string(time.toNSec());
         });
     }
 
