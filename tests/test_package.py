@@ -46,6 +46,13 @@ def test_every_public_name_exists() -> None:
     assert [name for name in tfdb.__all__ if not hasattr(tfdb, name)] == []
 
 
+def test_the_recordings_are_there_when_they_are_used() -> None:
+    code = "import sys, tfdb; print('tfdb.io' in sys.modules, tfdb.io.Recording.__name__)"
+    assert run_python(code) == "False Recording"
+    with pytest.raises(AttributeError, match="'tfdb' has no attribute 'iot'"):
+        getattr(tfdb, "iot")  # noqa: B009 - type checkers know as much
+
+
 @pytest.mark.parametrize("module", ["rosbags", "matplotlib", "click", "rich"])
 def test_import_loads_nothing_heavy(module: str) -> None:
     code = f"import sys, tfdb; print({module!r} in sys.modules)"

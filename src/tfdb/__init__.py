@@ -13,6 +13,8 @@ Stamps are integer nanoseconds, poses are x y z qx qy qz qw.
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 from ._core import (
     Buffer,
     Reads,
@@ -73,6 +75,9 @@ from .types import (
     TransformStamped,
     Twist,
 )
+
+if TYPE_CHECKING:
+    from . import io as io
 
 __all__ = [
     "Buffer",
@@ -137,3 +142,14 @@ __all__ = [
     "load",
     "stamp",
 ]
+
+
+if not TYPE_CHECKING:  # or every name would be there for type checkers
+
+    def __getattr__(name):
+        """Import `tfdb.io` when it is used: `import tfdb` stays light."""
+        if name == "io":
+            from importlib import import_module  # noqa: PLC0415
+
+            return import_module("tfdb.io")
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

@@ -6,12 +6,13 @@ import os
 import warnings
 from typing import TYPE_CHECKING, TypeAlias
 
-from .errors import InvalidArgument, TfdbWarning
-from .new_file import is_file_name
+from .errors import InvalidArgument, RecordingError, TfdbWarning
+from .given_path import given_paths
 from .summary import clocks, describe_clocks
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Mapping, Sequence
+    from pathlib import Path
 
     from ._core import Buffer
     from .io import LoadReport
@@ -64,7 +65,7 @@ def load_into(
         A file is no recording, damaged or cut short; a topic is missing or holds no transforms.
         Nothing was stored.
     InvalidArgument
-        No path, a file that is given twice, or topics that are no names.
+        No path, an empty one, a file that is given twice, or topics that are no names.
     OSError
         A file cannot be opened.
 
@@ -76,22 +77,21 @@ def load_into(
     """
     from .io import load_recordings  # noqa: PLC0415 - recordings need optional packages
 
-    path = _each_once(path)
+    paths = _each_once(path)
     before = self.tree()
-    report = load_recordings(self, path, topics=topics, progress=progress, salvage=salvage)
+    report = load_recordings(self, paths, topics=topics, progress=progress, salvage=salvage)
     _warn(report.files, before, self.tree())
     return report
 
 
-def _each_once(path: Paths) -> list[str | os.PathLike[str]]:
+def _each_once(given: Paths) -> list[Path]:
     """List the paths; refuse one that comes twice."""
-    paths = [path] if isinstance(path, str | os.PathLike) else list(path)
+    paths = given_paths(given, RecordingError)
     seen: set[str] = set()
-    for each in paths:
-        # What no file can be called is refused when it is opened.
-        real = os.path.realpath(each) if is_file_name(each) else os.fspath(each)
+    for path in paths:
+        real = os.path.realpath(path)
         if real in seen:
-            raise InvalidArgument(f"{os.fspath(each)} is given twice", path=os.fspath(each))
+            raise InvalidArgument(f"{path} is given twice", path=str(path))
         seen.add(real)
     return paths
 

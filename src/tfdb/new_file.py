@@ -14,27 +14,22 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from .errors import InvalidArgument
+from .given_path import given_path, invalid
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Sequence
+    from collections.abc import Iterator, Sequence
 
-    Refusal = Callable[[Path, str], Exception]
+    from .given_path import Refusal
 
-NO_NAME = "no file can have this name"
 EXISTS = "exists already; pass overwrite=True to replace it"
 
 # Where the file system knows no hard links.
 _NO_LINKS = frozenset({errno.EPERM, errno.EOPNOTSUPP, errno.ENOSYS, errno.EMLINK, errno.EINVAL})
 
 
-def _invalid(path: Path, reason: str) -> Exception:
-    return InvalidArgument(f"{path}: {reason}", path=str(path), reason=reason)
-
-
 @contextmanager
 def new_file(
-    path: str | os.PathLike[str], *, overwrite: bool = False, refusal: Refusal = _invalid
+    path: str | os.PathLike[str], *, overwrite: bool = False, refusal: Refusal = invalid
 ) -> Iterator[Path]:
     """Give a path to write to; what lies there when the block ends takes the name `path`.
 
@@ -47,7 +42,7 @@ def new_file(
     it, too) and may not be replaced, or is that of a folder or a device. Raises OSError, with
     `path` as its filename, where the file cannot be written.
     """
-    path = Path(path)
+    path = given_path(path, refusal)
     refuse_existing(path, overwrite=overwrite, refusal=refusal)
     target = Path(os.path.realpath(path) if path.is_symlink() else path.absolute())
     with _errors_name(path, target.parent):
@@ -69,11 +64,9 @@ def new_file(
 
 
 def refuse_existing(
-    path: Path, *, overwrite: bool = False, refusal: Refusal = _invalid, hint: str = EXISTS
+    path: Path, *, overwrite: bool = False, refusal: Refusal = invalid, hint: str = EXISTS
 ) -> None:
     """Raise what `refusal` makes of (path, reason) unless a file may be written under that name."""
-    if not is_file_name(path):
-        raise refusal(path, NO_NAME)
     if not os.path.lexists(path):
         return
     if not overwrite:
@@ -81,14 +74,6 @@ def refuse_existing(
     # A device or a pipe would be replaced by a file.
     if path.exists() and not stat.S_ISREG(path.stat().st_mode):
         raise refusal(path, "is no regular file")
-
-
-def is_file_name(path: str | os.PathLike[str]) -> bool:
-    """Whether a file can have that name: no zero byte, nothing that the system cannot encode."""
-    try:
-        return b"\0" not in os.fsencode(path)
-    except UnicodeEncodeError:
-        return False
 
 
 def is_one_of(path: Path, inputs: Sequence[Path]) -> bool:

@@ -58,8 +58,62 @@ def test_unknown_frame_without_a_near_name(tool: Tool, bag: Path) -> None:
     assert "tfdb tree FILE" in tool("lookup", bag, "map", "zzzzzz", code=2).error
 
 
-def test_leading_slash_is_explained_by_a_suggestion(tool: Tool, bag: Path) -> None:
-    assert "'base_link'" in tool("lookup", bag, "map", "/base_link", code=2).error
+def test_a_leading_slash_is_dropped_as_loading_does(tool: Tool, bag: Path, tmp_path: Path) -> None:
+    plain = tool("lookup", bag, "map", "base_link", "--json").json
+    assert tool("lookup", bag, "/map", "/base_link", "--json").json == plain
+    poses = tool("poses", bag, "map", "odom", "--rate", "10").out
+    assert tool("poses", bag, "/map", "/odom", "--rate", "10").out == poses
+    for name, frames in (("a.tum", ("map", "odom")), ("b.tum", ("/map", "/odom"))):
+        tool("convert", bag, tmp_path / name, "--frames", *frames)
+    assert (tmp_path / "a.tum").read_text() == (tmp_path / "b.tum").read_text()
+    said = tool("lookup", bag, "map", "//base_link", code=2).error
+    assert "'//base_link'" in said
+    assert "'base_link'" in said
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        *((name, "", *frames) for name, *frames in READERS),
+        ("info", "f", ""),
+        ("lookup", "f", "map", "odom", "--with", ""),
+        ("poses", "f", "map", "odom", "--at", ""),
+        ("poses", "f", "map", "odom", "-o", ""),
+        ("convert", "", "out.bag"),
+        ("convert", "f", ""),
+        ("verify", ""),
+    ],
+)
+def test_an_empty_path_is_refused(tool: Tool, bag: Path, arguments: tuple[str, ...]) -> None:
+    given = [bag if argument == "f" else argument for argument in arguments]
+    said = tool(*given, code=2).error
+    assert "the path is empty" in said or "ends in none of" in said
+
+
+@pytest.mark.parametrize("command", [*READERS, ("verify",)], ids=lambda command: command[0])
+def test_an_error_of_reading_names_the_file(tool: Tool, command: tuple[str, ...]) -> None:
+    name, *frames = command
+    assert tool(name, "/proc/self/mem", *frames, code=2).error.startswith("/proc/self/mem: ")
+
+
+@pytest.mark.parametrize("command", [("info",), ("convert", "out.bag")])
+def test_a_topic_is_read_as_moving_or_static(
+    tool: Tool, bag: Path, tmp_path: Path, command: tuple[str, ...]
+) -> None:
+    name, *out = command
+    given = [name, bag, *(tmp_path / file for file in out)]
+    said = tool(*given, "--topic", "/tf:foo", code=2).error
+    assert "topic '/tf' cannot be read as 'foo', only as tf or tf_static" in said
+
+
+def test_topics_of_convert_are_written_as_those_of_load(
+    tool: Tool, bag: Path, tmp_path: Path
+) -> None:
+    for name, topic in (("a.bag", "/tf"), ("b.bag", "tf"), ("c.bag", "tf:/robot1/tf")):
+        tool("convert", bag, tmp_path / name, "--topic", topic)
+    found = [tool("info", tmp_path / name, "--json").json["topics"] for name in ("a.bag", "b.bag")]
+    assert found[0] == found[1]
+    assert tool("info", tmp_path / "c.bag", "--json").json["topics"][0]["name"] == "/robot1/tf"
 
 
 def test_time_out_of_range_tells_the_valid_one(tool: Tool, bag: Path) -> None:

@@ -421,6 +421,22 @@ def test_repeated_samples_are_not_forgotten(
     assert tfdb.Buffer(history=10).load(path).forgotten == 0
 
 
+@pytest.mark.parametrize("role", ["foo", "/robot1/tff", "", "/", "tf_static/x"])
+def test_a_topic_is_read_as_moving_or_static(recorder: Any, tmp_path: Path, role: str) -> None:
+    path = recorder.bag(tmp_path / "a.bag", [])
+    with pytest.raises(tfdb.InvalidArgument, match="only as tf or tf_static"):
+        tfdb.load(path, topics={"/tf": role})
+
+
+@pytest.mark.parametrize("role", ["tf_static", "/tf_static/", "/robot1/tf_static"])
+def test_static_by_the_last_part_of_the_new_name(
+    recorder: Any, messages: list[Any], tmp_path: Path, role: str
+) -> None:
+    path = recorder.bag(tmp_path / "a.bag", other_names(messages))
+    buffer = tfdb.load(path, topics={"/robot1/tf_static": role})
+    assert buffer.frame_info("camera").is_static
+
+
 @pytest.mark.parametrize("topics", [{"/tf": 5}, {5: "/tf"}, [5], 5, [b"/tf"]])
 def test_topics_are_names(recorder: Any, tmp_path: Path, topics: Any) -> None:
     path = recorder.bag(tmp_path / "a.bag", [])

@@ -8,7 +8,6 @@ import sys
 from contextlib import contextmanager
 from dataclasses import dataclass
 from itertools import chain, islice
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
@@ -16,7 +15,9 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, ProgressColumn, TextColumn, TimeElapsedColumn
 
 import tfdb
+from tfdb.given_path import given_path
 from tfdb.io import Recording
+from tfdb.io.loading import absolute, role_of
 from tfdb.new_file import is_one_of, refuse_existing
 from tfdb.summary import Forest, span
 
@@ -24,6 +25,7 @@ from .times import format_ns, parse_stamp
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator, Sequence
+    from pathlib import Path
 
     from tfdb import Buffer
     from tfdb.io import Loss, Source
@@ -44,7 +46,7 @@ _topic_option = click.option(
     "topics",
     multiple=True,
     metavar="FROM[:TO]",
-    help="Read only the topic FROM (as TO: /tf or /tf_static); repeatable.  "
+    help="Read only the topic FROM (as TO, whose last part is tf or tf_static); repeatable.  "
     "[default: every topic of transforms]",
 )
 _SALVAGE = "tfdb.salvage"
@@ -107,7 +109,7 @@ class Loaded:
 
 def find_paths(names: Sequence[str]) -> tuple[Path, ...]:
     """Check that the files exist; where one does not, name the nearest that does."""
-    paths = tuple(Path(name) for name in names)
+    paths = tuple(given_path(name) for name in names)
     for path in paths:
         if path.exists():
             continue
@@ -129,7 +131,7 @@ def _nearest_missing(path: Path) -> Path:
 
 def check_output(out: str, inputs: Sequence[Path], *, overwrite: bool) -> None:
     """Refuse an output without a folder, one of the inputs, or one that exists already."""
-    path = Path(out)
+    path = given_path(out)
     if not path.parent.is_dir():
         missing = _nearest_missing(path.parent)
         what = "is no folder" if missing.exists() else "there is no such folder; make it first"
@@ -153,7 +155,7 @@ def parse_topics(texts: Sequence[str]) -> dict[str, str] | None:
         source, colon, target = text.partition(":")
         if not source or (colon and not target):
             raise click.UsageError(f"--topic {text!r} is not FROM or FROM:TO")
-        pairs[source] = target or source
+        pairs[absolute(source)] = role_of(source, target or source)
     return pairs
 
 
@@ -197,18 +199,25 @@ def progress_bar(what: str) -> Iterator[Callable[[int, int], None] | None]:
         yield lambda done, total: bar.update(task, completed=done, total=total)
 
 
-def check_frames(store: Buffer, *names: str) -> None:
-    """Refuse frames that the recording lacks, and name the nearest ones."""
+def find_frames(store: Buffer, *names: str) -> tuple[str, ...]:
+    """Return the names as the recording has them; refuse others, and say which are near.
+
+    A name may begin with the slash that messages may have, and loading drops.
+    """
     known = store.frames()
-    for name in names:
-        if name in known:
-            continue
-        near = difflib.get_close_matches(name, known, n=3, cutoff=0.5)
-        near += [other for other in known if name.strip("/") in other and other not in near]
-        listed = ", ".join(repr(other) for other in near[:3])
-        hint = f"did you mean {listed}?" if listed else "'tfdb tree FILE' lists all frames"
-        message = f"the recording has no frame {name!r}; {hint}"
-        raise tfdb.UnknownFrame(message, frame=name)
+    return tuple(_find_frame(name, known) for name in names)
+
+
+def _find_frame(name: str, known: Sequence[str]) -> str:
+    for written in (name, name.removeprefix("/")):
+        if written in known:
+            return written
+    near = difflib.get_close_matches(name, known, n=3, cutoff=0.5)
+    near += [other for other in known if name.strip("/") in other and other not in near]
+    listed = ", ".join(repr(other) for other in near[:3])
+    hint = f"did you mean {listed}?" if listed else "'tfdb tree FILE' lists all frames"
+    message = f"the recording has no frame {name!r}; {hint}"
+    raise tfdb.UnknownFrame(message, frame=name)
 
 
 def explain_range(store: Buffer, target: str, source: str) -> str:

@@ -4,18 +4,20 @@ from __future__ import annotations
 
 from contextlib import ExitStack
 from dataclasses import dataclass
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
 import tfdb
+from tfdb.given_path import given_path
 from tfdb.io import Recording, RecordingWriter, write_trajectory
+from tfdb.io.loading import absolute
 
 from . import common, output
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping, Sequence
+    from pathlib import Path
 
     from tfdb.io import Source
 
@@ -60,7 +62,7 @@ def command(
     Between recordings each message keeps its topic, its time of reception and its publisher (where
     OUT can hold it); everything that is no transform is left out. Several INs become one OUT.
     """
-    path = Path(out)
+    path = given_path(out)
     suffix = path.suffix.lower()
     if suffix not in RECORDINGS + TRAJECTORIES:
         listed = ", ".join(RECORDINGS + TRAJECTORIES)
@@ -71,8 +73,8 @@ def command(
     common.check_output(out, inputs, overwrite=overwrite)
     if frames is not None:
         loaded = common.load(files, topics)
-        common.check_frames(loaded.store, *frames)
-        poses = loaded.store.trajectory(*frames)
+        target, source = common.find_frames(loaded.store, *frames)
+        poses = loaded.store.trajectory(target, source)
         write_trajectory(out, poses, overwrite=overwrite)
         written = Written(loaded.report.messages, len(poses.stamps))
     else:
@@ -109,7 +111,7 @@ def _recording(
         recordings.sort(key=lambda recording: recording.start)
 
         def wanted(source: Source) -> bool:
-            return renamed is None or source.topic in renamed
+            return renamed is None or absolute(source.topic) in renamed
 
         sources = [s for recording in recordings for s in recording.sources if wanted(s)]
         if not sources:
@@ -142,8 +144,8 @@ def _copy(
             written.skipped += 1
             yield written.messages + written.skipped
             continue
-        topic = renamed.get(source.topic, source.topic)
-        topic = topic if topic.startswith("/") else f"/{topic}"
+        topic = absolute(source.topic)
+        topic = renamed.get(topic, topic)
         writer.write(
             made,
             received,

@@ -44,7 +44,7 @@ def command(
     """
     loaded = common.load((file, *more), topics)
     store = loaded.store
-    common.check_frames(store, target, source)
+    target, source = common.find_frames(store, target, source)
     stamp = time.resolve(loaded.span)
     try:
         found = store.lookup_transform(target, source, stamp, policy)

@@ -11,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 import tfdb
+from tfdb.given_path import errors_name
 from tfdb.io.trajectory_writers import write_trajectory
 
 from . import common, output
@@ -100,7 +101,7 @@ def command(
         common.check_output(out, common.find_paths(read), overwrite=overwrite)
     loaded = common.load((file, *more), topics)
     store = loaded.store
-    common.check_frames(store, target, source)
+    target, source = common.find_frames(store, target, source)
     first = None if start is None else start.resolve(loaded.span)
     last = None if end is None else end.resolve(loaded.span)
     missing: Literal["nan", "raise"] = "nan" if skip_missing else "raise"
@@ -126,8 +127,13 @@ def command(
 
 
 def _stamps(name: str) -> npt.NDArray[np.int64]:
-    text = sys.stdin.read() if name == "-" else common.find_paths([name])[0].read_text("utf-8")
-    return np.array(read_stamps(text, "standard input" if name == "-" else name), dtype=np.int64)
+    if name == "-":
+        name, text = "standard input", sys.stdin.read()
+    else:
+        (path,) = common.find_paths([name])
+        with errors_name(path):
+            text = path.read_text("utf-8")
+    return np.array(read_stamps(text, name), dtype=np.int64)
 
 
 def _between(

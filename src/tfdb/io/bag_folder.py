@@ -11,6 +11,7 @@ from pathlib import Path, PurePath
 from typing import TYPE_CHECKING, Any
 
 from tfdb.errors import RecordingError
+from tfdb.given_path import errors_name
 
 from .containers import Container, Loss, is_tf_type, kind_of, typed_errors
 from .db3_reader import open_db3
@@ -148,7 +149,9 @@ def _parse(path: Path) -> _Metadata:
     if path.stat().st_size > _MAX_METADATA:
         raise BadDataError(f"it has more than {_MAX_METADATA} bytes")
     try:
-        whole = YAML(typ="safe").load(path.read_text("utf-8"))
+        with errors_name(path):
+            text = path.read_text("utf-8")
+        whole = YAML(typ="safe").load(text)
     except (YAMLError, ValueError, RecursionError) as error:
         words = " ".join(str(error).split())[:200]
         raise BadDataError(f"no YAML: {words}") from error

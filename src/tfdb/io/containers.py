@@ -16,7 +16,7 @@ from operator import itemgetter
 from typing import TYPE_CHECKING, Literal, TypeAlias, TypeVar
 
 from tfdb.errors import RecordingError
-from tfdb.new_file import NO_NAME, is_file_name
+from tfdb.given_path import errors_name
 
 from .raw_file import BadDataError, BrokenChunkError
 
@@ -243,9 +243,13 @@ def encoding_of(path: Path, topic: str, name: str) -> Encoding:
 
 @contextmanager
 def typed_errors(path: Path, hint: str = SALVAGE) -> Iterator[None]:
-    """Turn what broken data raise where they are parsed into `RecordingError`; nothing else."""
+    """Turn what broken data raise where they are parsed into `RecordingError`.
+
+    Nothing else changes but errors of reading: they name the file.
+    """
     try:
-        yield
+        with errors_name(path):
+            yield
     except ModuleNotFoundError as error:
         raise RecordingError(path, f"{NEEDS_EXTRA} ({error.name})") from error
     except (BadDataError, struct.error, UnicodeDecodeError) as error:
@@ -257,14 +261,12 @@ def kind_of(path: Path) -> Kind:
 
     Raises `RecordingError` for anything that is no recording, `OSError` where it cannot be opened.
     """
-    if not is_file_name(path):
-        raise RecordingError(path, NO_NAME)
     mode = path.stat().st_mode
     if stat.S_ISDIR(mode):
         return "folder"
     if not stat.S_ISREG(mode):
         raise RecordingError(path, "no regular file")
-    with path.open("rb") as file:
+    with errors_name(path), path.open("rb") as file:
         start = file.read(32)
     if not start:
         raise RecordingError(path, "the file is empty")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import time
 import warnings
 from collections import Counter, deque
@@ -15,6 +14,7 @@ import numpy as np
 
 from tfdb import _core
 from tfdb.errors import InvalidArgument, RecordingError, TfdbWarning
+from tfdb.given_path import given_paths
 
 from .recordings import Recording
 
@@ -30,6 +30,9 @@ if TYPE_CHECKING:
 
     Progress: TypeAlias = Callable[[int, int], None]
     Topics: TypeAlias = str | Iterable[str] | Mapping[str, str]
+
+ROLES = ("tf", "tf_static")
+"""The last part of a topic's name; by it transforms are moving or static."""
 
 
 @dataclass(frozen=True)
@@ -125,13 +128,13 @@ def load_recordings(
         A file is no recording, damaged or cut short; a topic is missing or holds no transforms;
         nothing could be stored. The store is unchanged. Fields: path, reason.
     InvalidArgument
-        No path, or topics that are no names.
+        No path, an empty one, or topics that are no names or renamed to something else.
     OSError
         A file cannot be opened.
     """
     started = time.perf_counter()
     tally = _Tally(buffer)
-    files = [paths] if isinstance(paths, (str, os.PathLike)) else list(paths)
+    files = given_paths(paths, RecordingError)
     if not files:
         raise InvalidArgument("no recording to load: paths is empty")
     selection = _Selection(topics)
@@ -170,19 +173,19 @@ class _Selection:
         if topics is None:
             self._roles: dict[str, str] | None = None
         elif isinstance(topics, Mapping):
-            self._roles = {_absolute(name): _name(role) for name, role in topics.items()}
+            self._roles = {absolute(name): role_of(name, role) for name, role in topics.items()}
         elif isinstance(topics, str):
-            self._roles = {_absolute(topics): topics}
+            self._roles = {absolute(topics): absolute(topics)}
         elif isinstance(topics, Iterable):
-            self._roles = {_absolute(name): name for name in topics}
+            self._roles = {absolute(name): absolute(name) for name in topics}
         else:
             raise _no_name(topics)
 
     def wants(self, source: Source) -> bool:
-        return self._roles is None or _absolute(source.topic) in self._roles
+        return self._roles is None or absolute(source.topic) in self._roles
 
     def is_static(self, source: Source) -> bool:
-        name = _absolute(source.topic)
+        name = absolute(source.topic)
         role = name if self._roles is None else self._roles[name]
         return role.rsplit("/", 1)[-1] == "tf_static"
 
@@ -198,8 +201,8 @@ class _Selection:
     def check(self, recordings: Sequence[Recording]) -> None:
         """Refuse recordings without any of the topics, and topics that no recording has."""
         path = ", ".join(str(recording.path) for recording in recordings)
-        sources = {_absolute(s.topic) for recording in recordings for s in recording.sources}
-        types = {_absolute(t.name): t.type for recording in recordings for t in recording.topics}
+        sources = {absolute(s.topic) for recording in recordings for s in recording.sources}
+        types = {absolute(t.name): t.type for recording in recordings for t in recording.topics}
         held = ", ".join(f"{name} ({types[name]})" for name in sorted(types)[:20]) or "none at all"
         if self._roles is None and not sources:
             raise RecordingError(path, f"no topic with transforms; its topics: {held}")
@@ -322,14 +325,20 @@ def missing_samples(buffer: Buffer, frame: str, stamps: npt.NDArray[np.int64]) -
     return len(np.setdiff1d(stamps, buffer.samples(frame)[0]))
 
 
-def _absolute(topic: str) -> str:
-    return "/" + _name(topic).strip("/")
-
-
-def _name(topic: Any) -> str:
+def absolute(topic: Any) -> str:
+    """The name of a topic with its leading slash."""
     if not isinstance(topic, str):
         raise _no_name(topic)
-    return topic
+    return "/" + topic.strip("/")
+
+
+def role_of(topic: str, name: Any) -> str:
+    """What a topic is read as; raises InvalidArgument for what says neither moving nor static."""
+    role = absolute(name)
+    if role.rsplit("/", 1)[-1] in ROLES or role == absolute(topic):
+        return role
+    reason = f"topic {topic!r} cannot be read as {name!r}, only as {' or '.join(ROLES)}"
+    raise InvalidArgument(reason, value=name)
 
 
 def _no_name(topic: Any) -> InvalidArgument:

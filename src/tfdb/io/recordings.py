@@ -6,8 +6,10 @@ Chunks packed with lz4 or zstd and the metadata of folders need `pip install 'tf
 from __future__ import annotations
 
 from dataclasses import dataclass
-from pathlib import Path
 from typing import TYPE_CHECKING, TypeAlias
+
+from tfdb.errors import RecordingError
+from tfdb.given_path import given_path
 
 from .bag_folder import open_folder
 from .bag_reader import open_bag
@@ -54,12 +56,14 @@ class Recording:
     ------
     RecordingError
         No recording, damaged, cut short, or the libraries are not installed. Fields: path, reason.
+    InvalidArgument
+        What is no path, or an empty one.
     OSError
-        The file cannot be opened.
+        The file cannot be opened or read.
     """
 
     def __init__(self, path: PathLike, *, salvage: bool = False) -> None:
-        self.path = Path(path)
+        self.path = given_path(path, RecordingError)
         self._container = _OPENERS[kind_of(self.path)](self.path, salvage=salvage)
 
     def __enter__(self) -> Self:

@@ -6,10 +6,10 @@ import errno
 import os
 import sqlite3
 from contextlib import ExitStack, contextmanager
-from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
 
 from tfdb.errors import InvalidArgument, RecordingError
+from tfdb.given_path import given_path
 from tfdb.new_file import new_file, refuse_existing
 
 from .containers import NEEDS_EXTRA, Encoding
@@ -17,6 +17,7 @@ from .containers import NEEDS_EXTRA, Encoding
 if TYPE_CHECKING:
     from collections.abc import Iterator
     from contextlib import AbstractContextManager
+    from pathlib import Path
     from types import TracebackType
     from typing import Self
 
@@ -67,7 +68,7 @@ class RecordingWriter:
     """
 
     def __init__(self, path: PathLike, *, compress: bool = False, overwrite: bool = False) -> None:
-        path = Path(path)
+        path = given_path(path, RecordingError)
         if path.suffix not in SUFFIXES:
             raise RecordingError(path, f"the name must end in one of {', '.join(SUFFIXES)}")
         refuse_existing(path, overwrite=overwrite, refusal=RecordingError)

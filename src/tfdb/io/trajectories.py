@@ -12,14 +12,13 @@ import stat
 import zipfile
 import zlib
 from dataclasses import dataclass
-from pathlib import Path
 from typing import TYPE_CHECKING, Literal, Protocol, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
 
 from tfdb.errors import InvalidArray, TrajectoryError
-from tfdb.new_file import NO_NAME, is_file_name
+from tfdb.given_path import errors_name, given_path
 from tfdb.types import Columns, Trajectory
 
 from .decimal_time import integer_ns, seconds_to_ns
@@ -29,6 +28,7 @@ from .raw_file import MAX_CHUNK
 if TYPE_CHECKING:
     import os
     from collections.abc import Callable, Iterator
+    from pathlib import Path
 
     from tfdb import Buffer
 
@@ -96,15 +96,17 @@ def read_trajectory(
     """
     if format is not None and format not in FORMATS:
         raise TrajectoryError(path, None, f"unknown format {format!r}; one of {', '.join(FORMATS)}")
-    raw = _read(Path(path))
+    path = given_path(path, _refusal)
+    raw = _read(path)
     if format == "npz" or (format is None and raw.startswith(b"PK\x03\x04")):
         if times is not None:
             raise TrajectoryError(path, None, "a file of times belongs to KITTI poses, not to npz")
-        return _read_npz(Path(path), raw, target, source)
-    lines = _Lines(Path(path), raw, target, source)
+        return _read_npz(path, raw, target, source)
+    lines = _Lines(path, raw, target, source)
     kind = _guess(lines) if format is None else format
     if kind == "kitti":
-        return _read_kitti(lines, Path(times) if times is not None else _find_times(lines.path))
+        beside = _find_times(path) if times is None else given_path(times, _refusal)
+        return _read_kitti(lines, beside)
     if times is not None:
         raise lines.error(None, f"a file of times belongs to KITTI poses, not to {kind}")
     return _read_rows(lines, _ROWS[kind])
@@ -131,11 +133,14 @@ def into_buffer(
 
 def _read(path: Path) -> bytes:
     """The bytes of a file or pipe; a device may have no end."""
-    if not is_file_name(path):
-        raise TrajectoryError(path, None, NO_NAME)
     if stat.S_ISCHR(path.stat().st_mode):
         raise TrajectoryError(path, None, "no regular file")
-    return path.read_bytes()
+    with errors_name(path):
+        return path.read_bytes()
+
+
+def _refusal(path: Path, reason: str) -> TrajectoryError:
+    return TrajectoryError(path, None, reason)
 
 
 class _Lines:

@@ -8,12 +8,12 @@ another only with `overwrite=True`.
 from __future__ import annotations
 
 import os
-from pathlib import Path
 from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
 from tfdb.errors import TrajectoryError
+from tfdb.given_path import given_path
 from tfdb.new_file import new_file
 
 from .decimal_time import ns_to_seconds
@@ -21,6 +21,7 @@ from .trajectories import CSV_COLUMNS, Poses, TrajectoryLike
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
+    from pathlib import Path
 
     from .trajectories import PathLike
 
@@ -72,8 +73,10 @@ def write_kitti(
         (matrices_from_quaternions(poses[:, 3:]), poses[:, :3, np.newaxis]), axis=2
     )
     rows = matrices.reshape(-1, 12).tolist()
-    where = Path(path)
-    beside = where.with_name(f"{where.stem}_times.txt") if times is None else Path(times)
+    where = given_path(path, _refusal)
+    beside = where.with_name(f"{where.stem}_times.txt")
+    if times is not None:
+        beside = given_path(times, _refusal)
     if os.path.realpath(beside) == os.path.realpath(where):
         raise _refusal(where, "the stamps need a file of their own")
     with new_file(where, overwrite=overwrite, refusal=_refusal) as made:
@@ -121,7 +124,7 @@ def write_trajectory(
     by name. Raises `TrajectoryError` for any other and where a file of that name exists, unless
     `overwrite`; `OSError` where the file cannot be written. Then what the name had is still there.
     """
-    suffix = Path(path).suffix.lower()
+    suffix = given_path(path, _refusal).suffix.lower()
     name = format or {".txt": "tum"}.get(suffix, suffix.removeprefix("."))
     writer = _WRITERS.get(name)
     if writer is None:

@@ -7,10 +7,10 @@ alone. A file is hostile until read: no document type, so no entities; nothing e
 from __future__ import annotations
 
 import math
-from pathlib import Path
 from typing import TYPE_CHECKING, NoReturn
 
 from tfdb.errors import ModelError
+from tfdb.given_path import errors_name, given_path
 
 from .robot_model import Joint, JointLimits, Mimic, RobotModel
 from .xml_tree import Element, XmlError, parse_xml
@@ -34,7 +34,8 @@ def load_urdf(path: str | os.PathLike[str]) -> RobotModel:
     OSError
         The file cannot be opened.
     """
-    with Path(path).open("rb") as file:
+    where = given_path(path, ModelError)
+    with errors_name(where), where.open("rb") as file:
         raw = file.read(MAX_BYTES + 1)
     return _read(raw, str(path))
 

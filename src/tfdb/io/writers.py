@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import operator
 from itertools import groupby, pairwise
-from pathlib import Path
 from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
@@ -86,7 +85,7 @@ def write_recording(
     if not fixed and not len(moving):
         raise RecordingError(path, "the store holds no transform to write")
     messages = samples = 0
-    with RecordingWriter(Path(path), compress=compress, overwrite=overwrite) as writer:
+    with RecordingWriter(path, compress=compress, overwrite=overwrite) as writer:
         for authority, batch in fixed.items():
             data = _core.encode_tf_message(batch, writer.encoding)
             writer.write(data, moving.start, topic=_STATIC_TOPIC, static=True, authority=authority)
@@ -119,7 +118,7 @@ def write_transforms(
     """
     fixed = list(static)
     messages = 0
-    with RecordingWriter(Path(path), compress=compress, overwrite=overwrite) as writer:
+    with RecordingWriter(path, compress=compress, overwrite=overwrite) as writer:
 
         def write(batch: list[TransformStamped], stamp: int, topic: str) -> None:
             data = _core.encode_tf_message(batch, writer.encoding)

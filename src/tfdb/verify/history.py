@@ -42,13 +42,14 @@ from __future__ import annotations
 import json
 from dataclasses import dataclass, field
 from enum import Enum
-from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from tfdb.errors import HistoryError
+from tfdb.given_path import errors_name, given_path
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
+    from pathlib import Path
 
 FORMAT = 1
 STATUSES = ("committed", "aborted", "unknown")
@@ -121,8 +122,9 @@ def load_history(path: str | Path) -> History:
     OSError
         Where the file cannot be read.
     """
-    with Path(path).open("rb") as file:
-        return parse_history(file, str(path))
+    file = given_path(path)
+    with errors_name(file), file.open("rb") as lines:
+        return parse_history(lines, str(path))
 
 
 def parse_history(lines: Iterable[str | bytes], path: str = "history") -> History:
