@@ -750,8 +750,8 @@ class Buffer(Reads):
                 One recording or several; they are read in the order of their start.
             topics
                 Which topics to read; None: all that hold transforms. A mapping renames them, as in
-                `{"/robot1/tf": "tf", "/robot1/tf_static": "tf_static"}`. Transforms are static when the
-                last part of the topic's (new) name is `tf_static`.
+                `{"/robot1/tf": "tf", "/robot1/tf_static": "tf_static"}`; a new name ends in `tf` or
+                `tf_static`. Transforms are static when the last part of the topic's name is `tf_static`.
             progress
                 Called with (done, total); each message counts once when read and once when stored.
             salvage
@@ -769,7 +769,7 @@ class Buffer(Reads):
                 A file is no recording, damaged or cut short; a topic is missing or holds no transforms.
                 Nothing was stored.
             InvalidArgument
-                No path, a file that is given twice, or topics that are no names.
+                No path, an empty one, a file that is given twice, or topics that are no names.
             OSError
                 A file cannot be opened.
 

@@ -46,8 +46,8 @@ def load_into(
         One recording or several; they are read in the order of their start.
     topics
         Which topics to read; None: all that hold transforms. A mapping renames them, as in
-        `{"/robot1/tf": "tf", "/robot1/tf_static": "tf_static"}`. Transforms are static when the
-        last part of the topic's (new) name is `tf_static`.
+        `{"/robot1/tf": "tf", "/robot1/tf_static": "tf_static"}`; a new name ends in `tf` or
+        `tf_static`. Transforms are static when the last part of the topic's name is `tf_static`.
     progress
         Called with (done, total); each message counts once when read and once when stored.
     salvage

@@ -100,7 +100,7 @@ def test_two_trees_and_no_data(tf2: Tf2Oracle) -> None:
 
 
 def test_parent_outside_of_the_data(tf2: Tf2Oracle) -> None:
-    """tf2 knows no parent before the first sample and after the last. tfdb: the nearest sample's."""
+    """tf2 knows no parent before the first sample or after the last. tfdb: the nearest sample's."""
     script = [set_line("a", "c", 5 * SECOND, TURNED, static=False)]
     script += [set_line("b", "c", 7 * SECOND, MOVED, static=False)]
     stamps = [4 * SECOND, 5 * SECOND, 7 * SECOND - 1, 7 * SECOND, 8 * SECOND]

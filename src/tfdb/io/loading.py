@@ -114,8 +114,9 @@ def load_recordings(
         bag folders. They are read in the order of their start.
     topics
         Which topics to read; None reads all that hold transforms. A mapping renames them, as in
-        `{"/robot1/tf": "tf", "/robot1/tf_static": "tf_static"}`. Transforms are static when the
-        last part of the topic's (new) name is `tf_static`, wherever in the file they lie.
+        `{"/robot1/tf": "tf", "/robot1/tf_static": "tf_static"}`; a new name ends in `tf` or
+        `tf_static`. Transforms are static when the last part of the topic's name is `tf_static`,
+        wherever in the file they lie.
     progress
         Called with (done, total); each message counts once when read and once when stored.
     salvage
