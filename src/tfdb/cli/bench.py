@@ -268,7 +268,7 @@ def _single(results: Results) -> str | None:
 @contextmanager
 def _progress(plan: Plan) -> Iterator[Callable[[int, Turn], None] | None]:
     """Show a bar on stderr with what is being measured; nothing where that is no terminal."""
-    with common.bar_on_stderr(MofNCompleteColumn(), TimeRemainingColumn()) as bar:
+    with common.bar_on_stderr(lambda: (MofNCompleteColumn(), TimeRemainingColumn())) as bar:
         if bar is None:
             yield None
             return

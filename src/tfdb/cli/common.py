@@ -11,8 +11,6 @@ from itertools import chain, islice
 from typing import TYPE_CHECKING, Any
 
 import click
-from rich.console import Console
-from rich.progress import BarColumn, Progress, ProgressColumn, TextColumn, TimeElapsedColumn
 
 import tfdb
 from tfdb.given_path import given_path
@@ -26,6 +24,8 @@ from .times import format_ns, parse_stamp
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator, Sequence
     from pathlib import Path
+
+    from rich.progress import Progress, ProgressColumn
 
     from tfdb import Buffer
     from tfdb.io import Loss, Source
@@ -172,15 +172,18 @@ def load(names: Sequence[str], topics: Sequence[str] = ()) -> Loaded:
 
 
 @contextmanager
-def bar_on_stderr(*columns: ProgressColumn) -> Iterator[Progress | None]:
+def bar_on_stderr(columns: Callable[[], Sequence[ProgressColumn]]) -> Iterator[Progress | None]:
     """Give a bar on stderr that vanishes at the end; None where that is no terminal."""
     if not sys.stderr.isatty():
         yield None
         return
+    from rich.console import Console  # noqa: PLC0415 - see `output`
+    from rich.progress import BarColumn, Progress, TextColumn  # noqa: PLC0415
+
     with Progress(
         TextColumn("{task.description}"),
         BarColumn(),
-        *columns,
+        *columns(),
         console=Console(stderr=True),
         transient=True,
     ) as bar:
@@ -190,8 +193,13 @@ def bar_on_stderr(*columns: ProgressColumn) -> Iterator[Progress | None]:
 @contextmanager
 def progress_bar(what: str) -> Iterator[Callable[[int, int], None] | None]:
     """Give a callback (done, total) that moves a bar on stderr; None where that is no terminal."""
-    percentage = TextColumn("{task.percentage:>3.0f} %")
-    with bar_on_stderr(percentage, TimeElapsedColumn()) as bar:
+
+    def columns() -> Sequence[ProgressColumn]:
+        from rich.progress import TextColumn, TimeElapsedColumn  # noqa: PLC0415 - see `output`
+
+        return TextColumn("{task.percentage:>3.0f} %"), TimeElapsedColumn()
+
+    with bar_on_stderr(columns) as bar:
         if bar is None:
             yield None
             return

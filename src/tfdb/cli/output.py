@@ -1,4 +1,9 @@
-"""How commands speak: tables for people, one JSON object for programs, one line for errors."""
+"""How commands speak: tables for people, one JSON object for programs, one line for errors.
+
+`rich` is imported where it is used: a shell that completes a name waits for every import.
+"""
+
+# ruff: noqa: PLC0415
 
 from __future__ import annotations
 
@@ -7,13 +12,13 @@ import sys
 from typing import TYPE_CHECKING, Any
 
 import click
-from rich.box import SIMPLE_HEAD
-from rich.console import Console
-from rich.table import Table
-from rich.text import Text
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
+
+    from rich.console import Console
+    from rich.table import Table
+    from rich.text import Text
 
 SCHEMA = 1
 """The version of the JSON output: keys are added, never renamed or removed, within one version."""
@@ -23,12 +28,17 @@ _PIPE_WIDTH = 400
 
 def console() -> Console:
     """Return standard output; wide where no terminal limits it: tables in pipes stay whole."""
+    from rich.console import Console
+
     width = None if sys.stdout.isatty() else _PIPE_WIDTH
     return Console(width=width, highlight=False, emoji=False, markup=False)
 
 
 def table(*columns: str, right: Sequence[str] = ()) -> Table:
     """Make a table without a frame; the columns named in `right` are flush right."""
+    from rich.box import SIMPLE_HEAD
+    from rich.table import Table
+
     made = Table(box=SIMPLE_HEAD, pad_edge=False, header_style="bold", show_edge=False)
     for name in columns:
         made.add_column(
@@ -39,6 +49,8 @@ def table(*columns: str, right: Sequence[str] = ()) -> Table:
 
 def add_rows(made: Table, rows: Iterable[Sequence[str | Text]]) -> Table:
     """Add the rows to the table and return it; their text is taken literally."""
+    from rich.text import Text
+
     for row in rows:
         made.add_row(*(cell if isinstance(cell, Text) else Text(cell) for cell in row))
     return made
@@ -46,12 +58,18 @@ def add_rows(made: Table, rows: Iterable[Sequence[str | Text]]) -> Table:
 
 def quiet(text: str) -> Text:
     """Give the text less weight."""
-    return Text(text, style="dim")
+    return _styled(text, "dim")
 
 
 def loud(text: str) -> Text:
     """Make the text ask for attention."""
-    return Text(text, style="bold red")
+    return _styled(text, "bold red")
+
+
+def _styled(text: str, style: str) -> Text:
+    from rich.text import Text
+
+    return Text(text, style=style)
 
 
 def emit_json(command: str | None, body: dict[str, Any]) -> None:
