@@ -457,6 +457,61 @@ def test_seconds_in_place_of_nanoseconds_are_named_in_the_error(buffer: tfdb.Buf
     assert "looks like" not in str(caught.value)
 
 
+@pytest.mark.parametrize(
+    "policy", [tfdb.Exact(), tfdb.Nearest(tolerance_ns=5), tfdb.Previous(max_age_ns=5)]
+)
+def test_seconds_are_named_whatever_the_policy(buffer: tfdb.Buffer, policy: tfdb.Policy) -> None:
+    with pytest.raises(tfdb.TfdbError, match=f"{START // 10**9} looks like seconds"):
+        buffer.lookup_transform("map", "hand", START // 10**9, policy)
+
+
+def test_seconds_that_were_stored_are_named_in_the_error() -> None:
+    live = tfdb.Buffer()
+    for i in range(100):
+        live.set_transform("map", "base", START // 10**9 + i, (1, 2, 3), TURN)
+    looks = "those of this edge look like seconds"
+    for stamp in (START, START + 10**9, START + 3_600 * 10**9):
+        for policy in (
+            None,
+            tfdb.Exact(),
+            tfdb.Nearest(tolerance_ns=5),
+            tfdb.Previous(max_age_ns=5),
+        ):
+            with pytest.raises(tfdb.TfdbError, match=looks):
+                live.lookup_transform("map", "base", stamp, policy)
+    live.set_transform("map", "hand", START, (1, 2, 3), TURN)
+    live.set_transform("other", "map", START // 10**9, (1, 2, 3), TURN)
+    with pytest.raises(tfdb.Extrapolation, match=f"{START // 10**9 + 99} looks like seconds"):
+        live.lookup_transform("base", "hand")  # at the latest common time
+    for stamp in (START // 10**9 + 200, START // 10, START + 10**17):
+        with pytest.raises(tfdb.Extrapolation) as caught:
+            live.lookup_transform("map", "base", stamp)
+        assert "seconds" not in str(caught.value)
+
+
+def test_seconds_are_named_where_they_take_the_trees_apart() -> None:
+    live = tfdb.Buffer(history=None)
+    for stamp in (START, START + 10**9):
+        live.set_transform("map", "base", stamp, (1, 2, 3), TURN)
+    live.set_transform("elsewhere", "hand", START, (1, 2, 3), TURN)
+    with pytest.raises(tfdb.Disconnected, match=f"{START // 10**9} looks like seconds"):
+        live.lookup_transform("base", "hand", START // 10**9)
+
+
+@pytest.mark.parametrize("span", [(0, 0), (0, 100), (5, 50), (0, 10**9), (0, 10**10)])
+def test_stamps_that_are_small_are_taken_for_what_they_are(span: tuple[int, int]) -> None:
+    buf = tfdb.Buffer(history=None)
+    for stamp in span:
+        buf.set_transform("map", "base", stamp, (1, 2, 3), TURN)
+    with pytest.raises(tfdb.Extrapolation) as caught:
+        buf.lookup_transform("map", "base", span[1] + 60)
+    assert "seconds" not in str(caught.value)
+    if span[1] >= 10**9:
+        with pytest.raises(tfdb.Extrapolation) as caught:
+            buf.lookup_transform("map", "base", 2 * span[1])
+        assert "seconds" not in str(caught.value)
+
+
 def test_time_0_is_not_the_latest(buffer: tfdb.Buffer) -> None:
     with pytest.raises(tfdb.Extrapolation, match="for the latest, give no time"):
         buffer.lookup_transform("map", "hand", 0)

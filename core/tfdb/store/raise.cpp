@@ -68,7 +68,7 @@ std::string out_of_range(Context& c, const std::string& child, const std::string
     }
     c.detail.reason = f.direction > 0 ? "future" : "past";
     return "; " + Context::edge_of(parent, child) + " has no data" + c.at() + " (it covers " +
-           span_of(f) + ")";
+           span_of(f) + ")" + store::likely_meant(f.stamp, f.oldest, f.newest);
 }
 
 [[noreturn]] void raise_disconnected(Context& c, const std::string& child,
@@ -119,7 +119,8 @@ std::string out_of_range(Context& c, const std::string& child, const std::string
     const std::string message = c.path() + " at " + seconds(f.stamp) + " was refused: " + c.edge() +
                                 " has its newest usable sample at " + seconds(f.before) + ", " +
                                 seconds(f.stamp - f.before) +
-                                " old, more than max_age = " + seconds(f.limit);
+                                " old, more than max_age = " + seconds(f.limit) +
+                                store::likely_meant(f.stamp, f.before, f.before);
     throw Stale(message, std::move(c.detail));
 }
 
@@ -136,7 +137,9 @@ std::string out_of_range(Context& c, const std::string& child, const std::string
         c.detail.limit = 0;
     const std::string message =
         c.path() + " at " + seconds(f.stamp) + " was refused: " + c.edge() + " has " + near +
-        (exact ? ", not at that very stamp" : ", farther than tolerance = " + seconds(f.limit));
+        (exact ? ", not at that very stamp" : ", farther than tolerance = " + seconds(f.limit)) +
+        store::likely_meant(f.stamp, f.before < 0 ? f.after : f.before,
+                            f.after < 0 ? f.before : f.after);
     throw NoSampleNear(message, std::move(c.detail));
 }
 

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdio>
+#include <cstdlib>
 
 namespace tfdb::store {
 namespace {
@@ -170,14 +171,17 @@ std::string seconds(StampNs stamp) {
 
 std::string likely_meant(StampNs stamp, StampNs oldest, StampNs newest) {
     constexpr StampNs kSecond = 1'000'000'000;
-    constexpr StampNs kDay = 86'400 * kSecond;
+    constexpr StampNs kDay = 86'400;
+    constexpr StampNs kMostSeconds = history::kForever / kSecond;
     if (stamp == 0)
         return "; time 0 is a stamp like any other here: for the latest, give no time";
-    const bool is_seconds = stamp < oldest && stamp <= history::kForever / kSecond &&
-                            (stamp + 1) * kSecond > oldest && stamp * kSecond <= newest + kDay;
-    if (!is_seconds)
-        return {};
-    return "; stamps are nanoseconds, " + std::to_string(stamp) + " looks like seconds";
+    if (stamp < oldest && stamp <= kMostSeconds && (stamp + 1) * kSecond > oldest &&
+        stamp * kSecond <= newest + kDay * kSecond)
+        return "; stamps are nanoseconds, " + std::to_string(stamp) + " looks like seconds";
+    const StampNs whole = stamp / kSecond;
+    if (stamp > newest && newest > 0 && whole > 0 && std::abs(whole - newest) <= kDay)
+        return "; stamps are nanoseconds, those of this edge look like seconds";
+    return {};
 }
 
 Fault fault_alone(const TransformView& transform, std::size_t index, bool is_static,
