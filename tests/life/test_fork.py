@@ -5,29 +5,20 @@ from __future__ import annotations
 import json
 import multiprocessing
 import os
-import subprocess
-import sys
 
 import pytest
 
 import tfdb
 
 from . import fork
+from .child import printed_by
 
 ENGINES = ["snapshot", "giant", "fine", "2pl-no-wait", "2pl-wait-die", "2pl-wound-wait", "silo"]
 
 
 def results(concurrency: str, times: int, how: str) -> list[dict[str, str]]:
-    done = subprocess.run(
-        [sys.executable, fork.__file__, concurrency, str(times), how],
-        capture_output=True,
-        text=True,
-        timeout=500,
-        check=False,
-    )
-    assert done.stderr == ""
-    assert done.returncode == 0
-    ends: list[dict[str, str]] = json.loads(done.stdout)
+    printed = printed_by(fork.__file__, concurrency, str(times), how)
+    ends: list[dict[str, str]] = json.loads(printed)
     assert len(ends) == times
     return ends
 

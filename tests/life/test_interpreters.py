@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import subprocess
-import sys
+from .child import printed_by
 
 PROGRAM = """
 import tfdb
@@ -40,11 +39,4 @@ print("whole")
 
 
 def test_the_main_interpreter_stays_whole() -> None:
-    done = subprocess.run(
-        [sys.executable, "-X", "faulthandler", "-c", PROGRAM],
-        capture_output=True,
-        text=True,
-        timeout=120,
-        check=False,
-    )
-    assert (done.stdout, done.returncode) == ("whole\n", 0), done.stderr
+    assert printed_by("-X", "faulthandler", "-c", PROGRAM) == "whole\n"

@@ -2,26 +2,16 @@
 
 from __future__ import annotations
 
-import subprocess
-import sys
-
 import pytest
 
 from . import leave
+from .child import printed_by
 
 TIMES = 3
 
 
 @pytest.mark.parametrize("concurrency", ["snapshot", "giant", "2pl-wait-die", "silo"])
 def test_threads_inside_every_call(concurrency: str) -> None:
-    done = subprocess.run(
-        [sys.executable, leave.__file__, concurrency, str(TIMES), *leave.CALLS],
-        capture_output=True,
-        text=True,
-        timeout=300,
-        check=False,
-    )
-    assert done.stderr == ""
-    assert done.returncode == 0
-    ends = dict(line.split() for line in done.stdout.splitlines())
+    printed = printed_by(leave.__file__, concurrency, str(TIMES), *leave.CALLS)
+    ends = dict(line.split() for line in printed.splitlines())
     assert ends == dict.fromkeys(leave.CALLS, ",".join("0" * TIMES))
