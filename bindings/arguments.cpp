@@ -54,6 +54,24 @@ void throw_not_a_name(PyObject* object, const char* role) {
     throw_type_error(std::string(role) + " must be a str, got " + type_name_of(object));
 }
 
+std::uint64_t count_of(nb::handle number, const char* name, std::uint64_t least,
+                       std::uint64_t most) {
+    if (!PyBool_Check(number.ptr()) && PyIndex_Check(number.ptr()) != 0) {
+        const nb::object whole = nb::steal(PyNumber_Index(number.ptr()));
+        const unsigned long long value =
+            whole.is_valid() ? PyLong_AsUnsignedLongLong(whole.ptr()) : ~0ULL;
+        if (value == ~0ULL && PyErr_Occurred() != nullptr) {
+            forget_error();
+        } else if (value >= least && value <= most) {
+            return value;
+        }
+    }
+    throw_error("InvalidArgument",
+                std::string(name) + " must be an integer from " + std::to_string(least) + " to " +
+                    std::to_string(most) + ", got " + short_repr(number),
+                {{"value", nb::borrow(number)}});
+}
+
 std::string_view other_name(PyObject* object, const char* role) {
     Py_ssize_t size = 0;
     const char* bytes = PyUnicode_AsUTF8AndSize(object, &size);

@@ -6,6 +6,7 @@
 
 #include <array>
 #include <cstddef>
+#include <cstdint>
 #include <span>
 #include <string_view>
 
@@ -69,6 +70,10 @@ inline std::string_view name_of(PyObject* object, const char* role) {
 inline std::string_view name_of(nb::handle object, const char* role) {
     return name_of(object.ptr(), role);
 }
+
+/// An integer from `least` to `most`. Throws InvalidArgument for anything else.
+std::uint64_t count_of(nb::handle number, const char* name, std::uint64_t least,
+                       std::uint64_t most);
 
 inline bool is_given(PyObject* argument) noexcept {
     return argument != nullptr && argument != Py_None;

@@ -4,6 +4,8 @@
 #include <nanobind/stl/string.h>
 #include <nanobind/stl/string_view.h>
 
+#include <cstdint>
+#include <limits>
 #include <optional>
 #include <span>
 #include <string>
@@ -37,14 +39,18 @@ BufferObject* make_object(void* place, const BufferOptions& options) {
     }
 }
 
-void init(nb::pointer_and_handle<BufferObject> self, nb::handle history, std::uint32_t max_frames,
-          std::optional<std::size_t> memory_limit, std::size_t snapshot_memory, nb::handle clock,
+void init(nb::pointer_and_handle<BufferObject> self, nb::handle history, nb::handle max_frames,
+          nb::handle memory_limit, nb::handle snapshot_memory, nb::handle clock,
           nb::handle concurrency) {
+    constexpr std::uint64_t kMostBytes = std::numeric_limits<std::size_t>::max();
     BufferOptions options;
     options.history_ns = optional_duration_of(history, "history");
-    options.max_frames = max_frames;
-    options.memory_limit = memory_limit;
-    options.snapshot_memory = snapshot_memory;
+    options.max_frames =
+        static_cast<std::uint32_t>(count_of(max_frames, "max_frames", 1, kMaxFrames));
+    if (!memory_limit.is_none()) {
+        options.memory_limit = count_of(memory_limit, "memory_limit", 0, kMostBytes);
+    }
+    options.snapshot_memory = count_of(snapshot_memory, "snapshot_memory", 0, kMostBytes);
     options.concurrency = concurrency_from(concurrency);
     BufferObject* const object = make_object(self.p, options);
     object->buffer = self.h.ptr();
@@ -277,7 +283,10 @@ Their order does not matter: a frame may go together with all its children. With
 all frames below them. Returns the commit's number, the current one without names. Raises
 UnknownFrame, FrameInUse, with `index` and, for every name, `refused`.)");
     type.def("clear", &clear, nb::sig("def clear(self) -> int"),
-             "Drop all moving samples in one commit; frames and static edges stay.");
+             R"(Drop all moving samples in one commit; frames and static edges stay.
+
+The commit itself takes a little memory for each moving edge. Raises CapacityExceeded where
+`memory_limit` leaves none; nothing was then dropped.)");
 }
 
 }  // namespace
@@ -285,8 +294,8 @@ UnknownFrame, FrameInUse, with `index` and, for every name, `refused`.)");
 void bind_buffer(nb::module_& module) {
     BufferClass type(module, "Buffer", kBufferDoc, nb::type_slots(g_slots));
     type.def("__init__", &init, nb::arg("history").none() = 10.0, nb::kw_only(),
-             nb::arg("max_frames") = kMaxFrames, nb::arg("memory_limit").none() = nb::none(),
-             nb::arg("snapshot_memory") = BufferOptions{}.snapshot_memory,
+             nb::arg("max_frames").none() = kMaxFrames, nb::arg("memory_limit").none() = nb::none(),
+             nb::arg("snapshot_memory").none() = BufferOptions{}.snapshot_memory,
              nb::arg("clock").none() = nb::none(), nb::arg("concurrency").none() = "snapshot",
              nb::sig("def __init__(self, history: float | None = 10.0, *, max_frames: int = "
                      "1048575, memory_limit: int | None = None, snapshot_memory: int = "

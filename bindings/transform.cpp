@@ -5,6 +5,7 @@
 #include <nanobind/stl/tuple.h>
 
 #include <array>
+#include <cmath>
 #include <cstring>
 #include <string>
 #include <tuple>
@@ -15,6 +16,7 @@
 #include "errors.hpp"
 #include "pose.hpp"
 #include "stamp.hpp"
+#include "tfdb/store/buffer.hpp"
 
 namespace tfdb::python {
 namespace {
@@ -102,6 +104,16 @@ PyObject* get_report(PyObject* self, void* /*closure*/) {
     });
 }
 
+/// Throws InvalidName for what the store refuses, too.
+void check_name(PyObject* name, const char* role) {
+    if (const char* fault = store::name_fault(name_of(name, role))) {
+        throw_error(
+            "InvalidName",
+            std::string(role) + " frame name " + short_repr(name) + " " + fault + store::kNameRule,
+            {{"value", nb::borrow(name)}, {"reason", nb::str(fault)}});
+    }
+}
+
 /// The text itself: an object of a subclass might refer to anything.
 nb::object exact_text(PyObject* text) {
     nb::object exact = nb::steal(PyUnicode_FromObject(text));
@@ -125,14 +137,15 @@ PyObject* new_from_python(PyTypeObject* /*type*/, PyObject* args, PyObject* keyw
                                         &rotation, &stamp) == 0) {
             return nullptr;
         }
+        check_name(target, "target");
+        check_name(source, "source");
         Pose pose = geometry::identity();
         pose.translation = vector_of(translation, "translation");
         if (is_given(rotation)) {
             pose.rotation = quaternion_of(rotation, "rotation");
         }
         const double norm = geometry::norm_squared(pose.rotation);
-        const double far = pose.translation.x + pose.translation.y + pose.translation.z;
-        if (!(norm > 0.99 && norm < 1.01) || far - far != 0.0) {
+        if (!(std::abs(norm - 1.0) <= 0.01) || !geometry::is_finite(pose)) {
             throw_error("InvalidTransform",
                         "the translation must be finite and the rotation a unit quaternion "
                         "(x, y, z, w), got " +
@@ -293,12 +306,15 @@ PyGetSetDef g_attributes[] = {
 
 PyMethodDef g_methods[] = {
     {"inverse", transform_inverse, METH_NOARGS,
-     "inverse($self, /)\n--\n\nT[source<-target]: the same in the other direction."},
+     "inverse($self, /)\n--\n\nT[source<-target]: the same in the other direction.\n\n"
+     "Raises InvalidTransform where a translation is too large for the result to be finite."},
     {"apply", transform_apply, METH_O,
      "apply($self, points, /)\n--\n\n"
      "Map points of the source frame into the target frame.\n\n"
      "`points` is (3,) or (N, 3), float32 or float64 (anything else is converted to float64).\n"
-     "Returns a new array of the same shape and dtype. Raises InvalidArray."},
+     "A coordinate that is not a finite number is taken as it is. Returns a new array of the same\n"
+     "shape and dtype. Raises InvalidArray, and InvalidTransform, with `index`, where a finite\n"
+     "point has no finite place in that dtype."},
     {"__array__", reinterpret_cast<PyCFunction>(reinterpret_cast<void (*)()>(as_array)),
      METH_VARARGS | METH_KEYWORDS,
      "__array__($self, dtype=None, copy=None)\n--\n\n"
@@ -314,7 +330,8 @@ constexpr const char* kDoc =
     "A rigid transform T[target<-source] at a stamp: p_target = T p_source. Immutable.\n\n"
     "Lookups return it; it can also be made from a translation (metres) and a unit quaternion\n"
     "(x, y, z, w). `A @ B` chains T[a<-b] and T[b<-c] to T[a<-c] and raises InvalidArgument if\n"
-    "A.source is not B.target; the result has the older of the two stamps (0: at all times).\n"
+    "A.source is not B.target, and InvalidTransform if the result is not finite; the result has\n"
+    "the older of the two stamps (0: at all times).\n"
     "Equal ones (frames, stamp and pose) have the same hash. Its arrays are read-only.";
 
 PyType_Slot g_slots[] = {

@@ -1,6 +1,7 @@
 // Transform's methods that compute.
 #include <algorithm>
 #include <cstring>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -21,8 +22,27 @@ T older(T a, T b) {
     return a == 0 ? b : b == 0 ? a : std::min(a, b);
 }
 
+/// As the store refuses a lookup whose result is not finite; `row`: of the points.
+[[noreturn]] void throw_not_finite(PyObject* target, PyObject* source, clock::StampNs stamp,
+                                   std::optional<std::size_t> row = std::nullopt) {
+    const std::string of_row = row ? " of points[" + std::to_string(*row) + "]" : std::string();
+    throw_error("InvalidTransform",
+                "T['" + text_of(target) + "'<-'" + text_of(source) + "']" + of_row +
+                    " is not finite: the numbers are too large for floating point",
+                {{"target", nb::borrow(target)},
+                 {"source", nb::borrow(source)},
+                 {"stamp", nb::int_(stamp)},
+                 {"index", row ? nb::object(nb::int_(*row)) : nb::none()},
+                 {"reason", nb::str("not finite")}});
+}
+
+bool is_finite(const geometry::Vec3& point) {
+    return geometry::is_finite(Pose{point, {}});
+}
+
 template <class T>
-nb::object apply_rows(const Pose& pose, const ArrayView& points, NewArray<T> result) {
+nb::object apply_rows(TransformObject& transform, const ArrayView& points, NewArray<T> result) {
+    const Pose& pose = transform.pose;
     const int last = points.dimensions() - 1;
     const std::size_t count = last == 0 ? 1 : points.extent(0);
     const Py_ssize_t row = last == 0 ? 0 : points.stride(0);
@@ -35,10 +55,14 @@ nb::object apply_rows(const Pose& pose, const ArrayView& points, NewArray<T> res
             std::memcpy(&value, from + axis * column, sizeof value);  // may be unaligned
             return static_cast<double>(value);
         };
-        const geometry::Vec3 moved = geometry::apply(pose, {at(0), at(1), at(2)});
+        const geometry::Vec3 point{at(0), at(1), at(2)};
+        const geometry::Vec3 moved = geometry::apply(pose, point);
         out[0] = static_cast<T>(moved.x);
         out[1] = static_cast<T>(moved.y);
         out[2] = static_cast<T>(moved.z);
+        if (!is_finite({out[0], out[1], out[2]}) && is_finite(point)) {
+            throw_not_finite(transform.target, transform.source, transform.stamp, i);
+        }
     }
     return std::move(result.array);
 }
@@ -74,8 +98,12 @@ PyObject* transform_inverse(PyObject* self, PyObject* /*unused*/) {
         for (EdgeUse& edge : edges) {
             edge.inverted = !edge.inverted;
         }
-        return new_transform(geometry::inverse(from.pose), from.stamp, from.commit, edges,
-                             from.source, from.target, reversed_names(from.names).ptr());
+        const Pose inverse = geometry::inverse(from.pose);
+        if (!geometry::is_finite(inverse)) {
+            throw_not_finite(from.source, from.target, from.stamp);
+        }
+        return new_transform(inverse, from.stamp, from.commit, edges, from.source, from.target,
+                             reversed_names(from.names).ptr());
     });
 }
 
@@ -99,8 +127,13 @@ PyObject* transform_multiply(PyObject* left, PyObject* right) {
                             "', the second into '" + second + "'",
                         {{"source", nb::borrow(a.source)}, {"target", nb::borrow(b.target)}});
         }
-        return new_transform(geometry::compose(a.pose, b.pose), older(a.stamp, b.stamp),
-                             older(a.commit, b.commit), {}, a.target, b.source, nullptr);
+        const Pose product = geometry::compose(a.pose, b.pose);
+        const clock::StampNs stamp = older(a.stamp, b.stamp);
+        if (!geometry::is_finite(product)) {
+            throw_not_finite(a.target, b.source, stamp);
+        }
+        return new_transform(product, stamp, older(a.commit, b.commit), {}, a.target, b.source,
+                             nullptr);
     });
 }
 
@@ -115,13 +148,15 @@ PyObject* transform_apply(PyObject* self, PyObject* points) {
         if (axes < 1 || axes > 2 || view->extent(axes - 1) != 3) {
             throw_bad_array("points", "an array (3,) or (N, 3)", view->describe());
         }
-        const Pose& pose = as_transform(self).pose;
+        TransformObject& transform = as_transform(self);
         const std::size_t count = view->extent(0);
         nb::object moved;
         if (view->kind() == Kind::kFloat32) {
-            moved = apply_rows(pose, *view, axes == 1 ? new_floats({3}) : new_floats({count, 3}));
+            moved =
+                apply_rows(transform, *view, axes == 1 ? new_floats({3}) : new_floats({count, 3}));
         } else {
-            moved = apply_rows(pose, *view, axes == 1 ? new_doubles({3}) : new_doubles({count, 3}));
+            moved = apply_rows(transform, *view,
+                               axes == 1 ? new_doubles({3}) : new_doubles({count, 3}));
         }
         return moved.release().ptr();
     });

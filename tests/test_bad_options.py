@@ -39,11 +39,35 @@ def robot() -> Robot:
         {"history": "10"},
         {"max_frames": 0},
         {"max_frames": 2**20},
+        {"max_frames": -1},
+        {"max_frames": 2**63},
+        {"max_frames": 1 << 40_000},
+        {"max_frames": 10.0},
+        {"max_frames": None},
+        {"max_frames": True},
+        {"memory_limit": -1},
+        {"memory_limit": 2**64},
+        {"memory_limit": 1e9},
+        {"snapshot_memory": -1},
+        {"snapshot_memory": 2**64},
+        {"snapshot_memory": None},
     ],
 )
 def test_buffers_that_cannot_be(options: dict[str, Any]) -> None:
-    with pytest.raises(tfdb.InvalidArgument):
+    (name,) = options
+    with pytest.raises(tfdb.InvalidArgument, match=f"^{name} must be "):
         tfdb.Buffer(**options)
+
+
+def test_limits_of_a_buffer_are_any_integers_in_range() -> None:
+    buffer = tfdb.Buffer(
+        max_frames=np.int32(3),
+        memory_limit=2**64 - 1,
+        snapshot_memory=0,
+    )
+    buffer.set_transform("map", "base", 5, (1, 2, 3), TURN)
+    with buffer.snapshot() as snapshot:
+        assert snapshot.can_transform("map", "base", 5)
 
 
 def test_too_many_frames() -> None:
@@ -89,11 +113,26 @@ def test_too_little_memory() -> None:
         lambda: tfdb.Nearest(1.0, tolerance_ns=5),
         lambda: tfdb.Nearest(tolerance_ns=-5),
         tfdb.Extrapolate,
+        lambda: tfdb.Interpolate(max_gap_ns=2**63),
+        lambda: tfdb.Interpolate(max_gap_ns=1 << 40_000),
+        lambda: tfdb.Interpolate(1 << 40_000),
+        lambda: tfdb.Interpolate("1"),  # type: ignore[arg-type]
+        lambda: tfdb.Previous(max_age_ns=1.5),  # type: ignore[arg-type]
+        lambda: tfdb.Nearest(tolerance_ns=True),
+        lambda: tfdb.Extrapolate(max_ns=2**64),
     ],
 )
 def test_policies_that_cannot_be(make: Callable[[], object]) -> None:
-    with pytest.raises(tfdb.InvalidArgument):
+    with pytest.raises(tfdb.InvalidArgument) as caught:
         make()
+    assert str(caught.value).startswith(("max", "tolerance", "give tolerance", "Extrapolate needs"))
+    assert len(str(caught.value)) < 200
+
+
+def test_the_longest_limits_of_policies() -> None:
+    assert tfdb.Interpolate(max_gap_ns=2**63 - 1).limit_ns is None  # no gap is longer
+    assert tfdb.Previous(max_age_ns=np.int64(7)).limit_ns == 7
+    assert tfdb.Nearest(np.float32(0.5)).limit_ns == 500_000_000
 
 
 @pytest.mark.parametrize("policy", ["linear", 7, tfdb.Exact])
@@ -206,8 +245,51 @@ def test_encodings_and_data_of_the_wrong_kind(robot: Robot) -> None:
         (("map", "base", (1, 2, 3), (0, 0, 0, 2)), tfdb.InvalidTransform),
         (("map", "base", (1, 2, 3), TURN, 1.5), tfdb.InvalidStamp),
         (("map", 7, (1, 2, 3)), TypeError),
+        (("map", "base", (1, 2, INF)), tfdb.InvalidTransform),
+        (("", "base", (1, 2, 3)), tfdb.InvalidName),
+        (("map", "ba\nse", (1, 2, 3)), tfdb.InvalidName),
+        (("m" * 1025, "base", (1, 2, 3)), tfdb.InvalidName),
+        (("map", "\ud800", (1, 2, 3)), tfdb.InvalidName),
     ],
 )
 def test_transforms_that_cannot_be(arguments: Any, error: type[Exception]) -> None:
     with pytest.raises(error):
         tfdb.Transform(*arguments)
+
+
+FAR = 1.7e308
+HALF_TURN = (0.5**0.5, 0.0, 0.0, 0.5**0.5)
+
+
+def test_what_a_transform_computes_is_finite_or_refused() -> None:
+    """By the rule of the store, which takes the numbers and refuses the same results."""
+    there = tfdb.Transform("a", "b", (FAR, FAR, FAR), HALF_TURN, 7)
+    on = tfdb.Transform("b", "c", (FAR, FAR, FAR), HALF_TURN)
+    store = tfdb.Buffer(history=None)
+    for made in (there, on):
+        assert np.isfinite(made.pose).all()
+        store.set_static_transform(made.target, made.source, made.translation, made.rotation)
+    calls: list[tuple[str, str, Callable[[], object]]] = [
+        ("b", "a", there.inverse),
+        ("a", "c", lambda: there @ on),
+    ]
+    for target, source, compute in calls:
+        for call in (compute, lambda: store.lookup_transform(target, source, 7)):  # noqa: B023
+            with pytest.raises(tfdb.InvalidTransform) as caught:
+                call()
+            error = caught.value
+            assert (error.target, error.source, error.stamp) == (target, source, 7)
+            assert error.reason == "not finite"
+
+
+@pytest.mark.parametrize(("dtype", "far"), [(np.float64, FAR), (np.float32, 3e38)])
+def test_points_without_a_finite_place_are_refused(dtype: type, far: float) -> None:
+    there = tfdb.Transform("a", "b", (far, far, far), HALF_TURN, 7)
+    points = np.array([[1, 2, 3], [NAN, 2, 3], [1, INF, 3], [far, far, far]], dtype)
+    taken = there.apply(points[:3])
+    assert np.isfinite(taken).all(axis=1).tolist() == [True, False, False]
+    with pytest.raises(tfdb.InvalidTransform) as caught:
+        there.apply(points)
+    assert (caught.value.index, caught.value.reason) == (3, "not finite")
+    with pytest.raises(tfdb.InvalidTransform):
+        there.apply(points[3])

@@ -131,6 +131,17 @@ def test_frames_that_nothing_joins_are_nan_like_any_other_gap(buffer: tfdb.Buffe
                 store.trajectory("moon", "hand", 1e9, *stamps, missing="skip")
 
 
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("rate", [1e-300, 5e-324, 1e-9, 0.9])
+def test_a_rate_so_low_that_only_the_first_pose_is_left(buffer: tfdb.Buffer, rate: float) -> None:
+    path = buffer.trajectory("map", "hand", rate, START, START + 10 * STEP)
+    assert path.stamps.tolist() == [START]
+    assert np.array_equal(path.poses[0], buffer.lookup_transform("map", "hand", START).pose)
+    with pytest.raises(tfdb.Extrapolation) as caught:
+        buffer.trajectory("map", "hand", rate, START - 1, START + 10)
+    assert (caught.value.index, caught.value.stamp) == (0, START - 1)
+
+
 # -- numbers out of answers ------------------------------------------------------------------------
 
 

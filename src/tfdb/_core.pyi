@@ -36,7 +36,8 @@ class Transform:
 
     Lookups return it; it can also be made from a translation (metres) and a unit quaternion
     (x, y, z, w). `A @ B` chains T[a<-b] and T[b<-c] to T[a<-c] and raises InvalidArgument if
-    A.source is not B.target; the result has the older of the two stamps (0: at all times).
+    A.source is not B.target, and InvalidTransform if the result is not finite; the result has
+    the older of the two stamps (0: at all times).
     """
 
     def __new__(
@@ -88,14 +89,20 @@ class Transform:
         """
 
     def inverse(self) -> Transform:
-        """T[source<-target]: the same in the other direction."""
+        """
+        T[source<-target]: the same in the other direction.
+
+        Raises InvalidTransform where a translation is too large for the result to be finite.
+        """
 
     def apply(self, points: numpy.typing.ArrayLike, /) -> numpy.typing.NDArray[Any]:
         """
         Map points of the source frame into the target frame.
 
         `points` is (3,) or (N, 3), float32 or float64 (anything else is converted to float64).
-        Returns a new array of the same shape and dtype. Raises InvalidArray.
+        A coordinate that is not a finite number is taken as it is. Returns a new array of the
+        same shape and dtype. Raises InvalidArray, and InvalidTransform, with `index`, where a
+        finite point has no finite place in that dtype.
         """
 
     def __matmul__(self, other: Transform, /) -> Transform: ...
@@ -248,7 +255,8 @@ class Reads:
 
         Undoes the motion during a scan: p_target[i] = T[target<-source](stamps[i]) p_source[i], all from
         one snapshot. Each is what `lookup_transform(target, source, stamps[i], policy).apply(points[i])`
-        gives there, bit for bit; a coordinate that is not a number stays one.
+        gives there, bit for bit; a coordinate that is not a number stays one. Where `apply` refuses a place
+        that is not finite in the points' dtype, it is infinite or not a number here.
 
         Parameters
         ----------
@@ -652,7 +660,12 @@ class Buffer(Reads):
         """
 
     def clear(self) -> int:
-        """Drop all moving samples in one commit; frames and static edges stay."""
+        """
+        Drop all moving samples in one commit; frames and static edges stay.
+
+        The commit itself takes a little memory for each moving edge. Raises CapacityExceeded where
+        `memory_limit` leaves none; nothing was then dropped.
+        """
 
     def ingest(self, data: tfdb.types.BytesLike, *, encoding: str = 'cdr', static: bool = False, authority: str = '', change_kind: bool = False, only_new: bool = False) -> int:
         """

@@ -169,8 +169,9 @@ class NoSampleNear(TfdbError):
 class InvalidTransform(TfdbError, ValueError):
     """Numbers that are no rigid transform, or a frame that is its own parent.
 
-    Fields: edge, parent, reason, index. Of a lookup: its result is not finite, as translations near
-    1e308 m were added. Fields: target, source, stamp, index, reason (`not finite`).
+    Fields: edge, parent, reason, index. Of a lookup, or of what a `Transform` computes: its result
+    is not finite, as translations near 1e308 m were added. Fields: target, source, stamp, index,
+    reason (`not finite`).
     """
 
 

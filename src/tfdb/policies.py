@@ -6,27 +6,42 @@ kept in nanoseconds.
 
 from __future__ import annotations
 
+from operator import index
 from typing import Any
 
 from ._core import Policy
 from .errors import InvalidArgument
+from .stamps import shown
 
 __all__ = ["Exact", "Extrapolate", "Interpolate", "Nearest", "Policy", "Previous"]
 
 
+_MOST_NANOSECONDS = 2**63 - 1
+_MOST_SECONDS = 9e9
+
+
 def _nanoseconds(name: str, seconds: float | None, nanoseconds: int | None) -> int | None:
-    """Return a limit in nanoseconds; raise InvalidArgument if it is no duration >= 0."""
-    if seconds is None:
-        limit = nanoseconds
-    elif nanoseconds is not None:
+    """Return a limit in nanoseconds; raise InvalidArgument if it is no duration in its range."""
+    if seconds is not None and nanoseconds is not None:
         raise InvalidArgument(f"give {name} or {name}_ns, not both")
-    else:
-        finite = not isinstance(seconds, bool) and abs(seconds) < 9e9
-        limit = round(seconds * 1e9) if finite else -1
-    if limit is not None and limit < 0:
-        given = nanoseconds if seconds is None else seconds
-        raise InvalidArgument(f"{name} must be a finite time >= 0, got {given!r}", value=given)
-    return limit
+    if seconds is None and nanoseconds is None:
+        return None
+    given = nanoseconds if seconds is None else seconds
+    limit = -1
+    try:
+        if not isinstance(given, bool):
+            if nanoseconds is not None:
+                limit = index(nanoseconds)
+            elif seconds is not None and abs(seconds) < _MOST_SECONDS:
+                limit = round(seconds * 1e9)
+    except TypeError:
+        pass  # refused below
+    if 0 <= limit <= _MOST_NANOSECONDS:
+        return limit
+    valid = f"{name}_ns must be an integer from 0 to 2**63 - 1"
+    if seconds is not None:
+        valid = f"{name} must be a number of seconds from 0 to below {_MOST_SECONDS:.0f}"
+    raise InvalidArgument(f"{valid}, got {shown(given)}", value=given)
 
 
 class _Limited(Policy):

@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from .errors import InvalidArgument
 from .explain import held
-from .stamps import shown
+from .stamps import MAX_STAMP, shown
 from .types import Trajectory
 
 if TYPE_CHECKING:
@@ -139,10 +139,10 @@ def _even_stamps(first: int, last: int, rate: float) -> npt.NDArray[np.int64]:
 
 
 def _period(rate: float) -> float:
-    """Nanoseconds from one pose to the next."""
+    """Nanoseconds from one pose to the next; never more than there are stamps."""
     try:
         if not isinstance(rate, bool) and math.isfinite(rate) and rate > 0:
-            return 1e9 / rate
+            return min(1e9 / rate, MAX_STAMP + 1.0)
     except (TypeError, OverflowError):
         pass
     raise InvalidArgument(f"rate must be a positive number of Hz, got {shown(rate)}", value=rate)

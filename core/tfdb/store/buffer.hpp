@@ -49,6 +49,15 @@ struct BufferOptions {
     Concurrency concurrency = Concurrency::kSnapshot;
 };
 
+namespace store {
+
+/// Why no frame may have that name ("is empty"); null if one may.
+[[nodiscard]] const char* name_fault(std::string_view name) noexcept;
+inline constexpr const char* kNameRule =
+    ": a name has 1 to 1024 bytes of UTF-8 and no control characters";
+
+}  // namespace store
+
 /// What is known of one frame in one snapshot.
 struct FrameInfo {
     std::string name;

@@ -51,8 +51,9 @@ bool is_utf8(std::string_view text) {
     return true;
 }
 
-/// Null if the name may be used.
-const char* name_fault(std::string_view name) {
+}  // namespace
+
+const char* name_fault(std::string_view name) noexcept {
     if (name.empty())
         return "is empty";
     if (name.size() > kMaxNameBytes)
@@ -67,6 +68,8 @@ const char* name_fault(std::string_view name) {
     return seen < 0x80 || is_utf8(name) ? nullptr : "is not valid UTF-8";
 }
 
+namespace {
+
 Fault fault_of_name(std::string_view name, const char* role, const TransformView& transform,
                     std::size_t index, std::string_view authority) {
     const char* fault = name_fault(name);
@@ -75,10 +78,9 @@ Fault fault_of_name(std::string_view name, const char* role, const TransformView
     ErrorDetail detail = detail_of(transform, index, authority);
     detail.frame = name;
     detail.reason = fault;
-    return InvalidName(std::string(role) + " frame name " + quoted(name) + by(authority) + " " +
-                           fault +
-                           ": a name has 1 to 1024 bytes of UTF-8 and no control characters",
-                       std::move(detail));
+    return InvalidName(
+        std::string(role) + " frame name " + quoted(name) + by(authority) + " " + fault + kNameRule,
+        std::move(detail));
 }
 
 Error invalid_transform(const TransformView& transform, std::size_t index,
