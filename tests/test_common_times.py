@@ -146,7 +146,8 @@ def test_disconnected_names_what_had_no_data() -> None:
     buffer.clear()
     with pytest.raises(tfdb.Disconnected) as caught:
         buffer.lookup_transform("map", "camera", 20)
-    assert (caught.value.edge, caught.value.reason) == ("base", "no data")
+    assert (caught.value.edge, caught.value.reason) == (None, None)
+    assert caught.value.frames == ("map", "base")
 
 
 READS: dict[str, Callable[[Buffer | Snapshot], object]] = {

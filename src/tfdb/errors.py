@@ -139,8 +139,8 @@ class UnknownFrame(TfdbError, LookupError):
 class Disconnected(TfdbError):
     """Both frames exist, but no path joins them. Fields: target, source, frames (the roots).
 
-    Where an edge on the way up has no data at the stamp also edge, parent, stamp, oldest, newest
-    and reason (`past`, `future`); where its samples were cleared edge and reason (`no data`).
+    Where an edge on the way up has samples, but no data at the stamp, also edge, parent
+    (`(removed)` if that frame is gone), stamp, oldest, newest and reason (`past`, `future`).
     """
 
 

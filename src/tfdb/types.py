@@ -209,9 +209,9 @@ class FrameInfo:
     rate: float | None
     """Mean rate of the samples in Hz; None with fewer than two."""
     authority: str
-    """Who wrote last; empty if nobody said."""
+    """Who wrote last; empty if nobody said. Of a snapshot, too, who did so up to now."""
     late: int = 0
-    """How many samples came out of order."""
+    """How many samples came out of order. Of a snapshot, too, how many did so up to now."""
     longest_gap: int = 0
     """Longest time between two neighbouring samples, nanoseconds."""
 

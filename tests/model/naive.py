@@ -222,11 +222,8 @@ class Model:
             top = next((f for f in up if f in down), None)
             if top is not None:
                 return up[: up.index(top)], down[: down.index(top)]
-        in_circle = [
-            self.parent_at(chain[-1], time, policy, state) is not None for chain in (up, down)
-        ]
         roots = (self.frames[down[-1]].name, self.frames[up[-1]].name)
-        raise Refused(tfdb.Disconnected, **({} if any(in_circle) else {"frames": roots}))
+        raise Refused(tfdb.Disconnected, frames=roots)
 
     def common_time(self, target: str, source: str, state: int) -> int:
         """The newest stamp at which every moving edge of the newest path has data."""

@@ -70,7 +70,7 @@ struct Failure {
     FrameHandle frame;   // the edge's child, or the target's root
     FrameHandle other;   // the edge's parent, or the source's root
     FrameHandle edge;    // of two trees: an edge without data at the stamp, its child ...
-    FrameHandle parent;  // ... and its parent; none: its samples were cleared
+    FrameHandle parent;  // ... and its parent
     Half half = Half::kWhole;
     int argument = 0;   // which argument an unknown frame was: 0 target, 1 source, 2 fixed
     int direction = 0;  // -1 past, 1 future, 0 no data

@@ -89,7 +89,6 @@ template <View V>
     Selection chosen;
     if (!view.open(child, edge) || !select(edge, stamp, policy, chosen))
         return Outcome::kLapped;
-    const bool emptied = edge.empty() && edge.was_cleared();
     std::uint64_t slot = 0;
     StampNs oldest = history::kNoStamp;
     StampNs newest = history::kNoStamp;
@@ -101,16 +100,17 @@ template <View V>
     }
     if (!edge.confirm(edge.lo()))
         return Outcome::kLapped;
-    noted = emptied || (chosen.refused && (stamp < oldest || stamp > newest));
+    noted = chosen.refused && (stamp < oldest || stamp > newest);
     if (!noted)
         return Outcome::kOk;
     failure.edge = handle_of(view, child);
     failure.oldest = oldest;
     failure.newest = newest;
-    if (!emptied) {
-        failure.direction = stamp < oldest ? -1 : 1;
-        failure.parent = handle_of(view, history::SlotWord::parent(slot));
-    }
+    failure.direction = stamp < oldest ? -1 : 1;
+    const FrameId parent = history::SlotWord::parent(slot);
+    // A frame that was removed before this state has no name in it, reused slot or not.
+    const bool known = view.alive_since(parent, history::SlotWord::commit(slot));
+    failure.parent = known ? handle_of(view, parent) : FrameHandle{parent, kNoGeneration};
     return Outcome::kOk;
 }
 

@@ -9,6 +9,9 @@
 
 namespace tfdb::lookup {
 
+/// The generation of a frame that is not in the view's state: none that a slot can have.
+inline constexpr std::uint32_t kNoGeneration = ~std::uint32_t{0};
+
 /// The seam between lookups and concurrency controls. An engine hands out a view of one state;
 /// `open` is where it takes a lock, notes a version, or simply looks. `Edge` is what it opens: a
 /// history::EdgeView, or something that answers the same questions.

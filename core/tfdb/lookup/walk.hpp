@@ -142,6 +142,19 @@ private:
     bool branching_ = false;
 };
 
+/// Cuts a chain that runs in a circle where it comes round: what an error names must not hang on
+/// how long it went on.
+inline void cut_circle(std::vector<FrameId>& chain) {
+    const auto again = std::find(chain.rbegin() + 1, chain.rend(), chain.back());
+    if (again == chain.rend())
+        return;
+    const auto around = static_cast<std::size_t>(again - chain.rbegin());
+    std::size_t first = 0;
+    while (chain[first] != chain[first + around])
+        ++first;
+    chain.resize(first + around);
+}
+
 /// A view that notes which samples an answer depends on: hints are no samples.
 template <class V>
 concept NotingView = View<V> && requires {
@@ -152,7 +165,9 @@ concept NotingView = View<V> && requires {
 /// first one from the source upward, then from the target.
 template <View V>
 [[nodiscard]] Outcome describe_apart(const V& view, StampNs stamp, const Policy& policy,
-                                     const Answer& chains, Failure& failure) {
+                                     Answer& chains, Failure& failure) {
+    cut_circle(chains.source_chain);
+    cut_circle(chains.target_chain);
     failure = Failure{};
     failure.code = ErrorCode::kDisconnected;
     failure.frame = handle_of(view, chains.target_chain.back());

@@ -67,8 +67,8 @@ struct FrameInfo {
     StampNs oldest = -1;        // -1: no moving samples
     StampNs newest = -1;
     StampNs longest_gap = 0;
-    std::string authority;   // who wrote last
-    std::uint64_t late = 0;  // samples that came out of order
+    std::string authority;   // who wrote last, in the newest state
+    std::uint64_t late = 0;  // samples that came out of order, in the newest state
 };
 
 struct Samples {

@@ -62,10 +62,6 @@ std::string out_of_range(Context& c, const std::string& child, const std::string
         return {};
     c.detail.edge = child;
     c.detail.parent = parent;
-    if (f.oldest < 0) {
-        c.detail.reason = "no data";
-        return "; the edge of " + quoted(child) + " has no samples, they were cleared";
-    }
     c.detail.reason = f.direction > 0 ? "future" : "past";
     return "; " + Context::edge_of(parent, child) + " has no data" + c.at() + " (it covers " +
            span_of(f) + ")" + store::likely_meant(f.stamp, f.oldest, f.newest);

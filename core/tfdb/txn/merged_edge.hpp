@@ -50,7 +50,6 @@ public:
             note_all();
         return none;
     }
-    [[nodiscard]] bool was_cleared() const { return has_base_ && base_.was_cleared(); }
     [[nodiscard]] bool is_static() const {
         if (own_ != nullptr)
             return own_->is_static;

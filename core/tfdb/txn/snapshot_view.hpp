@@ -26,11 +26,11 @@ public:
     [[nodiscard]] bool alive_since(FrameId id, CommitNumber commit) const {
         return frames_.born(id) <= commit && frames_.alive(id, commit_);
     }
-    /// Of the frame in this state; kReused, which no frame has, if the slot holds a later one.
+    /// Of the frame in this state; kNoGeneration if the slot holds a later one.
     [[nodiscard]] std::uint32_t generation(FrameId id) const {
         const std::uint64_t born = frames_.word(id, history::kBorn).load_relaxed();
         return born >> kFrameBits <= commit_ ? static_cast<std::uint32_t>(born & kNoFrame)
-                                             : kReused;
+                                             : lookup::kNoGeneration;
     }
     [[nodiscard]] std::uint32_t frame_count() const { return frames_.count(); }
     [[nodiscard]] CommitNumber commit() const { return commit_; }
@@ -38,8 +38,6 @@ public:
     [[nodiscard]] clock::StampNs history() const { return history_; }
 
 private:
-    static constexpr std::uint32_t kReused = ~std::uint32_t{0};
-
     graph::Frames<Memory> frames_;
     CommitNumber commit_;
     clock::StampNs history_;
