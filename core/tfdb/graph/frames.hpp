@@ -53,12 +53,13 @@ public:
     }
     /// True if the frame exists in that state.
     [[nodiscard]] bool alive(FrameId id, CommitNumber snapshot) const {
-        if (born(id) > snapshot)
-            return false;
-        if ((topology(id) & history::Topology::kMortal) == 0)
-            return true;
-        const CommitNumber died = word(id, history::kDied).load_relaxed();
-        return died == 0 || snapshot < died;
+        if ((topology(id) & history::Topology::kMortal) != 0) {
+            const CommitNumber died = word(id, history::kDied).load_acquire();
+            if (died != 0 && snapshot >= died)
+                return false;
+        }
+        // Last: a slot that is reused amid this is sealed before the rest of it is written.
+        return born(id) <= snapshot;
     }
     [[nodiscard]] std::uint32_t count() const {
         return static_cast<std::uint32_t>(store_word(kFrameCount).load_acquire());

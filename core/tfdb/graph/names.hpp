@@ -175,10 +175,10 @@ private:
             if (found == kDead || found >> 32 != hash >> 32)
                 continue;
             const FrameId id = static_cast<std::uint32_t>(found) - 1;
-            if (id >= frames_.max_frames() || !frames_.alive(id, snapshot))
+            if (id >= frames_.max_frames())
                 continue;
             const std::uint64_t born = frames_.word(id, history::kBorn).load_acquire();
-            if (!equals(id, name))
+            if (!frames_.alive(id, snapshot) || !equals(id, name))
                 continue;
             Memory::fence_acquire();
             // A slot that was reused under our eyes was born after this snapshot.

@@ -49,12 +49,14 @@ private:
 
     Step proposal() {
         Step step;
-        step.name = name();
+        const std::string removed = name();
         const std::uint64_t chance = below(8);
         step.kind = chance == 0   ? Step::kRemove
                     : chance == 1 ? Step::kClear
                     : chance == 2 ? Step::kSetStatic
                                   : Step::kSet;
+        if (step.kind == Step::kRemove)
+            step.name = removed;
         clock_ += static_cast<StampNs>(below(12));
         for (std::uint64_t left = 1 + below(3) / 2; left > 0; --left) {
             const StampNs stamp = clock_ - (below(4) == 0 ? static_cast<StampNs>(below(20)) : 0);

@@ -34,7 +34,7 @@ struct Step {
     };
     Kind kind = kSet;
     std::vector<Edge> edges;
-    std::string name;
+    std::string name;  // a frame that is removed, before the edges are set
 };
 
 struct Question {
@@ -81,11 +81,11 @@ public:
         Commit<Memory> commit(
             frames, scratch, history,
             [](void* store) { return static_cast<Forest*>(store)->may_evict(); }, this);
-        if (step.kind == Step::kRemove) {
+        if (!step.name.empty())
             commit.remove(names.find(step.name, commit.number()));
-        } else if (step.kind == Step::kClear) {
+        if (step.kind == Step::kClear) {
             clear(commit);
-        } else {
+        } else if (step.kind != Step::kRemove) {
             Cycle cycle;
             set(commit, step, number);
             if (commit.find_cycle(cycle)) {
