@@ -1,12 +1,10 @@
 #include "arrays.hpp"
 
 #include <algorithm>
-#include <array>
 #include <cstring>
 #include <string_view>
 
 #include "errors.hpp"
-#include "fields.hpp"
 #include "stamp.hpp"
 
 namespace tfdb::python {
@@ -57,51 +55,7 @@ const char* name_of_kind(const Py_buffer& view, Kind kind) {
     }
 }
 
-// Parts of numpy, strong references for the life of the process, set by bind_arrays.
-struct Numpy {
-    PyObject* empty = nullptr;
-    PyObject* ascontiguousarray = nullptr;
-    PyObject* float32 = nullptr;
-    PyObject* float64 = nullptr;
-    PyObject* int64 = nullptr;
-};
-Numpy g_numpy;
-
-nb::object call(PyObject* function, PyObject* first, PyObject* second) {
-    const std::array<PyObject*, 2> arguments = {first, second};
-    return nb::steal(PyObject_Vectorcall(function, arguments.data(), 2, nullptr));
-}
-
-nb::object new_array(std::initializer_list<std::size_t> shape, PyObject* dtype) {
-    const nb::object extents = nb::steal(PyTuple_New(static_cast<Py_ssize_t>(shape.size())));
-    Py_ssize_t axis = 0;
-    for (const std::size_t extent : shape) {
-        PyTuple_SET_ITEM(extents.ptr(), axis++, PyLong_FromSize_t(extent));
-    }
-    nb::object array = call(g_numpy.empty, extents.ptr(), dtype);
-    if (!array.is_valid()) {
-        throw nb::python_error();
-    }
-    return array;
-}
-
-template <class T>
-NewArray<T> with_data(nb::object array) {
-    T* data = ArrayView::of(array, true)->data<T>();
-    return {std::move(array), data};
-}
-
 }  // namespace
-
-void bind_arrays() {
-    const nb::module_ numpy = nb::module_::import_("numpy");
-    const nb::object dtype = numpy.attr("dtype");
-    g_numpy.empty = nb::object(numpy.attr("empty")).release().ptr();
-    g_numpy.ascontiguousarray = nb::object(numpy.attr("ascontiguousarray")).release().ptr();
-    g_numpy.float32 = dtype("float32").release().ptr();
-    g_numpy.float64 = dtype("float64").release().ptr();
-    g_numpy.int64 = dtype("int64").release().ptr();
-}
 
 ArrayView::ArrayView(ArrayView&& other) noexcept : view_(other.view_), kind_(other.kind_) {
     other.view_.obj = nullptr;
@@ -228,26 +182,8 @@ void Stamps::read_sequence(nb::handle object) {
     values_ = copy_;
 }
 
-NewArray<double> new_doubles(std::initializer_list<std::size_t> shape) {
-    return with_data<double>(new_array(shape, g_numpy.float64));
-}
-
-NewArray<float> new_floats(std::initializer_list<std::size_t> shape) {
-    return with_data<float>(new_array(shape, g_numpy.float32));
-}
-
-NewArray<StampNs> new_stamps(std::size_t count) {
-    return with_data<StampNs>(new_array({count}, g_numpy.int64));
-}
-
-nb::object read_only(nb::object array) {
-    static_cast<void>(nb::steal(
-        PyObject_CallMethodOneArg(array.ptr(), g_fields.setflags, Py_False)));  // write=False
-    return array;
-}
-
 ArrayView as_doubles(nb::handle object, const std::string& role, nb::object& keep) {
-    keep = call(g_numpy.ascontiguousarray, object.ptr(), g_numpy.float64);
+    keep = contiguous_doubles(object);
     if (!keep.is_valid()) {
         if (PyErr_ExceptionMatches(PyExc_ValueError) == 0 &&
             PyErr_ExceptionMatches(PyExc_TypeError) == 0) {

@@ -1,17 +1,16 @@
-// numpy arrays in and out, through the buffer protocol.
+// Arrays in, through the buffer protocol, and out, as numpy's.
 #pragma once
 
 #include <nanobind/nanobind.h>
 
-#include <array>
 #include <cstddef>
 #include <cstdint>
-#include <initializer_list>
 #include <optional>
 #include <span>
 #include <string>
 #include <vector>
 
+#include "numpy.hpp"
 #include "tfdb/clock/stamp.hpp"
 
 namespace nb = nanobind;
@@ -19,9 +18,6 @@ namespace nb = nanobind;
 namespace tfdb::python {
 
 using clock::StampNs;
-
-/// Finds what is needed of numpy.
-void bind_arrays();
 
 enum class Kind : std::uint8_t { kFloat32, kFloat64, kInt64, kOtherInteger, kOther };
 
@@ -75,19 +71,6 @@ private:
     nb::object converted_;
     std::span<const StampNs> values_;
 };
-
-/// A new, uninitialised array of numpy and its memory.
-template <class T>
-struct NewArray {
-    nb::object array;
-    T* data;
-};
-NewArray<double> new_doubles(std::initializer_list<std::size_t> shape);
-NewArray<float> new_floats(std::initializer_list<std::size_t> shape);
-NewArray<StampNs> new_stamps(std::size_t count);
-
-/// The array, which Python may not write to from here on.
-nb::object read_only(nb::object array);
 
 /// A contiguous view of `object` as float64, converted and kept in `keep` if need be.
 /// Throws InvalidArray, which says what was expected of `role`.

@@ -1,7 +1,6 @@
 // tfdb._core: the table of contents of the extension.
 #include <nanobind/nanobind.h>
 
-#include "arrays.hpp"
 #include "errors.hpp"
 #include "fields.hpp"
 #include "reads.hpp"
@@ -17,7 +16,6 @@ NB_MODULE(_core, module) {
     module.doc() = "The compiled part of tfdb. Use the names that `tfdb` exports.";
     module.attr("__version__") = TFDB_VERSION;
     tfdb::python::bind_fields();
-    tfdb::python::bind_arrays();
     tfdb::python::bind_errors(module);
     tfdb::python::bind_signals();
     tfdb::python::bind_policy(module);
