@@ -53,10 +53,114 @@ def test_the_recordings_are_there_when_they_are_used() -> None:
         getattr(tfdb, "iot")  # noqa: B009 - type checkers know as much
 
 
-@pytest.mark.parametrize("module", ["rosbags", "matplotlib", "click", "rich"])
+@pytest.mark.parametrize("module", ["numpy", "rosbags", "matplotlib", "click", "rich"])
 def test_import_loads_nothing_heavy(module: str) -> None:
     code = f"import sys, tfdb; print({module!r} in sys.modules)"
     assert run_python(code) == "False"
+
+
+STORE = """
+import sys, tfdb
+buf = tfdb.Buffer()
+for i in range(3):
+    buf.set_transform("map", "base", i * 10**9, (i, 2, 3), (0, 0, 0.6, 0.8))
+T = buf.lookup_transform("map", "base", 15 * 10**8)
+"""
+
+
+def test_lookups_do_without_numpy() -> None:
+    code = """
+assert (T.report.max_gap, T.inverse().stamp, (T @ T.inverse()).source) == (10**9, T.stamp, "map")
+assert repr(buf.explain("map", "base", 5 * 10**9)) and buf.tree() and repr(buf)
+assert tfdb.stamp("1.5") == tfdb.stamp(1.5) == T.stamp
+data = tfdb.encode_tf_message([tfdb.TransformStamped("a", "b", 1, (1, 2, 3))], "cdr")
+assert buf.ingest_many([data], encoding="cdr").transforms == 1
+with buf.transaction() as tx:
+    tx.set_transform("map", "box", 1, (1, 2, 3), (0, 0, 0, 1))
+tfdb.io.Recording, tfdb.io.LoadReport
+print("numpy" in sys.modules)
+"""
+    assert run_python(STORE + code) == "False"
+
+
+@pytest.mark.parametrize(
+    ("first", "expected"),
+    [
+        ("T.matrix[:3, 3].tolist()", "[1.5, 2.0, 3.0]"),
+        ("T.pose.tolist()[3:]", "[0.0, 0.0, 0.6, 0.8]"),
+        ("T.apply([0, 0, 1]).tolist()", "[1.5, 2.0, 4.0]"),
+        ("buf.lookup_transforms('map', 'base', [T.stamp])[0, :3].tolist()", "[1.5, 2.0, 3.0]"),
+        ("buf.transform_points('map', 'base', [[0, 0, 1]], T.stamp).tolist()", "[[1.5, 2.0, 4.0]]"),
+        ("buf.lookup_velocity('base', 'map', T.stamp).linear.round(9).tolist()", "[1.0, 0.0, 0.0]"),
+        ("buf.samples('base')[0].tolist()", "[0, 1000000000, 2000000000]"),
+        ("buf.trajectory('map', 'base').translations[1].tolist()", "[1.0, 2.0, 3.0]"),
+        ("tfdb.stamp([1.5]).tolist()", "[1500000000]"),
+        ("len(tfdb.Columns('a', 'b', [1], [(1, 2, 3, 0, 0, 0, 1)]))", "1"),
+        ("[edge.period for edge in tfdb.summary.edge_summaries(buf)]", "[1000000000]"),
+    ],
+)
+def test_numpy_comes_with_the_first_array(first: str, expected: str) -> None:
+    code = f"before = 'numpy' in sys.modules; print({first}, before, 'numpy' in sys.modules)"
+    assert run_python(STORE + code) == f"{expected} False True"
+
+
+def test_threads_may_make_the_first_array_together() -> None:
+    code = """
+from threading import Barrier, Thread
+together, found = Barrier(4), []
+def make():
+    together.wait()
+    found.append(T.matrix.tolist())
+threads = [Thread(target=make) for _ in range(4)]
+for thread in threads: thread.start()
+for thread in threads: thread.join()
+print(found == [T.matrix.tolist()] * 4)
+"""
+    assert run_python(STORE + code) == "True"
+
+
+def test_a_missing_numpy_is_an_error_of_the_call() -> None:
+    code = """
+sys.modules["numpy"] = None
+try:
+    T.matrix
+except ImportError as error:
+    print(error.name)
+del sys.modules["numpy"]
+print(T.matrix.shape)
+"""
+    assert run_python(STORE + code) == "numpy\n(4, 4)"
+
+
+def test_a_numpy_of_another_interface_is_refused() -> None:
+    code = """
+import ctypes
+from types import ModuleType
+version = ctypes.CFUNCTYPE(ctypes.c_uint)(lambda: 3 << 24)
+table = (ctypes.c_void_p * 300)(ctypes.cast(version, ctypes.c_void_p).value)
+capsule = ctypes.pythonapi.PyCapsule_New
+capsule.restype = ctypes.py_object
+capsule.argtypes = [ctypes.c_void_p, ctypes.c_char_p, ctypes.c_void_p]
+names = ["numpy", "numpy._core", "numpy._core._multiarray_umath"]
+sys.modules |= {name: ModuleType(name) for name in names}
+sys.modules["numpy"].__version__ = "3.0.0"
+sys.modules[names[-1]]._ARRAY_API = capsule(ctypes.addressof(table), None, None)
+try:
+    T.matrix
+except ImportError as error:
+    print(error)
+"""
+    assert run_python(STORE + code).startswith("tfdb needs numpy 1 or 2")
+
+
+def test_the_names_of_files_come_when_they_are_used() -> None:
+    code = "import sys, tfdb.io; print([n for n in sys.modules if n.startswith('tfdb.io.')])"
+    assert run_python(code) == "[]"
+    assert len(tfdb.io.__all__) == len(set(tfdb.io.__all__))
+    assert [name for name in tfdb.io.__all__ if not hasattr(tfdb.io, name)] == []
+    assert set(tfdb.io.__all__) <= set(dir(tfdb.io))
+    with pytest.raises(AttributeError, match="has no attribute 'recording'"):
+        getattr(tfdb.io, "recording")  # noqa: B009 - type checkers know as much
 
 
 @pytest.mark.skipif(

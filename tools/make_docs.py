@@ -58,6 +58,12 @@ def main() -> int:
         value = getattr(tfdb, name)
         if callable(value) and not isinstance(value, type | FunctionType):
             setattr(tfdb, name, as_function(value))
+    for name in tfdb.io.__all__:
+        getattr(tfdb.io, name)  # imported on demand, and documented where they are
+    for module in (tfdb.stamps, tfdb.types):
+        for name in [name for name in vars(module) if name.endswith("Like")]:
+            if isinstance(getattr(module, name), str):
+                setattr(module, name, type(name, (), {"__module__": "tfdb"}))
     tfdb.Any = Any  # type: ignore[attr-defined]  # for annotations of classes that moved there
     with tempfile.TemporaryDirectory() as folder:
         # The extension's classes are documented where `tfdb` exports them; pdoc finds their

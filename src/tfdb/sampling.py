@@ -5,15 +5,15 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING, Any, Literal
 
-import numpy as np
-import numpy.typing as npt
-
 from .errors import InvalidArgument
 from .explain import held
 from .stamps import MAX_STAMP, shown
 from .types import Trajectory
 
 if TYPE_CHECKING:
+    import numpy as np
+    import numpy.typing as npt
+
     from ._core import Policy, Reads, Snapshot
     from .stamps import StampLike
 
@@ -69,6 +69,8 @@ def trajectory(
     if missing not in _MISSING:
         message = f"missing must be 'raise', 'nan' or 'skip', got {missing!r}"
         raise InvalidArgument(message, value=missing)
+    import numpy as np
+
     absent: Literal["raise", "nan"] = "raise" if missing == "raise" else "nan"
     with held(self) as snapshot:
         if rate is None:
@@ -133,6 +135,8 @@ def _even_stamps(first: int, last: int, rate: float) -> npt.NDArray[np.int64]:
             value=rate,
             limit=_MOST_POSES,
         )
+    import numpy as np
+
     offsets = np.rint(np.arange(count, dtype=np.float64) * period).astype(np.int64)
     stamps: npt.NDArray[np.int64] = first + offsets[offsets <= last - first]
     return stamps

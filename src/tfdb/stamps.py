@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterable, Sequence
 from datetime import UTC, datetime
 from decimal import ROUND_HALF_EVEN, Context, Decimal, InvalidOperation
 from functools import partial
-from typing import Any, Protocol, SupportsIndex, TypeAlias, overload
-
-import numpy as np
-import numpy.typing as npt
+from typing import TYPE_CHECKING, Any, Protocol, SupportsIndex, TypeAlias, overload
 
 from .errors import InvalidArray, InvalidStamp
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterable, Sequence
+
+    import numpy as np
+    import numpy.typing as npt
 
 __all__ = ["StampLike", "StampsLike", "format_seconds", "stamp"]
 
@@ -66,12 +68,12 @@ class SupportsArray(Protocol):
 
 
 StampLike: TypeAlias = (
-    SupportsIndex | np.datetime64 | datetime | SecNanosec | SecsNsecs | ToNsec | Nanoseconds
+    "SupportsIndex | np.datetime64 | datetime | SecNanosec | SecsNsecs | ToNsec | Nanoseconds"
 )
 """What every parameter that is a stamp takes; integers are nanoseconds."""
 
 StampsLike: TypeAlias = (
-    npt.NDArray[np.integer[Any] | np.datetime64] | SupportsArray | Iterable[StampLike]
+    "npt.NDArray[np.integer[Any] | np.datetime64] | SupportsArray | Iterable[StampLike]"
 )
 """What every parameter that is an array of stamps takes."""
 
@@ -122,11 +124,16 @@ def stamp(seconds: Any) -> Any:
 
 def _stamp(seconds: Any) -> int:
     """Convert one time."""
-    if isinstance(seconds, np.ndarray):
-        seconds = seconds[()]  # it has no dimensions
-    if not isinstance(seconds, str | int | float | Decimal | np.number | np.bool_):
-        return _itself(seconds)
-    if isinstance(seconds, bool | np.bool_):
+    if not isinstance(seconds, str | int | float | Decimal):
+        import numpy as np
+
+        if isinstance(seconds, np.ndarray):
+            seconds = seconds[()]  # it has no dimensions
+        if isinstance(seconds, np.bool_):
+            seconds = bool(seconds)
+        if not isinstance(seconds, str | int | float | Decimal | np.number):
+            return _itself(seconds)
+    if isinstance(seconds, bool):
         raise InvalidStamp(f"seconds must be a number, got {seconds!r}", value=seconds)
     try:
         value = Decimal(str(seconds).strip())
@@ -161,6 +168,8 @@ def _itself(value: Any) -> int:
 
 def _each(convert: Callable[[Any], int], items: Iterable[Any]) -> npt.NDArray[np.int64]:
     """Convert one by one; an error gets the position as `index`."""
+    import numpy as np
+
     made = []
     for index, item in enumerate(items):
         try:
@@ -221,6 +230,8 @@ def _since_epoch(time: datetime) -> int:
 
 def _as_array(values: Any) -> npt.NDArray[Any]:
     """Return any array or Series as numpy's; times with a zone as those of UTC."""
+    import numpy as np
+
     dtype: Any = getattr(values, "dtype", None)
     if hasattr(dtype, "tz"):  # pandas would give an object for each
         return np.asarray(values, f"datetime64[{dtype.unit}]")
@@ -235,6 +246,8 @@ def as_nanoseconds(values: Any) -> npt.NDArray[np.int64]:
 
     Raises InvalidArray, and InvalidStamp with `index`.
     """
+    import numpy as np
+
     array = _as_array(values)
     kind = array.dtype.kind
     if array.shape == (0,):

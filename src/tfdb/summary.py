@@ -9,13 +9,13 @@ from dataclasses import dataclass
 from itertools import pairwise
 from typing import TYPE_CHECKING
 
-import numpy as np
-import numpy.typing as npt
-
 from .stamps import format_seconds
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Sequence
+
+    import numpy as np
+    import numpy.typing as npt
 
     from . import Buffer, FrameInfo, Snapshot
 
@@ -62,6 +62,8 @@ def find_gaps(
     """
     if len(stamps) < 2:
         return None, None, ()
+    import numpy as np
+
     steps = np.diff(stamps)
     period = int(np.partition(steps, len(steps) // 2)[len(steps) // 2])
     limit = GAP_FACTOR * period if max_gap is None else max_gap
@@ -83,8 +85,7 @@ def edge_summaries(store: Buffer | Snapshot, max_gap: int | None = None) -> list
         if info.is_static:
             found.append(EdgeSummary(info, None, None, ()))
         else:
-            stamps = np.asarray(store.samples(info.name)[0])
-            found.append(EdgeSummary(info, *find_gaps(stamps, max_gap)))
+            found.append(EdgeSummary(info, *find_gaps(store.samples(info.name)[0], max_gap)))
     return sorted(found, key=lambda edge: edge.info.name)
 
 

@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Any, Literal, Protocol, TypeAlias
-
-import numpy as np
-import numpy.typing as npt
+from typing import TYPE_CHECKING, Any, Literal, Protocol, TypeAlias
 
 from .errors import InvalidArray
 from .stamps import StampLike, StampsLike, format_seconds
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    import numpy as np
+    import numpy.typing as npt
 
 __all__ = [
     "Columns",
@@ -50,10 +52,10 @@ class Xyzw(Xyz, Protocol):
         """The real part."""
 
 
-VectorLike: TypeAlias = Sequence[float] | npt.NDArray[np.floating[Any]] | Xyz
+VectorLike: TypeAlias = "Sequence[float] | npt.NDArray[np.floating[Any]] | Xyz"
 """Three numbers x, y, z in metres."""
 
-QuaternionLike: TypeAlias = Sequence[float] | npt.NDArray[np.floating[Any]] | Xyzw
+QuaternionLike: TypeAlias = "Sequence[float] | npt.NDArray[np.floating[Any]] | Xyzw"
 """Four numbers x, y, z, w of length one."""
 
 BytesLike: TypeAlias = bytes | bytearray | memoryview
@@ -163,6 +165,8 @@ class Columns:
         if poses is None:
             if translations is None or rotations is None:
                 raise InvalidArray("give poses, or both translations and rotations")
+            import numpy as np
+
             poses = np.concatenate(
                 [_rows(translations, 3, "translations"), _rows(rotations, 4, "rotations")], axis=1
             )
@@ -179,6 +183,8 @@ class Columns:
 
 def _rows(values: npt.ArrayLike, width: int, role: str) -> npt.NDArray[np.float64]:
     """Return an array (N, width) of float64; raise InvalidArray for anything else."""
+    import numpy as np
+
     try:
         array = np.asarray(values, dtype=np.float64)
     except (TypeError, ValueError):
@@ -330,6 +336,8 @@ class Trajectory:
     """Poses of the file that it was read from which a later one with the same stamp replaced."""
 
     def __post_init__(self) -> None:
+        import numpy as np
+
         columns: dict[str, Any] = {"stamps": self.stamps, "poses": self.poses}
         for name, array in columns.items():
             if not isinstance(array, np.ndarray) or array.ndim == 0:
@@ -362,6 +370,8 @@ class Trajectory:
         self, dtype: npt.DTypeLike | None = None, copy: bool | None = None
     ) -> npt.NDArray[Any]:
         """Return the poses: `np.asarray(trajectory)` is (N, 7)."""
+        import numpy as np
+
         wanted = np.dtype(self.poses.dtype if dtype is None else dtype)
         if copy is False and wanted != self.poses.dtype:
             raise ValueError(f"the poses are {self.poses.dtype}: {wanted} needs a copy")
@@ -371,6 +381,8 @@ class Trajectory:
 
     def __eq__(self, other: object) -> bool:
         """Compare frames, stamps and poses, all exactly; a missing pose equals a missing one."""
+        import numpy as np
+
         if not isinstance(other, Trajectory):
             return NotImplemented
         return (

@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 import click
-import numpy as np
 
 import tfdb
 
@@ -94,6 +93,8 @@ def _show(found: Transform, span: tuple[int, int] | None) -> None:
     out.print("stamp           " + _when(found, span))
     out.print("translation     " + _numbers(found.translation) + "  m")
     out.print("quaternion      " + _numbers(found.rotation) + "  x y z w")
+    import numpy as np
+
     angles = np.array(roll_pitch_yaw(found.rotation))
     out.print("roll pitch yaw  " + _numbers(angles, 4) + "  deg")
     out.print("matrix")

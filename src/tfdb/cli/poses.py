@@ -4,18 +4,19 @@ from __future__ import annotations
 
 import sys
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import click
-import numpy as np
-import numpy.typing as npt
 
 import tfdb
 from tfdb.given_path import errors_name
-from tfdb.io.trajectory_writers import write_trajectory
 
 from . import common, output
 from .times import TimeSpec, format_duration, format_ns, read_stamps, time_option
+
+if TYPE_CHECKING:
+    import numpy as np
+    import numpy.typing as npt
 
 FORMATS = (".tum", ".csv", ".npz")
 
@@ -117,6 +118,8 @@ def command(
         parts = [str(error), valid, "--skip-missing leaves such stamps out"]
         error.args = ("; ".join(filter(None, parts)),)
         raise
+    import numpy as np
+
     kept: npt.NDArray[np.bool_] = np.asarray(np.isfinite(poses).all(axis=1))
     made = Poses(target, source, stamps[kept], poses[kept], int(len(kept) - kept.sum()))
     _write(out, made, overwrite=overwrite)
@@ -133,12 +136,16 @@ def _stamps(name: str) -> npt.NDArray[np.int64]:
         (path,) = common.find_paths([name])
         with errors_name(path):
             text = path.read_text("utf-8")
+    import numpy as np
+
     return np.array(read_stamps(text, name), dtype=np.int64)
 
 
 def _between(
     stamps: npt.NDArray[np.int64], first: int | None, last: int | None
 ) -> npt.NDArray[np.int64]:
+    import numpy as np
+
     inside = np.ones(len(stamps), dtype=bool)
     if first is not None:
         inside &= stamps >= first
@@ -149,7 +156,7 @@ def _between(
 
 def _write(out: str | None, made: Poses, *, overwrite: bool) -> None:
     if out is not None:
-        write_trajectory(out, made, overwrite=overwrite)
+        tfdb.io.write_trajectory(out, made, overwrite=overwrite)
         return
     for stamp, pose in zip(made.stamps.tolist(), made.poses.tolist(), strict=True):
         click.echo(f"{format_ns(stamp)} {' '.join(map(repr, pose))}")

@@ -5,22 +5,25 @@ Recordings need `pip install 'tfdb[recordings]'`; the rest needs nothing but num
 
 from __future__ import annotations
 
-from .containers import Loss, Source, Topic
-from .loading import LoadReport, TopicReport, load_recordings
-from .recordings import Recording, Run
-from .robot_model import Joint, JointLimits, Mimic, RobotModel
-from .rosbags_writer import RecordingWriter
-from .trajectories import into_buffer, read_trajectory
-from .trajectory_writers import (
-    write_csv,
-    write_euroc,
-    write_kitti,
-    write_npz,
-    write_trajectory,
-    write_tum,
-)
-from .urdf import load_urdf, parse_urdf
-from .writers import write_recording, write_transforms
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from .containers import Loss, Source, Topic
+    from .loading import LoadReport, TopicReport, load_recordings
+    from .recordings import Recording, Run
+    from .robot_model import Joint, JointLimits, Mimic, RobotModel
+    from .rosbags_writer import RecordingWriter
+    from .trajectories import into_buffer, read_trajectory
+    from .trajectory_writers import (
+        write_csv,
+        write_euroc,
+        write_kitti,
+        write_npz,
+        write_trajectory,
+        write_tum,
+    )
+    from .urdf import load_urdf, parse_urdf
+    from .writers import write_recording, write_transforms
 
 __all__ = [
     "Joint",
@@ -49,3 +52,41 @@ __all__ = [
     "write_transforms",
     "write_tum",
 ]
+
+_MODULES = {
+    "containers": ("Loss", "Source", "Topic"),
+    "loading": ("LoadReport", "TopicReport", "load_recordings"),
+    "recordings": ("Recording", "Run"),
+    "robot_model": ("Joint", "JointLimits", "Mimic", "RobotModel"),
+    "rosbags_writer": ("RecordingWriter",),
+    "trajectories": ("into_buffer", "read_trajectory"),
+    "trajectory_writers": (
+        "write_csv",
+        "write_euroc",
+        "write_kitti",
+        "write_npz",
+        "write_trajectory",
+        "write_tum",
+    ),
+    "urdf": ("load_urdf", "parse_urdf"),
+    "writers": ("write_recording", "write_transforms"),
+}
+"""Who has which name: a shell that waits for a completion imports no more than it needs."""
+
+
+if not TYPE_CHECKING:  # or every name would be there for type checkers
+
+    def __getattr__(name):
+        """Import the module that has the name."""
+        from importlib import import_module  # noqa: PLC0415
+
+        for module, names in _MODULES.items():
+            if name in names:
+                globals().update(
+                    (each, getattr(import_module(f"{__name__}.{module}"), each)) for each in names
+                )
+                return globals()[name]
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+
+    def __dir__():
+        return sorted({*globals(), *__all__})

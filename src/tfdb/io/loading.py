@@ -10,8 +10,6 @@ from contextlib import ExitStack
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, TypeAlias
 
-import numpy as np
-
 from tfdb import _core
 from tfdb.errors import InvalidArgument, RecordingError, TfdbWarning
 from tfdb.given_path import given_paths
@@ -21,6 +19,7 @@ from .recordings import Recording
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
+    import numpy as np
     import numpy.typing as npt
 
     from tfdb import Buffer
@@ -323,6 +322,8 @@ def missing_samples(buffer: Buffer, frame: str, stamps: npt.NDArray[np.int64]) -
     """How many of these stamps a moving edge of the store has no sample at."""
     if frame not in buffer.frames() or buffer.frame_info(frame).is_static:
         return 0
+    import numpy as np
+
     return len(np.setdiff1d(stamps, buffer.samples(frame)[0]))
 
 
