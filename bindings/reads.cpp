@@ -334,12 +334,13 @@ void add_python_methods(nb::module_& module) {
         "to_nanoseconds", [](nb::handle stamp) { return stamp_of(stamp.ptr()); },
         nb::arg("stamp").none(), nb::sig("def to_nanoseconds(stamp: tfdb.stamps.StampLike) -> int"),
         "Nanoseconds of anything that is taken for a stamp. Raises InvalidStamp.");
+    const nb::module_ methods = nb::module_::import_("tfdb.methods");
     const nb::object reads = module.attr("Reads");
-    reads.attr("explain") = nb::module_::import_("tfdb.explain").attr("explain");
-    reads.attr("trajectory") = nb::module_::import_("tfdb.sampling").attr("trajectory");
+    reads.attr("explain") = methods.attr("explain");
+    reads.attr("trajectory") = methods.attr("trajectory");
     const nb::object buffer = module.attr("Buffer");
-    buffer.attr("load") = nb::module_::import_("tfdb.loading").attr("load_into");
-    buffer.attr("run") = nb::module_::import_("tfdb.transactions").attr("run");
+    buffer.attr("load") = methods.attr("load");
+    buffer.attr("run") = methods.attr("run");
 }
 
 }  // namespace tfdb::python

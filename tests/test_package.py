@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib.metadata
+import inspect
 import subprocess
 import sys
 import sysconfig
@@ -12,6 +13,7 @@ from pathlib import Path
 import pytest
 
 import tfdb
+from tfdb import transactions
 
 ROOT = Path(__file__).resolve().parent.parent
 
@@ -44,6 +46,29 @@ def test_the_package_is_typed() -> None:
 def test_every_public_name_exists() -> None:
     assert len(tfdb.__all__) == len(set(tfdb.__all__))
     assert [name for name in tfdb.__all__ if not hasattr(tfdb, name)] == []
+    assert set(tfdb.__all__) <= set(dir(tfdb))
+
+
+def test_the_names_come_when_they_are_used() -> None:
+    code = """
+import sys, tfdb
+loaded = lambda: sorted(name for name in sys.modules if name.startswith("tfdb."))
+print(loaded())
+assert isinstance(tfdb.Exact(), tfdb.Policy) and tfdb.summary.GAP_FACTOR and tfdb.stamp("1")
+print("tfdb.types" in loaded(), "tfdb.stamps" in loaded())
+from tfdb import *
+print(Trajectory is tfdb.types.Trajectory)
+"""
+    before, some, everything = run_python(code).splitlines()
+    assert before == "['tfdb._core', 'tfdb.errors', 'tfdb.methods', 'tfdb.on_demand']"
+    assert (some, everything) == ("False True", "True")
+
+
+def test_the_methods_in_python_say_what_they_do_without_being_called() -> None:
+    assert "Walks the path edge by edge" in (tfdb.Snapshot.explain.__doc__ or "")
+    assert "`.mcap`" in (tfdb.Buffer.load.__doc__ or "")
+    retries = inspect.signature(tfdb.Buffer.run).parameters["retries"]
+    assert retries.default == transactions.LOST_BEFORE_ALONE
 
 
 def test_the_recordings_are_there_when_they_are_used() -> None:
@@ -53,7 +78,9 @@ def test_the_recordings_are_there_when_they_are_used() -> None:
         getattr(tfdb, "iot")  # noqa: B009 - type checkers know as much
 
 
-@pytest.mark.parametrize("module", ["numpy", "rosbags", "matplotlib", "click", "rich"])
+@pytest.mark.parametrize(
+    "module", ["numpy", "dataclasses", "rosbags", "matplotlib", "click", "rich"]
+)
 def test_import_loads_nothing_heavy(module: str) -> None:
     code = f"import sys, tfdb; print({module!r} in sys.modules)"
     assert run_python(code) == "False"
@@ -77,7 +104,7 @@ data = tfdb.encode_tf_message([tfdb.TransformStamped("a", "b", 1, (1, 2, 3))], "
 assert buf.ingest_many([data], encoding="cdr").transforms == 1
 with buf.transaction() as tx:
     tx.set_transform("map", "box", 1, (1, 2, 3), (0, 0, 0, 1))
-tfdb.io.Recording, tfdb.io.LoadReport
+assert tfdb.io.Recording and tfdb.io.LoadReport and tfdb.Exact()
 print("numpy" in sys.modules)
 """
     assert run_python(STORE + code) == "False"

@@ -58,26 +58,27 @@ from .errors import (
     UnknownFrame,
     WrongThread,
 )
-from .explain import EdgeExplanation, Explanation
-from .loading import load
-from .policies import Exact, Extrapolate, Interpolate, Nearest, Policy, Previous
-from .report import EdgeUse, Report
-from .stamps import stamp
-from .types import (
-    Columns,
-    Counters,
-    FrameInfo,
-    IngestResult,
-    MemoryUse,
-    Refusal,
-    Refused,
-    Trajectory,
-    TransformStamped,
-    Twist,
-)
+from .on_demand import on_demand
 
 if TYPE_CHECKING:
     from . import io as io
+    from .explain import EdgeExplanation, Explanation
+    from .loading import load
+    from .policies import Exact, Extrapolate, Interpolate, Nearest, Policy, Previous
+    from .report import EdgeUse, Report
+    from .stamps import stamp
+    from .types import (
+        Columns,
+        Counters,
+        FrameInfo,
+        IngestResult,
+        MemoryUse,
+        Refusal,
+        Refused,
+        Trajectory,
+        TransformStamped,
+        Twist,
+    )
 
 __all__ = [
     "Buffer",
@@ -143,13 +144,29 @@ __all__ = [
     "stamp",
 ]
 
-
 if not TYPE_CHECKING:  # or every name would be there for type checkers
-
-    def __getattr__(name):
-        """Import `tfdb.io` when it is used: `import tfdb` stays light."""
-        if name == "io":
-            from importlib import import_module  # noqa: PLC0415
-
-            return import_module("tfdb.io")
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    # A program waits for what it uses; a store needs none of it.
+    __getattr__, __dir__ = on_demand(
+        __name__,
+        {
+            "explain": ("EdgeExplanation", "Explanation"),
+            "io": (),
+            "loading": ("load",),
+            "policies": ("Exact", "Extrapolate", "Interpolate", "Nearest", "Policy", "Previous"),
+            "report": ("EdgeUse", "Report"),
+            "stamps": ("stamp",),
+            "summary": (),
+            "types": (
+                "Columns",
+                "Counters",
+                "FrameInfo",
+                "IngestResult",
+                "MemoryUse",
+                "Refusal",
+                "Refused",
+                "Trajectory",
+                "TransformStamped",
+                "Twist",
+            ),
+        },
+    )

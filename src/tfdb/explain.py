@@ -69,36 +69,14 @@ class Explanation:
         return self.ok
 
 
-def explain(
+def explain_lookup(
     self: Reads,
     target: str,
     source: str,
-    time: StampLike | None = None,
-    policy: Policy | None = None,
+    time: StampLike | None,
+    policy: Policy | None,
 ) -> Explanation:
-    """Say in words why `lookup_transform` with these arguments has an answer or has none.
-
-    Walks the path edge by edge: which samples are used, or why there is none and which stamps
-    would be valid. All of it is read from one snapshot.
-
-    Parameters
-    ----------
-    target, source
-        Frame names.
-    time
-        Stamp in nanoseconds; None: the latest common time.
-    policy
-        As in `lookup_transform`.
-
-    Returns
-    -------
-    Explanation
-        Its str() is the text.
-
-    Raises
-    ------
-    InvalidStamp, SnapshotTooOld, SnapshotClosed
-    """
+    """Do what `Buffer.explain` says."""
     with held(self) as snapshot:
         return _Case(snapshot, target, source, time, policy).explain()
 

@@ -17,55 +17,25 @@ if TYPE_CHECKING:
     from ._core import Policy, Reads, Snapshot
     from .stamps import StampLike
 
-__all__ = ["trajectory"]
+__all__: list[str] = []
 
 _MOST_POSES = 10**8
 """More are a mistake in a rate or a time, and would need more memory than there is."""
 _MISSING: tuple[Any, ...] = ("raise", "nan", "skip")
 
 
-def trajectory(
+def sample(
     self: Reads,
     target: str,
     source: str,
-    rate: float | None = None,
-    start: StampLike | None = None,
-    end: StampLike | None = None,
-    policy: Policy | None = None,
+    rate: float | None,
+    start: StampLike | None,
+    end: StampLike | None,
+    policy: Policy | None,
     *,
-    missing: Literal["raise", "nan", "skip"] = "raise",
+    missing: Literal["raise", "nan", "skip"],
 ) -> Trajectory:
-    """Sample T[target<-source] over time, all from one snapshot.
-
-    Parameters
-    ----------
-    target, source
-        Frame names.
-    rate
-        Poses per second from `start` on. None: at the stored stamps of the path.
-    start, end
-        First and last stamp, nanoseconds. None: where every moving edge has data.
-    policy
-        How stamps between samples are answered. None: Interpolate().
-    missing
-        `raise`: the error of the first stamp without an answer, with its `index`. `nan`: NaN in its
-        pose instead. `skip`: it is left out; where none is left, the first one's error. Where no
-        rate, or not both start and end are given, frames that nothing joins are an error in any
-        case: no stamp is known.
-
-    Returns
-    -------
-    Trajectory
-        With stamps (N,) and poses (N, 7).
-
-    Raises
-    ------
-    InvalidArgument
-        A rate that is not positive, `end` before `start`, or nothing moves and no time is given;
-        a `missing` that is none of the three.
-    Extrapolation, and what else `lookup_transforms` raises
-        With `index`, the position of the stamp.
-    """
+    """Do what `Buffer.trajectory` says."""
     if missing not in _MISSING:
         message = f"missing must be 'raise', 'nan' or 'skip', got {missing!r}"
         raise InvalidArgument(message, value=missing)

@@ -32,56 +32,15 @@ LONGEST_WAIT = 10e-3
 """Seconds: more than this is never waited between two attempts."""
 
 
-def run(
+def run_until_won(
     self: Buffer,
     fn: Callable[[Transaction], Result],
     *,
-    retries: int = LOST_BEFORE_ALONE,
-    timeout: float | None = None,
-    priority: int = 0,
+    retries: int,
+    timeout: float | None,
+    priority: int,
 ) -> Result:
-    """Run `fn(tx)` in a transaction, again and again until its commit wins.
-
-    `fn` may be called several times: what it does beside `tx` must bear that. An attempt that lost
-    (Conflict) left nothing behind. Before the next one a random time passes, up to 0.1 ms after the
-    first, twice as long after each next, never more than 10 ms. An attempt keeps the seniority of
-    the first. After eight lost attempts the ninth runs alone: writers wait for it, so it cannot
-    lose. `fn` is hence called nine times at most, however busy the store is, and always wins unless
-    `retries` or `timeout` set a closer limit.
-
-    Parameters
-    ----------
-    fn
-        Called with an open `Transaction`; it need not commit. Any exception of its own ends the
-        transaction without a trace and is raised at once. It reads and writes through the
-        transaction only (TransactionActive), and is done when it returns: not `async def`, no
-        generator.
-    retries
-        How many attempts may follow the first; 8, the default, are always enough.
-    timeout
-        Seconds after which no further attempt begins; None: no limit. The first one always does.
-    priority
-        From 0 to 7, as in `transaction`.
-
-    Returns
-    -------
-    object
-        What `fn` returned in the attempt that was committed.
-
-    Raises
-    ------
-    Conflict
-        The last one, with `attempts`, when retries or time were used up.
-    InvalidArgument
-        A number that is out of its range.
-    TransactionActive
-        This thread has a transaction open in the store already; also where `fn` reads from the
-        Buffer itself, or writes to it.
-    TypeError
-        `fn` cannot be called, or returned before it did its work. Nothing was stored.
-    CycleError, CapacityExceeded
-        At the commit. Nothing was stored.
-    """
+    """Do what `Buffer.run` says."""
     if not callable(fn):
         raise TypeError(f"fn must be callable with a transaction, got {type(fn).__name__}")
     most = _count(retries) + 1

@@ -219,7 +219,7 @@ def test_a_mistake_of_the_program_is_no_finding() -> None:
     assert "TypeError" in done.stderr
 
 
-@pytest.mark.parametrize("during", ["random", "click", "decimal"])
+@pytest.mark.parametrize("during", ["inspect", "click", "json"])
 def test_ctrl_c_at_start_prints_no_traceback(tmp_path: Path, during: str) -> None:
     """Pressed while the program is still importing what it needs."""
     (tmp_path / f"{during}.py").write_text(

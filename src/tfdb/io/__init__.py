@@ -7,6 +7,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from tfdb.on_demand import on_demand
+
 if TYPE_CHECKING:
     from .containers import Loss, Source, Topic
     from .loading import LoadReport, TopicReport, load_recordings
@@ -53,40 +55,26 @@ __all__ = [
     "write_tum",
 ]
 
-_MODULES = {
-    "containers": ("Loss", "Source", "Topic"),
-    "loading": ("LoadReport", "TopicReport", "load_recordings"),
-    "recordings": ("Recording", "Run"),
-    "robot_model": ("Joint", "JointLimits", "Mimic", "RobotModel"),
-    "rosbags_writer": ("RecordingWriter",),
-    "trajectories": ("into_buffer", "read_trajectory"),
-    "trajectory_writers": (
-        "write_csv",
-        "write_euroc",
-        "write_kitti",
-        "write_npz",
-        "write_trajectory",
-        "write_tum",
-    ),
-    "urdf": ("load_urdf", "parse_urdf"),
-    "writers": ("write_recording", "write_transforms"),
-}
-"""Who has which name: a shell that waits for a completion imports no more than it needs."""
-
-
 if not TYPE_CHECKING:  # or every name would be there for type checkers
-
-    def __getattr__(name):
-        """Import the module that has the name."""
-        from importlib import import_module  # noqa: PLC0415
-
-        for module, names in _MODULES.items():
-            if name in names:
-                globals().update(
-                    (each, getattr(import_module(f"{__name__}.{module}"), each)) for each in names
-                )
-                return globals()[name]
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-
-    def __dir__():
-        return sorted({*globals(), *__all__})
+    # A shell that waits for a completion imports no more than it needs.
+    __getattr__, __dir__ = on_demand(
+        __name__,
+        {
+            "containers": ("Loss", "Source", "Topic"),
+            "loading": ("LoadReport", "TopicReport", "load_recordings"),
+            "recordings": ("Recording", "Run"),
+            "robot_model": ("Joint", "JointLimits", "Mimic", "RobotModel"),
+            "rosbags_writer": ("RecordingWriter",),
+            "trajectories": ("into_buffer", "read_trajectory"),
+            "trajectory_writers": (
+                "write_csv",
+                "write_euroc",
+                "write_kitti",
+                "write_npz",
+                "write_trajectory",
+                "write_tum",
+            ),
+            "urdf": ("load_urdf", "parse_urdf"),
+            "writers": ("write_recording", "write_transforms"),
+        },
+    )

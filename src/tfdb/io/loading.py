@@ -153,7 +153,7 @@ def load_recordings(
         tally.store(runs.popleft(), selection, meter)
     report = tally.report(names, time.perf_counter() - started, read_at - started)
     if report.forgotten:
-        warn_of_forgotten(buffer, report.forgotten, 4)
+        warn_of_forgotten(buffer, report.forgotten, 5)
     return report
 
 

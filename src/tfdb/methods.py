@@ -1,0 +1,214 @@
+"""The methods of buffers and snapshots that are written in Python.
+
+What does their work is imported when they are called: `import tfdb` does not wait for it.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+    from typing import Literal
+
+    from ._core import Buffer, Policy, Reads, Transaction
+    from .explain import Explanation
+    from .io import LoadReport
+    from .loading import Paths, Progress, Topics
+    from .stamps import StampLike
+    from .transactions import Result
+    from .types import Trajectory
+
+__all__: list[str] = []
+
+
+def explain(
+    self: Reads,
+    target: str,
+    source: str,
+    time: StampLike | None = None,
+    policy: Policy | None = None,
+) -> Explanation:
+    """Say in words why `lookup_transform` with these arguments has an answer or has none.
+
+    Walks the path edge by edge: which samples are used, or why there is none and which stamps
+    would be valid. All of it is read from one snapshot.
+
+    Parameters
+    ----------
+    target, source
+        Frame names.
+    time
+        Stamp in nanoseconds; None: the latest common time.
+    policy
+        As in `lookup_transform`.
+
+    Returns
+    -------
+    Explanation
+        Its str() is the text.
+
+    Raises
+    ------
+    InvalidStamp, SnapshotTooOld, SnapshotClosed
+    """
+    from .explain import explain_lookup  # noqa: PLC0415 - see above
+
+    return explain_lookup(self, target, source, time, policy)
+
+
+def trajectory(
+    self: Reads,
+    target: str,
+    source: str,
+    rate: float | None = None,
+    start: StampLike | None = None,
+    end: StampLike | None = None,
+    policy: Policy | None = None,
+    *,
+    missing: Literal["raise", "nan", "skip"] = "raise",
+) -> Trajectory:
+    """Sample T[target<-source] over time, all from one snapshot.
+
+    Parameters
+    ----------
+    target, source
+        Frame names.
+    rate
+        Poses per second from `start` on. None: at the stored stamps of the path.
+    start, end
+        First and last stamp, nanoseconds. None: where every moving edge has data.
+    policy
+        How stamps between samples are answered. None: Interpolate().
+    missing
+        `raise`: the error of the first stamp without an answer, with its `index`. `nan`: NaN in its
+        pose instead. `skip`: it is left out; where none is left, the first one's error. Where no
+        rate, or not both start and end are given, frames that nothing joins are an error in any
+        case: no stamp is known.
+
+    Returns
+    -------
+    Trajectory
+        With stamps (N,) and poses (N, 7).
+
+    Raises
+    ------
+    InvalidArgument
+        A rate that is not positive, `end` before `start`, or nothing moves and no time is given;
+        a `missing` that is none of the three.
+    Extrapolation, and what else `lookup_transforms` raises
+        With `index`, the position of the stamp.
+    """
+    from .sampling import sample  # noqa: PLC0415 - see above
+
+    return sample(self, target, source, rate, start, end, policy, missing=missing)
+
+
+def load(
+    self: Buffer,
+    path: Paths,
+    *,
+    topics: Topics | None = None,
+    progress: Progress | None = None,
+    salvage: bool = False,
+) -> LoadReport:
+    """Load the transforms of recordings: `.bag`, `.db3`, `.mcap`, folders of ROS 2 bags.
+
+    The files are read whole before the first commit. Then each message is one commit, in the order
+    of its reception; one that is refused is counted and skipped. A buffer with a limited history
+    (10 s by default) forgets the beginning of a long recording: the report counts the samples, and
+    a TfdbWarning says so. `Buffer(history=None)` and `tfdb.load` keep everything.
+
+    Parameters
+    ----------
+    path
+        One recording or several; they are read in the order of their start.
+    topics
+        Which topics to read; None: all that hold transforms. A mapping renames them, as in
+        `{"/robot1/tf": "tf", "/robot1/tf_static": "tf_static"}`; a new name ends in `tf` or
+        `tf_static`. Transforms are static when the last part of the topic's name is `tf_static`.
+    progress
+        Called with (done, total); each message counts once when read and once when stored.
+    salvage
+        Read damaged, cut and unindexed files as far as they go, and bag folders without the files
+        that are missing; the report says what was lost.
+
+    Returns
+    -------
+    LoadReport
+        What was read, stored, refused, forgotten and lost.
+
+    Raises
+    ------
+    RecordingError
+        A file is no recording, damaged or cut short; a topic is missing or holds no transforms.
+        Nothing was stored.
+    InvalidArgument
+        No path, an empty one, a file that is given twice, or topics that are no names.
+    OSError
+        A file cannot be opened.
+
+    Warns
+    -----
+    TfdbWarning
+        All of it was in the store before; or its stamps and those of the rest are more than a year
+        apart, as those of a simulated and of a real clock; or samples were forgotten.
+    """
+    from .loading import load_into  # noqa: PLC0415 - see above
+
+    return load_into(self, path, topics=topics, progress=progress, salvage=salvage)
+
+
+def run(
+    self: Buffer,
+    fn: Callable[[Transaction], Result],
+    *,
+    retries: int = 8,
+    timeout: float | None = None,
+    priority: int = 0,
+) -> Result:
+    """Run `fn(tx)` in a transaction, again and again until its commit wins.
+
+    `fn` may be called several times: what it does beside `tx` must bear that. An attempt that lost
+    (Conflict) left nothing behind. Before the next one a random time passes, up to 0.1 ms after the
+    first, twice as long after each next, never more than 10 ms. An attempt keeps the seniority of
+    the first. After eight lost attempts the ninth runs alone: writers wait for it, so it cannot
+    lose. `fn` is hence called nine times at most, however busy the store is, and always wins unless
+    `retries` or `timeout` set a closer limit.
+
+    Parameters
+    ----------
+    fn
+        Called with an open `Transaction`; it need not commit. Any exception of its own ends the
+        transaction without a trace and is raised at once. It reads and writes through the
+        transaction only (TransactionActive), and is done when it returns: not `async def`, no
+        generator.
+    retries
+        How many attempts may follow the first; 8, the default, are always enough.
+    timeout
+        Seconds after which no further attempt begins; None: no limit. The first one always does.
+    priority
+        From 0 to 7, as in `transaction`.
+
+    Returns
+    -------
+    object
+        What `fn` returned in the attempt that was committed.
+
+    Raises
+    ------
+    Conflict
+        The last one, with `attempts`, when retries or time were used up.
+    InvalidArgument
+        A number that is out of its range.
+    TransactionActive
+        This thread has a transaction open in the store already; also where `fn` reads from the
+        Buffer itself, or writes to it.
+    TypeError
+        `fn` cannot be called, or returned before it did its work. Nothing was stored.
+    CycleError, CapacityExceeded
+        At the commit. Nothing was stored.
+    """
+    from .transactions import run_until_won  # noqa: PLC0415 - see above
+
+    return run_until_won(self, fn, retries=retries, timeout=timeout, priority=priority)

@@ -1,0 +1,34 @@
+"""Names that a package offers, and imports when they are used."""
+
+from __future__ import annotations
+
+import sys
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping, Sequence
+
+
+def on_demand(
+    package: str, modules: Mapping[str, Sequence[str]]
+) -> tuple[Callable[[str], Any], Callable[[], list[str]]]:
+    """Make `__getattr__` and `__dir__` of a package out of its modules and what it takes of each.
+
+    The modules themselves are attributes of it too.
+    """
+    contents = vars(sys.modules[package])
+
+    def find(name: str) -> Any:
+        for module, names in modules.items():
+            if name == module or name in names:
+                found = import_module(f"{package}.{module}")
+                contents.update((each, getattr(found, each)) for each in names)
+                return contents[name]
+        raise AttributeError(f"module {package!r} has no attribute {name!r}")
+
+    def list_names() -> list[str]:
+        offered = (name for module in modules for name in (module, *modules[module]))
+        return sorted({*contents, *offered})
+
+    return find, list_names
