@@ -118,6 +118,7 @@ def python_turns(workers: list[Worker]) -> dict[str, list[tuple[str, Worker, str
     rows = {
         "lookup mid": [
             ("tfdb", ours, "lookup mid"),
+            ("tfdb, as a matrix", ours, "lookup mid, matrix"),
             ("tf2_ros", tf2, "lookup mid"),
             ("transform-tree plan.at", tree, "lookup mid"),
             ("transform-tree by name", tree, "lookup mid by name"),
@@ -127,6 +128,7 @@ def python_turns(workers: list[Worker]) -> dict[str, list[tuple[str, Worker, str
         "lookup latest": [
             ("tfdb", ours, "lookup latest"),
             ("tfdb, newest of each edge", ours, "newest of each edge"),
+            ("tfdb, newest of each edge, as a matrix", ours, "newest of each edge, matrix"),
             ("tf2_ros", tf2, "lookup latest"),
             ("transform-tree plan.latest", tree, "lookup latest"),
             *(("schiebung", worker, "lookup latest") for worker in schiebung),

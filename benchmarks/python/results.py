@@ -201,6 +201,20 @@ GOALS = [
         python("lookup mid", 4, "tfdb"),
         python("lookup mid", 4, "transform-tree plan.at"),
     ),
+    speed(
+        "the same with `.matrix`, which `plan.at` returns",
+        TREE,
+        1.8,
+        python("lookup mid", 4, "tfdb, as a matrix"),
+        python("lookup mid", 4, "transform-tree plan.at"),
+    ),
+    speed(
+        "Python latest with `.matrix` against a compiled `plan.latest`, chain of 4",
+        TREE,
+        1,
+        python("lookup latest", 4, "tfdb, newest of each edge, as a matrix"),
+        python("lookup latest", 4, "transform-tree plan.latest"),
+    ),
     # 250 ns where plan.at takes 680: stated as a ratio, so that it holds on any machine.
     speed(
         "Python `set_transform` against `plan.at` (250 ns where that takes 680)",

@@ -33,8 +33,10 @@ class Contender:
         self.out = np.empty((BATCH, 7))
         self.operations: dict[str, Callable[[int], int | None]] = {
             "lookup mid": self.lookup_mid,
+            "lookup mid, matrix": self.lookup_mid_matrix,
             "lookup latest": self.lookup_latest,
             "newest of each edge": self.newest_of_each,
+            "newest of each edge, matrix": self.newest_of_each_matrix,
             "can_transform": self.can_transform,
             "set_transform": self.set_transform,
             "set_transform, numpy": self.set_transform_numpy,
@@ -60,6 +62,12 @@ class Contender:
             for stamp in self.mid:
                 lookup(target, source, stamp)
 
+    def lookup_mid_matrix(self, count: int) -> None:
+        lookup, target, source = self.buffer.lookup_transform, self.names[0], self.names[-1]
+        for _ in range(count // len(self.mid)):
+            for stamp in self.mid:
+                lookup(target, source, stamp).matrix  # noqa: B018 - what transform-tree returns
+
     def lookup_latest(self, count: int) -> None:
         lookup, target, source = self.buffer.lookup_transform, self.names[0], self.names[-1]
         for _ in range(count):
@@ -69,6 +77,11 @@ class Contender:
         lookup, target, source = self.buffer.lookup_latest_transform, self.names[0], self.names[-1]
         for _ in range(count):
             lookup(target, source)
+
+    def newest_of_each_matrix(self, count: int) -> None:
+        lookup, target, source = self.buffer.lookup_latest_transform, self.names[0], self.names[-1]
+        for _ in range(count):
+            lookup(target, source).matrix  # noqa: B018 - what transform-tree returns
 
     def can_transform(self, count: int) -> None:
         can, target, source = self.buffer.can_transform, self.names[0], self.names[-1]
