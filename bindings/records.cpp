@@ -116,7 +116,7 @@ nb::object memory_record(const MemoryUse& use) {
 
 nb::object counters_record(const Counters& counters) {
     return record_type("Counters")(counters.commits, counters.normalised, counters.lapped_reads,
-                                   counters.locked_reads, counters.aborts, counters.conflicts,
+                                   counters.pinned_reads, counters.aborts, counters.conflicts,
                                    counters.retries, counters.lock_waits);
 }
 

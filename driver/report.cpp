@@ -113,7 +113,7 @@ std::string to_json(const Options& options, const Outcome& outcome) {
     json.put("retries", outcome.counters.retries);
     json.put("lock_waits", outcome.counters.lock_waits);
     json.put("lapped_reads", outcome.counters.lapped_reads);
-    json.put("locked_reads", outcome.counters.locked_reads);
+    json.put("pinned_reads", outcome.counters.pinned_reads);
     json.put("worst_value", outcome.worst_value);
     return json.text();
 }

@@ -18,7 +18,7 @@ inline StoreCounters since(const StoreCounters& before, const StoreCounters& aft
     return {after.commits - before.commits,          after.aborts - before.aborts,
             after.conflicts - before.conflicts,      after.retries - before.retries,
             after.lock_waits - before.lock_waits,    after.lapped_reads - before.lapped_reads,
-            after.locked_reads - before.locked_reads};
+            after.pinned_reads - before.pinned_reads};
 }
 
 template <Store S>

@@ -24,7 +24,7 @@ struct StoreCounters {
     std::uint64_t retries = 0;
     std::uint64_t lock_waits = 0;
     std::uint64_t lapped_reads = 0;
-    std::uint64_t locked_reads = 0;
+    std::uint64_t pinned_reads = 0;
 };
 
 /// A Worker belongs to one thread. A null `used` is one that nobody wants to know. All but the last

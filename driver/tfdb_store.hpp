@@ -59,7 +59,7 @@ public:
     [[nodiscard]] StoreCounters counters() {
         const Counters now = buffer_.counters();
         return {now.commits,    now.aborts,       now.conflicts,   now.retries,
-                now.lock_waits, now.lapped_reads, now.locked_reads};
+                now.lock_waits, now.lapped_reads, now.pinned_reads};
     }
 
 private:

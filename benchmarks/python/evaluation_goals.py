@@ -134,7 +134,7 @@ GOALS = [
     ),
     Goal(
         "the same: lookups that took the commit lock (after 16 snapshots that were overtaken)",
-        _in_one("starved", "locked_reads", 1.0),
+        _in_one("starved", "pinned_reads", 1.0),
         unit="",
     ),
     Goal(

@@ -250,7 +250,7 @@ class Counters:
     """Quaternions that were slightly off unit length and mended."""
     lapped_reads: int
     """Times a lookup began again because a writer had overtaken it."""
-    locked_reads: int
+    pinned_reads: int
     """Lookups that in the end read under the writers' lock."""
     aborts: int = 0
     """Transactions that ended without a commit, those that lost included."""

@@ -25,7 +25,7 @@ def row(**values: float) -> dict[str, float]:
     columns = (
         *(f"{lane}_{what}" for lane in ("reads", "writes") for what in ("done", "per_s", "lost")),
         *(f"{lane}_{what}_ns" for lane in ("reads", "writes") for what in ("p50", "p99", "p999")),
-        *("reads_max_ns", "retries", "lapped_reads", "locked_reads"),
+        *("reads_max_ns", "retries", "lapped_reads", "pinned_reads"),
     )
     return {**dict.fromkeys(columns, 1.0), **values}
 

@@ -81,15 +81,12 @@ public:
         Memory::fence_release();
     }
 
-    /// Makes a sealed or fresh slot a frame without samples, born with the commit in progress. The
-    /// ring's word keeps its version, so that a reader of the slot's former frame notices.
+    /// Makes a sealed or fresh slot a frame without samples, born with the commit in progress.
     void make(FrameId id, CommitNumber commit, Offset name_block) const {
         for (unsigned w = 0; w < history::kHeaderWords; ++w) {
-            if (w == history::kRing || w == history::kBorn)
-                continue;
-            memory_->word(header(id) + 8 * w).store_relaxed(0);
+            if (w != history::kBorn)
+                memory_->word(header(id) + 8 * w).store_relaxed(0);
         }
-        word(id, history::kNewest).store_relaxed(history::as_word(history::kNoStamp));
         word(id, history::kName).store_release(name_block);
         word(id, history::kTopology).store_release(history::Topology::kRoot);
         refresh_hint(id);

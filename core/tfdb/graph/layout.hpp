@@ -2,8 +2,10 @@
 #pragma once
 
 #include <cstddef>
+#include <cstdint>
 
 #include "tfdb/base/types.hpp"
+#include "tfdb/memory/memory.hpp"
 
 namespace tfdb::graph {
 
@@ -18,12 +20,39 @@ enum StoreWord : unsigned {
     kFrameCount = 24,  // slots of the frame table ever used
     kFreeHead = 25,    // id + 1 of the frame that was removed first and waits for reuse
     kFreeTail = 26,
-    kNames = 27,         // where the name table is: a history::RingWord
+    kNames = 27,         // where the name table is: see TableWord
     kNamesFilled = 28,   // its entries in use, dead ones included
     kRecycleFloor = 29,  // older snapshots may miss frames whose slots were reused
     kNormalised = 30,
     kFreeFull = 31,  // id + 1 of the first removed frame that still has its name and its samples
     kStoreWords = 32,
+};
+
+/// The word that says where the name table is. The version makes a block that was freed and used
+/// again a different word.
+struct TableWord {
+    static constexpr unsigned kVersionBits = 24;
+    static constexpr unsigned kLog2Bits = 6;
+
+    static constexpr std::uint64_t pack(Offset block, unsigned log2_capacity,
+                                        std::uint64_t version) {
+        return (block / memory::kLineBytes) << (kLog2Bits + kVersionBits) |
+               std::uint64_t{log2_capacity} << kVersionBits |
+               (version & ((std::uint64_t{1} << kVersionBits) - 1));
+    }
+    static constexpr Offset block(std::uint64_t word) {
+        return (word >> (kLog2Bits + kVersionBits)) * memory::kLineBytes;
+    }
+    static constexpr unsigned log2_capacity(std::uint64_t word) {
+        return static_cast<unsigned>(word >> kVersionBits) & ((1U << kLog2Bits) - 1);
+    }
+    static constexpr std::uint64_t capacity(std::uint64_t word) {
+        return std::uint64_t{1} << log2_capacity(word);
+    }
+    static constexpr std::uint64_t version(std::uint64_t word) {
+        return word & ((std::uint64_t{1} << kVersionBits) - 1);
+    }
+    static constexpr bool empty(std::uint64_t word) { return block(word) == 0; }
 };
 
 inline constexpr std::size_t kStoreBytes = kStoreWords * 8;

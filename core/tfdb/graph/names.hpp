@@ -70,7 +70,7 @@ public:
         const std::uint64_t hash = hash_name(name);
         for (;;) {
             const std::uint64_t table = frames_.store_word(kNames).load_acquire();
-            if (RingWord::empty(table))
+            if (TableWord::empty(table))
                 return kNoFrame;
             const FrameId id = find_in(table, hash, name, snapshot);
             if (id != kNoFrame)
@@ -98,7 +98,7 @@ public:
     void reserve() const {
         const std::uint64_t table = frames_.store_word(kNames).load_relaxed();
         const std::uint64_t filled = frames_.store_word(kNamesFilled).load_relaxed();
-        if (!RingWord::empty(table) && 2 * (filled + 1) <= RingWord::capacity(table))
+        if (!TableWord::empty(table) && 2 * (filled + 1) <= TableWord::capacity(table))
             return;
         rehash();
     }
@@ -113,7 +113,7 @@ public:
     /// Allocates nothing: commits that are undone call it.
     void erase(FrameId id) const {
         const std::uint64_t table = frames_.store_word(kNames).load_relaxed();
-        const std::uint64_t mask = RingWord::capacity(table) - 1;
+        const std::uint64_t mask = TableWord::capacity(table) - 1;
         for (std::uint64_t i = stored_hash(id) & mask;; i = (i + 1) & mask) {
             const std::uint64_t found = entry(table, i).load_relaxed();
             if (found == 0)
@@ -143,7 +143,6 @@ public:
     }
 
 private:
-    using RingWord = history::RingWord;
     static constexpr std::uint64_t kDead = 0xFFFFFFFFULL;
     static constexpr std::uint64_t kTooLarge = 16;  // times what is needed: the table shrinks
 
@@ -151,7 +150,7 @@ private:
         return 8 + (length + 7) / 8 * 8;
     }
     [[nodiscard]] typename Memory::Word& entry(std::uint64_t table, std::uint64_t i) const {
-        return memory_->word(RingWord::block(table) + 8 * i);
+        return memory_->word(TableWord::block(table) + 8 * i);
     }
     /// Of the frame's name, which nobody changes meanwhile.
     [[nodiscard]] std::uint64_t stored_hash(FrameId id) const {
@@ -166,7 +165,7 @@ private:
 
     [[nodiscard]] FrameId find_in(std::uint64_t table, std::uint64_t hash, std::string_view name,
                                   CommitNumber snapshot) const {
-        const std::uint64_t mask = RingWord::capacity(table) - 1;
+        const std::uint64_t mask = TableWord::capacity(table) - 1;
         std::uint64_t at = hash & mask;
         for (std::uint64_t probes = 0; probes <= mask; ++probes, at = (at + 1) & mask) {
             const std::uint64_t found = entry(table, at).load_acquire();
@@ -200,7 +199,7 @@ private:
     }
 
     void put(std::uint64_t table, std::uint64_t hash, FrameId id) const {
-        const std::uint64_t mask = RingWord::capacity(table) - 1;
+        const std::uint64_t mask = TableWord::capacity(table) - 1;
         std::uint64_t i = hash & mask;
         while (entry(table, i).load_relaxed() != 0)
             i = (i + 1) & mask;
@@ -211,7 +210,7 @@ private:
     void rehash() const {
         const std::uint64_t old = frames_.store_word(kNames).load_relaxed();
         std::uint64_t live = 0;
-        const std::uint64_t old_capacity = RingWord::empty(old) ? 0 : RingWord::capacity(old);
+        const std::uint64_t old_capacity = TableWord::empty(old) ? 0 : TableWord::capacity(old);
         for (std::uint64_t i = 0; i < old_capacity; ++i) {
             const std::uint64_t found = entry(old, i).load_relaxed();
             if (found != 0 && found != kDead)
@@ -222,10 +221,10 @@ private:
             ++log2;
         // Frames that come and go must not make the table change its size with them.
         if (old_capacity >> log2 > 1 && old_capacity >> log2 < kTooLarge)
-            log2 = RingWord::log2_capacity(old);
+            log2 = TableWord::log2_capacity(old);
         const std::uint64_t capacity = std::uint64_t{1} << log2;
         const Offset block = memory_->allocate(8 * capacity);
-        const std::uint64_t table = RingWord::pack(block, log2, RingWord::version(old) + 1);
+        const std::uint64_t table = TableWord::pack(block, log2, TableWord::version(old) + 1);
         for (std::uint64_t i = 0; i < capacity; ++i)
             entry(table, i).store_relaxed(0);
         for (std::uint64_t i = 0; i < old_capacity; ++i) {
@@ -239,7 +238,7 @@ private:
         store_filled(live);
         if (old_capacity != 0) {
             Memory::fence_release();
-            memory_->release(RingWord::block(old), 8 * old_capacity);
+            memory_->release(TableWord::block(old), 8 * old_capacity);
         }
     }
 

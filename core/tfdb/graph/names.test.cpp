@@ -57,13 +57,13 @@ public:
 
 /// How many entries `find` looks at until it comes to the frame.
 std::uint64_t probes_for(const Table& table, FrameId id) {
-    using history::RingWord;
+    
     const std::uint64_t where = table.frames.store_word(kNames).load_acquire();
-    const std::uint64_t mask = RingWord::capacity(where) - 1;
+    const std::uint64_t mask = TableWord::capacity(where) - 1;
     std::uint64_t at = hash_name(table.names.name(id)) & mask;
     std::uint64_t probes = 1;
     const auto entry = [&] {
-        return table.memory.word(RingWord::block(where) + 8 * at).load_acquire();
+        return table.memory.word(TableWord::block(where) + 8 * at).load_acquire();
     };
     for (; static_cast<std::uint32_t>(entry()) != id + 1; ++probes)
         at = (at + 1) & mask;

@@ -35,22 +35,30 @@ void outlived(const std::string& name, const Script& script, StampNs stamp) {
 
 }  // namespace
 
-// A sort of late samples closes the ring for a moment, and so does an abort that has more to put
-// back than the head: they are not among these.
+// Whatever the writer was about when it stopped for ever, readers are answered.
 TFDB_SCHED(edge_readers_outlive_the_writer) {
     outlived("appends", {.before = {one(10)}, .during = {one(20), one(30)}}, 15);
     outlived("evicts", {.history = 15, .before = {one(10), one(30)}, .during = {one(50), one(70)}},
              35);
-    outlived("grows", {.before = {one(10), one(20)}, .during = {one(30)}}, 15);
+    outlived("seals", {.before = {one(10), one(20)}, .during = {one(30), one(40), one(50)}}, 15);
     outlived("two edges", {.edges = 2, .before = {both(10)}, .during = {both(20)}}, 15);
     outlived("late", {.before = {one(10), one(30)}, .during = {one(20)}}, 15);
+    outlived("splits", {.before = {one(10), one(30), one(50)}, .during = {one(20), one(25)}}, 22);
+    outlived("before all others", {.before = {one(30), one(40)}, .during = {one(20), one(10)}}, 35);
+    outlived("corrects", {.before = {one(10), one(10)}, .during = {one(10), one(10)}}, 10);
     outlived("clears", {.before = {one(10), one(20)}, .during = {one(kClearMarker), one(5)}}, 15);
     outlived("aborts", {.before = {one(10)}, .during = {aborted(one(20)), one(30)}}, 15);
-    outlived("aborts where the ring is full",
+    outlived("aborts where the tail is full",
              {.history = 15,
               .before = {one(10), one(30)},
               .during = {aborted({{{0, 50}, {0, 60}}}), one(40)}},
              35);
+    outlived("aborts late samples",
+             {.before = {one(10), one(30), one(50)},
+              .during = {aborted({{{0, 20}, {0, 25}, {0, 60}}}), one(22)}},
+             24);
+    outlived("aborts a clear",
+             {.before = {one(10), one(20)}, .during = {aborted(one(kClearMarker)), one(30)}}, 15);
 }
 
 TFDB_SCHED(edge_first_samples) {
@@ -66,19 +74,19 @@ TFDB_SCHED(edge_batches_over_two_edges) {
           {20, 30});
 }
 
-TFDB_SCHED(edge_grows) {
-    holds("third in a ring of two", {.before = {one(10), one(20)}, .during = {one(30)}}, {15, 25});
-    holds("two growths", {.before = {one(10), one(20)}, .during = {one(30), one(40), one(50)}},
+TFDB_SCHED(edge_seals) {
+    holds("third where two fit", {.before = {one(10), one(20)}, .during = {one(30)}}, {15, 25});
+    holds("two seals", {.before = {one(10), one(20)}, .during = {one(30), one(40), one(50)}},
           {15, 45});
 }
 
 TFDB_SCHED(edge_evicts) {
-    holds("overwrites the oldest",
+    holds("the oldest goes",
           {.history = 15, .before = {one(10), one(30)}, .during = {one(50)}}, {20, 35});
-    holds("overwrites all",
+    holds("all of it goes",
           {.history = 15, .before = {one(10), one(30)}, .during = {one(50), one(70), one(90)}},
           {20, 55});
-    holds("must grow: a held snapshot may need what is oldest",
+    holds("stays: a held snapshot may need what is oldest",
           {.history = 15, .before = {one(10), one(30)}, .during = {one(50)}, .may_evict = false},
           {20, 35});
 }
@@ -90,7 +98,7 @@ TFDB_SCHED(edge_takes_late_samples) {
     holds("the same stamp again", {.before = {one(10), one(30)}, .during = {one(30)}}, {20, 30});
     holds("late, then in order", {.before = {one(10), one(30)}, .during = {one(20), one(40)}},
           {25});
-    holds("sorted anew", {.before = {one(17), one(37), {{{0, 15}, {0, 19}}}}, .during = {one(11)}},
+    holds("split", {.before = {one(17), one(37), {{{0, 15}, {0, 19}}}}, .during = {one(11)}},
           {16, 36, 40});
 }
 
@@ -98,7 +106,7 @@ TFDB_SCHED(edge_clears) {
     holds("clear", {.before = {one(10), one(20)}, .during = {one(kClearMarker)}}, {15});
     holds("clear, then a sample", {.before = {one(10)}, .during = {one(kClearMarker), one(5)}},
           {7, 15});
-    holds("clear of unordered samples",
+    holds("clear of late samples",
           {.before = {one(1), {{{0, 0}, {0, 4}}}, {{{0, 14}, {0, 3}}}},
            .during = {one(kClearMarker), one(3)}},
           {70});
@@ -115,10 +123,10 @@ TFDB_SCHED(edge_aborts) {
     holds("aborted", {.before = {one(10)}, .during = {aborted(one(20))}}, {15});
     holds("aborted, then another", {.before = {one(10)}, .during = {aborted(one(20)), one(30)}},
           {15});
-    holds("aborted in a full ring, then another",
+    holds("aborted where the tail is full, then another",
           {.history = 15, .before = {one(10), one(30)}, .during = {aborted(one(50)), one(40)}},
           {20, 35});
-    holds("aborted and grown, then another",
+    holds("aborted and sealed, then another",
           {.before = {one(10), one(20)}, .during = {aborted({{{0, 30}, {0, 40}}}), one(35)}},
           {15, 25, 37});
     holds("aborted twice",
@@ -129,7 +137,7 @@ TFDB_SCHED(edge_aborts) {
           {15, 25});
     holds("aborted late sample", {.before = {one(10), one(30)}, .during = {aborted(one(20))}},
           {15, 25});
-    holds("aborted clear of unordered samples",
+    holds("aborted clear of late samples",
           {.before = {one(10), one(30), one(20)}, .during = {aborted(one(kClearMarker)), one(40)}},
           {15, 25});
     holds("aborted on both edges",

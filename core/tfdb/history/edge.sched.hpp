@@ -1,4 +1,4 @@
-// A script of commits as a program for the walker: one writer, one reader, tiny rings.
+// A script of commits as a program for the walker: one writer, one reader, tiny segments.
 #pragma once
 
 #include <functional>
@@ -14,7 +14,7 @@ namespace tfdb::history {
 
 namespace script {
 
-/// Rings that start with two slots, at most two runs, no lateness without a new run.
+/// Segments of one sample, then of two; nothing that was retired is kept.
 struct SmallMemory : sched::BasicMemory<2> {
     using BasicMemory::BasicMemory;
 };
@@ -23,23 +23,23 @@ struct SmallMemory : sched::BasicMemory<2> {
 
 template <>
 struct Tuning<script::SmallMemory> {
-    static constexpr unsigned kFirstLog2Capacity = 1;
-    static constexpr unsigned kMaxRuns = 2;
-    static constexpr std::uint64_t kSlackLimit = 1;
+    static constexpr unsigned kFirstLog2 = 0;
+    static constexpr unsigned kFullLog2 = 1;
+    static constexpr unsigned kLargestLog2 = 2;
+    static constexpr std::size_t kKept = 0;
 };
 
 namespace script {
 
-inline constexpr std::size_t kRegionBytes = 4096;
+inline constexpr std::size_t kRegionBytes = 8192;
 inline constexpr std::size_t kWriter = 0;  // thread numbers
 inline constexpr std::size_t kReader = 1;
 
 inline void name_words(const SmallMemory& memory, const Places& places, unsigned edges) {
     static constexpr const char* kNames[] = {
-        "ring",       "head",      "begin",        "topology",   "head_commit",   "newest",
-        "rate",       "born",      "order",        "sorted_end", "sorted_commit", "cleared",
-        "evict_safe", "died",      "name",         "lock",       "children",      "authority",
-        "late",       "next_free", "ordered_from", "parent_from"};
+        "tail",  "directory",   "topology", "since", "born", "rate",     "changed", "forgotten",
+        "older", "reshaped",    "parent_from", "late", "died", "name",   "children", "authority",
+        "lock",  "next_free",   "touched"};
     memory.word(places.commit).rename("commit", 0);
     for (unsigned edge = 0; edge < edges; ++edge) {
         for (unsigned word = 0; word < std::size(kNames); ++word) {

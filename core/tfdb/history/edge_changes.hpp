@@ -6,7 +6,7 @@
 #include <limits>
 #include <span>
 
-#include "tfdb/history/layout.hpp"
+#include "tfdb/history/segment.hpp"
 
 namespace tfdb::history {
 
@@ -25,7 +25,6 @@ enum class Change : std::uint8_t {
     kStatic,    // a static pose was stored
     kCleared,
     kForgotten,  // the retained history ends above a sample that was used
-    kUnknown,    // so many new samples that what came first is gone
 };
 
 /// Where and what.
@@ -36,96 +35,89 @@ struct EdgeChange {
     [[nodiscard]] explicit operator bool() const { return change != Change::kNone; }
 };
 
-/// The samples that an edge got after commit `since`. A ring keeps commit order, so they lie at its
-/// end; after a rebuild all of it is looked at.
+/// The samples that an edge got after commit `since`.
 /// Threads: only while nobody else writes to the edge: the commit lock is held.
-/// Guarantee: wait-free. Never misses a change; one that cannot be told any more counts as one.
+/// Guarantee: wait-free. Never misses a change; may tell one that was taken back.
 template <class Memory>
-class EdgeChanges {
+class EdgeChanges : private EdgeSegments<Memory> {
 public:
     EdgeChanges(Memory& memory, Offset header, CommitNumber since, StampNs history)
-        : memory_(memory), header_(header), since_(since), history_(history) {}
+        : Base(memory, header), since_(since), history_(history) {}
 
     /// True if anything was stored at all; a load.
-    [[nodiscard]] bool any() const { return word(kHeadCommit).load_relaxed() > since_; }
+    [[nodiscard]] bool any() const { return word(kChanged).load_relaxed() > since_; }
 
     /// The newest change that concerns `ranges` (sorted, apart) or the sample at `lowest`, the
     /// oldest one that was used; kNoStamp if none was.
     [[nodiscard]] EdgeChange find(std::span<const StampRange> ranges, StampNs lowest) const {
         if (!any())
             return {};
-        const std::uint64_t ring = word(kRing).load_relaxed();
-        const std::uint64_t begin = word(kBegin).load_relaxed();
-        const std::uint64_t topology = word(kTopology).load_relaxed();
-        const bool rebuilt = (topology & Topology::kRebuilt) != 0;
-        const bool mixed = rebuilt && word(kSortedCommit).load_relaxed() > since_;
-        const std::uint64_t floor =
-            rebuilt && !mixed ? std::max(begin, word(kSortedEnd).load_relaxed()) : begin;
-        for (std::uint64_t i = word(kHead).load_relaxed(); i-- > floor;) {
-            const std::uint64_t slot = slot_word(ring, i);
-            if (SlotWord::commit(slot) <= since_) {
-                if (mixed)
-                    continue;
-                return forgotten(lowest);
-            }
-            const EdgeChange found = judge(ring, i, slot, ranges);
-            if (found)
-                return found;
-        }
-        const bool evicted =
-            begin > 0 && floor == begin && word(kEvictSafe).load_relaxed() > since_;
-        if (evicted)
-            return {Change::kUnknown, kNoStamp};
-        return forgotten(lowest);
+        if (word(kSince).load_relaxed() > since_)
+            return {Change::kCleared, kNoStamp};
+        EdgeChange found;
+        CommitNumber newest = since_;
+        for (const StampRange& range : ranges)
+            look_in(range, found, newest);
+        return found ? found : forgotten(lowest);
     }
 
 private:
-    [[nodiscard]] typename Memory::Word& word(HeaderWord w) const {
-        return memory_.word(header_ + 8 * w);
-    }
-    [[nodiscard]] std::uint64_t slot_word(std::uint64_t ring, std::uint64_t index) const {
-        const std::uint64_t mask = RingWord::capacity(ring) - 1;
-        return memory_
-            .word(RingLayout<Memory>::slots(ring) + RingLayout<Memory>::kSlotBytes * (index & mask))
-            .load_relaxed();
-    }
-    [[nodiscard]] StampNs stamp_at(std::uint64_t ring, std::uint64_t index) const {
-        const std::uint64_t mask = RingWord::capacity(ring) - 1;
-        return as_stamp(
-            memory_.word(RingLayout<Memory>::stamps(ring) + 8 * (index & mask)).load_relaxed());
+    using Base = EdgeSegments<Memory>;
+    using Base::segment;
+    using Base::word;
+    using Base::word_of;
+
+    void look_in(const StampRange& range, EdgeChange& found, CommitNumber& newest) const {
+        for (std::uint64_t k = Base::segment_of(range.from); k <= Base::end(); ++k) {
+            const Segment<Memory> in = segment(word_of(k));
+            if (in.empty())
+                continue;
+            if (in.stamp(in.begin()) > range.to)
+                return;
+            if (k < Base::end() && in.meta(kGreatest).load_relaxed() <= since_)
+                continue;
+            std::uint64_t i = in.begin();
+            if (range.from > std::numeric_limits<StampNs>::min())
+                i = in.upper_bound(range.from - 1);
+            for (; i < in.end() && in.stamp(i) <= range.to; ++i) {
+                const CommitNumber commit = in.commit(i);
+                if (commit > since_ && commit >= newest && commit != SlotWord::kNever) {
+                    newest = commit;
+                    found = judge(in, k, i);
+                }
+            }
+        }
     }
 
-    [[nodiscard]] EdgeChange judge(std::uint64_t ring, std::uint64_t index, std::uint64_t slot,
-                                   std::span<const StampRange> ranges) const {
-        const StampNs stamp = stamp_at(ring, index);
-        if (stamp == kClearMarker)
-            return {Change::kCleared, kNoStamp};
-        // Whoever read a static edge depends on all of it; who only stored to it, on nothing here.
+    [[nodiscard]] EdgeChange judge(const Segment<Memory>& in, std::uint64_t k,
+                                   std::uint64_t index) const {
+        const StampNs stamp = in.stamp(index);
         if (stamp == kStaticStamp)
-            return {ranges.empty() ? Change::kNone : Change::kStatic, kNoStamp};
-        const auto range = std::lower_bound(
-            ranges.begin(), ranges.end(), stamp,
-            [](const StampRange& candidate, StampNs s) { return candidate.to < s; });
-        if (range == ranges.end() || range->from > stamp)
-            return {};
-        const std::uint64_t begin = word(kBegin).load_relaxed();
-        if (index > begin &&
-            SlotWord::parent(slot_word(ring, index - 1)) != SlotWord::parent(slot)) {
+            return {Change::kStatic, kNoStamp};
+        const SampleAt before = sample_before(in, k, index);
+        if (before && SlotWord::parent(Base::memory_.word(before.slot).load_relaxed()) !=
+                          SlotWord::parent(in.slot_word(index)))
             return {Change::kReparent, stamp};
+        return {stamp >= Base::newest() ? Change::kNewer : Change::kLate, stamp};
+    }
+    [[nodiscard]] SampleAt sample_before(Segment<Memory> in, std::uint64_t k,
+                                         std::uint64_t index) const {
+        while (index == in.begin()) {
+            if (k == Base::begin())
+                return {};
+            in = segment(word_of(--k));
+            index = in.end();
         }
-        const bool newest = stamp >= as_stamp(word(kNewest).load_relaxed());
-        return {newest ? Change::kNewer : Change::kLate, stamp};
+        return {in.slot(index - 1), in.stamp(index - 1)};
     }
 
     [[nodiscard]] EdgeChange forgotten(StampNs lowest) const {
-        const StampNs newest = as_stamp(word(kNewest).load_relaxed());
+        const StampNs newest = Base::newest();
         if (lowest >= 0 && newest >= 0 && lowest < newest - history_)
             return {Change::kForgotten, newest - history_};
         return {};
     }
 
-    Memory& memory_;
-    Offset header_;
     CommitNumber since_;
     StampNs history_;
 };

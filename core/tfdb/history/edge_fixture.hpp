@@ -15,20 +15,25 @@ namespace tfdb::history::fixture {
 using Memory = memory::PrivateMemory;
 using View = EdgeView<Memory>;
 
+/// Stands for a clear among the stamps of a commit.
+inline constexpr StampNs kClearMarker = -3;
+
 /// Commits to one edge, as a store makes them, and asks any snapshot.
 /// Threads: one. Guarantee: every answer is judged by the plain list.
-class Edge {
+class Edge : private Readers {
 public:
     explicit Edge(StampNs history = kForever) : history_(history) {
         header_ = memory_.allocate(kHeaderBytes);
         for (unsigned w = 0; w < kHeaderWords; ++w)
             memory_.word(header_ + 8 * w).store_relaxed(0);
-        word(kNewest).store_relaxed(as_word(kNoStamp));
         word(kTopology).store_relaxed(Topology::kRoot);
     }
 
     [[nodiscard]] CommitNumber committed() const { return committed_; }
-    [[nodiscard]] std::size_t used_bytes() const { return memory_.used_bytes(); }
+    /// Without what waits for readers.
+    [[nodiscard]] std::size_t used_bytes() const {
+        return memory_.used_bytes() - memory_.retired_bytes();
+    }
     [[nodiscard]] std::uint64_t word_value(HeaderWord w) const {
         return memory_.word(header_ + 8 * w).load_relaxed();
     }
@@ -38,16 +43,17 @@ public:
     void commit(const std::vector<StampNs>& stamps, FrameId parent = 1) {
         append(stamps, parent);
         ++committed_;
+        if (cleared_)
+            writer().retire_older(context_);
         for (const Entry& entry : pending_)
             entries_.push_back(entry);
         pending_.clear();
     }
     /// Writes the same and takes it back.
     void abort(const std::vector<StampNs>& stamps, FrameId parent = 1) {
-        const EdgeUndo saved = writer().save();
         append(stamps, parent);
         pending_.clear();
-        writer().undo(saved);
+        writer().trim(context_);
     }
 
     [[nodiscard]] bool open(CommitNumber snapshot, View& view) {
@@ -58,20 +64,16 @@ public:
     [[nodiscard]] bool check(CommitNumber snapshot, StampNs stamp) {
         View view;
         Bracket around;
-        std::uint64_t newest = 0;
-        std::uint64_t oldest = 0;
-        StampNs newest_stamp = kNoStamp;
-        StampNs oldest_stamp = kNoStamp;
-        if (!open(snapshot, view) || !view.bracket(stamp, around) ||
-            !view.newest(newest, newest_stamp) || !view.oldest(oldest, oldest_stamp) ||
-            !view.confirm(around.lowest)) {
+        SampleAt oldest;
+        if (!open(snapshot, view) || !view.bracket(stamp, around) || !view.oldest(oldest) ||
+            !view.confirm()) {
             return false;
         }
         const auto& expected = visible(snapshot);
         const auto after = expected.upper_bound(stamp);
         judge(view, around.after, after == expected.end() ? nullptr : &after->second);
         judge(view, around.before, after == expected.begin() ? nullptr : &std::prev(after)->second);
-        judge(view, newest, expected.empty() ? nullptr : &expected.rbegin()->second);
+        judge(view, view.newest(), expected.empty() ? nullptr : &expected.rbegin()->second);
         judge(view, oldest, expected.empty() ? nullptr : &expected.begin()->second);
         return true;
     }
@@ -88,7 +90,7 @@ public:
         }
         CHECK_EQ(view.is_static(), expected != nullptr);
         if (expected != nullptr)
-            judge(view, view.static_index(), expected);
+            judge(view, view.newest(), expected);
     }
 
 private:
@@ -103,16 +105,24 @@ private:
     [[nodiscard]] EdgeWriter<Memory> writer() { return {memory_, header_}; }
 
     void append(const std::vector<StampNs>& stamps, FrameId parent) {
-        const WriteContext context{committed_, history_, !held_};
+        context_ = WriteContext(committed_, history_, *this);
+        cleared_ = false;
         for (const StampNs stamp : stamps) {
-            NewSample<Memory> sample;
-            sample.stamp = stamp;
-            sample.parent = parent;
-            sample.payload.fill(++value_);
-            writer().append(context, sample);
+            if (stamp == kClearMarker) {
+                writer().clear(context_);
+                cleared_ = true;
+            } else {
+                NewSample<Memory> sample;
+                sample.stamp = stamp;
+                sample.parent = parent;
+                sample.payload.fill(++value_);
+                writer().append(context_, sample);
+            }
             pending_.push_back({stamp, parent, value_, committed_ + 1});
         }
     }
+    [[nodiscard]] CommitNumber oldest_read() override { return held_ ? 0 : committed_; }
+    [[nodiscard]] CommitNumber newest() override { return committed_; }
 
     [[nodiscard]] const std::map<StampNs, Entry>& visible(CommitNumber snapshot) {
         if (seen_snapshot_ == snapshot && seen_entries_ == entries_.size())
@@ -135,12 +145,12 @@ private:
         return found;
     }
 
-    static void judge(const View& view, std::uint64_t index, const Entry* expected) {
-        CHECK_EQ(index == kNoIndex, expected == nullptr);
-        if (index == kNoIndex || expected == nullptr)
+    static void judge(const View& view, const SampleAt& sample, const Entry* expected) {
+        CHECK_EQ(!sample, expected == nullptr);
+        if (!sample || expected == nullptr)
             return;
-        const SlotData<Memory> slot = view.read(index);
-        CHECK_EQ(view.stamp_at(index), expected->stamp);
+        const SlotData<Memory> slot = view.read(sample);
+        CHECK_EQ(sample.stamp, expected->stamp);
         CHECK_EQ(slot.parent, expected->parent);
         CHECK_EQ(slot.commit, expected->commit);
         CHECK_EQ(slot.payload.front(), expected->value);
@@ -152,6 +162,8 @@ private:
     StampNs history_;
     bool held_ = false;
     CommitNumber committed_ = 0;
+    WriteContext context_{0, history_, *this};
+    bool cleared_ = false;
     std::uint64_t value_ = 0;
     std::vector<Entry> entries_;
     std::vector<Entry> pending_;

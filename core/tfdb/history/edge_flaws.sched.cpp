@@ -10,7 +10,9 @@ namespace {
 using sched::BelievesFirst;
 using sched::Delays;
 using sched::Forgets;
+using sched::LooksOnce;
 using sched::Word;
+
 const Word& header_word(const SmallMemory& memory, const Places& places, HeaderWord word) {
     return memory.word(places.header(0) + 8 * word);
 }
@@ -24,16 +26,7 @@ MakeFlaw late(HeaderWord delayed, HeaderWord until) {
     };
 }
 
-MakeFlaw late_after_commit(HeaderWord delayed) {
-    return [=](const SmallMemory& memory, const Places& places) {
-        const Word* const word = &header_word(memory, places, delayed);
-        return std::make_unique<Delays>(
-            kWriter, [word](const Word& asked) { return &asked == word; },
-            memory.word(places.commit));
-    };
-}
-
-/// All of the ring's words come after the store that makes them count.
+/// All of the segments' words come after the store that makes them count.
 MakeFlaw late_samples(HeaderWord until) {
     return [=](const SmallMemory& memory, const Places& places) {
         const Word* const end = &memory.word(places.header(1));
@@ -51,19 +44,30 @@ MakeFlaw commit_first() {
     };
 }
 
-MakeFlaw forgotten(HeaderWord word,
-                   const std::function<bool(std::uint64_t now, std::uint64_t value)>& when) {
+/// Stores to a word that are never made.
+MakeFlaw forgotten(HeaderWord word) {
     return [=](const SmallMemory& memory, const Places& places) {
         const Word* const chosen = &header_word(memory, places, word);
-        return std::make_unique<Forgets>([=](const Word& asked, std::uint64_t value) {
-            return &asked == chosen && when(asked.peek(), value);
-        });
+        return std::make_unique<Forgets>(
+            [=](const Word& asked, std::uint64_t) { return &asked == chosen; });
+    };
+}
+MakeFlaw reuse_forgotten() {
+    return [](const SmallMemory& memory, const Places&) {
+        const Word* const chosen = &memory.reclaimed();
+        return std::make_unique<Forgets>(
+            [=](const Word& asked, std::uint64_t) { return &asked == chosen; });
     };
 }
 
-MakeFlaw believed(HeaderWord word) {
+MakeFlaw looked_at_once(HeaderWord word) {
     return [=](const SmallMemory& memory, const Places& places) {
-        return std::make_unique<BelievesFirst>(kReader, header_word(memory, places, word));
+        return std::make_unique<LooksOnce>(kReader, header_word(memory, places, word));
+    };
+}
+MakeFlaw reuse_believed() {
+    return [](const SmallMemory& memory, const Places&) {
+        return std::make_unique<BelievesFirst>(kReader, memory.reclaimed());
     };
 }
 
@@ -90,52 +94,37 @@ void found(const std::string& name, const Script& script, StampNs stamp, const M
     sched::Walk().must_fail(name, "snapshot:", program(script, stamp, 2, flaw, reader));
 }
 
-const Script kAppends{.before = {one(10)}, .during = {one(20)}};
-const Script kEvicts{.history = 15, .before = {one(10), one(30)}, .during = {one(50)}};
-const Script kGrows{.before = {one(10), one(20)}, .during = {one(30)}};
-const Script kAborts{.before = {one(10)}, .during = {aborted(one(20))}};
-const Script kAbortsLate{.before = {one(10), one(30)}, .during = {aborted(one(20)), one(40)}};
-const Script kSorts{.before = {one(17), one(37), {{{0, 15}, {0, 19}}}}, .during = {one(11)}};
-
-bool always(std::uint64_t, std::uint64_t) {
-    return true;
-}
-bool same_ring(std::uint64_t now, std::uint64_t value) {
-    return RingWord::is_busy(value) || RingWord::block(now) == RingWord::block(value);
-}
-bool busy_ring(std::uint64_t, std::uint64_t value) {
-    return RingWord::is_busy(value);
-}
+const Script kAppends{.before = {one(10), one(20)}, .during = {one(30)}};
+const Script kSeals{.before = {one(10), one(20)}, .during = {one(30), one(40), one(50)}};
+const Script kEvicts{.history = 15, .before = {one(10), one(20)}, .during = {one(40), one(60), one(80)}};
+const Script kLate{.before = {one(10), one(30)}, .during = {one(20), one(22), one(24)}};
+const Script kClears{.before = {one(10), one(20)}, .during = {one(kClearMarker), one(5)}};
+const Script kCorrects{.before = {one(10), one(10)}, .during = {one(10), one(10)}};
+const Script kAborts{.before = {one(10)}, .during = {aborted(one(20)), one(15)}};
 
 }  // namespace
 
 TFDB_SCHED(edge_flaws_of_the_writer_are_found) {
-    found("commit published before its samples", kAppends, 15, commit_first());
-    found("head stored before the slot", kAppends, 15, late_samples(kHead));
-    found("head stored before its commit", kAppends, 15, late(kHeadCommit, kHead));
-    found("flag of lateness set after the commit",
-          {.before = {one(10), one(30)}, .during = {one(20)}}, 25, late_after_commit(kTopology));
-    found("begin announced after the overwrite", kEvicts, 5, late(kBegin, kHead));
-    found("nobody told what was overwritten",
-          {.history = 15, .before = {one(10)}, .during = {one(30), one(50)}}, 15,
-          forgotten(kEvictSafe, always));
-    found("ring published before its samples are copied", kGrows, 15, late_samples(kRing));
-    found("abort of a sample that is not told to be newer", kAborts, 15,
-          forgotten(kHeadCommit, always));
-    found("abort that turns no reader back", kAbortsLate, 35, forgotten(kRing, same_ring));
-    found("samples sorted anew beside readers", kSorts, 40, forgotten(kRing, busy_ring));
-    found("clear that turns no reader back",
-          {.before = {one(1), {{{0, 0}, {0, 4}}}, {{{0, 14}, {0, 3}}}},
-           .during = {one(kClearMarker), one(3)},
-           .may_evict = false},
-          70, forgotten(kRing, same_ring));
+    found("commit published before its samples", kAppends, 25, commit_first());
+    found("tail stored before the slot", kAppends, 35, late_samples(kTail));
+    found("tail stored before its commit is told", kAppends, 35, late(kChanged, kTail));
+    found("nobody told what was evicted", kEvicts, 25, forgotten(kForgotten));
+    found("directory stored before its entries", kSeals, 15, late_samples(kDirectory));
+    found("a copy made part of the edge before it is filled", kLate, 15, late_samples(kTail));
+    found("blocks used again, and nobody told", kLate, 25, reuse_forgotten());
+    found("version ended before readers are sent to it", kClears, 15, late(kSince, kTail));
+    found("version ended, and readers not sent to it", kClears, 15, forgotten(kSince));
+    found("nobody told of a sample that was replaced", kCorrects, 10, forgotten(kCorrected));
+    found("abort of a sample that is not told to be newer", kAborts, 18, forgotten(kChanged));
 }
 
 TFDB_SCHED(edge_flaws_of_the_reader_are_found) {
-    found("begin not looked at again", kEvicts, 20, believed(kBegin));
-    found("ring not looked at again after a growth",
-          {.before = {one(10), one(20)}, .during = {one(30), one(40), one(50)}}, 15,
-          believed(kRing));
+    found("tail not looked at again after the directory",
+          {.before = {one(20)},
+           .during = {one(10), one(30), one(40), one(50)},
+           .may_evict = false},
+          15, looked_at_once(kTail));
+    found("reuse not looked at again", kLate, 25, reuse_believed());
     found("a snapshot for each edge", {.edges = 2, .before = {both(10)}, .during = {both(20)}}, 15,
           {}, read_of_two_snapshots);
 }

@@ -1,232 +1,361 @@
 // One edge as one snapshot sees it: which samples are visible, and the two around a stamp.
 #pragma once
 
-#include <array>
+#include <algorithm>
+#include <bit>
 #include <cstdint>
+#include <limits>
 
-#include "tfdb/history/layout.hpp"
+#include "tfdb/history/segment.hpp"
 
 namespace tfdb::history {
 
-/// The samples around a stamp. Indices are kNoIndex where there is none.
+/// The samples around a stamp: the last one at or before it, and the first one after it.
 struct Bracket {
-    std::uint64_t before = kNoIndex;  // greatest stamp <= the stamp asked for
-    std::uint64_t after = kNoIndex;   // least stamp > the stamp asked for
-    StampNs before_stamp = kNoStamp;
-    StampNs after_stamp = kNoStamp;
-    std::uint64_t lowest = 0;  // the answer holds while this index is not overwritten
+    SampleAt before;
+    SampleAt after;
 };
 
-/// First word and payload of a slot.
-template <class Memory>
-struct SlotData {
-    FrameId parent = kNoFrame;
-    CommitNumber commit = 0;
-    std::array<std::uint64_t, Memory::kPayloadWords> payload{};
-};
-
-/// A reader's window on one edge's ring at one commit.
+/// A reader's window on one edge at one commit.
+///
+/// Whatever the writer does meanwhile, the words that it swaps lead to segments that still hold all
+/// that this snapshot sees; samples of later commits are told by their numbers and passed over.
+/// What may happen is that a block is used again, but not before a commit later than the snapshot:
+/// the memory says up to which commit it has gone.
 /// Threads: each thread makes its own; any number beside the one writer.
 /// Guarantee: wait-free. What was read counts only if `confirm` says so afterwards; every
 /// function that returns false, and a failed `confirm`, mean "overtaken by the writer: read again".
 template <class Memory>
 class EdgeView {
 public:
-    /// Looks at the frame whose header is at `header`. False if the frame's slot was reused.
-    [[nodiscard]] bool open(Memory& memory, Offset header, CommitNumber snapshot, StampNs history) {
+    /// Looks at the frame whose header is at `header`; empty where it was not born yet.
+    /// `as_of`: the newest commit when the reader began, if `snapshot` may be later than that.
+    [[nodiscard]] bool open(Memory& memory, Offset header, CommitNumber snapshot, StampNs history,
+                            CommitNumber as_of = kMaxCommit) {
         memory_ = &memory;
         header_ = header;
         snapshot_ = snapshot;
+        as_of_ = std::min(snapshot, as_of);
         history_ = history;
-        mode_ = Mode::kOrdered;
-        cleared_ = false;
-        ring_ = word(kRing).load_acquire();
-        topology_ = word(kTopology).load_acquire();
-        if (RingWord::empty(ring_)) {
-            lo_ = hi_ = 0;
-            if (RingWord::is_busy(ring_))
-                return false;
-            return word(kBorn).load_acquire() >> kFrameBits <= snapshot;
-        }
-        stamps_ = RingLayout<Memory>::stamps(ring_);
-        slots_ = RingLayout<Memory>::slots(ring_);
-        mask_ = RingWord::capacity(ring_) - 1;
-        hi_ = word(kHead).load_acquire();
-        // Flags are set before the head that they speak of.
-        topology_ = word(kTopology).load_acquire();
-        lo_ = word(kBegin).load_acquire();
-        const bool newer = word(kHeadCommit).load_relaxed() > snapshot;
-        if (newer || (topology_ & kUnusual) != 0)
-            open_unusual(newer);
-        return hi_ > lo_ || lo_ == 0 || snapshot_ >= word(kEvictSafe).load_relaxed();
+        overtaken_ = false;
+        newest_ = {};
+        if (!load())
+            return false;
+        const bool whole = word(kChanged).load_relaxed() <= snapshot;
+        // All else was stored after these two, or before what was loaded.
+        const CommitNumber since = word(kSince).load_acquire();
+        const bool born = word(kBorn).load_acquire() >> kFrameBits <= snapshot;
+        if (!confirm())
+            return false;
+        if (since > snapshot && !load_older())
+            return false;
+        // The writer puts a full tail into the directory before it takes a new one.
+        if (end_ > begin_ && SegmentWord::block(entry(end_ - 1)) == SegmentWord::block(tail_))
+            --end_;
+        find_newest(whole && since <= snapshot);
+        // A slot that is being reused holds a mix of two frames.
+        return !overtaken_ && (newest_ ? born : !may_miss());
     }
 
-    [[nodiscard]] bool empty() const { return hi_ == lo_; }
+    [[nodiscard]] bool empty() const { return !newest_; }
     /// Whether samples of the edge were cleared before this snapshot (of an edge that is empty).
-    [[nodiscard]] bool was_cleared() const { return cleared_; }
+    [[nodiscard]] bool was_cleared() const { return (topology_ & Topology::kCleared) != 0; }
+    /// May be newer than the snapshot: then it says less.
     [[nodiscard]] std::uint64_t topology() const { return topology_; }
-    [[nodiscard]] bool is_static() const {
-        return hi_ > lo_ &&
-               (mode_ == Mode::kScan ? scan_static_ : (topology_ & Topology::kStatic) != 0);
-    }
-    [[nodiscard]] std::uint64_t lo() const { return lo_; }
-    [[nodiscard]] std::uint64_t hi() const { return hi_; }
-    [[nodiscard]] bool ordered() const { return mode_ == Mode::kOrdered; }
+    [[nodiscard]] bool is_static() const { return newest_ && newest_.stamp == kStaticStamp; }
     /// True only if all samples name one parent (by its slot, which may have had another frame).
-    [[nodiscard]] bool one_parent() const {
-        return mode_ != Mode::kScan && (topology_ & Topology::kMixedParents) == 0;
-    }
+    [[nodiscard]] bool one_parent() const { return (topology_ & Topology::kMixedParents) == 0; }
 
-    /// True if all that was read since `open`, at `lowest` and above, was whole and of this ring.
-    [[nodiscard]] bool confirm(std::uint64_t lowest) const {
+    /// True if all that was read since `open` was whole.
+    [[nodiscard]] bool confirm() const {
         Memory::fence_acquire();
-        return word(kRing).load_relaxed() == ring_ &&
-               (lowest == kNoIndex || word(kBegin).load_relaxed() <= lowest);
+        return memory_->reclaimed().load_relaxed() <= as_of_ &&
+               word(kCorrected).load_relaxed() <= snapshot_;
     }
 
-    /// The newest sample in commit order of a static edge.
-    [[nodiscard]] std::uint64_t static_index() const {
-        return mode_ == Mode::kScan ? scan_last_ : hi_ - 1;
-    }
+    /// The sample with the greatest stamp, the pose of a static edge; none if none is visible.
+    [[nodiscard]] SampleAt newest() const { return newest_; }
 
     /// Finds the samples around `stamp` among those that the snapshot retains.
     [[nodiscard]] bool bracket(StampNs stamp, Bracket& out) const {
-        if (mode_ != Mode::kOrdered)
-            return bracket_general(stamp, out);
-        const std::uint64_t p = upper_bound(stamp);
-        out.lowest = lo_;
-        out.before = out.after = kNoIndex;
-        if (p < hi_) {
-            out.after = p;
-            out.after_stamp = stamp_at(p);
-        }
-        if (p == lo_ && may_miss())
+        const StampNs cutoff = this->cutoff();
+        const Spot at = locate(std::max(stamp, cutoff - 1));
+        out.before = sample(last_visible(at));
+        out.after = sample(first_visible(at));
+        if (!out.before && may_miss())
             return false;
-        if (p > lo_)
-            out.lowest = p - 1;
-        const StampNs found = p > lo_ ? stamp_at(p - 1) : kNoStamp;
-        if (p == lo_ || expired(found)) {
-            // What comes next counts only if it is itself retained.
-            return out.after == kNoIndex || !expired(out.after_stamp) || bracket(cutoff() - 1, out);
-        }
-        out.before = p - 1;
-        out.before_stamp = found;
-        return true;
+        if (out.before && out.before.stamp < cutoff)
+            out.before = {};
+        return !overtaken_;
     }
 
-    /// The sample with the greatest stamp; kNoIndex if none is visible.
-    [[nodiscard]] bool newest(std::uint64_t& index, StampNs& stamp) const {
-        index = kNoIndex;
-        if (hi_ == lo_)
-            return true;
-        if (mode_ == Mode::kOrdered) {
-            index = hi_ - 1;
-            stamp = stamp_at(index);
-            return true;
-        }
-        if (may_miss())
-            return false;
-        stamp = newest_stamp();
-        index = stamp < 0 ? kNoIndex : last_at_or_before(stamp).index;
-        return true;
-    }
-
-    /// The sample with the least stamp that the snapshot retains; kNoIndex if none.
-    [[nodiscard]] bool oldest(std::uint64_t& index, StampNs& stamp) const {
-        index = kNoIndex;
-        if (hi_ == lo_)
+    /// The sample with the least stamp that the snapshot retains; none if none.
+    [[nodiscard]] bool oldest(SampleAt& out) const {
+        out = {};
+        if (empty())
             return true;
         Bracket around;
         if (!bracket(cutoff() - 1, around))
             return false;
-        index = around.after;
-        stamp = around.after_stamp;
+        out = around.after;
         return true;
     }
 
-    [[nodiscard]] StampNs stamp_at(std::uint64_t index) const {
-        return as_stamp(memory_->word(stamps_ + 8 * (index & mask_)).load_relaxed());
+    /// Calls visit(sample) in stamp order for the one at or before `from` and `more` before that,
+    /// for all up to `to`, and for the one after it and `more` after that, as far as the snapshot
+    /// retains them. Ends when `visit` returns false.
+    template <class Visit>
+    [[nodiscard]] bool visit(StampNs from, StampNs to, unsigned more, Visit visit) const {
+        const StampNs cutoff = this->cutoff();
+        Spot at = locate(std::max(from, cutoff - 1));
+        Spot first = first_visible(at);
+        for (unsigned i = 0; i <= more; ++i) {
+            const Spot before = last_visible(at);
+            if (!before.found) {
+                if (may_miss())
+                    return false;
+                break;
+            }
+            if (before.segment.stamp(before.index) < cutoff)
+                break;
+            first = before;
+            at = first_of_its_stamp(before);
+        }
+        for (unsigned after = 0; first.found && after <= more;
+             first = first_visible(behind(first))) {
+            const SampleAt found = sample(first);
+            after += found.stamp > to ? 1 : 0;
+            if (!visit(found))
+                break;
+        }
+        return !overtaken_;
     }
-    [[nodiscard]] std::uint64_t slot_word(std::uint64_t index) const {
-        return memory_->word(slot(index)).load_relaxed();
+
+    /// No sample is of an older commit.
+    [[nodiscard]] CommitNumber least_commit() const {
+        CommitNumber least = kMaxCommit;
+        for (std::uint64_t k = begin_; k <= end_; ++k) {
+            const Segment<Memory> in = segment(k);
+            if (!in.empty())
+                least = std::min<CommitNumber>(least, in.meta(kLeast).load_relaxed());
+        }
+        return least;
     }
-    [[nodiscard]] SlotData<Memory> read(std::uint64_t index) const {
+
+    [[nodiscard]] std::uint64_t slot_word(const SampleAt& at) const {
+        return memory_->word(at.slot).load_relaxed();
+    }
+    [[nodiscard]] SlotData<Memory> read(const SampleAt& at) const {
         SlotData<Memory> data;
-        const Offset at = slot(index);
-        const std::uint64_t first = memory_->word(at).load_relaxed();
+        const std::uint64_t first = memory_->word(at.slot).load_relaxed();
         data.parent = SlotWord::parent(first);
         data.commit = SlotWord::commit(first);
         for (unsigned i = 0; i < Memory::kPayloadWords; ++i) {
-            data.payload[i] = memory_->word(at + 8 * (1 + i)).load_relaxed();
+            data.payload[i] = memory_->word(at.slot + 8 * (1 + Offset{i})).load_relaxed();
         }
         return data;
     }
 
-    /// True if the sample at `index` counts for the snapshot (ordered views: always in [lo, hi)).
-    [[nodiscard]] bool visible(std::uint64_t index) const {
-        return mode_ != Mode::kScan || SlotWord::commit(slot_word(index)) <= snapshot_;
-    }
-    /// True if something that this snapshot may need was overwritten before `open`.
-    [[nodiscard]] bool may_miss() const {
-        return lo_ != 0 && snapshot_ < word(kEvictSafe).load_relaxed();
-    }
     /// Stamps below it are no longer retained.
-    [[nodiscard]] StampNs cutoff() const { return newest_stamp() - history_; }
-    /// First index in [lo, hi) whose stamp is greater (ordered views only).
-    [[nodiscard]] std::uint64_t upper_bound(StampNs stamp) const;
+    [[nodiscard]] StampNs cutoff() const { return newest_.stamp - history_; }
 
 private:
-    enum class Mode : std::uint8_t {
-        kOrdered,  // one run, stamps rise strictly
-        kRuns,     // a few nearly sorted runs
-        kScan,     // this snapshot is older than a rebuild or a clear: look at every sample
+    /// A place among the samples: segment `k` (that at `end_` is the tail), index within it.
+    struct Spot {
+        std::uint64_t k = 0;
+        Segment<Memory> segment;
+        std::uint64_t index = 0;
+        bool found = false;
     };
-    struct Found {
-        std::uint64_t index = kNoIndex;
-        StampNs stamp = kNoStamp;
-    };
-    static constexpr std::uint64_t kUnusual =
-        Topology::kUnordered | Topology::kCleared | Topology::kRebuilt;
+    static constexpr int kLoads = 8;
 
     [[nodiscard]] typename Memory::Word& word(HeaderWord w) const {
-        return memory_->word(header_ + 8 * w);
+        return memory_->word(header_ + 8 * Offset{w});
     }
-    [[nodiscard]] Offset slot(std::uint64_t index) const {
-        return slots_ + RingLayout<Memory>::kSlotBytes * (index & mask_);
-    }
-    /// The header's newest stamp would not do: a clear in progress lowers it.
-    [[nodiscard]] bool expired(StampNs stamp) const { return stamp < cutoff(); }
+    [[nodiscard]] Directory<Memory> directory() const { return {*memory_, directory_}; }
+    /// True if something that this snapshot may need was evicted before `open`.
+    [[nodiscard]] bool may_miss() const { return snapshot_ < forgotten_; }
 
-    void open_unusual(bool newer);
-    void open_scan();
-    [[nodiscard]] std::uint64_t walk_back(std::uint64_t floor) const;
-    [[nodiscard]] std::uint64_t search_tail(std::uint64_t from, std::uint64_t to,
-                                            StampNs stamp) const;
-    [[nodiscard]] bool bracket_general(StampNs stamp, Bracket& out) const;
-    [[nodiscard]] StampNs newest_stamp() const;
-    [[nodiscard]] Found last_at_or_before(StampNs stamp) const;
-    [[nodiscard]] StampNs least_stamp_after(StampNs stamp) const;
-    template <class Visit>
-    void visit_near(StampNs stamp, Visit visit) const;
+    /// The tail and the directory before it. A tail that becomes full meanwhile goes to the
+    /// directory: then both are loaded again.
+    [[nodiscard]] bool load() {
+        tail_ = word(kTail).load_acquire();
+        for (int tries = 0; tries < kLoads; ++tries) {
+            load_directory(word(kDirectory).load_acquire());
+            // Flags are set before the samples that they speak of.
+            topology_ = word(kTopology).load_acquire();
+            const std::uint64_t again = word(kTail).load_acquire();
+            if (SegmentWord::block(again) == SegmentWord::block(tail_))
+                return true;
+            tail_ = again;
+        }
+        return false;
+    }
+    void load_directory(Offset block) {
+        directory_ = block;
+        begin_ = end_ = 0;
+        if (block != 0) {
+            end_ = directory().word(kDirEnd).load_acquire();
+            begin_ = directory().word(kDirBegin).load_acquire();
+        }
+        // What is evicted is told before.
+        forgotten_ = word(kForgotten).load_relaxed();
+    }
+    /// The version before the last clear, or one before that.
+    [[nodiscard]] bool load_older() {
+        Offset version = word(kOlder).load_acquire() & ~kTakenBack;
+        for (CommitNumber since = kMaxCommit; since > snapshot_;) {
+            if (version == 0 || !confirm())
+                return false;
+            const auto old = [&](VersionWord w) {
+                return memory_->word(version + 8 * Offset{w}).load_relaxed();
+            };
+            tail_ = old(kOldTail);
+            topology_ = old(kOldTopology);
+            since = old(kOldSince);
+            load_directory(old(kOldDirectory));
+            version = old(kOldOlder);
+        }
+        return confirm();
+    }
+
+    [[nodiscard]] std::uint64_t entry(std::uint64_t k) const {
+        const std::uint64_t found = directory().entry(k).load_acquire();
+        // A word from a block that was used again leads anywhere.
+        if (confirm())
+            return found;
+        overtaken_ = true;
+        return 0;
+    }
+    [[nodiscard]] Segment<Memory> segment(std::uint64_t k) const {
+        return {*memory_, k == end_ ? tail_ : entry(k)};
+    }
+    [[nodiscard]] SampleAt sample(const Spot& at) const {
+        if (!at.found)
+            return {};
+        return {at.segment.slot(at.index), at.segment.stamp(at.index)};
+    }
+
+    void find_newest(bool whole) {
+        const Segment<Memory> tail(*memory_, tail_);
+        if (whole && !tail.empty()) {
+            newest_ = {tail.slot(tail.end() - 1), tail.stamp(tail.end() - 1)};
+        } else {
+            newest_ = sample(last_visible({end_, tail, tail.end(), false}));
+        }
+    }
+
+    /// The segment in which the stamp lies, or would lie.
+    [[nodiscard]] std::uint64_t find_segment(StampNs stamp) const {
+        const Segment<Memory> tail(*memory_, tail_);
+        if (begin_ == end_ || (!tail.empty() && tail.stamp(tail.begin()) <= stamp))
+            return end_;
+        return directory().find(begin_, end_, stamp);
+    }
+    /// Index of the first sample in a segment whose stamp is greater.
+    [[nodiscard]] std::uint64_t find_index(const Segment<Memory>& segment, std::uint64_t k,
+                                           StampNs stamp) const {
+        if (segment.empty())
+            return segment.begin();
+        double rate = 0.0;
+        StampNs first = 0;
+        if (k == end_) {
+            rate = std::bit_cast<double>(word(kRate).load_relaxed());
+            first = segment.stamp(segment.begin());
+        } else {
+            first = directory().first(k);
+            const StampNs next = k + 1 < end_ ? directory().first(k + 1) : newest_.stamp;
+            rate = next > first ? static_cast<double>(SegmentWord::count(segment.word())) /
+                                      static_cast<double>(next - first)
+                                : 0.0;
+        }
+        return gallop([&](std::uint64_t i) { return segment.stamp(i); }, segment.begin(),
+                      segment.end(),
+                      guess_at(static_cast<double>(stamp - first), rate, segment.begin()), stamp);
+    }
+    /// Before the first sample with a greater stamp, and behind some sample if there is one.
+    [[nodiscard]] Spot locate(StampNs stamp) const {
+        std::uint64_t k = find_segment(stamp);
+        for (;;) {
+            const Segment<Memory> segment = this->segment(k);
+            const std::uint64_t index = find_index(segment, k, stamp);
+            if (index > segment.begin() || k == begin_)
+                return {k, segment, index, false};
+            --k;
+        }
+    }
+
+    [[nodiscard]] bool visible(const Segment<Memory>& segment, std::uint64_t index) const {
+        return segment.commit(index) <= snapshot_;
+    }
+    [[nodiscard]] bool all_too_new(const Segment<Memory>& segment) const {
+        return segment.meta(kLeast).load_relaxed() > snapshot_;
+    }
+    /// The last visible sample before a place. Of equal stamps the later one is the newer commit's.
+    [[nodiscard]] Spot last_visible(Spot at) const {
+        for (;;) {
+            const std::uint64_t begin = at.segment.begin();
+            for (bool first = true; at.index > begin; first = false) {
+                --at.index;
+                if (visible(at.segment, at.index)) {
+                    at.found = true;
+                    return at;
+                }
+                if (first && all_too_new(at.segment))
+                    break;
+            }
+            if (at.k == begin_)
+                return {at.k, at.segment, begin, false};
+            --at.k;
+            at.segment = segment(at.k);
+            at.index = at.segment.end();
+        }
+    }
+    /// The first visible sample from a place on; of those with the same stamp the newest one.
+    [[nodiscard]] Spot first_visible(Spot at) const {
+        Spot best = at;
+        best.found = false;
+        for (;; ++at.k, at.segment = segment(at.k), at.index = at.segment.begin()) {
+            for (bool first = true; at.index < at.segment.end(); ++at.index, first = false) {
+                if (best.found &&
+                    at.segment.stamp(at.index) != best.segment.stamp(best.index))
+                    return best;
+                if (visible(at.segment, at.index)) {
+                    best = at;
+                    best.found = true;
+                } else if (first && !best.found && all_too_new(at.segment)) {
+                    break;
+                }
+            }
+            if (at.k == end_)
+                return best;
+        }
+    }
+    [[nodiscard]] Spot behind(Spot at) const {
+        ++at.index;
+        return at;
+    }
+    /// Before all samples that have the stamp of this one.
+    [[nodiscard]] Spot first_of_its_stamp(Spot at) const {
+        const StampNs stamp = at.segment.stamp(at.index);
+        if (at.index > at.segment.begin() && at.segment.stamp(at.index - 1) != stamp)
+            return at;
+        return locate(stamp - 1);
+    }
 
     Memory* memory_ = nullptr;
     Offset header_ = 0;
     CommitNumber snapshot_ = 0;
+    CommitNumber as_of_ = 0;
     StampNs history_ = 0;
-    std::uint64_t ring_ = 0;
+    std::uint64_t tail_ = 0;
+    Offset directory_ = 0;
+    std::uint64_t begin_ = 0;
+    std::uint64_t end_ = 0;
+    CommitNumber forgotten_ = 0;
     std::uint64_t topology_ = Topology::kRoot;
-    Offset stamps_ = 0;
-    Offset slots_ = 0;
-    std::uint64_t mask_ = 0;
-    std::uint64_t lo_ = 0;
-    std::uint64_t hi_ = 0;
-    Mode mode_ = Mode::kOrdered;
-    bool scan_static_ = false;
-    bool cleared_ = false;
-    std::uint64_t scan_last_ = kNoIndex;
+    SampleAt newest_;
+    mutable bool overtaken_ = false;
 };
 
 }  // namespace tfdb::history
-
-#include "tfdb/history/edge_view_open.ipp"
-#include "tfdb/history/edge_view_search.ipp"

@@ -1,157 +1,272 @@
-// The writer's side of one edge's ring: append, evict, grow, take late samples, undo.
+// The writer's side of one edge: append, take late samples, clear, evict, take back.
+//
+// Readers go on beside all of it. What they look at stays as it is: new samples go into slots that
+// no reader was ever sent to, a late one into a copy of its segment, and one store of a word makes
+// it part of the edge. Samples carry the number of their commit, so nobody sees those of a commit
+// that is not published. To take a commit back is to leave its samples out at the ends of segments,
+// and to mark those in their midst (`trim`): it needs nothing but the number of the last commit, so
+// it can be done after a writer's death as well, and again where it was interrupted.
 #pragma once
 
 #include <algorithm>
 #include <array>
+#include <bit>
 #include <cstdint>
-#include <utility>
-#include <vector>
 
-#include "tfdb/history/layout.hpp"
+#include "tfdb/base/error.hpp"
+#include "tfdb/history/edge_view.hpp"
+#include "tfdb/history/segment.hpp"
 
 namespace tfdb::history {
 
-/// What the commit in progress needs to know to write.
-struct WriteContext {
-    CommitNumber committed = 0;  // newest published commit; samples are tagged with the next one
-    StampNs history = kForever;
-    mutable bool may_evict = true;  // false while held snapshots may still need what is oldest
-    // Where finding that out costs a fence, it is asked for when a ring is full, and not before.
-    mutable bool (*ask_may_evict)(void* store) = nullptr;
-    // The same, where those that are held are told from those that are not: the oldest state that
-    // anybody may read, or later; what it does not show may go.
-    mutable CommitNumber (*ask_oldest)(void* store) = nullptr;
-    mutable CommitNumber oldest = kMaxCommit;
-    void* store = nullptr;
+/// What writers must know of readers. Threads: as whoever made it. Guarantee: as there.
+class Readers {
+public:
+    Readers() = default;
+    Readers(const Readers&) = delete;
+    Readers& operator=(const Readers&) = delete;
+    virtual ~Readers() = default;
 
-    /// What this state does not show may be overwritten. Nothing that is newer than it may.
+    /// The oldest state that anybody may still read. What neither it nor a later one shows may go.
+    [[nodiscard]] virtual CommitNumber oldest_read() = 0;
+    /// The newest commit that a reader may have seen published.
+    [[nodiscard]] virtual CommitNumber newest() = 0;
+};
+
+/// The commit in progress, as far as edges need to know it.
+/// Threads: the writer's. Guarantee: asks `readers` as little as it can, for that costs a fence.
+class WriteContext {
+public:
+    /// `newest`: the newest published commit; samples are tagged with the next one.
+    WriteContext(CommitNumber newest, StampNs retained, Readers& readers)
+        : committed(newest), history(retained), readers_(&readers) {}
+
+    [[nodiscard]] CommitNumber number() const { return committed + 1; }
+    /// As Readers', but never newer than what is committed.
     [[nodiscard]] CommitNumber oldest_read() const {
-        if (ask_oldest != nullptr) {
-            oldest = ask_oldest(store);
-            ask_oldest = nullptr;
+        if (!asked_) {
+            oldest_ = std::min(readers_->oldest_read(), committed);
+            asked_ = true;
         }
-        if (ask_may_evict != nullptr) {
-            may_evict = ask_may_evict(store);
-            ask_may_evict = nullptr;
-        }
-        return may_evict ? std::min(oldest, committed) : 0;
+        return oldest_;
     }
-    /// Whether no held snapshot may need what is oldest.
-    [[nodiscard]] bool eviction_allowed() const { return oldest_read() == committed; }
+    /// Held snapshots count no more: there is no memory for them.
+    void give_up_snapshots() const {
+        asked_ = true;
+        oldest_ = committed;
+    }
+    /// States before this commit may look at what is taken out of use now.
+    [[nodiscard]] CommitNumber retired_as() const { return readers_->newest() + 1; }
+
+    CommitNumber committed;
+    StampNs history;
+
+private:
+    Readers* readers_;
+    mutable bool asked_ = false;
+    mutable CommitNumber oldest_ = 0;
 };
 
 /// A sample as the writer hands it in.
 template <class Memory>
 struct NewSample {
-    StampNs stamp = 0;  // or kStaticStamp, kClearMarker
+    StampNs stamp = 0;  // or kStaticStamp
     FrameId parent = kNoFrame;
     std::array<std::uint64_t, Memory::kPayloadWords> payload{};
 };
 
-/// The header's words before a commit touched them: what an abort puts back.
-struct EdgeUndo {
-    static constexpr std::array<HeaderWord, 9> kWords = {
-        kHead, kTopology, kHeadCommit, kNewest, kOrder, kCleared, kOrderedFrom, kLate, kParentFrom};
-    std::array<std::uint64_t, kWords.size()> words{};
-
-    [[nodiscard]] constexpr std::uint64_t operator[](HeaderWord word) const {
-        std::size_t at = 0;
-        while (kWords[at] != word)
-            ++at;
-        return words[at];
+/// Takes a block out of use that readers may still look at.
+template <class Memory>
+void retire(Memory& memory, const WriteContext& context, Offset block, std::size_t bytes) {
+    constexpr std::size_t kKept = Tuning<Memory>::kKept;
+    memory.retire(block, bytes, context.retired_as());
+    if (memory.retired_bytes() > kKept)
+        memory.reclaim(context.oldest_read(), kKept);
+}
+template <class Memory>
+void retire_segment(Memory& memory, const WriteContext& context, std::uint64_t word) {
+    if (SegmentWord::block(word) != 0) {
+        const std::size_t bytes = Segment<Memory>::bytes(SegmentWord::capacity(word));
+        retire(memory, context, SegmentWord::block(word), bytes);
     }
+}
+
+/// A block that nobody knows yet: it goes back unless it is put to use.
+/// Threads: one. Guarantee: as the memory's.
+template <class Memory>
+class NewBlock {
+public:
+    NewBlock(Memory& memory, std::size_t bytes)
+        : memory_(memory), block_(memory.allocate(bytes)), bytes_(bytes) {}
+    ~NewBlock() {
+        if (block_ != 0)
+            memory_.release(block_, bytes_);
+    }
+    NewBlock(const NewBlock&) = delete;
+    NewBlock& operator=(const NewBlock&) = delete;
+
+    [[nodiscard]] Offset offset() const { return block_; }
+    void use() { block_ = 0; }
+
+private:
+    Memory& memory_;
+    Offset block_;
+    std::size_t bytes_;
 };
 
-/// Appends samples of the commit in progress to one edge. Nothing that it writes is seen by a
-/// reader before the store publishes the commit.
-/// Threads: only the holder of the commit lock.
-/// Guarantee: readers are never blocked; if `append` throws, `undo` leaves what was committed.
+/// A new segment without samples; what is put into it counts once its word is stored.
+/// Threads: one. Guarantee: as the memory's.
 template <class Memory>
-class EdgeWriter {
+class NewSegment : public NewBlock<Memory> {
 public:
-    EdgeWriter(Memory& memory, Offset header) : memory_(memory), header_(header) {}
+    NewSegment(Memory& memory, std::uint64_t capacity)
+        : NewBlock<Memory>(memory, Segment<Memory>::bytes(capacity)),
+          memory_(memory),
+          into_(memory, SegmentWord::pack(this->offset(),
+                                          static_cast<unsigned>(std::countr_zero(capacity)), 0, 0)) {
+        into_.meta(kLeast).store_relaxed(kMaxCommit);
+        into_.meta(kGreatest).store_relaxed(0);
+    }
 
-    /// Tags one sample with commit `context.committed + 1` and puts it behind the newest one.
-    /// O(1) at the newest end. May throw CapacityExceeded, having changed nothing that counts.
+    [[nodiscard]] Segment<Memory> segment() const { return {memory_, word()}; }
+    /// The next sample's place.
+    void start_at(std::uint64_t index) { begin_ = end_ = index; }
+    [[nodiscard]] std::uint64_t word() const {
+        return SegmentWord::only(into_.word(), begin_, end_);
+    }
+    void put(const NewSample<Memory>& sample, CommitNumber commit) {
+        const Offset slot = into_.slot(end_);
+        memory_.word(slot).store_relaxed(SlotWord::pack(commit, sample.parent));
+        for (unsigned i = 0; i < Memory::kPayloadWords; ++i)
+            memory_.word(slot + 8 * (1 + Offset{i})).store_relaxed(sample.payload[i]);
+        took(sample.stamp, commit);
+    }
+    void copy(const Segment<Memory>& from, std::uint64_t index) {
+        const Offset source = from.slot(index);
+        const Offset target = into_.slot(end_);
+        for (unsigned i = 0; i <= Memory::kPayloadWords; ++i) {
+            memory_.word(target + 8 * Offset{i})
+                .store_relaxed(memory_.word(source + 8 * Offset{i}).load_relaxed());
+        }
+        took(from.stamp(index), from.commit(index));
+    }
+
+private:
+    void took(StampNs stamp, CommitNumber commit) {
+        memory_.word(into_.stamp_offset(end_++)).store_relaxed(as_word(stamp));
+        auto& least = into_.meta(kLeast);
+        if (commit < least.load_relaxed())
+            least.store_relaxed(commit);
+        auto& greatest = into_.meta(kGreatest);
+        if (commit > greatest.load_relaxed())
+            greatest.store_relaxed(commit);
+    }
+
+    Memory& memory_;
+    Segment<Memory> into_;
+    std::uint64_t begin_ = 0;
+    std::uint64_t end_ = 0;
+};
+
+/// Adds samples of the commit in progress to one edge, and takes them back. Nothing that it writes is seen by a reader
+/// before the store publishes the commit.
+/// Threads: only the holder of the commit lock, or of the frame's.
+/// Guarantee: readers are never blocked; whatever throws, or ends amid its work, `trim` leaves what
+/// was committed.
+template <class Memory>
+class EdgeWriter : public EdgeSegments<Memory> {
+public:
+    using EdgeSegments<Memory>::EdgeSegments;
+
+    /// Tags one sample with the context's commit and puts it where its stamp belongs, behind those
+    /// of the same stamp. O(1) at the newest and at the oldest end. May throw CapacityExceeded.
     void append(const WriteContext& context, const NewSample<Memory>& sample);
 
-    /// Makes room for samples that come one after another in stamp order, beginning with `first`
-    /// (a stamp, or kStaticStamp): to append them cannot fail then. May throw as `append`.
-    void reserve(const WriteContext& context, std::uint64_t samples, StampNs first);
+    /// Makes room for samples that come one after another behind all others: to append them cannot
+    /// fail then. False: so many cannot be announced. May throw as `append`.
+    [[nodiscard]] bool reserve(const WriteContext& context, std::uint64_t samples);
 
-    [[nodiscard]] EdgeUndo save() const;
-    /// The same into a place that is there: a block copied through memory stalls.
-    void save(EdgeUndo& saved) const;
-    /// Takes off all samples that are newer than `committed` and puts the header back. Readers go
-    /// on beside it, unless other things than newer samples of the same parent came.
-    void undo(const EdgeUndo& saved);
+    /// Hides all samples: later ones begin a new version of the edge. At most once in a commit.
+    void clear(const WriteContext& context);
+    /// After the commit that cleared the edge is published: older snapshots alone need what it was.
+    void retire_older(const WriteContext& context);
+
+    /// Leaves out all that is newer than what is committed. Allocates nothing.
+    void trim(const WriteContext& context);
 
     /// After the sample `parent` has become the newest parent: hint for walks.
     void set_depth_hint(std::uint32_t depth);
 
-    /// Gives the ring's memory back when the frame's slot is reused.
-    void free_ring();
-
-    [[nodiscard]] std::uint64_t topology() const { return word(kTopology).load_relaxed(); }
-    /// Greatest stamp, kNoStamp if the edge has no moving samples.
-    [[nodiscard]] StampNs newest() const { return as_stamp(word(kNewest).load_relaxed()); }
-    [[nodiscard]] bool has_samples() const;
+    /// Gives back all memory: the frame is no more in any state that anybody may read.
+    void free(const WriteContext& context);
 
 private:
-    /// Flags that go once the last sample that made them is evicted.
-    static constexpr std::uint64_t kHeals =
-        Topology::kUnordered | Topology::kMixedParents | Topology::kCleared | Topology::kRebuilt;
+    using Base = EdgeSegments<Memory>;
+    using Base::begin;
+    using Base::end;
+    using Base::header_;
+    using Base::memory_;
+    using Base::newest_sample;
+    using Base::segment;
+    using Base::segment_of;
+    using Base::word_of;
+    using Seg = Segment<Memory>;
+    using Dir = Directory<Memory>;
+    using Sizes = Tuning<Memory>;
+    static constexpr std::uint64_t kFull = std::uint64_t{1} << Sizes::kFullLog2;
+    static constexpr std::uint64_t kLargest = std::uint64_t{1} << Sizes::kLargestLog2;
+    static constexpr unsigned kMostEvicted = 64;  // segments at once, so that no commit takes long
+    static_assert(Sizes::kLargestLog2 < 12, "a segment's word counts to 4095");
 
-    /// Those at [first, end) of the ring: stamp and index.
-    struct SortedSamples {
-        std::uint64_t first = 0;
-        std::uint64_t end = 0;
-        std::vector<std::pair<StampNs, std::uint64_t>> samples;
-    };
+    [[nodiscard]] Seg tail() const { return segment(this->word(kTail).load_relaxed()); }
 
-    [[nodiscard]] typename Memory::Word& word(HeaderWord w) const {
-        return memory_.word(header_ + 8 * w);
-    }
-    [[nodiscard]] StampNs stamp_at(std::uint64_t ring, std::uint64_t index) const;
-    [[nodiscard]] Offset slot_at(std::uint64_t ring, std::uint64_t index) const;
-    [[nodiscard]] CommitNumber commit_at(std::uint64_t ring, std::uint64_t index) const;
+    void note(const WriteContext& context, const NewSample<Memory>& sample);
+    void write(const WriteContext& context, const Seg& into, std::uint64_t index,
+               const NewSample<Memory>& sample);
+    template <class Work>
+    void with_memory(const WriteContext& context, Work work);
 
-    [[nodiscard]] bool has_room(std::uint64_t samples) const;
-    void make_room(const WriteContext& context);
-    void free_or_grow(const WriteContext& context);
-    [[nodiscard]] bool is_obsolete(const WriteContext& context, std::uint64_t ring,
-                                   std::uint64_t index, CommitNumber state) const;
-    [[nodiscard]] StampNs newest_of(std::uint64_t ring, std::uint64_t from,
-                                    CommitNumber state) const;
-    [[nodiscard]] CommitNumber evictable(const WriteContext& context) const;
-    void evict_one(CommitNumber state);
-    void evict_early(const WriteContext& context, std::uint64_t ring);
-    void grow();
-    void copy_sample(std::uint64_t from_ring, std::uint64_t from, std::uint64_t to_ring,
-                     std::uint64_t to);
-    void publish_ring(std::uint64_t old_ring, std::uint64_t new_ring);
+    void append_behind(const WriteContext& context, const NewSample<Memory>& sample);
+    void make_room(const WriteContext& context, std::uint64_t samples);
+    void copy_tail(const WriteContext& context, const Seg& full, std::uint64_t first,
+                   std::uint64_t capacity);
+    void seal(const WriteContext& context, std::uint64_t next_capacity);
+    void update_rate();
+    [[nodiscard]] std::uint64_t first_needed(const WriteContext& context, const Seg& full) const;
+    [[nodiscard]] std::uint64_t count_needed(const WriteContext& context, const Seg& in,
+                                             std::uint64_t first) const;
+    [[nodiscard]] bool superseded(const WriteContext& context, const Seg& in,
+                                  std::uint64_t index) const;
+    [[nodiscard]] bool is_needed(const WriteContext& context, const Seg& in,
+                                 std::uint64_t index) const;
+    void forget(const WriteContext& context, HeaderWord what);
+    [[nodiscard]] StampNs cutoff(const WriteContext& context) const;
+    void evict(const WriteContext& context);
+    void heal_parents();
 
-    void note_first(const NewSample<Memory>& sample, std::uint64_t head);
-    void turn_readers_back();
-    void close_ring();
-    void note_parent(FrameId parent, std::uint64_t head);
-    void note_late(const WriteContext& context, StampNs stamp);
-    [[nodiscard]] bool widen_slack(std::uint64_t ring, StampNs stamp);
-    void start_run(const WriteContext& context);
-    [[nodiscard]] SortedSamples sorted_samples(const WriteContext& context) const;
-    void replace_by(const WriteContext& context, const SortedSamples& sorted);
-    void rebuild(const WriteContext& context);
-    [[nodiscard]] bool compact(const WriteContext& context);
-    void write_slot(const WriteContext& context, const NewSample<Memory>& sample);
-    [[nodiscard]] bool only_appended(const EdgeUndo& saved) const;
-    void lower_head(const EdgeUndo& saved);
-    void update_rate(std::uint64_t ring, std::uint64_t head);
+    void insert_late(const WriteContext& context, const NewSample<Memory>& sample);
+    void store_word_of(std::uint64_t k, std::uint64_t word, StampNs first);
+    void insert_in_copy(const WriteContext& context, std::uint64_t k, std::uint64_t index,
+                        std::uint64_t capacity, const NewSample<Memory>& sample);
+    void insert_and_split(const WriteContext& context, std::uint64_t k, std::uint64_t index,
+                          const NewSample<Memory>& sample);
+    void push_front(const WriteContext& context, const NewSample<Memory>& sample);
+    void fill(const WriteContext& context, NewSegment<Memory>& into, const Seg& from,
+              std::uint64_t first, std::uint64_t last, std::uint64_t index,
+              const NewSample<Memory>& sample) const;
 
-    Memory& memory_;
-    Offset header_;
+    template <class Enter>
+    void copy_directory(const WriteContext& context, std::uint64_t at, std::uint64_t removed,
+                        std::uint64_t added, Enter enter);
+    void retire_directory(const WriteContext& context, Offset block);
+    void update_directory_rate();
+    [[nodiscard]] std::uint64_t trimmed(const WriteContext& context, std::uint64_t word) const;
+    void trim_directory(const WriteContext& context);
+    void trim_version(const WriteContext& context);
+    void retire_all(const WriteContext& context, std::uint64_t tail, Offset directory);
+    void restore_topology();
 };
 
 }  // namespace tfdb::history
 
-#include "tfdb/history/edge_writer_late.ipp"
-#include "tfdb/history/edge_writer_ring.ipp"
+#include "tfdb/history/edge_writer.ipp"

@@ -11,6 +11,9 @@
 
 namespace tfdb::history::script {
 
+/// In place of a stamp: the edge is cleared.
+inline constexpr StampNs kClearMarker = -3;
+
 /// One sample of a script: on which edge, when, towards which parent.
 struct Put {
     unsigned edge = 0;
@@ -125,43 +128,60 @@ Places place(Memory& memory, const Script& script) {
     places.headers = memory.allocate(script.edges * kHeaderBytes);
     for (unsigned edge = 0; edge < script.edges; ++edge) {
         const Offset header = places.header(edge);
-        memory.word(header + 8 * kNewest).store_relaxed(as_word(kNoStamp));
         memory.word(header + 8 * kTopology).store_relaxed(Topology::kRoot);
     }
     return places;
 }
 
-/// Writes one batch as the store does: append all, then publish, or put everything back.
+/// Readers as the script has them: the oldest state that anybody may still read is a given one.
+class ScriptReaders : public Readers {
+public:
+    ScriptReaders(CommitNumber oldest, CommitNumber newest) : oldest_(oldest), newest_(newest) {}
+    [[nodiscard]] CommitNumber oldest_read() override { return oldest_; }
+    [[nodiscard]] CommitNumber newest() override { return newest_; }
+    void published() { ++newest_; }
+
+private:
+    CommitNumber oldest_;
+    CommitNumber newest_;
+};
+
+/// Writes one batch as the store does: append all, then publish, or take everything back.
 /// `oldest` is the oldest state that anybody may still read.
 template <class Memory>
 void write_beside(Memory& memory, const Places& places, const Script& script, std::size_t number,
                   CommitNumber oldest) {
     const std::size_t already = script.before.size();
     const Batch& batch = number < already ? script.before[number] : script.during[number - already];
-    WriteContext context;
-    context.committed = memory.word(places.commit).load_relaxed();
-    context.history = script.history;
-    context.oldest = oldest;
-    std::vector<EdgeUndo> saved;
-    for (unsigned edge = 0; batch.aborted && edge < script.edges; ++edge) {
-        saved.push_back(EdgeWriter<Memory>(memory, places.header(edge)).save());
-    }
+    const CommitNumber committed = memory.word(places.commit).load_relaxed();
+    ScriptReaders readers(oldest, committed);
+    const WriteContext context(committed, script.history, readers);
+    std::vector<unsigned> cleared;
     for (std::size_t at = 0; at < batch.puts.size(); ++at) {
         const Put& put = batch.puts[at];
+        EdgeWriter<Memory> edge(memory, places.header(put.edge));
+        if (put.stamp == kClearMarker) {
+            edge.clear(context);
+            cleared.push_back(put.edge);
+            continue;
+        }
         NewSample<Memory> sample;
         sample.stamp = put.stamp;
         sample.parent = put.parent;
         for (unsigned i = 0; i < Memory::kPayloadWords; ++i) {
             sample.payload[i] = payload_word(tag_of(put.edge, number, at), i);
         }
-        EdgeWriter<Memory>(memory, places.header(put.edge)).append(context, sample);
+        edge.append(context, sample);
     }
-    for (unsigned edge = 0; edge < saved.size(); ++edge) {
-        EdgeWriter<Memory>(memory, places.header(edge)).undo(saved[edge]);
+    if (batch.aborted) {
+        for (unsigned edge = 0; edge < script.edges; ++edge)
+            EdgeWriter<Memory>(memory, places.header(edge)).trim(context);
+        return;
     }
-    if (!batch.aborted) {
-        memory.word(places.commit).store_release(context.committed + 1);
-    }
+    memory.word(places.commit).store_release(context.number());
+    readers.published();
+    for (const unsigned edge : cleared)
+        EdgeWriter<Memory>(memory, places.header(edge)).retire_older(context);
 }
 
 template <class Memory>
@@ -181,8 +201,7 @@ struct Taken {
     Bracket around;
     SlotData<Memory> before;
     SlotData<Memory> after;
-    std::uint64_t newest_index = kNoIndex;
-    StampNs newest = kNoStamp;
+    SampleAt newest;
 };
 
 /// Reads one edge as a lookup does. False: overtaken.
@@ -194,23 +213,18 @@ template <class Memory>
         return false;
     }
     taken.around = Bracket{};
-    taken.around.lowest = view.lo();
     taken.is_static = view.is_static();
+    taken.newest = view.newest();
     if (taken.is_static) {
-        taken.around.before = view.static_index();
-        taken.around.lowest = view.ordered() ? taken.around.before : view.lo();
-    } else if (!view.empty()) {
-        if (!view.bracket(stamp, taken.around) || !view.newest(taken.newest_index, taken.newest)) {
-            return false;
-        }
+        taken.around.before = view.newest();
+    } else if (!view.empty() && !view.bracket(stamp, taken.around)) {
+        return false;
     }
-    if (taken.around.before != kNoIndex) {
+    if (taken.around.before)
         taken.before = view.read(taken.around.before);
-    }
-    if (taken.around.after != kNoIndex) {
+    if (taken.around.after)
         taken.after = view.read(taken.around.after);
-    }
-    return view.confirm(taken.around.lowest);
+    return view.confirm();
 }
 
 /// True if the slot holds exactly the sample: every payload word, the parent, the commit.
@@ -237,19 +251,18 @@ void judge(const Taken<Memory>& taken, const std::vector<Sample>& visible, Stamp
                                     [&](const Sample& sample) { return sample.stamp > stamp; });
     const bool has_before = after != visible.begin();
     const bool has_after = after != visible.end();
-    require((taken.around.before != kNoIndex) == has_before, "a sample before, or none");
-    require((taken.around.after != kNoIndex) == has_after, "a sample after, or none");
+    require(static_cast<bool>(taken.around.before) == has_before, "a sample before, or none");
+    require(static_cast<bool>(taken.around.after) == has_after, "a sample after, or none");
     if (has_before) {
-        require(taken.around.before_stamp == (after - 1)->stamp, "the nearest stamp before");
+        require(taken.around.before.stamp == (after - 1)->stamp, "the nearest stamp before");
         require(same(taken.before, *(after - 1)), "the sample before is the snapshot's, whole");
     }
     if (has_after) {
-        require(taken.around.after_stamp == after->stamp, "the nearest stamp after");
+        require(taken.around.after.stamp == after->stamp, "the nearest stamp after");
         require(same(taken.after, *after), "the sample after is the snapshot's, whole");
     }
     if (!visible.empty()) {
-        require(taken.newest_index != kNoIndex, "a newest sample");
-        require(taken.newest == visible.back().stamp, "the newest stamp");
+        require(taken.newest.stamp == visible.back().stamp, "the newest stamp");
     }
 }
 

@@ -10,9 +10,9 @@ namespace tfdb::lookup {
 namespace detail {
 
 template <View V>
-[[nodiscard]] bool names_parent(const V& view, const typename V::Edge& edge, std::uint64_t index,
+[[nodiscard]] bool names_parent(const V& view, const typename V::Edge& edge, const SampleAt& sample,
                                 FrameId parent) {
-    const std::uint64_t slot = edge.slot_word(index);
+    const std::uint64_t slot = edge.slot_word(sample);
     return history::SlotWord::parent(slot) == parent &&
            view.alive_since(parent, history::SlotWord::commit(slot));
 }
@@ -24,23 +24,23 @@ template <View V>
                                           FrameId parent, history::Bracket around, StampNs& from,
                                           StampNs& to) {
     history::Bracket at = around;
-    StampNs first = around.before_stamp;
+    StampNs first = around.before.stamp;
     while (first > from) {
         if (!edge.bracket(first - 1, at))
             return Outcome::kLapped;
-        if (at.before == history::kNoIndex || !names_parent(view, edge, at.before, parent))
+        if (!at.before || !names_parent(view, edge, at.before, parent))
             break;
-        first = at.before_stamp;
+        first = at.before.stamp;
     }
     from = std::max(from, first);
-    StampNs last = around.before_stamp;
+    StampNs last = around.before.stamp;
     while (last < to) {
-        if (around.after == history::kNoIndex) {
+        if (!around.after) {
             to = last;
         } else if (!names_parent(view, edge, around.after, parent)) {
-            to = std::min(to, around.after_stamp - 1);  // the sample before is held until then
+            to = std::min(to, around.after.stamp - 1);  // the sample before is held until then
         } else {
-            last = around.after_stamp;
+            last = around.after.stamp;
             if (!edge.bracket(last, around))
                 return Outcome::kLapped;
             continue;
@@ -61,28 +61,24 @@ template <View V>
     if (!view.open(child, edge))
         return Outcome::kLapped;
     if (edge.empty() || edge.is_static())
-        return edge.confirm(edge.lo()) ? Outcome::kOk : Outcome::kLapped;
+        return edge.confirm() ? Outcome::kOk : Outcome::kLapped;
     history::Bracket around;
-    StampNs oldest = history::kNoStamp;
-    StampNs newest = history::kNoStamp;
-    std::uint64_t first = 0;
-    std::uint64_t last = 0;
-    if (!edge.bracket(stamp, around) || !edge.oldest(first, oldest) || !edge.newest(last, newest))
+    SampleAt oldest;
+    if (!edge.bracket(stamp, around) || !edge.oldest(oldest))
         return Outcome::kLapped;
     Outcome outcome = Outcome::kOk;
-    if (around.before == history::kNoIndex ||
+    if (!around.before ||
         !detail::names_parent(view, edge, around.before, parent)) {
         outcome = Outcome::kMismatch;
     } else if (edge.one_parent() &&
-               (view.generation(parent) == 0 ||
-                (edge.ordered() && detail::names_parent(view, edge, first, parent)))) {
+               (view.generation(parent) == 0 || view.alive_since(parent, edge.least_commit()))) {
         // The parent's slot had no other frame before, or none in whose time a sample was written.
-        from = std::max(from, oldest);
-        to = std::min(to, newest);
+        from = std::max(from, oldest.stamp);
+        to = std::min(to, edge.newest().stamp);
     } else {
         outcome = detail::narrow_step_by_step(view, edge, parent, around, from, to);
     }
-    return edge.confirm(edge.lo()) ? outcome : Outcome::kLapped;
+    return edge.confirm() ? outcome : Outcome::kLapped;
 }
 
 }  // namespace tfdb::lookup

@@ -27,11 +27,11 @@ template <View V>
     if (!select(edge, stamp, policy, chosen))
         return Outcome::kLapped;
     std::uint64_t slot = 0;
-    if (chosen.anchor != history::kNoIndex)
+    if (chosen.anchor)
         slot = edge.slot_word(chosen.anchor);
-    if (!edge.confirm(chosen.lowest))
+    if (!edge.confirm())
         return Outcome::kLapped;
-    if (chosen.anchor == history::kNoIndex || (chosen.refused && edges == Edges::kAnswering)) {
+    if (!chosen.anchor || (chosen.refused && edges == Edges::kAnswering)) {
         return Outcome::kOk;
     }
     const FrameId found = history::SlotWord::parent(slot);
@@ -68,15 +68,14 @@ template <View V>
     failure.limit = policy.limit;
     failure.commit = view.commit();
     history::Bracket around;
-    std::uint64_t index = 0;
-    if (!edge.newest(index, failure.newest) || !edge.oldest(index, failure.oldest) ||
-        !edge.bracket(stamp, around)) {
+    SampleAt oldest;
+    if (!edge.oldest(oldest) || !edge.bracket(stamp, around))
         return Outcome::kLapped;
-    }
-    failure.before = around.before_stamp;
-    failure.after = around.after_stamp;
-    // The oldest sample is the lowest that any of this depends on.
-    return edge.confirm(edge.lo()) ? Outcome::kFailed : Outcome::kLapped;
+    failure.newest = edge.newest().stamp;
+    failure.oldest = oldest.stamp;
+    failure.before = around.before.stamp;
+    failure.after = around.after.stamp;
+    return edge.confirm() ? Outcome::kFailed : Outcome::kLapped;
 }
 
 /// Adds to a failure that this frame has no parent, or another one, only because its edge has no
@@ -93,12 +92,14 @@ template <View V>
     StampNs oldest = history::kNoStamp;
     StampNs newest = history::kNoStamp;
     if (chosen.refused) {
-        std::uint64_t index = 0;
-        if (!edge.newest(index, newest) || !edge.oldest(index, oldest))
+        SampleAt first;
+        if (!edge.oldest(first))
             return Outcome::kLapped;
+        oldest = first.stamp;
+        newest = edge.newest().stamp;
         slot = edge.slot_word(chosen.anchor);
     }
-    if (!edge.confirm(edge.lo()))
+    if (!edge.confirm())
         return Outcome::kLapped;
     noted = chosen.refused && (stamp < oldest || stamp > newest);
     if (!noted)
@@ -126,12 +127,12 @@ template <View V>
     Selection chosen;
     if (!select(edge, stamp, policy, chosen))
         return Outcome::kLapped;
-    if (chosen.anchor == history::kNoIndex)
+    if (!chosen.anchor)
         return Outcome::kMismatch;
     const auto anchor = edge.read(chosen.anchor);
     pose = std::bit_cast<geometry::Pose>(anchor.payload);
     geometry::Pose other;
-    bool mixed = chosen.second != history::kNoIndex;
+    bool mixed = static_cast<bool>(chosen.second);
     if (mixed) {
         const auto second = edge.read(chosen.second);
         other = std::bit_cast<geometry::Pose>(second.payload);
@@ -140,7 +141,7 @@ template <View V>
         if (!mixed && chosen.used == Used::kInterpolated)
             chosen.used = Used::kHeld;
     }
-    if (!edge.confirm(chosen.lowest))
+    if (!edge.confirm())
         return Outcome::kLapped;
     if (anchor.parent != parent || !view.alive_since(parent, anchor.commit)) {
         return Outcome::kMismatch;

@@ -5,7 +5,7 @@
 #include <array>
 
 #include "tfdb/graph/frames.hpp"
-#include "tfdb/history/layout.hpp"
+#include "tfdb/history/segment.hpp"
 #include "tfdb/memory/memory.hpp"
 
 namespace tfdb::lookup {
@@ -15,7 +15,7 @@ namespace tfdb::lookup {
 template <memory::Fetchable Memory>
 [[gnu::noinline]] unsigned fetch_path(const graph::Frames<Memory>& frames, FrameId target,
                                       FrameId source) {
-    using history::RingWord;
+    using history::SegmentWord;
     using history::Topology;
     constexpr unsigned kMost = 64;  // edges: three lines each are half of a first-level cache
     std::array<FrameId, kMost> edges;
@@ -37,14 +37,12 @@ template <memory::Fetchable Memory>
     }
     for (unsigned i = 0; i < found; ++i) {
         const Offset header = frames.header(edges[i]);
-        const std::uint64_t ring = memory.word(header + 8 * history::kRing).load_relaxed();
-        if (RingWord::empty(ring))
+        const std::uint64_t word = memory.word(header + 8 * history::kTail).load_relaxed();
+        if (SegmentWord::count(word) == 0)
             continue;
-        const std::uint64_t head = memory.word(header + 8 * history::kHead).load_relaxed();
-        const std::uint64_t newest = (head - 1) & (RingWord::capacity(ring) - 1);
-        memory.fetch(history::RingLayout<Memory>::stamps(ring) + 8 * newest);
-        memory.fetch(history::RingLayout<Memory>::slots(ring) +
-                     history::RingLayout<Memory>::kSlotBytes * newest);
+        const history::Segment<Memory> tail(memory, word);
+        memory.fetch(tail.stamp_offset(tail.end() - 1));
+        memory.fetch(tail.slot(tail.end() - 1));
     }
     return found;
 }

@@ -105,20 +105,12 @@ template <View V>
     if (!view.open(id, edge)) {
         return Outcome::kLapped;
     }
-    std::uint64_t index = history::kNoIndex;
-    std::uint64_t lowest = edge.lo();
-    if (edge.is_static()) {
-        index = edge.static_index();
-    } else if (!edge.newest(index, stamp)) {
-        return Outcome::kLapped;
-    }
-    if (index != history::kNoIndex) {
-        parent = history::SlotWord::parent(edge.slot_word(index));
-        if (edge.ordered()) {
-            lowest = index;
-        }
-    }
-    return edge.confirm(lowest) ? Outcome::kOk : Outcome::kLapped;
+    const history::SampleAt newest = edge.newest();
+    if (!edge.is_static())
+        stamp = newest.stamp;
+    if (newest)
+        parent = history::SlotWord::parent(edge.slot_word(newest));
+    return edge.confirm() ? Outcome::kOk : Outcome::kLapped;
 }
 
 /// What is asked of the path in the newest tree.

@@ -1,5 +1,6 @@
-// The common case of a lookup, in one pass over the path: ordered samples, one parent per frame,
-// at most a few samples newer than the snapshot. Whatever is different is left to the general code.
+// The common case of a lookup, in one pass over the path: one parent per frame, both samples in one
+// segment, at most a few samples newer than the snapshot. Whatever is different is left to the
+// general code.
 #pragma once
 
 #include <bit>
@@ -21,6 +22,7 @@ template <class V>
 concept InPlaceView = View<V> && requires(const V v) {
     v.frames();
     v.history();
+    { v.as_of() } -> std::same_as<CommitNumber>;  // no later than when it began to read
 };
 
 /// A view that must be told before a frame is read, and again afterwards: its engine takes a lock
@@ -42,7 +44,8 @@ public:
           view_(view),
           policy_(policy),
           answer_(answer),
-          commit_(view.commit()) {}
+          commit_(view.commit()),
+          as_of_(view.as_of()) {}
 
     /// False: not the common case. The answer's edges are then unspecified.
     [[nodiscard]] bool at(FrameId target, FrameId source, StampNs stamp) {
@@ -104,15 +107,14 @@ public:
             fetch(down.id, up.id);
             Node& node = move_up ? up : down;
             (move_up ? up_from : down_from) = node.id;
-            Ring ring;
+            Samples tail;
             const Entered entered(*this, node);
-            if (!entered.admitted() || !open(node, ring)) {
+            if (!entered.admitted() || !open(node, tail)) {
                 return false;
             }
-            const StampNs newest =
-                ring.is_static ? history::kNoStamp : stamp_at(ring, ring.head - 1);
-            const std::uint64_t slot = slot_word(ring, ring.head - 1);
-            if (!confirm(node, ring, ring.head - 1) || !ascend(node, slot)) {
+            const StampNs newest = tail.stamp(tail.end - 1);
+            const std::uint64_t slot = tail.slot(tail.end - 1)->load_relaxed();
+            if (!confirm() || !ascend(node, slot)) {
                 return false;
             }
             if (newest >= 0 && (stamp < 0 || newest < stamp)) {
@@ -128,7 +130,8 @@ public:
 private:
     using Memory = typename V::Memory;
     using Word = typename Memory::Word;
-    using Layout = history::RingLayout<Memory>;
+    using Segment = history::Segment<Memory>;
+    using SegmentWord = history::SegmentWord;
     using Topology = history::Topology;
 
     /// Where nothing was committed since this answer's last lookup, the caches still have its
@@ -147,9 +150,7 @@ private:
     }
 
     /// What makes a frame none of the common case.
-    static constexpr std::uint64_t kUnusual = Topology::kMixedParents | Topology::kUnordered |
-                                              Topology::kCleared | Topology::kMortal |
-                                              Topology::kRebuilt;
+    static constexpr std::uint64_t kUnusual = Topology::kMixedParents | Topology::kMortal;
     static constexpr int kNear = 8;  // samples around the guess that are tried one by one
 
     struct Node {
@@ -158,14 +159,22 @@ private:
         std::uint64_t topology = 0;
         std::uint32_t generation = 0;
     };
-    struct Ring {
-        std::uint64_t word = 0;
-        std::uint64_t head = 0;
+    /// The samples of one segment at [begin, end), in place.
+    struct Samples {
         std::uint64_t begin = 0;
-        std::uint64_t mask = 0;
+        std::uint64_t end = 0;
         const Word* stamps = nullptr;
         const Word* slots = nullptr;
-        bool is_static = false;
+
+        [[nodiscard, gnu::always_inline]] StampNs stamp(std::uint64_t index) const {
+            return history::as_stamp(stamps[index].load_relaxed());
+        }
+        [[nodiscard, gnu::always_inline]] const Word* slot(std::uint64_t index) const {
+            return slots + (1 + Memory::kPayloadWords) * index;
+        }
+        [[nodiscard, gnu::always_inline]] CommitNumber commit(std::uint64_t index) const {
+            return history::SlotWord::commit(slot(index)->load_relaxed());
+        }
     };
 
     /// One frame's stay behind its engine's guard, if it has one.
@@ -220,51 +229,38 @@ private:
         return parent == hinted && load(hinted, history::SlotWord::commit(slot), node);
     }
 
-    /// If nothing in the ring is newer than the view, all of it is the view's, and the flags that
-    /// were read before belong to it.
-    [[nodiscard, gnu::always_inline]] bool open(const Node& node, Ring& ring) const {
+    [[nodiscard, gnu::always_inline]] Samples samples(std::uint64_t word) const {
+        const Segment segment(memory_, word);
+        return {segment.begin(), segment.end(), &memory_.word(segment.stamp_offset(0)),
+                &memory_.word(segment.slot(0))};
+    }
+    /// The tail, up to its last sample that is the view's.
+    [[nodiscard, gnu::always_inline]] bool open(const Node& node, Samples& tail) const {
         const Word* header = node.header;
-        ring.word = header[history::kRing].load_acquire();
-        ring.head = header[history::kHead].load_acquire();
-        ring.begin = header[history::kBegin].load_acquire();
-        ring.is_static = (node.topology & Topology::kStatic) != 0;
-        if ((node.topology & kUnusual) != 0 || history::RingWord::empty(ring.word) ||
-            ring.head <= ring.begin) {
+        const std::uint64_t word = header[history::kTail].load_acquire();
+        if ((node.topology & kUnusual) != 0 || SegmentWord::count(word) == 0 ||
+            header[history::kSince].load_acquire() > commit_) {
             return false;
         }
-        ring.mask = history::RingWord::capacity(ring.word) - 1;
-        ring.stamps = &memory_.word(Layout::stamps(ring.word));
-        ring.slots = &memory_.word(Layout::slots(ring.word));
-        return header[history::kHeadCommit].load_relaxed() <= commit_ ||
-               leave_out_newer(node, ring);
+        tail = samples(word);
+        return header[history::kChanged].load_relaxed() <= commit_ || leave_out_newer(node, tail);
     }
     /// Few commits pass during one lookup: what they appended is left out one by one. The flags
-    /// must be those of the ring that is read: one that was sorted anew has newer samples in its
-    /// midst.
-    [[nodiscard, gnu::noinline]] bool leave_out_newer(const Node& node, Ring& ring) const {
-        if ((node.header[history::kTopology].load_acquire() & kUnusual) != 0)
+    /// must be those of the samples that are read.
+    [[nodiscard, gnu::noinline]] bool leave_out_newer(const Node& node, Samples& tail) const {
+        if ((node.header[history::kTopology].load_acquire() & kUnusual) != 0 ||
+            node.header[history::kCorrected].load_relaxed() > commit_)
             return false;
-        for (int tries = kNear; ring.head > ring.begin && tries > 0; --tries) {
-            if (history::SlotWord::commit(slot_word(ring, ring.head - 1)) <= commit_)
+        for (int tries = kNear; tail.end > tail.begin && tries > 0; --tries) {
+            if (tail.commit(tail.end - 1) <= commit_)
                 return true;
-            --ring.head;
+            --tail.end;
         }
         return false;
     }
-    [[nodiscard, gnu::always_inline]] bool confirm(const Node& node, const Ring& ring,
-                                                   std::uint64_t lowest) const {
+    [[nodiscard, gnu::always_inline]] bool confirm() const {
         Memory::fence_acquire();
-        return node.header[history::kRing].load_relaxed() == ring.word &&
-               node.header[history::kBegin].load_relaxed() <= lowest;
-    }
-    [[nodiscard]] static StampNs stamp_at(const Ring& ring, std::uint64_t index) {
-        return history::as_stamp(ring.stamps[index & ring.mask].load_relaxed());
-    }
-    [[nodiscard]] static const Word* slot_at(const Ring& ring, std::uint64_t index) {
-        return ring.slots + (1 + Memory::kPayloadWords) * (index & ring.mask);
-    }
-    [[nodiscard]] static std::uint64_t slot_word(const Ring& ring, std::uint64_t index) {
-        return slot_at(ring, index)->load_relaxed();
+        return memory_.reclaimed().load_relaxed() <= as_of_;
     }
     /// Number by number: a copy of several words would wait until each of them has been stored.
     [[gnu::always_inline]] static geometry::Pose pose_in(const Word* slot) {
@@ -281,26 +277,35 @@ private:
 
     /// Index of the sample at or before the stamp; false where the general code must look. Samples
     /// mostly come at a steady rate: the guess is at most a few positions off.
-    [[nodiscard, gnu::always_inline]] bool find(const Node& node, const Ring& ring,
+    [[nodiscard, gnu::always_inline]] bool find(const Node& node, Samples& in,
                                                 std::uint64_t& index, StampNs& before) const {
-        index = ring.head - 1;
-        before = stamp_at(ring, index);
+        index = in.end - 1;
+        before = in.stamp(index);
         if (stamp_ >= before) {
             return stamp_ == before;
         }
         const StampNs cutoff = before - view_.history();
         const double back = static_cast<double>(before - stamp_) *
                             std::bit_cast<double>(node.header[history::kRate].load_relaxed());
-        if (back < static_cast<double>(index - ring.begin)) {
+        if (back < static_cast<double>(index - in.begin)) {
             index -= static_cast<std::uint64_t>(back);
+        } else if (in.stamp(in.begin) > stamp_) {
+            return find_sealed(node, in, index, before) && before >= cutoff;
         }
-        before = stamp_at(ring, index);
+        return near(in, index, before) && before >= cutoff;
+    }
+    /// From a guess to the sample at or before the stamp. Where the next one is of a stamp of which
+    /// there are several, or in another segment, the general code must look.
+    [[nodiscard, gnu::always_inline]] bool near(const Samples& in, std::uint64_t& index,
+                                                StampNs& before) const {
+        before = in.stamp(index);
         int tries = kNear;
-        while (before > stamp_ && index > ring.begin && --tries > 0) {
-            before = stamp_at(ring, --index);
+        while (before > stamp_ && index > in.begin && --tries > 0) {
+            before = in.stamp(--index);
         }
-        while (tries > 0 && index + 1 < ring.head) {
-            const StampNs after = stamp_at(ring, index + 1);
+        StampNs after = before;
+        while (tries > 0 && index + 1 < in.end) {
+            after = in.stamp(index + 1);
             if (after > stamp_) {
                 break;
             }
@@ -308,24 +313,65 @@ private:
             ++index;
             --tries;
         }
-        if (tries <= 0 && !search(node, ring, index, before)) {
+        if (tries <= 0) {
+            index = search(in);
+            if (index == in.begin)
+                return false;
+            before = in.stamp(--index);
+            if (index + 1 < in.end)
+                after = in.stamp(index + 1);
+        }
+        if (before > stamp_) {
             return false;
         }
-        return before <= stamp_ && before >= cutoff;
+        const bool repeated = index + 2 < in.end && in.stamp(index + 2) == after;
+        return before == stamp_ || (index + 1 < in.end && !repeated);
     }
-
-    [[nodiscard]] bool search(const Node& node, const Ring& ring, std::uint64_t& index,
-                              StampNs& before) const {
-        typename V::Edge edge;
-        if (!view_.open(node.id, edge) || !edge.ordered()) {
+    [[nodiscard, gnu::noinline]] std::uint64_t search(const Samples& in) const {
+        std::uint64_t from = in.begin;
+        std::uint64_t length = in.end - in.begin;
+        while (length > 0) {
+            const std::uint64_t half = length / 2;
+            const bool right = in.stamp(from + half) <= stamp_;
+            from = right ? from + half + 1 : from;
+            length = right ? length - half - 1 : half;
+        }
+        return from;
+    }
+    /// The stamp lies before the tail: in a segment of the directory, not at its ends.
+    [[nodiscard, gnu::noinline]] bool find_sealed(const Node& node, Samples& in,
+                                                  std::uint64_t& index, StampNs& before) const {
+        const Offset block = node.header[history::kDirectory].load_acquire();
+        if (block == 0) {
             return false;
         }
-        index = edge.upper_bound(stamp_);
-        if (index <= edge.lo() || index <= ring.begin || index >= ring.head) {
+        const history::Directory<Memory> directory(memory_, block);
+        const std::uint64_t end = directory.word(history::kDirEnd).load_acquire();
+        const std::uint64_t begin = directory.word(history::kDirBegin).load_acquire();
+        // What was read of a block that was used again leads anywhere.
+        if (begin >= end || !confirm()) {
             return false;
         }
-        before = stamp_at(ring, --index);
-        return true;
+        const std::uint64_t k = directory.find(begin, end, stamp_);
+        const std::uint64_t word = directory.entry(k).load_acquire();
+        const StampNs first = directory.first(k);
+        const StampNs next = k + 1 < end ? directory.first(k + 1) : in.stamp(in.begin);
+        if (SegmentWord::count(word) == 0 || !confirm()) {
+            return false;
+        }
+        in = samples(word);
+        const double share = static_cast<double>(stamp_ - first) / static_cast<double>(next - first);
+        const auto count = static_cast<double>(in.end - in.begin);
+        index = in.begin;
+        if (share > 0.0 && share < 1.0)
+            index += static_cast<std::uint64_t>(share * count);
+        // Of a later version, since the view's header was read.
+        if (node.header[history::kSince].load_acquire() > commit_) {
+            return false;
+        }
+        // The last one may be followed by others of its stamp, in the next segment.
+        return near(in, index, before) && (before == stamp_ ? index + 1 < in.end
+                                                           : index + 2 < in.end);
     }
 
     static void put_in_front(const geometry::Pose& pose, geometry::Pose& composed, bool& moved) {
@@ -340,37 +386,45 @@ private:
     /// Takes one edge: its pose at the stamp goes in front of what was composed so far.
     [[nodiscard, gnu::always_inline]] bool step(Node& node, geometry::Pose& composed, bool& moved,
                                                 std::vector<EdgeUse>& uses, bool inverted) {
-        Ring ring;
+        Samples in;
         const Entered entered(*this, node);
-        if (!entered.admitted() || !open(node, ring)) {
+        if (!entered.admitted() || !open(node, in)) {
             return false;
         }
         const FrameId child = node.id;
         const std::uint32_t generation = node.generation;
-        std::uint64_t index = ring.head - 1;
-        StampNs before = history::kNoStamp;
+        std::uint64_t index = in.end - 1;
+        StampNs before = in.stamp(index);
         StampNs after = history::kNoStamp;
-        Used used = ring.is_static ? Used::kStatic : Used::kExact;
+        Used used = Used::kExact;
         const Word* next = nullptr;
-        if (!ring.is_static && policy_.kind == PolicyKind::kLatest) {
+        if (before == history::kStaticStamp) {
+            used = Used::kStatic;
+            before = history::kNoStamp;
+        } else if (policy_.kind == PolicyKind::kLatest) {
             used = Used::kLatest;
-            before = after = stamp_at(ring, index);
-        } else if (!ring.is_static) {
-            if (!find(node, ring, index, before)) {
+            after = before;
+        } else {
+            if (!find(node, in, index, before)) {
                 return false;
             }
             after = before;
             if (before != stamp_) {
                 used = Used::kInterpolated;
-                after = stamp_at(ring, index + 1);
-                next = slot_at(ring, index + 1);
+                after = in.stamp(index + 1);
+                next = in.slot(index + 1);
             }
             if (after - before > policy_.limit) {
                 return false;
             }
         }
-        const Word* slot = slot_at(ring, index);
+        const Word* slot = in.slot(index);
         const std::uint64_t first = slot->load_relaxed();
+        // A late sample of a commit that came after the view.
+        if (history::SlotWord::commit(first) > commit_ ||
+            (next != nullptr && history::SlotWord::commit(next->load_relaxed()) > commit_)) {
+            return false;
+        }
         geometry::Pose pose;
         if (next != nullptr) {
             mix_slots(slot, next, geometry::share(before, after, stamp_), pose);
@@ -378,7 +432,7 @@ private:
             geometry::assign(pose, pose_in(slot));
         }
         // A pose from words that were overwritten meanwhile is turned down here.
-        if (!confirm(node, ring, index) || !ascend(node, first)) {
+        if (!confirm() || !ascend(node, first)) {
             return false;
         }
         // Filled in place: a use built elsewhere and copied as a block would stall.
@@ -400,6 +454,7 @@ private:
     Policy policy_;
     Answer& answer_;
     CommitNumber commit_;
+    CommitNumber as_of_;
     StampNs stamp_ = 0;
     unsigned unfetched_in_ = ~0U;  // steps that the lines already asked for will do
     std::vector<EdgeUse>& down_uses_ = answer_.target_edges;

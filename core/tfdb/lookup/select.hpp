@@ -10,12 +10,13 @@
 
 namespace tfdb::lookup {
 
+using history::SampleAt;
+
 /// The choice for one edge. `anchor` is the sample whose parent is the edge's parent at the stamp,
 /// also where the policy then refuses to answer.
 struct Selection {
-    std::uint64_t anchor = history::kNoIndex;  // kNoIndex: the frame has no samples, it is a root
-    std::uint64_t second = history::kNoIndex;  // the other sample of an interpolation
-    std::uint64_t lowest = 0;
+    SampleAt anchor;  // none: the frame has no samples, it is a root
+    SampleAt second;  // the other sample of an interpolation
     StampNs anchor_stamp = -1;
     StampNs second_stamp = -1;
     Used used = Used::kStatic;
@@ -27,7 +28,7 @@ struct Selection {
 namespace detail {
 
 template <class Edge>
-bool parents_equal(const Edge& view, std::uint64_t a, std::uint64_t b) {
+bool parents_equal(const Edge& view, const SampleAt& a, const SampleAt& b) {
     return ((view.slot_word(a) ^ view.slot_word(b)) & kNoFrame) == 0;
 }
 
@@ -51,22 +52,20 @@ template <class Edge>
     const StampNs probe = direction > 0 ? s.anchor_stamp - 1 : s.anchor_stamp;
     if (!view.bracket(probe, next))
         return false;
-    s.lowest = next.lowest < s.lowest ? next.lowest : s.lowest;
     s.second = direction > 0 ? next.before : next.after;
-    s.second_stamp = direction > 0 ? next.before_stamp : next.after_stamp;
-    if (s.second != history::kNoIndex && !parents_equal(view, s.anchor, s.second)) {
-        s.second = history::kNoIndex;
-    }
+    s.second_stamp = s.second.stamp;
+    if (s.second && !parents_equal(view, s.anchor, s.second))
+        s.second = {};
     return true;
 }
 
 inline void select_nearest(const history::Bracket& around, StampNs stamp, const Policy& policy,
                            Selection& s) {
-    const bool later = around.before == history::kNoIndex ||
-                       (around.after != history::kNoIndex &&
-                        around.after_stamp - stamp < stamp - around.before_stamp);
+    const bool later =
+        !around.before ||
+        (around.after && around.after.stamp - stamp < stamp - around.before.stamp);
     s.anchor = later ? around.after : around.before;
-    s.anchor_stamp = later ? around.after_stamp : around.before_stamp;
+    s.anchor_stamp = s.anchor.stamp;
     s.used = s.anchor_stamp == stamp ? Used::kExact : Used::kNearest;
     const StampNs distance = later ? s.anchor_stamp - stamp : stamp - s.anchor_stamp;
     if (distance > policy.limit)
@@ -86,10 +85,10 @@ template <class Edge>
             refuse(s, ErrorCode::kStale, 0);
         return true;
     }
-    if (around.after == history::kNoIndex)
+    if (!around.after)
         return select_outside(view, stamp, policy, 1, s);
-    s.second_stamp = around.after_stamp;
-    const StampNs gap = around.after_stamp - around.before_stamp;
+    s.second_stamp = around.after.stamp;
+    const StampNs gap = around.after.stamp - around.before.stamp;
     if (policy.kind == PolicyKind::kInterpolate && gap > policy.limit) {
         refuse(s, ErrorCode::kGapTooLarge, 0);
         return true;
@@ -109,35 +108,30 @@ template <class Edge>
 template <class Edge>
 [[nodiscard]] bool select(const Edge& view, StampNs stamp, const Policy& policy, Selection& s) {
     s = Selection{};
-    s.lowest = view.lo();
     if (view.empty())
         return true;
     if (view.is_static()) {
-        s.anchor = view.static_index();
-        s.lowest = view.ordered() ? s.anchor : view.lo();
+        s.anchor = view.newest();
         return true;
     }
     if (policy.kind == PolicyKind::kLatest) {
         s.used = Used::kLatest;
-        if (!view.newest(s.anchor, s.anchor_stamp))
-            return false;
-        if (view.ordered())
-            s.lowest = s.anchor;
+        s.anchor = view.newest();
+        s.anchor_stamp = s.anchor.stamp;
         return true;
     }
     history::Bracket around;
     if (!view.bracket(stamp, around))
         return false;
-    s.lowest = around.lowest;
-    if (around.before == history::kNoIndex && around.after == history::kNoIndex)
+    if (!around.before && !around.after)
         return true;
     if (policy.kind == PolicyKind::kNearest) {
         detail::select_nearest(around, stamp, policy, s);
         return true;
     }
-    if (around.before == history::kNoIndex) {
+    if (!around.before) {
         s.anchor = around.after;
-        s.anchor_stamp = around.after_stamp;
+        s.anchor_stamp = around.after.stamp;
         if (policy.kind == PolicyKind::kExact) {
             detail::refuse(s, ErrorCode::kNoSampleNear, 0);
             return true;
@@ -145,8 +139,8 @@ template <class Edge>
         return detail::select_outside(view, stamp, policy, -1, s);
     }
     s.anchor = around.before;
-    s.anchor_stamp = around.before_stamp;
-    if (around.before_stamp == stamp) {
+    s.anchor_stamp = around.before.stamp;
+    if (around.before.stamp == stamp) {
         s.used = Used::kExact;
         return true;
     }

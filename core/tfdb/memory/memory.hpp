@@ -12,6 +12,11 @@ namespace tfdb::memory {
 /// A region of shared words addressed by byte offsets. In production it is mapped memory; under the
 /// interleaving walker and under Relacy its words are the checker's, so the very same protocol code
 /// is checked. `kPayloadWords` is 7 for poses and smaller in walks.
+///
+/// A block that readers may still look at is not released but retired, by a commit: readers of that
+/// commit or a later one have no way to it. It waits in line until `reclaim`; whoever reads an older
+/// state finds by `reclaimed`, the greatest commit whose blocks have gone, that it may have read
+/// something else.
 template <class M>
 concept Memory = requires(M m, const M cm, Offset offset, std::size_t bytes) {
     typename M::Word;
@@ -19,6 +24,10 @@ concept Memory = requires(M m, const M cm, Offset offset, std::size_t bytes) {
     { m.word(offset) } -> std::same_as<typename M::Word&>;
     { m.allocate(bytes) } -> std::same_as<Offset>;
     m.release(offset, bytes);
+    m.retire(offset, bytes, CommitNumber{});
+    m.reclaim(CommitNumber{}, std::size_t{});
+    { cm.retired_bytes() } -> std::same_as<std::size_t>;
+    { cm.reclaimed() } -> std::same_as<typename M::Word&>;
     M::fence_acquire();
     M::fence_release();
     M::fence_full();

@@ -17,7 +17,15 @@ constexpr Offset kBumpWord = 8;
 constexpr Offset kUsedWord = 16;
 constexpr Offset kFreeWord = 24;
 constexpr Offset kLockWord = 32;
-constexpr Offset kHeads = kLineBytes;  // one free list per size class
+constexpr Offset kFirstRetired = 40;
+constexpr Offset kLastRetired = 48;
+constexpr Offset kRetiredWord = 56;
+constexpr Offset kReclaimedWord = kLineBytes;  // in a line of its own: all readers look at it
+constexpr Offset kHeads = 2 * kLineBytes;      // one free list per size class
+// Words of a retired block.
+constexpr Offset kNext = 40;
+constexpr Offset kBytes = 48;
+constexpr Offset kCommit = 56;
 constexpr Offset kFirstBlock = round_up(kHeads + 8 * kSizeClasses, kLineBytes);
 
 constexpr std::size_t kLargestReserve = std::size_t{1} << 38;   // 256 GiB of addresses
@@ -28,7 +36,6 @@ constexpr std::size_t kSmallestReserve = std::size_t{1} << 28;  // 256 MiB: if n
 constexpr std::size_t kShared = std::size_t{1} << 46;
 constexpr std::size_t kPart = 256;
 constexpr std::size_t kHugePage = std::size_t{1} << 21;
-constexpr std::size_t kReturnPagesFrom = std::size_t{1} << 20;
 // Ring bases at power-of-two distances collide in the caches; three odd lines spread them.
 constexpr std::size_t kSkewBytes = 3 * kLineBytes;
 
@@ -133,25 +140,66 @@ Offset PrivateMemory::allocate_sparse(std::size_t bytes) {
     return block;
 }
 
-void PrivateMemory::release(Offset offset, std::size_t bytes) {
+/// Into the free list.
+void PrivateMemory::put_back(Offset block, std::size_t bytes) {
     const BlockClass fit = block_class(bytes);
-    if (fit.bytes >= kReturnPagesFrom) {
-        // Readers that still look here see zeros and find by the ring's word that they are late.
-        const Offset first = round_up(offset, 4096);
-        const Offset last = (offset + fit.bytes) / 4096 * 4096;
-        ::madvise(base_ + first, last - first, MADV_DONTNEED);
-    }
-    sync::CommitLock lock(word(kLockWord));
-    const std::lock_guard guard(lock);
     Word& head = word(kHeads + 8 * Offset{fit.index});
-    word(offset).store_relaxed(head.load_relaxed());
-    head.store_relaxed(offset);
+    word(block).store_relaxed(head.load_relaxed());
+    head.store_relaxed(block);
     count(kUsedWord, std::size_t{0} - fit.bytes);
     count(kFreeWord, fit.bytes);
 }
 
+void PrivateMemory::release(Offset offset, std::size_t bytes) {
+    sync::CommitLock lock(word(kLockWord));
+    const std::lock_guard guard(lock);
+    put_back(offset, bytes);
+}
+
+void PrivateMemory::retire(Offset offset, std::size_t bytes, CommitNumber commit) {
+    word(offset + kNext).store_relaxed(0);
+    word(offset + kBytes).store_relaxed(bytes);
+    word(offset + kCommit).store_relaxed(commit);
+    sync::CommitLock lock(word(kLockWord));
+    const std::lock_guard guard(lock);
+    const Offset last = word(kLastRetired).load_relaxed();
+    word(last == 0 ? kFirstRetired : last + kNext).store_relaxed(offset);
+    word(kLastRetired).store_relaxed(offset);
+    count(kRetiredWord, block_class(bytes).bytes);
+}
+
+void PrivateMemory::reclaim(CommitNumber oldest, std::size_t keep) {
+    sync::CommitLock lock(word(kLockWord));
+    const std::lock_guard guard(lock);
+    while (word(kRetiredWord).load_relaxed() > keep) {
+        const Offset block = word(kFirstRetired).load_relaxed();
+        const CommitNumber commit = word(block + kCommit).load_relaxed();
+        if (commit > oldest)
+            return;
+        const std::size_t bytes = word(block + kBytes).load_relaxed();
+        const Offset next = word(block + kNext).load_relaxed();
+        word(kFirstRetired).store_relaxed(next);
+        if (next == 0)
+            word(kLastRetired).store_relaxed(0);
+        count(kRetiredWord, std::size_t{0} - block_class(bytes).bytes);
+        if (reclaimed().load_relaxed() < commit) {
+            reclaimed().store_relaxed(commit);
+            // Readers must see this before what is written into the block from now on.
+            fence_release();
+        }
+        put_back(block, bytes);
+    }
+}
+
+sync::Word& PrivateMemory::reclaimed() const noexcept {
+    return word(kReclaimedWord);
+}
+
 std::size_t PrivateMemory::used_bytes() const noexcept {
     return word(kUsedWord).load_relaxed();
+}
+std::size_t PrivateMemory::retired_bytes() const noexcept {
+    return word(kRetiredWord).load_relaxed();
 }
 std::size_t PrivateMemory::free_bytes() const noexcept {
     return word(kFreeWord).load_relaxed();

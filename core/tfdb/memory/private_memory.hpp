@@ -14,7 +14,7 @@ namespace tfdb::memory {
 
 /// One mapping of address space, a bump allocator and free lists, all state inside the region.
 /// Threads: any.
-/// Guarantee: `word`, `used_bytes` and `free_bytes` are wait-free; the rest takes turns under a
+/// Guarantee: `word`, `reclaimed` and the numbers of bytes are wait-free; the rest takes turns under a
 /// lock of its own. A word stays readable for the life of the region, also in a released block: a
 /// reader that was overtaken reads stale words, never unmapped memory.
 class PrivateMemory {
@@ -50,8 +50,19 @@ public:
     /// Takes back a block; `bytes` as asked for in `allocate`.
     void release(Offset offset, std::size_t bytes);
 
-    /// Bytes in blocks that are handed out, and in blocks that wait to be used again.
+    /// Takes back a block that readers of states before `commit` may still look at: it is kept as
+    /// it is, but for words 5 to 7, until `reclaim`. Commits come in order, or nearly so.
+    void retire(Offset offset, std::size_t bytes, CommitNumber commit);
+    /// Releases retired blocks in the order in which they came, as long as nobody who reads `oldest`
+    /// or a later state needs them and more than `keep` bytes wait.
+    void reclaim(CommitNumber oldest, std::size_t keep);
+    /// States before this commit may miss retired blocks.
+    [[nodiscard]] Word& reclaimed() const noexcept;
+
+    /// Bytes in blocks that are handed out or retired, in those that are retired, and in blocks that
+    /// wait to be used again.
     [[nodiscard]] std::size_t used_bytes() const noexcept;
+    [[nodiscard]] std::size_t retired_bytes() const noexcept;
     [[nodiscard]] std::size_t free_bytes() const noexcept;
 
     /// The first block that is ever allocated: where the store keeps its own header.
@@ -63,6 +74,7 @@ private:
     Offset reuse_or_bump(const BlockClass& fit);
     void back_by_huge_pages(Offset end);
     void count(Offset counter, std::size_t bytes);
+    void put_back(Offset block, std::size_t bytes);
 
     std::byte* base_ = nullptr;
     std::size_t reserved_ = 0;

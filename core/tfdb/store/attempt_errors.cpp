@@ -29,8 +29,6 @@ std::string describe(const history::EdgeChange& change) {
             return "cleared";
         case Change::kForgotten:
             return "the retained history now begins at " + seconds(change.stamp);
-        case Change::kUnknown:
-            break;
     }
     return "more new samples than are kept";
 }

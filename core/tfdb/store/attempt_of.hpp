@@ -30,10 +30,7 @@ public:
         return impl_.authorities.id(authority);
     }
     void set_author(FrameId id, std::uint64_t author) { impl_.set_author(id, author); }
-    [[nodiscard]] txn::WriteRoom room() {
-        return {[](void* store) { return static_cast<Reads::Impl*>(store)->oldest_read(); },
-                &impl_};
-    }
+    [[nodiscard]] history::Readers& readers() { return impl_; }
 
 private:
     Reads::Impl& impl_;

@@ -74,8 +74,7 @@ StoreCommit Reads::Impl::start_commit() {
     if (!pins.any()) {
         unpinned_bytes.store_relaxed(memory.used_bytes());
     }
-    return {frames, scratch, history,
-            [](void* store) { return static_cast<Impl*>(store)->oldest_read(); }, this};
+    return {frames, scratch, history, *this};
 }
 
 CommitNumber Reads::Impl::oldest_read() {
@@ -151,7 +150,7 @@ CommitNumber Buffer::clear() {
     StoreCommit commit = impl_->start_commit();
     const StoreView view = impl_->view(impl_->committed());
     for (FrameId id = 0; id < impl_->frames.count(); ++id) {
-        const history::EdgeWriter<StoreMemory> edge(impl_->memory, impl_->frames.header(id));
+        const history::EdgeSegments<StoreMemory> edge(impl_->memory, impl_->frames.header(id));
         if (!view.alive(id) || edge.newest() < 0)
             continue;
         if (commit.touch(id))
@@ -172,7 +171,7 @@ Counters Buffer::counters() const {
     counters.commits = commit();
     counters.normalised = impl_->word(graph::kNormalised).load_relaxed();
     counters.lapped_reads = impl_->lapped_reads.load_relaxed();
-    counters.locked_reads = impl_->locked_reads.load_relaxed();
+    counters.pinned_reads = impl_->pinned_reads.load_relaxed();
     counters.aborts = impl_->aborts.load_relaxed();
     counters.conflicts = impl_->conflicts.load_relaxed();
     if (impl_->control != nullptr)
@@ -188,14 +187,15 @@ MemoryUse Buffer::memory() const {
     store::check_may_wait(*impl_);
     const store::Alone alone(*impl_);
     MemoryUse use;
-    use.used_bytes = impl_->memory.used_bytes();
-    use.free_bytes = impl_->memory.free_bytes();
+    const std::size_t retired = impl_->memory.retired_bytes();
+    use.used_bytes = impl_->memory.used_bytes() - retired;
+    use.free_bytes = impl_->memory.free_bytes() + retired;
     use.frames = impl_->frames.count();
     use.frame_bytes = impl_->frames.bytes(static_cast<std::uint32_t>(use.frames));
     use.authority_bytes = impl_->authorities.bytes();
     for (FrameId id = 0; id < impl_->frames.count(); ++id) {
-        use.samples += impl_->frames.word(id, history::kHead).load_relaxed() -
-                       impl_->frames.word(id, history::kBegin).load_relaxed();
+        use.samples +=
+            history::EdgeSegments<StoreMemory>(impl_->memory, impl_->frames.header(id)).stored();
     }
     return use;
 }

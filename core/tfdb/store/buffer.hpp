@@ -90,7 +90,7 @@ struct Counters {
     std::uint64_t commits = 0;
     std::uint64_t normalised = 0;    // quaternions that were off by more than 1e-9 and mended
     std::uint64_t lapped_reads = 0;  // single lookups that took a fresh snapshot
-    std::uint64_t locked_reads = 0;  // ... that in the end went through the commit lock
+    std::uint64_t pinned_reads = 0;  // ... that in the end pinned their state
     std::uint64_t aborts = 0;        // transactions that ended without a commit, conflicts included
     std::uint64_t conflicts = 0;     // transactions that lost against another commit
     std::uint64_t retries = 0;       // lookups and writes that the engine had to begin again

@@ -87,11 +87,8 @@ private:
             if (!batch.sound() || batch.rules().any() || impl_.authorities.crowded() ||
                 !fill(batch, plain))
                 return txn::Written::kNotPlain;
-            const txn::WriteRoom room{
-                [](void* store) { return static_cast<Reads::Impl*>(store)->oldest_read(); },
-                &impl_};
             const std::uint64_t author = impl_.authorities.id(batch.authority());
-            return txn::write_beside(session, plain, room, number, [&](const Item& item) {
+            return txn::write_beside(session, plain, impl_, number, [&](const Item& item) {
                 impl_.set_author(item.child, author);
                 if (item.mended)
                     impl_.word(graph::kNormalised).fetch_add(1);

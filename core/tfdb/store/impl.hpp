@@ -30,9 +30,9 @@ using StoreCommit = txn::Commit<StoreMemory>;
 /// The region with the forest in it, and what only the writers of this process need.
 /// Threads: reads any; `scratch` and `items` only under `lock`.
 /// Guarantee: lives as long as the Buffer or any Snapshot of it.
-struct Reads::Impl {
+struct Reads::Impl final : history::Readers {
     explicit Impl(const BufferOptions& options);
-    ~Impl();
+    ~Impl() override;
 
     [[nodiscard]] sync::Word& word(graph::StoreWord w) const { return frames.store_word(w); }
     [[nodiscard]] CommitNumber committed() const { return word(graph::kCommit).load_acquire(); }
@@ -40,7 +40,12 @@ struct Reads::Impl {
 
     /// The oldest state that anybody may read: what it does not show may be overwritten. The newest
     /// one where held snapshots have already made the store grow as far as they may.
-    [[nodiscard]] CommitNumber oldest_read();
+    [[nodiscard]] CommitNumber oldest_read() override;
+    [[nodiscard]] CommitNumber newest() override {
+        // Whoever saw what is taken out of use had loaded its commit before.
+        sync::fence_full();
+        return committed();
+    }
     /// Starts a commit; the commit lock is held, and nobody writes beside it.
     [[nodiscard]] StoreCommit start_commit();
     /// `author`: what `authorities.id` said since the commit was started.
@@ -96,7 +101,7 @@ struct Reads::Impl {
     sync::Word unpinned_bytes{};  // used when that state was the newest one or came to be asked for
     store::Authorities authorities;
     mutable sync::Word lapped_reads{};
-    mutable sync::Word locked_reads{};
+    mutable sync::Word pinned_reads{};
     sync::Word aborts{};                      // of transactions, conflicts included
     sync::Word conflicts{};                   // transactions that lost
     mutable sync::Word home_process{};        // forks, and the flags above
@@ -106,12 +111,7 @@ struct Reads::Impl {
 
 namespace store {
 
-inline constexpr int kTriesBeforeLock = 16;
-
-/// The lane of readers that take the commit lock because they were overtaken too often. Ordinary
-/// writers let it pass: such a reader waits for one commit of each thread that had passed the lanes
-/// before, and for at most 15 other such readers or transactions, however long its path is.
-inline constexpr unsigned kReadersLane = 1;
+inline constexpr int kTriesBeforePin = 4;
 
 /// The store to oneself: the commit lock is held and, in engines that let others go beside it,
 /// nobody is under way.
@@ -159,6 +159,20 @@ inline void check_may_wait(const Reads::Impl& impl) {
         check_not_alone_in_transaction(impl);
 }
 
+/// Keeps the newest state, and those that come after it, as they are.
+/// Threads: one. Guarantee: wait-free.
+class HeldPin {
+public:
+    explicit HeldPin(const Reads::Impl& impl) : impl_(impl), pin_(impl.pins.take()) {}
+    ~HeldPin() { impl_.pins.drop(pin_); }
+    HeldPin(const HeldPin&) = delete;
+    HeldPin& operator=(const HeldPin&) = delete;
+
+private:
+    const Reads::Impl& impl_;
+    unsigned pin_;
+};
+
 /// What looks missing in a state may be a frame whose slot was reused since: then kLapped. Lookups
 /// that succeed need not ask; listings, and errors, must.
 [[nodiscard]] inline lookup::Outcome unless_reused(const Reads::Impl& impl, CommitNumber commit,
@@ -168,8 +182,9 @@ inline void check_may_wait(const Reads::Impl& impl) {
                                                                    : outcome;
 }
 
-/// Runs `attempt(view)` on a fresh view, or on the held one, until no writer overtakes it; after
-/// sixteen tries alone, where nothing can. kLapped then means: this snapshot's samples are gone.
+/// Runs `attempt(view)` on a fresh view, or on the held one, until no writer overtakes it. A fresh
+/// one is pinned after a few tries: what a pinned state needs is not used again, unless held states
+/// have made the store grow as far as they may. kLapped: this snapshot's samples are gone.
 template <class Attempt>
 lookup::Outcome read_committed(const Reads::Impl& impl, CommitNumber held, CommitNumber fresh,
                                Attempt attempt) {
@@ -181,19 +196,20 @@ lookup::Outcome read_committed(const Reads::Impl& impl, CommitNumber held, Commi
     lookup::Outcome outcome = once();
     if (outcome != lookup::Outcome::kLapped)
         return outcome;
-    for (int i = 1; i < kTriesBeforeLock; ++i) {
+    for (int i = 1; i < kTriesBeforePin; ++i) {
         impl.lapped_reads.fetch_add(1);
         outcome = once();
         if (outcome != lookup::Outcome::kLapped)
             return outcome;
     }
-    // While this thread's own transaction keeps all writers out, trying again is of no use.
-    if (OpenTransaction::any(impl, true))
+    if (held != fresh)
         return outcome;
-    check_may_wait(impl);
-    impl.locked_reads.fetch_add(1);
-    const Alone alone(impl, kReadersLane);
-    return once();
+    impl.pinned_reads.fetch_add(1);
+    do {
+        const HeldPin pin(impl);
+        outcome = once();
+    } while (outcome == lookup::Outcome::kLapped);
+    return outcome;
 }
 
 /// The same. Engines that guard frames may have commits under way that are numbered already: there

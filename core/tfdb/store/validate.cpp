@@ -236,8 +236,7 @@ bool has_stamp(const Reads::Impl& impl, FrameId child, StampNs stamp) {
     history::Bracket around;
     return edge.open(impl.frames.memory(), impl.frames.header(child), impl.committed(),
                      impl.history) &&
-           edge.bracket(stamp, around) && around.before != history::kNoIndex &&
-           around.before_stamp == stamp;
+           edge.bracket(stamp, around) && around.before.stamp == stamp;
 }
 
 Error static_conflict(const TransformView& transform, std::size_t index, bool is_static,

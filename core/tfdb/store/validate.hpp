@@ -22,7 +22,7 @@ using Fault = std::optional<Error>;
 /// Whether the edge has samples, and of the other kind, moving or static.
 [[nodiscard]] inline bool changes_kind(const history::EdgeWriter<StoreMemory>& edge,
                                        bool is_static) {
-    return edge.has_samples() && ((edge.topology() & history::Topology::kStatic) != 0) != is_static;
+    return edge.has_samples() && edge.is_static() != is_static;
 }
 /// Whether a moving edge has a sample of that stamp. The caller holds the commit lock, and has not
 /// written to the edge.

@@ -28,7 +28,7 @@ struct CommitScratch {
     struct Touched {
         FrameId id;
         FrameId old_parent;  // newest parent before this commit
-        history::EdgeUndo undo;
+        std::uint64_t late;  // how many samples had come late
     };
     struct Relation {  // a sample whose parent was not known to be one at its stamp
         FrameId child;
@@ -62,6 +62,7 @@ struct CommitScratch {
     std::vector<Touched> touched;
     std::vector<FrameId> made;
     std::vector<FrameId> removed;
+    std::vector<FrameId> cleared;
     std::vector<Relation> relations;
     std::vector<Stop> stops;
     std::vector<FrameId> path;            // those of the stops that were entered
@@ -81,23 +82,9 @@ struct CommitScratch {
 template <class Memory>
 class Commit {
 public:
-    /// `may_evict` is false while held snapshots may need what would be overwritten.
+    /// `readers` is asked only when a segment is full or a slot is to be reused, and outlives it.
     Commit(graph::Frames<Memory> frames, CommitScratch& scratch, clock::StampNs history,
-           bool may_evict);
-    /// The same, asked only when a ring is full or a slot is to be reused.
-    Commit(graph::Frames<Memory> frames, CommitScratch& scratch, clock::StampNs history,
-           bool (*ask_may_evict)(void* store), void* store)
-        : Commit(frames, scratch, history, true) {
-        context_.ask_may_evict = ask_may_evict_ = ask_may_evict;
-        context_.store = store;
-    }
-    /// The same, with the oldest state that anybody may still read.
-    Commit(graph::Frames<Memory> frames, CommitScratch& scratch, clock::StampNs history,
-           CommitNumber (*ask_oldest)(void* store), void* store)
-        : Commit(frames, scratch, history, true) {
-        context_.ask_oldest = ask_oldest_ = ask_oldest;
-        context_.store = store;
-    }
+           history::Readers& readers);
     ~Commit();
     Commit(const Commit&) = delete;
     Commit& operator=(const Commit&) = delete;
@@ -116,8 +103,7 @@ public:
     [[nodiscard]] bool touch(FrameId child);
     /// Appends one sample; `touch(child)` came before. The samples of one edge come in stamp order.
     void append(FrameId child, const history::NewSample<Memory>& sample, std::size_t item);
-    /// Hides all samples of an edge. Those that this commit appends to it afterwards are static,
-    /// or rise in stamp, so that they start no run.
+    /// Hides all samples of an edge; once in a commit at most.
     void clear(FrameId child);
     /// The frame exists no longer; nothing names it as its newest parent.
     void remove(FrameId id);
@@ -162,8 +148,6 @@ private:
     void for_each_in_cycle(FrameId top, Visit visit) const;
     [[nodiscard]] Cycle blame(const CommitScratch::Stop& top, const Cycle& suspect);
     [[nodiscard]] bool held_before(const CommitScratch::Relation& relation, StampNs stamp) const;
-    [[nodiscard]] bool next_sample(const history::EdgeView<Memory>& edge, std::uint64_t& index,
-                                   StampNs& stamp) const;
     void push_parents(const CommitScratch::Stop& at);
     void push_stop(FrameId parent, CommitNumber written, StampNs from, StampNs to);
     void push_mixed_parents(const history::EdgeView<Memory>& edge, const CommitScratch::Stop& at);
@@ -175,11 +159,9 @@ private:
     graph::Names<Memory> names_;
     CommitScratch& scratch_;
     history::WriteContext context_;
-    bool (*ask_may_evict_)(void* store) = nullptr;
-    CommitNumber (*ask_oldest_)(void* store) = nullptr;
+    history::Readers& readers_;
     bool prepared_ = false;
     bool published_ = false;
-    bool cleared_ = false;
     bool depths_stale_ = false;  // a frame with children got another parent
 };
 

@@ -10,17 +10,19 @@ namespace tfdb::txn {
 
 template <class Memory>
 Commit<Memory>::Commit(graph::Frames<Memory> frames, CommitScratch& scratch, clock::StampNs history,
-                       bool may_evict)
-    : frames_(frames), names_(frames), scratch_(scratch) {
-    context_.committed = frames_.store_word(graph::kCommit).load_relaxed();
-    context_.history = history;
-    context_.may_evict = may_evict;
+                       history::Readers& readers)
+    : frames_(frames),
+      names_(frames),
+      scratch_(scratch),
+      context_(frames.store_word(graph::kCommit).load_relaxed(), history, readers),
+      readers_(readers) {
     if (context_.committed >= kMaxCommit - 1) {
         throw CapacityExceeded("the store has used up its commit numbers: start a new one");
     }
     scratch_.touched.clear();
     scratch_.made.clear();
     scratch_.removed.clear();
+    scratch_.cleared.clear();
     scratch_.relations.clear();
     ++scratch_.attempts;
 }
@@ -69,19 +71,14 @@ void Commit<Memory>::empty_slot(FrameId id) {
     frames_.word(id, history::kName).store_release(0);
     Memory::fence_release();
     names_.free_name(name);
-    writer(id).free_ring();
+    writer(id).free(context_);
 }
 
 /// Gives back what removed frames hold. Asked anew: a snapshot that is not seen here has seen the
 /// commit that was just published.
 template <class Memory>
 void Commit<Memory>::empty_removed() {
-    CommitNumber oldest = 0;
-    if (ask_oldest_ != nullptr) {
-        oldest = ask_oldest_(context_.store);
-    } else if (ask_may_evict_ != nullptr && ask_may_evict_(context_.store)) {
-        oldest = number();
-    }
+    const CommitNumber oldest = readers_.oldest_read();
     for (FrameId id = frames_.first_full(); id != kNoFrame; id = frames_.first_full()) {
         if (frames_.word(id, history::kDied).load_relaxed() > oldest)
             return;
@@ -140,7 +137,7 @@ bool Commit<Memory>::touch(FrameId child) {
     auto& touched = scratch_.touched.emplace_back();
     touched.id = child;
     touched.old_parent = newest_parent(child);
-    writer(child).save(touched.undo);
+    touched.late = frames_.word(child, history::kLate).load_relaxed();
     mark.store_relaxed(scratch_.attempts);
     return false;
 }
@@ -168,11 +165,12 @@ void Commit<Memory>::append(FrameId child, const history::NewSample<Memory>& sam
 
 template <class Memory>
 void Commit<Memory>::clear(FrameId child) {
-    history::NewSample<Memory> marker;
-    marker.stamp = history::kClearMarker;
-    writer(child).append(context_, marker);
+    // Nothing that throws comes after the edge is changed.
+    if (scratch_.cleared.size() == scratch_.cleared.capacity())
+        scratch_.cleared.reserve(2 * scratch_.cleared.size() + 8);
+    writer(child).clear(context_);
+    scratch_.cleared.push_back(child);
     frames_.refresh_hint(child);
-    cleared_ = true;
 }
 
 template <class Memory>
@@ -193,7 +191,7 @@ void Commit<Memory>::settle_parents() {
         children.store_relaxed(children.load_relaxed() + delta);
     };
     // Where no relation is new, nobody has another parent than before.
-    const bool same = scratch_.relations.empty() && !cleared_;
+    const bool same = scratch_.relations.empty() && scratch_.cleared.empty();
     for (const auto& touched : scratch_.touched) {
         if (same) {
             break;
@@ -255,6 +253,8 @@ CommitNumber Commit<Memory>::publish() {
     settle_parents();
     frames_.store_word(graph::kCommit).store_release(number());
     published_ = true;
+    for (const FrameId id : scratch_.cleared)
+        writer(id).retire_older(context_);
     for (const FrameId id : scratch_.removed)
         frames_.push_retired(id);
     if (!scratch_.removed.empty())
@@ -270,7 +270,12 @@ void Commit<Memory>::abort() {
         topology.store_release(topology.load_relaxed() & ~history::Topology::kMortal);
     }
     for (const auto& touched : scratch_.touched) {
-        writer(touched.id).undo(touched.undo);
+        auto edge = writer(touched.id);
+        edge.trim(context_);
+        frames_.word(touched.id, history::kLate).store_relaxed(touched.late);
+        const FrameId parent = history::Topology::parent(edge.topology());
+        if (parent != kNoFrame)
+            edge.set_depth_hint(history::Topology::depth(frames_.topology(parent)) + 1);
         frames_.refresh_hint(touched.id);
     }
     for (const FrameId id : scratch_.made) {
@@ -280,7 +285,7 @@ void Commit<Memory>::abort() {
         frames_.word(id, history::kName).store_release(0);
         Memory::fence_release();
         names_.free_name(name);
-        writer(id).free_ring();
+        writer(id).free(context_);
         frames_.push_unseen(id);
     }
 }

@@ -191,8 +191,8 @@ bool Commit<Memory>::held_before(const CommitScratch::Relation& relation, StampN
         return false;
     }
     if (edge.is_static()) {
-        around.before = edge.static_index();
-    } else if (!edge.bracket(stamp, around) || around.before == history::kNoIndex) {
+        around.before = edge.newest();
+    } else if (!edge.bracket(stamp, around) || !around.before) {
         return false;
     }
     const std::uint64_t slot = edge.slot_word(around.before);
@@ -217,9 +217,10 @@ void Commit<Memory>::suspects(std::vector<Cycle>& cycles) const {
 template <class Memory>
 bool Commit<Memory>::holds(const CommitScratch::Relation& relation, StampNs& from,
                            StampNs& to) const {
-    const auto names_parent = [&](const history::EdgeView<Memory>& edge, std::uint64_t index) {
+    const auto names_parent = [&](const history::EdgeView<Memory>& edge,
+                                  const history::SampleAt& sample) {
         // Not an earlier frame whose slot the parent took over.
-        const std::uint64_t slot = edge.slot_word(index);
+        const std::uint64_t slot = edge.slot_word(sample);
         return history::SlotWord::parent(slot) == relation.parent &&
                view().alive_since(relation.parent, history::SlotWord::commit(slot));
     };
@@ -231,60 +232,34 @@ bool Commit<Memory>::holds(const CommitScratch::Relation& relation, StampNs& fro
         return false;
     }
     if (relation.stamp < 0) {
-        return names_parent(edge, edge.static_index());
+        return names_parent(edge, edge.newest());
     }
     if (!edge.bracket(relation.stamp, around)) {
         return false;
     }
-    if (around.before == history::kNoIndex) {
+    if (!around.before) {
         // Too old by now; but what follows it may stand on its word.
-        around.before = around.after;
-        around.before_stamp = around.after_stamp;
-        if (around.before == history::kNoIndex || !edge.bracket(around.before_stamp, around)) {
+        if (!around.after || !edge.bracket(around.after.stamp, around))
             return false;
-        }
-    } else if (around.before_stamp != relation.stamp) {
+    } else if (around.before.stamp != relation.stamp) {
         return false;
     }
     if (!names_parent(edge, around.before)) {
         return false;
     }
-    from = around.before_stamp;
+    from = around.before.stamp;
     if ((edge.topology() & history::Topology::kMixedParents) == 0) {
         return true;
     }
     // Later samples that name the same parent are not looked at by themselves.
-    std::uint64_t index = around.before;
-    to = from;
-    do {
-        if (!next_sample(edge, index, to)) {
-            return false;
-        }
-    } while (index != history::kNoIndex && names_parent(edge, index));
-    return true;
-}
-
-/// Goes on to the sample that follows in time; after the last one to none, at the end of time.
-template <class Memory>
-bool Commit<Memory>::next_sample(const history::EdgeView<Memory>& edge, std::uint64_t& index,
-                                 StampNs& stamp) const {
-    ++scratch_.steps;
-    if (edge.ordered()) {
-        index = index + 1 < edge.hi() ? index + 1 : history::kNoIndex;
-    } else {
-        history::Bracket around;
-        if (!edge.bracket(stamp, around)) {
-            return false;
-        }
-        index = around.after;
-        stamp = around.after_stamp;
-    }
-    if (index == history::kNoIndex) {
-        stamp = detail::kDusk;
-    } else if (edge.ordered()) {
-        stamp = edge.stamp_at(index);
-    }
-    return true;
+    to = detail::kDusk;
+    return edge.visit(from + 1, detail::kDusk, 0, [&](const history::SampleAt& sample) {
+        ++scratch_.steps;
+        if (sample.stamp <= from || names_parent(edge, sample))
+            return true;
+        to = sample.stamp;
+        return false;
+    });
 }
 
 template <class Memory>
@@ -300,7 +275,7 @@ void Commit<Memory>::push_parents(const CommitScratch::Stop& at) {
     if (!view().open(at.id, edge) || edge.empty())
         return;
     if (edge.is_static()) {
-        const std::uint64_t slot = edge.slot_word(edge.static_index());
+        const std::uint64_t slot = edge.slot_word(edge.newest());
         push_stop(history::SlotWord::parent(slot), history::SlotWord::commit(slot), at.from, at.to);
         return;
     }
@@ -308,13 +283,12 @@ void Commit<Memory>::push_parents(const CommitScratch::Stop& at) {
         push_mixed_parents(edge, at);
         return;
     }
-    std::uint64_t oldest = 0;
-    StampNs since = 0;
-    if (!edge.oldest(oldest, since) || oldest == history::kNoIndex)
+    history::SampleAt oldest;
+    if (!edge.oldest(oldest) || !oldest)
         return;
     const std::uint64_t slot = edge.slot_word(oldest);
     push_stop(history::SlotWord::parent(slot), history::SlotWord::commit(slot),
-              std::max(at.from, since), at.to);
+              std::max(at.from, oldest.stamp), at.to);
 }
 
 /// From the sample that holds when the interval begins to the last one within it; samples in a row
@@ -322,35 +296,27 @@ void Commit<Memory>::push_parents(const CommitScratch::Stop& at) {
 template <class Memory>
 void Commit<Memory>::push_mixed_parents(const history::EdgeView<Memory>& edge,
                                         const CommitScratch::Stop& at) {
-    StampNs since = 0;
-    std::uint64_t index = 0;
-    if (!edge.oldest(index, since) || index == history::kNoIndex)
-        return;
-    if (since < at.from) {
-        history::Bracket around;
-        if (!edge.bracket(at.from, around) || around.before == history::kNoIndex)
-            return;
-        index = around.before;
-        since = around.before_stamp;
-    }
     FrameId parent = kNoFrame;
     CommitNumber written = 0;  // the newest of the row: its parent lived throughout, or not at all
-    StampNs from = since;
-    while (index != history::kNoIndex && since < at.to) {
-        const std::uint64_t slot = edge.slot_word(index);
+    StampNs from = at.from;
+    const bool whole = edge.visit(at.from, at.to, 0, [&](const history::SampleAt& sample) {
+        ++scratch_.steps;
+        if (sample.stamp >= at.to)
+            return false;
+        const std::uint64_t slot = edge.slot_word(sample);
         const CommitNumber commit = history::SlotWord::commit(slot);
         const bool known = view().alive_since(history::SlotWord::parent(slot), commit);
         const FrameId named = known ? history::SlotWord::parent(slot) : kNoFrame;
         if (named != parent) {
-            push_stop(parent, written, std::max(at.from, from), std::min(at.to, since));
+            push_stop(parent, written, std::max(at.from, from), std::min(at.to, sample.stamp));
             parent = named;
-            from = since;
+            from = sample.stamp;
         }
         written = commit;
-        if (!next_sample(edge, index, since))
-            return;
-    }
-    push_stop(parent, written, std::max(at.from, from), std::min(at.to, since));
+        return true;
+    });
+    if (whole)
+        push_stop(parent, written, std::max(at.from, from), at.to);
 }
 
 }  // namespace tfdb::txn

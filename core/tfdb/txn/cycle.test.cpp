@@ -13,11 +13,11 @@ namespace {
 using Memory = memory::PrivateMemory;
 
 /// A forest that is written one relation at a time.
-class Trees {
+class Trees : private history::Readers {
 public:
     /// Publishes the relation. False: it closes a cycle, and is taken back.
     bool set(std::string_view parent, std::string_view child, clock::StampNs stamp) {
-        Commit<Memory> commit(frames_, scratch_, history::kForever, true);
+        Commit<Memory> commit(frames_, scratch_, history::kForever, *this);
         append(commit, parent, child, stamp);
         Cycle cycle;
         if (commit.find_cycle(cycle))
@@ -28,7 +28,7 @@ public:
     /// Which of its cycles a search for all finds; taken back.
     std::vector<Cycle> cycles(std::string_view parent, std::string_view child,
                               clock::StampNs stamp) {
-        Commit<Memory> commit(frames_, scratch_, history::kForever, true);
+        Commit<Memory> commit(frames_, scratch_, history::kForever, *this);
         append(commit, parent, child, stamp);
         std::vector<Cycle> found;
         (void)commit.find_cycles(found);
@@ -44,6 +44,11 @@ public:
 
 private:
     static constexpr std::uint32_t kFrames = 16;
+
+    [[nodiscard]] CommitNumber oldest_read() override { return newest(); }
+    [[nodiscard]] CommitNumber newest() override {
+        return frames_.store_word(graph::kCommit).load_relaxed();
+    }
 
     static void append(Commit<Memory>& commit, std::string_view parent, std::string_view child,
                        clock::StampNs stamp) {

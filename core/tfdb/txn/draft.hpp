@@ -88,9 +88,9 @@ public:
                 return Outcome::kLapped;
             kind.written = edge.has_samples();
             kind.is_static = edge.holds_static();
-            if (!kind.is_static && !edge.peek_newest(kind.newest))
-                return Outcome::kLapped;
-            if (!edge.confirm(edge.lo()))
+            if (!kind.is_static)
+                kind.newest = edge.peek_newest().stamp;
+            if (!edge.confirm())
                 return Outcome::kLapped;
             if (!kind.written)
                 edge.note_all();

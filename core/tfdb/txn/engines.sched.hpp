@@ -152,10 +152,10 @@ struct Stage {
     }
 
     [[nodiscard]] StampNs newest(FrameId id) const {
-        return history::as_stamp(store.frames.word(id, history::kNewest).peek());
+        return edge(id).newest();
     }
     [[nodiscard]] std::uint64_t samples(FrameId id) const {
-        return store.frames.word(id, history::kHead).peek();
+        return edge(id).stored();
     }
     /// After all threads: nothing is held, nobody is inside.
     void require_all_free() {
@@ -173,16 +173,20 @@ struct Stage {
 
 private:
     static constexpr StampNs kMoreThanFit = 32;
+
+    [[nodiscard]] history::EdgeSegments<ForestMemory> edge(FrameId id) const {
+        return {store.frames.memory(), store.frames.header(id)};
+    }
     // Of a frame's lock: the first two slots, waited for, exclusive; of a version's: locked, waited
     // for.
     static constexpr std::uint64_t kLockBits = 3 | std::uint64_t{3} << 62;
 
     template <class Stored>
-    static Written beside([[maybe_unused]] S& session,
+    Written beside([[maybe_unused]] S& session,
                           [[maybe_unused]] const PlainBatch<ForestMemory>& batch,
                           [[maybe_unused]] CommitNumber& number, [[maybe_unused]] Stored stored) {
         if constexpr (S::kWritesBesideOthers)
-            return write_beside(session, batch, {}, number, stored);
+            return write_beside(session, batch, store, number, stored);
         else
             return Written::kNotPlain;
     }

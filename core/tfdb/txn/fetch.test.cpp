@@ -71,11 +71,11 @@ TFDB_TEST(fetch_asks_for_headers_and_newest_samples_of_a_path) {
     CHECK_EQ(lookup::fetch_path(forest.frames, cam, arm), 2U);
     CHECK_EQ(forest.memory.asked.size(), 6U);
     for (const FrameId id : {arm, cam}) {
-        const std::uint64_t ring = forest.frames.word(id, history::kRing).load_relaxed();
-        using Layout = history::RingLayout<NotingMemory>;
+        const history::Segment<NotingMemory> tail(
+            forest.memory, forest.frames.word(id, history::kTail).load_relaxed());
         CHECK(forest.memory.was_asked(forest.frames.header(id)));
-        CHECK(forest.memory.was_asked(Layout::stamps(ring) + 8));
-        CHECK(forest.memory.was_asked(Layout::slots(ring) + Layout::kSlotBytes));
+        CHECK(forest.memory.was_asked(tail.stamp_offset(1)));
+        CHECK(forest.memory.was_asked(tail.slot(1)));
     }
     CHECK_EQ(lookup::fetch_path(forest.frames, arm, arm), 0U);
     // Up to a root: no further.

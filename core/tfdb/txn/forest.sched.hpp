@@ -15,10 +15,10 @@ namespace tfdb {
 
 namespace txn::forest {
 
-inline constexpr std::size_t kRegionBytes = 8192;
-inline constexpr std::size_t kLargestBlock = 2048;  // no ring of 32 slots
+inline constexpr std::size_t kRegionBytes = 16384;
+inline constexpr std::size_t kLargestBlock = 2048;  // no segment of 32 samples
 
-/// Rings that start with two slots, a table of names that starts with four.
+/// Segments of one sample, then of two; a table of names that starts with four.
 struct ForestMemory : sched::BasicMemory<7> {
     ForestMemory() : BasicMemory(kRegionBytes) {}
 
@@ -33,9 +33,10 @@ struct ForestMemory : sched::BasicMemory<7> {
 
 template <>
 struct history::Tuning<txn::forest::ForestMemory> {
-    static constexpr unsigned kFirstLog2Capacity = 1;
-    static constexpr unsigned kMaxRuns = 2;
-    static constexpr std::uint64_t kSlackLimit = 1;
+    static constexpr unsigned kFirstLog2 = 0;
+    static constexpr unsigned kFullLog2 = 1;
+    static constexpr unsigned kLargestLog2 = 7;
+    static constexpr std::size_t kKept = 0;
     static constexpr unsigned kFirstNamesLog2 = 2;
 };
 
@@ -50,10 +51,9 @@ inline void require(bool holds, const char* text) {
 
 inline void name_words(const WalkedForest& forest) {
     static constexpr const char* kNames[] = {
-        "ring",       "head",      "begin",        "topology",    "head_commit",   "newest",
-        "rate",       "born",      "order",        "sorted_end",  "sorted_commit", "cleared",
-        "evict_safe", "died",      "name",         "lock",        "children",      "authority",
-        "late",       "next_free", "ordered_from", "parent_from", "touched"};
+        "tail",  "directory",   "topology", "since", "born", "rate",     "changed", "forgotten",
+        "older", "reshaped",    "parent_from", "late", "died", "name",   "children", "authority",
+        "lock",  "next_free",   "touched"};
     for (FrameId id = 0; id < kFrames; ++id) {
         for (unsigned at = 0; at < std::size(kNames); ++at) {
             forest.frames.word(id, static_cast<history::HeaderWord>(at)).rename(kNames[at], id);
@@ -108,40 +108,32 @@ inline sched::Program program(const Script& script, const Reader& reader,
     };
 }
 
-/// As the store reads: again when overtaken, in the end with the commit lock, where nothing can.
-template <class Commit>
-void ask_until_answered(const WalkedForest& forest, const naive::Model& model,
-                        const Question& question, Commit commit) {
-    constexpr int kTriesBeforeLock = 2;  // the store's sixteen would only make the walk longer
-    for (int tries = 0; tries < kTriesBeforeLock; ++tries) {
-        if (ask(forest, model, commit(), question, require)) {
-            return;
-        }
-    }
-    ForestLock lock(forest.word(graph::kCommitLock));
-    lock.lock();
-    require(ask(forest, model, commit(), question, require),
-            "no reader that holds the lock is overtaken");
-    lock.unlock();
-}
-
-/// Each question from a fresh state.
-inline void ask_fresh(const WalkedForest& forest, const naive::Model& model, const Script& script) {
-    for (const Question& question : script.questions) {
-        ask_until_answered(forest, model, question,
-                           [&] { return forest.word(graph::kCommit).load_acquire(); });
-    }
-}
-
-/// All questions from one held snapshot.
+/// All questions from one held snapshot; once, for nothing that it sees is used again.
 inline void ask_held(const WalkedForest& forest, const naive::Model& model, const Script& script) {
-    forest.word(graph::kPins).fetch_add(1);
-    ForestMemory::fence_full();
+    const graph::Pins<ForestMemory> pins(forest.frames);
+    const unsigned pin = pins.take();
     const CommitNumber commit = forest.word(graph::kCommit).load_acquire();
     for (const Question& question : script.questions) {
-        ask_until_answered(forest, model, question, [commit] { return commit; });
+        require(ask(forest, model, commit, question, require), "a pinned state is not overtaken");
     }
-    forest.word(graph::kPins).fetch_add(~std::uint64_t{0});
+    pins.drop(pin);
+}
+
+/// As the store reads: each question from a fresh state, again when overtaken, then pinned.
+inline void ask_fresh(const WalkedForest& forest, const naive::Model& model, const Script& script) {
+    constexpr int kTriesBeforePin = 2;
+    for (const Question& question : script.questions) {
+        bool answered = false;
+        for (int tries = 0; tries < kTriesBeforePin && !answered; ++tries) {
+            const CommitNumber commit = forest.word(graph::kCommit).load_acquire();
+            answered = ask(forest, model, commit, question, require);
+        }
+        if (!answered) {
+            Script rest = script;
+            rest.questions = {question};
+            ask_held(forest, model, rest);
+        }
+    }
 }
 
 }  // namespace txn::forest

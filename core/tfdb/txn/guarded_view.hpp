@@ -7,9 +7,6 @@
 
 namespace tfdb::txn {
 
-/// Newer than any commit: what a frame holds is what it says.
-inline constexpr CommitNumber kSeesAll = kMaxCommit - 1;
-
 /// Everything in the frames that the session lets in.
 /// Threads: the session's only. Guarantee: as the session's; `open` and `enter` refuse once it has
 /// given up. What `open` lets in stays so until the next frame, or until the session ends.
@@ -25,8 +22,7 @@ public:
         : Base(frames, kSeesAll, history), session_(&session) {}
 
     [[nodiscard]] bool open(FrameId id, Edge& edge) const {
-        // A ring that moves on under an optimistic reader may begin behind the head that it saw.
-        return session_->enter(id) && Base::open(id, edge) && edge.lo() <= edge.hi();
+        return session_->enter(id) && Base::open(id, edge);
     }
     [[nodiscard]] bool enter(FrameId id) const { return session_->enter(id); }
     void leave(FrameId id) const { session_->leave(id); }

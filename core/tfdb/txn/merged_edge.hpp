@@ -13,11 +13,13 @@
 namespace tfdb::txn {
 
 /// Answers what history::EdgeView answers, as if the transaction's samples had been committed, and
-/// notes of each answer which samples of others would have changed it. An own sample's index is its
-/// stamp with a high bit set.
+/// notes of each answer which samples of others would have changed it. An own sample has no slot in
+/// the store, and kOwn in its place.
 /// Threads: one. Guarantee: that of the view below.
 template <class Base>
 class MergedEdge {
+    using SampleAt = history::SampleAt;
+
 public:
     using Memory = typename Base::Memory;
     using BaseEdge = typename Base::Edge;
@@ -39,7 +41,9 @@ public:
                 reads_->note_edge(place_);
             }
         }
-        return own_ == nullptr || own_->is_static || find_newest(history);
+        if (own_ != nullptr && !own_->is_static)
+            cutoff_ = peek_newest().stamp - history;
+        return true;
     }
 
     [[nodiscard]] bool empty() const {
@@ -58,57 +62,39 @@ public:
             note_all();
         return fixed;
     }
-    [[nodiscard]] std::uint64_t static_index() const {
-        return own_ != nullptr ? index_of(own_->newest()) : base_.static_index();
-    }
-    [[nodiscard]] std::uint64_t lo() const { return has_base_ ? base_.lo() : 0; }
-    /// An own sample's index says nothing of how far down the ring must have been whole.
-    [[nodiscard]] bool ordered() const { return own_ == nullptr && has_base_ && base_.ordered(); }
     [[nodiscard]] bool one_parent() const {
         return own_ == nullptr && has_base_ && base_.one_parent();
     }
-    [[nodiscard]] bool confirm(std::uint64_t lowest) const {
-        return !has_base_ || base_.confirm(lowest);
+    [[nodiscard]] CommitNumber least_commit() const {
+        return has_base_ ? base_.least_commit() : kOwnCommit;
     }
+    [[nodiscard]] bool confirm() const { return !has_base_ || base_.confirm(); }
 
-    [[nodiscard]] bool newest(std::uint64_t& index, clock::StampNs& stamp) const {
-        if (own_ == nullptr) {
-            if (!has_base_) {
-                index = history::kNoIndex;
-                return true;
-            }
-            if (!base_.newest(index, stamp))
-                return false;
-        } else if (own_->newest().stamp >= base_newest_) {
-            index = index_of(own_->newest());
-            stamp = own_->newest().stamp;
-        } else if (!base_.newest(index, stamp)) {
-            return false;
-        }
-        if (index == history::kNoIndex) {
-            note_all();
+    [[nodiscard]] SampleAt newest() const {
+        const SampleAt found = peek_newest();
+        if (found) {
+            note(from_of(found), kDusk, found.stamp);
         } else {
-            note(from_of(index, stamp), kDusk, stamp);
+            note_all();
         }
-        return true;
+        return found;
     }
 
-    [[nodiscard]] bool oldest(std::uint64_t& index, clock::StampNs& stamp) const {
-        index = history::kNoIndex;
+    [[nodiscard]] bool oldest(SampleAt& out) const {
+        out = {};
         if (own_ == nullptr) {
-            if (has_base_ && !base_.oldest(index, stamp))
+            if (has_base_ && !base_.oldest(out))
                 return false;
         } else {
             history::Bracket around;
             if (!find_around(cutoff_ - 1, around))
                 return false;
-            index = around.after;
-            stamp = around.after_stamp;
+            out = around.after;
         }
-        if (index == history::kNoIndex) {
-            note_all();
+        if (out) {
+            note(kDawn, to_of(out), out.stamp);
         } else {
-            note(kDawn, to_of(index, stamp), stamp);
+            note_all();
         }
         return true;
     }
@@ -118,23 +104,20 @@ public:
             own_ == nullptr ? has_base_ && base_.bracket(stamp, out) : find_around(stamp, out);
         if (!found)
             return false;
-        const bool before = out.before != history::kNoIndex;
-        const bool after = out.after != history::kNoIndex;
-        note(before ? from_of(out.before, out.before_stamp) : kDawn,
-             after ? to_of(out.after, out.after_stamp) : kDusk,
-             before ? out.before_stamp : out.after_stamp);
+        note(out.before ? from_of(out.before) : kDawn, out.after ? to_of(out.after) : kDusk,
+             out.before ? out.before.stamp : out.after.stamp);
         return true;
     }
 
-    [[nodiscard]] std::uint64_t slot_word(std::uint64_t index) const {
-        if (!is_own(index))
-            return base_.slot_word(index);
-        return history::SlotWord::pack(kOwnCommit, sample(index).parent);
+    [[nodiscard]] std::uint64_t slot_word(const SampleAt& at) const {
+        if (!is_own(at))
+            return base_.slot_word(at);
+        return history::SlotWord::pack(kOwnCommit, sample(at).parent);
     }
-    [[nodiscard]] history::SlotData<Memory> read(std::uint64_t index) const {
-        if (!is_own(index))
-            return base_.read(index);
-        return {sample(index).parent, kOwnCommit, sample(index).payload};
+    [[nodiscard]] history::SlotData<Memory> read(const SampleAt& at) const {
+        if (!is_own(at))
+            return base_.read(at);
+        return {sample(at).parent, kOwnCommit, sample(at).payload};
     }
 
     /// For the writer's checks, which note less than an answer would need: whether there are
@@ -145,14 +128,11 @@ public:
     [[nodiscard]] bool holds_static() const {
         return own_ != nullptr ? own_->is_static : has_base_ && base_.is_static();
     }
-    [[nodiscard]] bool peek_newest(clock::StampNs& stamp) const {
-        stamp = history::kNoStamp;
-        std::uint64_t index = history::kNoIndex;
-        if (own_ != nullptr) {
-            stamp = std::max(base_newest_, own_->newest().stamp);
-            return true;
-        }
-        return !has_base_ || base_.newest(index, stamp);
+    [[nodiscard]] SampleAt peek_newest() const {
+        const SampleAt below = has_base_ ? base_.newest() : SampleAt{};
+        if (own_ == nullptr || (below && !own_->is_static && own_->newest().stamp < below.stamp))
+            return below;
+        return at_own(own_->newest());
     }
     void note_newest(clock::StampNs stamp) const { note(stamp, kDusk, stamp); }
     void note_all() const {
@@ -167,28 +147,22 @@ public:
 
 private:
     using StampNs = clock::StampNs;
-    static constexpr std::uint64_t kOwnBit = std::uint64_t{1} << 62;
-    static_assert(history::kForever < StampNs{1} << 62, "a stamp leaves the bit free");
+    using OwnSample = typename WriteSet<Memory>::Sample;
+    static constexpr Offset kOwn = ~Offset{0};
     static constexpr StampNs kDawn = std::numeric_limits<StampNs>::min();
     static constexpr StampNs kDusk = std::numeric_limits<StampNs>::max();
 
-    [[nodiscard]] static bool is_own(std::uint64_t index) { return (index & kOwnBit) != 0; }
-    using OwnSample = typename WriteSet<Memory>::Sample;
-    [[nodiscard]] static std::uint64_t index_of(const OwnSample& sample) {
-        return kOwnBit |
-               (sample.stamp == history::kStaticStamp ? 0 : history::as_word(sample.stamp));
-    }
-    [[nodiscard]] const OwnSample& sample(std::uint64_t index) const {
-        const StampNs stamp =
-            own_->is_static ? history::kStaticStamp : history::as_stamp(index & ~kOwnBit);
-        return *own_->samples.find(stamp);
+    [[nodiscard]] static bool is_own(const SampleAt& at) { return at.slot == kOwn; }
+    [[nodiscard]] static SampleAt at_own(const OwnSample& sample) { return {kOwn, sample.stamp}; }
+    [[nodiscard]] const OwnSample& sample(const SampleAt& at) const {
+        return *own_->samples.find(at.stamp);
     }
     /// A sample of somebody else at an own sample's stamp would be replaced by that.
-    [[nodiscard]] static StampNs from_of(std::uint64_t index, StampNs stamp) {
-        return is_own(index) ? stamp + 1 : stamp;
+    [[nodiscard]] static StampNs from_of(const SampleAt& at) {
+        return is_own(at) ? at.stamp + 1 : at.stamp;
     }
-    [[nodiscard]] static StampNs to_of(std::uint64_t index, StampNs stamp) {
-        return is_own(index) ? stamp - 1 : stamp;
+    [[nodiscard]] static StampNs to_of(const SampleAt& at) {
+        return is_own(at) ? at.stamp - 1 : at.stamp;
     }
     void note(StampNs from, StampNs to, StampNs used) const {
         if (reads_ == nullptr)
@@ -197,54 +171,33 @@ private:
         reads_->note_used(place_, used);
     }
 
-    /// Retention is counted from the newest sample, whoever wrote it.
-    [[nodiscard]] bool find_newest(StampNs history) {
-        std::uint64_t index = history::kNoIndex;
-        base_newest_ = history::kNoStamp;
-        if (has_base_ && !base_.newest(index, base_newest_))
-            return false;
-        cutoff_ = std::max(base_newest_, own_->newest().stamp) - history;
-        return true;
-    }
-
-    /// The samples around a stamp among both, own ones first where stamps are equal.
+    /// The samples around a stamp among both, own ones first where stamps are equal. Retention is
+    /// counted from the newest sample, whoever wrote it.
     [[nodiscard]] bool find_around(StampNs stamp, history::Bracket& out) const {
-        out = history::Bracket{};
-        out.lowest = lo();
+        out = {};
         if (has_base_ && !base_.empty()) {
             if (!base_.bracket(stamp, out))
                 return false;
-            if (out.before != history::kNoIndex && out.before_stamp < cutoff_)
-                drop(out.before, out.before_stamp);
-            if (out.after != history::kNoIndex && out.after_stamp < cutoff_) {
+            if (out.before && out.before.stamp < cutoff_)
+                out.before = {};
+            if (out.after && out.after.stamp < cutoff_) {
                 history::Bracket later;
                 if (!base_.bracket(cutoff_ - 1, later))
                     return false;
                 out.after = later.after;
-                out.after_stamp = later.after_stamp;
             }
         }
         const auto& samples = own_->samples;
         const auto next = samples.upper_bound(stamp);
         if (next != samples.begin()) {
             const OwnSample& before = *std::prev(next);
-            if (before.stamp >= cutoff_ &&
-                (out.before == history::kNoIndex || before.stamp >= out.before_stamp)) {
-                out.before = index_of(before);
-                out.before_stamp = before.stamp;
-            }
+            if (before.stamp >= cutoff_ && (!out.before || before.stamp >= out.before.stamp))
+                out.before = at_own(before);
         }
         const auto after = samples.upper_bound(std::max(stamp, cutoff_ - 1));
-        if (after != samples.end() &&
-            (out.after == history::kNoIndex || after->stamp <= out.after_stamp)) {
-            out.after = index_of(*after);
-            out.after_stamp = after->stamp;
-        }
+        if (after != samples.end() && (!out.after || after->stamp <= out.after.stamp))
+            out.after = at_own(*after);
         return true;
-    }
-    static void drop(std::uint64_t& index, StampNs& stamp) {
-        index = history::kNoIndex;
-        stamp = history::kNoStamp;
     }
 
     BaseEdge base_;
@@ -252,7 +205,6 @@ private:
     Reads* reads_ = nullptr;
     std::size_t place_ = 0;
     bool has_base_ = false;
-    StampNs base_newest_ = history::kNoStamp;
     StampNs cutoff_ = std::numeric_limits<StampNs>::min();
 };
 

@@ -37,19 +37,12 @@ enum class Written : std::uint8_t {
     kNotPlain,  // the session must be alone for it; nothing was stored
 };
 
-/// What a write needs of its store.
-struct WriteRoom {
-    CommitNumber (*ask_oldest)(void* store) = nullptr;
-    void* store = nullptr;
-};
-
 /// Whether all of a batch only adds to what its edges hold; certain if the frames are locked.
 template <class Memory>
 [[nodiscard]] bool only_adds(const SharedState<Memory>& shared, const PlainBatch<Memory>& batch) {
     return std::all_of(batch.items.begin(), batch.items.end(), [&](const auto& item) {
         return fits_edge(shared.frames, item.child, item.sample) &&
-               (item.sample.stamp < 0 ||
-                fits_history(shared.frames, item.child, item.sample.stamp, shared.history));
+               fits_behind(shared.frames, item.child, item.sample.stamp);
     });
 }
 
@@ -59,20 +52,15 @@ template <class Memory>
 /// stores sample by sample, each by itself.
 template <Session S, class Stored>
 [[nodiscard]] Written write_beside(S& session, const PlainBatch<typename S::Memory>& batch,
-                                   const WriteRoom& room, CommitNumber& number, Stored stored) {
+                                   history::Readers& readers, CommitNumber& number, Stored stored) {
     using Item = typename PlainBatch<typename S::Memory>::Item;
     auto& shared = session.shared();
+    history::WriteContext context(shared.committed(), shared.history, readers);
     const auto reserve = [&](std::span<const Item> items) {
-        history::WriteContext context;
-        context.committed = shared.committed();
-        context.history = shared.history;
-        context.ask_oldest = room.ask_oldest;
-        context.store = room.store;
-        reserve_beside<typename S::Memory>(shared.frames, context, items);
-        return context;
+        context = {shared.committed(), shared.history, readers};
+        return reserve_beside<typename S::Memory>(shared.frames, context, items);
     };
     const auto store = [&](std::span<const Item> items) {
-        history::WriteContext context = reserve(items);
         number = session.take_ticket();
         context.committed = number - 1;
         append_beside<typename S::Memory>(shared.frames, context, items);
@@ -86,19 +74,25 @@ template <Session S, class Stored>
             return Written::kNotPlain;
         if (!session.confirm())
             return Written::kGiveUp;
+        if (!reserve(batch.items))
+            return Written::kNotPlain;
         store(batch.items);
     } else {
         // A sample that is too old when its turn comes is stored all the same, and seen by nobody.
         if (!only_adds(shared, batch))
             return Written::kNotPlain;
         // Where there is no room for some of it, none of it is stored.
+        bool fits = true;
         for_each_edge<typename S::Memory>(shared.frames, batch.items, [&](auto, const auto& items) {
             (void)session.lock({&items.front().child, 1});
-            (void)reserve(items);
+            fits = fits && reserve(items);
             session.let_go();
         });
+        if (!fits)
+            return Written::kNotPlain;
         for (const Item& item : batch.items) {
             (void)session.lock({&item.child, 1});
+            (void)reserve({&item, 1});
             store({&item, 1});
             session.let_go();
         }

@@ -5,7 +5,6 @@
 #include <vector>
 
 #include "tfdb/graph/frames.hpp"
-#include "tfdb/history/edge_view.hpp"
 #include "tfdb/history/edge_writer.hpp"
 #include "tfdb/txn/guarded_view.hpp"
 
@@ -18,29 +17,20 @@ template <class Memory>
 [[nodiscard]] bool fits_edge(const graph::Frames<Memory>& frames, FrameId child,
                              const history::NewSample<Memory>& sample) {
     using history::Topology;
-    const history::EdgeWriter<Memory> edge(frames.memory(), frames.header(child));
+    const history::EdgeSegments<Memory> edge(frames.memory(), frames.header(child));
     const std::uint64_t topology = edge.topology();
     return frames.alive(child, kSeesAll) && edge.has_samples() &&
            Topology::parent(topology) == sample.parent &&
            (topology & Topology::kMixedParents) == 0 &&
-           ((topology & Topology::kStatic) != 0) == (sample.stamp == history::kStaticStamp);
+           edge.is_static() == (sample.stamp == history::kStaticStamp);
 }
 
-/// Whether a moving sample that fits its edge may also go by its stamp: ahead of all others, or
-/// between those that the edge retains. The frame is locked.
+/// Whether a sample that fits its edge goes behind all others. The frame is locked.
 template <class Memory>
-[[nodiscard]] bool fits_history(const graph::Frames<Memory>& frames, FrameId child,
-                                clock::StampNs stamp, clock::StampNs history) {
-    const history::EdgeWriter<Memory> writer(frames.memory(), frames.header(child));
-    if (stamp > writer.newest())
-        return true;
-    if ((writer.topology() & history::Topology::kCleared) != 0)
-        return false;
-    history::EdgeView<Memory> edge;
-    std::uint64_t index = history::kNoIndex;
-    clock::StampNs oldest = 0;
-    return edge.open(frames.memory(), frames.header(child), kSeesAll, history) &&
-           edge.oldest(index, oldest) && index != history::kNoIndex && oldest <= stamp;
+[[nodiscard]] bool fits_behind(const graph::Frames<Memory>& frames, FrameId child,
+                               clock::StampNs stamp) {
+    const history::EdgeSegments<Memory> edge(frames.memory(), frames.header(child));
+    return stamp >= edge.newest();
 }
 
 /// Samples for edges that are there: each edge's one after another in stamp order, edges ascending.
@@ -74,15 +64,17 @@ void for_each_edge(const graph::Frames<Memory>& frames,
     }
 }
 
-/// Makes room for samples that fit their edges, before their commit has a number: what is refused
-/// counts as no commit. The caller holds the frames for writing. Throws CapacityExceeded, having
-/// changed nothing that counts.
+/// Makes room for samples that go behind all others, before their commit has a number: what is
+/// refused counts as no commit. False: they are too many. The caller holds the frames for writing.
+/// Throws CapacityExceeded, having changed nothing that counts.
 template <class Memory>
-void reserve_beside(const graph::Frames<Memory>& frames, const history::WriteContext& context,
+[[nodiscard]] bool reserve_beside(const graph::Frames<Memory>& frames, const history::WriteContext& context,
                     std::span<const typename PlainBatch<Memory>::Item> items) {
+    bool fits = true;
     for_each_edge<Memory>(frames, items, [&](auto edge, const auto& samples) {
-        edge.reserve(context, samples.size(), samples.front().sample.stamp);
+        fits = fits && edge.reserve(context, samples.size());
     });
+    return fits;
 }
 
 /// Appends the samples for which there is room. The caller holds the frames for writing, from

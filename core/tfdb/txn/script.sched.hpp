@@ -11,6 +11,7 @@
 #include <vector>
 
 #include "tfdb/graph/names.hpp"
+#include "tfdb/graph/pins.hpp"
 #include "tfdb/lookup/lookup.hpp"
 #include "tfdb/store/naive_model.hpp"
 #include "tfdb/txn/commit.hpp"
@@ -60,7 +61,7 @@ inline Pose pose_of(std::size_t step, std::size_t edge) {
 // A store on words of a checker: what store::Buffer does, less its arguments' checks.
 // One writer at a time applies steps; readers are other threads.
 template <class Memory>
-class Forest {
+class Forest : public history::Readers {
 public:
     explicit Forest(const Script& script)
         : frames(memory, root, headers, kFrames),
@@ -78,9 +79,7 @@ public:
 
     /// One commit. False: it closed a cycle and was undone.
     bool apply(const Step& step, std::size_t number) {
-        Commit<Memory> commit(
-            frames, scratch, history,
-            [](void* store) { return static_cast<Forest*>(store)->may_evict(); }, this);
+        Commit<Memory> commit(frames, scratch, history, *this);
         if (!step.name.empty())
             commit.remove(names.find(step.name, commit.number()));
         if (step.kind == Step::kClear) {
@@ -104,11 +103,12 @@ public:
     StampNs history;
     CommitScratch scratch;
 
-private:
-    bool may_evict() {
-        Memory::fence_full();
-        return word(graph::kPins).load_relaxed() == 0;
+    [[nodiscard]] CommitNumber oldest_read() override {
+        return graph::Pins<Memory>(frames).oldest(newest());
     }
+    [[nodiscard]] CommitNumber newest() override { return word(graph::kCommit).load_relaxed(); }
+
+private:
     void set(Commit<Memory>& commit, const Step& step, std::size_t number) {
         std::vector<std::pair<FrameId, FrameId>> ids;
         for (const Step::Edge& edge : step.edges) {
@@ -122,9 +122,8 @@ private:
                 step.kind == Step::kSetStatic ? history::kStaticStamp : step.edges[i].stamp;
             sample.parent = ids[i].first;
             sample.payload = std::bit_cast<std::array<std::uint64_t, 7>>(pose_of(number, i));
-            const history::EdgeWriter<Memory> edge(memory, frames.header(ids[i].second));
-            const bool was_static = (edge.topology() & history::Topology::kStatic) != 0;
-            if (edge.has_samples() && was_static != (step.kind == Step::kSetStatic))
+            const history::EdgeSegments<Memory> edge(memory, frames.header(ids[i].second));
+            if (edge.has_samples() && edge.is_static() != (step.kind == Step::kSetStatic))
                 commit.clear(ids[i].second);
             commit.append(ids[i].second, sample, i);
         }
@@ -132,7 +131,7 @@ private:
     void clear(Commit<Memory>& commit) {
         const CommitNumber committed = word(graph::kCommit).load_acquire();
         for (FrameId id = 0; id < frames.count(); ++id) {
-            const history::EdgeWriter<Memory> edge(memory, frames.header(id));
+            const history::EdgeSegments<Memory> edge(memory, frames.header(id));
             if (view(committed).alive(id) && edge.newest() >= 0 && !commit.touch(id)) {
                 commit.clear(id);
             }

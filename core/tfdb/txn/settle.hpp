@@ -118,8 +118,8 @@ template <class Memory>
     for (const auto& edge : writes.edges()) {
         if (edge.child == kNoFrame || writes.is_own(edge.child))
             continue;
-        const history::EdgeWriter<Memory> writer(frames.memory(), frames.header(edge.child));
-        const bool is_static = (writer.topology() & history::Topology::kStatic) != 0;
+        const history::EdgeSegments<Memory> writer(frames.memory(), frames.header(edge.child));
+        const bool is_static = writer.is_static();
         if (writer.has_samples() && is_static != edge.is_static)
             return {ReadConflict::kEdge, edge.child, {}, {history::Change::kStatic, -1}};
     }
@@ -194,7 +194,7 @@ template <Session S, class Store>
     if (!make_plain(writes, store, plain))
         return false;
     const Written written =
-        write_beside(session, plain, store.room(), settled.commit,
+        write_beside(session, plain, store.readers(), settled.commit,
                      [&](const auto& item) { store.set_author(item.child, item.author); });
     if (written == Written::kNotPlain)
         return false;

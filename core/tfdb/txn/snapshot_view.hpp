@@ -7,6 +7,9 @@
 
 namespace tfdb::txn {
 
+/// Newer than any commit: what a frame holds is what it says.
+inline constexpr CommitNumber kSeesAll = kMaxCommit - 1;
+
 /// State number `commit` of the forest.
 /// Threads: any; it is a value. Guarantee: wait-free; writers are never hindered.
 template <class M>
@@ -15,11 +18,19 @@ public:
     using Memory = M;
     using Edge = history::EdgeView<Memory>;
 
+    /// `commit`: may be one that is newer than any; the frames are then read as they are.
     SnapshotView(graph::Frames<Memory> frames, CommitNumber commit, clock::StampNs history)
         : frames_(frames), commit_(commit), history_(history) {}
 
     [[nodiscard]] bool open(FrameId id, Edge& edge) const {
-        return edge.open(frames_.memory(), frames_.header(id), commit_, history_);
+        if (!edge.open(frames_.memory(), frames_.header(id), commit_, history_, as_of()))
+            return false;
+        // Not born yet, or a frame of this state whose slot was reused since.
+        return !edge.empty() || frames_.born(id) <= commit_ ||
+               frames_.store_word(graph::kRecycleFloor).load_acquire() <= commit_;
+    }
+    [[nodiscard]] CommitNumber as_of() const {
+        return commit_ == kSeesAll ? frames_.store_word(graph::kCommit).load_acquire() : commit_;
     }
     [[nodiscard]] std::uint64_t topology(FrameId id) const { return frames_.topology(id); }
     [[nodiscard]] bool alive(FrameId id) const { return frames_.alive(id, commit_); }

@@ -23,14 +23,9 @@ public:
         : forest_(forest), before_commit_(std::move(before_commit)) {}
     [[nodiscard]] Commit<ForestMemory> start_commit() {
         before_commit_();
-        return {forest_.frames, forest_.scratch, forest_.history,
-                [](void* forest) {
-                    const auto& of = *static_cast<WalkedForest*>(forest);
-                    return graph::Pins<ForestMemory>(of.frames).oldest(
-                        of.word(graph::kCommit).load_acquire());
-                },
-                &forest_};
+        return {forest_.frames, forest_.scratch, forest_.history, forest_};
     }
+    [[nodiscard]] history::Readers& readers() { return forest_; }
     [[nodiscard]] const graph::Frames<ForestMemory>& frames() const { return forest_.frames; }
     [[nodiscard]] StampNs history() const { return forest_.history; }
     [[nodiscard]] bool crowded() const { return false; }

@@ -5,6 +5,7 @@
 #include <array>
 #include <cstddef>
 #include <cstdint>
+#include <deque>
 #include <map>
 #include <streambuf>
 #include <string>
@@ -186,6 +187,28 @@ public:
         free_[(bytes + kLine - 1) / kLine].push_back(block);
     }
 
+    void retire(Offset block, std::size_t bytes, std::uint64_t commit) {
+        retired_.push_back({block, bytes, commit});
+    }
+    void reclaim(std::uint64_t oldest, std::size_t keep) {
+        while (retired_bytes() > keep && retired_.front().commit <= oldest) {
+            const Retired first = retired_.front();
+            retired_.pop_front();
+            if (reclaimed().load_relaxed() < first.commit) {
+                reclaimed().store_relaxed(first.commit);
+                fence_release();
+            }
+            release(first.block, first.bytes);
+        }
+    }
+    [[nodiscard]] std::size_t retired_bytes() const {
+        std::size_t bytes = 0;
+        for (const Retired& retired : retired_)
+            bytes += retired.bytes;
+        return bytes;
+    }
+    [[nodiscard]] Word& reclaimed() const { return word(8); }
+
     static void fence_acquire() { relacy::fence_acquire(); }
     static void fence_release() { relacy::fence_release(); }
     static void fence_full() { relacy::fence_full(); }
@@ -194,6 +217,13 @@ private:
     mutable std::array<Word, Bytes / 8> words_;
     Offset next_ = kLine;
     std::map<std::size_t, std::vector<Offset>> free_;
+
+    struct Retired {
+        Offset block;
+        std::size_t bytes;
+        std::uint64_t commit;
+    };
+    std::deque<Retired> retired_;
 };
 
 }  // namespace tfdb::relacy

@@ -75,6 +75,30 @@ private:
     Forgotten forgotten_;
 };
 
+// Every second load of one word by a thread sees what the first one saw: a second look that is none.
+// Made anew for each execution.
+class LooksOnce : public Interceptor {
+public:
+    LooksOnce(std::size_t thread, const Word& word) : thread_(thread), word_(word) {}
+
+    Effect access(Word& word, const Operation& operation) override {
+        if (&word != &word_ || !is_load(operation.kind) ||
+            sched::Run::inside_thread()->current() != thread_) {
+            return word.access_directly(operation);
+        }
+        looked_ = !looked_;
+        if (looked_)
+            seen_ = word.access_directly(operation).before;
+        return {seen_, seen_, false};
+    }
+
+private:
+    std::size_t thread_;
+    const Word& word_;
+    bool looked_ = false;
+    std::uint64_t seen_ = 0;
+};
+
 // A thread's relaxed loads of one word see what its last acquiring load saw: a check at the end
 // that believes the beginning. Made anew for each execution.
 class BelievesFirst : public Interceptor {

@@ -1,0 +1,636 @@
+// EdgeWriter's functions.
+#pragma once
+
+#include "tfdb/history/edge_writer.hpp"
+
+namespace tfdb::history {
+
+// -- one sample ---------------------------------------------------------------------------------
+
+template <class Memory>
+void EdgeWriter<Memory>::append(const WriteContext& context, const NewSample<Memory>& sample) {
+    const SampleAt newest = newest_sample();
+    if (!newest || sample.stamp >= newest.stamp) {
+        append_behind(context, sample);
+    } else {
+        with_memory(context, [&] { insert_late(context, sample); });
+    }
+}
+
+/// The header's other words, before the sample becomes part of the edge.
+template <class Memory>
+void EdgeWriter<Memory>::note(const WriteContext& context, const NewSample<Memory>& sample) {
+    const SampleAt newest = newest_sample();
+    this->word(kChanged).store_relaxed(context.number());
+    const std::uint64_t topology = this->topology();
+    if (!newest) {
+        const std::uint64_t flags =
+            topology & (Topology::kMortal | Topology::kCleared | Topology::kParented);
+        this->word(kParentFrom).store_relaxed(as_word(sample.stamp));
+        this->word(kTopology).store_release(Topology::with_parent(flags, sample.parent, 0));
+        return;
+    }
+    if (Topology::parent(topology) == sample.parent)
+        return;
+    const bool last = sample.stamp >= newest.stamp;
+    // Those of the same stamp that it replaces may name another one. Among the others, a late one
+    // ends where the next begins, which is no later than the newest.
+    const StampNs from = last && sample.stamp > newest.stamp ? sample.stamp : newest.stamp + 1;
+    this->word(kParentFrom).store_relaxed(
+        as_word(std::max(from, as_stamp(this->word(kParentFrom).load_relaxed()))));
+    this->word(kTopology).store_release(
+        Topology::with_parent(topology, last ? sample.parent : Topology::parent(topology),
+                              Topology::depth(topology)) |
+        Topology::kMixedParents);
+}
+
+/// Into a slot that counts for nobody yet.
+template <class Memory>
+void EdgeWriter<Memory>::write(const WriteContext& context, const Seg& into, std::uint64_t index,
+                               const NewSample<Memory>& sample) {
+    const CommitNumber commit = context.number();
+    const Offset slot = into.slot(index);
+    memory_.word(slot).store_relaxed(SlotWord::pack(commit, sample.parent));
+    for (unsigned i = 0; i < Memory::kPayloadWords; ++i) {
+        memory_.word(slot + 8 * (1 + Offset{i})).store_relaxed(sample.payload[i]);
+    }
+    memory_.word(into.stamp_offset(index)).store_relaxed(as_word(sample.stamp));
+    // Where there are others, they are older.
+    if (into.empty())
+        into.meta(kLeast).store_relaxed(commit);
+}
+
+/// Where the limit is reached, what waits for readers is used first, and in the end also what held
+/// snapshots need: they make writers take more memory, but never stop them.
+template <class Memory>
+template <class Work>
+void EdgeWriter<Memory>::with_memory(const WriteContext& context, Work work) {
+    try {
+        return work();
+    } catch (const CapacityExceeded&) {
+        memory_.reclaim(context.oldest_read(), 0);
+    }
+    try {
+        return work();
+    } catch (const CapacityExceeded&) {
+        context.give_up_snapshots();
+        evict(context);
+        memory_.reclaim(context.committed, 0);
+    }
+    work();
+}
+
+// -- behind all others --------------------------------------------------------------------------
+
+template <class Memory>
+void EdgeWriter<Memory>::append_behind(const WriteContext& context,
+                                       const NewSample<Memory>& sample) {
+    make_room(context, 1);
+    note(context, sample);
+    const Seg tail = this->tail();
+    write(context, tail, tail.end(), sample);
+    this->word(kTail).store_release(SegmentWord::with_last(tail.word()));
+    if ((tail.end() & 31) == 31)
+        update_rate();
+}
+
+template <class Memory>
+void EdgeWriter<Memory>::update_rate() {
+    const Seg tail = this->tail();
+    const StampNs span = tail.stamp(tail.end() - 1) - tail.stamp(tail.begin());
+    if (span > 0) {
+        const auto steps = static_cast<double>(SegmentWord::count(tail.word()) - 1);
+        this->word(kRate).store_relaxed(std::bit_cast<std::uint64_t>(steps / static_cast<double>(span)));
+    }
+}
+
+template <class Memory>
+bool EdgeWriter<Memory>::reserve(const WriteContext& context, std::uint64_t samples) {
+    if (samples > kLargest / 2)
+        return false;
+    make_room(context, samples);
+    return true;
+}
+
+/// Room in the tail. A full one goes on in a larger copy, or in one of the same size where half of
+/// it is needed no more; a large one is sealed and a new one begun.
+template <class Memory>
+void EdgeWriter<Memory>::make_room(const WriteContext& context, std::uint64_t samples) {
+    const Seg full = tail();
+    const bool any = SegmentWord::block(full.word()) != 0;
+    const std::uint64_t capacity = any ? SegmentWord::capacity(full.word()) : 0;
+    // An edge that has had late samples keeps room for some.
+    const std::uint64_t spare =
+        capacity == kFull && this->word(kLate).load_relaxed() != 0 ? kFull / 16 : 0;
+    if (full.end() + samples + spare <= capacity) [[likely]]
+        return;
+    with_memory(context, [&] {
+        const std::uint64_t first = any ? first_needed(context, full) : 0;
+        const std::uint64_t needed = any ? count_needed(context, full, first) : 0;
+        const std::uint64_t wanted = std::bit_ceil(std::max(2 * needed, needed + samples));
+        const std::uint64_t announced = std::max(kFull, std::bit_ceil(samples));
+        if (wanted <= announced) {
+            constexpr std::uint64_t kFirst = std::uint64_t{1} << Sizes::kFirstLog2;
+            copy_tail(context, full, first, std::max({wanted, std::min(capacity, kFull), kFirst}));
+        } else {
+            seal(context, announced);
+            evict(context);
+        }
+    });
+}
+
+template <class Memory>
+void EdgeWriter<Memory>::copy_tail(const WriteContext& context, const Seg& full,
+                                   std::uint64_t first, std::uint64_t capacity) {
+    NewSegment<Memory> made(memory_, capacity);
+    const std::uint64_t old = full.word();
+    for (std::uint64_t i = first; i < full.end(); ++i) {
+        if (is_needed(context, full, i))
+            made.copy(full, i);
+    }
+    if (first != full.begin())
+        forget(context, kForgotten);
+    if (SegmentWord::count(made.word()) < full.end() - first)
+        forget(context, kCorrected);
+    this->word(kTail).store_release(made.word());
+    made.use();
+    retire_segment(memory_, context, old);
+    heal_parents();
+}
+
+/// The tail goes to the directory, and an empty one takes its place.
+template <class Memory>
+void EdgeWriter<Memory>::seal(const WriteContext& context, std::uint64_t next_capacity) {
+    NewSegment<Memory> next(memory_, next_capacity);
+    if (this->directory().block() == 0 || end() == this->directory().word(kDirCapacity).load_relaxed())
+        copy_directory(context, end(), 0, 0, [](const Dir&, std::uint64_t) {});
+    const Seg full = tail();
+    auto& greatest = full.meta(kGreatest);
+    greatest.store_relaxed(
+        std::max<CommitNumber>(greatest.load_relaxed(), full.commit(full.end() - 1)));
+    this->word(kReshaped).store_relaxed(context.number());
+    const Dir directory = this->directory();
+    const std::uint64_t k = end();
+    directory.first_word(k).store_relaxed(as_word(full.stamp(full.begin())));
+    directory.entry(k).store_release(full.word());
+    directory.word(kDirEnd).store_release(k + 1);
+    this->word(kTail).store_release(next.word());
+    next.use();
+    update_directory_rate();
+}
+
+// -- what nobody needs any more -----------------------------------------------------------------
+
+/// States before the oldest that is still read may miss something from now on.
+template <class Memory>
+void EdgeWriter<Memory>::forget(const WriteContext& context, HeaderWord what) {
+    if (this->word(what).load_relaxed() < context.oldest_read())
+        this->word(what).store_relaxed(context.oldest_read());
+}
+
+/// Below it nothing is retained in any state that is still read.
+template <class Memory>
+StampNs EdgeWriter<Memory>::cutoff(const WriteContext& context) const {
+    const CommitNumber state = context.oldest_read();
+    SampleAt newest = newest_sample();
+    if (this->word(kChanged).load_relaxed() > state) {
+        EdgeView<Memory> view;
+        newest = view.open(memory_, header_, state, context.history) ? view.newest() : SampleAt{};
+    }
+    // Static poses have no age.
+    return newest && newest.stamp >= 0 ? newest.stamp - context.history
+                                       : std::numeric_limits<StampNs>::min();
+}
+
+/// Whether every state that is still read shows a later commit's sample of the same stamp instead.
+template <class Memory>
+bool EdgeWriter<Memory>::superseded(const WriteContext& context, const Seg& in,
+                                    std::uint64_t index) const {
+    return index + 1 < in.end() && in.stamp(index) == in.stamp(index + 1) &&
+           in.commit(index + 1) <= context.oldest_read();
+}
+template <class Memory>
+bool EdgeWriter<Memory>::is_needed(const WriteContext& context, const Seg& in,
+                                   std::uint64_t index) const {
+    return in.commit(index) != SlotWord::kNever && !superseded(context, in, index);
+}
+
+/// Of a tail that has nothing before it: the first sample that some state still shows.
+template <class Memory>
+std::uint64_t EdgeWriter<Memory>::first_needed(const WriteContext& context, const Seg& full) const {
+    // To learn what may go costs more than to see that nothing can.
+    const StampNs newest = full.empty() ? kNoStamp : full.stamp(full.end() - 1);
+    const bool any_old = newest >= 0 && full.stamp(full.begin()) < newest - context.history;
+    if (begin() != end() || !any_old)
+        return full.begin();
+    return full.upper_bound(cutoff(context) - 1);
+}
+
+template <class Memory>
+std::uint64_t EdgeWriter<Memory>::count_needed(const WriteContext& context, const Seg& in,
+                                               std::uint64_t first) const {
+    std::uint64_t needed = 0;
+    for (std::uint64_t i = first; i < in.end(); ++i)
+        needed += is_needed(context, in, i) ? 1 : 0;
+    return needed;
+}
+
+/// Whole segments of which nothing is retained.
+template <class Memory>
+void EdgeWriter<Memory>::evict(const WriteContext& context) {
+    const Dir directory = this->directory();
+    const StampNs newest = this->newest();
+    StampNs limit = newest < 0 ? std::numeric_limits<StampNs>::min() : newest - context.history;
+    unsigned evicted = 0;
+    for (std::uint64_t k = begin(); k < end() && evicted < kMostEvicted; ++k) {
+        const Seg oldest = segment(directory.entry(k).load_relaxed());
+        const auto is_needed = [&] {
+            return !oldest.empty() && oldest.stamp(oldest.end() - 1) >= limit;
+        };
+        if (is_needed())
+            break;
+        // To learn what readers need costs more than to see that some of it is old.
+        if (evicted++ == 0) {
+            limit = cutoff(context);
+            if (is_needed())
+                return;
+        }
+        forget(context, kForgotten);
+        directory.word(kDirBegin).store_release(k + 1);
+        retire_segment(memory_, context, oldest.word());
+    }
+    if (evicted > 0) {
+        update_directory_rate();
+        heal_parents();
+    }
+}
+
+/// Once what named another parent is gone, all name one.
+template <class Memory>
+void EdgeWriter<Memory>::heal_parents() {
+    if ((this->topology() & Topology::kMixedParents) == 0)
+        return;
+    const FrameId parent = Topology::parent(this->topology());
+    const Seg tail = this->tail();
+    bool one = true;
+    if (begin() != end()) {
+        const Seg first = segment(this->directory().entry(begin()).load_relaxed());
+        one = !first.empty() &&
+              first.stamp(first.begin()) >= as_stamp(this->word(kParentFrom).load_relaxed());
+    } else {
+        for (std::uint64_t i = tail.begin(); i < tail.end(); ++i)
+            one = one && SlotWord::parent(tail.slot_word(i)) == parent;
+    }
+    if (one)
+        this->word(kTopology).store_release(this->topology() & ~Topology::kMixedParents);
+}
+
+// -- among the others ---------------------------------------------------------------------------
+
+/// Makes a segment part of the edge in place of another one. `first`: its first stamp.
+template <class Memory>
+void EdgeWriter<Memory>::store_word_of(std::uint64_t k, std::uint64_t word, StampNs first) {
+    if (k == end()) {
+        this->word(kTail).store_release(word);
+        return;
+    }
+    // Nobody enters the first segment by its first stamp.
+    if (k == begin())
+        this->directory().first_word(k).store_relaxed(
+            as_word(std::min(first, this->directory().first(k))));
+    this->directory().entry(k).store_release(word);
+}
+
+template <class Memory>
+void EdgeWriter<Memory>::insert_late(const WriteContext& context, const NewSample<Memory>& sample) {
+    std::uint64_t k = segment_of(sample.stamp);
+    Seg in = segment(word_of(k));
+    std::uint64_t index = in.upper_bound(sample.stamp);
+    const std::uint64_t capacity = SegmentWord::capacity(in.word());
+    const bool is_full = SegmentWord::count(in.word()) == capacity && capacity >= kFull;
+    const bool is_first = index == in.begin() && k == begin();
+    if (is_full && k == end() && !is_first) {
+        seal(context, kFull);
+        k = end() - 1;
+    }
+    note(context, sample);
+    if (k != end())
+        this->word(kReshaped).store_relaxed(context.number());
+    if (index == in.end() && in.end() < capacity) {
+        write(context, in, index, sample);
+        in.meta(kGreatest).store_relaxed(context.number());
+        store_word_of(k, SegmentWord::with_last(in.word()), in.stamp(in.begin()));
+    } else if (index == in.begin() && index > 0) {
+        write(context, in, index - 1, sample);
+        in.meta(kGreatest).store_relaxed(context.number());
+        store_word_of(k, SegmentWord::with_first(in.word()), sample.stamp);
+    } else if (!is_full) {
+        const bool grows = SegmentWord::count(in.word()) == capacity;
+        insert_in_copy(context, k, index, grows ? 2 * capacity : capacity, sample);
+    } else if (is_first) {
+        push_front(context, sample);
+    } else if (count_needed(context, in, in.begin()) < capacity) {
+        insert_in_copy(context, k, index, capacity, sample);
+    } else {
+        insert_and_split(context, k, index, sample);
+    }
+    this->word(kLate).store_relaxed(this->word(kLate).load_relaxed() + 1);
+}
+
+/// Copies what is needed of [first, last), with the sample before that at `index`.
+template <class Memory>
+void EdgeWriter<Memory>::fill(const WriteContext& context, NewSegment<Memory>& into,
+                              const Seg& from, std::uint64_t first, std::uint64_t last,
+                              std::uint64_t index, const NewSample<Memory>& sample) const {
+    for (std::uint64_t i = first; i <= last; ++i) {
+        if (i == index)
+            into.put(sample, context.number());
+        if (i < last && is_needed(context, from, i))
+            into.copy(from, i);
+    }
+}
+
+template <class Memory>
+void EdgeWriter<Memory>::insert_in_copy(const WriteContext& context, std::uint64_t k,
+                                        std::uint64_t index, std::uint64_t capacity,
+                                        const NewSample<Memory>& sample) {
+    const Seg old = segment(word_of(k));
+    NewSegment<Memory> made(memory_, capacity);
+    // Who comes before all others may be followed by more of the kind: they find room.
+    if (index == old.begin() && k == begin())
+        made.start_at(capacity - SegmentWord::count(old.word()) - 1);
+    fill(context, made, old, old.begin(), old.end(), index, sample);
+    if (SegmentWord::count(made.word()) <= SegmentWord::count(old.word()))
+        forget(context, kCorrected);
+    store_word_of(k, made.word(), made.segment().stamp(made.segment().begin()));
+    made.use();
+    retire_segment(memory_, context, old.word());
+}
+
+/// Two halves take the place of a full segment.
+template <class Memory>
+void EdgeWriter<Memory>::insert_and_split(const WriteContext& context, std::uint64_t k,
+                                          std::uint64_t index, const NewSample<Memory>& sample) {
+    constexpr std::uint64_t kNowhere = ~std::uint64_t{0};
+    const Seg old = segment(word_of(k));
+    const std::uint64_t capacity = SegmentWord::capacity(old.word());
+    const std::uint64_t middle = old.begin() + SegmentWord::count(old.word()) / 2;
+    NewSegment<Memory> lower(memory_, capacity);
+    NewSegment<Memory> upper(memory_, capacity);
+    fill(context, lower, old, old.begin(), middle, index <= middle ? index : kNowhere, sample);
+    fill(context, upper, old, middle, old.end(), index > middle ? index : kNowhere, sample);
+    const StampNs first = this->directory().first(k);
+    copy_directory(context, k, 1, 2, [&](const Dir& into, std::uint64_t at) {
+        into.first_word(at).store_relaxed(as_word(first));
+        into.entry(at).store_relaxed(lower.word());
+        into.first_word(at + 1).store_relaxed(
+            as_word(upper.segment().stamp(upper.segment().begin())));
+        into.entry(at + 1).store_relaxed(upper.word());
+    });
+    lower.use();
+    upper.use();
+    retire_segment(memory_, context, old.word());
+}
+
+/// A new segment before all others, which is filled from its end.
+template <class Memory>
+void EdgeWriter<Memory>::push_front(const WriteContext& context, const NewSample<Memory>& sample) {
+    NewSegment<Memory> made(memory_, kFull);
+    made.start_at(kFull - 1);
+    made.put(sample, context.number());
+    const auto enter = [&](const Dir& into, std::uint64_t at) {
+        into.first_word(at).store_relaxed(as_word(sample.stamp));
+        into.entry(at).store_release(made.word());
+    };
+    this->word(kReshaped).store_relaxed(context.number());
+    const std::uint64_t k = begin();
+    // Readers may still look at an entry that was evicted.
+    if (this->directory().block() != 0 && k > 0 && this->directory().word(kDirLowest).load_relaxed() == k) {
+        enter(this->directory(), k - 1);
+        this->directory().word(kDirLowest).store_relaxed(k - 1);
+        this->directory().word(kDirBegin).store_release(k - 1);
+    } else {
+        copy_directory(context, k, 0, 1, enter);
+    }
+    made.use();
+}
+
+// -- the directory ------------------------------------------------------------------------------
+
+/// Readers go on in the old one, which leads to the same samples. `enter(directory, at)` fills in
+/// the added entries, which take the place of `removed` ones from `at` on.
+template <class Memory>
+template <class Enter>
+void EdgeWriter<Memory>::copy_directory(const WriteContext& context, std::uint64_t at,
+                                        std::uint64_t removed, std::uint64_t added, Enter enter) {
+    const Dir old = this->directory();
+    const std::uint64_t first = begin();
+    const std::uint64_t last = end();
+    const std::uint64_t entries = last - first + added - removed;
+    const std::uint64_t room = entries / 4 + 1;
+    const std::uint64_t front = added > removed && at == first ? room : 1;
+    NewBlock<Memory> block(memory_, Dir::bytes(front + entries + room));
+    const Dir made(memory_, block.offset());
+    std::uint64_t to = front;
+    const auto copy = [&](std::uint64_t from) {
+        made.first_word(to).store_relaxed(old.first_word(from).load_relaxed());
+        made.entry(to).store_relaxed(old.entry(from).load_relaxed());
+        ++to;
+    };
+    for (std::uint64_t k = first; k < at; ++k)
+        copy(k);
+    enter(made, to);
+    to += added;
+    for (std::uint64_t k = at + removed; k < last; ++k)
+        copy(k);
+    made.word(kDirBegin).store_relaxed(front);
+    made.word(kDirLowest).store_relaxed(front);
+    made.word(kDirEnd).store_relaxed(to);
+    made.word(kDirCapacity).store_relaxed(front + entries + room);
+    made.word(kDirRate).store_relaxed(0);
+    this->word(kDirectory).store_release(made.block());
+    block.use();
+    if (old.block() != 0)
+        retire_directory(context, old.block());
+    update_directory_rate();
+}
+
+template <class Memory>
+void EdgeWriter<Memory>::update_directory_rate() {
+    if (begin() == end())
+        return;
+    const Dir directory = this->directory();
+    const StampNs span = directory.first(end() - 1) - directory.first(begin());
+    const auto steps = static_cast<double>(end() - 1 - begin());
+    const double rate = span > 0 ? steps / static_cast<double>(span) : 0.0;
+    directory.word(kDirRate).store_relaxed(std::bit_cast<std::uint64_t>(rate));
+}
+
+template <class Memory>
+void EdgeWriter<Memory>::retire_directory(const WriteContext& context, Offset block) {
+    const std::uint64_t capacity = Dir(memory_, block).word(kDirCapacity).load_relaxed();
+    retire(memory_, context, block, Dir::bytes(capacity));
+}
+
+// -- versions -----------------------------------------------------------------------------------
+
+/// Older snapshots are sent to the version that ends here before anything else is changed.
+template <class Memory>
+void EdgeWriter<Memory>::clear(const WriteContext& context) {
+    NewBlock<Memory> block(memory_, kVersionBytes);
+    const auto keep = [&](VersionWord w, std::uint64_t value) {
+        memory_.word(block.offset() + 8 * Offset{w}).store_relaxed(value);
+    };
+    keep(kOldTail, this->word(kTail).load_relaxed());
+    keep(kOldDirectory, this->word(kDirectory).load_relaxed());
+    keep(kOldTopology, this->topology());
+    keep(kOldSince, this->word(kSince).load_relaxed());
+    keep(kOldOlder, this->word(kOlder).load_relaxed() & ~kTakenBack);
+    this->word(kOlder).store_release(block.offset());
+    this->word(kSince).store_release(context.number());
+    block.use();
+    constexpr std::uint64_t kKept = Topology::kMortal | Topology::kParented;
+    this->word(kChanged).store_relaxed(context.number());
+    this->word(kTopology).store_release((this->topology() & kKept) | Topology::kRoot | Topology::kCleared);
+    this->word(kDirectory).store_release(0);
+    this->word(kTail).store_release(0);
+}
+
+template <class Memory>
+void EdgeWriter<Memory>::retire_older(const WriteContext& context) {
+    const Offset block = this->word(kOlder).load_relaxed();
+    retire_all(context, memory_.word(block + 8 * Offset{kOldTail}).load_relaxed(),
+               memory_.word(block + 8 * Offset{kOldDirectory}).load_relaxed());
+    retire(memory_, context, block, kVersionBytes);
+}
+
+template <class Memory>
+void EdgeWriter<Memory>::retire_all(const WriteContext& context, std::uint64_t tail,
+                                    Offset directory) {
+    retire_segment(memory_, context, tail);
+    if (directory == 0)
+        return;
+    const Dir list(memory_, directory);
+    const std::uint64_t last = list.word(kDirEnd).load_relaxed();
+    for (std::uint64_t k = list.word(kDirBegin).load_relaxed(); k < last; ++k)
+        retire_segment(memory_, context, list.entry(k).load_relaxed());
+    retire_directory(context, directory);
+}
+
+template <class Memory>
+void EdgeWriter<Memory>::free(const WriteContext& context) {
+    const std::uint64_t tail = this->word(kTail).load_relaxed();
+    const Offset directory = this->word(kDirectory).load_relaxed();
+    this->word(kDirectory).store_release(0);
+    this->word(kTail).store_release(0);
+    retire_all(context, tail, directory);
+}
+
+// -- taking back --------------------------------------------------------------------------------
+
+template <class Memory>
+void EdgeWriter<Memory>::trim(const WriteContext& context) {
+    const std::uint64_t older = this->word(kOlder).load_relaxed();
+    if (this->word(kSince).load_relaxed() > context.committed && (older & kTakenBack) == 0)
+        trim_version(context);
+    if (this->word(kReshaped).load_relaxed() > context.committed)
+        trim_directory(context);
+    if (const Seg tail = this->tail(); !tail.empty())
+        this->word(kTail).store_release(trimmed(context, tail.word()));
+    restore_topology();
+}
+
+/// The segment without newer samples at its ends; those in its midst are marked.
+template <class Memory>
+std::uint64_t EdgeWriter<Memory>::trimmed(const WriteContext& context, std::uint64_t word) const {
+    const Seg in = segment(word);
+    std::uint64_t first = in.begin();
+    std::uint64_t last = in.end();
+    while (last > first && in.commit(last - 1) > context.committed)
+        --last;
+    while (first < last && in.commit(first) > context.committed)
+        ++first;
+    for (std::uint64_t i = first; i < last; ++i) {
+        if (in.commit(i) > context.committed) {
+            memory_.word(in.slot(i))
+                .store_relaxed(
+                    SlotWord::pack(SlotWord::kNever, SlotWord::parent(in.slot_word(i))));
+        }
+    }
+    return SegmentWord::only(word, first, last);
+}
+
+template <class Memory>
+void EdgeWriter<Memory>::trim_directory(const WriteContext& context) {
+    if (begin() == end())
+        return;
+    const Dir directory = this->directory();
+    const std::uint64_t tail = SegmentWord::block(this->word(kTail).load_relaxed());
+    // Sealed, but not yet followed by another tail.
+    if (tail != 0 && SegmentWord::block(directory.entry(end() - 1).load_relaxed()) == tail)
+        directory.word(kDirEnd).store_release(end() - 1);
+    for (std::uint64_t k = begin(); k < end(); ++k) {
+        const std::uint64_t found = directory.entry(k).load_relaxed();
+        if (segment(found).meta(kGreatest).load_relaxed() > context.committed)
+            directory.entry(k).store_release(trimmed(context, found));
+    }
+    const auto is_empty = [&](std::uint64_t k) {
+        return segment(directory.entry(k).load_relaxed()).empty();
+    };
+    while (begin() < end() && is_empty(end() - 1)) {
+        const std::uint64_t empty = directory.entry(end() - 1).load_relaxed();
+        directory.word(kDirEnd).store_release(end() - 1);
+        retire_segment(memory_, context, empty);
+    }
+    while (begin() < end() && is_empty(begin())) {
+        const std::uint64_t empty = directory.entry(begin()).load_relaxed();
+        directory.word(kDirBegin).store_release(begin() + 1);
+        retire_segment(memory_, context, empty);
+    }
+    update_directory_rate();
+}
+
+/// Older snapshots go on in the version that was to end; from the next commit on its samples are
+/// those of this one again.
+template <class Memory>
+void EdgeWriter<Memory>::trim_version(const WriteContext& context) {
+    const Offset block = this->word(kOlder).load_relaxed();
+    const auto old = [&](VersionWord w) {
+        return memory_.word(block + 8 * Offset{w}).load_relaxed();
+    };
+    const std::uint64_t tail = this->word(kTail).load_relaxed();
+    const Offset directory = this->word(kDirectory).load_relaxed();
+    const std::uint64_t kept = this->topology() & (Topology::kMortal | Topology::kParented);
+    this->word(kTopology).store_release(old(kOldTopology) | kept);
+    this->word(kDirectory).store_release(old(kOldDirectory));
+    this->word(kTail).store_release(old(kOldTail));
+    this->word(kOlder).store_release(block | kTakenBack);
+    retire_all(context, tail, directory);
+    retire(memory_, context, block, kVersionBytes);
+}
+
+/// Parent and kind are those of the newest sample.
+template <class Memory>
+void EdgeWriter<Memory>::restore_topology() {
+    const SampleAt newest = newest_sample();
+    const std::uint64_t topology = this->topology();
+    constexpr std::uint64_t kKept = Topology::kMortal | Topology::kCleared | Topology::kParented;
+    std::uint64_t restored = (topology & kKept) | Topology::kRoot;
+    if (newest) {
+        const std::uint64_t slot = memory_.word(newest.slot).load_relaxed();
+        restored = Topology::with_parent(topology & (kKept | Topology::kMixedParents),
+                                         SlotWord::parent(slot), Topology::depth(topology));
+    }
+    if (restored != topology)
+        this->word(kTopology).store_release(restored);
+}
+
+template <class Memory>
+void EdgeWriter<Memory>::set_depth_hint(std::uint32_t depth) {
+    // Whoever reads this word must see all that its flags stand for, as with every other store to
+    // it.
+    this->word(kTopology).store_release(
+        Topology::with_parent(this->topology(), Topology::parent(this->topology()), depth));
+}
+
+}  // namespace tfdb::history

@@ -1,0 +1,275 @@
+// A piece of an edge's history: samples in stamp order, in one block; and the list of such pieces.
+#pragma once
+
+#include <algorithm>
+#include <array>
+#include <bit>
+#include <cstdint>
+
+#include "tfdb/history/layout.hpp"
+
+namespace tfdb::history {
+
+/// A segment as one word: where its block is and which of its samples count. To store this word is
+/// to append, to insert, to take back. Zero is a segment without a block and without samples.
+struct SegmentWord {
+    static constexpr std::uint64_t pack(Offset block, unsigned log2, std::uint64_t begin,
+                                        std::uint64_t count) {
+        return block / memory::kLineBytes << 28 | std::uint64_t{log2} << 24 | begin << 12 | count;
+    }
+    static constexpr Offset block(std::uint64_t word) { return (word >> 28) * memory::kLineBytes; }
+    static constexpr unsigned log2_capacity(std::uint64_t word) {
+        return static_cast<unsigned>(word >> 24) & 15;
+    }
+    static constexpr std::uint64_t capacity(std::uint64_t word) {
+        return std::uint64_t{1} << log2_capacity(word);
+    }
+    static constexpr std::uint64_t begin(std::uint64_t word) { return word >> 12 & 0xFFF; }
+    static constexpr std::uint64_t count(std::uint64_t word) { return word & 0xFFF; }
+    static constexpr std::uint64_t end(std::uint64_t word) { return begin(word) + count(word); }
+    /// One sample more behind the last, or before the first.
+    static constexpr std::uint64_t with_last(std::uint64_t word) { return word + 1; }
+    static constexpr std::uint64_t with_first(std::uint64_t word) { return word - (1ULL << 12) + 1; }
+    /// Only the samples at [from, to).
+    static constexpr std::uint64_t only(std::uint64_t word, std::uint64_t from, std::uint64_t to) {
+        return (word & ~0xFFFFFFULL) | from << 12 | (to - from);
+    }
+};
+
+/// Words of a segment's block before its stamps. Memory keeps words 5 to 7 of a retired block.
+enum SegmentMeta : unsigned {
+    kLeast = 0,     // no sample is of an older commit
+    kGreatest = 1,  // of a segment before the tail: no sample is of a newer one
+};
+
+/// First word and payload of a slot.
+template <class Memory>
+struct SlotData {
+    FrameId parent = kNoFrame;
+    CommitNumber commit = 0;
+    std::array<std::uint64_t, Memory::kPayloadWords> payload{};
+};
+
+/// Where a sample's slot is, and its stamp; none if `slot` is 0.
+struct SampleAt {
+    Offset slot = 0;
+    StampNs stamp = kNoStamp;
+
+    [[nodiscard]] explicit operator bool() const { return slot != 0; }
+};
+
+/// The samples of one segment: its block's meta line, then the stamps, then the slots.
+/// Threads: any; it is a value. Guarantee: wait-free; stays within the block.
+template <class Memory>
+class Segment {
+public:
+    static constexpr std::size_t kSlotBytes = 8 * (1 + Memory::kPayloadWords);
+
+    static constexpr std::size_t bytes(std::uint64_t capacity) {
+        return memory::kLineBytes + memory::round_up(8 * capacity, memory::kLineBytes) +
+               kSlotBytes * capacity;
+    }
+
+    Segment(const Memory& memory, std::uint64_t word)
+        : memory_(&memory),
+          word_(word),
+          stamps_(SegmentWord::block(word) + memory::kLineBytes),
+          slots_(stamps_ +
+                 memory::round_up(8 * SegmentWord::capacity(word), memory::kLineBytes)) {}
+
+    [[nodiscard]] std::uint64_t word() const { return word_; }
+    [[nodiscard]] std::uint64_t begin() const { return SegmentWord::begin(word_); }
+    [[nodiscard]] std::uint64_t end() const { return SegmentWord::end(word_); }
+    [[nodiscard]] bool empty() const { return SegmentWord::count(word_) == 0; }
+
+    [[nodiscard]] typename Memory::Word& meta(SegmentMeta m) const {
+        return memory_->word(SegmentWord::block(word_) + 8 * Offset{m});
+    }
+    [[nodiscard]] Offset stamp_offset(std::uint64_t i) const { return stamps_ + 8 * i; }
+    [[nodiscard]] Offset slot(std::uint64_t i) const { return slots_ + kSlotBytes * i; }
+    [[nodiscard]] StampNs stamp(std::uint64_t i) const {
+        return as_stamp(memory_->word(stamp_offset(i)).load_relaxed());
+    }
+    [[nodiscard]] std::uint64_t slot_word(std::uint64_t i) const {
+        return memory_->word(slot(i)).load_relaxed();
+    }
+    [[nodiscard]] CommitNumber commit(std::uint64_t i) const {
+        return SlotWord::commit(slot_word(i));
+    }
+
+    /// First index in [from, to) whose stamp is greater. Halves, without branches.
+    [[nodiscard]] std::uint64_t upper_bound(std::uint64_t from, std::uint64_t to,
+                                            StampNs stamp) const {
+        std::uint64_t length = to - from;
+        while (length > 0) {
+            const std::uint64_t half = length / 2;
+            const bool right = this->stamp(from + half) <= stamp;
+            from = right ? from + half + 1 : from;
+            length = right ? length - half - 1 : half;
+        }
+        return from;
+    }
+    [[nodiscard]] std::uint64_t upper_bound(StampNs stamp) const {
+        return upper_bound(begin(), end(), stamp);
+    }
+
+private:
+    const Memory* memory_;
+    std::uint64_t word_;
+    Offset stamps_;
+    Offset slots_;
+};
+
+/// First index in [low, high) that is greater than `stamp`, where `at(i)` rises with i; looks at
+/// `guess` first, then further and further away from it, then halves.
+template <class At>
+[[nodiscard]] std::uint64_t gallop(At at, std::uint64_t low, std::uint64_t high,
+                                   std::uint64_t guess, StampNs stamp) {
+    if (low == high)
+        return low;
+    guess = std::clamp(guess, low, high - 1);
+    std::uint64_t step = 1;
+    if (at(guess) <= stamp) {
+        low = guess + 1;
+        while (low + step < high && at(low + step) <= stamp) {
+            low += step + 1;
+            step *= 2;
+        }
+        high = std::min(high, low + step);
+    } else {
+        high = guess;
+        while (high > low + step && at(high - step) > stamp) {
+            high -= step;
+            step *= 2;
+        }
+        if (high > low + step)
+            low = high - step + 1;
+    }
+    while (low < high) {
+        const std::uint64_t middle = low + (high - low) / 2;
+        if (at(middle) <= stamp) {
+            low = middle + 1;
+        } else {
+            high = middle;
+        }
+    }
+    return low;
+}
+
+/// A position that lies `share` of the way from `low` on, as far as it is one.
+[[nodiscard]] inline std::uint64_t guess_at(double distance, double rate, std::uint64_t low) {
+    const double steps = distance * rate;
+    return low + (steps > 0.0 && steps < 1e9 ? static_cast<std::uint64_t>(steps) : 0);
+}
+
+/// Words of a directory's block before its entries.
+enum DirectoryWord : unsigned {
+    kDirBegin = 0,     // the entries that count: [begin, end)
+    kDirEnd = 1,
+    kDirRate = 2,      // entries per ns, a double's bits
+    kDirCapacity = 3,  // in entries
+    kDirLowest = 4,    // no entry below it was ever used
+};
+
+/// The segments of an edge before its tail, in stamp order: for each its first stamp and its word.
+/// A segment's samples lie between its first stamp and that of the next one, except that the first
+/// segment reaches back to all that is older.
+/// Threads: any; it is a value. Guarantee: wait-free.
+template <class Memory>
+class Directory {
+public:
+    static constexpr std::size_t bytes(std::uint64_t capacity) {
+        return memory::kLineBytes + 16 * capacity;
+    }
+
+    Directory(const Memory& memory, Offset block) : memory_(&memory), block_(block) {}
+
+    [[nodiscard]] Offset block() const { return block_; }
+    [[nodiscard]] typename Memory::Word& word(DirectoryWord w) const {
+        return memory_->word(block_ + 8 * Offset{w});
+    }
+    [[nodiscard]] typename Memory::Word& first_word(std::uint64_t k) const {
+        return memory_->word(block_ + memory::kLineBytes + 16 * k);
+    }
+    [[nodiscard]] typename Memory::Word& entry(std::uint64_t k) const {
+        return memory_->word(block_ + memory::kLineBytes + 16 * k + 8);
+    }
+    [[nodiscard]] StampNs first(std::uint64_t k) const {
+        return as_stamp(first_word(k).load_relaxed());
+    }
+    /// Which of the segments at [begin, end), which are some, a stamp belongs to.
+    [[nodiscard]] std::uint64_t find(std::uint64_t begin, std::uint64_t end, StampNs stamp) const {
+        const double rate = std::bit_cast<double>(word(kDirRate).load_relaxed());
+        const double distance = static_cast<double>(stamp) - static_cast<double>(first(begin));
+        return gallop([&](std::uint64_t k) { return first(k); }, begin + 1, end,
+                      guess_at(distance, rate, begin + 1), stamp) -
+               1;
+    }
+
+private:
+    const Memory* memory_;
+    Offset block_;
+};
+
+/// An edge's segments as its writer has them: those of the directory, and the tail behind them.
+/// Threads: only while nobody else writes to the edge. Guarantee: wait-free.
+template <class Memory>
+class EdgeSegments {
+public:
+    EdgeSegments(Memory& memory, Offset header) : memory_(memory), header_(header) {}
+
+    [[nodiscard]] std::uint64_t topology() const { return word(kTopology).load_relaxed(); }
+    [[nodiscard]] bool has_samples() const { return static_cast<bool>(newest_sample()); }
+    [[nodiscard]] bool is_static() const { return newest_sample().stamp == kStaticStamp; }
+    /// Greatest stamp, kNoStamp if the edge has no moving samples.
+    [[nodiscard]] StampNs newest() const { return std::max(newest_sample().stamp, kNoStamp); }
+
+    [[nodiscard]] SampleAt newest_sample() const {
+        for (std::uint64_t k = end() + 1; k-- > begin();) {
+            const Segment<Memory> in = segment(word_of(k));
+            if (!in.empty())
+                return {in.slot(in.end() - 1), in.stamp(in.end() - 1)};
+        }
+        return {};
+    }
+    /// Samples that are stored, also those that nobody sees any more.
+    [[nodiscard]] std::uint64_t stored() const {
+        std::uint64_t samples = 0;
+        for (std::uint64_t k = begin(); k <= end(); ++k)
+            samples += SegmentWord::count(word_of(k));
+        return samples;
+    }
+
+    [[nodiscard]] std::uint64_t begin() const { return directory_word(kDirBegin); }
+    /// Where the tail is.
+    [[nodiscard]] std::uint64_t end() const { return directory_word(kDirEnd); }
+    [[nodiscard]] std::uint64_t word_of(std::uint64_t k) const {
+        return k == end() ? word(kTail).load_relaxed() : directory().entry(k).load_relaxed();
+    }
+    [[nodiscard]] Segment<Memory> segment(std::uint64_t word) const { return {memory_, word}; }
+    /// Where a stamp belongs.
+    [[nodiscard]] std::uint64_t segment_of(StampNs stamp) const {
+        const Segment<Memory> tail = segment(word(kTail).load_relaxed());
+        if (begin() == end() || (!tail.empty() && tail.stamp(tail.begin()) <= stamp))
+            return end();
+        return directory().find(begin(), end(), stamp);
+    }
+
+protected:
+    [[nodiscard]] typename Memory::Word& word(HeaderWord w) const {
+        return memory_.word(header_ + 8 * Offset{w});
+    }
+    [[nodiscard]] Directory<Memory> directory() const {
+        return {memory_, word(kDirectory).load_relaxed()};
+    }
+
+    Memory& memory_;
+    Offset header_;
+
+private:
+    [[nodiscard]] std::uint64_t directory_word(DirectoryWord w) const {
+        return directory().block() == 0 ? 0 : directory().word(w).load_relaxed();
+    }
+};
+
+}  // namespace tfdb::history
