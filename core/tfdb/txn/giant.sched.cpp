@@ -17,8 +17,9 @@ TFDB_SCHED(giant_stands) {
 
 TFDB_SCHED(giant_flaws_are_found) {
     sched::Walk walk;
-    walk.must_fail("a reader without the mutex", "engines:0: ",
-                   acted<S>({reader<S>(), writer<S>(20)}, newest_is<S>(20, 20, 6),
+    // A reader without it would see one state all the same: edges keep what a snapshot needs.
+    walk.must_fail("a writer without the mutex", "engines:0: ",
+                   acted<S>({writer<S>(20), writer<S>(30)}, newest_is<S>(30, 30, 8),
                             in_region<S>([](Stage<S>& stage) {
                                 return std::make_unique<Pretends>(
                                     0, [word = &stage.store.word(graph::kCommitLock)](
