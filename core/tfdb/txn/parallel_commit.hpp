@@ -30,7 +30,7 @@ template <class Memory>
 [[nodiscard]] bool fits_behind(const graph::Frames<Memory>& frames, FrameId child,
                                clock::StampNs stamp) {
     const history::EdgeSegments<Memory> edge(frames.memory(), frames.header(child));
-    return stamp >= edge.newest();
+    return stamp >= edge.newest_sample().stamp;
 }
 
 /// Samples for edges that are there: each edge's one after another in stamp order, edges ascending.
