@@ -81,8 +81,8 @@ TFDB_SCHED(edge_seals) {
 }
 
 TFDB_SCHED(edge_evicts) {
-    holds("the oldest goes",
-          {.history = 15, .before = {one(10), one(30)}, .during = {one(50)}}, {20, 35});
+    holds("the oldest goes", {.history = 15, .before = {one(10), one(30)}, .during = {one(50)}},
+          {20, 35});
     holds("all of it goes",
           {.history = 15, .before = {one(10), one(30)}, .during = {one(50), one(70), one(90)}},
           {20, 55});

@@ -37,9 +37,9 @@ inline constexpr std::size_t kReader = 1;
 
 inline void name_words(const SmallMemory& memory, const Places& places, unsigned edges) {
     static constexpr const char* kNames[] = {
-        "tail",  "directory",   "topology", "since", "born", "rate",     "changed", "forgotten",
-        "older", "reshaped",    "parent_from", "late", "died", "name",   "children", "authority",
-        "lock",  "next_free",   "touched"};
+        "tail",      "directory", "topology", "since",       "born",   "rate", "changed",
+        "forgotten", "older",     "reshaped", "parent_from", "late",   "died", "name",
+        "children",  "authority", "lock",     "next_free",   "touched"};
     memory.word(places.commit).rename("commit", 0);
     for (unsigned edge = 0; edge < edges; ++edge) {
         for (unsigned word = 0; word < std::size(kNames); ++word) {

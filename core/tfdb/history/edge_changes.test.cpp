@@ -46,9 +46,7 @@ public:
         return EdgeChanges<Memory>(memory_, header_, commit, history_).find(ranges, lowest);
     }
     [[nodiscard]] CommitNumber committed() const { return committed_; }
-    [[nodiscard]] StampNs newest_stamp() {
-        return EdgeWriter<Memory>(memory_, header_).newest();
-    }
+    [[nodiscard]] StampNs newest_stamp() { return EdgeWriter<Memory>(memory_, header_).newest(); }
     /// Whether somebody who depends on this must be told, by the list.
     [[nodiscard]] bool expected(CommitNumber commit, const std::vector<StampRange>& ranges,
                                 StampNs lowest) {

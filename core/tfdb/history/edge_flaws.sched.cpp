@@ -96,7 +96,8 @@ void found(const std::string& name, const Script& script, StampNs stamp, const M
 
 const Script kAppends{.before = {one(10), one(20)}, .during = {one(30)}};
 const Script kSeals{.before = {one(10), one(20)}, .during = {one(30), one(40), one(50)}};
-const Script kEvicts{.history = 15, .before = {one(10), one(20)}, .during = {one(40), one(60), one(80)}};
+const Script kEvicts{
+    .history = 15, .before = {one(10), one(20)}, .during = {one(40), one(60), one(80)}};
 const Script kLate{.before = {one(10), one(30)}, .during = {one(20), one(22), one(24)}};
 const Script kClears{.before = {one(10), one(20)}, .during = {one(kClearMarker), one(5)}};
 const Script kCorrects{.before = {one(10), one(10)}, .during = {one(10), one(10)}};
@@ -120,9 +121,7 @@ TFDB_SCHED(edge_flaws_of_the_writer_are_found) {
 
 TFDB_SCHED(edge_flaws_of_the_reader_are_found) {
     found("tail not looked at again after the directory",
-          {.before = {one(20)},
-           .during = {one(10), one(30), one(40), one(50)},
-           .may_evict = false},
+          {.before = {one(20)}, .during = {one(10), one(30), one(40), one(50)}, .may_evict = false},
           15, looked_at_once(kTail));
     found("reuse not looked at again", kLate, 25, reuse_believed());
     found("a snapshot for each edge", {.edges = 2, .before = {both(10)}, .during = {both(20)}}, 15,

@@ -58,8 +58,6 @@ public:
     }
 
     [[nodiscard]] bool empty() const { return !newest_; }
-    /// Whether samples of the edge were cleared before this snapshot (of an edge that is empty).
-    [[nodiscard]] bool was_cleared() const { return (topology_ & Topology::kCleared) != 0; }
     /// May be newer than the snapshot: then it says less.
     [[nodiscard]] std::uint64_t topology() const { return topology_; }
     [[nodiscard]] bool is_static() const { return newest_ && newest_.stamp == kStaticStamp; }
@@ -317,8 +315,7 @@ private:
         best.found = false;
         for (;; ++at.k, at.segment = segment(at.k), at.index = at.segment.begin()) {
             for (bool first = true; at.index < at.segment.end(); ++at.index, first = false) {
-                if (best.found &&
-                    at.segment.stamp(at.index) != best.segment.stamp(best.index))
+                if (best.found && at.segment.stamp(at.index) != best.segment.stamp(best.index))
                     return best;
                 if (visible(at.segment, at.index)) {
                     best = at;

@@ -122,8 +122,9 @@ public:
     NewSegment(Memory& memory, std::uint64_t capacity)
         : NewBlock<Memory>(memory, Segment<Memory>::bytes(capacity)),
           memory_(memory),
-          into_(memory, SegmentWord::pack(this->offset(),
-                                          static_cast<unsigned>(std::countr_zero(capacity)), 0, 0)) {
+          into_(memory,
+                SegmentWord::pack(this->offset(), static_cast<unsigned>(std::countr_zero(capacity)),
+                                  0, 0)) {
         into_.meta(kLeast).store_relaxed(kMaxCommit);
         into_.meta(kGreatest).store_relaxed(0);
     }
@@ -168,11 +169,10 @@ private:
     std::uint64_t end_ = 0;
 };
 
-/// Adds samples of the commit in progress to one edge, and takes them back. Nothing that it writes is seen by a reader
-/// before the store publishes the commit.
-/// Threads: only the holder of the commit lock, or of the frame's.
-/// Guarantee: readers are never blocked; whatever throws, or ends amid its work, `trim` leaves what
-/// was committed.
+/// Adds samples of the commit in progress to one edge, and takes them back. Nothing that it writes
+/// is seen by a reader before the store publishes the commit. Threads: only the holder of the
+/// commit lock, or of the frame's. Guarantee: readers are never blocked; whatever throws, or ends
+/// amid its work, `trim` leaves what was committed.
 template <class Memory>
 class EdgeWriter : public EdgeSegments<Memory> {
 public:

@@ -36,8 +36,8 @@ void EdgeWriter<Memory>::note(const WriteContext& context, const NewSample<Memor
     // Those of the same stamp that it replaces may name another one. Among the others, a late one
     // ends where the next begins, which is no later than the newest.
     const StampNs from = last && sample.stamp > newest.stamp ? sample.stamp : newest.stamp + 1;
-    this->word(kParentFrom).store_relaxed(
-        as_word(std::max(from, as_stamp(this->word(kParentFrom).load_relaxed()))));
+    this->word(kParentFrom)
+        .store_relaxed(as_word(std::max(from, as_stamp(this->word(kParentFrom).load_relaxed()))));
     this->word(kTopology).store_release(
         Topology::with_parent(topology, last ? sample.parent : Topology::parent(topology),
                               Topology::depth(topology)) |
@@ -100,7 +100,8 @@ void EdgeWriter<Memory>::update_rate() {
     const StampNs span = tail.stamp(tail.end() - 1) - tail.stamp(tail.begin());
     if (span > 0) {
         const auto steps = static_cast<double>(SegmentWord::count(tail.word()) - 1);
-        this->word(kRate).store_relaxed(std::bit_cast<std::uint64_t>(steps / static_cast<double>(span)));
+        this->word(kRate).store_relaxed(
+            std::bit_cast<std::uint64_t>(steps / static_cast<double>(span)));
     }
 }
 
@@ -162,7 +163,8 @@ void EdgeWriter<Memory>::copy_tail(const WriteContext& context, const Seg& full,
 template <class Memory>
 void EdgeWriter<Memory>::seal(const WriteContext& context, std::uint64_t next_capacity) {
     NewSegment<Memory> next(memory_, next_capacity);
-    if (this->directory().block() == 0 || end() == this->directory().word(kDirCapacity).load_relaxed())
+    if (this->directory().block() == 0 ||
+        end() == this->directory().word(kDirCapacity).load_relaxed())
         copy_directory(context, end(), 0, 0, [](const Dir&, std::uint64_t) {});
     const Seg full = tail();
     auto& greatest = full.meta(kGreatest);
@@ -405,7 +407,8 @@ void EdgeWriter<Memory>::push_front(const WriteContext& context, const NewSample
     this->word(kReshaped).store_relaxed(context.number());
     const std::uint64_t k = begin();
     // Readers may still look at an entry that was evicted.
-    if (this->directory().block() != 0 && k > 0 && this->directory().word(kDirLowest).load_relaxed() == k) {
+    if (this->directory().block() != 0 && k > 0 &&
+        this->directory().word(kDirLowest).load_relaxed() == k) {
         enter(this->directory(), k - 1);
         this->directory().word(kDirLowest).store_relaxed(k - 1);
         this->directory().word(kDirBegin).store_release(k - 1);
@@ -491,7 +494,8 @@ void EdgeWriter<Memory>::clear(const WriteContext& context) {
     block.use();
     constexpr std::uint64_t kKept = Topology::kMortal | Topology::kParented;
     this->word(kChanged).store_relaxed(context.number());
-    this->word(kTopology).store_release((this->topology() & kKept) | Topology::kRoot | Topology::kCleared);
+    this->word(kTopology).store_release((this->topology() & kKept) | Topology::kRoot |
+                                        Topology::kCleared);
     this->word(kDirectory).store_release(0);
     this->word(kTail).store_release(0);
 }
@@ -553,8 +557,7 @@ std::uint64_t EdgeWriter<Memory>::trimmed(const WriteContext& context, std::uint
     for (std::uint64_t i = first; i < last; ++i) {
         if (in.commit(i) > context.committed) {
             memory_.word(in.slot(i))
-                .store_relaxed(
-                    SlotWord::pack(SlotWord::kNever, SlotWord::parent(in.slot_word(i))));
+                .store_relaxed(SlotWord::pack(SlotWord::kNever, SlotWord::parent(in.slot_word(i))));
         }
     }
     return SegmentWord::only(word, first, last);

@@ -17,16 +17,16 @@ using clock::StampNs;
 /// Words of a frame's header, 8 bytes each. Line 1 is all that a lookup near the newest sample
 /// touches of it.
 enum HeaderWord : unsigned {
-    kTail = 0,       // the segment with the newest samples: see SegmentWord
-    kDirectory = 1,  // block that lists the segments before the tail, 0 if there are none
-    kTopology = 2,   // the one parent, flags, depth hint: see Topology
-    kSince = 3,      // older snapshots see the version at kOlder instead
-    kBorn = 4,       // commit that made the frame << kFrameBits | generation
-    kRate = 5,       // samples per ns in the tail, a double's bits: where to guess
-    kChanged = 6,    // commit that wrote here last; too new by one after an abort
-    kForgotten = 7,  // snapshots from this commit on miss nothing that was evicted
-    kOlder = 8,      // block with the version before the last clear: see VersionWord
-    kReshaped = 9,   // commit that last changed anything but the tail's end; as kChanged
+    kTail = 0,         // the segment with the newest samples: see SegmentWord
+    kDirectory = 1,    // block that lists the segments before the tail, 0 if there are none
+    kTopology = 2,     // the one parent, flags, depth hint: see Topology
+    kSince = 3,        // older snapshots see the version at kOlder instead
+    kBorn = 4,         // commit that made the frame << kFrameBits | generation
+    kRate = 5,         // samples per ns in the tail, a double's bits: where to guess
+    kChanged = 6,      // commit that wrote here last; too new by one after an abort
+    kForgotten = 7,    // snapshots from this commit on miss nothing that was evicted
+    kOlder = 8,        // block with the version before the last clear: see VersionWord
+    kReshaped = 9,     // commit that last changed anything but the tail's end; as kChanged
     kParentFrom = 10,  // from this stamp on the parent is the same
     kLate = 11,        // samples that came out of order
     kDied = 12,        // commit that removed the frame, 0 while it lives
@@ -63,16 +63,17 @@ struct Tuning {
     static constexpr unsigned kFirstLog2 = 3;     // capacity of an edge's first segment
     static constexpr unsigned kFullLog2 = 8;      // ... of all but the first
     static constexpr unsigned kLargestLog2 = 11;  // ... where many samples are announced at once
-    static constexpr std::size_t kKept = std::size_t{1} << 18;  // bytes that wait, for readers' sake
-    static constexpr unsigned kFirstNamesLog2 = 6;              // entries of the first name table
+    static constexpr std::size_t kKept = std::size_t{1}
+                                         << 18;     // bytes that wait, for readers' sake
+    static constexpr unsigned kFirstNamesLog2 = 6;  // entries of the first name table
 };
 
 /// The word that tells most of what a path needs to know about a frame.
 struct Topology {
     static constexpr std::uint64_t kParentMask = kNoFrame;
     static constexpr std::uint64_t kMixedParents = 1ULL << 20;  // ask the samples for the parent
-    static constexpr std::uint64_t kCleared = 1ULL << 22;   // this version began with a clear
-    static constexpr std::uint64_t kMortal = 1ULL << 23;    // the frame was removed: see kDied
+    static constexpr std::uint64_t kCleared = 1ULL << 22;       // this version began with a clear
+    static constexpr std::uint64_t kMortal = 1ULL << 23;        // the frame was removed: see kDied
     static constexpr std::uint64_t kParented = 1ULL << 24;  // some sample named it as its parent
     static constexpr std::uint64_t kFlags = 0xFFFULL << kFrameBits;
 

@@ -29,7 +29,9 @@ struct SegmentWord {
     static constexpr std::uint64_t end(std::uint64_t word) { return begin(word) + count(word); }
     /// One sample more behind the last, or before the first.
     static constexpr std::uint64_t with_last(std::uint64_t word) { return word + 1; }
-    static constexpr std::uint64_t with_first(std::uint64_t word) { return word - (1ULL << 12) + 1; }
+    static constexpr std::uint64_t with_first(std::uint64_t word) {
+        return word - (1ULL << 12) + 1;
+    }
     /// Only the samples at [from, to).
     static constexpr std::uint64_t only(std::uint64_t word, std::uint64_t from, std::uint64_t to) {
         return (word & ~0xFFFFFFULL) | from << 12 | (to - from);
@@ -74,8 +76,7 @@ public:
         : memory_(&memory),
           word_(word),
           stamps_(SegmentWord::block(word) + memory::kLineBytes),
-          slots_(stamps_ +
-                 memory::round_up(8 * SegmentWord::capacity(word), memory::kLineBytes)) {}
+          slots_(stamps_ + memory::round_up(8 * SegmentWord::capacity(word), memory::kLineBytes)) {}
 
     [[nodiscard]] std::uint64_t word() const { return word_; }
     [[nodiscard]] std::uint64_t begin() const { return SegmentWord::begin(word_); }
@@ -164,7 +165,7 @@ template <class At>
 
 /// Words of a directory's block before its entries.
 enum DirectoryWord : unsigned {
-    kDirBegin = 0,     // the entries that count: [begin, end)
+    kDirBegin = 0,  // the entries that count: [begin, end)
     kDirEnd = 1,
     kDirRate = 2,      // entries per ns, a double's bits
     kDirCapacity = 3,  // in entries

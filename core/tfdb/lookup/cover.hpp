@@ -67,8 +67,7 @@ template <View V>
     if (!edge.bracket(stamp, around) || !edge.oldest(oldest))
         return Outcome::kLapped;
     Outcome outcome = Outcome::kOk;
-    if (!around.before ||
-        !detail::names_parent(view, edge, around.before, parent)) {
+    if (!around.before || !detail::names_parent(view, edge, around.before, parent)) {
         outcome = Outcome::kMismatch;
     } else if (edge.one_parent() &&
                (view.generation(parent) == 0 || view.alive_since(parent, edge.least_commit()))) {

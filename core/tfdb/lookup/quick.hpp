@@ -277,8 +277,8 @@ private:
 
     /// Index of the sample at or before the stamp; false where the general code must look. Samples
     /// mostly come at a steady rate: the guess is at most a few positions off.
-    [[nodiscard, gnu::always_inline]] bool find(const Node& node, Samples& in,
-                                                std::uint64_t& index, StampNs& before) const {
+    [[nodiscard, gnu::always_inline]] bool find(const Node& node, Samples& in, std::uint64_t& index,
+                                                StampNs& before) const {
         index = in.end - 1;
         before = in.stamp(index);
         if (stamp_ >= before) {
@@ -360,7 +360,8 @@ private:
             return false;
         }
         in = samples(word);
-        const double share = static_cast<double>(stamp_ - first) / static_cast<double>(next - first);
+        const double share =
+            static_cast<double>(stamp_ - first) / static_cast<double>(next - first);
         const auto count = static_cast<double>(in.end - in.begin);
         index = in.begin;
         if (share > 0.0 && share < 1.0)
@@ -370,8 +371,8 @@ private:
             return false;
         }
         // The last one may be followed by others of its stamp, in the next segment.
-        return near(in, index, before) && (before == stamp_ ? index + 1 < in.end
-                                                           : index + 2 < in.end);
+        return near(in, index, before) &&
+               (before == stamp_ ? index + 1 < in.end : index + 2 < in.end);
     }
 
     static void put_in_front(const geometry::Pose& pose, geometry::Pose& composed, bool& moved) {
@@ -383,21 +384,12 @@ private:
         moved = true;
     }
 
-    /// Takes one edge: its pose at the stamp goes in front of what was composed so far.
-    [[nodiscard, gnu::always_inline]] bool step(Node& node, geometry::Pose& composed, bool& moved,
-                                                std::vector<EdgeUse>& uses, bool inverted) {
-        Samples in;
-        const Entered entered(*this, node);
-        if (!entered.admitted() || !open(node, in)) {
-            return false;
-        }
-        const FrameId child = node.id;
-        const std::uint32_t generation = node.generation;
+    /// The sample that answers, and where it is to be mixed the one after it.
+    [[nodiscard, gnu::always_inline]] bool choose(const Node& node, Samples& in, StampNs& before,
+                                                  StampNs& after, Used& used, const Word*& slot,
+                                                  const Word*& next) const {
         std::uint64_t index = in.end - 1;
-        StampNs before = in.stamp(index);
-        StampNs after = history::kNoStamp;
-        Used used = Used::kExact;
-        const Word* next = nullptr;
+        before = in.stamp(index);
         if (before == history::kStaticStamp) {
             used = Used::kStatic;
             before = history::kNoStamp;
@@ -418,13 +410,31 @@ private:
                 return false;
             }
         }
-        const Word* slot = in.slot(index);
-        const std::uint64_t first = slot->load_relaxed();
-        // A late sample of a commit that came after the view.
-        if (history::SlotWord::commit(first) > commit_ ||
-            (next != nullptr && history::SlotWord::commit(next->load_relaxed()) > commit_)) {
+        slot = in.slot(index);
+        // Not a late sample of a commit that came after the view.
+        return history::SlotWord::commit(slot->load_relaxed()) <= commit_ &&
+               (next == nullptr || history::SlotWord::commit(next->load_relaxed()) <= commit_);
+    }
+
+    /// Takes one edge: its pose at the stamp goes in front of what was composed so far.
+    [[nodiscard, gnu::always_inline]] bool step(Node& node, geometry::Pose& composed, bool& moved,
+                                                std::vector<EdgeUse>& uses, bool inverted) {
+        Samples in;
+        const Entered entered(*this, node);
+        if (!entered.admitted() || !open(node, in)) {
             return false;
         }
+        const FrameId child = node.id;
+        const std::uint32_t generation = node.generation;
+        StampNs before = history::kNoStamp;
+        StampNs after = history::kNoStamp;
+        Used used = Used::kExact;
+        const Word* slot = nullptr;
+        const Word* next = nullptr;
+        if (!choose(node, in, before, after, used, slot, next)) {
+            return false;
+        }
+        const std::uint64_t first = slot->load_relaxed();
         geometry::Pose pose;
         if (next != nullptr) {
             mix_slots(slot, next, geometry::share(before, after, stamp_), pose);

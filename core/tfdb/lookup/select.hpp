@@ -61,9 +61,8 @@ template <class Edge>
 
 inline void select_nearest(const history::Bracket& around, StampNs stamp, const Policy& policy,
                            Selection& s) {
-    const bool later =
-        !around.before ||
-        (around.after && around.after.stamp - stamp < stamp - around.before.stamp);
+    const bool later = !around.before ||
+                       (around.after && around.after.stamp - stamp < stamp - around.before.stamp);
     s.anchor = later ? around.after : around.before;
     s.anchor_stamp = s.anchor.stamp;
     s.used = s.anchor_stamp == stamp ? Used::kExact : Used::kNearest;

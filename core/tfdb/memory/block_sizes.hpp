@@ -1,4 +1,5 @@
-// Size classes of blocks: sixteen per power of two, so at most 6 % of a block is lost to rounding.
+// Size classes of blocks: thirty-two per power of two, so at most 3 % of a block is lost to
+// rounding.
 #pragma once
 
 #include <bit>
@@ -8,24 +9,24 @@
 
 namespace tfdb::memory {
 
-inline constexpr unsigned kClassBits = 4;
-inline constexpr unsigned kSizeClasses = 16 * 48;
+inline constexpr unsigned kClassBits = 5;
+inline constexpr unsigned kSizeClasses = 32 * 48;
 
 struct BlockClass {
     unsigned index;
     std::size_t bytes;  // what a block of this class really holds
 };
 
-/// The class that fits `bytes`: sizes are (16 + m) * 2^k lines for m in 0..15, or up to 16 lines.
+/// The class that fits `bytes`: sizes are (32 + m) * 2^k lines for m in 0..31, or up to 32 lines.
 constexpr BlockClass block_class(std::size_t bytes) {
     const std::size_t lines = bytes == 0 ? 1 : (bytes + kLineBytes - 1) / kLineBytes;
-    if (lines <= 16)
+    if (lines <= 32)
         return {static_cast<unsigned>(lines - 1), lines * kLineBytes};
     const unsigned shift = static_cast<unsigned>(std::bit_width(lines - 1)) - kClassBits - 1;
     const std::size_t step = std::size_t{1} << shift;
-    const std::size_t rounded = (lines + step - 1) / step;  // 17..32
-    const unsigned mantissa = static_cast<unsigned>(rounded - 17);
-    return {16 + shift * 16 + mantissa, rounded * step * kLineBytes};
+    const std::size_t rounded = (lines + step - 1) / step;  // 33..64
+    const unsigned mantissa = static_cast<unsigned>(rounded - 33);
+    return {32 + shift * 32 + mantissa, rounded * step * kLineBytes};
 }
 
 }  // namespace tfdb::memory

@@ -14,9 +14,9 @@ namespace tfdb::memory {
 /// is checked. `kPayloadWords` is 7 for poses and smaller in walks.
 ///
 /// A block that readers may still look at is not released but retired, by a commit: readers of that
-/// commit or a later one have no way to it. It waits in line until `reclaim`; whoever reads an older
-/// state finds by `reclaimed`, the greatest commit whose blocks have gone, that it may have read
-/// something else.
+/// commit or a later one have no way to it. It waits in line until `reclaim`; whoever reads an
+/// older state finds by `reclaimed`, the greatest commit whose blocks have gone, that it may have
+/// read something else.
 template <class M>
 concept Memory = requires(M m, const M cm, Offset offset, std::size_t bytes) {
     typename M::Word;

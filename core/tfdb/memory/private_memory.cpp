@@ -36,7 +36,8 @@ constexpr std::size_t kSmallestReserve = std::size_t{1} << 28;  // 256 MiB: if n
 constexpr std::size_t kShared = std::size_t{1} << 46;
 constexpr std::size_t kPart = 256;
 constexpr std::size_t kHugePage = std::size_t{1} << 21;
-// Ring bases at power-of-two distances collide in the caches; three odd lines spread them.
+// Large blocks at power-of-two distances collide in the caches; three odd lines spread them.
+constexpr std::size_t kSkewFrom = std::size_t{1} << 16;
 constexpr std::size_t kSkewBytes = 3 * kLineBytes;
 
 sync::Word g_reserved;  // by all stores of this process
@@ -77,7 +78,7 @@ Offset PrivateMemory::root() noexcept {
 }
 
 Offset PrivateMemory::bump(std::size_t bytes) {
-    const std::size_t skew = bytes >= 4096 ? kSkewBytes : 0;
+    const std::size_t skew = bytes >= kSkewFrom ? kSkewBytes : 0;
     const Offset at = word(kBumpWord).load_relaxed();
     if (bytes + skew > reserved_ - at) {
         throw CapacityExceeded("the store's address space of " + std::to_string(reserved_) +

@@ -14,9 +14,9 @@ namespace tfdb::memory {
 
 /// One mapping of address space, a bump allocator and free lists, all state inside the region.
 /// Threads: any.
-/// Guarantee: `word`, `reclaimed` and the numbers of bytes are wait-free; the rest takes turns under a
-/// lock of its own. A word stays readable for the life of the region, also in a released block: a
-/// reader that was overtaken reads stale words, never unmapped memory.
+/// Guarantee: `word`, `reclaimed` and the numbers of bytes are wait-free; the rest takes turns
+/// under a lock of its own. A word stays readable for the life of the region, also in a released
+/// block: a reader that was overtaken reads stale words, never unmapped memory.
 class PrivateMemory {
 public:
     using Word = sync::Word;
@@ -53,14 +53,14 @@ public:
     /// Takes back a block that readers of states before `commit` may still look at: it is kept as
     /// it is, but for words 5 to 7, until `reclaim`. Commits come in order, or nearly so.
     void retire(Offset offset, std::size_t bytes, CommitNumber commit);
-    /// Releases retired blocks in the order in which they came, as long as nobody who reads `oldest`
-    /// or a later state needs them and more than `keep` bytes wait.
+    /// Releases retired blocks in the order in which they came, as long as nobody who reads
+    /// `oldest` or a later state needs them and more than `keep` bytes wait.
     void reclaim(CommitNumber oldest, std::size_t keep);
     /// States before this commit may miss retired blocks.
     [[nodiscard]] Word& reclaimed() const noexcept;
 
-    /// Bytes in blocks that are handed out or retired, in those that are retired, and in blocks that
-    /// wait to be used again.
+    /// Bytes in blocks that are handed out or retired, in those that are retired, and in blocks
+    /// that wait to be used again.
     [[nodiscard]] std::size_t used_bytes() const noexcept;
     [[nodiscard]] std::size_t retired_bytes() const noexcept;
     [[nodiscard]] std::size_t free_bytes() const noexcept;

@@ -120,9 +120,8 @@ enum class Missing : std::uint8_t { kThrow, kNan };
 class Snapshot;
 
 /// The reads that a Buffer (each from a fresh snapshot) and a Snapshot (from its own) share.
-/// Threads: any number may call anything at once. Guarantee: no read takes a lock that a writer
-/// holds, save one that was overtaken sixteen times in a row; `frame_info` and `tree` share a lock
-/// with writers that bring a new authority.
+/// Threads: any number may call anything at once. Guarantee: in the default engine no read takes
+/// the commit lock; `frame_info` and `tree` share a lock with writers that bring a new authority.
 class Reads {
 public:
     /// Frame by name. False if the snapshot has no such frame.

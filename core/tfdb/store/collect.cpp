@@ -63,15 +63,15 @@ Outcome outline(const StoreView& view, FrameId id, Outline& out) {
         out.named = history::SlotWord::commit(newest);
     }
     if (!edge.empty() && !out.is_static) {
-        const bool whole =
-            edge.visit(std::numeric_limits<StampNs>::min() / 2, history::kForever, 0,
-                       [&](const history::SampleAt& sample) {
-                           if (out.samples++ == 0)
-                               out.oldest = out.newest = sample.stamp;
-                           out.longest_gap = std::max(out.longest_gap, sample.stamp - out.newest);
-                           out.newest = sample.stamp;
-                           return true;
-                       });
+        const bool whole = edge.visit(std::numeric_limits<StampNs>::min() / 2, history::kForever, 0,
+                                      [&](const history::SampleAt& sample) {
+                                          if (out.samples++ == 0)
+                                              out.oldest = out.newest = sample.stamp;
+                                          out.longest_gap =
+                                              std::max(out.longest_gap, sample.stamp - out.newest);
+                                          out.newest = sample.stamp;
+                                          return true;
+                                      });
         if (!whole)
             return Outcome::kLapped;
     }

@@ -61,8 +61,7 @@ TFDB_TEST(transaction_depends_on_the_chain_above_the_meeting_point) {
     }
 }
 
-/// What is gone is said to be gone, or that the thread's own transaction is in the way; in no
-/// engine does the thread wait for itself.
+/// What is gone is said to be gone; in no engine does the thread wait for itself.
 TFDB_TEST(snapshot_that_is_too_old_does_not_wait_for_its_own_thread) {
     for (const bool alone : {false, true}) {
         BufferOptions options = keeping(10);
@@ -73,10 +72,7 @@ TFDB_TEST(snapshot_that_is_too_old_does_not_wait_for_its_own_thread) {
         overwrite(buffer);
         CHECK(THROWN(SnapshotTooOld, snapshot.lookup_transform("map", "base", 1)));
         Transaction tx(buffer, {.alone = alone});
-        if (alone || engine() == Concurrency::kSnapshot)
-            CHECK(THROWN(SnapshotTooOld, snapshot.lookup_transform("base", "map", 1)));
-        else
-            CHECK(THROWN(TransactionActive, snapshot.lookup_transform("base", "map", 1)));
+        CHECK(THROWN(SnapshotTooOld, snapshot.lookup_transform("base", "map", 1)));
         CHECK_EQ(latest(tx, "map", "base"), 199.0);
     }
 }

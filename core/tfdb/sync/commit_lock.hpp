@@ -7,8 +7,8 @@ namespace tfdb::sync {
 
 /// A mutex on one word, after U. Drepper, "Futexes Are Tricky" (2011), section "Mutex, take 3".
 /// Threads: any may lock; only the holder may unlock.
-/// Guarantee: `try_lock` is wait-free; `lock` blocks, and is not fair; a reader of the store comes
-/// here only after sixteen tries. `Spins` is small only in tests that walk every interleaving.
+/// Guarantee: `try_lock` is wait-free; `lock` blocks, and is not fair. `Spins` is small only in
+/// tests that walk every interleaving.
 template <class Word, int Spins = 100>  // a futex hand-off costs twice the throughput (measured)
 class BasicCommitLock {
 public:

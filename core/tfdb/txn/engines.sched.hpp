@@ -151,12 +151,8 @@ struct Stage {
         session.end(true);
     }
 
-    [[nodiscard]] StampNs newest(FrameId id) const {
-        return edge(id).newest();
-    }
-    [[nodiscard]] std::uint64_t samples(FrameId id) const {
-        return edge(id).stored();
-    }
+    [[nodiscard]] StampNs newest(FrameId id) const { return edge(id).newest(); }
+    [[nodiscard]] std::uint64_t samples(FrameId id) const { return edge(id).stored(); }
     /// After all threads: nothing is held, nobody is inside.
     void require_all_free() {
         require(shared.gate.gate().peek() == 0, "the gate is open");
@@ -183,8 +179,8 @@ private:
 
     template <class Stored>
     Written beside([[maybe_unused]] S& session,
-                          [[maybe_unused]] const PlainBatch<ForestMemory>& batch,
-                          [[maybe_unused]] CommitNumber& number, [[maybe_unused]] Stored stored) {
+                   [[maybe_unused]] const PlainBatch<ForestMemory>& batch,
+                   [[maybe_unused]] CommitNumber& number, [[maybe_unused]] Stored stored) {
         if constexpr (S::kWritesBesideOthers)
             return write_beside(session, batch, store, number, stored);
         else

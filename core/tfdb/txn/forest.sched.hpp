@@ -51,9 +51,9 @@ inline void require(bool holds, const char* text) {
 
 inline void name_words(const WalkedForest& forest) {
     static constexpr const char* kNames[] = {
-        "tail",  "directory",   "topology", "since", "born", "rate",     "changed", "forgotten",
-        "older", "reshaped",    "parent_from", "late", "died", "name",   "children", "authority",
-        "lock",  "next_free",   "touched"};
+        "tail",      "directory", "topology", "since",       "born",   "rate", "changed",
+        "forgotten", "older",     "reshaped", "parent_from", "late",   "died", "name",
+        "children",  "authority", "lock",     "next_free",   "touched"};
     for (FrameId id = 0; id < kFrames; ++id) {
         for (unsigned at = 0; at < std::size(kNames); ++at) {
             forest.frames.word(id, static_cast<history::HeaderWord>(at)).rename(kNames[at], id);

@@ -68,8 +68,9 @@ void for_each_edge(const graph::Frames<Memory>& frames,
 /// refused counts as no commit. False: they are too many. The caller holds the frames for writing.
 /// Throws CapacityExceeded, having changed nothing that counts.
 template <class Memory>
-[[nodiscard]] bool reserve_beside(const graph::Frames<Memory>& frames, const history::WriteContext& context,
-                    std::span<const typename PlainBatch<Memory>::Item> items) {
+[[nodiscard]] bool reserve_beside(const graph::Frames<Memory>& frames,
+                                  const history::WriteContext& context,
+                                  std::span<const typename PlainBatch<Memory>::Item> items) {
     bool fits = true;
     for_each_edge<Memory>(frames, items, [&](auto edge, const auto& samples) {
         fits = fits && edge.reserve(context, samples.size());

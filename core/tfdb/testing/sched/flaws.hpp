@@ -75,8 +75,8 @@ private:
     Forgotten forgotten_;
 };
 
-// Every second load of one word by a thread sees what the first one saw: a second look that is none.
-// Made anew for each execution.
+// Every second load of one word by a thread sees what the first one saw: a second look that is
+// none. Made anew for each execution.
 class LooksOnce : public Interceptor {
 public:
     LooksOnce(std::size_t thread, const Word& word) : thread_(thread), word_(word) {}
