@@ -220,13 +220,14 @@ private:
 
     [[nodiscard]] Seg tail() const { return segment(this->word(kTail).load_relaxed()); }
 
-    void note(const WriteContext& context, const NewSample<Memory>& sample);
+    void note(const WriteContext& context, const NewSample<Memory>& sample, const SampleAt& newest);
     void write(const WriteContext& context, const Seg& into, std::uint64_t index,
                const NewSample<Memory>& sample);
     template <class Work>
     void with_memory(const WriteContext& context, Work work);
 
-    void append_behind(const WriteContext& context, const NewSample<Memory>& sample);
+    void append_behind(const WriteContext& context, const NewSample<Memory>& sample,
+                       const SampleAt& newest);
     void make_room(const WriteContext& context, std::uint64_t samples);
     void copy_tail(const WriteContext& context, const Seg& full, std::uint64_t first,
                    std::uint64_t capacity);
@@ -244,7 +245,8 @@ private:
     void evict(const WriteContext& context);
     void heal_parents();
 
-    void insert_late(const WriteContext& context, const NewSample<Memory>& sample);
+    void insert_late(const WriteContext& context, const NewSample<Memory>& sample,
+                     const SampleAt& newest);
     void store_word_of(std::uint64_t k, std::uint64_t word, StampNs first);
     void insert_in_copy(const WriteContext& context, std::uint64_t k, std::uint64_t index,
                         std::uint64_t capacity, const NewSample<Memory>& sample);

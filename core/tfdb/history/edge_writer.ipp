@@ -11,16 +11,16 @@ template <class Memory>
 void EdgeWriter<Memory>::append(const WriteContext& context, const NewSample<Memory>& sample) {
     const SampleAt newest = newest_sample();
     if (!newest || sample.stamp >= newest.stamp) {
-        append_behind(context, sample);
+        append_behind(context, sample, newest);
     } else {
-        with_memory(context, [&] { insert_late(context, sample); });
+        with_memory(context, [&] { insert_late(context, sample, newest); });
     }
 }
 
 /// The header's other words, before the sample becomes part of the edge.
 template <class Memory>
-void EdgeWriter<Memory>::note(const WriteContext& context, const NewSample<Memory>& sample) {
-    const SampleAt newest = newest_sample();
+void EdgeWriter<Memory>::note(const WriteContext& context, const NewSample<Memory>& sample,
+                              const SampleAt& newest) {
     this->word(kChanged).store_relaxed(context.number());
     const std::uint64_t topology = this->topology();
     if (!newest) {
@@ -83,10 +83,10 @@ void EdgeWriter<Memory>::with_memory(const WriteContext& context, Work work) {
 // -- behind all others --------------------------------------------------------------------------
 
 template <class Memory>
-void EdgeWriter<Memory>::append_behind(const WriteContext& context,
-                                       const NewSample<Memory>& sample) {
+void EdgeWriter<Memory>::append_behind(const WriteContext& context, const NewSample<Memory>& sample,
+                                       const SampleAt& newest) {
     make_room(context, 1);
-    note(context, sample);
+    note(context, sample, newest);
     const Seg tail = this->tail();
     write(context, tail, tail.end(), sample);
     this->word(kTail).store_release(SegmentWord::with_last(tail.word()));
@@ -304,7 +304,8 @@ void EdgeWriter<Memory>::store_word_of(std::uint64_t k, std::uint64_t word, Stam
 }
 
 template <class Memory>
-void EdgeWriter<Memory>::insert_late(const WriteContext& context, const NewSample<Memory>& sample) {
+void EdgeWriter<Memory>::insert_late(const WriteContext& context, const NewSample<Memory>& sample,
+                                     const SampleAt& newest) {
     std::uint64_t k = segment_of(sample.stamp);
     Seg in = segment(word_of(k));
     std::uint64_t index = in.upper_bound(sample.stamp);
@@ -315,7 +316,7 @@ void EdgeWriter<Memory>::insert_late(const WriteContext& context, const NewSampl
         seal(context, kFull);
         k = end() - 1;
     }
-    note(context, sample);
+    note(context, sample, newest);
     if (k != end())
         this->word(kReshaped).store_relaxed(context.number());
     if (index == in.end() && in.end() < capacity) {

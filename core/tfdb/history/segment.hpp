@@ -226,12 +226,8 @@ public:
     [[nodiscard]] StampNs newest() const { return std::max(newest_sample().stamp, kNoStamp); }
 
     [[nodiscard]] SampleAt newest_sample() const {
-        for (std::uint64_t k = end() + 1; k-- > begin();) {
-            const Segment<Memory> in = segment(word_of(k));
-            if (!in.empty())
-                return {in.slot(in.end() - 1), in.stamp(in.end() - 1)};
-        }
-        return {};
+        const Segment<Memory> tail = segment(word(kTail).load_relaxed());
+        return tail.empty() ? newest_sealed() : last_of(tail);
     }
     /// Samples that are stored, also those that nobody sees any more.
     [[nodiscard]] std::uint64_t stored() const {
@@ -268,6 +264,18 @@ protected:
     Offset header_;
 
 private:
+    [[nodiscard]] static SampleAt last_of(const Segment<Memory>& in) {
+        return {in.slot(in.end() - 1), in.stamp(in.end() - 1)};
+    }
+    /// Behind an empty tail.
+    [[nodiscard, gnu::noinline]] SampleAt newest_sealed() const {
+        for (std::uint64_t k = end(); k > begin();) {
+            const Segment<Memory> in = segment(word_of(--k));
+            if (!in.empty())
+                return last_of(in);
+        }
+        return {};
+    }
     [[nodiscard]] std::uint64_t directory_word(DirectoryWord w) const {
         return directory().block() == 0 ? 0 : directory().word(w).load_relaxed();
     }
