@@ -17,14 +17,15 @@
 
 namespace tfdb::history {
 
-using SmallMemory = relacy::Memory<1, 2048>;
+using SmallMemory = relacy::Memory<1, 4096>;
 
-/// Rings that start with two slots, at most two runs, no lateness without a new run.
+/// Segments of one sample, then of two; nothing that was retired is kept.
 template <>
 struct Tuning<SmallMemory> {
-    static constexpr unsigned kFirstLog2Capacity = 1;
-    static constexpr unsigned kMaxRuns = 2;
-    static constexpr std::uint64_t kSlackLimit = 1;
+    static constexpr unsigned kFirstLog2 = 0;
+    static constexpr unsigned kFullLog2 = 1;
+    static constexpr unsigned kLargestLog2 = 2;
+    static constexpr std::size_t kKept = 0;
 };
 
 namespace script {
@@ -32,7 +33,8 @@ namespace script {
 namespace {
 
 constexpr unsigned kReaders = 2;
-constexpr unsigned kIdleSteps = 128;
+constexpr unsigned kIdleSteps = 400;
+constexpr unsigned kPause = 400;
 
 /// What the simulation runs. Relacy makes the simulated object itself, so it finds it here.
 struct Task {
@@ -58,13 +60,12 @@ struct Scene {
         }
     }
 
-    void write_all() {
+    /// `spared()`: whether somebody may still read what is old.
+    template <class Spared>
+    void write_all(Spared spared) {
         const std::size_t already = g_task.script.before.size();
-        for (std::size_t batch = 0; batch < g_task.script.during.size(); ++batch) {
-            SmallMemory::fence_full();
-            const bool may_evict = pins().load_relaxed() == 0;
-            write(memory, places, g_task.script, already + batch, may_evict);
-        }
+        for (std::size_t batch = 0; batch < g_task.script.during.size(); ++batch)
+            write(memory, places, g_task.script, already + batch, !spared());
     }
 
     /// A writer takes many more steps than a reader: readers start anywhere beside it.
@@ -83,7 +84,7 @@ struct Edges : rl::test_suite<Edges, 1 + kReaders>, Scene {
 
     void thread(unsigned index) {
         if (index == 0) {
-            write_all();
+            write_all([] { return !g_task.script.may_evict; });
             return;
         }
         idle();
@@ -100,26 +101,24 @@ struct Edges : rl::test_suite<Edges, 1 + kReaders>, Scene {
 };
 
 /// Readers that hold a snapshot: as store::Buffer does, they count themselves as pins, and a writer
-/// that sees a pin makes the ring grow instead of overwriting. No samples are lost under them.
+/// that sees a pin keeps what they may need. No samples are lost under them.
 struct HeldSnapshots : rl::test_suite<HeldSnapshots, 1 + kReaders>, Scene {
     void before() { Scene::before(); }
 
     void thread(unsigned index) {
         if (index == 0) {
-            write_all();
+            write_all([&] {
+                SmallMemory::fence_full();
+                return pins().load_relaxed() != 0;
+            });
             return;
         }
         idle();
         pins().fetch_add(1);
         SmallMemory::fence_full();
         const CommitNumber held = memory.word(places.commit).load_acquire();
-        // A ring that grows turns a reader back, but not more often than it grows.
-        bool answered = false;
-        for (int attempt = 0; attempt < 4 && !answered; ++attempt) {
-            answered =
-                read_at(memory, places, g_task.script, *g_task.model, held, g_task.stamp, require);
-        }
-        RL_ASSERT(answered);
+        RL_ASSERT(
+            read_at(memory, places, g_task.script, *g_task.model, held, g_task.stamp, require));
         pins().fetch_add(~std::uint64_t{0});
     }
 };
@@ -180,25 +179,37 @@ constexpr Offset header_word(HeaderWord word) {
     return 128 + 8 * Offset{word};
 }
 
-const Script kAppends{.before = {one(10)}, .during = {one(20), one(30)}};
-const Script kEvicts{
-    .history = 15, .before = {one(10), one(30)}, .during = {one(50), one(70), one(90)}};
+Batch aborted(Batch batch) {
+    batch.aborted = true;
+    return batch;
+}
+
+const Script kAppends{.before = {one(10)}, .during = {one(20), one(30), one(40)}};
+const Script kSeals{.before = {one(10), one(20)}, .during = {one(30), one(40), one(50), one(60)}};
+const Script kEvicts{.history = 15,
+                     .before = {one(10), one(30)},
+                     .during = {one(50), one(70), one(90), one(110), one(130), one(150)}};
 const Script kTwoEdges{
     .history = 15, .edges = 2, .before = {both(10), both(30)}, .during = {both(50), both(70)}};
-/// The ring that the first edge outgrows is the second edge's first one at once.
-const Script kGrows{.edges = 2,
-                    .before = {one(10), one(20)},
-                    .during = {{{{0, 30}, {1, 5}}}, {{{0, 40}, {1, 15}}}}};
-const Script kLate{.before = {one(10), one(30)}, .during = {one(20), one(40)}};
-const Script kStartsRun{.before = {one(10), one(30), one(20), one(40), one(50)},
-                        .during = {one(15)}};
+const Script kLate{.before = {one(10), one(30)}, .during = {one(20), one(22), one(24), one(26)}};
+const Script kFront{.before = {one(50), one(60), one(70)},
+                    .during = {one(40), one(30), one(20), one(10)}};
+const Script kCorrects{.before = {one(10), one(10)}, .during = {one(10), one(10), one(10)}};
 const Script kClears{.before = {one(10), one(20)}, .during = {{{{0, kClearMarker}}}, one(5)}};
-const Script kAborts{.before = {one(10)}, .during = {{{{0, 20}}, true}, one(30)}};
+/// Versions of before stay: who is sent to the wrong one finds samples there.
+const Script kClearsTwice{
+    .before = {one(10)},
+    .during = {{{{0, kClearMarker}, {0, 20}}}, {{{0, kClearMarker}, {0, 30}}}, one(40)},
+    .may_evict = false};
+const Script kAborts{.before = {one(10)}, .during = {aborted(one(20)), one(30)}};
 const Script kAbortsFull{.history = 15,
                          .before = {one(10), one(30)},
-                         .during = {{{{0, 50}, {0, 60}}, true}, one(40), one(50)}};
-const Script kAbortsLate{.before = {one(10), one(30)}, .during = {{{{0, 20}}, true}, one(40)}};
-const Script kAbortsMove{.before = {one(10)}, .during = {{{{0, 20, 6}}, true}, one(30)}};
+                         .during = {aborted({{{0, 50}, {0, 60}}}), one(40), one(50)}};
+const Script kAbortsLate{.before = {one(10), one(30), one(50)},
+                         .during = {aborted({{{0, 20}, {0, 25}, {0, 60}}}), one(22)}};
+const Script kAbortsMove{.before = {one(10)}, .during = {aborted({{{0, 20, 6}}}), one(30)}};
+const Script kAbortsClear{.before = {one(10), one(20)},
+                          .during = {aborted({{{0, kClearMarker}, {0, 5}}}), one(30)}};
 
 const Script kHeld{.history = 15, .before = {one(10)}, .during = {one(30), one(50), one(70)}};
 
@@ -214,16 +225,24 @@ TFDB_TEST(held_snapshots_lose_nothing) {
 
 TFDB_TEST(edges_hold_in_the_memory_model) {
     holds("appends", kAppends, 25);
-    holds("evicts in a ring of two", kEvicts, 55);
+    holds("seals", kSeals, 35);
+    holds("evicts", kEvicts, 55);
     holds("two edges, one batch", kTwoEdges, 35);
-    holds("grows, and the old ring is used again", kGrows, 15);
-    holds("late samples", kLate, 25);
-    holds("a new run", kStartsRun, 45);
+    holds("late samples, splits", kLate, 25);
+    holds("samples before all others", kFront, 45);
+    holds("corrections", kCorrects, 10);
     holds("clears", kClears, 15);
+    holds("clears twice", kClearsTwice, 25);
     holds("aborts", kAborts, 25);
-    holds("aborts in a full ring", kAbortsFull, 35);
-    holds("aborts of late samples", kAbortsLate, 35);
+    holds("aborts where the tail is full", kAbortsFull, 35);
+    holds("aborts of late samples", kAbortsLate, 24);
     holds("aborts of a new parent", kAbortsMove, 25);
+    holds("aborts of a clear", kAbortsClear, 15);
+    relacy::g_pause = kPause;
+    holds("evicts beside a slow reader", kEvicts, 75);
+    holds("late samples beside a slow reader", kLate, 25);
+    holds("corrections beside a slow reader", kCorrects, 10);
+    relacy::g_pause = 0;
 }
 
 TFDB_TEST(random_scripts_hold_in_the_memory_model) {
@@ -245,20 +264,20 @@ TFDB_TEST(random_scripts_hold_in_the_memory_model) {
 TFDB_TEST(every_memory_order_is_needed) {
     needs("release of commit", kTwoEdges, 35, {.store = kCommitAt});
     needs("acquire of commit", kTwoEdges, 35, {.load = kCommitAt});
-    needs("release of head", kAppends, 25, {.store = header_word(kHead)});
-    needs("acquire of head", kAppends, 25, {.load = header_word(kHead)});
-    needs("release of begin", kEvicts, 55, {.store = header_word(kBegin)});
-    needs("acquire of begin", kEvicts, 55, {.load = header_word(kBegin)});
-    needs("release of ring", kGrows, 15, {.store = header_word(kRing)});
-    needs("acquire of ring", kGrows, 15, {.load = header_word(kRing)});
-    needs("release of order", kStartsRun, 45, {.store = header_word(kOrder)});
-    needs("acquire of order", kStartsRun, 45, {.load = header_word(kOrder)});
-    needs("the writer's fence", kEvicts, 55, {.no_release_fence = true});
-    needs("the reader's fence", kEvicts, 55, {.no_acquire_fence = true});
-    needs("the writer's fence in an abort", kAbortsMove, 25, {.no_release_fence = true});
-    needs("the reader's fence beside an abort", kAbortsMove, 25, {.no_acquire_fence = true});
-    needs("release of head, which tells of the abort", kAbortsFull, 35,
-          {.store = header_word(kHead)});
+    needs("release of tail", kAppends, 25, {.store = header_word(kTail)});
+    needs("acquire of tail", kAppends, 25, {.load = header_word(kTail)});
+    needs("release of directory", kSeals, 15, {.store = header_word(kDirectory)});
+    needs("acquire of directory", kSeals, 15, {.load = header_word(kDirectory)});
+    needs("release of directory in a split", kLate, 25, {.store = header_word(kDirectory)});
+    needs("acquire of directory in a split", kLate, 25, {.load = header_word(kDirectory)});
+    needs("release of since", kClearsTwice, 25, {.store = header_word(kSince)});
+    needs("release of older", kClearsTwice, 25, {.store = header_word(kOlder)});
+    relacy::g_pause = kPause;
+    needs("the writer's fence", kEvicts, 75, {.no_release_fence = true});
+    needs("the reader's fence", kEvicts, 75, {.no_acquire_fence = true});
+    needs("the writer's fence in a split", kLate, 25, {.no_release_fence = true});
+    needs("the reader's fence in a split", kLate, 25, {.no_acquire_fence = true});
+    relacy::g_pause = 0;
 }
 
 }  // namespace script

@@ -13,13 +13,14 @@
 
 namespace tfdb {
 
-using ForestMemory = relacy::Memory<7, 6144>;
+using ForestMemory = relacy::Memory<7, 12288>;
 
 template <>
 struct history::Tuning<ForestMemory> {
-    static constexpr unsigned kFirstLog2Capacity = 1;
-    static constexpr unsigned kMaxRuns = 2;
-    static constexpr std::uint64_t kSlackLimit = 1;
+    static constexpr unsigned kFirstLog2 = 0;
+    static constexpr unsigned kFullLog2 = 1;
+    static constexpr unsigned kLargestLog2 = 2;
+    static constexpr std::size_t kKept = 0;
     static constexpr unsigned kFirstNamesLog2 = 2;
 };
 
@@ -134,6 +135,8 @@ void needs(const std::string& name, const Script& script, const relacy::Weakness
 const Step kChain = set(10, {{"map", "odom"}, {"odom", "base"}});
 const Script kBatch{
     {}, {kChain}, {set(20, {{"map", "odom"}, {"odom", "base"}})}, {{"map", "base", 20}}};
+const Script kLatest{
+    {}, {kChain}, {set(20, {{"map", "odom"}, {"odom", "base"}})}, {{"map", "base", std::nullopt}}};
 const Script kFirst{{}, {}, {kChain}, {{"map", "base", 10}}};
 const Script kReuse{{},
                     {kChain},
@@ -153,8 +156,8 @@ TFDB_TEST(commits_hold_in_the_memory_model) {
 TFDB_TEST(every_memory_order_of_commits_is_needed) {
     needs("release of commit", kBatch, {.store = root_word(graph::kCommit)});
     needs("acquire of commit", kFirst, {.load = root_word(graph::kCommit)});
-    needs("release of head", kBatch, {.store = header_word(kBase, history::kHead)});
-    needs("acquire of head", kBatch, {.load = header_word(kBase, history::kHead)});
+    needs("release of tail", kBatch, {.store = header_word(kBase, history::kTail)});
+    needs("acquire of tail", kLatest, {.load = header_word(kBase, history::kTail)});
     needs("release of born", kReuse, {.store = header_word(kBase, history::kBorn)});
     needs("the reader's fence", kReuse, {.no_acquire_fence = true});
 }

@@ -49,6 +49,10 @@ struct Weakness {
 };
 inline Weakness g_weakness;
 
+/// How many steps a reader idles in each of its checks, at most: long enough for the block that it
+/// is in to be used again. Set between simulations only.
+inline unsigned g_pause = 0;
+
 inline void fence_acquire() {
     if (!g_weakness.no_acquire_fence) {
         rl::atomic_thread_fence(rl::mo_acquire, RL_INFO);
@@ -194,8 +198,8 @@ public:
         while (retired_bytes() > keep && retired_.front().commit <= oldest) {
             const Retired first = retired_.front();
             retired_.pop_front();
-            if (reclaimed().load_relaxed() < first.commit) {
-                reclaimed().store_relaxed(first.commit);
+            if (word(kReclaimed).load_relaxed() < first.commit) {
+                word(kReclaimed).store_relaxed(first.commit);
                 fence_release();
             }
             release(first.block, first.bytes);
@@ -207,13 +211,20 @@ public:
             bytes += retired.bytes;
         return bytes;
     }
-    [[nodiscard]] Word& reclaimed() const { return word(8); }
+    /// Only readers ask, in their checks.
+    [[nodiscard]] Word& reclaimed() const {
+        for (unsigned steps = g_pause == 0 ? 0 : rl::rand(g_pause); steps > 0; --steps)
+            (void)word(0).load_relaxed();
+        return word(kReclaimed);
+    }
 
     static void fence_acquire() { relacy::fence_acquire(); }
     static void fence_release() { relacy::fence_release(); }
     static void fence_full() { relacy::fence_full(); }
 
 private:
+    static constexpr Offset kReclaimed = 8;
+
     mutable std::array<Word, Bytes / 8> words_;
     Offset next_ = kLine;
     std::map<std::size_t, std::vector<Offset>> free_;
