@@ -1,9 +1,12 @@
 // How costs grow: each call's time at n, 2 n, 4 n and 8 n, and the exponent that fits the ends.
+// Then what the order of a million samples of one edge costs, and what it does to held snapshots.
 #include <algorithm>
 #include <chrono>
 #include <cmath>
 #include <cstdio>
 #include <functional>
+#include <numeric>
+#include <random>
 #include <string>
 #include <vector>
 
@@ -114,6 +117,155 @@ void report(const Growth& growth) {
     std::printf("   n^%.2f\n", std::log2(last / first) / kDoublings);
 }
 
+// -- one edge of a million samples ------------------------------------------------------------
+
+constexpr StampNs kSamples = 1'000'000;
+constexpr StampNs kPeriod = 10;  // between samples; late ones fall in between
+
+double seconds_of(const std::function<void()>& work) {
+    const auto start = std::chrono::steady_clock::now();
+    work();
+    const std::chrono::duration<double> took = std::chrono::steady_clock::now() - start;
+    return took.count();
+}
+void put(Buffer& buffer, StampNs stamp) {
+    buffer.set_transform({"map", "base", stamp, kPose}, false, "");
+}
+
+void write_in_order(Buffer& buffer) {
+    for (StampNs i = 1; i <= kSamples; ++i)
+        put(buffer, kPeriod * i);
+}
+/// Each older than the one before.
+void write_backwards(Buffer& buffer) {
+    for (StampNs i = kSamples; i > 0; --i)
+        put(buffer, kPeriod * i);
+}
+/// Each older than the newest.
+void write_behind_one(Buffer& buffer) {
+    put(buffer, kPeriod * kSamples);
+    for (StampNs i = 1; i < kSamples; ++i)
+        put(buffer, kPeriod * i);
+}
+void write_shuffled(Buffer& buffer) {
+    std::vector<StampNs> order(static_cast<std::size_t>(kSamples));
+    std::iota(order.begin(), order.end(), 1);
+    std::shuffle(order.begin(), order.end(), std::mt19937_64(1));
+    for (const StampNs i : order)
+        put(buffer, kPeriod * i);
+}
+
+void report_orders() {
+    struct Order {
+        const char* name;
+        void (*write)(Buffer&);
+    };
+    const Order orders[] = {{"in order", write_in_order},
+                            {"each older than the last", write_backwards},
+                            {"each older than the newest", write_behind_one},
+                            {"in random order", write_shuffled}};
+    double first = 0.0;
+    for (const Order& order : orders) {
+        double fastest = 1e300;
+        std::size_t bytes = 0;
+        for (int round = 0; round < kRounds; ++round) {
+            Buffer buffer = keeping_all();
+            fastest = std::min(fastest, seconds_of([&] { order.write(buffer); }));
+            bytes = buffer.memory().used_bytes;
+        }
+        if (first == 0.0)
+            first = fastest;
+        std::printf("1 M writes, %-28s %7.1f ns each, %5.2f of in order, %5.1f bytes a sample\n",
+                    order.name, fastest * 1e9 / static_cast<double>(kSamples), fastest / first,
+                    static_cast<double>(bytes) / static_cast<double>(kSamples));
+    }
+}
+
+/// A write, then a lookup a few periods before the newest; every hundredth write is late.
+void report_few_late() {
+    constexpr int kCalls = 300'000;
+    double first = 0.0;
+    for (const bool late : {false, true}) {
+        double writes = 1e300;
+        double lookups = 1e300;
+        for (int round = 0; round < kRounds; ++round) {
+            BufferOptions options;
+            options.history_ns = 20'000 * kPeriod;
+            Buffer buffer(options);
+            for (StampNs i = 1; i <= 10'000; ++i)
+                put(buffer, kPeriod * i);
+            StampNs newest = 10'000 * kPeriod;
+            const auto write = [&](int call) {
+                if (late && call % 100 == 0) {
+                    put(buffer, newest - 25 * kPeriod + 3);
+                } else {
+                    put(buffer, newest += kPeriod);
+                }
+            };
+            writes = std::min(writes, seconds_of([&] {
+                                  for (int call = 0; call < kCalls; ++call)
+                                      write(call);
+                              }));
+            lookups = std::min(lookups, seconds_of([&] {
+                                   for (int call = 0; call < kCalls; ++call) {
+                                       write(call);
+                                       (void)buffer.lookup_transform("map", "base",
+                                                                     newest - 10 * kPeriod - 4);
+                                   }
+                               }));
+        }
+        std::printf("%-36s %7.1f ns a write, %7.1f ns a write and a lookup",
+                    late ? "1 of 100 late" : "none late", writes * 1e9 / kCalls,
+                    lookups * 1e9 / kCalls);
+        if (!late)
+            first = lookups;
+        std::printf(", %5.2f\n", lookups / first);
+    }
+}
+
+double lookup_ns(const Reads& reads) {
+    constexpr int kCalls = 200'000;
+    double fastest = 1e300;
+    for (int round = 0; round < kRounds; ++round) {
+        fastest = std::min(fastest, seconds_of([&] {
+                               for (StampNs i = 1; i <= kCalls; ++i)
+                                   (void)reads.lookup_transform("map", "base", kPeriod * i + 3);
+                           }));
+    }
+    return fastest * 1e9 / kCalls;
+}
+
+void report_held() {
+    Buffer cleared = keeping_all();
+    write_in_order(cleared);
+    const Snapshot before_clear = cleared.snapshot();
+    std::printf("held snapshot, ns a lookup:          %7.1f before", lookup_ns(before_clear));
+    cleared.clear();
+    for (StampNs i = 1; i <= 1'000; ++i)
+        put(cleared, kPeriod * i);
+    std::printf(" and %7.1f after clear()\n", lookup_ns(before_clear));
+
+    Buffer flooded = keeping_all();
+    write_in_order(flooded);
+    const Snapshot before_flood = flooded.snapshot();
+    std::printf("held snapshot, ns a lookup:          %7.1f before", lookup_ns(before_flood));
+    for (StampNs i = 1; i < kSamples; ++i)
+        put(flooded, kPeriod * i + 5);
+    std::printf(" and %7.1f after 1 M late samples\n", lookup_ns(before_flood));
+}
+
+void report_longest_write() {
+    double longest = 1e300;
+    for (int round = 0; round < kRounds; ++round) {
+        Buffer buffer = keeping_all();
+        double worst = 0.0;
+        for (StampNs i = 1; i <= kSamples; ++i)
+            worst = std::max(worst, seconds_of([&] { put(buffer, kPeriod * i); }));
+        longest = std::min(longest, worst);
+    }
+    std::printf("longest of 1 M writes to one edge    %7.1f us\n", longest * 1e6);
+}
+
 }  // namespace
 }  // namespace tfdb
 
@@ -132,4 +284,8 @@ int main() {
     std::puts("ms, the fastest of several rounds");
     for (const Growth& growth : all)
         report(growth);
+    report_orders();
+    report_few_late();
+    report_held();
+    report_longest_write();
 }
