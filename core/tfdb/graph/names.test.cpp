@@ -57,7 +57,6 @@ public:
 
 /// How many entries `find` looks at until it comes to the frame.
 std::uint64_t probes_for(const Table& table, FrameId id) {
-    
     const std::uint64_t where = table.frames.store_word(kNames).load_acquire();
     const std::uint64_t mask = TableWord::capacity(where) - 1;
     std::uint64_t at = hash_name(table.names.name(id)) & mask;
