@@ -35,6 +35,36 @@ void outlived(const std::string& name, const Script& script, StampNs stamp) {
 
 }  // namespace
 
+namespace {
+
+bool read_all_soundly(SmallMemory& memory, const Places& places, const Script& script,
+                      const Model& model, StampNs) {
+    return read_all(memory, places, script, model, require);
+}
+
+void visited(const std::string& name, const Script& script) {
+    sched::Walk().must_hold(name, program(script, 0, 2, {}, read_all_soundly));
+}
+
+}  // namespace
+
+TFDB_SCHED(edge_visits_each_sample_once) {
+    visited("appends", {.before = {one(10), one(20)}, .during = {one(30), one(40), one(50)}});
+    visited("late", {.before = {one(10), one(30), one(50)}, .during = {one(20), one(25)}});
+    visited("late in what was just sealed",
+            {.before = {one(10), one(30)}, .during = {one(40), one(20)}, .may_evict = false});
+    visited("corrects",
+            {.before = {one(10), one(20)}, .during = {one(20), one(10)}, .may_evict = false});
+    visited("evicts",
+            {.history = 15, .before = {one(10), one(20)}, .during = {one(40), one(60), one(80)}});
+    visited("a clear taken back, then seals",
+            {.before = {one(10), one(20), one(30)},
+             .during = {aborted(one(kClearMarker)), one(40), one(50), one(60)},
+             .may_evict = false});
+    visited("late samples taken back", {.before = {one(10), one(30), one(50)},
+                                        .during = {aborted({{{0, 20}, {0, 25}}}), one(22)}});
+}
+
 // Whatever the writer was about when it stopped for ever, readers are answered.
 TFDB_SCHED(edge_readers_outlive_the_writer) {
     outlived("appends", {.before = {one(10)}, .during = {one(20), one(30)}}, 15);

@@ -229,6 +229,27 @@ TFDB_TEST(edge_undo_after_growth_eviction_lateness_runs_and_clear) {
     }
 }
 
+TFDB_TEST(edge_of_which_a_clear_was_taken_back_is_visited_as_it_was) {
+    for (StampNs n = 40; n < 900; n += 37) {
+        Edge edge;
+        edge.hold(true);
+        for (StampNs stamp = 1; stamp <= n; ++stamp)
+            edge.commit({stamp});
+        const CommitNumber held = edge.committed();
+        edge.abort({kClearMarker});
+        for (StampNs stamp = n + 1; stamp <= n + 1500; ++stamp)
+            edge.commit({stamp});
+        View view;
+        StampNs last = 0;
+        CHECK(edge.open(held, view));
+        CHECK(view.visit(0, kForever, 0, [&](const SampleAt& sample) {
+            CHECK_EQ(sample.stamp, last + 1);
+            return ++last < 2 * n;
+        }));
+        CHECK_EQ(last, n);
+    }
+}
+
 TFDB_TEST(edge_random_commits_and_aborts_agree_with_a_plain_list) {
     const Mix mixes[] = {
         {"in order, grows", kForever, 10, 0, 0, 0, 0, 10, 3},

@@ -49,9 +49,6 @@ public:
             return false;
         if (since > snapshot && !load_older())
             return false;
-        // The writer puts a full tail into the directory before it takes a new one.
-        if (end_ > begin_ && SegmentWord::block(entry(end_ - 1)) == SegmentWord::block(tail_))
-            --end_;
         find_newest(whole && since <= snapshot);
         // A slot that is being reused holds a mix of two frames.
         return !overtaken_ && (newest_ ? born : !may_miss());
@@ -182,9 +179,15 @@ private:
             load_directory(word(kDirectory).load_acquire());
             // Flags are set before the samples that they speak of.
             topology_ = word(kTopology).load_acquire();
+            const std::uint64_t last =
+                end_ > begin_ ? directory().entry(end_ - 1).load_acquire() : 0;
             const std::uint64_t again = word(kTail).load_acquire();
-            if (SegmentWord::block(again) == SegmentWord::block(tail_))
+            if (SegmentWord::block(again) == SegmentWord::block(tail_)) {
+                // The writer puts a full tail into the directory before it takes a new one.
+                if (last != 0 && SegmentWord::block(last) == SegmentWord::block(tail_))
+                    --end_;
                 return true;
+            }
             tail_ = again;
         }
         return false;
@@ -212,6 +215,8 @@ private:
             topology_ = old(kOldTopology);
             since = old(kOldSince);
             load_directory(old(kOldDirectory));
+            end_ = std::min(end_, std::uint64_t{old(kOldEnd)});
+            begin_ = std::min(begin_, end_);
             version = old(kOldOlder);
         }
         return confirm();

@@ -490,6 +490,7 @@ void EdgeWriter<Memory>::clear(const WriteContext& context) {
     keep(kOldTopology, this->topology());
     keep(kOldSince, this->word(kSince).load_relaxed());
     keep(kOldOlder, this->word(kOlder).load_relaxed() & ~kTakenBack);
+    keep(kOldEnd, end());
     this->word(kOlder).store_release(block.offset());
     this->word(kSince).store_release(context.number());
     block.use();

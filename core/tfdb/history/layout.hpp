@@ -99,8 +99,9 @@ enum VersionWord : unsigned {
     kOldTopology = 2,
     kOldSince = 3,
     kOldOlder = 4,
+    kOldEnd = 8,  // of the directory, which goes on to grow where the clear is taken back
 };
-inline constexpr std::size_t kVersionBytes = 64;
+inline constexpr std::size_t kVersionBytes = 128;
 /// In kOlder: the commit that cleared the edge was taken back, and that version goes on.
 inline constexpr std::uint64_t kTakenBack = 1;
 

@@ -227,6 +227,25 @@ template <class Memory>
     return view.confirm();
 }
 
+/// Reads all samples of an edge in their order. False: overtaken.
+template <class Memory>
+[[nodiscard]] bool take_all(Memory& memory, Offset header, CommitNumber snapshot, StampNs history,
+                            std::vector<std::pair<StampNs, SlotData<Memory>>>& taken) {
+    taken.clear();
+    EdgeView<Memory> view;
+    if (!view.open(memory, header, snapshot, history))
+        return false;
+    if (view.is_static() || view.empty()) {
+        if (!view.empty())
+            taken.emplace_back(kStaticStamp, view.read(view.newest()));
+        return view.confirm();
+    }
+    return view.visit(0, kForever, 0, [&](const SampleAt& sample) {
+        taken.emplace_back(sample.stamp, view.read(sample));
+        return taken.size() < 64;
+    }) && view.confirm();
+}
+
 /// True if the slot holds exactly the sample: every payload word, the parent, the commit.
 template <class Memory>
 [[nodiscard]] bool same(const SlotData<Memory>& slot, const Sample& sample) {
@@ -283,7 +302,24 @@ template <class Memory, class Require>
     return true;
 }
 
-/// The same from a fresh snapshot.
+/// All samples of the first edge, from a fresh snapshot.
+template <class Memory, class Require>
+[[nodiscard]] bool read_all(Memory& memory, const Places& places, const Script& script,
+                            const Model& model, const Require& require) {
+    const CommitNumber snapshot = memory.word(places.commit).load_acquire();
+    std::vector<std::pair<StampNs, SlotData<Memory>>> taken;
+    if (!take_all(memory, places.header(0), snapshot, script.history, taken))
+        return false;
+    const std::vector<Sample>& visible = model.visible(snapshot, 0);
+    require(taken.size() == visible.size(), "each sample once");
+    for (std::size_t i = 0; i < std::min(taken.size(), visible.size()); ++i) {
+        require(taken[i].first == visible[i].stamp, "in the order of their stamps");
+        require(same(taken[i].second, visible[i]), "the snapshot's, whole");
+    }
+    return true;
+}
+
+/// One lookup over all edges from a fresh snapshot.
 template <class Memory, class Require>
 [[nodiscard]] bool read(Memory& memory, const Places& places, const Script& script,
                         const Model& model, StampNs stamp, const Require& require) {
