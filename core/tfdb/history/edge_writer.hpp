@@ -198,7 +198,7 @@ public:
     void set_depth_hint(std::uint32_t depth);
 
     /// Gives back all memory: the frame is no more in any state that anybody may read.
-    void free(const WriteContext& context);
+    void release(const WriteContext& context);
 
 private:
     using Base = EdgeSegments<Memory>;

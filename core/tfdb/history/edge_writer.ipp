@@ -524,7 +524,7 @@ void EdgeWriter<Memory>::retire_all(const WriteContext& context, std::uint64_t t
 }
 
 template <class Memory>
-void EdgeWriter<Memory>::free(const WriteContext& context) {
+void EdgeWriter<Memory>::release(const WriteContext& context) {
     const std::uint64_t tail = this->word(kTail).load_relaxed();
     const Offset directory = this->word(kDirectory).load_relaxed();
     this->word(kDirectory).store_release(0);

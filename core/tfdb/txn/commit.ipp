@@ -71,7 +71,7 @@ void Commit<Memory>::empty_slot(FrameId id) {
     frames_.word(id, history::kName).store_release(0);
     Memory::fence_release();
     names_.free_name(name);
-    writer(id).free(context_);
+    writer(id).release(context_);
 }
 
 /// Gives back what removed frames hold. Asked anew: a snapshot that is not seen here has seen the
@@ -285,7 +285,7 @@ void Commit<Memory>::abort() {
         frames_.word(id, history::kName).store_release(0);
         Memory::fence_release();
         names_.free_name(name);
-        writer(id).free(context_);
+        writer(id).release(context_);
         frames_.push_unseen(id);
     }
 }
