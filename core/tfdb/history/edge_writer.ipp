@@ -201,7 +201,7 @@ StampNs EdgeWriter<Memory>::cutoff(const WriteContext& context) const {
     }
     // Static poses have no age.
     return newest && newest.stamp >= 0 ? newest.stamp - context.history
-                                       : std::numeric_limits<StampNs>::min();
+                                       : std::numeric_limits<StampNs>::min() / 2;
 }
 
 /// Whether every state that is still read shows a later commit's sample of the same stamp instead.
