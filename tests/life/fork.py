@@ -18,6 +18,14 @@ import numpy as np
 
 import tfdb
 
+# What calls import when they are first used is imported before any thread is there: a module that
+# another thread was importing at the fork can never be imported in the child.
+import tfdb.explain
+import tfdb.report
+import tfdb.sampling
+import tfdb.transactions
+import tfdb.types
+
 if TYPE_CHECKING:
     from collections.abc import Callable
 
