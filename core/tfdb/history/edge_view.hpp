@@ -179,6 +179,9 @@ private:
             load_directory(word(kDirectory).load_acquire());
             // Flags are set before the samples that they speak of.
             topology_ = word(kTopology).load_acquire();
+            // Numbers from a block that was used again lead anywhere.
+            if (!confirm())
+                return false;
             const std::uint64_t last =
                 end_ > begin_ ? directory().entry(end_ - 1).load_acquire() : 0;
             const std::uint64_t again = word(kTail).load_acquire();
@@ -206,18 +209,22 @@ private:
     [[nodiscard]] bool load_older() {
         Offset version = word(kOlder).load_acquire() & ~kTakenBack;
         for (CommitNumber since = kMaxCommit; since > snapshot_;) {
-            if (version == 0 || !confirm())
+            if (version == 0)
                 return false;
-            const auto old = [&](VersionWord w) {
+            const auto old = [&](VersionWord w) -> std::uint64_t {
                 return memory_->word(version + 8 * Offset{w}).load_relaxed();
             };
             tail_ = old(kOldTail);
             topology_ = old(kOldTopology);
             since = old(kOldSince);
-            load_directory(old(kOldDirectory));
-            end_ = std::min(end_, std::uint64_t{old(kOldEnd)});
-            begin_ = std::min(begin_, end_);
+            const Offset directory = old(kOldDirectory);
+            const std::uint64_t end = old(kOldEnd);
             version = old(kOldOlder);
+            if (!confirm())
+                return false;
+            load_directory(directory);
+            end_ = std::min(end_, end);
+            begin_ = std::min(begin_, end_);
         }
         return confirm();
     }
