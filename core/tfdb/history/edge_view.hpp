@@ -255,13 +255,6 @@ private:
         }
     }
 
-    /// The segment in which the stamp lies, or would lie.
-    [[nodiscard]] std::uint64_t find_segment(StampNs stamp) const {
-        const Segment<Memory> tail(*memory_, tail_);
-        if (begin_ == end_ || (!tail.empty() && tail.stamp(tail.begin()) <= stamp))
-            return end_;
-        return directory().find(begin_, end_, stamp);
-    }
     /// Index of the first sample in a segment whose stamp is greater.
     [[nodiscard]] std::uint64_t find_index(const Segment<Memory>& segment, std::uint64_t k,
                                            StampNs stamp) const {
@@ -285,7 +278,7 @@ private:
     }
     /// Before the first sample with a greater stamp, and behind some sample if there is one.
     [[nodiscard]] Spot locate(StampNs stamp) const {
-        std::uint64_t k = find_segment(stamp);
+        std::uint64_t k = directory().find(begin_, end_, {*memory_, tail_}, stamp);
         for (;;) {
             const Segment<Memory> segment = this->segment(k);
             const std::uint64_t index = find_index(segment, k, stamp);

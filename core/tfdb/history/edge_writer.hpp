@@ -75,6 +75,17 @@ struct NewSample {
     std::array<std::uint64_t, Memory::kPayloadWords> payload{};
 };
 
+/// Fills a slot, and the stamp that belongs to it.
+template <class Memory>
+void store_sample(Memory& memory, const Segment<Memory>& into, std::uint64_t index,
+                  const NewSample<Memory>& sample, CommitNumber commit) {
+    const Offset slot = into.slot(index);
+    memory.word(slot).store_relaxed(SlotWord::pack(commit, sample.parent));
+    for (unsigned i = 0; i < Memory::kPayloadWords; ++i)
+        memory.word(slot + 8 * (1 + Offset{i})).store_relaxed(sample.payload[i]);
+    memory.word(into.stamp_offset(index)).store_relaxed(as_word(sample.stamp));
+}
+
 /// Takes a block out of use that readers may still look at.
 template <class Memory>
 void retire(Memory& memory, const WriteContext& context, Offset block, std::size_t bytes) {
@@ -136,11 +147,8 @@ public:
         return SegmentWord::only(into_.word(), begin_, end_);
     }
     void put(const NewSample<Memory>& sample, CommitNumber commit) {
-        const Offset slot = into_.slot(end_);
-        memory_.word(slot).store_relaxed(SlotWord::pack(commit, sample.parent));
-        for (unsigned i = 0; i < Memory::kPayloadWords; ++i)
-            memory_.word(slot + 8 * (1 + Offset{i})).store_relaxed(sample.payload[i]);
-        took(sample.stamp, commit);
+        store_sample(memory_, into_, end_, sample, commit);
+        took(commit);
     }
     void copy(const Segment<Memory>& from, std::uint64_t index) {
         const Offset source = from.slot(index);
@@ -149,12 +157,13 @@ public:
             memory_.word(target + 8 * Offset{i})
                 .store_relaxed(memory_.word(source + 8 * Offset{i}).load_relaxed());
         }
-        took(from.stamp(index), from.commit(index));
+        memory_.word(into_.stamp_offset(end_)).store_relaxed(as_word(from.stamp(index)));
+        took(from.commit(index));
     }
 
 private:
-    void took(StampNs stamp, CommitNumber commit) {
-        memory_.word(into_.stamp_offset(end_++)).store_relaxed(as_word(stamp));
+    void took(CommitNumber commit) {
+        ++end_;
         auto& least = into_.meta(kLeast);
         if (commit < least.load_relaxed())
             least.store_relaxed(commit);

@@ -48,16 +48,10 @@ void EdgeWriter<Memory>::note(const WriteContext& context, const NewSample<Memor
 template <class Memory>
 void EdgeWriter<Memory>::write(const WriteContext& context, const Seg& into, std::uint64_t index,
                                const NewSample<Memory>& sample) {
-    const CommitNumber commit = context.number();
-    const Offset slot = into.slot(index);
-    memory_.word(slot).store_relaxed(SlotWord::pack(commit, sample.parent));
-    for (unsigned i = 0; i < Memory::kPayloadWords; ++i) {
-        memory_.word(slot + 8 * (1 + Offset{i})).store_relaxed(sample.payload[i]);
-    }
-    memory_.word(into.stamp_offset(index)).store_relaxed(as_word(sample.stamp));
+    store_sample(memory_, into, index, sample, context.number());
     // Where there are others, they are older.
     if (into.empty())
-        into.meta(kLeast).store_relaxed(commit);
+        into.meta(kLeast).store_relaxed(context.number());
 }
 
 /// Where the limit is reached, what waits for readers is used first, and in the end also what held

@@ -60,6 +60,53 @@ struct SampleAt {
     [[nodiscard]] explicit operator bool() const { return slot != 0; }
 };
 
+/// First index in [low, high) that is greater than `stamp`, where `at(i)` rises with i. Without
+/// branches.
+template <class At>
+[[nodiscard]] std::uint64_t halve(At at, std::uint64_t low, std::uint64_t high, StampNs stamp) {
+    std::uint64_t length = high - low;
+    while (length > 0) {
+        const std::uint64_t half = length / 2;
+        const bool right = at(low + half) <= stamp;
+        low = right ? low + half + 1 : low;
+        length = right ? length - half - 1 : half;
+    }
+    return low;
+}
+
+/// The same, but looks at `guess` first, then further and further away from it, then halves.
+template <class At>
+[[nodiscard]] std::uint64_t gallop(At at, std::uint64_t low, std::uint64_t high,
+                                   std::uint64_t guess, StampNs stamp) {
+    if (low == high)
+        return low;
+    guess = std::clamp(guess, low, high - 1);
+    std::uint64_t step = 1;
+    if (at(guess) <= stamp) {
+        low = guess + 1;
+        while (low + step < high && at(low + step) <= stamp) {
+            low += step + 1;
+            step *= 2;
+        }
+        high = std::min(high, low + step);
+    } else {
+        high = guess;
+        while (high > low + step && at(high - step) > stamp) {
+            high -= step;
+            step *= 2;
+        }
+        if (high > low + step)
+            low = high - step + 1;
+    }
+    return halve(at, low, high, stamp);
+}
+
+/// A position that lies `share` of the way from `low` on, as far as it is one.
+[[nodiscard]] inline std::uint64_t guess_at(double distance, double rate, std::uint64_t low) {
+    const double steps = distance * rate;
+    return low + (steps > 0.0 && steps < 1e9 ? static_cast<std::uint64_t>(steps) : 0);
+}
+
 /// The samples of one segment: its block's meta line, then the stamps, then the slots.
 /// Threads: any; it is a value. Guarantee: wait-free; stays within the block.
 template <class Memory>
@@ -98,20 +145,9 @@ public:
         return SlotWord::commit(slot_word(i));
     }
 
-    /// First index in [from, to) whose stamp is greater. Halves, without branches.
-    [[nodiscard]] std::uint64_t upper_bound(std::uint64_t from, std::uint64_t to,
-                                            StampNs stamp) const {
-        std::uint64_t length = to - from;
-        while (length > 0) {
-            const std::uint64_t half = length / 2;
-            const bool right = this->stamp(from + half) <= stamp;
-            from = right ? from + half + 1 : from;
-            length = right ? length - half - 1 : half;
-        }
-        return from;
-    }
+    /// The first index whose stamp is greater.
     [[nodiscard]] std::uint64_t upper_bound(StampNs stamp) const {
-        return upper_bound(begin(), end(), stamp);
+        return halve([this](std::uint64_t i) { return this->stamp(i); }, begin(), end(), stamp);
     }
 
 private:
@@ -120,48 +156,6 @@ private:
     Offset stamps_;
     Offset slots_;
 };
-
-/// First index in [low, high) that is greater than `stamp`, where `at(i)` rises with i; looks at
-/// `guess` first, then further and further away from it, then halves.
-template <class At>
-[[nodiscard]] std::uint64_t gallop(At at, std::uint64_t low, std::uint64_t high,
-                                   std::uint64_t guess, StampNs stamp) {
-    if (low == high)
-        return low;
-    guess = std::clamp(guess, low, high - 1);
-    std::uint64_t step = 1;
-    if (at(guess) <= stamp) {
-        low = guess + 1;
-        while (low + step < high && at(low + step) <= stamp) {
-            low += step + 1;
-            step *= 2;
-        }
-        high = std::min(high, low + step);
-    } else {
-        high = guess;
-        while (high > low + step && at(high - step) > stamp) {
-            high -= step;
-            step *= 2;
-        }
-        if (high > low + step)
-            low = high - step + 1;
-    }
-    while (low < high) {
-        const std::uint64_t middle = low + (high - low) / 2;
-        if (at(middle) <= stamp) {
-            low = middle + 1;
-        } else {
-            high = middle;
-        }
-    }
-    return low;
-}
-
-/// A position that lies `share` of the way from `low` on, as far as it is one.
-[[nodiscard]] inline std::uint64_t guess_at(double distance, double rate, std::uint64_t low) {
-    const double steps = distance * rate;
-    return low + (steps > 0.0 && steps < 1e9 ? static_cast<std::uint64_t>(steps) : 0);
-}
 
 /// Words of a directory's block before its entries.
 enum DirectoryWord : unsigned {
@@ -198,7 +192,13 @@ public:
     [[nodiscard]] StampNs first(std::uint64_t k) const {
         return as_stamp(first_word(k).load_relaxed());
     }
-    /// Which of the segments at [begin, end), which are some, a stamp belongs to.
+    /// Which of the segments at [begin, end) a stamp belongs to, or `end` for the tail behind them.
+    [[nodiscard]] std::uint64_t find(std::uint64_t begin, std::uint64_t end,
+                                     const Segment<Memory>& tail, StampNs stamp) const {
+        const bool in_tail = !tail.empty() && tail.stamp(tail.begin()) <= stamp;
+        return begin == end || in_tail ? end : find(begin, end, stamp);
+    }
+    /// The same where there are some, and the stamp lies before the tail.
     [[nodiscard]] std::uint64_t find(std::uint64_t begin, std::uint64_t end, StampNs stamp) const {
         const double rate = std::bit_cast<double>(word(kDirRate).load_relaxed());
         const double distance = static_cast<double>(stamp) - static_cast<double>(first(begin));
@@ -247,9 +247,7 @@ public:
     /// Where a stamp belongs.
     [[nodiscard]] std::uint64_t segment_of(StampNs stamp) const {
         const Segment<Memory> tail = segment(word(kTail).load_relaxed());
-        if (begin() == end() || (!tail.empty() && tail.stamp(tail.begin()) <= stamp))
-            return end();
-        return directory().find(begin(), end(), stamp);
+        return directory().find(begin(), end(), tail, stamp);
     }
 
 protected:

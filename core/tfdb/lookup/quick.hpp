@@ -328,15 +328,8 @@ private:
         return before == stamp_ || (index + 1 < in.end && !repeated);
     }
     [[nodiscard, gnu::noinline]] std::uint64_t search(const Samples& in) const {
-        std::uint64_t from = in.begin;
-        std::uint64_t length = in.end - in.begin;
-        while (length > 0) {
-            const std::uint64_t half = length / 2;
-            const bool right = in.stamp(from + half) <= stamp_;
-            from = right ? from + half + 1 : from;
-            length = right ? length - half - 1 : half;
-        }
-        return from;
+        return history::halve([&](std::uint64_t i) { return in.stamp(i); }, in.begin, in.end,
+                              stamp_);
     }
     /// The stamp lies before the tail: in a segment of the directory, not at its ends.
     [[nodiscard, gnu::noinline]] bool find_sealed(const Node& node, Samples& in,

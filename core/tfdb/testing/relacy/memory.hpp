@@ -5,11 +5,12 @@
 #include <array>
 #include <cstddef>
 #include <cstdint>
-#include <deque>
 #include <map>
 #include <streambuf>
 #include <string>
 #include <vector>
+
+#include "tfdb/testing/retired.hpp"
 
 #if defined(__GNUC__)
 #pragma GCC diagnostic push
@@ -192,25 +193,12 @@ public:
     }
 
     void retire(Offset block, std::size_t bytes, std::uint64_t commit) {
-        retired_.push_back({block, bytes, commit});
+        retired_.add(block, bytes, commit);
     }
     void reclaim(std::uint64_t oldest, std::size_t keep) {
-        while (retired_bytes() > keep && retired_.front().commit <= oldest) {
-            const Retired first = retired_.front();
-            retired_.pop_front();
-            if (word(kReclaimed).load_relaxed() < first.commit) {
-                word(kReclaimed).store_relaxed(first.commit);
-                fence_release();
-            }
-            release(first.block, first.bytes);
-        }
+        retired_.reclaim(*this, word(kReclaimed), oldest, keep);
     }
-    [[nodiscard]] std::size_t retired_bytes() const {
-        std::size_t bytes = 0;
-        for (const Retired& retired : retired_)
-            bytes += retired.bytes;
-        return bytes;
-    }
+    [[nodiscard]] std::size_t retired_bytes() const { return retired_.bytes(); }
     /// Only readers ask, in their checks.
     [[nodiscard]] Word& reclaimed() const {
         for (unsigned steps = g_pause == 0 ? 0 : rl::rand(g_pause); steps > 0; --steps)
@@ -228,13 +216,7 @@ private:
     mutable std::array<Word, Bytes / 8> words_;
     Offset next_ = kLine;
     std::map<std::size_t, std::vector<Offset>> free_;
-
-    struct Retired {
-        Offset block;
-        std::size_t bytes;
-        std::uint64_t commit;
-    };
-    std::deque<Retired> retired_;
+    testing::RetiredBlocks retired_;
 };
 
 }  // namespace tfdb::relacy

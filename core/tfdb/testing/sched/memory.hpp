@@ -2,11 +2,11 @@
 
 #include <cstddef>
 #include <cstdint>
-#include <deque>
 #include <map>
 #include <memory>
 #include <vector>
 
+#include "tfdb/testing/retired.hpp"
 #include "tfdb/testing/sched/run.hpp"
 
 namespace tfdb::sched {
@@ -59,25 +59,12 @@ public:
     }
 
     void retire(Offset block, std::size_t bytes, std::uint64_t commit) {
-        retired_.push_back({block, bytes, commit});
+        retired_.add(block, bytes, commit);
     }
     void reclaim(std::uint64_t oldest, std::size_t keep) {
-        while (retired_bytes() > keep && retired_.front().commit <= oldest) {
-            const Retired first = retired_.front();
-            retired_.pop_front();
-            if (reclaimed().load_relaxed() < first.commit) {
-                reclaimed().store_relaxed(first.commit);
-                fence_release();
-            }
-            release(first.block, first.bytes);
-        }
+        retired_.reclaim(*this, reclaimed(), oldest, keep);
     }
-    [[nodiscard]] std::size_t retired_bytes() const {
-        std::size_t bytes = 0;
-        for (const Retired& retired : retired_)
-            bytes += retired.bytes;
-        return bytes;
-    }
+    [[nodiscard]] std::size_t retired_bytes() const { return retired_.bytes(); }
     [[nodiscard]] Word& reclaimed() const { return word(8); }
 
     static void fence_acquire() {}
@@ -91,13 +78,7 @@ private:
     std::size_t bytes_;
     Offset next_ = kLine;
     std::map<std::size_t, std::vector<Offset>> free_;
-
-    struct Retired {
-        Offset block;
-        std::size_t bytes;
-        std::uint64_t commit;
-    };
-    std::deque<Retired> retired_;
+    testing::RetiredBlocks retired_;
 };
 
 using Memory = BasicMemory<2>;

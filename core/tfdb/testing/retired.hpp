@@ -1,0 +1,43 @@
+// The blocks of a checker's region that wait for readers, as PrivateMemory keeps them.
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+#include <deque>
+
+namespace tfdb::testing {
+
+// Gives blocks back in the order in which they came. Needs the engine's lock.
+class RetiredBlocks {
+public:
+    void add(std::uint64_t block, std::size_t bytes, std::uint64_t commit) {
+        blocks_.push_back({block, bytes, commit});
+        bytes_ += bytes;
+    }
+    // `word` then tells up to which commit they have gone, before `release(block, bytes)`.
+    template <class Memory, class Word>
+    void reclaim(Memory& memory, Word& word, std::uint64_t oldest, std::size_t keep) {
+        while (bytes_ > keep && blocks_.front().commit <= oldest) {
+            const Retired first = blocks_.front();
+            blocks_.pop_front();
+            bytes_ -= first.bytes;
+            if (word.load_relaxed() < first.commit) {
+                word.store_relaxed(first.commit);
+                Memory::fence_release();
+            }
+            memory.release(first.block, first.bytes);
+        }
+    }
+    [[nodiscard]] std::size_t bytes() const { return bytes_; }
+
+private:
+    struct Retired {
+        std::uint64_t block;
+        std::size_t bytes;
+        std::uint64_t commit;
+    };
+    std::deque<Retired> blocks_;
+    std::size_t bytes_ = 0;
+};
+
+}  // namespace tfdb::testing
