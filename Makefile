@@ -110,7 +110,7 @@ asan-python: $(STAMPS)/dev
 	$(CMAKE) --build --preset asan-python -j $(JOBS) --target _core
 	$(UNDER_ASAN) -m tests.hostile.fuzz --calls 40000
 	$(UNDER_ASAN) -m tests.hostile.fuzz --calls 20000 --threads
-	$(UNDER_ASAN) -m pytest -q -p no:cacheprovider tests/test_bad_*.py tests/test_batch.py \
+	$(UNDER_ASAN) -m pytest -q --capture=sys -p no:cacheprovider tests/test_bad_*.py tests/test_batch.py \
 	    tests/test_objects.py tests/test_messages.py tests/wire/test_codec.py \
 	    tests/wire/test_changing.py tests/life/test_closing.py
 

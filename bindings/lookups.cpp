@@ -40,7 +40,12 @@ public:
     }
 
     /// Keeps a snapshot readable from here on also where Python code runs.
-    void keep() { keep_ = object_.held; }
+    void keep() {
+        // Once kept, another thread may have closed it since.
+        if (keep_ == nullptr) {
+            keep_ = object_.held;
+        }
+    }
 
     [[nodiscard]] const Reads& reads() const { return *reads_; }
     [[nodiscard]] NameCache& names() const { return *object_.names; }

@@ -106,20 +106,24 @@ def test_closed_by_an_argument(concurrency: str, kind: type[Number | Message]) -
 @pytest.mark.parametrize("concurrency", ENGINES)
 def test_closed_by_another_thread(concurrency: str) -> None:
     buf = filled(concurrency)
+    tools = [f"tool{i}" for i in range(200)]
+    for tool in tools:
+        buf.set_static_transform("arm", tool, (0, 0, 0), (0, 0, 0, 1))
     stamps = np.full(10_000, 150, dtype=np.int64)
     wanted = buf.lookup_transforms("map", "arm", stamps)
-    snapshots = [buf.snapshot() for _ in range(200)]
+    snapshots = [buf.snapshot() for _ in tools]
     begin = threading.Barrier(3)
     wrong: list[object] = []
 
     def read(many: bool) -> None:
         begin.wait()
-        for snapshot in snapshots:
+        for snapshot, tool in zip(snapshots, tools, strict=True):
             try:
+                # Each time another tool: the names of a path are made at its first lookup.
                 if many:
                     same = np.array_equal(snapshot.lookup_transforms("map", "arm", stamps), wanted)
                 else:
-                    same = snapshot.lookup_transform("map", "arm", 150).pose[0] == wanted[0, 0]
+                    same = snapshot.lookup_transform("map", tool, 150).pose[0] == wanted[0, 0]
             except tfdb.SnapshotClosed:
                 continue
             except BaseException as error:
