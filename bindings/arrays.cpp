@@ -57,17 +57,36 @@ const char* name_of_kind(const Py_buffer& view, Kind kind) {
 
 }  // namespace
 
-ArrayView::ArrayView(ArrayView&& other) noexcept : view_(other.view_), kind_(other.kind_) {
-    other.view_.obj = nullptr;
+ArrayView::ArrayView(ArrayView&& other) noexcept {
+    take(other);
 }
 
 ArrayView& ArrayView::operator=(ArrayView&& other) noexcept {
-    std::swap(view_, other.view_);
-    std::swap(kind_, other.kind_);
+    if (this != &other) {
+        give_back();
+        take(other);
+    }
     return *this;
 }
 
 ArrayView::~ArrayView() {
+    give_back();
+}
+
+/// Exporters of one axis may let shape and strides point into the view itself, as CPython's do.
+void ArrayView::take(ArrayView& other) {
+    view_ = other.view_;
+    kind_ = other.kind_;
+    if (view_.shape == &other.view_.len) {
+        view_.shape = &view_.len;
+    }
+    if (view_.strides == &other.view_.itemsize) {
+        view_.strides = &view_.itemsize;
+    }
+    other.view_.obj = nullptr;
+}
+
+void ArrayView::give_back() {
     if (view_.obj != nullptr) {
         PyBuffer_Release(&view_);
     }

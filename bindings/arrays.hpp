@@ -50,6 +50,9 @@ public:
     [[nodiscard]] std::string describe() const;
 
 private:
+    void take(ArrayView& other);
+    void give_back();
+
     Py_buffer view_{};
     Kind kind_ = Kind::kOther;
 };

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import itertools
+from array import array
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
@@ -10,6 +12,9 @@ import pytest
 import tfdb
 from oracle import interpolate, matrix, quaternion
 from robot import COUNT, MOVING, PERIOD, SECOND, STATIC, Robot, make_robot, stamp_of
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
 
 FRAMES = sorted({*MOVING, *MOVING.values(), *STATIC})
 TURN = quaternion((1, -2, 0.5), 0.9)
@@ -391,6 +396,21 @@ def test_apply_maps_points(robot: Robot, dtype: type) -> None:
     np.testing.assert_array_equal(found.apply(points[3]), moved[3])
     np.testing.assert_array_equal(found.apply(np.asfortranarray(points)), moved)
     assert found.apply(np.empty((0, 3))).shape == (0, 3)
+
+
+@pytest.mark.parametrize("lend", [lambda made: made, memoryview])
+def test_arrays_of_the_standard_library_are_read(
+    robot: Robot, lend: Callable[[array[Any]], Any]
+) -> None:
+    """Their buffers keep shape and strides within the view that the caller hands in."""
+    found = robot.buffer.lookup_transform("map", "camera", stamp_of(7.7))
+    for letter in "df":
+        point = np.arange(3).astype(letter)
+        moved = found.apply(lend(array(letter, point)))
+        np.testing.assert_array_equal(moved, found.apply(point))
+    stamps = [stamp_of(7.7), stamp_of(3.1)]
+    rows = robot.buffer.lookup_transforms("map", "camera", lend(array("q", stamps)))
+    np.testing.assert_array_equal(rows, robot.buffer.lookup_transforms("map", "camera", stamps))
 
 
 def test_transforms_are_made_by_hand() -> None:
