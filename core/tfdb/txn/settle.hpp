@@ -9,7 +9,7 @@
 
 #include "tfdb/txn/commit.hpp"
 #include "tfdb/txn/engine.hpp"
-#include "tfdb/txn/operation.hpp"
+#include "tfdb/engines/operation.hpp"
 #include "tfdb/txn/read_set.hpp"
 #include "tfdb/txn/write_set.hpp"
 

@@ -1,0 +1,135 @@
+// The engine of a store, made from its session.
+#pragma once
+
+#include <algorithm>
+#include <mutex>
+
+#include "tfdb/store/asking.hpp"
+#include "tfdb/store/attempt_of.hpp"
+#include "tfdb/store/writes.hpp"
+#include "tfdb/engines/operation.hpp"
+
+namespace tfdb::store {
+
+/// Lookups and batches through sessions of one kind.
+/// Threads: any. Guarantee: as Control's.
+template <txn::Session S>
+class EngineControl final : public Control {
+public:
+    explicit EngineControl(Reads::Impl& impl) : impl_(impl), shared_(impl.frames, impl.history) {}
+
+    [[nodiscard]] lookup::Outcome read(Question& question, Answer& answer,
+                                       Failure& failure) override {
+        S session(shared_, {});
+        CommitNumber as_of = 0;
+        const lookup::Outcome outcome = txn::read_through(session, as_of, [&](const auto& view) {
+            // While the session lasts, names mean what they mean.
+            const auto find = [&](std::string_view name) {
+                return impl_.names.find(name, view.commit());
+            };
+            return Asking(view, find, question).answer(answer, failure);
+        });
+        answer.commit = as_of;
+        failure.commit = as_of;
+        return outcome;
+    }
+
+    CommitNumber write(const Batch& batch) override {
+        S session(shared_, {});
+        return txn::write_through(
+            session, [&](CommitNumber& number) { return try_beside(session, batch, number); },
+            [&] { return commit_batch(impl_, batch); });
+    }
+
+    [[nodiscard]] bool try_write(const Batch& batch, CommitNumber& commit) override {
+        if constexpr (S::kWritesBesideOthers) {
+            return false;  // any frame may be locked, and the gate closed
+        } else {
+            const std::unique_lock guard(shared_.lock, std::try_to_lock);
+            if (guard.owns_lock())
+                commit = commit_batch(impl_, batch);
+            return guard.owns_lock();
+        }
+    }
+
+    [[nodiscard]] std::unique_ptr<Attempt> attempt(const TransactionOptions& options) override {
+        txn::SessionOptions session;
+        session.priority = options.priority;
+        session.age = options.age;
+        return std::make_unique<AttemptOf<S>>(impl_, options.alone, shared_, session);
+    }
+
+    void keep_out() override {
+        if constexpr (S::kWritesBesideOthers)
+            shared_.gate.close();
+    }
+    void let_in() override {
+        if constexpr (S::kWritesBesideOthers)
+            shared_.gate.open();
+    }
+    [[nodiscard]] bool in_use() const override { return shared_.gate.in_use(); }
+    void add_to(Counters& counters) const override {
+        using sync::SlotCount;
+        counters.retries += shared_.gate.total(SlotCount::kRetries);
+        counters.lock_waits += shared_.gate.total(SlotCount::kLockWaits);
+    }
+
+private:
+    using Item = txn::PlainBatch<StoreMemory>::Item;
+
+    [[nodiscard]] txn::Written try_beside([[maybe_unused]] S& session,
+                                          [[maybe_unused]] const Batch& batch,
+                                          [[maybe_unused]] CommitNumber& number) {
+        if constexpr (!S::kWritesBesideOthers) {
+            return txn::Written::kNotPlain;
+        } else {
+            auto& plain = session.scratch().batch;
+            if (!batch.sound() || batch.rules().any() || impl_.authorities.crowded() ||
+                !fill(batch, plain))
+                return txn::Written::kNotPlain;
+            const std::uint64_t author = impl_.authorities.id(batch.authority());
+            return txn::write_beside(session, plain, impl_, number, [&](const Item& item) {
+                impl_.set_author(item.child, author);
+                if (item.mended)
+                    impl_.word(graph::kNormalised).fetch_add(1);
+            });
+        }
+    }
+
+    /// The samples of the batch, sorted; false if some frame is unknown. Names stay what they are
+    /// while the session is in its slot.
+    [[nodiscard]] bool fill(const Batch& batch, txn::PlainBatch<StoreMemory>& plain) {
+        plain.order.clear();
+        plain.items.clear();
+        plain.frames.clear();
+        for (std::size_t i = 0; i < batch.size(); ++i) {
+            const FrameId parent = impl_.names.find(batch[i].parent, txn::kSeesAll);
+            const FrameId child = impl_.names.find(batch[i].child, txn::kSeesAll);
+            if (parent == kNoFrame || child == kNoFrame)
+                return false;
+            plain.order.push_back({child, parent, i});
+        }
+        const auto before = [&](const auto& a, const auto& b) {
+            if (a.child != b.child)
+                return a.child < b.child;
+            const StampNs at_a = batch.is_static() ? 0 : batch[a.index].stamp;
+            const StampNs at_b = batch.is_static() ? 0 : batch[b.index].stamp;
+            return at_a != at_b ? at_a < at_b : a.index < b.index;
+        };
+        if (!std::is_sorted(plain.order.begin(), plain.order.end(), before))
+            std::sort(plain.order.begin(), plain.order.end(), before);
+        for (const auto& at : plain.order) {
+            Item& item = plain.items.emplace_back();
+            item.child = at.child;
+            item.mended = fill_from(batch[at.index], at.parent, batch.is_static(), item.sample);
+            if (plain.frames.empty() || plain.frames.back() != at.child)
+                plain.frames.push_back(at.child);
+        }
+        return true;
+    }
+
+    Reads::Impl& impl_;
+    txn::SharedState<StoreMemory> shared_;
+};
+
+}  // namespace tfdb::store

@@ -1,0 +1,90 @@
+// What the sessions of all engines with a gate share: the slot, the way to be alone, the pauses.
+#pragma once
+
+#include <algorithm>
+
+#include "tfdb/engines/backoff.hpp"
+#include "tfdb/txn/engine.hpp"
+#include "tfdb/engines/shared_state.hpp"
+
+namespace tfdb::txn {
+
+/// A stay in a slot of the gate, or the gate closed and the commit lock held. `Engine` is the
+/// session derived from it: its `let_go` gives back what it holds in frames, and its destructor
+/// ends what is open. Threads: one. Guarantee: whoever is in a slot does not wait for the gate or
+/// the commit lock.
+template <class M, class Engine>
+class GateSession {
+public:
+    using Memory = M;
+    using Shared = SharedState<Memory>;
+
+    GateSession(Shared& shared, const SessionOptions& options)
+        : shared_(shared), options_(options), backoff_(options.slot) {}
+    GateSession(const GateSession&) = delete;
+    GateSession& operator=(const GateSession&) = delete;
+
+    void begin(Mode mode) {
+        if (mode == Mode::kAlone)
+            return be_alone(std::max(1U, options_.priority));
+        slot_ = shared_.gate.enter(options_.slot);
+        where_ = Where::kInSlot;
+        engine().start();
+    }
+    [[nodiscard]] CommitNumber read_as_of() { return shared_.committed(); }
+    [[nodiscard]] CommitNumber take_ticket() { return shared_.take_ticket(); }
+    void become_alone() {
+        leave_slot();
+        be_alone(options_.priority);
+    }
+    [[nodiscard]] bool alone() const { return where_ == Where::kAlone; }
+    void end(bool) {
+        leave_slot();
+        if (alone()) {
+            shared_.gate.open();
+            shared_.lock.unlock();
+            where_ = Where::kOutside;
+        }
+    }
+    void pause() { backoff_.pause(); }
+
+    /// For statistics; between begin and end.
+    void count(sync::SlotCount which) { shared_.gate.add(slot_, which); }
+    /// Lists of the slot; between begin and end, and not alone.
+    [[nodiscard]] SlotScratch<Memory>& scratch() { return shared_.scratch[slot_]; }
+    [[nodiscard]] Shared& shared() { return shared_; }
+
+protected:
+    ~GateSession() = default;
+
+    [[nodiscard]] typename Memory::Word& lock_word(FrameId id) const {
+        return shared_.frames.word(id, history::kLock);
+    }
+
+    Shared& shared_;
+    SessionOptions options_;
+    unsigned slot_ = 0;
+
+private:
+    enum class Where : std::uint8_t { kOutside, kInSlot, kAlone };
+
+    [[nodiscard]] Engine& engine() { return static_cast<Engine&>(*this); }
+    void leave_slot() {
+        if (where_ != Where::kInSlot)
+            return;
+        engine().let_go();
+        shared_.gate.leave(slot_);
+        where_ = Where::kOutside;
+    }
+    void be_alone(unsigned lane) {
+        shared_.lock.lock(lane);
+        shared_.gate.close();
+        where_ = Where::kAlone;
+        slot_ = 0;  // with the gate closed nobody else counts there
+    }
+
+    Where where_ = Where::kOutside;
+    sync::Backoff backoff_;
+};
+
+}  // namespace tfdb::txn

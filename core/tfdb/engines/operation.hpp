@@ -1,0 +1,128 @@
+// One lookup, or one write beside others, on a session: how often it is tried, and when it counts.
+#pragma once
+
+#include <algorithm>
+
+#include "tfdb/txn/engine.hpp"
+#include "tfdb/engines/parallel_commit.hpp"
+#include "tfdb/engines/shared_state.hpp"
+
+namespace tfdb::txn {
+
+/// Runs `attempt(view)` until what it read is of one state. After kAttemptsBeforeAlone attempts
+/// that came to nothing it runs alone, in a lane above ordinary writers: so it ends, however many
+/// others write flat out. `as_of`: the commit that it saw.
+template <Session S, class Attempt>
+[[nodiscard]] lookup::Outcome read_through(S& session, CommitNumber& as_of, Attempt attempt) {
+    constexpr int kAttempts = SyncTuning<typename S::Memory>::kAttemptsBeforeAlone;
+    for (int tries = 0;; ++tries) {
+        session.begin(tries < kAttempts ? Mode::kBesideOthers : Mode::kAlone);
+        const lookup::Outcome outcome = attempt(session.view());
+        as_of = session.read_as_of();
+        const bool counts = outcome != lookup::Outcome::kLapped && session.confirm();
+        if (counts || session.alone()) {
+            session.end(counts);
+            return outcome;
+        }
+        session.count(sync::SlotCount::kRetries);
+        session.end(false);
+        session.pause();
+    }
+}
+
+/// How one attempt to write beside others went.
+enum class Written : std::uint8_t {
+    kDone,
+    kGiveUp,    // end(false), pause, begin again
+    kNotPlain,  // the session must be alone for it; nothing was stored
+};
+
+/// Whether all of a batch only adds to what its edges hold; certain if the frames are locked.
+template <class Memory>
+[[nodiscard]] bool only_adds(const SharedState<Memory>& shared, const PlainBatch<Memory>& batch) {
+    return std::all_of(batch.items.begin(), batch.items.end(), [&](const auto& item) {
+        return fits_edge(shared.frames, item.child, item.sample) &&
+               fits_behind(shared.frames, item.child, item.sample.stamp);
+    });
+}
+
+/// Appends a batch under the locks of its frames, if all that the session has read still holds.
+/// `stored(item)` is called before anybody can see the sample, and throws nothing. Throws
+/// CapacityExceeded: nothing is stored then, and no number used. An engine that does not isolate
+/// stores sample by sample, each by itself.
+template <Session S, class Stored>
+[[nodiscard]] Written write_beside(S& session, const PlainBatch<typename S::Memory>& batch,
+                                   history::Readers& readers, CommitNumber& number, Stored stored) {
+    using Item = typename PlainBatch<typename S::Memory>::Item;
+    auto& shared = session.shared();
+    history::WriteContext context(shared.committed(), shared.history, readers);
+    const auto reserve = [&](std::span<const Item> items) {
+        context = {shared.committed(), shared.history, readers};
+        return reserve_beside<typename S::Memory>(shared.frames, context, items);
+    };
+    const auto store = [&](std::span<const Item> items) {
+        number = session.take_ticket();
+        context.committed = number - 1;
+        append_beside<typename S::Memory>(shared.frames, context, items);
+        for (const Item& item : items)
+            stored(item);
+    };
+    if constexpr (S::kIsolates) {
+        if (!session.lock(batch.frames))
+            return Written::kGiveUp;
+        if (!only_adds(shared, batch))
+            return Written::kNotPlain;
+        if (!session.confirm())
+            return Written::kGiveUp;
+        if (!reserve(batch.items))
+            return Written::kNotPlain;
+        store(batch.items);
+    } else {
+        // A sample that is too old when its turn comes is stored all the same, and seen by nobody.
+        if (!only_adds(shared, batch))
+            return Written::kNotPlain;
+        // Where there is no room for some of it, none of it is stored.
+        bool fits = true;
+        for_each_edge<typename S::Memory>(shared.frames, batch.items, [&](auto, const auto& items) {
+            (void)session.lock({&items.front().child, 1});
+            fits = fits && reserve(items);
+            session.let_go();
+        });
+        if (!fits)
+            return Written::kNotPlain;
+        for (const Item& item : batch.items) {
+            (void)session.lock({&item.child, 1});
+            (void)reserve({&item, 1});
+            store({&item, 1});
+            session.let_go();
+        }
+    }
+    return Written::kDone;
+}
+
+/// Runs `beside(number)` until it is done, or `alone()` where it cannot go beside others or has
+/// come to nothing kAttemptsBeforeAlone times. Returns the commit's number; what these throw ends
+/// the session.
+template <Session S, class Beside, class ByItself>
+CommitNumber write_through(S& session, Beside beside, ByItself alone) {
+    constexpr int kAttempts = SyncTuning<typename S::Memory>::kAttemptsBeforeAlone;
+    for (int tries = 0;; ++tries) {
+        session.begin(tries < kAttempts ? Mode::kBesideOthers : Mode::kAlone);
+        CommitNumber number = 0;
+        const Written written = session.alone() ? Written::kNotPlain : beside(number);
+        if (written == Written::kNotPlain) {
+            if (!session.alone())
+                session.become_alone();
+            number = alone();
+        }
+        if (written != Written::kGiveUp) {
+            session.end(true);
+            return number;
+        }
+        session.count(sync::SlotCount::kRetries);
+        session.end(false);
+        session.pause();
+    }
+}
+
+}  // namespace tfdb::txn

@@ -1,0 +1,49 @@
+// Ages of the sessions in a gate's slots: who is senior to whom.
+#pragma once
+
+#include "tfdb/txn/engine.hpp"
+#include "tfdb/engines/shared_state.hpp"
+
+namespace tfdb::txn {
+
+/// A session's seniority: by priority, then by the commit at which its first attempt began, then by
+/// slot. Among those in slots at one time no two are equal.
+/// Threads: one; others read the age in the slot. Guarantee: wait-free.
+template <class Memory>
+class Standing {
+public:
+    using Shared = SharedState<Memory>;
+
+    explicit Standing(const SessionOptions& options)
+        : priority_(options.priority), age_(options.age) {}
+
+    /// Before the session asks for its first lock.
+    void take_place(Shared& shared, unsigned slot) {
+        if (age_ == 0)
+            age_ = shared.committed() + 1;
+        word_ = Seniority::pack(priority_, age_);
+        shared.gate.age(slot).store_relaxed(word_);
+    }
+    [[nodiscard]] bool senior_to(Shared& shared, unsigned slot, unsigned other) const {
+        const std::uint64_t theirs = shared.gate.age(other).load_relaxed();
+        return word_ < theirs || (word_ == theirs && slot < other);
+    }
+    [[nodiscard]] std::uint64_t age() const { return age_; }
+
+private:
+    unsigned priority_;
+    std::uint64_t age_;
+    std::uint64_t word_ = 0;
+};
+
+/// Calls visit(slot) for each bit of a frame lock's holders, as long as it says true.
+template <class Visit>
+[[nodiscard]] bool all_of_holders(std::uint64_t holders, Visit visit) {
+    for (; holders != 0; holders &= holders - 1) {
+        if (!visit(static_cast<unsigned>(std::countr_zero(holders))))
+            return false;
+    }
+    return true;
+}
+
+}  // namespace tfdb::txn

@@ -1,0 +1,88 @@
+// What the sessions of one store share, in the engines that guard frames.
+#pragma once
+
+#include <array>
+#include <vector>
+
+#include "tfdb/base/error.hpp"
+#include "tfdb/graph/frames.hpp"
+#include "tfdb/engines/event.hpp"
+#include "tfdb/engines/gate.hpp"
+#include "tfdb/sync/priority_lock.hpp"
+#include "tfdb/engines/parallel_commit.hpp"
+
+namespace tfdb::txn {
+
+/// Sizes of what sessions share. Tests that walk every interleaving specialise them to be tiny.
+template <class Memory>
+struct SyncTuning {
+    static constexpr unsigned kSlots = 62;
+    static constexpr int kSpins = 100;
+    // So nobody starves: after at most 32 attempts, each of which sleeps at most 64 times for a
+    // frame, an operation runs alone in lane 1. It then waits for what is under way, for one commit
+    // of each thread that had passed the lanes before, and for at most 15 others of its lane.
+    static constexpr int kAttemptsBeforeAlone = 32;
+    static constexpr int kWaitsBeforeRetry = 64;
+    static constexpr bool kAwaitsChange = true;  // of a lock that was refused, before the retry
+};
+
+/// How a session is to be begun.
+struct SessionOptions {
+    unsigned priority = 0;
+    std::uint64_t age = 0;  // of the attempt that lost; 0: a new one
+    unsigned slot = sync::preferred_slot();
+};
+
+/// What a session notes of a frame that it reads.
+struct NotedVersion {
+    FrameId id = kNoFrame;
+    std::uint64_t version = 0;
+};
+
+/// Lists of whoever is in a slot, kept so that no operation allocates in steady state.
+template <class Memory>
+struct alignas(64) SlotScratch {
+    std::vector<FrameId> held;
+    std::vector<NotedVersion> noted;
+    PlainBatch<Memory> batch;
+};
+
+/// The gate, the commit lock and the event that frames' locks are waited for with.
+/// Threads: any; a slot's scratch only who is in the slot.
+/// Guarantee: as the parts'.
+template <class Memory>
+struct SharedState {  // NOLINT(clang-analyzer-optin.performance.Padding): one per store
+    using Word = typename Memory::Word;
+    using Tuning = SyncTuning<Memory>;
+    using Gate = sync::BasicGate<Word, Tuning::kSlots, Tuning::kSpins>;
+    using Event = sync::BasicEvent<Word, Tuning::kSpins>;
+    using Lock = sync::BasicPriorityLock<Word, Tuning::kSpins>;
+
+    SharedState(graph::Frames<Memory> of, clock::StampNs kept)
+        : frames(of),
+          history(kept),
+          lock(of.store_word(graph::kCommitLock), of.store_word(graph::kLanes)),
+          event(event_word) {}
+
+    [[nodiscard]] CommitNumber committed() const {
+        return frames.store_word(graph::kCommit).load_acquire();
+    }
+
+    /// The number of a commit that appends; whoever takes it holds the frames that it writes.
+    [[nodiscard]] CommitNumber take_ticket() {
+        if (committed() >= kSeesAll - Tuning::kSlots) {
+            throw CapacityExceeded("the store has used up its commit numbers: start a new one");
+        }
+        return frames.store_word(graph::kCommit).fetch_add(1) + 1;
+    }
+
+    graph::Frames<Memory> frames;
+    clock::StampNs history;
+    Lock lock;
+    Gate gate;
+    alignas(64) Word event_word{};
+    Event event;
+    std::array<SlotScratch<Memory>, Tuning::kSlots> scratch;
+};
+
+}  // namespace tfdb::txn
