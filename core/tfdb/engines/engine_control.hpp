@@ -4,10 +4,10 @@
 #include <algorithm>
 #include <mutex>
 
+#include "tfdb/engines/operation.hpp"
 #include "tfdb/store/asking.hpp"
 #include "tfdb/store/attempt_of.hpp"
 #include "tfdb/store/writes.hpp"
-#include "tfdb/engines/operation.hpp"
 
 namespace tfdb::store {
 

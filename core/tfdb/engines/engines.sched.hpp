@@ -6,9 +6,9 @@
 #include <string>
 #include <vector>
 
+#include "tfdb/engines/operation.hpp"
 #include "tfdb/testing/sched/flaws.hpp"
 #include "tfdb/txn/forest.sched.hpp"
-#include "tfdb/engines/operation.hpp"
 
 namespace tfdb {
 

@@ -4,8 +4,8 @@
 #include <algorithm>
 
 #include "tfdb/engines/backoff.hpp"
-#include "tfdb/txn/engine.hpp"
 #include "tfdb/engines/shared_state.hpp"
+#include "tfdb/txn/engine.hpp"
 
 namespace tfdb::txn {
 

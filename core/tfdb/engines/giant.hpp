@@ -4,8 +4,8 @@
 #include <span>
 
 #include "tfdb/engines/backoff.hpp"
-#include "tfdb/txn/engine.hpp"
 #include "tfdb/engines/shared_state.hpp"
+#include "tfdb/txn/engine.hpp"
 #include "tfdb/txn/snapshot_view.hpp"
 
 namespace tfdb::txn {

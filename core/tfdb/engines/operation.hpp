@@ -3,9 +3,10 @@
 
 #include <algorithm>
 
-#include "tfdb/txn/engine.hpp"
 #include "tfdb/engines/parallel_commit.hpp"
 #include "tfdb/engines/shared_state.hpp"
+#include "tfdb/txn/engine.hpp"
+#include "tfdb/txn/settle.hpp"
 
 namespace tfdb::txn {
 
@@ -123,6 +124,55 @@ CommitNumber write_through(S& session, Beside beside, ByItself alone) {
         session.end(false);
         session.pause();
     }
+}
+
+/// The writes as samples that only append to edges that are there. False: they do more.
+template <class Memory, class Store>
+[[nodiscard]] bool make_plain(const WriteSet<Memory>& writes, Store& store,
+                              PlainBatch<Memory>& plain) {
+    plain.items.clear();
+    plain.frames.clear();
+    if (writes.made() != 0 || !writes.removed().empty())
+        return false;
+    std::vector<const typename WriteSet<Memory>::Edge*> edges;
+    for (const auto& edge : writes.edges())
+        edges.push_back(&edge);
+    std::sort(edges.begin(), edges.end(),
+              [](const auto* a, const auto* b) { return a->child < b->child; });
+    for (const auto* edge : edges) {
+        plain.frames.push_back(edge->child);
+        const std::uint64_t author = store.author(writes.author_of(*edge));
+        for (const auto& own : edge->samples) {
+            auto& item = plain.items.emplace_back();
+            item.child = edge->child;
+            item.author = author;
+            item.sample.stamp = own.stamp;
+            item.sample.parent = own.parent;
+            item.sample.payload = own.payload;
+        }
+    }
+    return true;
+}
+
+/// Stores the writes beside others if they are plain: then the transaction has ended, well or not.
+/// False: it must be alone for them.
+template <Session S, class Store>
+[[nodiscard]] bool settle_beside(S& session, const WriteSet<typename S::Memory>& writes,
+                                 Store& store, Settled& settled) {
+    auto& plain = session.scratch().batch;
+    if (store.crowded())
+        return false;
+    if (!make_plain(writes, store, plain))
+        return false;
+    const Written written =
+        write_beside(session, plain, store.readers(), settled.commit,
+                     [&](const auto& item) { store.set_author(item.child, item.author); });
+    if (written == Written::kNotPlain)
+        return false;
+    if (written == Written::kDone)
+        settled.kind = Settled::kCommitted;
+    session.end(written == Written::kDone);
+    return true;
 }
 
 }  // namespace tfdb::txn

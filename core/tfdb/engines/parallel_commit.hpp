@@ -4,9 +4,9 @@
 #include <span>
 #include <vector>
 
+#include "tfdb/engines/guarded_view.hpp"
 #include "tfdb/graph/frames.hpp"
 #include "tfdb/history/edge_writer.hpp"
-#include "tfdb/engines/guarded_view.hpp"
 
 namespace tfdb::txn {
 

@@ -1,8 +1,8 @@
 // Ages of the sessions in a gate's slots: who is senior to whom.
 #pragma once
 
-#include "tfdb/txn/engine.hpp"
 #include "tfdb/engines/shared_state.hpp"
+#include "tfdb/txn/engine.hpp"
 
 namespace tfdb::txn {
 

@@ -5,11 +5,11 @@
 #include <vector>
 
 #include "tfdb/base/error.hpp"
-#include "tfdb/graph/frames.hpp"
 #include "tfdb/engines/event.hpp"
 #include "tfdb/engines/gate.hpp"
-#include "tfdb/sync/priority_lock.hpp"
 #include "tfdb/engines/parallel_commit.hpp"
+#include "tfdb/graph/frames.hpp"
+#include "tfdb/sync/priority_lock.hpp"
 
 namespace tfdb::txn {
 

@@ -4,9 +4,9 @@
 #include <algorithm>
 #include <span>
 
-#include "tfdb/engines/version_lock.hpp"
 #include "tfdb/engines/gate_session.hpp"
 #include "tfdb/engines/guarded_view.hpp"
+#include "tfdb/engines/version_lock.hpp"
 
 namespace tfdb::txn {
 
