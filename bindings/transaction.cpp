@@ -482,9 +482,10 @@ void bind_transaction(nb::module_& module, nb::class_<BufferObject, ReadsObject>
         nb::sig("def transaction(self, priority: int = 0) -> Transaction"),
         R"(A transaction: `with buf.transaction() as tx:` reads, decides and writes as if alone.
 
-Begun by the `with` statement, committed at its end. `priority` is an integer from 0 to 7: where the
-engine lets one wait for another or start again, the higher goes first. Raises InvalidArgument; the
-`with` statement raises Conflict, TransactionActive, and CycleError, CapacityExceeded at the commit.)");
+Begun by the `with` statement, committed at its end. `priority` is an integer from 0 to 7: above 0
+it commits before ordinary writers, and where the engine makes one of two start again, the higher
+goes first. Raises InvalidArgument; the `with` statement raises Conflict, TransactionActive, and
+CycleError, CapacityExceeded at the commit.)");
     type.def("_attempt", &attempt, nb::arg("priority").none(), nb::arg("alone"), nb::arg("age"),
              nb::sig("def _attempt(self, priority: int, alone: bool, age: int) -> Transaction"),
              "A transaction that may run alone, and keeps the age of one that lost.");

@@ -708,9 +708,10 @@ class Buffer(Reads):
         """
         A transaction: `with buf.transaction() as tx:` reads, decides and writes as if alone.
 
-        Begun by the `with` statement, committed at its end. `priority` is an integer from 0 to 7: where the
-        engine lets one wait for another or start again, the higher goes first. Raises InvalidArgument; the
-        `with` statement raises Conflict, TransactionActive, and CycleError, CapacityExceeded at the commit.
+        Begun by the `with` statement, committed at its end. `priority` is an integer from 0 to 7: above 0
+        it commits before ordinary writers, and where the engine makes one of two start again, the higher
+        goes first. Raises InvalidArgument; the `with` statement raises Conflict, TransactionActive, and
+        CycleError, CapacityExceeded at the commit.
         """
 
     def _attempt(self, priority: int, alone: bool, age: int) -> Transaction:

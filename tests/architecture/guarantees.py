@@ -1,4 +1,4 @@
-"""The table of docs/concurrency.md, collected from the lines above the C++ classes.
+"""The table of docs/concurrency.md: the C++ classes that threads share, from the lines above them.
 
 `python -m tests.architecture.guarantees` writes it.
 """
@@ -23,6 +23,7 @@ END = "<!-- classes: end -->"
 _COMMENT = re.compile(r"^\s*///?\s?(.*)$")
 _TEMPLATE = re.compile(r"^\s*template\s*<")
 _TYPE = re.compile(r"^\s*(?:class|struct)\s+((?:\w+::)*\w+)[^;]*$")
+_SHARED = re.compile(r"\bany\b|WrongThread")
 _PARTS = re.compile(r"^(?P<what>.*?)\s*Threads:\s*(?P<threads>.*?)\s*Guarantee:\s*(?P<last>.*)$")
 
 
@@ -34,6 +35,11 @@ class Promise:
     path: str
     threads: str
     guarantee: str
+
+    @property
+    def shared(self) -> bool:
+        """Whether several threads may have one object of it, or are told that they may not."""
+        return bool(_SHARED.search(self.threads)) and "value" not in self.threads
 
 
 def promises_in(text: str, path: str) -> Iterator[Promise]:
@@ -74,7 +80,7 @@ def promises(tree: Path) -> list[Promise]:
 def table(found: list[Promise]) -> str:
     """The rows as they stand in the page."""
     lines = ["| class | threads | guarantee |", "|---|---|---|"]
-    for promise in found:
+    for promise in filter(lambda promise: promise.shared, found):
         cells = (f"`{promise.name}` ({promise.path})", promise.threads, promise.guarantee)
         lines.append("| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |")
     return "\n".join(lines)

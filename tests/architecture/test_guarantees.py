@@ -1,4 +1,4 @@
-"""docs/concurrency.md says of every C++ class what the class says of itself."""
+"""docs/concurrency.md says of every C++ class that threads share what the class says of itself."""
 
 from __future__ import annotations
 
@@ -31,6 +31,7 @@ def test_the_lines_above_a_class_are_found() -> None:
         ("Thing", "any; all.", "wait-free"),
         ("Outer::Inner", "one.", "none."),
     ]
+    assert [promise.name for promise in found if promise.shared] == ["Thing"]
 
 
 def test_links_of_the_documents_lead_somewhere() -> None:

@@ -1,8 +1,6 @@
 // What the sessions of all engines with a gate share: the slot, the way to be alone, the pauses.
 #pragma once
 
-#include <algorithm>
-
 #include "tfdb/engines/backoff.hpp"
 #include "tfdb/engines/shared_state.hpp"
 #include "tfdb/txn/engine.hpp"
@@ -26,7 +24,7 @@ public:
 
     void begin(Mode mode) {
         if (mode == Mode::kAlone)
-            return be_alone(std::max(1U, options_.priority));
+            return be_alone(true);
         slot_ = shared_.gate.enter(options_.slot);
         where_ = Where::kInSlot;
         engine().start();
@@ -35,7 +33,7 @@ public:
     [[nodiscard]] CommitNumber take_ticket() { return shared_.take_ticket(); }
     void become_alone() {
         leave_slot();
-        be_alone(options_.priority);
+        be_alone(options_.priority > 0);
     }
     [[nodiscard]] bool alone() const { return where_ == Where::kAlone; }
     void end(bool) {
@@ -76,8 +74,11 @@ private:
         shared_.gate.leave(slot_);
         where_ = Where::kOutside;
     }
-    void be_alone(unsigned lane) {
-        shared_.lock.lock(lane);
+    void be_alone(bool urgent) {
+        if (urgent)
+            shared_.lock.lock_urgently();
+        else
+            shared_.lock.lock();
         shared_.gate.close();
         where_ = Where::kAlone;
         slot_ = 0;  // with the gate closed nobody else counts there

@@ -29,7 +29,7 @@ public:
 
     void begin(Mode mode) {
         if (options_.priority > 0 || mode == Mode::kAlone) {
-            shared_.lock.lock(std::max(1U, options_.priority));
+            shared_.lock.lock_urgently();
         } else if (!shared_.lock.try_lock()) {
             shared_.lock.lock();
             count(sync::SlotCount::kLockWaits);

@@ -11,8 +11,8 @@
 namespace tfdb::txn {
 
 /// Runs `attempt(view)` until what it read is of one state. After kAttemptsBeforeAlone attempts
-/// that came to nothing it runs alone, in a lane above ordinary writers: so it ends, however many
-/// others write flat out. `as_of`: the commit that it saw.
+/// that came to nothing it asks urgently to run alone, before ordinary writers: so it ends, however
+/// many others write flat out. `as_of`: the commit that it saw.
 template <Session S, class Attempt>
 [[nodiscard]] lookup::Outcome read_through(S& session, CommitNumber& as_of, Attempt attempt) {
     constexpr int kAttempts = SyncTuning<typename S::Memory>::kAttemptsBeforeAlone;

@@ -9,7 +9,7 @@
 #include "tfdb/engines/gate.hpp"
 #include "tfdb/engines/parallel_commit.hpp"
 #include "tfdb/graph/frames.hpp"
-#include "tfdb/sync/priority_lock.hpp"
+#include "tfdb/sync/commit_lock.hpp"
 
 namespace tfdb::txn {
 
@@ -19,8 +19,8 @@ struct SyncTuning {
     static constexpr unsigned kSlots = 62;
     static constexpr int kSpins = 100;
     // So nobody starves: after at most 32 attempts, each of which sleeps at most 64 times for a
-    // frame, an operation runs alone in lane 1. It then waits for what is under way, for one commit
-    // of each thread that had passed the lanes before, and for at most 15 others of its lane.
+    // frame, an operation asks to be alone, urgently. It then waits for what is under way, and for
+    // others that ask urgently.
     static constexpr int kAttemptsBeforeAlone = 32;
     static constexpr int kWaitsBeforeRetry = 64;
     static constexpr bool kAwaitsChange = true;  // of a lock that was refused, before the retry
@@ -56,13 +56,10 @@ struct SharedState {  // NOLINT(clang-analyzer-optin.performance.Padding): one p
     using Tuning = SyncTuning<Memory>;
     using Gate = sync::BasicGate<Word, Tuning::kSlots, Tuning::kSpins>;
     using Event = sync::BasicEvent<Word, Tuning::kSpins>;
-    using Lock = sync::BasicPriorityLock<Word, Tuning::kSpins>;
+    using Lock = sync::BasicCommitLock<Word, Tuning::kSpins>;
 
     SharedState(graph::Frames<Memory> of, clock::StampNs kept)
-        : frames(of),
-          history(kept),
-          lock(of.store_word(graph::kCommitLock), of.store_word(graph::kLanes)),
-          event(event_word) {}
+        : frames(of), history(kept), lock(of.store_word(graph::kCommitLock)), event(event_word) {}
 
     [[nodiscard]] CommitNumber committed() const {
         return frames.store_word(graph::kCommit).load_acquire();

@@ -16,7 +16,6 @@ enum StoreWord : unsigned {
     kPinFloors = 11,   // what those are not older than
     kPinHint = 14,     // which count the next snapshot goes to
     kCommitLock = 16,  // see sync::CommitLock
-    kLanes = 17,       // who waits for it with priority: see sync::PriorityLock
     kFrameCount = 24,  // slots of the frame table ever used
     kFreeHead = 25,    // id + 1 of the frame that was removed first and waits for reuse
     kFreeTail = 26,

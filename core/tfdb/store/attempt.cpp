@@ -9,9 +9,9 @@ namespace tfdb::store {
 std::unique_ptr<Attempt> make_attempt(Reads::Impl& impl, const TransactionOptions& options) {
     if (impl.control != nullptr)
         return impl.control->attempt(options);
-    using Session = txn::SnapshotSession<StoreMemory, sync::PriorityLock>;
+    using Session = txn::SnapshotSession<StoreMemory, sync::CommitLock>;
     return std::make_unique<AttemptOf<Session>>(impl, options.alone, impl.frames, impl.lock,
-                                                impl.history, options.priority);
+                                                impl.history, options.priority > 0);
 }
 
 }  // namespace tfdb::store

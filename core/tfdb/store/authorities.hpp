@@ -34,7 +34,7 @@ public:
     void keep_only(std::vector<std::uint64_t> ids, std::size_t spare);
 
     /// Whether somebody is at the names.
-    [[nodiscard]] bool in_use() const noexcept { return lock_.held(); }
+    [[nodiscard]] bool in_use() const noexcept { return lock_.in_use(); }
     /// What the names occupy.
     [[nodiscard]] std::size_t bytes() const;
 

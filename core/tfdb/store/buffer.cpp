@@ -18,7 +18,7 @@ Reads::Impl::Impl(const BufferOptions& options)
              options.max_frames),
       names(frames),
       pins(frames),
-      lock(frames.store_word(graph::kCommitLock), frames.store_word(graph::kLanes)),
+      lock(frames.store_word(graph::kCommitLock)),
       control(store::make_control(*this)) {
     sync::watch_forks();
     home_process.store_relaxed(sync::forks() << kForksShift);

@@ -15,8 +15,8 @@
 #include "tfdb/store/buffer.hpp"
 #include "tfdb/store/control.hpp"
 #include "tfdb/store/open_transaction.hpp"
+#include "tfdb/sync/commit_lock.hpp"
 #include "tfdb/sync/fork.hpp"
-#include "tfdb/sync/priority_lock.hpp"
 #include "tfdb/txn/commit.hpp"
 #include "tfdb/txn/snapshot_view.hpp"
 
@@ -94,7 +94,7 @@ struct Reads::Impl final : history::Readers {
     graph::Frames<StoreMemory> frames;
     graph::Names<StoreMemory> names;
     graph::Pins<StoreMemory> pins;
-    mutable sync::PriorityLock lock;
+    mutable sync::CommitLock lock;
     txn::CommitScratch scratch;
     std::vector<Item> items;
     sync::Word oldest_held{};     // what `oldest_read` said last
@@ -118,8 +118,8 @@ inline constexpr int kTriesBeforePin = 4;
 /// Threads: one. Guarantee: blocks until all that came before are done.
 class Alone {
 public:
-    explicit Alone(const Reads::Impl& impl, unsigned lane = 0) : impl_(impl) {
-        impl.lock.lock(lane);
+    explicit Alone(const Reads::Impl& impl) : impl_(impl) {
+        impl.lock.lock();
         if (impl.control != nullptr)
             impl.control->keep_out();
     }

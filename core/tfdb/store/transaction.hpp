@@ -13,7 +13,8 @@
 namespace tfdb {
 
 struct TransactionOptions {
-    /// 0..7. Seniority in wait-die and wound-wait; whose turn is next among those that run alone.
+    /// 0..7. Above 0 it commits before ordinary writers; in wait-die and wound-wait the higher is
+    /// senior.
     unsigned priority = 0;
     /// From the beginning to the end no other commit: it cannot lose, and writers wait for it.
     bool alone = false;

@@ -1,7 +1,8 @@
 // Every interleaving of the commit lock, and of what it would be with one of its atoms broken.
-#include "tfdb/sync/commit_lock.hpp"
+#include "tfdb/sync/commit_lock.sched.hpp"
 
 #include <string>
+#include <vector>
 
 #include "tfdb/sync/flaws.sched.hpp"
 
@@ -14,80 +15,157 @@ using sched::Run;
 using sched::Walk;
 using namespace flaws;
 
-/// Two steps that are only right if nobody comes in between.
-template <class Word, int Spins>
-Program counted(int threads) {
-    return [threads](Run& run) {
-        Word word;
-        word.rename("lock", 0);
-        sched::Word count(0, "count");
-        for (int thread = 0; thread < threads; ++thread) {
-            run.thread("writer" + std::to_string(thread), [&] {
-                BasicCommitLock<Word, Spins> lock(word);
-                lock.lock();
-                count.store_relaxed(count.load_relaxed() + 1);
-                lock.unlock();
-            });
-        }
+struct Number {
+    sched::Word word{0, "count"};
+    void add_one() { word.store_relaxed(word.load_relaxed() + 1); }
+};
+
+template <class W, int Spins>
+struct Scene : CountInTurns<W, Spins, Number> {
+    Scene() { this->word.rename("lock", 0); }
+
+    void require(std::uint64_t turns) const {
+        const bool all_had_their_turn = this->count.word.peek() == turns;
+        SCHED_REQUIRE(all_had_their_turn);
+        SCHED_REQUIRE(this->word.peek() == 0);
+    }
+};
+
+constexpr Lane kOrdinary = Lane::kOrdinary;
+constexpr Lane kUrgent = Lane::kUrgent;
+
+/// Each locks once, in its lane.
+template <class W, int Spins>
+Program counted(const std::vector<Lane>& lanes) {
+    return [lanes](Run& run) {
+        Scene<W, Spins> scene;
+        for (std::size_t i = 0; i < lanes.size(); ++i)
+            run.thread("writer" + std::to_string(i), [&, i] { scene.thread(lanes[i], 1); });
         run.join();
-        SCHED_REQUIRE(count.peek() == static_cast<std::uint64_t>(threads));
-        SCHED_REQUIRE(word.peek() == 0);
+        scene.require(lanes.size());
     };
 }
 
 /// A writer that never waits beside one that does.
-template <class Word>
-Program tried() {
-    return [](Run& run) {
-        Word word;
-        word.rename("lock", 0);
-        sched::Word count(0, "count");
-        std::uint64_t given_up = 0;
-        const auto add_one = [&] { count.store_relaxed(count.load_relaxed() + 1); };
-        run.thread("tries", [&] {
-            BasicCommitLock<Word, 1> lock(word);
-            if (lock.try_lock()) {
-                add_one();
-                lock.unlock();
-            } else {
-                given_up = 1;
-            }
-        });
-        run.thread("waits", [&] {
-            BasicCommitLock<Word, 1> lock(word);
-            lock.lock();
-            add_one();
-            lock.unlock();
-        });
+template <class W>
+Program tried(Lane lane) {
+    return [lane](Run& run) {
+        Scene<W, 1> scene;
+        bool had_a_turn = false;
+        run.thread("tries", [&] { had_a_turn = scene.thread_that_tries(); });
+        run.thread("waits", [&] { scene.thread(lane, 1); });
         run.join();
-        SCHED_REQUIRE(count.peek() + given_up == 2);
-        SCHED_REQUIRE(word.peek() == 0);
+        scene.require(had_a_turn ? 2 : 1);
     };
 }
 
-constexpr char kExcludes[] = "count.peek() ==";
-constexpr char kTriedExcludes[] = "count.peek() + given_up == 2";
+/// Behind a holder: who asks in the ordinary lane, or tries, once an urgent request is counted
+/// comes after it.
+template <class W>
+Program overtaken(bool tries) {
+    return [tries](Run& run) {
+        Scene<W, 0> scene;
+        sched::Word served(0, "served");
+        run.thread("holder", [&] { scene.thread(kOrdinary, 1); });
+        run.thread("urgent", [&] {
+            auto lock = scene.lock();
+            lock.lock_urgently();
+            served.store_relaxed(1);
+            lock.unlock();
+        });
+        run.thread("ordinary", [&] {
+            const bool one_asks = scene.word.sched::Word::load_relaxed() >= 4;
+            auto lock = scene.lock();
+            if (!tries)
+                lock.lock();
+            else if (!lock.try_lock())
+                return;
+            const bool was_first = !one_asks || served.load_relaxed() == 1;
+            SCHED_REQUIRE(was_first);
+            lock.unlock();
+        });
+        run.join();
+        SCHED_REQUIRE(scene.word.peek() == 0);
+    };
+}
+
+/// Who takes it does so in two steps.
+struct TakesSlowly : SplitCompareExchange {
+    bool compare_exchange(std::uint64_t& expected, std::uint64_t desired) {
+        const bool takes = (expected & 1) == 0;
+        return takes ? SplitCompareExchange::compare_exchange(expected, desired)
+                     : sched::Word::compare_exchange(expected, desired);
+    }
+};
+
+/// Who takes it while nobody holds it does not see that others ask urgently.
+struct BlindToUrgent : sched::Word {
+    [[nodiscard]] std::uint64_t load_relaxed() const {
+        const std::uint64_t found = sched::Word::load_relaxed();
+        return (found & 1) == 0 ? 0 : found;
+    }
+    bool compare_exchange(std::uint64_t& expected, std::uint64_t desired) {
+        const std::uint64_t urgent = sched::Word::load_relaxed() & ~std::uint64_t{3};
+        if (expected == 0) {
+            expected = urgent;
+            desired += urgent;
+        }
+        return sched::Word::compare_exchange(expected, desired);
+    }
+};
+
+/// Wakes one where all should be woken.
+struct WakesOne : sched::Word {
+    void notify_all() { notify_one(); }
+};
 
 }  // namespace
 
 TFDB_SCHED(commit_lock_excludes_and_wakes) {
     Walk walk;
-    walk.must_hold("two writers, no spinning", counted<Sound, 0>(2));
-    walk.must_hold("two writers, one spin", counted<Sound, 1>(2));
-    walk.must_hold("two writers, two spins", counted<Sound, 2>(2));
-    walk.must_hold("three writers, no spinning", counted<Sound, 0>(3));
-    walk.must_hold("three writers, one spin", counted<Sound, 1>(3));
-    walk.must_hold("try_lock beside lock", tried<Sound>());
+    walk.must_hold("two writers, no spinning", counted<Sound, 0>({kOrdinary, kOrdinary}));
+    walk.must_hold("two writers, one spin", counted<Sound, 1>({kOrdinary, kOrdinary}));
+    walk.must_hold("two writers, two spins", counted<Sound, 2>({kOrdinary, kOrdinary}));
+    walk.must_hold("one urgent", counted<Sound, 0>({kOrdinary, kUrgent}));
+    walk.must_hold("one urgent, one spin", counted<Sound, 1>({kOrdinary, kUrgent}));
+    walk.must_hold("two urgent", counted<Sound, 0>({kUrgent, kUrgent}));
+    walk.must_hold("try_lock beside lock", tried<Sound>(kOrdinary));
+    walk.must_hold("try_lock beside an urgent one", tried<Sound>(kUrgent));
+}
+
+TFDB_SCHED(commit_lock_of_three) {
+    Walk all;
+    all.must_hold("three writers, no spinning",
+                  counted<Sound, 0>({kOrdinary, kOrdinary, kOrdinary}));
+    sched::Options options;
+    options.preemptions = 4;
+    Walk walk(options);
+    walk.must_hold("three writers, one spin", counted<Sound, 1>({kOrdinary, kOrdinary, kOrdinary}));
+    walk.must_hold("one urgent", counted<Sound, 0>({kOrdinary, kOrdinary, kUrgent}));
+    walk.must_hold("two urgent", counted<Sound, 0>({kOrdinary, kUrgent, kUrgent}));
+    walk.must_hold("three urgent", counted<Sound, 0>({kUrgent, kUrgent, kUrgent}));
+    walk.must_hold("urgent before ordinary", overtaken<Sound>(false));
+    walk.must_hold("urgent before who tries", overtaken<Sound>(true));
 }
 
 TFDB_SCHED(commit_lock_flaws_are_found) {
     Walk walk;
-    walk.must_fail("compare_exchange in two steps", kTriedExcludes, tried<SplitCompareExchange>());
-    walk.must_fail("compare_exchange in two steps, spinning", kExcludes,
-                   counted<SplitCompareExchange, 1>(2));
-    walk.must_fail("exchange in two steps", kDeadlock, counted<SplitExchange, 0>(2));
-    walk.must_fail("unlock without notify", kDeadlock, counted<SilentNotify, 0>(2));
-    walk.must_fail("sleeping without looking again", kDeadlock, counted<BlindWait, 0>(2));
+    walk.must_fail("locking in two steps", "all_had_their_turn", tried<TakesSlowly>(kOrdinary));
+    walk.must_fail("locking in two steps, spinning", "all_had_their_turn",
+                   counted<TakesSlowly, 1>({kOrdinary, kOrdinary}));
+    walk.must_fail("unlocking in two steps", kDeadlock,
+                   counted<SplitCompareExchange, 0>({kOrdinary, kOrdinary}));
+    walk.must_fail("counting in two steps", kDeadlock,
+                   counted<SplitFetchAdd, 0>({kUrgent, kUrgent, kUrgent}));
+    walk.must_fail("waking nobody", kDeadlock, counted<SilentNotify, 0>({kOrdinary, kOrdinary}));
+    walk.must_fail("sleeping without looking again", kDeadlock,
+                   counted<BlindWait, 0>({kOrdinary, kOrdinary}));
+    sched::Options options;
+    options.preemptions = 4;
+    Walk(options).must_fail("an urgent one that is overlooked", "was_first",
+                            overtaken<BlindToUrgent>(false));
+    Walk(options).must_fail("waking one who may not have it", kDeadlock,
+                            counted<WakesOne, 0>({kOrdinary, kOrdinary, kUrgent}));
 }
 
 }  // namespace tfdb::sync

@@ -1,81 +1,118 @@
-#include "tfdb/sync/commit_lock.hpp"
-
 #include <mutex>
 #include <thread>
 #include <vector>
 
+#include "tfdb/sync/commit_lock.sched.hpp"
 #include "tfdb/testing/check.hpp"
 
 namespace tfdb::sync {
 namespace {
 
-/// Threads that count with plain numbers: a race or a lost number would show.
-template <class Lock>
-void count_in_turns(int threads, long rounds) {
-    Word word{};
-    long first = 0;
-    long second = 0;
+/// Plain: a race or a lost turn would show.
+struct Number {
+    long turns = 0;
+    long sum = 0;
+    void add_one() { sum += ++turns; }
+};
+
+constexpr Lane kOrdinary = Lane::kOrdinary;
+constexpr Lane kUrgent = Lane::kUrgent;
+constexpr std::uint64_t kOneUrgent = 4;
+
+template <int Spins>
+void count_in_turns(const std::vector<Lane>& lanes, long rounds) {
+    CountInTurns<Word, Spins, Number> turns;
     std::vector<std::thread> running;
-    for (int i = 0; i < threads; ++i) {
-        running.emplace_back([&] {
-            Lock lock(word);
-            for (long round = 0; round < rounds; ++round) {
-                const std::lock_guard guard(lock);
-                ++first;
-                second += first;
-            }
-        });
-    }
+    for (const Lane lane : lanes)
+        running.emplace_back([&, lane] { turns.thread(lane, rounds); });
     for (std::thread& thread : running)
         thread.join();
-    const long all = threads * rounds;
-    CHECK_EQ(first, all);
-    CHECK_EQ(second, all * (all + 1) / 2);
-    CHECK_EQ(word.load_relaxed(), 0U);
+    const long all = static_cast<long>(lanes.size()) * rounds;
+    CHECK_EQ(turns.count.turns, all);
+    CHECK_EQ(turns.count.sum, all * (all + 1) / 2);
+    CHECK_EQ(turns.word.load_relaxed(), 0U);
+}
+
+void await_urgent(const Word& word, std::uint64_t requests) {
+    while (word.load_relaxed() / kOneUrgent != requests)
+        std::this_thread::yield();
 }
 
 }  // namespace
 
 TFDB_TEST(commit_lock_lets_one_in_at_a_time) {
-    count_in_turns<CommitLock>(4, 20'000);
+    count_in_turns<100>({kOrdinary, kOrdinary, kOrdinary, kOrdinary}, 20'000);
+    count_in_turns<100>({kOrdinary, kOrdinary, kUrgent, kUrgent}, 5'000);
 }
 
 TFDB_TEST(commit_lock_that_sleeps_at_once_loses_no_wakeup) {
-    count_in_turns<BasicCommitLock<Word, 0>>(4, 5'000);
+    count_in_turns<0>({kOrdinary, kOrdinary, kOrdinary, kOrdinary}, 5'000);
+    count_in_turns<0>({kOrdinary, kOrdinary, kUrgent, kUrgent}, 2'000);
+    count_in_turns<0>(std::vector<Lane>(20, kUrgent), 100);
 }
 
-TFDB_TEST(commit_lock_try_lock_fails_while_it_is_held) {
+TFDB_TEST(commit_lock_tries_beside_sleepers) {
+    CountInTurns<Word, 100, Number> turns;
+    std::thread sleeper([&] { turns.thread(kOrdinary, 10'000); });
+    long tried = 0;
+    for (int i = 0; i < 10'000; ++i)
+        tried += turns.thread_that_tries() ? 1 : 0;
+    sleeper.join();
+    CHECK_EQ(turns.count.turns, 10'000 + tried);
+}
+
+TFDB_TEST(commit_lock_try_lock_fails_while_it_is_held_or_asked_for_urgently) {
     Word word{};
     CommitLock mine(word);
     CommitLock other(word);
     CHECK(mine.try_lock());
     CHECK(!other.try_lock());
+    std::thread urgent([&] {
+        CommitLock lock(word);
+        lock.lock_urgently();
+        lock.unlock();
+    });
+    await_urgent(word, 1);
     mine.unlock();
+    urgent.join();
     CHECK(other.try_lock());
+    CHECK(other.in_use());
     other.unlock();
+    CHECK(!other.in_use());
 }
 
-TFDB_TEST(commit_lock_tries_beside_sleepers) {
+/// Beside threads that commit as fast as they can, an urgent request waits for the holder alone.
+TFDB_TEST(commit_lock_goes_to_an_urgent_request_next) {
     Word word{};
-    long counted = 0;
-    long tried = 0;
-    std::thread sleeper([&] {
-        CommitLock lock(word);
-        for (int i = 0; i < 10'000; ++i) {
-            const std::lock_guard guard(lock);
-            ++counted;
-        }
-    });
     CommitLock lock(word);
-    for (int i = 0; i < 10'000; ++i) {
-        const std::unique_lock guard(lock, std::try_to_lock);
-        if (guard.owns_lock()) {
-            ++counted;
-            ++tried;
-        }
+    Word stop{};
+    std::uint64_t commits = 0;  // only under the lock
+    std::vector<std::thread> running;
+    for (int thread = 0; thread < 4; ++thread) {
+        running.emplace_back([&] {
+            while (stop.load_relaxed() == 0) {
+                const std::lock_guard guard(lock);
+                ++commits;
+            }
+        });
     }
-    sleeper.join();
-    CHECK_EQ(counted, 10'000 + tried);
+    for (int i = 0; i < 200; ++i) {
+        lock.lock();
+        const std::uint64_t before = commits;
+        std::uint64_t overtaken = 0;
+        std::thread urgent([&] {
+            lock.lock_urgently();
+            overtaken = commits - before;
+            lock.unlock();
+        });
+        await_urgent(word, 1);
+        lock.unlock();
+        urgent.join();
+        CHECK_EQ(overtaken, 0U);
+    }
+    stop.store_relaxed(1);
+    for (std::thread& thread : running)
+        thread.join();
 }
 
 }  // namespace tfdb::sync

@@ -1,7 +1,6 @@
 // The default engine: reads from a snapshot that is held, one commit at a time.
 #pragma once
 
-#include <algorithm>
 #include <span>
 
 #include "tfdb/graph/pins.hpp"
@@ -11,7 +10,7 @@
 namespace tfdb::txn {
 
 /// A transaction that reads commit S and is validated, under the commit lock, against what was
-/// committed since. `Lock` is the store's commit lock: `lock` may take a lane.
+/// committed since. `Lock` is the store's commit lock.
 /// Threads: one at a time. Guarantee: reads never wait; `begin(kAlone)` and `become_alone` block.
 template <class M, class Lock>
 class SnapshotSession {
@@ -21,15 +20,15 @@ public:
     static constexpr bool kWritesBesideOthers = false;
     static constexpr bool kIsolates = true;
 
-    SnapshotSession(graph::Frames<Memory> frames, Lock& lock, clock::StampNs history, unsigned lane)
-        : frames_(frames), lock_(lock), history_(history), lane_(lane) {}
+    SnapshotSession(graph::Frames<Memory> frames, Lock& lock, clock::StampNs history, bool urgent)
+        : frames_(frames), lock_(lock), history_(history), urgent_(urgent) {}
     ~SnapshotSession() { end(false); }
     SnapshotSession(const SnapshotSession&) = delete;
     SnapshotSession& operator=(const SnapshotSession&) = delete;
 
     void begin(Mode mode) {
         if (mode == Mode::kAlone) {
-            take_lock(std::max(1U, lane_));
+            take_lock(true);
             alone_ = true;
             commit_ = frames_.store_word(graph::kCommit).load_acquire();
             return;
@@ -49,7 +48,7 @@ public:
     void become_alone() {
         if (alone_)
             return;
-        take_lock(lane_);
+        take_lock(urgent_);
         alone_ = true;
         unpin();
     }
@@ -68,7 +67,7 @@ public:
     void undisturbed(Body body) {
         if (alone_)
             return body();
-        take_lock(lane_);
+        take_lock(urgent_);
         try {
             body();
         } catch (...) {
@@ -79,12 +78,11 @@ public:
     }
 
 private:
-    void take_lock([[maybe_unused]] unsigned lane) {
-        if constexpr (requires { lock_.lock(lane); }) {
-            lock_.lock(lane);
-        } else {
+    void take_lock(bool urgent) {
+        if (urgent)
+            lock_.lock_urgently();
+        else
             lock_.lock();
-        }
     }
     void unpin() {
         if (pinned_)
@@ -95,7 +93,7 @@ private:
     graph::Frames<Memory> frames_;
     Lock& lock_;
     clock::StampNs history_;
-    unsigned lane_;
+    bool urgent_;
     CommitNumber commit_ = 0;
     unsigned pin_ = 0;  // which count of held snapshots, if pinned
     bool pinned_ = false;
