@@ -14,23 +14,23 @@ PIP := $(BIN)/python -m pip --disable-pip-version-check -q
 CMAKE := $(BIN)/cmake
 export PATH := $(CURDIR)/$(BIN):$(PATH)
 
-NATIVE := $(shell find core bindings driver -name '*.?pp' -not -name '*.*.?pp' 2>/dev/null)
-CPP := $(shell find core bindings driver tests benchmarks -name '*.?pp' -not -path '*/env/*' 2>/dev/null)
+NATIVE := $(shell find core bindings measure tests -name '*.?pp' -not -name '*.*.?pp' -not -path '*/env/*' 2>/dev/null)
+CPP := $(shell find core bindings measure tests -name '*.?pp' -not -path '*/env/*' 2>/dev/null)
 # Address randomisation finer than GCC 12's ThreadSanitizer expects would stop it at start.
 FIXED_ADDRESSES := $(shell command -v setarch >/dev/null 2>&1 && echo setarch $$(uname -m) -R)
 # The naive model is slow under sanitizers, and has one thread: `make test` draws more.
 ONE_SEED := TFDB_MODEL_SEEDS=1
 
 .DELETE_ON_ERROR:
-.PHONY: help demo test test-cpp test-python check bench bench-rooms evaluation tsan asan asan-python fuzz \
+.PHONY: help demo test test-cpp test-python check measure bench-rooms tsan asan asan-python fuzz \
         relacy docs wheel stubs format clean distclean
 
 help:
 	@echo 'make demo [BAG=file]  the main job on a recording, pictures in out/'
 	@echo 'make test             C++ tests, interleaving walks, Python tests'
 	@echo 'make check            formatting, lint, types, warnings as errors'
-	@echo 'make bench            tfdb against its rivals; BENCH="--only cpp" for a part'
-	@echo 'make evaluation       the goals and the paper'"'"'s sweeps, for docs/evaluation.md'
+	@echo 'make measure          tfdb against its rivals, the goals, the paper'"'"'s sweeps: the figures in docs/;'
+	@echo '                      MEASURE=--quick in minutes, MEASURE="--only engines" for a part'
 	@echo 'make tsan | asan      C++ tests under sanitizers'
 	@echo 'make asan-python      the fuzzer of the public face, with the extension under a sanitizer'
 	@echo 'make fuzz             fuzzers, FUZZ_SECONDS=$(FUZZ_SECONDS) each (clang)'
@@ -126,17 +126,14 @@ fuzz: $(STAMPS)/dev
 	$(BIN)/python -m tests.hostile.fuzz --seconds $(FUZZ_SECONDS)
 	$(BIN)/python -m tests.hostile.fuzz --seconds $(FUZZ_SECONDS) --threads
 
-# The rivals go into an environment of their own; apt is asked for tf2 where it is missing.
-benchmarks/rivals/env: benchmarks/rivals/install
-	benchmarks/rivals/install
+# Everything that docs/benchmarks.md, docs/evaluation.md and docs/sweeps.md say in figures. The rivals go
+# into an environment of their own; apt is asked for tf2 where it is missing.
+measure/contenders/env: measure/contenders/install | $(STAMPS)/install
+	measure/contenders/install
 	@touch $@
 
-bench: $(STAMPS)/venv | benchmarks/rivals/env
-	benchmarks/run.py $(BENCH)
-
-# tf2 takes part: its driver is built where libtf2-dev is installed (benchmarks/rivals/install).
-evaluation: $(STAMPS)/install
-	$(BIN)/python benchmarks/evaluation.py $(EVALUATION)
+measure: $(STAMPS)/install | measure/contenders/env
+	$(BIN)/python -m tfdb_measure $(MEASURE)
 
 # The rooms' own measurements, without rivals.
 bench-rooms: $(STAMPS)/venv

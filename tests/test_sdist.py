@@ -26,7 +26,7 @@ NEEDED = [
     "CMakeLists.txt",
     "core/tfdb/store/buffer.hpp",
     "bindings/module.cpp",
-    "driver/CMakeLists.txt",
+    "measure/CMakeLists.txt",
     "src/tfdb/__init__.py",
     "src/tfdb/_core.pyi",
     "src/tfdb/py.typed",
@@ -42,7 +42,7 @@ def members(tmp_path_factory: pytest.TempPathFactory) -> set[str]:
     tree, out = tmp_path_factory.mktemp("tree"), tmp_path_factory.mktemp("out")
     for name in ("CMakeLists.txt", "LICENSE", "README.md", "pyproject.toml", ".gitignore"):
         shutil.copy(ROOT / name, tree)
-    for name in ("core", "bindings", "driver", "src", "examples"):
+    for name in ("core", "bindings", "measure", "src", "examples"):
         shutil.copytree(ROOT / name, tree / name)
     for name in STRAY:
         (tree / name).parent.mkdir(parents=True, exist_ok=True)

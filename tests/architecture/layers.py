@@ -49,6 +49,7 @@ def violations(tree: Path) -> list[Violation]:
         *_core(tree, layers["core"]),
         *_bindings(tree, layers["bindings"]),
         *_python(tree, layers["python"]),
+        *_measure(tree, layers),
         *_sizes(tree, layers),
     ]
     return sorted(found)
@@ -174,11 +175,17 @@ def _python(tree: Path, python: dict[str, Any]) -> Iterator[Violation]:
 def _judge_import(
     shown: str, room: str, imported: Import, python: dict[str, Any]
 ) -> Iterator[Violation]:
+    rules = python["rooms"][room]
+    allowed = {room, *rules["uses"], *(rules.get("late", []) if imported.late else [])}
+    yield from _judge_module(shown, imported, allowed, python)
+
+
+def _judge_module(
+    shown: str, imported: Import, allowed: set[str], python: dict[str, Any]
+) -> Iterator[Violation]:
     parts = imported.module.split(".")
     if parts[0] == python["package"]:
         target = _python_room(parts, python["rooms"])
-        rules = python["rooms"][room]
-        allowed = {room, *rules["uses"], *(rules.get("late", []) if imported.late else [])}
         if target not in allowed:
             message = f"may not use `{target}` ({imported.module})"
             yield Violation("layer", shown, imported.line, message)
@@ -188,6 +195,46 @@ def _judge_import(
     allowed_files: list[str] = python["third_party"].get(parts[0], [])
     if not any(shown == entry or shown.startswith(entry + "/") for entry in allowed_files):
         yield Violation("third-party", shown, imported.line, f"may not import {parts[0]}")
+
+
+def _measure(tree: Path, layers: dict[str, Any]) -> Iterator[Violation]:
+    """The measuring house: its folders of C++, then its package."""
+    measure = layers["measure"]
+    root = tree / measure["root"]
+    for path in _cpp_files(root):
+        shown = path.relative_to(tree).as_posix()
+        folder = path.relative_to(root).parts[0]
+        if folder == "contenders":
+            continue  # in Python, with an environment full of other people's files
+        if folder not in measure["folders"]:
+            yield Violation("unknown-room", shown, 1, f"layers.toml has no folder `{folder}`")
+            continue
+        rules = measure["folders"][folder]
+        allowed = {
+            folder,
+            *rules["uses"],
+            *(["testing"] if _is_program(path, layers["core"]) else []),
+        }
+        text = path.read_text(encoding="utf-8")
+        for name in cpp_source.includes(text):
+            parts = name.split("/")
+            line = _line_of(text, name)
+            if parts[0] == "tfdb" or parts[0] + "/" + parts[-1] in _own_headers(root):
+                room = parts[1] if parts[0] == "tfdb" else parts[0]
+                if room not in allowed:
+                    yield Violation("layer", shown, line, f"may not use `{room}` ({name})")
+            elif "/" in name and not name.startswith(tuple(rules.get("third_party", []))):
+                yield Violation("third-party", shown, line, f"may not include {name}")
+    python = {**layers["python"], "third_party": measure["third_party"]}
+    for path in sorted((root / measure["package"]).rglob("*.py")):
+        shown = path.relative_to(tree).as_posix()
+        for imported in python_imports(path.read_text(encoding="utf-8"), (measure["package"],)):
+            if imported.module.split(".")[0] != measure["package"]:
+                yield from _judge_module(shown, imported, set(measure["uses"]), python)
+
+
+def _own_headers(root: Path) -> set[str]:
+    return {f"{path.parent.name}/{path.name}" for path in root.glob("*/*.hpp")}
 
 
 def _python_room(parts: list[str], rooms: dict[str, Any]) -> str:
@@ -224,9 +271,9 @@ def python_imports(text: str, package: tuple[str, ...]) -> list[Import]:
 
 def _sizes(tree: Path, layers: dict[str, Any]) -> Iterator[Violation]:
     limits: dict[str, int] = layers["limits"]
-    for name in ("core", "bindings", "driver", "src", "tests", "tools", "benchmarks", "examples"):
+    for name in ("core", "bindings", "measure", "src", "tests", "tools", "examples"):
         for path in sorted((tree / name).rglob("*")):
-            if path.is_relative_to(tree / "benchmarks" / "rivals"):
+            if path.is_relative_to(tree / "measure" / "contenders" / "env"):
                 continue  # an environment full of other people's files
             if path.suffix in CPP_SUFFIXES | {".py"} and path.is_file():
                 yield from _sizes_of(path, path.relative_to(tree).as_posix(), limits)

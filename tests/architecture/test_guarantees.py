@@ -46,7 +46,7 @@ def test_links_of_the_documents_lead_somewhere() -> None:
 def test_paths_named_in_the_design_exist() -> None:
     for name in ("design.md", "concurrency.md"):
         text = (ROOT / "docs" / name).read_text(encoding="utf-8")
-        for path in re.findall(r"`((?:core|bindings|src|tests|benchmarks)/[\w./]+)`", text):
+        for path in re.findall(r"`((?:core|bindings|src|tests|measure)/[\w./]+)`", text):
             assert (ROOT / path).exists(), f"docs/{name}: {path}"
 
 

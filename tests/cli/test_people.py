@@ -14,9 +14,9 @@ import numpy as np
 import pytest
 
 import tfdb
-from tfdb.bench import machine
-from tfdb.bench.results import Results
 from tfdb.cli import arrivals, common, convert
+from tfdb_measure import machine
+from tfdb_measure.results import Results
 
 if TYPE_CHECKING:
     from pathlib import Path

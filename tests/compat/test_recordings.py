@@ -16,13 +16,14 @@ import pytest
 
 import tfdb
 from compat.exact import evaluate
-from compat.tf2_oracle import REPOSITORY, Tf2Oracle, pose_difference, set_line, unavailable
+from compat.tf2_oracle import Tf2Oracle, pose_difference, set_line, unavailable
 
 TOLERANCE = 1e-12
 TF2_SLOW = 1e-7  # where tf2 does not interpolate a turn of less than 1.5e-8 rad, metres away
 SECOND = 1_000_000_000
 FOR_EVER = 10**9 * SECOND
 PAIRS, STAMPS = 80, 40
+REPOSITORY = Path(__file__).resolve().parents[2]
 EXAMPLES = REPOSITORY / "examples" / "data"
 SHARED = Path(os.environ.get("TFDB_SHARED_DATA", REPOSITORY.parent / "shared" / "data"))
 RECORDINGS = [

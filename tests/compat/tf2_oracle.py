@@ -1,4 +1,4 @@
-"""The real tf2 as a judge: builds tf2_driver.cpp against libtf2-dev and runs operations on it.
+"""The real tf2 as a judge: runs operations on it, by the program of measure/tf2/judge.cpp.
 
 Where libtf2-dev is missing the tests that need it skip and say so; with CI=true they fail.
 """
@@ -6,20 +6,17 @@ Where libtf2-dev is missing the tests that need it skip and say so; with CI=true
 from __future__ import annotations
 
 import os
-import shutil
 import subprocess
-import tempfile
 from dataclasses import dataclass
-from functools import cache
-from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
 
-HERE = Path(__file__).resolve().parent
-REPOSITORY = HERE.parents[1]
-TF2_HEADER = Path("/usr/include/tf2/buffer_core.h")
-LIBRARIES = ["-ltf2", "-lrostime", "-lconsole_bridge"]
+from tfdb_measure import programs
+
+if TYPE_CHECKING:
+    from pathlib import Path
 
 
 def unavailable(reason: str) -> None:
@@ -29,22 +26,18 @@ def unavailable(reason: str) -> None:
     pytest.skip(reason)
 
 
-@cache
-def build_driver() -> Path:
-    """The driver's program, built once per run of the tests."""
-    compiler = shutil.which("g++") or shutil.which("c++")
-    assert compiler, "a C++ compiler built the extension and is gone"
-    program = Path(tempfile.mkdtemp(prefix="tfdb-compat-")) / "tf2_driver"
-    command = [compiler, "-std=c++17", "-O2", str(HERE / "tf2_driver.cpp"), "-o", str(program)]
-    subprocess.run([*command, *LIBRARIES], check=True, capture_output=True, text=True)
-    return program
-
-
 def connect() -> Tf2Oracle:
     """The oracle, or a skip that says what to install."""
-    if not TF2_HEADER.exists():
-        unavailable("real tf2 is not installed: apt-get install libtf2-dev")
-    return Tf2Oracle(build_driver())
+    return Tf2Oracle(program("tfdb_tf2_judge"))
+
+
+def program(name: str) -> Path:
+    """A program that needs the real tf2, or a skip that says what to install."""
+    try:
+        return programs.find(name)
+    except programs.DriverMissing as missing:
+        unavailable(str(missing))
+        raise
 
 
 @dataclass(frozen=True)
@@ -64,7 +57,7 @@ class Tf2Oracle:
         self._program = program
 
     def run(self, script: list[str]) -> list[Answer]:
-        """Executes the lines; see tf2_driver.cpp for what they may say."""
+        """Executes the lines; see measure/tf2/judge.cpp for what they may say."""
         result = subprocess.run(
             [self._program],
             input="\n".join(script) + "\n",

@@ -1,1 +1,0 @@
-"""One module per library that is measured, each with a class `Contender`; run by worker.py."""

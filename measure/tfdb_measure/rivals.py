@@ -1,0 +1,338 @@
+"""The rows: one operation of tfdb and of its rivals, in turns, in C++ and in Python.
+
+Answers are compared before a time counts. A rival that is not installed is left out, and said.
+"""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+import tempfile
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from . import programs
+from .workers import CONTENDERS, Worker, compare_poses, interleave, process_output
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+
+    from .results import Results
+    from .workers import Rounds, Turn
+
+ROOT = Path(__file__).resolve().parents[2]
+SYSTEM_PYTHON = Path("/usr/bin/python3")
+SAMPLES = 11_000  # of each edge: the 10 s of history are full
+HOURS = 3_600.0
+
+# pytransform3d moves along screws between two samples: another curve, equal to first order.
+# schiebung's shares of the way are not computed from whole nanoseconds.
+TOLERANCES = {"pytransform3d": 1e-5, "schiebung": 1e-7}
+NEEDED = {
+    "tfdb": "tfdb",
+    "tf2": "tf2_ros",
+    "transform_tree": "tf_tree",
+    "pytransform3d": "pytransform3d",
+    "schiebung": "schiebung",
+    "rosbags_tf2": "rosbags, tf2_py",
+}
+FEW = (1, 4, 16, 64)  # stamps in one call
+
+
+@dataclass(frozen=True)
+class Effort:
+    """How much is measured: the rounds of each row, and the sizes of what takes longest."""
+
+    rounds: int = 7
+    messages: int = (
+        100_000  # of ten transforms each, in a recording; ten times as many in the long one
+    )
+    samples: int = 1_000_000  # of one edge
+    chains: tuple[int, ...] = (1, 4, 10)
+    seconds: float = 2.0  # of a race for torn pairs
+    env: Path = CONTENDERS / "env"
+
+
+def label(row: str, chain: int) -> str:
+    """Name a row on a chain of so many edges, if it has one."""
+    return f"{row}, chain of {chain}" if chain else row
+
+
+def _printed(results: Results, group: str, command: list[str]) -> None:
+    for row in programs.lines_of(command, limit=2 * HOURS):
+        _add(results, group, row["row"], row["chain"], row["unit"], row["rounds"])
+
+
+def _add(
+    results: Results, group: str, row: str, chain: int, unit: str, rounds: dict[str, list[float]]
+) -> None:
+    results.add_rounds(group, label(row, chain), unit, {k: v for k, v in rounds.items() if v})
+    print(
+        f"{group:>12} | {label(row, chain)}: {results.shown(group, label(row, chain))}", flush=True
+    )
+
+
+def cpp(results: Results, effort: Effort) -> None:
+    """Rows of tfdb's core and tf2 in one program."""
+    program = str(programs.find("tfdb_against_tf2"))
+    _printed(results, "C++", [program, "--rounds", str(effort.rounds)])
+
+
+def costs(results: Results, effort: Effort) -> None:
+    """Rows of what is unusual or large, of tfdb alone."""
+    program = str(programs.find("tfdb_costs"))
+    rounds = str(min(effort.rounds, 3))
+    _printed(results, "cost", [program, "--rounds", rounds, "--samples", str(effort.samples)])
+
+
+def torn(results: Results, effort: Effort) -> None:
+    """Count torn reads of a pair of static edges."""
+    program = str(programs.find("tfdb_torn_pair"))
+    shares: dict[str, list[float]] = {"tf2": [], "tfdb": []}
+    writes: dict[str, list[float]] = {"tf2": [], "tfdb": []}
+    for _ in range(min(effort.rounds, 5)):
+        for store, of_store in shares.items():
+            (found,) = programs.lines_of([program, store, str(effort.seconds)], limit=HOURS)
+            of_store.append(100.0 * found["torn"] / found["reads"])
+            writes[store].append(1e-3 * found["writes"] / effort.seconds)
+    _add(results, "torn", "torn reads of a pair of static edges", 0, "%", shares)
+    _add(results, "torn", "pairs written meanwhile", 0, "kops/s", writes)
+
+
+def instructions(results: Results, effort: Effort) -> None:
+    """Count instructions, which hardly depend on the machine."""
+    for chain in effort.chains:
+        for what in ("lookup mid", "lookup latest"):
+            counts = {
+                who: [programs.instructions(f"{who} {what}", chain)] for who in ("tf2", "tfdb")
+            }
+            _add(results, "instructions", what, chain, "instructions", counts)
+
+
+def _interpreters(env: Path) -> dict[str, Path]:
+    """Return the interpreter of each contender that can run here."""
+    python = env / "bin" / "python"
+    wanted = dict.fromkeys(NEEDED, python)
+    wanted |= {"tf2": SYSTEM_PYTHON, "schiebung": env / "newer" / "bin" / "python"}
+    found = {}
+    for contender, interpreter in wanted.items():
+        if interpreter.exists():
+            imports = subprocess.run(
+                [interpreter, CONTENDERS / "worker.py", contender],
+                stdin=subprocess.DEVNULL,
+                capture_output=True,
+                check=False,
+            )
+            if imports.returncode == 0:
+                found[contender] = interpreter
+                continue
+        print(f"{contender} is left out: {interpreter} cannot import {NEEDED[contender]}")
+    return found
+
+
+def python(results: Results, effort: Effort) -> None:
+    """Rows of Python libraries, each in a process of its own."""
+    interpreters = _interpreters(effort.env)
+    interpreters.pop("rosbags_tf2", None)
+    for chain in effort.chains:
+        workers = {name: Worker(name, path) for name, path in interpreters.items()}
+        try:
+            for worker in workers.values():
+                worker.ask(do="setup", chain=chain, samples=SAMPLES)
+            _same_answers(workers)
+            for row, turns in _python_turns(workers):
+                slow = [turn for turn in turns if turn[1].contender == "pytransform3d"]
+                fast = [turn for turn in turns if turn not in slow]
+                times: Rounds = interleave(fast, effort.rounds)
+                times |= interleave(slow, min(effort.rounds, 5))
+                _add(results, "Python", row, chain, "ns", times)
+        finally:
+            for worker in workers.values():
+                worker.close()
+    _long_recording(results, effort, interpreters)
+
+
+def _same_answers(workers: dict[str, Worker]) -> None:
+    """Compare all contenders at a few stamps near the newest sample."""
+    stamps = workers["tfdb"].call("near_the_newest", SAMPLES)
+    expected = workers["tfdb"].ask(do="values", stamps=stamps)["poses"]
+    for name, other in workers.items():
+        poses = other.ask(do="values", stamps=stamps)["poses"]
+        compare_poses(expected, poses, name, TOLERANCES.get(name, 1e-12))
+
+
+def _python_turns(workers: dict[str, Worker]) -> Iterator[tuple[str, list[Turn]]]:
+    """Return which operation of which contender belongs to which row."""
+    batches = [
+        f"batch {order}{span}" for order in ("sorted", "unsorted") for span in ("", ", 0.1 s scan")
+    ]
+    few = [f"{count} stamps in one call{span}" for count in FEW for span in ("", ", 0.1 s scan")]
+    rows: dict[str, list[tuple[str, str, str]]] = {
+        "lookup mid": [
+            ("tfdb", "tfdb", "lookup mid"),
+            ("tfdb, as a matrix", "tfdb", "lookup mid, matrix"),
+            ("tf2_ros", "tf2", "lookup mid"),
+            ("transform-tree plan.at", "transform_tree", "lookup mid"),
+            ("transform-tree by name", "transform_tree", "lookup mid by name"),
+            ("schiebung", "schiebung", "lookup mid"),
+            ("pytransform3d", "pytransform3d", "lookup mid"),
+        ],
+        "lookup latest": [
+            ("tfdb", "tfdb", "lookup latest"),
+            ("tfdb, newest of each edge", "tfdb", "newest of each edge"),
+            ("tfdb, newest of each edge, as a matrix", "tfdb", "newest of each edge, matrix"),
+            ("tf2_ros", "tf2", "lookup latest"),
+            ("transform-tree plan.latest", "transform_tree", "lookup latest"),
+            ("schiebung", "schiebung", "lookup latest"),
+        ],
+        "can_transform": [("tfdb", "tfdb", "can_transform"), ("tf2_ros", "tf2", "can_transform")],
+        **{
+            batch: [("tfdb", "tfdb", batch), ("transform-tree", "transform_tree", batch)]
+            for batch in batches
+        },
+        **{
+            row: [
+                ("tfdb", "tfdb", row),
+                ("tfdb, one by one", "tfdb", f"{row}, one by one"),
+                ("transform-tree", "transform_tree", row),
+            ]
+            for row in few
+        },
+        # Writes come last: they move the history on.
+        "set_transform": [
+            ("tfdb", "tfdb", "set_transform"),
+            ("tfdb, numpy arrays", "tfdb", "set_transform, numpy"),
+            ("tf2_ros", "tf2", "set_transform"),
+            ("transform-tree push", "transform_tree", "set_transform"),
+        ],
+        "samples of one edge from arrays": [
+            ("tfdb", "tfdb", "columns"),
+            ("transform-tree push_many", "transform_tree", "columns"),
+        ],
+    }
+    rows["batch sorted"].append(("pytransform3d, 1,000 stamps", "pytransform3d", "batch sorted"))
+    for row, turns in rows.items():
+        yield (
+            row,
+            [(title, workers[name], what) for title, name, what in turns if name in workers],
+        )
+
+
+def _long_recording(results: Results, effort: Effort, interpreters: dict[str, Path]) -> None:
+    """Measure a batch over one edge of many samples, and what it needs while it runs."""
+    times: Rounds = {"tfdb": [], "tfdb, 10 s": []}
+    memory: Rounds = {"100,000 stamps": [], "as many stamps as samples": []}
+    for _ in range(min(effort.rounds, 3)):
+        with Worker("tfdb", interpreters["tfdb"]) as ours:
+            found = ours.call("long_recording", effort.samples)
+        times["tfdb"].append(found["ns"])
+        times["tfdb, 10 s"].append(found["ns_of_10_s"])
+        memory["100,000 stamps"].append(found["working_bytes"])
+        memory["as many stamps as samples"].append(found["working_bytes_of_many"])
+    _add(results, "Python", "batch sorted over n samples", 0, "ns", times)
+    _add(results, "Python", "working memory of a batch over n samples", 0, "bytes", memory)
+
+
+def loading(results: Results, effort: Effort) -> None:
+    """Load recordings: CPU time of the whole call, a fresh process each time."""
+    interpreters = _interpreters(effort.env)
+    with tempfile.TemporaryDirectory() as folder:
+        maker = [str(effort.env / "bin" / "python"), str(CONTENDERS / "recording.py"), folder]
+        subprocess.run([*maker, str(effort.messages)], check=True)
+        files = {
+            "mcap": "plain.mcap",
+            "mcap, zstd": "zstd.mcap",
+            "bag": "long.bag",
+            "db3": "long_db3",
+        }
+        for title, name in files.items():
+            times: Rounds = {"tfdb": [], "container alone (rosbags)": []}
+            for _ in range(min(effort.rounds, 5)):
+                _load_once(interpreters, Path(folder, name), times, answers=title == "mcap")
+            _add(results, "loading", f"load, {title}", 10, "s", times)
+        _load_ten_times_more(results, effort, interpreters, Path(folder, "ten.mcap"))
+
+
+def _load_once(interpreters: dict[str, Path], path: Path, times: Rounds, *, answers: bool) -> None:
+    with Worker("tfdb", interpreters["tfdb"]) as ours:
+        loaded = ours.call("load", str(path))
+        times["tfdb"].append(loaded["seconds"])
+        if "rosbags_tf2" not in interpreters:
+            return
+        with Worker("rosbags_tf2", interpreters["rosbags_tf2"]) as rival:
+            container = rival.call("read", str(path))["seconds"]
+            times["container alone (rosbags)"].append(container)
+            if not answers:
+                return
+            theirs = rival.call("load", str(path))
+            times.setdefault("rosbags + tf2", []).append(theirs["seconds"])
+            if theirs["samples"] != loaded["samples"]:
+                sys.exit("the loaded recordings differ")
+            stamps = ours.call("all_over", loaded["oldest"], loaded["newest"])
+            ends = ["base_footprint", "left_arm_10_joint_link"]
+            here, there = (worker.call("poses_at", *ends, stamps) for worker in (ours, rival))
+            compare_poses(here, there, "loaded recordings")
+
+
+def _load_ten_times_more(
+    results: Results, effort: Effort, interpreters: dict[str, Path], path: Path
+) -> None:
+    maker = [
+        str(effort.env / "bin" / "python"),
+        str(CONTENDERS / "recording.py"),
+        "--mcap",
+        str(path),
+    ]
+    subprocess.run([*maker, str(10 * effort.messages)], check=True)
+    times: Rounds = {"tfdb": []}
+    memory: Rounds = {"tfdb": [], "transform-tree": []}
+    for _ in range(min(effort.rounds, 3)):
+        with Worker("tfdb", interpreters["tfdb"]) as ours:
+            loaded = ours.call("load", str(path))
+        times["tfdb"].append(loaded["seconds"])
+        memory["tfdb"].append(loaded["resident"] / loaded["samples"])
+        if "transform_tree" in interpreters:
+            with Worker("transform_tree", interpreters["transform_tree"]) as rival:
+                memory["transform-tree"].append(rival.call("resident", loaded["samples"]))
+    _add(results, "loading", "load, mcap of ten times as many", 10, "s", times)
+    _add(results, "loading", "memory per sample after that load", 10, "bytes", memory)
+
+
+def start(results: Results, effort: Effort) -> None:
+    """Time `import tfdb` and `import numpy`, in processes that have just begun."""
+    code = "import time; a = time.process_time_ns(); import {}; print(time.process_time_ns() - a)"
+    times: Rounds = {"tfdb": [], "numpy": []}
+    interpreter = effort.env / "bin" / "python"
+    for turn in range(effort.rounds + 1):
+        for module, values in times.items():
+            took = json.loads(process_output([str(interpreter), "-c", code.format(module)]))
+            if turn:  # the first one compiles
+                values.append(1e-6 * took)
+    _add(results, "start", "import", 0, "ms", times)
+
+
+GROUPS: dict[str, Callable[[Results, Effort], None]] = {
+    "C++": cpp,
+    "cost": costs,
+    "torn": torn,
+    "instructions": instructions,
+    "Python": python,
+    "loading": loading,
+    "start": start,
+}
+"""What may be measured by itself, by the name that its rows have in the results."""
+
+NEED_PYTHON = ("Python", "loading", "start")
+"""The groups that need the rivals' environment."""
+
+
+def install(env: Path) -> None:
+    """Install tfdb of this checkout into the rivals' environment, as a user would."""
+    python_ = env / "bin" / "python"
+    if not python_.exists():
+        sys.exit(f"no rivals in {env}: run measure/contenders/install first")
+    settings = f"--config-settings=build-dir={env / 'build'}"
+    pip = [str(python_), "-m", "pip", "--disable-pip-version-check", "--quiet", "install"]
+    subprocess.run([*pip, settings, f"{ROOT}[recordings]"], check=True)
