@@ -65,7 +65,8 @@ inline double difference(const tfdb::Pose& ours, const real_tf2::Pose7& theirs) 
 struct Chain {
     Chain(int edges, int samples, double history_seconds = 10.0)
         : length(edges),
-          theirs(std::make_unique<real_tf2::Tf2>(static_cast<tfdb::StampNs>(history_seconds * 1e9))),
+          theirs(
+              std::make_unique<real_tf2::Tf2>(static_cast<tfdb::StampNs>(history_seconds * 1e9))),
           ours(std::make_unique<tfdb::Buffer>(options(history_seconds))) {
         for (int i = 0; i <= edges; ++i) {
             names.push_back("frame_" + std::to_string(i));
