@@ -9,7 +9,7 @@ import pytest
 
 import tfdb
 from oracle import quaternion
-from refusal import refused
+from refused_calls import refused
 from robot import COUNT, Robot, make_robot, stamp_of
 
 TURN = quaternion((1, -2, 0.5), 0.9)

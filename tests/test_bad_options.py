@@ -9,7 +9,7 @@ import pytest
 
 import tfdb
 from oracle import quaternion
-from refusal import refused, refused_when_full
+from refused_calls import refused, refused_when_full
 from robot import SECOND, Robot, make_robot, stamp_of
 
 if TYPE_CHECKING:

@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING, Any
 import pytest
 
 import tfdb
-from elsewhere import Call, elsewhere
+from another_thread import Call, in_another_thread
 from oracle import quaternion
-from refusal import refused
+from refused_calls import refused
 from robot import COUNT, make_robot, stamp_of
 
 if TYPE_CHECKING:
@@ -119,7 +119,9 @@ def lost(buffer: tfdb.Buffer) -> tfdb.Transaction:
         with tx:
             tx.lookup_transform("map", "odom")
             tx.set_static_transform("base", "mark", (1, 2, 3))
-            elsewhere(lambda: buffer.set_transform("map", "odom", stamp_of(61), (1, 2, 3), TURN))
+            in_another_thread(
+                lambda: buffer.set_transform("map", "odom", stamp_of(61), (1, 2, 3), TURN)
+            )
 
     with pytest.raises(tfdb.Conflict):
         work()
@@ -180,18 +182,18 @@ def test_another_thread_may_not_use_it(buffer: tfdb.Buffer, use: Callable[[Any],
     commit = buffer.commit
     with buffer.transaction() as tx:
         with pytest.raises(tfdb.WrongThread, match="the thread that began it"):
-            elsewhere(lambda: use(tx))
+            in_another_thread(lambda: use(tx))
         with pytest.raises(tfdb.WrongThread):
-            elsewhere(tx.abort)
+            in_another_thread(tx.abort)
         with pytest.raises(tfdb.WrongThread):
-            elsewhere(lambda: tx.__exit__(None, None, None))
+            in_another_thread(lambda: tx.__exit__(None, None, None))
         with pytest.raises(tfdb.WrongThread):
-            elsewhere(lambda: tx.__exit__(ValueError, ValueError(), None))
+            in_another_thread(lambda: tx.__exit__(ValueError, ValueError(), None))
         assert tx.is_open
         tx.lookup_transform("map", "camera")
     assert buffer.commit == tx.commit_number == commit
     with refused(buffer, tfdb.WrongThread):
-        elsewhere(lambda: use(tx))
+        in_another_thread(lambda: use(tx))
 
 
 WRITES: dict[str, Callable[[tfdb.Buffer], object]] = {
@@ -226,7 +228,7 @@ def test_its_thread_writes_through_it(
         assert "transaction" in str(caught.value)
         assert tx.is_open
         assert buffer.commit == commit
-        elsewhere(lambda: write(buffer))
+        in_another_thread(lambda: write(buffer))
         tx.lookup_transform("map", "lidar", stamp_of(3))
     write_again = WRITES["set"]
     write_again(buffer)

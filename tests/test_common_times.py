@@ -58,41 +58,6 @@ def test_common_times_are_those_that_the_whole_path_covers(way: str) -> None:
 
 
 @pytest.mark.parametrize("way", WAYS)
-def test_common_times_begin_where_the_newest_parent_does(way: str) -> None:
-    buffer = chain()
-    buffer.set_static_transform("map", "dock", (1, 2, 3), BACK)
-    for stamp in (40, 50):
-        buffer.set_transform("dock", "base", stamp, (1, 2, 3), TURN)
-    with asked(buffer, way) as reads:
-        assert reads.common_times("map", "base") == (40, 50)
-        assert [reads.parent_of("base", at) for at in (5, 10, 39, 40, 99, None)] == [
-            *["map"] * 3,
-            *["dock"] * 3,
-        ]
-        assert reads.parent_of("camera", 7) == reads.parent_of("camera") == "base"
-        assert reads.parent_of("map") is None
-        with pytest.raises(tfdb.UnknownFrame):
-            reads.parent_of("nowhere")
-
-
-def test_a_transaction_asks_of_its_own_writes_too() -> None:
-    buffer = chain()
-    with buffer.transaction() as tx:
-        tx.set_transform("map", "base", 60, (1, 2, 3), TURN)
-        tx.set_transform("base", "cup", 20, (1, 2, 3), TURN)
-        tx.set_transform("base", "cup", 70, (1, 2, 3), TURN)
-        assert tx.common_times("map", "cup") == (20, 60)
-        assert tx.parent_of("cup") == "base"
-        full = tx.lookup_transform_full("cup", None, "camera", 20, "map")
-        assert full.stamp == 60
-        assert tx.can_transform_full("cup", None, "camera", 20, "map")
-        tx.reparent("cup", "map", 75, (4, 5, 6), BACK)
-        assert tx.common_times("map", "cup") == (75, 75)
-        assert tx.parent_of("cup", 74) == "base"
-    assert buffer.common_times("map", "base") == (10, 60)
-
-
-@pytest.mark.parametrize("way", WAYS)
 def test_a_time_that_is_none_is_the_latest_common_one_of_its_side(way: str) -> None:
     buffer = chain()
     buffer.set_transform("map", "arm", 15, (1, 2, 3), TURN)
@@ -115,22 +80,6 @@ def test_a_time_that_is_none_is_the_latest_common_one_of_its_side(way: str) -> N
             reads.lookup_transform_full("arm", 0, "camera", 20, "map")
         assert (caught.value.target, caught.value.source) == ("arm", "camera")
         assert (caught.value.edge, caught.value.stamp) == ("arm", 0)
-
-
-def test_velocity_lies_inside_the_data() -> None:
-    buffer = tfdb.Buffer(history=None)
-    for second in range(3):
-        buffer.set_transform("map", "base", second * 10**9, (second**2, 1, 2), TURN)
-    speeds = [
-        buffer.lookup_velocity("base", "map", at, interval).linear[0]
-        for at, interval in ((0, 1.0), (10**9, 2.0), (2 * 10**9, 1.0), (10**9, 50.0))
-    ]
-    assert speeds == pytest.approx([1, 2, 3, 2])
-    lone = tfdb.Buffer()
-    lone.set_transform("map", "base", 5, (1, 2, 3), TURN)
-    with pytest.raises(tfdb.Extrapolation) as caught:
-        lone.lookup_velocity("base", "map")
-    assert (caught.value.reason, caught.value.stamp, caught.value.edge) == ("no data", 5, "base")
 
 
 def test_disconnected_names_what_had_no_data() -> None:

@@ -11,9 +11,8 @@ import pytest
 
 import tfdb
 import tfdb.types
-from elsewhere import Call, elsewhere
-from oracle import interpolate, matrix, quaternion
-from refusal import refused
+from another_thread import Call, in_another_thread
+from oracle import matrix, quaternion
 
 ENGINES: tuple[str, ...] = typing.get_args(tfdb.types.Concurrency)
 ISOLATING = [engine for engine in ENGINES if engine != "fine"]
@@ -36,11 +35,6 @@ def buffer(request: pytest.FixtureRequest) -> tfdb.Buffer:
     return made
 
 
-def expected(stamp: float) -> np.ndarray:
-    """T[map<-camera]."""
-    return matrix(interpolate(A, B, (stamp - 100) / 100)) @ matrix(CAMERA)
-
-
 def test_the_engines_are_those_of_the_types() -> None:
     for engine in ENGINES:
         assert tfdb.Buffer(concurrency=engine).concurrency == engine
@@ -49,34 +43,6 @@ def test_the_engines_are_those_of_the_types() -> None:
 
 
 # -- one set of answers ----------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize("stamp", [100, 130, 200])
-def test_lookups_both_ways(buffer: tfdb.Buffer, stamp: int) -> None:
-    there = buffer.lookup_transform("map", "camera", stamp)
-    assert there.matrix == pytest.approx(expected(stamp), abs=1e-12)
-    assert there.commit == 3
-    back = buffer.lookup_transform("camera", "map", stamp)
-    assert back.matrix == pytest.approx(np.linalg.inv(expected(stamp)), abs=1e-12)
-    assert [edge.child for edge in back.report.edges] == ["camera", "base"]
-    assert buffer.can_transform("map", "camera", stamp)
-    assert buffer.lookup_latest_transform("map", "camera").stamp == 200
-    assert buffer.latest_common_time("camera", "map") == 200
-
-
-def test_batches_of_reads(buffer: tfdb.Buffer) -> None:
-    stamps = np.array([200, 100, 150, 100])
-    rows = buffer.lookup_transforms("map", "camera", stamps, layout="matrix")
-    assert rows == pytest.approx(np.stack([expected(stamp) for stamp in stamps]), abs=1e-12)
-    points = np.array([[1.0, 2, 3], [0, 0, 0], [-1, 4, 0.5], [2, 2, 2]])
-    moved = buffer.transform_points("map", "camera", points, stamps)
-    homogeneous = np.concatenate([points, np.ones((4, 1))], axis=1)
-    wanted = np.stack([expected(s) @ p for s, p in zip(stamps, homogeneous, strict=True)])
-    assert moved == pytest.approx(wanted[:, :3], abs=1e-12)
-    many = np.full(20_000, 150)
-    assert buffer.lookup_transforms("map", "camera", many)[-1] == pytest.approx(
-        buffer.lookup_transform("map", "camera", 150).pose, abs=1e-12
-    )
 
 
 def test_all_other_reads(buffer: tfdb.Buffer) -> None:
@@ -97,85 +63,6 @@ def test_all_other_reads(buffer: tfdb.Buffer) -> None:
     assert buffer.counters().commits == buffer.commit == 3
 
 
-def test_lookups_that_have_no_answer(buffer: tfdb.Buffer) -> None:
-    with pytest.raises(tfdb.Extrapolation) as late:
-        buffer.lookup_transform("map", "camera", 201)
-    assert (late.value.edge, late.value.newest, late.value.reason) == ("base", 200, "future")
-    with pytest.raises(tfdb.UnknownFrame) as unknown:
-        buffer.lookup_transform("cup", "camera")
-    assert unknown.value.frame == "cup"
-    buffer.set_static_transform("other", "thing", (1, 2, 3), TURN)
-    with pytest.raises(tfdb.Disconnected) as apart:
-        buffer.lookup_transform("thing", "camera")
-    assert set(apart.value.frames or ()) == {"map", "other"}
-    with pytest.raises(tfdb.GapTooLarge):
-        buffer.lookup_transform("map", "base", 150, tfdb.Interpolate(1e-9))
-    assert not buffer.can_transform("map", "camera", 99)
-
-
-def test_batches_of_writes(buffer: tfdb.Buffer) -> None:
-    """Unsorted, with one frame twice, new ones among them, and one parent after its child."""
-    batch = [
-        tfdb.TransformStamped("hand", "tip", 300, (0, 0, 1), TURN),
-        tfdb.TransformStamped("map", "base", 400, A[:3], A[3:]),
-        tfdb.TransformStamped("camera", "hand", 300, (0, 1, 0), BACK),
-        tfdb.TransformStamped("map", "base", 300, (7, 7, 7), TURN),
-        tfdb.TransformStamped("map", "base", 300, B[:3], B[3:]),
-    ]
-    assert buffer.set_transforms(batch, authority="joints") == 4
-    found = buffer.lookup_transform("map", "tip", 300)
-    wanted = matrix(B) @ matrix(CAMERA) @ matrix([0, 1, 0, *BACK]) @ matrix([0, 0, 1, *TURN])
-    assert found.matrix == pytest.approx(wanted, abs=1e-12)
-    assert buffer.samples("base")[0].tolist() == [100, 200, 300, 400]
-    with refused(buffer, tfdb.InvalidTransform) as caught:
-        buffer.set_transforms(
-            [batch[1], tfdb.TransformStamped("map", "base", 500, (float("nan"), 0, 0), TURN)]
-        )
-    assert caught.value.index == 1
-
-
-def test_plain_writes_of_what_there_is(buffer: tfdb.Buffer) -> None:
-    """What engines do beside each other: existing edges, newest stamps."""
-    for stamp in range(300, 400):
-        buffer.set_transform("map", "base", stamp, (stamp, 2, 3), TURN, authority="odometry")
-    buffer.set_static_transform("base", "camera", (5, 5, 5), BACK)
-    assert buffer.lookup_transform("base", "map", 350).inverse().translation[0] == pytest.approx(
-        350
-    )
-    assert buffer.lookup_transform("base", "camera").translation.tolist() == [5, 5, 5]
-    assert buffer.frame_info("base").authority == "odometry"
-    assert buffer.counters().commits == buffer.commit == 104
-
-
-def test_late_samples_and_new_parents(buffer: tfdb.Buffer) -> None:
-    buffer.set_transform("map", "base", 150, (9, 9, 9), TURN)
-    assert buffer.lookup_transform("map", "base", 150).translation.tolist() == [9, 9, 9]
-    buffer.set_transform("map", "lift", 0, (0, 0, 5), BACK)
-    buffer.set_transform("lift", "base", 300, (0, 1, 0), TURN)
-    assert buffer.samples("base")[2] == ["map", "map", "map", "lift"]
-    assert buffer.frame_info("base").parent == "lift"
-    with refused(buffer, tfdb.CycleError):
-        buffer.set_transform("camera", "lift", 400, (1, 2, 3), TURN)
-
-
-def test_removal(buffer: tfdb.Buffer) -> None:
-    buffer.set_transforms(
-        [tfdb.TransformStamped("camera", f"lens_{i}", 0, (i, 2, 3), TURN) for i in range(5)]
-    )
-    with refused(buffer, tfdb.FrameInUse) as caught:
-        buffer.remove_frame("camera")
-    assert len(caught.value.frames or ()) == 5
-    commit = buffer.commit
-    assert buffer.remove_frames([f"lens_{i}" for i in (3, 1, 4)]) == commit + 1
-    assert buffer.remove_frame("camera", recursive=True) == commit + 2
-    assert buffer.frames() == ["base", "map"]
-    assert not buffer.can_transform("base", "camera")
-    buffer.set_transform("map", "camera", 10, (4, 4, 4), TURN)
-    assert buffer.lookup_transform("map", "camera").translation.tolist() == [4, 4, 4]
-    buffer.clear()
-    assert buffer.samples("base")[0].tolist() == []
-
-
 def test_messages_come_in(buffer: tfdb.Buffer) -> None:
     data = tfdb.encode_tf_message([tfdb.TransformStamped("map", "base", 300, A[:3], A[3:])])
     buffer.ingest(data)
@@ -183,81 +70,7 @@ def test_messages_come_in(buffer: tfdb.Buffer) -> None:
     assert buffer.frame_info("base").newest == 300
 
 
-def test_a_snapshot_stays_what_it_was(buffer: tfdb.Buffer) -> None:
-    with buffer.snapshot() as snapshot:
-        before = snapshot.lookup_transform("map", "camera", 130)
-        buffer.set_transform("map", "base", 120, (9, 9, 9), TURN)
-        for stamp in range(300, 400):
-            buffer.set_transform("map", "base", stamp, (9, 9, 9), TURN)
-        buffer.set_static_transform("base", "camera", (5, 5, 5), BACK)
-        buffer.remove_frame("camera")
-        assert snapshot.lookup_transform("map", "camera", 130) == before
-        assert snapshot.lookup_transform("map", "camera").stamp == 200
-        assert snapshot.lookup_transforms("map", "camera", [130])[0] == pytest.approx(before.pose)
-        assert snapshot.frames() == ["base", "camera", "map"]
-        assert snapshot.frame_info("base").samples == 2
-    assert not buffer.frame_exists("camera")
-
-
 # -- transactions ----------------------------------------------------------------------------------
-
-
-def test_a_transaction_is_committed(buffer: tfdb.Buffer) -> None:
-    with buffer.transaction() as tx:
-        found = tx.lookup_transform("camera", "map", 130)
-        assert found.matrix == pytest.approx(np.linalg.inv(expected(130)), abs=1e-12)
-        assert tx.lookup_transforms("map", "camera", [130], layout="matrix")[0] == pytest.approx(
-            expected(130), abs=1e-12
-        )
-        tx.set_transform("map", "base", 300, A[:3], A[3:])
-        assert tx.lookup_latest_transform("map", "base").stamp == 300
-        assert not tx.can_transform("map", "camera", 301)
-    assert tx.commit_number == buffer.commit == 4
-    assert buffer.lookup_transform("map", "base", 300).pose == pytest.approx(A)
-
-
-def test_a_transaction_with_new_frames_and_removals(buffer: tfdb.Buffer) -> None:
-    with buffer.transaction() as tx:
-        tx.set_transform("camera", "cup", 150, (0, 0, 1), TURN)
-        found = tx.lookup_transform("map", "cup", 150)
-        assert found.matrix == pytest.approx(expected(150) @ matrix([0, 0, 1, *TURN]), abs=1e-12)
-        tx.reparent("cup", "base", 150)
-        tx.remove_frame("camera")
-        assert not tx.frame_exists("camera")
-    assert buffer.frames() == ["base", "cup", "map"]
-    assert buffer.frame_info("cup").parent == "base"
-    again = buffer.lookup_transform("map", "cup", 150)
-    assert again.matrix == pytest.approx(found.matrix, abs=1e-12)
-
-
-def test_a_transaction_is_aborted(buffer: tfdb.Buffer) -> None:
-    def fail() -> None:
-        with buffer.transaction() as tx:
-            tx.lookup_transform("map", "camera", 130)
-            tx.set_transform("map", "base", 300, A[:3], A[3:])
-            tx.set_transform("base", "new", 300, A[:3], A[3:])
-            raise LookupError
-
-    with refused_by(buffer):
-        fail()
-    assert buffer.counters().aborts == 1
-    assert buffer.run(lambda tx: tx.frame_exists("new")) is False
-
-
-def refused_by(buffer: tfdb.Buffer) -> typing.Any:
-    """The store is as it was, and works."""
-    return refused(buffer, LookupError)  # type: ignore[arg-type]
-
-
-def test_a_commit_that_would_close_a_cycle(buffer: tfdb.Buffer) -> None:
-    def close() -> None:
-        with buffer.transaction() as tx:
-            tx.set_transform("map", "lift", 100, (1, 2, 3), TURN)
-            tx.set_transform("camera", "map", 150, (1, 2, 3), TURN)
-
-    with refused(buffer, tfdb.CycleError) as caught:
-        close()
-    assert {"map", "camera"} <= set(caught.value.frames or ())
 
 
 def test_run_counts_to_the_same_sum_in_every_engine(buffer: tfdb.Buffer) -> None:
@@ -406,4 +219,4 @@ def test_nothing_is_torn_between_threads(engine: str) -> None:
     if engine in ISOLATING:
         assert np.array(seen) == pytest.approx(np.tile([0, -2, 6], (1500, 1)), abs=1e-9)
         assert np.array(back) == pytest.approx(np.tile([0, -2, 6], (500, 1)), abs=1e-9)
-    assert elsewhere(lambda: buffer.commit) > 1500
+    assert in_another_thread(lambda: buffer.commit) > 1500

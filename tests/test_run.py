@@ -12,7 +12,7 @@ import pytest
 
 import tfdb
 import tfdb.transactions
-from elsewhere import elsewhere
+from another_thread import in_another_thread
 from oracle import quaternion
 
 if TYPE_CHECKING:
@@ -40,7 +40,9 @@ def add(tx: tfdb.Transaction) -> float:
 
 def interfere(buffer: tfdb.Buffer) -> None:
     """Change, in another thread, what `add` has read."""
-    elsewhere(lambda: buffer.set_static_transform("map", "counter", (value(buffer), 1, 2), TURN))
+    in_another_thread(
+        lambda: buffer.set_static_transform("map", "counter", (value(buffer), 1, 2), TURN)
+    )
 
 
 def test_it_returns_what_the_function_returns(buffer: tfdb.Buffer) -> None:
@@ -124,8 +126,8 @@ def test_after_eight_lost_attempts_it_runs_alone(engine: Any) -> None:
 def test_lookups_go_on_while_one_runs_alone(buffer: tfdb.Buffer) -> None:
     with buffer._attempt(0, True, 0) as tx:
         add(tx)
-        assert elsewhere(lambda: value(buffer)) == 0
-        with elsewhere(buffer.snapshot) as snapshot:
+        assert in_another_thread(lambda: value(buffer)) == 0
+        with in_another_thread(buffer.snapshot) as snapshot:
             assert value(snapshot) == 0
     assert value(buffer) == 1
 
@@ -387,7 +389,7 @@ def test_what_it_reads_past_the_transaction_is_refused(engine: Any, read: Any) -
     with buffer.transaction() as tx:
         add(tx)
         if engine == "snapshot":
-            elsewhere(lambda: read(buffer))
+            in_another_thread(lambda: read(buffer))
     assert value(buffer) == 1
 
 

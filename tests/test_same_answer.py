@@ -120,53 +120,6 @@ def test_from_a_quaternion_to_its_opposite() -> None:
         )
 
 
-def test_where_parent_and_child_swapped_roles() -> None:
-    buffer = tfdb.Buffer(history=None)
-    buffer.set_transform("w", "f", 5, (1, 2, 3), yaw(30))
-    before = buffer.snapshot()
-    buffer.set_transform("g", "f", 30, (4, 5, 6), yaw(60))
-    buffer.set_transform("f", "w", 40, (7, 8, 9), yaw(90))
-    for reads in (buffer, before):
-        np.testing.assert_array_equal(
-            reads.lookup_transforms("w", "f", [5])[0], reads.lookup_transform("w", "f", 5).pose
-        )
-        rows = reads.lookup_transforms("w", "f", [3, 5], missing="nan")
-        assert np.isnan(rows[0]).all()
-        assert np.isfinite(rows[1]).all()
-    for stamps in ([5], [3, 5, 6, 20, 30, 40, 1000], [40, 5]):
-        ask_every_way(buffer, "w", "f", stamps)
-        ask_every_way(buffer, "f", "g", stamps)
-    before.close()
-
-
-def test_a_held_snapshot_keeps_every_bit() -> None:
-    buffer = tfdb.Buffer(history=None)
-    random = np.random.default_rng(4)
-    print("seed 4")
-    for i in range(400):
-        buffer.set_transform("map", "odom", 10 * i, random.normal(size=3), yaw(7.0 * i))
-        buffer.set_transform("odom", "base", 10 * i + 3, random.normal(size=3), yaw(-50.0 * i))
-    buffer.set_static_transform("base", "camera", (1, 2, 3), yaw(12))
-    stamps = random.integers(3, 3990, 500)
-    pairs = [("map", "camera"), ("camera", "odom"), ("base", "map")]
-    with buffer.snapshot() as held:
-        said = [held.lookup_transforms(*pair, stamps) for pair in pairs]
-        for change in (
-            lambda: buffer.set_transform("map", "base", 5000, (0, 0, 0), yaw(1)),
-            lambda: buffer.set_transform("base", "odom", 5001, (0, 0, 1), yaw(2)),
-            lambda: buffer.set_transform("map", "odom", 1234, (9, 9, 9), yaw(3)),
-            lambda: buffer.set_static_transform("base", "camera", (3, 2, 1), yaw(4)),
-            buffer.clear,
-            lambda: buffer.remove_frame("camera"),
-            lambda: buffer.set_transform("world", "map", 1, (1, 1, 1), yaw(5)),
-        ):
-            change()
-            for pair, rows in zip(pairs, said, strict=True):
-                same_bits(held.lookup_transforms(*pair, stamps), rows)
-                for row, stamp in zip(rows[::50], stamps[::50], strict=True):
-                    same_bits(held.lookup_transform(*pair, int(stamp)).pose, row)
-
-
 @pytest.mark.parametrize("first", [40.0, 0.0, 10.0, 90.0, -139.9])
 def test_at_half_a_turn(first: float) -> None:
     buffer = tfdb.Buffer(history=None)

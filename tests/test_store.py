@@ -203,97 +203,6 @@ def test_columns_without_stamps_are_static() -> None:
 # -- what later commits change ---------------------------------------------------------------------
 
 
-def test_the_later_of_two_samples_at_one_stamp_wins() -> None:
-    buffer = tfdb.Buffer()
-    buffer.set_transform("map", "base", 5, (1, 2, 3), TURN)
-    before = buffer.snapshot()
-    buffer.set_transforms(
-        [
-            tfdb.TransformStamped("map", "base", 5, (4, 5, 6), TURN),
-            tfdb.TransformStamped("map", "base", 5, (7, 8, 9), BACK),
-        ]
-    )
-    assert buffer.lookup_transform("map", "base", 5).pose == pytest.approx([7, 8, 9, *BACK])
-    assert before.lookup_transform("map", "base", 5).pose == pytest.approx([1, 2, 3, *TURN])
-
-
-def test_late_samples_are_counted_and_found() -> None:
-    buffer = tfdb.Buffer()
-    for stamp in (10, 30, 20):
-        buffer.set_transform("map", "base", stamp, (stamp, 2, 3), TURN)
-    assert buffer.frame_info("base").late == 1
-    np.testing.assert_array_equal(buffer.samples("base")[0], [10, 20, 30])
-    assert buffer.lookup_transform("map", "base", 15).translation == pytest.approx([15, 2, 3])
-
-
-def test_static_edges_may_be_revised() -> None:
-    buffer = tfdb.Buffer()
-    buffer.set_static_transform("base", "camera", (1, 2, 3), TURN)
-    before = buffer.snapshot()
-    buffer.set_static_transform("base", "camera", (4, 5, 6), BACK)
-    assert buffer.lookup_transform("base", "camera").pose == pytest.approx([4, 5, 6, *BACK])
-    assert before.lookup_transform("base", "camera").pose == pytest.approx([1, 2, 3, *TURN])
-
-
-def test_a_frame_changes_its_parent_in_time() -> None:
-    buffer = tfdb.Buffer(history=None)
-    buffer.set_static_transform("map", "table", (1, 0, 0), TURN)
-    buffer.set_static_transform("map", "gripper", (0, 1, 0), BACK)
-    buffer.set_transform("table", "cup", 10, (0, 0, 0.1), TURN)
-    buffer.set_transform("gripper", "cup", 20, (0, 0, 0.2), BACK)
-    assert buffer.samples("cup")[2] == ["table", "gripper"]
-    on_table = buffer.lookup_transform("map", "cup", 15)
-    assert [edge.parent for edge in on_table.report.edges] == ["table", "map"]
-    assert on_table.report.edges[0].used == "held"
-    in_hand = buffer.lookup_transform("map", "cup", 20)
-    expected = matrix([0, 1, 0, *BACK]) @ matrix([0, 0, 0.2, *BACK])
-    assert in_hand.matrix == pytest.approx(expected, abs=1e-14)
-    assert {i.name: i.parent for i in buffer.tree(12)}["cup"] == "table"
-    assert {i.name: i.parent for i in buffer.tree()}["cup"] == "gripper"
-
-
-def test_removed_frames_are_gone_and_come_back_new() -> None:
-    robot = make_robot()
-    snapshot = robot.buffer.snapshot()
-    with pytest.raises(tfdb.FrameInUse) as caught:
-        robot.buffer.remove_frame("left_arm")
-    assert caught.value.frame == "left_arm"
-    assert caught.value.frames == ("left_hand",)
-    robot.buffer.remove_frame("left_arm", recursive=True)
-    gone = {"left_arm", "left_hand", "camera"}
-    assert gone.isdisjoint(robot.buffer.frames())
-    assert gone.issubset(snapshot.frames())
-    with pytest.raises(tfdb.UnknownFrame):
-        robot.buffer.lookup_transform("map", "camera")
-    assert snapshot.lookup_transform("map", "camera").commit == snapshot.commit
-    robot.buffer.set_transform("base", "left_arm", stamp_of(3), (1, 2, 3), TURN)
-    assert robot.buffer.frame_info("left_arm").samples == 1
-    found = robot.buffer.lookup_transform("base", "left_arm", stamp_of(3))
-    assert found.pose == pytest.approx([1, 2, 3, *TURN])
-
-
-def test_names_of_slots_that_were_reused_are_not_mixed_up() -> None:
-    """The name cache of the bindings must notice that a frame's slot has another frame in it."""
-    buffer = tfdb.Buffer()
-    for round_ in range(50):
-        name = f"tool_{round_}"
-        buffer.set_transform("hand", name, 5, (round_, 1, 2), TURN)
-        assert buffer.lookup_transform("hand", name, 5).translation[0] == round_
-        buffer.remove_frame(name)
-        assert not buffer.can_transform("hand", name, 5)
-    assert buffer.frames() == ["hand"]
-
-
-def test_clear_keeps_frames_and_static_edges() -> None:
-    robot = make_robot()
-    names = robot.buffer.frames()
-    robot.buffer.clear()
-    assert robot.buffer.frames() == names
-    assert robot.buffer.frame_info("odom").samples == 0
-    assert robot.buffer.can_transform("base", "lidar")
-    assert not robot.buffer.can_transform("map", "base")
-
-
 def test_history_forgets_what_is_old() -> None:
     buffer = tfdb.Buffer(history=1.0)
     assert buffer.history == 1.0
@@ -306,22 +215,6 @@ def test_history_forgets_what_is_old() -> None:
 
 
 # -- snapshots -------------------------------------------------------------------------------------
-
-
-def test_a_snapshot_stays_what_it_was() -> None:
-    robot = make_robot()
-    with robot.buffer.snapshot() as snapshot:
-        before = snapshot.lookup_transform("map", "camera")
-        for i in range(COUNT, 3 * COUNT):
-            robot.buffer.set_transform("map", "odom", stamp_of(i), (i, 2, 3), BACK)
-        after = snapshot.lookup_transform("map", "camera")
-        assert before == after
-        assert before.commit == after.commit == snapshot.commit < robot.buffer.commit
-        assert snapshot.frame_info("odom").samples == COUNT
-        assert not snapshot.closed
-    assert snapshot.closed
-    assert snapshot.commit == before.commit
-    snapshot.close()
 
 
 @pytest.mark.parametrize(

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 import tfdb
+from another_thread import in_another_thread
 from chain import BACK, TURN, chain, contents
-from elsewhere import elsewhere
 from oracle import matrix
 from robot import make_robot, stamp_of
 
@@ -28,8 +28,8 @@ def test_writes_appear_at_the_end_all_at_once() -> None:
         tx.set_transform("map", "base", 40, (40, 1, 2), TURN)
         tx.set_static_transform("map", "door", (7, 8, 9), BACK)
         assert buffer.commit == 4
-        assert not elsewhere(lambda: buffer.frame_exists("door"))
-        assert not elsewhere(lambda: buffer.can_transform("map", "base", 40))
+        assert not in_another_thread(lambda: buffer.frame_exists("door"))
+        assert not in_another_thread(lambda: buffer.can_transform("map", "base", 40))
     assert not tx.is_open
     assert tx.commit_number == buffer.commit == 5
     assert buffer.lookup_transform("map", "base", 40).translation[0] == 40
@@ -62,49 +62,6 @@ def test_it_reads_what_it_wrote(frames: tuple[str, str]) -> None:
         assert tx.frame_exists("tip")
     again = buffer.lookup_transform(*frames, 40)
     assert again.matrix == pytest.approx(expected, abs=1e-12)
-
-
-def test_it_interpolates_between_its_own_samples_and_stored_ones() -> None:
-    buffer = chain()
-    with buffer.transaction() as tx:
-        tx.set_transform("map", "base", 25, (99, 1, 2), TURN)
-        assert tx.lookup_transform("map", "base", 25).translation[0] == 99
-        assert tx.lookup_transform("map", "base", 22).translation[0] == pytest.approx(51.6)
-        assert tx.lookup_transform("base", "map", 22).inverse().translation[0] == pytest.approx(
-            51.6
-        )
-        assert tx.lookup_transform("map", "base", 15).translation[0] == pytest.approx(15)
-        outside = elsewhere(lambda: buffer.lookup_transform("map", "base", 22))
-        assert outside.translation[0] == pytest.approx(22)
-    assert buffer.lookup_transform("map", "base", 22).translation[0] == pytest.approx(51.6)
-
-
-def test_it_sees_one_state_whatever_is_committed() -> None:
-    buffer = chain()
-
-    def others() -> None:
-        buffer.set_transform("map", "base", 40, (40, 1, 2), TURN)
-        buffer.set_static_transform("base", "camera", (5, 5, 5), TURN)
-        buffer.remove_frame("camera")
-
-    tx = buffer.transaction()
-    with tx:
-        before = tx.lookup_transform("map", "camera", 30)
-        elsewhere(others)
-        assert tx.lookup_transform("map", "camera", 30) == before
-        assert not tx.can_transform("map", "camera", 40)
-        assert tx.lookup_latest_transform("map", "base").stamp == 30
-        tx.abort()
-    assert not buffer.frame_exists("camera")
-
-
-def test_reading_alone_never_loses() -> None:
-    buffer = chain()
-    with buffer.transaction() as tx:
-        tx.lookup_transform("map", "base")
-        elsewhere(lambda: buffer.set_transform("map", "base", 40, (40, 1, 2), TURN))
-        tx.lookup_transform("map", "base")
-    assert tx.commit_number == 4
 
 
 @pytest.mark.parametrize("error", [ValueError, KeyboardInterrupt, SystemExit, GeneratorExit])
@@ -269,26 +226,6 @@ def test_a_refused_batch_leaves_it_open_and_as_it_was() -> None:
     ]
 
 
-def test_frames_go_and_come() -> None:
-    buffer = chain()
-    with buffer.transaction() as tx:
-        with pytest.raises(tfdb.FrameInUse) as caught:
-            tx.remove_frame("base")
-        assert caught.value.frames == ("camera",)
-        tx.remove_frame("base", recursive=True)
-        for name in ("base", "camera"):
-            assert not tx.frame_exists(name)
-            with pytest.raises(tfdb.UnknownFrame) as unknown:
-                tx.lookup_transform("map", name)
-            assert unknown.value.frame == name
-        tx.set_transform("map", "base", 99, (9, 9, 9), BACK)
-        assert tx.lookup_transform("map", "base", 99).translation[0] == 9
-    assert buffer.frames() == ["base", "map"]
-    assert buffer.samples("base")[0].tolist() == [99]
-    with buffer.transaction() as tx, pytest.raises(tfdb.UnknownFrame):
-        tx.remove_frame("camera")
-
-
 def table() -> tfdb.Buffer:
     """A cup on a table, and an arm."""
     buffer = tfdb.Buffer(history=None)
@@ -360,11 +297,11 @@ def test_each_thread_may_have_one() -> None:
 
     with buffer.transaction() as tx:
         tx.set_transform("map", "a", 40, (4, 4, 4), TURN)
-        assert elsewhere(write) == 5
+        assert in_another_thread(write) == 5
     assert tx.commit_number == 6
 
 
-@pytest.mark.parametrize("free", [gc.collect, lambda: elsewhere(gc.collect)])
+@pytest.mark.parametrize("free", [gc.collect, lambda: in_another_thread(gc.collect)])
 def test_one_that_nobody_holds_any_more_is_aborted(free: Callable[[], object]) -> None:
     buffer = chain()
     before = contents(buffer)
@@ -386,7 +323,7 @@ def test_one_that_another_thread_lets_go_of() -> None:
     held: list[Any] = [buffer.transaction()]
     held[0].__enter__()
     held[0].set_transform("map", "base", 40, (4, 4, 4), TURN)
-    elsewhere(held.clear)
+    in_another_thread(held.clear)
     assert buffer.counters().aborts == 1
     with buffer.transaction() as tx:
         tx.set_transform("map", "base", 41, (4, 4, 4), TURN)
@@ -403,7 +340,7 @@ def test_one_whose_thread_is_gone() -> None:
         tx.set_transform("map", "base", 40, (4, 4, 4), TURN)
         held.append(tx)
 
-    elsewhere(begin)
+    in_another_thread(begin)
     held.clear()
     assert buffer.counters().aborts == 1
     assert buffer.commit == 4

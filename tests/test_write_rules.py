@@ -106,14 +106,3 @@ def test_what_is_no_rule_is_refused(robot: tfdb.Buffer) -> None:
             TURNED,
             change_kind=1,  # type: ignore[arg-type]
         )
-
-
-def test_static_parents_are_swapped_by_one_batch(robot: tfdb.Buffer) -> None:
-    swap = [
-        tfdb.TransformStamped("scan", "lidar", 0, (1, 0, 0), TURNED),
-        tfdb.TransformStamped("base", "scan", 0, (0, 1, 0), TURNED),
-    ]
-    with pytest.raises(tfdb.CycleError):
-        robot.set_transforms(swap[:1], static=True)
-    assert robot.set_transforms(swap, static=True, partial=True) == []
-    assert robot.lookup_transform("base", "lidar", 0).report.edges[0].parent == "scan"

@@ -128,17 +128,19 @@ def measure_engines(results: Results, options: argparse.Namespace) -> None:
             results.add("goals", label, turn, point.engine, found)
 
 
+def shortened(name: str) -> points.Sweep:
+    """Return a sweep with the values that are kept."""
+    sweep = points.SWEEPS[name]
+    return replace(sweep, varied={label: sweep.varied[label] for label in KEPT[name]})
+
+
 def measure_sweeps(results: Results, options: argparse.Namespace) -> list[str]:
     """Measure the paper's sweeps, shortened; return what failed."""
-    sweeps = [
-        replace(sweep, varied={label: sweep.varied[label] for label in KEPT[name]})
-        for name, sweep in points.SWEEPS.items()
-    ]
     base: dict[str, points.Value] = {"seconds": 0.2, "warmup": 0.05}
-    rounds = 3
+    sweeps, rounds = [shortened(name) for name in KEPT], 3
     if options.quick:
-        sweeps = [sweep.quick() for sweep in sweeps]
-        base, rounds = {"seconds": 0.02, "warmup": 0.01}, 1
+        sweeps, rounds = [sweep.quick() for sweep in points.SWEEPS.values()], 1
+        base = {"seconds": 0.02, "warmup": 0.01}
     plan = session.Plan(points.ENGINES, sweeps, base, rounds)
     plan.check()
     at = ""

@@ -17,7 +17,8 @@ if TYPE_CHECKING:
     import numpy as np
     import numpy.typing as npt
 
-    from . import Buffer, FrameInfo, Snapshot
+    from ._core import Buffer, Snapshot
+    from .types import FrameInfo
 
 YEAR_NS = 365 * 86_400 * 1_000_000_000
 """Stamps further apart than this were not made by one clock."""

@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Literal, Protocol, TypeAlias
 
 from .errors import InvalidArray
+from .refused import Refusal, Refused
 from .stamps import StampLike, StampsLike, format_seconds
 
 if TYPE_CHECKING:
@@ -270,32 +271,6 @@ class Twist:
     """(3,) in m/s."""
     angular: npt.NDArray[np.float64]
     """(3,) in rad/s."""
-
-
-@dataclass(frozen=True, slots=True)
-class Refused:
-    """A member of a batch that was refused."""
-
-    index: int
-    """Its position in the batch."""
-    error: str
-    """Name of the error class, such as `TooOld`."""
-    message: str
-    """What the error would say."""
-    reason: str
-    """The same, in a few words where they suffice."""
-
-
-@dataclass(frozen=True, slots=True)
-class Refusal:
-    """Messages that were refused for one reason."""
-
-    count: int
-    """How many."""
-    index: int
-    """Position of the first."""
-    first: str
-    """The error message of the first."""
 
 
 @dataclass(frozen=True, slots=True)

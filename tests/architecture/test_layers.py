@@ -33,6 +33,34 @@ def test_the_map_has_no_cycle() -> None:
         placed |= ready
 
 
+def face_imports(root: Path) -> dict[str, set[str]]:
+    """What each module directly in a package imports of the others, for type checkers too."""
+    names = {path.stem for path in root.glob("*.py")} - {"__init__"}
+    found: dict[str, set[str]] = {}
+    for name in names:
+        text = (root / f"{name}.py").read_text(encoding="utf-8")
+        imports = layers.python_imports(text, (root.name,))
+        modules = {parts[1] for i in imports if len(parts := i.module.split(".")) > 1}
+        found[name] = modules & names
+    return found
+
+
+def circle(imports: dict[str, set[str]]) -> set[str]:
+    """The modules that cannot be put in an order in which each comes after those it imports."""
+    left = dict(imports)
+    while ready := [name for name, others in left.items() if not others & set(left)]:
+        for name in ready:
+            del left[name]
+    return set(left)
+
+
+def test_no_modules_of_the_face_import_each_other_in_a_circle() -> None:
+    imports = face_imports(ROOT / "src" / "tfdb")
+    assert {"errors", "stamps", "types"} <= set(imports)
+    assert circle(imports) == set()
+    assert circle({**imports, "errors": {"types"}}) >= {"errors", "stamps", "types"}
+
+
 @pytest.fixture
 def tree(tmp_path: Path) -> Path:
     """Make a small tree that obeys the real map."""

@@ -37,6 +37,6 @@ class Call(Generic[Result]):
         return self._outcome
 
 
-def elsewhere(function: Callable[[], Result]) -> Result:
+def in_another_thread(function: Callable[[], Result]) -> Result:
     """What `function()` returns or raises in another thread, which has then ended."""
     return Call(function).result()
