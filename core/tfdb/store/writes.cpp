@@ -78,7 +78,7 @@ bool store_all(Reads::Impl& impl, const Batch& batch, CommitNumber& number) {
         append_item(impl, commit, batch, item, sample);
     }
     txn::Cycle cycle;
-    if (commit.find_cycle(cycle))
+    if (commit.cycles().find(cycle))
         return false;
     const std::uint64_t author = impl.authorities.id(batch.authority());
     commit.prepare();  // from here on nothing throws
@@ -161,10 +161,10 @@ private:
             append_item(impl_, trial, batch_, item, sample);
         }
         std::vector<txn::Cycle> cycles;
-        if (!trial.find_cycles(cycles))
+        if (!trial.cycles().find_all(cycles))
             return false;
         if (all)
-            trial.suspects(cycles);
+            trial.cycles().suspects(cycles);
         leave_out(cycles);
         return true;
     }

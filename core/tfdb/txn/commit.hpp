@@ -1,7 +1,9 @@
 // One commit in progress: what it made, wrote and removed, until it is published or undone.
 #pragma once
 
+#include <algorithm>
 #include <cstdint>
+#include <string>
 #include <string_view>
 #include <vector>
 
@@ -9,19 +11,11 @@
 #include "tfdb/graph/frames.hpp"
 #include "tfdb/graph/names.hpp"
 #include "tfdb/history/edge_writer.hpp"
+#include "tfdb/lookup/edge.hpp"
+#include "tfdb/txn/cycle_search.hpp"
 #include "tfdb/txn/snapshot_view.hpp"
 
 namespace tfdb::txn {
-
-/// A cycle that a commit would close, and the one of its samples that is to be left out.
-struct Cycle {
-    FrameId child = kNoFrame;
-    FrameId parent = kNoFrame;
-    std::size_t item = 0;  // as told to `append`: the greatest of those that close it together
-    // The commit's other samples of this edge that name this parent for [from, to) close it too.
-    clock::StampNs from = 0;
-    clock::StampNs to = 0;
-};
 
 /// Lists that a commit fills; kept by the store, so that no commit allocates in steady state.
 struct CommitScratch {
@@ -30,49 +24,14 @@ struct CommitScratch {
         FrameId old_parent;  // newest parent before this commit
         std::uint64_t late;  // how many samples had come late
     };
-    struct Relation {  // a sample whose parent was not known to be one at its stamp
-        FrameId child;
-        FrameId parent;
-        clock::StampNs stamp;
-        std::size_t item;
-    };
-    struct Stop {  // of the walk that looks for cycles
-        FrameId id;
-        clock::StampNs from;
-        clock::StampNs to;
-        bool entered;  // what lies above it is being looked at
-    };
-    struct Mark {  // what one search knows of a frame
-        std::uint64_t search = 0;
-        clock::StampNs from = 0;  // within [from, to) all above it was looked at
-        clock::StampNs to = 0;
-        bool on_path = false;
-        bool blamed = false;  // a sample of its edge is to be left out
-
-        [[nodiscard]] bool covers(clock::StampNs a, clock::StampNs b) const {
-            return from <= a && b <= to;
-        }
-        void leave(clock::StampNs a, clock::StampNs b) {
-            on_path = false;
-            const bool apart = from == to || b < from || to < a;
-            from = apart || a < from ? a : from;
-            to = apart || to < b ? b : to;
-        }
-    };
     std::vector<Touched> touched;
     std::vector<FrameId> made;
     std::vector<FrameId> removed;
     std::vector<FrameId> cleared;
-    std::vector<Relation> relations;
-    std::vector<Stop> stops;
-    std::vector<FrameId> path;            // those of the stops that were entered
-    std::vector<Mark> marks;              // by frame
-    std::vector<std::uint32_t> by_child;  // the relations, sorted
-    std::vector<std::uint32_t> depths;    // by frame
+    std::vector<std::uint32_t> depths;  // by frame
     std::vector<FrameId> climb;
+    CycleScratch cycles;
     std::uint64_t attempts = 0;
-    std::uint64_t searches = 0;
-    std::uint64_t steps = 0;  // stops, samples and relations that searches looked at: for tests
 };
 
 /// Writes of one commit. Nothing is visible before `publish`; the destructor undoes what was not
@@ -84,8 +43,28 @@ class Commit {
 public:
     /// `readers` is asked only when a segment is full or a slot is to be reused, and outlives it.
     Commit(graph::Frames<Memory> frames, CommitScratch& scratch, clock::StampNs history,
-           history::Readers& readers);
-    ~Commit();
+           history::Readers& readers)
+        : frames_(frames),
+          names_(frames),
+          scratch_(scratch),
+          context_(frames.store_word(graph::kCommit).load_relaxed(), history, readers),
+          readers_(readers) {
+        if (context_.committed >= kMaxCommit - 1) {
+            throw CapacityExceeded("the store has used up its commit numbers: start a new one");
+        }
+        scratch_.touched.clear();
+        scratch_.made.clear();
+        scratch_.removed.clear();
+        scratch_.cleared.clear();
+        scratch_.cycles.relations.clear();
+        ++scratch_.attempts;
+    }
+
+    ~Commit() {
+        if (!published_)
+            abort();
+    }
+
     Commit(const Commit&) = delete;
     Commit& operator=(const Commit&) = delete;
 
@@ -96,64 +75,264 @@ public:
     }
 
     /// The frame of that name as this commit sees it, or kNoFrame.
-    [[nodiscard]] FrameId find_frame(std::string_view name) const;
-    /// The frame of that name, made if there is none. Throws CapacityExceeded.
-    [[nodiscard]] FrameId frame(std::string_view name);
-    /// True if this commit has written to the frame before; marks it as written.
-    [[nodiscard]] bool touch(FrameId child);
-    /// Appends one sample; `touch(child)` came before. The samples of one edge come in stamp order.
-    void append(FrameId child, const history::NewSample<Memory>& sample, std::size_t item);
-    /// Hides all samples of an edge; once in a commit at most.
-    void clear(FrameId child);
-    /// The frame exists no longer; nothing names it as its newest parent.
-    void remove(FrameId id);
+    [[nodiscard]] FrameId find_frame(std::string_view name) const {
+        return names_.find(name, number());
+    }
 
-    /// Finds a cycle in time among what was appended. To be called before `publish`.
-    [[nodiscard]] bool find_cycle(Cycle& cycle);
-    /// Finds cycles, not always all: with their samples left out, there may be others.
-    [[nodiscard]] bool find_cycles(std::vector<Cycle>& cycles);
-    /// After a search: every sample that could be part of any cycle.
-    void suspects(std::vector<Cycle>& cycles) const;
+    /// The frame of that name, made if there is none. Throws CapacityExceeded.
+    [[nodiscard]] FrameId frame(std::string_view name) {
+        const FrameId found = find_frame(name);
+        if (found != kNoFrame) {
+            return found;
+        }
+        names_.reserve();
+        const Offset block = names_.store_name(name);
+        FrameId id = kNoFrame;
+        try {
+            // `reserve` alone grows to the very number asked for.
+            if (scratch_.made.size() == scratch_.made.capacity())
+                scratch_.made.reserve(2 * scratch_.made.size() + 8);
+            id = take_slot();
+        } catch (...) {
+            names_.free_name(block);
+            throw;
+        }
+        frames_.make(id, number(), block);
+        names_.insert(name, id);
+        scratch_.made.push_back(id);
+        return id;
+    }
+
+    /// True if this commit has written to the frame before; marks it as written.
+    [[nodiscard]] bool touch(FrameId child) {
+        auto& mark = frames_.word(child, history::kTouched);
+        if (mark.load_relaxed() == scratch_.attempts)
+            return true;
+        auto& touched = scratch_.touched.emplace_back();
+        touched.id = child;
+        touched.old_parent = newest_parent(child);
+        touched.late = frames_.word(child, history::kLate).load_relaxed();
+        mark.store_relaxed(scratch_.attempts);
+        return false;
+    }
+
+    /// Appends one sample; `touch(child)` came before. The samples of one edge come in stamp order.
+    void append(FrameId child, const history::NewSample<Memory>& sample, std::size_t item) {
+        using history::Topology;
+        auto edge = writer(child);
+        const std::uint64_t topology = edge.topology();
+        const bool same_parent = Topology::parent(topology) == sample.parent &&
+                                 (topology & Topology::kMixedParents) == 0;
+        const bool newest = sample.stamp == history::kStaticStamp || sample.stamp > edge.newest();
+        // A sample ahead of all others, of the parent that they all have, relates nothing anew.
+        if (!same_parent || !newest) {
+            scratch_.cycles.relations.push_back({child, sample.parent, sample.stamp, item});
+        }
+        edge.append(context_, sample);
+        if (Topology::parent(topology) != sample.parent) {
+            edge.set_depth_hint(Topology::depth(frames_.topology(sample.parent)) + 1);
+            frames_.refresh_hint(child);
+            depths_stale_ |= frames_.word(child, history::kChildren).load_relaxed() != 0;
+        }
+    }
+
+    /// Hides all samples of an edge; once in a commit at most.
+    void clear(FrameId child) {
+        // Nothing that throws comes after the edge is changed.
+        if (scratch_.cleared.size() == scratch_.cleared.capacity())
+            scratch_.cleared.reserve(2 * scratch_.cleared.size() + 8);
+        writer(child).clear(context_);
+        scratch_.cleared.push_back(child);
+        frames_.refresh_hint(child);
+    }
+
+    /// The frame exists no longer; nothing names it as its newest parent.
+    void remove(FrameId id) {
+        scratch_.removed.push_back(id);
+        frames_.word(id, history::kDied).store_relaxed(number());
+        auto& topology = frames_.word(id, history::kTopology);
+        topology.store_release(topology.load_relaxed() | history::Topology::kMortal);
+    }
+
+    /// What looks for cycles among what was appended.
+    [[nodiscard]] CycleSearch<Memory> cycles() {
+        return {frames_, context_.committed, context_.history, scratch_.cycles};
+    }
     /// Does beforehand all of `publish` that may throw.
-    void prepare();
+    void prepare() {
+        refresh_depths();
+        prepared_ = true;
+    }
+
     /// Makes all of it visible at once. Throws nothing after `prepare`, and only before anything
     /// is visible.
-    CommitNumber publish();
+    CommitNumber publish() {
+        if (!prepared_)
+            prepare();
+        count_children();
+        frames_.store_word(graph::kCommit).store_release(number());
+        published_ = true;
+        for (const FrameId id : scratch_.cleared)
+            writer(id).retire_older(context_);
+        for (const FrameId id : scratch_.removed)
+            frames_.push_retired(id);
+        if (!scratch_.removed.empty())
+            empty_removed();
+        return number();
+    }
 
     /// The parent that the newest sample names, kNoFrame for a root.
-    [[nodiscard]] FrameId newest_parent(FrameId id) const;
+    [[nodiscard]] FrameId newest_parent(FrameId id) const {
+        const std::uint64_t topology = frames_.topology(id);
+        if ((topology & history::Topology::kMixedParents) == 0) {
+            return history::Topology::parent(topology);
+        }
+        FrameId parent = kNoFrame;
+        const lookup::Policy newest{lookup::PolicyKind::kLatest, lookup::kNoLimit};
+        // The writer cannot be overtaken: it holds the commit lock.
+        (void)lookup::exact_parent(view(), id, 0, newest, lookup::Edges::kAll, parent);
+        return parent;
+    }
 
 private:
-    using StampNs = clock::StampNs;
-
     [[nodiscard]] history::EdgeWriter<Memory> writer(FrameId id) const {
         return {frames_.memory(), frames_.header(id)};
     }
-    [[nodiscard]] FrameId take_slot();
-    void empty_slot(FrameId id);
-    void empty_removed();
-    [[nodiscard]] bool holds(const CommitScratch::Relation& relation, StampNs& from,
-                             StampNs& to) const;
-    enum class Next : std::uint8_t {
-        kGoOn,     // above the same suspect
-        kSuspect,  // the other ones
-        kEnd,
-    };
-    template <class Found>
-    void search(Found found);
-    template <class Found>
-    [[nodiscard]] Next walk(const Cycle& suspect, Found& found);
-    [[nodiscard]] CommitScratch::Mark& mark_of(FrameId id);
-    template <class Visit>
-    void for_each_in_cycle(FrameId top, Visit visit) const;
-    [[nodiscard]] Cycle blame(const CommitScratch::Stop& top, const Cycle& suspect);
-    [[nodiscard]] bool held_before(const CommitScratch::Relation& relation, StampNs stamp) const;
-    void push_parents(const CommitScratch::Stop& at);
-    void push_stop(FrameId parent, CommitNumber written, StampNs from, StampNs to);
-    void push_mixed_parents(const history::EdgeView<Memory>& edge, const CommitScratch::Stop& at);
-    void settle_parents();
-    void refresh_depths();
-    void abort();
+    /// Slots are reused oldest first, and only when no held snapshot can still ask for their frame.
+    [[nodiscard]] FrameId take_slot() {
+        const FrameId retired = frames_.first_retired();
+        const FrameId fresh = frames_.take_fresh_slot();
+        if (retired != kNoFrame) {
+            const CommitNumber died = frames_.word(retired, history::kDied).load_relaxed();
+            // Zero: made by a commit that was undone.
+            if (died == 0 || (died <= context_.committed &&
+                              (fresh == kNoFrame || died <= context_.oldest_read()))) {
+                const bool full = retired == frames_.first_full();
+                frames_.pop_retired();
+                if (full)
+                    empty_slot(retired);
+                return retired;
+            }
+        }
+        if (fresh == kNoFrame) {
+            throw CapacityExceeded("the store holds max_frames = " +
+                                   std::to_string(frames_.max_frames()) + " frames already");
+        }
+        frames_.seal(fresh);
+        return fresh;
+    }
+
+    /// Whoever still reads the removed frame finds out: it has been born anew, and states in which
+    /// it lived lie below the floor.
+    void empty_slot(FrameId id) {
+        const CommitNumber died = frames_.word(id, history::kDied).load_relaxed();
+        auto& floor = frames_.store_word(graph::kRecycleFloor);
+        floor.store_release(std::max<std::uint64_t>(floor.load_relaxed(), died));
+        frames_.seal(id);
+        const Offset name = frames_.word(id, history::kName).load_relaxed();
+        names_.erase(id);
+        frames_.word(id, history::kName).store_release(0);
+        Memory::fence_release();
+        names_.free_name(name);
+        writer(id).release(context_);
+    }
+
+    /// Gives back what removed frames hold. Asked anew: a snapshot that is not seen here has seen
+    /// the commit that was just published.
+    void empty_removed() {
+        const CommitNumber oldest = readers_.oldest_read();
+        for (FrameId id = frames_.first_full(); id != kNoFrame; id = frames_.first_full()) {
+            if (frames_.word(id, history::kDied).load_relaxed() > oldest)
+                return;
+            frames_.pass_full();
+            empty_slot(id);
+        }
+    }
+
+    /// Counts, for every frame, how many have it as their newest parent: `remove` asks for it.
+    void count_children() {
+        const auto count = [&](FrameId parent, std::uint64_t delta) {
+            if (parent == kNoFrame)
+                return;
+            auto& children = frames_.word(parent, history::kChildren);
+            children.store_relaxed(children.load_relaxed() + delta);
+        };
+        // Where no relation is new, nobody has another parent than before.
+        const bool same = scratch_.cycles.relations.empty() && scratch_.cleared.empty();
+        for (const auto& touched : scratch_.touched) {
+            if (same) {
+                break;
+            }
+            const FrameId parent = newest_parent(touched.id);
+            if (parent == touched.old_parent)
+                continue;
+            count(touched.old_parent, ~std::uint64_t{0});
+            count(parent, 1);
+        }
+        for (const FrameId id : scratch_.removed) {
+            count(newest_parent(id), ~std::uint64_t{0});
+        }
+    }
+
+    /// Gives every frame the depth that it has now. Robots are often announced from the leaves
+    /// upward: with the depths of that time, walks between two branches would climb past their
+    /// meeting point.
+    void refresh_depths() {
+        using history::Topology;
+        // Beyond, stale hints cost less than this, unless the commit itself is as large.
+        constexpr std::uint32_t kMostFrames = 4096;
+        const std::uint32_t count = frames_.count();
+        if (!depths_stale_ || (count > kMostFrames && count / 4 > scratch_.touched.size())) {
+            return;
+        }
+        constexpr std::uint32_t kUnknown = ~std::uint32_t{0};
+        auto& depths = scratch_.depths;
+        depths.assign(count, kUnknown);
+        auto& climb = scratch_.climb;
+        for (FrameId id = 0; id < count; ++id) {
+            climb.clear();
+            FrameId at = id;
+            while (at < count && depths[at] == kUnknown && climb.size() <= count) {
+                climb.push_back(at);
+                at = Topology::parent(frames_.topology(at));
+            }
+            std::uint32_t depth = at < count && depths[at] != kUnknown ? depths[at] + 1 : 0;
+            for (; !climb.empty(); climb.pop_back(), ++depth) {
+                depths[climb.back()] = depth;
+                if (Topology::depth(frames_.topology(climb.back())) == depth)
+                    continue;
+                writer(climb.back()).set_depth_hint(depth);
+                frames_.refresh_hint(climb.back());
+            }
+        }
+    }
+
+    void abort() {
+        for (const FrameId id : scratch_.removed) {
+            frames_.word(id, history::kDied).store_relaxed(0);
+            auto& topology = frames_.word(id, history::kTopology);
+            topology.store_release(topology.load_relaxed() & ~history::Topology::kMortal);
+        }
+        for (const auto& touched : scratch_.touched) {
+            auto edge = writer(touched.id);
+            edge.trim(context_);
+            frames_.word(touched.id, history::kLate).store_relaxed(touched.late);
+            const FrameId parent = history::Topology::parent(edge.topology());
+            if (parent != kNoFrame)
+                edge.set_depth_hint(history::Topology::depth(frames_.topology(parent)) + 1);
+            frames_.refresh_hint(touched.id);
+        }
+        for (const FrameId id : scratch_.made) {
+            const Offset name = frames_.word(id, history::kName).load_relaxed();
+            names_.erase(id);
+            frames_.seal(id);
+            frames_.word(id, history::kName).store_release(0);
+            Memory::fence_release();
+            names_.free_name(name);
+            writer(id).release(context_);
+            frames_.push_unseen(id);
+        }
+    }
 
     graph::Frames<Memory> frames_;
     graph::Names<Memory> names_;
@@ -166,6 +345,3 @@ private:
 };
 
 }  // namespace tfdb::txn
-
-#include "tfdb/txn/commit.ipp"
-#include "tfdb/txn/cycle.ipp"

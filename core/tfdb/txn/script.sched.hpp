@@ -87,7 +87,7 @@ public:
         } else if (step.kind != Step::kRemove) {
             Cycle cycle;
             set(commit, step, number);
-            if (commit.find_cycle(cycle)) {
+            if (commit.cycles().find(cycle)) {
                 return false;
             }
         }

@@ -134,7 +134,7 @@ template <class Memory, class Store>
     Application<Memory> application(commit, writes);
     application.apply();
     Cycle cycle;
-    if (commit.find_cycle(cycle)) {
+    if (commit.cycles().find(cycle)) {
         settled.kind = Settled::kCycle;
         application.describe(cycle.item, settled);
         return settled;

@@ -20,7 +20,7 @@ public:
         Commit<Memory> commit(frames_, scratch_, history::kForever, *this);
         append(commit, parent, child, stamp);
         Cycle cycle;
-        if (commit.find_cycle(cycle))
+        if (commit.cycles().find(cycle))
             return false;
         commit.publish();
         return true;
@@ -31,15 +31,15 @@ public:
         Commit<Memory> commit(frames_, scratch_, history::kForever, *this);
         append(commit, parent, child, stamp);
         std::vector<Cycle> found;
-        (void)commit.find_cycles(found);
+        (void)commit.cycles().find_all(found);
         return found;
     }
     /// What `body()` makes searches look at.
     template <class Body>
     std::uint64_t steps_of(Body body) {
-        const std::uint64_t before = scratch_.steps;
+        const std::uint64_t before = scratch_.cycles.steps;
         body();
-        return scratch_.steps - before;
+        return scratch_.cycles.steps - before;
     }
 
 private:
