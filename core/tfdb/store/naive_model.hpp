@@ -8,6 +8,7 @@
 #include <optional>
 #include <set>
 #include <string>
+#include <tuple>
 #include <utility>
 #include <vector>
 
@@ -32,11 +33,21 @@ struct Member {
     Pose pose;
 };
 
+/// How one edge of a path is used; stamps are -1 for a static edge.
+struct Use {
+    std::string child, parent;
+    Used used;
+    StampNs before, after;
+    bool inverted;
+    friend bool operator==(const Use&, const Use&) = default;
+};
+
 struct Reply {
     std::optional<ErrorCode> error;
+    ErrorDetail detail;  // of an error: what a lookup says of it
     Pose pose = geometry::identity();
     StampNs stamp = 0;
-    std::vector<Used> used;
+    std::vector<Use> edges;
 };
 
 /// All commits of a store, and the answers of any of its states.
@@ -61,6 +72,18 @@ public:
     [[nodiscard]] Reply lookup(std::size_t state, const std::string& target,
                                const std::string& source, std::optional<StampNs> stamp,
                                Policy policy) const;
+    /// Each edge's newest sample, if none is older than now - max_age.
+    [[nodiscard]] Reply lookup_latest(std::size_t state, const std::string& target,
+                                      const std::string& source, std::optional<StampNs> max_age,
+                                      StampNs now) const;
+    /// T[target at its stamp <- source at its stamp], by way of a frame that stays put.
+    [[nodiscard]] Reply lookup_full(std::size_t state, const std::string& target,
+                                    std::optional<StampNs> target_stamp, const std::string& source,
+                                    std::optional<StampNs> source_stamp, const std::string& fixed,
+                                    Policy policy) const;
+    /// Without who wrote and what came late.
+    [[nodiscard]] FrameInfo info(std::size_t state, const std::string& name) const;
+    [[nodiscard]] tfdb::Samples samples(std::size_t state, const std::string& name) const;
 
     /// The oldest and the newest stamp that the newest tree's path covers; none if there is no
     /// path.
@@ -78,9 +101,6 @@ public:
             }
         }
     }
-
-    /// Stamps and parents of a frame's visible samples, for the report of a disagreement.
-    [[nodiscard]] std::string describe(std::size_t state, const std::string& name) const;
 
 private:
     static constexpr int kNone = -1;
@@ -104,8 +124,18 @@ private:
         const Sample* second = nullptr;
         Used used = Used::kStatic;
         std::optional<ErrorCode> refused;
+        std::optional<std::pair<StampNs, StampNs>> bracket;  // of two samples
     };
 
+    [[nodiscard]] const std::string& name_of(int frame) const {
+        return frames_[static_cast<std::size_t>(frame)].name;
+    }
+    static Reply unknown(const std::string& name) {
+        Reply reply;
+        reply.error = ErrorCode::kUnknownFrame;
+        reply.detail.frame = name;
+        return reply;
+    }
     [[nodiscard]] bool alive(int frame, std::size_t state) const {
         const Frame& f = frames_[static_cast<std::size_t>(frame)];
         return f.born <= state && state < f.died;
@@ -125,7 +155,10 @@ private:
                                          bool answering = false) const;
     [[nodiscard]] std::optional<ErrorCode> climb(const std::vector<int>& chain, int top,
                                                  StampNs stamp, Policy policy, std::size_t state,
-                                                 Reply& reply, Pose& pose) const;
+                                                 bool inverted, Reply& reply, Pose& pose) const;
+    [[nodiscard]] Use use_of(int frame, const Choice& choice, bool inverted) const;
+    [[nodiscard]] ErrorDetail blame(int frame, const Choice& choice, StampNs stamp, Policy policy,
+                                    std::size_t state) const;
     [[nodiscard]] static int meet(const std::vector<int>& a, const std::vector<int>& b);
     [[nodiscard]] std::optional<StampNs> common_time(std::size_t state, int target,
                                                      int source) const;
@@ -212,6 +245,7 @@ inline Model::Choice Model::choose_outside(const Samples& samples, StampNs stamp
         c.used = Used::kExtrapolated;
         if (samples.size() > 1) {
             c.second = future ? samples[samples.size() - 2] : samples[1];
+            c.bracket = std::minmax(c.anchor->stamp, c.second->stamp);
             if (c.second->parent != c.anchor->parent)
                 c.second = nullptr;
         }
@@ -267,6 +301,8 @@ inline Model::Choice Model::choose(int frame, StampNs stamp, Policy policy,
     }
     const bool mixes =
         policy.kind == PolicyKind::kInterpolate || policy.kind == PolicyKind::kExtrapolate;
+    if (mixes)
+        c.bracket = {before->stamp, after->stamp};
     if (mixes && before->parent == after->parent) {
         c.second = after;
         c.used = Used::kInterpolated;
@@ -295,7 +331,7 @@ inline int Model::parent_at(int frame, StampNs stamp, Policy policy, std::size_t
 inline std::vector<int> Model::chain(int frame, StampNs stamp, Policy policy, std::size_t state,
                                      bool answering) const {
     std::vector<int> found;
-    for (int at = frame; at != kNone && found.size() <= frames_.size();
+    for (int at = frame; at != kNone && std::find(found.begin(), found.end(), at) == found.end();
          at = parent_at(at, stamp, policy, state, answering)) {
         found.push_back(at);
     }
@@ -303,16 +339,18 @@ inline std::vector<int> Model::chain(int frame, StampNs stamp, Policy policy, st
 }
 
 inline std::optional<ErrorCode> Model::climb(const std::vector<int>& chain, int top, StampNs stamp,
-                                             Policy policy, std::size_t state, Reply& reply,
-                                             Pose& pose) const {
+                                             Policy policy, std::size_t state, bool inverted,
+                                             Reply& reply, Pose& pose) const {
     pose = geometry::identity();
     for (const int at : chain) {
         if (at == top)
             break;
         const Choice c = choose(at, stamp, policy, state);
-        if (c.refused)
+        if (c.refused) {
+            reply.detail = blame(at, c, stamp, policy, state);
             return c.refused;
-        reply.used.push_back(c.used);
+        }
+        reply.edges.push_back(use_of(at, c, inverted));
         pose = geometry::compose(pose_of(c, stamp), pose);
         if (policy.kind == PolicyKind::kLatest && !c.anchor->is_static) {
             reply.stamp =
@@ -320,6 +358,39 @@ inline std::optional<ErrorCode> Model::climb(const std::vector<int>& chain, int 
         }
     }
     return std::nullopt;
+}
+
+inline Use Model::use_of(int frame, const Choice& c, bool inverted) const {
+    Use use{name_of(frame), name_of(c.anchor->parent), c.used, -1, -1, inverted};
+    if (!c.anchor->is_static)
+        std::tie(use.before, use.after) =
+            c.bracket.value_or(std::pair{c.anchor->stamp, c.anchor->stamp});
+    return use;
+}
+
+inline ErrorDetail Model::blame(int frame, const Choice& c, StampNs stamp, Policy policy,
+                                std::size_t state) const {
+    const Samples& samples = visible(frame, state);
+    const auto later = std::upper_bound(samples.begin(), samples.end(), stamp,
+                                        [](StampNs t, const Sample* s) { return t < s->stamp; });
+    ErrorDetail detail;
+    detail.edge = name_of(frame);
+    detail.parent = name_of(c.anchor->parent);
+    detail.stamp = stamp;
+    detail.oldest = samples.front()->stamp;
+    detail.newest = samples.back()->stamp;
+    if (later != samples.begin())
+        detail.before = (*(later - 1))->stamp;
+    if (later != samples.end())
+        detail.after = (*later)->stamp;
+    if (policy.kind == PolicyKind::kExact) {
+        detail.limit = 0;
+    } else if (policy.limit != lookup::kNoLimit) {
+        detail.limit = policy.limit;
+    }
+    if (c.refused == ErrorCode::kExtrapolation)
+        detail.reason = stamp < samples.front()->stamp ? "past" : "future";
+    return detail;
 }
 
 /// The first frame of `a` that `b` has too.
@@ -346,8 +417,8 @@ inline std::optional<StampNs> Model::common_time(std::size_t state, int target, 
     Reply scratch;
     scratch.stamp = -1;
     Pose unused;
-    (void)climb(up, top, 0, newest, state, scratch, unused);
-    (void)climb(down, top, 0, newest, state, scratch, unused);
+    (void)climb(up, top, 0, newest, state, false, scratch, unused);
+    (void)climb(down, top, 0, newest, state, true, scratch, unused);
     return std::max<StampNs>(0, scratch.stamp);
 }
 
@@ -391,7 +462,7 @@ inline std::optional<std::string> Model::parent_of(std::size_t state, const std:
         return std::nullopt;
     const Policy policy{stamp ? PolicyKind::kInterpolate : PolicyKind::kLatest, lookup::kNoLimit};
     const int parent = parent_at(frame, stamp.value_or(0), policy, state);
-    return parent == kNone ? std::string() : frames_[static_cast<std::size_t>(parent)].name;
+    return parent == kNone ? std::string() : name_of(parent);
 }
 
 inline Reply Model::lookup(std::size_t state, const std::string& target, const std::string& source,
@@ -399,19 +470,15 @@ inline Reply Model::lookup(std::size_t state, const std::string& target, const s
     Reply reply;
     const int t = find(target, state);
     const int s = find(source, state);
-    if (t == kNone || s == kNone) {
-        reply.error = ErrorCode::kUnknownFrame;
-        return reply;
-    }
+    if (t == kNone || s == kNone)
+        return unknown(t == kNone ? target : source);
     const bool latest = policy.kind == PolicyKind::kLatest;
     if (!stamp && !latest) {
         stamp = common_time(state, t, s);
-        if (!stamp) {
-            reply.error = ErrorCode::kDisconnected;
-            return reply;
-        }
+        if (!stamp)
+            policy = {PolicyKind::kLatest, 0};  // which finds the frames in two trees
     }
-    reply.stamp = latest ? -1 : *stamp;
+    reply.stamp = latest ? -1 : stamp.value_or(-1);
     const StampNs at = stamp.value_or(0);
     auto up = chain(s, at, policy, state, true);
     auto down = chain(t, at, policy, state, true);
@@ -422,19 +489,81 @@ inline Reply Model::lookup(std::size_t state, const std::string& target, const s
     const int top = meet(up, down);
     if (top == kNone) {
         reply.error = ErrorCode::kDisconnected;
+        reply.detail.frames = {name_of(down.back()), name_of(up.back())};
         return reply;
     }
     Pose from_source = geometry::identity();
     Pose from_target = geometry::identity();
-    reply.error = climb(up, top, at, policy, state, reply, from_source);
+    reply.error = climb(up, top, at, policy, state, false, reply, from_source);
     if (!reply.error)
-        reply.error = climb(down, top, at, policy, state, reply, from_target);
+        reply.error = climb(down, top, at, policy, state, true, reply, from_target);
     if (reply.error)
         return reply;
     reply.pose = geometry::compose(geometry::inverse(from_target), from_source);
     if (reply.stamp < 0)
         reply.stamp = 0;
     return reply;
+}
+
+inline Reply Model::lookup_latest(std::size_t state, const std::string& target,
+                                  const std::string& source, std::optional<StampNs> max_age,
+                                  StampNs now) const {
+    Reply reply = lookup(state, target, source, std::nullopt, {PolicyKind::kLatest, 0});
+    for (const Use& use : reply.edges) {
+        if (!reply.error && max_age && use.before >= 0 && use.before < now - *max_age) {
+            reply.error = ErrorCode::kStale;
+            reply.detail.edge = use.child;
+            reply.detail.parent = use.parent;
+            reply.detail.stamp = now;
+            reply.detail.newest = use.before;
+            reply.detail.limit = max_age;
+        }
+    }
+    return reply;
+}
+
+inline Reply Model::lookup_full(std::size_t state, const std::string& target,
+                                std::optional<StampNs> target_stamp, const std::string& source,
+                                std::optional<StampNs> source_stamp, const std::string& fixed,
+                                Policy policy) const {
+    for (const std::string& name : {target, source, fixed}) {
+        if (find(name, state) == kNone)
+            return unknown(name);
+    }
+    const Reply first = lookup(state, fixed, source, source_stamp, policy);
+    Reply second = lookup(state, target, fixed, target_stamp, policy);
+    if (first.error || second.error)
+        return first.error ? first : second;
+    second.pose = geometry::compose(second.pose, first.pose);
+    second.edges.insert(second.edges.begin(), first.edges.begin(), first.edges.end());
+    return second;
+}
+
+inline tfdb::Samples Model::samples(std::size_t state, const std::string& name) const {
+    tfdb::Samples found;
+    for (const Sample* s : visible(find(name, state), state)) {
+        found.stamps.push_back(s->is_static ? -1 : s->stamp);
+        found.poses.push_back(s->pose);
+        found.parents.push_back(alive(s->parent, state) ? name_of(s->parent) : "");
+    }
+    return found;
+}
+
+inline FrameInfo Model::info(std::size_t state, const std::string& name) const {
+    const tfdb::Samples all = samples(state, name);
+    FrameInfo info;
+    info.name = name;
+    info.samples = all.stamps.size();
+    info.is_static = !all.stamps.empty() && all.stamps.back() < 0;
+    if (!all.parents.empty() && !all.parents.back().empty())
+        info.parent = all.parents.back();
+    if (all.stamps.empty() || info.is_static)
+        return info;
+    info.oldest = all.stamps.front();
+    info.newest = all.stamps.back();
+    for (std::size_t i = 1; i < all.stamps.size(); ++i)
+        info.longest_gap = std::max(info.longest_gap, all.stamps[i] - all.stamps[i - 1]);
+    return info;
 }
 
 inline std::vector<std::string> Model::frames(std::size_t state) const {
@@ -445,20 +574,6 @@ inline std::vector<std::string> Model::frames(std::size_t state) const {
     }
     std::sort(names.begin(), names.end());
     return names;
-}
-
-inline std::string Model::describe(std::size_t state, const std::string& name) const {
-    const int frame = find(name, state);
-    std::string text = name + ":";
-    if (frame == kNone) {
-        return text + " none";
-    }
-    for (const Sample* s : visible(frame, state)) {
-        const Frame& parent = frames_[static_cast<std::size_t>(s->parent)];
-        text += " " + (s->is_static ? std::string("static") : std::to_string(s->stamp)) + ">" +
-                parent.name + (alive(s->parent, state) ? "" : "(gone)");
-    }
-    return text;
 }
 
 /// From each sample to the next one its parent holds; a static edge's holds for all time.

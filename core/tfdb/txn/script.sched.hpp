@@ -201,7 +201,7 @@ template <class Memory, class Require>
     }
     require(near(answer.pose, expected.pose), "the pose");
     require(answer.stamp == expected.stamp, "the stamp");
-    require(answer.edges.size() == expected.used.size(), "the path");
+    require(answer.edges.size() == expected.edges.size(), "the path");
     return true;
 }
 

@@ -9,14 +9,12 @@ import numpy as np
 import pytest
 
 import tfdb
-
-from .poses import random_pose
+from chain import TURN
 
 
 def write(buffer: tfdb.Buffer, parent: str, child: str, stamp: int) -> None:
-    """One moving sample with a pose of its own."""
-    pose = random_pose(stamp)
-    buffer.set_transform(parent, child, stamp, pose[:3], pose[3:])
+    """One moving sample."""
+    buffer.set_transform(parent, child, stamp, (stamp, 1, 2), TURN)
 
 
 def with_a_reused_slot() -> tfdb.Buffer:
@@ -26,31 +24,6 @@ def with_a_reused_slot() -> tfdb.Buffer:
     write(buffer, "map", "cup", 20)
     buffer.remove_frame("hand")
     return buffer
-
-
-def test_a_new_frame_in_an_old_slot_is_another_parent() -> None:
-    """A late sample is not mixed with one of a frame that had the parent's slot before."""
-    buffer = with_a_reused_slot()
-    write(buffer, "table", "cup", 5)
-    assert buffer.samples("cup")[2] == ["table", "", "map"]
-    for policy in (tfdb.Interpolate(), tfdb.Extrapolate(max_ns=10)):
-        found = buffer.lookup_transform("table", "cup", 7, policy)
-        assert found.report.edges[0].used == "held"
-        np.testing.assert_array_equal(found.pose, buffer.samples("cup")[1][0])
-    before = buffer.lookup_transform("table", "cup", 1, tfdb.Extrapolate(max_ns=10))
-    np.testing.assert_array_equal(before.pose, buffer.samples("cup")[1][0])
-    with pytest.raises(tfdb.Disconnected):
-        buffer.lookup_transform("table", "cup", 12)
-
-
-def test_a_new_frame_in_an_old_slot_closes_no_cycle() -> None:
-    """`cup` is in `table` until 10 only, so `table` may be in `cup` from 12 on."""
-    buffer = with_a_reused_slot()
-    write(buffer, "map", "table", 1)
-    write(buffer, "cup", "table", 12)
-    write(buffer, "table", "cup", 5)
-    assert buffer.lookup_transform("map", "cup", 5).report.edges[0].parent == "table"
-    assert buffer.lookup_transform("cup", "table", 12).report.edges[0].parent == "cup"
 
 
 @pytest.mark.parametrize("stamps", [[12, 20, 5], [20, 12, 5], [5, 20, 12]])
