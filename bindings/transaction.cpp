@@ -19,6 +19,8 @@
 namespace tfdb::python {
 namespace {
 
+using Stage = Transaction::Stage;
+
 /// An answer with the names of its edges: the frames may be the transaction's own, which nobody
 /// knows after its end.
 struct Named {
@@ -208,27 +210,40 @@ nb::handle enter(nb::handle self) {
 }
 
 void exit(TransactionObject& self, nb::handle kind, nb::handle, nb::handle) {
-    self.check_thread();
+    const Transaction& held = self.transaction;
+    held.check_thread();
     if (!kind.is_none()) {
-        if (self.stage() == Stage::kOpen) {
-            self.abort();
-        }
-        return;
-    }
-    self.rethrow_if_lost();
-    if (self.stage() != Stage::kAborted) {
+        self.abort();
+    } else if (held.stage() == Stage::kLost) {
+        throw Conflict(*held.lost_to());  // the program went on after that
+    } else if (held.stage() != Stage::kAborted) {
         self.commit();
     }
 }
 
+void abort(TransactionObject& self) {
+    const Transaction& held = self.transaction;
+    held.check_thread();
+    if (!held.is_open() && held.stage() != Stage::kAborted && held.stage() != Stage::kLost) {
+        held.check();
+    }
+    self.abort();
+}
+
+std::optional<CommitNumber> commit_number(const TransactionObject& self) {
+    const Transaction& held = self.transaction;
+    return held.stage() == Stage::kCommitted ? std::optional(held.committed()) : std::nullopt;
+}
+
 std::string represent(const TransactionObject& self) {
-    switch (self.stage()) {
+    switch (self.transaction.stage()) {
         case Stage::kNotBegun:
             return "<tfdb.Transaction, not begun>";
         case Stage::kOpen:
             return "<tfdb.Transaction, open>";
         case Stage::kCommitted:
-            return "<tfdb.Transaction, committed at " + std::to_string(*self.committed()) + ">";
+            return "<tfdb.Transaction, committed at " +
+                   std::to_string(self.transaction.committed()) + ">";
         case Stage::kAborted:
             return "<tfdb.Transaction, aborted>";
         case Stage::kLost:
@@ -445,21 +460,23 @@ Raises UnknownFrame, FrameInUse (naming the children).)");
 }
 
 void bind_life(TransactionClass& type) {
-    type.def("abort", &TransactionObject::abort, nb::sig("def abort(self) -> None"),
+    type.def("abort", &abort, nb::sig("def abort(self) -> None"),
              R"(Give up: nothing of the transaction is kept. The `with` block may be left normally.
 
 Aborting twice does nothing. Raises TransactionClosed if it was committed, or never begun.)");
     type.def_prop_ro(
-        "is_open", [](const TransactionObject& self) { return self.is_open(); },
+        "is_open", [](const TransactionObject& self) { return self.transaction.is_open(); },
         nb::sig("def is_open(self) -> bool"), "Whether it was begun and has not ended.");
-    type.def_prop_ro("commit_number", &TransactionObject::committed,
+    type.def_prop_ro("commit_number", &commit_number,
                      nb::sig("def commit_number(self) -> int | None"),
                      "Number of its commit, or of the state that it read if it wrote nothing; None "
                      "unless it was committed.");
-    type.def_prop_ro("_age", &TransactionObject::age, nb::sig("def _age(self) -> int"),
-                     "Its seniority, for the next attempt.");
     type.def_prop_ro(
-        "_lost", [](const TransactionObject& self) { return self.stage() == Stage::kLost; },
+        "_age", [](const TransactionObject& self) { return self.transaction.age(); },
+        nb::sig("def _age(self) -> int"), "Its seniority, for the next attempt.");
+    type.def_prop_ro(
+        "_lost",
+        [](const TransactionObject& self) { return self.transaction.stage() == Stage::kLost; },
         nb::sig("def _lost(self) -> bool"), "Whether it ended by a Conflict of its own.");
     type.def("__enter__", &enter, nb::sig("def __enter__(self) -> typing.Self"));
     type.def("__exit__", &exit, nb::arg("kind").none(), nb::arg("error").none(),

@@ -1,11 +1,11 @@
-#include "tfdb/engines/engine_control.hpp"
+#include "tfdb/engines/engine_of.hpp"
 #include "tfdb/engines/engines.hpp"
 #include "tfdb/engines/no_wait.hpp"
 
 namespace tfdb::store {
 
-std::unique_ptr<Control> make_no_wait(Reads::Impl& impl) {
-    return std::make_unique<EngineControl<txn::NoWaitSession<StoreMemory>>>(impl);
+std::unique_ptr<Engine> make_no_wait(Reads::Impl& impl) {
+    return std::make_unique<EngineOf<txn::NoWaitSession<StoreMemory>>>(impl);
 }
 
 }  // namespace tfdb::store

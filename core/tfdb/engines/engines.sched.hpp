@@ -6,7 +6,7 @@
 #include <string>
 #include <vector>
 
-#include "tfdb/engines/operation.hpp"
+#include "tfdb/engines/retry.hpp"
 #include "tfdb/testing/sched/flaws.hpp"
 #include "tfdb/txn/forest.sched.hpp"
 

@@ -62,7 +62,7 @@ public:
         return used;
     }
 
-    /// Seniority of the session in a slot: see txn::Seniority.
+    /// Seniority of the session in a slot: the lower number is senior.
     [[nodiscard]] Word& age(unsigned slot) noexcept { return lines_[slot].words[kAge]; }
     /// Whether others have wounded that session: see txn::WoundWaitSession.
     [[nodiscard]] Word& state(unsigned slot) noexcept { return lines_[slot].words[kState]; }

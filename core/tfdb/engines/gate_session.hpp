@@ -3,7 +3,7 @@
 
 #include "tfdb/engines/backoff.hpp"
 #include "tfdb/engines/shared_state.hpp"
-#include "tfdb/txn/engine.hpp"
+#include "tfdb/txn/session.hpp"
 
 namespace tfdb::txn {
 

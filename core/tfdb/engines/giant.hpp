@@ -5,7 +5,7 @@
 
 #include "tfdb/engines/backoff.hpp"
 #include "tfdb/engines/shared_state.hpp"
-#include "tfdb/txn/engine.hpp"
+#include "tfdb/txn/session.hpp"
 #include "tfdb/txn/snapshot_view.hpp"
 
 namespace tfdb::txn {

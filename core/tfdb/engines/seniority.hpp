@@ -2,7 +2,7 @@
 #pragma once
 
 #include "tfdb/engines/shared_state.hpp"
-#include "tfdb/txn/engine.hpp"
+#include "tfdb/txn/session.hpp"
 
 namespace tfdb::txn {
 
@@ -10,18 +10,20 @@ namespace tfdb::txn {
 /// slot. Among those in slots at one time no two are equal.
 /// Threads: one; others read the age in the slot. Guarantee: wait-free.
 template <class Memory>
-class Standing {
+class Seniority {
 public:
+    static constexpr unsigned kAgeBits = 60;
+    static constexpr unsigned kMaxPriority = 7;
     using Shared = SharedState<Memory>;
 
-    explicit Standing(const SessionOptions& options)
+    explicit Seniority(const SessionOptions& options)
         : priority_(options.priority), age_(options.age) {}
 
     /// Before the session asks for its first lock.
     void take_place(Shared& shared, unsigned slot) {
         if (age_ == 0)
             age_ = shared.committed() + 1;
-        word_ = Seniority::pack(priority_, age_);
+        word_ = std::uint64_t{kMaxPriority - priority_} << kAgeBits | age_;
         shared.gate.age(slot).store_relaxed(word_);
     }
     [[nodiscard]] bool senior_to(Shared& shared, unsigned slot, unsigned other) const {

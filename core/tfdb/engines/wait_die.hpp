@@ -17,24 +17,24 @@ public:
     static constexpr bool kAgesMatter = true;
 
     WaitDieSession(typename Base::Shared& shared, const SessionOptions& options)
-        : Base(shared, options), standing_(options) {}
+        : Base(shared, options), seniority_(options) {}
     ~WaitDieSession() { this->end(false); }
 
-    [[nodiscard]] std::uint64_t age() const { return standing_.age(); }
+    [[nodiscard]] std::uint64_t age() const { return seniority_.age(); }
 
 private:
     friend Base;
 
-    void take_place() { standing_.take_place(this->shared_, this->slot_); }
+    void take_place() { seniority_.take_place(this->shared_, this->slot_); }
     [[nodiscard]] bool must_stop() const { return false; }
     [[nodiscard]] bool may_wait_for(typename Base::FrameLock&,
                                     const typename Base::Attempt& refused, bool) {
         return all_of_holders(refused.others(this->slot_), [&](unsigned other) {
-            return standing_.senior_to(this->shared_, this->slot_, other);
+            return seniority_.senior_to(this->shared_, this->slot_, other);
         });
     }
 
-    Standing<M> standing_;
+    Seniority<M> seniority_;
 };
 
 }  // namespace tfdb::txn

@@ -18,10 +18,10 @@ public:
     static constexpr bool kAgesMatter = true;
 
     WoundWaitSession(typename Base::Shared& shared, const SessionOptions& options)
-        : Base(shared, options), standing_(options) {}
+        : Base(shared, options), seniority_(options) {}
     ~WoundWaitSession() { this->end(false); }
 
-    [[nodiscard]] std::uint64_t age() const { return standing_.age(); }
+    [[nodiscard]] std::uint64_t age() const { return seniority_.age(); }
 
 private:
     friend Base;
@@ -32,7 +32,7 @@ private:
     static constexpr std::uint64_t kOneSession = 2;
 
     void take_place() {
-        standing_.take_place(this->shared_, this->slot_);
+        seniority_.take_place(this->shared_, this->slot_);
         auto& state = this->shared_.gate.state(this->slot_);
         state.store_relaxed((state.load_relaxed() | kWounded) + 1);
     }
@@ -42,7 +42,7 @@ private:
     [[nodiscard]] bool may_wait_for(FrameLock& lock, const typename Base::Attempt& refused, bool) {
         bool tell = false;
         (void)all_of_holders(refused.others(this->slot_), [&](unsigned other) {
-            tell |= standing_.senior_to(this->shared_, this->slot_, other) && wound(lock, other);
+            tell |= seniority_.senior_to(this->shared_, this->slot_, other) && wound(lock, other);
             return true;
         });
         if (tell)
@@ -58,7 +58,7 @@ private:
                state.compare_exchange(found, found | kWounded);
     }
 
-    Standing<M> standing_;
+    Seniority<M> seniority_;
 };
 
 }  // namespace tfdb::txn

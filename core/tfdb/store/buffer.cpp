@@ -19,7 +19,7 @@ Reads::Impl::Impl(const BufferOptions& options)
       names(frames),
       pins(frames),
       lock(frames.store_word(graph::kCommitLock)),
-      control(store::make_control(*this)) {
+      engine(store::make_engine(*this)) {
     sync::watch_forks();
     home_process.store_relaxed(sync::forks() << kForksShift);
 }
@@ -28,7 +28,7 @@ Reads::Impl::~Impl() = default;
 
 std::uint64_t Reads::Impl::look_around(std::uint64_t home) const {
     std::uint64_t judged = sync::forks() << kForksShift;
-    if (lock.in_use() || authorities.in_use() || (control != nullptr && control->in_use()))
+    if (lock.in_use() || authorities.in_use() || (engine != nullptr && engine->in_use()))
         judged |= kOrphan;
     if (authorities.in_use())
         judged |= kNamesLost;
@@ -41,8 +41,8 @@ void Reads::Impl::throw_orphaned() const {
     detail.reason = "forked";
     throw Forked(
         "this process was forked while a thread of its parent was at work in the store: here it " +
-            std::string(control == nullptr ? "can be read, but not written to"
-                                           : "can be used no more") +
+            std::string(engine == nullptr ? "can be read, but not written to"
+                                          : "can be used no more") +
             "; make a Buffer in this process, or fork while no thread uses the store",
         std::move(detail));
 }
@@ -132,7 +132,7 @@ void Buffer::check_not_in_transaction() const {
 }
 
 Snapshot Buffer::snapshot() const {
-    if (impl_->control != nullptr) {
+    if (impl_->engine != nullptr) {
         // Alone, for then every commit up to this one has been applied in full.
         store::check_not_in_transaction(*impl_);
         const store::Alone alone(*impl_);
@@ -174,8 +174,8 @@ Counters Buffer::counters() const {
     counters.pinned_reads = impl_->pinned_reads.load_relaxed();
     counters.aborts = impl_->aborts.load_relaxed();
     counters.conflicts = impl_->conflicts.load_relaxed();
-    if (impl_->control != nullptr)
-        impl_->control->add_to(counters);
+    if (impl_->engine != nullptr)
+        impl_->engine->add_to(counters);
     return counters;
 }
 

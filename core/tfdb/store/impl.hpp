@@ -13,8 +13,8 @@
 #include "tfdb/memory/private_memory.hpp"
 #include "tfdb/store/authorities.hpp"
 #include "tfdb/store/buffer.hpp"
-#include "tfdb/store/control.hpp"
-#include "tfdb/store/open_transaction.hpp"
+#include "tfdb/store/engine.hpp"
+#include "tfdb/store/transaction_life.hpp"
 #include "tfdb/sync/commit_lock.hpp"
 #include "tfdb/sync/fork.hpp"
 #include "tfdb/txn/commit.hpp"
@@ -54,6 +54,12 @@ struct Reads::Impl final : history::Readers {
         if (word.load_relaxed() != author)
             word.store_relaxed(author);
     }
+    /// Whether names of authorities are to be dropped, which only who is alone can do.
+    [[nodiscard]] bool crowded() const { return authorities.crowded(); }
+    [[nodiscard]] std::uint64_t author_number(std::string_view name) {
+        return authorities.id(name);
+    }
+    [[nodiscard]] history::Readers& readers() { return *this; }
     /// Who wrote to the frame last.
     [[nodiscard]] std::string author(FrameId id) const;
     /// Drops the names of authorities that no frame has; as `start_commit`.
@@ -102,11 +108,11 @@ struct Reads::Impl final : history::Readers {
     store::Authorities authorities;
     mutable sync::Word lapped_reads{};
     mutable sync::Word pinned_reads{};
-    sync::Word aborts{};                      // of transactions, conflicts included
-    sync::Word conflicts{};                   // transactions that lost
-    mutable sync::Word home_process{};        // forks, and the flags above
-    sync::Word ages{};                        // transactions so far: the age of the next one
-    std::unique_ptr<store::Control> control;  // null: the default engine
+    sync::Word aborts{};                    // of transactions, conflicts included
+    sync::Word conflicts{};                 // transactions that lost
+    mutable sync::Word home_process{};      // forks, and the flags above
+    sync::Word ages{};                      // transactions so far: the age of the next one
+    std::unique_ptr<store::Engine> engine;  // null: the default engine
 };
 
 namespace store {
@@ -120,12 +126,12 @@ class Alone {
 public:
     explicit Alone(const Reads::Impl& impl) : impl_(impl) {
         impl.lock.lock();
-        if (impl.control != nullptr)
-            impl.control->keep_out();
+        if (impl.engine != nullptr)
+            impl.engine->keep_out();
     }
     ~Alone() {
-        if (impl_.control != nullptr)
-            impl_.control->let_in();
+        if (impl_.engine != nullptr)
+            impl_.engine->let_in();
         impl_.lock.unlock();
     }
     Alone(const Alone&) = delete;
@@ -140,20 +146,20 @@ private:
 /// itself, or see its own half-done work. Throws TransactionActive, Forked.
 inline void check_not_in_transaction(const Reads::Impl& store) {
     store.check_not_orphaned();
-    if (OpenTransaction::any(store, false))
+    if (TransactionLife::any(store, false))
         throw_transaction_active("use the transaction's methods, or end it first");
 }
 /// The same, where only a transaction that runs alone is in the way.
 inline void check_not_alone_in_transaction(const Reads::Impl& store) {
     store.check_not_orphaned();
-    if (OpenTransaction::any(store, true))
+    if (TransactionLife::any(store, true))
         throw_transaction_active("it runs alone: end it first");
 }
 
 /// Before a thread takes the store to itself: it would wait for a transaction of its own for ever.
 /// Throws TransactionActive, Forked.
 inline void check_may_wait(const Reads::Impl& impl) {
-    if (impl.control != nullptr)
+    if (impl.engine != nullptr)
         check_not_in_transaction(impl);
     else
         check_not_alone_in_transaction(impl);
@@ -217,7 +223,7 @@ lookup::Outcome read_committed(const Reads::Impl& impl, CommitNumber held, Commi
 template <class Attempt>
 lookup::Outcome read(const Reads::Impl& impl, CommitNumber held, CommitNumber fresh,
                      Attempt attempt) {
-    if (held != fresh || impl.control == nullptr) [[likely]]
+    if (held != fresh || impl.engine == nullptr) [[likely]]
         return read_committed(impl, held, fresh, attempt);
     check_may_wait(impl);
     const Alone alone(impl);

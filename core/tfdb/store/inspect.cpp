@@ -1,9 +1,9 @@
 // Looking at frames and their samples.
 #include <algorithm>
 
-#include "tfdb/store/attempt_errors.hpp"
 #include "tfdb/store/collect.hpp"
 #include "tfdb/store/impl.hpp"
+#include "tfdb/store/raise.hpp"
 
 namespace tfdb {
 

@@ -1,8 +1,8 @@
 // From a Failure to the typed error: names looked up, and a message that a person can act on.
 #include <string>
 
-#include "tfdb/store/attempt_errors.hpp"
 #include "tfdb/store/impl.hpp"
+#include "tfdb/store/raise.hpp"
 #include "tfdb/store/validate.hpp"
 
 namespace tfdb {

@@ -44,9 +44,9 @@ bool Reads::find_frame(std::string_view name, FrameHandle& out) const {
 }
 
 bool Reads::ask(Question& question, Answer& answer, Failure& failure) const {
-    if (held_ == kFresh && impl_->control != nullptr) [[unlikely]] {
+    if (held_ == kFresh && impl_->engine != nullptr) [[unlikely]] {
         store::check_not_in_transaction(*impl_);
-        return impl_->control->read(question, answer, failure) == Outcome::kOk;
+        return impl_->engine->read(question, answer, failure) == Outcome::kOk;
     }
     const Outcome outcome =
         store::read_committed(*impl_, held_, kFresh, [&](const StoreView& view) {

@@ -2,7 +2,7 @@
 #include <memory>
 #include <thread>
 
-#include "tfdb/store/fixture.hpp"
+#include "tfdb/store/transaction_fixture.test.hpp"
 
 namespace tfdb {
 namespace {
@@ -58,6 +58,11 @@ struct Record {
                           identical);
     }
 };
+
+void overwrite(Buffer& buffer) {
+    for (StampNs stamp = 2; stamp < 200; ++stamp)
+        set(buffer, "map", "base", stamp, pose_of(static_cast<double>(stamp)));
+}
 
 }  // namespace
 
@@ -192,6 +197,22 @@ TFDB_TEST(snapshots_see_neither_clear_nor_correction) {
     CHECK_EQ(before.frame_info("a").samples, 5U);
     CHECK_THROWS_AS(cleared.lookup_transform("map", "a", 30), Disconnected);
     CHECK_EQ(buffer.lookup_transform("map", "a").stamp, 5);
+}
+
+/// What is gone is said to be gone; in no engine does the thread wait for itself.
+TFDB_TEST(snapshot_that_is_too_old_does_not_wait_for_its_own_thread) {
+    for (const bool alone : {false, true}) {
+        BufferOptions options = keeping(10);
+        options.snapshot_memory = 0;
+        Buffer buffer(options);
+        set(buffer, "map", "base", 1, pose_of(1));
+        const Snapshot snapshot = buffer.snapshot();
+        overwrite(buffer);
+        CHECK(THROWN(SnapshotTooOld, snapshot.lookup_transform("map", "base", 1)));
+        Transaction tx(buffer, {.alone = alone});
+        CHECK(THROWN(SnapshotTooOld, snapshot.lookup_transform("base", "map", 1)));
+        CHECK_EQ(latest(tx, "map", "base"), 199.0);
+    }
 }
 
 }  // namespace tfdb

@@ -1,9 +1,10 @@
 // Readers beside writers: every answer is one committed state's. Bounded by counts, never by time.
+#include <array>
 #include <atomic>
 #include <functional>
 #include <thread>
 
-#include "tfdb/store/fixture.hpp"
+#include "tfdb/store/transaction_fixture.test.hpp"
 
 namespace tfdb {
 namespace {
@@ -67,6 +68,25 @@ void torn_pair(bool is_static) {
            }},
            {reader, reader});
     CHECK_EQ(torn.load(), 0);
+}
+
+constexpr std::array kFarPolicies = {lookup::PolicyKind::kNearest,
+                                     lookup::PolicyKind::kExtrapolate};
+
+/// At stamp 2, a hangs below m by its first sample, and m is a root.
+void far_from_samples(Buffer& buffer) {
+    set_static(buffer, "a", "s", pose_of(1));
+    set_static(buffer, "m", "t", pose_of(2));
+    set(buffer, "m", "a", 10, pose_of(3));
+    set_static(buffer, "a", "x", pose_of(4));
+    set_static(buffer, "w_root", "w", pose_of(5));
+    set_static(buffer, "elsewhere", "d", pose_of(6));
+}
+
+/// Above m the chain comes back to a: legal in time, as m leaves x before a's first sample.
+void bend(Buffer& buffer) {
+    const TransformView batch[] = {{"x", "m", 1, pose_of(7)}, {"w", "m", 5, pose_of(8)}};
+    buffer.set_transforms(batch, false, "other");
 }
 
 }  // namespace
@@ -332,4 +352,30 @@ TFDB_TEST(threads_latest_common_time_is_of_one_commit) {
     CHECK_EQ(wrong.load(), 0);
 }
 
+/// Far from the samples a path depends on what lies above the meeting point as well.
+TFDB_TEST(transaction_depends_on_the_chain_above_the_meeting_point) {
+    if (skipped_in({Concurrency::kFine}, "nothing is validated"))
+        return;
+    for (const auto kind : kFarPolicies) {
+        Buffer buffer(keeping(std::nullopt));
+        far_from_samples(buffer);
+        const Policy policy{kind};
+        Transaction tx(buffer);
+        const Pose seen = tx.lookup_transform("t", "s", 2, policy).pose;
+        std::thread other([&] { bend(buffer); });
+        if (engine() == Concurrency::kSnapshot)
+            other.join();  // in other engines it waits for the transaction
+        put_static(tx, "elsewhere", "new", 9);
+        bool committed = true;
+        try {
+            tx.commit();
+        } catch (const Conflict&) {
+            committed = false;
+        }
+        if (other.joinable())
+            other.join();
+        CHECK(apart(seen, buffer.lookup_transform("t", "s", 2, policy).pose) > 1e-3);
+        CHECK(engine() != Concurrency::kSnapshot || !committed);
+    }
+}
 }  // namespace tfdb

@@ -12,9 +12,16 @@
 
 namespace tfdb {
 
+namespace store {
+class TransactionLife;
+}
+
 struct TransactionOptions {
-    /// 0..7. Above 0 it commits before ordinary writers; in wait-die and wound-wait the higher is
-    /// senior.
+    static constexpr unsigned kMaxPriority = 7;
+    static constexpr unsigned kAgeBits = 60;
+
+    /// 0 to kMaxPriority. Above 0 it commits before ordinary writers; in wait-die and wound-wait
+    /// the higher is senior.
     unsigned priority = 0;
     /// From the beginning to the end no other commit: it cannot lose, and writers wait for it.
     bool alone = false;
@@ -30,12 +37,23 @@ struct TransactionOptions {
 /// first, nothing was stored and the transaction has ended; run it again.
 class Transaction {
 public:
+    /// How far it has come.
+    enum class Stage : std::uint8_t { kNotBegun, kOpen, kCommitted, kAborted, kLost, kRefused };
+    /// It is begun by `begin`.
+    struct BeginLater {};
+
     /// Throws InvalidArgument (priority), TransactionActive. Blocks as the engine does.
     explicit Transaction(Buffer& buffer, const TransactionOptions& options = {});
+    /// Throws InvalidArgument.
+    Transaction(Buffer& buffer, const TransactionOptions& options, BeginLater);
     /// Aborts what was not committed.
     ~Transaction();
     Transaction(const Transaction&) = delete;
     Transaction& operator=(const Transaction&) = delete;
+
+    /// The calling thread has it from now on. Throws TransactionActive, TransactionClosed,
+    /// WrongThread. Blocks as the engine does.
+    void begin();
 
     /// As Reads::ask; frames may be the transaction's own. Throws Conflict, TransactionClosed,
     /// WrongThread, as do all methods below.
@@ -92,15 +110,26 @@ public:
     CommitNumber commit();
     /// Leaves nothing behind. Nothing to do where it has ended.
     void abort() noexcept;
-    [[nodiscard]] bool is_open() const noexcept;
+    [[nodiscard]] Stage stage() const noexcept;
+    [[nodiscard]] bool is_open() const noexcept { return stage() == Stage::kOpen; }
+    /// What `commit` returned.
+    [[nodiscard]] CommitNumber committed() const noexcept;
+    /// What it was lost with.
+    [[nodiscard]] const std::optional<Conflict>& lost_to() const noexcept;
     [[nodiscard]] std::uint64_t age() const noexcept;
+    /// Throws what every use would throw: Forked, WrongThread, TransactionClosed.
+    void check() const;
+    /// Throws WrongThread.
+    void check_thread() const;
 
     /// Aborts what this thread has open, as its end does: for a thread that will never go on.
     static void end_thread() noexcept;
 
 private:
-    struct State;
-    std::unique_ptr<State> state_;
+    struct Release {
+        void operator()(store::TransactionLife* life) const noexcept;
+    };
+    std::unique_ptr<store::TransactionLife, Release> life_;
 };
 
 }  // namespace tfdb

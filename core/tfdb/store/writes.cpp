@@ -261,8 +261,8 @@ CommitNumber Buffer::set_transforms(std::span<const TransformView> batch, bool i
         return commit();
     store::check_not_in_transaction(*impl_);
     const store::Batch judged(batch, is_static, authority, rules);
-    if (impl_->control != nullptr) [[unlikely]]
-        return impl_->control->write(judged);
+    if (impl_->engine != nullptr) [[unlikely]]
+        return impl_->engine->write(judged);
     const std::lock_guard guard(impl_->lock);
     return store::commit_batch(*impl_, judged);
 }
@@ -277,8 +277,8 @@ bool Buffer::try_set_transforms(std::span<const TransformView> batch, bool is_st
     }
     store::check_not_in_transaction(*impl_);
     const store::Batch judged(batch, is_static, authority, rules);
-    if (impl_->control != nullptr) [[unlikely]]
-        return impl_->control->try_write(judged, commit);
+    if (impl_->engine != nullptr) [[unlikely]]
+        return impl_->engine->try_write(judged, commit);
     const std::unique_lock guard(impl_->lock, std::try_to_lock);
     if (!guard.owns_lock())
         return false;

@@ -154,8 +154,12 @@ private:
 
     [[nodiscard]] static bool is_own(const SampleAt& at) { return at.slot == kOwn; }
     [[nodiscard]] static SampleAt at_own(const OwnSample& sample) { return {kOwn, sample.stamp}; }
-    [[nodiscard]] const OwnSample& sample(const SampleAt& at) const {
-        return *own_->samples.find(at.stamp);
+    [[nodiscard]] const OwnSample& sample(const SampleAt& at) const { return *after(at.stamp - 1); }
+    /// The first own sample after a stamp.
+    [[nodiscard]] auto after(StampNs stamp) const {
+        const auto& samples = own_->samples.in_order();
+        return std::upper_bound(samples.begin(), samples.end(), stamp,
+                                [](StampNs a, const OwnSample& b) { return a < b.stamp; });
     }
     /// A sample of somebody else at an own sample's stamp would be replaced by that.
     [[nodiscard]] static StampNs from_of(const SampleAt& at) {
@@ -187,16 +191,16 @@ private:
                 out.after = later.after;
             }
         }
-        const auto& samples = own_->samples;
-        const auto next = samples.upper_bound(stamp);
+        const auto& samples = own_->samples.in_order();
+        const auto next = after(stamp);
         if (next != samples.begin()) {
             const OwnSample& before = *std::prev(next);
             if (before.stamp >= cutoff_ && (!out.before || before.stamp >= out.before.stamp))
                 out.before = at_own(before);
         }
-        const auto after = samples.upper_bound(std::max(stamp, cutoff_ - 1));
-        if (after != samples.end() && (!out.after || after->stamp <= out.after.stamp))
-            out.after = at_own(*after);
+        const auto later = after(std::max(stamp, cutoff_ - 1));
+        if (later != samples.end() && (!out.after || later->stamp <= out.after.stamp))
+            out.after = at_own(*later);
         return true;
     }
 

@@ -4,7 +4,7 @@
 #include <span>
 
 #include "tfdb/graph/pins.hpp"
-#include "tfdb/txn/engine.hpp"
+#include "tfdb/txn/session.hpp"
 #include "tfdb/txn/snapshot_view.hpp"
 
 namespace tfdb::txn {

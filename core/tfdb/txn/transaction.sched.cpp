@@ -7,30 +7,34 @@
 #include <vector>
 
 #include "tfdb/testing/sched/flaws.hpp"
-#include "tfdb/txn/draft.hpp"
+#include "tfdb/txn/commit_transaction.hpp"
 #include "tfdb/txn/forest.sched.hpp"
-#include "tfdb/txn/settle.hpp"
 #include "tfdb/txn/snapshot_session.hpp"
+#include "tfdb/txn/workspace.hpp"
 
 namespace tfdb::txn::forest {
 
 namespace {
 
-/// What `settle` asks of a store.
+/// What `commit_transaction` asks of a store.
 class WalkedStore {
 public:
     WalkedStore(WalkedForest& forest, std::function<void()> before_commit)
-        : forest_(forest), before_commit_(std::move(before_commit)) {}
+        : frames(forest.frames),
+          history(forest.history),
+          forest_(forest),
+          before_commit_(std::move(before_commit)) {}
     [[nodiscard]] Commit<ForestMemory> start_commit() {
         before_commit_();
         return {forest_.frames, forest_.scratch, forest_.history, forest_};
     }
     [[nodiscard]] history::Readers& readers() { return forest_; }
-    [[nodiscard]] const graph::Frames<ForestMemory>& frames() const { return forest_.frames; }
-    [[nodiscard]] StampNs history() const { return forest_.history; }
     [[nodiscard]] bool crowded() const { return false; }
-    [[nodiscard]] std::uint64_t author(std::string_view) const { return 0; }
+    [[nodiscard]] std::uint64_t author_number(std::string_view) const { return 0; }
     void set_author(FrameId, std::uint64_t) {}
+
+    const graph::Frames<ForestMemory>& frames;
+    StampNs history;
 
 private:
     WalkedForest& forest_;
@@ -53,13 +57,14 @@ public:
     Small(WalkedForest& forest, Mode mode)
         : forest_(forest),
           lock_(forest.word(graph::kCommitLock)),
-          draft_(forest.frames, forest.history, mode, forest.frames, lock_, forest.history, 0U) {}
+          workspace_(forest.frames, forest.history, mode, forest.frames, lock_, forest.history,
+                     0U) {}
 
     /// The number that the pose was made from, or the error's code below nought.
     double ask(const std::string& target, const std::string& source, std::optional<StampNs> stamp) {
         lookup::Answer answer;
         lookup::Failure failure;
-        const Outcome outcome = draft_.steadily([&](const auto& view) {
+        const Outcome outcome = workspace_.steadily([&](const auto& view) {
             return lookup::lookup(view, view.find(target), view.find(source), stamp, {}, answer,
                                   failure);
         });
@@ -75,36 +80,37 @@ public:
         sample.parent = find_or_make(parent);
         const Pose pose{{number, -number, 0.5}, {0.6, 0.0, 0.0, 0.8}};
         sample.payload = std::bit_cast<std::array<std::uint64_t, 7>>(pose);
-        sample.authority = draft_.writes().authority("walk");
+        sample.authority = workspace_.writes().authority("walk");
         const FrameId id = find_or_make(child);
         EdgeKind kind;
-        require(draft_.look_at(id, stamp, kind) == Outcome::kOk, "what is pinned can be read");
-        draft_.put(id, sample);
+        require(workspace_.look_at(id, stamp, kind) == Outcome::kOk, "what is pinned can be read");
+        workspace_.put(id, sample);
     }
     /// Only a frame without children goes.
     void remove(const std::string& name) {
         FrameId id = kNoFrame;
         std::vector<FrameId> children;
-        const bool there = draft_.find(name, id) == Outcome::kOk;
+        const bool there = workspace_.find(name, id) == Outcome::kOk;
         if (there)
-            (void)draft_.children_of(id, children);
+            (void)workspace_.children_of(id, children);
         const bool goes = there && children.empty();
         log += goes ? " goes" : " stays";
         if (goes)
-            draft_.writes().remove(id);
+            workspace_.writes().remove(id);
     }
 
     void commit() {
         WalkedStore store(forest_, [this] {
             if constexpr (std::is_same_v<S, Hasty>)
-                draft_.session().take_turn();
+                workspace_.session().take_turn();
         });
-        wrote = !draft_.writes().empty();
-        settled = settle(draft_.session(), draft_.reads(), draft_.writes(), store);
+        wrote = !workspace_.writes().empty();
+        outcome = commit_transaction(workspace_.session(), workspace_.reads(), workspace_.writes(),
+                                     store);
     }
 
     std::string log;
-    Settled settled;
+    CommitOutcome outcome;
     bool wrote = false;
 
 private:
@@ -112,12 +118,12 @@ private:
 
     [[nodiscard]] FrameId find_or_make(const std::string& name) {
         FrameId id = kNoFrame;
-        return draft_.find(name, id) == Outcome::kOk ? id : draft_.writes().make(name);
+        return workspace_.find(name, id) == Outcome::kOk ? id : workspace_.writes().make(name);
     }
 
     WalkedForest& forest_;
     ForestLock lock_;
-    Draft<S, Reads> draft_;
+    Workspace<S, Reads> workspace_;
 };
 
 template <class S, class Reads>
@@ -126,7 +132,7 @@ using Bodies = std::vector<std::function<void(Small<S, Reads>&)>>;
 /// How one ended: what it saw, and its place in the order of commits.
 struct Ended {
     std::size_t body = 0;
-    Settled::Kind kind = Settled::kConflict;
+    CommitOutcome::Kind kind = CommitOutcome::kConflict;
     CommitNumber place = 0;
     bool wrote = false;
     std::string log;
@@ -138,7 +144,7 @@ Ended run_one(WalkedForest& forest, const Bodies<S, Reads>& bodies, std::size_t 
     Small<S, Reads> small(forest, mode);
     bodies[which](small);
     small.commit();
-    return {which, small.settled.kind, small.settled.commit, small.wrote, small.log};
+    return {which, small.outcome.kind, small.outcome.commit, small.wrote, small.log};
 }
 
 std::string describe_state(const WalkedForest& forest, const std::vector<Question>& questions) {
@@ -194,11 +200,11 @@ sched::Program beside(const Script& script, Bodies<S, Reads> (*make_bodies)(), b
         run.join();
         SCHED_REQUIRE(forest.word(graph::kPins).peek() == 0);
         SCHED_REQUIRE(forest.word(graph::kCommitLock).peek() == 0);
-        sched::Run::require(!alone || ended[0].kind == Settled::kCommitted,
+        sched::Run::require(!alone || ended[0].kind == CommitOutcome::kCommitted,
                             "who runs alone does not lose", __FILE__, __LINE__);
         std::vector<Ended> committed;
         for (const Ended& one : ended) {
-            if (one.kind != Settled::kConflict)
+            if (one.kind != CommitOutcome::kConflict)
                 committed.push_back(one);
         }
         sched::Run::require(!committed.empty(), "somebody gets through", __FILE__, __LINE__);

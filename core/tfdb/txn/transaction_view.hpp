@@ -6,9 +6,9 @@
 
 #include "tfdb/graph/names.hpp"
 #include "tfdb/lookup/view.hpp"
-#include "tfdb/txn/engine.hpp"
 #include "tfdb/txn/merged_edge.hpp"
 #include "tfdb/txn/read_set.hpp"
+#include "tfdb/txn/session.hpp"
 #include "tfdb/txn/write_set.hpp"
 
 namespace tfdb::txn {

@@ -1,10 +1,10 @@
 // What a transaction has written, kept as the state that it will leave, until its commit.
 #pragma once
 
+#include <algorithm>
 #include <array>
 #include <cstdint>
-#include <iterator>
-#include <set>
+#include <span>
 #include <string>
 #include <string_view>
 #include <unordered_map>
@@ -13,6 +13,7 @@
 
 #include "tfdb/base/types.hpp"
 #include "tfdb/history/layout.hpp"
+#include "tfdb/txn/frame_places.hpp"
 
 namespace tfdb::txn {
 
@@ -33,23 +34,91 @@ public:
         std::array<std::uint64_t, Memory::kPayloadWords> payload{};
         std::uint32_t authority = 0;  // position among `authorities`
     };
-    struct ByStamp {
-        using is_transparent = void;
-        bool operator()(const Sample& a, const Sample& b) const { return a.stamp < b.stamp; }
-        bool operator()(const Sample& a, clock::StampNs b) const { return a.stamp < b; }
-        bool operator()(clock::StampNs a, const Sample& b) const { return a < b.stamp; }
+    /// Of one edge. Late ones wait behind the others until somebody asks for all.
+    /// Threads: one. Guarantee: each stamp once, the last that was put.
+    class Samples {
+    public:
+        void clear() {
+            all_.clear();
+            sorted_ = 0;
+        }
+        [[nodiscard]] bool empty() const { return all_.empty(); }
+        [[nodiscard]] const Sample& newest() const { return all_[newest_]; }
+        /// True if it is the newest now.
+        bool put(const Sample& sample) {
+            const bool last = empty() || sample.stamp >= newest().stamp;
+            const bool sorted = last && sorted_ == all_.size();
+            if (sorted && !empty() && sample.stamp == newest().stamp) {
+                all_.back() = sample;
+                return true;
+            }
+            all_.push_back(sample);
+            sorted_ += sorted ? 1 : 0;
+            newest_ = last ? all_.size() - 1 : newest_;
+            return last;
+        }
+        /// In stamp order.
+        [[nodiscard]] const std::vector<Sample>& in_order() const {
+            if (sorted_ != all_.size())
+                sort();
+            return all_;
+        }
+        [[nodiscard]] std::size_t capacity() const { return all_.capacity(); }
+
+    private:
+        void sort() const {
+            const auto earlier = [](const Sample& a, const Sample& b) { return a.stamp < b.stamp; };
+            const auto late = all_.begin() + static_cast<std::ptrdiff_t>(sorted_);
+            std::stable_sort(late, all_.end(), earlier);
+            std::inplace_merge(all_.begin(), late, all_.end(), earlier);
+            std::size_t kept = 0;
+            for (std::size_t i = 0; i < all_.size(); ++i) {
+                if (i + 1 == all_.size() || all_[i + 1].stamp != all_[i].stamp)
+                    all_[kept++] = all_[i];
+            }
+            all_.resize(kept);
+            sorted_ = kept;
+            newest_ = kept - 1;
+        }
+
+        mutable std::vector<Sample> all_;
+        mutable std::size_t sorted_ = 0;  // so many are in order
+        mutable std::size_t newest_ = 0;
     };
     struct Edge {
         FrameId child = kNoFrame;
         bool is_static = false;
-        bool mixed = false;                 // several parents, the store's own included
-        std::uint32_t depth = 0;            // hint, of the newest sample's parent plus one
-        std::set<Sample, ByStamp> samples;  // a static edge has one
+        bool mixed = false;       // several parents, the store's own included
+        std::uint32_t depth = 0;  // hint, of the newest sample's parent plus one
+        Samples samples;          // a static edge has one
 
-        [[nodiscard]] const Sample& newest() const { return *samples.rbegin(); }
+        [[nodiscard]] const Sample& newest() const { return samples.newest(); }
     };
 
-    [[nodiscard]] bool empty() const { return edges_.empty() && made_.empty() && removed_.empty(); }
+    void clear() {
+        for (std::size_t i = 0; i < written_; ++i)
+            edges_[i].samples.clear();
+        written_ = 0;
+        places_.clear();
+        naming_.clear();
+        made_.clear();
+        names_.clear();
+        removed_.clear();
+        authorities_.clear();
+    }
+    /// Whether it takes little memory, cleared.
+    [[nodiscard]] bool is_small() const {
+        constexpr std::size_t kMost = 1024;
+        std::size_t samples = 0;
+        for (const Edge& edge : edges_)
+            samples += edge.samples.capacity();
+        return samples <= kMost && edges_.size() <= kMost && places_.capacity() <= 2 * kMost &&
+               naming_.capacity() <= kMost && made_.capacity() <= kMost &&
+               names_.bucket_count() <= kMost && removed_.bucket_count() <= kMost &&
+               authorities_.capacity() <= kMost;
+    }
+
+    [[nodiscard]] bool empty() const { return written_ == 0 && made_.empty() && removed_.empty(); }
 
     [[nodiscard]] bool is_own(FrameId id) const {
         return id < kNoFrame && place_of(id) < made_.size();
@@ -77,46 +146,43 @@ public:
         removed_.insert(id);
         if (is_own(id))
             names_.erase(made_[place_of(id)]);
-        const auto place = places_.find(id);
-        if (place == places_.end())
+        const std::uint32_t place = places_.find(id);
+        if (place == FramePlaces::kNone)
             return;
-        edges_[place->second].samples.clear();
-        edges_[place->second].child = kNoFrame;
-        places_.erase(place);
+        edges_[place].samples.clear();
+        edges_[place].child = kNoFrame;
+        places_.set(id, FramePlaces::kNone);
     }
 
     /// The edge as written by this transaction, null if it was not.
     [[nodiscard]] const Edge* edge(FrameId child) const {
-        if (places_.empty())
-            return nullptr;
-        const auto place = places_.find(child);
-        return place == places_.end() ? nullptr : &edges_[place->second];
+        const std::uint32_t place = places_.find(child);
+        return place == FramePlaces::kNone ? nullptr : &edges_[place];
     }
     /// `base`: the parent that the store knows, or kNoFrame; `depth`: hint of the sample's parent.
     void put(FrameId child, const Sample& sample, FrameId base, std::uint32_t depth) {
-        const auto [place, added] = places_.try_emplace(child, edges_.size());
-        if (added)
-            edges_.push_back({child, false, false, 0, {}});
-        Edge& edge = edges_[place->second];
+        std::uint32_t place = places_.find(child);
+        if (place == FramePlaces::kNone)
+            place = add_edge(child);
+        Edge& edge = edges_[place];
         edge.is_static = sample.stamp == history::kStaticStamp;
         edge.mixed |= base != kNoFrame && base != sample.parent;
         edge.mixed |= !edge.samples.empty() && edge.newest().parent != sample.parent;
-        auto at = edge.samples.end();
-        if (!edge.samples.empty() && edge.newest().stamp >= sample.stamp)
-            at = edge.samples.lower_bound(sample.stamp);
-        if (at != edge.samples.end() && at->stamp == sample.stamp)
-            at = edge.samples.erase(at);
-        at = edge.samples.insert(at, sample);
-        if (std::next(at) == edge.samples.end())
+        if (edge.samples.put(sample))
             edge.depth = depth + 1;
-        std::vector<FrameId>& children = naming_[sample.parent];
-        if (children.empty() || children.back() != child)
-            children.push_back(child);
+        const Naming naming{sample.parent, child};
+        if (naming_.empty() || naming_.back() != naming)
+            naming_.push_back(naming);
     }
     /// Frames with own samples of which one, perhaps an older one, names the parent; some twice.
-    [[nodiscard]] std::vector<FrameId> naming(FrameId parent) const {
-        const auto found = naming_.find(parent);
-        return found == naming_.end() ? std::vector<FrameId>() : found->second;
+    [[nodiscard]] std::vector<FrameId> naming(FrameId parent) {
+        if (!std::is_sorted(naming_.begin(), naming_.end()))
+            std::sort(naming_.begin(), naming_.end());
+        std::vector<FrameId> children;
+        auto at = std::lower_bound(naming_.begin(), naming_.end(), Naming{parent, 0});
+        for (; at != naming_.end() && at->first == parent; ++at)
+            children.push_back(at->second);
+        return children;
     }
 
     std::uint32_t authority(std::string_view name) {
@@ -133,7 +199,7 @@ public:
     }
 
     /// In the order of their first samples; `child` is kNoFrame where the frame was removed since.
-    [[nodiscard]] const std::vector<Edge>& edges() const { return edges_; }
+    [[nodiscard]] std::span<const Edge> edges() const { return {edges_.data(), written_}; }
     [[nodiscard]] std::size_t made() const { return made_.size(); }
     [[nodiscard]] const std::unordered_set<FrameId>& removed() const { return removed_; }
     [[nodiscard]] static FrameId own_id(std::size_t place) {
@@ -142,10 +208,25 @@ public:
     [[nodiscard]] static std::size_t place_of(FrameId own) { return kNoFrame - 1 - own; }
 
 private:
-    std::vector<Edge> edges_;
-    std::unordered_map<FrameId, std::size_t> places_;
-    std::unordered_map<FrameId, std::vector<FrameId>> naming_;  // by parent
-    std::vector<std::string> made_;                             // names, by place
+    using Naming =
+        std::pair<FrameId, FrameId>;  // a parent, and the child of which a sample names it
+
+    std::uint32_t add_edge(FrameId child) {
+        if (written_ == edges_.size())
+            edges_.emplace_back();
+        Edge& edge = edges_[written_];
+        edge.child = child;
+        edge.mixed = false;
+        edge.depth = 0;
+        places_.set(child, static_cast<std::uint32_t>(written_));
+        return static_cast<std::uint32_t>(written_++);
+    }
+
+    std::vector<Edge> edges_;  // those beyond `written_` wait for their next use
+    std::size_t written_ = 0;
+    FramePlaces places_;  // of the edges
+    std::vector<Naming> naming_;
+    std::vector<std::string> made_;  // names, by place
     std::unordered_map<std::string, FrameId> names_;
     std::unordered_set<FrameId> removed_;
     std::vector<std::string> authorities_;

@@ -1,12 +1,12 @@
 // Which engine a store has.
-#include "tfdb/store/control.hpp"
+#include "tfdb/store/engine.hpp"
 
 #include "tfdb/engines/engines.hpp"
 #include "tfdb/store/impl.hpp"
 
 namespace tfdb::store {
 
-std::unique_ptr<Control> make_control(Reads::Impl& impl) {
+std::unique_ptr<Engine> make_engine(Reads::Impl& impl) {
     switch (impl.concurrency) {
         case Concurrency::kSnapshot:
             return nullptr;

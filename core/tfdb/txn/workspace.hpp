@@ -8,8 +8,8 @@
 
 #include "tfdb/graph/names.hpp"
 #include "tfdb/txn/child_index.hpp"
-#include "tfdb/txn/engine.hpp"
 #include "tfdb/txn/read_set.hpp"
+#include "tfdb/txn/session.hpp"
 #include "tfdb/txn/transaction_view.hpp"
 #include "tfdb/txn/write_set.hpp"
 
@@ -25,7 +25,7 @@ struct EdgeKind {
 /// Reads and writes of one transaction. Where a call says kLapped, the transaction has lost.
 /// Threads: one. Guarantee: that of the session; what is asked is noted, what is put is private.
 template <Session S, class R = ReadSet>
-class Draft {
+class Workspace {
 public:
     using Memory = typename S::Memory;
     using Outcome = lookup::Outcome;
@@ -34,7 +34,7 @@ public:
 
     /// `session`: what S is made from. Alone, nothing is noted: nothing can change.
     template <class... Args>
-    Draft(graph::Frames<Memory> frames, clock::StampNs history, Mode mode, Args&&... session)
+    Workspace(graph::Frames<Memory> frames, clock::StampNs history, Mode mode, Args&&... session)
         : frames_(frames),
           history_(history),
           noting_(mode != Mode::kAlone),
@@ -43,12 +43,11 @@ public:
     }
 
     [[nodiscard]] S& session() { return session_; }
-    [[nodiscard]] const R& reads() const { return reads_; }
-    [[nodiscard]] const Writes& writes() const { return writes_; }
-    [[nodiscard]] Writes& writes() { return writes_; }
+    [[nodiscard]] R& reads() { return *reads_; }
+    [[nodiscard]] Writes& writes() const { return *writes_; }
     [[nodiscard]] View view() {
-        return {session_.view(), graph::Names<Memory>(frames_), history_, writes_,
-                noting_ ? &reads_ : nullptr};
+        return {session_.view(), graph::Names<Memory>(frames_), history_, writes(),
+                noting_ ? &reads() : nullptr};
     }
 
     /// Runs `body(view)` until no writer overtakes it. kLapped: they did again and again, or what
@@ -105,24 +104,24 @@ public:
     void put(FrameId child, const typename Writes::Sample& sample) {
         using history::Topology;
         const std::uint64_t known =
-            writes_.is_own(child) ? Topology::kRoot : frames_.topology(child);
-        writes_.put(child, sample, Topology::parent(known),
-                    Topology::depth(view().topology(sample.parent)));
+            writes_->is_own(child) ? Topology::kRoot : frames_.topology(child);
+        writes_->put(child, sample, Topology::parent(known),
+                     Topology::depth(view().topology(sample.parent)));
     }
 
     /// Those whose newest parent is the frame, ascending.
     [[nodiscard]] Outcome children_of(FrameId id, std::vector<FrameId>& children) {
-        children = writes_.naming(id);
-        if (!writes_.is_own(id) && !append_stored_children(id, children))
+        children = writes_->naming(id);
+        if (!writes_->is_own(id) && !append_stored_children(id, children))
             return Outcome::kLapped;
         std::sort(children.begin(), children.end());
         children.erase(std::unique(children.begin(), children.end()), children.end());
         Outcome outcome = Outcome::kOk;
         std::erase_if(children, [&](FrameId child) {
-            if (writes_.is_removed(child) || outcome != Outcome::kOk)
+            if (writes_->is_removed(child) || outcome != Outcome::kOk)
                 return true;
             FrameId parent = id;
-            if (writes_.edge(child) != nullptr)
+            if (writes_->edge(child) != nullptr)
                 outcome = newest_parent(child, parent);
             return parent != id;
         });
@@ -149,7 +148,7 @@ private:
         }
         children.insert(children.end(), stored.begin(), stored.end());
         if (noting_)
-            reads_.note_children(id, std::move(stored));
+            reads_->note_children(id, std::move(stored));
         return true;
     }
 
@@ -157,8 +156,8 @@ private:
     clock::StampNs history_;
     bool noting_;
     S session_;
-    R reads_;
-    Writes writes_;
+    KeptByThread<R> reads_;
+    KeptByThread<Writes> writes_;
     ChildIndex index_;  // of the state that is read
     bool indexed_ = false;
 };

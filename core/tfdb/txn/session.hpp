@@ -1,4 +1,4 @@
-// What a concurrency control is: the one interface behind which the engines are chosen.
+// What every engine offers: how one operation or transaction reads and writes.
 #pragma once
 
 #include <concepts>
@@ -12,16 +12,6 @@ namespace tfdb::txn {
 
 /// Beside others, as the engine orders it; or with nothing else that writes under way.
 enum class Mode : std::uint8_t { kBesideOthers, kAlone };
-
-/// Who goes before whom, where an engine asks: the lower number is senior. A restart keeps it.
-struct Seniority {
-    static constexpr unsigned kAgeBits = 60;
-    static constexpr unsigned kMaxPriority = 7;
-
-    static constexpr std::uint64_t pack(unsigned priority, std::uint64_t age) {
-        return std::uint64_t{kMaxPriority - priority} << kAgeBits | age;
-    }
-};
 
 /// One operation or transaction in flight, made from its store's engine and reused by its next
 /// attempts. All but `pause` happen between `begin` and `end`; the destructor ends what is open.

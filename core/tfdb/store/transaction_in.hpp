@@ -1,4 +1,4 @@
-// An attempt over any engine: its session, what was read and what was written.
+// A transaction in the session of some engine, with the names and errors that people know.
 #pragma once
 
 #include <type_traits>
@@ -7,52 +7,32 @@
 #include <vector>
 
 #include "tfdb/store/asking.hpp"
-#include "tfdb/store/attempt.hpp"
-#include "tfdb/store/attempt_errors.hpp"
+#include "tfdb/store/engine_transaction.hpp"
+#include "tfdb/store/raise.hpp"
 #include "tfdb/store/validate.hpp"
 #include "tfdb/store/writes.hpp"
-#include "tfdb/txn/draft.hpp"
-#include "tfdb/txn/settle.hpp"
+#include "tfdb/txn/commit_transaction.hpp"
+#include "tfdb/txn/workspace.hpp"
 
 namespace tfdb::store {
-
-/// What txn::settle needs of the store.
-/// Threads: whoever is alone. Guarantee: as Impl's.
-class CommitTools {
-public:
-    explicit CommitTools(Reads::Impl& impl) : impl_(impl) {}
-    [[nodiscard]] StoreCommit start_commit() { return impl_.start_commit(); }
-    [[nodiscard]] const graph::Frames<StoreMemory>& frames() const { return impl_.frames; }
-    [[nodiscard]] StampNs history() const { return impl_.history; }
-    /// Whether names of authorities are to be dropped, which only who is alone can do.
-    [[nodiscard]] bool crowded() const { return impl_.authorities.crowded(); }
-    [[nodiscard]] std::uint64_t author(std::string_view authority) {
-        return impl_.authorities.id(authority);
-    }
-    void set_author(FrameId id, std::uint64_t author) { impl_.set_author(id, author); }
-    [[nodiscard]] history::Readers& readers() { return impl_; }
-
-private:
-    Reads::Impl& impl_;
-};
 
 /// A transaction in an engine's session.
 /// Threads: one. Guarantee: strictly serializable where the session isolates.
 template <txn::Session S>
-class AttemptOf final : public Attempt {
+class TransactionIn final : public EngineTransaction, private txn::Workspace<S> {
 public:
     /// `session`: what S is made from.
     template <class... Args>
-    AttemptOf(Reads::Impl& impl, bool alone, Args&&... session)
-        : impl_(impl),
-          draft_(impl.frames, impl.history, alone ? txn::Mode::kAlone : txn::Mode::kBesideOthers,
-                 std::forward<Args>(session)...) {}
+    TransactionIn(Reads::Impl& impl, bool alone, Args&&... session)
+        : Workspace(impl.frames, impl.history, alone ? txn::Mode::kAlone : txn::Mode::kBesideOthers,
+                    std::forward<Args>(session)...),
+          impl_(impl) {}
 
     [[nodiscard]] bool ask(Question& question, Answer& answer, Failure& failure) override {
-        const Outcome outcome = needed(draft_.steadily([&](const View& view) {
+        const Outcome outcome = needed(this->steadily([&](const View& view) {
             const auto find = [&](std::string_view name) { return view.find(name); };
             const Outcome found = Asking(view, find, question).answer(answer, failure);
-            return found == Outcome::kFailed ? draft_.unless_reused(view, found) : found;
+            return found == Outcome::kFailed ? this->unless_reused(view, found) : found;
         }));
         answer.commit = failure.commit = read_as_of();
         return outcome == Outcome::kOk;
@@ -61,15 +41,15 @@ public:
     [[nodiscard]] std::optional<std::string> parent_of(std::string_view name,
                                                        std::optional<StampNs> stamp) override {
         std::optional<std::string> found;
-        const Outcome outcome = needed(draft_.steadily([&](const View& view) {
+        const Outcome outcome = needed(this->steadily([&](const View& view) {
             const FrameId id = view.find(name);
             if (id == kNoFrame)
-                return draft_.unless_reused(view, Outcome::kFailed);
+                return this->unless_reused(view, Outcome::kFailed);
             FrameId parent = kNoFrame;
             const Outcome read = lookup::parent_at(view, id, stamp, parent);
             found.reset();
             if (parent == kNoFrame)
-                return draft_.unless_reused(view, read);
+                return this->unless_reused(view, read);
             found = frame_name(parent);
             // Its slot may have been reused before its name was read.
             StoreMemory::fence_acquire();
@@ -79,18 +59,18 @@ public:
             throw_unknown_frame(name, read_as_of());
         return found;
     }
-    [[nodiscard]] CommitNumber read_as_of() override { return draft_.session().read_as_of(); }
+    [[nodiscard]] CommitNumber read_as_of() override { return this->session().read_as_of(); }
     [[nodiscard]] std::string frame_name(FrameId id, std::uint32_t generation) const override {
-        if (writes().is_own(id) && generation == txn::kOwnGeneration)
-            return writes().name(id);
+        if (this->writes().is_own(id) && generation == txn::kOwnGeneration)
+            return this->writes().name(id);
         return name_of_frame(impl_, id, generation);
     }
 
     void write(std::span<const TransformView> batch, bool is_static,
                std::string_view authority) override {
         check(batch, is_static, authority);
-        typename Draft::Writes::Sample own;
-        own.authority = draft_.writes().authority(authority);
+        typename Workspace::Writes::Sample own;
+        own.authority = this->writes().authority(authority);
         history::NewSample<StoreMemory> sample;
         for (std::size_t i = 0; i < batch.size(); ++i) {
             auto [parent, child] = found_[i];
@@ -102,7 +82,7 @@ public:
             own.stamp = sample.stamp;
             own.parent = parent;
             own.payload = sample.payload;
-            draft_.put(child, own);
+            this->put(child, own);
         }
     }
 
@@ -114,7 +94,7 @@ public:
         std::unordered_set<FrameId> seen{id};
         std::vector<FrameId> children;
         for (std::size_t i = 0; i < gone.size(); ++i) {
-            (void)needed(draft_.children_of(gone[i], children));
+            (void)needed(this->children_of(gone[i], children));
             if (!children.empty() && !recursive)
                 throw_frame_in_use(name, children, names());
             // Before the commit has judged them, own relations may run in a circle.
@@ -124,34 +104,33 @@ public:
             }
         }
         for (const FrameId frame : gone)
-            draft_.writes().remove(frame);
+            this->writes().remove(frame);
     }
 
     CommitNumber commit() override {
-        CommitTools tools(impl_);
-        const txn::Settled settled = txn::settle(draft_.session(), draft_.reads(), writes(), tools);
-        if (settled.kind == txn::Settled::kCycle)
-            throw_cycle_of(settled, writes().authority_name(settled.authority), names());
-        if (settled.kind == txn::Settled::kConflict) {
-            if (settled.conflict)
-                throw_conflict(settled.conflict, settled.commit, names());
-            throw_lost("another one came first", settled.commit);
+        const txn::CommitOutcome outcome =
+            txn::commit_transaction(this->session(), this->reads(), this->writes(), impl_);
+        if (outcome.kind == txn::CommitOutcome::kCycle)
+            throw_cycle_of(outcome, this->writes().authority_name(outcome.authority), names());
+        if (outcome.kind == txn::CommitOutcome::kConflict) {
+            if (outcome.conflict)
+                throw_conflict(outcome.conflict, outcome.commit, names());
+            throw_lost("another one came first", outcome.commit);
         }
-        return settled.commit;
+        return outcome.commit;
     }
-    void rollback() noexcept override { draft_.session().end(false); }
+    void rollback() noexcept override { this->session().end(false); }
 
 private:
     using Outcome = lookup::Outcome;
-    using Draft = txn::Draft<S>;
-    using View = typename Draft::View;
+    using Workspace = txn::Workspace<S>;
+    using View = typename Workspace::View;
     static_assert(std::is_same_v<typename S::Memory, StoreMemory>);
 
-    [[nodiscard]] const auto& writes() const { return draft_.writes(); }
     [[nodiscard]] std::string frame_name(FrameId id) const {
         if (id == kNoFrame)
             return {};
-        return writes().is_own(id) ? writes().name(id) : impl_.names.name(id);
+        return this->writes().is_own(id) ? this->writes().name(id) : impl_.names.name(id);
     }
     [[nodiscard]] NameOf names() const {
         return [this](FrameId id) { return frame_name(id); };
@@ -165,12 +144,12 @@ private:
 
     [[nodiscard]] FrameId find(std::string_view name) {
         FrameId id = kNoFrame;
-        (void)needed(draft_.find(name, id));
+        (void)needed(Workspace::find(name, id));
         return id;
     }
     [[nodiscard]] FrameId find_or_make(std::string_view name) {
         const FrameId found = find(name);
-        return found != kNoFrame ? found : draft_.writes().make(name);
+        return found != kNoFrame ? found : this->writes().make(name);
     }
 
     /// Judges every member. Throws the first one's error, with all that are refused in it.
@@ -197,7 +176,7 @@ private:
     }
     /// New frames have ids from the top downward, until they meet those of the store.
     void check_room(std::size_t unknown) {
-        if (unknown != 0 && writes().made() + unknown + impl_.frames.count() > kMaxFrames)
+        if (unknown != 0 && this->writes().made() + unknown + impl_.frames.count() > kMaxFrames)
             throw CapacityExceeded("a transaction cannot make so many frames: there is room for " +
                                    std::to_string(kMaxFrames) + " in all");
     }
@@ -208,7 +187,7 @@ private:
                                           std::string_view authority) {
         txn::EdgeKind kind;
         const StampNs stamp = is_static ? history::kStaticStamp : transform.stamp;
-        (void)needed(draft_.look_at(child, stamp, kind));
+        (void)needed(this->look_at(child, stamp, kind));
         if (!kind.written)
             return std::nullopt;
         if (kind.is_static != is_static)
@@ -219,7 +198,6 @@ private:
     }
 
     Reads::Impl& impl_;
-    Draft draft_;
     std::vector<std::pair<FrameId, FrameId>> found_;  // parents and children of a batch
 };
 

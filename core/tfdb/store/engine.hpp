@@ -12,19 +12,19 @@ struct TransactionOptions;
 
 namespace tfdb::store {
 
-class Attempt;
+class EngineTransaction;
 class Batch;
 
 /// The engine of one store. Null in its place: the default one, which needs none.
 /// Threads: any; `keep_out` and `let_in` only the holder of the commit lock.
 /// Guarantee: that of the engine's session (txn/); what is asked and written here starves nobody
 /// and is starved by nobody: see txn::read_through.
-class Control {
+class Engine {
 public:
-    Control() = default;
-    virtual ~Control() = default;
-    Control(const Control&) = delete;
-    Control& operator=(const Control&) = delete;
+    Engine() = default;
+    virtual ~Engine() = default;
+    Engine(const Engine&) = delete;
+    Engine& operator=(const Engine&) = delete;
 
     /// kOk or kFailed. Both answers and failures carry the number of the commit that they saw.
     [[nodiscard]] virtual lookup::Outcome read(Question& question, Answer& answer,
@@ -33,8 +33,9 @@ public:
     virtual CommitNumber write(const Batch& batch) = 0;
     /// False, and nothing was done, where it might have to wait.
     [[nodiscard]] virtual bool try_write(const Batch& batch, CommitNumber& commit) = 0;
-    /// One transaction's attempt; `options` were checked, and `age` is set.
-    [[nodiscard]] virtual std::unique_ptr<Attempt> attempt(const TransactionOptions& options) = 0;
+    /// Begins a transaction; `options` were checked, and `age` is set.
+    [[nodiscard]] virtual std::unique_ptr<EngineTransaction> transaction(
+        const TransactionOptions& options) = 0;
     /// From `keep_out` to `let_in` nothing is under way that reads or writes.
     virtual void keep_out() = 0;
     virtual void let_in() = 0;
@@ -44,6 +45,6 @@ public:
 };
 
 /// Null for the default engine.
-[[nodiscard]] std::unique_ptr<Control> make_control(Reads::Impl& impl);
+[[nodiscard]] std::unique_ptr<Engine> make_engine(Reads::Impl& impl);
 
 }  // namespace tfdb::store

@@ -4,19 +4,20 @@
 #include <algorithm>
 #include <mutex>
 
-#include "tfdb/engines/operation.hpp"
+#include "tfdb/engines/retry.hpp"
+#include "tfdb/engines/seniority.hpp"
 #include "tfdb/store/asking.hpp"
-#include "tfdb/store/attempt_of.hpp"
+#include "tfdb/store/transaction_in.hpp"
 #include "tfdb/store/writes.hpp"
 
 namespace tfdb::store {
 
 /// Lookups and batches through sessions of one kind.
-/// Threads: any. Guarantee: as Control's.
+/// Threads: any. Guarantee: as Engine's.
 template <txn::Session S>
-class EngineControl final : public Control {
+class EngineOf final : public Engine {
 public:
-    explicit EngineControl(Reads::Impl& impl) : impl_(impl), shared_(impl.frames, impl.history) {}
+    explicit EngineOf(Reads::Impl& impl) : impl_(impl), shared_(impl.frames, impl.history) {}
 
     [[nodiscard]] lookup::Outcome read(Question& question, Answer& answer,
                                        Failure& failure) override {
@@ -52,11 +53,14 @@ public:
         }
     }
 
-    [[nodiscard]] std::unique_ptr<Attempt> attempt(const TransactionOptions& options) override {
+    static_assert(txn::Seniority<StoreMemory>::kMaxPriority == TransactionOptions::kMaxPriority &&
+                  txn::Seniority<StoreMemory>::kAgeBits == TransactionOptions::kAgeBits);
+    [[nodiscard]] std::unique_ptr<EngineTransaction> transaction(
+        const TransactionOptions& options) override {
         txn::SessionOptions session;
         session.priority = options.priority;
         session.age = options.age;
-        return std::make_unique<AttemptOf<S>>(impl_, options.alone, shared_, session);
+        return std::make_unique<TransactionIn<S>>(impl_, options.alone, shared_, session);
     }
 
     void keep_out() override {

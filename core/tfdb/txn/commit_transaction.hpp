@@ -4,18 +4,17 @@
 #include <algorithm>
 #include <cstddef>
 #include <cstdint>
-#include <iterator>
 #include <vector>
 
 #include "tfdb/txn/commit.hpp"
-#include "tfdb/txn/engine.hpp"
 #include "tfdb/txn/read_set.hpp"
+#include "tfdb/txn/session.hpp"
 #include "tfdb/txn/write_set.hpp"
 
 namespace tfdb::txn {
 
 /// How a transaction ended.
-struct Settled {
+struct CommitOutcome {
     enum Kind : std::uint8_t {
         kCommitted,
         kConflict,  // `conflict` says why; kNone there: the engine gave it up
@@ -33,11 +32,11 @@ struct Settled {
 /// Puts a WriteSet into a commit: removals, new frames, then each edge's samples in stamp order.
 /// Threads: as Commit. Guarantee: as Commit: what throws leaves the rest to its destructor.
 template <class Memory>
-class Application {
+class ApplyWrites {
 public:
     using Writes = WriteSet<Memory>;
 
-    Application(Commit<Memory>& commit, const Writes& writes)
+    ApplyWrites(Commit<Memory>& commit, const Writes& writes)
         : commit_(commit), writes_(writes), ids_(writes.made(), kNoFrame) {}
 
     void apply() {
@@ -48,7 +47,7 @@ public:
         // Frames that are gone again, but that samples of others still name, come first: their
         // names may have been used anew.
         for (const auto& edge : writes_.edges()) {
-            for (const auto& sample : edge.samples) {
+            for (const auto& sample : edge.samples.in_order()) {
                 if (writes_.is_own(sample.parent) && writes_.is_removed(sample.parent))
                     make_and_remove(sample.parent);
             }
@@ -68,18 +67,17 @@ public:
         return writes_.is_own(id) ? ids_[Writes::place_of(id)] : id;
     }
     /// Which sample an item of the commit was.
-    void describe(std::size_t item, Settled& settled) const {
+    void describe(std::size_t item, CommitOutcome& outcome) const {
         for (const auto& edge : writes_.edges()) {
-            if (item < edge.samples.size()) {
-                settled.child = edge.child;
-                const auto sample =
-                    std::next(edge.samples.begin(), static_cast<std::ptrdiff_t>(item));
-                settled.parent = sample->parent;
-                settled.stamp = sample->stamp;
-                settled.authority = sample->authority;
+            const auto& samples = edge.samples.in_order();
+            if (item < samples.size()) {
+                outcome.child = edge.child;
+                outcome.parent = samples[item].parent;
+                outcome.stamp = samples[item].stamp;
+                outcome.authority = samples[item].authority;
                 return;
             }
-            item -= edge.samples.size();
+            item -= samples.size();
         }
     }
 
@@ -95,7 +93,7 @@ private:
         const FrameId child = real(edge.child);
         (void)commit_.touch(child);
         history::NewSample<Memory> sample;
-        for (const auto& own : edge.samples) {
+        for (const auto& own : edge.samples.in_order()) {
             sample.stamp = own.stamp;
             sample.parent = real(own.parent);
             sample.payload = own.payload;
@@ -126,72 +124,72 @@ template <class Memory>
 }
 
 /// The session is alone and what was read still holds. `Store` starts commits and knows authors:
-/// `author(name)` may throw, `set_author` not.
+/// `author_number(name)` may throw, `set_author` not.
 template <class Memory, class Store>
-[[nodiscard]] Settled commit_alone(const WriteSet<Memory>& writes, Store& store) {
-    Settled settled;
+[[nodiscard]] CommitOutcome commit_alone(const WriteSet<Memory>& writes, Store& store) {
+    CommitOutcome outcome;
     Commit<Memory> commit = store.start_commit();
-    Application<Memory> application(commit, writes);
-    application.apply();
+    ApplyWrites<Memory> applied(commit, writes);
+    applied.apply();
     Cycle cycle;
     if (commit.cycles().find(cycle)) {
-        settled.kind = Settled::kCycle;
-        application.describe(cycle.item, settled);
-        return settled;
+        outcome.kind = CommitOutcome::kCycle;
+        applied.describe(cycle.item, outcome);
+        return outcome;
     }
     std::vector<std::uint64_t> authors;
     for (const auto& edge : writes.edges()) {
         if (edge.child != kNoFrame)
-            authors.push_back(store.author(writes.author_of(edge)));
+            authors.push_back(store.author_number(writes.author_of(edge)));
     }
     commit.prepare();  // from here on nothing throws
     auto author = authors.begin();
     for (const auto& edge : writes.edges()) {
         if (edge.child != kNoFrame)
-            store.set_author(application.real(edge.child), *author++);
+            store.set_author(applied.real(edge.child), *author++);
     }
-    settled.commit = commit.publish();
-    return settled;
+    outcome.commit = commit.publish();
+    return outcome;
 }
 
 /// Ends a transaction of which the session is open. Whatever comes of it, the session has ended,
 /// unless this throws: then nothing was stored.
 template <Session S, class Reads, class Store>
-[[nodiscard]] Settled settle(S& session, const Reads& reads,
-                             const WriteSet<typename S::Memory>& writes, Store& store) {
-    Settled settled;
-    settled.kind = Settled::kConflict;
+[[nodiscard]] CommitOutcome commit_transaction(S& session, Reads& reads,
+                                               const WriteSet<typename S::Memory>& writes,
+                                               Store& store) {
+    CommitOutcome outcome;
+    outcome.kind = CommitOutcome::kConflict;
     const bool was_alone = session.alone();
     const CommitNumber since = session.read_as_of();
-    settled.commit = since;
+    outcome.commit = since;
     if (!session.confirm()) {
         session.end(false);
-        return settled;
+        return outcome;
     }
     if (writes.empty()) {
         session.end(true);
-        settled.kind = Settled::kCommitted;
-        return settled;
+        outcome.kind = CommitOutcome::kCommitted;
+        return outcome;
     }
     if (!was_alone) {
         if constexpr (S::kWritesBesideOthers) {
-            if (settle_beside(session, writes, store, settled))
-                return settled;
+            if (commit_beside(session, writes, store, outcome))
+                return outcome;
         }
         session.become_alone();
-        const CommitNumber now = store.frames().store_word(graph::kCommit).load_acquire();
-        settled.conflict =
-            reads.validate(store.frames(), store.history(), since, now, S::kIsolates);
-        if (!settled.conflict)
-            settled.conflict = check_kinds(store.frames(), writes);
-        if (settled.conflict) {
+        const CommitNumber now = store.frames.store_word(graph::kCommit).load_acquire();
+        outcome.conflict = reads.validate(store.frames, store.history, since, now, S::kIsolates);
+        if (!outcome.conflict)
+            outcome.conflict = check_kinds(store.frames, writes);
+        if (outcome.conflict) {
             session.end(false);
-            return settled;
+            return outcome;
         }
     }
-    settled = commit_alone(writes, store);
-    session.end(settled.kind == Settled::kCommitted);
-    return settled;
+    outcome = commit_alone(writes, store);
+    session.end(outcome.kind == CommitOutcome::kCommitted);
+    return outcome;
 }
 
 }  // namespace tfdb::txn

@@ -1,4 +1,4 @@
-#include "tfdb/store/attempt_errors.hpp"
+#include "tfdb/store/raise.hpp"
 
 #include "tfdb/store/validate.hpp"
 
@@ -75,7 +75,8 @@ void throw_lost(std::string_view reason, CommitNumber since) {
     throw Conflict(message, std::move(detail));
 }
 
-void throw_cycle_of(const txn::Settled& settled, std::string_view authority, const NameOf& name) {
+void throw_cycle_of(const txn::CommitOutcome& settled, std::string_view authority,
+                    const NameOf& name) {
     const std::string parent = name(settled.parent);
     const std::string child = name(settled.child);
     const StampNs stamp = settled.stamp < 0 ? 0 : settled.stamp;

@@ -1,4 +1,4 @@
-// One attempt of a transaction, whatever the engine: what store::Transaction asks of it.
+// A transaction as its engine runs it: what TransactionLife asks of it.
 #pragma once
 
 #include <cstdint>
@@ -17,12 +17,12 @@ namespace tfdb::store {
 /// An open transaction of some engine. All but the destructor and `rollback` may throw Conflict:
 /// it has then ended, and nothing was stored.
 /// Threads: one. Guarantee: that of its engine.
-class Attempt {
+class EngineTransaction {
 public:
-    Attempt() = default;
-    virtual ~Attempt() = default;
-    Attempt(const Attempt&) = delete;
-    Attempt& operator=(const Attempt&) = delete;
+    EngineTransaction() = default;
+    virtual ~EngineTransaction() = default;
+    EngineTransaction(const EngineTransaction&) = delete;
+    EngineTransaction& operator=(const EngineTransaction&) = delete;
 
     /// As Reads::ask, by name.
     [[nodiscard]] virtual bool ask(Question& question, Answer& answer, Failure& failure) = 0;
@@ -43,8 +43,8 @@ public:
     virtual void rollback() noexcept = 0;
 };
 
-/// Begins an attempt in the store's engine; `options` were checked, and `age` is set.
-[[nodiscard]] std::unique_ptr<Attempt> make_attempt(Reads::Impl& impl,
-                                                    const TransactionOptions& options);
+/// Begins one in the store's engine; `options` were checked, and `age` is set.
+[[nodiscard]] std::unique_ptr<EngineTransaction> make_transaction(
+    Reads::Impl& impl, const TransactionOptions& options);
 
 }  // namespace tfdb::store

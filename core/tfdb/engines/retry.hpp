@@ -5,8 +5,8 @@
 
 #include "tfdb/engines/parallel_commit.hpp"
 #include "tfdb/engines/shared_state.hpp"
-#include "tfdb/txn/engine.hpp"
-#include "tfdb/txn/settle.hpp"
+#include "tfdb/txn/commit_transaction.hpp"
+#include "tfdb/txn/session.hpp"
 
 namespace tfdb::txn {
 
@@ -141,8 +141,8 @@ template <class Memory, class Store>
               [](const auto* a, const auto* b) { return a->child < b->child; });
     for (const auto* edge : edges) {
         plain.frames.push_back(edge->child);
-        const std::uint64_t author = store.author(writes.author_of(*edge));
-        for (const auto& own : edge->samples) {
+        const std::uint64_t author = store.author_number(writes.author_of(*edge));
+        for (const auto& own : edge->samples.in_order()) {
             auto& item = plain.items.emplace_back();
             item.child = edge->child;
             item.author = author;
@@ -157,20 +157,20 @@ template <class Memory, class Store>
 /// Stores the writes beside others if they are plain: then the transaction has ended, well or not.
 /// False: it must be alone for them.
 template <Session S, class Store>
-[[nodiscard]] bool settle_beside(S& session, const WriteSet<typename S::Memory>& writes,
-                                 Store& store, Settled& settled) {
+[[nodiscard]] bool commit_beside(S& session, const WriteSet<typename S::Memory>& writes,
+                                 Store& store, CommitOutcome& outcome) {
     auto& plain = session.scratch().batch;
     if (store.crowded())
         return false;
     if (!make_plain(writes, store, plain))
         return false;
     const Written written =
-        write_beside(session, plain, store.readers(), settled.commit,
+        write_beside(session, plain, store.readers(), outcome.commit,
                      [&](const auto& item) { store.set_author(item.child, item.author); });
     if (written == Written::kNotPlain)
         return false;
     if (written == Written::kDone)
-        settled.kind = Settled::kCommitted;
+        outcome.kind = CommitOutcome::kCommitted;
     session.end(written == Written::kDone);
     return true;
 }

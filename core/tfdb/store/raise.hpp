@@ -8,7 +8,7 @@
 #include <vector>
 
 #include "tfdb/store/impl.hpp"
-#include "tfdb/txn/settle.hpp"
+#include "tfdb/txn/commit_transaction.hpp"
 
 namespace tfdb::store {
 
@@ -19,7 +19,7 @@ using NameOf = std::function<std::string(FrameId)>;
                                  const NameOf& name);
 /// The engine gave the transaction up, or what it reads was overwritten.
 [[noreturn]] void throw_lost(std::string_view reason, CommitNumber since);
-[[noreturn]] void throw_cycle_of(const txn::Settled& settled, std::string_view authority,
+[[noreturn]] void throw_cycle_of(const txn::CommitOutcome& settled, std::string_view authority,
                                  const NameOf& name);
 
 [[noreturn]] void throw_frame_unknown(std::string_view name);

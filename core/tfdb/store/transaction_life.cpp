@@ -1,0 +1,216 @@
+#include "tfdb/store/transaction_life.hpp"
+
+#include <string>
+
+#include "tfdb/store/engine_transaction.hpp"
+#include "tfdb/store/impl.hpp"
+
+namespace tfdb::store {
+
+namespace {
+
+/// Rolls back what is left when its thread ends.
+/// Threads: its own. Guarantee: waits for nobody but who ends a transaction meanwhile.
+struct ThreadEnd {
+    ~ThreadEnd() { TransactionLife::end_thread(); }
+};
+
+constexpr std::uint64_t word_of(Transaction::Stage stage) {
+    return static_cast<std::uint64_t>(stage);
+}
+
+}  // namespace
+
+TransactionLife::TransactionLife(std::shared_ptr<Reads::Impl> store,
+                                 const TransactionOptions& options)
+    : which_(store.get()), store_(std::move(store)), options_(options) {
+    if (options.priority > TransactionOptions::kMaxPriority) {
+        throw InvalidArgument("a priority lies between 0 and 7, not " +
+                              std::to_string(options.priority));
+    }
+    if (options.age >> TransactionOptions::kAgeBits != 0) {
+        throw InvalidArgument("an age is what `age()` of another attempt said, not " +
+                              std::to_string(options.age));
+    }
+    state_.store_relaxed(word_of(Stage::kNotBegun));
+    holders_.store_relaxed(1);
+}
+
+TransactionLife::~TransactionLife() = default;
+
+void TransactionLife::begin() {
+    std::uint64_t nobody = 0;
+    if (!thread_.compare_exchange(nobody, this_thread())) {
+        check_thread();
+        if (stage() == Stage::kOpen)
+            throw TransactionActive("the transaction is open already: it is begun once");
+        throw_ended();
+    }
+    try {
+        check_not_in_transaction(*store_);
+        TransactionOptions options = options_;
+        if (options.age == 0)
+            options.age = store_->ages.fetch_add(1) + 1;
+        transaction_ = make_transaction(*store_, options);
+        options_.age = options.age;
+    } catch (...) {
+        thread_.store_release(0);
+        throw;
+    }
+    static thread_local const ThreadEnd end;
+    (void)end;
+    sweep();
+    holders_.store_relaxed(2);
+    next_ = std::exchange(head, this);
+    state_.store_release(word_of(Stage::kOpen));
+}
+
+Transaction::Stage TransactionLife::stage() const noexcept {
+    return static_cast<Stage>(state_.load_acquire() & (kEnding - 1));
+}
+
+void TransactionLife::check_thread() const {
+    const std::uint64_t thread = thread_.load_acquire();
+    if (thread != 0 && thread != this_thread()) {
+        throw WrongThread(
+            "a transaction belongs to the thread that began it: begin one in this thread with "
+            "Buffer.transaction(), or hand the work over to the other one");
+    }
+}
+
+void TransactionLife::check() const {
+    if (forks_ != sync::forks())
+        throw Forked("a transaction belongs to the process that began it");
+    check_thread();
+    if (state_.load_acquire() != word_of(Stage::kOpen))
+        throw_ended();
+}
+
+void TransactionLife::throw_ended() const {
+    ErrorDetail detail;
+    std::string how = "the transaction has ended: it ";
+    std::string next = "; begin a new one with Buffer.transaction()";
+    switch (stage()) {
+        case Stage::kNotBegun:
+            how = "the transaction has not begun: use it in a `with` statement, or begin() it";
+            next.clear();
+            detail.reason = "not begun";
+            break;
+        case Stage::kOpen:
+        case Stage::kAborted:
+            how += "was aborted and left nothing behind";
+            detail.reason = "aborted";
+            break;
+        case Stage::kCommitted:
+            how += "was committed, the store was then at commit " + std::to_string(committed_);
+            detail.reason = "committed";
+            break;
+        case Stage::kLost:
+            how += "lost against another commit and left nothing behind";
+            next += ", or let Buffer.run() do it";
+            detail.reason = "lost";
+            break;
+        case Stage::kRefused:
+            how += "left nothing behind: its commit was refused";
+            detail.reason = "refused";
+    }
+    const std::string message = how + next;
+    throw TransactionClosed(message, std::move(detail));
+}
+
+CommitNumber TransactionLife::commit() {
+    check();
+    try {
+        committed_ = call([](EngineTransaction& transaction) { return transaction.commit(); });
+    } catch (...) {
+        end(Stage::kRefused);  // unless it was lost
+        throw;
+    }
+    end(Stage::kCommitted);
+    return committed_;
+}
+
+void TransactionLife::end(Stage how) noexcept {
+    std::uint64_t found = word_of(Stage::kOpen);
+    if (forks_ != sync::forks()) {
+        // Who had it in hand may not be here: what it holds in this copy stays as it is.
+        if (state_.load_relaxed() != found && state_.load_relaxed() < kEnding)
+            return;
+        (void)store_->whereabouts();
+        (void)transaction_.release();
+        state_.store_relaxed(word_of(how));
+        return;
+    }
+    if (!state_.compare_exchange(found, word_of(how) | kEnding)) {
+        for (; found >= kEnding; found = state_.load_acquire())
+            sync::spin_pause();
+        return;
+    }
+    if (how == Stage::kLost)
+        store_->conflicts.fetch_add(1);
+    if (how != Stage::kCommitted)
+        store_->aborts.fetch_add(1);
+    transaction_->rollback();
+    const bool mine = thread_.load_relaxed() == this_thread();
+    state_.store_release(word_of(how));
+    // In another thread's list it stays until that one looks through it.
+    if (mine)
+        sweep();
+}
+
+void TransactionLife::release() noexcept {
+    end(Stage::kAborted);
+    transaction_.reset();
+    store_.reset();
+    drop();
+}
+
+void TransactionLife::drop() noexcept {
+    if (holders_.fetch_add(~std::uint64_t{0}) == 1)
+        delete this;
+}
+
+/// Takes out of this thread's list what has ended.
+void TransactionLife::sweep() noexcept {
+    for (TransactionLife** at = &head; *at != nullptr;) {
+        TransactionLife* const entry = *at;
+        if (entry->state_.load_acquire() == word_of(Stage::kOpen)) {
+            at = &entry->next_;
+            continue;
+        }
+        *at = entry->next_;
+        entry->drop();
+    }
+}
+
+void TransactionLife::end_thread() noexcept {
+    while (head != nullptr) {
+        TransactionLife* const entry = std::exchange(head, head->next_);
+        if (entry->forks_ == sync::forks())
+            entry->end(Stage::kAborted);
+        entry->drop();
+    }
+}
+
+std::uint64_t TransactionLife::this_thread() noexcept {
+    static sync::Word threads{};
+    static thread_local const std::uint64_t mine = threads.fetch_add(1) + 1;
+    return mine;
+}
+
+bool TransactionLife::find(const Reads::Impl& store, bool alone) noexcept {
+    sweep();
+    bool any = false;
+    for (const TransactionLife* at = head; at != nullptr; at = at->next_) {
+        any |= at->which_ == &store && at->forks_ == sync::forks() &&
+               at->state_.load_acquire() == word_of(Stage::kOpen) && (at->options_.alone || !alone);
+    }
+    return any;
+}
+
+void throw_transaction_active(const char* what) {
+    throw TransactionActive(std::string("this thread has an open transaction on the store: ") +
+                            what);
+}
+
+}  // namespace tfdb::store

@@ -1,0 +1,105 @@
+// Where in a list a frame stands.
+#pragma once
+
+#include <algorithm>
+#include <cstdint>
+#include <utility>
+#include <vector>
+
+#include "tfdb/base/types.hpp"
+
+namespace tfdb::txn {
+
+/// Places by frame, in one flat table that is emptied without being walked.
+/// Threads: one. Guarantee: what throws leaves it as it was.
+class FramePlaces {
+public:
+    static constexpr std::uint32_t kNone = ~std::uint32_t{0};
+
+    void clear() {
+        used_ = 0;
+        ++round_;
+    }
+    [[nodiscard]] std::uint32_t find(FrameId id) const {
+        return used_ == 0 ? kNone : entries_[entry_of(id)].place_in(round_);
+    }
+    /// kNone: it has none any more.
+    void set(FrameId id, std::uint32_t place) {
+        if (2 * (used_ + 1) > entries_.size())
+            grow();
+        Entry& entry = entries_[entry_of(id)];
+        used_ += entry.round == round_ ? 0 : 1;
+        entry = {round_, id, place};
+    }
+    [[nodiscard]] std::size_t capacity() const { return entries_.size(); }
+
+private:
+    struct Entry {
+        std::uint64_t round = 0;
+        FrameId id = kNoFrame;
+        std::uint32_t place = kNone;
+
+        [[nodiscard]] std::uint32_t place_in(std::uint64_t now) const {
+            return round == now ? place : kNone;
+        }
+    };
+
+    /// The frame's entry, or the one that it would get.
+    [[nodiscard]] std::size_t entry_of(FrameId id) const {
+        const std::size_t mask = entries_.size() - 1;
+        std::size_t at = (id * std::size_t{0x9E37'79B9'7F4A'7C15} >> 32U) & mask;
+        while (entries_[at].round == round_ && entries_[at].id != id)
+            at = (at + 1) & mask;
+        return at;
+    }
+    void grow() {
+        std::vector<Entry> entries(std::max<std::size_t>(16, 2 * entries_.size()));
+        entries.swap(entries_);
+        for (const Entry& entry : entries) {
+            if (entry.round == round_)
+                entries_[entry_of(entry.id)] = entry;
+        }
+    }
+
+    std::vector<Entry> entries_;  // a power of two
+    std::size_t used_ = 0;
+    std::uint64_t round_ = 1;  // entries of others are free
+};
+
+/// The lists of a transaction, which the next one of the thread that ends it need not grow again.
+/// Threads: one at a time. Guarantee: each thread keeps one of them at most, and none that is
+/// large.
+template <class Lists>
+class KeptByThread {
+public:
+    KeptByThread() : lists_(spare != nullptr ? std::exchange(spare, nullptr) : new Lists) {}
+    ~KeptByThread() {
+        lists_->clear();
+        if (spare == nullptr && !thread_ended && lists_->is_small()) {
+            static thread_local const End end;
+            (void)end;
+            spare = lists_;
+        } else {
+            delete lists_;
+        }
+    }
+    KeptByThread(const KeptByThread&) = delete;
+    KeptByThread& operator=(const KeptByThread&) = delete;
+
+    [[nodiscard]] Lists& operator*() const { return *lists_; }
+    [[nodiscard]] Lists* operator->() const { return lists_; }
+
+private:
+    struct End {
+        ~End() {
+            delete std::exchange(spare, nullptr);
+            thread_ended = true;
+        }
+    };
+    static inline constinit thread_local Lists* spare = nullptr;
+    static inline constinit thread_local bool thread_ended = false;
+
+    Lists* lists_;
+};
+
+}  // namespace tfdb::txn
