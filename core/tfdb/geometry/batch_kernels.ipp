@@ -1,6 +1,6 @@
 // The kernels of batch_kernels.hpp for any number of lanes. Included by one file per instruction
 // set; everything is in an unnamed namespace and what it calls of other headers is always inlined,
-// so that code for AVX2 stays in its file.
+// so that code for one instruction set stays in its file.
 #pragma once
 
 #include "tfdb/geometry/batch_kernels.hpp"
@@ -14,18 +14,6 @@ template <int L>
 using Real = typename Lanes<L>::Real;
 template <int L>
 using Word = typename Lanes<L>::Word;
-
-template <class Vector>
-TFDB_INLINE Vector load(const void* from) {
-    Vector value;
-    __builtin_memcpy(&value, from, sizeof value);
-    return value;
-}
-
-template <class Vector>
-TFDB_INLINE void store(void* to, Vector value) {
-    __builtin_memcpy(to, &value, sizeof value);
-}
 
 template <class To, class From>
 TFDB_INLINE To bits_as(From value) {
@@ -75,12 +63,16 @@ TFDB_INLINE void join_at(PoseBlock& block, std::size_t i, const PoseLanes<L>& ed
     }
 }
 
-// --- weights ---------------------------------------------------------------------------------
+// --- samples ---------------------------------------------------------------------------------
 
 /// Exact up to 2^53, rounded to nearest above: both halves are put into doubles by their bits.
 template <int L>
 TFDB_INLINE Real<L> to_real(Word<L> value) {
     using V = Lanes<L>;
+#ifdef __AVX512DQ__
+    if constexpr (L == 8)
+        return __builtin_convertvector(value, Real<L>);
+#endif
     constexpr std::uint64_t kTwo52 = 0x4330000000000000;
     constexpr std::uint64_t kTwo84 = 0x4530000000000000;
     const Word<L> low = (value & V::fill(std::uint64_t{0xFFFFFFFF})) | V::fill(kTwo52);
@@ -88,100 +80,115 @@ TFDB_INLINE Real<L> to_real(Word<L> value) {
     return (bits_as<Real<L>>(high) - V::fill(0x1.00000001p84)) + bits_as<Real<L>>(low);
 }
 
+/// Plain loads of what writers may overwrite meanwhile: not a race that ThreadSanitizer should see.
 template <int L>
-void weigh(const StampNs* stamps, const StampNs* queries, const std::uint32_t* index,
-           std::size_t count, double* weights) {
-    for (std::size_t i = 0; i < count; i += L) {
-        const auto gather = [&](std::size_t next) {
-            return Lanes<L>::make_words([&](int lane) {
-                return static_cast<std::uint64_t>(
-                    stamps[index[i + static_cast<std::size_t>(lane)] + next]);
-            });
-        };
-        const Word<L> before = gather(0);
-        const Word<L> after = gather(1);
-        const Word<L> query = load<Word<L>>(queries + i);
-        store(weights + i, to_real<L>(query - before) / to_real<L>(after - before));
+__attribute__((no_sanitize("thread"))) bool load_pairs(Pairs& p, const SlotWords& words) {
+    using V = Lanes<L>;
+    for (std::size_t k = p.count; k < round_up_to_group(p.count); ++k) {
+        p.first[k] = p.first[p.count - 1];
+        p.second[k] = p.second[p.count - 1];
     }
+    const Word<L> least = V::fill(words.least);
+    const Word<L> range = V::fill(words.most - words.least);
+    const Word<L> bits = V::fill(words.bits);
+    typename V::Mask wrong{};
+    for (std::size_t k = 0; k < p.count; k += L) {
+        Real<L> a[8];
+        Real<L> b[8];
+        V::columns(p.first + k, a);
+        V::columns(p.second + k, b);
+        for (const Real<L>& column : {a[0], b[0]}) {
+            const auto word = bits_as<Word<L>>(column);
+            wrong |=
+                (word - least > range) | (((word ^ least) & bits) != V::fill(std::uint64_t{0}));
+        }
+        const QuatOf<Real<L>> q{a[4], a[5], a[6], a[7]};
+        const QuatOf<Real<L>> to{b[4], b[5], b[6], b[7]};
+        const auto [x, sign] = apart(q, to);
+        double* const at = p.numbers + k;
+        for (std::size_t i = 0; i < 7; ++i)
+            store(at + Pairs::kRoom * (Pairs::kX + i), a[1 + i]);
+        for (std::size_t i = 0; i < 3; ++i)
+            store(at + Pairs::kRoom * (Pairs::kWayX + i), b[1 + i] - a[1 + i]);
+        for (std::size_t i = 0; i < 4; ++i)
+            store(at + Pairs::kRoom * (Pairs::kToX + i), b[4 + i] * sign);
+        store(at + Pairs::kRoom * Pairs::kApart, x);
+    }
+    return !V::any(wrong);
 }
 
-// --- one edge over a range -------------------------------------------------------------------
+// --- one edge over a block -------------------------------------------------------------------
+
+/// What Pairs holds, for L stamps.
+template <int L>
+struct PairLanes {
+    Word<L> from;
+    Real<L> span;
+    PoseLanes<L> first;
+    Vec3Of<Real<L>> way;
+    QuatOf<Real<L>> to;
+    Real<L> apart;
+};
+
+/// `lanes(column)`: L stamps' numbers of that column, of which the first one is at `column`.
+template <int L, class Fetch>
+TFDB_INLINE PairLanes<L> fetch_pairs(const double* at, Fetch lanes) {
+    const auto get = [&](Pairs::Column column) { return lanes(at + Pairs::kRoom * column); };
+    return {bits_as<Word<L>>(get(Pairs::kFrom)),
+            get(Pairs::kSpan),
+            {{get(Pairs::kX), get(Pairs::kY), get(Pairs::kZ)},
+             {get(Pairs::kQx), get(Pairs::kQy), get(Pairs::kQz), get(Pairs::kQw)}},
+            {get(Pairs::kWayX), get(Pairs::kWayY), get(Pairs::kWayZ)},
+            {get(Pairs::kToX), get(Pairs::kToY), get(Pairs::kToZ), get(Pairs::kToW)},
+            get(Pairs::kApart)};
+}
+
+/// As `interpolate`, of a pair that is prepared; no share is 1.
+template <int L, bool First>
+TFDB_INLINE void join_pairs_at(PoseBlock& block, std::size_t i, const PairLanes<L>& p,
+                               const StampNs* stamps) {
+    using V = Lanes<L>;
+    const Real<L> u = to_real<L>(load<Word<L>>(stamps + i) - p.from) / p.span;
+    const Vec3Of<Real<L>>& t = p.first.translation;
+    const Apart<Real<L>> apart{p.apart, V::fill(1.0)};
+    PoseLanes<L> edge{{t.x + u * p.way.x, t.y + u * p.way.y, t.z + u * p.way.z},
+                      slerp(p.first.rotation, p.to, apart, u)};
+    const auto stored = u == V::fill(0.0);
+    if (V::any(stored)) [[unlikely]]
+        edge = detail::choose(stored, p.first, edge);
+    join_at<L, First>(block, i, edge);
+}
+
+/// So many stamps between the same two samples are a run: their numbers are fetched once.
+constexpr std::size_t kRun = 16;
 
 template <int L, bool First>
-void join_run_by(PoseBlock& block, GroupRange range, const Pose* segment, const double* weights) {
-    const PoseLanes<L> a = broadcast<L>(segment[0]);
-    const PoseLanes<L> b = broadcast<L>(segment[1]);
-    for (std::size_t i = range.begin; i < range.end; i += L) {
-        join_at<L, First>(block, i, interpolate(a, b, load<Real<L>>(weights + i)));
+void join_by(PoseBlock& block, std::size_t count, const StampNs* stamps, const Pairs& pairs) {
+    using V = Lanes<L>;
+    const std::uint32_t* const of = pairs.of;
+    for (std::size_t i = 0; i < count;) {
+        const std::uint32_t k = of[i];
+        const double* const at = pairs.numbers + k;
+        if (i + kRun <= count && k == of[i + kRun - 1]) {
+            const PairLanes<L> run = fetch_pairs<L>(
+                at, [](const double* column) { return V::fill(load<double>(column)); });
+            for (; i + L <= count && of[i + L - 1] == k; i += L)
+                join_pairs_at<L, First>(block, i, run, stamps);
+            continue;
+        }
+        const auto places = V::places(of + i);
+        const PairLanes<L> group =
+            fetch_pairs<L>(at, [&](const double* column) { return V::spread(column, places); });
+        join_pairs_at<L, First>(block, i, group, stamps);
+        i += L;
     }
 }
 
 template <int L>
-void join_run(PoseBlock& block, GroupRange range, const Pose* segment, const double* weights,
-              bool first) {
-    first ? join_run_by<L, true>(block, range, segment, weights)
-          : join_run_by<L, false>(block, range, segment, weights);
-}
-
-/// Seven consecutive doubles of each of L rows, as columns.
-TFDB_INLINE PoseLanes<2> gather(const double* r0, const double* r1) {
-    using R = Real<2>;
-    R columns[8] = {load<R>(r0),
-                    load<R>(r1),
-                    load<R>(r0 + 2),
-                    load<R>(r1 + 2),
-                    load<R>(r0 + 4),
-                    load<R>(r1 + 4),
-                    {},
-                    {}};
-    for (int pair = 0; pair < 3; ++pair) {
-        Lanes<2>::transpose(columns[2 * pair], columns[2 * pair + 1]);
-    }
-    return {{columns[0], columns[1], columns[2]},
-            {columns[3], columns[4], columns[5], R{r0[6], r1[6]}}};
-}
-
-#ifdef __AVX2__
-TFDB_INLINE PoseLanes<4> gather(const double* r0, const double* r1, const double* r2,
-                                const double* r3) {
-    using R = Real<4>;
-    R x = load<R>(r0);
-    R y = load<R>(r1);
-    R z = load<R>(r2);
-    R unused = load<R>(r3);
-    Lanes<4>::transpose(x, y, z, unused);
-    QuatOf<R> q{load<R>(r0 + 3), load<R>(r1 + 3), load<R>(r2 + 3), load<R>(r3 + 3)};
-    Lanes<4>::transpose(q.x, q.y, q.z, q.w);
-    return {{x, y, z}, q};
-}
-#endif
-
-template <int L>
-TFDB_INLINE PoseLanes<L> gather_poses(const Pose* poses, const std::uint32_t* index,
-                                      std::size_t next) {
-    const auto row = [&](int lane) { return &poses[index[lane] + next].translation.x; };
-    if constexpr (L == 2) {
-        return gather(row(0), row(1));
-    } else {
-        return gather(row(0), row(1), row(2), row(3));
-    }
-}
-
-template <int L, bool First>
-void join_scattered_by(PoseBlock& block, GroupRange range, const Pose* poses,
-                       const std::uint32_t* index, const double* weights) {
-    for (std::size_t i = range.begin; i < range.end; i += L) {
-        const PoseLanes<L> a = gather_poses<L>(poses, index + i, 0);
-        const PoseLanes<L> b = gather_poses<L>(poses, index + i, 1);
-        join_at<L, First>(block, i, interpolate(a, b, load<Real<L>>(weights + i)));
-    }
-}
-
-template <int L>
-void join_scattered(PoseBlock& block, GroupRange range, const Pose* poses,
-                    const std::uint32_t* index, const double* weights, bool first) {
-    first ? join_scattered_by<L, true>(block, range, poses, index, weights)
-          : join_scattered_by<L, false>(block, range, poses, index, weights);
+void join(PoseBlock& block, std::size_t count, const StampNs* stamps, const Pairs& pairs,
+          bool first) {
+    first ? join_by<L, true>(block, count, stamps, pairs)
+          : join_by<L, false>(block, count, stamps, pairs);
 }
 
 template <int L>
@@ -207,6 +214,18 @@ void meet(PoseBlock& block, const PoseBlock& target_side, std::size_t count) {
         const PoseLanes<L> back = inverse(load_poses<L>(target_side, i));
         store_poses_at<L>(block, i, compose(back, load_poses<L>(block, i)));
     }
+}
+
+template <int L>
+bool all_finite(const PoseBlock& block, std::size_t count) {
+    const Real<L> zero = Lanes<L>::fill(0.0);
+    auto wrong = zero != zero;
+    for (std::size_t i = 0; i < count; i += L) {
+        const auto& [t, q] = load_poses<L>(block, i);
+        // Zero times anything else is no number.
+        wrong |= 0.0 * t.x + 0.0 * t.y + 0.0 * t.z != zero;
+    }
+    return !Lanes<L>::any(wrong);
 }
 
 }  // namespace

@@ -171,21 +171,23 @@ void move_points_by_one(const Pose& pose, std::size_t count, PointRows<const Num
                           [&](std::size_t, const PointLanes<L>& p) { return apply(all, p); });
 }
 
+/// Rows and points leave by four lanes at most: eight would only wait for memory.
 template <int L>
 constexpr Kernels make_kernels(const char* name) {
+    constexpr int kOut = L < 4 ? L : 4;
     return Kernels{name,
-                   &weigh<L>,
-                   &join_run<L>,
-                   &join_scattered<L>,
+                   &load_pairs<L>,
+                   &join<L>,
                    &join_constant<L>,
                    &turn<L>,
                    &meet<L>,
-                   &store_poses<L>,
-                   &store_matrices<L>,
-                   &move_points<L, double>,
-                   &move_points<L, float>,
-                   &move_points_by_one<L, double>,
-                   &move_points_by_one<L, float>};
+                   &all_finite<L>,
+                   &store_poses<kOut>,
+                   &store_matrices<kOut>,
+                   &move_points<kOut, double>,
+                   &move_points<kOut, float>,
+                   &move_points_by_one<kOut, double>,
+                   &move_points_by_one<kOut, float>};
 }
 
 }  // namespace

@@ -6,9 +6,12 @@
 #include <random>
 #include <vector>
 
-#include "tfdb/geometry/track.hpp"
+#include "tfdb/clock/stamp.hpp"
+#include "tfdb/geometry/pose.hpp"
 
 namespace tfdb::geometry::testing {
+
+using clock::StampNs;
 
 /// One random source per test; the seed is printed so that a failure can be repeated.
 /// Threads: one. Guarantee: the same numbers for the same seed on one standard library.

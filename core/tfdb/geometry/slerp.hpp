@@ -175,27 +175,45 @@ inline Quat slerp_outside(const Quat& a, const Quat& b, double sign, double u) n
 
 }  // namespace detail
 
+/// How far apart two unit quaternions are: what of a slerp does not hang on u.
+template <class Number>
+struct Apart {
+    Number x;     // cosine of the angle between a and the nearer one of b and -b, less one
+    Number sign;  // of that one: 1 or -1
+};
+
+template <class Number>
+TFDB_INLINE Apart<Number> apart(const QuatOf<Number>& a, const Same<QuatOf<Number>>& b) noexcept {
+    using A = Arithmetic<Number>;
+    const Number cosine = dot(a, b);
+    const Number sign = A::choose(cosine < A::fill(0.0), A::fill(-1.0), A::fill(1.0));
+    return {cosine * sign - 1.0, sign};
+}
+
 /// From a (u = 0) towards b (u = 1) at constant angular speed, along the shorter way; of two that
 /// are equally long, to b itself and not to -b. The norm is 1 to a few units of the last place.
 /// A double u may lie outside [0, 1]: the turn goes on at the same speed.
 template <class Number>
 TFDB_INLINE QuatOf<Number> slerp(const QuatOf<Number>& a, const Same<QuatOf<Number>>& b,
-                                 Number u) noexcept {
+                                 const Apart<Number>& way, Number u) noexcept {
     using A = Arithmetic<Number>;
-    const Number cosine = dot(a, b);
-    const Number sign = A::choose(cosine < A::fill(0.0), A::fill(-1.0), A::fill(1.0));
-    const Number x = cosine * sign - 1.0;
-    const auto far = x <= A::fill(-slerp_series::kShortLimit);
+    const auto far = way.x <= A::fill(-slerp_series::kShortLimit);
     if constexpr (std::is_same_v<Number, double>) {
         if (far || u < 0.0 || u > 1.0) [[unlikely]] {
             // Copies: the address of an argument would keep it in memory on the way below too.
-            return detail::slerp_rare(Quat{a.x, a.y, a.z, a.w}, Quat{b.x, b.y, b.z, b.w}, x, sign,
-                                      u);
+            return detail::slerp_rare(Quat{a.x, a.y, a.z, a.w}, Quat{b.x, b.y, b.z, b.w}, way.x,
+                                      way.sign, u);
         }
     } else if (A::any(far)) {
-        return detail::slerp_far(a, b, x, sign, u);
+        return detail::slerp_far(a, b, way.x, way.sign, u);
     }
-    return detail::mix_by_series<slerp_series::kShort>(a, b, x, sign, u);
+    return detail::mix_by_series<slerp_series::kShort>(a, b, way.x, way.sign, u);
+}
+
+template <class Number>
+TFDB_INLINE QuatOf<Number> slerp(const QuatOf<Number>& a, const Same<QuatOf<Number>>& b,
+                                 Number u) noexcept {
+    return slerp(a, b, apart(a, b), u);
 }
 
 /// Linear in the translation, slerp in the rotation. a and b themselves at u = 0 and u = 1.

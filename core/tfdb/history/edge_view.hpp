@@ -5,6 +5,7 @@
 #include <bit>
 #include <cstdint>
 #include <limits>
+#include <utility>
 
 #include "tfdb/history/segment.hpp"
 
@@ -82,6 +83,14 @@ public:
         if (out.before && out.before.stamp < cutoff)
             out.before = {};
         return !overtaken_;
+    }
+
+    /// Samples in stamp order, in place: some segment of the edge, and the index in it of the first
+    /// sample with a greater stamp, if that is not its first or its end. Also samples of commits
+    /// that the snapshot does not see.
+    [[nodiscard]] std::pair<Segment<Memory>, std::uint64_t> place(StampNs stamp) const {
+        const Spot at = locate(stamp);
+        return {at.segment, at.index};
     }
 
     /// The sample with the least stamp that the snapshot retains; none if none.

@@ -1,13 +1,15 @@
-// Many stamps in one call: the windows of all edges are copied under one snapshot, then the
-// kernels of geometry/batch.hpp run on plain memory.
+// Many stamps in one call, block by block and all in one state: the kernels of
+// geometry/batch_kernels.hpp read each edge's samples where they lie. What is not plain is looked
+// up by itself.
 #include <algorithm>
-#include <cmath>
+#include <array>
+#include <bit>
 #include <limits>
 #include <memory>
+#include <numeric>
+#include <optional>
 
-#include "tfdb/geometry/batch.hpp"
-#include "tfdb/store/collect.hpp"
-#include "tfdb/store/impl.hpp"
+#include "tfdb/store/batch_edge.hpp"
 #include "tfdb/store/rows.hpp"
 
 namespace tfdb {
@@ -16,40 +18,46 @@ using lookup::Outcome;
 
 namespace {
 
-// Below this many samples per stamp copying the window is cheaper than single lookups (measured).
-constexpr std::size_t kSamplesPerStamp = 16;
-constexpr std::size_t kAlwaysCopied = 1024;
+using geometry::kBlock;
+using store::BatchEdge;
+using store::Mark;
 
-// So many stamps are looked up one by one before the work may be ended.
-constexpr std::size_t kRowsBetween = 256;
+// Up to so many stamps single lookups are cheaper than to prepare a path for many.
+constexpr std::size_t kFewStamps = 4;
 
-// Up to here no path, however long, and no extrapolation makes a translation overflow: sums of 2^20
-// edges times 2^62, the furthest that stamps can lie beyond two samples, stay below 1e308.
-constexpr double kNoOverflow = 1e280;
+// Stamps that are put in order together. Fewer than kFewUnsorted are not worth it.
+constexpr std::size_t kPiece = 4096;
+constexpr std::size_t kFewUnsorted = 64;
+static_assert(kPiece % kBlock == 0);
 
 struct Request {
     FrameId target;
     FrameId source;
     std::span<const StampNs> stamps;
-    StampNs first = 0;
-    StampNs last = 0;
     Policy policy;
+    bool stop;  // at the first stamp without an answer; else it has no row
 };
 
-/// Working memory of one thread, reused by its calls.
+/// A stamp and its place among those that were asked for.
+struct Row {
+    StampNs stamp;
+    std::size_t index;
+};
+
+/// Working memory of one thread, reused by its calls: that of a block, and of the path's edges.
 struct Workspace {
-    std::vector<store::Track> tracks;
-    std::vector<geometry::TrackView> views;  // the source's side, then the target's
+    std::vector<BatchEdge> edges;  // the source's side, then the target's
     std::size_t source_edges = 0;
-    geometry::BatchScratch scratch;
-    std::vector<std::optional<Pose>> poses;
+    std::vector<FrameId> path;  // the frames of both sides, and where they meet
+    std::vector<Row> rows;      // of a piece that was put in order
+    std::vector<Row> spare;
+    geometry::Pairs pairs;
+    geometry::PoseBlock block{};         // of the source's side, then of the whole path
+    geometry::PoseBlock target_block{};  // of the target's side
+    StampNs stamps[kBlock] = {};         // the block's, filled up to a whole group
+    Mark marks[kBlock] = {};
     Answer answer;
     Failure failure;
-
-    [[nodiscard]] geometry::Path path() const {
-        const std::span<const geometry::TrackView> all(views);
-        return {all.first(source_edges), all.subspan(source_edges)};
-    }
 };
 
 /// Those of one thread: who may end its work may ask for a batch of its own, amid another one.
@@ -57,255 +65,333 @@ struct Workspace {
 struct Workspaces {
     std::vector<std::unique_ptr<Workspace>> all;
     std::size_t used = 0;
-
-    static Workspaces& here() {
-        thread_local Workspaces spaces;
-        return spaces;
-    }
 };
 
 /// Takes a workspace for its lifetime.
 /// Threads: one. Guarantee: as Workspaces.
 class Lease {
 public:
-    Lease() : spaces_(Workspaces::here()) {
+    Lease() : spaces_(here()) {
         if (spaces_.used == spaces_.all.size())
             spaces_.all.push_back(std::make_unique<Workspace>());
-        ++spaces_.used;
+        space_ = spaces_.all[spaces_.used++].get();
     }
     ~Lease() { --spaces_.used; }
     Lease(const Lease&) = delete;
     Lease& operator=(const Lease&) = delete;
 
+    [[nodiscard]] Workspace& operator*() const { return *space_; }
+
 private:
+    static Workspaces& here() {
+        thread_local Workspaces spaces;
+        return spaces;
+    }
+
     Workspaces& spaces_;
+    Workspace* space_;
 };
 
-/// The one that was taken last.
-Workspace& workspace() {
-    const Workspaces& spaces = Workspaces::here();
-    return *spaces.all[spaces.used - 1];
-}
-
-geometry::Rule rule_of(const Policy& policy) {
-    using geometry::Selection;
-    switch (policy.kind) {
-        case lookup::PolicyKind::kExact:
-            return {Selection::kExact, policy.limit};
-        case lookup::PolicyKind::kPrevious:
-            return {Selection::kPrevious, policy.limit};
-        case lookup::PolicyKind::kNearest:
-            return {Selection::kNearest, policy.limit};
-        case lookup::PolicyKind::kExtrapolate:
-            return {Selection::kExtrapolate, policy.limit};
-        default:
-            break;
-    }
-    // No two stored stamps lie further apart: then the kernels need not look at the gaps.
-    const bool any_gap = policy.limit >= lookup::kNoLimit;
-    return {Selection::kInterpolate, any_gap ? geometry::kNoLimit : policy.limit};
-}
-
-/// Copies one edge. kMismatch if the path may be another one at some of the stamps, if its numbers
-/// are so large that sums may overflow, or if too much would have to be copied: then every stamp is
-/// looked up by itself.
-Outcome copy_edge(const StoreView& view, FrameId child, FrameId parent, const Request& request,
-                  store::Track& track) {
-    const std::size_t most = std::max(kAlwaysCopied, kSamplesPerStamp * request.stamps.size());
-    const Outcome outcome =
-        store::collect_window(view, child, request.first, request.last, most, track);
-    if (outcome == Outcome::kFailed)
-        return Outcome::kMismatch;
-    if (outcome != Outcome::kOk)
-        return outcome;
-    if (track.poses.empty())
-        return Outcome::kMismatch;
-    const CommitNumber oldest = *std::min_element(track.commits.begin(), track.commits.end());
-    const bool same = std::all_of(track.parents.begin(), track.parents.end(),
-                                  [&](FrameId id) { return id == parent; });
-    const bool small = std::all_of(track.poses.begin(), track.poses.end(), [](const Pose& pose) {
-        const geometry::Vec3& t = pose.translation;
-        return std::fabs(t.x) + std::fabs(t.y) + std::fabs(t.z) < kNoOverflow;
-    });
-    return same && small && view.alive_since(parent, oldest) ? Outcome::kOk : Outcome::kMismatch;
-}
-
-Outcome copy_path(const StoreView& view, const Request& request, Workspace& space) {
-    space.views.clear();
-    const Outcome walked =
-        lookup::walk(view, request.target, request.source, request.first, request.policy,
-                     lookup::WalkMode::kHints, space.answer, space.failure);
-    if (walked != Outcome::kOk)
-        return walked;
-    const auto& up = space.answer.source_chain;
-    const auto& down = space.answer.target_chain;
-    space.source_edges = up.size() - 1;
-    const std::size_t edges = up.size() + down.size() - 2;
-    if (space.tracks.size() < edges)
-        space.tracks.resize(edges);
-    for (const auto* chain : {&up, &down}) {
-        for (std::size_t i = 0; i + 1 < chain->size(); ++i) {
-            store::Track& track = space.tracks[space.views.size()];
-            const Outcome outcome = copy_edge(view, (*chain)[i], (*chain)[i + 1], request, track);
-            if (outcome != Outcome::kOk)
-                return outcome;
-            geometry::TrackView& copied = space.views.emplace_back();
-            copied.stamps = track.stamps.data();
-            copied.poses = track.poses.data();
-            copied.size = track.poses.size();
-            copied.is_static = track.is_static;
-        }
-    }
-    return Outcome::kOk;
-}
-
-/// Whether the path that was copied is the only one also where an edge of it refuses: from the
-/// meeting point upward each frame has one parent at all these stamps, and none is on the path.
-/// Elsewhere the two frames may meet in another frame. kMismatch: perhaps not.
-Outcome check_only_path(const StoreView& view, const Request& request, const Answer& walked) {
-    const auto is_on = [](const std::vector<FrameId>& chain, FrameId id) {
-        return std::find(chain.begin(), chain.end(), id) != chain.end();
+/// Puts the stamps of a piece in order, but for what lies closer than a millionth of its span: by
+/// two digits, the last one first.
+void put_in_order(std::span<const StampNs> stamps, std::size_t begin, Workspace& space) {
+    constexpr int kDigit = 10;
+    constexpr std::uint64_t kValues = 1U << kDigit;
+    const auto [least, greatest] = std::minmax_element(stamps.begin(), stamps.end());
+    const StampNs base = *least;
+    const auto span = static_cast<std::uint64_t>(*greatest - base);
+    const int ignored = std::max(static_cast<int>(std::bit_width(span)) - 2 * kDigit, 0);
+    std::array<std::array<std::uint32_t, kValues>, 2> places{};
+    const auto digits = [&](StampNs stamp) {
+        return static_cast<std::uint64_t>(stamp - base) >> ignored;
     };
-    FrameId id = walked.source_chain.back();
-    store::Track track;
-    for (std::uint32_t steps = 0; steps <= view.frame_count(); ++steps) {
-        const Outcome outcome =
-            store::collect_window(view, id, request.first, request.last, kAlwaysCopied, track);
-        if (outcome != Outcome::kOk)
-            return outcome == Outcome::kFailed ? Outcome::kMismatch : outcome;
-        if (track.parents.empty())
-            return Outcome::kOk;
-        id = track.parents.front();
-        const CommitNumber oldest = *std::min_element(track.commits.begin(), track.commits.end());
-        const bool same = std::all_of(track.parents.begin(), track.parents.end(),
-                                      [&](FrameId parent) { return parent == id; });
-        if (!same || !view.alive_since(id, oldest) || is_on(walked.source_chain, id) ||
-            is_on(walked.target_chain, id)) {
-            return Outcome::kMismatch;
-        }
+    for (const StampNs stamp : stamps) {
+        ++places[0][digits(stamp) % kValues];
+        ++places[1][digits(stamp) / kValues];
     }
-    return Outcome::kMismatch;
+    for (auto& digit : places)
+        std::exclusive_scan(digit.begin(), digit.end(), digit.begin(), 0U);
+    space.rows.resize(stamps.size());
+    space.spare.resize(stamps.size());
+    for (std::size_t i = 0; i < stamps.size(); ++i)
+        space.spare[places[0][digits(stamps[i]) % kValues]++] = {stamps[i], begin + i};
+    for (const Row& row : space.spare)
+        space.rows[places[1][digits(row.stamp) / kValues]++] = row;
 }
 
-/// The caller's way to consume results: `kernel` runs on a copied path, and leaves NaN where an
-/// edge refuses; `one` takes one pose (null: no answer, write NaN).
-template <class Kernel, class One>
+/// `emit(begin, rows, count)` consumes the block's poses of so many stamps: from `begin` on, or of
+/// `rows` if that is not null. A mark that is not kPlain then says that there is none.
+template <class Emit>
 class BatchRun {
 public:
-    BatchRun(const Reads::Impl& impl, const Request& request, bool stop, Kernel kernel, One one)
-        : impl_(impl), request_(request), stop_(stop), kernel_(kernel), one_(one) {}
+    BatchRun(const Reads::Impl& impl, const Request& request, Workspace& space, Emit emit)
+        : impl_(impl), request_(request), space_(space), emit_(emit) {}
 
     Outcome operator()(const StoreView& view) {
-        Workspace& space = workspace();
-        refused_ = geometry::kNoneRefused;
-        if (!lookup::detail::check_frame(view, request_.target, 0, space.failure) ||
-            !lookup::detail::check_frame(view, request_.source, 1, space.failure)) {
+        refused_.reset();
+        only_path_.reset();
+        if (!lookup::detail::check_frame(view, request_.target, 0, space_.failure) ||
+            !lookup::detail::check_frame(view, request_.source, 1, space_.failure)) {
             return Outcome::kFailed;
         }
-        if (request_.target == request_.source) {
-            space.views.clear();
-            space.source_edges = 0;
-        } else {
-            const Outcome copied = copy_path(view, request_, space);
-            if (copied != Outcome::kOk)
-                return copied == Outcome::kLapped ? copied : one_by_one(view, space);
+        Outcome outcome = Outcome::kMismatch;
+        if (request_.stamps.size() > kFewStamps)
+            outcome = open_path(view);
+        if (outcome == Outcome::kLapped)
+            return outcome;
+        prepared_ = outcome == Outcome::kOk;
+        missing_ = false;
+        for (std::size_t begin = 0; begin < request_.stamps.size(); begin += kPiece) {
+            outcome = answer_piece(view, begin);
+            if (outcome != Outcome::kOk)
+                return outcome;
         }
-        const std::size_t refused = geometry::first_refused(space.path(), rule_of(request_.policy),
-                                                            request_.stamps, space.scratch);
-        if (refused != geometry::kNoneRefused) {
-            const Outcome only = check_only_path(view, request_, space.answer);
-            if (only != Outcome::kOk)
-                return only == Outcome::kLapped ? only : one_by_one(view, space);
-            if (stop_)
-                return refuse(view, space, refused);
-            if (reused(view))
-                return Outcome::kLapped;
+        // What is missing may be a frame whose slot was reused since.
+        return missing_ ? store::unless_reused(impl_, view.commit(), Outcome::kOk) : Outcome::kOk;
+    }
+
+    /// Which stamp of those asked for was refused first.
+    [[nodiscard]] const std::optional<std::size_t>& refused() const { return refused_; }
+
+private:
+    /// kMismatch: the hints led astray, or an edge is none for kernels.
+    Outcome open_path(const StoreView& view) {
+        space_.edges.clear();
+        space_.source_edges = 0;
+        if (request_.target == request_.source)
+            return Outcome::kOk;
+        const Outcome walked =
+            lookup::walk(view, request_.target, request_.source, request_.stamps.front(),
+                         request_.policy, lookup::WalkMode::kHints, space_.answer, space_.failure);
+        if (walked != Outcome::kOk)
+            return walked == Outcome::kLapped ? walked : Outcome::kMismatch;
+        const auto& up = space_.answer.source_chain;
+        const auto& down = space_.answer.target_chain;
+        space_.path.assign(up.begin(), up.end() - 1);
+        space_.path.insert(space_.path.end(), down.begin(), down.end());
+        Outcome outcome = open_side(view, up);
+        space_.source_edges = space_.edges.size();
+        if (outcome == Outcome::kOk)
+            outcome = open_side(view, down);
+        return outcome;
+    }
+
+    Outcome open_side(const StoreView& view, const std::vector<FrameId>& chain) {
+        const std::size_t begin = space_.edges.size();
+        for (std::size_t i = 0; i + 1 < chain.size(); ++i) {
+            BatchEdge& edge = space_.edges.emplace_back();
+            const Outcome outcome = edge.open(view, chain[i], chain[i + 1]);
+            if (outcome != Outcome::kOk)
+                return outcome;
+            // Static edges at the start of a side are composed beforehand. Behind one that moves
+            // each stays by itself: composed with each other first, they would round otherwise.
+            BatchEdge& before = space_.edges[begin];
+            if (&before != &edge && space_.edges.size() == begin + 2 && before.is_static() &&
+                edge.is_static()) {
+                before.put_in_front(edge.pose());
+                space_.edges.pop_back();
+            }
         }
-        kernel_(space);
         return Outcome::kOk;
     }
 
-    [[nodiscard]] std::size_t refused() const { return refused_; }
-
-private:
-    Outcome look_up(const StoreView& view, Workspace& space, std::size_t i) {
-        return lookup::lookup(view, request_.target, request_.source, request_.stamps[i],
-                              request_.policy, space.answer, space.failure);
-    }
-    /// What is missing may be a frame whose slot was reused since. Asked before anything is
-    /// written: points may be moved in place, and only once.
-    [[nodiscard]] bool reused(const StoreView& view) const {
-        return store::unless_reused(impl_, view.commit(), Outcome::kOk) == Outcome::kLapped;
-    }
-    /// The lookup of one stamp says why.
-    Outcome refuse(const StoreView& view, Workspace& space, std::size_t i) {
-        refused_ = i;
-        const Outcome why = look_up(view, space, i);
+    /// Of so many stamps that the order in which they come does not matter.
+    Outcome answer_piece(const StoreView& view, std::size_t begin) {
+        const std::size_t all = std::min(kPiece, request_.stamps.size() - begin);
+        const auto stamps = request_.stamps.subspan(begin, all);
+        const bool in_order =
+            !prepared_ || all < kFewUnsorted || std::is_sorted(stamps.begin(), stamps.end());
+        if (!in_order)
+            put_in_order(stamps, begin, space_);
+        for (std::size_t at = 0; at < all; at += kBlock) {
+            may_end();
+            const std::size_t count = std::min(kBlock, all - at);
+            const Row* const rows = in_order ? nullptr : &space_.rows[at];
+            for (std::size_t i = 0; i < count; ++i)
+                space_.stamps[i] = in_order ? stamps[at + i] : rows[i].stamp;
+            std::fill_n(space_.marks, kBlock, prepared_ ? Mark::kPlain : Mark::kSingle);
+            if (prepared_ && !evaluate(count))
+                return Outcome::kLapped;
+            for (std::size_t i = 0; i < count; ++i) {
+                if (space_.marks[i] == Mark::kPlain)
+                    continue;
+                if (!settle(view, i, in_order ? begin + at + i : rows[i].index))
+                    return Outcome::kLapped;
+            }
+            emit_(begin + at, rows, count);
+        }
+        if (!refused_)
+            return Outcome::kOk;
+        // The first one says why.
+        const Outcome why = look_up(view, request_.stamps[*refused_]);
         return why == Outcome::kOk ? Outcome::kLapped : why;
     }
 
-    /// All poses come first.
-    Outcome one_by_one(const StoreView& view, Workspace& space) {
-        space.poses.clear();
-        bool missing = false;
-        for (std::size_t i = 0; i < request_.stamps.size(); ++i) {
-            if (i % kRowsBetween == 0)
-                may_end();
-            const Outcome outcome = look_up(view, space, i);
-            if (outcome == Outcome::kLapped)
-                return outcome;
-            if (outcome == Outcome::kFailed && stop_) {
-                refused_ = i;
-                return outcome;
+    Outcome look_up(const StoreView& view, StampNs stamp) {
+        return lookup::lookup(view, request_.target, request_.source, stamp, request_.policy,
+                              space_.answer, space_.failure);
+    }
+
+    /// The block's poses, and marks where there is none. False: overtaken.
+    [[nodiscard]] bool evaluate(std::size_t count) {
+        const std::size_t whole = geometry::round_up_to_group(count);
+        const StampNs* const stamps = space_.stamps;
+        std::fill(space_.stamps + count, space_.stamps + whole, stamps[count - 1]);
+        const std::span<BatchEdge> all(space_.edges);
+        const auto source_side = all.first(space_.source_edges);
+        const auto target_side = all.subspan(space_.source_edges);
+        geometry::PoseBlock& block = space_.block;
+        if (all.empty())
+            kernels_.join_constant(block, whole, geometry::identity(), true);
+        if (!join_side(source_side, whole, block) ||
+            !join_side(target_side, whole, source_side.empty() ? block : space_.target_block))
+            return false;
+        if (source_side.empty() && !target_side.empty())
+            kernels_.turn(block, whole);
+        else if (!target_side.empty())
+            kernels_.meet(block, space_.target_block, whole);
+        if (!kernels_.all_finite(block, whole)) {
+            for (std::size_t i = 0; i < whole; ++i) {
+                if (!geometry::is_finite(geometry::pose_at(block, i)))
+                    space_.marks[i] = Mark::kSingle;
             }
-            auto& pose = space.poses.emplace_back();
-            if (outcome == Outcome::kOk)
-                pose = space.answer.pose;
-            missing |= !pose;
         }
-        if (missing && reused(view))
-            return Outcome::kLapped;
-        for (std::size_t i = 0; i < space.poses.size(); ++i) {
-            one_(i, space.poses[i] ? &*space.poses[i] : nullptr);
+        return std::all_of(all.begin(), all.end(),
+                           [](const BatchEdge& edge) { return edge.view().confirm(); });
+    }
+
+    [[nodiscard]] bool join_side(std::span<BatchEdge> side, std::size_t whole,
+                                 geometry::PoseBlock& block) {
+        geometry::Pairs& pairs = space_.pairs;
+        const StampNs* const stamps = space_.stamps;
+        bool first = true;
+        for (BatchEdge& edge : side) {
+            if (edge.is_static()) {
+                kernels_.join_constant(block, whole, edge.pose(), first);
+            } else {
+                if (!edge.find(stamps, whole, request_.policy, pairs, space_.marks))
+                    return false;
+                if (pairs.count == 0)
+                    continue;
+                if (!kernels_.load(pairs, edge.words()))
+                    edge.mark_strangers(pairs, whole, space_.marks);
+                kernels_.join(block, whole, stamps, pairs, first);
+            }
+            first = false;
+        }
+        return true;
+    }
+
+    /// The pose of a stamp that the kernels left out, or that there is none. False: overtaken.
+    [[nodiscard]] bool settle(const StoreView& view, std::size_t i, std::size_t row) {
+        Mark& mark = space_.marks[i];
+        const bool unsure = mark == Mark::kRefused && !request_.stop;
+        if (unsure && !only_path_ && check_only_path(view) == Outcome::kLapped)
+            return false;
+        const bool earlier = refused_ && *refused_ < row;
+        Outcome outcome = Outcome::kFailed;
+        if (!earlier && !(unsure && *only_path_))
+            outcome = look_up(view, space_.stamps[i]);
+        mark = outcome == Outcome::kOk ? Mark::kPlain : Mark::kRefused;
+        if (outcome == Outcome::kOk)
+            geometry::put_pose(space_.block, i, space_.answer.pose);
+        if (outcome == Outcome::kFailed && request_.stop)
+            refused_ = std::min(row, refused_.value_or(row));
+        missing_ |= outcome == Outcome::kFailed;
+        return outcome != Outcome::kLapped;
+    }
+
+    /// Whether there is no other path where an edge of this one refuses: each of its frames, and of
+    /// those above it, has one parent at all times, and none comes twice. kLapped, or kOk.
+    Outcome check_only_path(const StoreView& view) {
+        std::vector<FrameId>& path = space_.path;
+        only_path_ = true;
+        for (std::size_t i = 0; i < path.size() && *only_path_; ++i) {
+            StoreEdge edge;
+            if (!view.open(path[i], edge))
+                return Outcome::kLapped;
+            const std::uint64_t newest = edge.empty() ? kNoFrame : edge.slot_word(edge.newest());
+            const FrameId parent = history::SlotWord::parent(newest);
+            if (!edge.confirm())
+                return Outcome::kLapped;
+            only_path_ = edge.one_parent();
+            if (i + 1 == path.size() && parent != kNoFrame) {
+                only_path_ =
+                    *only_path_ && std::find(path.begin(), path.end(), parent) == path.end();
+                path.push_back(parent);
+            }
         }
         return Outcome::kOk;
     }
 
     const Reads::Impl& impl_;
     const Request& request_;
-    bool stop_;
-    Kernel kernel_;
-    One one_;
-    std::size_t refused_ = geometry::kNoneRefused;
+    Workspace& space_;
+    Emit emit_;
+    const geometry::Kernels& kernels_ = geometry::chosen_kernels();
+    bool prepared_ = false;  // the path's edges are open: kernels can read them
+    bool missing_ = false;
+    std::optional<std::size_t> refused_;
+    std::optional<bool> only_path_;
 };
 
+constexpr double kNone = std::numeric_limits<double>::quiet_NaN();
+
+/// Rows of points that come from one place and go to another, or to the same.
 template <class Real>
-void move_point(const Pose* pose, const Real* in, Real* out) {
-    if (pose == nullptr) {
-        std::fill_n(out, 3, std::numeric_limits<Real>::quiet_NaN());
-        return;
+struct Points {
+    geometry::PointRows<const Real> in;
+    geometry::PointRows<Real> out;
+    std::size_t count;
+
+    void blank(std::size_t i) const { std::fill_n(out.from(i).data, 3, static_cast<Real>(kNone)); }
+    void move_by_one(const geometry::Kernels& kernels, const Pose& pose) const {
+        if constexpr (std::is_same_v<Real, double>)
+            kernels.move_doubles_by_one(pose, count, in, out);
+        else
+            kernels.move_floats_by_one(pose, count, in, out);
     }
-    const geometry::Vec3 p = geometry::apply(*pose, {in[0], in[1], in[2]});
-    out[0] = static_cast<Real>(p.x);
-    out[1] = static_cast<Real>(p.y);
-    out[2] = static_cast<Real>(p.z);
-}
+    void move(const geometry::Kernels& kernels, const geometry::PoseBlock& block) const {
+        if constexpr (std::is_same_v<Real, double>)
+            kernels.move_doubles(block, count, in, out);
+        else
+            kernels.move_floats(block, count, in, out);
+    }
+    /// Those of a block, each with its pose.
+    void move(const geometry::Kernels& kernels, const Workspace& space, std::size_t begin,
+              const Row* rows, std::size_t some) const {
+        std::array<Real, 3 * kBlock> apart;  // rows on their way to their poses and to their places
+        if (rows == nullptr)
+            Points{in.from(begin), out.from(begin), some}.move(kernels, space.block);
+        for (std::size_t i = 0; i < some && rows != nullptr; ++i)
+            std::copy_n(in.from(rows[i].index).data, 3, &apart[3 * i]);
+        if (rows != nullptr)
+            Points{{apart.data()}, {apart.data()}, some}.move(kernels, space.block);
+        for (std::size_t i = 0; i < some; ++i) {
+            const std::size_t row = rows == nullptr ? begin + i : rows[i].index;
+            if (rows != nullptr)
+                std::copy_n(&apart[3 * i], 3, out.from(row).data);
+            if (space.marks[i] != Mark::kPlain)
+                blank(row);
+        }
+    }
+};
 
 }  // namespace
 
 /// Runs a batch on this reader's state, and throws what the first refused stamp says.
-template <class Kernel, class One>
+/// `emit(space, begin, rows, count)`: see BatchRun.
+template <class Emit>
 void Reads::run_batch(std::string_view target, std::string_view source,
-                      std::span<const StampNs> stamps, Policy policy, bool stop, Kernel kernel,
-                      One one) const {
+                      std::span<const StampNs> stamps, Policy policy, bool stop, Emit emit) const {
     const Lease lease;
-    Request request{kNoFrame, kNoFrame, stamps, 0, 0, policy};
-    if (!stamps.empty()) {
-        const auto [first, last] = std::minmax_element(stamps.begin(), stamps.end());
-        request.first = *first;
-        request.last = *last;
-    }
-    BatchRun run(*impl_, request, stop, kernel, one);
+    Workspace& space = *lease;
+    Request request{kNoFrame, kNoFrame, stamps, policy, stop};
+    BatchRun run(*impl_, request, space, [&](auto... what) { emit(space, what...); });
+    // A long one would have to begin again where writers overtake it.
+    std::optional<store::HeldPin> pin;
+    if (held_ == kFresh && impl_->control == nullptr && stamps.size() > kBlock)
+        pin.emplace(*impl_);
     const Outcome outcome = store::read(*impl_, held_, kFresh, [&](const StoreView& view) {
         request.target = impl_->names.find(target, view.commit());
         request.source = impl_->names.find(source, view.commit());
@@ -316,10 +402,10 @@ void Reads::run_batch(std::string_view target, std::string_view source,
     if (outcome == Outcome::kLapped)
         store::throw_snapshot_too_old(held_, impl_->committed());
     try {
-        raise(workspace().failure, store::by_name(Question::kAt, target, source));
+        raise(space.failure, store::by_name(Question::kAt, target, source));
     } catch (Error& error) {
-        if (run.refused() != geometry::kNoneRefused)
-            error.detail().index = run.refused();
+        if (run.refused())
+            error.detail().index = *run.refused();
         throw;
     }
 }
@@ -328,50 +414,68 @@ void Reads::lookup_many(std::string_view target, std::string_view source,
                         std::span<const StampNs> stamps, Policy policy, Layout layout,
                         Missing missing, std::span<double> out) const {
     store::check_room(stamps, layout, out);
-    const auto rows =
-        layout == Layout::kMatrix ? geometry::PoseLayout::kMatrix : geometry::PoseLayout::kPose;
-    run_batch(
-        target, source, stamps, policy, missing == Missing::kThrow,
-        [&](Workspace& space) {
-            geometry::evaluate_poses(space.path(), rule_of(policy), stamps, rows, out.data(),
-                                     geometry::OnRefused::kNan, space.scratch);
-        },
-        [&](std::size_t i, const Pose* pose) {
-            store::write_row(pose, layout, out.data() + store::row_width(layout) * i);
-        });
+    const geometry::Kernels& kernels = geometry::chosen_kernels();
+    const auto write = [&](auto width, auto store_rows) {
+        constexpr std::size_t kWidth = decltype(width)::value;
+        std::array<double, kWidth * kBlock> apart;  // rows on their way to their places
+        run_batch(
+            target, source, stamps, policy, missing == Missing::kThrow,
+            [&](const Workspace& space, std::size_t begin, const Row* rows, std::size_t count) {
+                double* const to = rows == nullptr ? &out[kWidth * begin] : apart.data();
+                store_rows(space.block, count, to);
+                for (std::size_t i = 0; i < count; ++i) {
+                    if (space.marks[i] != Mark::kPlain)
+                        std::fill_n(to + kWidth * i, kWidth, kNone);
+                    if (rows != nullptr)
+                        std::copy_n(to + kWidth * i, kWidth, &out[kWidth * rows[i].index]);
+                }
+            });
+    };
+    if (layout == Layout::kPose)
+        write(std::integral_constant<std::size_t, 7>{}, kernels.store_poses);
+    else
+        write(std::integral_constant<std::size_t, 16>{}, kernels.store_matrices);
 }
 
 template <class Real>
 void Reads::move_points(std::string_view target, std::string_view source, const Real* points,
                         std::size_t stride, std::size_t count, std::span<const StampNs> stamps,
                         Policy policy, Missing missing, Real* out, std::size_t out_stride) const {
-    if (stamps.size() != count && stamps.size() != 1) {
+    const bool one = stamps.size() == 1;
+    if (stamps.size() != count && !one) {
         throw InvalidArgument("transform_points takes one stamp for each of the " +
                               std::to_string(count) + " points or one for all, not " +
                               std::to_string(stamps.size()));
     }
+    const bool in_place = points == out && stride == out_stride;
     store::check_apart(store::bytes_of(stamps), store::bytes_of_rows(out, out_stride, count),
                        "the stamps");
-    if (points != out || stride != out_stride) {
+    if (!in_place) {
         store::check_apart(store::bytes_of_rows(points, stride, count),
                            store::bytes_of_rows(out, out_stride, count), "the points");
     }
-    run_batch(
-        target, source, stamps, policy, missing == Missing::kThrow,
-        [&](Workspace& space) {
-            geometry::transform_points(
-                space.path(), rule_of(policy), stamps, count,
-                geometry::PointRows<const Real>{points, static_cast<std::ptrdiff_t>(stride)},
-                geometry::PointRows<Real>{out, static_cast<std::ptrdiff_t>(out_stride)},
-                geometry::OnRefused::kNan, space.scratch);
-        },
-        [&](std::size_t i, const Pose* pose) {
-            const std::size_t first = stamps.size() == 1 ? 0 : i;
-            const std::size_t end = stamps.size() == 1 ? count : i + 1;
-            for (std::size_t p = first; p < end; ++p) {
-                move_point(pose, points + p * stride, out + p * out_stride);
-            }
-        });
+    // Where some stamp has no answer, and where the batch begins again, no point may be moved yet.
+    std::vector<Real> moved(in_place && !one ? 3 * count : 0);
+    const geometry::PointRows<Real> rows{out, static_cast<std::ptrdiff_t>(out_stride)};
+    const Points<Real> all{{points, static_cast<std::ptrdiff_t>(stride)},
+                           moved.empty() ? rows : geometry::PointRows<Real>{moved.data()},
+                           count};
+    const geometry::Kernels& kernels = geometry::chosen_kernels();
+    std::optional<Pose> pose;  // for all
+    run_batch(target, source, stamps, policy, missing == Missing::kThrow,
+              [&](const Workspace& space, std::size_t begin, const Row* order, std::size_t some) {
+                  if (!one)
+                      return all.move(kernels, space, begin, order, some);
+                  pose.reset();
+                  if (space.marks[0] == Mark::kPlain)
+                      pose = geometry::pose_at(space.block, 0);
+              });
+    if (pose)
+        all.move_by_one(kernels, *pose);
+    for (std::size_t i = 0; i < count && one && !pose; ++i)
+        all.blank(i);
+    for (std::size_t i = 0; i < moved.size() / 3; ++i)
+        std::copy_n(moved.data() + 3 * i, 3, rows.from(i).data);
 }
 
 void Reads::transform_points(std::string_view target, std::string_view source, const float* points,
@@ -391,35 +495,36 @@ void Reads::transform_points(std::string_view target, std::string_view source, c
 std::vector<StampNs> Reads::path_stamps(std::string_view target, std::string_view source,
                                         std::optional<StampNs> start,
                                         std::optional<StampNs> end) const {
-    const Lease lease;
     std::vector<StampNs> stamps;
-    Workspace& space = workspace();
+    Answer answer;
+    Failure failure;
     const Outcome outcome = store::read(*impl_, held_, kFresh, [&](const StoreView& view) {
         stamps.clear();
         const FrameId from = impl_->names.find(source, view.commit());
         const FrameId to = impl_->names.find(target, view.commit());
         // Walks the newest tree, and leaves the chains in the answer.
-        const Outcome walked =
-            lookup::latest_common_path(view, to, from, space.answer, space.failure);
+        const Outcome walked = lookup::latest_common_path(view, to, from, answer, failure);
         if (walked != Outcome::kOk || from == to)
             return walked;
-        const StampNs newest = space.answer.stamp;
         StampNs first = start.value_or(0);
-        StampNs last = std::min(newest, end.value_or(newest));
-        for (const auto* chain : {&space.answer.source_chain, &space.answer.target_chain}) {
+        StampNs last = std::min(answer.stamp, end.value_or(answer.stamp));
+        for (const auto* chain : {&answer.source_chain, &answer.target_chain}) {
             for (std::size_t i = 0; i + 1 < chain->size(); ++i) {
                 may_end();
-                store::Track track;
-                const Outcome copied = store::collect_all(view, (*chain)[i], track);
-                if (copied != Outcome::kOk)
-                    return copied;
-                if (track.poses.empty())
-                    return Outcome::kLapped;  // the walk found a parent here: the slot was reused
-                if (track.is_static)
+                StoreEdge edge;
+                if (!view.open((*chain)[i], edge) || edge.empty())
+                    return Outcome::kLapped;  // the walk found a parent: the slot was reused
+                if (edge.is_static())
                     continue;
-                first = std::max(first, track.stamps.front());
-                last = std::min(last, track.stamps.back());
-                stamps.insert(stamps.end(), track.stamps.begin(), track.stamps.end());
+                const std::size_t before = stamps.size();
+                const bool whole = edge.visit(0, history::kForever, 0, [&](const auto& sample) {
+                    stamps.push_back(sample.stamp);
+                    return true;
+                });
+                if (!whole || !edge.confirm())
+                    return Outcome::kLapped;
+                first = std::max(first, stamps[before]);
+                last = std::min(last, stamps.back());
             }
         }
         std::erase_if(stamps, [&](StampNs s) { return s < first || s > last; });
@@ -428,7 +533,7 @@ std::vector<StampNs> Reads::path_stamps(std::string_view target, std::string_vie
     if (outcome == Outcome::kLapped)
         store::throw_snapshot_too_old(held_, impl_->committed());
     if (outcome == Outcome::kFailed)
-        raise(space.failure, store::by_name(Question::kCommonTime, target, source));
+        raise(failure, store::by_name(Question::kCommonTime, target, source));
     std::sort(stamps.begin(), stamps.end());
     stamps.erase(std::unique(stamps.begin(), stamps.end()), stamps.end());
     return stamps;

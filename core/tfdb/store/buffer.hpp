@@ -221,10 +221,9 @@ protected:
     CommitNumber held_;  // the snapshot's commit, or kFresh
 
 private:
-    template <class Kernel, class One>
+    template <class Emit>
     void run_batch(std::string_view target, std::string_view source,
-                   std::span<const StampNs> stamps, Policy policy, bool stop, Kernel kernel,
-                   One one) const;
+                   std::span<const StampNs> stamps, Policy policy, bool stop, Emit emit) const;
     template <class Real>
     void move_points(std::string_view target, std::string_view source, const Real* points,
                      std::size_t stride, std::size_t count, std::span<const StampNs> stamps,

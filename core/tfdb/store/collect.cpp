@@ -19,35 +19,25 @@ void push(const StoreEdge& edge, const history::SampleAt& sample, Track& track) 
 
 }  // namespace
 
-Outcome collect_window(const StoreView& view, FrameId id, StampNs first, StampNs last,
-                       std::size_t most, Track& track) {
-    track.stamps.clear();
-    track.poses.clear();
-    track.parents.clear();
-    track.commits.clear();
-    track.is_static = false;
+Outcome collect_all(const StoreView& view, FrameId id, Track& track) {
+    track = Track{};
     StoreEdge edge;
     if (!view.open(id, edge))
         return Outcome::kLapped;
-    bool too_many = false;
     if (edge.is_static()) {
         track.is_static = true;
         push(edge, edge.newest(), track);
     } else if (!edge.empty()) {
-        const bool whole = edge.visit(first, last, 1, [&](const history::SampleAt& sample) {
-            too_many = track.stamps.size() == most;
-            if (!too_many) {
-                track.stamps.push_back(sample.stamp);
-                push(edge, sample, track);
-            }
-            return !too_many;
-        });
+        const bool whole = edge.visit(std::numeric_limits<StampNs>::min() / 2, history::kForever, 0,
+                                      [&](const history::SampleAt& sample) {
+                                          track.stamps.push_back(sample.stamp);
+                                          push(edge, sample, track);
+                                          return true;
+                                      });
         if (!whole)
             return Outcome::kLapped;
     }
-    if (!edge.confirm())
-        return Outcome::kLapped;
-    return too_many ? Outcome::kFailed : Outcome::kOk;
+    return edge.confirm() ? Outcome::kOk : Outcome::kLapped;
 }
 
 Outcome outline(const StoreView& view, FrameId id, Outline& out) {
@@ -76,11 +66,6 @@ Outcome outline(const StoreView& view, FrameId id, Outline& out) {
             return Outcome::kLapped;
     }
     return edge.confirm() ? Outcome::kOk : Outcome::kLapped;
-}
-
-Outcome collect_all(const StoreView& view, FrameId id, Track& track) {
-    return collect_window(view, id, std::numeric_limits<StampNs>::min() / 2, history::kForever,
-                          std::numeric_limits<std::size_t>::max(), track);
 }
 
 }  // namespace tfdb::store

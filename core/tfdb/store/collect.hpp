@@ -1,4 +1,4 @@
-// Copies of an edge's samples in plain memory: for batches, infos and dumps.
+// Copies of an edge's samples in plain memory: for infos and dumps.
 #pragma once
 
 #include <cstdint>
@@ -34,11 +34,5 @@ struct Outline {
 
 /// Everything that the view retains of an edge.
 [[nodiscard]] lookup::Outcome collect_all(const StoreView& view, FrameId id, Track& track);
-
-/// What is needed for stamps in [first, last]: those samples, one more at either side of them, and
-/// two more there so that the outermost pair stays the outermost pair of the edge.
-/// `most` bounds the copy: kFailed if more samples than that would be needed.
-[[nodiscard]] lookup::Outcome collect_window(const StoreView& view, FrameId id, StampNs first,
-                                             StampNs last, std::size_t most, Track& track);
 
 }  // namespace tfdb::store

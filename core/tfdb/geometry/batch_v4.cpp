@@ -1,0 +1,9 @@
+// Compiled for x86-64-v4 (AVX-512) and reached only where the processor has it: see
+// batch_kernels.cpp.
+#include "tfdb/geometry/batch_output.ipp"
+
+namespace tfdb::geometry {
+
+constinit const Kernels kV4Kernels = make_kernels<8>("v4");
+
+}  // namespace tfdb::geometry
