@@ -250,7 +250,7 @@ RowsWanted::RowsWanted(nb::handle target_name, nb::handle source_name, nb::handl
       policy(policy_of(how.ptr())),
       stamps(when),
       result(rows_for(out, stamps.values().size(), layout)),
-      kept(ArrayView::of(result.array, true)) {}
+      kept(out.is_none() ? std::nullopt : ArrayView::of(result.array, true)) {}
 
 void bind_batch(nb::class_<ReadsObject>& type) {
     type.def("lookup_transforms", &lookup_transforms, nb::arg("target"), nb::arg("source"),

@@ -31,7 +31,7 @@ struct RowsWanted {
     Policy policy;
     Stamps stamps;
     NewArray<double> result;
-    std::optional<ArrayView> kept;  // while it is written, nobody may move the result
+    std::optional<ArrayView> kept;  // while it is written, nobody may move what the caller gave
 
     /// Lets `reads`, a store's or a transaction's, write the rows. Needs no GIL.
     template <class From>

@@ -23,7 +23,7 @@ using store::BatchEdge;
 using store::Mark;
 
 // Up to so many stamps single lookups are cheaper than to prepare a path for many.
-constexpr std::size_t kFewStamps = 4;
+constexpr std::size_t kFewStamps = 3;
 
 // Stamps that are put in order together. Fewer than kFewUnsorted are not worth it.
 constexpr std::size_t kPiece = 4096;
