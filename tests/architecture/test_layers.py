@@ -72,6 +72,8 @@ def tree(tmp_path: Path) -> Path:
         "bindings/module.cpp": '#include <nanobind/nanobind.h>\n#include "tfdb/store/x.hpp"\n',
         "src/tfdb/__init__.py": "import numpy\nfrom tfdb._core import Buffer\n",
         "src/tfdb/io/__init__.py": "from tfdb import errors\n",
+        "measure/against/groups.hpp": "#pragma once\n",
+        "measure/tf2/tf2.hpp": "#pragma once\n",
     }
     for name, text in files.items():
         write(tmp_path / name, text)
@@ -114,6 +116,15 @@ SEEDED = [
     ("unknown-room", "src/tfdb/attic/bad.py", "x = 1\n"),
     ("function-length", "src/tfdb/bad.py", LONG_PYTHON),
     ("file-length", "src/tfdb/bad.py", "x = 1\n" * 701),
+    ("third-party", "src/tfdb/plot/bad.py", "import tfdb_measure\n"),
+    ("third-party", "measure/against/bad.cpp", "#include <tf2/buffer_core.h>\n"),
+    ("layer", "measure/workload/bad.hpp", '#include "tfdb/txn/commit.ipp"\n'),
+    ("layer", "measure/tf2/bad.cpp", '#include "tfdb/store/buffer.hpp"\n'),
+    ("layer", "measure/workload/bad.hpp", '#include "against/groups.hpp"\n'),
+    ("unknown-room", "measure/attic/bad.cpp", "int x;\n"),
+    ("layer", "measure/tfdb_measure/bad.py", "from tfdb.io import recordings\n"),
+    ("third-party", "measure/tfdb_measure/bad.py", "import rich\n"),
+    ("function-length", "measure/tfdb_measure/bad.py", LONG_PYTHON),
 ]
 
 
@@ -136,6 +147,10 @@ ALLOWED = [
     ),
     ("core/tfdb/graph/good.hpp", "class Forward;\ntemplate <class T> void f(T);\n"),
     ("src/tfdb/good.py", "def load():\n    from tfdb.io import recordings\n"),
+    ("src/tfdb/cli/bench.py", "import tfdb_measure\n"),
+    ("measure/tf2/good.cpp", "#include <tf2/buffer_core.h>\n"),
+    ("measure/workload/good.hpp", '#include "tf2/tf2.hpp"\n#include "tfdb/store/buffer.hpp"\n'),
+    ("measure/tfdb_measure/command.py", "import click\nfrom tfdb.cli import output\n"),
     ("src/tfdb/cli/good.py", "import click\nfrom tfdb.io import recordings\n"),
     ("src/tfdb/good.py", 'def f():\n    """' + "Long.\n" * 70 + '"""\n'),
 ]
