@@ -5,7 +5,6 @@
 #include <mutex>
 
 #include "tfdb/engines/retry.hpp"
-#include "tfdb/engines/seniority.hpp"
 #include "tfdb/store/asking.hpp"
 #include "tfdb/store/transaction_in.hpp"
 #include "tfdb/store/writes.hpp"
@@ -53,8 +52,6 @@ public:
         }
     }
 
-    static_assert(txn::Seniority<StoreMemory>::kMaxPriority == TransactionOptions::kMaxPriority &&
-                  txn::Seniority<StoreMemory>::kAgeBits == TransactionOptions::kAgeBits);
     [[nodiscard]] std::unique_ptr<EngineTransaction> transaction(
         const TransactionOptions& options) override {
         txn::SessionOptions session;

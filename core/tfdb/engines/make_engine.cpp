@@ -1,27 +1,38 @@
 // Which engine a store has.
-#include "tfdb/store/engine.hpp"
-
-#include "tfdb/engines/engines.hpp"
-#include "tfdb/store/impl.hpp"
+#include "tfdb/engines/engine_of.hpp"
+#include "tfdb/engines/fine.hpp"
+#include "tfdb/engines/giant.hpp"
+#include "tfdb/engines/no_wait.hpp"
+#include "tfdb/engines/silo.hpp"
+#include "tfdb/engines/wait_die.hpp"
+#include "tfdb/engines/wound_wait.hpp"
 
 namespace tfdb::store {
+
+// Each is compiled beside its session.
+extern template class EngineOf<txn::FineSession<StoreMemory>>;
+extern template class EngineOf<txn::GiantSession<StoreMemory>>;
+extern template class EngineOf<txn::NoWaitSession<StoreMemory>>;
+extern template class EngineOf<txn::SiloSession<StoreMemory>>;
+extern template class EngineOf<txn::WaitDieSession<StoreMemory>>;
+extern template class EngineOf<txn::WoundWaitSession<StoreMemory>>;
 
 std::unique_ptr<Engine> make_engine(Reads::Impl& impl) {
     switch (impl.concurrency) {
         case Concurrency::kSnapshot:
-            return nullptr;
+            break;
         case Concurrency::kGiant:
-            return make_giant(impl);
+            return std::make_unique<EngineOf<txn::GiantSession<StoreMemory>>>(impl);
         case Concurrency::kFine:
-            return make_fine(impl);
+            return std::make_unique<EngineOf<txn::FineSession<StoreMemory>>>(impl);
         case Concurrency::kNoWait:
-            return make_no_wait(impl);
+            return std::make_unique<EngineOf<txn::NoWaitSession<StoreMemory>>>(impl);
         case Concurrency::kWaitDie:
-            return make_wait_die(impl);
+            return std::make_unique<EngineOf<txn::WaitDieSession<StoreMemory>>>(impl);
         case Concurrency::kWoundWait:
-            return make_wound_wait(impl);
+            return std::make_unique<EngineOf<txn::WoundWaitSession<StoreMemory>>>(impl);
         case Concurrency::kSilo:
-            return make_silo(impl);
+            return std::make_unique<EngineOf<txn::SiloSession<StoreMemory>>>(impl);
     }
     return nullptr;
 }

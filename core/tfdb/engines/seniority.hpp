@@ -2,6 +2,7 @@
 #pragma once
 
 #include "tfdb/engines/shared_state.hpp"
+#include "tfdb/store/transaction.hpp"
 #include "tfdb/txn/session.hpp"
 
 namespace tfdb::txn {
@@ -12,9 +13,8 @@ namespace tfdb::txn {
 template <class Memory>
 class Seniority {
 public:
-    static constexpr unsigned kAgeBits = 60;
-    static constexpr unsigned kMaxPriority = 7;
     using Shared = SharedState<Memory>;
+    using Options = TransactionOptions;
 
     explicit Seniority(const SessionOptions& options)
         : priority_(options.priority), age_(options.age) {}
@@ -23,7 +23,7 @@ public:
     void take_place(Shared& shared, unsigned slot) {
         if (age_ == 0)
             age_ = shared.committed() + 1;
-        word_ = std::uint64_t{kMaxPriority - priority_} << kAgeBits | age_;
+        word_ = std::uint64_t{Options::kMaxPriority - priority_} << Options::kAgeBits | age_;
         shared.gate.age(slot).store_relaxed(word_);
     }
     [[nodiscard]] bool senior_to(Shared& shared, unsigned slot, unsigned other) const {

@@ -31,7 +31,6 @@ public:
         used_ += entry.round == round_ ? 0 : 1;
         entry = {round_, id, place};
     }
-    [[nodiscard]] std::size_t capacity() const { return entries_.size(); }
 
 private:
     struct Entry {

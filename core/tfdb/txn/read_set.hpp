@@ -6,6 +6,7 @@
 #include <span>
 #include <string>
 #include <string_view>
+#include <unordered_set>
 #include <utility>
 #include <vector>
 
@@ -40,56 +41,37 @@ struct ReadConflict {
 class ReadSet {
 public:
     void clear() {
-        frames_.clear();
+        noted_ = 0;
         places_.clear();
-        last_ = 0;
-        ranges_.clear();
-        most_ranges_ = kFewRanges;
         absent_.clear();
-        absent_names_.clear();
-        most_absent_ = kFewNames;
         listings_.clear();
     }
-    /// Whether it takes little memory, cleared.
+    /// Whether it is worth to be kept for the next transaction.
     [[nodiscard]] bool is_small() const {
-        return frames_.capacity() <= 1024 && places_.capacity() <= 2048 &&
-               ranges_.capacity() <= 2 * kFewRanges && absent_.capacity() <= 2 * kFewNames &&
-               absent_names_.capacity() <= 64 * kFewNames && listings_.capacity() <= 64;
+        return frames_.size() <= kMostKept && absent_.bucket_count() <= kMostKept;
     }
 
     /// The frame exists. Returns its place, which stays.
     std::size_t note_frame(FrameId id, std::uint32_t generation) {
-        if (last_ < frames_.size() && frames_[last_].id == id)
+        if (last_ < noted_ && frames_[last_].id == id)
             return last_;
         std::uint32_t place = places_.find(id);
         if (place == FramePlaces::kNone) {
-            place = static_cast<std::uint32_t>(frames_.size());
-            frames_.push_back({id, generation, history::kNoStamp, kNoRange, false});
+            place = static_cast<std::uint32_t>(noted_);
+            if (noted_ == frames_.size())
+                frames_.emplace_back();
             places_.set(id, place);
+            frames_[noted_++].start(id, generation);
         }
         last_ = place;
-        return place;
+        return last_;
     }
     /// The frame's edge was looked at: that it was cleared or stored static would show.
     void note_edge(std::size_t place) { frames_[place].edge = true; }
     /// A new sample within the stamps, ends included, would show.
     void note_range(std::size_t place, history::StampRange range) {
-        if (range.from > range.to)
-            return;
-        Frame& frame = frames_[place];
-        if (frame.range != kNoRange) {
-            history::StampRange& last = ranges_[frame.range].stamps;
-            if (range.from <= last.to && last.from <= range.to) {
-                last = {std::min(range.from, last.from), std::max(range.to, last.to)};
-                return;
-            }
-        }
-        if (ranges_.size() >= most_ranges_) {
-            merge_ranges();
-            most_ranges_ = 2 * ranges_.size() + kFewRanges;
-        }
-        frame.range = ranges_.size();
-        ranges_.push_back({static_cast<std::uint32_t>(place), range});
+        if (range.from <= range.to)
+            add(frames_[place].ranges, range);
     }
     void note_all(std::size_t place) { note_range(place, {}); }
     /// A sample was used: that it is no longer retained would show.
@@ -98,16 +80,7 @@ public:
         if (stamp >= 0 && (lowest < 0 || stamp < lowest))
             lowest = stamp;
     }
-    void note_absent(std::string_view name) {
-        if (!absent_.empty() && name_of(absent_.back()) == name)
-            return;
-        if (absent_.size() >= most_absent_) {
-            merge_absent();
-            most_absent_ = 2 * absent_.size() + kFewNames;
-        }
-        absent_.push_back({absent_names_.size(), name.size()});
-        absent_names_ += name;
-    }
+    void note_absent(std::string_view name) { absent_.emplace(name); }
     /// The frame's children by newest parents, ascending; none needs no search at the end.
     void note_children(FrameId id, std::vector<FrameId> children) {
         listings_.emplace_back(id, std::move(children));
@@ -117,9 +90,8 @@ public:
     /// only frames, names and children are asked for.
     template <class Memory>
     [[nodiscard]] ReadConflict validate(const graph::Frames<Memory>& frames, clock::StampNs history,
-                                        CommitNumber since, CommitNumber now, bool edges) {
-        merge_ranges();
-        for (const Frame& frame : frames_) {
+                                        CommitNumber since, CommitNumber now, bool edges) const {
+        for (const Frame& frame : std::span(frames_).first(noted_)) {
             const bool same =
                 frames.generation(frame.id) == frame.generation && frames.alive(frame.id, now);
             if (!same)
@@ -128,98 +100,59 @@ public:
                 continue;
             const history::EdgeChanges<Memory> changes(frames.memory(), frames.header(frame.id),
                                                        since, history);
-            const history::EdgeChange change = changes.find(ranges_of(frame), frame.lowest);
+            const history::EdgeChange change = changes.find(frame.ranges, frame.lowest);
             if (change)
                 return {ReadConflict::kEdge, frame.id, {}, change};
         }
         const graph::Names<Memory> names(frames);
-        for (const Absent& absent : absent_) {
-            const FrameId found = names.find(name_of(absent), now);
+        for (const std::string& name : absent_) {
+            const FrameId found = names.find(name, now);
             if (found != kNoFrame)
-                return {ReadConflict::kNewName, found, std::string(name_of(absent)), {}};
+                return {ReadConflict::kNewName, found, name, {}};
         }
         return validate_children(frames, history, now);
     }
 
 private:
-    static constexpr std::size_t kNoRange = ~std::size_t{0};
     struct Frame {
-        FrameId id;
-        std::uint32_t generation;
-        clock::StampNs lowest;  // stamp that was used
-        std::size_t range;      // the last that was noted of it; merged: its first
-        bool edge;
-    };
-    struct Range {
-        std::uint32_t place;
-        history::StampRange stamps;
-    };
-    struct Absent {  // a name
-        std::size_t at;
-        std::size_t length;
-    };
-    static constexpr std::size_t kMostRanges = 64;  // of a frame; beyond, neighbours become one
-    static constexpr std::size_t kFewRanges = 1024;
-    static constexpr std::size_t kFewNames = 64;
+        FrameId id = kNoFrame;
+        std::uint32_t generation = 0;
+        bool edge = false;
+        clock::StampNs lowest = history::kNoStamp;  // stamp that was used
+        std::vector<history::StampRange> ranges;    // sorted, apart
 
-    [[nodiscard]] std::string_view name_of(const Absent& absent) const {
-        return std::string_view(absent_names_).substr(absent.at, absent.length);
-    }
-    void merge_absent() {
-        std::sort(absent_.begin(), absent_.end(),
-                  [&](const Absent& a, const Absent& b) { return name_of(a) < name_of(b); });
-        std::string names;
-        std::size_t kept = 0;
-        for (const Absent& absent : absent_) {
-            const std::string_view name = name_of(absent);
-            if (kept > 0 && std::string_view(names).substr(absent_[kept - 1].at) == name)
-                continue;
-            const std::size_t at = names.size();
-            names += name;
-            absent_[kept++] = {at, name.size()};
+        void start(FrameId of, std::uint32_t its_generation) {
+            id = of;
+            generation = its_generation;
+            edge = false;
+            lowest = history::kNoStamp;
+            ranges.clear();
         }
-        absent_.resize(kept);
-        absent_names_.swap(names);
-    }
+    };
+    static constexpr std::size_t kMostRanges = 64;  // beyond, neighbours become one
+    static constexpr std::size_t kMostKept = 256;
 
-    /// Puts those of each frame one after another, ascending and apart.
-    void merge_ranges() {
-        std::sort(ranges_.begin(), ranges_.end(), [](const Range& a, const Range& b) {
-            return a.place != b.place ? a.place < b.place : a.stamps.from < b.stamps.from;
-        });
+    static void add(std::vector<history::StampRange>& ranges, history::StampRange range) {
+        const auto first = std::lower_bound(
+            ranges.begin(), ranges.end(), range.from,
+            [](const history::StampRange& r, clock::StampNs s) { return r.to < s; });
+        auto last = first;
+        for (; last != ranges.end() && last->from <= range.to; ++last) {
+            range.from = std::min(range.from, last->from);
+            range.to = std::max(range.to, last->to);
+        }
+        if (first == last) {
+            ranges.insert(first, range);
+        } else {
+            *first = range;
+            ranges.erase(first + 1, last);
+        }
+        if (ranges.size() <= kMostRanges)
+            return;
         std::size_t kept = 0;
-        for (std::size_t first = 0, end = 0; first < ranges_.size(); first = end) {
-            const std::size_t start = kept;
-            for (; end < ranges_.size() && ranges_[end].place == ranges_[first].place; ++end) {
-                const history::StampRange next = ranges_[end].stamps;
-                history::StampRange* const last =
-                    kept > start ? &ranges_[kept - 1].stamps : nullptr;
-                if (last != nullptr && next.from <= last->to)
-                    last->to = std::max(last->to, next.to);
-                else
-                    ranges_[kept++] = ranges_[end];
-            }
-            while (kept - start > kMostRanges)
-                kept = join_neighbours(start, kept);
-            frames_[ranges_[start].place].range = start;
-        }
-        ranges_.resize(kept);
-    }
-    std::size_t join_neighbours(std::size_t start, std::size_t end) {
-        std::size_t kept = start;
-        for (std::size_t i = start; i < end; i += 2, ++kept) {
-            ranges_[kept] = ranges_[i];
-            ranges_[kept].stamps.to = ranges_[std::min(i + 1, end - 1)].stamps.to;
-        }
-        return kept;
-    }
-    /// After `merge_ranges`.
-    [[nodiscard]] std::span<const history::StampRange> ranges_of(const Frame& frame) {
-        const auto place = static_cast<std::uint32_t>(&frame - frames_.data());
-        of_one_.clear();
-        for (std::size_t i = frame.range; i < ranges_.size() && ranges_[i].place == place; ++i)
-            of_one_.push_back(ranges_[i].stamps);
-        return of_one_;
+        for (std::size_t i = 0; i < ranges.size(); i += 2, ++kept)
+            ranges[kept] = {ranges[i].from, ranges[std::min(i + 1, ranges.size() - 1)].to};
+        ranges.resize(kept);
     }
 
     template <class Memory>
@@ -244,16 +177,12 @@ private:
         return {};
     }
 
-    std::vector<Frame> frames_;
+    std::vector<Frame> frames_;  // those beyond `noted_` wait for their next use
+    std::size_t noted_ = 0;
     FramePlaces places_;
     std::size_t last_ = 0;
-    std::vector<Range> ranges_;
-    std::vector<history::StampRange> of_one_;
-    std::vector<Absent> absent_;
-    std::string absent_names_;
+    std::unordered_set<std::string> absent_;
     std::vector<std::pair<FrameId, std::vector<FrameId>>> listings_;
-    std::size_t most_ranges_ = kFewRanges;  // before they are merged
-    std::size_t most_absent_ = kFewNames;
 };
 
 }  // namespace tfdb::txn

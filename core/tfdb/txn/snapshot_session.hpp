@@ -62,21 +62,6 @@ public:
     }
     void pause() {}
 
-    /// Runs what writers have overtaken again and again while none can.
-    template <class Body>
-    void undisturbed(Body body) {
-        if (alone_)
-            return body();
-        take_lock(urgent_);
-        try {
-            body();
-        } catch (...) {
-            lock_.unlock();
-            throw;
-        }
-        lock_.unlock();
-    }
-
 private:
     void take_lock(bool urgent) {
         if (urgent)

@@ -58,10 +58,6 @@ public:
         Outcome outcome = Outcome::kLapped;
         for (int i = 0; i < kTries && outcome == Outcome::kLapped; ++i)
             outcome = body(view());
-        if constexpr (requires { session_.undisturbed([] {}); }) {
-            if (outcome == Outcome::kLapped)
-                session_.undisturbed([&] { outcome = body(view()); });
-        }
         return session_.confirm() ? outcome : Outcome::kLapped;
     }
     /// What is missing in the state that is read may be a frame whose slot was reused since.

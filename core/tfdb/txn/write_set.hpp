@@ -63,7 +63,7 @@ public:
                 sort();
             return all_;
         }
-        [[nodiscard]] std::size_t capacity() const { return all_.capacity(); }
+        [[nodiscard]] std::size_t size() const { return all_.size(); }
 
     private:
         void sort() const {
@@ -96,8 +96,10 @@ public:
     };
 
     void clear() {
-        for (std::size_t i = 0; i < written_; ++i)
-            edges_[i].samples.clear();
+        for (Edge& edge : std::span(edges_).first(written_)) {
+            most_samples_ = std::max(most_samples_, edge.samples.size());
+            edge.samples.clear();
+        }
         written_ = 0;
         places_.clear();
         naming_.clear();
@@ -106,16 +108,10 @@ public:
         removed_.clear();
         authorities_.clear();
     }
-    /// Whether it takes little memory, cleared.
+    /// Whether it is worth to be kept for the next transaction.
     [[nodiscard]] bool is_small() const {
-        constexpr std::size_t kMost = 1024;
-        std::size_t samples = 0;
-        for (const Edge& edge : edges_)
-            samples += edge.samples.capacity();
-        return samples <= kMost && edges_.size() <= kMost && places_.capacity() <= 2 * kMost &&
-               naming_.capacity() <= kMost && made_.capacity() <= kMost &&
-               names_.bucket_count() <= kMost && removed_.bucket_count() <= kMost &&
-               authorities_.capacity() <= kMost;
+        return edges_.size() <= kMostKept && most_samples_ <= kMostKept &&
+               names_.bucket_count() <= kMostKept && removed_.bucket_count() <= kMostKept;
     }
 
     [[nodiscard]] bool empty() const { return written_ == 0 && made_.empty() && removed_.empty(); }
@@ -208,8 +204,9 @@ public:
     [[nodiscard]] static std::size_t place_of(FrameId own) { return kNoFrame - 1 - own; }
 
 private:
-    using Naming =
-        std::pair<FrameId, FrameId>;  // a parent, and the child of which a sample names it
+    static constexpr std::size_t kMostKept = 256;
+    /// A parent, and the child of which a sample names it.
+    using Naming = std::pair<FrameId, FrameId>;
 
     std::uint32_t add_edge(FrameId child) {
         if (written_ == edges_.size())
@@ -224,7 +221,8 @@ private:
 
     std::vector<Edge> edges_;  // those beyond `written_` wait for their next use
     std::size_t written_ = 0;
-    FramePlaces places_;  // of the edges
+    std::size_t most_samples_ = 0;  // that any of them ever had
+    FramePlaces places_;            // of the edges
     std::vector<Naming> naming_;
     std::vector<std::string> made_;  // names, by place
     std::unordered_map<std::string, FrameId> names_;
