@@ -291,7 +291,7 @@ nb::object attempt(nb::handle self, nb::handle priority, bool alone, std::uint64
     options.priority = priority_of(priority);
     options.alone = alone;
     options.age = age;
-    const nb::object made = nb::inst_alloc(nb::type<TransactionObject>());
+    nb::object made = nb::inst_alloc(nb::type<TransactionObject>());
     new (nb::inst_ptr<TransactionObject>(made)) TransactionObject(self, options);
     nb::inst_mark_ready(made);
     return made;
