@@ -5,6 +5,7 @@ Says that it is ready, then calls again and again; the parent sends SIGINT at an
 
 from __future__ import annotations
 
+import signal
 import sys
 from typing import TYPE_CHECKING, Any
 
@@ -90,6 +91,8 @@ def in_transaction(buf: tfdb.Buffer) -> None:
 
 def main() -> None:
     """Call until interrupted, then say what is left."""
+    # A parent in the background of a shell has it ignored.
+    signal.signal(signal.SIGINT, signal.default_int_handler)
     buf = filled()
     name = sys.argv[1]
     call = calls(buf)[name]

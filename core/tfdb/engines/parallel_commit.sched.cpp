@@ -25,7 +25,7 @@ Body<S> holder() {
     return [](Stage<S>& stage, unsigned thread) {
         S session(stage.shared, Stage<S>::in_slot(thread));
         session.begin(Mode::kAlone);
-        stage.store.word(graph::kPins).fetch_add(1);
+        stage.store.word(graph::kHeldPins).fetch_add(1);
         const CommitNumber held = stage.shared.committed();
         session.end(true);
         StampNs seen = history::kNoStamp;
@@ -41,7 +41,7 @@ Body<S> holder() {
             require(seen < 0 || answer.edges[0].before == seen, "the same again");
             seen = answer.edges[0].before;
         }
-        stage.store.word(graph::kPins).fetch_add(~std::uint64_t{0});
+        stage.store.word(graph::kHeldPins).fetch_add(~std::uint64_t{0});
     };
 }
 

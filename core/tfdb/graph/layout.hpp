@@ -12,9 +12,8 @@ namespace tfdb::graph {
 /// Words of the root block. Each of the first three has a cache line of its own.
 enum StoreWord : unsigned {
     kCommit = 0,       // newest published commit: the one linearization point
-    kPins = 8,         // how many snapshots are held, in three counts: see Pins
-    kPinFloors = 11,   // what those are not older than
-    kPinHint = 14,     // which count the next snapshot goes to
+    kEpoch = 1,        // see history::AsOf
+    kHeldPins = 8,     // whoever holds a state: see Pins
     kCommitLock = 16,  // see sync::CommitLock
     kFrameCount = 24,  // slots of the frame table ever used
     kFreeHead = 25,    // id + 1 of the frame that was removed first and waits for reuse
@@ -23,8 +22,10 @@ enum StoreWord : unsigned {
     kNamesFilled = 28,   // its entries in use, dead ones included
     kRecycleFloor = 29,  // older snapshots may miss frames whose slots were reused
     kNormalised = 30,
-    kFreeFull = 31,  // id + 1 of the first removed frame that still has its name and its samples
-    kStoreWords = 32,
+    kFreeFull = 31,   // id + 1 of the first removed frame that still has its name and its samples
+    kReadPins = 32,   // reads under way that were overtaken before: see Pins
+    kHeldBytes = 40,  // in segments that held states alone still show
+    kStoreWords = 48,
 };
 
 /// The word that says where the name table is. The version makes a block that was freed and used

@@ -52,7 +52,8 @@ struct HeldSnapshots : rl::test_suite<HeldSnapshots, 1 + kReaders> {
     PinsMemory memory;
     Places places;
     Frames<PinsMemory> frames{memory, memory.allocate(kStoreBytes), 0, 1};
-    Pins<PinsMemory> pins{frames};
+    Pins<PinsMemory> held{frames, kHeldPins};
+    Pins<PinsMemory> reads{frames, kReadPins};
 
     void before() {
         places = place(memory, kScript);
@@ -63,10 +64,11 @@ struct HeldSnapshots : rl::test_suite<HeldSnapshots, 1 + kReaders> {
         if (index == 0) {
             for (std::size_t batch = 0; batch < kScript.during.size(); ++batch) {
                 const CommitNumber committed = memory.word(places.commit).load_relaxed();
-                const CommitNumber oldest = pins.oldest(committed);
+                const CommitNumber oldest = held.oldest(committed);
                 // The seeded bug: as if a count that is in use could have a newer floor.
                 write_beside(memory, places, kScript, 1 + batch,
-                             g_reuses_busy_count ? committed : oldest);
+                             g_reuses_busy_count ? committed : oldest,
+                             [this](std::uint64_t epoch) { return reads.oldest(epoch); });
             }
             return;
         }
@@ -76,14 +78,19 @@ struct HeldSnapshots : rl::test_suite<HeldSnapshots, 1 + kReaders> {
         hold();
     }
 
-    /// Each time asked the same, however far the writer has come.
+    /// Each time asked the same, however far the writer has come; a read that is overtaken is
+    /// pinned, and not overtaken again.
     void hold() {
-        const unsigned pin = pins.take();
-        const CommitNumber held = memory.word(places.commit).load_acquire();
+        const unsigned pin = held.take();
+        const CommitNumber state = memory.word(places.commit).load_acquire();
         for (int question = 0; question < 2; ++question) {
-            RL_ASSERT(read_at(memory, places, kScript, *g_model, held, kAsked, require));
+            if (read_at(memory, places, kScript, *g_model, state, kAsked, require))
+                continue;
+            const unsigned read_pin = reads.take();
+            RL_ASSERT(read_at(memory, places, kScript, *g_model, state, kAsked, require));
+            reads.drop(read_pin);
         }
-        pins.drop(pin);
+        held.drop(pin);
     }
 };
 

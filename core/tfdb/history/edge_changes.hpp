@@ -52,7 +52,7 @@ public:
     [[nodiscard]] EdgeChange find(std::span<const StampRange> ranges, StampNs lowest) const {
         if (!any())
             return {};
-        if (word(kSince).load_relaxed() > since_)
+        if (Base::began() > since_)
             return {Change::kCleared, kNoStamp};
         EdgeChange found;
         CommitNumber newest = since_;

@@ -68,7 +68,9 @@ public:
 
 private:
     [[nodiscard]] CommitNumber oldest_read() override { return committed_; }
-    [[nodiscard]] CommitNumber newest() override { return committed_; }
+    [[nodiscard]] std::uint64_t next_epoch() override { return epoch_ + 1; }
+    [[nodiscard]] std::uint64_t begin_epoch() override { return ++epoch_; }
+    void held(std::uint64_t) override {}
 
     struct Stored {
         StampNs stamp;
@@ -78,6 +80,7 @@ private:
     Offset header_ = 0;
     StampNs history_;
     CommitNumber committed_ = 0;
+    std::uint64_t epoch_ = 0;
     std::vector<Stored> stamps_;
 };
 

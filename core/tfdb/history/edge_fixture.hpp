@@ -32,11 +32,14 @@ public:
     [[nodiscard]] CommitNumber committed() const { return committed_; }
     /// Without what waits for readers.
     [[nodiscard]] std::size_t used_bytes() const {
-        return memory_.used_bytes() - memory_.retired_bytes();
+        return memory_.used_bytes() - memory_.retired_bytes(Line::kReplaced) -
+               memory_.retired_bytes(Line::kEnded);
     }
     [[nodiscard]] std::uint64_t word_value(HeaderWord w) const {
         return memory_.word(header_ + 8 * w).load_relaxed();
     }
+    /// Of those, what only held snapshots need.
+    [[nodiscard]] std::size_t held_bytes() const { return held_bytes_; }
     /// From now on held snapshots keep what they see.
     void hold(bool held) { held_ = held; }
 
@@ -57,7 +60,7 @@ public:
     }
 
     [[nodiscard]] bool open(CommitNumber snapshot, View& view) {
-        return view.open(memory_, header_, snapshot, history_);
+        return view.open(memory_, header_, snapshot, history_, {epoch_, snapshot});
     }
 
     /// Asks one snapshot around one stamp. False: it said that it was overtaken.
@@ -122,7 +125,9 @@ private:
         }
     }
     [[nodiscard]] CommitNumber oldest_read() override { return held_ ? 0 : committed_; }
-    [[nodiscard]] CommitNumber newest() override { return committed_; }
+    [[nodiscard]] std::uint64_t next_epoch() override { return epoch_ + 1; }
+    [[nodiscard]] std::uint64_t begin_epoch() override { return ++epoch_; }
+    void held(std::uint64_t bytes) override { held_bytes_ += bytes; }
 
     [[nodiscard]] const std::map<StampNs, Entry>& visible(CommitNumber snapshot) {
         if (seen_snapshot_ == snapshot && seen_entries_ == entries_.size())
@@ -161,6 +166,8 @@ private:
     Offset header_ = 0;
     StampNs history_;
     bool held_ = false;
+    std::uint64_t held_bytes_ = 0;
+    std::uint64_t epoch_ = 0;
     CommitNumber committed_ = 0;
     WriteContext context_{0, history_, *this};
     bool cleared_ = false;

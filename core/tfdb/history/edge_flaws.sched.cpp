@@ -54,7 +54,7 @@ MakeFlaw forgotten(HeaderWord word) {
 }
 MakeFlaw reuse_forgotten() {
     return [](const SmallMemory& memory, const Places&) {
-        const Word* const chosen = &memory.reclaimed();
+        const Word* const chosen = &memory.reclaimed(memory::Line::kReplaced);
         return std::make_unique<Forgets>(
             [=](const Word& asked, std::uint64_t) { return &asked == chosen; });
     };
@@ -67,7 +67,7 @@ MakeFlaw looked_at_once(HeaderWord word) {
 }
 MakeFlaw reuse_believed() {
     return [](const SmallMemory& memory, const Places&) {
-        return std::make_unique<BelievesFirst>(kReader, memory.reclaimed());
+        return std::make_unique<BelievesFirst>(kReader, memory.reclaimed(memory::Line::kReplaced));
     };
 }
 
@@ -76,12 +76,13 @@ bool read_of_two_snapshots(SmallMemory& memory, const Places& places, const Scri
                            const Model& model, StampNs stamp) {
     Taken<SmallMemory> first;
     Taken<SmallMemory> second;
+    const std::uint64_t epoch = memory.word(places.epoch()).load_acquire();
     const CommitNumber snapshot = memory.word(places.commit).load_acquire();
-    if (!take(memory, places.header(0), snapshot, script.history, stamp, first)) {
+    if (!take(memory, places.header(0), snapshot, epoch, script.history, stamp, first)) {
         return false;
     }
     const CommitNumber later = memory.word(places.commit).load_acquire();
-    if (!take(memory, places.header(1), later, script.history, stamp, second)) {
+    if (!take(memory, places.header(1), later, epoch, script.history, stamp, second)) {
         return false;
     }
     judge(first, model.visible(snapshot, 0), stamp, require);

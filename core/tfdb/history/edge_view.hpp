@@ -17,26 +17,35 @@ struct Bracket {
     SampleAt after;
 };
 
+/// What a reader loads before it looks at anything else. Epochs count how often blocks that were
+/// taken out of use came to be free.
+struct AsOf {
+    std::uint64_t epoch = 0;
+    CommitNumber commit = 0;
+};
+/// For who keeps all others from writing.
+inline constexpr AsOf kAsItIs{kMaxCommit, kMaxCommit};
+
 /// A reader's window on one edge at one commit.
 ///
 /// Whatever the writer does meanwhile, the words that it swaps lead to segments that still hold all
 /// that this snapshot sees; samples of later commits are told by their numbers and passed over.
-/// What may happen is that a block is used again, but not before a commit later than the snapshot:
-/// the memory says up to which commit it has gone.
-/// Threads: each thread makes its own; any number beside the one writer.
-/// Guarantee: wait-free. What was read counts only if `confirm` says so afterwards; every
+/// What may happen is that a block is used again, but not before an epoch that began after the
+/// reader did, or a commit after the snapshot where a clear ended the version: the memory says up
+/// to which of them it has gone. Threads: each thread makes its own; any number beside the one
+/// writer. Guarantee: wait-free. What was read counts only if `confirm` says so afterwards; every
 /// function that returns false, and a failed `confirm`, mean "overtaken by the writer: read again".
 template <class Memory>
 class EdgeView {
 public:
     /// Looks at the frame whose header is at `header`; empty where it was not born yet.
-    /// `as_of`: the newest commit when the reader began, if `snapshot` may be later than that.
     [[nodiscard]] bool open(Memory& memory, Offset header, CommitNumber snapshot, StampNs history,
-                            CommitNumber as_of = kMaxCommit) {
+                            const AsOf& as_of) {
         memory_ = &memory;
         header_ = header;
         snapshot_ = snapshot;
-        as_of_ = std::min(snapshot, as_of);
+        epoch_ = as_of.epoch;
+        ended_ = std::min(snapshot, as_of.commit);
         history_ = history;
         overtaken_ = false;
         newest_ = {};
@@ -65,7 +74,8 @@ public:
     /// True if all that was read since `open` was whole.
     [[nodiscard]] bool confirm() const {
         Memory::fence_acquire();
-        return memory_->reclaimed().load_relaxed() <= as_of_ &&
+        return memory_->reclaimed(memory::Line::kReplaced).load_relaxed() <= epoch_ &&
+               memory_->reclaimed(memory::Line::kEnded).load_relaxed() <= ended_ &&
                word(kCorrected).load_relaxed() <= snapshot_;
     }
 
@@ -214,28 +224,37 @@ private:
         // What is evicted is told before.
         forgotten_ = word(kForgotten).load_relaxed();
     }
-    /// The version before the last clear, or one before that.
+    /// The version before the last clear, or one before that. Where that clear was taken back, its
+    /// version goes on in the header: as long as no other clear begins.
     [[nodiscard]] bool load_older() {
-        Offset version = word(kOlder).load_acquire() & ~kTakenBack;
-        for (CommitNumber since = kMaxCommit; since > snapshot_;) {
+        const std::uint64_t older = word(kOlder).load_acquire();
+        if ((older & kTakenBack) != 0 && (!load() || word(kOlder).load_acquire() != older))
+            return false;
+        Offset version = older & ~kTakenBack;
+        for (bool goes_on = (older & kTakenBack) != 0;; goes_on = false) {
             if (version == 0)
                 return false;
             const auto old = [&](VersionWord w) -> std::uint64_t {
                 return memory_->word(version + 8 * Offset{w}).load_relaxed();
             };
-            tail_ = old(kOldTail);
-            topology_ = old(kOldTopology);
-            since = old(kOldSince);
+            const std::uint64_t tail = old(kOldTail);
+            const std::uint64_t topology = old(kOldTopology);
+            const CommitNumber since = old(kOldSince);
             const Offset directory = old(kOldDirectory);
             const std::uint64_t end = old(kOldEnd);
             version = old(kOldOlder);
             if (!confirm())
                 return false;
-            load_directory(directory);
-            end_ = std::min(end_, end);
-            begin_ = std::min(begin_, end_);
+            if (!goes_on) {
+                tail_ = tail;
+                topology_ = topology;
+                load_directory(directory);
+                end_ = std::min(end_, end);
+                begin_ = std::min(begin_, end_);
+            }
+            if (since <= snapshot_)
+                return confirm();
         }
-        return confirm();
     }
 
     [[nodiscard]] std::uint64_t entry(std::uint64_t k) const {
@@ -357,7 +376,8 @@ private:
     Memory* memory_ = nullptr;
     Offset header_ = 0;
     CommitNumber snapshot_ = 0;
-    CommitNumber as_of_ = 0;
+    std::uint64_t epoch_ = 0;
+    CommitNumber ended_ = 0;  // versions that ended later are needed
     StampNs history_ = 0;
     std::uint64_t tail_ = 0;
     Offset directory_ = 0;

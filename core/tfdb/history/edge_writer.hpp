@@ -12,6 +12,9 @@
 #include <array>
 #include <bit>
 #include <cstdint>
+#include <span>
+#include <utility>
+#include <vector>
 
 #include "tfdb/base/error.hpp"
 #include "tfdb/history/edge_view.hpp"
@@ -29,8 +32,12 @@ public:
 
     /// The oldest state that anybody may still read. What neither it nor a later one shows may go.
     [[nodiscard]] virtual CommitNumber oldest_read() = 0;
-    /// The newest commit that a reader may have seen published.
-    [[nodiscard]] virtual CommitNumber newest() = 0;
+    /// Who begins to read in this epoch has no way to what was taken out of use before the call.
+    [[nodiscard]] virtual std::uint64_t next_epoch() = 0;
+    /// Begins it. No read under way that must not be overtaken began before the epoch returned.
+    [[nodiscard]] virtual std::uint64_t begin_epoch() = 0;
+    /// So many bytes more are kept for held states alone; modulo 2^64.
+    virtual void held(std::uint64_t bytes) = 0;
 };
 
 /// The commit in progress, as far as edges need to know it.
@@ -50,13 +57,13 @@ public:
         }
         return oldest_;
     }
+    [[nodiscard]] bool is_held() const { return oldest_read() < committed; }
     /// Held snapshots count no more: there is no memory for them.
     void give_up_snapshots() const {
         asked_ = true;
         oldest_ = committed;
     }
-    /// States before this commit may look at what is taken out of use now.
-    [[nodiscard]] CommitNumber retired_as() const { return readers_->newest() + 1; }
+    [[nodiscard]] Readers& readers() const { return *readers_; }
 
     CommitNumber committed;
     StampNs history;
@@ -86,20 +93,33 @@ void store_sample(Memory& memory, const Segment<Memory>& into, std::uint64_t ind
     memory.word(into.stamp_offset(index)).store_relaxed(as_word(sample.stamp));
 }
 
+using memory::Line;
+
+/// Releases what waits in a line beyond `keep` bytes. True: there is more.
+template <class Memory>
+bool reclaim(Memory& memory, const WriteContext& context, Line line, std::size_t keep) {
+    if (memory.retired_bytes(line) <= keep)
+        return false;
+    return memory.reclaim(
+        line, line == Line::kEnded ? context.oldest_read() : context.readers().begin_epoch(), keep);
+}
 /// Takes a block out of use that readers may still look at.
 template <class Memory>
-void retire(Memory& memory, const WriteContext& context, Offset block, std::size_t bytes) {
-    constexpr std::size_t kKept = Tuning<Memory>::kKept;
-    memory.retire(block, bytes, context.retired_as());
-    if (memory.retired_bytes() > kKept)
-        memory.reclaim(context.oldest_read(), kKept);
+void retire(Memory& memory, const WriteContext& context, Line line, Offset block,
+            std::size_t bytes) {
+    memory.retire(line, block, bytes,
+                  line == Line::kEnded ? context.number() : context.readers().next_epoch());
+    reclaim(memory, context, line, Tuning<Memory>::kKept);
 }
 template <class Memory>
-void retire_segment(Memory& memory, const WriteContext& context, std::uint64_t word) {
-    if (SegmentWord::block(word) != 0) {
-        const std::size_t bytes = Segment<Memory>::bytes(SegmentWord::capacity(word));
-        retire(memory, context, SegmentWord::block(word), bytes);
-    }
+void retire_segment(Memory& memory, const WriteContext& context, Line line, std::uint64_t word) {
+    if (SegmentWord::block(word) == 0)
+        return;
+    const Segment<Memory> segment(memory, word);
+    const std::size_t bytes = Segment<Memory>::bytes(SegmentWord::capacity(word));
+    if (segment.meta(kHeld).load_relaxed() != 0)
+        context.readers().held(std::uint64_t{0} - bytes);
+    retire(memory, context, line, SegmentWord::block(word), bytes);
 }
 
 /// A block that nobody knows yet: it goes back unless it is put to use.
@@ -109,12 +129,15 @@ class NewBlock {
 public:
     NewBlock(Memory& memory, std::size_t bytes)
         : memory_(memory), block_(memory.allocate(bytes)), bytes_(bytes) {}
+    NewBlock(NewBlock&& other) noexcept
+        : memory_(other.memory_), block_(std::exchange(other.block_, 0)), bytes_(other.bytes_) {}
     ~NewBlock() {
         if (block_ != 0)
             memory_.release(block_, bytes_);
     }
     NewBlock(const NewBlock&) = delete;
     NewBlock& operator=(const NewBlock&) = delete;
+    NewBlock& operator=(NewBlock&&) = delete;
 
     [[nodiscard]] Offset offset() const { return block_; }
     void use() { block_ = 0; }
@@ -138,6 +161,7 @@ public:
                                   0, 0)) {
         into_.meta(kLeast).store_relaxed(kMaxCommit);
         into_.meta(kGreatest).store_relaxed(0);
+        into_.meta(kHeld).store_relaxed(0);
     }
 
     [[nodiscard]] Segment<Memory> segment() const { return {memory_, word()}; }
@@ -190,6 +214,8 @@ public:
     /// Tags one sample with the context's commit and puts it where its stamp belongs, behind those
     /// of the same stamp. O(1) at the newest and at the oldest end. May throw CapacityExceeded.
     void append(const WriteContext& context, const NewSample<Memory>& sample);
+    /// The same for many, in the order of their stamps: what lies before the tail is copied once.
+    void append(const WriteContext& context, std::span<const NewSample<Memory>> samples);
 
     /// Makes room for samples that come one after another behind all others: to append them cannot
     /// fail then. False: so many cannot be announced. May throw as `append`.
@@ -206,6 +232,8 @@ public:
     /// After the sample `parent` has become the newest parent: hint for walks.
     void set_depth_hint(std::uint32_t depth);
 
+    /// The frame was removed: only states that are held show it.
+    void hold_all(const WriteContext& context);
     /// Gives back all memory: the frame is no more in any state that anybody may read.
     void release(const WriteContext& context);
 
@@ -252,6 +280,8 @@ private:
     void forget(const WriteContext& context, HeaderWord what);
     [[nodiscard]] StampNs cutoff(const WriteContext& context) const;
     void evict(const WriteContext& context);
+    bool hold(const WriteContext& context, std::uint64_t word);
+    void hold_before(const WriteContext& context, StampNs stamp);
     void heal_parents();
 
     void insert_late(const WriteContext& context, const NewSample<Memory>& sample,
@@ -262,6 +292,10 @@ private:
     void insert_and_split(const WriteContext& context, std::uint64_t k, std::uint64_t index,
                           const NewSample<Memory>& sample);
     void push_front(const WriteContext& context, const NewSample<Memory>& sample);
+    void insert_run(const WriteContext& context, std::span<const NewSample<Memory>> run,
+                    const SampleAt& newest);
+    void merge(const WriteContext& context, std::uint64_t k,
+               std::span<const NewSample<Memory>> samples, std::vector<NewSegment<Memory>>& made);
     void fill(const WriteContext& context, NewSegment<Memory>& into, const Seg& from,
               std::uint64_t first, std::uint64_t last, std::uint64_t index,
               const NewSample<Memory>& sample) const;
@@ -269,12 +303,12 @@ private:
     template <class Enter>
     void copy_directory(const WriteContext& context, std::uint64_t at, std::uint64_t removed,
                         std::uint64_t added, Enter enter);
-    void retire_directory(const WriteContext& context, Offset block);
+    void retire_directory(const WriteContext& context, Line line, Offset block);
     void update_directory_rate();
     [[nodiscard]] std::uint64_t trimmed(const WriteContext& context, std::uint64_t word) const;
     void trim_directory(const WriteContext& context);
     void trim_version(const WriteContext& context);
-    void retire_all(const WriteContext& context, std::uint64_t tail, Offset directory);
+    void retire_all(const WriteContext& context, Line line, std::uint64_t tail, Offset directory);
     void restore_topology();
 };
 

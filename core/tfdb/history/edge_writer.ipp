@@ -17,6 +17,28 @@ void EdgeWriter<Memory>::append(const WriteContext& context, const NewSample<Mem
     }
 }
 
+template <class Memory>
+void EdgeWriter<Memory>::append(const WriteContext& context,
+                                std::span<const NewSample<Memory>> samples) {
+    while (!samples.empty()) {
+        const SampleAt newest = newest_sample();
+        const Seg tail = this->tail();
+        const auto is_before_tail = [&](const NewSample<Memory>& sample) {
+            return newest && sample.stamp < newest.stamp &&
+                   (tail.empty() || sample.stamp < tail.stamp(tail.begin()));
+        };
+        const auto before = static_cast<std::size_t>(
+            std::find_if_not(samples.begin(), samples.end(), is_before_tail) - samples.begin());
+        if (before > 1 && begin() != end()) {
+            with_memory(context, [&] { insert_run(context, samples.first(before), newest); });
+            samples = samples.subspan(before);
+        } else {
+            append(context, samples.front());
+            samples = samples.subspan(1);
+        }
+    }
+}
+
 /// The header's other words, before the sample becomes part of the edge.
 template <class Memory>
 void EdgeWriter<Memory>::note(const WriteContext& context, const NewSample<Memory>& sample,
@@ -59,17 +81,23 @@ void EdgeWriter<Memory>::write(const WriteContext& context, const Seg& into, std
 template <class Memory>
 template <class Work>
 void EdgeWriter<Memory>::with_memory(const WriteContext& context, Work work) {
+    const auto reclaim_all = [&] {
+        for (const Line line : {Line::kReplaced, Line::kEnded}) {
+            while (reclaim(memory_, context, line, 0)) {
+            }
+        }
+    };
     try {
         return work();
     } catch (const CapacityExceeded&) {
-        memory_.reclaim(context.oldest_read(), 0);
+        reclaim_all();
     }
     try {
         return work();
     } catch (const CapacityExceeded&) {
         context.give_up_snapshots();
         evict(context);
-        memory_.reclaim(context.committed, 0);
+        reclaim_all();
     }
     work();
 }
@@ -149,7 +177,7 @@ void EdgeWriter<Memory>::copy_tail(const WriteContext& context, const Seg& full,
         forget(context, kCorrected);
     this->word(kTail).store_release(made.word());
     made.use();
-    retire_segment(memory_, context, old);
+    retire_segment(memory_, context, Line::kReplaced, old);
     heal_parents();
 }
 
@@ -184,14 +212,15 @@ void EdgeWriter<Memory>::forget(const WriteContext& context, HeaderWord what) {
         this->word(what).store_relaxed(context.oldest_read());
 }
 
-/// Below it nothing is retained in any state that is still read.
+/// Below it nothing is retained in any state that is still read and shows this version.
 template <class Memory>
 StampNs EdgeWriter<Memory>::cutoff(const WriteContext& context) const {
-    const CommitNumber state = context.oldest_read();
+    const CommitNumber state = std::max(context.oldest_read(), this->began());
     SampleAt newest = newest_sample();
     if (this->word(kChanged).load_relaxed() > state) {
         EdgeView<Memory> view;
-        newest = view.open(memory_, header_, state, context.history) ? view.newest() : SampleAt{};
+        newest = view.open(memory_, header_, state, context.history, kAsItIs) ? view.newest()
+                                                                              : SampleAt{};
     }
     // Static poses have no age.
     return newest && newest.stamp >= 0 ? newest.stamp - context.history
@@ -246,19 +275,44 @@ void EdgeWriter<Memory>::evict(const WriteContext& context) {
         if (is_needed())
             break;
         // To learn what readers need costs more than to see that some of it is old.
-        if (evicted++ == 0) {
+        if (evicted == 0) {
+            const StampNs old = limit;
             limit = cutoff(context);
+            if (limit < old)
+                hold_before(context, old);
             if (is_needed())
                 return;
         }
+        ++evicted;
         forget(context, kForgotten);
         directory.word(kDirBegin).store_release(k + 1);
-        retire_segment(memory_, context, oldest.word());
+        retire_segment(memory_, context, Line::kReplaced, oldest.word());
     }
     if (evicted > 0) {
         update_directory_rate();
         heal_parents();
     }
+}
+
+/// Notes that only held states show a segment. False: that was known.
+template <class Memory>
+bool EdgeWriter<Memory>::hold(const WriteContext& context, std::uint64_t word) {
+    if (SegmentWord::block(word) == 0 || segment(word).meta(kHeld).load_relaxed() != 0)
+        return false;
+    segment(word).meta(kHeld).store_relaxed(1);
+    context.readers().held(Seg::bytes(SegmentWord::capacity(word)));
+    return true;
+}
+/// Of segments that end before a stamp, the older ones are known sooner.
+template <class Memory>
+void EdgeWriter<Memory>::hold_before(const WriteContext& context, StampNs stamp) {
+    for (std::uint64_t k = segment_of(stamp); k > begin() && hold(context, word_of(k - 1));)
+        --k;
+}
+template <class Memory>
+void EdgeWriter<Memory>::hold_all(const WriteContext& context) {
+    for (std::uint64_t k = begin(); k <= end(); ++k)
+        hold(context, word_of(k));
 }
 
 /// Once what named another parent is gone, all name one.
@@ -300,6 +354,7 @@ void EdgeWriter<Memory>::store_word_of(std::uint64_t k, std::uint64_t word, Stam
 template <class Memory>
 void EdgeWriter<Memory>::insert_late(const WriteContext& context, const NewSample<Memory>& sample,
                                      const SampleAt& newest) {
+    const std::uint64_t segments = end() - begin();
     std::uint64_t k = segment_of(sample.stamp);
     Seg in = segment(word_of(k));
     std::uint64_t index = in.upper_bound(sample.stamp);
@@ -332,6 +387,8 @@ void EdgeWriter<Memory>::insert_late(const WriteContext& context, const NewSampl
         insert_and_split(context, k, index, sample);
     }
     this->word(kLate).store_relaxed(this->word(kLate).load_relaxed() + 1);
+    if (end() - begin() > segments)
+        evict(context);
 }
 
 /// Copies what is needed of [first, last), with the sample before that at `index`.
@@ -361,7 +418,7 @@ void EdgeWriter<Memory>::insert_in_copy(const WriteContext& context, std::uint64
         forget(context, kCorrected);
     store_word_of(k, made.word(), made.segment().stamp(made.segment().begin()));
     made.use();
-    retire_segment(memory_, context, old.word());
+    retire_segment(memory_, context, Line::kReplaced, old.word());
 }
 
 /// Two halves take the place of a full segment.
@@ -386,7 +443,7 @@ void EdgeWriter<Memory>::insert_and_split(const WriteContext& context, std::uint
     });
     lower.use();
     upper.use();
-    retire_segment(memory_, context, old.word());
+    retire_segment(memory_, context, Line::kReplaced, old.word());
 }
 
 /// A new segment before all others, which is filled from its end.
@@ -411,6 +468,92 @@ void EdgeWriter<Memory>::push_front(const WriteContext& context, const NewSample
         copy_directory(context, k, 0, 1, enter);
     }
     made.use();
+}
+
+/// Several late samples, all before the tail. The segments that they belong to, and the directory,
+/// are copied once.
+template <class Memory>
+void EdgeWriter<Memory>::insert_run(const WriteContext& context,
+                                    std::span<const NewSample<Memory>> run,
+                                    const SampleAt& newest) {
+    const Dir directory = this->directory();
+    const auto place_of = [&](StampNs stamp) { return directory.find(begin(), end(), stamp); };
+    const std::uint64_t first = place_of(run.front().stamp);
+    const std::uint64_t last = place_of(run.back().stamp) + 1;
+    std::vector<NewSegment<Memory>> made;
+    std::vector<std::pair<StampNs, std::uint64_t>> entries;
+    std::vector<std::uint64_t> replaced;
+    for (std::uint64_t k = first; k < last; ++k) {
+        const std::uint64_t old = word_of(k);
+        std::size_t count = 0;
+        while (count < run.size() && (k + 1 == last || run[count].stamp < directory.first(k + 1)))
+            ++count;
+        if (count == 0) {
+            entries.emplace_back(directory.first(k), old);
+            continue;
+        }
+        std::size_t next = made.size();
+        merge(context, k, run.first(count), made);
+        // Whoever looks for what was first in the segment must find the first piece.
+        StampNs from = std::min(directory.first(k), run.front().stamp);
+        for (; next < made.size(); ++next) {
+            entries.emplace_back(from, made[next].word());
+            if (next + 1 < made.size()) {
+                const Seg following = made[next + 1].segment();
+                from = following.stamp(following.begin());
+            }
+        }
+        replaced.push_back(old);
+        for (const auto& sample : run.first(count))
+            note(context, sample, newest);
+        run = run.subspan(count);
+    }
+    this->word(kReshaped).store_relaxed(context.number());
+    copy_directory(context, first, last - first, entries.size(),
+                   [&](const Dir& into, std::uint64_t at) {
+                       for (const auto& [from, word] : entries) {
+                           into.first_word(at).store_relaxed(as_word(from));
+                           into.entry(at++).store_relaxed(word);
+                       }
+                   });
+    for (auto& block : made)
+        block.use();
+    for (const std::uint64_t old : replaced)
+        retire_segment(memory_, context, Line::kReplaced, old);
+    this->word(kLate).store_relaxed(this->word(kLate).load_relaxed() + made.size());
+    evict(context);
+}
+
+/// What is needed of a segment together with new samples, in as many segments as they fill.
+template <class Memory>
+void EdgeWriter<Memory>::merge(const WriteContext& context, std::uint64_t k,
+                               std::span<const NewSample<Memory>> samples,
+                               std::vector<NewSegment<Memory>>& made) {
+    const Seg old = segment(word_of(k));
+    const std::uint64_t needed = count_needed(context, old, old.begin());
+    if (needed < SegmentWord::count(old.word()))
+        forget(context, kCorrected);
+    const std::uint64_t total = needed + samples.size();
+    const std::uint64_t pieces = (total + kFull - 1) / kFull;
+    const std::uint64_t capacity = std::max(std::min(SegmentWord::capacity(old.word()), kFull),
+                                            std::min(std::bit_ceil(total), kFull));
+    std::uint64_t filled = 0;
+    std::uint64_t begun = 0;
+    const auto into = [&]() -> NewSegment<Memory>& {
+        if (filled++ * pieces >= begun * total) {
+            made.emplace_back(memory_, capacity);
+            ++begun;
+        }
+        return made.back();
+    };
+    std::size_t next = 0;
+    for (std::uint64_t i = old.begin(); i <= old.end(); ++i) {
+        for (; next < samples.size() && (i == old.end() || samples[next].stamp < old.stamp(i));
+             ++next)
+            into().put(samples[next], context.number());
+        if (i < old.end() && is_needed(context, old, i))
+            into().copy(old, i);
+    }
 }
 
 // -- the directory ------------------------------------------------------------------------------
@@ -449,7 +592,7 @@ void EdgeWriter<Memory>::copy_directory(const WriteContext& context, std::uint64
     this->word(kDirectory).store_release(made.block());
     block.use();
     if (old.block() != 0)
-        retire_directory(context, old.block());
+        retire_directory(context, Line::kReplaced, old.block());
     update_directory_rate();
 }
 
@@ -465,9 +608,9 @@ void EdgeWriter<Memory>::update_directory_rate() {
 }
 
 template <class Memory>
-void EdgeWriter<Memory>::retire_directory(const WriteContext& context, Offset block) {
+void EdgeWriter<Memory>::retire_directory(const WriteContext& context, Line line, Offset block) {
     const std::uint64_t capacity = Dir(memory_, block).word(kDirCapacity).load_relaxed();
-    retire(memory_, context, block, Dir::bytes(capacity));
+    retire(memory_, context, line, block, Dir::bytes(capacity));
 }
 
 // -- versions -----------------------------------------------------------------------------------
@@ -479,11 +622,14 @@ void EdgeWriter<Memory>::clear(const WriteContext& context) {
     const auto keep = [&](VersionWord w, std::uint64_t value) {
         memory_.word(block.offset() + 8 * Offset{w}).store_relaxed(value);
     };
+    const std::uint64_t older = this->word(kOlder).load_relaxed();
+    const bool goes_on = (older & kTakenBack) != 0;
+    const Offset before = older & ~kTakenBack;
     keep(kOldTail, this->word(kTail).load_relaxed());
     keep(kOldDirectory, this->word(kDirectory).load_relaxed());
     keep(kOldTopology, this->topology());
-    keep(kOldSince, this->word(kSince).load_relaxed());
-    keep(kOldOlder, this->word(kOlder).load_relaxed() & ~kTakenBack);
+    keep(kOldSince, this->began());
+    keep(kOldOlder, goes_on ? memory_.word(before + 8 * Offset{kOldOlder}).load_relaxed() : before);
     keep(kOldEnd, end());
     this->word(kOlder).store_release(block.offset());
     this->word(kSince).store_release(context.number());
@@ -494,36 +640,42 @@ void EdgeWriter<Memory>::clear(const WriteContext& context) {
                                         Topology::kCleared);
     this->word(kDirectory).store_release(0);
     this->word(kTail).store_release(0);
+    if (goes_on)
+        retire(memory_, context, Line::kReplaced, before, kVersionBytes);
 }
 
 template <class Memory>
 void EdgeWriter<Memory>::retire_older(const WriteContext& context) {
     const Offset block = this->word(kOlder).load_relaxed();
-    retire_all(context, memory_.word(block + 8 * Offset{kOldTail}).load_relaxed(),
+    retire_all(context, Line::kEnded, memory_.word(block + 8 * Offset{kOldTail}).load_relaxed(),
                memory_.word(block + 8 * Offset{kOldDirectory}).load_relaxed());
-    retire(memory_, context, block, kVersionBytes);
+    retire(memory_, context, Line::kEnded, block, kVersionBytes);
 }
 
 template <class Memory>
-void EdgeWriter<Memory>::retire_all(const WriteContext& context, std::uint64_t tail,
+void EdgeWriter<Memory>::retire_all(const WriteContext& context, Line line, std::uint64_t tail,
                                     Offset directory) {
-    retire_segment(memory_, context, tail);
+    retire_segment(memory_, context, line, tail);
     if (directory == 0)
         return;
     const Dir list(memory_, directory);
     const std::uint64_t last = list.word(kDirEnd).load_relaxed();
     for (std::uint64_t k = list.word(kDirBegin).load_relaxed(); k < last; ++k)
-        retire_segment(memory_, context, list.entry(k).load_relaxed());
-    retire_directory(context, directory);
+        retire_segment(memory_, context, line, list.entry(k).load_relaxed());
+    retire_directory(context, line, directory);
 }
 
 template <class Memory>
 void EdgeWriter<Memory>::release(const WriteContext& context) {
     const std::uint64_t tail = this->word(kTail).load_relaxed();
     const Offset directory = this->word(kDirectory).load_relaxed();
+    const std::uint64_t older = this->word(kOlder).load_relaxed();
+    this->word(kOlder).store_release(0);
     this->word(kDirectory).store_release(0);
     this->word(kTail).store_release(0);
-    retire_all(context, tail, directory);
+    retire_all(context, Line::kReplaced, tail, directory);
+    if ((older & kTakenBack) != 0)
+        retire(memory_, context, Line::kReplaced, older & ~kTakenBack, kVersionBytes);
 }
 
 // -- taking back --------------------------------------------------------------------------------
@@ -579,18 +731,17 @@ void EdgeWriter<Memory>::trim_directory(const WriteContext& context) {
     while (begin() < end() && is_empty(end() - 1)) {
         const std::uint64_t empty = directory.entry(end() - 1).load_relaxed();
         directory.word(kDirEnd).store_release(end() - 1);
-        retire_segment(memory_, context, empty);
+        retire_segment(memory_, context, Line::kReplaced, empty);
     }
     while (begin() < end() && is_empty(begin())) {
         const std::uint64_t empty = directory.entry(begin()).load_relaxed();
         directory.word(kDirBegin).store_release(begin() + 1);
-        retire_segment(memory_, context, empty);
+        retire_segment(memory_, context, Line::kReplaced, empty);
     }
     update_directory_rate();
 }
 
-/// Older snapshots go on in the version that was to end; from the next commit on its samples are
-/// those of this one again.
+/// The version that was to end goes on.
 template <class Memory>
 void EdgeWriter<Memory>::trim_version(const WriteContext& context) {
     const Offset block = this->word(kOlder).load_relaxed();
@@ -604,8 +755,7 @@ void EdgeWriter<Memory>::trim_version(const WriteContext& context) {
     this->word(kDirectory).store_release(old(kOldDirectory));
     this->word(kTail).store_release(old(kOldTail));
     this->word(kOlder).store_release(block | kTakenBack);
-    retire_all(context, tail, directory);
-    retire(memory_, context, block, kVersionBytes);
+    retire_all(context, Line::kReplaced, tail, directory);
 }
 
 /// Parent and kind are those of the newest sample.

@@ -1,4 +1,4 @@
-// How one frame's history lies in the region: the header's words, the ring's block, the slots.
+// How one frame's history lies in the region: the header's words, versions, slots.
 #pragma once
 
 #include <bit>
@@ -102,7 +102,8 @@ enum VersionWord : unsigned {
     kOldEnd = 8,  // of the directory, which goes on to grow where the clear is taken back
 };
 inline constexpr std::size_t kVersionBytes = 128;
-/// In kOlder: the commit that cleared the edge was taken back, and that version goes on.
+/// In kOlder: the clear was taken back, and the version goes on in the header. That clear's block
+/// tells since when, and stays until the next clear.
 inline constexpr std::uint64_t kTakenBack = 1;
 
 /// First word of a slot: who wrote it and the parent.

@@ -114,9 +114,10 @@ private:
     std::vector<State> states_;
 };
 
-/// Where things lie in the region: the commit word, then a header per edge.
+/// Where things lie in the region: the words of commit and epoch, then a header per edge.
 struct Places {
     Offset commit = 0;
+    [[nodiscard]] Offset epoch() const { return commit + 16; }
     Offset headers = 0;
     [[nodiscard]] Offset header(unsigned edge) const { return headers + edge * kHeaderBytes; }
 };
@@ -133,28 +134,34 @@ Places place(Memory& memory, const Script& script) {
     return places;
 }
 
-/// Readers as the script has them: the oldest state that anybody may still read is a given one.
+/// Readers as the script has them: the oldest state that anybody may still read is a given one, and
+/// `oldest_epoch(epoch)` says in which epoch the oldest read under way began.
+template <class Word, class OldestEpoch>
 class ScriptReaders : public Readers {
 public:
-    ScriptReaders(CommitNumber oldest, CommitNumber newest) : oldest_(oldest), newest_(newest) {}
+    ScriptReaders(Word& epoch, CommitNumber oldest, OldestEpoch oldest_epoch)
+        : epoch_(epoch), oldest_(oldest), oldest_epoch_(oldest_epoch) {}
     [[nodiscard]] CommitNumber oldest_read() override { return oldest_; }
-    [[nodiscard]] CommitNumber newest() override { return newest_; }
-    void published() { ++newest_; }
+    [[nodiscard]] std::uint64_t next_epoch() override { return epoch_.load_relaxed() + 1; }
+    [[nodiscard]] std::uint64_t begin_epoch() override {
+        return oldest_epoch_(epoch_.fetch_add(1) + 1);
+    }
+    void held(std::uint64_t) override {}
 
 private:
+    Word& epoch_;
     CommitNumber oldest_;
-    CommitNumber newest_;
+    OldestEpoch oldest_epoch_;
 };
 
 /// Writes one batch as the store does: append all, then publish, or take everything back.
-/// `oldest` is the oldest state that anybody may still read.
-template <class Memory>
+template <class Memory, class OldestEpoch>
 void write_beside(Memory& memory, const Places& places, const Script& script, std::size_t number,
-                  CommitNumber oldest) {
+                  CommitNumber oldest, OldestEpoch oldest_epoch) {
     const std::size_t already = script.before.size();
     const Batch& batch = number < already ? script.before[number] : script.during[number - already];
     const CommitNumber committed = memory.word(places.commit).load_relaxed();
-    ScriptReaders readers(oldest, committed);
+    ScriptReaders readers(memory.word(places.epoch()), oldest, oldest_epoch);
     const WriteContext context(committed, script.history, readers);
     std::vector<unsigned> cleared;
     for (std::size_t at = 0; at < batch.puts.size(); ++at) {
@@ -179,7 +186,6 @@ void write_beside(Memory& memory, const Places& places, const Script& script, st
         return;
     }
     memory.word(places.commit).store_release(context.number());
-    readers.published();
     for (const unsigned edge : cleared)
         EdgeWriter<Memory>(memory, places.header(edge)).retire_older(context);
 }
@@ -187,7 +193,8 @@ void write_beside(Memory& memory, const Places& places, const Script& script, st
 template <class Memory>
 void write(Memory& memory, const Places& places, const Script& script, std::size_t number,
            bool may_evict) {
-    write_beside(memory, places, script, number, may_evict ? kMaxCommit : 0);
+    write_beside(memory, places, script, number, may_evict ? kMaxCommit : 0,
+                 [=](std::uint64_t epoch) { return may_evict ? epoch : 0; });
 }
 template <class Memory>
 void write(Memory& memory, const Places& places, const Script& script, std::size_t number) {
@@ -206,10 +213,10 @@ struct Taken {
 
 /// Reads one edge as a lookup does. False: overtaken.
 template <class Memory>
-[[nodiscard]] bool take(Memory& memory, Offset header, CommitNumber snapshot, StampNs history,
-                        StampNs stamp, Taken<Memory>& taken) {
+[[nodiscard]] bool take(Memory& memory, Offset header, CommitNumber snapshot, std::uint64_t epoch,
+                        StampNs history, StampNs stamp, Taken<Memory>& taken) {
     EdgeView<Memory> view;
-    if (!view.open(memory, header, snapshot, history)) {
+    if (!view.open(memory, header, snapshot, history, {epoch, snapshot})) {
         return false;
     }
     taken.around = Bracket{};
@@ -229,11 +236,12 @@ template <class Memory>
 
 /// Reads all samples of an edge in their order. False: overtaken.
 template <class Memory>
-[[nodiscard]] bool take_all(Memory& memory, Offset header, CommitNumber snapshot, StampNs history,
+[[nodiscard]] bool take_all(Memory& memory, Offset header, CommitNumber snapshot,
+                            std::uint64_t epoch, StampNs history,
                             std::vector<std::pair<StampNs, SlotData<Memory>>>& taken) {
     taken.clear();
     EdgeView<Memory> view;
-    if (!view.open(memory, header, snapshot, history))
+    if (!view.open(memory, header, snapshot, history, {epoch, snapshot}))
         return false;
     if (view.is_static() || view.empty()) {
         if (!view.empty())
@@ -290,9 +298,11 @@ template <class Memory, class Require>
 [[nodiscard]] bool read_at(Memory& memory, const Places& places, const Script& script,
                            const Model& model, CommitNumber snapshot, StampNs stamp,
                            const Require& require) {
+    const std::uint64_t epoch = memory.word(places.epoch()).load_acquire();
     std::vector<Taken<Memory>> taken(script.edges);
     for (unsigned edge = 0; edge < script.edges; ++edge) {
-        if (!take(memory, places.header(edge), snapshot, script.history, stamp, taken[edge])) {
+        if (!take(memory, places.header(edge), snapshot, epoch, script.history, stamp,
+                  taken[edge])) {
             return false;
         }
     }
@@ -307,8 +317,9 @@ template <class Memory, class Require>
 [[nodiscard]] bool read_all(Memory& memory, const Places& places, const Script& script,
                             const Model& model, const Require& require) {
     const CommitNumber snapshot = memory.word(places.commit).load_acquire();
+    const std::uint64_t epoch = memory.word(places.epoch()).load_acquire();
     std::vector<std::pair<StampNs, SlotData<Memory>>> taken;
-    if (!take_all(memory, places.header(0), snapshot, script.history, taken))
+    if (!take_all(memory, places.header(0), snapshot, epoch, script.history, taken))
         return false;
     const std::vector<Sample>& visible = model.visible(snapshot, 0);
     require(taken.size() == visible.size(), "each sample once");

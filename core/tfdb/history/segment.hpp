@@ -42,6 +42,7 @@ struct SegmentWord {
 enum SegmentMeta : unsigned {
     kLeast = 0,     // no sample is of an older commit
     kGreatest = 1,  // of a segment before the tail: no sample is of a newer one
+    kHeld = 2,      // 1 where only states that somebody holds show its samples: see Readers::held
 };
 
 /// First word and payload of a slot.
@@ -228,6 +229,13 @@ public:
     [[nodiscard]] SampleAt newest_sample() const {
         const Segment<Memory> tail = segment(word(kTail).load_relaxed());
         return tail.empty() ? newest_sealed() : last_of(tail);
+    }
+    /// The commit that began this version. After a clear that was taken back its block tells it.
+    [[nodiscard]] CommitNumber began() const {
+        const std::uint64_t older = word(kOlder).load_relaxed();
+        return (older & kTakenBack) == 0
+                   ? word(kSince).load_relaxed()
+                   : memory_.word((older & ~kTakenBack) + 8 * Offset{kOldSince}).load_relaxed();
     }
     /// Samples that are stored, also those that nobody sees any more.
     [[nodiscard]] std::uint64_t stored() const {

@@ -22,7 +22,7 @@ template <class V>
 concept InPlaceView = View<V> && requires(const V v) {
     v.frames();
     v.history();
-    { v.as_of() } -> std::same_as<CommitNumber>;  // no later than when it began to read
+    { v.as_of() } -> std::same_as<history::AsOf>;  // loaded before it began to read
 };
 
 /// A view that must be told before a frame is read, and again afterwards: its engine takes a lock
@@ -260,7 +260,8 @@ private:
     }
     [[nodiscard, gnu::always_inline]] bool confirm() const {
         Memory::fence_acquire();
-        return memory_.reclaimed().load_relaxed() <= as_of_;
+        return memory_.reclaimed(memory::Line::kReplaced).load_relaxed() <= as_of_.epoch &&
+               memory_.reclaimed(memory::Line::kEnded).load_relaxed() <= as_of_.commit;
     }
     /// Number by number: a copy of several words would wait until each of them has been stored.
     [[gnu::always_inline]] static geometry::Pose pose_in(const Word* slot) {
@@ -457,7 +458,7 @@ private:
     Policy policy_;
     Answer& answer_;
     CommitNumber commit_;
-    CommitNumber as_of_;
+    history::AsOf as_of_;
     StampNs stamp_ = 0;
     unsigned unfetched_in_ = ~0U;  // steps that the lines already asked for will do
     std::vector<EdgeUse>& down_uses_ = answer_.target_edges;

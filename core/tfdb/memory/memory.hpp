@@ -9,14 +9,21 @@
 
 namespace tfdb::memory {
 
+/// What a retired block waits for.
+enum class Line : unsigned {
+    kReplaced,  // no state shows it: for reads that began before an epoch
+    kEnded,     // states before a commit show it: for whoever holds one
+};
+inline constexpr unsigned kLines = 2;
+
 /// A region of shared words addressed by byte offsets. In production it is mapped memory; under the
 /// interleaving walker and under Relacy its words are the checker's, so the very same protocol code
 /// is checked. `kPayloadWords` is 7 for poses and smaller in walks.
 ///
-/// A block that readers may still look at is not released but retired, by a commit: readers of that
-/// commit or a later one have no way to it. It waits in line until `reclaim`; whoever reads an
-/// older state finds by `reclaimed`, the greatest commit whose blocks have gone, that it may have
-/// read something else.
+/// A block that readers may still look at is not released but retired, and waits in one of two
+/// lines, with the number of the epoch or commit that nobody needs it from, until `reclaim`.
+/// Whoever has looked at such a block finds by `reclaimed`, the greatest number that has gone, that
+/// it may have read something else.
 template <class M>
 concept Memory = requires(M m, const M cm, Offset offset, std::size_t bytes) {
     typename M::Word;
@@ -24,10 +31,10 @@ concept Memory = requires(M m, const M cm, Offset offset, std::size_t bytes) {
     { m.word(offset) } -> std::same_as<typename M::Word&>;
     { m.allocate(bytes) } -> std::same_as<Offset>;
     m.release(offset, bytes);
-    m.retire(offset, bytes, CommitNumber{});
-    m.reclaim(CommitNumber{}, std::size_t{});
-    { cm.retired_bytes() } -> std::same_as<std::size_t>;
-    { cm.reclaimed() } -> std::same_as<typename M::Word&>;
+    m.retire(Line{}, offset, bytes, std::uint64_t{});
+    { m.reclaim(Line{}, std::uint64_t{}, std::size_t{}) } -> std::same_as<bool>;
+    { cm.retired_bytes(Line{}) } -> std::same_as<std::size_t>;
+    { cm.reclaimed(Line{}) } -> std::same_as<typename M::Word&>;
     M::fence_acquire();
     M::fence_release();
     M::fence_full();

@@ -17,15 +17,19 @@ constexpr Offset kBumpWord = 8;
 constexpr Offset kUsedWord = 16;
 constexpr Offset kFreeWord = 24;
 constexpr Offset kLockWord = 32;
-constexpr Offset kFirstRetired = 40;
-constexpr Offset kLastRetired = 48;
-constexpr Offset kRetiredWord = 56;
-constexpr Offset kReclaimedWord = kLineBytes;  // in a line of its own: all readers look at it
-constexpr Offset kHeads = 2 * kLineBytes;      // one free list per size class
+constexpr Offset kReclaimedWord = kLineBytes;  // in a cache line of its own: all readers look at it
+// Of each line of retired blocks.
+constexpr Offset kLineWords = 2 * kLineBytes;
+constexpr Offset kFirstRetired = 0;
+constexpr Offset kLastRetired = 8;
+constexpr Offset kRetiredBytes = 16;
+constexpr std::size_t kLineWordBytes = 32;
+constexpr Offset kHeads = kLineWords + kLines * kLineWordBytes;  // one free list per size class
+constexpr unsigned kMostReclaimed = 64;                          // by one call
 // Words of a retired block.
 constexpr Offset kNext = 40;
 constexpr Offset kBytes = 48;
-constexpr Offset kCommit = 56;
+constexpr Offset kNumber = 56;
 constexpr Offset kFirstBlock = round_up(kHeads + 8 * kSizeClasses, kLineBytes);
 
 constexpr std::size_t kLargestReserve = std::size_t{1} << 38;   // 256 GiB of addresses
@@ -98,8 +102,8 @@ void PrivateMemory::back_by_huge_pages(Offset end) {
 }
 
 /// Adds to a counter that others only read meanwhile; `bytes` may be a negative number's.
-void PrivateMemory::count(Offset counter, std::size_t bytes) {
-    word(counter).store_relaxed(word(counter).load_relaxed() + bytes);
+void PrivateMemory::count(Word& counter, std::size_t bytes) {
+    counter.store_relaxed(counter.load_relaxed() + bytes);
 }
 
 Offset PrivateMemory::reuse_or_bump(const BlockClass& fit) {
@@ -111,7 +115,7 @@ Offset PrivateMemory::reuse_or_bump(const BlockClass& fit) {
         return block;
     }
     head.store_relaxed(word(waiting).load_relaxed());
-    count(kFreeWord, std::size_t{0} - fit.bytes);
+    count(word(kFreeWord), std::size_t{0} - fit.bytes);
     return waiting;
 }
 
@@ -126,7 +130,7 @@ Offset PrivateMemory::allocate(std::size_t bytes) {
                                " bytes is reached: raise memory_limit or shorten history");
     }
     const Offset block = reuse_or_bump(fit);
-    count(kUsedWord, fit.bytes);
+    count(word(kUsedWord), fit.bytes);
     // Whoever still reads the block's former content must see, after its acquire fence, what was
     // published when the block was released.
     fence_release();
@@ -147,8 +151,8 @@ void PrivateMemory::put_back(Offset block, std::size_t bytes) {
     Word& head = word(kHeads + 8 * Offset{fit.index});
     word(block).store_relaxed(head.load_relaxed());
     head.store_relaxed(block);
-    count(kUsedWord, std::size_t{0} - fit.bytes);
-    count(kFreeWord, fit.bytes);
+    count(word(kUsedWord), std::size_t{0} - fit.bytes);
+    count(word(kFreeWord), fit.bytes);
 }
 
 void PrivateMemory::release(Offset offset, std::size_t bytes) {
@@ -157,50 +161,55 @@ void PrivateMemory::release(Offset offset, std::size_t bytes) {
     put_back(offset, bytes);
 }
 
-void PrivateMemory::retire(Offset offset, std::size_t bytes, CommitNumber commit) {
-    word(offset + kNext).store_relaxed(0);
-    word(offset + kBytes).store_relaxed(bytes);
-    word(offset + kCommit).store_relaxed(commit);
-    sync::CommitLock lock(word(kLockWord));
-    const std::lock_guard guard(lock);
-    const Offset last = word(kLastRetired).load_relaxed();
-    word(last == 0 ? kFirstRetired : last + kNext).store_relaxed(offset);
-    word(kLastRetired).store_relaxed(offset);
-    count(kRetiredWord, block_class(bytes).bytes);
+sync::Word& PrivateMemory::line_word(Line line, Offset word) const noexcept {
+    return this->word(kLineWords + kLineWordBytes * static_cast<Offset>(line) + word);
 }
 
-void PrivateMemory::reclaim(CommitNumber oldest, std::size_t keep) {
+void PrivateMemory::retire(Line line, Offset offset, std::size_t bytes, std::uint64_t number) {
+    word(offset + kNext).store_relaxed(0);
+    word(offset + kBytes).store_relaxed(bytes);
+    word(offset + kNumber).store_relaxed(number);
     sync::CommitLock lock(word(kLockWord));
     const std::lock_guard guard(lock);
-    while (word(kRetiredWord).load_relaxed() > keep) {
-        const Offset block = word(kFirstRetired).load_relaxed();
-        const CommitNumber commit = word(block + kCommit).load_relaxed();
-        if (commit > oldest)
-            return;
+    const Offset last = line_word(line, kLastRetired).load_relaxed();
+    (last == 0 ? line_word(line, kFirstRetired) : word(last + kNext)).store_relaxed(offset);
+    line_word(line, kLastRetired).store_relaxed(offset);
+    count(line_word(line, kRetiredBytes), block_class(bytes).bytes);
+}
+
+bool PrivateMemory::reclaim(Line line, std::uint64_t oldest, std::size_t keep) {
+    sync::CommitLock lock(word(kLockWord));
+    const std::lock_guard guard(lock);
+    for (unsigned i = 0; i < kMostReclaimed && retired_bytes(line) > keep; ++i) {
+        const Offset block = line_word(line, kFirstRetired).load_relaxed();
+        const std::uint64_t number = word(block + kNumber).load_relaxed();
+        if (number > oldest)
+            return false;
         const std::size_t bytes = word(block + kBytes).load_relaxed();
         const Offset next = word(block + kNext).load_relaxed();
-        word(kFirstRetired).store_relaxed(next);
+        line_word(line, kFirstRetired).store_relaxed(next);
         if (next == 0)
-            word(kLastRetired).store_relaxed(0);
-        count(kRetiredWord, std::size_t{0} - block_class(bytes).bytes);
-        if (reclaimed().load_relaxed() < commit) {
-            reclaimed().store_relaxed(commit);
+            line_word(line, kLastRetired).store_relaxed(0);
+        count(line_word(line, kRetiredBytes), std::size_t{0} - block_class(bytes).bytes);
+        if (reclaimed(line).load_relaxed() < number) {
+            reclaimed(line).store_relaxed(number);
             // Readers must see this before what is written into the block from now on.
             fence_release();
         }
         put_back(block, bytes);
     }
+    return retired_bytes(line) > keep;
 }
 
-sync::Word& PrivateMemory::reclaimed() const noexcept {
-    return word(kReclaimedWord);
+sync::Word& PrivateMemory::reclaimed(Line line) const noexcept {
+    return word(kReclaimedWord + 8 * static_cast<Offset>(line));
 }
 
 std::size_t PrivateMemory::used_bytes() const noexcept {
     return word(kUsedWord).load_relaxed();
 }
-std::size_t PrivateMemory::retired_bytes() const noexcept {
-    return word(kRetiredWord).load_relaxed();
+std::size_t PrivateMemory::retired_bytes(Line line) const noexcept {
+    return line_word(line, kRetiredBytes).load_relaxed();
 }
 std::size_t PrivateMemory::free_bytes() const noexcept {
     return word(kFreeWord).load_relaxed();

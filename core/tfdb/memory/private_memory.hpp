@@ -50,19 +50,20 @@ public:
     /// Takes back a block; `bytes` as asked for in `allocate`.
     void release(Offset offset, std::size_t bytes);
 
-    /// Takes back a block that readers of states before `commit` may still look at: it is kept as
-    /// it is, but for words 5 to 7, until `reclaim`. Commits come in order, or nearly so.
-    void retire(Offset offset, std::size_t bytes, CommitNumber commit);
-    /// Releases retired blocks in the order in which they came, as long as nobody who reads
-    /// `oldest` or a later state needs them and more than `keep` bytes wait.
-    void reclaim(CommitNumber oldest, std::size_t keep);
-    /// States before this commit may miss retired blocks.
-    [[nodiscard]] Word& reclaimed() const noexcept;
+    /// Takes back a block that readers may still look at: it is kept as it is, but for words 5 to
+    /// 7, until `reclaim`. The numbers of a line come in order, or nearly so.
+    void retire(Line line, Offset offset, std::size_t bytes, std::uint64_t number);
+    /// Releases blocks of a line in the order in which they came, as long as their number is at
+    /// most `oldest` and more than `keep` bytes wait; so many at once that no call takes long.
+    /// True: there may be more.
+    bool reclaim(Line line, std::uint64_t oldest, std::size_t keep);
+    /// Blocks that were retired with this number or a lower one may be in use again.
+    [[nodiscard]] Word& reclaimed(Line line) const noexcept;
 
-    /// Bytes in blocks that are handed out or retired, in those that are retired, and in blocks
-    /// that wait to be used again.
+    /// Bytes in blocks that are handed out or retired, in those of a line, and in blocks that wait
+    /// to be used again.
     [[nodiscard]] std::size_t used_bytes() const noexcept;
-    [[nodiscard]] std::size_t retired_bytes() const noexcept;
+    [[nodiscard]] std::size_t retired_bytes(Line line) const noexcept;
     [[nodiscard]] std::size_t free_bytes() const noexcept;
 
     /// The first block that is ever allocated: where the store keeps its own header.
@@ -73,8 +74,9 @@ private:
     Offset bump(std::size_t bytes);
     Offset reuse_or_bump(const BlockClass& fit);
     void back_by_huge_pages(Offset end);
-    void count(Offset counter, std::size_t bytes);
+    static void count(Word& counter, std::size_t bytes);
     void put_back(Offset block, std::size_t bytes);
+    [[nodiscard]] Word& line_word(Line line, Offset word) const noexcept;
 
     std::byte* base_ = nullptr;
     std::size_t reserved_ = 0;

@@ -389,8 +389,8 @@ void Reads::run_batch(std::string_view target, std::string_view source,
     Request request{kNoFrame, kNoFrame, stamps, policy, stop};
     BatchRun run(*impl_, request, space, [&](auto... what) { emit(space, what...); });
     // A long one would have to begin again where writers overtake it.
-    std::optional<store::HeldPin> pin;
-    if (held_ == kFresh && impl_->engine == nullptr && stamps.size() > kBlock)
+    std::optional<store::ReadPin> pin;
+    if (impl_->engine == nullptr && stamps.size() > kBlock)
         pin.emplace(*impl_);
     const Outcome outcome = store::read(*impl_, held_, kFresh, [&](const StoreView& view) {
         request.target = impl_->names.find(target, view.commit());

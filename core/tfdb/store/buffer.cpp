@@ -1,5 +1,6 @@
 #include "tfdb/store/buffer.hpp"
 
+#include <algorithm>
 #include <array>
 #include <string>
 
@@ -17,7 +18,8 @@ Reads::Impl::Impl(const BufferOptions& options)
              memory.allocate_sparse(graph::Frames<StoreMemory>::bytes(options.max_frames)),
              options.max_frames),
       names(frames),
-      pins(frames),
+      held_pins(frames, graph::kHeldPins),
+      read_pins(frames, graph::kReadPins),
       lock(frames.store_word(graph::kCommitLock)),
       engine(store::make_engine(*this)) {
     sync::watch_forks();
@@ -71,24 +73,26 @@ void Reads::Impl::forget_authorities() {
 StoreCommit Reads::Impl::start_commit() {
     if (authorities.crowded())
         forget_authorities();
-    if (!pins.any()) {
-        unpinned_bytes.store_relaxed(memory.used_bytes());
-    }
     return {frames, scratch, history, *this};
+}
+
+bool Reads::Impl::keeps_too_much() const {
+    constexpr std::size_t kKept = history::Tuning<StoreMemory>::kKept;
+    const std::size_t replaced = memory.retired_bytes(memory::Line::kReplaced);
+    const std::size_t held = word(graph::kHeldBytes).load_relaxed() +
+                             memory.retired_bytes(memory::Line::kEnded) +
+                             (replaced > kKept ? replaced - kKept : 0);
+    return held > snapshot_memory;
 }
 
 CommitNumber Reads::Impl::oldest_read() {
     const CommitNumber newest = committed();
-    const CommitNumber oldest = pins.oldest(newest);
-    const std::size_t used = memory.used_bytes();
-    // What makes the store grow is the oldest snapshot: with the next one counting begins anew.
-    if (oldest == newest || oldest > oldest_held.load_relaxed()) {
-        oldest_held.store_relaxed(oldest);
-        unpinned_bytes.store_relaxed(used);
-        return oldest;
-    }
-    const std::size_t unpinned = unpinned_bytes.load_relaxed();
-    return used > unpinned && used - unpinned > snapshot_memory ? newest : oldest;
+    return keeps_too_much() ? newest : held_pins.oldest(newest);
+}
+
+std::uint64_t Reads::Impl::begin_epoch() {
+    const std::uint64_t epoch = word(graph::kEpoch).fetch_add(1) + 1;
+    return keeps_too_much() ? epoch : read_pins.oldest(epoch);
 }
 
 namespace {
@@ -136,11 +140,10 @@ Snapshot Buffer::snapshot() const {
         // Alone, for then every commit up to this one has been applied in full.
         store::check_not_in_transaction(*impl_);
         const store::Alone alone(*impl_);
-        (void)impl_->oldest_read();
-        const unsigned pin = impl_->pins.take();
+        const unsigned pin = impl_->held_pins.take();
         return {impl_, impl_->committed(), pin};
     }
-    const unsigned pin = impl_->pins.take();
+    const unsigned pin = impl_->held_pins.take();
     return {impl_, impl_->committed(), pin};
 }
 
@@ -187,7 +190,8 @@ MemoryUse Buffer::memory() const {
     store::check_may_wait(*impl_);
     const store::Alone alone(*impl_);
     MemoryUse use;
-    const std::size_t retired = impl_->memory.retired_bytes();
+    const std::size_t retired = impl_->memory.retired_bytes(memory::Line::kReplaced) +
+                                impl_->memory.retired_bytes(memory::Line::kEnded);
     use.used_bytes = impl_->memory.used_bytes() - retired;
     use.free_bytes = impl_->memory.free_bytes() + retired;
     use.frames = impl_->frames.count();
@@ -208,7 +212,7 @@ Snapshot::Snapshot(Snapshot&& other) noexcept
 
 Snapshot::~Snapshot() {
     if (impl_)
-        impl_->pins.drop(pin_);
+        impl_->held_pins.drop(pin_);
 }
 
 }  // namespace tfdb

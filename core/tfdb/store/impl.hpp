@@ -28,7 +28,7 @@ using StoreEdge = history::EdgeView<StoreMemory>;
 using StoreCommit = txn::Commit<StoreMemory>;
 
 /// The region with the forest in it, and what only the writers of this process need.
-/// Threads: reads any; `scratch` and `items` only under `lock`.
+/// Threads: reads any; `scratch`, `items` and `late_samples` only under `lock`.
 /// Guarantee: lives as long as the Buffer or any Snapshot of it.
 struct Reads::Impl final : history::Readers {
     explicit Impl(const BufferOptions& options);
@@ -38,14 +38,18 @@ struct Reads::Impl final : history::Readers {
     [[nodiscard]] CommitNumber committed() const { return word(graph::kCommit).load_acquire(); }
     [[nodiscard]] StoreView view(CommitNumber commit) const { return {frames, commit, history}; }
 
-    /// The oldest state that anybody may read: what it does not show may be overwritten. The newest
-    /// one where held snapshots have already made the store grow as far as they may.
+    /// The newest commit, or epoch, instead of what is held or being read, where that keeps as much
+    /// memory as it may.
     [[nodiscard]] CommitNumber oldest_read() override;
-    [[nodiscard]] CommitNumber newest() override {
-        // Whoever saw what is taken out of use had loaded its commit before.
+    [[nodiscard]] std::uint64_t begin_epoch() override;
+    [[nodiscard]] std::uint64_t next_epoch() override {
+        // What is taken out of use must be so before: others may begin epochs meanwhile.
         sync::fence_full();
-        return committed();
+        return word(graph::kEpoch).load_relaxed() + 1;
     }
+    void held(std::uint64_t bytes) override { word(graph::kHeldBytes).fetch_add(bytes); }
+    /// Whether what no new read needs is more than may be kept.
+    [[nodiscard]] bool keeps_too_much() const;
     /// Starts a commit; the commit lock is held, and nobody writes beside it.
     [[nodiscard]] StoreCommit start_commit();
     /// `author`: what `authorities.id` said since the commit was started.
@@ -99,12 +103,12 @@ struct Reads::Impl final : history::Readers {
     Concurrency concurrency;
     graph::Frames<StoreMemory> frames;
     graph::Names<StoreMemory> names;
-    graph::Pins<StoreMemory> pins;
+    graph::Pins<StoreMemory> held_pins;  // of states
+    graph::Pins<StoreMemory> read_pins;  // of epochs, by reads that were overtaken
     mutable sync::CommitLock lock;
     txn::CommitScratch scratch;
     std::vector<Item> items;
-    sync::Word oldest_held{};     // what `oldest_read` said last
-    sync::Word unpinned_bytes{};  // used when that state was the newest one or came to be asked for
+    std::vector<history::NewSample<StoreMemory>> late_samples;  // of one edge
     store::Authorities authorities;
     mutable sync::Word lapped_reads{};
     mutable sync::Word pinned_reads{};
@@ -165,18 +169,23 @@ inline void check_may_wait(const Reads::Impl& impl) {
         check_not_alone_in_transaction(impl);
 }
 
-/// Keeps the newest state, and those that come after it, as they are.
+/// Reads that begin while it lives are not overtaken, and the newest state stays as it is.
 /// Threads: one. Guarantee: wait-free.
-class HeldPin {
+class ReadPin {
 public:
-    explicit HeldPin(const Reads::Impl& impl) : impl_(impl), pin_(impl.pins.take()) {}
-    ~HeldPin() { impl_.pins.drop(pin_); }
-    HeldPin(const HeldPin&) = delete;
-    HeldPin& operator=(const HeldPin&) = delete;
+    explicit ReadPin(const Reads::Impl& impl)
+        : impl_(impl), state_(impl.held_pins.take()), epoch_(impl.read_pins.take()) {}
+    ~ReadPin() {
+        impl_.read_pins.drop(epoch_);
+        impl_.held_pins.drop(state_);
+    }
+    ReadPin(const ReadPin&) = delete;
+    ReadPin& operator=(const ReadPin&) = delete;
 
 private:
     const Reads::Impl& impl_;
-    unsigned pin_;
+    unsigned state_;
+    unsigned epoch_;
 };
 
 /// What looks missing in a state may be a frame whose slot was reused since: then kLapped. Lookups
@@ -188,9 +197,9 @@ private:
                                                                    : outcome;
 }
 
-/// Runs `attempt(view)` on a fresh view, or on the held one, until no writer overtakes it. A fresh
-/// one is pinned after a few tries: what a pinned state needs is not used again, unless held states
-/// have made the store grow as far as they may. kLapped: this snapshot's samples are gone.
+/// Runs `attempt(view)` on a fresh view, or on the held one, until no writer overtakes it. After a
+/// few tries it is pinned: what it needs is not used again, unless held states keep as much memory
+/// as they may. kLapped: this snapshot's samples are gone.
 template <class Attempt>
 lookup::Outcome read_committed(const Reads::Impl& impl, CommitNumber held, CommitNumber fresh,
                                Attempt attempt) {
@@ -208,13 +217,11 @@ lookup::Outcome read_committed(const Reads::Impl& impl, CommitNumber held, Commi
         if (outcome != lookup::Outcome::kLapped)
             return outcome;
     }
-    if (held != fresh)
-        return outcome;
     impl.pinned_reads.fetch_add(1);
     do {
-        const HeldPin pin(impl);
+        const ReadPin pin(impl);
         outcome = once();
-    } while (outcome == lookup::Outcome::kLapped);
+    } while (outcome == lookup::Outcome::kLapped && held == fresh);
     return outcome;
 }
 

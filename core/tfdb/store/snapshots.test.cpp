@@ -60,7 +60,7 @@ struct Record {
 };
 
 void overwrite(Buffer& buffer) {
-    for (StampNs stamp = 2; stamp < 200; ++stamp)
+    for (StampNs stamp = 2; stamp < 2000; ++stamp)
         set(buffer, "map", "base", stamp, pose_of(static_cast<double>(stamp)));
 }
 
@@ -211,7 +211,7 @@ TFDB_TEST(snapshot_that_is_too_old_does_not_wait_for_its_own_thread) {
         CHECK(THROWN(SnapshotTooOld, snapshot.lookup_transform("map", "base", 1)));
         Transaction tx(buffer, {.alone = alone});
         CHECK(THROWN(SnapshotTooOld, snapshot.lookup_transform("base", "map", 1)));
-        CHECK_EQ(latest(tx, "map", "base"), 199.0);
+        CHECK_EQ(latest(tx, "map", "base"), 1999.0);
     }
 }
 

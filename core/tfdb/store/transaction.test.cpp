@@ -328,4 +328,19 @@ TFDB_TEST(transaction_makes_and_removes_many_frames) {
     CHECK_EQ(buffer.memory().used_bytes, used);
 }
 
+/// A phantom: a late sample of another parent, amid those that all named one.
+TFDB_TEST(transaction_depends_on_all_samples_of_common_times) {
+    if (skipped_in({Concurrency::kFine}, "nothing is validated"))
+        return;
+    Buffer buffer(forever());
+    set_static(buffer, "map", "other", pose_of(1));
+    for (const StampNs stamp : {10, 20, 30, 40})
+        set(buffer, "map", "base", stamp, pose_of(2));
+    const auto lost = race(
+        buffer, [](Transaction& tx) { CHECK_EQ(tx.common_times("map", "base").oldest, 10); },
+        [&] { set(buffer, "other", "base", 25, pose_of(3)); });
+    CHECK(lost.has_value());
+    CHECK_EQ(buffer.common_times("map", "base").oldest, 30);
+}
+
 }  // namespace tfdb

@@ -235,7 +235,7 @@ bool has_stamp(const Reads::Impl& impl, FrameId child, StampNs stamp) {
     history::EdgeView<StoreMemory> edge;
     history::Bracket around;
     return edge.open(impl.frames.memory(), impl.frames.header(child), impl.committed(),
-                     impl.history) &&
+                     impl.history, history::kAsItIs) &&
            edge.bracket(stamp, around) && around.before.stamp == stamp;
 }
 

@@ -57,13 +57,40 @@ bool resolve_items(Reads::Impl& impl, StoreCommit& commit, const Batch& batch) {
     return true;
 }
 
-/// Appends a sample of the batch; where its edge is of the other kind, it starts anew.
-void append_item(Reads::Impl& impl, StoreCommit& commit, const Batch& batch,
-                 const Reads::Impl::Item& item, const history::NewSample<StoreMemory>& sample) {
-    if (batch.rules().change_kind &&
-        changes_kind({impl.frames.memory(), impl.frames.header(item.child)}, batch.is_static()))
-        commit.clear(item.child);
-    commit.append(item.child, sample, item.index);
+/// Appends the samples that `resolve_items` has found in the batch; an edge of the other kind
+/// starts anew. Returns how many quaternions were mended.
+std::uint64_t append_items(Reads::Impl& impl, StoreCommit& commit, const Batch& batch) {
+    const auto& items = impl.items;
+    auto& late = impl.late_samples;
+    history::NewSample<StoreMemory> sample;
+    std::uint64_t mended = 0;
+    const auto fill = [&](const Reads::Impl::Item& item) {
+        mended += fill_from(batch[item.index], item.parent, batch.is_static(), sample) ? 1 : 0;
+    };
+    for (std::size_t i = 0; i < items.size(); ++i) {
+        const FrameId child = items[i].child;
+        const history::EdgeWriter<StoreMemory> edge(impl.frames.memory(),
+                                                    impl.frames.header(child));
+        if (batch.rules().change_kind && changes_kind(edge, batch.is_static()))
+            commit.clear(child);
+        const auto next_is_late = [&] {
+            return i + 1 < items.size() && items[i + 1].child == child &&
+                   batch[items[i + 1].index].stamp < edge.newest();
+        };
+        fill(items[i]);
+        if (!next_is_late()) {
+            commit.append(child, sample, items[i].index);
+            continue;
+        }
+        const std::size_t first = i;
+        late.assign(1, sample);
+        while (next_is_late()) {
+            fill(items[++i]);
+            late.push_back(sample);
+        }
+        commit.append(child, late, [&](std::size_t k) { return items[first + k].index; });
+    }
+    return mended;
 }
 
 /// Publishes the batch; false if a member cannot be stored.
@@ -71,12 +98,7 @@ bool store_all(Reads::Impl& impl, const Batch& batch, CommitNumber& number) {
     StoreCommit commit = impl.start_commit();
     if (!resolve_items(impl, commit, batch))
         return false;
-    history::NewSample<StoreMemory> sample;
-    std::uint64_t mended = 0;
-    for (const auto& item : impl.items) {
-        mended += fill_from(batch[item.index], item.parent, batch.is_static(), sample) ? 1 : 0;
-        append_item(impl, commit, batch, item, sample);
-    }
+    const std::uint64_t mended = append_items(impl, commit, batch);
     txn::Cycle cycle;
     if (commit.cycles().find(cycle))
         return false;
@@ -154,12 +176,9 @@ private:
         if (good_.empty())
             return false;
         StoreCommit trial = impl_.start_commit();
-        (void)resolve_items(impl_, trial, batch_.with(good_));
-        history::NewSample<StoreMemory> sample;
-        for (const auto& item : impl_.items) {
-            (void)fill_from(good_[item.index], item.parent, batch_.is_static(), sample);
-            append_item(impl_, trial, batch_, item, sample);
-        }
+        const Batch tried = batch_.with(good_);
+        (void)resolve_items(impl_, trial, tried);
+        (void)append_items(impl_, trial, tried);
         std::vector<txn::Cycle> cycles;
         if (!trial.cycles().find_all(cycles))
             return false;

@@ -10,23 +10,25 @@ namespace tfdb::testing {
 // Gives blocks back in the order in which they came. Needs the engine's lock.
 class RetiredBlocks {
 public:
-    void add(std::uint64_t block, std::size_t bytes, std::uint64_t commit) {
-        blocks_.push_back({block, bytes, commit});
+    void add(std::uint64_t block, std::size_t bytes, std::uint64_t number) {
+        blocks_.push_back({block, bytes, number});
         bytes_ += bytes;
     }
-    // `word` then tells up to which commit they have gone, before `release(block, bytes)`.
+    // `word` then tells up to which number they have gone, before `release(block, bytes)`. False:
+    // there is no more that may go.
     template <class Memory, class Word>
-    void reclaim(Memory& memory, Word& word, std::uint64_t oldest, std::size_t keep) {
-        while (bytes_ > keep && blocks_.front().commit <= oldest) {
+    bool reclaim(Memory& memory, Word& word, std::uint64_t oldest, std::size_t keep) {
+        while (bytes_ > keep && blocks_.front().number <= oldest) {
             const Retired first = blocks_.front();
             blocks_.pop_front();
             bytes_ -= first.bytes;
-            if (word.load_relaxed() < first.commit) {
-                word.store_relaxed(first.commit);
+            if (word.load_relaxed() < first.number) {
+                word.store_relaxed(first.number);
                 Memory::fence_release();
             }
             memory.release(first.block, first.bytes);
         }
+        return false;
     }
     [[nodiscard]] std::size_t bytes() const { return bytes_; }
 
@@ -34,7 +36,7 @@ private:
     struct Retired {
         std::uint64_t block;
         std::size_t bytes;
-        std::uint64_t commit;
+        std::uint64_t number;
     };
     std::deque<Retired> blocks_;
     std::size_t bytes_ = 0;

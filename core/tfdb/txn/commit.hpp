@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <cstdint>
+#include <span>
 #include <string>
 #include <string_view>
 #include <vector>
@@ -118,22 +119,30 @@ public:
 
     /// Appends one sample; `touch(child)` came before. The samples of one edge come in stamp order.
     void append(FrameId child, const history::NewSample<Memory>& sample, std::size_t item) {
-        using history::Topology;
         auto edge = writer(child);
-        const std::uint64_t topology = edge.topology();
-        const bool same_parent = Topology::parent(topology) == sample.parent &&
-                                 (topology & Topology::kMixedParents) == 0;
-        const bool newest = sample.stamp == history::kStaticStamp || sample.stamp > edge.newest();
-        // A sample ahead of all others, of the parent that they all have, relates nothing anew.
-        if (!same_parent || !newest) {
-            scratch_.cycles.relations.push_back({child, sample.parent, sample.stamp, item});
-        }
+        const FrameId old_parent = history::Topology::parent(edge.topology());
+        relate(child, sample, edge.newest(), item);
         edge.append(context_, sample);
-        if (Topology::parent(topology) != sample.parent) {
-            edge.set_depth_hint(Topology::depth(frames_.topology(sample.parent)) + 1);
-            frames_.refresh_hint(child);
-            depths_stale_ |= frames_.word(child, history::kChildren).load_relaxed() != 0;
+        hint_depth(child, old_parent, sample.parent);
+    }
+    /// The same for samples that come after each other; `item_of(i)` says which one is which.
+    template <class ItemOf>
+    void append(FrameId child, std::span<const history::NewSample<Memory>> samples,
+                ItemOf item_of) {
+        auto edge = writer(child);
+        // Where the first is ahead of all others, so are all.
+        if (samples.size() == 1 || samples.front().stamp > edge.newest()) {
+            for (std::size_t i = 0; i < samples.size(); ++i)
+                append(child, samples[i], item_of(i));
+            return;
         }
+        const FrameId old_parent = history::Topology::parent(edge.topology());
+        for (std::size_t i = 0; i < samples.size(); ++i) {
+            scratch_.cycles.relations.push_back(
+                {child, samples[i].parent, samples[i].stamp, item_of(i)});
+        }
+        edge.append(context_, samples);
+        hint_depth(child, old_parent, history::Topology::parent(edge.topology()));
     }
 
     /// Hides all samples of an edge; once in a commit at most.
@@ -174,8 +183,11 @@ public:
         published_ = true;
         for (const FrameId id : scratch_.cleared)
             writer(id).retire_older(context_);
-        for (const FrameId id : scratch_.removed)
+        for (const FrameId id : scratch_.removed) {
+            if (context_.is_held())
+                writer(id).hold_all(context_);
             frames_.push_retired(id);
+        }
         if (!scratch_.removed.empty())
             empty_removed();
         return number();
@@ -195,6 +207,25 @@ public:
     }
 
 private:
+    /// A sample ahead of all others, of the parent that they all have, relates nothing anew.
+    void relate(FrameId child, const history::NewSample<Memory>& sample, clock::StampNs newest,
+                std::size_t item) {
+        using history::Topology;
+        const std::uint64_t topology = frames_.topology(child);
+        const bool same_parent = Topology::parent(topology) == sample.parent &&
+                                 (topology & Topology::kMixedParents) == 0;
+        if (!same_parent || (sample.stamp != history::kStaticStamp && sample.stamp <= newest))
+            scratch_.cycles.relations.push_back({child, sample.parent, sample.stamp, item});
+    }
+    /// After a sample that may name another parent than the newest one.
+    void hint_depth(FrameId child, FrameId old_parent, FrameId parent) {
+        using history::Topology;
+        if (old_parent == parent)
+            return;
+        writer(child).set_depth_hint(Topology::depth(frames_.topology(parent)) + 1);
+        frames_.refresh_hint(child);
+        depths_stale_ |= frames_.word(child, history::kChildren).load_relaxed() != 0;
+    }
     [[nodiscard]] history::EdgeWriter<Memory> writer(FrameId id) const {
         return {frames_.memory(), frames_.header(id)};
     }

@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <cstddef>
 #include <cstdint>
+#include <span>
 #include <vector>
 
 #include "tfdb/txn/commit.hpp"
@@ -92,13 +93,21 @@ private:
     void append(const typename Writes::Edge& edge) {
         const FrameId child = real(edge.child);
         (void)commit_.touch(child);
-        history::NewSample<Memory> sample;
-        for (const auto& own : edge.samples.in_order()) {
-            sample.stamp = own.stamp;
-            sample.parent = real(own.parent);
-            sample.payload = own.payload;
-            commit_.append(child, sample, items_++);
+        const auto new_sample = [this](const auto& own) {
+            return history::NewSample<Memory>{own.stamp, real(own.parent), own.payload};
+        };
+        const auto& samples = edge.samples.in_order();
+        if (samples.size() == 1) {
+            commit_.append(child, new_sample(samples.front()), items_++);
+            return;
         }
+        std::vector<history::NewSample<Memory>> together;
+        together.reserve(samples.size());
+        for (const auto& own : samples)
+            together.push_back(new_sample(own));
+        commit_.append(child, std::span<const history::NewSample<Memory>>(together),
+                       [this](std::size_t i) { return items_ + i; });
+        items_ += samples.size();
     }
 
     Commit<Memory>& commit_;

@@ -45,10 +45,13 @@ public:
 private:
     static constexpr std::uint32_t kFrames = 16;
 
-    [[nodiscard]] CommitNumber oldest_read() override { return newest(); }
-    [[nodiscard]] CommitNumber newest() override {
+    [[nodiscard]] CommitNumber oldest_read() override {
         return frames_.store_word(graph::kCommit).load_relaxed();
     }
+    [[nodiscard]] std::uint64_t next_epoch() override { return epoch().load_relaxed() + 1; }
+    [[nodiscard]] std::uint64_t begin_epoch() override { return epoch().fetch_add(1) + 1; }
+    void held(std::uint64_t) override {}
+    [[nodiscard]] sync::Word& epoch() { return frames_.store_word(graph::kEpoch); }
 
     static void append(Commit<Memory>& commit, std::string_view parent, std::string_view child,
                        clock::StampNs stamp) {

@@ -61,7 +61,7 @@ inline void name_words(const WalkedForest& forest) {
     }
     forest.word(graph::kCommit).rename("commit", 0);
     forest.word(graph::kCommitLock).rename("lock_of_commits", 0);
-    forest.word(graph::kPins).rename("pins", 0);
+    forest.word(graph::kHeldPins).rename("pins", 0);
     forest.word(graph::kNames).rename("names", 0);
     forest.word(graph::kFrameCount).rename("frame_count", 0);
     forest.word(graph::kRecycleFloor).rename("recycle_floor", 0);
@@ -108,31 +108,39 @@ inline sched::Program program(const Script& script, const Reader& reader,
     };
 }
 
-/// All questions from one held snapshot; once, for nothing that it sees is used again.
-inline void ask_held(const WalkedForest& forest, const naive::Model& model, const Script& script) {
-    const graph::Pins<ForestMemory> pins(forest.frames);
-    const unsigned pin = pins.take();
-    const CommitNumber commit = forest.word(graph::kCommit).load_acquire();
-    for (const Question& question : script.questions) {
-        require(ask(forest, model, commit, question, require), "a pinned state is not overtaken");
+/// As the store reads: again when overtaken, then pinned. `commit` says which state.
+template <class Commit>
+void ask_until_answered(const WalkedForest& forest, const naive::Model& model,
+                        const Question& question, Commit commit) {
+    constexpr int kTriesBeforePin = 2;
+    for (int tries = 0; tries < kTriesBeforePin; ++tries) {
+        if (ask(forest, model, commit(), question, require))
+            return;
     }
+    const graph::Pins<ForestMemory> states(forest.frames, graph::kHeldPins);
+    const graph::Pins<ForestMemory> reads(forest.frames, graph::kReadPins);
+    const unsigned state = states.take();
+    const unsigned epoch = reads.take();
+    require(ask(forest, model, commit(), question, require), "a pinned read is not overtaken");
+    reads.drop(epoch);
+    states.drop(state);
+}
+
+/// All questions from one held snapshot.
+inline void ask_held(const WalkedForest& forest, const naive::Model& model, const Script& script) {
+    const graph::Pins<ForestMemory> pins(forest.frames, graph::kHeldPins);
+    const unsigned pin = pins.take();
+    const CommitNumber held = forest.word(graph::kCommit).load_acquire();
+    for (const Question& question : script.questions)
+        ask_until_answered(forest, model, question, [held] { return held; });
     pins.drop(pin);
 }
 
-/// As the store reads: each question from a fresh state, again when overtaken, then pinned.
+/// Each question from a fresh state.
 inline void ask_fresh(const WalkedForest& forest, const naive::Model& model, const Script& script) {
-    constexpr int kTriesBeforePin = 2;
     for (const Question& question : script.questions) {
-        bool answered = false;
-        for (int tries = 0; tries < kTriesBeforePin && !answered; ++tries) {
-            const CommitNumber commit = forest.word(graph::kCommit).load_acquire();
-            answered = ask(forest, model, commit, question, require);
-        }
-        if (!answered) {
-            Script rest = script;
-            rest.questions = {question};
-            ask_held(forest, model, rest);
-        }
+        ask_until_answered(forest, model, question,
+                           [&] { return forest.word(graph::kCommit).load_acquire(); });
     }
 }
 

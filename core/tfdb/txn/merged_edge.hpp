@@ -62,8 +62,12 @@ public:
             note_all();
         return fixed;
     }
+    /// True depends on every sample.
     [[nodiscard]] bool one_parent() const {
-        return own_ == nullptr && has_base_ && base_.one_parent();
+        const bool one = own_ == nullptr && has_base_ && base_.one_parent();
+        if (one)
+            note_all();
+        return one;
     }
     [[nodiscard]] CommitNumber least_commit() const {
         return has_base_ ? base_.least_commit() : kOwnCommit;

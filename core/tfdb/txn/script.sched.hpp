@@ -104,9 +104,17 @@ public:
     CommitScratch scratch;
 
     [[nodiscard]] CommitNumber oldest_read() override {
-        return graph::Pins<Memory>(frames).oldest(newest());
+        return graph::Pins<Memory>(frames, graph::kHeldPins)
+            .oldest(word(graph::kCommit).load_relaxed());
     }
-    [[nodiscard]] CommitNumber newest() override { return word(graph::kCommit).load_relaxed(); }
+    [[nodiscard]] std::uint64_t next_epoch() override {
+        return word(graph::kEpoch).load_relaxed() + 1;
+    }
+    [[nodiscard]] std::uint64_t begin_epoch() override {
+        return graph::Pins<Memory>(frames, graph::kReadPins)
+            .oldest(word(graph::kEpoch).fetch_add(1) + 1);
+    }
+    void held(std::uint64_t) override {}
 
 private:
     void set(Commit<Memory>& commit, const Step& step, std::size_t number) {

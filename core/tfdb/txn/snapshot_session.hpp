@@ -33,7 +33,7 @@ public:
             commit_ = frames_.store_word(graph::kCommit).load_acquire();
             return;
         }
-        pin_ = graph::Pins<Memory>(frames_).take();
+        pin_ = pins().take();
         pinned_ = true;
         commit_ = frames_.store_word(graph::kCommit).load_acquire();
     }
@@ -69,9 +69,10 @@ private:
         else
             lock_.lock();
     }
+    [[nodiscard]] graph::Pins<Memory> pins() const { return {frames_, graph::kHeldPins}; }
     void unpin() {
         if (pinned_)
-            graph::Pins<Memory>(frames_).drop(pin_);
+            pins().drop(pin_);
         pinned_ = false;
     }
 

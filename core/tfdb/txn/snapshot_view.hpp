@@ -20,7 +20,7 @@ public:
 
     /// `commit`: may be one that is newer than any; the frames are then read as they are.
     SnapshotView(graph::Frames<Memory> frames, CommitNumber commit, clock::StampNs history)
-        : frames_(frames), commit_(commit), history_(history) {}
+        : frames_(frames), commit_(commit), as_of_(now()), history_(history) {}
 
     [[nodiscard]] bool open(FrameId id, Edge& edge) const {
         if (!edge.open(frames_.memory(), frames_.header(id), commit_, history_, as_of()))
@@ -29,9 +29,9 @@ public:
         return !edge.empty() || frames_.born(id) <= commit_ ||
                frames_.store_word(graph::kRecycleFloor).load_acquire() <= commit_;
     }
-    [[nodiscard]] CommitNumber as_of() const {
-        return commit_ == kSeesAll ? frames_.store_word(graph::kCommit).load_acquire() : commit_;
-    }
+    /// What was loaded before anything is read. One that goes on for long begins anew at each
+    /// frame.
+    [[nodiscard]] history::AsOf as_of() const { return commit_ == kSeesAll ? now() : as_of_; }
     [[nodiscard]] std::uint64_t topology(FrameId id) const { return frames_.topology(id); }
     [[nodiscard]] bool alive(FrameId id) const { return frames_.alive(id, commit_); }
     [[nodiscard]] bool alive_since(FrameId id, CommitNumber commit) const {
@@ -49,8 +49,16 @@ public:
     [[nodiscard]] clock::StampNs history() const { return history_; }
 
 private:
+    /// Of a state, its own number says which versions it needs.
+    [[nodiscard]] history::AsOf now() const {
+        const CommitNumber commit =
+            commit_ == kSeesAll ? frames_.store_word(graph::kCommit).load_acquire() : commit_;
+        return {frames_.store_word(graph::kEpoch).load_acquire(), commit};
+    }
+
     graph::Frames<Memory> frames_;
     CommitNumber commit_;
+    history::AsOf as_of_;
     clock::StampNs history_;
 };
 

@@ -198,7 +198,7 @@ sched::Program beside(const Script& script, Bodies<S, Reads> (*make_bodies)(), b
             });
         }
         run.join();
-        SCHED_REQUIRE(forest.word(graph::kPins).peek() == 0);
+        SCHED_REQUIRE(forest.word(graph::kHeldPins).peek() == 0);
         SCHED_REQUIRE(forest.word(graph::kCommitLock).peek() == 0);
         sched::Run::require(!alone || ended[0].kind == CommitOutcome::kCommitted,
                             "who runs alone does not lose", __FILE__, __LINE__);

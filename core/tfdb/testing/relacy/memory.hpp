@@ -10,6 +10,7 @@
 #include <string>
 #include <vector>
 
+#include "tfdb/memory/memory.hpp"
 #include "tfdb/testing/retired.hpp"
 
 #if defined(__GNUC__)
@@ -192,18 +193,21 @@ public:
         free_[(bytes + kLine - 1) / kLine].push_back(block);
     }
 
-    void retire(Offset block, std::size_t bytes, std::uint64_t commit) {
-        retired_.add(block, bytes, commit);
+    void retire(memory::Line line, Offset block, std::size_t bytes, std::uint64_t commit) {
+        retired_[place(line)].add(block, bytes, commit);
     }
-    void reclaim(std::uint64_t oldest, std::size_t keep) {
-        retired_.reclaim(*this, word(kReclaimed), oldest, keep);
+    bool reclaim(memory::Line line, std::uint64_t oldest, std::size_t keep) {
+        return retired_[place(line)].reclaim(*this, word(kReclaimed + 8 * place(line)), oldest,
+                                             keep);
     }
-    [[nodiscard]] std::size_t retired_bytes() const { return retired_.bytes(); }
+    [[nodiscard]] std::size_t retired_bytes(memory::Line line) const {
+        return retired_[place(line)].bytes();
+    }
     /// Only readers ask, in their checks.
-    [[nodiscard]] Word& reclaimed() const {
+    [[nodiscard]] Word& reclaimed(memory::Line line) const {
         for (unsigned steps = g_pause == 0 ? 0 : rl::rand(g_pause); steps > 0; --steps)
             (void)word(0).load_relaxed();
-        return word(kReclaimed);
+        return word(kReclaimed + 8 * place(line));
     }
 
     static void fence_acquire() { relacy::fence_acquire(); }
@@ -212,11 +216,12 @@ public:
 
 private:
     static constexpr Offset kReclaimed = 8;
+    static std::size_t place(memory::Line line) { return static_cast<std::size_t>(line); }
 
     mutable std::array<Word, Bytes / 8> words_;
     Offset next_ = kLine;
     std::map<std::size_t, std::vector<Offset>> free_;
-    testing::RetiredBlocks retired_;
+    std::array<testing::RetiredBlocks, memory::kLines> retired_;
 };
 
 }  // namespace tfdb::relacy

@@ -1,11 +1,13 @@
 #pragma once
 
+#include <array>
 #include <cstddef>
 #include <cstdint>
 #include <map>
 #include <memory>
 #include <vector>
 
+#include "tfdb/memory/memory.hpp"
 #include "tfdb/testing/retired.hpp"
 #include "tfdb/testing/sched/run.hpp"
 
@@ -58,27 +60,30 @@ public:
         free_[(bytes + kLine - 1) / kLine].push_back(block);
     }
 
-    void retire(Offset block, std::size_t bytes, std::uint64_t commit) {
-        retired_.add(block, bytes, commit);
+    void retire(memory::Line line, Offset block, std::size_t bytes, std::uint64_t commit) {
+        retired_[place(line)].add(block, bytes, commit);
     }
-    void reclaim(std::uint64_t oldest, std::size_t keep) {
-        retired_.reclaim(*this, reclaimed(), oldest, keep);
+    bool reclaim(memory::Line line, std::uint64_t oldest, std::size_t keep) {
+        return retired_[place(line)].reclaim(*this, reclaimed(line), oldest, keep);
     }
-    [[nodiscard]] std::size_t retired_bytes() const { return retired_.bytes(); }
-    [[nodiscard]] Word& reclaimed() const { return word(8); }
+    [[nodiscard]] std::size_t retired_bytes(memory::Line line) const {
+        return retired_[place(line)].bytes();
+    }
+    [[nodiscard]] Word& reclaimed(memory::Line line) const { return word(8 + 8 * place(line)); }
 
     static void fence_acquire() {}
     static void fence_release() {}
     static void fence_full() {}
 
 private:
+    static std::size_t place(memory::Line line) { return static_cast<std::size_t>(line); }
     [[noreturn]] static Word& outside() { throw Violation{"an access outside the region", {}}; }
 
     std::unique_ptr<Word[]> words_;
     std::size_t bytes_;
     Offset next_ = kLine;
     std::map<std::size_t, std::vector<Offset>> free_;
-    testing::RetiredBlocks retired_;
+    std::array<testing::RetiredBlocks, memory::kLines> retired_;
 };
 
 using Memory = BasicMemory<2>;

@@ -1,0 +1,235 @@
+// What the store keeps, and what it gives back: under held snapshots, late samples and refusals.
+#include <deque>
+#include <vector>
+
+#include "tfdb/store/transaction_fixture.test.hpp"
+
+namespace tfdb {
+namespace {
+
+using namespace fixture;
+
+constexpr std::size_t kMiB = std::size_t{1} << 20;
+
+std::size_t used(const Buffer& buffer) {
+    const MemoryUse use = buffer.memory();
+    return use.used_bytes + use.free_bytes;
+}
+
+/// A batch that closes a cycle: it is refused, and with it whatever comes with it.
+std::vector<TransformView> refused_with(std::vector<TransformView> batch) {
+    batch.push_back({"x", "y", 1, pose_of(1)});
+    batch.push_back({"y", "x", 1, pose_of(2)});
+    return batch;
+}
+
+}  // namespace
+
+TFDB_TEST(memory_of_stamps_that_begin_again_after_a_clear_is_kept_beside_a_snapshot) {
+    constexpr StampNs kLoop = 3'000;
+    constexpr StampNs kHistory = 1'000;
+    Buffer buffer(keeping(kHistory));
+    for (StampNs stamp = 0; stamp < kLoop; ++stamp)
+        set(buffer, "map", "base", stamp, pose_of(static_cast<double>(stamp)));
+    const Snapshot held = buffer.snapshot();
+    buffer.clear();
+    for (StampNs stamp = 0; stamp < kLoop; ++stamp) {
+        set(buffer, "map", "base", stamp, pose_of(static_cast<double>(stamp + 1)));
+        const auto expected = static_cast<std::uint64_t>(std::min(stamp, kHistory) + 1);
+        CHECK_EQ(buffer.frame_info("base").samples, expected);
+    }
+    CHECK_EQ(held.frame_info("base").samples, static_cast<std::uint64_t>(kHistory) + 1);
+    CHECK_EQ(number_of(held.lookup_transform("map", "base", 2'500).pose), 2'500.0);
+    CHECK_EQ(number_of(buffer.lookup_transform("map", "base", 2'500).pose), 2'501.0);
+}
+
+TFDB_TEST(memory_of_a_cleared_edge_survives_a_refused_batch) {
+    Buffer buffer(keeping(10));
+    set(buffer, "map", "base", 200, pose_of(1));
+    for (StampNs stamp = 200; stamp < 217; ++stamp)
+        set(buffer, "map", "other", stamp, pose_of(2));
+    const Snapshot before = buffer.snapshot();
+    buffer.clear();
+    set(buffer, "map", "base", 0, pose_of(7));
+    const Snapshot after = buffer.snapshot();
+    std::vector<TransformView> later;
+    for (StampNs stamp = 30; stamp < 38; ++stamp)
+        later.push_back({"map", "base", stamp, pose_of(3)});
+    CHECK(THROWN(CycleError, buffer.set_transforms(refused_with(later), false, "")));
+    CHECK_EQ(number_of(buffer.lookup_transform("map", "base", 0).pose), 7.0);
+    CHECK_EQ(number_of(after.lookup_transform("map", "base", 0).pose), 7.0);
+    CHECK_EQ(number_of(before.lookup_transform("map", "base", 200).pose), 1.0);
+}
+
+/// A clear that was taken back, and what came late since: older snapshots still see their state.
+TFDB_TEST(memory_of_an_edge_whose_clear_was_taken_back_is_that_of_its_snapshots) {
+    Buffer buffer(keeping(std::nullopt));
+    for (StampNs stamp = 0; stamp < 2'000; stamp += 2)
+        set(buffer, "map", "base", stamp, pose_of(static_cast<double>(stamp)));
+    const Snapshot held = buffer.snapshot();
+    for (int round = 0; round < 3; ++round) {
+        const TransformView fixed[] = {
+            {"map", "base", 0, pose_of(5)}, {"x", "y", 0, pose_of(1)}, {"y", "x", 0, pose_of(2)}};
+        CHECK(THROWN(CycleError, buffer.set_transforms(fixed, true, "", {.change_kind = true})));
+        for (StampNs stamp = 1 + 600 * round; stamp < 600 * (round + 1); stamp += 2)
+            set(buffer, "map", "base", stamp, pose_of(-1));
+        for (StampNs stamp = 1; stamp < 1'998; stamp += 38) {
+            const Answer answer = held.lookup_transform("map", "base", stamp);
+            CHECK_EQ(answer.edges.front().before, stamp - 1);
+            CHECK_EQ(answer.edges.front().after, stamp + 1);
+        }
+    }
+    buffer.clear();
+    set(buffer, "map", "base", 1, pose_of(9));
+    CHECK_EQ(held.frame_info("base").samples, 1'000U);
+    CHECK_EQ(buffer.frame_info("base").samples, 1U);
+}
+
+TFDB_TEST(memory_of_a_bounded_history_is_bounded_where_samples_come_late) {
+    static constexpr StampNs kHistory = 1'000;
+    static constexpr StampNs kWrites = 40'000;
+    const auto check = [](const char* pattern, StampNs now, auto stamp_of) {
+        Buffer buffer(keeping(kHistory));
+        std::size_t most = 0;
+        for (StampNs k = 1; k <= kWrites; ++k) {
+            set(buffer, "map", "base", now + stamp_of(k), pose_of(1));
+            if (k == kWrites / 4)
+                most = 2 * used(buffer) + kMiB;
+        }
+        if (used(buffer) > most)
+            std::printf("  %s: %zu bytes\n", pattern, used(buffer));
+        CHECK(used(buffer) <= most);
+    };
+    check("a newest one now and then, the others below it", 1'000,
+          [](StampNs k) { return k % 50 == 0 ? k + 500 : k; });
+    check("bursts with their newest first", 1'000,
+          [](StampNs k) { return k / 200 * 200 + 200 - k % 200; });
+    check("shuffled", 1'000, [](StampNs k) { return k / 500 * 500 + k * 377 % 500; });
+}
+
+TFDB_TEST(memory_of_refused_batches_comes_back) {
+    Buffer buffer(keeping(std::nullopt));
+    for (StampNs stamp = 10; stamp < 2'000; stamp += 10)
+        set(buffer, "map", "base", stamp, pose_of(1));
+    set_static(buffer, "map", "fixed", pose_of(1));
+    const std::size_t before = used(buffer);
+    const CommitNumber commit = buffer.commit();
+    for (int i = 0; i < 500; ++i) {
+        CHECK(THROWN(CycleError, buffer.set_transforms(
+                                     refused_with({{"map", "base", 15, pose_of(2)}}), false, "")));
+        CHECK(THROWN(CycleError,
+                     buffer.set_transforms(refused_with({{"map", "fixed", 15, pose_of(2)}}), false,
+                                           "", {.change_kind = true})));
+    }
+    CHECK_EQ(buffer.commit(), commit);
+    CHECK(used(buffer) <= before + kMiB);
+    CHECK_EQ(buffer.frame_info("base").samples, 199U);
+}
+
+TFDB_TEST(memory_of_late_samples_is_the_same_for_one_batch_of_them) {
+    constexpr StampNs kSamples = 20'000;
+    BufferOptions options = keeping(std::nullopt);
+    options.memory_limit = 8 * kMiB;
+    Buffer buffer(options);
+    std::vector<TransformView> batch;
+    for (StampNs stamp = 0; stamp < kSamples; ++stamp)
+        batch.push_back({"map", "base", 4 * stamp, pose_of(static_cast<double>(stamp))});
+    buffer.set_transforms(batch, false, "");
+    const std::size_t before = buffer.memory().used_bytes;
+    for (TransformView& transform : batch)
+        transform.stamp += 2;
+    buffer.set_transforms(batch, false, "");
+    CHECK(buffer.memory().used_bytes <= 3 * before);
+    CHECK_EQ(buffer.frame_info("base").samples, 2U * kSamples);
+    for (StampNs stamp = 1; stamp < 4 * kSamples - 2; stamp += 998) {
+        const Answer answer = buffer.lookup_transform("map", "base", stamp);
+        CHECK_EQ(answer.edges.front().before, stamp - 1);
+        CHECK_EQ(answer.edges.front().after, stamp + 1);
+    }
+}
+
+TFDB_TEST(memory_of_a_batch_among_few_samples_is_small) {
+    BufferOptions options = keeping(std::nullopt);
+    options.memory_limit = 300'000;
+    Buffer buffer(options);
+    std::vector<TransformView> batch;
+    for (StampNs stamp = 0; stamp < 50; ++stamp)
+        batch.push_back({"map", "base", 10 * stamp, pose_of(1)});
+    set(buffer, "map", "base", 10'000, pose_of(1));
+    for (int round = 0; round < 10; ++round) {
+        buffer.set_transforms(batch, false, "");
+        for (TransformView& transform : batch)
+            ++transform.stamp;
+    }
+    CHECK_EQ(buffer.frame_info("base").samples, 501U);
+}
+
+/// Late samples cost a held snapshot nothing.
+TFDB_TEST(memory_of_a_snapshot_is_not_spent_on_late_samples) {
+    BufferOptions options = keeping(std::nullopt);
+    options.snapshot_memory = kMiB;
+    Buffer buffer(options);
+    for (StampNs stamp = 0; stamp < 100'000; stamp += 10)
+        set(buffer, "map", "base", stamp, pose_of(static_cast<double>(stamp)));
+    const Snapshot held = buffer.snapshot();
+    for (StampNs k = 0; k < 5'000; ++k)
+        set(buffer, "map", "base", k * 7919 % 99'990 / 10 * 10 + 5, pose_of(-1));
+    CHECK_EQ(held.frame_info("base").samples, 10'000U);
+    CHECK_EQ(held.lookup_transform("map", "base", 50'005).edges.front().after, 50'010);
+}
+
+/// Whatever overlaps, what is kept for snapshots stays within 1.1 times of what may be.
+TFDB_TEST(memory_of_overlapping_snapshots_is_bounded) {
+    constexpr StampNs kHistory = 2'000;
+    constexpr std::size_t kBound = 8 * kMiB;
+    enum class Pattern { kInOrder, kLate, kClears, kFrames };
+    for (const Pattern pattern :
+         {Pattern::kInOrder, Pattern::kLate, Pattern::kClears, Pattern::kFrames}) {
+        std::size_t alone = 0;
+        for (const bool holds : {false, true}) {
+            BufferOptions options = keeping(kHistory);
+            options.snapshot_memory = kBound;
+            Buffer buffer(options);
+            std::deque<Snapshot> held;
+            std::size_t most = 0;
+            for (StampNs k = 0; k < 240'000; ++k) {
+                set(buffer, "map", "base", 1'000 + k, pose_of(1));
+                if (pattern == Pattern::kLate && k % 8 == 0)
+                    set(buffer, "map", "base", 1'000 + k - 300, pose_of(2));
+                if (pattern == Pattern::kClears && k % 3'000 == 0)
+                    buffer.clear();
+                if (pattern == Pattern::kFrames && k % 3'000 == 0)
+                    buffer.remove_frame("base", false);
+                if (holds && k % 1'000 == 0)
+                    held.push_back(buffer.snapshot());
+                if (held.size() > 200)
+                    held.pop_front();
+                if (k % 1'000 == 0)
+                    most = std::max(most, used(buffer));
+            }
+            if (!holds) {
+                alone = most;
+                continue;
+            }
+            std::printf("  pattern %d: %zu bytes, alone %zu\n", static_cast<int>(pattern), most,
+                        alone);
+            // What waits for reads under way is another quarter of a MiB.
+            CHECK(most <= alone + kBound + kBound / 10 + kMiB / 4);
+        }
+    }
+}
+
+TFDB_TEST(memory_of_what_a_refused_batch_cleared_is_no_conflict) {
+    Buffer buffer(keeping(std::nullopt));
+    set(buffer, "map", "base", 1, pose_of(1));
+    set_static(buffer, "map", "fixed", pose_of(3));
+    CHECK(THROWN(CycleError, buffer.set_transforms(refused_with({{"map", "fixed", 5, pose_of(5)}}),
+                                                   false, "", {.change_kind = true})));
+    Transaction tx(buffer);
+    CHECK_EQ(number_of(tx.lookup_transform("map", "fixed", 7).pose), 3.0);
+    put(tx, "map", "mark", 1, 4);
+    tx.commit();
+    CHECK(has_frame(buffer, "mark"));
+}
+
+}  // namespace tfdb
