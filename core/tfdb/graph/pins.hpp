@@ -66,4 +66,18 @@ private:
     StoreWord first_;
 };
 
+/// Counted in for its lifetime. Threads: one. Guarantee: wait-free.
+template <class Memory>
+class Pin {
+public:
+    explicit Pin(const Pins<Memory>& pins) : pins_(pins), taken_(pins_.take()) {}
+    ~Pin() { pins_.drop(taken_); }
+    Pin(const Pin&) = delete;
+    Pin& operator=(const Pin&) = delete;
+
+private:
+    Pins<Memory> pins_;
+    unsigned taken_;
+};
+
 }  // namespace tfdb::graph

@@ -96,7 +96,7 @@ struct HeldSnapshots : rl::test_suite<HeldSnapshots, 1 + kReaders> {
 
 /// Empty if all of it holds, else what Relacy says of the first execution that breaks it.
 std::string simulated(const char* name, const relacy::Weakness& weakness = {}) {
-    constexpr unsigned kDepth = 20'000;
+    constexpr unsigned kDepth = 60'000;
     const Model model(kScript);
     g_model = &model;
     return relacy::simulate<HeldSnapshots>(name, weakness, kDepth);

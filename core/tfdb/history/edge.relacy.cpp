@@ -33,6 +33,7 @@ namespace script {
 namespace {
 
 constexpr unsigned kReaders = 2;
+constexpr int kTries = 10;  // more than the writer can overtake
 constexpr unsigned kIdleSteps = 400;
 constexpr unsigned kPause = 400;
 
@@ -117,8 +118,13 @@ struct HeldSnapshots : rl::test_suite<HeldSnapshots, 1 + kReaders>, Scene {
         pins().fetch_add(1);
         SmallMemory::fence_full();
         const CommitNumber held = memory.word(places.commit).load_acquire();
-        RL_ASSERT(
-            read_at(memory, places, g_task.script, *g_task.model, held, g_task.stamp, require));
+        // It may be overtaken, but what it sees is not lost.
+        bool answered = false;
+        for (int tries = 0; tries < kTries && !answered; ++tries) {
+            answered =
+                read_at(memory, places, g_task.script, *g_task.model, held, g_task.stamp, require);
+        }
+        RL_ASSERT(answered);
         pins().fetch_add(~std::uint64_t{0});
     }
 };
@@ -158,11 +164,14 @@ void holds(const std::string& name, const Script& script, StampNs stamp) {
     CHECK_EQ(simulate(name, script, stamp, iterations()), std::string());
 }
 
+/// Executions until a reader is slow enough for what it looks at to be used again amid a split.
+constexpr unsigned long kRare = 400'000;
+
 /// Without the order that `weakness` leaves out, some execution must break a promise.
 void needs(const std::string& name, const Script& script, StampNs stamp,
-           const relacy::Weakness& weakness) {
+           const relacy::Weakness& weakness, unsigned long executions = iterations()) {
     relacy::g_weakness = weakness;
-    CHECK(!simulate("without " + name, script, stamp, iterations()).empty());
+    CHECK(!simulate("without " + name, script, stamp, executions).empty());
     relacy::g_weakness = {};
 }
 
@@ -191,6 +200,8 @@ const Script kEvicts{.history = 15,
                      .during = {one(50), one(70), one(90), one(110), one(130), one(150)}};
 const Script kTwoEdges{
     .history = 15, .edges = 2, .before = {both(10), both(30)}, .during = {both(50), both(70)}};
+/// Nothing is taken out of use: the commit alone says what is there.
+const Script kInPlace{.edges = 2, .before = {both(10)}, .during = {both(20)}};
 const Script kLate{.before = {one(10), one(30)}, .during = {one(20), one(22), one(24), one(26)}};
 const Script kFront{.before = {one(50), one(60), one(70)},
                     .during = {one(40), one(30), one(20), one(10)}};
@@ -262,8 +273,7 @@ TFDB_TEST(random_scripts_hold_in_the_memory_model) {
 }
 
 TFDB_TEST(every_memory_order_is_needed) {
-    needs("release of commit", kTwoEdges, 35, {.store = kCommitAt});
-    needs("acquire of commit", kTwoEdges, 35, {.load = kCommitAt});
+    needs("release of commit", kInPlace, 15, {.store = kCommitAt});
     needs("release of tail", kAppends, 25, {.store = header_word(kTail)});
     needs("acquire of tail", kAppends, 25, {.load = header_word(kTail)});
     needs("release of directory", kSeals, 15, {.store = header_word(kDirectory)});
@@ -275,8 +285,8 @@ TFDB_TEST(every_memory_order_is_needed) {
     relacy::g_pause = kPause;
     needs("the writer's fence", kEvicts, 75, {.no_release_fence = true});
     needs("the reader's fence", kEvicts, 75, {.no_acquire_fence = true});
-    needs("the writer's fence in a split", kLate, 25, {.no_release_fence = true});
-    needs("the reader's fence in a split", kLate, 25, {.no_acquire_fence = true});
+    needs("the writer's fence in a split", kLate, 25, {.no_release_fence = true}, kRare);
+    needs("the reader's fence in a split", kLate, 25, {.no_acquire_fence = true}, kRare);
     relacy::g_pause = 0;
 }
 

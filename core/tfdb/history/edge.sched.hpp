@@ -121,13 +121,8 @@ inline sched::Program program_with_death(const Script& script, StampNs stamp, st
         const auto answered = [&] { return read_soundly(memory, places, script, model, stamp); };
         run.thread(
             "writer", [&] { write_all(memory, places, script); }, death);
-        run.thread("reader", [&] {
-            for (int tries = 0; tries < 4; ++tries) {
-                if (answered()) {
-                    return;
-                }
-            }
-        });
+        // What it does once more where it was overtaken is walked without deaths.
+        run.thread("reader", [&] { (void)answered(); });
         run.join();
         died = run.died(kWriter);
         SCHED_REQUIRE(answered());

@@ -173,19 +173,11 @@ inline void check_may_wait(const Reads::Impl& impl) {
 /// Threads: one. Guarantee: wait-free.
 class ReadPin {
 public:
-    explicit ReadPin(const Reads::Impl& impl)
-        : impl_(impl), state_(impl.held_pins.take()), epoch_(impl.read_pins.take()) {}
-    ~ReadPin() {
-        impl_.read_pins.drop(epoch_);
-        impl_.held_pins.drop(state_);
-    }
-    ReadPin(const ReadPin&) = delete;
-    ReadPin& operator=(const ReadPin&) = delete;
+    explicit ReadPin(const Reads::Impl& impl) : state_(impl.held_pins), epoch_(impl.read_pins) {}
 
 private:
-    const Reads::Impl& impl_;
-    unsigned state_;
-    unsigned epoch_;
+    graph::Pin<StoreMemory> state_;
+    graph::Pin<StoreMemory> epoch_;
 };
 
 /// What looks missing in a state may be a frame whose slot was reused since: then kLapped. Lookups

@@ -64,13 +64,13 @@ public:
     double ask(const std::string& target, const std::string& source, std::optional<StampNs> stamp) {
         lookup::Answer answer;
         lookup::Failure failure;
-        const Outcome outcome = workspace_.steadily([&](const auto& view) {
+        const Outcome found = workspace_.steadily([&](const auto& view) {
             return lookup::lookup(view, view.find(target), view.find(source), stamp, {}, answer,
                                   failure);
         });
-        require(outcome != Outcome::kLapped, "what is pinned can be read");
-        const double seen = outcome == Outcome::kOk ? answer.pose.translation.x
-                                                    : -1.0 - static_cast<double>(failure.code);
+        require(found != Outcome::kLapped, "what is pinned can be read");
+        const double seen = found == Outcome::kOk ? answer.pose.translation.x
+                                                  : -1.0 - static_cast<double>(failure.code);
         log += " " + std::to_string(seen);
         return seen;
     }

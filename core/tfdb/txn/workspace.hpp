@@ -2,11 +2,13 @@
 #pragma once
 
 #include <algorithm>
+#include <optional>
 #include <string_view>
 #include <utility>
 #include <vector>
 
 #include "tfdb/graph/names.hpp"
+#include "tfdb/graph/pins.hpp"
 #include "tfdb/txn/child_index.hpp"
 #include "tfdb/txn/read_set.hpp"
 #include "tfdb/txn/session.hpp"
@@ -55,9 +57,14 @@ public:
     template <class Body>
     [[nodiscard]] Outcome steadily(Body body) {
         constexpr int kTries = 16;
+        constexpr int kTriesBeforePin = 4;
+        std::optional<graph::Pin<Memory>> pin;
         Outcome outcome = Outcome::kLapped;
-        for (int i = 0; i < kTries && outcome == Outcome::kLapped; ++i)
+        for (int i = 0; i < kTries && outcome == Outcome::kLapped; ++i) {
+            if (i == kTriesBeforePin)
+                pin.emplace(graph::Pins<Memory>(frames_, graph::kReadPins));
             outcome = body(view());
+        }
         return session_.confirm() ? outcome : Outcome::kLapped;
     }
     /// What is missing in the state that is read may be a frame whose slot was reused since.

@@ -205,7 +205,8 @@ public:
     }
     /// Only readers ask, in their checks.
     [[nodiscard]] Word& reclaimed(memory::Line line) const {
-        for (unsigned steps = g_pause == 0 ? 0 : rl::rand(g_pause); steps > 0; --steps)
+        const bool pauses = g_pause != 0 && line == memory::Line::kReplaced;
+        for (unsigned steps = pauses ? rl::rand(g_pause) : 0; steps > 0; --steps)
             (void)word(0).load_relaxed();
         return word(kReclaimed + 8 * place(line));
     }

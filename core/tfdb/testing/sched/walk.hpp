@@ -24,7 +24,7 @@ struct Options {
     /// Past this the walk gives up, which fails the test.
     std::uint64_t max_executions = 5'000'000;
     /// Past this one execution is called endless, which is a violation.
-    std::size_t max_steps = 2'000;
+    std::size_t max_steps = 4'000;
     /// False: an execution that deadlocks just ends there.
     bool deadlock_is_violation = true;
     /// Called after each complete execution that is not redundant, deadlocked ones included.
