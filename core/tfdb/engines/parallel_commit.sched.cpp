@@ -10,7 +10,7 @@ namespace tfdb::txn::engines {
 
 namespace {
 
-/// A batch for which there is no room once the first edge's ring has grown: nothing is stored, and
+/// A batch for which there is no room once the first edge has grown: nothing is stored, and
 /// it is no commit.
 template <class S>
 Body<S> breaker(StampNs stamp) {

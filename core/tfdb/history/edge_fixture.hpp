@@ -38,8 +38,6 @@ public:
     [[nodiscard]] std::uint64_t word_value(HeaderWord w) const {
         return memory_.word(header_ + 8 * w).load_relaxed();
     }
-    /// Of those, what only held snapshots need.
-    [[nodiscard]] std::size_t held_bytes() const { return held_bytes_; }
     /// From now on held snapshots keep what they see.
     void hold(bool held) { held_ = held; }
 
@@ -127,7 +125,7 @@ private:
     [[nodiscard]] CommitNumber oldest_read() override { return held_ ? 0 : committed_; }
     [[nodiscard]] std::uint64_t next_epoch() override { return epoch_ + 1; }
     [[nodiscard]] std::uint64_t begin_epoch() override { return ++epoch_; }
-    void held(std::uint64_t bytes) override { held_bytes_ += bytes; }
+    void held(std::uint64_t) override {}
 
     [[nodiscard]] const std::map<StampNs, Entry>& visible(CommitNumber snapshot) {
         if (seen_snapshot_ == snapshot && seen_entries_ == entries_.size())
@@ -166,7 +164,6 @@ private:
     Offset header_ = 0;
     StampNs history_;
     bool held_ = false;
-    std::uint64_t held_bytes_ = 0;
     std::uint64_t epoch_ = 0;
     CommitNumber committed_ = 0;
     WriteContext context_{0, history_, *this};

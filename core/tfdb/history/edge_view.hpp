@@ -32,8 +32,11 @@ inline constexpr AsOf kAsItIs{kMaxCommit, kMaxCommit};
 /// that this snapshot sees; samples of later commits are told by their numbers and passed over.
 /// What may happen is that a block is used again, but not before an epoch that began after the
 /// reader did, or a commit after the snapshot where a clear ended the version: the memory says up
-/// to which of them it has gone. Threads: each thread makes its own; any number beside the one
-/// writer. Guarantee: wait-free. What was read counts only if `confirm` says so afterwards; every
+/// to which of them it has gone.
+///
+/// Threads: each thread makes its own; any number beside the one writer.
+///
+/// Guarantee: wait-free. What was read counts only if `confirm` says so afterwards; every
 /// function that returns false, and a failed `confirm`, mean "overtaken by the writer: read again".
 template <class Memory>
 class EdgeView {

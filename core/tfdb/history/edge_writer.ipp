@@ -480,6 +480,7 @@ void EdgeWriter<Memory>::insert_run(const WriteContext& context,
     const auto place_of = [&](StampNs stamp) { return directory.find(begin(), end(), stamp); };
     const std::uint64_t first = place_of(run.front().stamp);
     const std::uint64_t last = place_of(run.back().stamp) + 1;
+    const std::uint64_t late = this->word(kLate).load_relaxed() + run.size();
     std::vector<NewSegment<Memory>> made;
     std::vector<std::pair<StampNs, std::uint64_t>> entries;
     std::vector<std::uint64_t> replaced;
@@ -520,7 +521,7 @@ void EdgeWriter<Memory>::insert_run(const WriteContext& context,
         block.use();
     for (const std::uint64_t old : replaced)
         retire_segment(memory_, context, Line::kReplaced, old);
-    this->word(kLate).store_relaxed(this->word(kLate).load_relaxed() + made.size());
+    this->word(kLate).store_relaxed(late);
     evict(context);
 }
 

@@ -92,7 +92,7 @@ Offset PrivateMemory::bump(std::size_t bytes) {
     return at;
 }
 
-/// Page-table misses cost writers of many cold rings a factor of four (measured).
+/// Page-table misses cost writers of many cold edges a factor of four (measured).
 void PrivateMemory::back_by_huge_pages(Offset end) {
     if (end <= huge_pages_to_)
         return;

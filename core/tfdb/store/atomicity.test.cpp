@@ -35,7 +35,7 @@ std::vector<Bad> bad_members() {
     };
 }
 
-/// Good members that make frames, grow a ring, come late, correct and re-parent.
+/// Good members that make frames, grow an edge, come late, correct and re-parent.
 std::vector<TransformView> good_members() {
     return {{"map", "fresh", 50 * kSecond, pose_of(21)},
             {"fresh", "fresher", 50 * kSecond, pose_of(22)},

@@ -78,10 +78,10 @@ struct Samples {
 };
 
 struct MemoryUse {
-    std::size_t used_bytes = 0;   // handed out to rings, names and tables
+    std::size_t used_bytes = 0;   // handed out to samples, names and tables
     std::size_t free_bytes = 0;   // kept for reuse
     std::size_t frames = 0;       // frame slots in use, 192 bytes each
-    std::size_t samples = 0;      // samples in the rings, also those that are no longer retained
+    std::size_t samples = 0;      // samples that are stored, also those that are no longer retained
     std::size_t frame_bytes = 0;  // frames * header size
     std::size_t authority_bytes = 0;  // names of those who write, beside `used_bytes`
 };

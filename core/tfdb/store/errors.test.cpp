@@ -111,7 +111,7 @@ TFDB_TEST(error_disconnected_of_a_snapshot_without_samples_stays_what_it_is) {
         const auto error = THROWN(Disconnected, held.lookup_transform("map", "camera", at));
         CHECK(error && error->detail().frames == std::vector<std::string>({"map", "base"}));
         CHECK(error && error->detail().edge.empty() && error->detail().stamp == at);
-        for (StampNs i = 0; i < 100; ++i)  // the ring is overwritten
+        for (StampNs i = 0; i < 100; ++i)  // what it needs is evicted
             set(buffer, "map", "base", 3 * kSecond + i, pose_of(1));
         const auto again = THROWN(Disconnected, held.lookup_transform("map", "camera", at));
         CHECK(error && again && std::string(error->what()) == again->what());

@@ -115,7 +115,7 @@ TFDB_TEST(limits_memory_with_a_short_history_never_runs_out) {
 
 TFDB_TEST(limits_memory_per_sample_is_at_most_eighty_bytes) {
     Buffer buffer(keeping(std::nullopt));
-    constexpr StampNs kSamples = 1 << 16;  // a full ring
+    constexpr StampNs kSamples = 1 << 16;  // many segments
     const std::size_t before = buffer.memory().used_bytes;
     for (StampNs stamp = 0; stamp < kSamples; ++stamp)
         set(buffer, "map", "base", stamp, pose_of(1));

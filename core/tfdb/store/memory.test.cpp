@@ -141,6 +141,7 @@ TFDB_TEST(memory_of_late_samples_is_the_same_for_one_batch_of_them) {
     buffer.set_transforms(batch, false, "");
     CHECK(buffer.memory().used_bytes <= 3 * before);
     CHECK_EQ(buffer.frame_info("base").samples, 2U * kSamples);
+    CHECK_EQ(buffer.frame_info("base").late, kSamples - 1U);
     for (StampNs stamp = 1; stamp < 4 * kSamples - 2; stamp += 998) {
         const Answer answer = buffer.lookup_transform("map", "base", stamp);
         CHECK_EQ(answer.edges.front().before, stamp - 1);

@@ -423,7 +423,7 @@ TFDB_TEST(model_very_late) {
 TFDB_TEST(model_evicting) {
     run_shape({"evicting", 30, 4, 20, 2.0, 3, 0.02, 0.005, 0.002, 500});
 }
-// Without snapshots nothing keeps rings from being overwritten, slots from being used again.
+// Without snapshots nothing keeps samples from being evicted, slots from being used again.
 TFDB_TEST(model_evicting_with_no_snapshot_held) {
     run_shape({"evicting, none held", 30, 4, 20, 2.0, 3, 0.02, 0.005, 0.002, 800, 0.0});
 }

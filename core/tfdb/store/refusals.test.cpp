@@ -47,7 +47,7 @@ Indices indices(const std::vector<RefusedMember>& refused) {
     return found;
 }
 
-/// What is refused as a whole, and that nothing was changed by it: rings may have grown to be
+/// What is refused as a whole, and that nothing was changed by it: edges may have grown to be
 /// tried, but not again the next time.
 template <class E>
 std::vector<RefusedMember> refused(Buffer& buffer, std::span<const TransformView> batch,
