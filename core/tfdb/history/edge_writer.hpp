@@ -289,16 +289,11 @@ private:
     void store_word_of(std::uint64_t k, std::uint64_t word, StampNs first);
     void insert_in_copy(const WriteContext& context, std::uint64_t k, std::uint64_t index,
                         std::uint64_t capacity, const NewSample<Memory>& sample);
-    void insert_and_split(const WriteContext& context, std::uint64_t k, std::uint64_t index,
-                          const NewSample<Memory>& sample);
     void push_front(const WriteContext& context, const NewSample<Memory>& sample);
     void insert_run(const WriteContext& context, std::span<const NewSample<Memory>> run,
                     const SampleAt& newest);
     void merge(const WriteContext& context, std::uint64_t k,
                std::span<const NewSample<Memory>> samples, std::vector<NewSegment<Memory>>& made);
-    void fill(const WriteContext& context, NewSegment<Memory>& into, const Seg& from,
-              std::uint64_t first, std::uint64_t last, std::uint64_t index,
-              const NewSample<Memory>& sample) const;
 
     template <class Enter>
     void copy_directory(const WriteContext& context, std::uint64_t at, std::uint64_t removed,

@@ -365,6 +365,8 @@ void EdgeWriter<Memory>::insert_late(const WriteContext& context, const NewSampl
         seal(context, kFull);
         k = end() - 1;
     }
+    if (is_full && !is_first && count_needed(context, in, in.begin()) == capacity)
+        return insert_run(context, {&sample, 1}, newest);
     note(context, sample, newest);
     if (k != end())
         this->word(kReshaped).store_relaxed(context.number());
@@ -381,27 +383,12 @@ void EdgeWriter<Memory>::insert_late(const WriteContext& context, const NewSampl
         insert_in_copy(context, k, index, grows ? 2 * capacity : capacity, sample);
     } else if (is_first) {
         push_front(context, sample);
-    } else if (count_needed(context, in, in.begin()) < capacity) {
-        insert_in_copy(context, k, index, capacity, sample);
     } else {
-        insert_and_split(context, k, index, sample);
+        insert_in_copy(context, k, index, capacity, sample);
     }
     this->word(kLate).store_relaxed(this->word(kLate).load_relaxed() + 1);
     if (end() - begin() > segments)
         evict(context);
-}
-
-/// Copies what is needed of [first, last), with the sample before that at `index`.
-template <class Memory>
-void EdgeWriter<Memory>::fill(const WriteContext& context, NewSegment<Memory>& into,
-                              const Seg& from, std::uint64_t first, std::uint64_t last,
-                              std::uint64_t index, const NewSample<Memory>& sample) const {
-    for (std::uint64_t i = first; i <= last; ++i) {
-        if (i == index)
-            into.put(sample, context.number());
-        if (i < last && is_needed(context, from, i))
-            into.copy(from, i);
-    }
 }
 
 template <class Memory>
@@ -413,36 +400,16 @@ void EdgeWriter<Memory>::insert_in_copy(const WriteContext& context, std::uint64
     // Who comes before all others may be followed by more of the kind: they find room.
     if (index == old.begin() && k == begin())
         made.start_at(capacity - SegmentWord::count(old.word()) - 1);
-    fill(context, made, old, old.begin(), old.end(), index, sample);
+    for (std::uint64_t i = old.begin(); i <= old.end(); ++i) {
+        if (i == index)
+            made.put(sample, context.number());
+        if (i < old.end() && is_needed(context, old, i))
+            made.copy(old, i);
+    }
     if (SegmentWord::count(made.word()) <= SegmentWord::count(old.word()))
         forget(context, kCorrected);
     store_word_of(k, made.word(), made.segment().stamp(made.segment().begin()));
     made.use();
-    retire_segment(memory_, context, Line::kReplaced, old.word());
-}
-
-/// Two halves take the place of a full segment.
-template <class Memory>
-void EdgeWriter<Memory>::insert_and_split(const WriteContext& context, std::uint64_t k,
-                                          std::uint64_t index, const NewSample<Memory>& sample) {
-    constexpr std::uint64_t kNowhere = ~std::uint64_t{0};
-    const Seg old = segment(word_of(k));
-    const std::uint64_t capacity = SegmentWord::capacity(old.word());
-    const std::uint64_t middle = old.begin() + SegmentWord::count(old.word()) / 2;
-    NewSegment<Memory> lower(memory_, capacity);
-    NewSegment<Memory> upper(memory_, capacity);
-    fill(context, lower, old, old.begin(), middle, index <= middle ? index : kNowhere, sample);
-    fill(context, upper, old, middle, old.end(), index > middle ? index : kNowhere, sample);
-    const StampNs first = this->directory().first(k);
-    copy_directory(context, k, 1, 2, [&](const Dir& into, std::uint64_t at) {
-        into.first_word(at).store_relaxed(as_word(first));
-        into.entry(at).store_relaxed(lower.word());
-        into.first_word(at + 1).store_relaxed(
-            as_word(upper.segment().stamp(upper.segment().begin())));
-        into.entry(at + 1).store_relaxed(upper.word());
-    });
-    lower.use();
-    upper.use();
     retire_segment(memory_, context, Line::kReplaced, old.word());
 }
 
@@ -470,8 +437,8 @@ void EdgeWriter<Memory>::push_front(const WriteContext& context, const NewSample
     made.use();
 }
 
-/// Several late samples, all before the tail. The segments that they belong to, and the directory,
-/// are copied once.
+/// Late samples, all before the tail. The segments that they belong to, and the directory, are
+/// copied once; where they are too many for a segment, several take its place.
 template <class Memory>
 void EdgeWriter<Memory>::insert_run(const WriteContext& context,
                                     std::span<const NewSample<Memory>> run,

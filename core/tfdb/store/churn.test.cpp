@@ -154,7 +154,7 @@ TFDB_TEST(churn_under_a_held_snapshot_grows_once_and_falls_back) {
             {
                 const Snapshot held = buffer.snapshot();
                 buffer.remove_frames(crowd.departures, false);
-                // The removed frames stay: for each its samples, its name, its entries in the table.
+                // The removed frames stay: for each samples, a name, entries in the table of names.
                 const std::size_t most = settled + crowd.names.size() * 1024;
                 CHECK(round() <= 2 * most);
                 std::mt19937 random(kSeed);
