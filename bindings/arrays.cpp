@@ -55,7 +55,21 @@ const char* name_of_kind(const Py_buffer& view, Kind kind) {
     }
 }
 
+bool out_of_range(StampNs stamp) {
+    return stamp < 0 || stamp > clock::kMaxStamp;
+}
+
 }  // namespace
+
+bool are_in_range(std::span<const StampNs> stamps) {
+    // An OR of all is a loop that compilers vectorise, and the limit is all ones.
+    static_assert((clock::kMaxStamp & (clock::kMaxStamp + 1)) == 0);
+    StampNs bits = 0;
+    for (const StampNs stamp : stamps) {
+        bits |= stamp;
+    }
+    return !out_of_range(bits);
+}
 
 ArrayView::ArrayView(ArrayView&& other) noexcept {
     take(other);
@@ -152,14 +166,7 @@ Stamps::Stamps(nb::handle object) {
     } else {
         read_sequence(object);
     }
-    // An OR of all is a loop that compilers vectorise, and the limit is all ones.
-    static_assert((clock::kMaxStamp & (clock::kMaxStamp + 1)) == 0);
-    const auto out_of_range = [](StampNs stamp) { return stamp < 0 || stamp > clock::kMaxStamp; };
-    StampNs bits = 0;
-    for (const StampNs stamp : values_) {
-        bits |= stamp;
-    }
-    if (out_of_range(bits)) {
+    if (!are_in_range(values_)) {
         const auto first = std::find_if(values_.begin(), values_.end(), out_of_range);
         at_index(static_cast<std::size_t>(first - values_.begin()),
                  [&] { stamp_of_object(nb::int_(*first).ptr()); });

@@ -75,6 +75,9 @@ private:
     std::span<const StampNs> values_;
 };
 
+/// Whether a store takes all of these stamps.
+bool are_in_range(std::span<const StampNs> stamps);
+
 /// A contiguous view of `object` as float64, converted and kept in `keep` if need be.
 /// Throws InvalidArray, which says what was expected of `role`.
 ArrayView as_doubles(nb::handle object, const std::string& role, nb::object& keep);

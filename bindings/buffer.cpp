@@ -71,18 +71,25 @@ CommitNumber set_static_transform(BufferObject& self, const nb::str& parent, con
 nb::object set_transforms(BufferObject& self, nb::handle batch, bool is_static,
                           const nb::str& authority, bool partial, bool change_kind, bool only_new) {
     const WriteRules rules{change_kind, only_new};
-    const Transforms transforms = Transforms::from_batch(batch, is_static);
     const std::string_view who = name_of(authority, "authority");
-    if (partial) {
+    const auto store_partial = [&](const Transforms& transforms, auto&&... given) {
         std::vector<RefusedMember> refused;
         {
             const nb::gil_scoped_release released;
             CommitNumber commit = 0;
-            refused =
-                self.store.set_transforms_partial(transforms.views, is_static, who, commit, rules);
+            refused = self.store.set_transforms_partial(given..., who, commit, rules);
         }
         return transforms.refused(refused);
+    };
+    if (const auto edge = is_static ? std::nullopt : OneEdge::of(batch)) {
+        const EdgeColumns columns = edge->columns();
+        if (partial)
+            return store_partial(Transforms(), columns);
+        return nb::int_(commit_transforms(self, columns, who, rules));
     }
+    const Transforms transforms = Transforms::from_batch(batch, is_static);
+    if (partial)
+        return store_partial(transforms, transforms.views, is_static);
     return nb::int_(transforms.give_to([&](std::span<const TransformView> views) {
         return commit_transforms(self, views, is_static, who, rules);
     }));

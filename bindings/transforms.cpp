@@ -57,6 +57,23 @@ nb::object tuple_of(nb::handle sequence) {
     return items;
 }
 
+/// Whether it is a str that has an encoding in UTF-8.
+bool is_text(const nb::object& object) {
+    if (!PyUnicode_Check(object.ptr())) {
+        return false;
+    }
+    Py_ssize_t size = 0;
+    const bool has_bytes = PyUnicode_AsUTF8AndSize(object.ptr(), &size) != nullptr;
+    if (!has_bytes) {
+        forget_error();
+    }
+    return has_bytes;
+}
+
+bool is_aligned(const void* data) {
+    return reinterpret_cast<std::uintptr_t>(data) % alignof(double) == 0;
+}
+
 /// The record of a member whose Python error is known.
 nb::object record_of(std::size_t index, const nb::object& error) {
     const nb::object reason = error.attr("reason");
@@ -233,6 +250,40 @@ void Transforms::read_columns(nb::handle columns, bool is_static) {
     }
     read_poses(columns, views);
     put_stand_ins();
+}
+
+std::optional<OneEdge> OneEdge::of(nb::handle batch) {
+    if (!nb::isinstance(batch, record_type("Columns"))) {
+        return std::nullopt;
+    }
+    OneEdge edge;
+    edge.parent_ = batch.attr("parents");
+    edge.child_ = batch.attr("children");
+    if (!is_text(edge.parent_) || !is_text(edge.child_)) {
+        return std::nullopt;
+    }
+    auto stamps = ArrayView::of(nb::object(batch.attr("stamps")), false);
+    auto poses = ArrayView::of(nb::object(batch.attr("poses")), false);
+    const auto is_plain = [](const std::optional<ArrayView>& view, Kind kind, int dimensions) {
+        return view && view->kind() == kind && view->dimensions() == dimensions &&
+               view->contiguous() && is_aligned(view->data<const void>());
+    };
+    if (!is_plain(stamps, Kind::kInt64, 1) || !is_plain(poses, Kind::kFloat64, 2) ||
+        poses->extent(1) != 7 || stamps->extent(0) != poses->extent(0) ||
+        !are_in_range({stamps->data<const StampNs>(), stamps->extent(0)})) {
+        return std::nullopt;
+    }
+    edge.stamps_ = std::move(*stamps);
+    edge.poses_ = std::move(*poses);
+    return edge;
+}
+
+EdgeColumns OneEdge::columns() const {
+    const std::size_t rows = stamps_.extent(0);
+    return {name_of(parent_, "parents"),
+            name_of(child_, "children"),
+            {stamps_.data<const StampNs>(), rows},
+            {poses_.data<const Pose>(), rows}};
 }
 
 Transforms Transforms::from_objects(nb::handle batch) {

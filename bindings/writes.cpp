@@ -45,6 +45,18 @@ PyObject* set_transform(PyObject* self, PyObject* const* args, Py_ssize_t count,
     });
 }
 
+/// With the GIL if nobody is in the way of so few samples, else without it.
+template <class Try, class Commit>
+CommitNumber commit_soon(BufferObject& buffer, std::size_t samples, Try&& try_commit,
+                         Commit&& commit) {
+    CommitNumber number = 0;
+    if (samples < kReleaseFrom && !buffer.reasons.to_wait() && try_commit(number)) {
+        return number;
+    }
+    const nb::gil_scoped_release released;
+    return commit();
+}
+
 PyMethodDef g_set_transform = {
     "set_transform", as_function(set_transform), METH_FASTCALL | METH_KEYWORDS,
     "set_transform($self, parent, child, stamp, translation, rotation, *, authority='', "
@@ -67,13 +79,22 @@ PyMethodDef g_set_transform = {
 
 CommitNumber commit_transforms(BufferObject& buffer, std::span<const TransformView> batch,
                                bool is_static, std::string_view authority, WriteRules rules) {
-    CommitNumber commit = 0;
-    if (batch.size() < kReleaseFrom && !buffer.reasons.to_wait() &&
-        buffer.store.try_set_transforms(batch, is_static, authority, commit, rules)) {
-        return commit;
-    }
-    const nb::gil_scoped_release released;
-    return buffer.store.set_transforms(batch, is_static, authority, rules);
+    return commit_soon(
+        buffer, batch.size(),
+        [&](CommitNumber& commit) {
+            return buffer.store.try_set_transforms(batch, is_static, authority, commit, rules);
+        },
+        [&] { return buffer.store.set_transforms(batch, is_static, authority, rules); });
+}
+
+CommitNumber commit_transforms(BufferObject& buffer, const EdgeColumns& columns,
+                               std::string_view authority, WriteRules rules) {
+    return commit_soon(
+        buffer, columns.stamps.size(),
+        [&](CommitNumber& commit) {
+            return buffer.store.try_set_transforms(columns, authority, commit, rules);
+        },
+        [&] { return buffer.store.set_transforms(columns, authority, rules); });
 }
 
 TransformView view_of(PyObject* parent, PyObject* child, PyObject* stamp, PyObject* translation,

@@ -4,10 +4,12 @@
 #include <nanobind/nanobind.h>
 
 #include <cstddef>
+#include <optional>
 #include <span>
 #include <string_view>
 #include <vector>
 
+#include "arrays.hpp"
 #include "reads.hpp"
 #include "tfdb/store/buffer.hpp"
 
@@ -18,6 +20,25 @@ namespace tfdb::python {
 /// Commits with the GIL held if no other writer is at it, else waits without the GIL.
 CommitNumber commit_transforms(BufferObject& buffer, std::span<const TransformView> batch,
                                bool is_static, std::string_view authority, WriteRules rules = {});
+
+CommitNumber commit_transforms(BufferObject& buffer, const EdgeColumns& columns,
+                               std::string_view authority, WriteRules rules);
+
+/// A tfdb.Columns of one edge whose arrays are read where they lie.
+class OneEdge {
+public:
+    /// None: it is something else, or its arrays are to be converted first.
+    static std::optional<OneEdge> of(nb::handle batch);
+
+    /// Valid while this lives; others may write into the arrays.
+    [[nodiscard]] EdgeColumns columns() const;
+
+private:
+    nb::object parent_;
+    nb::object child_;
+    ArrayView stamps_;
+    ArrayView poses_;
+};
 
 /// Transforms read from Python objects; the views in `views` stay valid while it lives.
 class Transforms {

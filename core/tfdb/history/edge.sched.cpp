@@ -50,6 +50,8 @@ void visited(const std::string& name, const Script& script) {
 
 TFDB_SCHED(edge_visits_each_sample_once) {
     visited("appends", {.before = {one(10), one(20)}, .during = {one(30), one(40), one(50)}});
+    visited("appends together",
+            {.before = {one(10)}, .during = {together({20, 30, 40}), together({50, 50})}});
     visited("late", {.before = {one(10), one(30), one(50)}, .during = {one(20), one(25)}});
     visited("late in what was just sealed",
             {.before = {one(10), one(30)}, .during = {one(40), one(20)}, .may_evict = false});
@@ -68,6 +70,11 @@ TFDB_SCHED(edge_visits_each_sample_once) {
 // Whatever the writer was about when it stopped for ever, readers are answered.
 TFDB_SCHED(edge_readers_outlive_the_writer) {
     outlived("appends", {.before = {one(10)}, .during = {one(20), one(30)}}, 15);
+    outlived("appends together", {.before = {}, .during = {together({10, 20, 30}, true)}}, 15);
+    outlived("appends together, evicting",
+             {.history = 15, .before = {one(10)}, .during = {together({30, 50, 70})}}, 35);
+    outlived("aborts what was appended together",
+             {.before = {one(10)}, .during = {aborted(together({20, 30, 40})), one(50)}}, 15);
     outlived("evicts", {.history = 15, .before = {one(10), one(30)}, .during = {one(50), one(70)}},
              35);
     outlived("seals", {.before = {one(10), one(20)}, .during = {one(30), one(40), one(50)}}, 15);
@@ -95,6 +102,18 @@ TFDB_SCHED(edge_first_samples) {
     holds("first sample", {.before = {}, .during = {one(10)}}, {5, 10, 15});
     holds("second sample", {.before = {one(10)}, .during = {one(20)}}, {10, 15, 20, 25});
     holds("two in one batch", {.before = {one(10)}, .during = {{{{0, 20}, {0, 30}}}}}, {15, 25});
+}
+
+TFDB_SCHED(edge_batches_of_one_edge) {
+    holds("first samples", {.before = {}, .during = {together({10, 20, 30})}}, {10, 25, 35});
+    holds("of two parents", {.before = {one(10)}, .during = {together({20, 30, 40}, true)}},
+          {15, 25, 35});
+    holds("the same stamp", {.before = {one(10)}, .during = {together({10, 20, 20})}}, {10, 20});
+    holds("late ones, then others",
+          {.before = {one(10), one(30), one(50)}, .during = {together({20, 25, 60, 70})}},
+          {22, 65});
+    holds("evicting", {.history = 15, .before = {one(10), one(30)}, .during = {together({50, 70})}},
+          {20, 60});
 }
 
 TFDB_SCHED(edge_batches_over_two_edges) {

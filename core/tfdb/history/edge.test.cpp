@@ -33,12 +33,15 @@ struct Mix {
     unsigned parents;   // per cent that name another parent
     unsigned aborts;    // per cent
     std::size_t batch;  // most samples of a commit
+    bool together = false;
 };
 
 void drive(const Mix& mix, unsigned seed) {
     std::printf("  %s: seed %u\n", mix.name, seed);
     std::mt19937 random(seed);
     Edge edge(mix.history);
+    if (mix.together)
+        edge.hand_in_together();
     std::vector<StampNs> past{90'000};
     StampNs now = 100'000;
     for (int i = 0; i < 400; ++i) {
@@ -260,6 +263,9 @@ TFDB_TEST(edge_random_commits_and_aborts_agree_with_a_plain_list) {
         {"corrections", 600, 5, 0, 60, 0, 20, 20, 2},
         {"cleared often", 600, 5, 50, 5, 60, 10, 30, 3},
         {"aborted mostly", 400, 5, 300, 10, 20, 10, 70, 6},
+        {"in order, together", kForever, 900, 700, 5, 5, 10, 20, 300, true},
+        {"evicts, together", 30'000, 900, 700, 5, 5, 10, 20, 300, true},
+        {"very late, together", 90'000, 900, 40'000, 5, 5, 10, 20, 60, true},
     };
     for (const Mix& mix : mixes) {
         for (unsigned seed = 1; seed <= 2; ++seed)

@@ -41,6 +41,10 @@ public:
     /// From now on held snapshots keep what they see.
     void hold(bool held) { held_ = held; }
 
+    /// From now on the samples of a commit, which come in the order of their stamps, are handed in
+    /// as one.
+    void hand_in_together() { together_ = true; }
+
     void commit(const std::vector<StampNs>& stamps, FrameId parent = 1) {
         append(stamps, parent);
         ++committed_;
@@ -108,6 +112,7 @@ private:
     void append(const std::vector<StampNs>& stamps, FrameId parent) {
         context_ = WriteContext(committed_, history_, *this);
         cleared_ = false;
+        std::vector<NewSample<Memory>> together;
         for (const StampNs stamp : stamps) {
             if (stamp == kClearMarker) {
                 writer().clear(context_);
@@ -117,10 +122,16 @@ private:
                 sample.stamp = stamp;
                 sample.parent = parent;
                 sample.payload.fill(++value_);
-                writer().append(context_, sample);
+                if (together_) {
+                    together.push_back(sample);
+                } else {
+                    writer().append(context_, sample);
+                }
             }
             pending_.push_back({stamp, parent, value_, committed_ + 1});
         }
+        if (!together.empty())
+            writer().append(context_, std::span<const NewSample<Memory>>(together));
     }
     [[nodiscard]] CommitNumber oldest_read() override { return held_ ? 0 : committed_; }
     [[nodiscard]] std::uint64_t next_epoch() override { return epoch_ + 1; }
@@ -164,6 +175,7 @@ private:
     Offset header_ = 0;
     StampNs history_;
     bool held_ = false;
+    bool together_ = false;
     std::uint64_t epoch_ = 0;
     CommitNumber committed_ = 0;
     WriteContext context_{0, history_, *this};

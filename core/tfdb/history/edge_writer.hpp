@@ -88,6 +88,8 @@ void store_sample(Memory& memory, const Segment<Memory>& into, std::uint64_t ind
                   const NewSample<Memory>& sample, CommitNumber commit) {
     const Offset slot = into.slot(index);
     memory.word(slot).store_relaxed(SlotWord::pack(commit, sample.parent));
+    // Unrolled, what was just made stays in registers.
+#pragma GCC unroll 8
     for (unsigned i = 0; i < Memory::kPayloadWords; ++i)
         memory.word(slot + 8 * (1 + Offset{i})).store_relaxed(sample.payload[i]);
     memory.word(into.stamp_offset(index)).store_relaxed(as_word(sample.stamp));
@@ -216,6 +218,10 @@ public:
     void append(const WriteContext& context, const NewSample<Memory>& sample);
     /// The same for many, in the order of their stamps: what lies before the tail is copied once.
     void append(const WriteContext& context, std::span<const NewSample<Memory>> samples);
+    /// The same where none is older than another or than what the edge has: one store for each
+    /// segment that they fill. `sample(i)` gives them.
+    template <class Sample>
+    void append_behind(const WriteContext& context, std::size_t count, Sample sample);
 
     /// Makes room for samples that come one after another behind all others: to append them cannot
     /// fail then. False: so many cannot be announced. May throw as `append`.
@@ -265,6 +271,10 @@ private:
 
     void append_behind(const WriteContext& context, const NewSample<Memory>& sample,
                        const SampleAt& newest);
+    template <class Sample>
+    [[nodiscard]] std::size_t fill_tail(const WriteContext& context, std::size_t count,
+                                        Sample sample);
+    [[nodiscard]] std::uint64_t spare(std::uint64_t capacity) const;
     void make_room(const WriteContext& context, std::uint64_t samples);
     void copy_tail(const WriteContext& context, const Seg& full, std::uint64_t first,
                    std::uint64_t capacity);

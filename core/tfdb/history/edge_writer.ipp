@@ -23,8 +23,11 @@ void EdgeWriter<Memory>::append(const WriteContext& context,
     while (!samples.empty()) {
         const SampleAt newest = newest_sample();
         const Seg tail = this->tail();
+        if (!newest || samples.front().stamp >= newest.stamp)
+            return append_behind(
+                context, samples.size(), [&](std::size_t i) -> const auto& { return samples[i]; });
         const auto is_before_tail = [&](const NewSample<Memory>& sample) {
-            return newest && sample.stamp < newest.stamp &&
+            return sample.stamp < newest.stamp &&
                    (tail.empty() || sample.stamp < tail.stamp(tail.begin()));
         };
         const auto before = static_cast<std::size_t>(
@@ -117,6 +120,47 @@ void EdgeWriter<Memory>::append_behind(const WriteContext& context, const NewSam
 }
 
 template <class Memory>
+template <class Sample>
+void EdgeWriter<Memory>::append_behind(const WriteContext& context, std::size_t count,
+                                       Sample sample) {
+    for (std::size_t done = 0; done < count;)
+        done += fill_tail(context, count - done,
+                          [&](std::size_t i) -> decltype(auto) { return sample(done + i); });
+}
+
+/// As many as there is room for in one segment; returns how many.
+template <class Memory>
+template <class Sample>
+std::size_t EdgeWriter<Memory>::fill_tail(const WriteContext& context, std::size_t count,
+                                          Sample sample) {
+    const Seg before = this->tail();
+    // A small tail grows at once to what is to come.
+    const bool grows = SegmentWord::capacity(before.word()) < kFull;
+    make_room(context, grows ? std::min<std::uint64_t>(count, kFull - before.end()) : 1);
+    const Seg tail = this->tail();
+    const std::uint64_t first = tail.end();
+    const std::uint64_t capacity = SegmentWord::capacity(tail.word());
+    count = std::min<std::size_t>(count, capacity - spare(capacity) - first);
+    SampleAt newest = newest_sample();
+    FrameId parent = kNoFrame;
+    for (std::size_t i = 0; i < count; ++i) {
+        const NewSample<Memory>& next = sample(i);
+        // What follows one of the same parent changes nothing of the header's.
+        if (next.parent != parent)
+            note(context, next, newest);
+        parent = next.parent;
+        store_sample(memory_, tail, first + i, next, context.number());
+        newest = {tail.slot(first + i), next.stamp};
+    }
+    if (tail.empty())
+        tail.meta(kLeast).store_relaxed(context.number());
+    this->word(kTail).store_release(SegmentWord::only(tail.word(), tail.begin(), first + count));
+    if ((first & 31) + count >= 32)
+        update_rate();
+    return count;
+}
+
+template <class Memory>
 void EdgeWriter<Memory>::update_rate() {
     const Seg tail = this->tail();
     const StampNs span = tail.stamp(tail.end() - 1) - tail.stamp(tail.begin());
@@ -135,6 +179,12 @@ bool EdgeWriter<Memory>::reserve(const WriteContext& context, std::uint64_t samp
     return true;
 }
 
+/// An edge that has had late samples keeps room for some in a segment that is sealed.
+template <class Memory>
+std::uint64_t EdgeWriter<Memory>::spare(std::uint64_t capacity) const {
+    return capacity == kFull && this->word(kLate).load_relaxed() != 0 ? kFull / 16 : 0;
+}
+
 /// Room in the tail. A full one goes on in a larger copy, or in one of the same size where half of
 /// it is needed no more; a large one is sealed and a new one begun.
 template <class Memory>
@@ -142,10 +192,7 @@ void EdgeWriter<Memory>::make_room(const WriteContext& context, std::uint64_t sa
     const Seg full = tail();
     const bool any = SegmentWord::block(full.word()) != 0;
     const std::uint64_t capacity = any ? SegmentWord::capacity(full.word()) : 0;
-    // An edge that has had late samples keeps room for some.
-    const std::uint64_t spare =
-        capacity == kFull && this->word(kLate).load_relaxed() != 0 ? kFull / 16 : 0;
-    if (full.end() + samples + spare <= capacity) [[likely]]
+    if (full.end() + samples + spare(capacity) <= capacity) [[likely]]
         return;
     with_memory(context, [&] {
         const std::uint64_t first = any ? first_needed(context, full) : 0;

@@ -21,10 +21,12 @@ struct Put {
     FrameId parent = 5;
 };
 
-/// A batch. An aborted one is written and then undone, and takes no number.
+/// A batch. An aborted one is written and then undone, and takes no number. The samples of one that
+/// is `together` are of the first edge, in the order of their stamps, and handed in as one.
 struct Batch {
     std::vector<Put> puts;
     bool aborted = false;
+    bool together = false;
 };
 
 /// What happens before the threads start, and what the writer does beside the readers.
@@ -164,6 +166,7 @@ void write_beside(Memory& memory, const Places& places, const Script& script, st
     ScriptReaders readers(memory.word(places.epoch()), oldest, oldest_epoch);
     const WriteContext context(committed, script.history, readers);
     std::vector<unsigned> cleared;
+    std::vector<NewSample<Memory>> together;
     for (std::size_t at = 0; at < batch.puts.size(); ++at) {
         const Put& put = batch.puts[at];
         EdgeWriter<Memory> edge(memory, places.header(put.edge));
@@ -178,8 +181,15 @@ void write_beside(Memory& memory, const Places& places, const Script& script, st
         for (unsigned i = 0; i < Memory::kPayloadWords; ++i) {
             sample.payload[i] = payload_word(tag_of(put.edge, number, at), i);
         }
-        edge.append(context, sample);
+        if (batch.together) {
+            together.push_back(sample);
+        } else {
+            edge.append(context, sample);
+        }
     }
+    if (batch.together)
+        EdgeWriter<Memory>(memory, places.header(0))
+            .append(context, std::span<const NewSample<Memory>>(together));
     if (batch.aborted) {
         for (unsigned edge = 0; edge < script.edges; ++edge)
             EdgeWriter<Memory>(memory, places.header(edge)).trim(context);

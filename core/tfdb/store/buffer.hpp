@@ -114,6 +114,14 @@ struct WriteRules {
     [[nodiscard]] bool any() const { return change_kind || only_new; }
 };
 
+/// Moving samples T[parent<-child] of one edge as columns, one stamp for each pose.
+struct EdgeColumns {
+    std::string_view parent;
+    std::string_view child;
+    std::span<const StampNs> stamps;
+    std::span<const Pose> poses;
+};
+
 enum class Layout : std::uint8_t { kPose, kMatrix };  // rows of 7, or of 16 (4x4 row-major)
 enum class Missing : std::uint8_t { kThrow, kNan };
 
@@ -270,6 +278,14 @@ public:
     bool try_set_transforms(std::span<const TransformView> batch, bool is_static,
                             std::string_view authority, CommitNumber& commit,
                             WriteRules rules = {});
+    /// The same for columns: samples that come after one another and after all that the edge has
+    /// are stored as they lie there. What others write into the columns meanwhile may be stored or
+    /// not, but is judged before. Throws InvalidArgument too, where stamps and poses differ in
+    /// number.
+    CommitNumber set_transforms(const EdgeColumns& columns, std::string_view authority,
+                                WriteRules rules = {});
+    bool try_set_transforms(const EdgeColumns& columns, std::string_view authority,
+                            CommitNumber& commit, WriteRules rules = {});
     /// Stores the members that may be stored, in one commit, and returns the others with what is
     /// wrong with each, in their order; `commit` is then the commit's number, or the current one if
     /// none could be stored. Where members together would close a cycle, the last of them is
@@ -277,6 +293,9 @@ public:
     /// remains is judged again. Throws CapacityExceeded: nothing is then stored.
     std::vector<RefusedMember> set_transforms_partial(std::span<const TransformView> batch,
                                                       bool is_static, std::string_view authority,
+                                                      CommitNumber& commit, WriteRules rules = {});
+    std::vector<RefusedMember> set_transforms_partial(const EdgeColumns& columns,
+                                                      std::string_view authority,
                                                       CommitNumber& commit, WriteRules rules = {});
     /// Removes a frame, with all below it if recursive. Throws UnknownFrame, FrameInUse.
     CommitNumber remove_frame(std::string_view name, bool recursive) {

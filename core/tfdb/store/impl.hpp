@@ -28,7 +28,7 @@ using StoreEdge = history::EdgeView<StoreMemory>;
 using StoreCommit = txn::Commit<StoreMemory>;
 
 /// The region with the forest in it, and what only the writers of this process need.
-/// Threads: reads any; `scratch`, `items` and `late_samples` only under `lock`.
+/// Threads: reads any; `scratch`, `items` and `samples` only under `lock`.
 /// Guarantee: lives as long as the Buffer or any Snapshot of it.
 struct Reads::Impl final : history::Readers {
     explicit Impl(const BufferOptions& options);
@@ -108,7 +108,7 @@ struct Reads::Impl final : history::Readers {
     mutable sync::CommitLock lock;
     txn::CommitScratch scratch;
     std::vector<Item> items;
-    std::vector<history::NewSample<StoreMemory>> late_samples;  // of one edge
+    std::vector<history::NewSample<StoreMemory>> samples;  // of one edge
     store::Authorities authorities;
     mutable sync::Word lapped_reads{};
     mutable sync::Word pinned_reads{};

@@ -93,18 +93,8 @@ Error invalid_transform(const TransformView& transform, std::size_t index,
                             std::move(detail));
 }
 
-bool is_finite(const geometry::Vec3& t) {
-    // Zero times a finite number is zero; times infinity or NaN it is NaN.
-    const double probe = 0.0 * (t.x + t.y + t.z);
-    return probe == 0.0 || (std::isfinite(t.x) && std::isfinite(t.y) && std::isfinite(t.z));
-}
-
-bool is_rotation(const geometry::Quat& q) {
-    return std::abs(geometry::norm_squared(q) - 1.0) <= 0.01;
-}
-
 bool is_timely(const TransformView& transform, bool is_static) {
-    return is_static || (transform.stamp >= 0 && transform.stamp <= clock::kMaxStamp);
+    return is_static || is_stamp(transform.stamp);
 }
 
 template <ErrorCode Code>

@@ -1,6 +1,7 @@
 // What a write must satisfy, and the errors that say what it does not.
 #pragma once
 
+#include <cmath>
 #include <cstdint>
 #include <exception>
 #include <optional>
@@ -15,6 +16,18 @@ namespace tfdb::store {
 /// What is wrong with a member of a batch; none if it may be stored.
 using Fault = std::optional<Error>;
 
+[[nodiscard]] inline bool is_finite(const geometry::Vec3& t) noexcept {
+    // Zero times a finite number is zero; times infinity or NaN it is NaN.
+    const double probe = 0.0 * (t.x + t.y + t.z);
+    return probe == 0.0 || (std::isfinite(t.x) && std::isfinite(t.y) && std::isfinite(t.z));
+}
+[[nodiscard]] inline bool is_rotation(const geometry::Quat& q) noexcept {
+    return std::abs(geometry::norm_squared(q) - 1.0) <= 0.01;
+}
+/// Whether a store may hold a moving sample of that stamp.
+[[nodiscard]] constexpr bool is_stamp(StampNs stamp) noexcept {
+    return stamp >= 0 && stamp <= clock::kMaxStamp;
+}
 /// Whether `fault_alone` finds nothing in any member.
 [[nodiscard]] bool is_sound(std::span<const TransformView> batch, bool is_static) noexcept;
 /// Whether `fault_of_names` finds nothing.

@@ -2,8 +2,10 @@
 #include "tfdb/store/writes.hpp"
 
 #include <algorithm>
+#include <array>
 #include <map>
 #include <mutex>
+#include <string>
 #include <string_view>
 #include <utility>
 #include <vector>
@@ -13,11 +15,17 @@ namespace {
 
 /// Samples of one edge must come in stamp order; the later member of a batch wins a tie.
 void sort_items(std::vector<Reads::Impl::Item>& items, std::span<const TransformView> batch) {
-    std::stable_sort(items.begin(), items.end(), [&](const auto& a, const auto& b) {
+    const auto before = [&](const auto& a, const auto& b) {
         if (a.child != b.child)
             return a.child < b.child;
         return batch[a.index].stamp < batch[b.index].stamp;
-    });
+    };
+    if (!std::is_sorted(items.begin(), items.end(), before))
+        std::stable_sort(items.begin(), items.end(), before);
+}
+/// The very same bytes, as columns with one name for all rows have them.
+bool is_same_text(std::string_view a, std::string_view b) {
+    return a.data() == b.data() && a.size() == b.size();
 }
 
 /// Of items in order: whether two members of the batch are of one edge and stamp.
@@ -28,15 +36,22 @@ bool repeats_a_stamp(const std::vector<Reads::Impl::Item>& items, const Batch& b
     return std::adjacent_find(items.begin(), items.end(), same) != items.end();
 }
 
+/// How many samples of an edge are appended at once, so that they stay near.
+constexpr std::size_t kTogether = 64;
+
 /// Finds or makes the frames, and judges the samples against their edges while these are as they
 /// were committed. False: a member cannot be stored.
 bool resolve_items(Reads::Impl& impl, StoreCommit& commit, const Batch& batch) {
     auto& items = impl.items;
     items.clear();
     bool repeated = false;
+    FrameId parent = kNoFrame;
+    FrameId child = kNoFrame;
     for (std::size_t i = 0; i < batch.size(); ++i) {
-        FrameId parent = commit.find_frame(batch[i].parent);
-        FrameId child = commit.find_frame(batch[i].child);
+        if (i == 0 || !is_same_text(batch[i].parent, batch[i - 1].parent))
+            parent = commit.find_frame(batch[i].parent);
+        if (i == 0 || !is_same_text(batch[i].child, batch[i - 1].child))
+            child = commit.find_frame(batch[i].child);
         if (parent == kNoFrame || child == kNoFrame) {
             // A name that is known was judged when it was new.
             if (!has_sound_names(batch[i]))
@@ -61,7 +76,7 @@ bool resolve_items(Reads::Impl& impl, StoreCommit& commit, const Batch& batch) {
 /// starts anew. Returns how many quaternions were mended.
 std::uint64_t append_items(Reads::Impl& impl, StoreCommit& commit, const Batch& batch) {
     const auto& items = impl.items;
-    auto& late = impl.late_samples;
+    auto& together = impl.samples;
     history::NewSample<StoreMemory> sample;
     std::uint64_t mended = 0;
     const auto fill = [&](const Reads::Impl::Item& item) {
@@ -73,24 +88,45 @@ std::uint64_t append_items(Reads::Impl& impl, StoreCommit& commit, const Batch& 
                                                     impl.frames.header(child));
         if (batch.rules().change_kind && changes_kind(edge, batch.is_static()))
             commit.clear(child);
-        const auto next_is_late = [&] {
-            return i + 1 < items.size() && items[i + 1].child == child &&
-                   batch[items[i + 1].index].stamp < edge.newest();
+        const auto is_late = [&](std::size_t k) {
+            return batch[items[k].index].stamp < edge.newest();
+        };
+        const auto is_of_edge = [&](std::size_t k) {
+            return k < items.size() && items[k].child == child;
         };
         fill(items[i]);
-        if (!next_is_late()) {
+        if (!is_of_edge(i + 1) || batch.is_static()) {
             commit.append(child, sample, items[i].index);
             continue;
         }
+        // All that are late, or some of those that are not.
         const std::size_t first = i;
-        late.assign(1, sample);
-        while (next_is_late()) {
+        const bool late = is_late(i);
+        together.assign(1, sample);
+        while (is_of_edge(i + 1) && is_late(i + 1) == late &&
+               (late || together.size() < kTogether)) {
             fill(items[++i]);
-            late.push_back(sample);
+            together.push_back(sample);
         }
-        commit.append(child, late, [&](std::size_t k) { return items[first + k].index; });
+        commit.append(child, together, [&](std::size_t k) { return items[first + k].index; });
     }
     return mended;
+}
+
+/// Publishes what was written to the edges of `items`; false if it would close a cycle.
+bool publish(Reads::Impl& impl, StoreCommit& commit, std::string_view authority,
+             std::uint64_t mended, CommitNumber& number) {
+    txn::Cycle cycle;
+    if (commit.cycles().find(cycle))
+        return false;
+    const std::uint64_t author = impl.authorities.id(authority);
+    commit.prepare();  // from here on nothing throws
+    for (const auto& item : impl.items)
+        impl.set_author(item.child, author);
+    if (mended != 0)
+        impl.word(graph::kNormalised).fetch_add(mended);
+    number = commit.publish();
+    return true;
 }
 
 /// Publishes the batch; false if a member cannot be stored.
@@ -99,17 +135,86 @@ bool store_all(Reads::Impl& impl, const Batch& batch, CommitNumber& number) {
     if (!resolve_items(impl, commit, batch))
         return false;
     const std::uint64_t mended = append_items(impl, commit, batch);
-    txn::Cycle cycle;
-    if (commit.cycles().find(cycle))
+    return publish(impl, commit, batch.authority(), mended, number);
+}
+
+/// Some rows of columns, by themselves: nobody else can change them once they are judged.
+/// Threads: one. Guarantee: wait-free.
+class Rows {
+public:
+    explicit Rows(const EdgeColumns& columns) : columns_(columns) {}
+
+    /// Takes the rows from `first` on. False: one is refused, or does not come after `newest`.
+    [[nodiscard]] bool take(std::size_t first, StampNs newest) {
+        count_ = std::min(kTogether, columns_.stamps.size() - first);
+        std::copy_n(columns_.stamps.data() + first, count_, stamps_.begin());
+        std::copy_n(columns_.poses.data() + first, count_, poses_.begin());
+        bool sound = true;
+        for (std::size_t i = 0; i < count_; ++i) {
+            sound = sound && stamps_[i] > newest && is_stamp(stamps_[i]) &&
+                    is_finite(poses_[i].translation) && is_rotation(poses_[i].rotation);
+            newest = stamps_[i];
+            mended_ += counts_as_mended(poses_[i].rotation) ? 1 : 0;
+        }
+        return sound;
+    }
+    /// How many of all that it took.
+    [[nodiscard]] std::uint64_t mended() const { return mended_; }
+    [[nodiscard]] std::size_t count() const { return count_; }
+    [[nodiscard]] StampNs stamp(std::size_t i) const { return stamps_[i]; }
+    [[nodiscard]] const Pose& pose(std::size_t i) const { return poses_[i]; }
+
+private:
+    const EdgeColumns& columns_;
+    std::size_t count_ = 0;
+    std::uint64_t mended_ = 0;
+    std::array<StampNs, kTogether> stamps_{};
+    std::array<Pose, kTogether> poses_{};
+};
+
+/// Publishes columns that come after one another and after all that the edge has; false if a
+/// member does not, or cannot be stored.
+bool store_columns(Reads::Impl& impl, const EdgeColumns& columns, std::string_view authority,
+                   CommitNumber& number) {
+    StoreCommit commit = impl.start_commit();
+    const TransformView names{columns.parent, columns.child, 0, {}};
+    FrameId parent = commit.find_frame(names.parent);
+    FrameId child = commit.find_frame(names.child);
+    if (parent == kNoFrame || child == kNoFrame) {
+        if (!has_sound_names(names))
+            return false;
+        parent = commit.frame(names.parent);
+        child = commit.frame(names.child);
+    }
+    const history::EdgeWriter<StoreMemory> edge(impl.frames.memory(), impl.frames.header(child));
+    if (parent == child || changes_kind(edge, false))
         return false;
-    const std::uint64_t author = impl.authorities.id(batch.authority());
-    commit.prepare();  // from here on nothing throws
-    for (const auto& item : impl.items)
-        impl.set_author(item.child, author);
-    if (mended != 0)
-        impl.word(graph::kNormalised).fetch_add(mended);
-    number = commit.publish();
-    return true;
+    (void)commit.touch(child);
+    impl.items.assign(1, {child, parent, 0});
+    Rows rows(columns);
+    for (std::size_t first = 0; first < columns.stamps.size(); first += rows.count()) {
+        if (!rows.take(first, edge.newest()))
+            return false;
+        const auto row = [&](std::size_t i) {
+            history::NewSample<StoreMemory> sample;
+            sample.stamp = rows.stamp(i);
+            sample.parent = parent;
+            fill_payload(rows.pose(i), sample);
+            return sample;
+        };
+        commit.append_ahead(child, parent, rows.count(), row,
+                            [&](std::size_t i) { return first + i; });
+    }
+    return publish(impl, commit, authority, rows.mended(), number);
+}
+
+/// The same one by one, for whatever is not so plain.
+std::vector<TransformView> members_of(const EdgeColumns& columns) {
+    std::vector<TransformView> members;
+    members.reserve(columns.stamps.size());
+    for (std::size_t i = 0; i < columns.stamps.size(); ++i)
+        members.push_back({columns.parent, columns.child, columns.stamps[i], columns.poses[i]});
+    return members;
 }
 
 /// The members of a batch that was refused, told apart. Here nothing is in a hurry.
@@ -235,6 +340,31 @@ private:
     std::map<std::pair<std::string_view, StampNs>, std::vector<std::size_t>> repeats_;
 };
 
+/// False: they are to be taken one by one, which says what is wrong with them if anything is.
+/// `busy`: do not wait for another writer, but say that there is one.
+bool store_at_once(Reads::Impl& impl, const EdgeColumns& columns, std::string_view authority,
+                   CommitNumber& commit, bool* busy = nullptr) {
+    if (columns.stamps.size() != columns.poses.size()) {
+        throw InvalidArgument(std::to_string(columns.stamps.size()) + " stamps for " +
+                              std::to_string(columns.poses.size()) + " poses");
+    }
+    if (impl.engine != nullptr || columns.stamps.empty())
+        return false;
+    check_not_in_transaction(impl);
+    std::unique_lock guard(impl.lock, std::defer_lock);
+    if (busy == nullptr) {
+        guard.lock();
+    } else if (!guard.try_lock()) {
+        *busy = true;
+        return false;
+    }
+    try {
+        return store_columns(impl, columns, authority, commit);
+    } catch (const CapacityExceeded&) {
+        return false;
+    }
+}
+
 }  // namespace
 
 void check_rules(WriteRules rules, bool is_static) {
@@ -318,6 +448,30 @@ std::vector<RefusedMember> Buffer::set_transforms_partial(std::span<const Transf
     const store::Batch judged(batch, is_static, authority, rules);
     const store::Alone alone(*impl_);
     return store::commit_partial(*impl_, judged, commit);
+}
+
+CommitNumber Buffer::set_transforms(const EdgeColumns& columns, std::string_view authority,
+                                    WriteRules rules) {
+    CommitNumber commit = 0;
+    if (store::store_at_once(*impl_, columns, authority, commit))
+        return commit;
+    return set_transforms(store::members_of(columns), false, authority, rules);
+}
+
+bool Buffer::try_set_transforms(const EdgeColumns& columns, std::string_view authority,
+                                CommitNumber& commit, WriteRules rules) {
+    bool busy = false;
+    if (store::store_at_once(*impl_, columns, authority, commit, &busy))
+        return true;
+    return !busy && try_set_transforms(store::members_of(columns), false, authority, commit, rules);
+}
+
+std::vector<RefusedMember> Buffer::set_transforms_partial(const EdgeColumns& columns,
+                                                          std::string_view authority,
+                                                          CommitNumber& commit, WriteRules rules) {
+    if (store::store_at_once(*impl_, columns, authority, commit))
+        return {};
+    return set_transforms_partial(store::members_of(columns), false, authority, commit, rules);
 }
 
 }  // namespace tfdb

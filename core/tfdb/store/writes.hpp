@@ -47,25 +47,31 @@ private:
     bool sound_;
 };
 
+/// Whether a quaternion is so far off that its mending counts.
+[[nodiscard]] inline bool counts_as_mended(const geometry::Quat& q) {
+    return std::abs(geometry::norm_squared(q) - 1.0) > 2e-9;
+}
+
 /// Fills the sample word by word: copied as a block, the pose would go through memory and stall.
-/// True if the quaternion was so far off that its mending counts.
-inline bool fill_from(const TransformView& transform, FrameId parent, bool is_static,
-                      history::NewSample<StoreMemory>& sample) {
-    sample.stamp = is_static ? history::kStaticStamp : transform.stamp;
-    sample.parent = parent;
-    const geometry::Vec3& t = transform.pose.translation;
-    geometry::Quat q = transform.pose.rotation;
+inline void fill_payload(const Pose& pose, history::NewSample<StoreMemory>& sample) {
+    const geometry::Vec3& t = pose.translation;
+    geometry::Quat q = pose.rotation;
     // A unit quaternion is off by two roundings at most: it stays as it is, bit for bit.
     constexpr double kRoundings = 4.5e-16;
-    const double norm2 = geometry::norm_squared(q);
-    const double off = std::abs(norm2 - 1.0);
-    if (off > kRoundings)
+    if (std::abs(geometry::norm_squared(q) - 1.0) > kRoundings)
         q = geometry::normalized(q);
     const double numbers[7] = {t.x, t.y, t.z, q.x, q.y, q.z, q.w};
     for (std::size_t i = 0; i < 7; ++i) {
         sample.payload[i] = std::bit_cast<std::uint64_t>(numbers[i]);
     }
-    return off > 2e-9;
+}
+/// The whole sample; whether its mending counts.
+inline bool fill_from(const TransformView& transform, FrameId parent, bool is_static,
+                      history::NewSample<StoreMemory>& sample) {
+    sample.stamp = is_static ? history::kStaticStamp : transform.stamp;
+    sample.parent = parent;
+    fill_payload(transform.pose, sample);
+    return counts_as_mended(transform.pose.rotation);
 }
 
 /// The same, counted at once: for a sample that cannot be refused any more.

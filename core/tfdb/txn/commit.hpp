@@ -129,11 +129,24 @@ public:
     template <class ItemOf>
     void append(FrameId child, std::span<const history::NewSample<Memory>> samples,
                 ItemOf item_of) {
+        if (samples.size() == 1) {
+            append(child, samples.front(), item_of(0));
+            return;
+        }
         auto edge = writer(child);
-        // Where the first is ahead of all others, so are all.
-        if (samples.size() == 1 || samples.front().stamp > edge.newest()) {
-            for (std::size_t i = 0; i < samples.size(); ++i)
-                append(child, samples[i], item_of(i));
+        if (samples.front().stamp > edge.newest()) {
+            for (std::size_t first = 0; first < samples.size();) {
+                const FrameId parent = samples[first].parent;
+                std::size_t last = first + 1;
+                while (last < samples.size() && samples[last].parent == parent)
+                    ++last;
+                const auto sample = [&](std::size_t i) -> const history::NewSample<Memory>& {
+                    return samples[first + i];
+                };
+                append_ahead(child, parent, last - first, sample,
+                             [&](std::size_t i) { return item_of(first + i); });
+                first = last;
+            }
             return;
         }
         const FrameId old_parent = history::Topology::parent(edge.topology());
@@ -143,6 +156,23 @@ public:
         }
         edge.append(context_, samples);
         hint_depth(child, old_parent, history::Topology::parent(edge.topology()));
+    }
+    /// The same for moving samples of one parent that are ahead of all others; `sample(i)` gives
+    /// them.
+    template <class Sample, class ItemOf>
+    void append_ahead(FrameId child, FrameId parent, std::size_t count, Sample sample,
+                      ItemOf item_of) {
+        auto edge = writer(child);
+        const std::uint64_t topology = edge.topology();
+        const FrameId old_parent = history::Topology::parent(topology);
+        // As in `relate`: the first sample of all makes its parent the one that they all have.
+        const bool mixed = (topology & history::Topology::kMixedParents) != 0 ||
+                           (edge.has_samples() && parent != old_parent);
+        const std::size_t related = mixed ? count : parent != old_parent ? 1 : 0;
+        for (std::size_t i = 0; i < related; ++i)
+            scratch_.cycles.relations.push_back({child, parent, sample(i).stamp, item_of(i)});
+        edge.append_behind(context_, count, sample);
+        hint_depth(child, old_parent, parent);
     }
 
     /// Hides all samples of an edge; once in a commit at most.
