@@ -2,6 +2,7 @@
 #include <nanobind/nanobind.h>
 #include <nanobind/stl/string.h>
 
+#include <algorithm>
 #include <array>
 #include <cstring>
 #include <map>
@@ -12,6 +13,7 @@
 #include "arguments.hpp"
 #include "arrays.hpp"
 #include "errors.hpp"
+#include "recorded.hpp"
 #include "records.hpp"
 #include "tfdb/wire/tf_message.hpp"
 #include "writes.hpp"
@@ -189,6 +191,41 @@ nb::object ingest_many(BufferObject& self, nb::handle messages, const nb::str& e
     return result_of(tally);
 }
 
+/// The names of who sent, by source. Valid as long as the dict.
+std::map<std::uint32_t, std::string_view> senders_of(const nb::dict& authorities) {
+    std::map<std::uint32_t, std::string_view> names;
+    for (const auto& [source, name] : authorities) {
+        names[nb::cast<std::uint32_t>(source)] = name_of(name.ptr(), "authority");
+    }
+    return names;
+}
+
+nb::object ingest_recorded(BufferObject& self, const Recorded& messages, std::size_t first,
+                           std::size_t last, const nb::str& encoding, bool is_static,
+                           const nb::dict& authorities) {
+    constexpr std::size_t kTogether = 1024;
+    const wire::Encoding how = encoding_of(encoding);
+    const auto senders = senders_of(authorities);
+    std::vector<TransformView> scratch;
+    Tally tally;
+    tally.commit = self.store.commit();
+    while (first < last) {
+        look_for_signals(0);
+        // A copy: others may add messages meanwhile. Their bytes stay where they are.
+        const std::vector<RecordedMessage> together =
+            messages.between(first, std::min(last, first + kTogether));
+        const nb::gil_scoped_release released;
+        for (const RecordedMessage& message : together) {
+            const auto sender = senders.find(message.source);
+            ingest_one(self.store, message.bytes(), how, is_static,
+                       sender == senders.end() ? std::string_view() : sender->second, scratch,
+                       tally);
+        }
+        first += kTogether;
+    }
+    return result_of(tally);
+}
+
 nb::bytes encode(nb::handle transforms, const nb::str& encoding) {
     const Transforms read = Transforms::from_objects(transforms);
     std::vector<std::byte> out;
@@ -275,6 +312,14 @@ void bind_wire(nb::module_& module, nb::class_<BufferObject, ReadsObject>& type)
                      "tfdb.types.BytesLike], *, encoding: str, static: bool = False, authority: "
                      "str | collections.abc.Sequence[str] = '') -> tfdb.types.IngestResult"),
              kIngestManyDoc);
+    bind_recorded(module);
+    module.def("ingest_recorded", &ingest_recorded, nb::arg("buffer"), nb::arg("messages"),
+               nb::arg("first"), nb::arg("last"), nb::kw_only(), nb::arg("encoding"),
+               nb::arg("static"), nb::arg("authorities"),
+               nb::sig("def ingest_recorded(buffer: Buffer, messages: Recorded, first: int, "
+                       "last: int, *, encoding: str, static: bool, authorities: dict[int, str]) "
+                       "-> tfdb.types.IngestResult"),
+               "As `ingest_many`, of the messages at [first, last); `authorities` by source.");
     module.def("encode_tf_message", &encode, nb::arg("transforms").none(),
                nb::arg("encoding") = "cdr",
                nb::sig("def encode_tf_message(transforms: collections.abc.Iterable["

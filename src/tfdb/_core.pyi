@@ -846,6 +846,44 @@ class Buffer(Reads):
                 At the commit. Nothing was stored.
         """
 
+class Recorded:
+    """Messages of a recording, outside of Python."""
+
+    def __init__(self) -> None: ...
+
+    def add_mcap_chunk(self, chunk: bytes | memoryview, wanted: Callable[[int], bool], learn: Callable[[int, bytes], None]) -> tuple[int, int] | None:
+        """
+        Add the wanted messages of an unpacked chunk, as they lie there.
+
+        `learn` gets the kind and content of schemas and channels. Returns where the records break off, and
+        how long the one says that it is which goes beyond the chunk.
+        """
+
+    def add(self, received: int, source: int, data: bytes) -> None:
+        """Add one message."""
+
+    def settle(self, end: int | None) -> None:
+        """
+        Sort what waits by time; what is before `end` (None: all of it) waits no more.
+        """
+
+    def __len__(self) -> int: ...
+
+    def __getitem__(self, index: int) -> tuple[int, int, bytes]: ...
+
+    def counts(self) -> dict[int, int]:
+        """How many messages there are of each source."""
+
+    def runs(self, kinds: dict[int, int], most: int) -> list[tuple[int, int]]:
+        """
+        First and last + 1 of messages that follow each other and are of one kind.
+        """
+
+def ingest_recorded(buffer: Buffer, messages: Recorded, first: int, last: int, *, encoding: str, static: bool, authorities: dict[int, str]) -> tfdb.types.IngestResult:
+    """
+    As `ingest_many`, of the messages at [first, last); `authorities` by source.
+    """
+
 def encode_tf_message(transforms: Iterable[tfdb.types.TransformStampedLike], encoding: str = 'cdr') -> bytes:
     """
     Bytes of one tf2_msgs/TFMessage. Raises InvalidStamp, InvalidName, with `index`.

@@ -296,7 +296,7 @@ def test_an_error_of_the_program_is_no_damage(
         "mcap": lambda: (
             recorder.folder(tmp_path / "a", messages) / "a.mcap",
             mcap_reader,
-            "_messages_in",
+            "_add_chunk",
         ),
         "db3": lambda: (
             recorder.folder(tmp_path / "a", messages, "sqlite3") / "a.db3",

@@ -15,6 +15,7 @@ from dataclasses import dataclass, field
 from operator import itemgetter
 from typing import TYPE_CHECKING, Literal, TypeAlias, TypeVar
 
+from tfdb._core import Recorded
 from tfdb.errors import RecordingError
 from tfdb.given_path import errors_name
 
@@ -115,6 +116,9 @@ class Container:
         What could not be saved of the file.
     hint
         What may help where the file is damaged.
+    recorded
+        The same messages as `payloads`, read at once, where the container is read in C++; calls its
+        second argument with how many came each time.
     """
 
     unpack: Callable[[bytes], bytes] | None = None
@@ -131,6 +135,7 @@ class Container:
         losses: Sequence[Loss] = (),
         *,
         hint: str = SALVAGE,
+        recorded: Callable[[Collection[int], Callable[[int], None]], Recorded] | None = None,
     ) -> None:
         self.path = path
         self._sources = sources
@@ -141,6 +146,7 @@ class Container:
         self.close = close
         self.losses = tuple(losses)
         self._hint = hint
+        self._recorded = recorded
 
     def messages(self, wanted: Callable[[Source], bool]) -> Iterator[tuple[Source, int, bytes]]:
         """Source, time of reception (ns) and payload of each message, in order of reception.
@@ -154,10 +160,39 @@ class Container:
             for received, id_, data in self._payloads(sources.keys()):
                 found[id_] += 1
                 yield sources[id_], received, data if unpack is None else unpack(data)
-            for id_, source in sources.items():
-                if found[id_] != source.messages:
-                    promise = f"its index promises {source.messages} messages on {source.topic!r}"
-                    raise BadDataError(f"{promise}, the file holds {found[id_]}")
+            _check_counts(sources, found)
+
+    def read(
+        self, wanted: Callable[[Source], bool], step: Callable[[int], None]
+    ) -> tuple[Recorded, dict[int, Source]]:
+        """All messages at once, and the sources by the numbers that these have there.
+
+        `step` is called with the number of messages since the last call. Raises `RecordingError`
+        where the file is damaged.
+        """
+        if self._recorded is not None:
+            sources = {id_: source for id_, source in self._sources.items() if wanted(source)}
+            with typed_errors(self.path, self._hint):
+                recorded = self._recorded(sources.keys(), step)
+                _check_counts(sources, recorded.counts())
+            return recorded, sources
+        recorded = Recorded()
+        # Containers give the same object for the same source.
+        numbers = {id(source): number for number, source in enumerate(self.sources)}
+        for source, received, data in self.messages(wanted):
+            recorded.add(received, numbers[id(source)], data)
+            if len(recorded) % _STEP == 0:
+                step(_STEP)
+        step(len(recorded) % _STEP)
+        return recorded, dict(enumerate(self.sources))
+
+
+def _check_counts(sources: Mapping[int, Source], found: Mapping[int, int]) -> None:
+    """Refuse a file that holds other numbers of messages than its index says."""
+    for id_, source in sources.items():
+        if found.get(id_, 0) != source.messages:
+            promise = f"its index promises {source.messages} messages on {source.topic!r}"
+            raise BadDataError(f"{promise}, the file holds {found.get(id_, 0)}")
 
 
 @dataclass
@@ -207,6 +242,16 @@ class Gathered:
 
 
 _time = itemgetter(0)
+_STEP = 4096
+
+
+def with_next(chunks: Iterable[tuple[int, T]]) -> Iterator[tuple[T, int | None]]:
+    """Chunks by the time of their first message, each with the time of the next one's."""
+    ordered = sorted(chunks, key=_time)
+    nexts = [start for start, _ in ordered[1:]]
+    return (
+        (chunk, following) for (_, chunk), following in zip(ordered, [*nexts, None], strict=False)
+    )
 
 
 def in_order(
@@ -216,10 +261,8 @@ def in_order(
 
     They may overlap: what may still be preceded waits for the next chunk.
     """
-    ordered = sorted(chunks, key=_time)
-    nexts = [start for start, _ in ordered[1:]]
     pending: list[Payload] = []
-    for (_, chunk), end in zip(ordered, [*nexts, None], strict=False):
+    for chunk, end in with_next(chunks):
         pending += read(chunk)
         pending.sort(key=_time)
         cut = len(pending) if end is None else bisect_left(pending, end, key=_time)

@@ -263,15 +263,16 @@ class _Tally:
 
     def store(self, run: Run, selection: _Selection, meter: _Meter) -> None:
         """Commit the messages of a run."""
-        encoding, static = selection.kind(run.sources[0])
-        result = self.buffer.ingest_many(
-            run.messages,
-            encoding=encoding,
-            static=static,
-            authority=[source.authority for source in run.sources],
+        encoding, static = selection.kind(run.source)
+        authorities = {id_: source.authority for id_, source in run.sources.items()}
+        part = run.messages, run.first, run.last
+        result = _core.ingest_recorded(
+            self.buffer, *part, encoding=encoding, static=static, authorities=authorities
         )
         if self.everything is not None:
-            self.everything.ingest_many(run.messages, encoding=encoding, static=static)
+            _core.ingest_recorded(
+                self.everything, *part, encoding=encoding, static=static, authorities={}
+            )
         self.messages += result.messages
         self.transforms += result.transforms
         self.commits += result.commits

@@ -10,9 +10,9 @@ import struct
 import zlib
 from bisect import bisect_right
 from dataclasses import dataclass, field
-from functools import partial
 from typing import TYPE_CHECKING
 
+from tfdb._core import Recorded
 from tfdb.errors import RecordingError
 
 from .containers import (
@@ -26,6 +26,7 @@ from .containers import (
     in_order,
     is_tf_type,
     typed_errors,
+    with_next,
 )
 from .raw_file import BadDataError, BrokenChunkError, RawFile, unpack, unpack_the_start
 
@@ -38,10 +39,9 @@ if TYPE_CHECKING:
 _MAGIC = b"\x89MCAP0\r\n"
 _HEADER, _FOOTER, _SCHEMA, _CHANNEL, _MESSAGE, _CHUNK, _MESSAGE_INDEX, _CHUNK_INDEX = range(1, 9)
 _STATISTICS, _DATA_END = 0x0B, 0x0F
-# Opcode and length; then, in a message: channel, sequence, time of logging, time of publishing.
+# Opcode and length.
 _RECORD = struct.Struct("<BQ")
-_MESSAGE_HEAD = struct.Struct("<BQHIQ")
-_HEAD, _DATA = 9, 31
+_HEAD = 9
 _FOOTER_SIZE = _HEAD + 20 + len(_MAGIC)
 _CHUNK_HEAD = struct.Struct("<QQQI")
 _PAIR = struct.Struct("<HQ")
@@ -162,12 +162,22 @@ def _has_end(file: RawFile) -> bool:
 
 
 def _indexed(path: Path, file: RawFile, index: _Index) -> Container:
-    def payloads(ids: Collection[int]) -> Iterator[Payload]:
+    def chunks(ids: Collection[int]) -> list[tuple[int, int]]:
         # Without message indexes, what is in a chunk shows only when it is read.
         wanted = [c for c in index.chunks if not c.channels or not c.channels.isdisjoint(ids)]
-        return in_order(
-            ((each.start, each.position) for each in wanted), partial(_chunk_messages, file, ids)
-        )
+        return [(each.start, each.position) for each in wanted]
+
+    def payloads(ids: Collection[int]) -> Iterator[Payload]:
+        return in_order(chunks(ids), lambda at: _messages_in(_raw(file, at), ids.__contains__))
+
+    def recorded(ids: Collection[int], step: Callable[[int], None]) -> Recorded:
+        found = Recorded()
+        for at, end in with_next(chunks(ids)):
+            before = len(found)
+            _add_chunk(found, _raw(file, at), ids.__contains__, _nothing)
+            found.settle(end)
+            step(len(found) - before)
+        return found
 
     counts = index.counts or {}
     return Container(
@@ -177,6 +187,7 @@ def _indexed(path: Path, file: RawFile, index: _Index) -> Container:
         index.start,
         payloads,
         file.close,
+        recorded=recorded,
     )
 
 
@@ -251,16 +262,16 @@ def _read_summary(file: RawFile) -> _Index:
     return index
 
 
-def _chunk_messages(file: RawFile, ids: Collection[int], position: int) -> Iterator[Payload]:
+def _raw(file: RawFile, position: int) -> bytes | memoryview:
+    """The records of the chunk there, unpacked and checked."""
     kind, size = _RECORD.unpack(file.read(position, _HEAD))
     if kind != _CHUNK:
         raise BadDataError(f"no chunk at {position}, where the summary has one")
     packing, packed, unpacked, crc = _chunk(file.read(position + _HEAD, size))
-    raw = _checked(unpack(packing, packed, unpacked), crc)
-    return _messages_in(raw, ids.__contains__, lambda _kind, _data: None)
+    return _checked(unpack(packing, packed, unpacked), crc)
 
 
-def _chunk(record: bytes, *, cut: bool = False) -> tuple[str, bytes, int, int]:
+def _chunk(record: bytes, *, cut: bool = False) -> tuple[str, memoryview, int, int]:
     """Packing, packed records, their unpacked size and checksum."""
     _, _, unpacked, crc = _CHUNK_HEAD.unpack_from(record)
     fields = _Fields(record)
@@ -268,13 +279,13 @@ def _chunk(record: bytes, *, cut: bool = False) -> tuple[str, bytes, int, int]:
     packing = fields.text()
     size = fields.number(8)
     start = _CHUNK_HEAD.size + 4 + len(packing.encode()) + 8
-    packed = record[start : start + size]
+    packed = memoryview(record)[start : start + size]
     if len(packed) != size and not cut:
         raise BadDataError("a chunk that ends within its records")
     return packing, packed, unpacked, crc
 
 
-def _checked(raw: bytes, crc: int) -> bytes:
+def _checked(raw: bytes | memoryview, crc: int) -> bytes | memoryview:
     if crc and zlib.crc32(raw) != crc:
         raise BadDataError("a chunk whose checksum is wrong")
     return raw
@@ -349,22 +360,33 @@ def _gather_chunk(record: bytes, size: int, index: _Index, found: Gathered) -> N
 # -- inside of a chunk ----------------------------------------------------------------------------
 
 
+def _nothing(_kind: int, _data: bytes) -> None:
+    """Learn nothing."""
+
+
+def _add_chunk(
+    found: Recorded,
+    raw: bytes | memoryview,
+    wanted: Callable[[int], bool],
+    learn: Callable[[int, bytes], None],
+) -> None:
+    """Add the messages of a chunk that are wanted; other records are learned."""
+    broken = found.add_mcap_chunk(raw, wanted, learn)
+    if broken is not None:
+        at, length = broken
+        raise BrokenChunkError(f"a record of {length} bytes goes beyond its chunk", at)
+
+
 def _messages_in(
-    raw: bytes, wanted: Callable[[int], bool], learn: Callable[[int, bytes], None]
+    raw: bytes | memoryview,
+    wanted: Callable[[int], bool],
+    learn: Callable[[int, bytes], None] = _nothing,
 ) -> Iterator[Payload]:
     """The messages of a chunk that are wanted, as they lie there; other records are learned."""
-    size = len(raw)
-    # Records shorter than a message's head may come last.
-    data = raw + bytes(_MESSAGE_HEAD.size)
-    at = 0
-    while at < size:
-        kind, length, channel, _, log_time = _MESSAGE_HEAD.unpack_from(data, at)
-        end = at + _HEAD + length
-        if end > size:
-            raise BrokenChunkError(f"a record of {length} bytes goes beyond its chunk", at)
-        if kind == _MESSAGE:
-            if wanted(channel):
-                yield log_time, channel, data[at + _DATA : end]
-        elif kind in (_SCHEMA, _CHANNEL):
-            learn(kind, data[at + _HEAD : end])
-        at = end
+    found = Recorded()
+    try:
+        _add_chunk(found, raw, wanted, learn)
+    except Exception:
+        yield from map(found.__getitem__, range(len(found)))
+        raise
+    yield from map(found.__getitem__, range(len(found)))

@@ -9,7 +9,7 @@ from __future__ import annotations
 import bz2
 import io
 import os
-from typing import IO, TYPE_CHECKING, Any
+from typing import IO, TYPE_CHECKING, Any, TypeAlias, overload
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -21,6 +21,9 @@ MAX_MESSAGE = 64 * 2**20
 """The most bytes of one message that is packed by itself."""
 
 _PIECE = 65536
+
+Packed: TypeAlias = bytes | memoryview
+"""What is not packed at all is unpacked as it is, without a copy."""
 
 
 class BadDataError(Exception):
@@ -66,13 +69,17 @@ def check_size(size: int) -> None:
         raise BadDataError(f"a record of {size} bytes, above {limit}")
 
 
-def unpack(packing: str, packed: bytes, size: int) -> bytes:
+@overload
+def unpack(packing: str, packed: bytes, size: int) -> bytes: ...
+@overload
+def unpack(packing: str, packed: memoryview, size: int) -> Packed: ...
+def unpack(packing: str, packed: Packed, size: int) -> Packed:
     """Give the `size` bytes of a chunk; `packing` is empty, `bz2`, `lz4` or `zstd`.
 
     Raises `BadDataError` if there are fewer or more, which are not unpacked.
     """
     check_size(size)
-    raw = packed
+    raw: Packed = packed
     if packing:
         reader, broken = _open(packing, packed)
         try:
@@ -85,7 +92,11 @@ def unpack(packing: str, packed: bytes, size: int) -> bytes:
     return raw
 
 
-def unpack_the_start(packing: str, packed: bytes, size: int) -> bytes:
+@overload
+def unpack_the_start(packing: str, packed: bytes, size: int) -> bytes: ...
+@overload
+def unpack_the_start(packing: str, packed: memoryview, size: int) -> Packed: ...
+def unpack_the_start(packing: str, packed: Packed, size: int) -> Packed:
     """Give as many of a damaged or cut chunk's `size` bytes as can be had."""
     if not packing or size > MAX_CHUNK:
         return packed[: 0 if packing else size]
@@ -130,9 +141,9 @@ def unpack_file(path: Path, target: Path) -> None:
             raise BadDataError(f"its zstd does not unpack: {_words(error)}") from error
 
 
-def _open(packing: str, packed: bytes | IO[bytes]) -> tuple[Any, tuple[type[Exception], ...]]:
+def _open(packing: str, packed: Packed | IO[bytes]) -> tuple[Any, tuple[type[Exception], ...]]:
     """A reader, and the errors by which the library says that the data are broken."""
-    stream = io.BytesIO(packed) if isinstance(packed, bytes) else packed
+    stream = io.BytesIO(packed) if isinstance(packed, bytes | memoryview) else packed
     if packing == "bz2":
         return bz2.open(stream), (OSError, EOFError, ValueError)
     if packing == "lz4":

@@ -19,8 +19,10 @@ from .mcap_reader import open_mcap
 
 if TYPE_CHECKING:
     import os
-    from collections.abc import Callable, Iterable, Iterator
+    from collections.abc import Callable, Iterator, Mapping
     from typing import Self
+
+    from tfdb._core import Recorded
 
     PathLike: TypeAlias = str | os.PathLike[str]
 
@@ -30,15 +32,31 @@ MAX_RUN = 4096
 
 @dataclass
 class Run:
-    """Messages that follow each other and are stored alike, each with its source.
+    """Messages that follow each other and are stored alike: those at [first, last) of `messages`.
 
-    `start` and `end` are the times of reception (ns) of the first and the last.
+    `sources` are by the numbers that they have there; `start` and `end` are the times of reception
+    (ns) of the first and the last.
     """
 
-    messages: list[bytes]
-    sources: list[Source]
-    start: int
-    end: int
+    messages: Recorded
+    first: int
+    last: int
+    sources: Mapping[int, Source]
+
+    @property
+    def source(self) -> Source:
+        """Of the first message."""
+        return self.sources[self.messages[self.first][1]]
+
+    @property
+    def start(self) -> int:
+        """When the first message was received, nanoseconds."""
+        return self.messages[self.first][0]
+
+    @property
+    def end(self) -> int:
+        """When the last one was."""
+        return self.messages[self.last - 1][0]
 
 
 class Recording:
@@ -113,7 +131,17 @@ class Recording:
         A run ends where `kind` of the source changes; by default, that is its topic. `step` is
         called with the number of messages since the last call.
         """
-        return _runs(self.messages(wanted), kind or _topic, step)
+        messages, sources = self._container.read(wanted or _all, step or _ignore)
+        kind = kind or _topic
+        numbers: dict[object, int] = {}
+        kinds = {
+            id_: numbers.setdefault(kind(source), len(numbers))
+            for id_, source in sources.items()
+            if wanted is None or wanted(source)
+        }
+        return [
+            Run(messages, first, last, sources) for first, last in messages.runs(kinds, MAX_RUN)
+        ]
 
     def close(self) -> None:
         """Close the file."""
@@ -128,35 +156,8 @@ def _topic(source: Source) -> str:
     return source.topic
 
 
-def _runs(
-    messages: Iterable[tuple[Source, int, bytes]],
-    kind: Callable[[Source], object],
-    step: Callable[[int], None] | None,
-) -> list[Run]:
-    # Containers give the same object for the same source: identity is enough, and faster.
-    kinds: dict[int, object] = {}
-    runs: list[Run] = []
-    current: Source | None = None
-    current_kind: object = None
-    room = 0
-    for source, received, data in messages:
-        if source is not current or not room:
-            if id(source) not in kinds:
-                kinds[id(source)] = kind(source)
-            if not room or kinds[id(source)] != current_kind:
-                if step is not None and runs:
-                    step(len(runs[-1].messages))
-                run = Run([], [], received, received)
-                runs.append(run)
-                room = MAX_RUN
-            current, current_kind = source, kinds[id(source)]
-        run.messages.append(data)
-        run.sources.append(source)
-        run.end = received
-        room -= 1
-    if step is not None and runs:
-        step(len(runs[-1].messages))
-    return runs
+def _ignore(_: int) -> None:
+    """Nobody counts."""
 
 
 _OPENERS = {"bag": open_bag, "db3": open_db3, "mcap": open_mcap, "folder": open_folder}

@@ -1,0 +1,234 @@
+#include "recorded.hpp"
+
+#include <nanobind/stl/optional.h>
+
+#include <algorithm>
+#include <cstring>
+#include <map>
+#include <optional>
+#include <tuple>
+
+#include "arguments.hpp"
+#include "errors.hpp"
+#include "tfdb/wire/mcap_records.hpp"
+
+namespace tfdb::python {
+namespace {
+
+using Records = wire::McapRecords;
+
+std::span<const std::byte> bytes_of(const nb::bytes& object) {
+    return {static_cast<const std::byte*>(object.data()), object.size()};
+}
+
+/// Bytes that nobody can change: decoding relies on what it has checked.
+struct Chunk {
+    nb::object owner;
+    std::span<const std::byte> bytes;
+
+    explicit Chunk(nb::handle given) : owner(nb::borrow(given)) {
+        if (PyMemoryView_Check(given.ptr())) {
+            const Py_buffer& view = *PyMemoryView_GET_BUFFER(given.ptr());
+            PyObject* const base = PyMemoryView_GET_BASE(given.ptr());
+            if (base != nullptr && PyBuffer_IsContiguous(&view, 'C') != 0) {
+                owner = nb::borrow(base);
+                bytes = {static_cast<const std::byte*>(view.buf),
+                         static_cast<std::size_t>(view.len)};
+            }
+        } else if (PyBytes_Check(given.ptr())) {
+            bytes = bytes_of(nb::borrow<nb::bytes>(given));
+        }
+        if (!PyBytes_Check(owner.ptr())) {
+            throw nb::type_error("a chunk must be bytes, or a memoryview of bytes");
+        }
+    }
+};
+
+nb::bytes copy_of(std::span<const std::byte> bytes) {
+    return nb::bytes(bytes.data(), bytes.size());
+}
+
+/// Asks about each channel once, until something is learned.
+class Wanted {
+public:
+    explicit Wanted(const nb::callable& ask) : ask_(ask) {}
+
+    bool operator()(std::uint16_t channel) {
+        const auto [known, is_new] = answers_.try_emplace(channel, false);
+        if (is_new) {
+            known->second = nb::cast<bool>(ask_(channel));
+        }
+        return known->second;
+    }
+    void forget() { answers_.clear(); }
+
+private:
+    const nb::callable& ask_;
+    std::map<std::uint16_t, bool> answers_;
+};
+
+/// The wanted messages of a chunk, and their bytes together.
+class Found {
+public:
+    void add(const Records& record) {
+        const auto payload = record.payload();
+        messages.push_back({record.log_time(), payload.data(),
+                            static_cast<std::uint32_t>(payload.size()), record.channel()});
+        bytes += payload.size();
+    }
+    /// Copies the bytes, so that the chunk may go.
+    std::unique_ptr<std::byte[]> copy() {
+        auto copied = std::make_unique_for_overwrite<std::byte[]>(bytes);
+        std::byte* to = copied.get();
+        for (RecordedMessage& message : messages) {
+            std::memcpy(to, message.data, message.size);
+            message.data = to;
+            to += message.size;
+        }
+        return copied;
+    }
+
+    std::vector<RecordedMessage> messages;
+    std::size_t bytes = 0;
+};
+
+}  // namespace
+
+nb::object Recorded::add_mcap_chunk(nb::handle given, const nb::callable& wanted,
+                                    const nb::callable& learn) {
+    const Chunk chunk(given);
+    Wanted is_wanted(wanted);
+    Found found;
+    Records records(chunk.bytes);
+    const auto keep = [&] {
+        // A chunk that holds mostly other things is not worth its memory.
+        if (found.bytes < chunk.bytes.size() / 2) {
+            copied_.push_back(found.copy());
+        } else {
+            kept_.push_back(chunk.owner);
+        }
+        messages_.insert(messages_.end(), found.messages.begin(), found.messages.end());
+    };
+    try {
+        for (std::size_t i = 0; records.next(); ++i) {
+            look_for_signals(i);
+            const std::uint8_t kind = records.kind();
+            if (kind == Records::kMessage) {
+                if (is_wanted(records.channel())) {
+                    found.add(records);
+                }
+            } else if (kind == Records::kSchema || kind == Records::kChannel) {
+                learn(kind, copy_of(records.content()));
+                is_wanted.forget();
+            }
+        }
+    } catch (...) {
+        keep();
+        throw;
+    }
+    keep();
+    if (!records.is_broken()) {
+        return nb::none();
+    }
+    return nb::make_tuple(records.at(), records.length());
+}
+
+void Recorded::add(std::uint64_t received, std::uint32_t source, const nb::bytes& data) {
+    kept_.push_back(data);
+    const auto bytes = bytes_of(data);
+    messages_.push_back({received, bytes.data(), static_cast<std::uint32_t>(bytes.size()), source});
+}
+
+void Recorded::settle(std::optional<std::uint64_t> end) {
+    const auto before = [](const RecordedMessage& a, const RecordedMessage& b) {
+        return a.received < b.received;
+    };
+    const auto waiting = messages_.begin() + static_cast<std::ptrdiff_t>(settled_);
+    if (!std::is_sorted(waiting, messages_.end(), before)) {
+        std::stable_sort(waiting, messages_.end(), before);
+    }
+    const auto is_before = [](const RecordedMessage& message, std::uint64_t time) {
+        return message.received < time;
+    };
+    const auto first =
+        end ? std::lower_bound(waiting, messages_.end(), *end, is_before) : messages_.end();
+    settled_ = static_cast<std::size_t>(first - messages_.begin());
+}
+
+nb::tuple Recorded::at(std::size_t index) const {
+    if (index >= messages_.size()) {
+        throw nb::index_error();
+    }
+    const RecordedMessage& message = messages_[index];
+    return nb::make_tuple(message.received, message.source, copy_of(message.bytes()));
+}
+
+nb::dict Recorded::counts() const {
+    std::map<std::uint32_t, std::size_t> found;
+    for (const RecordedMessage& message : messages_) {
+        ++found[message.source];
+    }
+    nb::dict counts;
+    for (const auto& [source, count] : found) {
+        counts[nb::int_(source)] = count;
+    }
+    return counts;
+}
+
+nb::list Recorded::runs(const nb::dict& kinds, std::size_t most) const {
+    std::map<std::uint32_t, std::int64_t> kind_of;
+    for (const auto& [source, kind] : kinds) {
+        kind_of[nb::cast<std::uint32_t>(source)] = nb::cast<std::int64_t>(kind);
+    }
+    nb::list runs;
+    std::size_t first = 0;
+    const auto end_at = [&](std::size_t last) {
+        if (first < last) {
+            runs.append(nb::make_tuple(first, last));
+        }
+        first = last;
+    };
+    for (std::size_t i = 0; i < messages_.size(); ++i) {
+        const bool same = messages_[i].source == messages_[first].source ||
+                          kind_of.at(messages_[i].source) == kind_of.at(messages_[first].source);
+        if (!same || i - first == most) {
+            end_at(i);
+        }
+    }
+    end_at(messages_.size());
+    return runs;
+}
+
+std::vector<RecordedMessage> Recorded::between(std::size_t first, std::size_t last) const {
+    last = std::min(last, messages_.size());
+    first = std::min(first, last);
+    return {messages_.begin() + static_cast<std::ptrdiff_t>(first),
+            messages_.begin() + static_cast<std::ptrdiff_t>(last)};
+}
+
+void bind_recorded(nb::module_& module) {
+    nb::class_<Recorded>(module, "Recorded", "Messages of a recording, outside of Python.")
+        .def(nb::init<>())
+        .def("add_mcap_chunk", &Recorded::add_mcap_chunk, nb::arg("chunk"), nb::arg("wanted"),
+             nb::arg("learn"),
+             nb::sig("def add_mcap_chunk(self, chunk: bytes | memoryview, wanted: "
+                     "collections.abc.Callable[[int], bool], learn: "
+                     "collections.abc.Callable[[int, bytes], None]) -> tuple[int, int] | None"),
+             "Add the wanted messages of an unpacked chunk, as they lie there.\n\n"
+             "`learn` gets the kind and content of schemas and channels. Returns where the records "
+             "break off, and\nhow long the one says that it is which goes beyond the chunk.")
+        .def("add", &Recorded::add, nb::arg("received"), nb::arg("source"), nb::arg("data"),
+             "Add one message.")
+        .def("settle", &Recorded::settle, nb::arg("end").none(),
+             "Sort what waits by time; what is before `end` (None: all of it) waits no more.")
+        .def("__len__", &Recorded::size)
+        .def("__getitem__", &Recorded::at, nb::arg("index"),
+             nb::sig("def __getitem__(self, index: int) -> tuple[int, int, bytes]"))
+        .def("counts", &Recorded::counts, nb::sig("def counts(self) -> dict[int, int]"),
+             "How many messages there are of each source.")
+        .def("runs", &Recorded::runs, nb::arg("kinds"), nb::arg("most"),
+             nb::sig("def runs(self, kinds: dict[int, int], most: int) -> list[tuple[int, int]]"),
+             "First and last + 1 of messages that follow each other and are of one kind.");
+}
+
+}  // namespace tfdb::python

@@ -1,0 +1,65 @@
+// Messages of a recording, kept outside of Python until they are stored.
+#pragma once
+
+#include <nanobind/nanobind.h>
+
+#include <cstddef>
+#include <cstdint>
+#include <memory>
+#include <optional>
+#include <span>
+#include <vector>
+
+namespace nb = nanobind;
+
+namespace tfdb::python {
+
+/// When a message was received, from which source, and its bytes, which are somebody else's.
+struct RecordedMessage {
+    std::uint64_t received;
+    const std::byte* data;
+    std::uint32_t size;
+    std::uint32_t source;
+
+    [[nodiscard]] std::span<const std::byte> bytes() const { return {data, size}; }
+};
+
+/// Messages in the order in which they are to be stored. The last of them may still be waiting for
+/// earlier ones, which another chunk brings.
+/// Threads: whoever has the GIL. Guarantee: bytes stay where they are while this lives.
+class Recorded {
+public:
+    Recorded() = default;
+    Recorded(const Recorded&) = delete;
+    Recorded& operator=(const Recorded&) = delete;
+
+    /// Adds the wanted messages of an MCAP chunk (bytes, or a view of some), as they lie there;
+    /// schemas and channels are handed to `learn`, which may change what is `wanted`. Returns None,
+    /// or where the records break off and how long the one says that it is which goes beyond the
+    /// chunk.
+    nb::object add_mcap_chunk(nb::handle chunk, const nb::callable& wanted,
+                              const nb::callable& learn);
+    void add(std::uint64_t received, std::uint32_t source, const nb::bytes& data);
+    /// Puts those that wait in the order of reception; those before `end` (None: all) wait no more.
+    void settle(std::optional<std::uint64_t> end);
+
+    [[nodiscard]] std::size_t size() const { return messages_.size(); }
+    /// (received, source, bytes)
+    [[nodiscard]] nb::tuple at(std::size_t index) const;
+    /// How many there are of each source.
+    [[nodiscard]] nb::dict counts() const;
+    /// (first, last + 1) of messages that follow each other and whose sources are of one kind, at
+    /// most `most` in each; `kinds` by source.
+    [[nodiscard]] nb::list runs(const nb::dict& kinds, std::size_t most) const;
+    [[nodiscard]] std::vector<RecordedMessage> between(std::size_t first, std::size_t last) const;
+
+private:
+    std::vector<RecordedMessage> messages_;
+    std::size_t settled_ = 0;
+    std::vector<nb::object> kept_;  // whose bytes they are
+    std::vector<std::unique_ptr<std::byte[]>> copied_;
+};
+
+void bind_recorded(nb::module_& module);
+
+}  // namespace tfdb::python
