@@ -24,6 +24,7 @@ template <>
 struct Tuning<SmallMemory> {
     static constexpr unsigned kFirstLog2 = 0;
     static constexpr unsigned kFullLog2 = 1;
+    static constexpr unsigned kFanLog2 = 1;
     static constexpr unsigned kLargestLog2 = 2;
     static constexpr std::size_t kKept = 0;
 };
@@ -99,6 +100,25 @@ struct Edges : rl::test_suite<Edges, 1 + kReaders>, Scene {
     void after() {
         RL_ASSERT(read(memory, places, g_task.script, *g_task.model, g_task.stamp, require));
     }
+};
+
+/// As Edges; what is read is the edge in figures.
+struct Figures : rl::test_suite<Figures, 1 + kReaders>, Scene {
+    void before() { Scene::before(); }
+
+    void thread(unsigned index) {
+        if (index == 0) {
+            write_all([] { return !g_task.script.may_evict; });
+            return;
+        }
+        idle();
+        for (int attempt = 0; attempt < 2; ++attempt) {
+            if (read_extent(memory, places, g_task.script, *g_task.model, require))
+                return;
+        }
+    }
+
+    void after() { RL_ASSERT(read_extent(memory, places, g_task.script, *g_task.model, require)); }
 };
 
 /// Readers that hold a snapshot: as store::Buffer does, they count themselves as pins, and a writer
@@ -200,6 +220,12 @@ const Script kTwoEdges{
 /// Nothing is taken out of use: the commit alone says what is there.
 const Script kInPlace{.edges = 2, .before = {both(10)}, .during = {both(20)}};
 const Script kLate{.before = {one(10), one(30)}, .during = {one(20), one(22), one(24), one(26)}};
+const Script kLateInNodes{
+    .before = {one(10), one(20), one(30), one(50), one(60), one(90), one(95), one(35)},
+    .during = {one(36), one(40)}};
+const Script kAbortsInNodes{
+    .before = {one(10), one(20), one(30), one(50), one(60), one(90), one(95)},
+    .during = {aborted({{{0, 35}, {0, 70}}}), one(36)}};
 const Script kFront{.before = {one(50), one(60), one(70)},
                     .during = {one(40), one(30), one(20), one(10)}};
 const Script kCorrects{.before = {one(10), one(10)}, .during = {one(10), one(10), one(10)}};
@@ -251,6 +277,15 @@ TFDB_TEST(edges_hold_in_the_memory_model) {
     holds("late samples beside a slow reader", kLate, 25);
     holds("corrections beside a slow reader", kCorrects, 10);
     relacy::g_pause = 0;
+}
+
+TFDB_TEST(figures_hold_in_the_memory_model) {
+    relacy::g_weakness = {};
+    for (const auto& [name, script] : {std::pair{"figures, seals", kSeals},
+                                       {"figures, late samples", kLateInNodes},
+                                       {"figures, late samples taken back", kAbortsInNodes}}) {
+        CHECK_EQ(simulate<Figures>(name, script, 0, iterations()), std::string());
+    }
 }
 
 TFDB_TEST(random_scripts_hold_in_the_memory_model) {

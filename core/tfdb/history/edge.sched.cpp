@@ -46,7 +46,36 @@ void visited(const std::string& name, const Script& script) {
     sched::Walk().must_hold(name, program(script, 0, 2, {}, read_all_soundly));
 }
 
+bool sum_up_soundly(SmallMemory& memory, const Places& places, const Script& script,
+                    const Model& model, StampNs) {
+    return read_extent(memory, places, script, model, require);
+}
+
+void summed(const std::string& name, const Script& script) {
+    sched::Walk().must_hold(name, program(script, 0, 2, {}, sum_up_soundly));
+}
+
 }  // namespace
+
+// Nodes sum up two segments of two samples each, and of those again two.
+TFDB_SCHED(edge_sums_up_what_a_snapshot_sees) {
+    const std::vector<Batch> seven = {one(10), one(20), one(30), one(50),
+                                      one(60), one(90), one(95)};
+    const auto from = [&](std::initializer_list<Batch> more) {
+        std::vector<Batch> all = seven;
+        all.insert(all.end(), more);
+        return all;
+    };
+    summed("appends", {.before = {one(10), one(20)}, .during = {one(30), one(40), one(50)}});
+    summed("seals, completes nodes", {.before = seven, .during = {one(97), one(130), one(140)}});
+    summed("late", {.before = from({one(100)}), .during = {one(35)}});
+    summed("late, the same again", {.before = from({one(35)}), .during = {one(36), one(40)}});
+    summed("corrects", {.before = from({one(30)}), .during = {one(30)}, .may_evict = false});
+    summed("evicts", {.history = 65, .before = seven, .during = {one(120), one(150)}});
+    summed("a late sample taken back", {.before = seven, .during = {aborted(one(35))}});
+    summed("a clear taken back, then late",
+           {.before = seven, .during = {aborted(one(kClearMarker)), one(35)}, .may_evict = false});
+}
 
 TFDB_SCHED(edge_visits_each_sample_once) {
     visited("appends", {.before = {one(10), one(20)}, .during = {one(30), one(40), one(50)}});

@@ -1,6 +1,7 @@
 // One edge through its writer and its views: growth, eviction, late samples, taking back.
 #include <algorithm>
 #include <cstdio>
+#include <map>
 
 #include "tfdb/history/edge_fixture.hpp"
 
@@ -81,6 +82,66 @@ TFDB_TEST(edge_grows_and_every_snapshot_sees_its_own) {
     }
     // 64 bytes of slot and 8 of stamp, in segments of 256 of which one is not full.
     CHECK(edge.used_bytes() < 76 * (3000 + 256) + 40'000);
+}
+
+TFDB_TEST(edge_tells_its_figures_without_looking_at_all_samples) {
+    std::mt19937 random(17);
+    Edge edge;
+    edge.hold(true);
+    std::map<std::uint64_t, std::uint64_t> looks;  // by number of samples
+    for (std::uint64_t samples = 0; samples <= 200'000;) {
+        std::vector<StampNs> stamps(1000);
+        for (StampNs& stamp : stamps)
+            stamp = static_cast<StampNs>(++samples * 1000 + random() % 900);
+        edge.commit(stamps);
+        if (samples == 25'000 || samples == 200'000)
+            looks[samples] = edge.looks_for_extent(edge.committed());
+    }
+    std::printf("  %llu words of 25,000 samples, %llu of 200,000; seed 17\n",
+                static_cast<unsigned long long>(looks[25'000]),
+                static_cast<unsigned long long>(looks[200'000]));
+    // Two segments of 256 samples at most, a word for the stamp and one for the commit each, twice
+    // seven nodes of each level.
+    for (const auto& [samples, words] : looks)
+        CHECK(words < 2 * 2 * 256 + 2 * 7 * 8 * 4 + 100);
+    // A held snapshot: what came later concerns the segments that it came into.
+    const CommitNumber held = edge.committed() / 2;
+    const std::uint64_t before = edge.looks_for_extent(held);
+    CHECK(before < 3 * 2 * 256 + 2 * 7 * 16 * 4 + 2 * 400 + 100);
+    for (int i = 0; i < 4; ++i)
+        edge.commit({static_cast<StampNs>(random() % 50'000) * 1000 + 999});
+    CHECK(edge.looks_for_extent(held) < before + 4 * (2 * 256 + 7 * 16 * 4));
+    CHECK(edge.looks_for_extent(edge.committed()) < looks[200'000] + 2 * 256);
+}
+
+TFDB_TEST(edge_figures_are_right_whatever_comes_late) {
+    for (const unsigned seed : {1U, 2U, 3U}) {
+        std::printf("  seed %u\n", seed);
+        std::mt19937 random(seed);
+        Edge edge(seed == 3 ? 15'000'000 : kForever);
+        edge.hold(seed != 1);
+        std::vector<StampNs> stamps(20'000);
+        for (std::size_t i = 0; i < stamps.size(); ++i)
+            stamps[i] = static_cast<StampNs>(1000 * i + random() % 900);
+        edge.commit(stamps);
+        for (int i = 0; i < 150; ++i) {
+            std::vector<StampNs> more(1 + random() % (i % 10 == 0 ? 400 : 3));
+            for (StampNs& stamp : more) {
+                stamp = static_cast<StampNs>(6'000'000 + random() % 14'500'000);
+                if (random() % 3 == 0)  // corrects one that is there, or adds one beside it
+                    stamp = stamps[7000 + random() % 12'000] + static_cast<StampNs>(random() % 2);
+            }
+            std::sort(more.begin(), more.end());
+            if (random() % 4 == 0) {
+                edge.abort(more);
+            } else {
+                edge.commit(more);
+            }
+            edge.check_newest(more.front());
+            if (seed != 1)
+                CHECK(edge.check(random() % edge.committed() + 1, more.back()));
+        }
+    }
 }
 
 TFDB_TEST(edge_evicts_what_is_no_longer_retained) {

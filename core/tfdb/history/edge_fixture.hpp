@@ -12,7 +12,15 @@
 
 namespace tfdb::history::fixture {
 
-using Memory = memory::PrivateMemory;
+/// Counts how often somebody looks at a word.
+/// Threads: one. Guarantee: as PrivateMemory.
+struct Memory : memory::PrivateMemory {
+    [[nodiscard]] Word& word(Offset offset) const noexcept {
+        ++looks;
+        return PrivateMemory::word(offset);
+    }
+    mutable std::uint64_t looks = 0;
+};
 using View = EdgeView<Memory>;
 
 /// Stands for a clear among the stamps of a commit.
@@ -34,6 +42,17 @@ public:
     [[nodiscard]] std::size_t used_bytes() const {
         return memory_.used_bytes() - memory_.retired_bytes(Line::kReplaced) -
                memory_.retired_bytes(Line::kEnded);
+    }
+    /// How many words are looked at to tell what a snapshot's samples are, in figures; these are
+    /// right.
+    [[nodiscard]] std::uint64_t looks_for_extent(CommitNumber snapshot) {
+        View view;
+        Extent extent;
+        const std::uint64_t before = memory_.looks;
+        CHECK(open(snapshot, view) && view.extent(extent) && view.confirm());
+        const std::uint64_t looks = memory_.looks - before;
+        judge(extent, visible(snapshot));
+        return looks;
     }
     [[nodiscard]] std::uint64_t word_value(HeaderWord w) const {
         return memory_.word(header_ + 8 * w).load_relaxed();
@@ -70,8 +89,9 @@ public:
         View view;
         Bracket around;
         SampleAt oldest;
+        Extent extent;
         if (!open(snapshot, view) || !view.bracket(stamp, around) || !view.oldest(oldest) ||
-            !view.confirm()) {
+            !view.extent(extent) || !view.confirm()) {
             return false;
         }
         const auto& expected = visible(snapshot);
@@ -80,6 +100,7 @@ public:
         judge(view, around.before, after == expected.begin() ? nullptr : &std::prev(after)->second);
         judge(view, view.newest(), expected.empty() ? nullptr : &expected.rbegin()->second);
         judge(view, oldest, expected.empty() ? nullptr : &expected.begin()->second);
+        judge(extent, expected);
         return true;
     }
     /// The newest state always answers, for every stamp near a visible one.
@@ -159,6 +180,17 @@ private:
         return found;
     }
 
+    static void judge(const Extent& extent, const std::map<StampNs, Entry>& expected) {
+        Extent wanted;
+        wanted.samples = expected.size();
+        StampNs before = expected.empty() ? kNoStamp : expected.begin()->first;
+        wanted.first = before;
+        for (const auto& [stamp, entry] : expected) {
+            wanted.longest_gap = std::max(wanted.longest_gap, stamp - before);
+            before = wanted.last = stamp;
+        }
+        CHECK(extent == wanted);
+    }
     static void judge(const View& view, const SampleAt& sample, const Entry* expected) {
         CHECK_EQ(!sample, expected == nullptr);
         if (!sample || expected == nullptr)

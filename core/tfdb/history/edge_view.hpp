@@ -118,6 +118,28 @@ public:
         return true;
     }
 
+    /// All samples that the snapshot retains, in figures. Looks at the samples of the segments that
+    /// lie on an end, and of those with a sample that is newer than the snapshot.
+    [[nodiscard]] bool extent(Extent& out) const {
+        out = {};
+        if (empty())
+            return true;
+        const Spot at = locate(cutoff() - 1);
+        if (!last_visible(at).found && may_miss())
+            return false;
+        out.add(extent_of(at.segment, at.index, snapshot_));
+        if (at.k < end_) {
+            const std::uint64_t capacity = directory().word(kDirCapacity).load_relaxed();
+            // What follows stays within the block.
+            if (!confirm())
+                return false;
+            for (std::uint64_t k = at.k + 1; k < end_ && directory().first(k) <= newest_.stamp;)
+                k = add_from(k, capacity, out);
+            out.add(extent_of(segment(end_), segment(end_).begin(), snapshot_));
+        }
+        return !overtaken_;
+    }
+
     /// Calls visit(sample) in stamp order for the one at or before `from` and `more` before that,
     /// for all up to `to`, and for the one after it and `more` after that, as far as the snapshot
     /// retains them. Ends when `visit` returns false.
@@ -184,6 +206,7 @@ private:
         std::uint64_t index = 0;
         bool found = false;
     };
+    using Dir = Directory<Memory>;
     static constexpr int kLoads = 8;
 
     [[nodiscard]] typename Memory::Word& word(HeaderWord w) const {
@@ -362,6 +385,29 @@ private:
             }
             if (at.k == end_)
                 return best;
+        }
+    }
+    /// The largest node that begins with a segment and holds for the snapshot, or the segment
+    /// itself. Gives the segment behind.
+    [[nodiscard]] std::uint64_t add_from(std::uint64_t k, std::uint64_t capacity,
+                                         Extent& out) const {
+        const auto fits = [&](unsigned level) {
+            return k % Dir::segments(level) == 0 && k + Dir::segments(level) <= end_;
+        };
+        unsigned level = 0;
+        while (fits(level + 1))
+            ++level;
+        for (;; --level) {
+            const auto node = directory().node(capacity, level, k);
+            if (node.changed <= snapshot_) {
+                out.add(node.extent);
+                return k + Dir::segments(level);
+            }
+            if (level == 0) {
+                const Segment<Memory> in = segment(k);
+                out.add(extent_of(in, in.begin(), snapshot_));
+                return k + 1;
+            }
         }
     }
     [[nodiscard]] Spot behind(Spot at) const {

@@ -190,18 +190,18 @@ public:
 private:
     void took(CommitNumber commit) {
         ++end_;
-        auto& least = into_.meta(kLeast);
-        if (commit < least.load_relaxed())
-            least.store_relaxed(commit);
-        auto& greatest = into_.meta(kGreatest);
-        if (commit > greatest.load_relaxed())
-            greatest.store_relaxed(commit);
+        if (commit < least_)
+            into_.meta(kLeast).store_relaxed(least_ = commit);
+        if (commit > greatest_)
+            into_.meta(kGreatest).store_relaxed(greatest_ = commit);
     }
 
     Memory& memory_;
     Segment<Memory> into_;
     std::uint64_t begin_ = 0;
     std::uint64_t end_ = 0;
+    CommitNumber least_ = kMaxCommit;
+    CommitNumber greatest_ = 0;
 };
 
 /// Adds samples of the commit in progress to one edge, and takes them back. Nothing that it writes
@@ -296,7 +296,7 @@ private:
 
     void insert_late(const WriteContext& context, const NewSample<Memory>& sample,
                      const SampleAt& newest);
-    void store_word_of(std::uint64_t k, std::uint64_t word, StampNs first);
+    void store_word_of(std::uint64_t k, std::uint64_t word, std::uint64_t index);
     void insert_in_copy(const WriteContext& context, std::uint64_t k, std::uint64_t index,
                         std::uint64_t capacity, const NewSample<Memory>& sample);
     void push_front(const WriteContext& context, const NewSample<Memory>& sample);
@@ -308,6 +308,7 @@ private:
     template <class Enter>
     void copy_directory(const WriteContext& context, std::uint64_t at, std::uint64_t removed,
                         std::uint64_t added, Enter enter);
+    void sum_up(std::uint64_t k);
     void retire_directory(const WriteContext& context, Line line, Offset block);
     void update_directory_rate();
     [[nodiscard]] std::uint64_t trimmed(const WriteContext& context, std::uint64_t word) const;

@@ -244,6 +244,8 @@ void EdgeWriter<Memory>::seal(const WriteContext& context, std::uint64_t next_ca
     const std::uint64_t k = end();
     directory.first_word(k).store_relaxed(as_word(full.stamp(full.begin())));
     directory.entry(k).store_release(full.word());
+    directory.store_figures(k);
+    directory.sum_up(k, directory.word(kDirLowest).load_relaxed(), k + 1);
     directory.word(kDirEnd).store_release(k + 1);
     this->word(kTail).store_release(next.word());
     next.use();
@@ -384,18 +386,27 @@ void EdgeWriter<Memory>::heal_parents() {
 
 // -- among the others ---------------------------------------------------------------------------
 
-/// Makes a segment part of the edge in place of another one. `first`: its first stamp.
+/// Makes a segment with a new sample at `index` part of the edge, in place of another one.
 template <class Memory>
-void EdgeWriter<Memory>::store_word_of(std::uint64_t k, std::uint64_t word, StampNs first) {
+void EdgeWriter<Memory>::store_word_of(std::uint64_t k, std::uint64_t word, std::uint64_t index) {
     if (k == end()) {
         this->word(kTail).store_release(word);
         return;
     }
+    const Dir directory = this->directory();
+    const Seg in = segment(word);
     // Nobody enters the first segment by its first stamp.
     if (k == begin())
-        this->directory().first_word(k).store_relaxed(
-            as_word(std::min(first, this->directory().first(k))));
-    this->directory().entry(k).store_release(word);
+        directory.first_word(k).store_relaxed(
+            as_word(std::min(in.stamp(in.begin()), directory.first(k))));
+    const std::uint64_t old = directory.entry(k).load_relaxed();
+    directory.entry(k).store_release(word);
+    if (in.end() - in.begin() == SegmentWord::count(old) + 1) {
+        directory.store_figures_with(k, in, index);
+    } else {
+        directory.store_figures(k);
+    }
+    sum_up(k);
 }
 
 template <class Memory>
@@ -420,11 +431,11 @@ void EdgeWriter<Memory>::insert_late(const WriteContext& context, const NewSampl
     if (index == in.end() && in.end() < capacity) {
         write(context, in, index, sample);
         in.meta(kGreatest).store_relaxed(context.number());
-        store_word_of(k, SegmentWord::with_last(in.word()), in.stamp(in.begin()));
+        store_word_of(k, SegmentWord::with_last(in.word()), index);
     } else if (index == in.begin() && index > 0) {
         write(context, in, index - 1, sample);
         in.meta(kGreatest).store_relaxed(context.number());
-        store_word_of(k, SegmentWord::with_first(in.word()), sample.stamp);
+        store_word_of(k, SegmentWord::with_first(in.word()), index - 1);
     } else if (!is_full) {
         const bool grows = SegmentWord::count(in.word()) == capacity;
         insert_in_copy(context, k, index, grows ? 2 * capacity : capacity, sample);
@@ -455,7 +466,7 @@ void EdgeWriter<Memory>::insert_in_copy(const WriteContext& context, std::uint64
     }
     if (SegmentWord::count(made.word()) <= SegmentWord::count(old.word()))
         forget(context, kCorrected);
-    store_word_of(k, made.word(), made.segment().stamp(made.segment().begin()));
+    store_word_of(k, made.word(), made.segment().begin() + (index - old.begin()));
     made.use();
     retire_segment(memory_, context, Line::kReplaced, old.word());
 }
@@ -477,6 +488,8 @@ void EdgeWriter<Memory>::push_front(const WriteContext& context, const NewSample
         this->directory().word(kDirLowest).load_relaxed() == k) {
         enter(this->directory(), k - 1);
         this->directory().word(kDirLowest).store_relaxed(k - 1);
+        this->directory().store_figures(k - 1);
+        sum_up(k - 1);
         this->directory().word(kDirBegin).store_release(k - 1);
     } else {
         copy_directory(context, k, 0, 1, enter);
@@ -585,24 +598,32 @@ void EdgeWriter<Memory>::copy_directory(const WriteContext& context, std::uint64
     const std::uint64_t entries = last - first + added - removed;
     const std::uint64_t room = entries / 4 + 1;
     const std::uint64_t front = added > removed && at == first ? room : 1;
-    NewBlock<Memory> block(memory_, Dir::bytes(front + entries + room));
+    // Of few sizes, so that one that comes free serves again.
+    const std::uint64_t wanted = front + entries + room;
+    const std::uint64_t capacity =
+        memory::round_up(wanted, std::max<std::uint64_t>(std::bit_floor(wanted) / 4, 1));
+    NewBlock<Memory> block(memory_, Dir::bytes(capacity));
     const Dir made(memory_, block.offset());
     std::uint64_t to = front;
+    const std::uint64_t old_capacity = first < last ? old.word(kDirCapacity).load_relaxed() : 0;
+    made.word(kDirCapacity).store_relaxed(capacity);
     const auto copy = [&](std::uint64_t from) {
         made.first_word(to).store_relaxed(old.first_word(from).load_relaxed());
         made.entry(to).store_relaxed(old.entry(from).load_relaxed());
+        made.store_node(to, old.node(old_capacity, 0, from));
         ++to;
     };
     for (std::uint64_t k = first; k < at; ++k)
         copy(k);
     enter(made, to);
-    to += added;
+    for (const std::uint64_t behind = to + added; to < behind; ++to)
+        made.store_figures(to);
     for (std::uint64_t k = at + removed; k < last; ++k)
         copy(k);
+    made.sum_up_all(front, to);
     made.word(kDirBegin).store_relaxed(front);
     made.word(kDirLowest).store_relaxed(front);
     made.word(kDirEnd).store_relaxed(to);
-    made.word(kDirCapacity).store_relaxed(front + entries + room);
     made.word(kDirRate).store_relaxed(0);
     this->word(kDirectory).store_release(made.block());
     block.use();
@@ -620,6 +641,12 @@ void EdgeWriter<Memory>::update_directory_rate() {
     const auto steps = static_cast<double>(end() - 1 - begin());
     const double rate = span > 0 ? steps / static_cast<double>(span) : 0.0;
     directory.word(kDirRate).store_relaxed(std::bit_cast<std::uint64_t>(rate));
+}
+
+template <class Memory>
+void EdgeWriter<Memory>::sum_up(std::uint64_t k) {
+    const Dir directory = this->directory();
+    directory.sum_up(k, directory.word(kDirLowest).load_relaxed(), end());
 }
 
 template <class Memory>
@@ -737,8 +764,11 @@ void EdgeWriter<Memory>::trim_directory(const WriteContext& context) {
         directory.word(kDirEnd).store_release(end() - 1);
     for (std::uint64_t k = begin(); k < end(); ++k) {
         const std::uint64_t found = directory.entry(k).load_relaxed();
-        if (segment(found).meta(kGreatest).load_relaxed() > context.committed)
+        if (segment(found).meta(kGreatest).load_relaxed() > context.committed) {
             directory.entry(k).store_release(trimmed(context, found));
+            directory.store_figures(k);
+            sum_up(k);
+        }
     }
     const auto is_empty = [&](std::uint64_t k) {
         return segment(directory.entry(k).load_relaxed()).empty();

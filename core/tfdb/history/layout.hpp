@@ -63,6 +63,7 @@ struct Tuning {
     static constexpr unsigned kFirstLog2 = 3;     // capacity of an edge's first segment
     static constexpr unsigned kFullLog2 = 8;      // ... of all but the first
     static constexpr unsigned kLargestLog2 = 11;  // ... where many samples are announced at once
+    static constexpr unsigned kFanLog2 = 3;       // nodes of a directory in one node above them
     static constexpr std::size_t kKept = std::size_t{1}
                                          << 18;     // bytes that wait, for readers' sake
     static constexpr unsigned kFirstNamesLog2 = 6;  // entries of the first name table

@@ -340,6 +340,25 @@ template <class Memory, class Require>
     return true;
 }
 
+/// The first edge in figures, from a fresh snapshot.
+template <class Memory, class Require>
+[[nodiscard]] bool read_extent(Memory& memory, const Places& places, const Script& script,
+                               const Model& model, const Require& require) {
+    const CommitNumber snapshot = memory.word(places.commit).load_acquire();
+    const std::uint64_t epoch = memory.word(places.epoch()).load_acquire();
+    EdgeView<Memory> view;
+    Extent found;
+    if (!view.open(memory, places.header(0), snapshot, script.history, {epoch, snapshot}) ||
+        !view.extent(found) || !view.confirm()) {
+        return false;
+    }
+    Extent wanted;
+    for (const Sample& sample : model.visible(snapshot, 0))
+        wanted.add({1, sample.stamp, sample.stamp, 0});
+    require(found == wanted, "the snapshot's samples in figures");
+    return true;
+}
+
 /// One lookup over all edges from a fresh snapshot.
 template <class Memory, class Require>
 [[nodiscard]] bool read(Memory& memory, const Places& places, const Script& script,

@@ -5,6 +5,7 @@
 #include <array>
 #include <bit>
 #include <cstdint>
+#include <utility>
 
 #include "tfdb/history/layout.hpp"
 
@@ -158,6 +159,43 @@ private:
     Offset slots_;
 };
 
+/// Samples in a row, in figures. Those of one stamp count once.
+/// Threads: any; it is a value. Guarantee: wait-free.
+struct Extent {
+    std::uint64_t samples = 0;
+    StampNs first = kNoStamp;
+    StampNs last = kNoStamp;
+    StampNs longest_gap = 0;
+
+    bool operator==(const Extent&) const = default;
+
+    /// Those that follow.
+    void add(const Extent& next) {
+        if (next.samples == 0)
+            return;
+        if (samples == 0) {
+            *this = next;
+            return;
+        }
+        // Figures from a block that was used again may be any.
+        const StampNs gap = as_stamp(as_word(next.first) - as_word(last));
+        samples += next.samples - (gap == 0 ? 1 : 0);
+        longest_gap = std::max({longest_gap, next.longest_gap, gap});
+        last = next.last;
+    }
+};
+
+/// The samples of a segment from an index on, of commits up to `newest`.
+template <class Memory>
+[[nodiscard]] Extent extent_of(const Segment<Memory>& in, std::uint64_t from, CommitNumber newest) {
+    Extent all;
+    for (std::uint64_t i = from; i < in.end(); ++i) {
+        if (in.commit(i) <= newest)
+            all.add({1, in.stamp(i), in.stamp(i), 0});
+    }
+    return all;
+}
+
 /// Words of a directory's block before its entries.
 enum DirectoryWord : unsigned {
     kDirBegin = 0,  // the entries that count: [begin, end)
@@ -170,12 +208,28 @@ enum DirectoryWord : unsigned {
 /// The segments of an edge before its tail, in stamp order: for each its first stamp and its word.
 /// A segment's samples lie between its first stamp and that of the next one, except that the first
 /// segment reaches back to all that is older.
+///
+/// Behind the entries come their figures: those of each segment (level 0), then of each 8 segments,
+/// of each 64, and so on. A node counts as long as the directory lists all its segments.
 /// Threads: any; it is a value. Guarantee: wait-free.
 template <class Memory>
 class Directory {
 public:
+    /// What a node says holds in states from `changed` on.
+    struct Node {
+        Extent extent;
+        CommitNumber changed = 0;
+    };
+
     static constexpr std::size_t bytes(std::uint64_t capacity) {
-        return memory::kLineBytes + 16 * capacity;
+        unsigned levels = 0;
+        while (segments(levels) <= capacity)
+            ++levels;
+        return nodes_at(capacity, levels);
+    }
+    /// How many segments a node sums up.
+    static constexpr std::uint64_t segments(unsigned level) {
+        return std::uint64_t{1} << level * Tuning<Memory>::kFanLog2;
     }
 
     Directory(const Memory& memory, Offset block) : memory_(&memory), block_(block) {}
@@ -208,7 +262,99 @@ public:
                1;
     }
 
+    /// The node of a level that begins with an entry. `capacity`: the directory's.
+    [[nodiscard]] Node node(std::uint64_t capacity, unsigned level, std::uint64_t k) const {
+        const auto word = node_words(capacity, level, k);
+        Node node;
+        node.extent.samples = word(1).load_acquire();
+        node.extent.first = as_stamp(word(2).load_acquire());
+        node.extent.last = as_stamp(word(3).load_acquire());
+        node.extent.longest_gap = as_stamp(word(4).load_acquire());
+        // It is stored before them.
+        node.changed = word(0).load_relaxed();
+        return node;
+    }
+    /// The writer's: figures of one segment; those above it go with `sum_up`.
+    void store_node(std::uint64_t k, const Node& node) const {
+        store(word(kDirCapacity).load_relaxed(), 0, k, node);
+    }
+    /// What an entry's segment is like, in the commit in progress.
+    void store_figures(std::uint64_t k) const {
+        const Segment<Memory> in(*memory_, entry(k).load_relaxed());
+        store_node(k, {extent_of(in, in.begin(), SlotWord::kNever - 1),
+                       in.meta(kGreatest).load_relaxed()});
+    }
+    /// The same where the sample at `index` is the only change.
+    void store_figures_with(std::uint64_t k, const Segment<Memory>& in, std::uint64_t index) const {
+        Extent all = node(word(kDirCapacity).load_relaxed(), 0, k).extent;
+        const StampNs stamp = in.stamp(index);
+        const Extent one{1, stamp, stamp, 0};
+        if (index + 1 == in.end()) {
+            all.add(one);
+        } else if (index == in.begin()) {
+            const Extent behind = std::exchange(all, one);
+            all.add(behind);
+        } else if (in.stamp(index + 1) - in.stamp(index - 1) == all.longest_gap) {
+            return store_figures(k);  // it may have been the only one as long
+        } else if (in.stamp(index - 1) != stamp) {
+            ++all.samples;
+        }
+        store_node(k, {all, in.meta(kGreatest).load_relaxed()});
+    }
+    /// The nodes above an entry, as far as they lie among the entries at [begin, end).
+    void sum_up(std::uint64_t k, std::uint64_t begin, std::uint64_t end) const {
+        const std::uint64_t capacity = word(kDirCapacity).load_relaxed();
+        for (unsigned level = 1; is_within(level, k, begin, end); ++level)
+            sum_up(capacity, level, k);
+    }
+    /// All above the entries at [begin, end).
+    void sum_up_all(std::uint64_t begin, std::uint64_t end) const {
+        const std::uint64_t capacity = word(kDirCapacity).load_relaxed();
+        for (unsigned level = 1; segments(level) <= end - begin; ++level) {
+            const std::uint64_t step = segments(level);
+            for (std::uint64_t k = (begin + step - 1) / step * step; k + step <= end; k += step)
+                sum_up(capacity, level, k);
+        }
+    }
+
 private:
+    static constexpr Offset kNodeBytes = 40;
+    static constexpr Offset nodes_at(std::uint64_t capacity, unsigned level) {
+        Offset at = memory::kLineBytes + 16 * capacity;
+        for (unsigned below = 0; below < level; ++below)
+            at += kNodeBytes * (capacity / segments(below));
+        return at;
+    }
+    static bool is_within(unsigned level, std::uint64_t k, std::uint64_t begin, std::uint64_t end) {
+        const std::uint64_t first = k / segments(level) * segments(level);
+        return first >= begin && first + segments(level) <= end;
+    }
+
+    [[nodiscard]] auto node_words(std::uint64_t capacity, unsigned level, std::uint64_t k) const {
+        const Offset at = block_ + nodes_at(capacity, level) + kNodeBytes * (k / segments(level));
+        return [memory = memory_, at](unsigned w) ->
+               typename Memory::Word& { return memory->word(at + 8 * Offset{w}); };
+    }
+    /// Who sees one of the figures sees of which commit they are.
+    void store(std::uint64_t capacity, unsigned level, std::uint64_t k, const Node& node) const {
+        const auto word = node_words(capacity, level, k);
+        word(0).store_relaxed(node.changed);
+        word(1).store_release(node.extent.samples);
+        word(2).store_release(as_word(node.extent.first));
+        word(3).store_release(as_word(node.extent.last));
+        word(4).store_release(as_word(node.extent.longest_gap));
+    }
+    void sum_up(std::uint64_t capacity, unsigned level, std::uint64_t k) const {
+        const std::uint64_t first = k / segments(level) * segments(level);
+        Node sum;
+        for (std::uint64_t at = first; at < first + segments(level); at += segments(level - 1)) {
+            const Node part = node(capacity, level - 1, at);
+            sum.extent.add(part.extent);
+            sum.changed = std::max(sum.changed, part.changed);
+        }
+        store(capacity, level, first, sum);
+    }
+
     const Memory* memory_;
     Offset block_;
 };

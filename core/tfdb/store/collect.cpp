@@ -46,25 +46,14 @@ Outcome outline(const StoreView& view, FrameId id, Outline& out) {
     if (!view.open(id, edge))
         return Outcome::kLapped;
     out.is_static = edge.is_static();
-    out.samples = out.is_static ? 1 : 0;
+    out.extent.samples = out.is_static ? 1 : 0;
     if (!edge.empty()) {
         const std::uint64_t newest = edge.slot_word(edge.newest());
         out.parent = history::SlotWord::parent(newest);
         out.named = history::SlotWord::commit(newest);
     }
-    if (!edge.empty() && !out.is_static) {
-        const bool whole = edge.visit(std::numeric_limits<StampNs>::min() / 2, history::kForever, 0,
-                                      [&](const history::SampleAt& sample) {
-                                          if (out.samples++ == 0)
-                                              out.oldest = out.newest = sample.stamp;
-                                          out.longest_gap =
-                                              std::max(out.longest_gap, sample.stamp - out.newest);
-                                          out.newest = sample.stamp;
-                                          return true;
-                                      });
-        if (!whole)
-            return Outcome::kLapped;
-    }
+    if (!edge.empty() && !out.is_static && !edge.extent(out.extent))
+        return Outcome::kLapped;
     return edge.confirm() ? Outcome::kOk : Outcome::kLapped;
 }
 

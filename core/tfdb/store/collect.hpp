@@ -20,16 +20,13 @@ struct Track {
 
 /// What an edge is like, in a few figures.
 struct Outline {
-    std::size_t samples = 0;
     bool is_static = false;
-    StampNs oldest = history::kNoStamp;
-    StampNs newest = history::kNoStamp;
-    StampNs longest_gap = 0;
+    history::Extent extent;     // a static pose has no stamp
     FrameId parent = kNoFrame;  // that the newest sample names
     CommitNumber named = 0;     // in which commit
 };
 
-/// The outline of what the view retains of an edge; where samples came in order, no pose is read.
+/// The outline of what the view retains of an edge. Its cost does not grow with the samples.
 [[nodiscard]] lookup::Outcome outline(const StoreView& view, FrameId id, Outline& out);
 
 /// Everything that the view retains of an edge.

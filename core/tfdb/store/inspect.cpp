@@ -31,10 +31,10 @@ Outcome fill_info(const Reads::Impl& impl, const StoreView& view, FrameId id, Fr
     if (outcome != Outcome::kOk)
         return outcome;
     info.is_static = outline.is_static;
-    info.samples = outline.samples;
-    info.oldest = outline.oldest;
-    info.newest = outline.newest;
-    info.longest_gap = outline.longest_gap;
+    info.samples = outline.extent.samples;
+    info.oldest = outline.extent.first;
+    info.newest = outline.extent.last;
+    info.longest_gap = outline.extent.longest_gap;
     if (outline.parent != kNoFrame && view.alive_since(outline.parent, outline.named) &&
         !read_name(impl, view, outline.parent, info.parent.emplace())) {
         return Outcome::kLapped;
