@@ -138,7 +138,8 @@ inline Batch both(StampNs stamp) {
 }
 /// The same edge's samples, handed in as one; every other one names another parent if so asked.
 inline Batch together(const std::vector<StampNs>& stamps, bool mixed = false) {
-    Batch batch{.together = true};
+    Batch batch;
+    batch.together = true;
     for (const StampNs stamp : stamps)
         batch.puts.push_back(
             {0, stamp, mixed && batch.puts.size() % 2 == 1 ? FrameId{6} : FrameId{5}});

@@ -308,9 +308,7 @@ private:
     template <class Enter>
     void copy_directory(const WriteContext& context, std::uint64_t at, std::uint64_t removed,
                         std::uint64_t added, Enter enter);
-    void sum_up(std::uint64_t k);
     void retire_directory(const WriteContext& context, Line line, Offset block);
-    void update_directory_rate();
     [[nodiscard]] std::uint64_t trimmed(const WriteContext& context, std::uint64_t word) const;
     void trim_directory(const WriteContext& context);
     void trim_version(const WriteContext& context);

@@ -245,11 +245,11 @@ void EdgeWriter<Memory>::seal(const WriteContext& context, std::uint64_t next_ca
     directory.first_word(k).store_relaxed(as_word(full.stamp(full.begin())));
     directory.entry(k).store_release(full.word());
     directory.store_figures(k);
-    directory.sum_up(k, directory.word(kDirLowest).load_relaxed(), k + 1);
+    directory.sum_up(k, k + 1);
     directory.word(kDirEnd).store_release(k + 1);
     this->word(kTail).store_release(next.word());
     next.use();
-    update_directory_rate();
+    this->directory().update_rate();
 }
 
 // -- what nobody needs any more -----------------------------------------------------------------
@@ -338,7 +338,7 @@ void EdgeWriter<Memory>::evict(const WriteContext& context) {
         retire_segment(memory_, context, Line::kReplaced, oldest.word());
     }
     if (evicted > 0) {
-        update_directory_rate();
+        this->directory().update_rate();
         heal_parents();
     }
 }
@@ -399,14 +399,7 @@ void EdgeWriter<Memory>::store_word_of(std::uint64_t k, std::uint64_t word, std:
     if (k == begin())
         directory.first_word(k).store_relaxed(
             as_word(std::min(in.stamp(in.begin()), directory.first(k))));
-    const std::uint64_t old = directory.entry(k).load_relaxed();
-    directory.entry(k).store_release(word);
-    if (in.end() - in.begin() == SegmentWord::count(old) + 1) {
-        directory.store_figures_with(k, in, index);
-    } else {
-        directory.store_figures(k);
-    }
-    sum_up(k);
+    directory.replace(k, in, index);
 }
 
 template <class Memory>
@@ -489,7 +482,7 @@ void EdgeWriter<Memory>::push_front(const WriteContext& context, const NewSample
         enter(this->directory(), k - 1);
         this->directory().word(kDirLowest).store_relaxed(k - 1);
         this->directory().store_figures(k - 1);
-        sum_up(k - 1);
+        this->directory().sum_up(k - 1, end());
         this->directory().word(kDirBegin).store_release(k - 1);
     } else {
         copy_directory(context, k, 0, 1, enter);
@@ -605,14 +598,8 @@ void EdgeWriter<Memory>::copy_directory(const WriteContext& context, std::uint64
     NewBlock<Memory> block(memory_, Dir::bytes(capacity));
     const Dir made(memory_, block.offset());
     std::uint64_t to = front;
-    const std::uint64_t old_capacity = first < last ? old.word(kDirCapacity).load_relaxed() : 0;
     made.word(kDirCapacity).store_relaxed(capacity);
-    const auto copy = [&](std::uint64_t from) {
-        made.first_word(to).store_relaxed(old.first_word(from).load_relaxed());
-        made.entry(to).store_relaxed(old.entry(from).load_relaxed());
-        made.store_node(to, old.node(old_capacity, 0, from));
-        ++to;
-    };
+    const auto copy = [&](std::uint64_t from) { made.copy(to++, old, from); };
     for (std::uint64_t k = first; k < at; ++k)
         copy(k);
     enter(made, to);
@@ -629,24 +616,7 @@ void EdgeWriter<Memory>::copy_directory(const WriteContext& context, std::uint64
     block.use();
     if (old.block() != 0)
         retire_directory(context, Line::kReplaced, old.block());
-    update_directory_rate();
-}
-
-template <class Memory>
-void EdgeWriter<Memory>::update_directory_rate() {
-    if (begin() == end())
-        return;
-    const Dir directory = this->directory();
-    const StampNs span = directory.first(end() - 1) - directory.first(begin());
-    const auto steps = static_cast<double>(end() - 1 - begin());
-    const double rate = span > 0 ? steps / static_cast<double>(span) : 0.0;
-    directory.word(kDirRate).store_relaxed(std::bit_cast<std::uint64_t>(rate));
-}
-
-template <class Memory>
-void EdgeWriter<Memory>::sum_up(std::uint64_t k) {
-    const Dir directory = this->directory();
-    directory.sum_up(k, directory.word(kDirLowest).load_relaxed(), end());
+    this->directory().update_rate();
 }
 
 template <class Memory>
@@ -767,7 +737,7 @@ void EdgeWriter<Memory>::trim_directory(const WriteContext& context) {
         if (segment(found).meta(kGreatest).load_relaxed() > context.committed) {
             directory.entry(k).store_release(trimmed(context, found));
             directory.store_figures(k);
-            sum_up(k);
+            directory.sum_up(k, end());
         }
     }
     const auto is_empty = [&](std::uint64_t k) {
@@ -783,7 +753,7 @@ void EdgeWriter<Memory>::trim_directory(const WriteContext& context) {
         directory.word(kDirBegin).store_release(begin() + 1);
         retire_segment(memory_, context, Line::kReplaced, empty);
     }
-    update_directory_rate();
+    this->directory().update_rate();
 }
 
 /// The version that was to end goes on.

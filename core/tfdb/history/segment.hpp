@@ -301,11 +301,40 @@ public:
         }
         store_node(k, {all, in.meta(kGreatest).load_relaxed()});
     }
-    /// The nodes above an entry, as far as they lie among the entries at [begin, end).
-    void sum_up(std::uint64_t k, std::uint64_t begin, std::uint64_t end) const {
+    /// The nodes above an entry, as far as they lie among the entries before `end`.
+    void sum_up(std::uint64_t k, std::uint64_t end) const {
         const std::uint64_t capacity = word(kDirCapacity).load_relaxed();
-        for (unsigned level = 1; is_within(level, k, begin, end); ++level)
+        const std::uint64_t lowest = word(kDirLowest).load_relaxed();
+        for (unsigned level = 1; is_within(level, k, lowest, end); ++level)
             sum_up(capacity, level, k);
+    }
+    /// An entry as another directory has it.
+    void copy(std::uint64_t k, const Directory& other, std::uint64_t from) const {
+        first_word(k).store_relaxed(other.first_word(from).load_relaxed());
+        entry(k).store_relaxed(other.entry(from).load_relaxed());
+        store_node(k, other.node(other.word(kDirCapacity).load_relaxed(), 0, from));
+    }
+    /// A segment with a new sample at `index` takes the place of another one.
+    void replace(std::uint64_t k, const Segment<Memory>& in, std::uint64_t index) const {
+        const std::uint64_t old = entry(k).load_relaxed();
+        entry(k).store_release(in.word());
+        if (SegmentWord::count(in.word()) == SegmentWord::count(old) + 1) {
+            store_figures_with(k, in, index);
+        } else {
+            store_figures(k);
+        }
+        sum_up(k, word(kDirEnd).load_relaxed());
+    }
+    /// After entries came or went.
+    void update_rate() const {
+        const std::uint64_t begin = word(kDirBegin).load_relaxed();
+        const std::uint64_t end = word(kDirEnd).load_relaxed();
+        if (begin == end)
+            return;
+        const StampNs span = first(end - 1) - first(begin);
+        const auto steps = static_cast<double>(end - 1 - begin);
+        const double rate = span > 0 ? steps / static_cast<double>(span) : 0.0;
+        word(kDirRate).store_relaxed(std::bit_cast<std::uint64_t>(rate));
     }
     /// All above the entries at [begin, end).
     void sum_up_all(std::uint64_t begin, std::uint64_t end) const {
