@@ -17,7 +17,7 @@
 
 namespace tfdb::history {
 
-using SmallMemory = relacy::Memory<1, 4096>;
+using SmallMemory = relacy::Memory<1, 8192>;
 
 /// Segments of one sample, then of two; nothing that was retired is kept.
 template <>
