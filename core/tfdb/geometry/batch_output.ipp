@@ -1,6 +1,8 @@
 // The kernels that leave a block: rows of poses and matrices, points. Rules as batch_kernels.ipp.
 #pragma once
 
+#include <algorithm>
+
 #include "tfdb/geometry/batch_kernels.ipp"
 
 namespace tfdb::geometry {
@@ -174,7 +176,7 @@ void move_points_by_one(const Pose& pose, std::size_t count, PointRows<const Num
 /// Rows and points leave by four lanes at most: eight would only wait for memory.
 template <int L>
 constexpr Kernels make_kernels(const char* name) {
-    constexpr int kOut = L < 4 ? L : 4;
+    constexpr int kOut = std::min(L, 4);
     return Kernels{name,
                    &load_pairs<L>,
                    &join<L>,

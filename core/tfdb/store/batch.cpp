@@ -46,18 +46,18 @@ struct Row {
 
 /// Working memory of one thread, reused by its calls: that of a block, and of the path's edges.
 struct Workspace {
-    std::vector<BatchEdge> edges;  // the source's side, then the target's
-    std::size_t source_edges = 0;
-    std::vector<FrameId> path;  // the frames of both sides, and where they meet
-    std::vector<Row> rows;      // of a piece that was put in order
-    std::vector<Row> spare;
-    geometry::Pairs pairs;
     geometry::PoseBlock block{};         // of the source's side, then of the whole path
     geometry::PoseBlock target_block{};  // of the target's side
-    StampNs stamps[kBlock] = {};         // the block's, filled up to a whole group
-    Mark marks[kBlock] = {};
-    Answer answer;
+    geometry::Pairs pairs;
+    std::size_t source_edges = 0;
+    std::vector<BatchEdge> edges;  // the source's side, then the target's
+    std::vector<FrameId> path;     // the frames of both sides, and where they meet
+    std::vector<Row> rows;         // of a piece that was put in order
+    std::vector<Row> spare;
     Failure failure;
+    Answer answer;
+    StampNs stamps[kBlock] = {};  // the block's, filled up to a whole group
+    Mark marks[kBlock] = {};
 };
 
 /// Those of one thread: who may end its work may ask for a batch of its own, amid another one.
