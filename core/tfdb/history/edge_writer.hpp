@@ -119,8 +119,8 @@ void retire_segment(Memory& memory, const WriteContext& context, Line line, std:
         return;
     const Segment<Memory> segment(memory, word);
     const std::size_t bytes = Segment<Memory>::bytes(SegmentWord::capacity(word));
-    if (segment.meta(kHeld).load_relaxed() != 0)
-        context.readers().held(std::uint64_t{0} - bytes);
+    if (const std::uint64_t held = segment.meta(kHeld).load_relaxed(); held != 0)
+        context.readers().held(std::uint64_t{0} - held);
     retire(memory, context, line, SegmentWord::block(word), bytes);
 }
 
@@ -290,7 +290,10 @@ private:
     void forget(const WriteContext& context, HeaderWord what);
     [[nodiscard]] StampNs cutoff(const WriteContext& context) const;
     void evict(const WriteContext& context);
-    bool hold(const WriteContext& context, std::uint64_t word);
+    void drop_superseded(const WriteContext& context, const Seg& tail);
+    void hold(const WriteContext& context, const Seg& in, std::uint64_t bytes);
+    bool hold_all_of(const WriteContext& context, std::uint64_t word);
+    void hold_superseded(const WriteContext& context, const Seg& in);
     void hold_before(const WriteContext& context, StampNs stamp);
     void heal_parents();
 

@@ -195,6 +195,7 @@ void EdgeWriter<Memory>::make_room(const WriteContext& context, std::uint64_t sa
     if (full.end() + samples + spare(capacity) <= capacity) [[likely]]
         return;
     with_memory(context, [&] {
+        drop_superseded(context, full);
         const std::uint64_t first = any ? first_needed(context, full) : 0;
         const std::uint64_t needed = any ? count_needed(context, full, first) : 0;
         const std::uint64_t wanted = std::bit_ceil(std::max(2 * needed, needed + samples));
@@ -224,6 +225,7 @@ void EdgeWriter<Memory>::copy_tail(const WriteContext& context, const Seg& full,
         forget(context, kCorrected);
     this->word(kTail).store_release(made.word());
     made.use();
+    hold_superseded(context, made.segment());
     retire_segment(memory_, context, Line::kReplaced, old);
     heal_parents();
 }
@@ -249,6 +251,7 @@ void EdgeWriter<Memory>::seal(const WriteContext& context, std::uint64_t next_ca
     directory.word(kDirEnd).store_release(k + 1);
     this->word(kTail).store_release(next.word());
     next.use();
+    hold_superseded(context, full);
     this->directory().update_rate();
 }
 
@@ -343,25 +346,72 @@ void EdgeWriter<Memory>::evict(const WriteContext& context) {
     }
 }
 
-/// Notes that only held states show a segment. False: that was known.
+/// Segments just before the tail of which nothing is shown any more: all have the stamp with which
+/// the tail begins. Only under held states do so many gather.
 template <class Memory>
-bool EdgeWriter<Memory>::hold(const WriteContext& context, std::uint64_t word) {
-    if (SegmentWord::block(word) == 0 || segment(word).meta(kHeld).load_relaxed() != 0)
+void EdgeWriter<Memory>::drop_superseded(const WriteContext& context, const Seg& tail) {
+    const auto is_superseded = [&](const Seg& in, const Seg& by) {
+        return in.empty() || (in.stamp(in.begin()) == by.stamp(by.begin()) &&
+                              by.commit(by.begin()) <= context.oldest_read());
+    };
+    const std::uint64_t last = end();
+    std::uint64_t first = last;
+    for (Seg by = tail; !by.empty() && first > begin() && last - first < kMostEvicted; --first) {
+        const Seg in = segment(word_of(first - 1));
+        if (!is_superseded(in, by))
+            break;
+        if (!in.empty())
+            by = in;
+    }
+    if (first == last)
+        return;
+    std::array<std::uint64_t, kMostEvicted> dropped{};
+    for (std::uint64_t k = first; k < last; ++k)
+        dropped[k - first] = word_of(k);
+    forget(context, kCorrected);
+    this->word(kReshaped).store_relaxed(context.number());
+    copy_directory(context, first, last - first, 0, [](const Dir&, std::uint64_t) {});
+    for (std::uint64_t k = first; k < last; ++k)
+        retire_segment(memory_, context, Line::kReplaced, dropped[k - first]);
+    heal_parents();
+}
+
+/// Notes how much of a segment only held states show.
+template <class Memory>
+void EdgeWriter<Memory>::hold(const WriteContext& context, const Seg& in, std::uint64_t bytes) {
+    auto& held = in.meta(kHeld);
+    context.readers().held(bytes - held.load_relaxed());
+    held.store_relaxed(bytes);
+}
+/// False: that all of it is held was known.
+template <class Memory>
+bool EdgeWriter<Memory>::hold_all_of(const WriteContext& context, std::uint64_t word) {
+    const std::size_t all = Seg::bytes(SegmentWord::capacity(word));
+    if (SegmentWord::block(word) == 0 || segment(word).meta(kHeld).load_relaxed() == all)
         return false;
-    segment(word).meta(kHeld).store_relaxed(1);
-    context.readers().held(Seg::bytes(SegmentWord::capacity(word)));
+    hold(context, segment(word), all);
     return true;
+}
+/// Of samples with one stamp, all but the last.
+template <class Memory>
+void EdgeWriter<Memory>::hold_superseded(const WriteContext& context, const Seg& in) {
+    if (!context.is_held())
+        return;
+    std::uint64_t samples = 0;
+    for (std::uint64_t i = in.begin() + 1; i < in.end(); ++i)
+        samples += in.stamp(i - 1) == in.stamp(i) ? 1 : 0;
+    hold(context, in, std::max(samples * Seg::kSampleBytes, in.meta(kHeld).load_relaxed()));
 }
 /// Of segments that end before a stamp, the older ones are known sooner.
 template <class Memory>
 void EdgeWriter<Memory>::hold_before(const WriteContext& context, StampNs stamp) {
-    for (std::uint64_t k = segment_of(stamp); k > begin() && hold(context, word_of(k - 1));)
+    for (std::uint64_t k = segment_of(stamp); k > begin() && hold_all_of(context, word_of(k - 1));)
         --k;
 }
 template <class Memory>
 void EdgeWriter<Memory>::hold_all(const WriteContext& context) {
     for (std::uint64_t k = begin(); k <= end(); ++k)
-        hold(context, word_of(k));
+        hold_all_of(context, word_of(k));
 }
 
 /// Once what named another parent is gone, all name one.
@@ -461,6 +511,7 @@ void EdgeWriter<Memory>::insert_in_copy(const WriteContext& context, std::uint64
         forget(context, kCorrected);
     store_word_of(k, made.word(), made.segment().begin() + (index - old.begin()));
     made.use();
+    hold_superseded(context, made.segment());
     retire_segment(memory_, context, Line::kReplaced, old.word());
 }
 
@@ -537,8 +588,10 @@ void EdgeWriter<Memory>::insert_run(const WriteContext& context,
                            into.entry(at++).store_relaxed(word);
                        }
                    });
-    for (auto& block : made)
+    for (auto& block : made) {
         block.use();
+        hold_superseded(context, block.segment());
+    }
     for (const std::uint64_t old : replaced)
         retire_segment(memory_, context, Line::kReplaced, old);
     this->word(kLate).store_relaxed(late);

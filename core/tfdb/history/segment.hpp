@@ -43,7 +43,7 @@ struct SegmentWord {
 enum SegmentMeta : unsigned {
     kLeast = 0,     // no sample is of an older commit
     kGreatest = 1,  // of a segment before the tail: no sample is of a newer one
-    kHeld = 2,      // 1 where only states that somebody holds show its samples: see Readers::held
+    kHeld = 2,      // bytes of it that only states that somebody holds show: see Readers::held
 };
 
 /// First word and payload of a slot.
@@ -115,6 +115,7 @@ template <class Memory>
 class Segment {
 public:
     static constexpr std::size_t kSlotBytes = 8 * (1 + Memory::kPayloadWords);
+    static constexpr std::size_t kSampleBytes = 8 + kSlotBytes;
 
     static constexpr std::size_t bytes(std::uint64_t capacity) {
         return memory::kLineBytes + memory::round_up(8 * capacity, memory::kLineBytes) +

@@ -183,9 +183,9 @@ TFDB_TEST(memory_of_a_snapshot_is_not_spent_on_late_samples) {
 TFDB_TEST(memory_of_overlapping_snapshots_is_bounded) {
     constexpr StampNs kHistory = 2'000;
     constexpr std::size_t kBound = 8 * kMiB;
-    enum class Pattern { kInOrder, kLate, kClears, kFrames };
-    for (const Pattern pattern :
-         {Pattern::kInOrder, Pattern::kLate, Pattern::kClears, Pattern::kFrames}) {
+    enum class Pattern { kInOrder, kLate, kClears, kFrames, kSameStamp, kStatic };
+    for (const Pattern pattern : {Pattern::kInOrder, Pattern::kLate, Pattern::kClears,
+                                  Pattern::kFrames, Pattern::kSameStamp, Pattern::kStatic}) {
         std::size_t alone = 0;
         for (const bool holds : {false, true}) {
             BufferOptions options = keeping(kHistory);
@@ -194,7 +194,11 @@ TFDB_TEST(memory_of_overlapping_snapshots_is_bounded) {
             std::deque<Snapshot> held;
             std::size_t most = 0;
             for (StampNs k = 0; k < 240'000; ++k) {
-                set(buffer, "map", "base", 1'000 + k, pose_of(1));
+                if (pattern == Pattern::kStatic)
+                    set_static(buffer, "map", "fixed", pose_of(static_cast<double>(k)));
+                else
+                    set(buffer, "map", "base", pattern == Pattern::kSameStamp ? 1'000 : 1'000 + k,
+                        pose_of(1));
                 if (pattern == Pattern::kLate && k % 8 == 0)
                     set(buffer, "map", "base", 1'000 + k - 300, pose_of(2));
                 if (pattern == Pattern::kClears && k % 3'000 == 0)
@@ -217,6 +221,35 @@ TFDB_TEST(memory_of_overlapping_snapshots_is_bounded) {
             // What waits for reads under way is another quarter of a MiB.
             CHECK(most <= alone + kBound + kBound / 10 + kMiB / 4);
         }
+    }
+}
+
+/// What only a snapshot needed goes once it is closed, also where the stamp never changes.
+TFDB_TEST(memory_of_the_same_stamp_again_comes_back) {
+    for (const bool fixed : {false, true}) {
+        Buffer buffer(keeping(std::nullopt));
+        const auto write = [&](double number) {
+            if (fixed)
+                set_static(buffer, "map", "base", pose_of(number));
+            else
+                set(buffer, "map", "base", 1'000, pose_of(number));
+        };
+        set(buffer, "map", "other", 5, pose_of(1));
+        write(0);
+        {
+            const Snapshot held = buffer.snapshot();
+            const std::size_t before = buffer.memory().used_bytes;
+            for (int k = 1; k <= 20'000; ++k)
+                write(k);
+            CHECK(buffer.memory().used_bytes > before + 20'000 * 64);
+            CHECK_EQ(number_of(held.lookup_transform("map", "base", 1'000).pose), 0.0);
+            CHECK_EQ(number_of(buffer.lookup_transform("map", "base", 1'000).pose), 20'000.0);
+        }
+        for (int k = 1; k <= 1'000; ++k)
+            write(-k);
+        CHECK(buffer.memory().used_bytes < kMiB / 2);
+        CHECK_EQ(buffer.frame_info("base").samples, 1U);
+        CHECK_EQ(number_of(buffer.lookup_transform("map", "base", 1'000).pose), -1'000.0);
     }
 }
 
