@@ -173,6 +173,11 @@ TFDB_SCHED(edge_takes_late_samples) {
     holds("one late", {.before = {one(10), one(30)}, .during = {one(20)}}, {15, 25});
     holds("the same stamp again and again",
           {.before = {one(10), one(30)}, .during = {one(30), one(30), one(40)}}, {20, 30});
+    holds("the same stamp after a snapshot was closed",
+          {.before = {one(30), one(30), one(30), one(30)},
+           .during = {one(30), one(40)},
+           .held_before = true},
+          {20, 30});
     holds("the same stamp again", {.before = {one(10), one(30)}, .during = {one(30)}}, {20, 30});
     holds("late, then in order", {.before = {one(10), one(30)}, .during = {one(20), one(40)}},
           {25});

@@ -26,6 +26,7 @@ struct Tuning<script::SmallMemory> {
     static constexpr unsigned kFirstLog2 = 0;
     static constexpr unsigned kFullLog2 = 1;
     static constexpr unsigned kFanLog2 = 1;
+    static constexpr unsigned kSmallLog2 = 1;
     static constexpr unsigned kLargestLog2 = 2;
     static constexpr std::size_t kKept = 0;
 };

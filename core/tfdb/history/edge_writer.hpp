@@ -297,6 +297,7 @@ private:
     void hold_before(const WriteContext& context, StampNs stamp);
     void heal_parents();
 
+    [[nodiscard]] std::uint64_t most_amid() const;
     void insert_late(const WriteContext& context, const NewSample<Memory>& sample,
                      const SampleAt& newest);
     void store_word_of(std::uint64_t k, std::uint64_t word, std::uint64_t index);

@@ -452,6 +452,14 @@ void EdgeWriter<Memory>::store_word_of(std::uint64_t k, std::uint64_t word, std:
     directory.replace(k, in, index);
 }
 
+/// How many samples make a segment among others full. Each late one copies its segment, so they are
+/// small, until there are so many that the directory costs more.
+template <class Memory>
+std::uint64_t EdgeWriter<Memory>::most_amid() const {
+    constexpr std::uint64_t kMany = std::uint64_t{1} << 15;
+    return end() - begin() < kMany ? std::uint64_t{1} << Sizes::kSmallLog2 : kFull;
+}
+
 template <class Memory>
 void EdgeWriter<Memory>::insert_late(const WriteContext& context, const NewSample<Memory>& sample,
                                      const SampleAt& newest) {
@@ -460,7 +468,8 @@ void EdgeWriter<Memory>::insert_late(const WriteContext& context, const NewSampl
     Seg in = segment(word_of(k));
     std::uint64_t index = in.upper_bound(sample.stamp);
     const std::uint64_t capacity = SegmentWord::capacity(in.word());
-    const bool is_full = SegmentWord::count(in.word()) == capacity && capacity >= kFull;
+    const std::uint64_t most = k == end() ? kFull : most_amid();
+    const bool is_full = SegmentWord::count(in.word()) == capacity && capacity >= most;
     const bool is_first = index == in.begin() && k == begin();
     if (is_full && k == end() && !is_first) {
         seal(context, kFull);
@@ -608,9 +617,10 @@ void EdgeWriter<Memory>::merge(const WriteContext& context, std::uint64_t k,
     if (needed < SegmentWord::count(old.word()))
         forget(context, kCorrected);
     const std::uint64_t total = needed + samples.size();
-    const std::uint64_t pieces = (total + kFull - 1) / kFull;
-    const std::uint64_t capacity = std::max(std::min(SegmentWord::capacity(old.word()), kFull),
-                                            std::min(std::bit_ceil(total), kFull));
+    const std::uint64_t most = most_amid();
+    const std::uint64_t pieces = (total + most - 1) / most;
+    const std::uint64_t capacity = std::max(std::min(SegmentWord::capacity(old.word()), most),
+                                            std::min(std::bit_ceil(total), most));
     std::uint64_t filled = 0;
     std::uint64_t begun = 0;
     const auto into = [&]() -> NewSegment<Memory>& {

@@ -62,6 +62,7 @@ template <class Memory>
 struct Tuning {
     static constexpr unsigned kFirstLog2 = 3;     // capacity of an edge's first segment
     static constexpr unsigned kFullLog2 = 8;      // ... of all but the first
+    static constexpr unsigned kSmallLog2 = 6;     // ... of those that late samples split
     static constexpr unsigned kLargestLog2 = 11;  // ... where many samples are announced at once
     static constexpr unsigned kFanLog2 = 3;       // nodes of a directory in one node above them
     static constexpr std::size_t kKept = std::size_t{1}

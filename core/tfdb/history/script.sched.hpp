@@ -36,6 +36,7 @@ struct Script {
     std::vector<Batch> before;
     std::vector<Batch> during;
     bool may_evict = true;
+    bool held_before = false;  // until the threads start, somebody holds the first state
 };
 
 /// A sample as a reader must find it. All payload words follow from the tag.
@@ -208,7 +209,8 @@ void write(Memory& memory, const Places& places, const Script& script, std::size
 }
 template <class Memory>
 void write(Memory& memory, const Places& places, const Script& script, std::size_t number) {
-    write(memory, places, script, number, script.may_evict);
+    const bool held = script.held_before && number < script.before.size();
+    write(memory, places, script, number, script.may_evict && !held);
 }
 
 /// What one lookup takes from an edge.

@@ -36,6 +36,7 @@ struct history::Tuning<txn::forest::ForestMemory> {
     static constexpr unsigned kFirstLog2 = 0;
     static constexpr unsigned kFullLog2 = 1;
     static constexpr unsigned kFanLog2 = 1;
+    static constexpr unsigned kSmallLog2 = 1;
     static constexpr unsigned kLargestLog2 = 7;
     static constexpr std::size_t kKept = 0;
     static constexpr unsigned kFirstNamesLog2 = 2;
