@@ -131,6 +131,10 @@ void ingest_one(Buffer& store, Bytes bytes, wire::Encoding encoding, bool is_sta
         tally.commit = store.set_transforms(scratch, is_static, authority);
         tally.transforms += scratch.size();
         tally.commits += scratch.empty() ? 0 : 1;
+    } catch (const TransactionActive&) {
+        throw;
+    } catch (const Forked&) {
+        throw;
     } catch (const Error& error) {
         ++tally.refused;
         Refusal& refusal = tally.reasons[error.code()];

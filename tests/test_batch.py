@@ -9,6 +9,7 @@ import pytest
 
 import tfdb
 from robot import COUNT, SECOND, Robot, make_robot, stamp_of
+from tfdb.explain import from_one_state
 
 PAIRS = [
     ("map", "camera"),
@@ -294,3 +295,20 @@ def test_a_trajectory_covers_what_all_edges_cover() -> None:
     with buffer.snapshot() as snapshot:
         assert len(snapshot.trajectory("map", "base")) == 4
         assert not snapshot.closed
+
+
+def test_a_trajectory_begins_again_where_writers_took_its_state(robot: Robot) -> None:
+    tries: list[tfdb.Snapshot] = []
+
+    def read(snapshot: tfdb.Snapshot) -> int:
+        tries.append(snapshot)
+        if len(tries) < 3:
+            raise tfdb.SnapshotTooOld("gone")
+        return snapshot.commit
+
+    assert from_one_state(robot.buffer, read) == robot.buffer.commit
+    assert len(tries) == 3
+    with robot.buffer.snapshot() as held, pytest.raises(tfdb.SnapshotTooOld):
+        tries.clear()
+        from_one_state(held, read)
+    assert len(tries) == 1

@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 import difflib
-from contextlib import nullcontext
+from contextlib import suppress
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, cast
+from typing import TYPE_CHECKING, TypeVar, cast
 
 from .errors import (
     Disconnected,
     Extrapolation,
     GapTooLarge,
     NoSampleNear,
+    SnapshotTooOld,
     Stale,
     TfdbError,
     UnknownFrame,
@@ -20,13 +21,15 @@ from .stamps import format_seconds
 from .summary import clocks, describe_clocks
 
 if TYPE_CHECKING:
-    from contextlib import AbstractContextManager
+    from collections.abc import Callable
 
     from ._core import Policy, Reads, Snapshot
     from .stamps import StampLike
     from .types import FrameInfo
 
 __all__ = ["EdgeExplanation", "Explanation"]
+
+T = TypeVar("T")
 
 _EXPLAINED = (UnknownFrame, Disconnected, Extrapolation, GapTooLarge, Stale, NoSampleNear)
 
@@ -77,17 +80,19 @@ def explain_lookup(
     policy: Policy | None,
 ) -> Explanation:
     """Do what `Buffer.explain` says."""
-    with held(self) as snapshot:
-        return _Case(snapshot, target, source, time, policy).explain()
+    return from_one_state(
+        self, lambda snapshot: _Case(snapshot, target, source, time, policy).explain()
+    )
 
 
-def held(reads: Reads) -> AbstractContextManager[Snapshot]:
-    """Hold one state for many reads: a new snapshot of a buffer, or the snapshot itself."""
+def from_one_state(reads: Reads, read: Callable[[Snapshot], T]) -> T:
+    """Read often from one state: the snapshot's, or of a buffer the newest that writers let be."""
     from ._core import Buffer  # noqa: PLC0415 - the extension imports this module
 
-    if isinstance(reads, Buffer):
-        return reads.snapshot()
-    return nullcontext(cast("Snapshot", reads))
+    while isinstance(reads, Buffer):
+        with reads.snapshot() as snapshot, suppress(SnapshotTooOld):
+            return read(snapshot)
+    return read(cast("Snapshot", reads))
 
 
 class _Case:

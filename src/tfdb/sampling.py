@@ -6,7 +6,7 @@ import math
 from typing import TYPE_CHECKING, Any, Literal
 
 from .errors import InvalidArgument
-from .explain import held
+from .explain import from_one_state
 from .stamps import MAX_STAMP, shown
 from .types import Trajectory
 
@@ -42,7 +42,8 @@ def sample(
     import numpy as np
 
     absent: Literal["raise", "nan"] = "raise" if missing == "raise" else "nan"
-    with held(self) as snapshot:
+
+    def read(snapshot: Snapshot) -> Trajectory:
         if rate is None:
             stamps = _stored_stamps(snapshot, target, source, start, end)
         else:
@@ -57,7 +58,9 @@ def sample(
             if not found.any():
                 snapshot.lookup_transforms(target, source, stamps, policy)  # raises
             stamps, poses = stamps[found], poses[found]
-    return Trajectory(target, source, stamps, poses)
+        return Trajectory(target, source, stamps, poses)
+
+    return from_one_state(self, read)
 
 
 def _nanoseconds(time: StampLike) -> int:

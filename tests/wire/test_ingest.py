@@ -312,3 +312,11 @@ def test_an_error_of_the_iterable_passes_through() -> None:
 
     with pytest.raises(OSError, match="the disk is gone"):
         tfdb.Buffer().ingest_many(messages(), encoding="cdr")
+
+
+def test_ingest_many_amid_a_transaction_raises() -> None:
+    buf = tfdb.Buffer()
+    message = oracle.encode(ROWS, "ros1")
+    with buf.transaction(), pytest.raises(tfdb.TransactionActive):
+        buf.ingest_many([message], encoding="ros1")
+    assert buf.commit == 0

@@ -24,7 +24,8 @@ enum StoreWord : unsigned {
     kNormalised = 30,
     kFreeFull = 31,   // id + 1 of the first removed frame that still has its name and its samples
     kReadPins = 32,   // reads under way that were overtaken before: see Pins
-    kHeldBytes = 40,  // in segments that held states alone still show
+    kHeldBytes = 40,  // that held states alone still show
+    kGivenUp = 41,    // older states were given up, for they kept too much
     kStoreWords = 48,
 };
 

@@ -58,6 +58,8 @@ public:
         return oldest_;
     }
     [[nodiscard]] bool is_held() const { return oldest_read() < committed; }
+    /// Held snapshots may have been given up since, for what was written meanwhile.
+    void ask_again() const { asked_ = asked_ && oldest_ == committed; }
     /// Held snapshots count no more: there is no memory for them.
     void give_up_snapshots() const {
         asked_ = true;
@@ -293,7 +295,7 @@ private:
     void drop_superseded(const WriteContext& context, const Seg& tail);
     void hold(const WriteContext& context, const Seg& in, std::uint64_t bytes);
     bool hold_all_of(const WriteContext& context, std::uint64_t word);
-    void hold_superseded(const WriteContext& context, const Seg& in);
+    void hold_unshown(const WriteContext& context, const Seg& in);
     void hold_before(const WriteContext& context, StampNs stamp);
     void heal_parents();
 

@@ -84,6 +84,8 @@ void EdgeWriter<Memory>::write(const WriteContext& context, const Seg& into, std
 template <class Memory>
 template <class Work>
 void EdgeWriter<Memory>::with_memory(const WriteContext& context, Work work) {
+    context.ask_again();
+    reclaim(memory_, context, Line::kEnded, Sizes::kKept);
     const auto reclaim_all = [&] {
         for (const Line line : {Line::kReplaced, Line::kEnded}) {
             while (reclaim(memory_, context, line, 0)) {
@@ -185,8 +187,8 @@ std::uint64_t EdgeWriter<Memory>::spare(std::uint64_t capacity) const {
     return capacity == kFull && this->word(kLate).load_relaxed() != 0 ? kFull / 16 : 0;
 }
 
-/// Room in the tail. A full one goes on in a larger copy, or in one of the same size where half of
-/// it is needed no more; a large one is sealed and a new one begun.
+/// Room in the tail. A full one goes on in a copy with room for as many samples as it needs, but no
+/// smaller than half of it; a large one is sealed and a new one begun.
 template <class Memory>
 void EdgeWriter<Memory>::make_room(const WriteContext& context, std::uint64_t samples) {
     const Seg full = tail();
@@ -196,16 +198,17 @@ void EdgeWriter<Memory>::make_room(const WriteContext& context, std::uint64_t sa
         return;
     with_memory(context, [&] {
         drop_superseded(context, full);
+        evict(context);
         const std::uint64_t first = any ? first_needed(context, full) : 0;
         const std::uint64_t needed = any ? count_needed(context, full, first) : 0;
         const std::uint64_t wanted = std::bit_ceil(std::max(2 * needed, needed + samples));
         const std::uint64_t announced = std::max(kFull, std::bit_ceil(samples));
         if (wanted <= announced) {
             constexpr std::uint64_t kFirst = std::uint64_t{1} << Sizes::kFirstLog2;
-            copy_tail(context, full, first, std::max({wanted, std::min(capacity, kFull), kFirst}));
+            copy_tail(context, full, first,
+                      std::max({wanted, std::min(capacity, kFull) / 2, kFirst}));
         } else {
             seal(context, announced);
-            evict(context);
         }
     });
 }
@@ -225,7 +228,7 @@ void EdgeWriter<Memory>::copy_tail(const WriteContext& context, const Seg& full,
         forget(context, kCorrected);
     this->word(kTail).store_release(made.word());
     made.use();
-    hold_superseded(context, made.segment());
+    hold_unshown(context, made.segment());
     retire_segment(memory_, context, Line::kReplaced, old);
     heal_parents();
 }
@@ -251,7 +254,7 @@ void EdgeWriter<Memory>::seal(const WriteContext& context, std::uint64_t next_ca
     directory.word(kDirEnd).store_release(k + 1);
     this->word(kTail).store_release(next.word());
     next.use();
-    hold_superseded(context, full);
+    hold_unshown(context, full);
     this->directory().update_rate();
 }
 
@@ -392,15 +395,23 @@ bool EdgeWriter<Memory>::hold_all_of(const WriteContext& context, std::uint64_t 
     hold(context, segment(word), all);
     return true;
 }
-/// Of samples with one stamp, all but the last.
+/// The same of one that was filled: samples older than the history, and of those with one stamp all
+/// but the last.
 template <class Memory>
-void EdgeWriter<Memory>::hold_superseded(const WriteContext& context, const Seg& in) {
-    if (!context.is_held())
+void EdgeWriter<Memory>::hold_unshown(const WriteContext& context, const Seg& in) {
+    if (in.empty() || !context.is_held())
         return;
-    std::uint64_t samples = 0;
-    for (std::uint64_t i = in.begin() + 1; i < in.end(); ++i)
-        samples += in.stamp(i - 1) == in.stamp(i) ? 1 : 0;
-    hold(context, in, std::max(samples * Seg::kSampleBytes, in.meta(kHeld).load_relaxed()));
+    const StampNs newest = this->newest();
+    const StampNs oldest =
+        newest < 0 ? std::numeric_limits<StampNs>::min() : newest - context.history;
+    std::uint64_t unshown = 0;
+    for (std::uint64_t i = in.begin(); i < in.end(); ++i) {
+        const StampNs stamp = in.stamp(i);
+        unshown += stamp < oldest || (i + 1 < in.end() && stamp == in.stamp(i + 1)) ? 1 : 0;
+    }
+    const std::uint64_t all = Seg::bytes(SegmentWord::capacity(in.word()));
+    const std::uint64_t held = all * unshown / SegmentWord::count(in.word());
+    hold(context, in, std::max(held, in.meta(kHeld).load_relaxed()));
 }
 /// Of segments that end before a stamp, the older ones are known sooner.
 template <class Memory>
@@ -520,7 +531,7 @@ void EdgeWriter<Memory>::insert_in_copy(const WriteContext& context, std::uint64
         forget(context, kCorrected);
     store_word_of(k, made.word(), made.segment().begin() + (index - old.begin()));
     made.use();
-    hold_superseded(context, made.segment());
+    hold_unshown(context, made.segment());
     retire_segment(memory_, context, Line::kReplaced, old.word());
 }
 
@@ -599,7 +610,7 @@ void EdgeWriter<Memory>::insert_run(const WriteContext& context,
                    });
     for (auto& block : made) {
         block.use();
-        hold_superseded(context, block.segment());
+        hold_unshown(context, block.segment());
     }
     for (const std::uint64_t old : replaced)
         retire_segment(memory_, context, Line::kReplaced, old);
@@ -619,8 +630,7 @@ void EdgeWriter<Memory>::merge(const WriteContext& context, std::uint64_t k,
     const std::uint64_t total = needed + samples.size();
     const std::uint64_t most = most_amid();
     const std::uint64_t pieces = (total + most - 1) / most;
-    const std::uint64_t capacity = std::max(std::min(SegmentWord::capacity(old.word()), most),
-                                            std::min(std::bit_ceil(total), most));
+    const std::uint64_t capacity = std::min(std::bit_ceil(total), most);
     std::uint64_t filled = 0;
     std::uint64_t begun = 0;
     const auto into = [&]() -> NewSegment<Memory>& {

@@ -128,10 +128,10 @@ private:
         } else if (!dense_ || stamp_at(index) > stamp || stamp_at(++index) <= stamp) {
             index = guess(stamp);  // not in the gap after that of the last stamp
         }
-        index_ = index;
         // Of samples with the same stamp the newest one counts, and it may be in another segment.
         const bool known = index > begin_ && index + 1 < end_ &&
                            stamp_at(index + 1) != stamp_at(index) && stamp_at(index - 1) >= cutoff_;
+        index_ = known ? index : begin_;
         return known ? index : 0;
     }
     /// Returns the index of the first sample after the stamp, as EdgeView::place.
@@ -184,7 +184,10 @@ private:
         if (chosen.refused) {
             mark = Mark::kRefused;
         } else if (!first ||
-                   (second && (chosen.used == lookup::Used::kExtrapolated || gap > kWidest))) {
+                   (second && (chosen.used == lookup::Used::kExtrapolated || gap > kWidest)) ||
+                   (chosen.used == lookup::Used::kHeld &&
+                    policy.kind != lookup::PolicyKind::kPrevious)) {
+            // Whatever holds until another parent's sample: the snapshot may not see that one.
             mark = Mark::kSingle;
         } else if (!second) {
             add(first.slot, first.slot, first.stamp, geometry::Pairs::kHeld, pairs);

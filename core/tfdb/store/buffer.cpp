@@ -87,7 +87,10 @@ bool Reads::Impl::keeps_too_much() const {
 
 CommitNumber Reads::Impl::oldest_read() {
     const CommitNumber newest = committed();
-    return keeps_too_much() ? newest : held_pins.oldest(newest);
+    auto& given_up = word(graph::kGivenUp);
+    if (keeps_too_much())
+        given_up.store_relaxed(newest);
+    return std::max<CommitNumber>(held_pins.oldest(newest), given_up.load_relaxed());
 }
 
 std::uint64_t Reads::Impl::begin_epoch() {

@@ -1,5 +1,6 @@
 // Batches of stamps and points: equal to one lookup after another.
 #include <algorithm>
+#include <array>
 #include <cstring>
 #include <limits>
 #include <random>
@@ -68,6 +69,47 @@ void check_row(const Reads& reads, const char* target, const char* source, Stamp
 }
 
 }  // namespace
+
+/// Late samples that name another parent: of a refused batch, or later than the snapshot. Asked in
+/// fours, so that each stamp comes after any other.
+TFDB_TEST(lookup_many_passes_over_what_its_state_does_not_show) {
+    const auto ms = [](StampNs count) { return 1'000'000'000 + 1'000'000 * count; };
+    for (const bool refused : {true, false}) {
+        Buffer buffer(keeping(std::nullopt));
+        set(buffer, "map", "other", ms(0), pose_of(5));
+        for (const StampNs stamp : {26, 54, 68, 83})
+            set(buffer, "map", "base", ms(stamp), pose_of(static_cast<double>(stamp)));
+        std::optional<Snapshot> held;
+        std::vector<const Reads*> asked{&buffer};
+        if (!refused)
+            asked.push_back(&held.emplace(buffer.snapshot()));
+        std::vector<TransformView> late;
+        for (const StampNs stamp : {2, 23, 58})
+            late.push_back({"map", "base", ms(stamp), pose_of(99)});
+        late.push_back({"other", "base", ms(51), pose_of(99)});
+        if (refused) {
+            late.push_back({"base", "map", ms(51), pose_of(1)});
+            CHECK(THROWN(CycleError, buffer.set_transforms(late, false, "")));
+        } else {
+            buffer.set_transforms(late, false, "");
+        }
+        std::mt19937 random(4);
+        for (int round = 0; round < 2'000; ++round) {
+            std::array<StampNs, 4> stamps{};
+            for (StampNs& stamp : stamps)
+                stamp = ms(static_cast<StampNs>(random() % 100));
+            for (const Reads* reads : asked) {
+                for (const Policy& policy : kPolicies) {
+                    std::array<double, 28> rows{};
+                    reads->lookup_many("map", "base", stamps, policy, Layout::kPose, Missing::kNan,
+                                       rows);
+                    for (std::size_t i = 0; i < stamps.size(); ++i)
+                        check_row(*reads, "map", "base", stamps[i], policy, &rows[7 * i]);
+                }
+            }
+        }
+    }
+}
 
 TFDB_TEST(lookup_many_equals_scalar_lookups_under_every_policy) {
     const Buffer buffer = forest();

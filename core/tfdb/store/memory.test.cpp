@@ -253,6 +253,76 @@ TFDB_TEST(memory_of_the_same_stamp_again_comes_back) {
     }
 }
 
+/// Also where one commit goes on with many edges.
+TFDB_TEST(memory_of_a_snapshot_is_bounded_amid_a_batch) {
+    constexpr std::size_t kEdges = 100;
+    std::size_t most[2] = {};
+    for (const bool holds : {false, true}) {
+        BufferOptions options = keeping(1'000);
+        options.snapshot_memory = kMiB / 4;
+        Buffer buffer(options);
+        std::vector<std::string> names;
+        std::vector<TransformView> batch;
+        for (std::size_t i = 0; i < kEdges; ++i)
+            names.push_back("frame" + std::to_string(i));
+        for (const std::string& name : names)
+            batch.push_back({"map", name, 0, pose_of(1)});
+        std::optional<Snapshot> held;
+        for (StampNs stamp = 0; stamp < 6'000; stamp += 3) {
+            for (TransformView& transform : batch)
+                transform.stamp = stamp;
+            buffer.set_transforms(batch, false, "");
+            if (holds && stamp == 3'000)
+                held.emplace(buffer.snapshot());
+            most[holds ? 1 : 0] = std::max(most[holds ? 1 : 0], buffer.memory().used_bytes);
+        }
+    }
+    CHECK(most[1] <= most[0] + kMiB / 2);
+}
+
+TFDB_TEST(memory_that_a_snapshot_made_an_edge_take_comes_back) {
+    std::size_t in_the_end[2] = {};
+    for (const bool holds : {false, true}) {
+        Buffer buffer(keeping(50));
+        std::optional<Snapshot> held;
+        for (StampNs stamp = 0; stamp < 3'000; ++stamp) {
+            set(buffer, "map", "base", stamp, pose_of(1));
+            if (holds && stamp == 500)
+                held.emplace(buffer.snapshot());
+            if (stamp == 1'500)
+                held.reset();
+        }
+        in_the_end[holds ? 1 : 0] = buffer.memory().used_bytes;
+    }
+    CHECK(in_the_end[1] <= in_the_end[0] + 512);
+}
+
+TFDB_TEST(memory_of_frames_that_come_and_go_is_bounded_beside_a_snapshot) {
+    BufferOptions options = keeping(1'000);
+    options.snapshot_memory = kMiB / 4;
+    Buffer buffer(options);
+    set(buffer, "map", "base", 1, pose_of(1));
+    const Snapshot held = buffer.snapshot();
+    for (StampNs stamp = 2; stamp < 20'000; ++stamp) {
+        set(buffer, "map", "base", stamp, pose_of(1));
+        buffer.remove_frame("base", false);
+    }
+    CHECK(buffer.memory().frame_bytes < kMiB / 2);
+    CHECK(THROWN(SnapshotTooOld, held.lookup_transform("map", "base", 1)));
+}
+
+TFDB_TEST(memory_of_what_was_cleared_is_used_again) {
+    constexpr StampNs kSamples = 50'000;
+    Buffer buffer(keeping(std::nullopt));
+    for (StampNs stamp = 0; stamp < kSamples; ++stamp)
+        set(buffer, "map", "base", stamp, pose_of(1));
+    const std::size_t before = used(buffer);
+    buffer.clear();
+    for (StampNs stamp = 0; stamp < kSamples; ++stamp)
+        set(buffer, "map", "other", stamp, pose_of(1));
+    CHECK(used(buffer) <= before + kMiB / 2);
+}
+
 TFDB_TEST(memory_of_what_a_refused_batch_cleared_is_no_conflict) {
     Buffer buffer(keeping(std::nullopt));
     set(buffer, "map", "base", 1, pose_of(1));

@@ -216,6 +216,7 @@ public:
         for (const FrameId id : scratch_.removed) {
             if (context_.is_held())
                 writer(id).hold_all(context_);
+            readers_.held(kFrameBytes);
             frames_.push_retired(id);
         }
         if (!scratch_.removed.empty())
@@ -237,6 +238,9 @@ public:
     }
 
 private:
+    /// What a removed frame keeps beside its samples: the slot, and its name as a rule.
+    static constexpr std::uint64_t kFrameBytes = history::kHeaderBytes + memory::kLineBytes;
+
     /// A sample ahead of all others, of the parent that they all have, relates nothing anew.
     void relate(FrameId child, const history::NewSample<Memory>& sample, clock::StampNs newest,
                 std::size_t item) {
@@ -296,6 +300,7 @@ private:
         Memory::fence_release();
         names_.free_name(name);
         writer(id).release(context_);
+        readers_.held(std::uint64_t{0} - kFrameBytes);
     }
 
     /// Gives back what removed frames hold. Asked anew: a snapshot that is not seen here has seen
