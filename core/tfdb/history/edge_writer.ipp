@@ -665,9 +665,7 @@ void EdgeWriter<Memory>::copy_directory(const WriteContext& context, std::uint64
     const std::uint64_t room = entries / 4 + 1;
     const std::uint64_t front = added > removed && at == first ? room : 1;
     // Of few sizes, so that one that comes free serves again.
-    const std::uint64_t wanted = front + entries + room;
-    const std::uint64_t capacity =
-        memory::round_up(wanted, std::max<std::uint64_t>(std::bit_floor(wanted) / 4, 1));
+    const std::uint64_t capacity = std::bit_ceil(front + entries + room);
     NewBlock<Memory> block(memory_, Dir::bytes(capacity));
     const Dir made(memory_, block.offset());
     std::uint64_t to = front;

@@ -218,8 +218,9 @@ TFDB_TEST(memory_of_overlapping_snapshots_is_bounded) {
             }
             std::printf("  pattern %d: %zu bytes, alone %zu\n", static_cast<int>(pattern), most,
                         alone);
-            // What waits for reads under way is another quarter of a MiB.
-            CHECK(most <= alone + kBound + kBound / 10 + kMiB / 4);
+            // Besides, a quarter of a MiB waits for reads under way, and the directories that the
+            // edge outgrew are free.
+            CHECK(most <= alone + kBound + kBound / 10 + kMiB);
         }
     }
 }
