@@ -56,7 +56,7 @@ def _methods(stub: ast.Module) -> list[Call]:
         for (owner, name), call in list(found.items()):
             if owner in parents and call.owner is not None and (cls, name) not in found:
                 found[cls, name] = Call(cls, name, call.positional, call.keywords, call.is_property)
-    return [call for call in found.values() if call.owner or hasattr(tfdb, call.name)]
+    return [call for call in found.values() if hasattr(tfdb, call.owner or call.name)]
 
 
 def _plain() -> list[Call]:
