@@ -55,10 +55,6 @@ const char* name_of_kind(const Py_buffer& view, Kind kind) {
     }
 }
 
-bool out_of_range(StampNs stamp) {
-    return stamp < 0 || stamp > clock::kMaxStamp;
-}
-
 }  // namespace
 
 bool are_in_range(std::span<const StampNs> stamps) {
@@ -68,7 +64,7 @@ bool are_in_range(std::span<const StampNs> stamps) {
     for (const StampNs stamp : stamps) {
         bits |= stamp;
     }
-    return !out_of_range(bits);
+    return clock::is_stamp(bits);
 }
 
 ArrayView::ArrayView(ArrayView&& other) noexcept {
@@ -167,7 +163,7 @@ Stamps::Stamps(nb::handle object) {
         read_sequence(object);
     }
     if (!are_in_range(values_)) {
-        const auto first = std::find_if(values_.begin(), values_.end(), out_of_range);
+        const auto first = std::find_if_not(values_.begin(), values_.end(), clock::is_stamp);
         at_index(static_cast<std::size_t>(first - values_.begin()),
                  [&] { stamp_of_object(nb::int_(*first).ptr()); });
     }

@@ -23,7 +23,7 @@ inline StampNs stamp_of(PyObject* object) {
     if (PyLong_CheckExact(object)) {
         int overflow = 0;
         const long long value = PyLong_AsLongLongAndOverflow(object, &overflow);
-        if (value >= 0 && value <= clock::kMaxStamp) {
+        if (clock::is_stamp(value)) {
             return value;
         }
     }

@@ -15,6 +15,11 @@ inline constexpr StampNs kNanosPerSecond = 1'000'000'000;
 /// stamp and a duration below it, leaves int64.
 inline constexpr StampNs kMaxStamp = std::numeric_limits<StampNs>::max() / 4;
 
+/// Whether a store takes it.
+constexpr bool is_stamp(StampNs value) noexcept {
+    return value >= 0 && value <= kMaxStamp;
+}
+
 /// a + b, held at the ends of int64 instead of wrapping around.
 constexpr StampNs saturating_add(StampNs a, StampNs b) noexcept {
     StampNs sum = 0;

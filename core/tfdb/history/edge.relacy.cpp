@@ -81,8 +81,9 @@ struct Scene {
     SmallMemory::Word& pins() { return memory.word(places.commit + 8); }
 };
 
-/// Each reader takes a fresh snapshot, and another one if it was overtaken.
-struct Edges : rl::test_suite<Edges, 1 + kReaders>, Scene {
+/// Each reader looks at a fresh snapshot, and at another one if it was overtaken.
+template <class Look>
+struct Beside : rl::test_suite<Beside<Look>, 1 + kReaders>, Scene {
     void before() { Scene::before(); }
 
     void thread(unsigned index) {
@@ -92,35 +93,27 @@ struct Edges : rl::test_suite<Edges, 1 + kReaders>, Scene {
         }
         idle();
         for (int attempt = 0; attempt < 2; ++attempt) {
-            if (read(memory, places, g_task.script, *g_task.model, g_task.stamp, require)) {
-                return;
-            }
-        }
-    }
-
-    void after() {
-        RL_ASSERT(read(memory, places, g_task.script, *g_task.model, g_task.stamp, require));
-    }
-};
-
-/// As Edges; what is read is the edge in figures.
-struct Figures : rl::test_suite<Figures, 1 + kReaders>, Scene {
-    void before() { Scene::before(); }
-
-    void thread(unsigned index) {
-        if (index == 0) {
-            write_all([] { return !g_task.script.may_evict; });
-            return;
-        }
-        idle();
-        for (int attempt = 0; attempt < 2; ++attempt) {
-            if (read_extent(memory, places, g_task.script, *g_task.model, require))
+            if (Look::at(*this))
                 return;
         }
     }
 
-    void after() { RL_ASSERT(read_extent(memory, places, g_task.script, *g_task.model, require)); }
+    void after() { RL_ASSERT(Look::at(*this)); }
 };
+
+struct LookAtEdges {
+    static bool at(Scene& scene) {
+        return read(scene.memory, scene.places, g_task.script, *g_task.model, g_task.stamp,
+                    require);
+    }
+};
+struct LookAtFigures {
+    static bool at(Scene& scene) {
+        return read_extent(scene.memory, scene.places, g_task.script, *g_task.model, require);
+    }
+};
+using Edges = Beside<LookAtEdges>;
+using Figures = Beside<LookAtFigures>;
 
 /// Readers that hold a snapshot: as store::Buffer does, they count themselves as pins, and a writer
 /// that sees a pin keeps what they may need. No samples are lost under them.

@@ -290,6 +290,7 @@ private:
     [[nodiscard]] bool is_needed(const WriteContext& context, const Seg& in,
                                  std::uint64_t index) const;
     void forget(const WriteContext& context, HeaderWord what);
+    [[nodiscard]] static StampNs retained_from(const WriteContext& context, StampNs newest);
     [[nodiscard]] StampNs cutoff(const WriteContext& context) const;
     void evict(const WriteContext& context);
     void drop_superseded(const WriteContext& context, const Seg& tail);

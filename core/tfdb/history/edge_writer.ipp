@@ -267,6 +267,12 @@ void EdgeWriter<Memory>::forget(const WriteContext& context, HeaderWord what) {
         this->word(what).store_relaxed(context.oldest_read());
 }
 
+/// Below it nothing is retained beside a newest sample. Static poses have no age.
+template <class Memory>
+StampNs EdgeWriter<Memory>::retained_from(const WriteContext& context, StampNs newest) {
+    return newest >= 0 ? newest - context.history : std::numeric_limits<StampNs>::min() / 2;
+}
+
 /// Below it nothing is retained in any state that is still read and shows this version.
 template <class Memory>
 StampNs EdgeWriter<Memory>::cutoff(const WriteContext& context) const {
@@ -277,9 +283,7 @@ StampNs EdgeWriter<Memory>::cutoff(const WriteContext& context) const {
         newest = view.open(memory_, header_, state, context.history, kAsItIs) ? view.newest()
                                                                               : SampleAt{};
     }
-    // Static poses have no age.
-    return newest && newest.stamp >= 0 ? newest.stamp - context.history
-                                       : std::numeric_limits<StampNs>::min() / 2;
+    return retained_from(context, newest.stamp);
 }
 
 /// Whether every state that is still read shows a later commit's sample of the same stamp instead.
@@ -299,8 +303,8 @@ bool EdgeWriter<Memory>::is_needed(const WriteContext& context, const Seg& in,
 template <class Memory>
 std::uint64_t EdgeWriter<Memory>::first_needed(const WriteContext& context, const Seg& full) const {
     // To learn what may go costs more than to see that nothing can.
-    const StampNs newest = full.empty() ? kNoStamp : full.stamp(full.end() - 1);
-    const bool any_old = newest >= 0 && full.stamp(full.begin()) < newest - context.history;
+    const bool any_old = !full.empty() && full.stamp(full.begin()) <
+                                              retained_from(context, full.stamp(full.end() - 1));
     if (begin() != end() || !any_old)
         return full.begin();
     return full.upper_bound(cutoff(context) - 1);
@@ -320,7 +324,7 @@ template <class Memory>
 void EdgeWriter<Memory>::evict(const WriteContext& context) {
     const Dir directory = this->directory();
     const StampNs newest = this->newest();
-    StampNs limit = newest < 0 ? std::numeric_limits<StampNs>::min() : newest - context.history;
+    StampNs limit = retained_from(context, newest);
     unsigned evicted = 0;
     for (std::uint64_t k = begin(); k < end() && evicted < kMostEvicted; ++k) {
         const Seg oldest = segment(directory.entry(k).load_relaxed());
@@ -386,7 +390,7 @@ void EdgeWriter<Memory>::hold(const WriteContext& context, const Seg& in, std::u
     context.readers().held(bytes - held.load_relaxed());
     held.store_relaxed(bytes);
 }
-/// False: that all of it is held was known.
+/// Notes that only held states show any of it. False: that was known.
 template <class Memory>
 bool EdgeWriter<Memory>::hold_all_of(const WriteContext& context, std::uint64_t word) {
     const std::size_t all = Seg::bytes(SegmentWord::capacity(word));
@@ -395,15 +399,13 @@ bool EdgeWriter<Memory>::hold_all_of(const WriteContext& context, std::uint64_t 
     hold(context, segment(word), all);
     return true;
 }
-/// The same of one that was filled: samples older than the history, and of those with one stamp all
-/// but the last.
+/// Notes how much of a segment that was just filled only held states show: what is older than the
+/// history, and of samples with one stamp all but the last.
 template <class Memory>
 void EdgeWriter<Memory>::hold_unshown(const WriteContext& context, const Seg& in) {
     if (in.empty() || !context.is_held())
         return;
-    const StampNs newest = this->newest();
-    const StampNs oldest =
-        newest < 0 ? std::numeric_limits<StampNs>::min() : newest - context.history;
+    const StampNs oldest = retained_from(context, this->newest());
     std::uint64_t unshown = 0;
     for (std::uint64_t i = in.begin(); i < in.end(); ++i) {
         const StampNs stamp = in.stamp(i);

@@ -115,7 +115,6 @@ template <class Memory>
 class Segment {
 public:
     static constexpr std::size_t kSlotBytes = 8 * (1 + Memory::kPayloadWords);
-    static constexpr std::size_t kSampleBytes = 8 + kSlotBytes;
 
     static constexpr std::size_t bytes(std::uint64_t capacity) {
         return memory::kLineBytes + memory::round_up(8 * capacity, memory::kLineBytes) +

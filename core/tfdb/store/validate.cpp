@@ -94,7 +94,7 @@ Error invalid_transform(const TransformView& transform, std::size_t index,
 }
 
 bool is_timely(const TransformView& transform, bool is_static) {
-    return is_static || is_stamp(transform.stamp);
+    return is_static || clock::is_stamp(transform.stamp);
 }
 
 template <ErrorCode Code>

@@ -24,10 +24,6 @@ using Fault = std::optional<Error>;
 [[nodiscard]] inline bool is_rotation(const geometry::Quat& q) noexcept {
     return std::abs(geometry::norm_squared(q) - 1.0) <= 0.01;
 }
-/// Whether a store may hold a moving sample of that stamp.
-[[nodiscard]] constexpr bool is_stamp(StampNs stamp) noexcept {
-    return stamp >= 0 && stamp <= clock::kMaxStamp;
-}
 /// Whether `fault_alone` finds nothing in any member.
 [[nodiscard]] bool is_sound(std::span<const TransformView> batch, bool is_static) noexcept;
 /// Whether `fault_of_names` finds nothing.

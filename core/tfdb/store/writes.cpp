@@ -151,7 +151,7 @@ public:
         std::copy_n(columns_.poses.data() + first, count_, poses_.begin());
         bool sound = true;
         for (std::size_t i = 0; i < count_; ++i) {
-            sound = sound && stamps_[i] > newest && is_stamp(stamps_[i]) &&
+            sound = sound && stamps_[i] > newest && clock::is_stamp(stamps_[i]) &&
                     is_finite(poses_[i].translation) && is_rotation(poses_[i].rotation);
             newest = stamps_[i];
             mended_ += counts_as_mended(poses_[i].rotation) ? 1 : 0;
