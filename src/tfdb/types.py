@@ -230,7 +230,7 @@ class MemoryUse:
     used_bytes: int
     """Bytes in use by frames, names and samples."""
     free_bytes: int
-    """Bytes kept for reuse."""
+    """Bytes kept for reuse: at once, or when no snapshot shows them any more."""
     frames: int
     """Slots of frames in use."""
     samples: int

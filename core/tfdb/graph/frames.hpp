@@ -45,6 +45,7 @@ public:
         if constexpr (memory::Fetchable<Memory>)
             hint_word(id).store_relaxed(word(id, history::kTopology).load_relaxed());
     }
+    static constexpr std::uint32_t kLastGeneration = kNoFrame;
     [[nodiscard]] std::uint32_t generation(FrameId id) const {
         return static_cast<std::uint32_t>(word(id, history::kBorn).load_relaxed() & kNoFrame);
     }

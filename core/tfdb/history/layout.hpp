@@ -35,8 +35,7 @@ enum HeaderWord : unsigned {
     kAuthority = 15,   // id of who wrote last
     kLock = 16,        // for engines that lock frames
     kNextFree = 17,    // id + 1 of the next removed frame that waits for reuse
-    kTouched = 18,     // attempt that wrote here last: see txn::Commit
-    kCorrected = 19,   // older snapshots miss samples that others of the same stamp replaced
+    kCorrected = 18,   // older snapshots miss samples that others of the same stamp replaced
     kHeaderWords = 24,
 };
 

@@ -125,6 +125,23 @@ TFDB_TEST(frames_slot_of_another_name_does_not_answer_for_the_old_handle) {
     CHECK_EQ(buffer.frame_name(ghost.id, ghost.generation), "(removed)");
 }
 
+/// However often the slot was reused since: its count of reuses has 20 bits.
+TFDB_TEST(frames_old_handle_never_fits_again) {
+    Buffer buffer(defaults());
+    set(buffer, "map", "ghost", kSecond, pose_of(1));
+    FrameHandle first;
+    CHECK(buffer.find_frame("ghost", first));
+    FrameHandle last;
+    for (int i = 0; i < (1 << kFrameBits) + 10; ++i) {
+        buffer.remove_frame("ghost", false);
+        set(buffer, "map", "ghost", kSecond + i, pose_of(1));
+        CHECK(buffer.find_frame("ghost", last));
+        CHECK(!buffer.is_current(first));
+    }
+    CHECK(last.id != first.id);
+    CHECK(buffer.is_current(last));
+}
+
 TFDB_TEST(frames_short_lived_one_after_another_leave_memory_flat) {
     Buffer buffer(defaults());
     std::size_t settled = 0;

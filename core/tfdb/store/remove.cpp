@@ -42,14 +42,10 @@ private:
     [[nodiscard]] std::uint64_t children(FrameId id) const {
         return impl_.frames.word(id, history::kChildren).load_relaxed();
     }
-    [[nodiscard]] bool goes(FrameId id) const {
-        return impl_.frames.word(id, history::kTouched).load_relaxed() == impl_.scratch.attempts;
-    }
+    [[nodiscard]] bool goes(FrameId id) const { return impl_.scratch.going.contains(id); }
     void add(FrameId id) {
-        if (goes(id))
-            return;
-        impl_.frames.word(id, history::kTouched).store_relaxed(impl_.scratch.attempts);
-        gone_.push_back(id);
+        if (impl_.scratch.going.insert(id))
+            gone_.push_back(id);
     }
 
     /// Whether a frame that is to go has a child that is not.

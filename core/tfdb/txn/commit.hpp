@@ -14,6 +14,7 @@
 #include "tfdb/history/edge_writer.hpp"
 #include "tfdb/lookup/edge.hpp"
 #include "tfdb/txn/cycle_search.hpp"
+#include "tfdb/txn/frame_set.hpp"
 #include "tfdb/txn/snapshot_view.hpp"
 
 namespace tfdb::txn {
@@ -26,13 +27,14 @@ struct CommitScratch {
         std::uint64_t late;  // how many samples had come late
     };
     std::vector<Touched> touched;
+    FrameSet touched_frames;
+    FrameSet going;  // to be removed
     std::vector<FrameId> made;
     std::vector<FrameId> removed;
     std::vector<FrameId> cleared;
     std::vector<std::uint32_t> depths;  // by frame
     std::vector<FrameId> climb;
     CycleScratch cycles;
-    std::uint64_t attempts = 0;
 };
 
 /// Writes of one commit. Nothing is visible before `publish`; the destructor undoes what was not
@@ -58,7 +60,8 @@ public:
         scratch_.removed.clear();
         scratch_.cleared.clear();
         scratch_.cycles.relations.clear();
-        ++scratch_.attempts;
+        scratch_.touched_frames.clear();
+        scratch_.going.clear();
     }
 
     ~Commit() {
@@ -106,14 +109,12 @@ public:
 
     /// True if this commit has written to the frame before; marks it as written.
     [[nodiscard]] bool touch(FrameId child) {
-        auto& mark = frames_.word(child, history::kTouched);
-        if (mark.load_relaxed() == scratch_.attempts)
+        if (!scratch_.touched_frames.insert(child))
             return true;
         auto& touched = scratch_.touched.emplace_back();
         touched.id = child;
         touched.old_parent = newest_parent(child);
         touched.late = frames_.word(child, history::kLate).load_relaxed();
-        mark.store_relaxed(scratch_.attempts);
         return false;
     }
 
@@ -273,10 +274,12 @@ private:
             if (died == 0 || (died <= context_.committed &&
                               (fresh == kNoFrame || died <= context_.oldest_read()))) {
                 const bool full = retired == frames_.first_full();
+                const bool worn_out = frames_.generation(retired) == frames_.kLastGeneration;
                 frames_.pop_retired();
                 if (full)
                     empty_slot(retired);
-                return retired;
+                // A handle to the slot's first frame must not fit again.
+                return worn_out ? take_slot() : retired;
             }
         }
         if (fresh == kNoFrame) {
