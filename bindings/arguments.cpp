@@ -1,5 +1,6 @@
 #include "arguments.hpp"
 
+#include <algorithm>
 #include <string>
 
 #include "errors.hpp"
@@ -13,10 +14,15 @@ namespace {
 }
 
 std::size_t find_parameter(const ParameterList& list, PyObject* keyword) {
-    for (std::size_t i = 0; i < list.names.size(); ++i) {
-        if (PyUnicode_CompareWithASCIIString(keyword, list.names[i]) == 0) {
-            return i;
-        }
+    Py_ssize_t size = 0;
+    const char* const text = PyUnicode_AsUTF8AndSize(keyword, &size);
+    if (text == nullptr) {
+        forget_error();
+    }
+    const std::string_view name(text, static_cast<std::size_t>(size));
+    const auto found = std::find(list.names.begin(), list.names.end(), name);
+    if (found != list.names.end()) {
+        return static_cast<std::size_t>(found - list.names.begin());
     }
     throw_type_error(std::string(list.function) + "() got an unexpected keyword argument '" +
                      text_of(keyword) + "'");
@@ -38,16 +44,22 @@ void ParameterList::bind_slowly(PyObject* const* args, std::size_t count, PyObje
         const std::size_t i = find_parameter(*this, PyTuple_GET_ITEM(keywords, k));
         if (out[i] != nullptr) {
             throw_type_error(std::string(function) + "() got multiple values for argument '" +
-                             names[i] + "'");
+                             std::string(names[i]) + "'");
         }
         out[i] = args[count + static_cast<std::size_t>(k)];
     }
     for (std::size_t i = 0; i < required; ++i) {
         if (out[i] == nullptr) {
-            throw_type_error(std::string(function) + "() is missing the argument '" + names[i] +
-                             "'");
+            throw_type_error(std::string(function) + "() is missing the argument '" +
+                             std::string(names[i]) + "'");
         }
     }
+}
+
+void add_raw_method(nb::handle type, PyMethodDef& method) {
+    const nb::object descriptor =
+        nb::steal(PyDescr_NewMethod(reinterpret_cast<PyTypeObject*>(type.ptr()), &method));
+    nb::setattr(type, method.ml_name, descriptor);
 }
 
 void throw_not_a_name(PyObject* object, const char* role) {

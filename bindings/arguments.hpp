@@ -22,11 +22,14 @@ inline PyCFunction as_function(RawMethod method) {
     return reinterpret_cast<PyCFunction>(reinterpret_cast<void (*)()>(method));
 }
 
+/// Makes it one of the type's methods. The definition must stay.
+void add_raw_method(nb::handle type, PyMethodDef& method);
+
 /// A parameter list as `def` would write it: the first `required` must be given, those from
 /// `positional` on only by keyword.
 struct ParameterList {
     const char* function;
-    std::span<const char* const> names;
+    std::span<const std::string_view> names;
     std::size_t required;
     std::size_t positional;
 

@@ -154,6 +154,9 @@ std::string describe(nb::handle object) {
 Stamps::Stamps(nb::handle object) {
     if (PyList_Check(object.ptr()) || PyTuple_Check(object.ptr())) {
         read_sequence(object);
+    } else if (const auto plain = plain_stamps(object)) {
+        array_ = nb::borrow(object);
+        values_ = *plain;
     } else if (nb::hasattr(object, "__array__") || PyObject_CheckBuffer(object.ptr()) != 0) {
         read_array(object);
     } else if (PyUnicode_Check(object.ptr()) || !nb::hasattr(object, "__iter__")) {
@@ -172,8 +175,8 @@ Stamps::Stamps(nb::handle object) {
 void Stamps::read_array(nb::handle object) {
     view_ = ArrayView::of(object, false);
     if (!view_ || view_->kind() != Kind::kInt64 || view_->dimensions() != 1) {
-        converted_ = nb::module_::import_("tfdb.stamps").attr("as_nanoseconds")(object);
-        view_ = ArrayView::of(converted_, false);
+        array_ = nb::module_::import_("tfdb.stamps").attr("as_nanoseconds")(object);
+        view_ = ArrayView::of(array_, false);
     }
     if (view_->contiguous()) {
         values_ = {view_->data<const StampNs>(), view_->extent(0)};

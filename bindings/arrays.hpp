@@ -71,7 +71,7 @@ private:
 
     std::optional<ArrayView> view_;
     std::vector<StampNs> copy_;
-    nb::object converted_;
+    nb::object array_;  // the one that was given, or what it was converted to
     std::span<const StampNs> values_;
 };
 

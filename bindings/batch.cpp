@@ -1,5 +1,6 @@
 // Batches of stamps and points: arrays checked, then one call of the core.
 #include <algorithm>
+#include <array>
 #include <cstdint>
 #include <optional>
 #include <string>
@@ -15,6 +16,9 @@ namespace tfdb::python {
 namespace {
 
 Layout layout_of(nb::handle layout) {
+    if (!layout.is_valid()) {
+        return Layout::kPose;
+    }
     const std::string_view name = name_of(layout, "layout");
     if (name != "pose" && name != "matrix") {
         throw_error("InvalidArgument",
@@ -25,6 +29,9 @@ Layout layout_of(nb::handle layout) {
 }
 
 Missing missing_of(nb::handle missing) {
+    if (!missing.is_valid()) {
+        return Missing::kThrow;
+    }
     const std::string_view name = name_of(missing, "missing");
     if (name != "raise" && name != "nan") {
         throw_error("InvalidArgument",
@@ -34,36 +41,63 @@ Missing missing_of(nb::handle missing) {
     return name == "raise" ? Missing::kThrow : Missing::kNan;
 }
 
-/// The rows to write: `out` if it is what it must be, else a new array.
-NewArray<double> rows_for(nb::handle out, std::size_t count, Layout layout) {
-    const bool matrices = layout == Layout::kMatrix;
-    if (out.is_none()) {
-        return matrices ? new_doubles({count, 4, 4}) : new_doubles({count, 7});
+/// A new array for the rows, or `out` if it is what it must be, which then is `kept` where it is.
+NewArray<double> rows_for(nb::handle out, std::size_t count, Layout layout,
+                          std::optional<ArrayView>& kept) {
+    const std::array<std::size_t, 3> matrices = {count, 4, 4};
+    const std::array<std::size_t, 2> poses = {count, 7};
+    const bool as_matrices = layout == Layout::kMatrix;
+    if (!is_given(out.ptr())) {
+        return as_matrices ? new_doubles({count, 4, 4}) : new_doubles({count, 7});
     }
-    const std::optional<ArrayView> view = ArrayView::of(out, true);
-    const bool fits =
-        view && view->kind() == Kind::kFloat64 && view->contiguous() &&
-        view->dimensions() == (matrices ? 3 : 2) && view->extent(0) == count &&
-        (matrices ? view->extent(1) == 4 && view->extent(2) == 4 : view->extent(1) == 7);
+    const std::span<const std::size_t> shape =
+        as_matrices ? std::span<const std::size_t>(matrices) : poses;
+    if (double* const plain = plain_doubles(out, shape); plain != nullptr) {
+        return {nb::borrow(out), plain};
+    }
+    kept = ArrayView::of(out, true);
+    bool fits = kept && kept->kind() == Kind::kFloat64 && kept->contiguous() &&
+                kept->dimensions() == static_cast<int>(shape.size());
+    for (std::size_t i = 0; fits && i < shape.size(); ++i) {
+        fits = kept->extent(static_cast<int>(i)) == shape[i];
+    }
     if (!fits) {
-        const std::string shape =
-            std::to_string(count) + (matrices ? std::string(", 4, 4)") : std::string(", 7)"));
-        throw_bad_array("out", "a writable, C-contiguous array of float64 (" + shape,
-                        describe(out));
+        const std::string text =
+            std::to_string(count) + (as_matrices ? std::string(", 4, 4)") : std::string(", 7)"));
+        throw_bad_array("out", "a writable, C-contiguous array of float64 (" + text, describe(out));
     }
-    return {nb::borrow(out), view->data<double>()};
+    return {nb::borrow(out), kept->data<double>()};
 }
 
-nb::object lookup_transforms(nb::handle self, const nb::str& target, const nb::str& source,
-                             nb::handle stamps, nb::handle policy, const nb::str& layout,
-                             nb::handle out, const nb::str& missing) {
-    const Pinned pinned = pin(self, object_of<ReadsObject>(self));
-    const RowsWanted wanted(target, source, stamps, policy, layout, out, missing);
-    {
-        const LongWork work(pinned.may_wait() || wanted.stamps.values().size() >= kReleaseFromRows);
-        wanted.fill(pinned.reads);
-    }
-    return wanted.result.array;
+constexpr std::array<std::string_view, 7> kBatchNames = {"target", "source", "stamps", "policy",
+                                                         "layout", "out",    "missing"};
+
+PyObject* lookup_transforms(PyObject* self, PyObject* const* args, Py_ssize_t count,
+                            PyObject* keywords) {
+    return guarded([&]() -> PyObject* {
+        constexpr ParameterList kList{"lookup_transforms", kBatchNames, 3, 4};
+        const auto [target, source, stamps, policy, layout, out, missing] =
+            bind<7>(kList, args, count, keywords);
+        const ReadsObject& object = made_reads(self);
+        const Pinned pinned = pin(self, object);
+        const RowsWanted wanted(target, source, stamps, policy, layout, out, missing);
+        const std::span<const StampNs> when = wanted.stamps.values();
+        FrameRef into = object.names->find(target, "target");
+        FrameRef from = object.names->find(source, "source");
+        into.name = wanted.target;
+        from.name = wanted.source;
+        {
+            std::optional<LongWork> work;
+            if (pinned.may_wait() || when.size() > kQuickRows) {
+                work.emplace(pinned.may_wait() || when.size() >= kReleaseFromRows);
+            }
+            pinned.reads.lookup_many(into, from, when, wanted.policy, wanted.layout, wanted.missing,
+                                     wanted.rows());
+        }
+        object.names->remember(target, into.handle);
+        object.names->remember(source, from.handle);
+        return Py_NewRef(wanted.result.array.ptr());
+    });
 }
 
 /// Points as the core wants them: rows of three neighbouring numbers.
@@ -176,7 +210,10 @@ nb::object transform_points(nb::handle self, const nb::str& target, const nb::st
 }
 
 constexpr const char* kLookupTransformsDoc =
-    R"(T[target<-source] at each of N stamps, all from one snapshot.
+    R"(lookup_transforms($self, target, source, stamps, policy=None, *, layout='pose', out=None, missing='raise')
+--
+
+T[target<-source] at each of N stamps, all from one snapshot.
 
 Row i is what `lookup_transform(target, source, stamps[i], policy)` gives in that snapshot, bit for
 bit, and much faster: whatever the other stamps are and whichever instructions the processor has. A
@@ -205,6 +242,9 @@ numpy.ndarray
     `out`, or a new float64 array (N, 7) or (N, 4, 4).
 
 Raises InvalidArray, InvalidStamp, InvalidArgument, and what `lookup_transform` raises.)";
+
+PyMethodDef g_lookup_transforms = {"lookup_transforms", as_function(lookup_transforms),
+                                   METH_FASTCALL | METH_KEYWORDS, kLookupTransformsDoc};
 
 constexpr const char* kTransformPointsDoc =
     R"(Map points of `source` into `target`, each at its own stamp.
@@ -249,20 +289,13 @@ RowsWanted::RowsWanted(nb::handle target_name, nb::handle source_name, nb::handl
       missing(missing_of(absent)),
       policy(policy_of(how.ptr())),
       stamps(when),
-      result(rows_for(out, stamps.values().size(), layout)),
-      kept(out.is_none() ? std::nullopt : ArrayView::of(result.array, true)) {}
+      result(rows_for(out, stamps.values().size(), layout, kept)) {}
+
+void add_raw_batch(nb::handle type) {
+    add_raw_method(type, g_lookup_transforms);
+}
 
 void bind_batch(nb::class_<ReadsObject>& type) {
-    type.def("lookup_transforms", &lookup_transforms, nb::arg("target"), nb::arg("source"),
-             nb::arg("stamps").none(), nb::arg("policy") = nb::none(), nb::kw_only(),
-             nb::arg("layout") = "pose", nb::arg("out") = nb::none(), nb::arg("missing") = "raise",
-             nb::sig("def lookup_transforms(self, target: str, source: str, stamps: "
-                     "tfdb.stamps.StampsLike, policy: Policy | None = None, *, layout: "
-                     "typing.Literal['pose', 'matrix'] = 'pose', out: "
-                     "numpy.typing.NDArray[numpy.float64] | None = None, missing: "
-                     "typing.Literal['raise', 'nan'] = 'raise') -> "
-                     "numpy.typing.NDArray[numpy.float64]"),
-             kLookupTransformsDoc);
     type.def("transform_points", &transform_points, nb::arg("target"), nb::arg("source"),
              nb::arg("points").none(), nb::arg("stamps").none(), nb::arg("policy") = nb::none(),
              nb::kw_only(), nb::arg("out") = nb::none(), nb::arg("missing") = "raise",

@@ -17,10 +17,13 @@ namespace tfdb::python {
 
 /// From here on a batch takes so long that other threads should run: about 0.1 ms and more.
 inline constexpr std::size_t kReleaseFromRows = 8192;
+/// Up to so many are done before a signal could matter.
+inline constexpr std::size_t kQuickRows = 128;
 
 /// The arguments of `lookup_transforms`, checked, and the rows to be written.
 struct RowsWanted {
-    /// Throws InvalidArgument, InvalidStamp, InvalidArray.
+    /// The last three may be null, which is for their default. Throws InvalidArgument,
+    /// InvalidStamp, InvalidArray.
     RowsWanted(nb::handle target, nb::handle source, nb::handle stamps, nb::handle policy,
                nb::handle layout, nb::handle out, nb::handle missing);
 
@@ -30,16 +33,11 @@ struct RowsWanted {
     Missing missing;
     Policy policy;
     Stamps stamps;
+    std::optional<ArrayView> kept;  // of `out`, while it is written: nobody may move its memory
     NewArray<double> result;
-    std::optional<ArrayView> kept;  // while it is written, nobody may move what the caller gave
 
-    /// Lets `reads`, a store's or a transaction's, write the rows. Needs no GIL.
-    template <class From>
-    void fill(From& reads) const {
-        const std::span<const StampNs> when = stamps.values();
-        const std::size_t width = layout == Layout::kPose ? 7 : 16;
-        reads.lookup_many(target, source, when, policy, layout, missing,
-                          {result.data, when.size() * width});
+    [[nodiscard]] std::span<double> rows() const {
+        return {result.data, stamps.values().size() * (layout == Layout::kPose ? 7 : 16)};
     }
 };
 

@@ -127,8 +127,8 @@ Question question_at(PyObject* time, PyObject* policy) {
     return question;
 }
 
-constexpr std::array kLookupNames = {"target", "source", "time", "policy"};
-constexpr std::array kLatestNames = {"target", "source", "max_age", "now"};
+constexpr std::array<std::string_view, 4> kLookupNames = {"target", "source", "time", "policy"};
+constexpr std::array<std::string_view, 4> kLatestNames = {"target", "source", "max_age", "now"};
 
 PyObject* lookup_transform(PyObject* self, PyObject* const* args, Py_ssize_t count,
                            PyObject* keywords) {
@@ -216,10 +216,9 @@ StampNs now_of(PyObject* buffer) {
 
 void add_raw_reads(nb::handle type) {
     for (PyMethodDef& method : g_methods) {
-        const nb::object descriptor =
-            nb::steal(PyDescr_NewMethod(reinterpret_cast<PyTypeObject*>(type.ptr()), &method));
-        nb::setattr(type, method.ml_name, descriptor);
+        add_raw_method(type, method);
     }
+    add_raw_batch(type);
 }
 
 }  // namespace tfdb::python

@@ -15,7 +15,10 @@ namespace {
 // an array, and places in the table of functions that it hands to other extensions.
 enum TypeNumber : int { kInt64 = 7, kFloat32 = 11, kFloat64 = 12 };
 static_assert(sizeof(long) == sizeof(clock::StampNs), "7 is the number of a long");
+constexpr int kContiguous = 0x0001;
+constexpr int kAligned = 0x0100;
 constexpr int kWriteable = 0x0400;
+constexpr int kWarnsOnWrite = static_cast<int>(1U << 31U);
 
 struct ArrayFields {
     PyObject_HEAD char* data;
@@ -40,6 +43,7 @@ struct Numpy {
     MakeArray make;
     PyObject* ascontiguousarray;
     PyObject* float64;
+    PyObject* int64;
 };
 // Set once, at the first use: a program without arrays does not wait for numpy's import.
 std::atomic<const Numpy*> g_numpy{nullptr};
@@ -65,8 +69,10 @@ const Numpy& find_numpy() {
     found->make = reinterpret_cast<MakeArray>(table[kMakeArray]);
     nb::object contiguous = numpy.attr("ascontiguousarray");
     nb::object float64 = numpy.attr("dtype")("float64");
+    nb::object int64 = numpy.attr("dtype")("int64");
     found->ascontiguousarray = contiguous.ptr();
     found->float64 = float64.ptr();
+    found->int64 = int64.ptr();
     // Another thread may have been here meanwhile; it found the same.
     const Numpy* known = nullptr;
     if (!g_numpy.compare_exchange_strong(known, found.get())) {
@@ -74,6 +80,7 @@ const Numpy& find_numpy() {
     }
     static_cast<void>(contiguous.release());
     static_cast<void>(float64.release());
+    static_cast<void>(int64.release());
     return *found.release();
 }
 
@@ -82,8 +89,23 @@ const Numpy& numpy() {
     return known != nullptr ? *known : find_numpy();
 }
 
-ArrayFields& fields_of(const nb::object& array) {
+ArrayFields& fields_of(nb::handle array) {
     return *reinterpret_cast<ArrayFields*>(array.ptr());
+}
+
+/// Null where it is not one of just so many axes and that type, with these flags too.
+const ArrayFields* plain_fields(nb::handle object, std::size_t axes, PyObject* Numpy::*dtype,
+                                int flags) {
+    const Numpy& known = numpy();
+    if (Py_TYPE(object.ptr()) != known.array_type) {
+        return nullptr;
+    }
+    const ArrayFields& fields = fields_of(object);
+    const int needed = kContiguous | kAligned | flags;
+    const bool plain = static_cast<std::size_t>(fields.axes) == axes &&
+                       fields.dtype == known.*dtype &&
+                       (fields.flags & (needed | kWarnsOnWrite)) == needed;
+    return plain ? &fields : nullptr;
 }
 
 template <class T>
@@ -113,6 +135,27 @@ NewArray<float> new_floats(std::initializer_list<std::size_t> shape) {
 
 NewArray<clock::StampNs> new_stamps(std::size_t count) {
     return make_array<clock::StampNs>(kInt64, {count});
+}
+
+std::optional<std::span<const clock::StampNs>> plain_stamps(nb::handle object) {
+    const ArrayFields* const fields = plain_fields(object, 1, &Numpy::int64, 0);
+    if (fields == nullptr) {
+        return std::nullopt;
+    }
+    return std::span(reinterpret_cast<const clock::StampNs*>(fields->data),
+                     static_cast<std::size_t>(fields->extents[0]));
+}
+
+double* plain_doubles(nb::handle object, std::span<const std::size_t> shape) {
+    const ArrayFields* const fields =
+        plain_fields(object, shape.size(), &Numpy::float64, kWriteable);
+    const auto fits = [](std::size_t wanted, Py_ssize_t extent) {
+        return static_cast<Py_ssize_t>(wanted) == extent;
+    };
+    if (fields == nullptr || !std::equal(shape.begin(), shape.end(), fields->extents, fits)) {
+        return nullptr;
+    }
+    return reinterpret_cast<double*>(fields->data);
 }
 
 nb::object read_only(nb::object array) {

@@ -1,10 +1,12 @@
-// New arrays of numpy, by its C interface.
+// Arrays of numpy, by its C interface.
 #pragma once
 
 #include <nanobind/nanobind.h>
 
 #include <cstddef>
 #include <initializer_list>
+#include <optional>
+#include <span>
 
 #include "tfdb/clock/stamp.hpp"
 
@@ -26,6 +28,12 @@ NewArray<clock::StampNs> new_stamps(std::size_t count);
 
 /// The array just made, which Python may not write to from here on.
 nb::object read_only(nb::object array);
+
+/// What an ordinary array of numpy holds, read without the buffer protocol, which costs as much as
+/// a lookup. Null, or nothing, where it is no array of just that type, shape and native numbers in
+/// C order, or may not be written. The memory stays where it is as for any holder of a reference.
+std::optional<std::span<const clock::StampNs>> plain_stamps(nb::handle object);
+double* plain_doubles(nb::handle object, std::span<const std::size_t> shape);
 
 /// numpy.ascontiguousarray(object, float64); null with the error that it raised.
 nb::object contiguous_doubles(nb::handle object);

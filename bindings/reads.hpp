@@ -168,6 +168,7 @@ void bind_signals();
 void bind_reads(nb::module_& module);
 /// The methods that bypass nanobind, on Reads, Buffer and Snapshot.
 void add_raw_reads(nb::handle type);
+void add_raw_batch(nb::handle type);
 void bind_batch(nb::class_<ReadsObject>& type);
 void bind_records(nb::class_<ReadsObject>& type);
 void bind_buffer(nb::module_& module);

@@ -111,7 +111,10 @@ nb::object lookup_transforms(TransactionObject& self, nb::handle target, nb::han
                              nb::handle stamps, nb::handle policy, nb::handle layout,
                              nb::handle out, nb::handle missing) {
     const RowsWanted wanted(target, source, stamps, policy, layout, out, missing);
-    self.run([&](Transaction& transaction) { wanted.fill(transaction); });
+    self.run([&](Transaction& transaction) {
+        transaction.lookup_many(wanted.target, wanted.source, wanted.stamps.values(), wanted.policy,
+                                wanted.layout, wanted.missing, wanted.rows());
+    });
     return wanted.result.array;
 }
 

@@ -13,8 +13,8 @@ namespace {
 /// Above this a commit takes longer than handing the GIL over and back.
 constexpr std::size_t kReleaseFrom = 1024;
 
-constexpr std::array kSetNames = {"parent",   "child",     "stamp",       "translation",
-                                  "rotation", "authority", "change_kind", "only_new"};
+constexpr std::array<std::string_view, 8> kSetNames = {
+    "parent", "child", "stamp", "translation", "rotation", "authority", "change_kind", "only_new"};
 
 std::string_view authority_of(PyObject* authority) {
     return authority == nullptr ? std::string_view() : name_of(authority, "authority");
@@ -108,9 +108,7 @@ TransformView view_of(PyObject* parent, PyObject* child, PyObject* stamp, PyObje
 }
 
 void add_raw_writes(nb::handle type) {
-    const nb::object descriptor =
-        nb::steal(PyDescr_NewMethod(reinterpret_cast<PyTypeObject*>(type.ptr()), &g_set_transform));
-    nb::setattr(type, g_set_transform.ml_name, descriptor);
+    add_raw_method(type, g_set_transform);
 }
 
 }  // namespace tfdb::python

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import inspect
 import threading
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
@@ -10,6 +12,9 @@ import pytest
 import tfdb
 from robot import COUNT, SECOND, Robot, make_robot, stamp_of
 from tfdb.explain import from_one_state
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
 
 PAIRS = [
     ("map", "camera"),
@@ -128,6 +133,75 @@ def test_out_is_filled_and_returned(robot: Robot) -> None:
     found = robot.buffer.lookup_transforms("map", "camera", stamps, layout="matrix", out=part)
     assert found is part
     assert np.isnan(matrices).sum() == 200 * 16
+
+
+class Rows(np.ndarray):
+    """An array that is not just numpy's."""
+
+
+@pytest.mark.parametrize(
+    "form",
+    [
+        lambda array: array.view(Rows),
+        memoryview,
+        lambda array: np.ndarray(array.shape, array.dtype, memoryview(array).cast("B")),
+    ],
+)
+@pytest.mark.parametrize("count", [1, 2, 200])
+def test_memory_of_other_objects(robot: Robot, form: Callable[[Any], Any], count: int) -> None:
+    stamps = stamps_in(count, 17, is_sorted=False)
+    memory = np.full((count, 7), np.nan)
+    out = form(memory)
+    found = robot.buffer.lookup_transforms("map", "camera", form(stamps), out=out)
+    assert found is out
+    same_poses(memory, one_by_one(robot.buffer, "map", "camera", stamps, None))
+
+
+@pytest.mark.parametrize("count", [1, 3, 40])
+def test_names_mean_the_frames_of_the_state_that_is_read(count: int) -> None:
+    """A name that was looked up before and then means another frame, or none."""
+    buffer = tfdb.Buffer()
+    cup = (0.0, 0.0, 0.6, 0.8)
+
+    def rows(reads: tfdb.Reads) -> Any:
+        found = reads.lookup_transforms("map", "cup", np.full(count, 5))
+        same_poses(found, one_by_one(reads, "map", "cup", [5] * count, None))
+        return found[:, :3].tolist()
+
+    buffer.set_transform("map", "cup", 5, (1, 2, 3), cup)
+    assert rows(buffer) == [[1, 2, 3]] * count
+    with buffer.snapshot() as before:
+        buffer.remove_frame("cup")
+        for _ in range(2):
+            with pytest.raises(tfdb.UnknownFrame) as caught:
+                buffer.lookup_transforms("map", "cup", np.full(count, 5))
+            assert caught.value.frame == "cup"
+        buffer.set_transform("map", "cup", 5, (4, 5, 6), cup)
+        for _ in range(2):
+            assert rows(buffer) == [[4, 5, 6]] * count
+            assert rows(before) == [[1, 2, 3]] * count
+
+
+def test_arguments_are_those_of_the_signature(robot: Robot) -> None:
+    stamps = np.array([stamp_of(1.5)])
+    expected = robot.buffer.lookup_transforms("map", "camera", stamps)
+    named = {"source": "camera", "target": "map", "policy": None, "stamps": stamps}
+    same_poses(robot.buffer.lookup_transforms(**named), expected)
+    calls: list[tuple[str, tuple[Any, ...], dict[str, Any]]] = [
+        ("missing the argument 'stamps'", ("map", "camera"), {}),
+        ("at most 4 positional", ("map", "camera", stamps, None, "pose"), {}),
+        ("unexpected keyword argument 'shape'", ("map", "camera", stamps), {"shape": 7}),
+        ("multiple values for argument 'target'", ("map", "camera", stamps), {"target": "map"}),
+        ("target must be a str", (1, "camera", stamps), {}),
+        ("layout must be a str", ("map", "camera", stamps), {"layout": None}),
+    ]
+    for words, positional, keywords in calls:
+        with pytest.raises(TypeError, match=words):
+            robot.buffer.lookup_transforms(*positional, **keywords)
+    assert str(inspect.signature(tfdb.Buffer.lookup_transforms)) == (
+        "(self, /, target, source, stamps, policy=None, *, "
+        "layout='pose', out=None, missing='raise')"
+    )
 
 
 def test_missing_rows_raise_or_are_nan(robot: Robot) -> None:

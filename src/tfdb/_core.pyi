@@ -216,39 +216,6 @@ class Reads:
         Number of the newest commit, or of the snapshot's. The empty store is 0.
         """
 
-    def lookup_transforms(self, target: str, source: str, stamps: tfdb.stamps.StampsLike, policy: Policy | None = None, *, layout: Literal['pose', 'matrix'] = 'pose', out: numpy.typing.NDArray[numpy.float64] | None = None, missing: Literal['raise', 'nan'] = 'raise') -> numpy.typing.NDArray[numpy.float64]:
-        """
-        T[target<-source] at each of N stamps, all from one snapshot.
-
-        Row i is what `lookup_transform(target, source, stamps[i], policy)` gives in that snapshot, bit for
-        bit, and much faster: whatever the other stamps are and whichever instructions the processor has. A
-        stored sample that is used as it is comes out as it was stored.
-
-        Parameters
-        ----------
-        target, source
-            Frame names.
-        stamps
-            (N,) int64 nanoseconds or datetime64, or a list of stamps; in any order.
-        policy
-            How stamps between samples are answered. None: Interpolate().
-        layout
-            `pose`: rows x y z qx qy qz qw. `matrix`: homogeneous 4x4 matrices, as `Transform.matrix`.
-        out
-            Array to write to: float64, C-contiguous, (N, 7) or (N, 4, 4), apart from the stamps in memory.
-            An error, or Ctrl-C, may leave it partly written.
-        missing
-            `raise`: the error of the first stamp without an answer, with its `index`. `nan`: NaN in its
-            row instead, whatever the reason; only a frame that does not exist is then an error.
-
-        Returns
-        -------
-        numpy.ndarray
-            `out`, or a new float64 array (N, 7) or (N, 4, 4).
-
-        Raises InvalidArray, InvalidStamp, InvalidArgument, and what `lookup_transform` raises.
-        """
-
     def transform_points(self, target: str, source: str, points: numpy.typing.ArrayLike, stamps: tfdb.stamps.StampsLike | tfdb.stamps.StampLike, policy: Policy | None = None, *, out: numpy.typing.NDArray[Any] | None = None, missing: Literal['raise', 'nan'] = 'raise') -> numpy.typing.NDArray[Any]:
         """
         Map points of `source` into `target`, each at its own stamp.
@@ -391,6 +358,49 @@ class Reads:
         Raises
         ------
         InvalidStamp, SnapshotTooOld, SnapshotClosed
+        """
+
+    def lookup_transforms(
+        self,
+        target: str,
+        source: str,
+        stamps: tfdb.stamps.StampsLike,
+        policy: Policy | None = None,
+        *,
+        layout: Literal['pose', 'matrix'] = 'pose',
+        out: numpy.typing.NDArray[numpy.float64] | None = None,
+        missing: Literal['raise', 'nan'] = 'raise',
+    ) -> numpy.typing.NDArray[numpy.float64]:
+        """
+        T[target<-source] at each of N stamps, all from one snapshot.
+
+        Row i is what `lookup_transform(target, source, stamps[i], policy)` gives in that snapshot, bit for
+        bit, and much faster: whatever the other stamps are and whichever instructions the processor has. A
+        stored sample that is used as it is comes out as it was stored.
+
+        Parameters
+        ----------
+        target, source
+            Frame names.
+        stamps
+            (N,) int64 nanoseconds or datetime64, or a list of stamps; in any order.
+        policy
+            How stamps between samples are answered. None: Interpolate().
+        layout
+            `pose`: rows x y z qx qy qz qw. `matrix`: homogeneous 4x4 matrices, as `Transform.matrix`.
+        out
+            Array to write to: float64, C-contiguous, (N, 7) or (N, 4, 4), apart from the stamps in memory.
+            An error, or Ctrl-C, may leave it partly written.
+        missing
+            `raise`: the error of the first stamp without an answer, with its `index`. `nan`: NaN in its
+            row instead, whatever the reason; only a frame that does not exist is then an error.
+
+        Returns
+        -------
+        numpy.ndarray
+            `out`, or a new float64 array (N, 7) or (N, 4, 4).
+
+        Raises InvalidArray, InvalidStamp, InvalidArgument, and what `lookup_transform` raises.
         """
 
     def explain(

@@ -382,8 +382,8 @@ struct Points {
 /// Runs a batch on this reader's state, and throws what the first refused stamp says.
 /// `emit(space, begin, rows, count)`: see BatchRun.
 template <class Emit>
-void Reads::run_batch(std::string_view target, std::string_view source,
-                      std::span<const StampNs> stamps, Policy policy, bool stop, Emit emit) const {
+void Reads::run_batch(FrameRef& target, FrameRef& source, std::span<const StampNs> stamps,
+                      Policy policy, bool stop, Emit emit) const {
     const Lease lease;
     Workspace& space = *lease;
     Request request{kNoFrame, kNoFrame, stamps, policy, stop};
@@ -393,8 +393,15 @@ void Reads::run_batch(std::string_view target, std::string_view source,
     if (impl_->engine == nullptr && stamps.size() > kBlock)
         pin.emplace(*impl_);
     const Outcome outcome = store::read(*impl_, held_, kFresh, [&](const StoreView& view) {
-        request.target = impl_->names.find(target, view.commit());
-        request.source = impl_->names.find(source, view.commit());
+        const auto find = [&](FrameRef& frame) {
+            FrameHandle& known = frame.handle;
+            if (known.id == kNoFrame || view.generation(known.id) != known.generation ||
+                !view.alive(known.id))
+                known = lookup::handle_of(view, impl_->names.find(frame.name, view.commit()));
+            return known.id;
+        };
+        request.target = find(target);
+        request.source = find(source);
         return run(view);
     });
     if (outcome == Outcome::kOk)
@@ -402,7 +409,7 @@ void Reads::run_batch(std::string_view target, std::string_view source,
     if (outcome == Outcome::kLapped)
         store::throw_snapshot_too_old(held_, impl_->committed());
     try {
-        raise(space.failure, store::by_name(Question::kAt, target, source));
+        raise(space.failure, store::by_name(Question::kAt, target.name, source.name));
     } catch (Error& error) {
         if (run.refused())
             error.detail().index = *run.refused();
@@ -410,9 +417,9 @@ void Reads::run_batch(std::string_view target, std::string_view source,
     }
 }
 
-void Reads::lookup_many(std::string_view target, std::string_view source,
-                        std::span<const StampNs> stamps, Policy policy, Layout layout,
-                        Missing missing, std::span<double> out) const {
+void Reads::lookup_many(FrameRef& target, FrameRef& source, std::span<const StampNs> stamps,
+                        Policy policy, Layout layout, Missing missing,
+                        std::span<double> out) const {
     store::check_room(stamps, layout, out);
     const geometry::Kernels& kernels = geometry::chosen_kernels();
     const auto write = [&](auto width, auto store_rows) {
@@ -462,7 +469,9 @@ void Reads::move_points(std::string_view target, std::string_view source, const 
                            count};
     const geometry::Kernels& kernels = geometry::chosen_kernels();
     std::optional<Pose> pose;  // for all
-    run_batch(target, source, stamps, policy, missing == Missing::kThrow,
+    FrameRef into{.name = target};
+    FrameRef from{.name = source};
+    run_batch(into, from, stamps, policy, missing == Missing::kThrow,
               [&](const Workspace& space, std::size_t begin, const Row* order, std::size_t some) {
                   if (!one)
                       return all.move(kernels, space, begin, order, some);

@@ -186,7 +186,14 @@ public:
     /// such a stamp, whatever the reason; UnknownFrame alone is thrown.
     void lookup_many(std::string_view target, std::string_view source,
                      std::span<const StampNs> stamps, Policy policy, Layout layout, Missing missing,
-                     std::span<double> out) const;
+                     std::span<double> out) const {
+        FrameRef into{.name = target};
+        FrameRef from{.name = source};
+        lookup_many(into, from, stamps, policy, layout, missing, out);
+    }
+    /// The same of frames that have names, and perhaps handles; it sets the handles.
+    void lookup_many(FrameRef& target, FrameRef& source, std::span<const StampNs> stamps,
+                     Policy policy, Layout layout, Missing missing, std::span<double> out) const;
     /// p_target = T[target<-source](stamp of the point) p_source; strides in elements. One stamp
     /// for each point, or a single one for all. In place is allowed (out == points); `out` that
     /// overlaps the points otherwise, or the stamps, is refused (InvalidArgument).
@@ -230,8 +237,8 @@ protected:
 
 private:
     template <class Emit>
-    void run_batch(std::string_view target, std::string_view source,
-                   std::span<const StampNs> stamps, Policy policy, bool stop, Emit emit) const;
+    void run_batch(FrameRef& target, FrameRef& source, std::span<const StampNs> stamps,
+                   Policy policy, bool stop, Emit emit) const;
     template <class Real>
     void move_points(std::string_view target, std::string_view source, const Real* points,
                      std::size_t stride, std::size_t count, std::span<const StampNs> stamps,
