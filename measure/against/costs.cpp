@@ -241,6 +241,16 @@ void held_after_flood(Rounds& rounds, StampNs samples) {
     }
     add(rounds, "after n late samples, in one gap",
         lookup_ns(before, kPeriod, std::max<StampNs>(1, samples / 100) * kPeriod, 90));
+
+    Buffer ahead = keeping_all();
+    for (StampNs i = 1; i <= samples; ++i) {
+        put(ahead, kPeriod * i);
+    }
+    const tfdb::Snapshot passed = ahead.snapshot();
+    for (StampNs i = samples + 1; i <= 2 * samples; ++i) {
+        put(ahead, kPeriod * i);
+    }
+    add(rounds, "after n later samples", lookup_ns(passed, kPeriod, kPeriod, count));
 }
 
 void held_rows(const Costs& costs) {

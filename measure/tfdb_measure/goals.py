@@ -244,7 +244,7 @@ def _history() -> Iterator[Goal]:
     text, long = f"{_LONG}, chain of 10, seconds", cpp(_LONG, 10, "tfdb")
     yield Goal(text, TF2, long, goal=1.0, at_least=False, unit="s")
     fresh = cost(_HELD, "before")
-    for name in ("after clear()", "after re-parenting"):
+    for name in ("after clear()", "after re-parenting", "after n later samples"):
         text = f"lookup in a held snapshot {name}, against before"
         yield at_most(text, 3, cost(_HELD, name), fresh)
     for name, limit in (("spread", 1.0), ("in one gap", 50.0)):

@@ -158,6 +158,14 @@ TFDB_SCHED(edge_seals) {
           {15, 45});
 }
 
+// Nodes as for figures: a reader that was held up passes over several segments at once.
+TFDB_SCHED(edge_readers_pass_over_newer_segments) {
+    holds("ahead", {.before = {one(10)}, .during = {together({20, 30, 40, 50, 60, 70, 80})}}, {15});
+    holds("in their midst",
+          {.before = {one(10), one(90), one(95)}, .during = {together({20, 30, 40, 50, 60})}},
+          {15, 55});
+}
+
 TFDB_SCHED(edge_evicts) {
     holds("the oldest goes", {.history = 15, .before = {one(10), one(30)}, .during = {one(50)}},
           {20, 35});

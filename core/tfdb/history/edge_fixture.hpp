@@ -54,6 +54,16 @@ public:
         judge(extent, visible(snapshot));
         return looks;
     }
+    /// How many words are looked at to find what a snapshot sees around a stamp, which is right.
+    [[nodiscard]] std::uint64_t looks_for(CommitNumber snapshot, StampNs stamp) {
+        CHECK(check(snapshot, stamp));
+        View view;
+        Bracket around;
+        const std::uint64_t before = memory_.looks;
+        CHECK(open(snapshot, view) && view.bracket(stamp, around) && view.confirm());
+        CHECK(view.least_commit() <= snapshot);
+        return memory_.looks - before;
+    }
     [[nodiscard]] std::uint64_t word_value(HeaderWord w) const {
         return memory_.word(header_ + 8 * w).load_relaxed();
     }

@@ -129,10 +129,7 @@ public:
             return false;
         out.add(extent_of(at.segment, at.index, snapshot_));
         if (at.k < end_) {
-            const std::uint64_t capacity = directory().word(kDirCapacity).load_relaxed();
-            // What follows stays within the block.
-            if (!confirm())
-                return false;
+            const std::uint64_t capacity = this->capacity();
             for (std::uint64_t k = at.k + 1; k < end_ && directory().first(k) <= newest_.stamp;)
                 k = add_from(k, capacity, out);
             out.add(extent_of(segment(end_), segment(end_).begin(), snapshot_));
@@ -172,11 +169,13 @@ public:
 
     /// No sample is of an older commit.
     [[nodiscard]] CommitNumber least_commit() const {
-        CommitNumber least = kMaxCommit;
-        for (std::uint64_t k = begin_; k <= end_; ++k) {
-            const Segment<Memory> in = segment(k);
-            if (!in.empty())
-                least = std::min<CommitNumber>(least, in.meta(kLeast).load_relaxed());
+        const Segment<Memory> tail(*memory_, tail_);
+        CommitNumber least = tail.empty() ? kMaxCommit : tail.meta(kLeast).load_relaxed();
+        const std::uint64_t capacity = begin_ < end_ ? this->capacity() : 0;
+        for (std::uint64_t k = begin_; k < end_;) {
+            const unsigned level = largest_from(k);
+            least = std::min(least, directory().least(capacity, level, k));
+            k += Dir::segments(level);
         }
         return least;
     }
@@ -342,6 +341,56 @@ private:
         }
     }
 
+    /// The directory's; 0, which keeps all that follows within the block, if it is one no more.
+    [[nodiscard]] std::uint64_t capacity() const {
+        const std::uint64_t found = directory().word(kDirCapacity).load_relaxed();
+        if (confirm())
+            return found;
+        overtaken_ = true;
+        return 0;
+    }
+    /// Level of the largest node of which an entry is the first, or the entry before it the last.
+    [[nodiscard]] unsigned largest_from(std::uint64_t k) const {
+        unsigned level = 0;
+        while (k % Dir::segments(level + 1) == 0 && k + Dir::segments(level + 1) <= end_)
+            ++level;
+        return level;
+    }
+    [[nodiscard]] unsigned largest_before(std::uint64_t k) const {
+        unsigned level = 0;
+        while (k % Dir::segments(level + 1) == 0 && k >= begin_ + Dir::segments(level + 1))
+            ++level;
+        return level;
+    }
+    /// The first segment at or behind an entry that has samples as old as the snapshot; else the
+    /// tail.
+    [[nodiscard]] std::uint64_t first_as_old(std::uint64_t k) const {
+        const std::uint64_t capacity = k < end_ ? this->capacity() : 0;
+        while (k < end_) {
+            unsigned level = largest_from(k);
+            while (level > 0 && directory().least(capacity, level, k) <= snapshot_)
+                --level;
+            if (level == 0 && directory().least(capacity, 0, k) <= snapshot_)
+                return k;
+            k += Dir::segments(level);
+        }
+        return end_;
+    }
+    /// The last segment before a place that has some; else the first of all.
+    [[nodiscard]] std::uint64_t last_as_old(std::uint64_t k) const {
+        const std::uint64_t capacity = k > begin_ ? this->capacity() : 0;
+        while (k > begin_) {
+            unsigned level = largest_before(k);
+            while (level > 0 &&
+                   directory().least(capacity, level, k - Dir::segments(level)) <= snapshot_)
+                --level;
+            if (level == 0 && directory().least(capacity, 0, k - 1) <= snapshot_)
+                return k - 1;
+            k -= Dir::segments(level);
+        }
+        return begin_;
+    }
+
     [[nodiscard]] bool visible(const Segment<Memory>& segment, std::uint64_t index) const {
         return segment.commit(index) <= snapshot_;
     }
@@ -352,18 +401,18 @@ private:
     [[nodiscard]] Spot last_visible(Spot at) const {
         for (;;) {
             const std::uint64_t begin = at.segment.begin();
-            for (bool first = true; at.index > begin; first = false) {
+            bool skip = false;
+            while (at.index > begin && !skip) {
                 --at.index;
                 if (visible(at.segment, at.index)) {
                     at.found = true;
                     return at;
                 }
-                if (first && all_too_new(at.segment))
-                    break;
+                skip = all_too_new(at.segment);
             }
             if (at.k == begin_)
                 return {at.k, at.segment, begin, false};
-            --at.k;
+            at.k = skip ? last_as_old(at.k) : at.k - 1;
             at.segment = segment(at.k);
             at.index = at.segment.end();
         }
@@ -372,32 +421,30 @@ private:
     [[nodiscard]] Spot first_visible(Spot at) const {
         Spot best = at;
         best.found = false;
-        for (;; ++at.k, at.segment = segment(at.k), at.index = at.segment.begin()) {
-            for (bool first = true; at.index < at.segment.end(); ++at.index, first = false) {
+        for (;;) {
+            bool skip = false;
+            for (; at.index < at.segment.end() && !skip; ++at.index) {
                 if (best.found && at.segment.stamp(at.index) != best.segment.stamp(best.index))
                     return best;
                 if (visible(at.segment, at.index)) {
                     best = at;
                     best.found = true;
-                } else if (first && !best.found && all_too_new(at.segment)) {
-                    break;
+                } else {
+                    skip = !best.found && all_too_new(at.segment);
                 }
             }
             if (at.k == end_)
                 return best;
+            at.k = skip ? first_as_old(at.k + 1) : at.k + 1;
+            at.segment = segment(at.k);
+            at.index = at.segment.begin();
         }
     }
     /// The largest node that begins with a segment and holds for the snapshot, or the segment
     /// itself. Gives the segment behind.
     [[nodiscard]] std::uint64_t add_from(std::uint64_t k, std::uint64_t capacity,
                                          Extent& out) const {
-        const auto fits = [&](unsigned level) {
-            return k % Dir::segments(level) == 0 && k + Dir::segments(level) <= end_;
-        };
-        unsigned level = 0;
-        while (fits(level + 1))
-            ++level;
-        for (;; --level) {
+        for (unsigned level = largest_from(k);; --level) {
             const auto node = directory().node(capacity, level, k);
             if (node.changed <= snapshot_) {
                 out.add(node.extent);

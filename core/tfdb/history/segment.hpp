@@ -215,10 +215,12 @@ enum DirectoryWord : unsigned {
 template <class Memory>
 class Directory {
 public:
-    /// What a node says holds in states from `changed` on.
+    /// What a node says of its samples holds in states from `changed` on; none is older than
+    /// `least`.
     struct Node {
         Extent extent;
         CommitNumber changed = 0;
+        CommitNumber least = kMaxCommit;
     };
 
     static constexpr std::size_t bytes(std::uint64_t capacity) {
@@ -272,7 +274,12 @@ public:
         node.extent.longest_gap = as_stamp(word(4).load_acquire());
         // It is stored before them.
         node.changed = word(0).load_relaxed();
+        node.least = word(5).load_relaxed();
         return node;
+    }
+    [[nodiscard]] CommitNumber least(std::uint64_t capacity, unsigned level,
+                                     std::uint64_t k) const {
+        return node_words(capacity, level, k)(5).load_relaxed();
     }
     /// The writer's: figures of one segment; those above it go with `sum_up`.
     void store_node(std::uint64_t k, const Node& node) const {
@@ -281,8 +288,7 @@ public:
     /// What an entry's segment is like, in the commit in progress.
     void store_figures(std::uint64_t k) const {
         const Segment<Memory> in(*memory_, entry(k).load_relaxed());
-        store_node(k, {extent_of(in, in.begin(), SlotWord::kNever - 1),
-                       in.meta(kGreatest).load_relaxed()});
+        store_node(k, in, extent_of(in, in.begin(), SlotWord::kNever - 1));
     }
     /// The same where the sample at `index` is the only change.
     void store_figures_with(std::uint64_t k, const Segment<Memory>& in, std::uint64_t index) const {
@@ -299,7 +305,7 @@ public:
         } else if (in.stamp(index - 1) != stamp) {
             ++all.samples;
         }
-        store_node(k, {all, in.meta(kGreatest).load_relaxed()});
+        store_node(k, in, all);
     }
     /// The nodes above an entry, as far as they lie among the entries before `end`.
     void sum_up(std::uint64_t k, std::uint64_t end) const {
@@ -347,7 +353,7 @@ public:
     }
 
 private:
-    static constexpr Offset kNodeBytes = 40;
+    static constexpr Offset kNodeBytes = 48;
     static constexpr Offset nodes_at(std::uint64_t capacity, unsigned level) {
         Offset at = memory::kLineBytes + 16 * capacity;
         for (unsigned below = 0; below < level; ++below)
@@ -364,6 +370,9 @@ private:
         return [memory = memory_, at](unsigned w) ->
                typename Memory::Word& { return memory->word(at + 8 * Offset{w}); };
     }
+    void store_node(std::uint64_t k, const Segment<Memory>& in, const Extent& extent) const {
+        store_node(k, {extent, in.meta(kGreatest).load_relaxed(), in.meta(kLeast).load_relaxed()});
+    }
     /// Who sees one of the figures sees of which commit they are.
     void store(std::uint64_t capacity, unsigned level, std::uint64_t k, const Node& node) const {
         const auto word = node_words(capacity, level, k);
@@ -372,6 +381,7 @@ private:
         word(2).store_release(as_word(node.extent.first));
         word(3).store_release(as_word(node.extent.last));
         word(4).store_release(as_word(node.extent.longest_gap));
+        word(5).store_relaxed(node.least);
     }
     void sum_up(std::uint64_t capacity, unsigned level, std::uint64_t k) const {
         const std::uint64_t first = k / segments(level) * segments(level);
@@ -380,6 +390,7 @@ private:
             const Node part = node(capacity, level - 1, at);
             sum.extent.add(part.extent);
             sum.changed = std::max(sum.changed, part.changed);
+            sum.least = std::min(sum.least, part.least);
         }
         store(capacity, level, first, sum);
     }
