@@ -1,11 +1,8 @@
 #include "recorded.hpp"
 
-#include <nanobind/stl/optional.h>
-
 #include <algorithm>
 #include <cstring>
 #include <map>
-#include <optional>
 #include <tuple>
 
 #include "arguments.hpp"
@@ -113,11 +110,12 @@ nb::object Recorded::add_mcap_chunk(nb::handle given, const nb::callable& wanted
         for (std::size_t i = 0; records.next(); ++i) {
             look_for_signals(i);
             const std::uint8_t kind = records.kind();
-            if (kind == Records::kMessage) {
+            if (records.is_message()) {
                 if (is_wanted(records.channel())) {
                     found.add(records);
                 }
-            } else if (kind == Records::kSchema || kind == Records::kChannel) {
+            } else if (kind == Records::kSchema || kind == Records::kChannel ||
+                       kind == Records::kMessage) {
                 learn(kind, copy_of(records.content()));
                 is_wanted.forget();
             }
@@ -139,20 +137,13 @@ void Recorded::add(std::uint64_t received, std::uint32_t source, const nb::bytes
     messages_.push_back({received, bytes.data(), static_cast<std::uint32_t>(bytes.size()), source});
 }
 
-void Recorded::settle(std::optional<std::uint64_t> end) {
+void Recorded::sort() {
     const auto before = [](const RecordedMessage& a, const RecordedMessage& b) {
         return a.received < b.received;
     };
-    const auto waiting = messages_.begin() + static_cast<std::ptrdiff_t>(settled_);
-    if (!std::is_sorted(waiting, messages_.end(), before)) {
-        std::stable_sort(waiting, messages_.end(), before);
+    if (!std::is_sorted(messages_.begin(), messages_.end(), before)) {
+        std::stable_sort(messages_.begin(), messages_.end(), before);
     }
-    const auto is_before = [](const RecordedMessage& message, std::uint64_t time) {
-        return message.received < time;
-    };
-    const auto first =
-        end ? std::lower_bound(waiting, messages_.end(), *end, is_before) : messages_.end();
-    settled_ = static_cast<std::size_t>(first - messages_.begin());
 }
 
 nb::tuple Recorded::at(std::size_t index) const {
@@ -215,12 +206,13 @@ void bind_recorded(nb::module_& module) {
                      "collections.abc.Callable[[int], bool], learn: "
                      "collections.abc.Callable[[int, bytes], None]) -> tuple[int, int] | None"),
              "Add the wanted messages of an unpacked chunk, as they lie there.\n\n"
-             "`learn` gets the kind and content of schemas and channels. Returns where the records "
-             "break off, and\nhow long the one says that it is which goes beyond the chunk.")
+             "`learn` gets the kind and content of schemas, channels and what is too short for a "
+             "message. Returns where\nthe records break off, and how long the one says that it is "
+             "which goes beyond the chunk.")
         .def("add", &Recorded::add, nb::arg("received"), nb::arg("source"), nb::arg("data"),
              "Add one message.")
-        .def("settle", &Recorded::settle, nb::arg("end").none(),
-             "Sort what waits by time; what is before `end` (None: all of it) waits no more.")
+        .def("sort", &Recorded::sort,
+             "Sort by the time of reception; messages of one time stay as they were added.")
         .def("__len__", &Recorded::size)
         .def("__getitem__", &Recorded::at, nb::arg("index"),
              nb::sig("def __getitem__(self, index: int) -> tuple[int, int, bytes]"))

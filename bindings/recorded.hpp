@@ -6,7 +6,6 @@
 #include <cstddef>
 #include <cstdint>
 #include <memory>
-#include <optional>
 #include <span>
 #include <vector>
 
@@ -24,8 +23,7 @@ struct RecordedMessage {
     [[nodiscard]] std::span<const std::byte> bytes() const { return {data, size}; }
 };
 
-/// Messages in the order in which they are to be stored. The last of them may still be waiting for
-/// earlier ones, which another chunk brings.
+/// Messages in the order in which they are to be stored.
 /// Threads: whoever has the GIL. Guarantee: bytes stay where they are while this lives.
 class Recorded {
 public:
@@ -34,14 +32,14 @@ public:
     Recorded& operator=(const Recorded&) = delete;
 
     /// Adds the wanted messages of an MCAP chunk (bytes, or a view of some), as they lie there;
-    /// schemas and channels are handed to `learn`, which may change what is `wanted`. Returns None,
-    /// or where the records break off and how long the one says that it is which goes beyond the
-    /// chunk.
+    /// schemas, channels and what is too short for a message are handed to `learn`, which may
+    /// change what is `wanted`. Returns None, or where the records break off and how long the one
+    /// says that it is which goes beyond the chunk.
     nb::object add_mcap_chunk(nb::handle chunk, const nb::callable& wanted,
                               const nb::callable& learn);
     void add(std::uint64_t received, std::uint32_t source, const nb::bytes& data);
-    /// Puts those that wait in the order of reception; those before `end` (None: all) wait no more.
-    void settle(std::optional<std::uint64_t> end);
+    /// Puts them in the order of reception; those of one time stay as they were added.
+    void sort();
 
     [[nodiscard]] std::size_t size() const { return messages_.size(); }
     /// (received, source, bytes)
@@ -55,7 +53,6 @@ public:
 
 private:
     std::vector<RecordedMessage> messages_;
-    std::size_t settled_ = 0;
     std::vector<nb::object> kept_;  // whose bytes they are
     std::vector<std::unique_ptr<std::byte[]>> copied_;
 };

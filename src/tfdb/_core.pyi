@@ -865,16 +865,16 @@ class Recorded:
         """
         Add the wanted messages of an unpacked chunk, as they lie there.
 
-        `learn` gets the kind and content of schemas and channels. Returns where the records break off, and
-        how long the one says that it is which goes beyond the chunk.
+        `learn` gets the kind and content of schemas, channels and what is too short for a message. Returns where
+        the records break off, and how long the one says that it is which goes beyond the chunk.
         """
 
     def add(self, received: int, source: int, data: bytes) -> None:
         """Add one message."""
 
-    def settle(self, end: int | None) -> None:
+    def sort(self) -> None:
         """
-        Sort what waits by time; what is before `end` (None: all of it) waits no more.
+        Sort by the time of reception; messages of one time stay as they were added.
         """
 
     def __len__(self) -> int: ...

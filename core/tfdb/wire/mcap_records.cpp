@@ -43,6 +43,10 @@ std::span<const std::byte> McapRecords::content() const noexcept {
     return chunk_.subspan(at_ + kHead, static_cast<std::size_t>(length_));
 }
 
+bool McapRecords::is_message() const noexcept {
+    return kind() == kMessage && length_ >= kPayloadAt - kHead;
+}
+
 std::uint16_t McapRecords::channel() const noexcept {
     return static_cast<std::uint16_t>(number(kChannelAt, 2));
 }
@@ -52,8 +56,7 @@ std::uint64_t McapRecords::log_time() const noexcept {
 }
 
 std::span<const std::byte> McapRecords::payload() const noexcept {
-    const std::size_t begin = std::min(at_ + kPayloadAt, next_);
-    return chunk_.subspan(begin, next_ - begin);
+    return chunk_.subspan(at_ + kPayloadAt, next_ - at_ - kPayloadAt);
 }
 
 }  // namespace tfdb::wire

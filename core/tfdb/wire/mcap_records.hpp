@@ -31,8 +31,9 @@ public:
 
     [[nodiscard]] std::uint8_t kind() const noexcept;
     [[nodiscard]] std::span<const std::byte> content() const noexcept;
-    /// Of a message. One that is too short for these has an empty payload, and numbers of bytes
-    /// that are not its own, or zeros.
+    /// Whether it is a message, and long enough to be one.
+    [[nodiscard]] bool is_message() const noexcept;
+    /// Of a message (`is_message`).
     [[nodiscard]] std::uint16_t channel() const noexcept;
     [[nodiscard]] std::uint64_t log_time() const noexcept;
     [[nodiscard]] std::span<const std::byte> payload() const noexcept;

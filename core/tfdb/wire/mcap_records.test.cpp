@@ -40,6 +40,7 @@ TFDB_TEST(mcap_records_are_given_as_they_lie) {
     McapRecords records(chunk.bytes);
     CHECK(records.next());
     CHECK_EQ(records.kind(), McapRecords::kSchema);
+    CHECK(!records.is_message());
     CHECK_EQ(records.content().size(), 3U);
     CHECK(records.content()[2] == std::byte{3});
     CHECK(records.next());
@@ -88,17 +89,21 @@ TFDB_TEST(mcap_records_that_go_beyond_the_chunk_end_the_walk) {
     }
 }
 
-TFDB_TEST(mcap_messages_too_short_for_their_head_have_no_payload) {
-    for (std::uint64_t length = 0; length < 22; ++length) {
+TFDB_TEST(mcap_messages_too_short_for_their_head_are_none) {
+    for (std::uint64_t length = 0; length <= 22; ++length) {
         Chunk chunk;
         chunk.head(McapRecords::kMessage, length);
         for (std::uint64_t i = 0; i < length; ++i)
             chunk.number(0xFF, 1);
+        chunk.message(7, 8, 9);
         McapRecords records(chunk.bytes);
         CHECK(records.next());
-        CHECK(records.payload().empty());
-        CHECK_EQ(records.channel(), length == 0 ? 0 : length == 1 ? 0xFF : 0xFFFF);
-        CHECK_EQ(records.log_time() != 0, length > 6);
+        CHECK_EQ(records.kind(), McapRecords::kMessage);
+        CHECK_EQ(records.content().size(), length);
+        CHECK_EQ(records.is_message(), length == 22);
+        CHECK(records.next());
+        CHECK(records.is_message());
+        CHECK_EQ(records.log_time(), 8U);
         CHECK(!records.next());
         CHECK(!records.is_broken());
     }

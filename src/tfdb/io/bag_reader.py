@@ -109,6 +109,7 @@ def _indexed(path: Path, file: RawFile) -> Container:
 
     def payloads(ids: Collection[int]) -> Iterator[Payload]:
         wanted = [each for each in index.chunks if not each.counts.keys().isdisjoint(ids)]
+        wanted.sort(key=lambda each: each.position)
         return in_order(
             ((each.start, each) for each in wanted), partial(_chunk_messages, file, ids)
         )

@@ -12,6 +12,7 @@ from bisect import bisect_left
 from collections import Counter
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+from itertools import zip_longest
 from operator import itemgetter
 from typing import TYPE_CHECKING, Literal, TypeAlias, TypeVar
 
@@ -109,7 +110,8 @@ class Container:
     start
         When the first message was received, nanoseconds; `NO_START` without messages.
     payloads
-        Gives the messages of the sources with the ids that it gets, in order of reception.
+        Gives the messages of the sources with the ids that it gets, in order of reception, those of
+        one time in the order of the file.
     close
         Closes the file; called again, does nothing.
     losses
@@ -245,29 +247,29 @@ _time = itemgetter(0)
 _STEP = 4096
 
 
-def with_next(chunks: Iterable[tuple[int, T]]) -> Iterator[tuple[T, int | None]]:
-    """Chunks by the time of their first message, each with the time of the next one's."""
-    ordered = sorted(chunks, key=_time)
-    nexts = [start for start, _ in ordered[1:]]
-    return (
-        (chunk, following) for (_, chunk), following in zip(ordered, [*nexts, None], strict=False)
-    )
-
-
 def in_order(
     chunks: Iterable[tuple[int, T]], read: Callable[[T], Iterable[Payload]]
 ) -> Iterator[Payload]:
-    """Messages by time, out of chunks that come with the time of their first message.
+    """Messages by time, those of one time in the order of the file.
 
-    They may overlap: what may still be preceded waits for the next chunk.
+    Their chunks come in that order, each with the time of its first message. They may overlap: what
+    may still be preceded waits for the next chunk.
     """
-    pending: list[Payload] = []
-    for chunk, end in with_next(chunks):
-        pending += read(chunk)
-        pending.sort(key=_time)
-        cut = len(pending) if end is None else bisect_left(pending, end, key=_time)
-        yield from pending[:cut]
-        del pending[:cut]
+    by_start = sorted(enumerate(chunks), key=lambda numbered: numbered[1][0])
+    ends = [start for _, (start, _) in by_start[1:]]
+    waiting: dict[int, list[Payload]] = {}
+    for (number, (_, chunk)), end in zip_longest(by_start, ends):
+        waiting[number] = sorted(read(chunk), key=_time)
+        ready: list[Payload] = []
+        for each in sorted(waiting):
+            messages = waiting[each]
+            cut = len(messages) if end is None else bisect_left(messages, end, key=_time)
+            ready += messages[:cut]
+            del messages[:cut]
+            if not messages:
+                del waiting[each]
+        ready.sort(key=_time)
+        yield from ready
 
 
 def is_tf_type(name: str) -> bool:

@@ -1,7 +1,13 @@
 """MCAP files (https://mcap.dev/spec).
 
 With the summary at the end of the file only those chunks are read that hold what is wanted. Files
-without one, and damaged ones (`salvage`), are walked from their beginning.
+without one, or whose summary does not name all schemas, channels and chunks, are walked from their
+beginning, and so are damaged ones (`salvage`).
+
+Damage is also what the format forbids: checksums that are wrong (zero: there is none), messages
+shorter than their head, messages of channels that neither the summary nor anything before them
+declares, or whose schema nothing declares, and channels and schemas that are declared again as
+something else. `salvage` leaves such messages out, believes the first declaration, and reports it.
 """
 
 from __future__ import annotations
@@ -9,6 +15,7 @@ from __future__ import annotations
 import struct
 import zlib
 from bisect import bisect_right
+from collections import Counter
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
@@ -26,12 +33,11 @@ from .containers import (
     in_order,
     is_tf_type,
     typed_errors,
-    with_next,
 )
 from .raw_file import BadDataError, BrokenChunkError, RawFile, unpack, unpack_the_start
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Collection, Iterator
+    from collections.abc import Callable, Collection, Iterable, Iterator
     from pathlib import Path
 
     from .containers import Payload
@@ -45,6 +51,7 @@ _HEAD = 9
 _FOOTER_SIZE = _HEAD + 20 + len(_MAGIC)
 _CHUNK_HEAD = struct.Struct("<QQQI")
 _PAIR = struct.Struct("<HQ")
+_PIECE = 2**20
 
 
 @dataclass(frozen=True)
@@ -58,7 +65,7 @@ class _Channel:
 
 @dataclass(frozen=True)
 class _Chunk:
-    """Where a chunk lies, and which channels it holds; none named: any."""
+    """Where a chunk lies, when it starts, and which channels it holds; none named: any."""
 
     position: int
     start: int
@@ -67,7 +74,10 @@ class _Chunk:
 
 @dataclass
 class _Index:
-    """What the file says of its messages: their streams, where they lie, how many there are."""
+    """What the file says of its messages: their streams, where they lie, how many there are.
+
+    `flaws` are what contradicts the format in well-formed records, with the bytes lost by each.
+    """
 
     schemas: dict[int, str] = field(default_factory=dict)
     channels: dict[int, _Channel] = field(default_factory=dict)
@@ -75,16 +85,20 @@ class _Index:
     counts: dict[int, int] | None = None
     chunk_count: int = 0
     start: int = NO_START
+    flaws: Counter[str] = field(default_factory=Counter)
 
     def learn(self, kind: int, data: bytes) -> None:
-        """Take in a schema, channel, chunk index or statistics record."""
+        """Take in a schema, channel, chunk index or statistics record, or what is no message."""
         fields = _Fields(data)
         if kind == _SCHEMA:
-            id_ = fields.number(2)
-            self.schemas[id_] = fields.text()
+            id_, name = fields.number(2), fields.text()
+            if self.schemas.setdefault(id_, name) != name:
+                self.flaws[f"schema {id_} is declared again as {name!r}"] += 0
         elif kind == _CHANNEL:
             id_ = fields.number(2)
-            self.channels[id_] = _Channel(fields.number(2), fields.text(), fields.text())
+            channel = _Channel(fields.number(2), fields.text(), fields.text())
+            if self.channels.setdefault(id_, channel) != channel:
+                self.flaws[f"channel {id_} is declared again, on {channel.topic!r}"] += 0
         elif kind == _CHUNK_INDEX:
             start, _, position = fields.number(8), fields.number(8), fields.number(8)
             fields.number(8)
@@ -95,9 +109,32 @@ class _Index:
             self.chunk_count, start = fields.number(4), fields.number(8)
             fields.number(8)
             self.counts, self.start = fields.pairs(), start if count else NO_START
+        elif kind == _MESSAGE:
+            self.flaws[f"a message of {len(data)} bytes, too short for one"] += _HEAD + len(data)
+
+    def is_whole(self) -> bool:
+        """Whether the chunks can be read by it alone."""
+        if not self.counts or not self.chunks or len(self.chunks) != self.chunk_count:
+            return False
+        named = set(self.counts).union(*(chunk.channels for chunk in self.chunks))
+        return all(map(self.is_declared, named | self.channels.keys())) and not self.flaws
+
+    def is_declared(self, channel: int) -> bool:
+        """Whether channel and schema (0: none) are known; what is not is a flaw of messages."""
+        known = self.channels.get(channel)
+        return known is not None and (known.schema == 0 or known.schema in self.schemas)
 
     def is_tf(self, channel: int) -> bool:
-        return channel in self.channels and is_tf_type(self.type_of(channel))
+        """Whether messages of a channel are of transforms; a flaw where nobody can know."""
+        if not self.is_declared(channel):
+            self.flaws[f"messages of channel {channel}, declared without a schema or nowhere"] += 0
+            return False
+        return is_tf_type(self.type_of(channel))
+
+    def refuse_flaws(self) -> None:
+        """Raise where there are any."""
+        if self.flaws:
+            raise BadDataError(next(iter(self.flaws)))
 
     def type_of(self, channel: int) -> str:
         return self.schemas.get(self.channels[channel].schema, "")
@@ -147,36 +184,51 @@ def _whole(path: Path, file: RawFile) -> Container:
     if not _has_end(file):
         reason = f"cut short, its end is missing: `mcap recover` saves the rest; {SALVAGE}"
         raise RecordingError(path, reason)
-    index = _read_summary(file)
-    listed = index.counts is not None and index.channels and index.chunks
-    if listed and len(index.chunks) == index.chunk_count:
+    index = _Index()
+    _read_summary(file, index)
+    if index.is_whole():
         return _indexed(path, file, index)
-    walked = _walked(path, file, index, _gather(file, index, [], strict=True))
+    gathered = Gathered()
+    _gather(file, index, [], gathered, strict=True)
+    walked = _walked(path, file, index, gathered)
     if walked.losses:
         raise BadDataError(walked.losses[0].reason)
     return walked
 
 
 def _has_end(file: RawFile) -> bool:
+    if file.size < len(_MAGIC) + _FOOTER_SIZE:
+        return False
     return file.read(file.size - len(_MAGIC), len(_MAGIC)) == _MAGIC
 
 
 def _indexed(path: Path, file: RawFile, index: _Index) -> Container:
-    def chunks(ids: Collection[int]) -> list[tuple[int, int]]:
+    def chunks(ids: Collection[int]) -> list[_Chunk]:
         # Without message indexes, what is in a chunk shows only when it is read.
         wanted = [c for c in index.chunks if not c.channels or not c.channels.isdisjoint(ids)]
-        return [(each.start, each.position) for each in wanted]
+        return sorted(wanted, key=lambda each: each.position)
+
+    def add(found: Recorded, chunk: _Chunk, ids: Collection[int]) -> None:
+        raw = _raw(file, chunk)
+        _add_chunk(found, raw, lambda id_: index.is_tf(id_) and id_ in ids, index.learn)
+        index.refuse_flaws()
+
+    def messages_of(chunk: _Chunk, ids: Collection[int]) -> Iterable[Payload]:
+        found = Recorded()
+        add(found, chunk, ids)
+        return map(found.__getitem__, range(len(found)))
 
     def payloads(ids: Collection[int]) -> Iterator[Payload]:
-        return in_order(chunks(ids), lambda at: _messages_in(_raw(file, at), ids.__contains__))
+        wanted = ((each.start, each) for each in chunks(ids))
+        return in_order(wanted, lambda chunk: messages_of(chunk, ids))
 
     def recorded(ids: Collection[int], step: Callable[[int], None]) -> Recorded:
         found = Recorded()
-        for at, end in with_next(chunks(ids)):
+        for chunk in chunks(ids):
             before = len(found)
-            _add_chunk(found, _raw(file, at), ids.__contains__, _nothing)
-            found.settle(end)
+            add(found, chunk, ids)
             step(len(found) - before)
+        found.sort()
         return found
 
     counts = index.counts or {}
@@ -192,11 +244,15 @@ def _indexed(path: Path, file: RawFile, index: _Index) -> Container:
 
 
 def _salvaged(path: Path, file: RawFile) -> Container:
+    summary = index = _Index()
+    gathered = Gathered()
     try:
-        index = _read_summary(file) if _has_end(file) else _Index()
-    except (BadDataError, struct.error, UnicodeDecodeError):
-        index = _Index()
-    gathered = _gather(file, index, [chunk.position for chunk in index.chunks])
+        if _has_end(file):
+            _read_summary(file, summary)
+    except (BadDataError, struct.error, UnicodeDecodeError) as error:
+        gathered.lose(0, error)
+        index = _Index()  # of a damaged summary only the places of chunks are tried
+    _gather(file, index, [chunk.position for chunk in summary.chunks], gathered)
     if not _has_end(file) and not gathered.reasons:
         gathered.lose(0, "cut short, its end is missing")
     return _walked(path, file, index, gathered)
@@ -205,6 +261,8 @@ def _salvaged(path: Path, file: RawFile) -> Container:
 def _walked(path: Path, file: RawFile, index: _Index, gathered: Gathered) -> Container:
     for id_, count in (index.counts or {}).items():
         gathered.promised[id_] = max(gathered.promised[id_], count)
+    for reason, lost in index.flaws.items():
+        gathered.lose(lost, reason)
     counts = gathered.found()
     sources = _sources(path, index, counts)
     start = min((at for at, _, _ in gathered.messages), default=NO_START)
@@ -242,14 +300,15 @@ def _topics(index: _Index, counts: dict[int, int]) -> Iterator[Topic]:
 # -- the top of the file --------------------------------------------------------------------------
 
 
-def _read_summary(file: RawFile) -> _Index:
-    """The summary; an empty one where the file has none."""
+def _read_summary(file: RawFile, index: _Index) -> None:
+    """Add what the summary says, if the file has one, to an empty index."""
     end = file.size - _FOOTER_SIZE
     footer = _Fields(file.read(end, _FOOTER_SIZE))
     if (footer.number(1), footer.number(8)) != (_FOOTER, 20):
         raise BadDataError("no footer at its end")
-    index = _Index()
-    at = footer.number(8)
+    start = at = footer.number(8)
+    footer.skip(8)
+    crc = footer.number(4)
     while 0 < at < end:
         kind, size = _RECORD.unpack(file.read(at, _HEAD))
         if kind in (_SCHEMA, _CHANNEL, _CHUNK_INDEX, _STATISTICS):
@@ -259,15 +318,27 @@ def _read_summary(file: RawFile) -> _Index:
         raise BadDataError("its summary goes beyond its end")
     if len({chunk.position for chunk in index.chunks}) != len(index.chunks):
         raise BadDataError("its summary names the same chunk twice")
-    return index
+    if start and crc and crc != _crc(file, start, end + _HEAD + 16):
+        raise BadDataError("a summary whose checksum is wrong")
 
 
-def _raw(file: RawFile, position: int) -> bytes | memoryview:
-    """The records of the chunk there, unpacked and checked."""
-    kind, size = _RECORD.unpack(file.read(position, _HEAD))
+def _crc(file: RawFile, at: int, end: int) -> int:
+    """The checksum of a part of the file, of any size."""
+    crc = 0
+    for start in range(at, end, _PIECE):
+        crc = zlib.crc32(file.read(start, min(_PIECE, end - start)), crc)
+    return crc
+
+
+def _raw(file: RawFile, chunk: _Chunk) -> bytes | memoryview:
+    """The records of a chunk of the summary, unpacked and checked."""
+    kind, size = _RECORD.unpack(file.read(chunk.position, _HEAD))
     if kind != _CHUNK:
-        raise BadDataError(f"no chunk at {position}, where the summary has one")
-    packing, packed, unpacked, crc = _chunk(file.read(position + _HEAD, size))
+        raise BadDataError(f"no chunk at {chunk.position}, where the summary has one")
+    record = file.read(chunk.position + _HEAD, size)
+    packing, packed, unpacked, crc = _chunk(record)
+    if _CHUNK_HEAD.unpack_from(record)[0] != chunk.start:
+        raise BadDataError(f"the chunk at {chunk.position} starts when its summary denies it")
     return _checked(unpack(packing, packed, unpacked), crc)
 
 
@@ -291,12 +362,13 @@ def _checked(raw: bytes | memoryview, crc: int) -> bytes | memoryview:
     return raw
 
 
-def _gather(file: RawFile, index: _Index, chunks: list[int], *, strict: bool = False) -> Gathered:
+def _gather(
+    file: RawFile, index: _Index, chunks: list[int], found: Gathered, *, strict: bool = False
+) -> None:
     """Walk over the records of the file; where they break off, go on with the next known chunk.
 
     Adds the schemas and channels that it finds to `index`. With `strict`, raises instead.
     """
-    found = Gathered()
     starts = sorted(chunks)
     at = len(_MAGIC)
     while at < file.size:
@@ -313,7 +385,6 @@ def _gather(file: RawFile, index: _Index, chunks: list[int], *, strict: bool = F
             following = starts[place] if place < len(starts) else file.size
             found.lose(following - at, error)
             at = following
-    return found
 
 
 def _gather_record(
@@ -360,10 +431,6 @@ def _gather_chunk(record: bytes, size: int, index: _Index, found: Gathered) -> N
 # -- inside of a chunk ----------------------------------------------------------------------------
 
 
-def _nothing(_kind: int, _data: bytes) -> None:
-    """Learn nothing."""
-
-
 def _add_chunk(
     found: Recorded,
     raw: bytes | memoryview,
@@ -380,7 +447,7 @@ def _add_chunk(
 def _messages_in(
     raw: bytes | memoryview,
     wanted: Callable[[int], bool],
-    learn: Callable[[int, bytes], None] = _nothing,
+    learn: Callable[[int, bytes], None],
 ) -> Iterator[Payload]:
     """The messages of a chunk that are wanted, as they lie there; other records are learned."""
     found = Recorded()

@@ -1,0 +1,328 @@
+"""MCAP files by their records: order of messages, summaries, what the format forbids."""
+
+from __future__ import annotations
+
+import struct
+import zlib
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pytest
+
+import tfdb
+from tfdb.io import Recording
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+    from pathlib import Path
+
+MAGIC = b"\x89MCAP0\r\n"
+TF = "tf2_msgs/msg/TFMessage"
+Messages = list[tuple[str, int, bytes]]
+
+
+def record(kind: int, body: bytes) -> bytes:
+    return struct.pack("<BQ", kind, len(body)) + body
+
+
+def text(value: str) -> bytes:
+    return struct.pack("<I", len(value)) + value.encode()
+
+
+def mapping(values: dict[int, int]) -> bytes:
+    body = b"".join(struct.pack("<HQ", *pair) for pair in values.items())
+    return struct.pack("<I", len(body)) + body
+
+
+def schema(id_: int, name: str = TF) -> bytes:
+    return record(3, struct.pack("<H", id_) + text(name) + text("ros2msg") + text("x"))
+
+
+def channel(id_: int, topic: str, of: int = 1) -> bytes:
+    body = struct.pack("<HH", id_, of) + text(topic) + text("cdr") + struct.pack("<I", 0)
+    return record(4, body)
+
+
+def payload(stamp: int, x: float = 4) -> bytes:
+    rotation = (0, 0.6, 0, -0.8)
+    return tfdb.encode_tf_message([tfdb.TransformStamped("P", "C", stamp, (x, 2, 3), rotation)])
+
+
+def message(id_: int, time: int, data: bytes | None = None) -> bytes:
+    return record(5, struct.pack("<HIQQ", id_, 0, time, time) + (data or payload(time)))
+
+
+def cut_message(id_: int, time: int, length: int) -> bytes:
+    return record(5, struct.pack("<HIQQ", id_, 0, time, time)[:length])
+
+
+@dataclass
+class File:
+    """An MCAP file out of records, good and bad ones."""
+
+    data: bytes = MAGIC + record(1, text("ros2") + text("x"))
+    indexes: list[bytes] = field(default_factory=list)
+
+    def chunk(
+        self, records: Iterable[bytes], start: int, ids: Iterable[int], packing: str = ""
+    ) -> File:
+        raw = packed = b"".join(records)
+        if packing:
+            packed = pytest.importorskip("zstandard").compress(raw)
+        body = struct.pack("<QQQI", start, 10**6, len(raw), zlib.crc32(raw)) + text(packing)
+        whole = record(6, body + struct.pack("<Q", len(packed)) + packed)
+        place = struct.pack("<QQQQ", start, 10**6, len(self.data), len(whole))
+        sizes = struct.pack("<QQ", len(packed), len(raw))
+        offsets = mapping(dict.fromkeys(ids, 1))
+        index = place + offsets + struct.pack("<Q", 0) + text(packing) + sizes
+        self.indexes.append(record(8, index))
+        self.data += whole
+        return self
+
+    def end(
+        self,
+        path: Path,
+        declared: bytes = b"",
+        counts: dict[int, int] | None = None,
+        *,
+        crc: int | None = None,
+    ) -> Path:
+        """With a summary where `counts` are given; its checksum is right unless it is given."""
+        data = self.data + record(15, bytes(4))
+        summary = b""
+        if counts is not None:
+            numbers = sum(counts.values()), 1, 1, 0, 0, len(self.indexes)
+            figures = struct.pack("<QHIIIIQQ", *numbers, 1, 10**6)
+            summary = declared + record(11, figures + mapping(counts)) + b"".join(self.indexes)
+        head = struct.pack("<BQQQ", 2, 20, len(data) if summary else 0, 0)
+        crc = zlib.crc32(summary + head) if crc is None else crc
+        path.write_bytes(data + summary + head + struct.pack("<I", crc) + MAGIC)
+        return path
+
+
+def read(path: Path, *, salvage: bool = False) -> tuple[Messages, tuple[Any, ...]]:
+    """All messages, one after another and at once, which must be the same; and the losses."""
+    with Recording(path, salvage=salvage) as recording:
+        found = [(source.topic, time, data) for source, time, data in recording.messages()]
+        at_once = []
+        for run in recording.read():
+            for index in range(run.first, run.last):
+                time, id_, data = run.messages[index]
+                at_once.append((run.sources[id_].topic, time, data))
+        assert at_once == found
+        return found, recording.losses
+
+
+def refused(path: Path) -> str:
+    """The reason: the same whether messages are read one after another or at once."""
+    reasons = []
+    for method in ("messages", "read"):
+        with pytest.raises(tfdb.RecordingError) as caught, Recording(path) as recording:
+            list(getattr(recording, method)())
+        assert caught.value.path == str(path)
+        reasons.append(str(caught.value.reason))
+    assert reasons[0] == reasons[1]
+    return reasons[0]
+
+
+def times(messages: Messages) -> list[int]:
+    return [time for _, time, _ in messages]
+
+
+# -- order -----------------------------------------------------------------------------------------
+
+
+def random_times(seed: int) -> list[int]:
+    """Chunks that overlap, some begin before those that they follow, and times that repeat."""
+    rng = np.random.default_rng(seed)
+    print("seed", seed)
+    return [10 + i // 60 - 3 * (i // 30 % 3) + int(rng.integers(0, 5)) for i in range(400)]
+
+
+def by_writer(path: Path, received: list[int], **options: Any) -> Messages:
+    """A file of the official library; what it holds, in order."""
+    from mcap.writer import CompressionType, Writer
+
+    expected = []
+    with path.open("wb") as file:
+        writer = Writer(file, chunk_size=700, compression=CompressionType.NONE, **options)
+        writer.start("ros2")
+        type_ = writer.register_schema(TF, "ros2msg", b"x")
+        other = writer.register_schema("foxglove.Log", "protobuf", b"\xff")
+        ids = [writer.register_channel(topic, "cdr", type_) for topic in ("/tf", "/tf_static")]
+        log = writer.register_channel("/log", "protobuf", other)
+        bare = writer.register_channel("/bare", "json", 0)
+        for number, time in enumerate(received):
+            writer.add_message(log, time, b"\x01", time)
+            writer.add_message(bare, time, b"{}", time)
+            writer.add_message(ids[number % 2], time, data := payload(number), time)
+            expected.append(("/tf_static" if number % 2 else "/tf", time, data))
+        writer.finish()
+    return sorted(expected, key=lambda each: each[1])
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_messages_of_one_time_are_in_the_order_of_the_file(tmp_path: Path, seed: int) -> None:
+    path = tmp_path / "a.mcap"
+    expected = by_writer(path, random_times(seed))
+    for salvage in (False, True):
+        assert read(path, salvage=salvage) == (expected, ())
+
+
+def test_the_later_of_one_time_and_stamp_wins(tmp_path: Path) -> None:
+    head = [schema(1), channel(1, "/tf")]
+    file = File().chunk([*head, message(1, 5, payload(9, 1))], 5, [1])
+    file.chunk([message(1, 1), message(1, 5, payload(9, 2))], 1, [1])
+    path = file.end(tmp_path / "a.mcap", b"".join(head), {1: 3})
+    for salvage in (False, True):
+        stamps, poses, _ = tfdb.load(path, salvage=salvage).samples("C")
+        assert stamps.tolist() == [1, 9]
+        assert poses[:, 0].tolist() == [4, 2]
+
+
+def test_bags_too_keep_the_order_of_the_file(recorder: Any, messages: Any, tmp_path: Path) -> None:
+    received = random_times(4)
+    drive = [
+        type(each)(each.topic, time, each.transforms, each.callerid)
+        for each, time in zip(messages, received, strict=False)
+    ]
+    path = recorder.bag(tmp_path / "a.bag", drive)
+    expected = sorted(
+        ((each.topic, each.received, recorder.encode(each, "ros1")) for each in drive),
+        key=lambda each: each[1],
+    )
+    for salvage in (False, True):
+        assert read(path, salvage=salvage) == (expected, ())
+
+
+# -- the summary -----------------------------------------------------------------------------------
+
+
+def test_a_byte_of_the_summary_is_wrong(tmp_path: Path) -> None:
+    path = tmp_path / "a.mcap"
+    expected = by_writer(path, [5, 6, 7, 8])
+    good = path.read_bytes()
+    footer = len(good) - 37
+    (start,) = struct.unpack_from("<Q", good, footer + 9)
+    assert struct.unpack_from("<I", good, footer + 25)[0] != 0
+    for at in range(start, footer + 29):
+        damaged = bytearray(good)
+        damaged[at] ^= 0x15
+        path.write_bytes(damaged)
+        assert "damaged" in refused(path)
+        found, (loss,) = read(path, salvage=True)
+        assert found == expected, at
+        assert loss.path == str(path)
+    # Zero: nobody has computed one.
+    path.write_bytes(good[: footer + 25] + bytes(4) + good[footer + 29 :])
+    for salvage in (False, True):
+        assert read(path, salvage=salvage) == (expected, ())
+
+
+@pytest.mark.parametrize("chunks", [False, True])
+@pytest.mark.parametrize("channels", [False, True])
+@pytest.mark.parametrize("schemas", [False, True])
+def test_what_the_summary_does_not_repeat(
+    tmp_path: Path, schemas: bool, channels: bool, chunks: bool
+) -> None:
+    path = tmp_path / "a.mcap"
+    options = {"repeat_schemas": schemas, "repeat_channels": channels, "use_chunking": chunks}
+    expected = by_writer(path, random_times(6), **options)
+    for salvage in (False, True):
+        assert read(path, salvage=salvage) == (expected, ())
+        with Recording(path, salvage=salvage) as recording:
+            types = {topic.name: topic.type for topic in recording.topics}
+            assert types == {"/tf": TF, "/tf_static": TF, "/log": "foxglove.Log", "/bare": ""}
+    assert tfdb.load(path).frame_info("C").parent == "P"
+
+
+def test_a_whole_summary_spares_the_other_chunks(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    head = [schema(1), schema(2, "other"), channel(1, "/tf"), channel(2, "/big", 2)]
+    file = File().chunk([*head, message(1, 3)], 3, [1]).chunk([message(2, 5)], 5, [2])
+    path = file.end(tmp_path / "a.mcap", b"".join(head), {1: 1, 2: 1})
+    checked = []
+    crc32 = zlib.crc32
+    monkeypatch.setattr(zlib, "crc32", lambda *given: checked.append(0) or crc32(*given))
+    assert times(read(path)[0]) == [3]
+    assert len(checked) == 3, "the summary once, the one chunk twice"
+
+
+def test_a_summary_that_denies_when_a_chunk_starts(tmp_path: Path) -> None:
+    head = [schema(1), channel(1, "/tf")]
+    file = File().chunk([*head, message(1, 3)], 3, [1])
+    file.indexes[0] = file.indexes[0][:9] + struct.pack("<Q", 4) + file.indexes[0][17:]
+    path = file.end(tmp_path / "a.mcap", b"".join(head), {1: 1}, crc=0)
+    assert "starts" in refused(path)
+
+
+# -- what the format forbids -----------------------------------------------------------------------
+
+HEAD = [schema(1), schema(2, "other/Thing"), channel(1, "/tf"), channel(2, "/other", 2)]
+FLAWS = {
+    "undeclared": (message(7, 20), "messages of channel 7"),
+    "undeclared, of no schema": (channel(7, "/x", 9) + message(7, 20), "messages of channel 7"),
+    "another topic": (channel(1, "/tf_static"), "channel 1 is declared again, on '/tf_static'"),
+    "another schema": (channel(2, "/other", 1), "channel 2 is declared again, on '/other'"),
+    "another name": (schema(2, TF), f"schema 2 is declared again as '{TF}'"),
+    **{
+        f"short by {22 - length}": (
+            cut_message(1, 20, length),
+            f"a message of {length} bytes, too short for one",
+        )
+        for length in (0, 1, 2, 6, 14, 21)
+    },
+}
+
+
+@pytest.mark.parametrize("place", ["in the midst", "at the end"])
+@pytest.mark.parametrize("kind", ["no chunks", "chunks", "zstd", "summary", "known to the summary"])
+@pytest.mark.parametrize("flaw", FLAWS)
+def test_what_the_format_forbids(tmp_path: Path, flaw: str, kind: str, place: str) -> None:
+    bad, reason = FLAWS[flaw]
+    records = [*HEAD, message(1, 10), bad, message(1, 30)]
+    if place == "at the end":
+        records[-1], records[-2] = records[-2], records[-1]
+    path = tmp_path / "a.mcap"
+    file = File()
+    if kind == "no chunks":
+        file.data += b"".join(records) + message(1, 40)
+    else:
+        file.chunk(records, 10, [1], "zstd" if kind == "zstd" else "")
+        file.chunk([message(1, 40)], 40, [1])
+    counts = {1: 3, 7: 1} if kind == "known to the summary" else {1: 3}
+    file.end(path, b"".join(HEAD), counts if "summary" in kind else None)
+    assert reason in refused(path)
+    found, (loss,) = read(path, salvage=True)
+    assert times(found) == [10, 30, 40]
+    assert {topic for topic, _, _ in found} == {"/tf"}
+    assert reason in loss.reason
+    assert loss.bytes == (len(bad) if flaw.startswith("short") else 0)
+    buffer = tfdb.Buffer(history=None)
+    with pytest.raises(tfdb.RecordingError):
+        buffer.load(path)
+    assert buffer.commit == 0
+    assert buffer.load(path, salvage=True).lost == (loss,)
+
+
+def test_what_is_declared_again_alike_is_no_damage(tmp_path: Path) -> None:
+    path = tmp_path / "a.mcap"
+    file = File().chunk([*HEAD, message(1, 10), *HEAD, message(2, 20)], 10, [1, 2])
+    file.chunk([*HEAD, message(1, 30)], 30, [1]).end(path, b"".join(HEAD), {1: 2, 2: 1})
+    for salvage in (False, True):
+        found, losses = read(path, salvage=salvage)
+        assert (times(found), losses) == ([10, 30], ())
+
+
+def test_a_cut_at_every_byte(tmp_path: Path) -> None:
+    path = tmp_path / "a.mcap"
+    file = File().chunk([*HEAD, message(1, 10)], 10, [1]).chunk([message(1, 20)], 20, [1])
+    whole = file.end(path, b"".join(HEAD), {1: 2}).read_bytes()
+    for size in range(len(MAGIC), len(whole)):
+        path.write_bytes(whole[:size])
+        assert "cut short, its end is missing" in refused(path)
+        found, losses = read(path, salvage=True)
+        assert times(found) in ([], [10], [10, 20])
+        assert losses, size
