@@ -70,6 +70,45 @@ def test_messages_come_in(buffer: tfdb.Buffer) -> None:
     assert buffer.frame_info("base").newest == 300
 
 
+# -- one commit ------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("engine", ENGINES)
+def test_a_stamp_that_comes_twice_in_a_commit_is_one_sample(engine: str) -> None:
+    """Stored alike, late alike, directly and in a transaction; the last one wins."""
+    direct = tfdb.Buffer(history=None, concurrency=engine)
+    other = tfdb.Buffer(history=None, concurrency=engine)
+    rng = np.random.default_rng(5)
+    late = 0
+    seen: set[int] = set()
+    for number in range(60):
+        first = int(rng.integers(0, 200))
+        stamps = [first + int(step) for step in rng.integers(0, 12, rng.integers(1, 40))]
+        if number % 3 == 0:
+            stamps.sort()
+        batch = [
+            tfdb.TransformStamped(
+                f"m{stamp % 3}", "base", stamp, (number, i, 1), (0, 0.6 * 1.001, 0, 0.8)
+            )
+            for i, stamp in enumerate(stamps)
+        ]
+        direct.set_transforms(batch, authority="me")
+        with other.transaction() as tx:
+            tx.set_transforms(batch, authority="me")
+        late += sum(stamp < max(seen) for stamp in set(stamps)) if seen else 0
+        seen |= set(stamps)
+        info = direct.frame_info("base")
+        assert info == other.frame_info("base"), number
+        assert (info.late, info.samples) == (late, len(seen)), number
+        for have, want in zip(direct.samples("base"), other.samples("base"), strict=True):
+            assert np.array_equal(have, want)
+        last = {stamp: i for i, stamp in enumerate(stamps)}
+        kept = dict(zip(*direct.samples("base")[:2], strict=True))
+        assert all(tuple(kept[stamp][:2]) == (number, i) for stamp, i in last.items())
+    assert direct.counters().normalised == other.counters().normalised > 0
+    assert late > 300
+
+
 # -- transactions ----------------------------------------------------------------------------------
 
 

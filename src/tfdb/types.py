@@ -218,7 +218,8 @@ class FrameInfo:
     authority: str
     """Who wrote last; empty if nobody said. Of a snapshot, too, who did so up to now."""
     late: int = 0
-    """How many samples came out of order. Of a snapshot, too, how many did so up to now."""
+    """How many samples came out of order; those of one commit and stamp are one, the last. Of a
+    snapshot, too, how many did so up to now."""
     longest_gap: int = 0
     """Longest time between two neighbouring samples, nanoseconds."""
 

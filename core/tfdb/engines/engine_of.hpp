@@ -91,14 +91,14 @@ private:
             const std::uint64_t author = impl_.authorities.id(batch.authority());
             return txn::write_beside(session, plain, impl_, number, [&](const Item& item) {
                 impl_.set_author(item.child, author);
-                if (item.mended)
-                    impl_.word(graph::kNormalised).fetch_add(1);
+                if (item.mended != 0)
+                    impl_.word(graph::kNormalised).fetch_add(item.mended);
             });
         }
     }
 
-    /// The samples of the batch, sorted; false if some frame is unknown. Names stay what they are
-    /// while the session is in its slot.
+    /// The samples of the batch, sorted, of each stamp the last; false if some frame is unknown.
+    /// Names stay what they are while the session is in its slot.
     [[nodiscard]] bool fill(const Batch& batch, txn::PlainBatch<StoreMemory>& plain) {
         plain.order.clear();
         plain.items.clear();
@@ -120,9 +120,14 @@ private:
         if (!std::is_sorted(plain.order.begin(), plain.order.end(), before))
             std::sort(plain.order.begin(), plain.order.end(), before);
         for (const auto& at : plain.order) {
-            Item& item = plain.items.emplace_back();
+            const bool is_new =
+                plain.items.empty() || plain.items.back().child != at.child ||
+                (!batch.is_static() && plain.items.back().sample.stamp != batch[at.index].stamp);
+            Item& item = is_new ? plain.items.emplace_back() : plain.items.back();
             item.child = at.child;
-            item.mended = fill_from(batch[at.index], at.parent, batch.is_static(), item.sample);
+            const bool mended =
+                fill_from(batch[at.index], at.parent, batch.is_static(), item.sample);
+            item.mended += mended ? 1U : 0U;
             if (plain.frames.empty() || plain.frames.back() != at.child)
                 plain.frames.push_back(at.child);
         }

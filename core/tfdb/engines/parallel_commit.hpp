@@ -45,7 +45,7 @@ struct PlainBatch {
         FrameId child = kNoFrame;
         history::NewSample<Memory> sample;
         std::uint64_t author = 0;  // for whoever stores that
-        bool mended = false;       // for whoever counts that
+        std::uint32_t mended = 0;  // for whoever counts that
     };
     std::vector<Place> order;  // scratch of whoever fills the batch
     std::vector<Item> items;

@@ -109,6 +109,7 @@ struct Reads::Impl final : history::Readers {
     txn::CommitScratch scratch;
     std::vector<Item> items;
     std::vector<history::NewSample<StoreMemory>> samples;  // of one edge
+    std::vector<std::size_t> members;                      // of the batch, that these are
     store::Authorities authorities;
     mutable sync::Word lapped_reads{};
     mutable sync::Word pinned_reads{};

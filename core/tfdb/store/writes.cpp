@@ -72,11 +72,12 @@ bool resolve_items(Reads::Impl& impl, StoreCommit& commit, const Batch& batch) {
     return true;
 }
 
-/// Appends the samples that `resolve_items` has found in the batch; an edge of the other kind
-/// starts anew. Returns how many quaternions were mended.
+/// Appends the samples that `resolve_items` has found in the batch, of each stamp the last; an edge
+/// of the other kind starts anew. Returns how many quaternions were mended.
 std::uint64_t append_items(Reads::Impl& impl, StoreCommit& commit, const Batch& batch) {
     const auto& items = impl.items;
     auto& together = impl.samples;
+    auto& members = impl.members;
     history::NewSample<StoreMemory> sample;
     std::uint64_t mended = 0;
     const auto fill = [&](const Reads::Impl::Item& item) {
@@ -94,21 +95,26 @@ std::uint64_t append_items(Reads::Impl& impl, StoreCommit& commit, const Batch& 
         const auto is_of_edge = [&](std::size_t k) {
             return k < items.size() && items[k].child == child;
         };
-        fill(items[i]);
         if (!is_of_edge(i + 1) || batch.is_static()) {
+            fill(items[i]);
             commit.append(child, sample, items[i].index);
             continue;
         }
         // All that are late, or some of those that are not.
-        const std::size_t first = i;
         const bool late = is_late(i);
-        together.assign(1, sample);
-        while (is_of_edge(i + 1) && is_late(i + 1) == late &&
-               (late || together.size() < kTogether)) {
-            fill(items[++i]);
+        together.clear();
+        members.clear();
+        const auto take = [&](std::size_t k) {
+            fill(items[k]);
+            if (is_of_edge(k + 1) && batch[items[k + 1].index].stamp == sample.stamp)
+                return;
             together.push_back(sample);
-        }
-        commit.append(child, together, [&](std::size_t k) { return items[first + k].index; });
+            members.push_back(items[k].index);
+        };
+        take(i);
+        while (is_of_edge(i + 1) && is_late(i + 1) == late && (late || together.size() < kTogether))
+            take(++i);
+        commit.append(child, together, [&](std::size_t k) { return members[k]; });
     }
     return mended;
 }
