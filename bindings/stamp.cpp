@@ -13,19 +13,26 @@ constexpr const char* kValid =
     "nanosec, a numpy.datetime64 or a datetime with a time zone; tfdb.stamp() converts seconds and "
     "text";
 
-[[noreturn]] void refuse(PyObject* object, const std::string& problem) {
-    throw_error("InvalidStamp", "stamp " + short_repr(object) + " is " + problem + ": " + kValid,
+/// `shown`: what stands for it in the message.
+[[noreturn]] void refuse(PyObject* object, const std::string& problem, PyObject* shown) {
+    throw_error("InvalidStamp", "stamp " + short_repr(shown) + " is " + problem + ": " + kValid,
                 {{"value", nb::borrow(object)}, {"reason", nb::str(problem.c_str())}});
 }
 
+[[noreturn]] void refuse(PyObject* object, const std::string& problem) {
+    refuse(object, problem, object);
+}
+
+/// Integers of all types look alike.
 StampNs from_integer(PyObject* object, PyObject* integer) {
+    PyObject* const shown = PyIndex_Check(object) ? integer : object;
     int overflow = 0;
     const long long value = PyLong_AsLongLongAndOverflow(integer, &overflow);
     if (overflow > 0 || value > clock::kMaxStamp) {
-        refuse(object, "too large");
+        refuse(object, "too large", shown);
     }
     if (overflow < 0 || value < 0) {
-        refuse(object, "negative");
+        refuse(object, "negative", shown);
     }
     return value;
 }

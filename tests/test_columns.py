@@ -83,12 +83,19 @@ def test_columns_are_refused_as_objects_are(partial: bool) -> None:
     assert said[0][1] == int(partial)
 
 
-def test_stamps_out_of_range_are_named_by_their_row() -> None:
+@pytest.mark.parametrize("dtype", [np.int64, np.uint64, object])
+def test_stamps_out_of_range_are_named_by_their_row(dtype: type) -> None:
     for stamp in (-1, 2**61):
-        stamps = STAMPS.copy()
+        if dtype is np.uint64 and stamp < 0:
+            continue
+        stamps = STAMPS.astype(dtype)
         stamps[7] = stamp
         buffer = tfdb.Buffer()
         with pytest.raises(tfdb.InvalidStamp) as caught:
             buffer.set_transforms(tfdb.Columns("map", "base", stamps, poses()))
         assert caught.value.index == 7
+        assert caught.value.value == stamp
+        with pytest.raises(tfdb.InvalidStamp) as alone:
+            buffer.set_transform("map", "base", stamp, (1, 2, 3), (0, 0, 0.6, 0.8))
+        assert str(caught.value) == str(alone.value)
         assert buffer.commit == 0
