@@ -118,8 +118,8 @@ class Results:
 
     def unit(self, sweep: str, label: str) -> str:
         """Return the unit of a row of contenders."""
-        units = [row["unit"] for row in self.rows if (row["sweep"], row["label"]) == (sweep, label)]
-        return str(units[0]) if units else ""
+        own = (row for row in self.rows if (row["sweep"], row["label"]) == (sweep, label))
+        return str(next(own, {}).get("unit", ""))
 
     def shown(self, sweep: str, label: str) -> str:
         """Write the medians of a row of contenders."""

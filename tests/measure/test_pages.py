@@ -63,6 +63,14 @@ def test_pages_say_what_was_measured_at_which_commit_and_leave_the_rest(tmp_path
     assert text.partition("<!-- about")[0] == before.partition("<!-- about")[0]
 
 
+def test_rows_of_contenders_stand_beside_those_of_engines() -> None:
+    results = Results()
+    results.add("threads", "2", 1, "silo", row())
+    results.add_rounds("C++", "lookup mid, chain of 4", "ns", {"tf2": [600.0], "tfdb": [100.0]})
+    shown = pages.parts(results, ABOUT)["benchmarks.md"]["rows"]
+    assert shown[2:] == ["| C++ | lookup mid, chain of 4 | ns | tf2 600, tfdb 100 ns |"]
+
+
 def test_losses_name_what_beats_snapshot_in_every_round_and_nothing_else() -> None:
     results = Results()
     for turn, (ours, silo, fine) in enumerate([(10, 20, 30), (12, 24, 9)], start=1):
