@@ -69,10 +69,18 @@ PyObject* get_matrix(PyObject* self, void* /*closure*/) {
         const Pose& pose = as_transform(self).pose;
         const auto& [r] = geometry::matrix(pose.rotation);
         const geometry::Vec3& t = pose.translation;
-        const std::array<double, 16> rows = {r[0], r[1], r[2], t.x, r[3], r[4], r[5], t.y,
-                                             r[6], r[7], r[8], t.z, 0.0,  0.0,  0.0,  1.0};
         NewArray<double> made = new_doubles({4, 4});
-        std::memcpy(made.data, rows.data(), sizeof rows);
+        auto put = [row = made.data](double a, double b, double c, double d) mutable {
+            row[0] = a;
+            row[1] = b;
+            row[2] = c;
+            row[3] = d;
+            row += 4;
+        };
+        put(r[0], r[1], r[2], t.x);
+        put(r[3], r[4], r[5], t.y);
+        put(r[6], r[7], r[8], t.z);
+        put(0.0, 0.0, 0.0, 1.0);
         return read_only(std::move(made.array)).release().ptr();
     });
 }
@@ -114,9 +122,13 @@ void check_name(PyObject* name, const char* role) {
     }
 }
 
-/// The text itself: an object of a subclass might refer to anything.
+/// The text itself: an object of a subclass might refer to anything. A new reference, or null.
+PyObject* new_exact(PyObject* text) {
+    return PyUnicode_CheckExact(text) ? Py_NewRef(text) : PyUnicode_FromObject(text);
+}
+
 nb::object exact_text(PyObject* text) {
-    nb::object exact = nb::steal(PyUnicode_FromObject(text));
+    nb::object exact = nb::steal(new_exact(text));
     if (!exact.is_valid()) {
         throw nb::python_error();
     }
@@ -365,8 +377,8 @@ PyObject* new_transform(const Pose& pose, StampNs stamp, CommitNumber commit,
     made->pose = pose;
     made->stamp = stamp;
     made->commit = commit;
-    made->target = PyUnicode_FromObject(target);
-    made->source = PyUnicode_FromObject(source);
+    made->target = new_exact(target);
+    made->source = new_exact(source);
     made->names = edges.empty() ? nullptr : Py_NewRef(names);
     if (!edges.empty()) {
         std::memcpy(made->edges().data(), edges.data(), edges.size_bytes());

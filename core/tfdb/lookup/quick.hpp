@@ -42,7 +42,7 @@ public:
     QuickLookup(const V& view, const Policy& policy, Answer& answer)
         : memory_(view.frames().memory()),
           view_(view),
-          policy_(policy),
+          policy_{policy.kind, policy.limit},  // a copy as a whole would wait for both to be stored
           answer_(answer),
           commit_(view.commit()),
           as_of_(view.as_of()) {}

@@ -17,7 +17,6 @@ constexpr Offset kBumpWord = 8;
 constexpr Offset kUsedWord = 16;
 constexpr Offset kFreeWord = 24;
 constexpr Offset kLockWord = 32;
-constexpr Offset kReclaimedWord = kLineBytes;  // in a cache line of its own: all readers look at it
 // Of each line of retired blocks.
 constexpr Offset kLineWords = 2 * kLineBytes;
 constexpr Offset kFirstRetired = 0;
@@ -199,10 +198,6 @@ bool PrivateMemory::reclaim(Line line, std::uint64_t oldest, std::size_t keep) {
         put_back(block, bytes);
     }
     return retired_bytes(line) > keep;
-}
-
-sync::Word& PrivateMemory::reclaimed(Line line) const noexcept {
-    return word(kReclaimedWord + 8 * static_cast<Offset>(line));
 }
 
 std::size_t PrivateMemory::used_bytes() const noexcept {

@@ -58,7 +58,9 @@ public:
     /// True: there may be more.
     bool reclaim(Line line, std::uint64_t oldest, std::size_t keep);
     /// Blocks that were retired with this number or a lower one may be in use again.
-    [[nodiscard]] Word& reclaimed(Line line) const noexcept;
+    [[nodiscard]] Word& reclaimed(Line line) const noexcept {
+        return word(kReclaimedWord + 8 * static_cast<Offset>(line));
+    }
 
     /// Bytes in blocks that are handed out or retired, in those of a line, and in blocks that wait
     /// to be used again.
@@ -70,6 +72,9 @@ public:
     [[nodiscard]] static Offset root() noexcept;
 
 private:
+    // In a cache line of its own: all readers look at it.
+    static constexpr Offset kReclaimedWord = kLineBytes;
+
     // All private functions: the lock is held.
     Offset bump(std::size_t bytes);
     Offset reuse_or_bump(const BlockClass& fit);
