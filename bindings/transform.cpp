@@ -9,6 +9,7 @@
 #include <cstring>
 #include <string>
 #include <tuple>
+#include <utility>
 #include <vector>
 
 #include "arguments.hpp"
@@ -171,13 +172,40 @@ PyObject* new_from_python(PyTypeObject* /*type*/, PyObject* args, PyObject* keyw
     });
 }
 
+#ifdef Py_GIL_DISABLED
+
+TransformObject* allocate(Py_ssize_t edges) {
+    return PyObject_NewVar(TransformObject, g_type, edges);
+}
+void release(PyObject* freed) {
+    PyObject_Free(freed);
+}
+
+#else
+
+// The memory of the one freed last: a loop mostly drops a transform before it looks up the next.
+PyObject* g_spare = nullptr;
+
+TransformObject* allocate(Py_ssize_t edges) {
+    if (g_spare == nullptr || Py_SIZE(g_spare) != edges) {
+        return PyObject_NewVar(TransformObject, g_type, edges);
+    }
+    auto* const spare = reinterpret_cast<PyVarObject*>(std::exchange(g_spare, nullptr));
+    return reinterpret_cast<TransformObject*>(PyObject_InitVar(spare, g_type, edges));
+}
+void release(PyObject* freed) {
+    PyObject_Free(std::exchange(g_spare, freed));
+}
+
+#endif
+
 void deallocate(PyObject* self) {
     TransformObject& transform = as_transform(self);
     PyTypeObject* type = Py_TYPE(self);
     Py_XDECREF(transform.target);
     Py_XDECREF(transform.source);
     Py_XDECREF(transform.names);
-    type->tp_free(self);
+    release(self);
     Py_DECREF(type);
 }
 
@@ -370,7 +398,7 @@ PyType_Spec g_spec = {
 PyObject* new_transform(const Pose& pose, StampNs stamp, CommitNumber commit,
                         std::span<const EdgeUse> edges, PyObject* target, PyObject* source,
                         PyObject* names) {
-    auto* made = PyObject_NewVar(TransformObject, g_type, static_cast<Py_ssize_t>(edges.size()));
+    TransformObject* const made = allocate(static_cast<Py_ssize_t>(edges.size()));
     if (made == nullptr) {
         return nullptr;
     }

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import copy
 import gc
+import itertools
 import pickle
 import sys
 import weakref
@@ -127,3 +128,23 @@ def test_errors_are_pickled_with_their_fields() -> None:
     assert str(twin) == str(caught.value)
     assert vars(twin) == vars(caught.value)
     assert type(twin).__module__ == "tfdb"
+
+
+def test_a_transform_in_the_memory_of_one_that_was_dropped() -> None:
+    """Nothing of it is left: neither its names, nor its numbers, nor its report."""
+    buf = tfdb.Buffer()
+    names = [f"f{i}" for i in range(5)]
+    for parent, child in itertools.pairwise(names):
+        buf.set_transform(parent, child, 5, (1, 2, 3), (0, 0, 0, 1))
+    kept: list[tfdb.Transform] = []
+    for turn in range(64):
+        edges = turn % 5
+        for _ in range(1 + turn % 3):  # the last one lives, those before it do not
+            found = buf.lookup_transform("f0", names[edges], 5)
+        assert (found.target, found.source) == ("f0", names[edges])
+        assert found.translation.tolist() == [edges, 2 * edges, 3 * edges]
+        assert [edge.child for edge in found.report.edges] == names[edges:0:-1]
+        if turn % 2:
+            kept.append(found)
+    for turn, found in zip(range(1, 64, 2), kept, strict=True):
+        assert found == buf.lookup_transform("f0", names[turn % 5], 5)
