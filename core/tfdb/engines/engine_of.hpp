@@ -16,7 +16,7 @@ namespace tfdb::store {
 template <txn::Session S>
 class EngineOf final : public Engine {
 public:
-    explicit EngineOf(Reads::Impl& impl) : impl_(impl), shared_(impl.frames, impl.history) {}
+    explicit EngineOf(store::Store& store) : store_(store), shared_(store.frames, store.history) {}
 
     [[nodiscard]] lookup::Outcome read(Question& question, Answer& answer,
                                        Failure& failure) override {
@@ -25,7 +25,7 @@ public:
         const lookup::Outcome outcome = txn::read_through(session, as_of, [&](const auto& view) {
             // While the session lasts, names mean what they mean.
             const auto find = [&](std::string_view name) {
-                return impl_.names.find(name, view.commit());
+                return store_.names.find(name, view.commit());
             };
             return Asking(view, find, question).answer(answer, failure);
         });
@@ -38,7 +38,7 @@ public:
         S session(shared_, {});
         return txn::write_through(
             session, [&](CommitNumber& number) { return try_beside(session, batch, number); },
-            [&] { return commit_batch(impl_, batch); });
+            [&] { return commit_batch(store_, batch); });
     }
 
     [[nodiscard]] bool try_write(const Batch& batch, CommitNumber& commit) override {
@@ -47,7 +47,7 @@ public:
         } else {
             const std::unique_lock guard(shared_.lock, std::try_to_lock);
             if (guard.owns_lock())
-                commit = commit_batch(impl_, batch);
+                commit = commit_batch(store_, batch);
             return guard.owns_lock();
         }
     }
@@ -57,7 +57,7 @@ public:
         txn::SessionOptions session;
         session.priority = options.priority;
         session.age = options.age;
-        return std::make_unique<TransactionIn<S>>(impl_, options.alone, shared_, session);
+        return std::make_unique<TransactionIn<S>>(store_, options.alone, shared_, session);
     }
 
     void keep_out() override {
@@ -85,14 +85,14 @@ private:
             return txn::Written::kNotPlain;
         } else {
             auto& plain = session.scratch().batch;
-            if (!batch.sound() || batch.rules().any() || impl_.authorities.crowded() ||
+            if (!batch.sound() || batch.rules().any() || store_.authorities.crowded() ||
                 !fill(batch, plain))
                 return txn::Written::kNotPlain;
-            const std::uint64_t author = impl_.authorities.id(batch.authority());
-            return txn::write_beside(session, plain, impl_, number, [&](const Item& item) {
-                impl_.set_author(item.child, author);
+            const std::uint64_t author = store_.authorities.id(batch.authority());
+            return txn::write_beside(session, plain, store_, number, [&](const Item& item) {
+                store_.set_author(item.child, author);
                 if (item.mended != 0)
-                    impl_.word(graph::kNormalised).fetch_add(item.mended);
+                    store_.word(graph::kNormalised).fetch_add(item.mended);
             });
         }
     }
@@ -104,8 +104,8 @@ private:
         plain.items.clear();
         plain.frames.clear();
         for (std::size_t i = 0; i < batch.size(); ++i) {
-            const FrameId parent = impl_.names.find(batch[i].parent, txn::kSeesAll);
-            const FrameId child = impl_.names.find(batch[i].child, txn::kSeesAll);
+            const FrameId parent = store_.names.find(batch[i].parent, txn::kSeesAll);
+            const FrameId child = store_.names.find(batch[i].child, txn::kSeesAll);
             if (parent == kNoFrame || child == kNoFrame)
                 return false;
             plain.order.push_back({child, parent, i});
@@ -134,7 +134,7 @@ private:
         return true;
     }
 
-    Reads::Impl& impl_;
+    store::Store& store_;
     txn::SharedState<StoreMemory> shared_;
 };
 

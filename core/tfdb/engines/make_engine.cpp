@@ -17,22 +17,22 @@ extern template class EngineOf<txn::SiloSession<StoreMemory>>;
 extern template class EngineOf<txn::WaitDieSession<StoreMemory>>;
 extern template class EngineOf<txn::WoundWaitSession<StoreMemory>>;
 
-std::unique_ptr<Engine> make_engine(Reads::Impl& impl) {
-    switch (impl.concurrency) {
+std::unique_ptr<Engine> make_engine(store::Store& store) {
+    switch (store.concurrency) {
         case Concurrency::kSnapshot:
             break;
         case Concurrency::kGiant:
-            return std::make_unique<EngineOf<txn::GiantSession<StoreMemory>>>(impl);
+            return std::make_unique<EngineOf<txn::GiantSession<StoreMemory>>>(store);
         case Concurrency::kFine:
-            return std::make_unique<EngineOf<txn::FineSession<StoreMemory>>>(impl);
+            return std::make_unique<EngineOf<txn::FineSession<StoreMemory>>>(store);
         case Concurrency::kNoWait:
-            return std::make_unique<EngineOf<txn::NoWaitSession<StoreMemory>>>(impl);
+            return std::make_unique<EngineOf<txn::NoWaitSession<StoreMemory>>>(store);
         case Concurrency::kWaitDie:
-            return std::make_unique<EngineOf<txn::WaitDieSession<StoreMemory>>>(impl);
+            return std::make_unique<EngineOf<txn::WaitDieSession<StoreMemory>>>(store);
         case Concurrency::kWoundWait:
-            return std::make_unique<EngineOf<txn::WoundWaitSession<StoreMemory>>>(impl);
+            return std::make_unique<EngineOf<txn::WoundWaitSession<StoreMemory>>>(store);
         case Concurrency::kSilo:
-            return std::make_unique<EngineOf<txn::SiloSession<StoreMemory>>>(impl);
+            return std::make_unique<EngineOf<txn::SiloSession<StoreMemory>>>(store);
     }
     return nullptr;
 }

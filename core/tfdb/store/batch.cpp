@@ -124,8 +124,8 @@ void put_in_order(std::span<const StampNs> stamps, std::size_t begin, Workspace&
 template <class Emit>
 class BatchRun {
 public:
-    BatchRun(const Reads::Impl& impl, const Request& request, Workspace& space, Emit emit)
-        : impl_(impl), request_(request), space_(space), emit_(emit) {}
+    BatchRun(const store::Store& store, const Request& request, Workspace& space, Emit emit)
+        : store_(store), request_(request), space_(space), emit_(emit) {}
 
     Outcome operator()(const StoreView& view) {
         refused_.reset();
@@ -147,7 +147,7 @@ public:
                 return outcome;
         }
         // What is missing may be a frame whose slot was reused since.
-        return missing_ ? store::unless_reused(impl_, view.commit(), Outcome::kOk) : Outcome::kOk;
+        return missing_ ? store::unless_reused(store_, view.commit(), Outcome::kOk) : Outcome::kOk;
     }
 
     /// Which stamp of those asked for was refused first.
@@ -324,7 +324,7 @@ private:
         return Outcome::kOk;
     }
 
-    const Reads::Impl& impl_;
+    const store::Store& store_;
     const Request& request_;
     Workspace& space_;
     Emit emit_;
@@ -387,17 +387,17 @@ void Reads::run_batch(FrameRef& target, FrameRef& source, std::span<const StampN
     const Lease lease;
     Workspace& space = *lease;
     Request request{kNoFrame, kNoFrame, stamps, policy, stop};
-    BatchRun run(*impl_, request, space, [&](auto... what) { emit(space, what...); });
+    BatchRun run(*store_, request, space, [&](auto... what) { emit(space, what...); });
     // A long one would have to begin again where writers overtake it.
     std::optional<store::ReadPin> pin;
-    if (impl_->engine == nullptr && stamps.size() > kBlock)
-        pin.emplace(*impl_);
-    const Outcome outcome = store::read(*impl_, held_, kFresh, [&](const StoreView& view) {
+    if (store_->engine == nullptr && stamps.size() > kBlock)
+        pin.emplace(*store_);
+    const Outcome outcome = store::read(*store_, held_, kFresh, [&](const StoreView& view) {
         const auto find = [&](FrameRef& frame) {
             FrameHandle& known = frame.handle;
             if (known.id == kNoFrame || view.generation(known.id) != known.generation ||
                 !view.alive(known.id))
-                known = lookup::handle_of(view, impl_->names.find(frame.name, view.commit()));
+                known = lookup::handle_of(view, store_->names.find(frame.name, view.commit()));
             return known.id;
         };
         request.target = find(target);
@@ -407,7 +407,7 @@ void Reads::run_batch(FrameRef& target, FrameRef& source, std::span<const StampN
     if (outcome == Outcome::kOk)
         return;
     if (outcome == Outcome::kLapped)
-        store::throw_snapshot_too_old(held_, impl_->committed());
+        store::throw_snapshot_too_old(held_, store_->committed());
     try {
         raise(space.failure, store::by_name(Question::kAt, target.name, source.name));
     } catch (Error& error) {
@@ -507,10 +507,10 @@ std::vector<StampNs> Reads::path_stamps(std::string_view target, std::string_vie
     std::vector<StampNs> stamps;
     Answer answer;
     Failure failure;
-    const Outcome outcome = store::read(*impl_, held_, kFresh, [&](const StoreView& view) {
+    const Outcome outcome = store::read(*store_, held_, kFresh, [&](const StoreView& view) {
         stamps.clear();
-        const FrameId from = impl_->names.find(source, view.commit());
-        const FrameId to = impl_->names.find(target, view.commit());
+        const FrameId from = store_->names.find(source, view.commit());
+        const FrameId to = store_->names.find(target, view.commit());
         // Walks the newest tree, and leaves the chains in the answer.
         const Outcome walked = lookup::latest_common_path(view, to, from, answer, failure);
         if (walked != Outcome::kOk || from == to)
@@ -540,7 +540,7 @@ std::vector<StampNs> Reads::path_stamps(std::string_view target, std::string_vie
         return Outcome::kOk;
     });
     if (outcome == Outcome::kLapped)
-        store::throw_snapshot_too_old(held_, impl_->committed());
+        store::throw_snapshot_too_old(held_, store_->committed());
     if (outcome == Outcome::kFailed)
         raise(failure, store::by_name(Question::kCommonTime, target, source));
     std::sort(stamps.begin(), stamps.end());

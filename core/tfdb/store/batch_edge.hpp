@@ -6,7 +6,7 @@
 
 #include "tfdb/geometry/batch_kernels.hpp"
 #include "tfdb/lookup/select.hpp"
-#include "tfdb/store/impl.hpp"
+#include "tfdb/store/store.hpp"
 
 namespace tfdb::store {
 

@@ -4,12 +4,12 @@
 #include <array>
 #include <string>
 
-#include "tfdb/store/impl.hpp"
+#include "tfdb/store/store.hpp"
 #include "tfdb/store/validate.hpp"
 
 namespace tfdb {
 
-Reads::Impl::Impl(const BufferOptions& options)
+store::Store::Store(const BufferOptions& options)
     : memory(options.memory_limit.value_or(StoreMemory::kNoLimit)),
       history(options.history_ns.value_or(history::kForever)),
       snapshot_memory(options.snapshot_memory),
@@ -26,9 +26,9 @@ Reads::Impl::Impl(const BufferOptions& options)
     home_process.store_relaxed(sync::forks() << kForksShift);
 }
 
-Reads::Impl::~Impl() = default;
+store::Store::~Store() = default;
 
-std::uint64_t Reads::Impl::look_around(std::uint64_t home) const {
+std::uint64_t store::Store::look_around(std::uint64_t home) const {
     std::uint64_t judged = sync::forks() << kForksShift;
     if (lock.in_use() || authorities.in_use() || (engine != nullptr && engine->in_use()))
         judged |= kOrphan;
@@ -38,7 +38,7 @@ std::uint64_t Reads::Impl::look_around(std::uint64_t home) const {
     return home_process.compare_exchange(home, judged) ? judged : home;
 }
 
-void Reads::Impl::throw_orphaned() const {
+void store::Store::throw_orphaned() const {
     ErrorDetail detail;
     detail.reason = "forked";
     throw Forked(
@@ -49,7 +49,7 @@ void Reads::Impl::throw_orphaned() const {
         std::move(detail));
 }
 
-std::string Reads::Impl::author(FrameId id) const {
+std::string store::Store::author(FrameId id) const {
     if ((whereabouts() & kNamesLost) != 0)
         throw_orphaned();
     for (;;) {
@@ -60,7 +60,7 @@ std::string Reads::Impl::author(FrameId id) const {
     }
 }
 
-void Reads::Impl::forget_authorities() {
+void store::Store::forget_authorities() {
     std::vector<std::uint64_t> ids;
     for (FrameId id = 0; id < frames.count(); ++id) {
         const std::uint64_t author = frames.word(id, history::kAuthority).load_relaxed();
@@ -70,13 +70,13 @@ void Reads::Impl::forget_authorities() {
     authorities.keep_only(std::move(ids), frames.count() / kFramesPerSpareName);
 }
 
-StoreCommit Reads::Impl::start_commit() {
+StoreCommit store::Store::start_commit() {
     if (authorities.crowded())
         forget_authorities();
     return {frames, scratch, history, *this};
 }
 
-bool Reads::Impl::keeps_too_much() const {
+bool store::Store::keeps_too_much() const {
     constexpr std::size_t kKept = history::Tuning<StoreMemory>::kKept;
     const std::size_t replaced = memory.retired_bytes(memory::Line::kReplaced);
     const std::size_t held = word(graph::kHeldBytes).load_relaxed() +
@@ -85,7 +85,7 @@ bool Reads::Impl::keeps_too_much() const {
     return held > snapshot_memory;
 }
 
-CommitNumber Reads::Impl::oldest_read() {
+CommitNumber store::Store::oldest_read() {
     const CommitNumber newest = committed();
     auto& given_up = word(graph::kGivenUp);
     if (keeps_too_much())
@@ -93,7 +93,7 @@ CommitNumber Reads::Impl::oldest_read() {
     return std::max<CommitNumber>(held_pins.oldest(newest), given_up.load_relaxed());
 }
 
-std::uint64_t Reads::Impl::begin_epoch() {
+std::uint64_t store::Store::begin_epoch() {
     const std::uint64_t epoch = word(graph::kEpoch).fetch_add(1) + 1;
     return keeps_too_much() ? epoch : read_pins.oldest(epoch);
 }
@@ -132,31 +132,31 @@ Concurrency concurrency_of(std::string_view name) {
 }
 
 Buffer::Buffer(const BufferOptions& options)
-    : Reads(std::make_shared<Impl>(checked(options)), kFresh) {}
+    : Reads(std::make_shared<store::Store>(checked(options)), kFresh) {}
 
 void Buffer::check_not_in_transaction() const {
-    store::check_not_in_transaction(*impl_);
+    store::check_not_in_transaction(*store_);
 }
 
 Snapshot Buffer::snapshot() const {
-    if (impl_->engine != nullptr) {
+    if (store_->engine != nullptr) {
         // Alone, for then every commit up to this one has been applied in full.
-        store::check_not_in_transaction(*impl_);
-        const store::Alone alone(*impl_);
-        const unsigned pin = impl_->held_pins.take();
-        return {impl_, impl_->committed(), pin};
+        store::check_not_in_transaction(*store_);
+        const store::Alone alone(*store_);
+        const unsigned pin = store_->held_pins.take();
+        return {store_, store_->committed(), pin};
     }
-    const unsigned pin = impl_->held_pins.take();
-    return {impl_, impl_->committed(), pin};
+    const unsigned pin = store_->held_pins.take();
+    return {store_, store_->committed(), pin};
 }
 
 CommitNumber Buffer::clear() {
-    store::check_not_in_transaction(*impl_);
-    const store::Alone alone(*impl_);
-    StoreCommit commit = impl_->start_commit();
-    const StoreView view = impl_->view(impl_->committed());
-    for (FrameId id = 0; id < impl_->frames.count(); ++id) {
-        const history::EdgeSegments<StoreMemory> edge(impl_->memory, impl_->frames.header(id));
+    store::check_not_in_transaction(*store_);
+    const store::Alone alone(*store_);
+    StoreCommit commit = store_->start_commit();
+    const StoreView view = store_->view(store_->committed());
+    for (FrameId id = 0; id < store_->frames.count(); ++id) {
+        const history::EdgeSegments<StoreMemory> edge(store_->memory, store_->frames.header(id));
         if (!view.alive(id) || edge.newest() < 0)
             continue;
         if (commit.touch(id))
@@ -167,55 +167,55 @@ CommitNumber Buffer::clear() {
 }
 
 std::optional<StampNs> Buffer::history() const {
-    if (impl_->history == history::kForever)
+    if (store_->history == history::kForever)
         return std::nullopt;
-    return impl_->history;
+    return store_->history;
 }
 
 Counters Buffer::counters() const {
     Counters counters;
     counters.commits = commit();
-    counters.normalised = impl_->word(graph::kNormalised).load_relaxed();
-    counters.lapped_reads = impl_->lapped_reads.load_relaxed();
-    counters.pinned_reads = impl_->pinned_reads.load_relaxed();
-    counters.aborts = impl_->aborts.load_relaxed();
-    counters.conflicts = impl_->conflicts.load_relaxed();
-    if (impl_->engine != nullptr)
-        impl_->engine->add_to(counters);
+    counters.normalised = store_->word(graph::kNormalised).load_relaxed();
+    counters.lapped_reads = store_->lapped_reads.load_relaxed();
+    counters.pinned_reads = store_->pinned_reads.load_relaxed();
+    counters.aborts = store_->aborts.load_relaxed();
+    counters.conflicts = store_->conflicts.load_relaxed();
+    if (store_->engine != nullptr)
+        store_->engine->add_to(counters);
     return counters;
 }
 
 Concurrency Buffer::concurrency() const {
-    return impl_->concurrency;
+    return store_->concurrency;
 }
 
 MemoryUse Buffer::memory() const {
-    store::check_may_wait(*impl_);
-    const store::Alone alone(*impl_);
+    store::check_may_wait(*store_);
+    const store::Alone alone(*store_);
     MemoryUse use;
-    const std::size_t retired = impl_->memory.retired_bytes(memory::Line::kReplaced) +
-                                impl_->memory.retired_bytes(memory::Line::kEnded);
-    use.used_bytes = impl_->memory.used_bytes() - retired;
-    use.free_bytes = impl_->memory.free_bytes() + retired;
-    use.frames = impl_->frames.count();
-    use.frame_bytes = impl_->frames.bytes(static_cast<std::uint32_t>(use.frames));
-    use.authority_bytes = impl_->authorities.bytes();
-    for (FrameId id = 0; id < impl_->frames.count(); ++id) {
+    const std::size_t retired = store_->memory.retired_bytes(memory::Line::kReplaced) +
+                                store_->memory.retired_bytes(memory::Line::kEnded);
+    use.used_bytes = store_->memory.used_bytes() - retired;
+    use.free_bytes = store_->memory.free_bytes() + retired;
+    use.frames = store_->frames.count();
+    use.frame_bytes = store_->frames.bytes(static_cast<std::uint32_t>(use.frames));
+    use.authority_bytes = store_->authorities.bytes();
+    for (FrameId id = 0; id < store_->frames.count(); ++id) {
         use.samples +=
-            history::EdgeSegments<StoreMemory>(impl_->memory, impl_->frames.header(id)).stored();
+            history::EdgeSegments<StoreMemory>(store_->memory, store_->frames.header(id)).stored();
     }
     return use;
 }
 
-Snapshot::Snapshot(std::shared_ptr<Impl> impl, CommitNumber held, unsigned pin)
-    : Reads(std::move(impl), held), pin_(pin) {}
+Snapshot::Snapshot(std::shared_ptr<store::Store> store, CommitNumber held, unsigned pin)
+    : Reads(std::move(store), held), pin_(pin) {}
 
 Snapshot::Snapshot(Snapshot&& other) noexcept
-    : Reads(std::move(other.impl_), other.held_), pin_(other.pin_) {}
+    : Reads(std::move(other.store_), other.held_), pin_(other.pin_) {}
 
 Snapshot::~Snapshot() {
-    if (impl_)
-        impl_->held_pins.drop(pin_);
+    if (store_)
+        store_->held_pins.drop(pin_);
 }
 
 }  // namespace tfdb

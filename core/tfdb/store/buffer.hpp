@@ -51,6 +51,8 @@ struct BufferOptions {
 
 namespace store {
 
+struct Store;  // what a Buffer and its Snapshots share: store.hpp
+
 /// Why no frame may have that name ("is empty"); null if one may.
 [[nodiscard]] const char* name_fault(std::string_view name) noexcept;
 inline constexpr const char* kNameRule =
@@ -226,13 +228,12 @@ public:
     [[nodiscard]] std::string frame_name(FrameId id, std::uint32_t generation) const;
     [[nodiscard]] CommitNumber commit() const;  // of the state that is read
 
-    struct Impl;  // of the whole store
-
 protected:
-    Reads(std::shared_ptr<Impl> impl, CommitNumber held) : impl_(std::move(impl)), held_(held) {}
+    Reads(std::shared_ptr<store::Store> store, CommitNumber held)
+        : store_(std::move(store)), held_(held) {}
     static constexpr CommitNumber kFresh = ~CommitNumber{0};
 
-    std::shared_ptr<Impl> impl_;
+    std::shared_ptr<store::Store> store_;
     CommitNumber held_;  // the snapshot's commit, or kFresh
 
 private:
@@ -257,7 +258,7 @@ public:
 
 private:
     friend class Buffer;
-    Snapshot(std::shared_ptr<Impl> impl, CommitNumber held, unsigned pin);
+    Snapshot(std::shared_ptr<store::Store> store, CommitNumber held, unsigned pin);
 
     unsigned pin_;  // which count of held snapshots it is in
 };

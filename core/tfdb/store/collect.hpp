@@ -4,7 +4,7 @@
 #include <cstdint>
 #include <vector>
 
-#include "tfdb/store/impl.hpp"
+#include "tfdb/store/store.hpp"
 
 namespace tfdb::store {
 

@@ -45,6 +45,6 @@ public:
 };
 
 /// Null for the default engine.
-[[nodiscard]] std::unique_ptr<Engine> make_engine(Reads::Impl& impl);
+[[nodiscard]] std::unique_ptr<Engine> make_engine(Store& store);
 
 }  // namespace tfdb::store

@@ -6,13 +6,13 @@
 
 namespace tfdb::store {
 
-std::unique_ptr<EngineTransaction> make_transaction(Reads::Impl& impl,
+std::unique_ptr<EngineTransaction> make_transaction(Store& store,
                                                     const TransactionOptions& options) {
-    if (impl.engine != nullptr)
-        return impl.engine->transaction(options);
+    if (store.engine != nullptr)
+        return store.engine->transaction(options);
     using Session = txn::SnapshotSession<StoreMemory, sync::CommitLock>;
-    return std::make_unique<TransactionIn<Session>>(impl, options.alone, impl.frames, impl.lock,
-                                                    impl.history, options.priority > 0);
+    return std::make_unique<TransactionIn<Session>>(store, options.alone, store.frames, store.lock,
+                                                    store.history, options.priority > 0);
 }
 
 }  // namespace tfdb::store

@@ -9,7 +9,7 @@
 #include <string_view>
 
 #include "tfdb/store/buffer.hpp"
-#include "tfdb/store/impl.hpp"
+#include "tfdb/store/store.hpp"
 #include "tfdb/store/transaction.hpp"
 
 namespace tfdb::store {
@@ -45,6 +45,6 @@ public:
 
 /// Begins one in the store's engine; `options` were checked, and `age` is set.
 [[nodiscard]] std::unique_ptr<EngineTransaction> make_transaction(
-    Reads::Impl& impl, const TransactionOptions& options);
+    Store& store, const TransactionOptions& options);
 
 }  // namespace tfdb::store

@@ -2,8 +2,8 @@
 #include <algorithm>
 
 #include "tfdb/store/collect.hpp"
-#include "tfdb/store/impl.hpp"
 #include "tfdb/store/raise.hpp"
+#include "tfdb/store/store.hpp"
 
 namespace tfdb {
 
@@ -11,21 +11,21 @@ using lookup::Outcome;
 
 namespace {
 
-[[noreturn]] void throw_unreadable(const Reads::Impl& impl, CommitNumber held) {
-    store::throw_snapshot_too_old(held, impl.committed());
+[[noreturn]] void throw_unreadable(const store::Store& store, CommitNumber held) {
+    store::throw_snapshot_too_old(held, store.committed());
 }
 
 /// The name of a frame of this state; false if its slot was reused meanwhile.
-bool read_name(const Reads::Impl& impl, const StoreView& view, FrameId id, std::string& name) {
-    name = impl.names.name(id);
+bool read_name(const store::Store& store, const StoreView& view, FrameId id, std::string& name) {
+    name = store.names.name(id);
     sync::fence_acquire();
     return view.alive(id);
 }
 
-Outcome fill_info(const Reads::Impl& impl, const StoreView& view, FrameId id, FrameInfo& info) {
+Outcome fill_info(const store::Store& store, const StoreView& view, FrameId id, FrameInfo& info) {
     info = FrameInfo{};
-    info.authority = impl.author(id);
-    info.late = impl.frames.word(id, history::kLate).load_relaxed();
+    info.authority = store.author(id);
+    info.late = store.frames.word(id, history::kLate).load_relaxed();
     store::Outline outline;
     const Outcome outcome = store::outline(view, id, outline);
     if (outcome != Outcome::kOk)
@@ -36,10 +36,10 @@ Outcome fill_info(const Reads::Impl& impl, const StoreView& view, FrameId id, Fr
     info.newest = outline.extent.last;
     info.longest_gap = outline.extent.longest_gap;
     if (outline.parent != kNoFrame && view.alive_since(outline.parent, outline.named) &&
-        !read_name(impl, view, outline.parent, info.parent.emplace())) {
+        !read_name(store, view, outline.parent, info.parent.emplace())) {
         return Outcome::kLapped;
     }
-    return read_name(impl, view, id, info.name) ? Outcome::kOk : Outcome::kLapped;
+    return read_name(store, view, id, info.name) ? Outcome::kOk : Outcome::kLapped;
 }
 
 template <class Visit>
@@ -58,16 +58,16 @@ Outcome for_each_frame(const StoreView& view, Visit visit) {
 
 std::vector<std::string> Reads::frames() const {
     std::vector<std::string> names;
-    const Outcome outcome = store::read(*impl_, held_, kFresh, [&](const StoreView& view) {
+    const Outcome outcome = store::read(*store_, held_, kFresh, [&](const StoreView& view) {
         names.clear();
         const Outcome all = for_each_frame(view, [&](FrameId id) {
-            const bool alive = read_name(*impl_, view, id, names.emplace_back());
+            const bool alive = read_name(*store_, view, id, names.emplace_back());
             return alive ? Outcome::kOk : Outcome::kLapped;
         });
-        return store::unless_reused(*impl_, view.commit(), all);
+        return store::unless_reused(*store_, view.commit(), all);
     });
     if (outcome == Outcome::kLapped)
-        throw_unreadable(*impl_, held_);
+        throw_unreadable(*store_, held_);
     std::sort(names.begin(), names.end());
     return names;
 }
@@ -75,38 +75,38 @@ std::vector<std::string> Reads::frames() const {
 FrameInfo Reads::frame_info(std::string_view name) const {
     FrameInfo info;
     CommitNumber at = 0;
-    const Outcome outcome = store::read(*impl_, held_, kFresh, [&](const StoreView& view) {
+    const Outcome outcome = store::read(*store_, held_, kFresh, [&](const StoreView& view) {
         at = view.commit();
-        const FrameId id = impl_->names.find(name, at);
-        return id == kNoFrame ? Outcome::kFailed : fill_info(*impl_, view, id, info);
+        const FrameId id = store_->names.find(name, at);
+        return id == kNoFrame ? Outcome::kFailed : fill_info(*store_, view, id, info);
     });
     if (outcome == Outcome::kFailed)
         store::throw_unknown_frame(name, at);
     if (outcome == Outcome::kLapped)
-        throw_unreadable(*impl_, held_);
+        throw_unreadable(*store_, held_);
     return info;
 }
 
 std::vector<FrameInfo> Reads::tree(std::optional<StampNs> stamp) const {
     std::vector<FrameInfo> infos;
-    const Outcome outcome = store::read(*impl_, held_, kFresh, [&](const StoreView& view) {
+    const Outcome outcome = store::read(*store_, held_, kFresh, [&](const StoreView& view) {
         infos.clear();
         const Outcome all = for_each_frame(view, [&](FrameId id) {
             FrameInfo& info = infos.emplace_back();
-            const Outcome filled = fill_info(*impl_, view, id, info);
+            const Outcome filled = fill_info(*store_, view, id, info);
             if (filled != Outcome::kOk || !stamp)
                 return filled;
             FrameId parent = kNoFrame;
             const Outcome found = lookup::parent_at(view, id, stamp, parent);
             info.parent.reset();
-            if (parent != kNoFrame && !read_name(*impl_, view, parent, info.parent.emplace()))
+            if (parent != kNoFrame && !read_name(*store_, view, parent, info.parent.emplace()))
                 return Outcome::kLapped;
             return found;
         });
-        return store::unless_reused(*impl_, view.commit(), all);
+        return store::unless_reused(*store_, view.commit(), all);
     });
     if (outcome == Outcome::kLapped)
-        throw_unreadable(*impl_, held_);
+        throw_unreadable(*store_, held_);
     std::sort(infos.begin(), infos.end(),
               [](const FrameInfo& a, const FrameInfo& b) { return a.name < b.name; });
     return infos;
@@ -115,10 +115,10 @@ std::vector<FrameInfo> Reads::tree(std::optional<StampNs> stamp) const {
 Samples Reads::samples(std::string_view name) const {
     Samples out;
     CommitNumber at = 0;
-    const Outcome outcome = store::read(*impl_, held_, kFresh, [&](const StoreView& view) {
+    const Outcome outcome = store::read(*store_, held_, kFresh, [&](const StoreView& view) {
         at = view.commit();
         out = Samples{};
-        const FrameId id = impl_->names.find(name, at);
+        const FrameId id = store_->names.find(name, at);
         if (id == kNoFrame)
             return Outcome::kFailed;
         store::Track track;
@@ -135,7 +135,7 @@ Samples Reads::samples(std::string_view name) const {
             const bool known = view.alive_since(track.parents[i], track.commits[i]);
             if (known && read != track.parents[i]) {
                 read = track.parents[i];
-                if (!read_name(*impl_, view, read, parent))
+                if (!read_name(*store_, view, read, parent))
                     return Outcome::kLapped;
             }
             out.parents.push_back(known ? parent : std::string());
@@ -146,7 +146,7 @@ Samples Reads::samples(std::string_view name) const {
     if (outcome == Outcome::kFailed)
         store::throw_unknown_frame(name, at);
     if (outcome == Outcome::kLapped)
-        throw_unreadable(*impl_, held_);
+        throw_unreadable(*store_, held_);
     return out;
 }
 
@@ -154,27 +154,27 @@ std::optional<std::string> Reads::parent_of(std::string_view name,
                                             std::optional<StampNs> stamp) const {
     std::optional<std::string> found;
     CommitNumber at = 0;
-    const Outcome outcome = store::read(*impl_, held_, kFresh, [&](const StoreView& view) {
+    const Outcome outcome = store::read(*store_, held_, kFresh, [&](const StoreView& view) {
         at = view.commit();
         found.reset();
-        const FrameId id = impl_->names.find(name, at);
+        const FrameId id = store_->names.find(name, at);
         if (id == kNoFrame)
             return Outcome::kFailed;
         FrameId parent = kNoFrame;
         const Outcome read = lookup::parent_at(view, id, stamp, parent);
         if (parent == kNoFrame)
-            return store::unless_reused(*impl_, at, read);
-        return read_name(*impl_, view, parent, found.emplace()) ? read : Outcome::kLapped;
+            return store::unless_reused(*store_, at, read);
+        return read_name(*store_, view, parent, found.emplace()) ? read : Outcome::kLapped;
     });
     if (outcome == Outcome::kFailed)
         store::throw_unknown_frame(name, at);
     if (outcome == Outcome::kLapped)
-        throw_unreadable(*impl_, held_);
+        throw_unreadable(*store_, held_);
     return found;
 }
 
 std::string Reads::frame_name(FrameId id, std::uint32_t generation) const {
-    return store::name_of_frame(*impl_, id, generation);
+    return store::name_of_frame(*store_, id, generation);
 }
 
 }  // namespace tfdb

@@ -1,8 +1,8 @@
 // From a Failure to the typed error: names looked up, and a message that a person can act on.
 #include <string>
 
-#include "tfdb/store/impl.hpp"
 #include "tfdb/store/raise.hpp"
+#include "tfdb/store/store.hpp"
 #include "tfdb/store/validate.hpp"
 
 namespace tfdb {
@@ -200,9 +200,9 @@ void store::raise_failure(const Failure& failure, const Question& question, Comm
 }
 
 void Reads::raise(const Failure& failure, const Question& question) const {
-    store::raise_failure(failure, question, impl_->committed(), [this](FrameHandle frame) {
+    store::raise_failure(failure, question, store_->committed(), [this](FrameHandle frame) {
         return frame.id == kNoFrame ? std::string()
-                                    : store::name_of_frame(*impl_, frame.id, frame.generation);
+                                    : store::name_of_frame(*store_, frame.id, frame.generation);
     });
 }
 

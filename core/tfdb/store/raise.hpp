@@ -7,7 +7,7 @@
 #include <string_view>
 #include <vector>
 
-#include "tfdb/store/impl.hpp"
+#include "tfdb/store/store.hpp"
 #include "tfdb/txn/commit_transaction.hpp"
 
 namespace tfdb::store {

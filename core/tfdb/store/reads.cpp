@@ -1,6 +1,6 @@
 // Lookups of a Buffer or a Snapshot, each from one state.
 #include "tfdb/store/asking.hpp"
-#include "tfdb/store/impl.hpp"
+#include "tfdb/store/store.hpp"
 
 namespace tfdb {
 
@@ -22,36 +22,36 @@ void throw_snapshot_too_old(CommitNumber held, CommitNumber newest) {
 }  // namespace store
 
 CommitNumber Reads::commit() const {
-    return held_ == kFresh ? impl_->committed() : held_;
+    return held_ == kFresh ? store_->committed() : held_;
 }
 
 bool Reads::is_current(FrameHandle handle) const noexcept {
-    return handle.id < impl_->frames.count() &&
-           impl_->frames.generation(handle.id) == handle.generation;
+    return handle.id < store_->frames.count() &&
+           store_->frames.generation(handle.id) == handle.generation;
 }
 
 bool Reads::find_frame(std::string_view name, FrameHandle& out) const {
     // Only commits that are alone make and remove frames: this one needs no engine.
     const auto attempt = [&](const StoreView& view) {
-        out.id = impl_->names.find(name, view.commit());
+        out.id = store_->names.find(name, view.commit());
         if (out.id == kNoFrame)
             return Outcome::kFailed;
         out.generation = view.generation(out.id);
         // The slot may have been reused between the two.
         return view.alive(out.id) ? Outcome::kOk : Outcome::kLapped;
     };
-    return store::read_committed(*impl_, held_, kFresh, attempt) == Outcome::kOk;
+    return store::read_committed(*store_, held_, kFresh, attempt) == Outcome::kOk;
 }
 
 bool Reads::ask(Question& question, Answer& answer, Failure& failure) const {
-    if (held_ == kFresh && impl_->engine != nullptr) [[unlikely]] {
-        store::check_not_in_transaction(*impl_);
-        return impl_->engine->read(question, answer, failure) == Outcome::kOk;
+    if (held_ == kFresh && store_->engine != nullptr) [[unlikely]] {
+        store::check_not_in_transaction(*store_);
+        return store_->engine->read(question, answer, failure) == Outcome::kOk;
     }
     const Outcome outcome =
-        store::read_committed(*impl_, held_, kFresh, [&](const StoreView& view) {
+        store::read_committed(*store_, held_, kFresh, [&](const StoreView& view) {
             const auto find = [&](std::string_view name) {
-                return impl_->names.find(name, view.commit());
+                return store_->names.find(name, view.commit());
             };
             return store::Asking(view, find, question).answer(answer, failure);
         });

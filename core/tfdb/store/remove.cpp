@@ -12,8 +12,8 @@ namespace {
 /// many are removed; a leaf by itself needs no look at the others.
 class Removal {
 public:
-    Removal(Reads::Impl& impl, StoreCommit& commit, std::span<const std::string_view> names)
-        : impl_(impl), commit_(commit), names_(names) {
+    Removal(Store& store, StoreCommit& commit, std::span<const std::string_view> names)
+        : store_(store), commit_(commit), names_(names) {
         ids_.reserve(names.size());
         for (std::size_t i = 0; i < names.size(); ++i) {
             const FrameId id = commit_.find_frame(names[i]);
@@ -40,11 +40,11 @@ public:
 
 private:
     [[nodiscard]] std::uint64_t children(FrameId id) const {
-        return impl_.frames.word(id, history::kChildren).load_relaxed();
+        return store_.frames.word(id, history::kChildren).load_relaxed();
     }
-    [[nodiscard]] bool goes(FrameId id) const { return impl_.scratch.going.contains(id); }
+    [[nodiscard]] bool goes(FrameId id) const { return store_.scratch.going.contains(id); }
     void add(FrameId id) {
-        if (impl_.scratch.going.insert(id))
+        if (store_.scratch.going.insert(id))
             gone_.push_back(id);
     }
 
@@ -64,7 +64,7 @@ private:
     template <class Visit>
     void for_each_relation(Visit visit) const {
         const StoreView view = commit_.view();
-        for (FrameId id = 0; id < impl_.frames.count(); ++id) {
+        for (FrameId id = 0; id < store_.frames.count(); ++id) {
             if (!view.alive(id))
                 continue;
             const FrameId parent = commit_.newest_parent(id);
@@ -74,7 +74,7 @@ private:
     }
 
     void add_descendants() {
-        std::vector<std::vector<FrameId>> below(impl_.frames.count());
+        std::vector<std::vector<FrameId>> below(store_.frames.count());
         for_each_relation([&](FrameId parent, FrameId child) { below[parent].push_back(child); });
         for (std::size_t i = 0; i < gone_.size(); ++i) {
             for (const FrameId child : below[gone_[i]])
@@ -83,7 +83,7 @@ private:
     }
 
     void refuse_used() {
-        std::vector<std::vector<FrameId>> stay(impl_.frames.count());
+        std::vector<std::vector<FrameId>> stay(store_.frames.count());
         for_each_relation([&](FrameId parent, FrameId child) {
             if (goes(parent) && !goes(child))
                 stay[parent].push_back(child);
@@ -97,11 +97,11 @@ private:
     void refuse_used(std::size_t index, const std::vector<FrameId>& children) {
         std::vector<std::string> names;
         for (const FrameId child : children)
-            names.push_back(impl_.names.name(child));
+            names.push_back(store_.names.name(child));
         refusals_.add(frame_in_use(names_[index], index, std::move(names)));
     }
 
-    Reads::Impl& impl_;
+    Store& store_;
     StoreCommit& commit_;
     std::span<const std::string_view> names_;
     std::vector<FrameId> ids_;   // by place in the list
@@ -111,10 +111,9 @@ private:
 
 }  // namespace
 
-CommitNumber commit_removal(Reads::Impl& impl, std::span<const std::string_view> names,
-                            bool recursive) {
-    StoreCommit commit = impl.start_commit();
-    Removal removal(impl, commit, names);
+CommitNumber commit_removal(Store& store, std::span<const std::string_view> names, bool recursive) {
+    StoreCommit commit = store.start_commit();
+    Removal removal(store, commit, names);
     removal.judge(recursive);
     if (!removal.refusals().empty())
         removal.refusals().raise(std::to_string(names.size()) + " frames");
@@ -130,9 +129,9 @@ namespace tfdb {
 CommitNumber Buffer::remove_frames(std::span<const std::string_view> names, bool recursive) {
     if (names.empty())
         return commit();
-    store::check_not_in_transaction(*impl_);
-    const store::Alone alone(*impl_);
-    return store::commit_removal(*impl_, names, recursive);
+    store::check_not_in_transaction(*store_);
+    const store::Alone alone(*store_);
+    return store::commit_removal(*store_, names, recursive);
 }
 
 }  // namespace tfdb

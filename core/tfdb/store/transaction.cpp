@@ -18,7 +18,7 @@ Transaction::Transaction(Buffer& buffer, const TransactionOptions& options)
 }
 
 Transaction::Transaction(Buffer& buffer, const TransactionOptions& options, BeginLater)
-    : life_(new TransactionLife(buffer.impl_, options)) {}
+    : life_(new TransactionLife(buffer.store_, options)) {}
 
 Transaction::~Transaction() = default;
 

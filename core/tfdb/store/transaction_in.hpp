@@ -23,10 +23,11 @@ class TransactionIn final : public EngineTransaction, private txn::Workspace<S> 
 public:
     /// `session`: what S is made from.
     template <class... Args>
-    TransactionIn(Reads::Impl& impl, bool alone, Args&&... session)
-        : Workspace(impl.frames, impl.history, alone ? txn::Mode::kAlone : txn::Mode::kBesideOthers,
+    TransactionIn(Store& store, bool alone, Args&&... session)
+        : Workspace(store.frames, store.history,
+                    alone ? txn::Mode::kAlone : txn::Mode::kBesideOthers,
                     std::forward<Args>(session)...),
-          impl_(impl) {}
+          store_(store) {}
 
     [[nodiscard]] bool ask(Question& question, Answer& answer, Failure& failure) override {
         const Outcome outcome = needed(this->steadily([&](const View& view) {
@@ -63,7 +64,7 @@ public:
     [[nodiscard]] std::string frame_name(FrameId id, std::uint32_t generation) const override {
         if (this->writes().is_own(id) && generation == txn::kOwnGeneration)
             return this->writes().name(id);
-        return name_of_frame(impl_, id, generation);
+        return name_of_frame(store_, id, generation);
     }
 
     void write(std::span<const TransformView> batch, bool is_static,
@@ -78,7 +79,7 @@ public:
                 parent = find_or_make(batch[i].parent);
             if (child == kNoFrame)
                 child = find_or_make(batch[i].child);
-            fill_sample(impl_, batch[i], parent, is_static, sample);
+            fill_sample(store_, batch[i], parent, is_static, sample);
             own.stamp = sample.stamp;
             own.parent = parent;
             own.payload = sample.payload;
@@ -109,7 +110,7 @@ public:
 
     CommitNumber commit() override {
         const txn::CommitOutcome outcome =
-            txn::commit_transaction(this->session(), this->reads(), this->writes(), impl_);
+            txn::commit_transaction(this->session(), this->reads(), this->writes(), store_);
         if (outcome.kind == txn::CommitOutcome::kCycle)
             throw_cycle_of(outcome, this->writes().authority_name(outcome.authority), names());
         if (outcome.kind == txn::CommitOutcome::kConflict) {
@@ -130,7 +131,7 @@ private:
     [[nodiscard]] std::string frame_name(FrameId id) const {
         if (id == kNoFrame)
             return {};
-        return this->writes().is_own(id) ? this->writes().name(id) : impl_.names.name(id);
+        return this->writes().is_own(id) ? this->writes().name(id) : store_.names.name(id);
     }
     [[nodiscard]] NameOf names() const {
         return [this](FrameId id) { return frame_name(id); };
@@ -176,7 +177,7 @@ private:
     }
     /// New frames have ids from the top downward, until they meet those of the store.
     void check_room(std::size_t unknown) {
-        if (unknown != 0 && this->writes().made() + unknown + impl_.frames.count() > kMaxFrames)
+        if (unknown != 0 && this->writes().made() + unknown + store_.frames.count() > kMaxFrames)
             throw CapacityExceeded("a transaction cannot make so many frames: there is room for " +
                                    std::to_string(kMaxFrames) + " in all");
     }
@@ -192,12 +193,12 @@ private:
             return std::nullopt;
         if (kind.is_static != is_static)
             return static_conflict(transform, index, is_static, authority);
-        if (!is_static && transform.stamp < kind.newest - impl_.history)
-            return too_old(transform, index, kind.newest, impl_.history, authority);
+        if (!is_static && transform.stamp < kind.newest - store_.history)
+            return too_old(transform, index, kind.newest, store_.history, authority);
         return std::nullopt;
     }
 
-    Reads::Impl& impl_;
+    Store& store_;
     std::vector<std::pair<FrameId, FrameId>> found_;  // parents and children of a batch
 };
 

@@ -3,7 +3,7 @@
 #include <string>
 
 #include "tfdb/store/engine_transaction.hpp"
-#include "tfdb/store/impl.hpp"
+#include "tfdb/store/store.hpp"
 
 namespace tfdb::store {
 
@@ -21,8 +21,7 @@ constexpr std::uint64_t word_of(Transaction::Stage stage) {
 
 }  // namespace
 
-TransactionLife::TransactionLife(std::shared_ptr<Reads::Impl> store,
-                                 const TransactionOptions& options)
+TransactionLife::TransactionLife(std::shared_ptr<Store> store, const TransactionOptions& options)
     : which_(store.get()), store_(std::move(store)), options_(options) {
     if (options.priority > TransactionOptions::kMaxPriority) {
         throw InvalidArgument("a priority lies between 0 and 7, not " +
@@ -198,7 +197,7 @@ std::uint64_t TransactionLife::this_thread() noexcept {
     return mine;
 }
 
-bool TransactionLife::find(const Reads::Impl& store, bool alone) noexcept {
+bool TransactionLife::find(const Store& store, bool alone) noexcept {
     sweep();
     bool any = false;
     for (const TransactionLife* at = head; at != nullptr; at = at->next_) {

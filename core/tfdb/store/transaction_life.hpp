@@ -23,7 +23,7 @@ public:
     using Stage = Transaction::Stage;
 
     /// Throws InvalidArgument.
-    TransactionLife(std::shared_ptr<Reads::Impl> store, const TransactionOptions& options);
+    TransactionLife(std::shared_ptr<Store> store, const TransactionOptions& options);
     TransactionLife(const TransactionLife&) = delete;
     TransactionLife& operator=(const TransactionLife&) = delete;
 
@@ -68,7 +68,7 @@ public:
     /// Rolls back what this thread has open, as its end would.
     static void end_thread() noexcept;
     /// Whether this thread has an open one of the store (that runs alone, if `alone`).
-    [[nodiscard]] static bool any(const Reads::Impl& store, bool alone) noexcept {
+    [[nodiscard]] static bool any(const Store& store, bool alone) noexcept {
         return head != nullptr && find(store, alone);
     }
 
@@ -79,15 +79,15 @@ private:
     void drop() noexcept;
     [[noreturn]] void throw_ended() const;
     [[nodiscard]] static std::uint64_t this_thread() noexcept;
-    [[nodiscard]] static bool find(const Reads::Impl& store, bool alone) noexcept;
+    [[nodiscard]] static bool find(const Store& store, bool alone) noexcept;
 
     // Above the stages: somebody rolls it back.
     static constexpr std::uint64_t kEnding = 1 << 8;
 
     static inline constinit thread_local TransactionLife* head = nullptr;
 
-    const Reads::Impl* which_;
-    std::shared_ptr<Reads::Impl> store_;
+    const Store* which_;
+    std::shared_ptr<Store> store_;
     TransactionOptions options_;
     std::unique_ptr<EngineTransaction> transaction_;
     std::optional<Conflict> lost_to_;

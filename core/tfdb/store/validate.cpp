@@ -207,25 +207,25 @@ Fault fault_of_names(const TransformView& transform, std::size_t index,
     return fault ? fault : fault_of_name(transform.child, "child", transform, index, authority);
 }
 
-Fault fault_of_edge(const Reads::Impl& impl, FrameId child, const TransformView& transform,
+Fault fault_of_edge(const Store& store, FrameId child, const TransformView& transform,
                     std::size_t index, bool is_static, std::string_view authority,
                     WriteRules rules) {
-    if (is_storable(impl, child, transform, is_static, rules))
+    if (is_storable(store, child, transform, is_static, rules))
         return std::nullopt;
-    const history::EdgeWriter<StoreMemory> edge(impl.frames.memory(), impl.frames.header(child));
+    const history::EdgeWriter<StoreMemory> edge(store.frames.memory(), store.frames.header(child));
     if (changes_kind(edge, is_static))
         return static_conflict(transform, index, is_static, authority,
                                ", or pass change_kind=True to drop the samples that it has");
-    if (transform.stamp < edge.newest() - impl.history)
-        return too_old(transform, index, edge.newest(), impl.history, authority);
+    if (transform.stamp < edge.newest() - store.history)
+        return too_old(transform, index, edge.newest(), store.history, authority);
     return repeated_stamp(transform, index, authority);
 }
 
-bool has_stamp(const Reads::Impl& impl, FrameId child, StampNs stamp) {
+bool has_stamp(const Store& store, FrameId child, StampNs stamp) {
     history::EdgeView<StoreMemory> edge;
     history::Bracket around;
-    return edge.open(impl.frames.memory(), impl.frames.header(child), impl.committed(),
-                     impl.history, history::kAsItIs) &&
+    return edge.open(store.frames.memory(), store.frames.header(child), store.committed(),
+                     store.history, history::kAsItIs) &&
            edge.bracket(stamp, around) && around.before.stamp == stamp;
 }
 

@@ -9,7 +9,7 @@
 #include <string_view>
 #include <vector>
 
-#include "tfdb/store/impl.hpp"
+#include "tfdb/store/store.hpp"
 
 namespace tfdb::store {
 
@@ -35,18 +35,18 @@ using Fault = std::optional<Error>;
 }
 /// Whether a moving edge has a sample of that stamp. The caller holds the commit lock, and has not
 /// written to the edge.
-[[nodiscard]] bool has_stamp(const Reads::Impl& impl, FrameId child, StampNs stamp);
+[[nodiscard]] bool has_stamp(const Store& store, FrameId child, StampNs stamp);
 /// Whether `fault_of_edge` finds nothing. The committed samples are what counts.
-[[nodiscard]] inline bool is_storable(const Reads::Impl& impl, FrameId child,
+[[nodiscard]] inline bool is_storable(const Store& store, FrameId child,
                                       const TransformView& transform, bool is_static,
                                       WriteRules rules) {
-    const history::EdgeWriter<StoreMemory> edge(impl.frames.memory(), impl.frames.header(child));
+    const history::EdgeWriter<StoreMemory> edge(store.frames.memory(), store.frames.header(child));
     if (changes_kind(edge, is_static))
         return rules.change_kind;
     if (is_static || !edge.has_samples() || transform.stamp > edge.newest())
         return true;
-    return transform.stamp >= edge.newest() - impl.history &&
-           !(rules.only_new && has_stamp(impl, child, transform.stamp));
+    return transform.stamp >= edge.newest() - store.history &&
+           !(rules.only_new && has_stamp(store, child, transform.stamp));
 }
 
 /// Judges what can be judged without the store: InvalidTransform, InvalidStamp.
@@ -56,9 +56,9 @@ using Fault = std::optional<Error>;
 [[nodiscard]] Fault fault_of_names(const TransformView& transform, std::size_t index,
                                    std::string_view authority);
 /// Judges a sample against its edge: StaticConflict, TooOld, RepeatedStamp.
-[[nodiscard]] Fault fault_of_edge(const Reads::Impl& impl, FrameId child,
-                                  const TransformView& transform, std::size_t index, bool is_static,
-                                  std::string_view authority, WriteRules rules);
+[[nodiscard]] Fault fault_of_edge(const Store& store, FrameId child, const TransformView& transform,
+                                  std::size_t index, bool is_static, std::string_view authority,
+                                  WriteRules rules);
 [[nodiscard]] Error repeated_stamp(const TransformView& transform, std::size_t index,
                                    std::string_view authority);
 /// `other_way`: what the message says after the way that always works.

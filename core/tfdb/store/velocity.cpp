@@ -4,7 +4,7 @@
 #include <array>
 #include <cmath>
 
-#include "tfdb/store/impl.hpp"
+#include "tfdb/store/store.hpp"
 
 namespace tfdb {
 namespace {
@@ -141,16 +141,16 @@ Twist Reads::lookup_velocity(std::string_view tracking, std::string_view observa
     Asked asked;
     Answer answer;
     Failure failure;
-    const Outcome outcome = store::read(*impl_, held_, kFresh, [&](const StoreView& view) {
+    const Outcome outcome = store::read(*store_, held_, kFresh, [&](const StoreView& view) {
         Frames frames{};
         for (std::size_t i = 0; i < kRoles; ++i)
-            frames[i] = impl_->names.find(names[i], view.commit());
+            frames[i] = store_->names.find(names[i], view.commit());
         return velocity_at(view, frames, stamp, interval, point, twist, asked, answer, failure);
     });
     if (outcome == Outcome::kOk)
         return twist;
     if (outcome == Outcome::kLapped)
-        store::throw_snapshot_too_old(held_, impl_->committed());
+        store::throw_snapshot_too_old(held_, store_->committed());
     raise(failure, store::by_name(Question::kAt, names[asked.target], names[asked.source]));
 }
 

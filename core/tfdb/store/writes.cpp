@@ -14,7 +14,7 @@ namespace tfdb::store {
 namespace {
 
 /// Samples of one edge must come in stamp order; the later member of a batch wins a tie.
-void sort_items(std::vector<Reads::Impl::Item>& items, std::span<const TransformView> batch) {
+void sort_items(std::vector<Store::Item>& items, std::span<const TransformView> batch) {
     const auto before = [&](const auto& a, const auto& b) {
         if (a.child != b.child)
             return a.child < b.child;
@@ -29,7 +29,7 @@ bool is_same_text(std::string_view a, std::string_view b) {
 }
 
 /// Of items in order: whether two members of the batch are of one edge and stamp.
-bool repeats_a_stamp(const std::vector<Reads::Impl::Item>& items, const Batch& batch) {
+bool repeats_a_stamp(const std::vector<Store::Item>& items, const Batch& batch) {
     const auto same = [&](const auto& a, const auto& b) {
         return a.child == b.child && batch[a.index].stamp == batch[b.index].stamp;
     };
@@ -41,8 +41,8 @@ constexpr std::size_t kTogether = 64;
 
 /// Finds or makes the frames, and judges the samples against their edges while these are as they
 /// were committed. False: a member cannot be stored.
-bool resolve_items(Reads::Impl& impl, StoreCommit& commit, const Batch& batch) {
-    auto& items = impl.items;
+bool resolve_items(Store& store, StoreCommit& commit, const Batch& batch) {
+    auto& items = store.items;
     items.clear();
     bool repeated = false;
     FrameId parent = kNoFrame;
@@ -59,7 +59,7 @@ bool resolve_items(Reads::Impl& impl, StoreCommit& commit, const Batch& batch) {
             parent = commit.frame(batch[i].parent);
             child = commit.frame(batch[i].child);
         }
-        if (!is_storable(impl, child, batch[i], batch.is_static(), batch.rules()))
+        if (!is_storable(store, child, batch[i], batch.is_static(), batch.rules()))
             return false;
         repeated |= commit.touch(child);
         items.push_back({child, parent, i});
@@ -74,19 +74,19 @@ bool resolve_items(Reads::Impl& impl, StoreCommit& commit, const Batch& batch) {
 
 /// Appends the samples that `resolve_items` has found in the batch, of each stamp the last; an edge
 /// of the other kind starts anew. Returns how many quaternions were mended.
-std::uint64_t append_items(Reads::Impl& impl, StoreCommit& commit, const Batch& batch) {
-    const auto& items = impl.items;
-    auto& together = impl.samples;
-    auto& members = impl.members;
+std::uint64_t append_items(Store& store, StoreCommit& commit, const Batch& batch) {
+    const auto& items = store.items;
+    auto& together = store.samples;
+    auto& members = store.members;
     history::NewSample<StoreMemory> sample;
     std::uint64_t mended = 0;
-    const auto fill = [&](const Reads::Impl::Item& item) {
+    const auto fill = [&](const Store::Item& item) {
         mended += fill_from(batch[item.index], item.parent, batch.is_static(), sample) ? 1 : 0;
     };
     for (std::size_t i = 0; i < items.size(); ++i) {
         const FrameId child = items[i].child;
-        const history::EdgeWriter<StoreMemory> edge(impl.frames.memory(),
-                                                    impl.frames.header(child));
+        const history::EdgeWriter<StoreMemory> edge(store.frames.memory(),
+                                                    store.frames.header(child));
         if (batch.rules().change_kind && changes_kind(edge, batch.is_static()))
             commit.clear(child);
         const auto is_late = [&](std::size_t k) {
@@ -120,28 +120,28 @@ std::uint64_t append_items(Reads::Impl& impl, StoreCommit& commit, const Batch& 
 }
 
 /// Publishes what was written to the edges of `items`; false if it would close a cycle.
-bool publish(Reads::Impl& impl, StoreCommit& commit, std::string_view authority,
-             std::uint64_t mended, CommitNumber& number) {
+bool publish(Store& store, StoreCommit& commit, std::string_view authority, std::uint64_t mended,
+             CommitNumber& number) {
     txn::Cycle cycle;
     if (commit.cycles().find(cycle))
         return false;
-    const std::uint64_t author = impl.authorities.id(authority);
+    const std::uint64_t author = store.authorities.id(authority);
     commit.prepare();  // from here on nothing throws
-    for (const auto& item : impl.items)
-        impl.set_author(item.child, author);
+    for (const auto& item : store.items)
+        store.set_author(item.child, author);
     if (mended != 0)
-        impl.word(graph::kNormalised).fetch_add(mended);
+        store.word(graph::kNormalised).fetch_add(mended);
     number = commit.publish();
     return true;
 }
 
 /// Publishes the batch; false if a member cannot be stored.
-bool store_all(Reads::Impl& impl, const Batch& batch, CommitNumber& number) {
-    StoreCommit commit = impl.start_commit();
-    if (!resolve_items(impl, commit, batch))
+bool store_all(Store& store, const Batch& batch, CommitNumber& number) {
+    StoreCommit commit = store.start_commit();
+    if (!resolve_items(store, commit, batch))
         return false;
-    const std::uint64_t mended = append_items(impl, commit, batch);
-    return publish(impl, commit, batch.authority(), mended, number);
+    const std::uint64_t mended = append_items(store, commit, batch);
+    return publish(store, commit, batch.authority(), mended, number);
 }
 
 /// Some rows of columns, by themselves: nobody else can change them once they are judged.
@@ -180,9 +180,9 @@ private:
 
 /// Publishes columns that come after one another and after all that the edge has; false if a
 /// member does not, or cannot be stored.
-bool store_columns(Reads::Impl& impl, const EdgeColumns& columns, std::string_view authority,
+bool store_columns(Store& store, const EdgeColumns& columns, std::string_view authority,
                    CommitNumber& number) {
-    StoreCommit commit = impl.start_commit();
+    StoreCommit commit = store.start_commit();
     const TransformView names{columns.parent, columns.child, 0, {}};
     FrameId parent = commit.find_frame(names.parent);
     FrameId child = commit.find_frame(names.child);
@@ -192,11 +192,11 @@ bool store_columns(Reads::Impl& impl, const EdgeColumns& columns, std::string_vi
         parent = commit.frame(names.parent);
         child = commit.frame(names.child);
     }
-    const history::EdgeWriter<StoreMemory> edge(impl.frames.memory(), impl.frames.header(child));
+    const history::EdgeWriter<StoreMemory> edge(store.frames.memory(), store.frames.header(child));
     if (parent == child || changes_kind(edge, false))
         return false;
     (void)commit.touch(child);
-    impl.items.assign(1, {child, parent, 0});
+    store.items.assign(1, {child, parent, 0});
     Rows rows(columns);
     for (std::size_t first = 0; first < columns.stamps.size(); first += rows.count()) {
         if (!rows.take(first, edge.newest()))
@@ -211,7 +211,7 @@ bool store_columns(Reads::Impl& impl, const EdgeColumns& columns, std::string_vi
         commit.append_ahead(child, parent, rows.count(), row,
                             [&](std::size_t i) { return first + i; });
     }
-    return publish(impl, commit, authority, rows.mended(), number);
+    return publish(store, commit, authority, rows.mended(), number);
 }
 
 /// The same one by one, for whatever is not so plain.
@@ -227,7 +227,7 @@ std::vector<TransformView> members_of(const EdgeColumns& columns) {
 /// Threads: the holder of the commit lock. Guarantee: the store stays as it is.
 class Sorting {
 public:
-    Sorting(Reads::Impl& impl, const Batch& batch) : impl_(impl), batch_(batch) {
+    Sorting(Store& store, const Batch& batch) : store_(store), batch_(batch) {
         for (std::size_t i = 0; i < batch.size(); ++i) {
             if (Fault fault = fault_of(i)) {
                 refusals.add(std::move(fault));
@@ -269,15 +269,15 @@ private:
         const TransformView& transform = batch_[i];
         if (Fault fault = fault_alone(transform, i, batch_.is_static(), batch_.authority()))
             return fault;
-        const CommitNumber now = impl_.committed();
-        const FrameId child = impl_.names.find(transform.child, now);
-        if (child == kNoFrame || impl_.names.find(transform.parent, now) == kNoFrame) {
+        const CommitNumber now = store_.committed();
+        const FrameId child = store_.names.find(transform.child, now);
+        if (child == kNoFrame || store_.names.find(transform.parent, now) == kNoFrame) {
             if (Fault fault = fault_of_names(transform, i, batch_.authority()))
                 return fault;
         }
         if (child == kNoFrame)
             return std::nullopt;
-        return fault_of_edge(impl_, child, transform, i, batch_.is_static(), batch_.authority(),
+        return fault_of_edge(store_, child, transform, i, batch_.is_static(), batch_.authority(),
                              batch_.rules());
     }
 
@@ -286,10 +286,10 @@ private:
     bool leave_out_some(bool all) {
         if (good_.empty())
             return false;
-        StoreCommit trial = impl_.start_commit();
+        StoreCommit trial = store_.start_commit();
         const Batch tried = batch_.with(good_);
-        (void)resolve_items(impl_, trial, tried);
-        (void)append_items(impl_, trial, tried);
+        (void)resolve_items(store_, trial, tried);
+        (void)append_items(store_, trial, tried);
         std::vector<txn::Cycle> cycles;
         if (!trial.cycles().find_all(cycles))
             return false;
@@ -303,7 +303,7 @@ private:
         std::sort(cycles.begin(), cycles.end(),
                   [](const auto& a, const auto& b) { return a.child < b.child; });
         std::vector<bool> out(good_.size());
-        for (const auto& item : impl_.items) {
+        for (const auto& item : store_.items) {
             const StampNs stamp = good_[item.index].stamp;
             auto at = std::lower_bound(cycles.begin(), cycles.end(), item.child,
                                        [](const auto& c, FrameId id) { return c.child < id; });
@@ -338,7 +338,7 @@ private:
         return true;
     }
 
-    Reads::Impl& impl_;
+    Store& store_;
     const Batch& batch_;
     std::vector<TransformView> good_;
     std::vector<std::size_t> indices_;  // of the good ones in the batch
@@ -348,16 +348,16 @@ private:
 
 /// False: they are to be taken one by one, which says what is wrong with them if anything is.
 /// `busy`: do not wait for another writer, but say that there is one.
-bool store_at_once(Reads::Impl& impl, const EdgeColumns& columns, std::string_view authority,
+bool store_at_once(Store& store, const EdgeColumns& columns, std::string_view authority,
                    CommitNumber& commit, bool* busy = nullptr) {
     if (columns.stamps.size() != columns.poses.size()) {
         throw InvalidArgument(std::to_string(columns.stamps.size()) + " stamps for " +
                               std::to_string(columns.poses.size()) + " poses");
     }
-    if (impl.engine != nullptr || columns.stamps.empty())
+    if (store.engine != nullptr || columns.stamps.empty())
         return false;
-    check_not_in_transaction(impl);
-    std::unique_lock guard(impl.lock, std::defer_lock);
+    check_not_in_transaction(store);
+    std::unique_lock guard(store.lock, std::defer_lock);
     if (busy == nullptr) {
         guard.lock();
     } else if (!guard.try_lock()) {
@@ -365,7 +365,7 @@ bool store_at_once(Reads::Impl& impl, const EdgeColumns& columns, std::string_vi
         return false;
     }
     try {
-        return store_columns(impl, columns, authority, commit);
+        return store_columns(store, columns, authority, commit);
     } catch (const CapacityExceeded&) {
         return false;
     }
@@ -378,11 +378,11 @@ void check_rules(WriteRules rules, bool is_static) {
         throw InvalidArgument("only_new is about stamps: a static transform has none");
 }
 
-CommitNumber commit_batch(Reads::Impl& impl, const Batch& batch) {
+CommitNumber commit_batch(Store& store, const Batch& batch) {
     CommitNumber commit = 0;
-    if (batch.sound() && store_all(impl, batch, commit))
+    if (batch.sound() && store_all(store, batch, commit))
         return commit;
-    Sorting sorting(impl, batch);
+    Sorting sorting(store, batch);
     try {
         sorting.leave_out_cycles();
     } catch (const CapacityExceeded&) {
@@ -392,16 +392,15 @@ CommitNumber commit_batch(Reads::Impl& impl, const Batch& batch) {
     sorting.refusals.raise(std::to_string(batch.size()) + " transforms");
 }
 
-std::vector<RefusedMember> commit_partial(Reads::Impl& impl, const Batch& batch,
-                                          CommitNumber& commit) {
-    if (batch.sound() && store_all(impl, batch, commit))
+std::vector<RefusedMember> commit_partial(Store& store, const Batch& batch, CommitNumber& commit) {
+    if (batch.sound() && store_all(store, batch, commit))
         return {};
-    Sorting sorting(impl, batch);
+    Sorting sorting(store, batch);
     sorting.leave_out_cycles();
     auto refused = sorting.refusals.members();  // it may throw: not once something is stored
-    commit = impl.committed();
+    commit = store.committed();
     if (!sorting.good().empty())
-        (void)store_all(impl, batch.with(sorting.good()), commit);
+        (void)store_all(store, batch.with(sorting.good()), commit);
     return refused;
 }
 
@@ -414,12 +413,12 @@ CommitNumber Buffer::set_transforms(std::span<const TransformView> batch, bool i
     store::check_rules(rules, is_static);
     if (batch.empty())
         return commit();
-    store::check_not_in_transaction(*impl_);
+    store::check_not_in_transaction(*store_);
     const store::Batch judged(batch, is_static, authority, rules);
-    if (impl_->engine != nullptr) [[unlikely]]
-        return impl_->engine->write(judged);
-    const std::lock_guard guard(impl_->lock);
-    return store::commit_batch(*impl_, judged);
+    if (store_->engine != nullptr) [[unlikely]]
+        return store_->engine->write(judged);
+    const std::lock_guard guard(store_->lock);
+    return store::commit_batch(*store_, judged);
 }
 
 bool Buffer::try_set_transforms(std::span<const TransformView> batch, bool is_static,
@@ -430,14 +429,14 @@ bool Buffer::try_set_transforms(std::span<const TransformView> batch, bool is_st
         commit = this->commit();
         return true;
     }
-    store::check_not_in_transaction(*impl_);
+    store::check_not_in_transaction(*store_);
     const store::Batch judged(batch, is_static, authority, rules);
-    if (impl_->engine != nullptr) [[unlikely]]
-        return impl_->engine->try_write(judged, commit);
-    const std::unique_lock guard(impl_->lock, std::try_to_lock);
+    if (store_->engine != nullptr) [[unlikely]]
+        return store_->engine->try_write(judged, commit);
+    const std::unique_lock guard(store_->lock, std::try_to_lock);
     if (!guard.owns_lock())
         return false;
-    commit = store::commit_batch(*impl_, judged);
+    commit = store::commit_batch(*store_, judged);
     return true;
 }
 
@@ -450,16 +449,16 @@ std::vector<RefusedMember> Buffer::set_transforms_partial(std::span<const Transf
         commit = this->commit();
         return {};
     }
-    store::check_not_in_transaction(*impl_);
+    store::check_not_in_transaction(*store_);
     const store::Batch judged(batch, is_static, authority, rules);
-    const store::Alone alone(*impl_);
-    return store::commit_partial(*impl_, judged, commit);
+    const store::Alone alone(*store_);
+    return store::commit_partial(*store_, judged, commit);
 }
 
 CommitNumber Buffer::set_transforms(const EdgeColumns& columns, std::string_view authority,
                                     WriteRules rules) {
     CommitNumber commit = 0;
-    if (store::store_at_once(*impl_, columns, authority, commit))
+    if (store::store_at_once(*store_, columns, authority, commit))
         return commit;
     return set_transforms(store::members_of(columns), false, authority, rules);
 }
@@ -467,7 +466,7 @@ CommitNumber Buffer::set_transforms(const EdgeColumns& columns, std::string_view
 bool Buffer::try_set_transforms(const EdgeColumns& columns, std::string_view authority,
                                 CommitNumber& commit, WriteRules rules) {
     bool busy = false;
-    if (store::store_at_once(*impl_, columns, authority, commit, &busy))
+    if (store::store_at_once(*store_, columns, authority, commit, &busy))
         return true;
     return !busy && try_set_transforms(store::members_of(columns), false, authority, commit, rules);
 }
@@ -475,7 +474,7 @@ bool Buffer::try_set_transforms(const EdgeColumns& columns, std::string_view aut
 std::vector<RefusedMember> Buffer::set_transforms_partial(const EdgeColumns& columns,
                                                           std::string_view authority,
                                                           CommitNumber& commit, WriteRules rules) {
-    if (store::store_at_once(*impl_, columns, authority, commit))
+    if (store::store_at_once(*store_, columns, authority, commit))
         return {};
     return set_transforms_partial(store::members_of(columns), false, authority, commit, rules);
 }

@@ -8,7 +8,7 @@
 #include <string_view>
 #include <vector>
 
-#include "tfdb/store/impl.hpp"
+#include "tfdb/store/store.hpp"
 #include "tfdb/store/validate.hpp"
 
 namespace tfdb::store {
@@ -75,10 +75,10 @@ inline bool fill_from(const TransformView& transform, FrameId parent, bool is_st
 }
 
 /// The same, counted at once: for a sample that cannot be refused any more.
-inline void fill_sample(Reads::Impl& impl, const TransformView& transform, FrameId parent,
+inline void fill_sample(Store& store, const TransformView& transform, FrameId parent,
                         bool is_static, history::NewSample<StoreMemory>& sample) {
     if (fill_from(transform, parent, is_static, sample))
-        impl.word(graph::kNormalised).fetch_add(1);
+        store.word(graph::kNormalised).fetch_add(1);
 }
 
 /// Throws InvalidArgument.
@@ -88,12 +88,10 @@ void check_rules(WriteRules rules, bool is_static);
 // store as it was.
 
 /// Stores all of a batch in one commit; returns its number. Throws as Buffer::set_transforms.
-CommitNumber commit_batch(Reads::Impl& impl, const Batch& batch);
+CommitNumber commit_batch(Store& store, const Batch& batch);
 /// Stores what may be stored of a batch; returns the rest. As Buffer::set_transforms_partial.
-std::vector<RefusedMember> commit_partial(Reads::Impl& impl, const Batch& batch,
-                                          CommitNumber& commit);
+std::vector<RefusedMember> commit_partial(Store& store, const Batch& batch, CommitNumber& commit);
 /// Removes frames in one commit; returns its number. Throws as Buffer::remove_frames.
-CommitNumber commit_removal(Reads::Impl& impl, std::span<const std::string_view> names,
-                            bool recursive);
+CommitNumber commit_removal(Store& store, std::span<const std::string_view> names, bool recursive);
 
 }  // namespace tfdb::store

@@ -27,12 +27,14 @@ using StoreView = txn::SnapshotView<StoreMemory>;
 using StoreEdge = history::EdgeView<StoreMemory>;
 using StoreCommit = txn::Commit<StoreMemory>;
 
+namespace store {
+
 /// The region with the forest in it, and what only the writers of this process need.
 /// Threads: reads any; `scratch`, `items` and `samples` only under `lock`.
 /// Guarantee: lives as long as the Buffer or any Snapshot of it.
-struct Reads::Impl final : history::Readers {
-    explicit Impl(const BufferOptions& options);
-    ~Impl() override;
+struct Store final : history::Readers {
+    explicit Store(const BufferOptions& options);
+    ~Store() override;
 
     [[nodiscard]] sync::Word& word(graph::StoreWord w) const { return frames.store_word(w); }
     [[nodiscard]] CommitNumber committed() const { return word(graph::kCommit).load_acquire(); }
@@ -110,17 +112,15 @@ struct Reads::Impl final : history::Readers {
     std::vector<Item> items;
     std::vector<history::NewSample<StoreMemory>> samples;  // of one edge
     std::vector<std::size_t> members;                      // of the batch, that these are
-    store::Authorities authorities;
+    Authorities authorities;
     mutable sync::Word lapped_reads{};
     mutable sync::Word pinned_reads{};
-    sync::Word aborts{};                    // of transactions, conflicts included
-    sync::Word conflicts{};                 // transactions that lost
-    mutable sync::Word home_process{};      // forks, and the flags above
-    sync::Word ages{};                      // transactions so far: the age of the next one
-    std::unique_ptr<store::Engine> engine;  // null: the default engine
+    sync::Word aborts{};                // of transactions, conflicts included
+    sync::Word conflicts{};             // transactions that lost
+    mutable sync::Word home_process{};  // forks, and the flags above
+    sync::Word ages{};                  // transactions so far: the age of the next one
+    std::unique_ptr<Engine> engine;     // null: the default engine
 };
-
-namespace store {
 
 inline constexpr int kTriesBeforePin = 4;
 
@@ -129,33 +129,33 @@ inline constexpr int kTriesBeforePin = 4;
 /// Threads: one. Guarantee: blocks until all that came before are done.
 class Alone {
 public:
-    explicit Alone(const Reads::Impl& impl) : impl_(impl) {
-        impl.lock.lock();
-        if (impl.engine != nullptr)
-            impl.engine->keep_out();
+    explicit Alone(const Store& store) : store_(store) {
+        store.lock.lock();
+        if (store.engine != nullptr)
+            store.engine->keep_out();
     }
     ~Alone() {
-        if (impl_.engine != nullptr)
-            impl_.engine->let_in();
-        impl_.lock.unlock();
+        if (store_.engine != nullptr)
+            store_.engine->let_in();
+        store_.lock.unlock();
     }
     Alone(const Alone&) = delete;
     Alone& operator=(const Alone&) = delete;
 
 private:
     const NotInterrupted not_interrupted_;
-    const Reads::Impl& impl_;
+    const Store& store_;
 };
 
 /// For what a thread may not do to a store of which it has a transaction open: it would wait for
 /// itself, or see its own half-done work. Throws TransactionActive, Forked.
-inline void check_not_in_transaction(const Reads::Impl& store) {
+inline void check_not_in_transaction(const Store& store) {
     store.check_not_orphaned();
     if (TransactionLife::any(store, false))
         throw_transaction_active("use the transaction's methods, or end it first");
 }
 /// The same, where only a transaction that runs alone is in the way.
-inline void check_not_alone_in_transaction(const Reads::Impl& store) {
+inline void check_not_alone_in_transaction(const Store& store) {
     store.check_not_orphaned();
     if (TransactionLife::any(store, true))
         throw_transaction_active("it runs alone: end it first");
@@ -163,18 +163,18 @@ inline void check_not_alone_in_transaction(const Reads::Impl& store) {
 
 /// Before a thread takes the store to itself: it would wait for a transaction of its own for ever.
 /// Throws TransactionActive, Forked.
-inline void check_may_wait(const Reads::Impl& impl) {
-    if (impl.engine != nullptr)
-        check_not_in_transaction(impl);
+inline void check_may_wait(const Store& store) {
+    if (store.engine != nullptr)
+        check_not_in_transaction(store);
     else
-        check_not_alone_in_transaction(impl);
+        check_not_alone_in_transaction(store);
 }
 
 /// Reads that begin while it lives are not overtaken, and the newest state stays as it is.
 /// Threads: one. Guarantee: wait-free.
 class ReadPin {
 public:
-    explicit ReadPin(const Reads::Impl& impl) : state_(impl.held_pins), epoch_(impl.read_pins) {}
+    explicit ReadPin(const Store& store) : state_(store.held_pins), epoch_(store.read_pins) {}
 
 private:
     graph::Pin<StoreMemory> state_;
@@ -183,36 +183,37 @@ private:
 
 /// What looks missing in a state may be a frame whose slot was reused since: then kLapped. Lookups
 /// that succeed need not ask; listings, and errors, must.
-[[nodiscard]] inline lookup::Outcome unless_reused(const Reads::Impl& impl, CommitNumber commit,
+[[nodiscard]] inline lookup::Outcome unless_reused(const Store& store, CommitNumber commit,
                                                    lookup::Outcome outcome) {
     sync::fence_acquire();
-    return commit < impl.word(graph::kRecycleFloor).load_relaxed() ? lookup::Outcome::kLapped
-                                                                   : outcome;
+    return commit < store.word(graph::kRecycleFloor).load_relaxed() ? lookup::Outcome::kLapped
+                                                                    : outcome;
 }
 
 /// Runs `attempt(view)` on a fresh view, or on the held one, until no writer overtakes it. After a
 /// few tries it is pinned: what it needs is not used again, unless held states keep as much memory
 /// as they may. kLapped: this snapshot's samples are gone.
 template <class Attempt>
-lookup::Outcome read_committed(const Reads::Impl& impl, CommitNumber held, CommitNumber fresh,
+lookup::Outcome read_committed(const Store& store, CommitNumber held, CommitNumber fresh,
                                Attempt attempt) {
     const auto once = [&] {
-        const CommitNumber commit = held == fresh ? impl.committed() : held;
-        const lookup::Outcome outcome = attempt(impl.view(commit));
-        return outcome == lookup::Outcome::kFailed ? unless_reused(impl, commit, outcome) : outcome;
+        const CommitNumber commit = held == fresh ? store.committed() : held;
+        const lookup::Outcome outcome = attempt(store.view(commit));
+        return outcome == lookup::Outcome::kFailed ? unless_reused(store, commit, outcome)
+                                                   : outcome;
     };
     lookup::Outcome outcome = once();
     if (outcome != lookup::Outcome::kLapped)
         return outcome;
     for (int i = 1; i < kTriesBeforePin; ++i) {
-        impl.lapped_reads.fetch_add(1);
+        store.lapped_reads.fetch_add(1);
         outcome = once();
         if (outcome != lookup::Outcome::kLapped)
             return outcome;
     }
-    impl.pinned_reads.fetch_add(1);
+    store.pinned_reads.fetch_add(1);
     do {
-        const ReadPin pin(impl);
+        const ReadPin pin(store);
         outcome = once();
     } while (outcome == lookup::Outcome::kLapped && held == fresh);
     return outcome;
@@ -221,24 +222,23 @@ lookup::Outcome read_committed(const Reads::Impl& impl, CommitNumber held, Commi
 /// The same. Engines that guard frames may have commits under way that are numbered already: there
 /// a fresh read is alone from the start.
 template <class Attempt>
-lookup::Outcome read(const Reads::Impl& impl, CommitNumber held, CommitNumber fresh,
-                     Attempt attempt) {
-    if (held != fresh || impl.engine == nullptr) [[likely]]
-        return read_committed(impl, held, fresh, attempt);
-    check_may_wait(impl);
-    const Alone alone(impl);
-    return attempt(impl.view(impl.committed()));
+lookup::Outcome read(const Store& store, CommitNumber held, CommitNumber fresh, Attempt attempt) {
+    if (held != fresh || store.engine == nullptr) [[likely]]
+        return read_committed(store, held, fresh, attempt);
+    check_may_wait(store);
+    const Alone alone(store);
+    return attempt(store.view(store.committed()));
 }
 
 [[noreturn]] void throw_snapshot_too_old(CommitNumber held, CommitNumber newest);
 
 /// "(removed)" where the slot was reused since.
-[[nodiscard]] inline std::string name_of_frame(const Reads::Impl& impl, FrameId id,
+[[nodiscard]] inline std::string name_of_frame(const Store& store, FrameId id,
                                                std::uint32_t generation) {
-    if (id < impl.frames.count()) {
-        std::string name = impl.names.name(id);
+    if (id < store.frames.count()) {
+        std::string name = store.names.name(id);
         sync::fence_acquire();
-        if (impl.frames.generation(id) == generation)
+        if (store.frames.generation(id) == generation)
             return name;
     }
     return "(removed)";
