@@ -92,7 +92,7 @@ TFDB_TEST(a_change_of_kind_that_is_refused_changes_nothing) {
 
 TFDB_TEST(a_transaction_that_read_an_edge_loses_when_its_kind_changes) {
     if (skipped_in({Concurrency::kGiant, Concurrency::kFine, Concurrency::kNoWait,
-                    Concurrency::kWaitDie, Concurrency::kWoundWait},
+                    Concurrency::kWaitDie, Concurrency::kWoundWait, Concurrency::kSilo},
                    "it would wait for the transaction, or does not isolate"))
         return;
     for (const bool to_static : {false, true}) {
