@@ -243,20 +243,25 @@ private:
             return false;
         }
         tail = samples(word);
-        return header[history::kChanged].load_relaxed() <= commit_ || leave_out_newer(node, tail);
+        if (header[history::kChanged].load_relaxed() > commit_) {
+            tail.end = leave_out_newer(header, tail);
+        }
+        return tail.end != tail.begin;
     }
     /// Few commits pass during one lookup: what they appended is left out one by one. The flags
-    /// must be those of the samples that are read.
-    [[nodiscard, gnu::noinline]] bool leave_out_newer(const Node& node, Samples& tail) const {
-        if ((node.header[history::kTopology].load_acquire() & kUnusual) != 0 ||
-            node.header[history::kCorrected].load_relaxed() > commit_)
-            return false;
+    /// must be those of the samples that are read. Gives the tail's end, or its begin if none is
+    /// left.
+    [[nodiscard, gnu::noinline]] std::uint64_t leave_out_newer(const Word* header,
+                                                               Samples tail) const {
+        if ((header[history::kTopology].load_acquire() & kUnusual) != 0 ||
+            header[history::kCorrected].load_relaxed() > commit_)
+            return tail.begin;
         for (int tries = kNear; tail.end > tail.begin && tries > 0; --tries) {
             if (tail.commit(tail.end - 1) <= commit_)
-                return true;
+                return tail.end;
             --tail.end;
         }
-        return false;
+        return tail.begin;
     }
     [[nodiscard, gnu::always_inline]] bool confirm() const {
         Memory::fence_acquire();
@@ -291,7 +296,11 @@ private:
         if (back < static_cast<double>(index - in.begin)) {
             index -= static_cast<std::uint64_t>(back);
         } else if (in.stamp(in.begin) > stamp_) {
-            return find_sealed(node, in, index, before) && before >= cutoff;
+            const Place sealed = find_sealed(node.header, in.stamp(in.begin));
+            in = sealed.in;
+            index = sealed.index;
+            before = sealed.before;
+            return sealed.found && before >= cutoff;
         }
         return near(in, index, before) && before >= cutoff;
     }
@@ -328,45 +337,54 @@ private:
         const bool repeated = index + 2 < in.end && in.stamp(index + 2) == after;
         return before == stamp_ || (index + 1 < in.end && !repeated);
     }
-    [[nodiscard, gnu::noinline]] std::uint64_t search(const Samples& in) const {
+    [[nodiscard, gnu::noinline]] std::uint64_t search(Samples in) const {
         return history::halve([&](std::uint64_t i) { return in.stamp(i); }, in.begin, in.end,
                               stamp_);
     }
-    /// The stamp lies before the tail: in a segment of the directory, not at its ends.
-    [[nodiscard, gnu::noinline]] bool find_sealed(const Node& node, Samples& in,
-                                                  std::uint64_t& index, StampNs& before) const {
-        const Offset block = node.header[history::kDirectory].load_acquire();
+    /// A sample at or before the stamp, if it was found.
+    struct Place {
+        bool found = false;
+        Samples in;
+        std::uint64_t index = 0;
+        StampNs before = history::kNoStamp;
+    };
+    /// The stamp lies before the tail, which begins at `tail`: in a segment of the directory, not
+    /// at its ends.
+    [[nodiscard, gnu::noinline]] Place find_sealed(const Word* header, StampNs tail) const {
+        const Offset block = header[history::kDirectory].load_acquire();
         if (block == 0) {
-            return false;
+            return {};
         }
         const history::Directory<Memory> directory(memory_, block);
         const std::uint64_t end = directory.word(history::kDirEnd).load_acquire();
         const std::uint64_t begin = directory.word(history::kDirBegin).load_acquire();
         // What was read of a block that was used again leads anywhere.
         if (begin >= end || !confirm()) {
-            return false;
+            return {};
         }
         const std::uint64_t k = directory.find(begin, end, stamp_);
         const std::uint64_t word = directory.entry(k).load_acquire();
         const StampNs first = directory.first(k);
-        const StampNs next = k + 1 < end ? directory.first(k + 1) : in.stamp(in.begin);
+        const StampNs next = k + 1 < end ? directory.first(k + 1) : tail;
         if (SegmentWord::count(word) == 0 || !confirm()) {
-            return false;
+            return {};
         }
-        in = samples(word);
+        Place place{.in = samples(word)};
+        const Samples& in = place.in;
         const double share =
             static_cast<double>(stamp_ - first) / static_cast<double>(next - first);
         const auto count = static_cast<double>(in.end - in.begin);
-        index = in.begin;
+        place.index = in.begin;
         if (share > 0.0 && share < 1.0)
-            index += static_cast<std::uint64_t>(share * count);
+            place.index += static_cast<std::uint64_t>(share * count);
         // Of a later version, since the view's header was read.
-        if (node.header[history::kSince].load_acquire() > commit_) {
-            return false;
+        if (header[history::kSince].load_acquire() > commit_) {
+            return {};
         }
         // The last one may be followed by others of its stamp, in the next segment.
-        return near(in, index, before) &&
-               (before == stamp_ ? index + 1 < in.end : index + 2 < in.end);
+        place.found = near(in, place.index, place.before) &&
+                      place.index + (place.before == stamp_ ? 1 : 2) < in.end;
+        return place;
     }
 
     static void put_in_front(const geometry::Pose& pose, geometry::Pose& composed, bool& moved) {

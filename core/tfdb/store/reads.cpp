@@ -66,8 +66,11 @@ bool Reads::ask(Question& question, Answer& answer, Failure& failure) const {
 bool Reads::try_lookup(FrameHandle target, FrameHandle source, std::optional<StampNs> stamp,
                        Policy policy, Answer& answer, Failure& failure) const {
     Question question{.target = {.handle = target}, .source = {.handle = source}};
-    question.stamp = stamp;
-    question.policy = policy;
+    // Number by number: a copy as a whole would wait until each of them has been stored.
+    if (stamp)
+        question.stamp.emplace(*stamp);
+    question.policy.kind = policy.kind;
+    question.policy.limit = policy.limit;
     return ask(question, answer, failure);
 }
 
