@@ -469,7 +469,7 @@ void EdgeWriter<Memory>::store_word_of(std::uint64_t k, std::uint64_t word, std:
 /// small, until there are so many that the directory costs more.
 template <class Memory>
 std::uint64_t EdgeWriter<Memory>::most_amid() const {
-    constexpr std::uint64_t kMany = std::uint64_t{1} << 15;
+    constexpr std::uint64_t kMany = std::uint64_t{1} << 13;
     return end() - begin() < kMany ? std::uint64_t{1} << Sizes::kSmallLog2 : kFull;
 }
 
