@@ -763,8 +763,9 @@ class Buffer(Reads):
         """
         Load the transforms of recordings: `.bag`, `.db3`, `.mcap`, folders of ROS 2 bags.
 
-            The files are read whole before the first commit. Then each message is one commit, in the order
-            of its reception; one that is refused is counted and skipped. A buffer with a limited history
+            The files are looked through before the first commit, so that damage leaves the buffer as it
+            was, and must not change until the end. Each message is one commit, in the order of its
+            reception; one that is refused is counted and skipped. A buffer with a limited history
             (10 s by default) forgets the beginning of a long recording: the report counts the samples, and
             a TfdbWarning says so. `Buffer(history=None)` and `tfdb.load` keep everything.
 

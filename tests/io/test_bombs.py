@@ -154,6 +154,29 @@ def test_npz(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
         read_trajectory(path)
 
 
+def test_frames_of_zstd() -> None:
+    """One that declares its size, one that does not, several, and what is wrong with them."""
+    data = bytes(range(256)) * 40
+    frame = zstandard.compress(data)
+    stream = zstandard.ZstdCompressor().compressobj()
+    unsized = stream.compress(data) + stream.flush()
+    half = zstandard.compress(data[:5120])
+    assert zstandard.frame_content_size(unsized) == -1
+    for good in (frame, memoryview(frame), unsized, half + half, frame + zstandard.compress(b"")):
+        assert raw_file.unpack("zstd", good, len(data)) == data
+    assert raw_file.unpack("zstd", zstandard.compress(b""), 0) == b""
+    for bad, reason in (
+        (frame + frame, "holds more"),
+        (frame + unsized, "holds more"),
+        (half, "holds 5120"),
+        (frame[:-1], "zstd|holds"),
+        (frame + b"junk", "zstd|holds"),
+        (b"", "holds 0"),
+    ):
+        with pytest.raises(raw_file.BadDataError, match=reason):
+            raw_file.unpack("zstd", bad, len(data))
+
+
 def test_a_chunk_within_the_limit_loads(
     recorder: Any, messages: Drive, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 import tfdb
-from tfdb.io import Recording
+from tfdb.io import Recording, mcap_reader
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -114,6 +114,13 @@ def read(path: Path, *, salvage: bool = False) -> tuple[Messages, tuple[Any, ...
         return found, recording.losses
 
 
+def parts(path: Path) -> list[list[int]]:
+    """The times of what is held together when all messages are read at once."""
+    with Recording(path) as recording:
+        held = {id(run.messages): run.messages for run in list(recording.read())}
+        return [[each[i][0] for i in range(len(each))] for each in held.values()]
+
+
 def refused(path: Path) -> str:
     """The reason: the same whether messages are read one after another or at once."""
     reasons = []
@@ -163,7 +170,11 @@ def by_writer(path: Path, received: list[int], **options: Any) -> Messages:
 
 
 @pytest.mark.parametrize("seed", [1, 2, 3])
-def test_messages_of_one_time_are_in_the_order_of_the_file(tmp_path: Path, seed: int) -> None:
+@pytest.mark.parametrize("worth", [1, 256])
+def test_messages_of_one_time_are_in_the_order_of_the_file(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, seed: int, worth: int
+) -> None:
+    monkeypatch.setattr(mcap_reader, "_PART", worth)
     path = tmp_path / "a.mcap"
     expected = by_writer(path, random_times(seed))
     for salvage in (False, True):
@@ -179,6 +190,61 @@ def test_the_later_of_one_time_and_stamp_wins(tmp_path: Path) -> None:
         stamps, poses, _ = tfdb.load(path, salvage=salvage).samples("C")
         assert stamps.tolist() == [1, 9]
         assert poses[:, 0].tolist() == [4, 2]
+
+
+def test_parts_end_where_nothing_older_follows(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(mcap_reader, "_PART", 1)
+    file = File()
+    for chunk in ([1, 2], [2, 3], [7, 4], [6, 9], [8], [9], [9, 10]):
+        head = [schema(1), channel(1, "/tf"), schema(2, "other"), channel(2, "/log", 2)]
+        file.chunk([*head, *(message(1, time) for time in chunk)], min(chunk), [1])
+        file.chunk([*head, message(2, 5)], 5, [])
+    path = file.end(tmp_path / "a.mcap", b"".join(head), {1: 12, 2: 7})
+    assert parts(path) == [[1, 2], [2, 3], [4, 6, 7, 8, 9], [9], [9, 10]]
+    monkeypatch.setattr(mcap_reader, "_PART", 3)
+    assert parts(path) == [[1, 2, 2, 3], [4, 6, 7, 8, 9], [9, 9, 10]]
+    assert len(read(path)[0]) == 12
+
+
+def test_a_long_file_is_never_held_whole(recorder: Any, messages: Any, tmp_path: Path) -> None:
+    path = tmp_path / "a.mcap"
+    by_writer(path, list(range(4000)))
+    held = parts(path)
+    assert [time for part in held for time in part] == list(range(4000))
+    assert max(map(len, held)) < 300
+    folder = recorder.folder(tmp_path / "b", messages, "mcap")
+    with Recording(folder) as recording:
+        found = [
+            (run.messages[i], run) for run in recording.read() for i in range(run.first, run.last)
+        ]
+        at_once = [(run.sources[id_], time, data) for (time, id_, data), run in found]
+        assert at_once == list(recording.messages())
+
+
+def test_a_file_that_changes_while_it_is_read(tmp_path: Path) -> None:
+    head = [schema(1), channel(1, "/tf")]
+    for packing in ("", "zstd"):
+        file, shorter = File(), File()
+        for start in range(0, 900, 300):
+            span = range(start, start + 300)
+            file.chunk([*head, *(message(1, time) for time in span)], start, [1], packing)
+            other = [2, *[1] * 299] if start else [1] * 300
+            declared = [schema(2, "other"), channel(2, "/log", 2)]
+            records = (message(*each) for each in zip(other, span, strict=True))
+            shorter.chunk([*head, *declared, *records], start, [1], packing)
+        path = file.end(tmp_path / "a.mcap", b"".join(head), {1: 900})
+        whole = path.read_bytes()
+        for change in (whole[: len(whole) // 2], shorter.data):
+            with Recording(path) as recording:
+                runs = recording.read()
+                assert next(runs).start == 0
+                path.write_bytes(change)
+                with pytest.raises(tfdb.RecordingError) as caught:
+                    list(runs)
+            assert caught.value.path == str(path)
+            path.write_bytes(whole)
 
 
 def test_bags_too_keep_the_order_of_the_file(recorder: Any, messages: Any, tmp_path: Path) -> None:
@@ -247,7 +313,7 @@ def test_a_whole_summary_spares_the_other_chunks(
     crc32 = zlib.crc32
     monkeypatch.setattr(zlib, "crc32", lambda *given: checked.append(0) or crc32(*given))
     assert times(read(path)[0]) == [3]
-    assert len(checked) == 3, "the summary once, the one chunk twice"
+    assert len(checked) == 3, "the summary once, the one chunk by either way"
 
 
 def test_a_summary_that_denies_when_a_chunk_starts(tmp_path: Path) -> None:

@@ -7,6 +7,7 @@ import tempfile
 from collections import Counter, defaultdict
 from contextlib import ExitStack
 from dataclasses import dataclass, field, replace
+from itertools import chain
 from pathlib import Path, PurePath
 from typing import TYPE_CHECKING, Any
 
@@ -19,7 +20,9 @@ from .mcap_reader import open_mcap
 from .raw_file import BadDataError, unpack_file, unpack_message
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
+    from collections.abc import Callable, Iterator, Mapping
+
+    from tfdb._core import Recorded
 
     from .containers import Source
 
@@ -93,6 +96,12 @@ class _Joined(Container):
         """See `Container.messages`."""
         for part in self._parts:
             yield from part.messages(wanted)
+
+    def read(
+        self, wanted: Callable[[Source], bool], step: Callable[[int], None]
+    ) -> Iterator[tuple[Recorded, Mapping[int, Source]]]:
+        """See `Container.read`."""
+        return chain.from_iterable([part.read(wanted, step) for part in self._parts])
 
 
 def _lost(metadata: _Metadata, parts: list[Container]) -> dict[str, int]:

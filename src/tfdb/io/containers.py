@@ -32,6 +32,9 @@ Encoding: TypeAlias = Literal["ros1", "cdr"]
 Kind: TypeAlias = Literal["bag", "db3", "mcap", "folder"]
 Payload: TypeAlias = "tuple[int, int, bytes]"
 """Time of reception (ns), id of the source, bytes."""
+Survey: TypeAlias = (
+    "Callable[[Collection[int], Callable[[int], None]], tuple[dict[int, int], Iterator[Recorded]]]"
+)
 
 NEEDS_EXTRA = "needs a library that is not installed: pip install 'tfdb[recordings]'"
 SALVAGE = "salvage=True (--salvage) reads as far as it goes"
@@ -118,9 +121,10 @@ class Container:
         What could not be saved of the file.
     hint
         What may help where the file is damaged.
-    recorded
-        The same messages as `payloads`, read at once, where the container is read in C++; calls its
-        second argument with how many came each time.
+    survey
+        Where the container is read in C++: looks through the whole file, calls its second argument
+        with how many messages came each time, and gives their numbers by id, and the same messages
+        as `payloads`, in parts that are read again when their turn comes.
     """
 
     unpack: Callable[[bytes], bytes] | None = None
@@ -137,7 +141,7 @@ class Container:
         losses: Sequence[Loss] = (),
         *,
         hint: str = SALVAGE,
-        recorded: Callable[[Collection[int], Callable[[int], None]], Recorded] | None = None,
+        survey: Survey | None = None,
     ) -> None:
         self.path = path
         self._sources = sources
@@ -148,7 +152,7 @@ class Container:
         self.close = close
         self.losses = tuple(losses)
         self._hint = hint
-        self._recorded = recorded
+        self._survey = survey
 
     def messages(self, wanted: Callable[[Source], bool]) -> Iterator[tuple[Source, int, bytes]]:
         """Source, time of reception (ns) and payload of each message, in order of reception.
@@ -166,18 +170,19 @@ class Container:
 
     def read(
         self, wanted: Callable[[Source], bool], step: Callable[[int], None]
-    ) -> tuple[Recorded, dict[int, Source]]:
-        """All messages at once, and the sources by the numbers that these have there.
+    ) -> Iterator[tuple[Recorded, Mapping[int, Source]]]:
+        """All messages in parts, each with the sources by the numbers that these have there.
 
-        `step` is called with the number of messages since the last call. Raises `RecordingError`
-        where the file is damaged.
+        The whole file is looked through first: raises `RecordingError` where it is damaged. So do
+        the parts, should the file change meanwhile. `step` is called with the number of messages
+        since the last call.
         """
-        if self._recorded is not None:
+        if self._survey is not None and self.unpack is None:
             sources = {id_: source for id_, source in self._sources.items() if wanted(source)}
             with typed_errors(self.path, self._hint):
-                recorded = self._recorded(sources.keys(), step)
-                _check_counts(sources, recorded.counts())
-            return recorded, sources
+                counts, parts = self._survey(sources.keys(), step)
+                _check_counts(sources, counts)
+            return ((part, sources) for part in self._typed(parts))
         recorded = Recorded()
         # Containers give the same object for the same source.
         numbers = {id(source): number for number, source in enumerate(self.sources)}
@@ -186,7 +191,11 @@ class Container:
             if len(recorded) % _STEP == 0:
                 step(_STEP)
         step(len(recorded) % _STEP)
-        return recorded, dict(enumerate(self.sources))
+        return iter([(recorded, dict(enumerate(self.sources)))])
+
+    def _typed(self, parts: Iterable[Recorded]) -> Iterator[Recorded]:
+        with typed_errors(self.path, self._hint):
+            yield from parts
 
 
 def _check_counts(sources: Mapping[int, Source], found: Mapping[int, int]) -> None:

@@ -17,7 +17,7 @@ from tfdb.given_path import given_paths
 from .recordings import Recording
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
+    from collections.abc import Callable, Iterator, Sequence
 
     import numpy as np
     import numpy.typing as npt
@@ -100,7 +100,8 @@ def load_recordings(
 ) -> LoadReport:
     """Load the transforms of recordings into a store.
 
-    The files are read whole before the first commit, so a damaged one leaves the store as it was.
+    The files are looked through before the first commit, so a damaged one leaves the store as it
+    was. One that changes while it is loaded may leave a part of its messages there.
     Then each message is one commit, in the order of its reception; one that the store refuses is
     counted and skipped.
 
@@ -144,14 +145,14 @@ def load_recordings(
         recordings.sort(key=lambda recording: recording.start)
         names = tuple(str(recording.path) for recording in recordings)
         meter = _Meter(selection.count(recordings), progress)
-        runs: deque[Run] = deque()
+        readings: deque[Iterator[Run]] = deque()
         for recording in recordings:
-            runs.extend(recording.read(selection.wants, selection.kind, meter.step))
+            readings.append(recording.read(selection.wants, selection.kind, meter.step))
             tally.count(recording, selection)
-    read_at = time.perf_counter()
-    while runs:
-        tally.store(runs.popleft(), selection, meter)
-    report = tally.report(names, time.perf_counter() - started, read_at - started)
+        while readings:
+            for run in readings.popleft():
+                tally.store(run, selection, meter)
+    report = tally.report(names, time.perf_counter() - started)
     if report.forgotten:
         warn_of_forgotten(buffer, report.forgotten, 5)
     return report
@@ -247,6 +248,7 @@ class _Tally:
     end: int = 0
     lost: list[Loss] = field(default_factory=list)
     everything: Buffer | None = None
+    seconds: float = 0.0
 
     def __post_init__(self) -> None:
         if self.buffer.history is not None:
@@ -263,6 +265,7 @@ class _Tally:
 
     def store(self, run: Run, selection: _Selection, meter: _Meter) -> None:
         """Commit the messages of a run."""
+        started = time.perf_counter()
         encoding, static = selection.kind(run.source)
         authorities = {id_: source.authority for id_, source in run.sources.items()}
         part = run.messages, run.first, run.last
@@ -281,6 +284,7 @@ class _Tally:
             self.reasons[name] += refusal.count
             self.first_refusals.setdefault(name, refusal.first)
         self.start, self.end = min(self.start, run.start), max(self.end, run.end)
+        self.seconds += time.perf_counter() - started
         meter.step(result.messages)
 
     def forgotten(self) -> int:
@@ -293,7 +297,7 @@ class _Tally:
             if info.oldest is not None
         )
 
-    def report(self, files: tuple[str, ...], seconds: float, reading: float) -> LoadReport:
+    def report(self, files: tuple[str, ...], seconds: float) -> LoadReport:
         if not self.transforms:
             path = ", ".join(files)
             if not self.refused:
@@ -313,7 +317,7 @@ class _Tally:
             start=self.start,
             end=self.end,
             seconds=seconds,
-            seconds_reading_container=reading,
+            seconds_reading_container=seconds - self.seconds,
             forgotten=self.forgotten(),
             lost=tuple(self.lost),
         )

@@ -17,6 +17,7 @@ import zlib
 from bisect import bisect_right
 from collections import Counter
 from dataclasses import dataclass, field
+from itertools import accumulate, repeat
 from typing import TYPE_CHECKING
 
 from tfdb._core import Recorded
@@ -52,6 +53,9 @@ _FOOTER_SIZE = _HEAD + 20 + len(_MAGIC)
 _CHUNK_HEAD = struct.Struct("<QQQI")
 _PAIR = struct.Struct("<HQ")
 _PIECE = 2**20
+# So many messages are worth the handling of a part of the file.
+_PART = 256
+_LATEST = 2**64 - 1
 
 
 @dataclass(frozen=True)
@@ -208,8 +212,10 @@ def _indexed(path: Path, file: RawFile, index: _Index) -> Container:
         wanted = [c for c in index.chunks if not c.channels or not c.channels.isdisjoint(ids)]
         return sorted(wanted, key=lambda each: each.position)
 
-    def add(found: Recorded, chunk: _Chunk, ids: Collection[int]) -> None:
-        raw = _raw(file, chunk)
+    def add(
+        found: Recorded, chunk: _Chunk, ids: Collection[int], *, is_checked: bool = False
+    ) -> None:
+        raw = _raw(file, chunk, is_checked=is_checked)
         _add_chunk(found, raw, lambda id_: index.is_tf(id_) and id_ in ids, index.learn)
         index.refuse_flaws()
 
@@ -222,12 +228,27 @@ def _indexed(path: Path, file: RawFile, index: _Index) -> Container:
         wanted = ((each.start, each) for each in chunks(ids))
         return in_order(wanted, lambda chunk: messages_of(chunk, ids))
 
-    def recorded(ids: Collection[int], step: Callable[[int], None]) -> Recorded:
-        found = Recorded()
+    def survey(
+        ids: Collection[int], step: Callable[[int], None]
+    ) -> tuple[dict[int, int], Iterator[Recorded]]:
+        counts: Counter[int] = Counter()
+        spans = []
         for chunk in chunks(ids):
-            before = len(found)
+            found = Recorded()
             add(found, chunk, ids)
-            step(len(found) - before)
+            if len(found):
+                counts.update(found.counts())
+                found.sort()
+                spans.append(_Span(chunk, len(found), found[0][0], found[len(found) - 1][0]))
+            step(len(found))
+        return counts, map(recorded, _parts(spans), repeat(ids))
+
+    def recorded(part: list[_Span], ids: Collection[int]) -> Recorded:
+        found = Recorded()
+        for span in part:
+            add(found, span.chunk, ids, is_checked=True)
+        if len(found) != sum(span.messages for span in part):
+            raise BadDataError("its messages change while it is read")
         found.sort()
         return found
 
@@ -239,8 +260,32 @@ def _indexed(path: Path, file: RawFile, index: _Index) -> Container:
         index.start,
         payloads,
         file.close,
-        recorded=recorded,
+        survey=survey,
     )
+
+
+@dataclass(frozen=True)
+class _Span:
+    """What a chunk holds of the wanted messages: how many, the times of the first and the last."""
+
+    chunk: _Chunk
+    messages: int
+    first: int
+    last: int
+
+
+def _parts(spans: list[_Span]) -> Iterator[list[_Span]]:
+    """Divide a file, in its order, so that no part holds what is older than a part before it."""
+    firsts = [span.first for span in reversed(spans)]
+    earliest = [*accumulate(firsts, min)][::-1]  # of each and of all behind it
+    part: list[_Span] = []
+    latest = messages = 0
+    for span, following in zip(spans, [*earliest[1:], _LATEST], strict=True):
+        part.append(span)
+        latest, messages = max(latest, span.last), messages + span.messages
+        if latest <= following and (messages >= _PART or span is spans[-1]):
+            yield part
+            part, messages = [], 0
 
 
 def _salvaged(path: Path, file: RawFile) -> Container:
@@ -330,8 +375,8 @@ def _crc(file: RawFile, at: int, end: int) -> int:
     return crc
 
 
-def _raw(file: RawFile, chunk: _Chunk) -> bytes | memoryview:
-    """The records of a chunk of the summary, unpacked and checked."""
+def _raw(file: RawFile, chunk: _Chunk, *, is_checked: bool = False) -> bytes | memoryview:
+    """The records of a chunk of the summary, unpacked and checked, once."""
     kind, size = _RECORD.unpack(file.read(chunk.position, _HEAD))
     if kind != _CHUNK:
         raise BadDataError(f"no chunk at {chunk.position}, where the summary has one")
@@ -339,7 +384,7 @@ def _raw(file: RawFile, chunk: _Chunk) -> bytes | memoryview:
     packing, packed, unpacked, crc = _chunk(record)
     if _CHUNK_HEAD.unpack_from(record)[0] != chunk.start:
         raise BadDataError(f"the chunk at {chunk.position} starts when its summary denies it")
-    return _checked(unpack(packing, packed, unpacked), crc)
+    return _checked(unpack(packing, packed, unpacked), 0 if is_checked else crc)
 
 
 def _chunk(record: bytes, *, cut: bool = False) -> tuple[str, memoryview, int, int]:

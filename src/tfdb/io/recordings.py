@@ -125,27 +125,36 @@ class Recording:
         wanted: Callable[[Source], bool] | None = None,
         kind: Callable[[Source], object] | None = None,
         step: Callable[[int], None] | None = None,
-    ) -> list[Run]:
-        """All messages at once, or none: `RecordingError` where the file is damaged.
+    ) -> Iterator[Run]:
+        """All messages, or none: `RecordingError` at once where the file is damaged.
 
+        The runs are read while they are asked for: keep the recording open, and the file as it is.
         A run ends where `kind` of the source changes; by default, that is its topic. `step` is
         called with the number of messages since the last call.
         """
-        messages, sources = self._container.read(wanted or _all, step or _ignore)
-        kind = kind or _topic
-        numbers: dict[object, int] = {}
-        kinds = {
-            id_: numbers.setdefault(kind(source), len(numbers))
-            for id_, source in sources.items()
-            if wanted is None or wanted(source)
-        }
-        return [
-            Run(messages, first, last, sources) for first, last in messages.runs(kinds, MAX_RUN)
-        ]
+        wanted = wanted or _all
+        parts = self._container.read(wanted, step or _ignore)
+        return (run for part in parts for run in _runs(*part, wanted, kind or _topic))
 
     def close(self) -> None:
         """Close the file."""
         self._container.close()
+
+
+def _runs(
+    messages: Recorded,
+    sources: Mapping[int, Source],
+    wanted: Callable[[Source], bool],
+    kind: Callable[[Source], object],
+) -> Iterator[Run]:
+    numbers: dict[object, int] = {}
+    kinds = {
+        id_: numbers.setdefault(kind(source), len(numbers))
+        for id_, source in sources.items()
+        if wanted(source)
+    }
+    for first, last in messages.runs(kinds, MAX_RUN):
+        yield Run(messages, first, last, sources)
 
 
 def _all(_: Source) -> bool:
