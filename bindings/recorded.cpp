@@ -14,6 +14,10 @@ namespace {
 
 using Records = wire::McapRecords;
 
+// Above what any allocator takes from its heap: a block goes back to the system when it is
+// released, whatever was allocated meanwhile. Pages of it that are not used are no memory.
+constexpr std::size_t kBlock = std::size_t{64} << 20;
+
 std::span<const std::byte> bytes_of(const nb::bytes& object) {
     return {static_cast<const std::byte*>(object.data()), object.size()};
 }
@@ -132,9 +136,15 @@ nb::object Recorded::add_mcap_chunk(nb::handle given, const nb::callable& wanted
 }
 
 void Recorded::add(std::uint64_t received, std::uint32_t source, const nb::bytes& data) {
-    kept_.push_back(data);
     const auto bytes = bytes_of(data);
-    messages_.push_back({received, bytes.data(), static_cast<std::uint32_t>(bytes.size()), source});
+    if (bytes.size() > room_.size()) {
+        const std::size_t size = std::max(bytes.size(), kBlock);
+        copied_.push_back(std::make_unique_for_overwrite<std::byte[]>(size));
+        room_ = {copied_.back().get(), size};
+    }
+    std::ranges::copy(bytes, room_.begin());
+    messages_.push_back({received, room_.data(), static_cast<std::uint32_t>(bytes.size()), source});
+    room_ = room_.subspan(bytes.size());
 }
 
 void Recorded::sort() {

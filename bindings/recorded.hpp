@@ -37,6 +37,7 @@ public:
     /// says that it is which goes beyond the chunk.
     nb::object add_mcap_chunk(nb::handle chunk, const nb::callable& wanted,
                               const nb::callable& learn);
+    /// Adds a copy of one message.
     void add(std::uint64_t received, std::uint32_t source, const nb::bytes& data);
     /// Puts them in the order of reception; those of one time stay as they were added.
     void sort();
@@ -55,6 +56,7 @@ private:
     std::vector<RecordedMessage> messages_;
     std::vector<nb::object> kept_;  // whose bytes they are
     std::vector<std::unique_ptr<std::byte[]>> copied_;
+    std::span<std::byte> room_;  // of the last block that `add` fills
 };
 
 void bind_recorded(nb::module_& module);
