@@ -125,7 +125,7 @@ void bind_records(nb::class_<ReadsObject>& type) {
              "Names of all frames, sorted.");
     type.def("frame_exists", &frame_exists, nb::arg("name"),
              nb::sig("def frame_exists(self, name: str) -> bool"),
-             "Whether there is a frame of that name.");
+             "Whether there is a frame of that name. Raises SnapshotTooOld.");
     type.def("frame_info", &frame_info, nb::arg("name"),
              nb::sig("def frame_info(self, name: str) -> tfdb.types.FrameInfo"),
              "What is known of one frame and the edge to its parent. Raises UnknownFrame.");

@@ -255,7 +255,7 @@ class Reads:
         """Names of all frames, sorted."""
 
     def frame_exists(self, name: str) -> bool:
-        """Whether there is a frame of that name."""
+        """Whether there is a frame of that name. Raises SnapshotTooOld."""
 
     def frame_info(self, name: str) -> tfdb.types.FrameInfo:
         """

@@ -134,7 +134,7 @@ class Snapshot;
 /// the commit lock; `frame_info` and `tree` share a lock with writers that bring a new authority.
 class Reads {
 public:
-    /// Frame by name. False if the snapshot has no such frame.
+    /// Frame by name. False if the snapshot has no such frame. Throws SnapshotTooOld.
     [[nodiscard]] bool find_frame(std::string_view name, FrameHandle& out) const;
     /// True while the handle's slot has not been reused, also if its frame is gone.
     [[nodiscard]] bool is_current(FrameHandle handle) const noexcept;

@@ -22,6 +22,11 @@ bool read_name(const store::Store& store, const StoreView& view, FrameId id, std
     return view.alive(id);
 }
 
+/// Whether a frame that looks missing in this state may have lived in it.
+bool may_be_reused(const store::Store& store, const StoreView& view) {
+    return store::unless_reused(store, view.commit(), Outcome::kFailed) == Outcome::kLapped;
+}
+
 Outcome fill_info(const store::Store& store, const StoreView& view, FrameId id, FrameInfo& info) {
     info = FrameInfo{};
     info.authority = store.author(id);
@@ -35,9 +40,13 @@ Outcome fill_info(const store::Store& store, const StoreView& view, FrameId id, 
     info.oldest = outline.extent.first;
     info.newest = outline.extent.last;
     info.longest_gap = outline.extent.longest_gap;
-    if (outline.parent != kNoFrame && view.alive_since(outline.parent, outline.named) &&
-        !read_name(store, view, outline.parent, info.parent.emplace())) {
-        return Outcome::kLapped;
+    if (outline.parent != kNoFrame) {
+        if (!view.alive_since(outline.parent, outline.named)) {
+            if (may_be_reused(store, view))
+                return Outcome::kLapped;
+        } else if (!read_name(store, view, outline.parent, info.parent.emplace())) {
+            return Outcome::kLapped;
+        }
     }
     return read_name(store, view, id, info.name) ? Outcome::kOk : Outcome::kLapped;
 }
@@ -133,6 +142,8 @@ Samples Reads::samples(std::string_view name) const {
         FrameId read = kNoFrame;
         for (std::size_t i = 0; i < track.parents.size(); ++i) {
             const bool known = view.alive_since(track.parents[i], track.commits[i]);
+            if (!known && may_be_reused(*store_, view))
+                return Outcome::kLapped;
             if (known && read != track.parents[i]) {
                 read = track.parents[i];
                 if (!read_name(*store_, view, read, parent))

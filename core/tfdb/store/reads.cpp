@@ -40,7 +40,10 @@ bool Reads::find_frame(std::string_view name, FrameHandle& out) const {
         // The slot may have been reused between the two.
         return view.alive(out.id) ? Outcome::kOk : Outcome::kLapped;
     };
-    return store::read_committed(*store_, held_, kFresh, attempt) == Outcome::kOk;
+    const Outcome outcome = store::read_committed(*store_, held_, kFresh, attempt);
+    if (outcome == Outcome::kLapped)
+        store::throw_snapshot_too_old(held_, store_->committed());
+    return outcome == Outcome::kOk;
 }
 
 bool Reads::ask(Question& question, Answer& answer, Failure& failure) const {

@@ -126,6 +126,36 @@ TFDB_TEST(snapshots_are_given_up_when_their_memory_is_spent_and_fresh_reads_go_o
     CHECK(Record(again, now).same(Record(buffer, now)));
 }
 
+TFDB_TEST(snapshots_that_were_given_up_never_say_that_a_frame_was_not_there) {
+    BufferOptions options = keeping(std::nullopt);
+    options.snapshot_memory = 0;
+    Buffer buffer(options);
+    set(buffer, "map", "base", kSecond, pose_of(1));
+    set(buffer, "odom", "base", 2 * kSecond, pose_of(2));
+    set(buffer, "odom", "arm", kSecond, pose_of(3));
+    const Snapshot held = buffer.snapshot();
+    FrameHandle handle;
+    CHECK(held.find_frame("map", handle));
+    CHECK(!held.find_frame("other", handle));
+    CHECK_EQ(held.frame_info("arm").parent.value_or("?"), "odom");
+    CHECK(held.samples("base").parents == std::vector<std::string>({"map", "odom"}));
+    buffer.remove_frame("map", false);
+    set(buffer, "base", "hand", kSecond, pose_of(4));  // in the slot of map
+    CHECK_THROWS_AS((void)held.find_frame("map", handle), SnapshotTooOld);
+    CHECK_THROWS_AS((void)held.samples("base"), SnapshotTooOld);
+    buffer.remove_frame("arm", false);
+    set(buffer, "map", "base", 3 * kSecond, pose_of(5));
+    buffer.remove_frame("odom", false);
+    for (const char* name : {"a", "b", "c"})
+        set(buffer, "map", name, kSecond, pose_of(6));
+    CHECK_THROWS_AS((void)held.frame_info("base"), SnapshotTooOld);
+    CHECK_THROWS_AS((void)held.tree(), SnapshotTooOld);
+    CHECK_EQ(buffer.frame_info("base").parent.value_or("?"), "map");
+    // A parent that was removed before is told to be none.
+    const auto parents = buffer.snapshot().samples("base").parents;
+    CHECK(parents == std::vector<std::string>({"", "", "map"}));
+}
+
 TFDB_TEST(snapshots_with_any_budget_may_be_asked_for) {
     BufferOptions options = keeping(kHistory);
     options.snapshot_memory = std::numeric_limits<std::size_t>::max();
