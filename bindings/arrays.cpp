@@ -177,6 +177,7 @@ void Stamps::read_array(nb::handle object) {
     if (!view_ || view_->kind() != Kind::kInt64 || view_->dimensions() != 1) {
         array_ = nb::module_::import_("tfdb.stamps").attr("as_nanoseconds")(object);
         view_ = ArrayView::of(array_, false);
+        copied_ = nb::borrow(object);
     }
     if (view_->contiguous()) {
         values_ = {view_->data<const StampNs>(), view_->extent(0)};
@@ -189,6 +190,19 @@ void Stamps::read_array(nb::handle object) {
         from += view_->stride(0);
     }
     values_ = copy_;
+    copied_ = nb::borrow(object);
+}
+
+void Stamps::check_apart(nb::handle out) const {
+    if (!copied_.is_valid()) {
+        return;
+    }
+    // To the byte: the stamps of a cloud lie between its points.
+    const nb::module_ numpy = nb::module_::import_("numpy");
+    if (nb::cast<bool>(numpy.attr("shares_memory")(copied_, out))) {
+        throw_error("InvalidArgument",
+                    "out overlaps the stamps in memory: they would be written over");
+    }
 }
 
 void Stamps::read_sequence(nb::handle object) {

@@ -64,6 +64,9 @@ public:
     explicit Stamps(nb::handle object);
 
     [[nodiscard]] std::span<const StampNs> values() const { return values_; }
+    /// Throws InvalidArgument where writing to `out` would change the array that was given, though
+    /// these are a copy of it.
+    void check_apart(nb::handle out) const;
 
 private:
     void read_array(nb::handle object);
@@ -71,7 +74,8 @@ private:
 
     std::optional<ArrayView> view_;
     std::vector<StampNs> copy_;
-    nb::object array_;  // the one that was given, or what it was converted to
+    nb::object array_;   // the one that was given, or what it was converted to
+    nb::object copied_;  // the array that was given, if `values_` are a copy
     std::span<const StampNs> values_;
 };
 

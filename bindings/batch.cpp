@@ -198,6 +198,9 @@ nb::object transform_points(nb::handle self, const nb::str& target, const nb::st
     }
     const Points to = points_of(target_array, "out", true);
     check_out(from, to, target_array);
+    if (many && !out.is_none()) {
+        many->check_apart(out);
+    }
     const std::string_view into = name_of(target, "target");
     const std::string_view out_of = name_of(source, "source");
     const Missing absent = missing_of(missing);
@@ -289,7 +292,11 @@ RowsWanted::RowsWanted(nb::handle target_name, nb::handle source_name, nb::handl
       missing(missing_of(absent)),
       policy(policy_of(how.ptr())),
       stamps(when),
-      result(rows_for(out, stamps.values().size(), layout, kept)) {}
+      result(rows_for(out, stamps.values().size(), layout, kept)) {
+    if (is_given(out.ptr())) {
+        stamps.check_apart(out);
+    }
+}
 
 void add_raw_batch(nb::handle type) {
     add_raw_method(type, g_lookup_transforms);

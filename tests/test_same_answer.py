@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -237,3 +238,55 @@ def test_an_output_over_the_stamps_is_refused() -> None:
         buffer.lookup_transforms("map", "base", stamps, out=rows),
         [buffer.lookup_transform("map", "base", int(t)).pose for t in stamps],
     )
+
+
+@pytest.mark.parametrize(
+    "form",
+    [
+        lambda memory: memory[40:80:2].view(np.int64),
+        lambda memory: memory[70:50:-1].view(np.int64),
+        lambda memory: memory[40:60].view("datetime64[ns]"),
+        lambda memory: memory[40:60].view("M8[ns]")[::-1],
+        lambda memory: memory[40:50].view(np.uint32),
+        lambda memory: memory[40:60].view(np.uint64),
+    ],
+)
+def test_an_output_over_stamps_of_another_form_is_refused(form: Any) -> None:
+    buffer = tfdb.Buffer()
+    for stamp in range(0, 101, 10):
+        buffer.set_transform("map", "base", stamp, (stamp, 0, 0), yaw(stamp))
+    memory = np.zeros(200)
+    stamps = form(memory)
+    stamps[:] = np.arange(20).astype(stamps.dtype)
+    before = memory.tobytes()
+    over = memory[30:170].reshape(20, 7)
+    with pytest.raises(tfdb.InvalidArgument, match="overlaps the stamps"):
+        buffer.lookup_transforms("map", "base", stamps, out=over)
+    with buffer.transaction() as transaction:
+        with pytest.raises(tfdb.InvalidArgument, match="overlaps the stamps"):
+            transaction.lookup_transforms("map", "base", stamps, out=over)
+        transaction.abort()
+    points, out = np.ones((20, 3)), memory[45:105].reshape(20, 3)
+    with pytest.raises(tfdb.InvalidArgument, match="overlaps the stamps"):
+        buffer.transform_points("map", "base", points, stamps, out=out)
+    assert memory.tobytes() == before
+    apart = memory[: len(memory)].copy()[30:170].reshape(20, 7)
+    same_bits(
+        buffer.lookup_transforms("map", "base", stamps, out=apart),
+        [buffer.lookup_transform("map", "base", t).pose for t in range(20)],
+    )
+
+
+def test_a_cloud_with_stamps_between_its_points_is_moved_in_place() -> None:
+    buffer = tfdb.Buffer()
+    for stamp in range(0, 101, 10):
+        buffer.set_transform("map", "base", stamp, (stamp, 0, 0), yaw(stamp))
+    cloud = np.zeros((20, 4))
+    cloud[:, :3] = np.random.default_rng(3).normal(size=(20, 3))
+    stamps = cloud.view(np.int64)[:, 3]
+    stamps[:] = np.arange(20) * 5
+    points = cloud[:, :3]
+    expected = buffer.transform_points("map", "base", points.copy(), stamps.copy())
+    assert buffer.transform_points("map", "base", points, stamps, out=points) is points
+    same_bits(points, expected)
+    assert stamps.tolist() == list(range(0, 100, 5))
