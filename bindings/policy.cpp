@@ -37,14 +37,14 @@ Policy policy_of(PyObject* object) {
     if (!is_given(object)) {
         return {};
     }
-    if (!PyObject_TypeCheck(object, g_type) || !nb::inst_ready(object)) {
+    if (!PyObject_TypeCheck(object, g_type)) {
         PyErr_Format(PyExc_TypeError,
                      "policy must be an object such as tfdb.Interpolate() or tfdb.Previous(), "
                      "got %R",
                      object);
         throw nb::python_error();
     }
-    return *nb::inst_ptr<Policy>(object);
+    return object_of<Policy>(object);
 }
 
 void bind_policy(nb::module_& module) {
@@ -58,14 +58,17 @@ void bind_policy(nb::module_& module) {
         nb::arg("kind"), nb::arg("limit_ns").none() = nb::none());
     type.def_prop_ro(
         "kind",
-        [](const Policy& self) { return kKinds[static_cast<std::size_t>(self.kind)].data(); },
+        [](nb::handle self) {
+            return kKinds[static_cast<std::size_t>(object_of<Policy>(self).kind)].data();
+        },
         nb::sig("def kind(self) -> str"), "Name of the rule.");
     type.def_prop_ro(
         "limit_ns",
-        [](const Policy& self) {
-            return self.limit == kNoLimit ? std::nullopt : std::optional(self.limit);
+        [](nb::handle self) {
+            const StampNs limit = object_of<Policy>(self).limit;
+            return limit == kNoLimit ? std::nullopt : std::optional(limit);
         },
-        "Its limit in nanoseconds; None: no limit.");
+        nb::sig("def limit_ns(self) -> int | None"), "Its limit in nanoseconds; None: no limit.");
     g_type = reinterpret_cast<PyTypeObject*>(type.ptr());
 }
 

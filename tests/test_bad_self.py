@@ -80,6 +80,24 @@ def test_objects_whose_init_never_ran(hollow: Any) -> None:
             call(method, name, hollow)
 
 
+@pytest.mark.parametrize("cls", [tfdb.Policy, tfdb.Interpolate, tfdb.Exact, tfdb.Nearest])
+def test_policies_whose_init_never_ran(cls: type) -> None:
+    buf = tfdb.Buffer()
+    buf.set_transform("map", "base", 5, (1, 2, 3), (0, 0, 0.6, 0.8))
+    hollow = cls.__new__(cls)
+    calls: list[Callable[[], Any]] = [
+        lambda: buf.lookup_transform("map", "base", 5, hollow),
+        lambda: buf.lookup_transforms("map", "base", [5], hollow),
+        lambda: buf.transform_points("map", "base", np.ones((1, 3)), 5, hollow),
+        lambda: buf.can_transform("map", "base", 5, hollow),
+        lambda: hollow.kind,
+        lambda: hollow.limit_ns,
+    ]
+    for refused in calls:
+        with pytest.raises(TypeError, match=rf"{cls.__name__}.*__init__"):
+            refused()
+
+
 @pytest.mark.parametrize("cls", [tfdb.Buffer, tfdb.Snapshot, tfdb.Transaction, tfdb.Reads])
 def test_methods_on_objects_of_another_class(cls: type) -> None:
     buf = tfdb.Buffer()
