@@ -154,6 +154,9 @@ std::string describe(nb::handle object) {
 Stamps::Stamps(nb::handle object) {
     if (PyList_Check(object.ptr()) || PyTuple_Check(object.ptr())) {
         read_sequence(object);
+    } else if (PyAnySet_Check(object.ptr())) {
+        throw_bad_array("stamps", "an array (N,) of int64 nanoseconds or a list of stamps",
+                        "a " + type_name_of(object) + ", which has no order");
     } else if (const auto plain = plain_stamps(object)) {
         array_ = nb::borrow(object);
         values_ = *plain;

@@ -37,6 +37,8 @@ def robot() -> Robot:
         (7, tfdb.InvalidArray, "int"),
         ("7", tfdb.InvalidArray, "str"),
         (None, tfdb.InvalidArray, "NoneType"),
+        ({stamp_of(1), stamp_of(2)}, tfdb.InvalidArray, "a set, which has no order"),
+        (frozenset([stamp_of(1)]), tfdb.InvalidArray, "a frozenset, which has no order"),
         (np.array([stamp_of(1), -1]), tfdb.InvalidStamp, "negative"),
         (np.array([stamp_of(1), 2**63], np.uint64), tfdb.InvalidStamp, "too large"),
         (np.array([np.datetime64(stamp_of(1), "ns"), np.datetime64("NaT")]), tfdb.InvalidStamp, ""),
@@ -76,6 +78,18 @@ def test_out_of_the_wrong_kind(robot: Robot, out: Any) -> None:
     assert "float64 (2, 7)" in str(caught.value)
     if isinstance(out, np.ndarray):
         assert str(out.shape) in str(caught.value)
+
+
+def test_columns_take_stamps_that_come_once(robot: Robot) -> None:
+    poses = np.tile([1, 2, 3, *TURN], (2, 1))
+    columns = tfdb.Columns("map", "odom", iter([stamp_of(90), -1]), poses)
+    for _ in range(2):
+        with refused(robot.buffer, tfdb.InvalidStamp) as caught:
+            robot.buffer.set_transforms(columns)
+        assert caught.value.index == 1
+    with refused(robot.buffer, tfdb.InvalidArray) as array:
+        robot.buffer.transform_points("map", "odom", np.zeros((2, 3)), {stamp_of(1), stamp_of(2)})
+    assert "a set, which has no order" in str(array.value)
 
 
 def overlapping() -> dict[str, Any]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Literal, Protocol, TypeAlias
 
@@ -162,7 +163,8 @@ class Columns:
     ) -> None:
         self.parents = parents
         self.children = children
-        self.stamps = stamps
+        # What can be read only once is kept.
+        self.stamps = list(stamps) if isinstance(stamps, Iterator) else stamps
         if poses is None:
             if translations is None or rotations is None:
                 raise InvalidArray("give poses, or both translations and rotations")
