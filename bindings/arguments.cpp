@@ -66,6 +66,19 @@ void throw_not_a_name(PyObject* object, const char* role) {
     throw_type_error(std::string(role) + " must be a str, got " + type_name_of(object));
 }
 
+std::string option_of(nb::handle object, const char* role) {
+    if (!PyUnicode_Check(object.ptr())) {
+        throw_not_a_name(object.ptr(), role);
+    }
+    Py_ssize_t size = 0;
+    const char* const bytes = PyUnicode_AsUTF8AndSize(object.ptr(), &size);
+    if (bytes == nullptr) {
+        forget_error();
+        return short_repr(object);
+    }
+    return {bytes, static_cast<std::size_t>(size)};
+}
+
 std::uint64_t count_of(nb::handle number, const char* name, std::uint64_t least,
                        std::uint64_t most) {
     if (!PyBool_Check(number.ptr()) && PyIndex_Check(number.ptr()) != 0) {

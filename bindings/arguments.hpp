@@ -8,6 +8,7 @@
 #include <cstddef>
 #include <cstdint>
 #include <span>
+#include <string>
 #include <string_view>
 
 namespace nb = nanobind;
@@ -73,6 +74,10 @@ inline std::string_view name_of(PyObject* object, const char* role) {
 inline std::string_view name_of(nb::handle object, const char* role) {
     return name_of(object.ptr(), role);
 }
+
+/// The word given for an option that takes one of a few: no word is refused here, and one without
+/// UTF-8 becomes its repr, which is none of them. Throws TypeError for anything but a str.
+std::string option_of(nb::handle object, const char* role);
 
 /// An integer from `least` to `most`. Throws InvalidArgument for anything else.
 std::uint64_t count_of(nb::handle number, const char* name, std::uint64_t least,

@@ -19,7 +19,7 @@ Layout layout_of(nb::handle layout) {
     if (!layout.is_valid()) {
         return Layout::kPose;
     }
-    const std::string_view name = name_of(layout, "layout");
+    const std::string name = option_of(layout, "layout");
     if (name != "pose" && name != "matrix") {
         throw_error("InvalidArgument",
                     "layout must be 'pose' or 'matrix', got " + short_repr(layout),
@@ -32,7 +32,7 @@ Missing missing_of(nb::handle missing) {
     if (!missing.is_valid()) {
         return Missing::kThrow;
     }
-    const std::string_view name = name_of(missing, "missing");
+    const std::string name = option_of(missing, "missing");
     if (name != "raise" && name != "nan") {
         throw_error("InvalidArgument",
                     "missing must be 'raise' or 'nan', got " + short_repr(missing),

@@ -24,7 +24,7 @@ namespace {
 
 Concurrency concurrency_from(nb::handle name) {
     if (PyUnicode_Check(name.ptr())) {
-        return concurrency_of(name_of(name, "concurrency"));
+        return concurrency_of(option_of(name, "concurrency"));
     }
     return concurrency_of(short_repr(name));  // refuses it, and names those that there are
 }

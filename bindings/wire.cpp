@@ -24,7 +24,7 @@ namespace {
 using Bytes = std::span<const std::byte>;
 
 wire::Encoding encoding_of(const nb::str& name) {
-    const auto encoding = wire::encoding_from_name(name_of(name, "encoding"));
+    const auto encoding = wire::encoding_from_name(option_of(name, "encoding"));
     if (!encoding) {
         throw_error("InvalidArgument",
                     "encoding must be 'ros1', 'cdr', 'cdr_le', 'cdr_be', 'cdr2_le', 'cdr2_be', "

@@ -146,11 +146,18 @@ def test_policies_of_the_wrong_type(robot: Robot, policy: Any) -> None:
     [
         {"layout": "euler"},
         {"missing": "zero"},
+        {"layout": "\udc80"},
+        {"missing": "\udc80"},
+        {"layout": "\N{GREEK SMALL LETTER PI}"},
     ],
 )
 def test_options_of_batches(robot: Robot, options: dict[str, Any]) -> None:
-    with refused(robot.buffer, tfdb.InvalidArgument):
+    with refused(robot.buffer, tfdb.InvalidArgument) as caught:
         robot.buffer.lookup_transforms("map", "odom", [stamp_of(1)], **options)
+    ((name, value),) = options.items()
+    assert type(caught.value) is tfdb.InvalidArgument
+    assert str(caught.value).startswith(f"{name} must be '")
+    assert caught.value.value == value
 
 
 @pytest.mark.parametrize("age", [-1, NAN, "1", True])

@@ -48,11 +48,11 @@ def buffer() -> tfdb.Buffer:
 
 @pytest.mark.parametrize("name", ["", "Snapshot", "2pl", "mvcc", "silo ", "\ud800", None, 7, True])
 def test_engines_that_there_are_not(name: Any) -> None:
-    with pytest.raises(tfdb.InvalidArgument if name != "\ud800" else tfdb.InvalidName) as caught:
+    with pytest.raises(tfdb.InvalidArgument) as caught:
         tfdb.Buffer(concurrency=name)
-    if name != "\ud800":
-        for known in ("snapshot", "giant", "fine", "2pl-no-wait", "2pl-wait-die", "silo"):
-            assert known in str(caught.value)
+    assert type(caught.value) is tfdb.InvalidArgument
+    for known in ("snapshot", "giant", "fine", "2pl-no-wait", "2pl-wait-die", "silo"):
+        assert known in str(caught.value)
 
 
 def test_the_engine_is_named_by_keyword() -> None:
