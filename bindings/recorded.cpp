@@ -113,14 +113,12 @@ nb::object Recorded::add_mcap_chunk(nb::handle given, const nb::callable& wanted
     try {
         for (std::size_t i = 0; records.next(); ++i) {
             look_for_signals(i);
-            const std::uint8_t kind = records.kind();
             if (records.is_message()) {
                 if (is_wanted(records.channel())) {
                     found.add(records);
                 }
-            } else if (kind == Records::kSchema || kind == Records::kChannel ||
-                       kind == Records::kMessage) {
-                learn(kind, copy_of(records.content()));
+            } else if (records.kind() <= Records::kLastKnown) {
+                learn(records.kind(), copy_of(records.content()));
                 is_wanted.forget();
             }
         }
@@ -216,9 +214,9 @@ void bind_recorded(nb::module_& module) {
                      "collections.abc.Callable[[int], bool], learn: "
                      "collections.abc.Callable[[int, bytes], None]) -> tuple[int, int] | None"),
              "Add the wanted messages of an unpacked chunk, as they lie there.\n\n"
-             "`learn` gets the kind and content of schemas, channels and what is too short for a "
-             "message. Returns where\nthe records break off, and how long the one says that it is "
-             "which goes beyond the chunk.")
+             "`learn` gets the kind and content of the other records that the format knows, and of "
+             "what is too short for a message.\nReturns where the records break off, and how long "
+             "the one says that it is which goes beyond the chunk.")
         .def("add", &Recorded::add, nb::arg("received"), nb::arg("source"), nb::arg("data"),
              "Add one message.")
         .def("sort", &Recorded::sort,

@@ -866,8 +866,8 @@ class Recorded:
         """
         Add the wanted messages of an unpacked chunk, as they lie there.
 
-        `learn` gets the kind and content of schemas, channels and what is too short for a message. Returns where
-        the records break off, and how long the one says that it is which goes beyond the chunk.
+        `learn` gets the kind and content of the other records that the format knows, and of what is too short for a message.
+        Returns where the records break off, and how long the one says that it is which goes beyond the chunk.
         """
 
     def add(self, received: int, source: int, data: bytes) -> None:

@@ -87,9 +87,11 @@ class File:
         counts: dict[int, int] | None = None,
         *,
         crc: int | None = None,
+        has_data_crc: bool = False,
     ) -> Path:
         """With a summary where `counts` are given; its checksum is right unless it is given."""
-        data = self.data + record(15, bytes(4))
+        data_crc = zlib.crc32(self.data) if has_data_crc else 0
+        data = self.data + record(15, struct.pack("<I", data_crc))
         summary = b""
         if counts is not None:
             numbers = sum(counts.values()), 1, 1, 0, 0, len(self.indexes)
@@ -392,3 +394,269 @@ def test_a_cut_at_every_byte(tmp_path: Path) -> None:
         found, losses = read(path, salvage=True)
         assert times(found) in ([], [10], [10, 20])
         assert losses, size
+
+
+# -- records where they must not be ----------------------------------------------------------------
+
+NUMBERS = struct.pack("<QHIIIIQQ", 2, 2, 2, 0, 0, 1, 10, 30) + mapping({1: 2})
+STRAYS = {
+    "data: header": (record(1, text("") * 2), "a header before the end of its data"),
+    "data: statistics": (record(11, NUMBERS), "a statistics record before the end of its data"),
+    "data: end": (record(15, bytes(4)), "behind the end of its data"),
+    "data: footer": (record(2, bytes(20)), "a footer before the end of its data"),
+    "data: none": (record(0, b"abc"), "no whole record at"),
+    "chunk: header": (record(1, text("") * 2), "a header within a chunk"),
+    "chunk: chunk": (
+        record(6, struct.pack("<QQQI", 1, 1, 31, 0) + text("") + struct.pack("<Q", 31) + bytes(31)),
+        "a chunk within a chunk",
+    ),
+    "chunk: index": (record(7, struct.pack("<HI", 1, 0)), "a message index within a chunk"),
+    "chunk: end": (record(15, bytes(4)), "an end of the data within a chunk"),
+    "chunk: none": (record(0, b"abc"), "no record within a chunk"),
+    "summary: message": (message(1, 40), "a message"),
+    "summary: header": (record(1, text("") * 2), "a header"),
+    "summary: end": (record(15, bytes(4)), "an end of the data"),
+    "summary: none": (record(0, b"abc"), "no record in its summary"),
+}
+
+
+def with_stray(path: Path, place: str, stray: bytes, *, summary: bool) -> Path:
+    """Two chunks of one message, and something in the data, the first chunk or the summary."""
+    file = File().chunk([*HEAD, stray * (place == "chunk"), message(1, 10)], 10, [1])
+    file.data += stray * (place == "data")
+    declared = b"".join(HEAD) + stray * (place == "summary")
+    file.chunk([message(1, 30)], 30, [1])
+    return file.end(path, declared, {1: 2} if summary else None)
+
+
+@pytest.mark.parametrize("summary", [False, True])
+@pytest.mark.parametrize("stray", STRAYS)
+def test_records_where_they_must_not_be(tmp_path: Path, stray: str, summary: bool) -> None:
+    bad, reason = STRAYS[stray]
+    place, _, kind = stray.partition(": ")
+    if place == "summary" and not summary:
+        return
+    path = with_stray(tmp_path / "a.mcap", place, bad, summary=summary)
+    assert reason in refused(path)
+    found, (loss,) = read(path, salvage=True)
+    assert times(found) == [10, 30, 40][: 3 if kind == "message" else 2]
+    assert reason in loss.reason
+    assert loss.messages == 0
+    if place == "chunk" or kind == "none":
+        assert loss.bytes in (len(bad), 0)
+
+
+@pytest.mark.parametrize("place", ["data", "chunk", "summary"])
+@pytest.mark.parametrize("kind", [0x10, 0x7F, 0x80, 0xFF])
+def test_kinds_of_records_to_come(tmp_path: Path, kind: int, place: str) -> None:
+    path = with_stray(tmp_path / "a.mcap", place, record(kind, b"news"), summary=True)
+    for salvage in (False, True):
+        found, losses = read(path, salvage=salvage)
+        assert (times(found), losses) == ([10, 30], ())
+
+
+@pytest.mark.parametrize("counts", [None, {1: 1}])
+def test_no_header(tmp_path: Path, counts: dict[int, int] | None) -> None:
+    file = File(MAGIC).chunk([*HEAD, message(1, 10)], 10, [1])
+    path = file.end(tmp_path / "a.mcap", b"".join(HEAD), counts)
+    assert "no header at its beginning" in refused(path)
+    found, (loss,) = read(path, salvage=True)
+    assert (times(found), loss.messages, loss.bytes) == ([10], 0, 0)
+
+
+def test_a_message_behind_the_end_of_the_data_is_saved(tmp_path: Path) -> None:
+    file = File().chunk([*HEAD, message(1, 10)], 10, [1])
+    file.data += record(15, bytes(4)) + message(1, 20)
+    path = file.end(tmp_path / "a.mcap")
+    assert "a message behind the end of its data" in refused(path)
+    found, (loss,) = read(path, salvage=True)
+    assert times(found) == [10, 20]
+    assert loss.messages == 0
+
+
+def test_statistics_that_do_not_add_up(tmp_path: Path) -> None:
+    file = File().chunk([*HEAD, message(1, 10)], 10, [1])
+    path = file.end(tmp_path / "a.mcap", b"".join(HEAD), {1: 2**40}, crc=0)
+    assert "its index promises 1099511627776 messages" in refused(path)
+    at = (whole := path.read_bytes()).rindex(struct.pack("<HQ", 1, 2**40))
+    path.write_bytes(whole[:at] + struct.pack("<HQ", 1, 1) + whole[at + 10 :])
+    assert "statistics that do not add up to 1099511627776 messages" in refused(path)
+    found, (loss,) = read(path, salvage=True)
+    assert (times(found), loss.messages) == ([10], 0)
+
+
+# -- the checksum of the data ----------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("chunks", [False, True])
+@pytest.mark.parametrize("channels", [False, True])
+def test_a_byte_of_the_data_is_wrong(tmp_path: Path, channels: bool, chunks: bool) -> None:
+    path = tmp_path / "a.mcap"
+    options = {"repeat_channels": channels, "use_chunking": chunks, "enable_data_crcs": True}
+    expected = by_writer(path, [5, 6, 7, 8], **options)
+    for salvage in (False, True):
+        assert read(path, salvage=salvage) == (expected, ())
+    good = path.read_bytes()
+    end = good.index(record(15, b"")[:1] + struct.pack("<Q", 4))
+    for at in (*range(17, 25), *range(30, end, 7), *range(end + 9, end + 13)):
+        damaged = bytearray(good)
+        damaged[at] ^= 0x15
+        path.write_bytes(damaged)
+        refused(path)
+        if damaged.count(b"cdr") == good.count(b"cdr"):  # of no other encoding
+            assert read(path, salvage=True)[1], at
+    # Zero: nobody has computed one.
+    path.write_bytes(good[: end + 9] + bytes(4) + good[end + 13 :])
+    for salvage in (False, True):
+        assert read(path, salvage=salvage) == (expected, ())
+
+
+def test_what_nobody_wants_is_in_the_checksum_too(tmp_path: Path) -> None:
+    path = tmp_path / "a.mcap"
+    file = File().chunk([*HEAD, message(1, 10)], 10, [1]).chunk([message(2, 20, b"log")], 20, [2])
+    file.end(path, b"".join(HEAD), {1: 1, 2: 1}, has_data_crc=True)
+    assert times(read(path)[0]) == [10]
+    whole = path.read_bytes()
+    path.write_bytes(whole.replace(b"log", b"lag", 1))
+    assert "data whose checksum is wrong" in refused(path)
+    found, (loss,) = read(path, salvage=True)
+    assert times(found) == [10]
+    assert loss.messages == 0
+
+
+# -- chunks that are not where they should be ------------------------------------------------------
+
+
+@pytest.mark.parametrize("kind", [0, 1, 2, 5, 9, 0x0F, 0x86])
+@pytest.mark.parametrize("which", [0, 1, 2])
+@pytest.mark.parametrize("counts", [{}, {1: 3}])
+def test_a_chunk_of_the_summary_is_none(
+    tmp_path: Path, which: int, kind: int, counts: dict[int, int]
+) -> None:
+    path = tmp_path / "a.mcap"
+    file = File()
+    places = []
+    for start in (10, 20, 30):
+        places.append(len(file.data))
+        file.chunk([*HEAD, message(1, start)], start, [1])
+        file.data += record(7, struct.pack("<HIQQ", 1, 16, start, 0))
+    file.end(path, b"".join(HEAD), counts)
+    damaged = bytearray(path.read_bytes())
+    damaged[places[which]] = kind
+    path.write_bytes(damaged)
+    assert f"no chunk at {places[which]}, where the summary has one" in refused(path)
+    found, (loss,) = read(path, salvage=True)
+    assert times(found) == [time for time in (10, 20, 30) if time != 10 + 10 * which]
+    assert f"no chunk at {places[which]}" in loss.reason
+    assert loss.messages == 1
+    assert loss.bytes == (places[1] - places[0] - 9 - 22)
+
+
+def test_channels_only_in_a_chunk_that_is_none(tmp_path: Path) -> None:
+    path = tmp_path / "a.mcap"
+    by_writer(path, [5, 6], repeat_channels=False)
+    whole = path.read_bytes()
+    at = whole.index(b"\x06", 8 + 9 + whole[9])
+    path.write_bytes(whole[:at] + b"\x86" + whole[at + 1 :])
+    assert f"no chunk at {at}" in refused(path)
+    found, (loss,) = read(path, salvage=True)
+    assert found == []
+    assert loss.bytes > 0
+
+
+@pytest.mark.parametrize("kind", [0x09, 0x80])
+def test_a_record_that_swallows_chunks(tmp_path: Path, kind: int) -> None:
+    path = tmp_path / "a.mcap"
+    file = File().chunk([*HEAD, message(1, 10)], 10, [1])
+    at = len(file.data)
+    file.data += record(kind, b"abcd")
+    for start in (20, 30):
+        file.chunk([message(1, start)], start, [1])
+    length = len(file.data) - at - 9
+    file.data = file.data[: at + 1] + struct.pack("<Q", length) + file.data[at + 9 :]
+    file.end(path, b"".join(HEAD), {})
+    assert f"a record at {at} that goes over the chunk at {at + 13}" in refused(path)
+    found, (loss,) = read(path, salvage=True)
+    assert times(found) == [10, 20, 30]
+    assert (loss.messages, loss.bytes) == (0, 13)
+
+
+@pytest.mark.parametrize("packing", ["", "zstd"])
+def test_a_damaged_chunk_in_a_file_without_summary(tmp_path: Path, packing: str) -> None:
+    path = tmp_path / "a.mcap"
+    file = File().chunk([*HEAD, message(1, 10)], 10, [1])
+    at = len(file.data)
+    file.chunk([message(1, 20), message(1, 21)], 20, [1], packing)
+    behind = len(file.data)
+    file.data += record(7, struct.pack("<HIQQQQ", 1, 32, 20, 0, 21, 9))
+    file.chunk([message(1, 30)], 30, [1]).end(path)
+    damaged = bytearray(path.read_bytes())
+    damaged[behind - 40] ^= 1
+    for cut in (len(damaged), len(damaged) - 30):
+        path.write_bytes(damaged[:cut])
+        refused(path)
+        found, (loss,) = read(path, salvage=True)
+        assert [time for time in times(found) if time not in (20, 21)] == [10, 30]
+        assert loss.messages == 4 - len(found)
+        assert 0 < loss.bytes <= behind - at + 400
+
+
+@pytest.mark.parametrize(
+    "index",
+    [
+        record(7, struct.pack("<HIQQ", 1, 16, 20, 0)) * 2,
+        record(7, struct.pack("<HI", 1, 2**31) + bytes(16)),
+        record(7, struct.pack("<HI", 1, 2**31)),
+        record(7, b"\x01"),
+    ],
+)
+def test_a_message_index_promises_no_more_than_there_is(tmp_path: Path, index: bytes) -> None:
+    path = tmp_path / "a.mcap"
+    file = File().chunk([*HEAD, message(1, 10)], 10, [1])
+    file.chunk([message(1, 20)], 20, [1])
+    file.data += index
+    file.chunk([message(1, 30)], 30, [1]).end(path)
+    found, losses = read(path, salvage=True)
+    assert times(found) == [10, 20, 30]
+    assert sum(loss.messages for loss in losses) == 0
+    damaged = path.read_bytes()
+    at = damaged.index(payload(20)) + 8
+    path.write_bytes(damaged[:at] + b"\xff" + damaged[at + 1 :])
+    found, (loss,) = read(path, salvage=True)
+    assert times(found) == [10, 30]
+    assert loss.messages <= 1
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        {},
+        {"repeat_channels": False},
+        {"use_statistics": False},
+        {"enable_data_crcs": True},
+        {"use_chunking": False, "enable_data_crcs": True},
+    ],
+)
+def test_a_flipped_bit_is_never_silent(tmp_path: Path, options: dict[str, bool]) -> None:
+    """All messages or an error; and what is saved and what is lost is no more than there was."""
+    path = tmp_path / "a.mcap"
+    expected = by_writer(path, random_times(7)[:60], **options)
+    raw = path.read_bytes()
+    rng = np.random.default_rng(13)
+    for at in rng.integers(8, len(raw), 120):
+        damaged = bytearray(raw)
+        damaged[at] ^= 1 << int(rng.integers(8))
+        path.write_bytes(damaged)
+        try:
+            found = read(path)[0]
+        except tfdb.RecordingError:
+            try:
+                found, losses = read(path, salvage=True)
+            except tfdb.RecordingError as error:
+                assert "encoded as" in str(error)  # what none of transforms is
+                continue
+            assert losses, at
+            kept = sum(each in expected for each in found)
+            assert kept + sum(loss.messages for loss in losses) <= len(expected), at
+        else:
+            assert found == expected, at

@@ -15,8 +15,9 @@ namespace tfdb::wire {
 class McapRecords {
 public:
     static constexpr std::uint8_t kSchema = 3;
-    static constexpr std::uint8_t kChannel = 4;
     static constexpr std::uint8_t kMessage = 5;
+    /// The last kind that the format has given a meaning; those behind it are to be ignored.
+    static constexpr std::uint8_t kLastKnown = 0x0F;
     static constexpr std::size_t kHead = 9;
 
     explicit McapRecords(std::span<const std::byte> chunk) : chunk_(chunk) {}
