@@ -37,6 +37,8 @@ if TYPE_CHECKING:
 _FIRST_RECORD = len("#ROSBAG V2.0\n")
 _MESSAGE, _HEADER, _COUNTS, _CHUNK, _CHUNK_INFO, _CONNECTION = 2, 3, 4, 5, 6, 7
 _KINDS = (_HEADER, _CHUNK, _CONNECTION, _COUNTS, _CHUNK_INFO)
+# Bytes in the index of a chunk for each of its messages.
+_COUNTED = 12
 _HINT = "`rosbag reindex` or salvage=True (--salvage) may save the rest"
 # A header holds a few numbers and a topic's name.
 _MAX_HEADER = 2**20
@@ -131,8 +133,13 @@ def _salvaged(path: Path, file: RawFile) -> Container:
     missing = _index_position(file) - file.size
     if reason is not None and missing > 0 and not gathered.reasons:
         gathered.lose(missing, f"cut short between two records: {reason}")
+    # Where nothing broke off, the records behind the chunks tell of all messages as the index does.
+    likelier = max if gathered.reasons else min
     for id_ in index.connections:
-        gathered.promised[id_] = max(gathered.promised[id_], index.count(id_))
+        counted, promised = gathered.promised[id_], index.count(id_)
+        gathered.promised[id_] = likelier(counted, promised)
+        if counted != promised:
+            gathered.lose(0, f"its index has other numbers of messages of connection {id_}")
     counts = gathered.found()
     sources = _sources(connections, counts)
     return Container(
@@ -243,9 +250,15 @@ def _gather(file: RawFile, connections: dict[int, _Connection], chunks: list[int
     Adds the connections that it finds to those known.
     """
     found = Gathered()
+    walked: set[int] = set()
 
     def learn(fields: Fields, data: bytes) -> None:
-        connections[_number(fields, b"conn", 4)] = _connection(fields, data)
+        id_, connection = _number(fields, b"conn", 4), _connection(fields, data)
+        if connections.setdefault(id_, connection) != connection:
+            found.lose(0, f"connection {id_} is declared again, on {connection.topic!r}")
+            if id_ not in walked:  # the index, at the end, has spoken first
+                connections[id_] = connection
+        walked.add(id_)
 
     def wanted(id_: int) -> bool:
         return id_ in connections and is_tf_type(connections[id_].type)
@@ -263,8 +276,7 @@ def _gather(file: RawFile, connections: dict[int, _Connection], chunks: list[int
             elif kind == _CONNECTION:
                 learn(record.fields, file.read(record.at, record.size))
             elif kind == _COUNTS:
-                id_ = _number(record.fields, b"conn", 4)
-                found.promised[id_] += _number(record.fields, b"count", 4)
+                found.promised[_number(record.fields, b"conn", 4)] += _counted(record)
             at = record.end
         except (BadDataError, struct.error, UnicodeDecodeError) as error:
             place = bisect_right(starts, at)
@@ -272,6 +284,14 @@ def _gather(file: RawFile, connections: dict[int, _Connection], chunks: list[int
             found.lose(following - at, error)
             at = following
     return found
+
+
+def _counted(record: _Record) -> int:
+    """How many messages of a connection are in the chunk before."""
+    count = _number(record.fields, b"count", 4)
+    if record.size != count * _COUNTED:
+        raise BadDataError(f"an index of {count} messages in {record.size} bytes")
+    return count
 
 
 def _gather_chunk(
