@@ -310,6 +310,7 @@ void bind_buffer(nb::module_& module) {
                      "concurrency: tfdb.types.Concurrency = 'snapshot') -> None"));
     add_raw_reads(type);
     bind_writes(type);
+    bind_changes(type);
     bind_wire(module, type);
     bind_transaction(module, type);
     type.def("snapshot", &snapshot, nb::sig("def snapshot(self) -> Snapshot"),

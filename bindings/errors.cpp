@@ -20,8 +20,9 @@ constexpr std::array kClassNames = {
     "CorruptMessage",    "SnapshotTooOld", "SnapshotClosed",
     "CapacityExceeded",  "Conflict",       "TransactionClosed",
     "TransactionActive", "WrongThread",    "Forked",
+    "FeedLapped",        "NotSupported",
 };
-static_assert(kClassNames.size() == static_cast<std::size_t>(ErrorCode::kForked) + 1);
+static_assert(kClassNames.size() == static_cast<std::size_t>(ErrorCode::kNotSupported) + 1);
 
 // Strong references for the life of the process.
 std::array<PyObject*, kClassNames.size()> g_classes{};
@@ -66,6 +67,7 @@ void set_fields(nb::handle error, const ErrorDetail& detail) {
     set_number(error, "index", detail.index);
     set_number(error, "offset", detail.offset);
     set_number(error, "commit", detail.commit);
+    set_number(error, "since", detail.since);
     if (!detail.frames.empty()) {
         nb::list names;
         for (const std::string& name : detail.frames) {

@@ -172,6 +172,7 @@ void add_raw_batch(nb::handle type);
 void bind_batch(nb::class_<ReadsObject>& type);
 void bind_records(nb::class_<ReadsObject>& type);
 void bind_buffer(nb::module_& module);
+void bind_changes(nb::class_<BufferObject, ReadsObject>& type);
 void add_raw_writes(nb::handle type);
 /// The methods that are written in Python.
 void add_python_methods(nb::module_& module);

@@ -32,6 +32,7 @@ from .errors import (
     CycleError,
     Disconnected,
     Extrapolation,
+    FeedLapped,
     Forked,
     FrameInUse,
     GapTooLarge,
@@ -43,6 +44,7 @@ from .errors import (
     InvalidTransform,
     ModelError,
     NoSampleNear,
+    NotSupported,
     RecordingError,
     RepeatedStamp,
     SnapshotClosed,
@@ -68,6 +70,7 @@ if TYPE_CHECKING:
     from .report import EdgeUse, Report
     from .stamps import stamp
     from .types import (
+        Changes,
         Columns,
         Counters,
         FrameInfo,
@@ -83,6 +86,7 @@ if TYPE_CHECKING:
 __all__ = [
     "Buffer",
     "CapacityExceeded",
+    "Changes",
     "Columns",
     "Conflict",
     "CorruptMessage",
@@ -95,6 +99,7 @@ __all__ = [
     "Explanation",
     "Extrapolate",
     "Extrapolation",
+    "FeedLapped",
     "Forked",
     "FrameInUse",
     "FrameInfo",
@@ -111,6 +116,7 @@ __all__ = [
     "ModelError",
     "Nearest",
     "NoSampleNear",
+    "NotSupported",
     "Policy",
     "Previous",
     "Reads",
@@ -157,6 +163,7 @@ if not TYPE_CHECKING:  # or every name would be there for type checkers
             "stamps": ("stamp",),
             "summary": (),
             "types": (
+                "Changes",
                 "Columns",
                 "Counters",
                 "FrameInfo",

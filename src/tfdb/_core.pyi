@@ -677,6 +677,40 @@ class Buffer(Reads):
         `memory_limit` leaves none; nothing was then dropped.
         """
 
+    def changes(self, since: int, limit: int | None = None) -> list[tfdb.types.Changes]:
+        """
+        What the commits after `since` did, one by one in their order.
+
+        Whatever the newest state shows is told by the commit that stored it, so who applies every record in
+        order to a copy of the state after commit `since` has the newest state. What was evicted, replaced,
+        cleared or removed since may not be told any more: a record counts it in `gone`. While a snapshot of
+        commit `since`, or of an older one, is held, nothing that it or a later state shows is gone.
+
+        Parameters
+        ----------
+        since
+            A commit: that of a snapshot, or the last one that was followed. 0: from the beginning.
+        limit
+            The most commits to tell of; None: all.
+
+        Returns
+        -------
+        list[Changes]
+            Empty if nothing was committed since.
+
+        Raises
+        ------
+        FeedLapped
+            The feed, which holds the last 16,384 commits or fewer if they are large, does not reach back
+            that far: take a snapshot, and follow from its `commit`.
+        InvalidArgument
+            There is no such commit yet, or `limit` is not positive.
+        NotSupported
+            The engine keeps no feed: `snapshot` and `giant` do.
+        TransactionActive
+            This thread has a transaction open in the store.
+        """
+
     def ingest(self, data: tfdb.types.BytesLike, *, encoding: str = 'cdr', static: bool = False, authority: str = '', change_kind: bool = False, only_new: bool = False) -> int:
         """
         Store one tf2_msgs/TFMessage, straight from its bytes, as one commit.

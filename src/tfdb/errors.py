@@ -20,6 +20,7 @@ __all__ = [
     "CycleError",
     "Disconnected",
     "Extrapolation",
+    "FeedLapped",
     "Forked",
     "FrameInUse",
     "GapTooLarge",
@@ -31,6 +32,7 @@ __all__ = [
     "InvalidTransform",
     "ModelError",
     "NoSampleNear",
+    "NotSupported",
     "RecordingError",
     "RepeatedStamp",
     "SnapshotClosed",
@@ -81,9 +83,9 @@ class TfdbError(Exception):
     stamp: int | None = None
     """The stamp that was asked for or refused."""
     oldest: int | None = None
-    """The oldest stamp that would have been valid."""
+    """The oldest stamp that would have been valid; of FeedLapped, the oldest commit."""
     newest: int | None = None
-    """The newest stamp that would have been valid."""
+    """The newest stamp that would have been valid; of FeedLapped, the newest commit."""
     before: int | None = None
     """The stored stamp before the one asked for."""
     after: int | None = None
@@ -96,6 +98,8 @@ class TfdbError(Exception):
     """Position in the bytes of a message."""
     commit: int | None = None
     """Number of the snapshot that was read."""
+    since: int | None = None
+    """The commit from which changes were asked for."""
     refused: tuple[Refused, ...] | None = None
     """Every member of a batch that was refused, in their order; the error is about the first."""
     attempts: int | None = None
@@ -260,6 +264,17 @@ class Forked(TfdbError):
     store can still be read; in every engine a new `Buffer` can be made. See "Forks" in
     docs/concurrency.md.
     """
+
+
+class FeedLapped(TfdbError):
+    """The feed of changes does not reach back that far: take a snapshot and follow from its commit.
+
+    Fields: since, oldest, newest (commits that would have been valid for `since`).
+    """
+
+
+class NotSupported(TfdbError):
+    """The store's engine has no such thing; the message names those that have."""
 
 
 class _FileError(TfdbError):

@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     import numpy.typing as npt
 
 __all__ = [
+    "Changes",
     "Columns",
     "Counters",
     "FrameInfo",
@@ -197,6 +198,43 @@ def _rows(values: npt.ArrayLike, width: int, role: str) -> npt.NDArray[np.float6
         reason = f"expected an array (N, {width}) of float64, got {given}"
         raise InvalidArray(f"{role}: {reason}", reason=reason)
     return array
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Changes:
+    """What one commit did; `Buffer.changes` tells it. Frames have the names that they had then."""
+
+    commit: int
+    """Its number."""
+    stored: Columns
+    """The moving samples T[parent<-child] that it stored, edge by edge, each in stamp order."""
+    stored_static: Columns
+    """The static transforms T[parent<-child] that it stored."""
+    made: tuple[str, ...]
+    """Frames that are new."""
+    moved: tuple[str, ...]
+    """Frames that were there before and hang under another newest parent now, or under none."""
+    cleared: tuple[str, ...]
+    """Frames whose samples were dropped, before the commit stored what it did."""
+    removed: tuple[str, ...]
+    """Frames that were there before and are removed."""
+    passing: tuple[str, ...]
+    """Frames that a transaction made and removed again; samples of others may name them."""
+    gone: dict[str, int]
+    """By child, how many samples the commit stored that are no longer kept and hence not told: they
+    were evicted, replaced, cleared or removed since."""
+
+    def __repr__(self) -> str:
+        what = {
+            "stored": len(self.stored) + len(self.stored_static),
+            "made": len(self.made),
+            "moved": len(self.moved),
+            "cleared": len(self.cleared),
+            "removed": len(self.removed) + len(self.passing),
+            "gone": sum(self.gone.values()),
+        }
+        told = ", ".join(f"{count} {name}" for name, count in what.items() if count)
+        return f"<tfdb.Changes of commit {self.commit}: {told or 'nothing'}>"
 
 
 @dataclass(frozen=True, slots=True)

@@ -16,7 +16,7 @@ ELSEWHERE = {"load"}
 
 
 ANSWERS = {"EdgeExplanation", "EdgeUse", "Explanation", "FrameInfo", "IngestResult", "MemoryUse"}
-ANSWERS |= {"Counters", "Refusal", "Refused", "Report", "Twist"}
+ANSWERS |= {"Changes", "Counters", "Refusal", "Refused", "Report", "Twist"}
 """Plain records that only we make: what is written into them by hand is not checked."""
 
 

@@ -36,6 +36,7 @@ def everything(buffer: tfdb.Buffer, stamps: npt.NDArray[np.int64]) -> None:
     assert_type(buffer.frame_info("base"), tfdb.FrameInfo)
     assert_type(buffer.tree(), list[tfdb.FrameInfo])
     assert_type(buffer.commit, int)
+    assert_type(buffer.changes(0), list[tfdb.Changes])
     with buffer.snapshot() as snapshot:
         assert_type(snapshot, tfdb.Snapshot)
         assert_type(snapshot.lookup_velocity("base", "map").linear, npt.NDArray[np.float64])

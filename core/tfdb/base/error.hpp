@@ -36,6 +36,8 @@ enum class ErrorCode : std::uint8_t {
     kTransactionActive,
     kWrongThread,
     kForked,
+    kFeedLapped,
+    kNotSupported,
 };
 
 /// A member of a batch that was refused, and why.
@@ -57,6 +59,7 @@ struct ErrorDetail {
     std::vector<std::string> frames;    // children in use, frames of a cycle, or the two roots
     std::string reason;                 // "past", "future", "no data", or which field and why
     std::optional<std::int64_t> stamp;  // asked or refused, ns
+    // Stamps; commits where changes were asked for.
     std::optional<std::int64_t> oldest;
     std::optional<std::int64_t> newest;
     std::optional<std::int64_t> before;
@@ -65,6 +68,7 @@ struct ErrorDetail {
     std::optional<std::uint64_t> index;   // position in the batch
     std::optional<std::uint64_t> offset;  // position in the message's bytes
     std::optional<std::uint64_t> commit;  // snapshot asked
+    std::optional<std::uint64_t> since;   // commit that changes were asked from
     std::vector<RefusedMember> refused;   // every refused member of a batch, in its order
 };
 
@@ -114,6 +118,8 @@ using TransactionClosed = ErrorOf<ErrorCode::kTransactionClosed>;
 using TransactionActive = ErrorOf<ErrorCode::kTransactionActive>;
 using WrongThread = ErrorOf<ErrorCode::kWrongThread>;
 using Forked = ErrorOf<ErrorCode::kForked>;
+using FeedLapped = ErrorOf<ErrorCode::kFeedLapped>;
+using NotSupported = ErrorOf<ErrorCode::kNotSupported>;
 
 /// A message whose bytes cannot be what they claim to be. Fields: offset, reason.
 class CorruptMessage : public ErrorOf<ErrorCode::kCorruptMessage> {

@@ -26,6 +26,9 @@ enum StoreWord : unsigned {
     kReadPins = 32,   // reads under way that were overtaken before: see Pins
     kHeldBytes = 40,  // that held states alone still show
     kGivenUp = 41,    // older states were given up, for they kept too much
+    kFeed = 42,       // where the change feed is, 0 if none is kept: see txn::Feed
+    kFeedFloor = 43,  // the oldest commit that is whole in it
+    kFeedLimit = 44,  // up to this position its ring has room
     kStoreWords = 48,
 };
 

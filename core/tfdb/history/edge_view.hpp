@@ -167,6 +167,35 @@ public:
         return !overtaken_;
     }
 
+    /// Calls visit(sample) for what the snapshot retains of commit `first` and later ones, the
+    /// greatest stamp first, until `visit` returns false. Looks at the samples of the tail, and of
+    /// the segments that have some of those commits.
+    template <class Visit>
+    [[nodiscard]] bool visit_since(CommitNumber first, Visit visit) const {
+        const StampNs cutoff = this->cutoff();
+        const std::uint64_t capacity = begin_ < end_ ? this->capacity() : 0;
+        SampleAt later;
+        for (std::uint64_t k = empty() ? begin_ : end_ + 1; k > begin_;) {
+            if (k <= end_) {
+                k = skip_older(k, capacity, first);
+                if (k == begin_)
+                    break;
+            }
+            const Segment<Memory> in = segment(--k);
+            for (std::uint64_t i = all_too_new(in) ? 0 : in.end(); i > in.begin(); --i) {
+                const SampleAt at{in.slot(i - 1), in.stamp(i - 1)};
+                const CommitNumber commit = in.commit(i - 1);
+                // Of equal stamps the later one is the newer commit's.
+                if (commit < first || commit > snapshot_ || (later && later.stamp == at.stamp))
+                    continue;
+                if (at.stamp < cutoff || !visit(at))
+                    return !overtaken_;
+                later = at;
+            }
+        }
+        return !overtaken_;
+    }
+
     /// No sample is of an older commit.
     [[nodiscard]] CommitNumber least_commit() const {
         const Segment<Memory> tail(*memory_, tail_);
@@ -361,6 +390,23 @@ private:
         while (k % Dir::segments(level + 1) == 0 && k >= begin_ + Dir::segments(level + 1))
             ++level;
         return level;
+    }
+    /// Behind the last entry before a place that has samples of commit `first` or later ones; else
+    /// the first of all.
+    [[nodiscard]] std::uint64_t skip_older(std::uint64_t k, std::uint64_t capacity,
+                                           CommitNumber first) const {
+        const auto is_older = [&](unsigned level) {
+            return directory().node(capacity, level, k - Dir::segments(level)).changed < first;
+        };
+        while (k > begin_ && !overtaken_) {
+            unsigned level = largest_before(k);
+            while (level > 0 && !is_older(level))
+                --level;
+            if (!is_older(level))
+                return k;
+            k -= Dir::segments(level);
+        }
+        return k;
     }
     /// The first segment at or behind an entry that has samples as old as the snapshot; else the
     /// tail.

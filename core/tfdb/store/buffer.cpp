@@ -24,6 +24,9 @@ store::Store::Store(const BufferOptions& options)
       engine(store::make_engine(*this)) {
     sync::watch_forks();
     home_process.store_relaxed(sync::forks() << kForksShift);
+    // Whoever writes beside others would have to note it beside them.
+    if (concurrency == Concurrency::kSnapshot || concurrency == Concurrency::kGiant)
+        StoreFeed::put_into(frames, memory.allocate_sparse(StoreFeed::kBytes));
 }
 
 store::Store::~Store() = default;

@@ -104,6 +104,26 @@ struct Twist {
     geometry::Vec3 angular;  // rad/s
 };
 
+/// What one commit did. Frames have the names that they had then.
+struct Changes {
+    /// Samples T[parent<-child] of one edge, in stamp order.
+    struct Edge {
+        std::string child;
+        bool is_static = false;
+        std::vector<std::string> parents;  // one for each sample
+        std::vector<StampNs> stamps;       // -1 for a static pose
+        std::vector<Pose> poses;
+        std::uint64_t gone = 0;  // samples that the commit stored and that are no longer kept
+    };
+    CommitNumber commit = 0;
+    std::vector<Edge> stored;
+    std::vector<std::string> made;   // frames that are new
+    std::vector<std::string> moved;  // that were there, and hang under another parent now, or none
+    std::vector<std::string> cleared;  // whose samples were dropped, before what was stored
+    std::vector<std::string> removed;
+    std::vector<std::string> passing;  // made and removed; samples of others may name them
+};
+
 /// What a write may do beyond adding samples, and what it may not do.
 struct WriteRules {
     /// A moving edge may become static and a static one moving: the samples that it has are dropped
@@ -316,6 +336,16 @@ public:
     CommitNumber remove_frames(std::span<const std::string_view> names, bool recursive);
     /// Drops all moving samples; frames and static edges stay.
     CommitNumber clear();
+
+    /// What the commits after `since` did, one by one in their order; at most `limit` of them. All
+    /// that the newest state shows is told, and while a snapshot of commit `since` or an older one
+    /// is held, all that was stored; of what is no longer kept the record counts how much it was.
+    /// Throws FeedLapped where the feed does not reach back that far (with `since`, the `oldest`
+    /// commit that would have been valid, and the `newest`), InvalidArgument for a commit that is
+    /// not there yet, TransactionActive, and NotSupported in engines that keep no feed.
+    [[nodiscard]] std::vector<Changes> changes(CommitNumber since,
+                                               std::size_t limit = kNoLimit) const;
+    static constexpr std::size_t kNoLimit = ~std::size_t{0};
 
     /// Throws TransactionActive where this thread has a transaction of the store open: what it
     /// reads past that would be of another state, and no commit would notice.

@@ -26,6 +26,7 @@ using StoreMemory = memory::PrivateMemory;
 using StoreView = txn::SnapshotView<StoreMemory>;
 using StoreEdge = history::EdgeView<StoreMemory>;
 using StoreCommit = txn::Commit<StoreMemory>;
+using StoreFeed = txn::Feed<StoreMemory>;
 
 namespace store {
 

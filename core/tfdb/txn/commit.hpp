@@ -6,6 +6,7 @@
 #include <span>
 #include <string>
 #include <string_view>
+#include <utility>
 #include <vector>
 
 #include "tfdb/base/error.hpp"
@@ -14,6 +15,7 @@
 #include "tfdb/history/edge_writer.hpp"
 #include "tfdb/lookup/edge.hpp"
 #include "tfdb/txn/cycle_search.hpp"
+#include "tfdb/txn/feed.hpp"
 #include "tfdb/txn/frame_set.hpp"
 #include "tfdb/txn/snapshot_view.hpp"
 
@@ -21,17 +23,19 @@ namespace tfdb::txn {
 
 /// Lists that a commit fills; kept by the store, so that no commit allocates in steady state.
 struct CommitScratch {
+    /// A frame that the commit changes. One that it makes and removes again comes twice.
     struct Touched {
         FrameId id;
-        FrameId old_parent;  // newest parent before this commit
-        std::uint64_t late;  // how many samples had come late
+        FrameId old_parent;     // newest parent before this commit
+        std::uint64_t late;     // how many samples had come late
+        std::uint64_t samples;  // how many this commit adds
+        std::uint64_t note;     // its place in the feed
+        unsigned what;          // bits of FeedNote::What
+        bool written;           // by `touch`
     };
     std::vector<Touched> touched;
-    FrameSet touched_frames;
-    FrameSet going;  // to be removed
-    std::vector<FrameId> made;
-    std::vector<FrameId> removed;
-    std::vector<FrameId> cleared;
+    FrameSet touched_frames;            // where each stands in `touched`, removals aside
+    FrameSet going;                     // to be removed
     std::vector<std::uint32_t> depths;  // by frame
     std::vector<FrameId> climb;
     CycleScratch cycles;
@@ -51,14 +55,12 @@ public:
           names_(frames),
           scratch_(scratch),
           context_(frames.store_word(graph::kCommit).load_relaxed(), history, readers),
-          readers_(readers) {
+          readers_(readers),
+          feed_(frames, context_.committed) {
         if (context_.committed >= kMaxCommit - 1) {
             throw CapacityExceeded("the store has used up its commit numbers: start a new one");
         }
         scratch_.touched.clear();
-        scratch_.made.clear();
-        scratch_.removed.clear();
-        scratch_.cleared.clear();
         scratch_.cycles.relations.clear();
         scratch_.touched_frames.clear();
         scratch_.going.clear();
@@ -93,28 +95,29 @@ public:
         const Offset block = names_.store_name(name);
         FrameId id = kNoFrame;
         try {
-            // `reserve` alone grows to the very number asked for.
-            if (scratch_.made.size() == scratch_.made.capacity())
-                scratch_.made.reserve(2 * scratch_.made.size() + 8);
+            // From where a slot is taken on nothing throws.
+            reserve_touched();
+            scratch_.touched_frames.make_room(frames_.count());
             id = take_slot();
         } catch (...) {
             names_.free_name(block);
             throw;
         }
+        add_touched(id, {}, FeedNote::kMade);
         frames_.make(id, number(), block);
         names_.insert(name, id);
-        scratch_.made.push_back(id);
         return id;
     }
 
     /// True if this commit has written to the frame before; marks it as written.
     [[nodiscard]] bool touch(FrameId child) {
-        if (!scratch_.touched_frames.insert(child))
-            return true;
-        auto& touched = scratch_.touched.emplace_back();
-        touched.id = child;
-        touched.old_parent = newest_parent(child);
-        touched.late = frames_.word(child, history::kLate).load_relaxed();
+        if (scratch_.touched_frames.contains(child))
+            return std::exchange(touched(child).written, true);
+        reserve_touched();
+        scratch_.touched_frames.make_room(child);
+        add_touched(child,
+                    {newest_parent(child), frames_.word(child, history::kLate).load_relaxed()}, 0);
+        scratch_.touched.back().written = true;
         return false;
     }
 
@@ -124,6 +127,9 @@ public:
         const FrameId old_parent = history::Topology::parent(edge.topology());
         relate(child, sample, edge.newest(), item);
         edge.append(context_, sample);
+        // Of static ones the last counts.
+        auto& samples = touched(child).samples;
+        samples = sample.stamp == history::kStaticStamp ? 1 : samples + 1;
         hint_depth(child, old_parent, sample.parent);
     }
     /// The same for samples that come after each other; `item_of(i)` says which one is which.
@@ -156,6 +162,7 @@ public:
                 {child, samples[i].parent, samples[i].stamp, item_of(i)});
         }
         edge.append(context_, samples);
+        touched(child).samples += samples.size();
         hint_depth(child, old_parent, history::Topology::parent(edge.topology()));
     }
     /// The same for moving samples of one parent that are ahead of all others; `sample(i)` gives
@@ -173,22 +180,29 @@ public:
         for (std::size_t i = 0; i < related; ++i)
             scratch_.cycles.relations.push_back({child, parent, sample(i).stamp, item_of(i)});
         edge.append_behind(context_, count, sample);
+        touched(child).samples += count;
         hint_depth(child, old_parent, parent);
     }
 
-    /// Hides all samples of an edge; once in a commit at most.
+    /// Hides all samples of an edge; `touch(child)` came before. Once in a commit at most.
     void clear(FrameId child) {
-        // Nothing that throws comes after the edge is changed.
-        if (scratch_.cleared.size() == scratch_.cleared.capacity())
-            scratch_.cleared.reserve(2 * scratch_.cleared.size() + 8);
         writer(child).clear(context_);
-        scratch_.cleared.push_back(child);
+        touched(child).what |= FeedNote::kCleared;
+        what_ |= FeedNote::kCleared;
         frames_.refresh_hint(child);
     }
 
     /// The frame exists no longer; nothing names it as its newest parent.
     void remove(FrameId id) {
-        scratch_.removed.push_back(id);
+        reserve_touched();
+        const Offset name = frames_.word(id, history::kName).load_relaxed();
+        const auto name_word = [&](std::uint64_t i) {
+            return frames_.memory().word(name + 8 * i).load_relaxed();
+        };
+        const std::uint64_t note =
+            feed_.note_removal(id, name_word(0), [&](std::uint64_t i) { return name_word(i + 1); });
+        scratch_.touched.push_back({id, kNoFrame, 0, 0, note, FeedNote::kRemoved, false});
+        what_ |= FeedNote::kRemoved;
         frames_.word(id, history::kDied).store_relaxed(number());
         auto& topology = frames_.word(id, history::kTopology);
         topology.store_release(topology.load_relaxed() | history::Topology::kMortal);
@@ -210,18 +224,14 @@ public:
         if (!prepared_)
             prepare();
         count_children();
+        for (const auto& touched : scratch_.touched) {
+            if ((touched.what & FeedNote::kRemoved) == 0)
+                feed_.fill_in(touched.note, touched.id, touched.what, touched.samples);
+        }
         frames_.store_word(graph::kCommit).store_release(number());
         published_ = true;
-        for (const FrameId id : scratch_.cleared)
-            writer(id).retire_older(context_);
-        for (const FrameId id : scratch_.removed) {
-            if (context_.is_held())
-                writer(id).hold_all(context_);
-            readers_.held(kFrameBytes);
-            frames_.push_retired(id);
-        }
-        if (!scratch_.removed.empty())
-            empty_removed();
+        if ((what_ & (FeedNote::kCleared | FeedNote::kRemoved)) != 0)
+            let_go();
         return number();
     }
 
@@ -241,6 +251,28 @@ public:
 private:
     /// What a removed frame keeps beside its samples: the slot, and its name as a rule.
     static constexpr std::uint64_t kFrameBytes = history::kHeaderBytes + memory::kLineBytes;
+
+    using Touched = CommitScratch::Touched;
+    struct Before {
+        FrameId parent = kNoFrame;
+        std::uint64_t late = 0;
+    };
+
+    /// Of a frame that `touch` or `frame` was called for.
+    [[nodiscard]] Touched& touched(FrameId id) const {
+        return scratch_.touched[scratch_.touched_frames.place(id)];
+    }
+    void reserve_touched() const {
+        // `reserve` alone grows to the very number asked for.
+        if (scratch_.touched.size() == scratch_.touched.capacity())
+            scratch_.touched.reserve(2 * scratch_.touched.size() + 8);
+    }
+    /// There is room for it, and nothing of the frame is changed yet.
+    void add_touched(FrameId id, const Before& before, unsigned what) {
+        const std::uint64_t note = feed_.note(id, what);
+        scratch_.touched_frames.insert(id, static_cast<std::uint32_t>(scratch_.touched.size()));
+        scratch_.touched.push_back({id, before.parent, before.late, 0, note, what, false});
+    }
 
     /// A sample ahead of all others, of the parent that they all have, relates nothing anew.
     void relate(FrameId child, const history::NewSample<Memory>& sample, clock::StampNs newest,
@@ -306,6 +338,21 @@ private:
         readers_.held(std::uint64_t{0} - kFrameBytes);
     }
 
+    /// After the commit: what only older states show.
+    void let_go() {
+        for (const Touched& touched : scratch_.touched) {
+            if ((touched.what & FeedNote::kCleared) != 0)
+                writer(touched.id).retire_older(context_);
+            if ((touched.what & FeedNote::kRemoved) == 0)
+                continue;
+            if (context_.is_held())
+                writer(touched.id).hold_all(context_);
+            readers_.held(kFrameBytes);
+            frames_.push_retired(touched.id);
+        }
+        if ((what_ & FeedNote::kRemoved) != 0)
+            empty_removed();
+    }
     /// Gives back what removed frames hold. Asked anew: a snapshot that is not seen here has seen
     /// the commit that was just published.
     void empty_removed() {
@@ -327,19 +374,18 @@ private:
             children.store_relaxed(children.load_relaxed() + delta);
         };
         // Where no relation is new, nobody has another parent than before.
-        const bool same = scratch_.cycles.relations.empty() && scratch_.cleared.empty();
-        for (const auto& touched : scratch_.touched) {
-            if (same) {
-                break;
-            }
+        if (scratch_.cycles.relations.empty() && what_ == 0)
+            return;
+        for (Touched& touched : scratch_.touched) {
             const FrameId parent = newest_parent(touched.id);
-            if (parent == touched.old_parent)
-                continue;
-            count(touched.old_parent, ~std::uint64_t{0});
-            count(parent, 1);
-        }
-        for (const FrameId id : scratch_.removed) {
-            count(newest_parent(id), ~std::uint64_t{0});
+            if ((touched.what & FeedNote::kRemoved) != 0) {
+                count(parent, ~std::uint64_t{0});
+            } else if (parent != touched.old_parent) {
+                count(touched.old_parent, ~std::uint64_t{0});
+                count(parent, 1);
+                if ((touched.what & FeedNote::kMade) == 0)
+                    touched.what |= FeedNote::kMoved;
+            }
         }
     }
 
@@ -377,30 +423,40 @@ private:
     }
 
     void abort() {
-        for (const FrameId id : scratch_.removed) {
-            frames_.word(id, history::kDied).store_relaxed(0);
-            auto& topology = frames_.word(id, history::kTopology);
-            topology.store_release(topology.load_relaxed() & ~history::Topology::kMortal);
+        for (const Touched& touched : scratch_.touched) {
+            if ((touched.what & FeedNote::kRemoved) != 0)
+                revive(touched.id);
+            if (touched.written)
+                take_back(touched);
         }
-        for (const auto& touched : scratch_.touched) {
-            auto edge = writer(touched.id);
-            edge.trim(context_);
-            frames_.word(touched.id, history::kLate).store_relaxed(touched.late);
-            const FrameId parent = history::Topology::parent(edge.topology());
-            if (parent != kNoFrame)
-                edge.set_depth_hint(history::Topology::depth(frames_.topology(parent)) + 1);
-            frames_.refresh_hint(touched.id);
+        for (const Touched& touched : scratch_.touched) {
+            if ((touched.what & FeedNote::kMade) != 0)
+                unmake(touched.id);
         }
-        for (const FrameId id : scratch_.made) {
-            const Offset name = frames_.word(id, history::kName).load_relaxed();
-            names_.erase(id);
-            frames_.seal(id);
-            frames_.word(id, history::kName).store_release(0);
-            Memory::fence_release();
-            names_.free_name(name);
-            writer(id).release(context_);
-            frames_.push_unseen(id);
-        }
+    }
+    void revive(FrameId id) {
+        frames_.word(id, history::kDied).store_relaxed(0);
+        auto& topology = frames_.word(id, history::kTopology);
+        topology.store_release(topology.load_relaxed() & ~history::Topology::kMortal);
+    }
+    void take_back(const Touched& touched) {
+        auto edge = writer(touched.id);
+        edge.trim(context_);
+        frames_.word(touched.id, history::kLate).store_relaxed(touched.late);
+        const FrameId parent = history::Topology::parent(edge.topology());
+        if (parent != kNoFrame)
+            edge.set_depth_hint(history::Topology::depth(frames_.topology(parent)) + 1);
+        frames_.refresh_hint(touched.id);
+    }
+    void unmake(FrameId id) {
+        const Offset name = frames_.word(id, history::kName).load_relaxed();
+        names_.erase(id);
+        frames_.seal(id);
+        frames_.word(id, history::kName).store_release(0);
+        Memory::fence_release();
+        names_.free_name(name);
+        writer(id).release(context_);
+        frames_.push_unseen(id);
     }
 
     graph::Frames<Memory> frames_;
@@ -408,6 +464,8 @@ private:
     CommitScratch& scratch_;
     history::WriteContext context_;
     history::Readers& readers_;
+    FeedWriter<Memory> feed_;
+    unsigned what_ = 0;  // happened to any frame: clears and removals
     bool prepared_ = false;
     bool published_ = false;
     bool depths_stale_ = false;  // a frame with children got another parent

@@ -1,4 +1,4 @@
-// A set of frames that is emptied at once.
+// A set of frames that is emptied at once, with a place for each.
 #pragma once
 
 #include <cstdint>
@@ -14,20 +14,30 @@ class FrameSet {
 public:
     void clear() { ++round_; }
     [[nodiscard]] bool contains(FrameId id) const {
-        return id < rounds_.size() && rounds_[id] == round_;
+        return id < entries_.size() && entries_[id].round == round_;
     }
+    /// Of a frame that it contains: what `insert` was told.
+    [[nodiscard]] std::uint32_t place(FrameId id) const { return entries_[id].place; }
     /// False: it was there.
-    bool insert(FrameId id) {
+    bool insert(FrameId id, std::uint32_t place = 0) {
         if (contains(id))
             return false;
-        if (id >= rounds_.size())
-            rounds_.resize(std::size_t{id} + 1 + rounds_.size() / 2);
-        rounds_[id] = round_;
+        make_room(id);
+        entries_[id] = {round_, place};
         return true;
+    }
+    /// To insert a frame up to this one then asks for no memory.
+    void make_room(FrameId id) {
+        if (id >= entries_.size())
+            entries_.resize(std::size_t{id} + 1 + entries_.size() / 2);
     }
 
 private:
-    std::vector<std::uint64_t> rounds_;  // in which each was inserted last
+    struct Entry {
+        std::uint64_t round = 0;  // in which it was inserted last
+        std::uint32_t place = 0;
+    };
+    std::vector<Entry> entries_;
     std::uint64_t round_ = 1;
 };
 

@@ -1,0 +1,127 @@
+// What commits did, as Python records.
+#include <nanobind/stl/string.h>
+
+#include <cstring>
+#include <string>
+#include <vector>
+
+#include "arguments.hpp"
+#include "arrays.hpp"
+#include "reads.hpp"
+#include "records.hpp"
+
+namespace tfdb::python {
+namespace {
+
+nb::tuple tuple_of(const std::vector<std::string>& names) {
+    nb::list list;
+    for (const std::string& name : names) {
+        list.append(nb::str(name.c_str(), name.size()));
+    }
+    return nb::tuple(list);
+}
+
+/// The samples of some edges as one `Columns`.
+nb::object columns_of(const nb::object& type, const std::vector<Changes::Edge>& edges,
+                      bool is_static) {
+    nb::list parents;
+    nb::list children;
+    std::size_t rows = 0;
+    for (const auto& edge : edges) {
+        if (edge.is_static != is_static || edge.poses.empty())
+            continue;
+        const nb::str child(edge.child.c_str(), edge.child.size());
+        nb::object parent;
+        for (std::size_t i = 0; i < edge.poses.size(); ++i) {
+            if (i == 0 || edge.parents[i] != edge.parents[i - 1])
+                parent = nb::str(edge.parents[i].c_str(), edge.parents[i].size());
+            parents.append(parent);
+            children.append(child);
+        }
+        rows += edge.poses.size();
+    }
+    const NewArray<StampNs> stamps = new_stamps(is_static ? 0 : rows);
+    const NewArray<double> poses = new_doubles({rows, 7});
+    std::size_t row = 0;
+    for (const auto& edge : edges) {
+        if (edge.is_static != is_static || edge.poses.empty())
+            continue;
+        if (!is_static)
+            std::copy(edge.stamps.begin(), edge.stamps.end(), stamps.data + row);
+        std::memcpy(poses.data + 7 * row, edge.poses.data(),
+                    edge.poses.size() * sizeof(geometry::Pose));
+        row += edge.poses.size();
+    }
+    return type(parents, children, is_static ? nb::object(nb::none()) : nb::object(stamps.array),
+                poses.array);
+}
+
+nb::list changes(nb::handle self, nb::handle since, nb::handle limit) {
+    BufferObject& buffer = object_of<BufferObject>(self);
+    const CommitNumber from = count_of(since, "since", 0, kMaxCommit);
+    const std::size_t most =
+        limit.is_none() ? Buffer::kNoLimit : count_of(limit, "limit", 1, Buffer::kNoLimit);
+    std::vector<Changes> all;
+    {
+        const Released released(true);
+        all = buffer.store.changes(from, most);
+    }
+    const nb::object record = record_type("Changes");
+    const nb::object columns = record_type("Columns");
+    nb::list result;
+    for (const Changes& one : all) {
+        nb::dict gone;
+        for (const auto& edge : one.stored) {
+            if (edge.gone != 0)
+                gone[nb::str(edge.child.c_str(), edge.child.size())] = edge.gone;
+        }
+        result.append(record(one.commit, columns_of(columns, one.stored, false),
+                             columns_of(columns, one.stored, true), tuple_of(one.made),
+                             tuple_of(one.moved), tuple_of(one.cleared), tuple_of(one.removed),
+                             tuple_of(one.passing), gone));
+    }
+    return result;
+}
+
+constexpr const char* kChangesDoc =
+    R"(What the commits after `since` did, one by one in their order.
+
+Whatever the newest state shows is told by the commit that stored it, so who applies every record in
+order to a copy of the state after commit `since` has the newest state. What was evicted, replaced,
+cleared or removed since may not be told any more: a record counts it in `gone`. While a snapshot of
+commit `since`, or of an older one, is held, nothing that it or a later state shows is gone.
+
+Parameters
+----------
+since
+    A commit: that of a snapshot, or the last one that was followed. 0: from the beginning.
+limit
+    The most commits to tell of; None: all.
+
+Returns
+-------
+list[Changes]
+    Empty if nothing was committed since.
+
+Raises
+------
+FeedLapped
+    The feed, which holds the last 16,384 commits or fewer if they are large, does not reach back
+    that far: take a snapshot, and follow from its `commit`.
+InvalidArgument
+    There is no such commit yet, or `limit` is not positive.
+NotSupported
+    The engine keeps no feed: `snapshot` and `giant` do.
+TransactionActive
+    This thread has a transaction open in the store.)";
+
+}  // namespace
+
+void bind_changes(nb::class_<BufferObject, ReadsObject>& type) {
+    type.def("changes", &changes, nb::arg("since").none(), nb::arg("limit").none() = nb::none(),
+             nb::sig("def changes(self, since: int, limit: int | None = None) -> "
+                     "list[tfdb.types.Changes]"),
+             kChangesDoc);
+}
+
+}  // namespace tfdb::python

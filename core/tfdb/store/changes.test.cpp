@@ -1,0 +1,303 @@
+// The change feed: what each commit did, whole, in order, however old it is.
+#include <random>
+
+#include "tfdb/store/transaction_fixture.test.hpp"
+
+namespace tfdb {
+namespace {
+
+using namespace fixture;
+using Names = std::vector<std::string>;
+
+/// True, for the test to end there, in engines that keep no feed.
+bool skipped() {
+    return skipped_in({Concurrency::kFine, Concurrency::kNoWait, Concurrency::kWaitDie,
+                       Concurrency::kWoundWait, Concurrency::kSilo},
+                      "it keeps no feed");
+}
+
+/// The one commit after `since`.
+Changes only(const Buffer& buffer, CommitNumber since) {
+    const std::vector<Changes> all = buffer.changes(since);
+    CHECK_EQ(all.size(), std::size_t{1});
+    return all.empty() ? Changes{} : all.front();
+}
+
+/// Applies a record as a follower does; members of one commit are stored together.
+void follow(Buffer& replica, const Changes& changes) {
+    if (!changes.cleared.empty() && changes.stored.empty())
+        replica.clear();
+    for (const bool is_static : {false, true}) {
+        std::vector<TransformView> batch;
+        for (const auto& edge : changes.stored) {
+            for (std::size_t i = 0; i < edge.poses.size() && edge.is_static == is_static; ++i)
+                batch.push_back({edge.parents[i], edge.child, std::max<StampNs>(edge.stamps[i], 0),
+                                 edge.poses[i]});
+        }
+        replica.set_transforms(batch, is_static, "", {.change_kind = true});
+    }
+    const std::vector<std::string_view> removed(changes.removed.begin(), changes.removed.end());
+    replica.remove_frames(removed, false);
+}
+
+/// Frames, parents and samples are the same, bit for bit.
+void check_same(const Buffer& left, const Buffer& right) {
+    CHECK(left.frames() == right.frames());
+    for (const std::string& name : left.frames()) {
+        const Samples a = left.samples(name);
+        const Samples b = right.samples(name);
+        CHECK(a.stamps == b.stamps);
+        CHECK(a.parents == b.parents);
+        CHECK_EQ(a.poses.size(), b.poses.size());
+        for (std::size_t i = 0; i < std::min(a.poses.size(), b.poses.size()); ++i)
+            CHECK(identical(a.poses[i], b.poses[i]));
+        CHECK(left.parent_of(name) == right.parent_of(name));
+    }
+}
+
+// Random writes, removals and clears over a few names.
+// One thread; the same seed does the same.
+class Writer {
+public:
+    explicit Writer(std::uint64_t seed) : random_(seed) {}
+
+    void act(Buffer& buffer) {
+        clock_ += static_cast<StampNs>(below(5));
+        try {
+            const std::uint64_t chance = below(20);
+            if (chance == 0) {
+                buffer.clear();
+            } else if (chance < 4) {
+                buffer.remove_frame(name(), below(2) == 0);
+            } else {
+                write(buffer, chance < 6);
+            }
+        } catch (const Error&) {
+            ++refused_;  // it leaves no trace in the feed either
+        }
+    }
+    [[nodiscard]] std::uint64_t refused() const { return refused_; }
+    std::uint64_t below(std::uint64_t limit) { return random_() % limit; }
+
+private:
+    std::string name() { return "frame" + std::to_string(below(7)); }
+    void write(Buffer& buffer, bool is_static) {
+        std::vector<std::pair<std::string, std::string>> names(1 + below(4));
+        std::vector<TransformView> batch;
+        const std::uint64_t first = below(7);
+        for (auto& [parent, child] : names) {
+            parent = name();
+            // Each once: a frame that only a replaced member names is in no sample.
+            child = "frame" + std::to_string((first + batch.size()) % 7);
+            const StampNs late = below(4) == 0 ? static_cast<StampNs>(below(30)) : 0;
+            batch.push_back({parent, child, std::max<StampNs>(0, clock_ - late),
+                             pose_of(static_cast<double>(++number_))});
+        }
+        buffer.set_transforms(batch, is_static, "", {.change_kind = below(3) == 0});
+    }
+
+    std::mt19937_64 random_;
+    StampNs clock_ = 100;
+    std::uint64_t number_ = 0;
+    std::uint64_t refused_ = 0;
+};
+
+}  // namespace
+
+TFDB_TEST(changes_tell_what_a_commit_did) {
+    if (skipped())
+        return;
+    Buffer buffer(defaults());
+    CHECK(buffer.changes(0).empty());
+    const TransformView batch[] = {{"map", "odom", 20, pose_of(2)},
+                                   {"map", "odom", 10, pose_of(1)},
+                                   {"odom", "base", 20, pose_of(3)}};
+    buffer.set_transforms(batch, false, "");
+    const Changes first = only(buffer, 0);
+    CHECK_EQ(first.commit, CommitNumber{1});
+    CHECK(first.made == Names({"map", "odom", "base"}));
+    CHECK(first.moved.empty() && first.cleared.empty() && first.removed.empty());
+    CHECK_EQ(first.stored.size(), std::size_t{2});
+    CHECK_EQ(first.stored[0].child, "odom");
+    CHECK(first.stored[0].stamps == std::vector<StampNs>({10, 20}));
+    CHECK(first.stored[0].parents == Names({"map", "map"}));
+    CHECK(identical(first.stored[0].poses[1], buffer.samples("odom").poses[1]));
+
+    set(buffer, "map", "base", 30, pose_of(4));
+    CHECK(only(buffer, 1).moved == Names({"base"}));
+    buffer.set_transform({"map", "base", 0, pose_of(5)}, true, "", {.change_kind = true});
+    const Changes fixed = only(buffer, 2);
+    CHECK(fixed.cleared == Names({"base"}) && fixed.moved.empty());
+    CHECK(fixed.stored.at(0).is_static);
+    CHECK(fixed.stored[0].stamps == std::vector<StampNs>({-1}));
+    buffer.clear();
+    const Changes cleared = only(buffer, 3);
+    CHECK(cleared.cleared == Names({"odom"}) && cleared.moved == Names({"odom"}));
+    CHECK(cleared.stored.empty());
+    buffer.remove_frame("base", false);
+    CHECK(only(buffer, 4).removed == Names({"base"}));
+    CHECK_EQ(buffer.changes(0).size(), std::size_t{5});
+    const auto two = buffer.changes(1, 2);
+    CHECK(two.size() == 2 && two[0].commit == 2 && two[1].commit == 3);
+}
+
+TFDB_TEST(changes_count_what_is_gone_and_keep_names) {
+    if (skipped())
+        return;
+    Buffer buffer(keeping(100));
+    set_static(buffer, "arm", "tool", pose_of(1));
+    set_static(buffer, "arm", "tool", pose_of(2));
+    set(buffer, "map", "odom", 10, pose_of(3));
+    buffer.remove_frame("odom", false);
+    set(buffer, "map", "other", 10, pose_of(4));  // in the slot of the one that is gone
+    const auto all = buffer.changes(0);
+    CHECK(all[0].stored.at(0).gone + all[0].stored[0].poses.size() == 1);
+    CHECK(all[1].stored.at(0).gone == 0);
+    CHECK(identical(all[1].stored[0].poses.at(0), buffer.samples("tool").poses[0]));
+    CHECK(all[2].made == Names({"map", "odom"}));
+    CHECK_EQ(all[2].stored.at(0).child, "odom");
+    CHECK(all[2].stored[0].gone == 1 && all[2].stored[0].poses.empty());
+    CHECK(all[3].removed == Names({"odom"}));
+    CHECK(all[4].made == Names({"other"}));
+}
+
+TFDB_TEST(changes_are_whole_while_a_snapshot_is_held) {
+    if (skipped())
+        return;
+    Buffer buffer(keeping(100));
+    set(buffer, "map", "odom", 0, pose_of(1));
+    const Snapshot held = buffer.snapshot();
+    for (int i = 1; i <= 40; ++i) {
+        set(buffer, "map", "odom", 1000 * i, pose_of(i));
+        set(buffer, "map", "odom", 1000 * i, pose_of(i + 0.5));
+        set_static(buffer, "arm", "tool", pose_of(i));
+        if (i % 8 == 0)
+            buffer.clear();
+        if (i % 16 == 0)
+            buffer.remove_frame("odom", false);
+    }
+    std::uint64_t told = 0;
+    for (const Changes& changes : buffer.changes(held.commit())) {
+        for (const auto& edge : changes.stored) {
+            CHECK_EQ(edge.gone, std::uint64_t{0});
+            told += edge.poses.size();
+        }
+    }
+    CHECK_EQ(told, std::uint64_t{120});
+}
+
+TFDB_TEST(changes_tell_of_frames_that_a_transaction_made_and_removed) {
+    if (skipped())
+        return;
+    Buffer buffer(defaults());
+    set(buffer, "map", "base", 50, pose_of(1));
+    Transaction tx(buffer);
+    put(tx, "ghost", "base", 10, 2);
+    tx.remove_frame("ghost", false);
+    tx.commit();
+    const Changes changes = only(buffer, 1);
+    CHECK(changes.passing == Names({"ghost"}));
+    CHECK(changes.made.empty() && changes.removed.empty() && changes.moved.empty());
+    CHECK(changes.stored.at(0).parents == Names({"ghost"}));
+}
+
+TFDB_TEST(changes_replayed_are_the_same_store) {
+    if (skipped())
+        return;
+    constexpr std::uint64_t kSeeds = 12;
+    std::uint64_t commits = 0;
+    std::uint64_t refused = 0;
+    for (std::uint64_t seed = 1; seed <= kSeeds; ++seed) {
+        Writer writer(seed);
+        const auto history = seed % 2 == 0 ? std::optional<StampNs>(60) : std::nullopt;
+        Buffer buffer(keeping(history));
+        Buffer replica(keeping(history));
+        CommitNumber since = 0;
+        for (int round = 0; round < 60; ++round) {
+            const Snapshot held = buffer.snapshot();
+            for (std::uint64_t left = writer.below(12); left > 0; --left)
+                writer.act(buffer);
+            for (const Changes& changes : buffer.changes(since)) {
+                CHECK_EQ(changes.commit, ++since);
+                follow(replica, changes);
+            }
+            CHECK_EQ(since, buffer.commit());
+            check_same(buffer, replica);
+        }
+        commits += since;
+        refused += writer.refused();
+    }
+    std::printf("  seeds 1..%llu, %llu commits, %llu refused\n",
+                static_cast<unsigned long long>(kSeeds), static_cast<unsigned long long>(commits),
+                static_cast<unsigned long long>(refused));
+    CHECK(commits > 1000 && refused > 100);
+}
+
+TFDB_TEST(changes_that_were_overwritten_are_refused) {
+    if (skipped())
+        return;
+    Buffer buffer(defaults());
+    std::vector<std::string> names;
+    for (int i = 0; i < 2000; ++i)
+        names.push_back("frame" + std::to_string(i));
+    std::vector<TransformView> batch;
+    for (const auto& name : names)
+        batch.push_back({"map", name, 1, pose_of(1)});
+    // Some 30 of them fill the ring.
+    for (StampNs stamp = 1; stamp <= 80; ++stamp) {
+        for (auto& member : batch)
+            member.stamp = stamp;
+        buffer.set_transforms(batch, false, "");
+    }
+    const auto lapped = THROWN(FeedLapped, buffer.changes(3));
+    CHECK(lapped && lapped->detail().since == 3U && lapped->detail().newest == 80);
+    CHECK(says(*lapped, "take a snapshot"));
+    const auto oldest = static_cast<CommitNumber>(lapped->detail().oldest.value());
+    CHECK(oldest > 40 && oldest < 60);
+    const auto rest = buffer.changes(oldest);
+    CHECK_EQ(rest.size(), 80 - oldest);
+    for (const Changes& changes : rest)
+        CHECK(changes.stored.size() == 2000 && changes.stored[7].gone == 0);
+    THROWN(FeedLapped, buffer.changes(oldest - 1));
+    // Commits alone wear the feed out, too.
+    for (StampNs stamp = 100; stamp < 16'600; ++stamp)
+        set(buffer, "map", "frame0", stamp, pose_of(2));
+    CHECK_EQ(buffer.changes(buffer.commit() - 16'000).size(), std::size_t{16'000});
+    THROWN(FeedLapped, buffer.changes(buffer.commit() - 16'400));
+}
+
+TFDB_TEST(changes_of_a_commit_larger_than_the_feed_are_lapped) {
+    if (skipped())
+        return;
+    Buffer buffer(defaults());
+    std::vector<std::string> names;
+    for (int i = 0; i < 66'000; ++i)
+        names.push_back(std::to_string(i));
+    std::vector<TransformView> batch;
+    for (const auto& name : names)
+        batch.push_back({"map", name, 1, pose_of(1)});
+    set(buffer, "map", "odom", 1, pose_of(1));
+    buffer.set_transforms(batch, true, "");
+    THROWN(FeedLapped, buffer.changes(0));
+    THROWN(FeedLapped, buffer.changes(1));
+    CHECK(buffer.changes(2).empty());
+    set(buffer, "map", "odom", 2, pose_of(2));
+    CHECK_EQ(only(buffer, 2).stored.at(0).child, "odom");
+}
+
+TFDB_TEST(changes_are_asked_for_with_sense) {
+    Buffer buffer(defaults());
+    set(buffer, "map", "odom", 1, pose_of(1));
+    if (engine() != Concurrency::kSnapshot && engine() != Concurrency::kGiant) {
+        const auto error = THROWN(NotSupported, buffer.changes(0));
+        CHECK(error && says(*error, concurrency_name(engine())));
+        return;
+    }
+    const auto error = THROWN(InvalidArgument, buffer.changes(2));
+    CHECK(error && says(*error, "no commit 2 yet"));
+    Transaction tx(buffer);
+    put(tx, "map", "odom", 2, 2);
+    THROWN(TransactionActive, buffer.changes(0));
+}
+
+}  // namespace tfdb

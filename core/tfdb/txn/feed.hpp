@@ -1,0 +1,229 @@
+// The change feed: which frames each commit touched, in a ring of words in the region.
+//
+// An index has one word per commit: where its notes begin in the ring and how many words they are.
+// A frame is noted before the commit changes anything of it, and the index word counts each note
+// as it is made: after a writer's death the entry behind the commit word names all that the dead
+// commit may have touched. What a note counts is filled in just before the commit is published.
+// A commit that is undone leaves its place to the next one.
+#pragma once
+
+#include <algorithm>
+#include <cstdint>
+#include <string>
+#include <vector>
+
+#include "tfdb/graph/frames.hpp"
+
+namespace tfdb::txn {
+
+/// Sizes of the feed. Tests that walk every interleaving specialise them to be tiny.
+template <class Memory>
+struct FeedTuning {
+    static constexpr unsigned kCommitsLog2 = 14;
+    static constexpr unsigned kWordsLog2 = 16;
+};
+
+/// Index word of a commit: position of its first word << 20 | how many.
+struct FeedEntry {
+    static constexpr std::uint64_t kTooLarge = kNoFrame;  // more than the ring holds
+
+    static constexpr std::uint64_t pack(std::uint64_t first, std::uint64_t words) {
+        return first << kFrameBits | words;
+    }
+    static constexpr std::uint64_t first(std::uint64_t entry) { return entry >> kFrameBits; }
+    static constexpr std::uint64_t words(std::uint64_t entry) { return entry & kNoFrame; }
+    static constexpr std::uint64_t end(std::uint64_t entry) { return first(entry) + words(entry); }
+};
+
+/// First word of a note: count << 24 | what << 20 | frame. The count is that of samples; behind a
+/// removal that of the name's bytes, which follow in words.
+struct FeedNote {
+    enum What : unsigned {
+        kMade = 1,
+        kMoved = 2,    // its newest parent is another one than before, or none
+        kCleared = 4,  // its samples were dropped, before those were stored that are counted
+        kRemoved = 8,
+    };
+    static constexpr unsigned kWhatBits = 4;
+
+    static constexpr std::uint64_t pack(FrameId id, unsigned what, std::uint64_t count) {
+        return (count << kWhatBits | what) << kFrameBits | id;
+    }
+    static constexpr FrameId id(std::uint64_t note) {
+        return static_cast<FrameId>(note & kNoFrame);
+    }
+    static constexpr unsigned what(std::uint64_t note) {
+        return static_cast<unsigned>(note >> kFrameBits) & ((1U << kWhatBits) - 1);
+    }
+    static constexpr std::uint64_t count(std::uint64_t note) {
+        return note >> (kFrameBits + kWhatBits);
+    }
+    static constexpr std::uint64_t name_words(std::uint64_t note) { return (count(note) + 7) / 8; }
+};
+
+/// Where the words of the feed are.
+/// Threads: any; it is a value. Guarantee: wait-free.
+template <class Memory>
+class Feed {
+public:
+    static constexpr std::uint64_t kCommits = std::uint64_t{1} << FeedTuning<Memory>::kCommitsLog2;
+    static constexpr std::uint64_t kWords = std::uint64_t{1} << FeedTuning<Memory>::kWordsLog2;
+    static constexpr std::size_t kBytes = 8 * (kCommits + kWords);
+    static_assert(kWords < FeedEntry::kTooLarge);
+
+    explicit Feed(const graph::Frames<Memory>& frames)
+        : frames_(frames), block_(frames.store_word(graph::kFeed).load_relaxed()) {}
+
+    /// Puts a feed into a store that has no commits yet; the block's words are zero.
+    static void put_into(const graph::Frames<Memory>& frames, Offset block) {
+        frames.store_word(graph::kFeedFloor).store_relaxed(1);
+        frames.store_word(graph::kFeedLimit).store_relaxed(kWords);
+        frames.store_word(graph::kFeed).store_relaxed(block);
+    }
+
+    /// False: the store keeps none.
+    [[nodiscard]] bool is_kept() const { return block_ != 0; }
+    [[nodiscard]] typename Memory::Word& entry(CommitNumber commit) const {
+        return frames_.memory().word(block_ + 8 * (commit & (kCommits - 1)));
+    }
+    [[nodiscard]] typename Memory::Word& word(std::uint64_t position) const {
+        return frames_.memory().word(block_ + 8 * (kCommits + (position & (kWords - 1))));
+    }
+    /// The oldest commit that is whole in the ring, or the next one if none is. It is raised before
+    /// anything of the older ones is overwritten.
+    [[nodiscard]] typename Memory::Word& floor() const {
+        return frames_.store_word(graph::kFeedFloor);
+    }
+    /// Up to this position nothing is overwritten that is whole.
+    [[nodiscard]] typename Memory::Word& limit() const {
+        return frames_.store_word(graph::kFeedLimit);
+    }
+
+    /// Copies the notes of the commits from `first` to `last`, all of them published: their words
+    /// in a row, and where those of each end. False: some were overwritten.
+    [[nodiscard]] bool read(CommitNumber first, CommitNumber last,
+                            std::vector<std::uint64_t>& words,
+                            std::vector<std::size_t>& ends) const {
+        words.clear();
+        ends.clear();
+        if (last - first >= kCommits)
+            return false;
+        std::vector<std::uint64_t> entries;
+        for (CommitNumber commit = first; commit <= last; ++commit)
+            entries.push_back(entry(commit).load_relaxed());
+        if (!is_whole(first))
+            return false;
+        for (const std::uint64_t found : entries) {
+            for (std::uint64_t at = FeedEntry::first(found); at < FeedEntry::end(found); ++at)
+                words.push_back(word(at).load_relaxed());
+            ends.push_back(words.size());
+        }
+        return is_whole(first);
+    }
+
+private:
+    /// What was read of this commit and later ones was not overwritten before.
+    [[nodiscard]] bool is_whole(CommitNumber first) const {
+        Memory::fence_acquire();
+        return floor().load_relaxed() <= first;
+    }
+
+    graph::Frames<Memory> frames_;
+    Offset block_;
+};
+
+/// Notes what one commit touches.
+/// Threads: only the holder of the commit lock. Guarantee: wait-free; allocates nothing.
+template <class Memory>
+class FeedWriter {
+public:
+    /// `committed`: the newest published commit.
+    FeedWriter(const graph::Frames<Memory>& frames, CommitNumber committed)
+        : feed_(frames), commit_(committed + 1) {
+        if (!feed_.is_kept())
+            return;
+        first_ = FeedEntry::end(feed_.entry(committed).load_relaxed());
+        limit_ = feed_.limit().load_relaxed();
+        if (commit_ >= Words::kCommits && feed_.floor().load_relaxed() <= commit_ - Words::kCommits)
+            raise_floor(commit_ - Words::kCommits + 1);
+        count(0);
+    }
+
+    /// Before anything of the frame is changed. Returns the note's place.
+    std::uint64_t note(FrameId id, unsigned what) {
+        if (!feed_.is_kept())
+            return 0;
+        const std::uint64_t place = words_;
+        put(FeedNote::pack(id, what, 0));
+        return place;
+    }
+    /// The same of a frame that is to be removed. `name_word(i)`: eight bytes of its name.
+    template <class NameWord>
+    std::uint64_t note_removal(FrameId id, std::uint64_t name_bytes, NameWord name_word) {
+        if (!feed_.is_kept())
+            return 0;
+        const std::uint64_t place = words_;
+        const std::uint64_t note = FeedNote::pack(id, FeedNote::kRemoved, name_bytes);
+        put(note);
+        for (std::uint64_t i = 0; i < FeedNote::name_words(note); ++i)
+            put(name_word(i));
+        return place;
+    }
+    /// Before the commit is published: what became of it.
+    void fill_in(std::uint64_t place, FrameId id, unsigned what, std::uint64_t samples) {
+        if (feed_.is_kept() && !too_large_)
+            feed_.word(first_ + place).store_relaxed(FeedNote::pack(id, what, samples));
+    }
+
+private:
+    using Words = Feed<Memory>;
+    /// So much room is made at once.
+    static constexpr std::uint64_t kRoom = std::max<std::uint64_t>(1, Words::kWords / 64);
+
+    void put(std::uint64_t word) {
+        if (first_ + words_ >= limit_ && !make_room()) [[unlikely]]
+            return;
+        feed_.word(first_ + words_).store_relaxed(word);
+        count(++words_);
+    }
+    void count(std::uint64_t words) {
+        feed_.entry(commit_).store_release(FeedEntry::pack(first_, words));
+    }
+    void raise_floor(CommitNumber floor) {
+        feed_.floor().store_relaxed(floor);
+        Memory::fence_release();
+    }
+
+    /// Gives up the oldest commits. False: this one is larger than the ring.
+    [[nodiscard, gnu::noinline]] bool make_room() {
+        if (too_large_)
+            return false;
+        const std::uint64_t at = first_ + words_;
+        CommitNumber floor = feed_.floor().load_relaxed();
+        const auto end_of_room = [&] {
+            const bool any = floor < commit_;
+            return Words::kWords +
+                   (any ? FeedEntry::first(feed_.entry(floor).load_relaxed()) : first_);
+        };
+        while (floor < commit_ && end_of_room() < at + kRoom)
+            ++floor;
+        limit_ = end_of_room();
+        too_large_ = limit_ <= at;
+        if (too_large_) {
+            floor = commit_ + 1;
+            count(FeedEntry::kTooLarge);
+        }
+        feed_.limit().store_relaxed(limit_);
+        raise_floor(floor);
+        return !too_large_;
+    }
+
+    Words feed_;
+    CommitNumber commit_;
+    std::uint64_t first_ = 0;
+    std::uint64_t words_ = 0;
+    std::uint64_t limit_ = 0;
+    bool too_large_ = false;
+};
+
+}  // namespace tfdb::txn
