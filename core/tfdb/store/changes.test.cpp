@@ -161,6 +161,34 @@ TFDB_TEST(changes_count_what_is_gone_and_keep_names) {
     CHECK(all[4].made == Names({"other"}));
 }
 
+TFDB_TEST(changes_count_the_samples_of_any_batch) {
+    if (skipped())
+        return;
+    for (const std::size_t count : {1, 2, 63, 64, 65, 66, 129, 300}) {
+        for (const StampNs late : {0, 1, 40, 1000}) {
+            for (const std::size_t twice : {1, 2}) {  // how often each stamp comes
+                Buffer buffer(defaults());
+                for (const StampNs stamp : {500, 600, 700})
+                    set(buffer, "map", "odom", stamp, pose_of(1));
+                std::vector<TransformView> batch;
+                for (std::size_t i = 0; i < count * twice; ++i)
+                    batch.push_back(
+                        {"map", "odom", 701 - late + static_cast<StampNs>(i / twice), pose_of(2)});
+                for (TransformView& member : batch)
+                    member.stamp = std::max<StampNs>(0, member.stamp + (late > 700 ? 300 : 0));
+                buffer.set_transforms(batch, false, "");
+                const Changes changes = only(buffer, 3);
+                CHECK_EQ(changes.stored.at(0).gone, std::uint64_t{0});
+                CHECK_EQ(changes.stored[0].poses.size(), count);
+                buffer.set_transforms(batch, true, "", {.change_kind = true});
+                const Changes fixed = only(buffer, 4);
+                CHECK(fixed.cleared == Names({"odom"}));
+                CHECK(fixed.stored.at(0).gone == 0 && fixed.stored[0].poses.size() == 1);
+            }
+        }
+    }
+}
+
 TFDB_TEST(changes_are_whole_while_a_snapshot_is_held) {
     if (skipped())
         return;

@@ -95,7 +95,8 @@ std::uint64_t append_items(Store& store, StoreCommit& commit, const Batch& batch
         const auto is_of_edge = [&](std::size_t k) {
             return k < items.size() && items[k].child == child;
         };
-        if (!is_of_edge(i + 1) || batch.is_static()) {
+        const bool alone = !is_of_edge(i + 1) && (i == 0 || items[i - 1].child != child);
+        if (alone || batch.is_static()) {
             fill(items[i]);
             commit.append(child, sample, items[i].index);
             continue;

@@ -28,10 +28,11 @@ struct CommitScratch {
         FrameId id;
         FrameId old_parent;     // newest parent before this commit
         std::uint64_t late;     // how many samples had come late
-        std::uint64_t samples;  // how many this commit adds
-        std::uint64_t note;     // its place in the feed
+        std::uint64_t samples;  // how many this commit adds, where they are counted
+        std::uint64_t note;     // its position in the feed
         unsigned what;          // bits of FeedNote::What
         bool written;           // by `touch`
+        bool one;               // it adds one, where they are not counted
     };
     std::vector<Touched> touched;
     FrameSet touched_frames;            // where each stands in `touched`, removals aside
@@ -103,41 +104,46 @@ public:
             names_.free_name(block);
             throw;
         }
-        add_touched(id, {}, FeedNote::kMade);
+        scratch_.touched_frames.insert(id, static_cast<std::uint32_t>(scratch_.touched.size()));
+        const std::uint64_t note = feed_.note(id, FeedNote::kMade, 0);
+        scratch_.touched.push_back({id, kNoFrame, 0, 0, note, FeedNote::kMade, false, false});
         frames_.make(id, number(), block);
         names_.insert(name, id);
         return id;
     }
 
-    /// True if this commit has written to the frame before; marks it as written.
-    [[nodiscard]] bool touch(FrameId child) {
-        if (scratch_.touched_frames.contains(child))
+    /// True if this commit has written to the frame before; marks it as written. Inline, so that a
+    /// batch waits for the headers of many frames at once.
+    [[nodiscard, gnu::always_inline]] bool touch(FrameId child) {
+        const auto place = static_cast<std::uint32_t>(scratch_.touched.size());
+        if (!scratch_.touched_frames.insert(child, place))
             return std::exchange(touched(child).written, true);
-        reserve_touched();
-        scratch_.touched_frames.make_room(child);
-        add_touched(child,
-                    {newest_parent(child), frames_.word(child, history::kLate).load_relaxed()}, 0);
-        scratch_.touched.back().written = true;
+        const std::uint64_t late = frames_.word(child, history::kLate).load_relaxed();
+        scratch_.touched.push_back({child, newest_parent(child), late, 0, 0, 0, true, true});
+        scratch_.touched.back().note = feed_.note(child, 0, 1);
         return false;
     }
 
-    /// Appends one sample; `touch(child)` came before. The samples of one edge come in stamp order.
+    /// Appends the one sample of an edge, or the last one of a static edge; `touch(child)` came
+    /// before.
     void append(FrameId child, const history::NewSample<Memory>& sample, std::size_t item) {
         auto edge = writer(child);
         const FrameId old_parent = history::Topology::parent(edge.topology());
         relate(child, sample, edge.newest(), item);
         edge.append(context_, sample);
-        // Of static ones the last counts.
-        auto& samples = touched(child).samples;
-        samples = sample.stamp == history::kStaticStamp ? 1 : samples + 1;
+        // Otherwise the feed says so already.
+        if (old_parent != sample.parent)
+            touched(child).one = true;
         hint_depth(child, old_parent, sample.parent);
     }
-    /// The same for samples that come after each other; `item_of(i)` says which one is which.
+    /// The same for samples that come after each other, in the order of their stamps: some of those
+    /// of the edge. `item_of(i)` says which one is which.
     template <class ItemOf>
     void append(FrameId child, std::span<const history::NewSample<Memory>> samples,
                 ItemOf item_of) {
         if (samples.size() == 1) {
             append(child, samples.front(), item_of(0));
+            ++touched(child).samples;
             return;
         }
         auto edge = writer(child);
@@ -188,6 +194,7 @@ public:
     void clear(FrameId child) {
         writer(child).clear(context_);
         touched(child).what |= FeedNote::kCleared;
+        touched(child).one = false;
         what_ |= FeedNote::kCleared;
         frames_.refresh_hint(child);
     }
@@ -199,9 +206,8 @@ public:
         const auto name_word = [&](std::uint64_t i) {
             return frames_.memory().word(name + 8 * i).load_relaxed();
         };
-        const std::uint64_t note =
-            feed_.note_removal(id, name_word(0), [&](std::uint64_t i) { return name_word(i + 1); });
-        scratch_.touched.push_back({id, kNoFrame, 0, 0, note, FeedNote::kRemoved, false});
+        feed_.note_removal(id, name_word(0), [&](std::uint64_t i) { return name_word(i + 1); });
+        scratch_.touched.push_back({id, kNoFrame, 0, 0, 0, FeedNote::kRemoved, false, false});
         what_ |= FeedNote::kRemoved;
         frames_.word(id, history::kDied).store_relaxed(number());
         auto& topology = frames_.word(id, history::kTopology);
@@ -224,9 +230,12 @@ public:
         if (!prepared_)
             prepare();
         count_children();
-        for (const auto& touched : scratch_.touched) {
-            if ((touched.what & FeedNote::kRemoved) == 0)
-                feed_.fill_in(touched.note, touched.id, touched.what, touched.samples);
+        for (const Touched& touched : scratch_.touched) {
+            if ((touched.what | touched.samples) == 0 || (touched.what & FeedNote::kRemoved) != 0)
+                continue;
+            const std::uint64_t samples = touched.one ? 1 : 0;
+            feed_.correct(touched.note, touched.id, touched.what,
+                          std::max(samples, touched.samples));
         }
         frames_.store_word(graph::kCommit).store_release(number());
         published_ = true;
@@ -253,11 +262,6 @@ private:
     static constexpr std::uint64_t kFrameBytes = history::kHeaderBytes + memory::kLineBytes;
 
     using Touched = CommitScratch::Touched;
-    struct Before {
-        FrameId parent = kNoFrame;
-        std::uint64_t late = 0;
-    };
-
     /// Of a frame that `touch` or `frame` was called for.
     [[nodiscard]] Touched& touched(FrameId id) const {
         return scratch_.touched[scratch_.touched_frames.place(id)];
@@ -266,12 +270,6 @@ private:
         // `reserve` alone grows to the very number asked for.
         if (scratch_.touched.size() == scratch_.touched.capacity())
             scratch_.touched.reserve(2 * scratch_.touched.size() + 8);
-    }
-    /// There is room for it, and nothing of the frame is changed yet.
-    void add_touched(FrameId id, const Before& before, unsigned what) {
-        const std::uint64_t note = feed_.note(id, what);
-        scratch_.touched_frames.insert(id, static_cast<std::uint32_t>(scratch_.touched.size()));
-        scratch_.touched.push_back({id, before.parent, before.late, 0, note, what, false});
     }
 
     /// A sample ahead of all others, of the parent that they all have, relates nothing anew.

@@ -3,7 +3,7 @@
 // An index has one word per commit: where its notes begin in the ring and how many words they are.
 // A frame is noted before the commit changes anything of it, and the index word counts each note
 // as it is made: after a writer's death the entry behind the commit word names all that the dead
-// commit may have touched. What a note counts is filled in just before the commit is published.
+// commit may have touched. What a note counts is put right just before the commit is published.
 // A commit that is undone leaves its place to the next one.
 #pragma once
 
@@ -142,37 +142,32 @@ public:
         : feed_(frames), commit_(committed + 1) {
         if (!feed_.is_kept())
             return;
-        first_ = FeedEntry::end(feed_.entry(committed).load_relaxed());
+        at_ = FeedEntry::end(feed_.entry(committed).load_relaxed());
         limit_ = feed_.limit().load_relaxed();
+        entry_ = FeedEntry::pack(at_, 0);
         if (commit_ >= Words::kCommits && feed_.floor().load_relaxed() <= commit_ - Words::kCommits)
             raise_floor(commit_ - Words::kCommits + 1);
-        count(0);
+        feed_.entry(commit_).store_release(entry_);
     }
 
-    /// Before anything of the frame is changed. Returns the note's place.
-    std::uint64_t note(FrameId id, unsigned what) {
-        if (!feed_.is_kept())
-            return 0;
-        const std::uint64_t place = words_;
-        put(FeedNote::pack(id, what, 0));
-        return place;
+    /// Before anything of the frame is changed. Returns the note's position.
+    std::uint64_t note(FrameId id, unsigned what, std::uint64_t count) {
+        const std::uint64_t position = at_;
+        put(FeedNote::pack(id, what, count));
+        return position;
     }
     /// The same of a frame that is to be removed. `name_word(i)`: eight bytes of its name.
     template <class NameWord>
-    std::uint64_t note_removal(FrameId id, std::uint64_t name_bytes, NameWord name_word) {
-        if (!feed_.is_kept())
-            return 0;
-        const std::uint64_t place = words_;
+    void note_removal(FrameId id, std::uint64_t name_bytes, NameWord name_word) {
         const std::uint64_t note = FeedNote::pack(id, FeedNote::kRemoved, name_bytes);
         put(note);
         for (std::uint64_t i = 0; i < FeedNote::name_words(note); ++i)
             put(name_word(i));
-        return place;
     }
     /// Before the commit is published: what became of it.
-    void fill_in(std::uint64_t place, FrameId id, unsigned what, std::uint64_t samples) {
-        if (feed_.is_kept() && !too_large_)
-            feed_.word(first_ + place).store_relaxed(FeedNote::pack(id, what, samples));
+    void correct(std::uint64_t position, FrameId id, unsigned what, std::uint64_t count) {
+        if (position < at_)
+            feed_.word(position).store_relaxed(FeedNote::pack(id, what, count));
     }
 
 private:
@@ -181,49 +176,47 @@ private:
     static constexpr std::uint64_t kRoom = std::max<std::uint64_t>(1, Words::kWords / 64);
 
     void put(std::uint64_t word) {
-        if (first_ + words_ >= limit_ && !make_room()) [[unlikely]]
+        // Without a feed there is no room, either.
+        if (at_ >= limit_ && !make_room()) [[unlikely]]
             return;
-        feed_.word(first_ + words_).store_relaxed(word);
-        count(++words_);
-    }
-    void count(std::uint64_t words) {
-        feed_.entry(commit_).store_release(FeedEntry::pack(first_, words));
+        feed_.word(at_++).store_relaxed(word);
+        feed_.entry(commit_).store_release(++entry_);
     }
     void raise_floor(CommitNumber floor) {
         feed_.floor().store_relaxed(floor);
         Memory::fence_release();
     }
 
-    /// Gives up the oldest commits. False: this one is larger than the ring.
+    /// Gives up the oldest commits. False: this one is larger than the ring, or there is none.
     [[nodiscard, gnu::noinline]] bool make_room() {
-        if (too_large_)
+        if (!feed_.is_kept() || FeedEntry::words(entry_) == FeedEntry::kTooLarge)
             return false;
-        const std::uint64_t at = first_ + words_;
+        const std::uint64_t first = FeedEntry::first(entry_);
         CommitNumber floor = feed_.floor().load_relaxed();
         const auto end_of_room = [&] {
             const bool any = floor < commit_;
             return Words::kWords +
-                   (any ? FeedEntry::first(feed_.entry(floor).load_relaxed()) : first_);
+                   (any ? FeedEntry::first(feed_.entry(floor).load_relaxed()) : first);
         };
-        while (floor < commit_ && end_of_room() < at + kRoom)
+        while (floor < commit_ && end_of_room() < at_ + kRoom)
             ++floor;
         limit_ = end_of_room();
-        too_large_ = limit_ <= at;
-        if (too_large_) {
+        const bool fits = at_ < limit_;
+        if (!fits) {
             floor = commit_ + 1;
-            count(FeedEntry::kTooLarge);
+            entry_ = FeedEntry::pack(first, FeedEntry::kTooLarge);
+            feed_.entry(commit_).store_release(entry_);
         }
         feed_.limit().store_relaxed(limit_);
         raise_floor(floor);
-        return !too_large_;
+        return fits;
     }
 
     Words feed_;
     CommitNumber commit_;
-    std::uint64_t first_ = 0;
-    std::uint64_t words_ = 0;
+    std::uint64_t entry_ = 0;  // as it is in the index
+    std::uint64_t at_ = 0;     // position of the next note
     std::uint64_t limit_ = 0;
-    bool too_large_ = false;
 };
 
 }  // namespace tfdb::txn

@@ -77,13 +77,14 @@ struct Store {
     void apply(const Step& step) {
         const CommitNumber committed = commit().load_relaxed();
         FeedWriter<Memory> writer(frames, committed);
-        std::vector<std::uint64_t> places;
+        const auto goes = [&](FrameId id) { return step.removes && id == step.frames.back(); };
+        std::vector<std::uint64_t> notes;
         for (const FrameId id : step.frames) {
-            places.push_back(
-                step.removes && id == step.frames.back()
-                    ? writer.note_removal(id, kNameBytes,
-                                          [id](std::uint64_t i) { return name_word(id, i); })
-                    : writer.note(id, 0));
+            if (goes(id))
+                writer.note_removal(id, kNameBytes,
+                                    [id](std::uint64_t i) { return name_word(id, i); });
+            else
+                notes.push_back(writer.note(id, 0, 1));
             changed(id).store_release(committed + 1);
         }
         if (step.aborted) {
@@ -91,10 +92,8 @@ struct Store {
                 changed(id).store_release(0);
             return;
         }
-        for (std::size_t i = 0; i < places.size(); ++i) {
-            if (!step.removes || i + 1 < places.size())
-                writer.fill_in(places[i], step.frames[i], FeedNote::kMoved, step.frames[i] + 1);
-        }
+        for (std::size_t i = 0; i < notes.size(); ++i)
+            writer.correct(notes[i], step.frames[i], FeedNote::kMoved, step.frames[i] + 1);
         commit().store_release(committed + 1);
     }
 

@@ -20,16 +20,17 @@ public:
     [[nodiscard]] std::uint32_t place(FrameId id) const { return entries_[id].place; }
     /// False: it was there.
     bool insert(FrameId id, std::uint32_t place = 0) {
-        if (contains(id))
-            return false;
         make_room(id);
-        entries_[id] = {round_, place};
+        Entry& entry = entries_[id];
+        if (entry.round == round_)
+            return false;
+        entry = {round_, place};
         return true;
     }
     /// To insert a frame up to this one then asks for no memory.
     void make_room(FrameId id) {
-        if (id >= entries_.size())
-            entries_.resize(std::size_t{id} + 1 + entries_.size() / 2);
+        if (id >= entries_.size()) [[unlikely]]
+            grow(id);
     }
 
 private:
@@ -37,6 +38,10 @@ private:
         std::uint64_t round = 0;  // in which it was inserted last
         std::uint32_t place = 0;
     };
+    [[gnu::noinline]] void grow(FrameId id) {
+        entries_.resize(std::size_t{id} + 1 + entries_.size() / 2);
+    }
+
     std::vector<Entry> entries_;
     std::uint64_t round_ = 1;
 };
