@@ -38,6 +38,11 @@ enum class ErrorCode : std::uint8_t {
     kForked,
     kFeedLapped,
     kNotSupported,
+    kNoSuchStore,
+    kStoreExists,
+    kCorruptStore,
+    kReadOnly,
+    kLockTimeout,
 };
 
 /// A member of a batch that was refused, and why.
@@ -69,6 +74,8 @@ struct ErrorDetail {
     std::optional<std::uint64_t> offset;  // position in the message's bytes
     std::optional<std::uint64_t> commit;  // snapshot asked
     std::optional<std::uint64_t> since;   // commit that changes were asked from
+    std::string path;                     // of a store's file
+    std::optional<std::int64_t> pid;      // of the process in the way
     std::vector<RefusedMember> refused;   // every refused member of a batch, in its order
 };
 
@@ -120,6 +127,11 @@ using WrongThread = ErrorOf<ErrorCode::kWrongThread>;
 using Forked = ErrorOf<ErrorCode::kForked>;
 using FeedLapped = ErrorOf<ErrorCode::kFeedLapped>;
 using NotSupported = ErrorOf<ErrorCode::kNotSupported>;
+using NoSuchStore = ErrorOf<ErrorCode::kNoSuchStore>;
+using StoreExists = ErrorOf<ErrorCode::kStoreExists>;
+using CorruptStore = ErrorOf<ErrorCode::kCorruptStore>;
+using ReadOnly = ErrorOf<ErrorCode::kReadOnly>;
+using LockTimeout = ErrorOf<ErrorCode::kLockTimeout>;
 
 /// A message whose bytes cannot be what they claim to be. Fields: offset, reason.
 class CorruptMessage : public ErrorOf<ErrorCode::kCorruptMessage> {

@@ -1,6 +1,7 @@
 // The frame table: one header per frame, born and removed by commits, slots reused after that.
 #pragma once
 
+#include <algorithm>
 #include <cstdint>
 
 #include "tfdb/base/types.hpp"
@@ -32,6 +33,14 @@ public:
     }
     [[nodiscard]] typename Memory::Word& store_word(StoreWord w) const {
         return memory_->word(root_ + 8 * w);
+    }
+    /// One of the words with which this process says what it reads: see Pins.
+    [[nodiscard]] typename Memory::Word& pin_word(StoreWord first, unsigned w) const {
+        if constexpr (requires { memory_->pins(); }) {
+            if (typename Memory::Word* const pins = memory_->pins(); pins != nullptr)
+                return pins[(first == kHeldPins ? 0 : kPinWords) + w];
+        }
+        return store_word(static_cast<StoreWord>(first + w));
     }
     [[nodiscard]] std::uint64_t topology(FrameId id) const {
         return word(id, history::kTopology).load_acquire();
@@ -67,17 +76,23 @@ public:
     }
     [[nodiscard]] std::uint32_t max_frames() const { return max_frames_; }
 
-    /// A fresh slot, or kNoFrame if all are taken.
+    /// A fresh slot, or kNoFrame if all are taken. May throw CapacityExceeded.
     [[nodiscard]] FrameId take_fresh_slot() const {
         const std::uint32_t count = this->count();
         if (count >= max_frames_)
             return kNoFrame;
+        // Where pages must be had before they are written to.
+        if constexpr (requires { memory_->touch(Offset{}, std::size_t{}, true); }) {
+            memory_->touch(header(count), history::kHeaderBytes, count == 0);
+            memory_->touch(header(max_frames_) + 8 * Offset{count}, 8, count == 0);
+        }
         return count;
     }
 
     /// The slot's former frame is no more, in any state: readers in its midst find out by `born`.
     void seal(FrameId id) const {
-        const std::uint64_t generation = (word(id, history::kBorn).load_relaxed() + 1) & kNoFrame;
+        // The last one stays, so that its slot stays out of use.
+        const std::uint64_t generation = std::min(this->generation(id) + 1, kLastGeneration);
         word(id, history::kBorn).store_release(kMaxCommit << kFrameBits | generation);
         Memory::fence_release();
     }
@@ -127,6 +142,11 @@ public:
         store_word(kFreeTail).store_relaxed(link);
         if (first_full() == kNoFrame)
             store_word(kFreeFull).store_relaxed(link);
+    }
+    /// After a death, before all others are listed: an empty slot.
+    void push_empty(FrameId id) const {
+        push_retired(id);
+        store_word(kFreeFull).store_relaxed(0);
     }
     /// An empty slot whose frame nobody ever saw is reused before all others.
     void push_unseen(FrameId id) const {

@@ -29,8 +29,17 @@ enum StoreWord : unsigned {
     kFeed = 42,       // where the change feed is, 0 if none is kept: see txn::Feed
     kFeedFloor = 43,  // the oldest commit that is whole in it
     kFeedLimit = 44,  // up to this position its ring has room
-    kStoreWords = 48,
+    // What a store was made with.
+    kFrameTable = 48,
+    kMaxFrameCount = 49,
+    kHistory = 50,
+    kSnapshotMemory = 51,
+    kAuthorities = 52,  // the newest of a list of names: see store::Authorities
+    kStoreWords = 56,
 };
+
+/// Words of one set of pins, with those that keep two sets in different cache lines.
+inline constexpr unsigned kPinWords = 8;
 
 /// The word that says where the name table is. The version makes a block that was freed and used
 /// again a different word.

@@ -125,6 +125,27 @@ public:
         }
     }
 
+    /// Counts its entries anew, after a death between an entry and its count.
+    void recount() const {
+        const std::uint64_t table = frames_.store_word(kNames).load_relaxed();
+        std::uint64_t filled = 0;
+        for (std::uint64_t i = 0; !TableWord::empty(table) && i < TableWord::capacity(table); ++i)
+            filled += entry(table, i).load_relaxed() != 0 ? 1 : 0;
+        store_filled(filled);
+    }
+    /// Every block that names and their table lie in: visit(offset, bytes).
+    template <class Visit>
+    void visit_blocks(Visit visit) const {
+        const std::uint64_t table = frames_.store_word(kNames).load_relaxed();
+        if (!TableWord::empty(table))
+            visit(TableWord::block(table), 8 * TableWord::capacity(table));
+        for (FrameId id = 0; id < frames_.count(); ++id) {
+            const Offset block = frames_.word(id, history::kName).load_relaxed();
+            if (block != 0)
+                visit(block, name_bytes(memory_->word(block).load_relaxed()));
+        }
+    }
+
     /// The frame's name as it stands now.
     [[nodiscard]] std::string name(FrameId id) const {
         const Offset block = frames_.word(id, history::kName).load_acquire();

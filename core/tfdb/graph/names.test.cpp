@@ -6,13 +6,13 @@
 #include <set>
 
 #include "tfdb/base/error.hpp"
-#include "tfdb/memory/private_memory.hpp"
+#include "tfdb/memory/region.hpp"
 #include "tfdb/testing/check.hpp"
 
 namespace tfdb::graph {
 namespace {
 
-using Memory = memory::PrivateMemory;
+using Memory = memory::Region;
 
 /// A frame table with its names, driven as a commit does.
 /// Threads: one. Guarantee: none but what the tables give.

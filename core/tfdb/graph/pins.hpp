@@ -20,14 +20,14 @@ class Pins {
 public:
     static constexpr unsigned kCounts = 3;
 
-    /// `first`: the first of the words that they take.
+    /// `first`: kHeldPins or kReadPins, the first of the words that they take.
     Pins(const Frames<Memory>& frames, StoreWord first) : frames_(&frames), first_(first) {}
 
     /// Counts one in, in the count that it returns. The full fence pairs with the one in `oldest`:
     /// either that sees the pin, or the commit that is loaded next is no older than its floor.
     [[nodiscard]] unsigned take() const {
         // Any count would do: an old hint costs nothing but time.
-        const auto chosen = static_cast<unsigned>(hint().load_relaxed());
+        const unsigned chosen = in_range(word(kHint).load_relaxed());
         count(chosen).fetch_add(1);
         Memory::fence_full();
         return chosen;
@@ -37,30 +37,45 @@ public:
     /// No state that is counted, or will be, is older. `committed` was published before.
     [[nodiscard]] CommitNumber oldest(CommitNumber committed) const {
         Memory::fence_full();
+        return oldest_of(
+            [this](unsigned w) -> auto& { return word(w); }, committed);
+    }
+    /// The same of pins anywhere, after a full fence: `word(w)` gives their words.
+    template <class WordAt>
+    [[nodiscard]] static CommitNumber oldest_of(WordAt word, CommitNumber committed) {
         CommitNumber oldest = committed;
         unsigned empty = kCounts;
         for (unsigned i = 0; i < kCounts; ++i) {
-            if (count(i).load_relaxed() != 0) {
-                oldest = std::min<CommitNumber>(oldest, floor(i).load_relaxed());
+            if (word(i).load_relaxed() != 0) {
+                oldest = std::min<CommitNumber>(oldest, word(kCounts + i).load_relaxed());
                 continue;
             }
-            floor(i).store_relaxed(committed);
+            word(kCounts + i).store_relaxed(committed);
             empty = i;
         }
-        if (empty != kCounts &&
-            count(static_cast<unsigned>(hint().load_relaxed())).load_relaxed() != 0)
-            hint().store_relaxed(empty);
+        if (empty != kCounts && word(in_range(word(kHint).load_relaxed())).load_relaxed() != 0)
+            word(kHint).store_relaxed(empty);
         return oldest;
+    }
+    /// Of pins that nobody has taken yet: a floor for the first ones.
+    template <class WordAt>
+    static void begin(WordAt word, CommitNumber committed) {
+        for (unsigned i = 0; i < kCounts; ++i)
+            word(kCounts + i).store_relaxed(committed);
     }
 
 private:
+    static constexpr unsigned kHint = 2 * kCounts;  // which count the next one goes to
+    static_assert(kHint < kPinWords, "they fit where they are kept");
+
     [[nodiscard]] typename Memory::Word& word(unsigned w) const {
-        return frames_->store_word(static_cast<StoreWord>(first_ + w));
+        return frames_->pin_word(first_, w);
     }
     [[nodiscard]] typename Memory::Word& count(unsigned i) const { return word(i); }
-    [[nodiscard]] typename Memory::Word& floor(unsigned i) const { return word(kCounts + i); }
-    /// Which count the next one goes to.
-    [[nodiscard]] typename Memory::Word& hint() const { return word(2 * kCounts); }
+    /// Others than this program may have written it.
+    [[nodiscard]] static constexpr unsigned in_range(std::uint64_t chosen) {
+        return chosen < kCounts ? static_cast<unsigned>(chosen) : 0;
+    }
 
     const Frames<Memory>* frames_;
     StoreWord first_;

@@ -6,13 +6,13 @@
 #include <vector>
 
 #include "tfdb/history/edge_writer.hpp"
-#include "tfdb/memory/private_memory.hpp"
+#include "tfdb/memory/region.hpp"
 #include "tfdb/testing/check.hpp"
 
 namespace tfdb::history {
 namespace {
 
-using Memory = memory::PrivateMemory;
+using Memory = memory::Region;
 
 constexpr StampNs kClearMarker = -3;  // stands for a clear
 

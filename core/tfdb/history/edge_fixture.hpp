@@ -7,17 +7,17 @@
 
 #include "tfdb/history/edge_view.hpp"
 #include "tfdb/history/edge_writer.hpp"
-#include "tfdb/memory/private_memory.hpp"
+#include "tfdb/memory/region.hpp"
 #include "tfdb/testing/check.hpp"
 
 namespace tfdb::history::fixture {
 
 /// Counts how often somebody looks at a word.
-/// Threads: one. Guarantee: as PrivateMemory.
-struct Memory : memory::PrivateMemory {
+/// Threads: one. Guarantee: as Region.
+struct Memory : memory::Region {
     [[nodiscard]] Word& word(Offset offset) const noexcept {
         ++looks;
-        return PrivateMemory::word(offset);
+        return Region::word(offset);
     }
     mutable std::uint64_t looks = 0;
 };

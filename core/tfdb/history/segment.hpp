@@ -431,6 +431,24 @@ public:
         return samples;
     }
 
+    /// Every block that the edge's newest version lies in: visit(offset, bytes), and
+    /// held(bytes) what of its segments is noted as shown by held states alone.
+    template <class Visit, class Held>
+    void visit_blocks(Visit visit, Held held) const {
+        for (std::uint64_t k = begin(); k <= end(); ++k) {
+            const std::uint64_t found = word_of(k);
+            if (SegmentWord::block(found) == 0)
+                continue;
+            visit(SegmentWord::block(found), Segment<Memory>::bytes(SegmentWord::capacity(found)));
+            held(segment(found).meta(kHeld).load_relaxed());
+        }
+        if (const Offset list = directory().block(); list != 0)
+            visit(list, Directory<Memory>::bytes(directory().word(kDirCapacity).load_relaxed()));
+        const std::uint64_t older = word(kOlder).load_relaxed();
+        if ((older & kTakenBack) != 0)
+            visit(older & ~kTakenBack, kVersionBytes);
+    }
+
     [[nodiscard]] std::uint64_t begin() const { return directory_word(kDirBegin); }
     /// Where the tail is.
     [[nodiscard]] std::uint64_t end() const { return directory_word(kDirEnd); }

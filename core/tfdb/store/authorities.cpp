@@ -1,7 +1,12 @@
 #include "tfdb/store/authorities.hpp"
 
 #include <algorithm>
+#include <cstring>
 #include <mutex>
+#include <utility>
+
+#include "tfdb/base/error.hpp"
+#include "tfdb/graph/names.hpp"
 
 namespace tfdb::store {
 
@@ -35,27 +40,92 @@ std::uint64_t Authorities::id(std::string_view name) {
     return last.id;
 }
 
+void Authorities::share(memory::Region& region, sync::Word& newest) {
+    region_ = &region;
+    newest_ = &newest;
+    most_.store_relaxed(kMostShared);
+}
+
 std::uint64_t Authorities::find_or_add(std::string_view name) {
     const std::lock_guard guard(lock_);
-    const auto known = ids_.find(name);
+    auto known = ids_.find(name);
+    if (known == ids_.end() && region_ != nullptr) {
+        learn();
+        known = ids_.find(name);
+    }
     if (known != ids_.end())
         return known->second;
-    const auto added = ids_.emplace(name, last_id_ + 1).first;
+    if (region_ != nullptr)
+        list(name, last_id_ + 1);
+    enter(name, last_id_ + 1);
+    return last_id_;
+}
+
+void Authorities::enter(std::string_view name, std::uint64_t id) {
+    const auto added = ids_.emplace(name, id).first;
     try {
-        names_.emplace(last_id_ + 1, &added->first);
+        names_.emplace(id, &added->first);
     } catch (...) {
         ids_.erase(added);
         throw;
     }
     count_.store_relaxed(ids_.size());
-    return ++last_id_;
+    last_id_ = id;
 }
 
-std::optional<std::string> Authorities::name(std::uint64_t id) const {
+void Authorities::list(std::string_view name, std::uint64_t id) {
+    if (id > kMostShared) {
+        throw CapacityExceeded("the store knows " + std::to_string(kMostShared) +
+                               " authorities already: give those who write fewer names");
+    }
+    const Offset block = region_->allocate(Listed::bytes(name.size()));
+    const auto word = [&](Offset at) -> sync::Word& { return region_->word(block + at); };
+    word(Listed::kNext).store_relaxed(newest_->load_relaxed());
+    word(Listed::kNumber).store_relaxed(id);
+    word(Listed::kSize).store_relaxed(name.size());
+    for (std::size_t at = 0; at < name.size(); at += 8)
+        word(Listed::kText + at).store_relaxed(graph::name_word(name, at));
+    newest_->store_release(block);
+}
+
+void Authorities::learn() {
+    struct Found {
+        std::uint64_t id;
+        std::string name;
+    };
+    std::vector<Found> found;
+    const Offset end = region_->end();
+    for (Offset block = newest_->load_acquire(); block != 0 && block + Listed::kText <= end;) {
+        const auto word = [&](Offset at) { return region_->word(block + at).load_relaxed(); };
+        const std::uint64_t id = word(Listed::kNumber);
+        const std::uint64_t size = word(Listed::kSize);
+        const bool is_listed = size <= end && block + Listed::bytes(size) <= end;
+        if (id <= last_id_ || !is_listed)
+            break;
+        std::string name(size + 7, '\0');
+        for (std::size_t at = 0; at < size; at += 8) {
+            const std::uint64_t eight = word(Listed::kText + at);
+            std::memcpy(name.data() + at, &eight, 8);
+        }
+        name.resize(size);
+        found.push_back({id, std::move(name)});
+        block = word(Listed::kNext);
+    }
+    for (; !found.empty(); found.pop_back())
+        enter(found.back().name, found.back().id);
+}
+
+std::optional<std::string> Authorities::name(std::uint64_t id) {
     if (id == 0)
         return std::string();
     const std::lock_guard guard(lock_);
-    const auto found = names_.find(id);
+    auto found = names_.find(id);
+    if (found == names_.end() && region_ != nullptr) {
+        learn();
+        found = names_.find(id);
+        if (found == names_.end())
+            return std::string();  // none that processes which write by the rules could leave
+    }
     return found == names_.end() ? std::nullopt : std::optional(*found->second);
 }
 

@@ -2,31 +2,103 @@
 
 #include <algorithm>
 #include <array>
+#include <new>
+#include <optional>
 #include <string>
+#include <utility>
+#include <vector>
 
 #include "tfdb/store/store.hpp"
 #include "tfdb/store/validate.hpp"
+#include "tfdb/txn/repair.hpp"
 
 namespace tfdb {
 
-store::Store::Store(const BufferOptions& options)
-    : memory(options.memory_limit.value_or(StoreMemory::kNoLimit)),
-      history(options.history_ns.value_or(history::kForever)),
-      snapshot_memory(options.snapshot_memory),
+graph::Frames<StoreMemory> store::Store::forest_in(StoreMemory& memory,
+                                                   const BufferOptions& options) {
+    const Offset root = StoreMemory::root();
+    const auto word = [&](graph::StoreWord w) -> sync::Word& { return memory.word(root + 8 * w); };
+    if (memory.end() <= root) {
+        (void)memory.allocate(graph::kStoreBytes);
+        word(graph::kMaxFrameCount).store_relaxed(options.max_frames);
+        const Offset block = memory.allocate_sparse(
+            StoreFeed::kBytes + graph::Frames<StoreMemory>::bytes(options.max_frames));
+        memory.touch(block, StoreFeed::kBytes, true);
+        word(graph::kFrameTable).store_relaxed(block + StoreFeed::kBytes);
+        word(graph::kHistory)
+            .store_relaxed(history::as_word(options.history_ns.value_or(history::kForever)));
+        word(graph::kSnapshotMemory).store_relaxed(options.snapshot_memory);
+        // Whoever writes beside others would have to note it beside them.
+        if (options.concurrency == Concurrency::kSnapshot ||
+            options.concurrency == Concurrency::kGiant)
+            StoreFeed::put_into({memory, root, block + StoreFeed::kBytes, options.max_frames},
+                                block);
+    }
+    const std::uint64_t most = word(graph::kMaxFrameCount).load_relaxed();
+    const Offset table = word(graph::kFrameTable).load_relaxed();
+    const StampNs kept = history::as_stamp(word(graph::kHistory).load_relaxed());
+    const Offset feed = word(graph::kFeed).load_relaxed();
+    const bool sound = most > 0 && most <= kMaxFrames && table > root &&
+                       table <= memory.capacity() &&
+                       graph::Frames<StoreMemory>::bytes(static_cast<std::uint32_t>(most)) <=
+                           memory.capacity() - table &&
+                       (feed == 0 || feed + StoreFeed::kBytes == table) &&
+                       word(graph::kFrameCount).load_relaxed() <= most && kept > 0;
+    if (!sound)
+        throw CorruptStore("a store's header says what cannot be: it was damaged");
+    return {memory, root, table, static_cast<std::uint32_t>(most)};
+}
+
+std::uint64_t store::Store::layout() {
+    using Sizes = history::Tuning<StoreMemory>;
+    constexpr std::uint64_t kVersion = 1;
+    std::uint64_t layout = kVersion;
+    for (const std::uint64_t part :
+         {std::uint64_t{history::kHeaderWords}, std::uint64_t{graph::kStoreWords},
+          std::uint64_t{StoreMemory::kPayloadWords}, std::uint64_t{memory::kSizeClasses},
+          std::uint64_t{Sizes::kFullLog2}, std::uint64_t{Sizes::kLargestLog2},
+          std::uint64_t{Sizes::kFanLog2}})
+        layout = layout * 4099 + part;
+    return layout;
+}
+
+store::Store::Store(const BufferOptions& options) : Store(nullptr, options) {}
+
+store::Store::Store(memory::SharedFile file)
+    : Store(std::make_unique<memory::SharedFile>(std::move(file)), {}) {}
+
+store::Store::Store(std::unique_ptr<memory::SharedFile> file, const BufferOptions& options)
+    : shared(std::move(file)),
+      memory(shared == nullptr ? memory::Mapping::reserve() : std::move(shared->data),
+             options.memory_limit.value_or(StoreMemory::kNoLimit)),
+      frames(forest_in(memory, options)),
+      history(history::as_stamp(word(graph::kHistory).load_relaxed())),
+      snapshot_memory(word(graph::kSnapshotMemory).load_relaxed()),
       concurrency(options.concurrency),
-      frames(memory, memory.allocate(graph::kStoreBytes),
-             memory.allocate_sparse(graph::Frames<StoreMemory>::bytes(options.max_frames)),
-             options.max_frames),
       names(frames),
       held_pins(frames, graph::kHeldPins),
       read_pins(frames, graph::kReadPins),
-      lock(frames.store_word(graph::kCommitLock)),
+      lock(shared == nullptr ? word(graph::kCommitLock) : process_lock, shared.get(), *this),
       engine(store::make_engine(*this)) {
     sync::watch_forks();
     home_process.store_relaxed(sync::forks() << kForksShift);
-    // Whoever writes beside others would have to note it beside them.
-    if (concurrency == Concurrency::kSnapshot || concurrency == Concurrency::kGiant)
-        StoreFeed::put_into(frames, memory.allocate_sparse(StoreFeed::kBytes));
+    if (shared != nullptr)
+        join();
+}
+
+/// Says to writers where to see what this process reads.
+void store::Store::join() {
+    if (shared->control == nullptr)
+        unseen_pins = std::make_unique<std::array<sync::Word, 2 * graph::kPinWords>>();
+    sync::Word* const pins = unseen_pins != nullptr ? unseen_pins->data() : shared->control->pins();
+    using Pins = graph::Pins<StoreMemory>;
+    Pins::begin(
+        [&](unsigned w) -> auto& { return pins[w]; }, committed());
+    Pins::begin(
+        [&](unsigned w) -> auto& { return pins[graph::kPinWords + w]; },
+        word(graph::kEpoch).load_acquire());
+    memory.set_pins(pins);
+    authorities.share(memory, word(graph::kAuthorities));
 }
 
 store::Store::~Store() = default;
@@ -82,10 +154,31 @@ StoreCommit store::Store::start_commit() {
 bool store::Store::keeps_too_much() const {
     constexpr std::size_t kKept = history::Tuning<StoreMemory>::kKept;
     const std::size_t replaced = memory.retired_bytes(memory::Line::kReplaced);
-    const std::size_t held = word(graph::kHeldBytes).load_relaxed() +
+    // Deaths may leave it below zero.
+    const auto noted = static_cast<std::int64_t>(word(graph::kHeldBytes).load_relaxed());
+    const std::size_t held = static_cast<std::size_t>(std::max<std::int64_t>(noted, 0)) +
                              memory.retired_bytes(memory::Line::kEnded) +
                              (replaced > kKept ? replaced - kKept : 0);
     return held > snapshot_memory;
+}
+
+/// Of all processes: `first`, which words of their slots to look at.
+CommitNumber store::Store::oldest_pinned(const graph::Pins<StoreMemory>& mine, unsigned first,
+                                         CommitNumber newest) const {
+    CommitNumber oldest = mine.oldest(newest);
+    if (shared == nullptr) [[likely]]
+        return oldest;
+    const memory::Control& control = *shared->control;
+    for (unsigned i = 0; i < control.slots(); ++i) {
+        sync::Word* const words = control.slot(i) + first;
+        if (words == control.pins() + first)
+            continue;
+        const CommitNumber theirs = graph::Pins<StoreMemory>::oldest_of(
+            [&](unsigned w) -> auto& { return words[w]; }, newest);
+        if (theirs < oldest && !control.free_if_dead(i))
+            oldest = theirs;
+    }
+    return oldest;
 }
 
 CommitNumber store::Store::oldest_read() {
@@ -93,12 +186,50 @@ CommitNumber store::Store::oldest_read() {
     auto& given_up = word(graph::kGivenUp);
     if (keeps_too_much())
         given_up.store_relaxed(newest);
-    return std::max<CommitNumber>(held_pins.oldest(newest), given_up.load_relaxed());
+    return std::max<CommitNumber>(oldest_pinned(held_pins, 0, newest), given_up.load_relaxed());
 }
 
 std::uint64_t store::Store::begin_epoch() {
     const std::uint64_t epoch = word(graph::kEpoch).fetch_add(1) + 1;
-    return keeps_too_much() ? epoch : read_pins.oldest(epoch);
+    return keeps_too_much() ? epoch : oldest_pinned(read_pins, graph::kPinWords, epoch);
+}
+
+void store::Store::repair() noexcept {
+    // As many deaths leave few blocks unused; to look for those takes longer than all the rest.
+    constexpr std::uint64_t kDeathsBetweenSweeps = 64;
+    sync::Word& deaths = shared->control->deaths();
+    memory.repair();
+    txn::Repair<StoreMemory>(frames, history, *this).run();
+    const std::uint64_t died = deaths.load_relaxed() + 1;
+    if (died - shared->control->swept_deaths().load_relaxed() >= kDeathsBetweenSweeps) {
+        try {
+            sweep();
+            shared->control->swept_deaths().store_relaxed(died);
+        } catch (const std::bad_alloc&) {
+            // Nothing was freed: the next death asks again.
+            shared->control->swept_deaths().store_relaxed(died - kDeathsBetweenSweeps + 1);
+        }
+    }
+    deaths.store_relaxed(died);
+}
+
+void store::Store::sweep() {
+    std::vector<StoreMemory::Block> in_use;
+    const auto visit = [&](Offset offset, std::size_t bytes) { in_use.push_back({offset, bytes}); };
+    std::uint64_t held = 0;
+    visit(StoreMemory::root(), graph::kStoreBytes);
+    names.visit_blocks(visit);
+    authorities.visit_blocks(visit);
+    for (FrameId id = 0; id < frames.count(); ++id) {
+        history::EdgeSegments<StoreMemory>(memory, frames.header(id))
+            .visit_blocks(visit, [&](std::uint64_t bytes) { held += bytes; });
+        if (frames.word(id, history::kDied).load_relaxed() != 0)
+            held += StoreCommit::kFrameBytes;
+    }
+    word(graph::kGivenUp).store_relaxed(committed());
+    const std::uint64_t epoch = word(graph::kEpoch).fetch_add(1) + 1;
+    memory.sweep(std::move(in_use), epoch, committed());
+    word(graph::kHeldBytes).store_relaxed(held);
 }
 
 namespace {
@@ -113,6 +244,10 @@ BufferOptions checked(const BufferOptions& options) {
     }
     return options;
 }
+
+constexpr std::size_t kPage = 4096;
+constexpr std::size_t kLeastSize = std::size_t{8} << 20;
+constexpr std::size_t kLargestSize = std::size_t{1} << 40;
 
 constexpr std::array<std::string_view, kConcurrencies> kConcurrencyNames = {
     "snapshot", "giant", "fine", "2pl-no-wait", "2pl-wait-die", "2pl-wound-wait", "silo"};
@@ -136,6 +271,52 @@ Concurrency concurrency_of(std::string_view name) {
 
 Buffer::Buffer(const BufferOptions& options)
     : Reads(std::make_shared<store::Store>(checked(options)), kFresh) {}
+
+Buffer::Buffer(std::shared_ptr<store::Store> store) : Reads(std::move(store), kFresh) {}
+
+void Buffer::create(const std::string& path, const ShareOptions& share,
+                    const BufferOptions& options) {
+    if (options.concurrency != Concurrency::kSnapshot || options.memory_limit) {
+        throw InvalidArgument(
+            "a store that processes share has the concurrency \"snapshot\", and its size as limit");
+    }
+    const std::size_t table =
+        graph::Frames<StoreMemory>::bytes(checked(options).max_frames) + kLeastSize;
+    if (share.size < table || share.size > kLargestSize) {
+        throw InvalidArgument("a store for " + std::to_string(options.max_frames) +
+                              " frames needs a size between " + std::to_string(table) + " and " +
+                              std::to_string(kLargestSize) + " bytes");
+    }
+    memory::NewSharedFile file(path, memory::round_up(share.size, kPage), share.mode, share.group);
+    {
+        StoreMemory memory(file.map());
+        (void)store::Store::forest_in(memory, options);
+    }
+    file.publish(store::Store::layout());
+}
+
+Buffer Buffer::open(const std::string& path, bool writable) {
+    return Buffer(std::make_shared<store::Store>(
+        memory::open_shared(path, writable, store::Store::layout())));
+}
+
+void Buffer::unlink(const std::string& path) {
+    memory::unlink_shared(path);
+}
+
+std::optional<SharedUse> Buffer::shared() const {
+    if (store_->shared == nullptr)
+        return std::nullopt;
+    SharedUse use;
+    use.path = store_->shared->path;
+    use.writable = store_->shared->writable;
+    use.size = store_->memory.capacity();
+    if (store_->shared->control != nullptr) {
+        use.repairs = store_->shared->control->deaths().load_relaxed();
+        use.processes = store_->shared->control->count_open();
+    }
+    return use;
+}
 
 void Buffer::check_not_in_transaction() const {
     store::check_not_in_transaction(*store_);
@@ -194,7 +375,10 @@ Concurrency Buffer::concurrency() const {
 
 MemoryUse Buffer::memory() const {
     store::check_may_wait(*store_);
-    const store::Alone alone(*store_);
+    // Who may not write may not lock: what it counts then may change under its eyes.
+    std::optional<store::Alone> alone;
+    if (store_->shared == nullptr || store_->shared->writable)
+        alone.emplace(*store_);
     MemoryUse use;
     const std::size_t retired = store_->memory.retired_bytes(memory::Line::kReplaced) +
                                 store_->memory.retired_bytes(memory::Line::kEnded);

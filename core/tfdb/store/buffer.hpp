@@ -49,6 +49,22 @@ struct BufferOptions {
     Concurrency concurrency = Concurrency::kSnapshot;
 };
 
+/// How a store that processes share is made.
+struct ShareOptions {
+    std::size_t size = std::size_t{1} << 30;  // bytes that it may grow to; pages come as it grows
+    unsigned mode = 0600;                     // permissions of its files
+    std::int64_t group = -1;                  // of its files; -1: that of the process
+};
+
+/// What is known of a store that processes share.
+struct SharedUse {
+    std::string path;
+    bool writable = false;
+    std::size_t size = 0;         // bytes that it may grow to
+    std::uint64_t repairs = 0;    // writers that died amid a commit, which was taken back
+    std::uint64_t processes = 0;  // that have it open, this one included; 0: cannot be told
+};
+
 namespace store {
 
 struct Store;  // what a Buffer and its Snapshots share: store.hpp
@@ -290,6 +306,19 @@ public:
     /// Throws InvalidArgument (history <= 0, max_frames 0 or > kMaxFrames), CapacityExceeded.
     explicit Buffer(const BufferOptions& options = {});
 
+    /// Makes a store for processes to share: a file of a memory file system, such as in /dev/shm,
+    /// and a control file beside it. It is there whole or not at all. Throws InvalidArgument (also:
+    /// a size too small for its frames), StoreExists, NoSuchStore (no such folder), ReadOnly,
+    /// CapacityExceeded.
+    static void create(const std::string& path, const ShareOptions& share = {},
+                       const BufferOptions& options = {});
+    /// Opens it. Throws NoSuchStore, CorruptStore, ReadOnly, CapacityExceeded.
+    [[nodiscard]] static Buffer open(const std::string& path, bool writable);
+    /// Removes it; who has it open goes on. Throws NoSuchStore, CorruptStore, ReadOnly.
+    static void unlink(const std::string& path);
+    /// None for a store of this process alone.
+    [[nodiscard]] std::optional<SharedUse> shared() const;
+
     /// All of `batch` in one commit; returns its number. An empty batch commits nothing and returns
     /// the current number. Throws InvalidTransform, InvalidName, InvalidStamp, TooOld,
     /// StaticConflict, RepeatedStamp, CycleError, CapacityExceeded; nothing is then stored. The
@@ -358,6 +387,7 @@ public:
 
 private:
     friend class Transaction;
+    explicit Buffer(std::shared_ptr<store::Store> store);
 };
 
 }  // namespace tfdb

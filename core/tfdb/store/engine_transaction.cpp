@@ -10,7 +10,7 @@ std::unique_ptr<EngineTransaction> make_transaction(Store& store,
                                                     const TransactionOptions& options) {
     if (store.engine != nullptr)
         return store.engine->transaction(options);
-    using Session = txn::SnapshotSession<StoreMemory, sync::CommitLock>;
+    using Session = txn::SnapshotSession<StoreMemory, WriterLock>;
     return std::make_unique<TransactionIn<Session>>(store, options.alone, store.frames, store.lock,
                                                     store.history, options.priority > 0);
 }

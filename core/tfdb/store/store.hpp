@@ -1,6 +1,7 @@
 // What a Buffer and its Snapshots share, and how a read gets its view.
 #pragma once
 
+#include <array>
 #include <memory>
 #include <string>
 #include <vector>
@@ -10,19 +11,20 @@
 #include "tfdb/graph/names.hpp"
 #include "tfdb/graph/pins.hpp"
 #include "tfdb/lookup/lookup.hpp"
-#include "tfdb/memory/private_memory.hpp"
+#include "tfdb/memory/region.hpp"
+#include "tfdb/memory/shared_file.hpp"
 #include "tfdb/store/authorities.hpp"
 #include "tfdb/store/buffer.hpp"
 #include "tfdb/store/engine.hpp"
 #include "tfdb/store/transaction_life.hpp"
-#include "tfdb/sync/commit_lock.hpp"
+#include "tfdb/store/writer_lock.hpp"
 #include "tfdb/sync/fork.hpp"
 #include "tfdb/txn/commit.hpp"
 #include "tfdb/txn/snapshot_view.hpp"
 
 namespace tfdb {
 
-using StoreMemory = memory::PrivateMemory;
+using StoreMemory = memory::Region;
 using StoreView = txn::SnapshotView<StoreMemory>;
 using StoreEdge = history::EdgeView<StoreMemory>;
 using StoreCommit = txn::Commit<StoreMemory>;
@@ -33,9 +35,17 @@ namespace store {
 /// The region with the forest in it, and what only the writers of this process need.
 /// Threads: reads any; `scratch`, `items` and `samples` only under `lock`.
 /// Guarantee: lives as long as the Buffer or any Snapshot of it.
-struct Store final : history::Readers {
+struct Store final : history::Readers, WriterLock::Repairs {
     explicit Store(const BufferOptions& options);
+    /// One that processes share. Throws CorruptStore.
+    explicit Store(memory::SharedFile file);
     ~Store() override;
+
+    /// What the region of a store looks like in this program, as a number.
+    [[nodiscard]] static std::uint64_t layout();
+    /// The forest in a region, made if there is none. Throws CapacityExceeded, CorruptStore.
+    [[nodiscard]] static graph::Frames<StoreMemory> forest_in(StoreMemory& memory,
+                                                              const BufferOptions& options);
 
     [[nodiscard]] sync::Word& word(graph::StoreWord w) const { return frames.store_word(w); }
     [[nodiscard]] CommitNumber committed() const { return word(graph::kCommit).load_acquire(); }
@@ -51,6 +61,10 @@ struct Store final : history::Readers {
         return word(graph::kEpoch).load_relaxed() + 1;
     }
     void held(std::uint64_t bytes) override { word(graph::kHeldBytes).fetch_add(bytes); }
+    /// After the death of a process that held the commit lock.
+    void repair() noexcept override;
+    /// Gives back blocks that deaths left unused. Held snapshots are given up.
+    void sweep();
     /// Whether what no new read needs is more than may be kept.
     [[nodiscard]] bool keeps_too_much() const;
     /// Starts a commit; the commit lock is held, and nobody writes beside it.
@@ -98,22 +112,30 @@ struct Store final : history::Readers {
         return home >> kForksShift == sync::forks() ? home : look_around(home);
     }
     std::uint64_t look_around(std::uint64_t home) const;
+    Store(std::unique_ptr<memory::SharedFile> file, const BufferOptions& options);
+    void join();
+    [[nodiscard]] CommitNumber oldest_pinned(const graph::Pins<StoreMemory>& mine, unsigned first,
+                                             CommitNumber newest) const;
     [[noreturn]] void throw_orphaned() const;
 
+    std::unique_ptr<memory::SharedFile> shared;  // null: of this process alone
+    // Where this process cannot tell writers what it reads.
+    std::unique_ptr<std::array<sync::Word, 2 * graph::kPinWords>> unseen_pins;
     StoreMemory memory;
+    graph::Frames<StoreMemory> frames;
     StampNs history;
     std::size_t snapshot_memory;
     Concurrency concurrency;
-    graph::Frames<StoreMemory> frames;
     graph::Names<StoreMemory> names;
     graph::Pins<StoreMemory> held_pins;  // of states
     graph::Pins<StoreMemory> read_pins;  // of epochs, by reads that were overtaken
-    mutable sync::CommitLock lock;
+    sync::Word process_lock{};           // of a shared store: the threads here take turns
+    mutable WriterLock lock;
     txn::CommitScratch scratch;
     std::vector<Item> items;
     std::vector<history::NewSample<StoreMemory>> samples;  // of one edge
     std::vector<std::size_t> members;                      // of the batch, that these are
-    Authorities authorities;
+    mutable Authorities authorities;
     mutable sync::Word lapped_reads{};
     mutable sync::Word pinned_reads{};
     sync::Word aborts{};                // of transactions, conflicts included
@@ -124,6 +146,7 @@ struct Store final : history::Readers {
 };
 
 inline constexpr int kTriesBeforePin = 4;
+inline constexpr int kTriesUnseen = 1000;
 
 /// The store to oneself: the commit lock is held and, in engines that let others go beside it,
 /// nobody is under way.
@@ -213,9 +236,13 @@ lookup::Outcome read_committed(const Store& store, CommitNumber held, CommitNumb
             return outcome;
     }
     store.pinned_reads.fetch_add(1);
+    int tries = 0;
     do {
         const ReadPin pin(store);
         outcome = once();
+        // Whose pins nobody sees may be overtaken for ever.
+        if (store.unseen_pins != nullptr && ++tries > kTriesUnseen)
+            break;
     } while (outcome == lookup::Outcome::kLapped && held == fresh);
     return outcome;
 }

@@ -1,4 +1,4 @@
-// The blocks of a checker's region that wait for readers, as PrivateMemory keeps them.
+// The blocks of a checker's region that wait for readers, as Region keeps them.
 #pragma once
 
 #include <cstddef>

@@ -257,10 +257,10 @@ public:
         return parent;
     }
 
-private:
     /// What a removed frame keeps beside its samples: the slot, and its name as a rule.
     static constexpr std::uint64_t kFrameBytes = history::kHeaderBytes + memory::kLineBytes;
 
+private:
     using Touched = CommitScratch::Touched;
     /// Of a frame that `touch` or `frame` was called for.
     [[nodiscard]] Touched& touched(FrameId id) const {

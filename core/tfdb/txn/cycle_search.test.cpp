@@ -3,14 +3,14 @@
 #include <string_view>
 #include <vector>
 
-#include "tfdb/memory/private_memory.hpp"
+#include "tfdb/memory/region.hpp"
 #include "tfdb/testing/check.hpp"
 #include "tfdb/txn/commit.hpp"
 
 namespace tfdb::txn {
 namespace {
 
-using Memory = memory::PrivateMemory;
+using Memory = memory::Region;
 
 /// A forest that is written one relation at a time.
 class Trees : private history::Readers {

@@ -207,8 +207,9 @@ private:
             entry_ = FeedEntry::pack(first, FeedEntry::kTooLarge);
             feed_.entry(commit_).store_release(entry_);
         }
-        feed_.limit().store_relaxed(limit_);
+        // Whoever comes after a death between the two must not overwrite what still counts.
         raise_floor(floor);
+        feed_.limit().store_relaxed(limit_);
         return fits;
     }
 

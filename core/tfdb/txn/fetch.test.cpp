@@ -5,7 +5,7 @@
 #include <cstdio>
 #include <vector>
 
-#include "tfdb/memory/private_memory.hpp"
+#include "tfdb/memory/region.hpp"
 #include "tfdb/testing/check.hpp"
 #include "tfdb/txn/author.sched.hpp"
 #include "tfdb/txn/script.sched.hpp"
@@ -16,8 +16,8 @@ namespace {
 using history::Topology;
 
 /// Notes what it is asked to fetch.
-/// Threads: one. Guarantee: otherwise as PrivateMemory.
-class NotingMemory : public memory::PrivateMemory {
+/// Threads: one. Guarantee: otherwise as Region.
+class NotingMemory : public memory::Region {
 public:
     void fetch(Offset offset) const { asked.push_back(offset); }
     [[nodiscard]] bool was_asked(Offset offset) const {

@@ -1,4 +1,4 @@
-#include "tfdb/memory/private_memory.hpp"
+#include "tfdb/memory/region.hpp"
 
 #include <algorithm>
 #include <map>
@@ -49,7 +49,7 @@ TFDB_TEST(memory_block_classes_fit_every_size) {
 }
 
 TFDB_TEST(memory_blocks_do_not_overlap_and_keep_their_words) {
-    PrivateMemory memory;
+    Region memory;
     std::mt19937 random(7);
     struct Block {
         std::size_t bytes;
@@ -80,7 +80,7 @@ TFDB_TEST(memory_blocks_do_not_overlap_and_keep_their_words) {
 }
 
 TFDB_TEST(memory_released_blocks_are_used_again) {
-    PrivateMemory memory;
+    Region memory;
     const std::size_t empty = memory.used_bytes();
     std::vector<Offset> blocks;
     for (int i = 0; i < 100; ++i)
@@ -101,7 +101,7 @@ TFDB_TEST(memory_released_blocks_are_used_again) {
 }
 
 TFDB_TEST(memory_limit_is_kept_and_leaves_everything_usable) {
-    PrivateMemory memory(64 * 1024);
+    Region memory(64 * 1024);
     std::vector<Offset> blocks;
     CHECK_THROWS_AS(
         [&] {
@@ -119,7 +119,7 @@ TFDB_TEST(memory_limit_is_kept_and_leaves_everything_usable) {
 }
 
 TFDB_TEST(memory_released_blocks_stay_mapped) {
-    PrivateMemory memory;
+    Region memory;
     // Small blocks keep their words (but for the free list's), large ones may read as zero.
     const Offset small = memory.allocate(512);
     const Offset large = memory.allocate(4 * kMebi);
@@ -141,7 +141,7 @@ TFDB_TEST(memory_released_blocks_stay_mapped) {
 }
 
 TFDB_TEST(memory_sparse_blocks_are_zero_and_do_not_count) {
-    PrivateMemory memory;
+    Region memory;
     const std::size_t used = memory.used_bytes();
     const Offset table = memory.allocate_sparse(200 * kMebi);
     CHECK_EQ(memory.used_bytes(), used);
@@ -153,26 +153,26 @@ TFDB_TEST(memory_sparse_blocks_are_zero_and_do_not_count) {
 
 #if !defined(__SANITIZE_THREAD__)  // which leaves a program a hundredth of the addresses
 TFDB_TEST(memory_of_thousands_of_stores_finds_room) {
-    std::vector<std::unique_ptr<PrivateMemory>> stores;
+    std::vector<std::unique_ptr<Region>> stores;
     for (int i = 0; i < 5000; ++i) {
-        stores.push_back(std::make_unique<PrivateMemory>());
+        stores.push_back(std::make_unique<Region>());
         const Offset block = stores.back()->allocate(64);
         stores.back()->word(block).store_relaxed(static_cast<std::uint64_t>(i));
         // Large enough for the largest table of frames and a few hundred thousand samples.
         CHECK(stores.back()->allocate_sparse(512 * kMebi) != 0);
     }
-    CHECK_EQ(stores.front()->word(PrivateMemory::root()).load_relaxed(), 0U);
-    CHECK_EQ(stores.back()->word(PrivateMemory::root()).load_relaxed(), 4999U);
+    CHECK_EQ(stores.front()->word(Region::root()).load_relaxed(), 0U);
+    CHECK_EQ(stores.back()->word(Region::root()).load_relaxed(), 4999U);
     // What ends gives its addresses back: the next one is as large as the first one was.
     stores.clear();
-    PrivateMemory next;
+    Region next;
     CHECK(next.allocate_sparse(200'000 * kMebi) != 0);
 }
 #endif
 
 TFDB_TEST(memory_is_shared_by_threads_that_allocate_and_release) {
     constexpr std::uint64_t kThreads = 4;
-    PrivateMemory memory;
+    Region memory;
     std::vector<std::thread> running;
     std::vector<std::size_t> kept(kThreads);
     for (std::uint64_t thread = 0; thread < kThreads; ++thread) {

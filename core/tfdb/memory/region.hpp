@@ -1,35 +1,41 @@
-// The region of a store that lives in one process: reserved address space, backed page by page.
+// The region that a store lives in: words addressed by offsets, and the blocks that they lie in.
 #pragma once
 
 #include <cstddef>
 #include <cstdint>
 #include <limits>
+#include <vector>
 
 #include "tfdb/base/types.hpp"
 #include "tfdb/memory/block_sizes.hpp"
+#include "tfdb/memory/mapping.hpp"
 #include "tfdb/memory/memory.hpp"
 #include "tfdb/sync/word.hpp"
 
 namespace tfdb::memory {
 
-/// One mapping of address space, a bump allocator and free lists, all state inside the region.
+/// One mapping, a bump allocator and free lists, all state inside the region, so that processes
+/// which map the same file have one region. There only the holder of the commit lock allocates and
+/// releases; who dies at it leaves what `repair` puts right, and blocks that `sweep` finds. Words 0
+/// and 10 to 12 are the file's: see shared_file.cpp.
 /// Threads: any.
 /// Guarantee: `word`, `reclaimed` and the numbers of bytes are wait-free; the rest takes turns
 /// under a lock of its own. A word stays readable for the life of the region, also in a released
 /// block: a reader that was overtaken reads stale words, never unmapped memory.
-class PrivateMemory {
+class Region {
 public:
     using Word = sync::Word;
     static constexpr unsigned kPayloadWords = 7;
     static constexpr std::size_t kNoLimit = std::numeric_limits<std::size_t>::max();
 
-    /// Reserves address space (no memory yet). Throws CapacityExceeded if none is to be had.
-    explicit PrivateMemory(std::size_t limit_bytes = kNoLimit);
-    ~PrivateMemory();
-    PrivateMemory(const PrivateMemory&) = delete;
-    PrivateMemory& operator=(const PrivateMemory&) = delete;
-    PrivateMemory(PrivateMemory&&) = delete;
-    PrivateMemory& operator=(PrivateMemory&&) = delete;
+    /// The region in the mapping; a new one where that has none. Throws CapacityExceeded.
+    explicit Region(std::size_t limit_bytes = kNoLimit) : Region(Mapping::reserve(), limit_bytes) {}
+    explicit Region(Mapping mapping, std::size_t limit_bytes = kNoLimit);
+    ~Region() = default;
+    Region(const Region&) = delete;
+    Region& operator=(const Region&) = delete;
+    Region(Region&&) = delete;
+    Region& operator=(Region&&) = delete;
 
     [[nodiscard]] Word& word(Offset offset) const noexcept {
         return *reinterpret_cast<Word*>(base_ + offset);
@@ -45,8 +51,12 @@ public:
     /// A block of at least `bytes`, line-aligned, content unspecified.
     /// Throws CapacityExceeded; nothing is changed then.
     Offset allocate(std::size_t bytes);
-    /// A zeroed block that does not count as used: pages become memory when they are first touched.
+    /// A zeroed block that does not count as used: pages become memory when they are first touched,
+    /// which in a file is only allowed after `touch`.
     Offset allocate_sparse(std::size_t bytes);
+    /// Readies the next part of a sparse block for use, of parts that all have this size and come
+    /// in order; `first`: none came before. Throws CapacityExceeded.
+    void touch(Offset offset, std::size_t bytes, bool first) const;
     /// Takes back a block; `bytes` as asked for in `allocate`.
     void release(Offset offset, std::size_t bytes);
 
@@ -70,6 +80,23 @@ public:
 
     /// The first block that is ever allocated: where the store keeps its own header.
     [[nodiscard]] static Offset root() noexcept;
+    /// Behind the last block.
+    [[nodiscard]] Offset end() const noexcept;
+    [[nodiscard]] std::size_t capacity() const noexcept { return reserved_; }
+
+    /// Where this process says what it reads (see graph::Pins); null: in the region itself.
+    [[nodiscard]] Word* pins() const noexcept { return pins_; }
+    void set_pins(Word* pins) noexcept { pins_ = pins; }
+
+    struct Block {
+        Offset offset;
+        std::size_t bytes;
+    };
+    /// After a process died that may have been at work here: nobody else is. May be repeated.
+    void repair();
+    /// Frees all but these blocks, retired ones too: no reader may need them. As `repair`; reads
+    /// that are under way, up to the given epoch, and states older than the commit find out.
+    void sweep(std::vector<Block> in_use, std::uint64_t epoch, std::uint64_t commit);
 
 private:
     // In a cache line of its own: all readers look at it.
@@ -78,17 +105,19 @@ private:
     // All private functions: the lock is held.
     Offset bump(std::size_t bytes);
     Offset reuse_or_bump(const BlockClass& fit);
-    void back_by_huge_pages(Offset end);
+    void back(Offset end);
+    void release_gap(Offset from, Offset to);
     static void count(Word& counter, std::size_t bytes);
     void put_back(Offset block, std::size_t bytes);
     [[nodiscard]] Word& line_word(Line line, Offset word) const noexcept;
 
-    std::byte* base_ = nullptr;
-    std::size_t reserved_ = 0;
-    std::size_t limit_ = kNoLimit;
-    std::size_t huge_pages_to_ = 0;
+    Mapping mapping_;
+    std::byte* base_;
+    std::size_t reserved_;
+    std::size_t limit_;
+    Word* pins_ = nullptr;
 };
 
-static_assert(Fetchable<PrivateMemory>);
+static_assert(Fetchable<Region>);
 
 }  // namespace tfdb::memory

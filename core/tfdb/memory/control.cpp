@@ -1,0 +1,173 @@
+#include "tfdb/memory/control.hpp"
+
+#include <fcntl.h>
+#include <sys/mman.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <cerrno>
+#include <ctime>
+#include <new>
+#include <system_error>
+
+#include "tfdb/base/error.hpp"
+#include "tfdb/base/interruption.hpp"
+
+namespace tfdb::memory {
+namespace {
+
+constexpr std::uint64_t kMagic = 0x314C544342444654;  // "TFDBCTL1" on a little-endian machine
+constexpr unsigned kMagicWord = 0;
+constexpr unsigned kIdWord = 1;
+constexpr unsigned kHolderWord = 2;
+constexpr unsigned kSlotsWord = 5;
+constexpr std::size_t kMutexByte = 256;
+constexpr std::size_t kSlotsByte = 4096;
+constexpr int kSpins = 400;
+constexpr std::int64_t kTurnNs = 50'000'000;
+
+/// A lock on a slot's byte: it belongs to the open file, so it ends with the last process that has
+/// it open.
+struct flock lock_of(unsigned slot, short kind) {
+    struct flock lock {};
+    lock.l_type = kind;
+    lock.l_whence = SEEK_SET;
+    lock.l_start = static_cast<off_t>(slot);
+    lock.l_len = 1;
+    return lock;
+}
+bool set_lock(int file, unsigned slot, short kind) {
+    struct flock lock = lock_of(slot, kind);
+    return ::fcntl(file, F_OFD_SETLK, &lock) == 0;
+}
+
+timespec after(std::int64_t ns) {
+    timespec now{};
+    ::clock_gettime(CLOCK_MONOTONIC, &now);
+    ns += now.tv_nsec;
+    now.tv_sec += ns / 1'000'000'000;
+    now.tv_nsec = ns % 1'000'000'000;
+    return now;
+}
+
+}  // namespace
+
+void Control::prepare(const Mapping& mapping, std::uint64_t id) {
+    mapping.back(0, kSlotsByte);
+    auto* const words = reinterpret_cast<sync::Word*>(mapping.base());
+    pthread_mutexattr_t attributes;
+    ::pthread_mutexattr_init(&attributes);
+    ::pthread_mutexattr_setpshared(&attributes, PTHREAD_PROCESS_SHARED);
+    ::pthread_mutexattr_setrobust(&attributes, PTHREAD_MUTEX_ROBUST);
+    ::pthread_mutex_init(reinterpret_cast<pthread_mutex_t*>(mapping.base() + kMutexByte),
+                         &attributes);
+    ::pthread_mutexattr_destroy(&attributes);
+    words[kIdWord].store_relaxed(id);
+    words[kMagicWord].store_release(kMagic);
+}
+
+Control::Control(int file, std::uint64_t id, const std::string& name)
+    : file_(file), mapping_(Mapping::of_file(file, kBytes, true, name)) {
+    if (word(kMagicWord).load_acquire() != kMagic || word(kIdWord).load_relaxed() != id) {
+        ErrorDetail detail;
+        detail.reason = "control file";
+        throw CorruptStore(name + " is not the control file of its store: remove the store",
+                           std::move(detail));
+    }
+    mine_ = take_slot(name);
+}
+
+Control::~Control() = default;
+
+unsigned Control::take_slot(const std::string& name) {
+    for (unsigned i = 0; i < kSlots; ++i) {
+        if (!set_lock(file_, i, F_WRLCK))
+            continue;
+        mapping_.back(kSlotsByte + std::size_t{i} * kSlotWords * 8,
+                      kSlotsByte + (std::size_t{i} + 1) * kSlotWords * 8);
+        clear(i);
+        std::uint64_t known = word(kSlotsWord).load_relaxed();
+        while (known <= i && !word(kSlotsWord).compare_exchange(known, i + 1)) {
+        }
+        return i;
+    }
+    throw CapacityExceeded(name + ": " + std::to_string(kSlots) +
+                           " processes have the store open already");
+}
+
+unsigned Control::slots() const noexcept {
+    return static_cast<unsigned>(std::min<std::uint64_t>(word(kSlotsWord).load_acquire(), kSlots));
+}
+sync::Word* Control::slot(unsigned index) const noexcept {
+    return reinterpret_cast<sync::Word*>(mapping_.base() + kSlotsByte) +
+           std::size_t{index} * kSlotWords;
+}
+
+void Control::clear(unsigned index) const noexcept {
+    for (unsigned w = 0; w < kSlotWords; ++w)
+        slot(index)[w].store_relaxed(0);
+}
+
+bool Control::free_if_dead(unsigned index) const noexcept {
+    // Taken meanwhile, so that no process that begins takes it while it is cleared.
+    if (index == mine_ || !set_lock(file_, index, F_WRLCK))
+        return false;
+    clear(index);
+    set_lock(file_, index, F_UNLCK);
+    return true;
+}
+
+unsigned Control::count_open() const noexcept {
+    unsigned open = 0;
+    for (unsigned i = 0; i < slots(); ++i) {
+        struct flock lock = lock_of(i, F_WRLCK);
+        open += i == mine_ || ::fcntl(file_, F_OFD_GETLK, &lock) != 0 || lock.l_type != F_UNLCK;
+    }
+    return open;
+}
+
+pthread_mutex_t* Control::mutex() const noexcept {
+    return reinterpret_cast<pthread_mutex_t*>(mapping_.base() + kMutexByte);
+}
+std::int64_t Control::holder() const noexcept {
+    return static_cast<std::int64_t>(word(kHolderWord).load_relaxed());
+}
+
+Control::Taken Control::took(int result) noexcept {
+    if (result != 0 && result != EOWNERDEAD)
+        return Taken::kNo;
+    word(kHolderWord).store_relaxed(static_cast<std::uint64_t>(::getpid()));
+    return result == 0 ? Taken::kYes : Taken::kAfterDeath;
+}
+
+Control::Taken Control::try_lock() noexcept {
+    return took(::pthread_mutex_trylock(mutex()));
+}
+
+Control::Taken Control::lock(std::int64_t longest_ns) {
+    for (int spin = 0; spin < kSpins; ++spin) {
+        if (holder() == 0) {
+            if (const Taken taken = try_lock(); taken != Taken::kNo)
+                return taken;
+        }
+        sync::spin_pause();
+    }
+    for (std::int64_t waited = 0;; waited += kTurnNs) {
+        const timespec until = after(std::min(kTurnNs, longest_ns - waited));
+        const Taken taken = took(::pthread_mutex_clocklock(mutex(), CLOCK_MONOTONIC, &until));
+        if (taken != Taken::kNo || waited >= longest_ns)
+            return taken;
+        may_end();
+    }
+}
+
+void Control::consistent() noexcept {
+    ::pthread_mutex_consistent(mutex());
+}
+
+void Control::unlock() noexcept {
+    word(kHolderWord).store_relaxed(0);
+    ::pthread_mutex_unlock(mutex());
+}
+
+}  // namespace tfdb::memory

@@ -1,0 +1,82 @@
+// What the processes that share a store tell each other beside its data: who writes, what is read.
+#pragma once
+
+#include <pthread.h>
+
+#include <cstdint>
+#include <string>
+
+#include "tfdb/base/types.hpp"
+#include "tfdb/memory/mapping.hpp"
+#include "tfdb/sync/word.hpp"
+
+namespace tfdb::memory {
+
+/// A small file beside the data: the lock that writers of all processes take, and a slot for each
+/// process with the pins of what it reads. Who may only read the data may still write here.
+///
+/// The lock is a robust mutex: the kernel hands it on when its holder dies, and says so. A slot is
+/// its process's as long as that has its byte of the file locked, which the kernel ends as well; so
+/// both work across pid namespaces, and no pid is ever taken for another process's.
+/// Threads: any; the lock is a process's own, so its threads take turns before they come here.
+/// Guarantee: `pins` is wait-free; the lock blocks.
+class Control {
+public:
+    static constexpr unsigned kSlots = 2048;
+    static constexpr unsigned kSlotWords = 16;
+    static constexpr std::size_t kBytes = 4096 + std::size_t{kSlots} * kSlotWords * 8;
+
+    /// Readies a new file of that many bytes. Throws CapacityExceeded.
+    static void prepare(const Mapping& mapping, std::uint64_t id);
+    /// Takes a slot. The file is closed in the end. Throws CapacityExceeded where none is free,
+    /// CorruptStore where it is no such file, or another store's.
+    Control(int file, std::uint64_t id, const std::string& name);
+    ~Control();
+    Control(const Control&) = delete;
+    Control& operator=(const Control&) = delete;
+    Control(Control&&) = delete;
+    Control& operator=(Control&&) = delete;
+
+    enum class Taken : std::uint8_t {
+        kNo,
+        kYes,
+        kAfterDeath,  // the last holder died: repair, then `consistent`
+    };
+    [[nodiscard]] Taken try_lock() noexcept;
+    /// Waits at most so long, and asks meanwhile whether the thread's work may end.
+    [[nodiscard]] Taken lock(std::int64_t longest_ns);
+    /// What the dead holder was at has been repaired.
+    void consistent() noexcept;
+    void unlock() noexcept;
+    /// The process that holds the lock, 0 if none does.
+    [[nodiscard]] std::int64_t holder() const noexcept;
+
+    /// Counts of writers' deaths: repaired, and repaired before the last sweep.
+    [[nodiscard]] sync::Word& deaths() const noexcept { return word(3); }
+    [[nodiscard]] sync::Word& swept_deaths() const noexcept { return word(4); }
+
+    /// The words of this process's slot.
+    [[nodiscard]] sync::Word* pins() const noexcept { return slot(mine_); }
+    /// Slots that were ever taken are the first so many.
+    [[nodiscard]] unsigned slots() const noexcept;
+    [[nodiscard]] sync::Word* slot(unsigned index) const noexcept;
+    /// How many processes have a slot.
+    [[nodiscard]] unsigned count_open() const noexcept;
+    /// Frees the slot of a process that is no more; false: it is alive.
+    bool free_if_dead(unsigned index) const noexcept;
+
+private:
+    [[nodiscard]] sync::Word& word(unsigned index) const noexcept {
+        return reinterpret_cast<sync::Word*>(mapping_.base())[index];
+    }
+    [[nodiscard]] pthread_mutex_t* mutex() const noexcept;
+    Taken took(int result) noexcept;
+    [[nodiscard]] unsigned take_slot(const std::string& name);
+    void clear(unsigned index) const noexcept;
+
+    int file_;
+    Mapping mapping_;
+    unsigned mine_ = 0;
+};
+
+}  // namespace tfdb::memory

@@ -1,0 +1,49 @@
+// A stretch of addresses for a region to lie in: this process's own, or a file's that many share.
+#pragma once
+
+#include <cstddef>
+#include <string>
+
+#include "tfdb/base/types.hpp"
+
+namespace tfdb::memory {
+
+/// Mapped addresses, and how they become memory.
+/// Threads: one makes and destroys it; `back` the holder of the region's lock.
+/// Guarantee: what was backed can be written without fail.
+class Mapping {
+public:
+    /// Addresses of this process alone, which become memory when they are first touched.
+    /// Throws CapacityExceeded if none are to be had.
+    static Mapping reserve();
+    /// The whole of an open file, which it closes in the end. Throws CapacityExceeded.
+    static Mapping of_file(int file, std::size_t bytes, bool writable, std::string name);
+
+    ~Mapping();
+    Mapping(Mapping&& other) noexcept;
+    Mapping(const Mapping&) = delete;
+    Mapping& operator=(const Mapping&) = delete;
+    Mapping& operator=(Mapping&&) = delete;
+
+    [[nodiscard]] std::byte* base() const noexcept { return base_; }
+    [[nodiscard]] std::size_t bytes() const noexcept { return bytes_; }
+    [[nodiscard]] bool is_file() const noexcept { return file_ >= 0; }
+
+    /// How much is backed at a time.
+    [[nodiscard]] std::size_t step() const noexcept;
+    /// Readies addresses for use: huge pages where they are private, and where they are a file's
+    /// the blocks for them, for a write into a full file system cannot fail, only end the process.
+    /// Throws CapacityExceeded; nothing is changed then.
+    void back(Offset from, Offset to) const;
+
+private:
+    Mapping(std::byte* base, std::size_t bytes, int file, std::string name)
+        : base_(base), bytes_(bytes), file_(file), name_(std::move(name)) {}
+
+    std::byte* base_;
+    std::size_t bytes_;
+    int file_ = -1;
+    std::string name_;
+};
+
+}  // namespace tfdb::memory

@@ -1,0 +1,270 @@
+#include "tfdb/memory/region.hpp"
+
+#include <algorithm>
+#include <bit>
+#include <mutex>
+#include <string>
+#include <utility>
+
+#include "tfdb/base/error.hpp"
+#include "tfdb/sync/commit_lock.hpp"
+
+namespace tfdb::memory {
+namespace {
+
+constexpr Offset kBumpWord = 8;
+constexpr Offset kUsedWord = 16;
+constexpr Offset kFreeWord = 24;
+constexpr Offset kLockWord = 32;
+constexpr Offset kBackedWord = 40;
+constexpr Offset kSparseWord = 48;  // the last sparse block
+constexpr Offset kSparseEndWord = 56;
+// Of each line of retired blocks.
+constexpr Offset kLineWords = 2 * kLineBytes;
+constexpr Offset kFirstRetired = 0;
+constexpr Offset kLastRetired = 8;
+constexpr Offset kRetiredBytes = 16;
+constexpr std::size_t kLineWordBytes = 32;
+constexpr Offset kHeads = kLineWords + kLines * kLineWordBytes;  // one free list per size class
+constexpr unsigned kMostReclaimed = 64;                          // by one call
+// Words of a retired block.
+constexpr Offset kNext = 40;
+constexpr Offset kBytes = 48;
+constexpr Offset kNumber = 56;
+constexpr Offset kFirstBlock = round_up(kHeads + 8 * kSizeClasses, kLineBytes);
+
+constexpr std::size_t kHugePage = std::size_t{1} << 21;
+// Large blocks at power-of-two distances collide in the caches; three odd lines spread them.
+constexpr std::size_t kSkewFrom = std::size_t{1} << 16;
+constexpr std::size_t kSkewBytes = 3 * kLineBytes;
+
+}  // namespace
+
+Region::Region(Mapping mapping, std::size_t limit_bytes)
+    : mapping_(std::move(mapping)),
+      base_(mapping_.base()),
+      reserved_(mapping_.bytes()),
+      limit_(limit_bytes) {
+    if (word(kBumpWord).load_relaxed() != 0)
+        return;
+    // The first step of a private one is not worth a huge page.
+    word(kBackedWord).store_relaxed(mapping_.step());
+    word(kBumpWord).store_relaxed(kFirstBlock);
+}
+
+Offset Region::root() noexcept {
+    return kFirstBlock;
+}
+Offset Region::end() const noexcept {
+    return word(kBumpWord).load_relaxed();
+}
+
+Offset Region::bump(std::size_t bytes) {
+    const std::size_t skew = bytes >= kSkewFrom ? kSkewBytes : 0;
+    const Offset at = word(kBumpWord).load_relaxed();
+    if (bytes + skew > reserved_ - at) {
+        throw CapacityExceeded("the store's " + std::to_string(reserved_) +
+                               " bytes are full: give it a shorter history" +
+                               (mapping_.is_file() ? ", or a larger size" : ""));
+    }
+    back(at + bytes + skew);
+    word(kBumpWord).store_relaxed(at + bytes + skew);
+    return at;
+}
+
+void Region::back(Offset end) {
+    const Offset backed = word(kBackedWord).load_relaxed();
+    if (end <= backed)
+        return;
+    const Offset to = std::min(round_up(end, mapping_.step()), reserved_);
+    mapping_.back(backed, to);
+    word(kBackedWord).store_relaxed(to);
+}
+
+/// Adds to a counter that others only read meanwhile; `bytes` may be a negative number's.
+void Region::count(Word& counter, std::size_t bytes) {
+    counter.store_relaxed(counter.load_relaxed() + bytes);
+}
+
+Offset Region::reuse_or_bump(const BlockClass& fit) {
+    Word& head = word(kHeads + 8 * Offset{fit.index});
+    const Offset waiting = head.load_relaxed();
+    if (waiting == 0) {
+        return bump(fit.bytes);
+    }
+    head.store_relaxed(word(waiting).load_relaxed());
+    count(word(kFreeWord), std::size_t{0} - fit.bytes);
+    return waiting;
+}
+
+Offset Region::allocate(std::size_t bytes) {
+    const BlockClass fit = block_class(bytes);
+    if (fit.index >= kSizeClasses)
+        throw CapacityExceeded("a block that large cannot be had");
+    sync::CommitLock lock(word(kLockWord));
+    const std::lock_guard guard(lock);
+    if (word(kUsedWord).load_relaxed() + fit.bytes > limit_) {
+        throw CapacityExceeded("the store's memory limit of " + std::to_string(limit_) +
+                               " bytes is reached: raise memory_limit or shorten history");
+    }
+    const Offset block = reuse_or_bump(fit);
+    count(word(kUsedWord), fit.bytes);
+    // Whoever still reads the block's former content must see, after its acquire fence, what was
+    // published when the block was released.
+    fence_release();
+    return block;
+}
+
+Offset Region::allocate_sparse(std::size_t bytes) {
+    sync::CommitLock lock(word(kLockWord));
+    const std::lock_guard guard(lock);
+    const Offset block = word(kBumpWord).load_relaxed();
+    const Offset end = round_up(block + bytes, kHugePage);
+    if (end > reserved_) {
+        throw CapacityExceeded("a store of " + std::to_string(reserved_) +
+                               " bytes has no room for a table of " + std::to_string(bytes) +
+                               ": give it a larger size, or fewer frames");
+    }
+    word(kSparseWord).store_relaxed(block);
+    word(kSparseEndWord).store_relaxed(end);
+    word(kBackedWord).store_relaxed(std::max<Offset>(word(kBackedWord).load_relaxed(), end));
+    word(kBumpWord).store_relaxed(end);
+    return block;
+}
+
+void Region::touch(Offset offset, std::size_t bytes, bool first) const {
+    const std::size_t step = mapping_.step();
+    if (!mapping_.is_file() || (!first && (offset + bytes - 1) % step >= bytes))
+        return;
+    mapping_.back(offset / step * step, std::min(round_up(offset + bytes, step), reserved_));
+}
+
+/// Into the free list.
+void Region::put_back(Offset block, std::size_t bytes) {
+    const BlockClass fit = block_class(bytes);
+    Word& head = word(kHeads + 8 * Offset{fit.index});
+    word(block).store_relaxed(head.load_relaxed());
+    head.store_relaxed(block);
+    count(word(kUsedWord), std::size_t{0} - fit.bytes);
+    count(word(kFreeWord), fit.bytes);
+}
+
+void Region::release(Offset offset, std::size_t bytes) {
+    sync::CommitLock lock(word(kLockWord));
+    const std::lock_guard guard(lock);
+    put_back(offset, bytes);
+}
+
+sync::Word& Region::line_word(Line line, Offset word) const noexcept {
+    return this->word(kLineWords + kLineWordBytes * static_cast<Offset>(line) + word);
+}
+
+void Region::retire(Line line, Offset offset, std::size_t bytes, std::uint64_t number) {
+    word(offset + kNext).store_relaxed(0);
+    word(offset + kBytes).store_relaxed(bytes);
+    word(offset + kNumber).store_relaxed(number);
+    sync::CommitLock lock(word(kLockWord));
+    const std::lock_guard guard(lock);
+    const Offset last = line_word(line, kLastRetired).load_relaxed();
+    (last == 0 ? line_word(line, kFirstRetired) : word(last + kNext)).store_relaxed(offset);
+    line_word(line, kLastRetired).store_relaxed(offset);
+    count(line_word(line, kRetiredBytes), block_class(bytes).bytes);
+}
+
+bool Region::reclaim(Line line, std::uint64_t oldest, std::size_t keep) {
+    sync::CommitLock lock(word(kLockWord));
+    const std::lock_guard guard(lock);
+    for (unsigned i = 0; i < kMostReclaimed && retired_bytes(line) > keep; ++i) {
+        const Offset block = line_word(line, kFirstRetired).load_relaxed();
+        const std::uint64_t number = word(block + kNumber).load_relaxed();
+        if (number > oldest)
+            return false;
+        const std::size_t bytes = word(block + kBytes).load_relaxed();
+        const Offset next = word(block + kNext).load_relaxed();
+        line_word(line, kFirstRetired).store_relaxed(next);
+        if (next == 0)
+            line_word(line, kLastRetired).store_relaxed(0);
+        count(line_word(line, kRetiredBytes), std::size_t{0} - block_class(bytes).bytes);
+        if (reclaimed(line).load_relaxed() < number) {
+            reclaimed(line).store_relaxed(number);
+            // Readers must see this before what is written into the block from now on.
+            fence_release();
+        }
+        put_back(block, bytes);
+    }
+    return retired_bytes(line) > keep;
+}
+
+void Region::repair() {
+    if (word(kLockWord).load_relaxed() == 0)
+        return;
+    for (unsigned i = 0; i < kLines; ++i) {
+        const auto line = static_cast<Line>(i);
+        Offset last = 0;
+        std::size_t bytes = 0;
+        for (Offset block = line_word(line, kFirstRetired).load_relaxed(); block != 0;
+             block = word(block + kNext).load_relaxed()) {
+            last = block;
+            bytes += block_class(word(block + kBytes).load_relaxed()).bytes;
+        }
+        line_word(line, kLastRetired).store_relaxed(last);
+        line_word(line, kRetiredBytes).store_relaxed(bytes);
+    }
+    word(kLockWord).store_release(0);
+}
+
+void Region::sweep(std::vector<Block> in_use, std::uint64_t epoch, std::uint64_t commit) {
+    for (const auto& [line, number] : {std::pair(Line::kReplaced, epoch), {Line::kEnded, commit}}) {
+        reclaimed(line).store_relaxed(
+            std::max<std::uint64_t>(reclaimed(line).load_relaxed(), number));
+        line_word(line, kFirstRetired).store_relaxed(0);
+        line_word(line, kLastRetired).store_relaxed(0);
+        line_word(line, kRetiredBytes).store_relaxed(0);
+    }
+    for (unsigned i = 0; i < kSizeClasses; ++i)
+        word(kHeads + 8 * Offset{i}).store_relaxed(0);
+    word(kFreeWord).store_relaxed(0);
+    // Readers must see the numbers before what is written into the blocks from now on.
+    fence_release();
+    std::sort(in_use.begin(), in_use.end(),
+              [](const Block& a, const Block& b) { return a.offset < b.offset; });
+    std::size_t used = 0;
+    Offset at = kFirstBlock;
+    for (const Block& block : in_use) {
+        release_gap(at, block.offset);
+        const std::size_t bytes = block_class(block.bytes).bytes;
+        used += bytes;
+        at = block.offset + bytes;
+    }
+    release_gap(at, word(kBumpWord).load_relaxed());
+    word(kUsedWord).store_relaxed(used);
+}
+
+/// Blocks as large as they come, one after another.
+void Region::release_gap(Offset from, Offset to) {
+    const Offset sparse = word(kSparseWord).load_relaxed();
+    if (from <= sparse && sparse < to) {
+        release_gap(from, sparse);
+        from = word(kSparseEndWord).load_relaxed();
+    }
+    while (from < to) {
+        std::size_t lines = (to - from) / kLineBytes;
+        if (lines > 32)
+            lines = std::bit_floor(lines);
+        const std::size_t bytes = lines * kLineBytes;
+        put_back(from, bytes);
+        from += bytes;
+    }
+}
+
+std::size_t Region::used_bytes() const noexcept {
+    return word(kUsedWord).load_relaxed();
+}
+std::size_t Region::retired_bytes(Line line) const noexcept {
+    return line_word(line, kRetiredBytes).load_relaxed();
+}
+std::size_t Region::free_bytes() const noexcept {
+    return word(kFreeWord).load_relaxed();
+}
+
+}  // namespace tfdb::memory

@@ -1,0 +1,216 @@
+#include "tfdb/memory/shared_file.hpp"
+
+#include <fcntl.h>
+#include <sys/random.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
+#include <array>
+#include <cerrno>
+#include <cstdio>
+#include <system_error>
+#include <utility>
+
+#include "tfdb/base/error.hpp"
+#include "tfdb/memory/region.hpp"
+
+namespace tfdb::memory {
+namespace {
+
+// Words of the region that are the file's: see Region.
+constexpr unsigned kMagicWord = 0;  // written last
+constexpr unsigned kIdWord = 10;
+constexpr unsigned kBytesWord = 11;
+constexpr unsigned kLayoutWord = 12;
+constexpr unsigned kFileWords = 13;
+constexpr std::uint64_t kMagic = 0x314D485342444654;  // "TFDBSHM1" on a little-endian machine
+
+/// An open file, until it is handed on. Threads: one. Guarantee: none.
+class File {
+public:
+    explicit File(int file) : file_(file) {}
+    ~File() {
+        if (file_ >= 0)
+            ::close(file_);
+    }
+    File(const File&) = delete;
+    File& operator=(const File&) = delete;
+    File(File&&) = delete;
+    File& operator=(File&&) = delete;
+
+    [[nodiscard]] int get() const { return file_; }
+    int release() { return std::exchange(file_, -1); }
+
+private:
+    int file_;
+};
+
+ErrorDetail detail_of(const std::string& path, std::string reason) {
+    ErrorDetail detail;
+    detail.path = path;
+    detail.reason = std::move(reason);
+    return detail;
+}
+
+std::string reason_of(int error) {
+    return std::generic_category().message(error);
+}
+
+[[noreturn]] void throw_for(int error, const std::string& path) {
+    const std::string reason = reason_of(error);
+    if (error == ENOENT || error == ENOTDIR)
+        throw NoSuchStore("there is no store " + path + ": " + reason, detail_of(path, reason));
+    if (error == EEXIST)
+        throw StoreExists("there is a store " + path + " already", detail_of(path, reason));
+    if (error == EACCES || error == EPERM || error == EROFS) {
+        throw ReadOnly("the store " + path + " may not be opened so: " + reason +
+                           "; ask for mode \"r\", or its owner for permission",
+                       detail_of(path, reason));
+    }
+    throw CapacityExceeded("the store " + path + " cannot be had: " + reason,
+                           detail_of(path, reason));
+}
+
+[[noreturn]] void throw_corrupt(const std::string& path, const std::string& reason) {
+    throw CorruptStore(path + " cannot be opened: " + reason, detail_of(path, reason));
+}
+
+std::string control_name(const std::string& path, std::uint64_t id) {
+    std::array<char, 17> text{};
+    std::snprintf(text.data(), text.size(), "%016llx", static_cast<unsigned long long>(id));
+    return path + ".control-" + text.data();
+}
+
+std::uint64_t random_id() {
+    std::uint64_t id = 0;
+    while (::getrandom(&id, sizeof id, 0) != sizeof id) {
+    }
+    return id;
+}
+
+struct Header {
+    std::array<std::uint64_t, kFileWords> words{};
+    std::size_t bytes = 0;  // of the file
+};
+
+/// Says whether it is a store's file at all.
+Header header_of(int file, const std::string& path) {
+    Header header;
+    struct stat status {};
+    if (::fstat(file, &status) != 0)
+        throw_for(errno, path);
+    header.bytes = static_cast<std::size_t>(status.st_size);
+    if (!S_ISREG(status.st_mode) ||
+        ::pread(file, header.words.data(), sizeof header.words, 0) != sizeof header.words ||
+        header.words[kMagicWord] != kMagic)
+        throw_corrupt(path, "it is no store of tfdb");
+    return header;
+}
+
+}  // namespace
+
+SharedFile open_shared(const std::string& path, bool writable, std::uint64_t layout) {
+    File file(::open(path.c_str(), (writable ? O_RDWR : O_RDONLY) | O_CLOEXEC));
+    if (file.get() < 0)
+        throw_for(errno, path);
+    const Header header = header_of(file.get(), path);
+    if (header.words[kLayoutWord] != layout)
+        throw_corrupt(path, "another version of tfdb made it, or for another kind of machine");
+    if (header.words[kBytesWord] != header.bytes)
+        throw_corrupt(path, "it has " + std::to_string(header.bytes) + " bytes instead of " +
+                                std::to_string(header.words[kBytesWord]));
+    const std::uint64_t id = header.words[kIdWord];
+    const std::string control = control_name(path, id);
+    std::unique_ptr<Control> shared;
+    const int opened = ::open(control.c_str(), O_RDWR | O_CLOEXEC);
+    if (opened >= 0)
+        shared = std::make_unique<Control>(opened, id, control);
+    else if (writable || (errno != EACCES && errno != EROFS))
+        throw_for(errno, control);
+    return {Mapping::of_file(file.release(), header.bytes, writable, path), std::move(shared), path,
+            writable};
+}
+
+int NewSharedFile::open_new(const std::string& name, std::size_t bytes) const {
+    File file(::open(name.c_str(), O_RDWR | O_CREAT | O_EXCL | O_CLOEXEC, 0600));
+    if (file.get() < 0)
+        throw_for(errno, name);
+    const bool done =
+        (group_ < 0 ||
+         ::fchown(file.get(), static_cast<uid_t>(-1), static_cast<gid_t>(group_)) == 0) &&
+        ::fchmod(file.get(), mode_) == 0 && ::ftruncate(file.get(), static_cast<off_t>(bytes)) == 0;
+    if (!done) {
+        const int error = errno;
+        ::unlink(name.c_str());
+        throw_for(error, name);
+    }
+    return file.release();
+}
+
+NewSharedFile::NewSharedFile(std::string path, std::size_t bytes, unsigned mode, std::int64_t group)
+    : path_(std::move(path)),
+      id_(random_id()),
+      data_(control_name(path_, id_) + ".new"),
+      control_(control_name(path_, id_)),
+      bytes_(bytes),
+      mode_(mode),
+      group_(group) {
+    if (::access(path_.c_str(), F_OK) == 0)
+        throw_for(EEXIST, path_);
+    const int control = open_new(control_, Control::kBytes);
+    try {
+        Control::prepare(Mapping::of_file(control, Control::kBytes, true, control_), id_);
+        const int data = open_new(data_, bytes_);
+        ::close(data);
+    } catch (...) {
+        ::unlink(control_.c_str());
+        throw;
+    }
+}
+
+Mapping NewSharedFile::map() const {
+    File file(::open(data_.c_str(), O_RDWR | O_CLOEXEC));
+    if (file.get() < 0)
+        throw_for(errno, data_);
+    Mapping mapping = Mapping::of_file(file.release(), bytes_, true, path_);
+    mapping.back(0, mapping.step());
+    return mapping;
+}
+
+void NewSharedFile::publish(std::uint64_t layout) {
+    File file(::open(data_.c_str(), O_RDWR | O_CLOEXEC));
+    if (file.get() < 0)
+        throw_for(errno, data_);
+    const auto write = [&](unsigned word, std::uint64_t value) {
+        if (::pwrite(file.get(), &value, sizeof value, static_cast<off_t>(8 * word)) !=
+            sizeof value)
+            throw_for(errno, data_);
+    };
+    write(kIdWord, id_);
+    write(kBytesWord, bytes_);
+    write(kLayoutWord, layout);
+    write(kMagicWord, kMagic);
+    if (::link(data_.c_str(), path_.c_str()) != 0)
+        throw_for(errno, path_);
+    ::unlink(data_.c_str());
+    published_ = true;
+}
+
+NewSharedFile::~NewSharedFile() {
+    if (published_)
+        return;
+    ::unlink(data_.c_str());
+    ::unlink(control_.c_str());
+}
+
+void unlink_shared(const std::string& path) {
+    const File file(::open(path.c_str(), O_RDONLY | O_CLOEXEC));
+    if (file.get() < 0)
+        throw_for(errno, path);
+    const Header header = header_of(file.get(), path);
+    if (::unlink(path.c_str()) != 0)
+        throw_for(errno, path);
+    ::unlink(control_name(path, header.words[kIdWord]).c_str());
+}
+
+}  // namespace tfdb::memory

@@ -1,0 +1,62 @@
+// The files of a store that processes share: made whole, found by name, refused when they are not.
+#pragma once
+
+#include <cstdint>
+#include <memory>
+#include <string>
+
+#include "tfdb/memory/control.hpp"
+#include "tfdb/memory/mapping.hpp"
+
+namespace tfdb::memory {
+
+/// An open store: its data, and the control file beside it.
+/// Threads: a value. Guarantee: none.
+struct SharedFile {
+    Mapping data;
+    std::unique_ptr<Control> control;  // null: this process may not write even there
+    std::string path;
+    bool writable;
+};
+
+/// Opens the store at a path. `layout`: what the data must look like for this program.
+/// Throws NoSuchStore, CorruptStore (no store, or of another version or machine), ReadOnly (no
+/// permission), CapacityExceeded.
+SharedFile open_shared(const std::string& path, bool writable, std::uint64_t layout);
+
+/// A new store under way. It is there for others from `publish` on, whole or not at all; otherwise
+/// nothing of it remains.
+/// Threads: one. Guarantee: as the file system's.
+class NewSharedFile {
+public:
+    /// `mode`: permissions of both files; `group`: of their group, or -1 for that of the process.
+    /// Throws StoreExists, NoSuchStore (no such folder), ReadOnly, CapacityExceeded.
+    NewSharedFile(std::string path, std::size_t bytes, unsigned mode, std::int64_t group);
+    ~NewSharedFile();
+    NewSharedFile(const NewSharedFile&) = delete;
+    NewSharedFile& operator=(const NewSharedFile&) = delete;
+    NewSharedFile(NewSharedFile&&) = delete;
+    NewSharedFile& operator=(NewSharedFile&&) = delete;
+
+    /// The data, to be filled; once.
+    [[nodiscard]] Mapping map() const;
+    void publish(std::uint64_t layout);
+
+private:
+    [[nodiscard]] int open_new(const std::string& name, std::size_t bytes) const;
+
+    std::string path_;
+    std::uint64_t id_;
+    std::string data_;     // its name until it is published
+    std::string control_;  // its name
+    std::size_t bytes_;
+    unsigned mode_;
+    std::int64_t group_;
+    bool published_ = false;
+};
+
+/// Removes a store's files; who has it open goes on. Throws NoSuchStore, CorruptStore (it is none),
+/// ReadOnly.
+void unlink_shared(const std::string& path);
+
+}  // namespace tfdb::memory

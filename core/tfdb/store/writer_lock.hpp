@@ -1,0 +1,74 @@
+// The lock of those who write: among the threads of a process, and among processes that share.
+#pragma once
+
+#include <cstdint>
+#include <string>
+
+#include "tfdb/memory/control.hpp"
+#include "tfdb/memory/shared_file.hpp"
+#include "tfdb/sync/commit_lock.hpp"
+
+namespace tfdb::store {
+
+/// A process's threads take turns by a lock of their own; the one whose turn it is then takes that
+/// of the store's processes. Who gets it after its holder died repairs the store first.
+/// Threads: any may lock; only the holder may unlock.
+/// Guarantee: blocks. Urgent requests go first within a process.
+class WriterLock {
+public:
+    /// What repairs; the lock is held.
+    class Repairs {
+    public:
+        Repairs() = default;
+        Repairs(const Repairs&) = delete;
+        Repairs& operator=(const Repairs&) = delete;
+        virtual void repair() noexcept = 0;
+
+    protected:
+        ~Repairs() = default;
+    };
+
+    /// `word`: of the process's lock. `shared`: null for a store of this process alone.
+    WriterLock(sync::Word& word, const memory::SharedFile* shared, Repairs& repairs)
+        : own_(word), shared_(shared), repairs_(repairs) {}
+
+    /// Both throw, where the store is shared: ReadOnly, LockTimeout (another process holds the lock
+    /// for so long).
+    void lock() {
+        own_.lock();
+        if (shared_ != nullptr) [[unlikely]]
+            lock_shared();
+    }
+    void lock_urgently() {
+        own_.lock_urgently();
+        if (shared_ != nullptr) [[unlikely]]
+            lock_shared();
+    }
+    /// Throws ReadOnly.
+    bool try_lock() {
+        if (!own_.try_lock())
+            return false;
+        return shared_ == nullptr || try_lock_shared();
+    }
+    void unlock() noexcept {
+        if (shared_ != nullptr) [[unlikely]]
+            shared_->control->unlock();
+        own_.unlock();
+    }
+    /// Whether a thread of this process holds it, or asks urgently.
+    [[nodiscard]] bool in_use() const noexcept { return own_.in_use(); }
+
+    static constexpr std::int64_t kLongestWaitNs = 10'000'000'000;
+
+private:
+    void lock_shared();
+    bool try_lock_shared();
+    void check_writable() const;
+    void took(memory::Control::Taken taken) noexcept;
+
+    sync::CommitLock own_;
+    const memory::SharedFile* shared_;
+    Repairs& repairs_;
+};
+
+}  // namespace tfdb::store

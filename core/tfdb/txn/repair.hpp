@@ -1,0 +1,130 @@
+// What a writer that died left: taken back to the last commit.
+#pragma once
+
+#include <algorithm>
+#include <cstdint>
+#include <utility>
+#include <vector>
+
+#include "tfdb/graph/frames.hpp"
+#include "tfdb/graph/names.hpp"
+#include "tfdb/history/edge_writer.hpp"
+#include "tfdb/lookup/edge.hpp"
+#include "tfdb/txn/snapshot_view.hpp"
+
+namespace tfdb::txn {
+
+/// Goes through all frames and leaves out what is newer than the last commit. It keeps no log and
+/// reads none: what a frame's header says is newer tells where to look, and what is counted or
+/// listed elsewhere is counted and listed anew. So it may be ended at any instruction, and done
+/// again.
+/// Threads: only the holder of the commit lock. Guarantee: readers go on beside it.
+template <class Memory>
+class Repair {
+public:
+    Repair(graph::Frames<Memory> frames, clock::StampNs history, history::Readers& readers)
+        : frames_(frames),
+          names_(frames),
+          context_(frames.store_word(graph::kCommit).load_relaxed(), history, readers) {}
+
+    /// Throws std::bad_alloc before anything is changed.
+    void run() {
+        const std::uint32_t count = frames_.count();
+        retired_.reserve(count);
+        for (FrameId id = 0; id < count; ++id)
+            take_back(id);
+        count_children();
+        list_slots();
+        names_.recount();
+    }
+
+private:
+    [[nodiscard]] std::uint64_t load(FrameId id, history::HeaderWord w) const {
+        return frames_.word(id, w).load_relaxed();
+    }
+
+    void take_back(FrameId id) {
+        if (frames_.born(id) > context_.committed) {
+            unmake(id);
+            retired_.push_back({0, id});
+            return;
+        }
+        std::uint64_t died = load(id, history::kDied);
+        if (died > context_.committed) {
+            revive(id);
+            died = 0;
+        }
+        const std::uint64_t newest = std::max(
+            {load(id, history::kChanged), load(id, history::kSince), load(id, history::kReshaped)});
+        if (newest > context_.committed) {
+            history::EdgeWriter<Memory>(frames_.memory(), frames_.header(id)).trim(context_);
+            frames_.refresh_hint(id);
+        }
+        if (died != 0)
+            retired_.push_back({died, id});
+    }
+
+    /// A frame that no state shows, or a slot that has none.
+    void unmake(FrameId id) {
+        if (frames_.born(id) != kMaxCommit)
+            frames_.seal(id);
+        if (load(id, history::kName) != 0) {
+            names_.erase(id);
+            frames_.word(id, history::kName).store_release(0);
+        }
+        // Its blocks, and that of its name, are found when the region is swept.
+        for (const auto w : {history::kTail, history::kDirectory, history::kOlder, history::kDied})
+            frames_.word(id, w).store_relaxed(0);
+    }
+
+    void revive(FrameId id) {
+        frames_.word(id, history::kDied).store_relaxed(0);
+        auto& topology = frames_.word(id, history::kTopology);
+        topology.store_release(topology.load_relaxed() & ~history::Topology::kMortal);
+    }
+
+    void count_children() {
+        const std::uint32_t count = frames_.count();
+        for (FrameId id = 0; id < count; ++id)
+            frames_.word(id, history::kChildren).store_relaxed(0);
+        const SnapshotView<Memory> view(frames_, context_.committed, context_.history);
+        for (FrameId id = 0; id < count; ++id) {
+            if (!frames_.alive(id, context_.committed))
+                continue;
+            const FrameId parent = newest_parent(view, id);
+            if (parent >= count)
+                continue;
+            auto& children = frames_.word(parent, history::kChildren);
+            children.store_relaxed(children.load_relaxed() + 1);
+        }
+    }
+    [[nodiscard]] FrameId newest_parent(const SnapshotView<Memory>& view, FrameId id) const {
+        const std::uint64_t topology = frames_.topology(id);
+        FrameId parent = history::Topology::parent(topology);
+        if ((topology & history::Topology::kMixedParents) != 0) {
+            const lookup::Policy newest{lookup::PolicyKind::kLatest, lookup::kNoLimit};
+            (void)lookup::exact_parent(view, id, 0, newest, lookup::Edges::kAll, parent);
+        }
+        return parent;
+    }
+
+    /// Slots that nobody ever saw first, then those of removed frames in the order of their deaths.
+    void list_slots() {
+        std::sort(retired_.begin(), retired_.end());
+        for (const auto w : {graph::kFreeHead, graph::kFreeTail, graph::kFreeFull})
+            frames_.store_word(w).store_relaxed(0);
+        for (const auto& [died, id] : retired_) {
+            if (load(id, history::kName) != 0)
+                frames_.push_retired(id);
+            else
+                frames_.push_empty(id);
+        }
+    }
+
+    graph::Frames<Memory> frames_;
+    graph::Names<Memory> names_;
+    history::WriteContext context_;
+    std::vector<std::pair<CommitNumber, FrameId>> retired_;
+};
+
+}  // namespace tfdb::txn
