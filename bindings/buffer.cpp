@@ -59,6 +59,59 @@ void init(nb::pointer_and_handle<BufferObject> self, nb::handle history, nb::han
     }
 }
 
+/// A name of the file system, which need not be UTF-8.
+std::string path_of(nb::handle path) {
+    PyObject* bytes = nullptr;
+    if (PyUnicode_FSConverter(path.ptr(), &bytes) == 0) {
+        throw nb::python_error();
+    }
+    const nb::object held = nb::steal(bytes);
+    return {PyBytes_AS_STRING(bytes), static_cast<std::size_t>(PyBytes_GET_SIZE(bytes))};
+}
+
+void create_shared(nb::handle path, nb::handle history, nb::handle max_frames,
+                   nb::handle snapshot_memory, nb::handle size, nb::handle permissions,
+                   nb::handle group) {
+    constexpr std::uint64_t kMostBytes = std::numeric_limits<std::size_t>::max();
+    constexpr std::uint64_t kAllBits = 0777;
+    BufferOptions options;
+    options.history_ns = optional_duration_of(history, "history");
+    options.max_frames =
+        static_cast<std::uint32_t>(count_of(max_frames, "max_frames", 1, kMaxFrames));
+    options.snapshot_memory = count_of(snapshot_memory, "snapshot_memory", 0, kMostBytes);
+    ShareOptions share;
+    share.size = count_of(size, "size", 0, kMostBytes);
+    share.mode = static_cast<unsigned>(count_of(permissions, "permissions", 0, kAllBits));
+    if (!group.is_none()) {
+        share.group = static_cast<std::int64_t>(
+            count_of(group, "group", 0, std::numeric_limits<std::int32_t>::max()));
+    }
+    Buffer::create(path_of(path), share, options);
+}
+
+nb::object open_shared(nb::handle path, bool writable, nb::handle clock) {
+    const std::string file = path_of(path);
+    nb::object made = nb::inst_alloc(nb::type<BufferObject>());
+    auto* const object = new (nb::inst_ptr<BufferObject>(made)) BufferObject(file, writable);
+    nb::inst_mark_ready(made);
+    object->buffer = made.ptr();
+    if (!clock.is_none()) {
+        object->clock = nb::borrow(clock);
+    }
+    return made;
+}
+
+nb::object shared(const BufferObject& self) {
+    const std::optional<SharedUse> use = self.store.shared();
+    if (!use) {
+        return nb::none();
+    }
+    const nb::object path = nb::steal(PyUnicode_DecodeFSDefaultAndSize(
+        use->path.data(), static_cast<Py_ssize_t>(use->path.size())));
+    return record_type("Shared")(path, use->writable ? "rw" : "r", use->size, use->repairs,
+                                 use->processes);
+}
+
 CommitNumber set_static_transform(BufferObject& self, const nb::str& parent, const nb::str& child,
                                   nb::handle translation, nb::handle rotation,
                                   const nb::str& authority, bool change_kind) {
@@ -308,6 +361,16 @@ void bind_buffer(nb::module_& module) {
                      "1048575, memory_limit: int | None = None, snapshot_memory: int = "
                      "1073741824, clock: collections.abc.Callable[[], int] | None = None, "
                      "concurrency: tfdb.types.Concurrency = 'snapshot') -> None"));
+    type.def_static("_create", &create_shared, nb::arg("path"), nb::arg("history").none(),
+                    nb::arg("max_frames").none(), nb::arg("snapshot_memory").none(),
+                    nb::arg("size").none(), nb::arg("permissions").none(),
+                    nb::arg("group").none());
+    type.def_static("_open", &open_shared, nb::arg("path"), nb::arg("writable"),
+                    nb::arg("clock").none());
+    type.def_static(
+        "_unlink", [](nb::handle path) { Buffer::unlink(path_of(path)); }, nb::arg("path"));
+    type.def_prop_ro("shared", &shared, nb::sig("def shared(self) -> tfdb.types.Shared | None"),
+                     "What is known of a store that processes share; None: it is this process's.");
     add_raw_reads(type);
     bind_writes(type);
     bind_changes(type);

@@ -20,9 +20,11 @@ constexpr std::array kClassNames = {
     "CorruptMessage",    "SnapshotTooOld", "SnapshotClosed",
     "CapacityExceeded",  "Conflict",       "TransactionClosed",
     "TransactionActive", "WrongThread",    "Forked",
-    "FeedLapped",        "NotSupported",
+    "FeedLapped",        "NotSupported",   "NoSuchStore",
+    "StoreExists",       "CorruptStore",   "ReadOnly",
+    "LockTimeout",
 };
-static_assert(kClassNames.size() == static_cast<std::size_t>(ErrorCode::kNotSupported) + 1);
+static_assert(kClassNames.size() == static_cast<std::size_t>(ErrorCode::kLockTimeout) + 1);
 
 // Strong references for the life of the process.
 std::array<PyObject*, kClassNames.size()> g_classes{};
@@ -58,6 +60,7 @@ void set_fields(nb::handle error, const ErrorDetail& detail) {
     set_text(error, "frame", detail.frame);
     set_text(error, "authority", detail.authority);
     set_text(error, "reason", detail.reason);
+    set_text(error, "path", detail.path);
     set_number(error, "stamp", detail.stamp);
     set_number(error, "oldest", detail.oldest);
     set_number(error, "newest", detail.newest);
@@ -68,6 +71,7 @@ void set_fields(nb::handle error, const ErrorDetail& detail) {
     set_number(error, "offset", detail.offset);
     set_number(error, "commit", detail.commit);
     set_number(error, "since", detail.since);
+    set_number(error, "pid", detail.pid);
     if (!detail.frames.empty()) {
         nb::list names;
         for (const std::string& name : detail.frames) {

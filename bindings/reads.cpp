@@ -341,6 +341,10 @@ void add_python_methods(nb::module_& module) {
     const nb::object buffer = module.attr("Buffer");
     buffer.attr("load") = methods.attr("load");
     buffer.attr("run") = methods.attr("run");
+    buffer.attr("__reduce__") = methods.attr("reduce");
+    const nb::handle static_method{reinterpret_cast<PyObject*>(&PyStaticMethod_Type)};
+    buffer.attr("open") = static_method(methods.attr("open_store"));
+    buffer.attr("unlink") = static_method(methods.attr("unlink_store"));
 }
 
 }  // namespace tfdb::python

@@ -52,11 +52,11 @@ struct ReadsObject {
 };
 
 struct BufferObject : ReadsObject {
+    BufferObject(const std::string& path, bool writable) : store(Buffer::open(path, writable)) {
+        point_at_own();
+    }
     explicit BufferObject(const BufferOptions& options) : store(options) {
-        reads = &store;
-        names = &own_names;
-        paths = &own_paths;
-        waits = &reasons;
+        point_at_own();
         if (options.concurrency != Concurrency::kSnapshot) {
             reasons.add_wait();
         }
@@ -67,6 +67,14 @@ struct BufferObject : ReadsObject {
     NameCache own_names;
     PathNames own_paths;
     nb::object clock;  // none: the system's
+
+private:
+    void point_at_own() {
+        reads = &store;
+        names = &own_names;
+        paths = &own_paths;
+        waits = &reasons;
+    }
 };
 
 struct SnapshotObject : ReadsObject {

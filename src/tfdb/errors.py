@@ -17,6 +17,7 @@ __all__ = [
     "CapacityExceeded",
     "Conflict",
     "CorruptMessage",
+    "CorruptStore",
     "CycleError",
     "Disconnected",
     "Extrapolation",
@@ -30,15 +31,19 @@ __all__ = [
     "InvalidName",
     "InvalidStamp",
     "InvalidTransform",
+    "LockTimeout",
     "ModelError",
     "NoSampleNear",
+    "NoSuchStore",
     "NotSupported",
+    "ReadOnly",
     "RecordingError",
     "RepeatedStamp",
     "SnapshotClosed",
     "SnapshotTooOld",
     "Stale",
     "StaticConflict",
+    "StoreExists",
     "TfdbError",
     "TfdbWarning",
     "TooOld",
@@ -274,7 +279,34 @@ class FeedLapped(TfdbError):
 
 
 class NotSupported(TfdbError):
-    """The store's engine has no such thing; the message names those that have."""
+    """The store's engine, or the machine, has no such thing; the message says what has."""
+
+
+class NoSuchStore(TfdbError):
+    """There is no store of that name, or it was removed. Fields: path, reason."""
+
+
+class StoreExists(TfdbError):
+    """There is a store of that name already. Fields: path, reason."""
+
+
+class CorruptStore(TfdbError):
+    """A file that is no store, or one of another version or machine, or damaged.
+
+    Fields: path, reason.
+    """
+
+
+class ReadOnly(TfdbError):
+    """The store was opened for reading only, or its files' permissions allow no more. Field: path."""
+
+
+class LockTimeout(TfdbError):
+    """Another process holds the store's lock for writers and does not go on.
+
+    It may be stopped, as by SIGSTOP. One that has died is never waited for. Reads go on. Fields:
+    path, pid, limit (how long was waited).
+    """
 
 
 class _FileError(TfdbError):

@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from .explain import Explanation
     from .io import LoadReport
     from .loading import Paths, Progress, Topics
+    from .shared import Name
     from .stamps import StampLike
     from .transactions import Result
     from .types import Trajectory
@@ -213,3 +214,100 @@ def run(
     from .transactions import run_until_won  # noqa: PLC0415 - see above
 
     return run_until_won(self, fn, retries=retries, timeout=timeout, priority=priority)
+
+
+def open_store(
+    name: Name,
+    *,
+    create: bool | None = None,
+    mode: Literal["r", "rw"] = "rw",
+    history: float | None = 10.0,
+    max_frames: int = 65536,
+    size: int = 1 << 30,
+    snapshot_memory: int = 1 << 28,
+    permissions: int = 0o600,
+    group: int | str | None = None,
+    clock: Callable[[], int] | None = None,
+) -> Buffer:
+    """Open a store that other processes may have open too, or make it.
+
+    It is a `Buffer` like any other, with the same guarantees among processes as among threads: a
+    commit is seen whole or not at all, a snapshot stays as it is, readers never wait. No process's
+    death, at whatever instruction, stops or tears anything: readers go on, and the next writer
+    takes back what the dead one had not committed. The store stays until `Buffer.unlink`, or until
+    the machine restarts.
+
+    Parameters
+    ----------
+    name
+        One word, such as `"robot1"`; or a `pathlib.Path` on a memory file system.
+    create
+        True: make it, there must be none yet; False: there must be one; None: make it if there is
+        none. What only reads makes none.
+    mode
+        `rw`: read and write. `r`: read only; the store's memory cannot be written to, even by
+        mistake.
+    history, max_frames, snapshot_memory
+        As in `Buffer`. They, and the arguments down to `group`, count where the store is made; one
+        that is there keeps its own.
+    size
+        Bytes that it may grow to. Memory is taken as it grows; beyond, writes raise
+        CapacityExceeded.
+    permissions, group
+        Of its files. By default only this user may open it; 0o640 lets the group read, 0o660 also
+        write. Who may write can do anything to the store's memory: trust them.
+    clock
+        As in `Buffer`.
+
+    Returns
+    -------
+    Buffer
+
+    Raises
+    ------
+    NoSuchStore, StoreExists, CorruptStore, ReadOnly, CapacityExceeded, InvalidName,
+    InvalidArgument, NotSupported
+    """
+    from .shared import open_or_make  # noqa: PLC0415 - see above
+
+    return open_or_make(
+        name,
+        create=create,
+        mode=mode,
+        group=group,
+        clock=clock,
+        history=history,
+        max_frames=max_frames,
+        size=size,
+        snapshot_memory=snapshot_memory,
+        permissions=permissions,
+    )
+
+
+def unlink_store(name: Name) -> None:
+    """Remove a store. Who has it open goes on with it; its memory goes with the last of them.
+
+    Parameters
+    ----------
+    name
+        As in `open`.
+
+    Raises
+    ------
+    NoSuchStore, CorruptStore (the file is no store), ReadOnly, InvalidName, NotSupported
+    """
+    from .shared import unlink_store as unlink  # noqa: PLC0415 - see above
+
+    unlink(name)
+
+
+def reduce(self: Buffer) -> tuple[object, ...]:
+    """Pickle a store that processes share, by its name; another one stays where it is."""
+    if self.shared is None:
+        raise TypeError(
+            "this Buffer is of its process alone and cannot be pickled: pass a store that "
+            "processes share, made by Buffer.open(name)"
+        )
+    from .shared import reopen  # noqa: PLC0415 - see above
+
+    return reopen, (self.shared.path, self.shared.mode)

@@ -25,6 +25,7 @@ __all__ = [
     "MemoryUse",
     "Refusal",
     "Refused",
+    "Shared",
     "Trajectory",
     "TransformStamped",
     "Twist",
@@ -302,6 +303,22 @@ class Counters:
     """Times that the engine had to begin a lookup or a write again."""
     lock_waits: int = 0
     """Times that somebody waited for the lock of a frame."""
+
+
+@dataclass(frozen=True, slots=True)
+class Shared:
+    """What is known of a store that processes share."""
+
+    path: str
+    """Its file."""
+    mode: str
+    """How it was opened: `r` or `rw`."""
+    size: int
+    """Bytes that it may grow to."""
+    repairs: int
+    """Writers that died amid a commit; each was taken back by the next writer."""
+    processes: int
+    """Times that it is open now, this one included; 0: this process may not know."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,0 +1,129 @@
+"""Stores that processes share: how they are named, opened, made and removed."""
+
+from __future__ import annotations
+
+import os
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from ._core import Buffer
+from .errors import (
+    CorruptStore,
+    InvalidArgument,
+    InvalidName,
+    NoSuchStore,
+    NotSupported,
+    ReadOnly,
+    StoreExists,
+)
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+    from typing import Any, Literal
+
+__all__ = ["Name", "find_stores", "open_or_make", "path_of", "reopen", "unlink_store"]
+
+Name = str | os.PathLike[str]
+"""A name without a slash, or a path on any memory file system."""
+
+FOLDER = Path("/dev/shm")  # noqa: S108 - where Linux keeps POSIX shared memory
+PREFIX = "tfdb."
+LONGEST = 200
+
+
+def path_of(name: Name) -> Path:
+    """Return the file of a store.
+
+    Raises
+    ------
+    InvalidName, NotSupported
+    """
+    if not sys.platform.startswith("linux"):
+        raise NotSupported(f"stores that processes share need Linux; this is {sys.platform}")
+    if isinstance(name, os.PathLike):
+        return Path(name)
+    if not isinstance(name, str):
+        raise TypeError(f"a store's name is a str or a path, got {type(name).__name__}")
+    fault = (
+        "is empty"
+        if not name
+        else "has a slash"
+        if "/" in name
+        else "has a control character"
+        if not name.isprintable()
+        else f"is longer than {LONGEST} bytes"
+        if len(os.fsencode(name)) > LONGEST
+        else "begins with a dot"
+        if name.startswith(".")
+        else None
+    )
+    if fault:
+        raise InvalidName(
+            f"the store's name {name!r} {fault}: a name is one word, such as 'robot1'; for a file "
+            "elsewhere give a pathlib.Path",
+            reason=fault,
+        )
+    return FOLDER / (PREFIX + name)
+
+
+def _group_of(group: int | str | None) -> int | None:
+    if not isinstance(group, str):
+        return group
+    import grp  # noqa: PLC0415 - there is none beyond Unix
+
+    try:
+        return grp.getgrnam(group).gr_gid
+    except KeyError:
+        raise InvalidArgument(f"there is no group {group!r} on this machine") from None
+
+
+def open_or_make(
+    name: Name,
+    *,
+    create: bool | None,
+    mode: str,
+    group: int | str | None,
+    clock: Callable[[], int] | None,
+    **made_with: Any,
+) -> Buffer:
+    """Do what `Buffer.open` says."""
+    if mode not in ("r", "rw"):
+        raise InvalidArgument(f"mode is 'r' or 'rw', not {mode!r}")
+    if create and mode == "r":
+        raise InvalidArgument("what only reads makes no store: create with mode 'rw'")
+    path = path_of(name)
+    while True:
+        if not create:
+            try:
+                return Buffer._open(path, mode == "rw", clock)
+            except NoSuchStore:
+                if create is False or mode == "r":
+                    raise
+        try:
+            Buffer._create(path, group=_group_of(group), **made_with)
+        except StoreExists:
+            if create:
+                raise
+            continue  # another process was faster
+        create = False
+
+
+def unlink_store(name: Name) -> None:
+    """Do what `Buffer.unlink` says."""
+    Buffer._unlink(path_of(name))
+
+
+def find_stores() -> Iterator[str]:
+    """Give the names of the stores that this user may read, in order."""
+    for path in sorted(FOLDER.glob(PREFIX + "*")):
+        try:
+            Buffer._open(path, False, None)  # noqa: FBT003 - for reading
+        except (CorruptStore, NoSuchStore, ReadOnly):
+            continue  # a control file, or one that went or is somebody else's
+        yield path.name.removeprefix(PREFIX)
+
+
+def reopen(path: str, mode: Literal["r", "rw"]) -> Buffer:
+    """Open a store that was pickled."""
+    return Buffer.open(Path(path), create=False, mode=mode)
