@@ -349,6 +349,26 @@ The commit itself takes a little memory for each moving edge. Raises CapacityExc
 `memory_limit` leaves none; nothing was then dropped.)");
 }
 
+/// What `Buffer.open` and `Buffer.unlink` are made of: see shared.py.
+void bind_shared(nb::module_& module) {
+    module.def("create_store", &create_shared, nb::arg("path"), nb::arg("history").none(),
+               nb::arg("max_frames").none(), nb::arg("snapshot_memory").none(),
+               nb::arg("size").none(), nb::arg("permissions").none(), nb::arg("group").none(),
+               nb::sig("def create_store(path: os.PathLike[str], history: float | None, "
+                       "max_frames: int, snapshot_memory: int, size: int, permissions: int, "
+                       "group: int | None) -> None"),
+               "Make the files of a store that processes share. Raises as `Buffer.open`.");
+    module.def("open_store", &open_shared, nb::arg("path"), nb::arg("writable"),
+               nb::arg("clock").none(),
+               nb::sig("def open_store(path: os.PathLike[str], writable: bool, clock: "
+                       "collections.abc.Callable[[], int] | None) -> Buffer"),
+               "Open the store in that file. Raises as `Buffer.open`.");
+    module.def(
+        "unlink_store", [](nb::handle path) { Buffer::unlink(path_of(path)); }, nb::arg("path"),
+        nb::sig("def unlink_store(path: os.PathLike[str]) -> None"),
+        "Remove the files of a store. Raises as `Buffer.unlink`.");
+}
+
 }  // namespace
 
 void bind_buffer(nb::module_& module) {
@@ -361,14 +381,6 @@ void bind_buffer(nb::module_& module) {
                      "1048575, memory_limit: int | None = None, snapshot_memory: int = "
                      "1073741824, clock: collections.abc.Callable[[], int] | None = None, "
                      "concurrency: tfdb.types.Concurrency = 'snapshot') -> None"));
-    type.def_static("_create", &create_shared, nb::arg("path"), nb::arg("history").none(),
-                    nb::arg("max_frames").none(), nb::arg("snapshot_memory").none(),
-                    nb::arg("size").none(), nb::arg("permissions").none(),
-                    nb::arg("group").none());
-    type.def_static("_open", &open_shared, nb::arg("path"), nb::arg("writable"),
-                    nb::arg("clock").none());
-    type.def_static(
-        "_unlink", [](nb::handle path) { Buffer::unlink(path_of(path)); }, nb::arg("path"));
     type.def_prop_ro("shared", &shared, nb::sig("def shared(self) -> tfdb.types.Shared | None"),
                      "What is known of a store that processes share; None: it is this process's.");
     add_raw_reads(type);
@@ -390,6 +402,7 @@ void bind_buffer(nb::module_& module) {
                      nb::sig("def concurrency(self) -> tfdb.types.Concurrency"),
                      "The name of the engine that keeps lookups, writes and transactions apart.");
     type.def("__repr__", &represent);
+    bind_shared(module);
 }
 
 }  // namespace tfdb::python

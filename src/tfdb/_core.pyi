@@ -1,6 +1,7 @@
 """The compiled part of tfdb. Use the names that `tfdb` exports."""
 
 from collections.abc import Callable, Iterable, Sequence
+import os
 from typing import Any, Literal, Self, overload
 
 import numpy
@@ -10,6 +11,7 @@ import tfdb.explain
 import tfdb.io
 import tfdb.loading
 import tfdb.report
+import tfdb.shared
 import tfdb.stamps
 import tfdb.transactions
 import tfdb.types
@@ -536,6 +538,12 @@ class Buffer(Reads):
 
     def __init__(self, history: float | None = 10.0, *, max_frames: int = 1048575, memory_limit: int | None = None, snapshot_memory: int = 1073741824, clock: Callable[[], int] | None = None, concurrency: tfdb.types.Concurrency = 'snapshot') -> None: ...
 
+    @property
+    def shared(self) -> tfdb.types.Shared | None:
+        """
+        What is known of a store that processes share; None: it is this process's.
+        """
+
     def set_transform(
         self,
         parent: str,
@@ -891,6 +899,78 @@ class Buffer(Reads):
                 At the commit. Nothing was stored.
         """
 
+    def __reduce__(self) -> tuple[object, ...]: ...
+
+    @staticmethod
+    def open(
+        name: tfdb.shared.Name,
+        *,
+        create: bool | None = None,
+        mode: Literal['r', 'rw'] = 'rw',
+        history: float | None = 10.0,
+        max_frames: int = 65536,
+        size: int = 1073741824,
+        snapshot_memory: int = 268435456,
+        permissions: int = 0o600,
+        group: int | str | None = None,
+        clock: Callable[[], int] | None = None,
+    ) -> Buffer:
+        """
+        Open a store that other processes may have open too, or make it.
+
+            It is a `Buffer` like any other, with the same guarantees among processes as among threads: a
+            commit is seen whole or not at all, a snapshot stays as it is, readers never wait. No process's
+            death, at whatever instruction, stops or tears anything: readers go on, and the next writer
+            takes back what the dead one had not committed. The store stays until `Buffer.unlink`, or until
+            the machine restarts.
+
+            Parameters
+            ----------
+            name
+                One word, such as `"robot1"`; or a `pathlib.Path` on a memory file system.
+            create
+                True: make it, there must be none yet; False: there must be one; None: make it if there is
+                none. What only reads makes none.
+            mode
+                `rw`: read and write. `r`: read only; the store's memory cannot be written to, even by
+                mistake.
+            history, max_frames, snapshot_memory
+                As in `Buffer`. They, and the arguments down to `group`, count where the store is made; one
+                that is there keeps its own.
+            size
+                Bytes that it may grow to. Memory is taken as it grows; beyond, writes raise
+                CapacityExceeded.
+            permissions, group
+                Of its files. By default only this user may open it; 0o640 lets the group read, 0o660 also
+                write. Who may write can do anything to the store's memory: trust them.
+            clock
+                As in `Buffer`.
+
+            Returns
+            -------
+            Buffer
+
+            Raises
+            ------
+            NoSuchStore, StoreExists, CorruptStore, ReadOnly, CapacityExceeded, InvalidName,
+            InvalidArgument, NotSupported
+        """
+
+    @staticmethod
+    def unlink(name: tfdb.shared.Name) -> None:
+        """
+        Remove a store. Who has it open goes on with it; its memory goes with the last of them.
+
+            Parameters
+            ----------
+            name
+                As in `open`.
+
+            Raises
+            ------
+            NoSuchStore, CorruptStore (the file is no store), ReadOnly, InvalidName, NotSupported
+        """
+
 class Recorded:
     """Messages of a recording, outside of Python."""
 
@@ -1097,6 +1177,17 @@ class Transaction:
     def __exit__(self, kind: object, error: object, traceback: object) -> None: ...
 
     def __repr__(self) -> str: ...
+
+def create_store(path: os.PathLike[str], history: float | None, max_frames: int, snapshot_memory: int, size: int, permissions: int, group: int | None) -> None:
+    """
+    Make the files of a store that processes share. Raises as `Buffer.open`.
+    """
+
+def open_store(path: os.PathLike[str], writable: bool, clock: Callable[[], int] | None) -> Buffer:
+    """Open the store in that file. Raises as `Buffer.open`."""
+
+def unlink_store(path: os.PathLike[str]) -> None:
+    """Remove the files of a store. Raises as `Buffer.unlink`."""
 
 def to_nanoseconds(stamp: tfdb.stamps.StampLike) -> int:
     """

@@ -298,7 +298,7 @@ class CorruptStore(TfdbError):
 
 
 class ReadOnly(TfdbError):
-    """The store was opened for reading only, or its files' permissions allow no more. Field: path."""
+    """The store was opened for reading only, or permissions allow no more. Field: path."""
 
 
 class LockTimeout(TfdbError):

@@ -7,7 +7,8 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from ._core import Buffer
+from ._core import Buffer, create_store, open_store
+from ._core import unlink_store as unlink_file
 from .errors import (
     CorruptStore,
     InvalidArgument,
@@ -96,12 +97,12 @@ def open_or_make(
     while True:
         if not create:
             try:
-                return Buffer._open(path, mode == "rw", clock)
+                return open_store(path, mode == "rw", clock)
             except NoSuchStore:
                 if create is False or mode == "r":
                     raise
         try:
-            Buffer._create(path, group=_group_of(group), **made_with)
+            create_store(path, group=_group_of(group), **made_with)
         except StoreExists:
             if create:
                 raise
@@ -111,14 +112,14 @@ def open_or_make(
 
 def unlink_store(name: Name) -> None:
     """Do what `Buffer.unlink` says."""
-    Buffer._unlink(path_of(name))
+    unlink_file(path_of(name))
 
 
 def find_stores() -> Iterator[str]:
     """Give the names of the stores that this user may read, in order."""
     for path in sorted(FOLDER.glob(PREFIX + "*")):
         try:
-            Buffer._open(path, False, None)  # noqa: FBT003 - for reading
+            open_store(path, False, None)  # noqa: FBT003 - for reading
         except (CorruptStore, NoSuchStore, ReadOnly):
             continue  # a control file, or one that went or is somebody else's
         yield path.name.removeprefix(PREFIX)

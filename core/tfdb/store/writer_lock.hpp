@@ -16,7 +16,8 @@ namespace tfdb::store {
 /// Guarantee: blocks. Urgent requests go first within a process.
 class WriterLock {
 public:
-    /// What repairs; the lock is held.
+    /// What repairs after a death. Threads: the one that holds the lock. Guarantee: as whoever
+    /// made it.
     class Repairs {
     public:
         Repairs() = default;
