@@ -716,6 +716,9 @@ void EdgeWriter<Memory>::clear(const WriteContext& context) {
     keep(kOldSince, this->began());
     keep(kOldOlder, goes_on ? memory_.word(before + 8 * Offset{kOldOlder}).load_relaxed() : before);
     keep(kOldEnd, end());
+    // Where a clear was taken back before, who dies before the next store leaves another such.
+    if (goes_on)
+        this->word(kSince).store_release(context.number());
     this->word(kOlder).store_release(block.offset());
     this->word(kSince).store_release(context.number());
     block.use();
@@ -843,7 +846,9 @@ void EdgeWriter<Memory>::trim_version(const WriteContext& context) {
     this->word(kDirectory).store_release(old(kOldDirectory));
     this->word(kTail).store_release(old(kOldTail));
     this->word(kOlder).store_release(block | kTakenBack);
-    retire_all(context, Line::kReplaced, tail, directory);
+    // After a death amid the clear, or amid this, they are the old version's already.
+    retire_all(context, Line::kReplaced, tail == old(kOldTail) ? 0 : tail,
+               directory == old(kOldDirectory) ? 0 : directory);
 }
 
 /// Parent and kind are those of the newest sample.

@@ -31,6 +31,11 @@ public:
         return false;
     }
     [[nodiscard]] std::size_t bytes() const { return bytes_; }
+    template <class Visit>
+    void visit(Visit visit) const {
+        for (const Retired& retired : blocks_)
+            visit(retired.block);
+    }
 
 private:
     struct Retired {

@@ -121,4 +121,27 @@ private:
     std::uint64_t first_ = 0;
 };
 
+// A thread dies after so many stores, and says so in a word, as the kernel does for who holds a
+// robust lock. What comes before its death may be seeded with a bug. Made anew for each execution.
+class Dies : public Interceptor {
+public:
+    Dies(std::size_t thread, std::size_t stores, Word& told, Interceptor* flaw = nullptr)
+        : thread_(thread), left_(stores), told_(told), flaw_(flaw) {}
+
+    Effect access(Word& word, const Operation& operation) override {
+        Run* const run = Run::inside_thread();
+        if (run->current() == thread_ && !only_reads(operation.kind) && left_-- == 0) {
+            told_.access_directly({Kind::kStoreRelease, &told_, 1, 0});
+            run->die();
+        }
+        return flaw_ != nullptr ? flaw_->access(word, operation) : word.access_directly(operation);
+    }
+
+private:
+    std::size_t thread_;
+    std::size_t left_;
+    Word& told_;
+    Interceptor* flaw_;
+};
+
 }  // namespace tfdb::sched

@@ -71,6 +71,16 @@ public:
     }
     [[nodiscard]] Word& reclaimed(memory::Line line) const { return word(8 + 8 * place(line)); }
 
+    /// The blocks that nobody may be led to by a new look: free ones and retired ones.
+    [[nodiscard]] std::vector<Offset> out_of_use() const {
+        std::vector<Offset> blocks;
+        for (const auto& [lines, free] : free_)
+            blocks.insert(blocks.end(), free.begin(), free.end());
+        for (const auto& line : retired_)
+            line.visit([&](Offset block) { blocks.push_back(block); });
+        return blocks;
+    }
+
     static void fence_acquire() {}
     static void fence_release() {}
     static void fence_full() {}

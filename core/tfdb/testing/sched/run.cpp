@@ -1,6 +1,7 @@
 #include "tfdb/testing/sched/run.hpp"
 
 #include <cstdio>
+#include <cstdlib>
 #include <exception>
 #include <utility>
 
@@ -83,6 +84,14 @@ Effect Run::step(const Operation& operation) {
     self.announced_word = identity(*operation.word);
     self.fiber->suspend();
     return self.effect;
+}
+
+void Run::die() {
+    Thread& self = threads_[current_];
+    self.finished = true;
+    self.died = true;
+    self.fiber->suspend();
+    std::abort();  // nobody resumes it
 }
 
 const Step& Run::advance(std::size_t thread) {

@@ -55,7 +55,10 @@ public:
     /// Leaves the program with a violation unless `holds`.
     static void require(bool holds, const char* text, const char* file, int line);
 
-    /// True once a thread has been killed by `dies_after`.
+    /// The thread that is being executed stops for ever, as with `dies_after`.
+    [[noreturn]] void die();
+
+    /// True once a thread has been killed.
     [[nodiscard]] bool died(std::size_t thread) const { return threads_[thread].died; }
 
     /// The run whose thread is being executed right now, or null.
