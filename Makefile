@@ -5,6 +5,7 @@
 PYTHON ?= python3
 JOBS ?= $(shell nproc 2>/dev/null || echo 2)
 FUZZ_SECONDS ?= 600
+TORTURE_SECONDS ?= 600
 BAG ?=
 
 VENV := .venv
@@ -23,7 +24,7 @@ ONE_SEED := TFDB_MODEL_SEEDS=1
 
 .DELETE_ON_ERROR:
 .PHONY: help demo test test-cpp test-python check measure bench-rooms tsan asan asan-python fuzz \
-        relacy docs wheel stubs format clean distclean
+        torture relacy docs wheel stubs format clean distclean
 
 help:
 	@echo 'make demo [BAG=file]  the main job on a recording, pictures in out/'
@@ -34,6 +35,7 @@ help:
 	@echo 'make tsan | asan      C++ tests under sanitizers'
 	@echo 'make asan-python      the fuzzer of the public face, with the extension under a sanitizer'
 	@echo 'make fuzz             fuzzers, FUZZ_SECONDS=$(FUZZ_SECONDS) each (clang)'
+	@echo 'make torture          writers of a shared store are killed, TORTURE_SECONDS=$(TORTURE_SECONDS) long'
 	@echo 'make relacy           model checks of the protocol (package relacy-dev)'
 	@echo 'make docs             API reference in build/docs'
 	@echo 'make wheel            sdist and wheel in dist/'
@@ -72,6 +74,7 @@ test-cpp: $(STAMPS)/venv
 	build/dev/bin/tfdb_tests
 	cd build/dev && ../../$(BIN)/ctest -R tfdb_tests_ --output-on-failure
 	build/dev/bin/tfdb_sched
+	build/dev/bin/torture_store_shared --seconds 15
 	build/dev/bin/tfdb_driver_tests
 
 test-python: $(STAMPS)/dev
@@ -119,6 +122,14 @@ relacy: $(STAMPS)/venv
 	$(CMAKE) --preset relacy >/dev/null
 	$(CMAKE) --build --preset relacy -j $(JOBS) --target tfdb_relacy
 	for model in build/relacy/bin/relacy_*; do echo "$$model"; $$model || exit 1; done
+
+# By the clock, then also before a chosen store to shared memory.
+torture: $(STAMPS)/venv
+	for preset in dev torture; do \
+	    $(CMAKE) --preset $$preset >/dev/null && \
+	    $(CMAKE) --build --preset $$preset -j $(JOBS) --target torture_store_shared && \
+	    build/$$preset/bin/torture_store_shared --seconds $$(($(TORTURE_SECONDS) / 2)) || exit 1; \
+	done
 
 fuzz: $(STAMPS)/dev
 	$(CMAKE) --preset fuzz >/dev/null

@@ -27,7 +27,14 @@ inline void fence_full() noexcept {
 #pragma GCC diagnostic pop
 #endif
 
-/// A 64-bit word that threads (and later processes) share.
+#ifdef TFDB_COUNTS_STORES
+/// Called before every store, by programs that count them, to die at one: see `make torture`.
+void about_to_store() noexcept;
+#else
+inline void about_to_store() noexcept {}
+#endif
+
+/// A 64-bit word that threads and processes share.
 /// Threads: any may call anything.
 /// Guarantee: every operation is wait-free but `wait`, which blocks until the value differs.
 class Word {
@@ -39,26 +46,32 @@ public:
         return value_.load(std::memory_order_acquire);
     }
     void store_relaxed(std::uint64_t value) noexcept {
+        about_to_store();
         value_.store(value, std::memory_order_relaxed);
     }
     void store_release(std::uint64_t value) noexcept {
+        about_to_store();
         value_.store(value, std::memory_order_release);
     }
     /// On failure `expected` holds what was found.
     bool compare_exchange(std::uint64_t& expected, std::uint64_t desired) noexcept {
+        about_to_store();
         return value_.compare_exchange_strong(expected, desired, std::memory_order_acq_rel,
                                               std::memory_order_acquire);
     }
     std::uint64_t exchange(std::uint64_t desired) noexcept {
+        about_to_store();
         return value_.exchange(desired, std::memory_order_acq_rel);
     }
     std::uint64_t fetch_add(std::uint64_t delta) noexcept {
+        about_to_store();
         return value_.fetch_add(delta, std::memory_order_acq_rel);
     }
     /// Operations in one total order: where two threads each do a `compare_exchange_ordered`, then
     /// a `load_ordered` of the other's word, one of the two sees what the other did. Cheaper than a
     /// full fence between the two.
     bool compare_exchange_ordered(std::uint64_t& expected, std::uint64_t desired) noexcept {
+        about_to_store();
         return value_.compare_exchange_strong(expected, desired, std::memory_order_seq_cst,
                                               std::memory_order_seq_cst);
     }
