@@ -89,10 +89,14 @@ void create_shared(nb::handle path, nb::handle history, nb::handle max_frames,
     Buffer::create(path_of(path), share, options);
 }
 
-nb::object open_shared(nb::handle path, bool writable, nb::handle clock) {
+constexpr StampNs kNoTimeout = std::numeric_limits<StampNs>::max();
+
+nb::object open_shared(nb::handle path, bool writable, nb::handle lock_timeout, nb::handle clock) {
     const std::string file = path_of(path);
+    const StampNs longest = optional_duration_of(lock_timeout, "lock_timeout").value_or(kNoTimeout);
     nb::object made = nb::inst_alloc(nb::type<BufferObject>());
-    auto* const object = new (nb::inst_ptr<BufferObject>(made)) BufferObject(file, writable);
+    auto* const object =
+        new (nb::inst_ptr<BufferObject>(made)) BufferObject(file, writable, longest);
     nb::inst_mark_ready(made);
     object->buffer = made.ptr();
     if (!clock.is_none()) {
@@ -108,8 +112,12 @@ nb::object shared(const BufferObject& self) {
     }
     const nb::object path = nb::steal(PyUnicode_DecodeFSDefaultAndSize(
         use->path.data(), static_cast<Py_ssize_t>(use->path.size())));
-    return record_type("Shared")(path, use->writable ? "rw" : "r", use->size, use->repairs,
-                                 use->processes);
+    const nb::object lock_timeout =
+        use->lock_timeout_ns == kNoTimeout
+            ? nb::none()
+            : nb::object(nb::float_(static_cast<double>(use->lock_timeout_ns) / 1e9));
+    return record_type("Shared")(path, use->writable ? "rw" : "r", lock_timeout, use->size,
+                                 use->repairs, use->processes);
 }
 
 CommitNumber set_static_transform(BufferObject& self, const nb::str& parent, const nb::str& child,
@@ -128,7 +136,7 @@ nb::object set_transforms(BufferObject& self, nb::handle batch, bool is_static,
     const auto store_partial = [&](const Transforms& transforms, auto&&... given) {
         std::vector<RefusedMember> refused;
         {
-            const nb::gil_scoped_release released;
+            const LongWork work(true);
             CommitNumber commit = 0;
             refused = self.store.set_transforms_partial(given..., who, commit, rules);
         }
@@ -150,7 +158,7 @@ nb::object set_transforms(BufferObject& self, nb::handle batch, bool is_static,
 
 CommitNumber remove_frame(BufferObject& self, const nb::str& name, bool recursive) {
     const std::string_view bytes = name_of(name, "name");
-    const nb::gil_scoped_release released;
+    const LongWork work(true);
     return self.store.remove_frame(bytes, recursive);
 }
 
@@ -171,18 +179,18 @@ CommitNumber remove_frames(BufferObject& self, nb::handle names, bool recursive)
         PyObject* const item = PyTuple_GET_ITEM(items.ptr(), static_cast<Py_ssize_t>(i));
         at_index(i, [&] { all[i] = name_of(item, "names"); });
     }
-    const nb::gil_scoped_release released;
+    const LongWork work(true);
     return self.store.remove_frames(all, recursive);
 }
 
 CommitNumber clear(BufferObject& self) {
-    const nb::gil_scoped_release released;
+    const LongWork work(true);
     return self.store.clear();
 }
 
 nb::object memory(BufferObject& self) {
     const MemoryUse use = [&] {
-        const nb::gil_scoped_release released;
+        const LongWork work(true);
         return self.store.memory();
     }();
     return memory_record(use);
@@ -359,9 +367,9 @@ void bind_shared(nb::module_& module) {
                        "group: int | None) -> None"),
                "Make the files of a store that processes share. Raises as `Buffer.open`.");
     module.def("open_store", &open_shared, nb::arg("path"), nb::arg("writable"),
-               nb::arg("clock").none(),
-               nb::sig("def open_store(path: os.PathLike[str], writable: bool, clock: "
-                       "collections.abc.Callable[[], int] | None) -> Buffer"),
+               nb::arg("lock_timeout").none(), nb::arg("clock").none(),
+               nb::sig("def open_store(path: os.PathLike[str], writable: bool, lock_timeout: float "
+                       "| None, clock: collections.abc.Callable[[], int] | None) -> Buffer"),
                "Open the store in that file. Raises as `Buffer.open`.");
     module.def(
         "unlink_store", [](nb::handle path) { Buffer::unlink(path_of(path)); }, nb::arg("path"),

@@ -52,7 +52,8 @@ struct ReadsObject {
 };
 
 struct BufferObject : ReadsObject {
-    BufferObject(const std::string& path, bool writable) : store(Buffer::open(path, writable)) {
+    BufferObject(const std::string& path, bool writable, StampNs lock_timeout)
+        : store(Buffer::open(path, writable, lock_timeout)) {
         point_at_own();
     }
     explicit BufferObject(const BufferOptions& options) : store(options) {

@@ -135,6 +135,10 @@ void ingest_one(Buffer& store, Bytes bytes, wire::Encoding encoding, bool is_sta
         throw;
     } catch (const Forked&) {
         throw;
+    } catch (const ReadOnly&) {
+        throw;
+    } catch (const LockTimeout&) {
+        throw;
     } catch (const Error& error) {
         ++tally.refused;
         Refusal& refusal = tally.reasons[error.code()];
@@ -186,7 +190,7 @@ nb::object ingest_many(BufferObject& self, nb::handle messages, const nb::str& e
         if (PyErr_Occurred() != nullptr) {
             throw nb::python_error();
         }
-        const nb::gil_scoped_release released;
+        const LongWork work(true);
         for (const Message& message : chunk) {
             ingest_one(self.store, message.bytes(), how, is_static, senders.of(tally.messages),
                        scratch, tally);
@@ -218,7 +222,7 @@ nb::object ingest_recorded(BufferObject& self, const Recorded& messages, std::si
         // A copy: others may add messages meanwhile. Their bytes stay where they are.
         const std::vector<RecordedMessage> together =
             messages.between(first, std::min(last, first + kTogether));
-        const nb::gil_scoped_release released;
+        const LongWork work(true);
         for (const RecordedMessage& message : together) {
             const auto sender = senders.find(message.source);
             ingest_one(self.store, message.bytes(), how, is_static,

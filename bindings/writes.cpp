@@ -53,7 +53,7 @@ CommitNumber commit_soon(BufferObject& buffer, std::size_t samples, Try&& try_co
     if (samples < kReleaseFrom && !buffer.reasons.to_wait() && try_commit(number)) {
         return number;
     }
-    const nb::gil_scoped_release released;
+    const LongWork work(true);
     return commit();
 }
 

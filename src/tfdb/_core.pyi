@@ -913,6 +913,7 @@ class Buffer(Reads):
         snapshot_memory: int = 268435456,
         permissions: int = 0o600,
         group: int | str | None = None,
+        lock_timeout: float | None = 10.0,
         clock: Callable[[], int] | None = None,
     ) -> Buffer:
         """
@@ -943,6 +944,10 @@ class Buffer(Reads):
             permissions, group
                 Of its files. By default only this user may open it; 0o640 lets the group read, 0o660 also
                 write. Who may write can do anything to the store's memory: trust them.
+            lock_timeout
+                Seconds that a write waits while another process is at one, before it raises LockTimeout;
+                None: for ever. A process that died is not waited for, only one that does not go on. Ctrl-C
+                ends the wait.
             clock
                 As in `Buffer`.
 
@@ -1183,7 +1188,7 @@ def create_store(path: os.PathLike[str], history: float | None, max_frames: int,
     Make the files of a store that processes share. Raises as `Buffer.open`.
     """
 
-def open_store(path: os.PathLike[str], writable: bool, clock: Callable[[], int] | None) -> Buffer:
+def open_store(path: os.PathLike[str], writable: bool, lock_timeout: float | None, clock: Callable[[], int] | None) -> Buffer:
     """Open the store in that file. Raises as `Buffer.open`."""
 
 def unlink_store(path: os.PathLike[str]) -> None:

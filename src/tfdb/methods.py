@@ -227,6 +227,7 @@ def open_store(
     snapshot_memory: int = 1 << 28,
     permissions: int = 0o600,
     group: int | str | None = None,
+    lock_timeout: float | None = 10.0,
     clock: Callable[[], int] | None = None,
 ) -> Buffer:
     """Open a store that other processes may have open too, or make it.
@@ -256,6 +257,10 @@ def open_store(
     permissions, group
         Of its files. By default only this user may open it; 0o640 lets the group read, 0o660 also
         write. Who may write can do anything to the store's memory: trust them.
+    lock_timeout
+        Seconds that a write waits while another process is at one, before it raises LockTimeout;
+        None: for ever. A process that died is not waited for, only one that does not go on. Ctrl-C
+        ends the wait.
     clock
         As in `Buffer`.
 
@@ -275,6 +280,7 @@ def open_store(
         create=create,
         mode=mode,
         group=group,
+        lock_timeout=lock_timeout,
         clock=clock,
         history=history,
         max_frames=max_frames,
@@ -310,4 +316,4 @@ def reduce(self: Buffer) -> tuple[object, ...]:
         )
     from .shared import reopen  # noqa: PLC0415 - see above
 
-    return reopen, (self.shared.path, self.shared.mode)
+    return reopen, (self.shared.path, self.shared.mode, self.shared.lock_timeout)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -10,14 +11,13 @@ from typing import TYPE_CHECKING
 from ._core import Buffer, create_store, open_store
 from ._core import unlink_store as unlink_file
 from .errors import (
-    CorruptStore,
     InvalidArgument,
     InvalidName,
     NoSuchStore,
     NotSupported,
-    ReadOnly,
     StoreExists,
 )
+from .given_path import given_path
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -30,6 +30,8 @@ Name = str | os.PathLike[str]
 
 FOLDER = Path("/dev/shm")  # noqa: S108 - where Linux keeps POSIX shared memory
 PREFIX = "tfdb."
+CONTROL = re.compile(r"\.control-[0-9a-f]{16}(\.new)?$")
+"""How the names of the files end that lie beside a store's."""
 LONGEST = 200
 
 
@@ -43,7 +45,7 @@ def path_of(name: Name) -> Path:
     if not sys.platform.startswith("linux"):
         raise NotSupported(f"stores that processes share need Linux; this is {sys.platform}")
     if isinstance(name, os.PathLike):
-        return Path(name)
+        return given_path(name).absolute()
     if not isinstance(name, str):
         raise TypeError(f"a store's name is a str or a path, got {type(name).__name__}")
     fault = (
@@ -85,6 +87,7 @@ def open_or_make(
     create: bool | None,
     mode: str,
     group: int | str | None,
+    lock_timeout: float | None,
     clock: Callable[[], int] | None,
     **made_with: Any,
 ) -> Buffer:
@@ -97,7 +100,7 @@ def open_or_make(
     while True:
         if not create:
             try:
-                return open_store(path, mode == "rw", clock)
+                return open_store(path, mode == "rw", lock_timeout, clock)
             except NoSuchStore:
                 if create is False or mode == "r":
                     raise
@@ -116,15 +119,12 @@ def unlink_store(name: Name) -> None:
 
 
 def find_stores() -> Iterator[str]:
-    """Give the names of the stores that this user may read, in order."""
-    for path in sorted(FOLDER.glob(PREFIX + "*")):
-        try:
-            open_store(path, False, None)  # noqa: FBT003 - for reading
-        except (CorruptStore, NoSuchStore, ReadOnly):
-            continue  # a control file, or one that went or is somebody else's
-        yield path.name.removeprefix(PREFIX)
+    """Give the names of the stores of this machine, in order; not all may be this user's."""
+    for path in sorted(path_of("x").parent.glob(PREFIX + "*")):
+        if not CONTROL.search(path.name):
+            yield path.name.removeprefix(PREFIX)
 
 
-def reopen(path: str, mode: Literal["r", "rw"]) -> Buffer:
+def reopen(path: str, mode: Literal["r", "rw"], lock_timeout: float | None) -> Buffer:
     """Open a store that was pickled."""
-    return Buffer.open(Path(path), create=False, mode=mode)
+    return Buffer.open(Path(path), create=False, mode=mode, lock_timeout=lock_timeout)

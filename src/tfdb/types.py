@@ -313,6 +313,8 @@ class Shared:
     """Its file."""
     mode: str
     """How it was opened: `r` or `rw`."""
+    lock_timeout: float | None
+    """Seconds that writes here wait for those of another process; None: for ever."""
     size: int
     """Bytes that it may grow to."""
     repairs: int

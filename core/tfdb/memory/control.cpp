@@ -11,7 +11,6 @@
 #include <system_error>
 
 #include "tfdb/base/error.hpp"
-#include "tfdb/base/interruption.hpp"
 
 namespace tfdb::memory {
 namespace {
@@ -24,7 +23,6 @@ constexpr unsigned kSlotsWord = 5;
 constexpr std::size_t kMutexByte = 256;
 constexpr std::size_t kSlotsByte = 4096;
 constexpr int kSpins = 400;
-constexpr std::int64_t kTurnNs = 50'000'000;
 
 /// A lock on a slot's byte: it belongs to the open file, so it ends with the last process that has
 /// it open.
@@ -41,14 +39,7 @@ bool set_lock(int file, unsigned slot, short kind) {
     return ::fcntl(file, F_OFD_SETLK, &lock) == 0;
 }
 
-timespec after(std::int64_t ns) {
-    timespec now{};
-    ::clock_gettime(CLOCK_MONOTONIC, &now);
-    ns += now.tv_nsec;
-    now.tv_sec += ns / 1'000'000'000;
-    now.tv_nsec = ns % 1'000'000'000;
-    return now;
-}
+constexpr std::int64_t kSecond = 1'000'000'000;
 
 }  // namespace
 
@@ -144,7 +135,13 @@ Control::Taken Control::try_lock() noexcept {
     return took(::pthread_mutex_trylock(mutex()));
 }
 
-Control::Taken Control::lock(std::int64_t longest_ns) {
+std::int64_t Control::now() noexcept {
+    timespec now{};
+    ::clock_gettime(CLOCK_MONOTONIC, &now);
+    return now.tv_sec * kSecond + now.tv_nsec;
+}
+
+Control::Taken Control::lock(std::int64_t longest_ns) noexcept {
     for (int spin = 0; spin < kSpins; ++spin) {
         if (holder() == 0) {
             if (const Taken taken = try_lock(); taken != Taken::kNo)
@@ -152,13 +149,9 @@ Control::Taken Control::lock(std::int64_t longest_ns) {
         }
         sync::spin_pause();
     }
-    for (std::int64_t waited = 0;; waited += kTurnNs) {
-        const timespec until = after(std::min(kTurnNs, longest_ns - waited));
-        const Taken taken = took(::pthread_mutex_clocklock(mutex(), CLOCK_MONOTONIC, &until));
-        if (taken != Taken::kNo || waited >= longest_ns)
-            return taken;
-        may_end();
-    }
+    const std::int64_t until = now() + longest_ns;
+    const timespec at{until / kSecond, until % kSecond};
+    return took(::pthread_mutex_clocklock(mutex(), CLOCK_MONOTONIC, &at));
 }
 
 void Control::consistent() noexcept {

@@ -43,8 +43,10 @@ public:
         kAfterDeath,  // the last holder died: repair, then `consistent`
     };
     [[nodiscard]] Taken try_lock() noexcept;
-    /// Waits at most so long, and asks meanwhile whether the thread's work may end.
-    [[nodiscard]] Taken lock(std::int64_t longest_ns);
+    /// Waits at most so long.
+    [[nodiscard]] Taken lock(std::int64_t longest_ns) noexcept;
+    /// Of the clock by which it waits, in nanoseconds.
+    [[nodiscard]] static std::int64_t now() noexcept;
     /// What the dead holder was at has been repaired.
     void consistent() noexcept;
     void unlock() noexcept;

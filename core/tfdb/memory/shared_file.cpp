@@ -56,10 +56,16 @@ std::string reason_of(int error) {
     return std::generic_category().message(error);
 }
 
+[[noreturn]] void throw_corrupt(const std::string& path, const std::string& reason) {
+    throw CorruptStore(path + " cannot be opened: " + reason, detail_of(path, reason));
+}
+
 [[noreturn]] void throw_for(int error, const std::string& path) {
     const std::string reason = reason_of(error);
     if (error == ENOENT || error == ENOTDIR)
-        throw NoSuchStore("there is no store " + path + ": " + reason, detail_of(path, reason));
+        throw NoSuchStore("there is no store " + path + ": " + reason +
+                              "; make it first, or look which there are with `tfdb shm ls`",
+                          detail_of(path, reason));
     if (error == EEXIST)
         throw StoreExists("there is a store " + path + " already", detail_of(path, reason));
     if (error == EACCES || error == EPERM || error == EROFS) {
@@ -67,12 +73,10 @@ std::string reason_of(int error) {
                            "; ask for mode \"r\", or its owner for permission",
                        detail_of(path, reason));
     }
+    if (error == EISDIR || error == ENAMETOOLONG || error == ELOOP)
+        throw_corrupt(path, "it is no store of tfdb: " + reason);
     throw CapacityExceeded("the store " + path + " cannot be had: " + reason,
                            detail_of(path, reason));
-}
-
-[[noreturn]] void throw_corrupt(const std::string& path, const std::string& reason) {
-    throw CorruptStore(path + " cannot be opened: " + reason, detail_of(path, reason));
 }
 
 std::string control_name(const std::string& path, std::uint64_t id) {
@@ -107,6 +111,12 @@ Header header_of(int file, const std::string& path) {
     return header;
 }
 
+/// Whether it still has a name.
+bool is_linked(int file) {
+    struct stat status {};
+    return ::fstat(file, &status) == 0 && status.st_nlink > 0;
+}
+
 }  // namespace
 
 SharedFile open_shared(const std::string& path, bool writable, std::uint64_t layout) {
@@ -115,16 +125,22 @@ SharedFile open_shared(const std::string& path, bool writable, std::uint64_t lay
         throw_for(errno, path);
     const Header header = header_of(file.get(), path);
     if (header.words[kLayoutWord] != layout)
-        throw_corrupt(path, "another version of tfdb made it, or for another kind of machine");
+        throw_corrupt(path,
+                      "another version of tfdb made it, or for another kind of machine; "
+                      "use that, or remove it (`tfdb shm rm`) and make it anew");
     if (header.words[kBytesWord] != header.bytes)
         throw_corrupt(path, "it has " + std::to_string(header.bytes) + " bytes instead of " +
-                                std::to_string(header.words[kBytesWord]));
+                                std::to_string(header.words[kBytesWord]) +
+                                ": it was cut or extended; remove it and make it anew");
     const std::uint64_t id = header.words[kIdWord];
     const std::string control = control_name(path, id);
     std::unique_ptr<Control> shared;
     const int opened = ::open(control.c_str(), O_RDWR | O_CLOEXEC);
     if (opened >= 0)
         shared = std::make_unique<Control>(opened, id, control);
+    else if (errno == ENOENT && is_linked(file.get()))
+        throw_corrupt(path,
+                      "its control file " + control + " is missing; remove it and make it anew");
     else if (writable || (errno != EACCES && errno != EROFS))
         throw_for(errno, control);
     return {Mapping::of_file(file.release(), header.bytes, writable, path), std::move(shared), path,

@@ -13,10 +13,13 @@ namespace tfdb::memory {
 /// An open store: its data, and the control file beside it.
 /// Threads: a value. Guarantee: none.
 struct SharedFile {
+    static constexpr std::int64_t kLockTimeoutNs = 10'000'000'000;
+
     Mapping data;
     std::unique_ptr<Control> control;  // null: this process may not write even there
     std::string path;
     bool writable;
+    std::int64_t lock_timeout_ns = kLockTimeoutNs;  // how long writers here wait for others
 };
 
 /// Opens the store at a path. `layout`: what the data must look like for this program.

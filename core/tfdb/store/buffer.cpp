@@ -295,9 +295,10 @@ void Buffer::create(const std::string& path, const ShareOptions& share,
     file.publish(store::Store::layout());
 }
 
-Buffer Buffer::open(const std::string& path, bool writable) {
-    return Buffer(std::make_shared<store::Store>(
-        memory::open_shared(path, writable, store::Store::layout())));
+Buffer Buffer::open(const std::string& path, bool writable, std::int64_t lock_timeout_ns) {
+    memory::SharedFile file = memory::open_shared(path, writable, store::Store::layout());
+    file.lock_timeout_ns = lock_timeout_ns;
+    return Buffer(std::make_shared<store::Store>(std::move(file)));
 }
 
 void Buffer::unlink(const std::string& path) {
@@ -310,6 +311,7 @@ std::optional<SharedUse> Buffer::shared() const {
     SharedUse use;
     use.path = store_->shared->path;
     use.writable = store_->shared->writable;
+    use.lock_timeout_ns = store_->shared->lock_timeout_ns;
     use.size = store_->memory.capacity();
     if (store_->shared->control != nullptr) {
         use.repairs = store_->shared->control->deaths().load_relaxed();
@@ -395,13 +397,13 @@ MemoryUse Buffer::memory() const {
 }
 
 Snapshot::Snapshot(std::shared_ptr<store::Store> store, CommitNumber held, unsigned pin)
-    : Reads(std::move(store), held), pin_(pin) {}
+    : Reads(std::move(store), held), pin_(pin), forks_(sync::forks()) {}
 
 Snapshot::Snapshot(Snapshot&& other) noexcept
-    : Reads(std::move(other.store_), other.held_), pin_(other.pin_) {}
+    : Reads(std::move(other.store_), other.held_), pin_(other.pin_), forks_(other.forks_) {}
 
 Snapshot::~Snapshot() {
-    if (store_)
+    if (store_ && (store_->shared == nullptr || forks_ == sync::forks()))
         store_->held_pins.drop(pin_);
 }
 

@@ -60,6 +60,7 @@ struct ShareOptions {
 struct SharedUse {
     std::string path;
     bool writable = false;
+    std::int64_t lock_timeout_ns = 0;
     std::size_t size = 0;         // bytes that it may grow to
     std::uint64_t repairs = 0;    // writers that died amid a commit, which was taken back
     std::uint64_t processes = 0;  // that have it open, this one included; 0: cannot be told
@@ -296,7 +297,8 @@ private:
     friend class Buffer;
     Snapshot(std::shared_ptr<store::Store> store, CommitNumber held, unsigned pin);
 
-    unsigned pin_;  // which count of held snapshots it is in
+    unsigned pin_;         // which count of held snapshots it is in
+    std::uint64_t forks_;  // in whose process: a child's copy is not counted where that is shared
 };
 
 /// The store. Threads: any number may read and write at once; writers take turns.
@@ -312,8 +314,10 @@ public:
     /// CapacityExceeded.
     static void create(const std::string& path, const ShareOptions& share = {},
                        const BufferOptions& options = {});
-    /// Opens it. Throws NoSuchStore, CorruptStore, ReadOnly, CapacityExceeded.
-    [[nodiscard]] static Buffer open(const std::string& path, bool writable);
+    /// Opens it. `lock_timeout_ns`: how long writes wait for another process's, before they throw
+    /// LockTimeout. Throws NoSuchStore, CorruptStore, ReadOnly, CapacityExceeded.
+    [[nodiscard]] static Buffer open(const std::string& path, bool writable,
+                                     std::int64_t lock_timeout_ns = 10 * clock::kNanosPerSecond);
     /// Removes it; who has it open goes on. Throws NoSuchStore, CorruptStore, ReadOnly.
     static void unlink(const std::string& path);
     /// None for a store of this process alone.

@@ -1,8 +1,11 @@
 #include "tfdb/store/writer_lock.hpp"
 
+#include <algorithm>
 #include <utility>
 
 #include "tfdb/base/error.hpp"
+#include "tfdb/base/interruption.hpp"
+#include "tfdb/store/store.hpp"
 
 namespace tfdb::store {
 
@@ -25,25 +28,40 @@ void WriterLock::took(Control::Taken taken) noexcept {
     shared_->control->consistent();
 }
 
-void WriterLock::lock_shared() {
+void WriterLock::throw_timeout() const {
+    ErrorDetail detail;
+    detail.path = shared_->path;
+    detail.pid = shared_->control->holder();
+    detail.limit = shared_->lock_timeout_ns;
+    throw LockTimeout("process " + std::to_string(*detail.pid) + " has held the store " +
+                          shared_->path + " for " + seconds(*detail.limit) +
+                          ": it may be stopped (SIGSTOP); let it go on, or end it, which frees the "
+                          "store",
+                      std::move(detail));
+}
+
+void WriterLock::lock_shared(bool urgently) {
     try {
         check_writable();
-        const Control::Taken taken = shared_->control->lock(kLongestWaitNs);
-        if (taken == Control::Taken::kNo) {
-            ErrorDetail detail;
-            detail.path = shared_->path;
-            detail.pid = shared_->control->holder();
-            detail.limit = kLongestWaitNs;
-            throw LockTimeout("process " + std::to_string(*detail.pid) + " has held the store " +
-                                  shared_->path +
-                                  " for 10 s: it may be stopped (SIGSTOP); let it "
-                                  "go on, or end it, which frees the store",
-                              std::move(detail));
-        }
-        took(taken);
     } catch (...) {
         own_.unlock();
         throw;
+    }
+    const std::int64_t limit = shared_->lock_timeout_ns;
+    for (const std::int64_t began = Control::now();;) {
+        const std::int64_t left = limit - (Control::now() - began);
+        const Control::Taken taken =
+            shared_->control->lock(std::clamp<std::int64_t>(left, 0, kTurnNs));
+        if (taken != Control::Taken::kNo) {
+            took(taken);
+            return;
+        }
+        // The other threads get a turn, and this one's work may end.
+        own_.unlock();
+        if (left <= kTurnNs)
+            throw_timeout();
+        may_end();
+        lock_own(urgently);
     }
 }
 

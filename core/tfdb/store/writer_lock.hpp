@@ -35,16 +35,8 @@ public:
 
     /// Both throw, where the store is shared: ReadOnly, LockTimeout (another process holds the lock
     /// for so long).
-    void lock() {
-        own_.lock();
-        if (shared_ != nullptr) [[unlikely]]
-            lock_shared();
-    }
-    void lock_urgently() {
-        own_.lock_urgently();
-        if (shared_ != nullptr) [[unlikely]]
-            lock_shared();
-    }
+    void lock() { lock_any(false); }
+    void lock_urgently() { lock_any(true); }
     /// Throws ReadOnly.
     bool try_lock() {
         if (!own_.try_lock())
@@ -59,10 +51,23 @@ public:
     /// Whether a thread of this process holds it, or asks urgently.
     [[nodiscard]] bool in_use() const noexcept { return own_.in_use(); }
 
-    static constexpr std::int64_t kLongestWaitNs = 10'000'000'000;
-
 private:
-    void lock_shared();
+    // How long one waits for another process before others of this one have a turn.
+    static constexpr std::int64_t kTurnNs = 50'000'000;
+
+    void lock_own(bool urgently) {
+        if (urgently)
+            own_.lock_urgently();
+        else
+            own_.lock();
+    }
+    void lock_any(bool urgently) {
+        lock_own(urgently);
+        if (shared_ != nullptr) [[unlikely]]
+            lock_shared(urgently);
+    }
+    void lock_shared(bool urgently);
+    [[noreturn]] void throw_timeout() const;
     bool try_lock_shared();
     void check_writable() const;
     void took(memory::Control::Taken taken) noexcept;
