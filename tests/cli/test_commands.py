@@ -45,11 +45,13 @@ def test_version(tool: Tool) -> None:
 
 def test_help_names_every_command(tool: Tool) -> None:
     shown = tool("--help").out
-    names = ("info", "tree", "lookup", "poses", "check", "convert", "bench", "verify")
-    names += ("completion",)
+    names = ("info", "tree", "lookup", "poses", "check", "shm", "serve", "convert", "bench")
+    names += ("verify", "completion")
     assert re.findall(r"^  (\w+)  ", shown, re.MULTILINE) == list(names)
+    groups = {"shm": ("ls", "info", "rm"), "serve": ("bag",)}
     for name in names:
-        assert "--json" in tool(name, "--help").out
+        for part in groups.get(name, ("",)):
+            assert "--json" in tool(*filter(None, (name, part)), "--help").out
 
 
 def test_info(tool: Tool, bag: Path) -> None:

@@ -24,6 +24,8 @@ COMMANDS = {
     "lookup": "One transform T[TARGET<-SOURCE], and how it was found.",
     "poses": "Many poses of SOURCE in TARGET, to a .tum, .csv or .npz file.",
     "check": "A doctor for recordings: gaps, late data, two publishers, jumps in time ...",
+    "shm": "The stores that processes of this machine share: list, look into, remove them.",
+    "serve": "Fill a shared store from a recording, at the recording's own pace.",
     "convert": "Rewrite the transforms of a recording as .mcap, .bag or .tum.",
     "bench": "The paper's evaluation on this machine: engines and tf2, CSV and a report.",
     "verify": "Was a recorded history of a store strictly serializable? Anomalies by name.",
@@ -129,6 +131,8 @@ def _print_version(ctx: click.Context, _param: click.Parameter, value: bool) -> 
 @click.pass_context
 def cli(ctx: click.Context) -> None:
     """Look into recordings of robot transforms: ROS 1 .bag, ROS 2 .db3 folders, .mcap.
+
+    Where a FILE is read, shm:NAME is the live store of that name.
 
     Exit codes: 0 fine, 1 'check' or 'verify' has findings, 2 an error (one line on stderr).
     """

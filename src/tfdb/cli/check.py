@@ -14,7 +14,7 @@ from tfdb.summary import Forest
 from . import common, output
 from .arrivals import Arrivals, read_arrivals
 from .doctor import KINDS, Finding, Limits, disconnected, examine, leading_slashes, sort_key
-from .times import NS, duration_option, format_ns
+from .times import NS, duration_option, format_ns, watch_option
 
 
 @click.command("check")
@@ -47,6 +47,13 @@ from .times import NS, duration_option, format_ns
     type=click.Choice(list(KINDS)),
     help="Leave out this kind of finding; repeatable.",
 )
+@click.option(
+    "--for",
+    "length",
+    metavar="SECONDS",
+    callback=watch_option,
+    help="Watch a live store (shm:NAME) for so long, and examine what comes: 10, or 10s.",
+)
 @common.topic_option
 @common.json_option
 def command(
@@ -56,20 +63,22 @@ def command(
     jump: int | None,
     coverage: int | None,
     ignore: tuple[str, ...],
+    length: int | None,
     topics: tuple[str, ...],
     as_json: bool,
 ) -> None:
     """Examine a recording: exit code 0 nothing found, 1 findings, 2 unreadable.
 
-    Several FILEs are parts of one recording.
+    Several FILEs are parts of one recording. Of a live store, shm:NAME, what it holds is examined,
+    or what comes while it is watched.
     """
     limits = Limits(max_gap, NS if jump is None else jump, NS if coverage is None else coverage)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", tfdb.TfdbWarning)  # they are findings
         loaded = common.load(files, topics)
-    with common.progress_bar("checking") as update:
-        static = {topic.name: topic.static for topic in loaded.report.topics}
-        arrivals = read_arrivals(loaded.report.files, static, update, salvage=common.salvages())
+    if length is not None and loaded.report is not None:
+        raise click.UsageError("--for watches a live store: give shm:NAME instead of a file")
+    arrivals = _arrivals(loaded, length)
     found = [
         *_refused(loaded),
         *_lost(loaded),
@@ -86,6 +95,20 @@ def command(
         click.get_current_context().exit(1)
 
 
+def _arrivals(loaded: common.Loaded, length: int | None) -> Arrivals:
+    report = loaded.report
+    if report is not None:
+        with common.progress_bar("checking") as update:
+            static = {topic.name: topic.static for topic in report.topics}
+            return read_arrivals(report.files, static, update, salvage=common.salvages())
+    from .watch import stored_arrivals, watch_arrivals  # noqa: PLC0415 - for live stores alone
+
+    if length is None:
+        return stored_arrivals(loaded.store)
+    with common.progress_bar("watching") as update:
+        return watch_arrivals(common.open_live(loaded.names[0]), length / NS, update)
+
+
 def _trees(loaded: common.Loaded) -> list[Finding]:
     forest = Forest(loaded.store.tree())
     return disconnected([(root, sum(1 for _ in forest.walk(root))) for root in forest.roots])
@@ -94,12 +117,14 @@ def _trees(loaded: common.Loaded) -> list[Finding]:
 def _lost(loaded: common.Loaded) -> list[Finding]:
     return [
         Finding("lost", (), str(loss), None, loss.messages, {"bytes": loss.bytes})
-        for loss in loaded.report.lost
+        for loss in (loaded.report.lost if loaded.report else ())
     ]
 
 
 def _refused(loaded: common.Loaded) -> list[Finding]:
     report = loaded.report
+    if report is None:
+        return []
     return [
         Finding(
             "refused",
@@ -117,9 +142,9 @@ def _refused(loaded: common.Loaded) -> list[Finding]:
 def _body(loaded: common.Loaded, arrivals: Arrivals, found: list[Finding]) -> dict[str, Any]:
     severities = Counter(finding.severity for finding in found)
     return {
-        "files": [str(path) for path in loaded.paths],
-        "messages": loaded.report.messages,
-        "transforms": loaded.report.transforms,
+        "files": list(loaded.names),
+        "messages": loaded.report and loaded.report.messages,
+        "transforms": loaded.report.transforms if loaded.report else arrivals.log.count,
         "publishers_known": arrivals.publishers_known,
         "findings": [
             {
@@ -140,7 +165,7 @@ def _body(loaded: common.Loaded, arrivals: Arrivals, found: list[Finding]) -> di
 
 def _show(loaded: common.Loaded, arrivals: Arrivals, found: list[Finding]) -> None:
     out = output.console()
-    out.print(", ".join(str(path) for path in loaded.paths), style="bold")
+    out.print(", ".join(loaded.names), style="bold")
     if found:
         made = output.table("", "finding", "frames", "since", "what")
         out.print(output.add_rows(made, (_row(finding) for finding in found)))
@@ -155,7 +180,7 @@ def _show(loaded: common.Loaded, arrivals: Arrivals, found: list[Finding]) -> No
             f"{count['warning']} warning{'s'[: count['warning'] != 1]}"
         )
     else:
-        transforms = loaded.report.transforms
+        transforms = loaded.report.transforms if loaded.report else arrivals.log.count
         out.print(
             f"nothing wrong with {transforms:,} transforms of {len(loaded.store.frames())} frames"
         )

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
     from rich.progress import Progress, ProgressColumn
 
-    from tfdb import Buffer
+    from tfdb import Buffer, Reads, Snapshot
     from tfdb.io import Loss, Source
     from tfdb.io.loading import LoadReport
 
@@ -93,13 +93,21 @@ more_option = click.option(
 overwrite_option = click.option("--overwrite", is_flag=True, help="Replace OUT if it exists.")
 
 
+LIVE = "shm:"
+"""Before the name of a store that processes share, where a file is taken as well."""
+
+
 @dataclass(frozen=True)
 class Loaded:
-    """A recording in memory, and how it got there."""
+    """What a command reads, and how it got there.
 
-    store: Buffer
-    report: LoadReport
-    paths: tuple[Path, ...]
+    `store` is a recording in memory, or the state in which a live store was found: then there is no
+    `report`.
+    """
+
+    store: Buffer | Snapshot
+    report: LoadReport | None
+    names: tuple[str, ...]
 
     @property
     def span(self) -> tuple[int, int] | None:
@@ -110,6 +118,9 @@ class Loaded:
 def find_paths(names: Sequence[str]) -> tuple[Path, ...]:
     """Check that the files exist; where one does not, name the nearest that does."""
     paths = tuple(given_path(name) for name in names)
+    for name in names:
+        if name.startswith(LIVE):
+            raise click.UsageError(f"{name} is a live store; here only files can be read")
     for path in paths:
         if path.exists():
             continue
@@ -161,6 +172,8 @@ def parse_topics(texts: Sequence[str]) -> dict[str, str] | None:
 
 def load(names: Sequence[str], topics: Sequence[str] = ()) -> Loaded:
     """Load the recordings into one store that keeps everything."""
+    if any(name.startswith(LIVE) for name in names):
+        return _look_into(names, topics)
     paths = find_paths(names)
     store = tfdb.Buffer(history=None)
     with progress_bar("reading") as update:
@@ -168,7 +181,21 @@ def load(names: Sequence[str], topics: Sequence[str] = ()) -> Loaded:
             list(paths), topics=parse_topics(topics), progress=update, salvage=salvages()
         )
     report_losses(report.lost)
-    return Loaded(store, report, paths)
+    return Loaded(store, report, tuple(str(path) for path in paths))
+
+
+def open_live(name: str) -> Buffer:
+    """Open the store of `shm:NAME` to read it."""
+    return tfdb.Buffer.open(name.removeprefix(LIVE), create=False, mode="r")
+
+
+def _look_into(names: Sequence[str], topics: Sequence[str]) -> Loaded:
+    """Take one state of a live store."""
+    if len(names) > 1:
+        raise click.UsageError("a live store is read alone: give shm:NAME without other files")
+    if topics or salvages():
+        raise click.UsageError(f"{names[0]} is a live store: it has no topics, nothing to salvage")
+    return Loaded(open_live(names[0]).snapshot(), None, tuple(names))
 
 
 @contextmanager
@@ -207,7 +234,7 @@ def progress_bar(what: str) -> Iterator[Callable[[int, int], None] | None]:
         yield lambda done, total: bar.update(task, completed=done, total=total)
 
 
-def find_frames(store: Buffer, *names: str) -> tuple[str, ...]:
+def find_frames(store: Reads, *names: str) -> tuple[str, ...]:
     """Return the names as the recording has them; refuse others, and say which are near.
 
     A name may begin with the slash that messages may have, and loading drops.
@@ -224,11 +251,11 @@ def _find_frame(name: str, known: Sequence[str]) -> str:
     near += [other for other in known if name.strip("/") in other and other not in near]
     listed = ", ".join(repr(other) for other in near[:3])
     hint = f"did you mean {listed}?" if listed else "'tfdb tree FILE' lists all frames"
-    message = f"the recording has no frame {name!r}; {hint}"
+    message = f"there is no frame {name!r}; {hint}"
     raise tfdb.UnknownFrame(message, frame=name)
 
 
-def explain_range(store: Buffer, target: str, source: str) -> str:
+def explain_range(store: Reads, target: str, source: str) -> str:
     """Say where the two frames have data in common; empty when nothing moves between them."""
     common = common_range(store, target, source)
     if common is None:
@@ -239,7 +266,7 @@ def explain_range(store: Buffer, target: str, source: str) -> str:
     return f"the path is valid from {format_ns(first)} to {format_ns(last)}"
 
 
-def common_range(store: Buffer, target: str, source: str) -> tuple[int, int] | None:
+def common_range(store: Reads, target: str, source: str) -> tuple[int, int] | None:
     """Find the first and last stamp at which all moving edges between two frames have data."""
     forest = Forest(store.tree())
     ours, theirs = forest.chain(target), forest.chain(source)
@@ -302,6 +329,8 @@ def complete_frames(ctx: click.Context, _param: click.Parameter, incomplete: str
 
 def _some_frames(path: str) -> set[str]:
     """Frames of the first static and of the first moving transforms."""
+    if path.startswith(LIVE):
+        return set(open_live(path).frames())
     names: set[str] = set()
     with Recording(path) as recording:
         messages = chain.from_iterable(

@@ -76,7 +76,8 @@ def command(
         target, source = common.find_frames(loaded.store, *frames)
         poses = loaded.store.trajectory(target, source)
         write_trajectory(out, poses, overwrite=overwrite)
-        written = Written(loaded.report.messages, len(poses.stamps))
+        messages = loaded.report.messages if loaded.report else 0
+        written = Written(messages, len(poses.stamps))
     else:
         renamed = common.parse_topics(topics)
         writer = RecordingWriter(path, compress=compress, overwrite=overwrite)

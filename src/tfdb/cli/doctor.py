@@ -126,6 +126,11 @@ class Log:
         self.names: list[str] = []
         self._columns: dict[str, _Columns] = defaultdict(_Columns)
 
+    @property
+    def count(self) -> int:
+        """How many transforms there are."""
+        return sum(len(columns.stamps) for columns in self._columns.values())
+
     def _id(self, name: str) -> int:
         if name not in self._ids:
             self._ids[name] = len(self.names)

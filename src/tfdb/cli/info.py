@@ -19,7 +19,7 @@ from .times import format_duration, format_ns
 def command(*, files: tuple[str, ...], topics: tuple[str, ...], as_json: bool) -> None:
     """Topics, frames, edges with rates and gaps, and the time span.
 
-    Several FILEs are parts of one recording.
+    Several FILEs are parts of one recording; shm:NAME is a live store, which has no topics.
     """
     loaded = common.load(files, topics)
     edges = edge_summaries(loaded.store)
@@ -33,15 +33,15 @@ def _body(loaded: common.Loaded, edges: list[EdgeSummary]) -> dict[str, Any]:
     whole = span(loaded.store.tree())
     report = loaded.report
     return {
-        "files": [str(path) for path in loaded.paths],
+        "files": list(loaded.names),
         "topics": [
             {"name": topic.name, "messages": topic.messages, "static": topic.static}
-            for topic in report.topics
+            for topic in (() if report is None else report.topics)
         ],
-        "messages": report.messages,
-        "transforms": report.transforms,
-        "refused": report.refused,
-        **({"lost": [vars(loss) for loss in report.lost]} if common.salvages() else {}),
+        "messages": report and report.messages,
+        "transforms": report and report.transforms,
+        "refused": report and report.refused,
+        **({"lost": [vars(loss) for loss in report.lost]} if report and common.salvages() else {}),
         "frames": len(loaded.store.frames()),
         "roots": [info.name for info in loaded.store.tree() if info.parent is None],
         "start_ns": None if whole is None else whole[0],
@@ -72,23 +72,25 @@ def _show(loaded: common.Loaded, edges: list[EdgeSummary]) -> None:
     out = output.console()
     report = loaded.report
     whole = span(loaded.store.tree())
-    out.print(", ".join(str(path) for path in loaded.paths), style="bold")
+    out.print(", ".join(loaded.names), style="bold")
     if whole is not None:
         out.print(
             f"{format_ns(whole[0])} to {format_ns(whole[1])} "
             f"({format_duration(whole[1] - whole[0])})"
         )
     moving = sum(1 for edge in edges if not edge.info.is_static)
+    given = f"{report.messages:,} messages, {report.transforms:,} transforms, " if report else ""
     out.print(
-        f"{report.messages:,} messages, {report.transforms:,} transforms, "
-        f"{len(loaded.store.frames())} frames, {moving} moving and {len(edges) - moving} static "
-        "edges"
+        f"{given}{len(loaded.store.frames())} frames, {moving} moving and "
+        f"{len(edges) - moving} static edges"
     )
-    if report.refused:
-        out.print(f"{report.refused:,} messages refused; 'tfdb check' says why", style="red")
-    topics = output.table("topic", "messages", "kind", right=("messages",))
-    rows = [(t.name, f"{t.messages:,}", "static" if t.static else "moving") for t in report.topics]
-    out.print(output.add_rows(topics, rows))
+    if report:
+        if report.refused:
+            out.print(f"{report.refused:,} messages refused; 'tfdb check' says why", style="red")
+        topics = output.table("topic", "messages", "kind", right=("messages",))
+        kinds = ("moving", "static")
+        rows = [(t.name, f"{t.messages:,}", kinds[t.static]) for t in report.topics]
+        out.print(output.add_rows(topics, rows))
     out.print(output.add_rows(_edge_table(), (_edge_row(edge) for edge in edges)))
 
 

@@ -61,7 +61,7 @@ def command(
 def _body(loaded: common.Loaded, found: Transform, asked: str) -> dict[str, Any]:
     limiting = found.report.limiting_edge
     return {
-        "files": [str(path) for path in loaded.paths],
+        "files": list(loaded.names),
         "target": found.target,
         "source": found.source,
         "asked": asked,

@@ -99,7 +99,8 @@ def command(
     wanted = None if stamps_file is None else _stamps(stamps_file)
     if out is not None:
         read = (file, *more, *([] if stamps_file in (None, "-") else [stamps_file]))
-        common.check_output(out, common.find_paths(read), overwrite=overwrite)
+        files = [name for name in read if not name.startswith(common.LIVE)]
+        common.check_output(out, common.find_paths(files), overwrite=overwrite)
     loaded = common.load((file, *more), topics)
     store = loaded.store
     target, source = common.find_frames(store, target, source)
@@ -164,7 +165,7 @@ def _write(out: str | None, made: Poses, *, overwrite: bool) -> None:
 
 def _body(loaded: common.Loaded, made: Poses, out: str | None) -> dict[str, Any]:
     return {
-        "files": [str(path) for path in loaded.paths],
+        "files": list(loaded.names),
         "target": made.target,
         "source": made.source,
         "output": out,

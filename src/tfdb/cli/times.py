@@ -104,6 +104,13 @@ def duration_option(ctx: click.Context, param: click.Parameter, value: str | Non
         raise click.BadParameter(f"{error}: {hint}", ctx, param) from None
 
 
+def watch_option(ctx: click.Context, param: click.Parameter, value: str | None) -> int | None:
+    """Click's callback for a length of time that may be written with its unit, as in `10s`."""
+    if value is not None and not value.endswith("ns"):
+        value = value.strip().removesuffix("s")
+    return duration_option(ctx, param, value)
+
+
 def format_ns(ns: int) -> str:
     """Seconds with nine decimals, exact: ``12.500000000``; a sign where negative."""
     return f"-{ns_to_seconds(-ns)}" if ns < 0 else ns_to_seconds(ns)

@@ -54,7 +54,7 @@ def _body(
         body = edge_body(edges[name]) if name in edges else {"frame": name}
         frames.append({**body, "parent": row.info.parent, "depth": row.depth})
     return {
-        "files": [str(path) for path in loaded.paths],
+        "files": list(loaded.names),
         "time_ns": time,
         "roots": forest.roots,
         "frames": frames,

@@ -138,7 +138,7 @@ def load_recordings(
     files = given_paths(paths, RecordingError)
     if not files:
         raise InvalidArgument("no recording to load: paths is empty")
-    selection = _Selection(topics)
+    selection = Selection(topics)
     with ExitStack() as stack:
         recordings = [stack.enter_context(Recording(path, salvage=salvage)) for path in files]
         selection.check(recordings)
@@ -167,7 +167,7 @@ def warn_of_forgotten(buffer: Buffer, samples: int, depth: int) -> None:
     warnings.warn(message, TfdbWarning, stacklevel=depth)
 
 
-class _Selection:
+class Selection:
     """Which topics are read, and which of them are static."""
 
     def __init__(self, topics: Topics | None) -> None:
@@ -183,9 +183,11 @@ class _Selection:
             raise _no_name(topics)
 
     def wants(self, source: Source) -> bool:
+        """Whether it is to be read."""
         return self._roles is None or absolute(source.topic) in self._roles
 
     def is_static(self, source: Source) -> bool:
+        """Whether its transforms are."""
         name = absolute(source.topic)
         role = name if self._roles is None else self._roles[name]
         return role.rsplit("/", 1)[-1] == "tf_static"
@@ -254,7 +256,7 @@ class _Tally:
         if self.buffer.history is not None:
             self.everything = _core.Buffer(history=None)
 
-    def count(self, recording: Recording, selection: _Selection) -> None:
+    def count(self, recording: Recording, selection: Selection) -> None:
         """Add the topics of a recording; its reader has checked their numbers of messages."""
         for source in filter(selection.wants, recording.sources):
             before = self.topics.get(source.topic)
@@ -263,7 +265,7 @@ class _Tally:
             self.topics[source.topic] = TopicReport(source.topic, messages, static)
         self.lost += recording.losses
 
-    def store(self, run: Run, selection: _Selection, meter: _Meter) -> None:
+    def store(self, run: Run, selection: Selection, meter: _Meter) -> None:
         """Commit the messages of a run."""
         started = time.perf_counter()
         encoding, static = selection.kind(run.source)

@@ -1,0 +1,186 @@
+"""``tfdb serve``: a store that others read while it is filled."""
+
+from __future__ import annotations
+
+import time
+from contextlib import ExitStack
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, Any, cast
+
+import click
+
+import tfdb
+from tfdb.io import Recording
+from tfdb.io.loading import Selection
+from tfdb.summary import span
+
+from . import common, output
+from .times import NS, duration_option, format_duration
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Iterator, Sequence
+
+    from tfdb import Buffer, TransformStamped
+    from tfdb.io import Source
+
+_STEP_NS = 1_000_000
+"""How far behind what is there a recording goes on, where its own pace is not known yet."""
+
+
+@click.group("serve")
+def command() -> None:
+    """Fill a store that other processes read meanwhile (Buffer.open)."""
+
+
+@command.command("bag")
+@common.files_argument
+@click.option("--into", metavar="NAME", required=True, help="The store; it is made if need be.")
+@click.option(
+    "--speed",
+    type=click.FloatRange(min=0, min_open=True),
+    default=1.0,
+    show_default=True,
+    help="How many seconds of the recording pass in one; 'inf': without waiting.",
+)
+@click.option("--loop", is_flag=True, help="Begin again at the end, until Ctrl-C.")
+@click.option(
+    "--history",
+    metavar="SECONDS",
+    default="10",
+    show_default=True,
+    callback=duration_option,
+    help="How much a store that is made keeps.",
+)
+@common.topic_option
+@common.json_option
+def bag(
+    *,
+    files: tuple[str, ...],
+    into: str,
+    speed: float,
+    loop: bool,
+    history: int | None,
+    topics: tuple[str, ...],
+    as_json: bool,
+) -> None:
+    """Play recordings into the store NAME at their own pace.
+
+    Stamps are those of the recording. Where the store has newer ones, and when a loop begins
+    again, they go on from there, so that they always grow. The store stays when this ends, by
+    Ctrl-C too: 'tfdb shm rm NAME' removes it.
+    """
+    paths = common.find_paths(files)
+    name = into.removeprefix(common.LIVE)
+    with ExitStack() as stack:
+        salvage = common.salvages()
+        recordings = [stack.enter_context(Recording(path, salvage=salvage)) for path in paths]
+        selection = Selection(common.parse_topics(topics))
+        selection.check(recordings)
+        recordings.sort(key=lambda recording: recording.start)
+        store = tfdb.Buffer.open(name, history=None if history is None else history / NS)
+        player = Player(store, recordings, selection, speed)
+        if not as_json:
+            names = ", ".join(str(path) for path in paths)
+            click.echo(f"{names} into shm:{name}; Ctrl-C ends it")
+        try:
+            player.play()
+            while loop:
+                player.play()
+        finally:
+            if as_json:
+                shown = {"files": [str(path) for path in paths], "store": name}
+                output.emit_json("serve", {**shown, **player.body()})
+            else:
+                click.echo(player.describe())
+
+
+@dataclass
+class Player:
+    """Plays recordings into a store, again and again."""
+
+    store: Buffer
+    recordings: Sequence[Recording]
+    selection: Selection
+    speed: float
+    messages: int = 0
+    transforms: int = 0
+    refused: int = 0
+    rounds: int = 0
+    first_refusal: str | None = None
+    _newest: int | None = None
+    _shift: int | None = None
+    _step: int = _STEP_NS
+    _began: float = field(default_factory=time.monotonic)
+
+    def __post_init__(self) -> None:
+        found = span(self.store.tree())
+        self._newest = None if found is None else found[1]
+
+    def play(self) -> None:
+        """Play them once; whoever waits between two messages may be interrupted."""
+        began, first, last, played = time.monotonic(), None, 0, 0
+        self._shift = None
+        for source, received, data in self._messages():
+            first = received if first is None else first
+            last, played = received, played + 1
+            wait = began + (received - first) / NS / self.speed - time.monotonic()
+            if wait > 0:
+                time.sleep(wait)
+            self._store(source, data)
+        if first is not None and played > 1:
+            self._step = max((last - first) // (played - 1), 1)
+        self.rounds += 1
+
+    def _messages(self) -> Iterator[tuple[Source, int, bytes]]:
+        for recording in self.recordings:
+            yield from recording.messages(self.selection.wants)
+
+    def _store(self, source: Source, data: bytes) -> None:
+        self.messages += 1
+        is_static = self.selection.is_static(source)
+        try:
+            transforms: Iterable[TransformStamped] = tfdb.decode_tf_message(data, source.encoding)
+            if not is_static:
+                transforms = self._shifted(transforms)
+            transforms = list(transforms)
+            self.store.set_transforms(transforms, static=is_static, authority=source.authority)
+        except (tfdb.ReadOnly, tfdb.LockTimeout):
+            raise
+        except tfdb.TfdbError as error:
+            self.refused += 1
+            self.first_refusal = self.first_refusal or f"{type(error).__name__}: {error}"
+        else:
+            self.transforms += len(transforms)
+
+    def _shifted(self, transforms: Iterable[TransformStamped]) -> Iterator[TransformStamped]:
+        """Move stamps behind those that were there when this round began."""
+        for transform in transforms:
+            stamp = cast("int", transform.stamp)
+            newest = stamp - self._step if self._newest is None else self._newest
+            if self._shift is None:
+                self._shift = newest + self._step - stamp if stamp <= newest else 0
+            stamp += self._shift
+            self._newest = max(stamp, newest)
+            yield replace(transform, stamp=stamp)
+
+    def body(self) -> dict[str, Any]:
+        """Return what was done, as JSON."""
+        return {
+            "messages": self.messages,
+            "transforms": self.transforms,
+            "refused": self.refused,
+            "rounds": self.rounds,
+            "shift_ns": self._shift or 0,
+            "newest_ns": self._newest,
+            "seconds": round(time.monotonic() - self._began, 3),
+        }
+
+    def describe(self) -> str:
+        """Say what was done."""
+        passed = format_duration(round((time.monotonic() - self._began) * NS))
+        text = f"{self.transforms:,} transforms in {self.messages:,} messages, in {passed}"
+        if self._shift:
+            text += f"; stamps are {format_duration(self._shift)} later than recorded"
+        if self.refused:
+            text += f"; {self.refused:,} messages refused, the first: {self.first_refusal}"
+        return text

@@ -1,0 +1,146 @@
+"""``tfdb shm``: the stores that processes of this machine share."""
+
+from __future__ import annotations
+
+import stat
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, cast
+
+import click
+
+import tfdb
+from tfdb.shared import find_stores, path_of
+from tfdb.summary import span
+
+from . import common, output
+from .times import format_duration, format_ns
+
+if TYPE_CHECKING:
+    from tfdb import Buffer
+
+name_argument = click.argument("name")
+
+
+@click.group("shm")
+def command() -> None:
+    """Look after the stores that processes of this machine share (Buffer.open).
+
+    Their contents are read by the other commands, as in 'tfdb tree shm:NAME'.
+    """
+
+
+@command.command("ls")
+@common.json_option
+def list_stores(*, as_json: bool) -> None:
+    """List the stores, also those that this version or user cannot open."""
+    found = [_look(name) for name in find_stores()]
+    if as_json:
+        output.emit_json("shm", {"stores": found})
+        return
+    if not found:
+        click.echo("no stores; tfdb.Buffer.open(NAME) or 'tfdb serve' makes one")
+        return
+    columns = ("store", "frames", "commit", "memory", "open", "history", "")
+    made = output.table(*columns, right=columns[1:6])
+    output.console().print(output.add_rows(made, (_row(body) for body in found)))
+
+
+def _look(name: str) -> dict[str, Any]:
+    try:
+        return {"name": name, "error": None, **_body(common.open_live(name))}
+    except tfdb.TfdbError as error:
+        return {"name": name, "error": output.describe_error(error)}
+
+
+def _body(store: Buffer) -> dict[str, Any]:
+    shared, memory = cast("tfdb.Shared", store.shared), store.memory()
+    path = Path(shared.path)
+    status = path.stat()
+    return {
+        "path": shared.path,
+        "permissions": f"{stat.S_IMODE(status.st_mode):04o}",
+        "user": status.st_uid,
+        "group": status.st_gid,
+        "commit": store.commit,
+        "frames": memory.frames,
+        "samples": memory.samples,
+        "history_s": store.history,
+        "size_bytes": shared.size,
+        "memory_bytes": status.st_blocks * 512,
+        "used_bytes": memory.used_bytes,
+        # 0: it may not be known. This command has it open as well.
+        "processes": shared.processes - 1 if shared.processes else None,
+        "repairs": shared.repairs,
+    }
+
+
+def _row(body: dict[str, Any]) -> tuple[Any, ...]:
+    if body["error"] is not None:
+        return (body["name"], "", "", "", "", "", output.loud(body["error"]))
+    return (
+        body["name"],
+        f"{body['frames']:,}",
+        f"{body['commit']:,}",
+        _mebi(body["memory_bytes"]),
+        _known(body["processes"]),
+        _history(body["history_s"]),
+        "",
+    )
+
+
+@command.command("info")
+@name_argument
+@common.json_option
+def describe(*, name: str, as_json: bool) -> None:
+    """Who may use the store NAME, how large it is, and how it fares."""
+    store = common.open_live(name)
+    body = {"name": name.removeprefix(common.LIVE), **_body(store)}
+    covered = span(store.tree())
+    body["start_ns"], body["end_ns"] = covered or (None, None)
+    if as_json:
+        output.emit_json("shm", body)
+        return
+    out = output.console()
+    out.print(body["name"], style="bold")
+    repairs = "never" if not body["repairs"] else f"after {body['repairs']:,} deaths of writers"
+    for what, text in (
+        ("file", f"{body['path']}, {body['permissions']}, user {body['user']}"),
+        ("commit", f"{body['commit']:,}"),
+        ("frames", f"{body['frames']:,}"),
+        ("samples", f"{body['samples']:,}"),
+        ("history", _history(body["history_s"])),
+        ("data", "none" if covered is None else " to ".join(map(format_ns, covered))),
+        ("memory", f"{_mebi(body['memory_bytes'])} of at most {_mebi(body['size_bytes'])}"),
+        ("open", f"{_known(body['processes'])} times"),
+        ("repaired", repairs),
+    ):
+        out.print(f"{what:<10}{text}")
+
+
+@command.command("rm")
+@click.argument("names", nargs=-1, required=True, metavar="NAME...")
+@common.json_option
+def remove(*, names: tuple[str, ...], as_json: bool) -> None:
+    """Remove stores; who has one open goes on with it, alone."""
+    given = [name.removeprefix(common.LIVE) for name in names]
+    for name in given:  # all, or none where one is not there
+        if not path_of(name).exists():
+            tfdb.Buffer.unlink(name)
+    for name in given:
+        tfdb.Buffer.unlink(name)
+    if as_json:
+        output.emit_json("shm", {"removed": given})
+    else:
+        click.echo(f"removed {', '.join(given)}")
+
+
+def _history(seconds: float | None) -> str:
+    return "everything" if seconds is None else format_duration(round(seconds * 1e9))
+
+
+def _known(number: int | None) -> str:
+    return "?" if number is None else f"{number:,}"
+
+
+def _mebi(size: int) -> str:
+    return f"{size / (1 << 20):,.1f} MiB"

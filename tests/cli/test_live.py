@@ -1,0 +1,222 @@
+"""Commands on stores that processes share."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+from contextlib import suppress
+from itertools import count
+from pathlib import Path
+from threading import Event, Thread
+from typing import TYPE_CHECKING
+
+import pytest
+
+import tfdb
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from conftest import Tool
+
+_numbers = count()
+TURN = (0.0, 0.6, 0.0, 0.8)
+
+
+@pytest.fixture
+def name() -> Iterator[str]:
+    made = f"test-live-{os.getpid()}-{next(_numbers)}"
+    yield made
+    with suppress(tfdb.NoSuchStore):  # the test removed it
+        tfdb.Buffer.unlink(made)
+
+
+@pytest.fixture
+def served(tool: Tool, bag: Path, name: str) -> str:
+    """A store that holds the shipped recording."""
+    done = tool("serve", "bag", bag, "--into", name, "--speed", "inf", "--history", "1000")
+    assert "7,180 transforms in 750 messages" in done.out
+    assert f"into shm:{name}; Ctrl-C ends it" in done.out
+    return f"shm:{name}"
+
+
+def test_a_store_answers_as_its_recording(tool: Tool, bag: Path, served: str) -> None:
+    for command in (
+        ("info",),
+        ("tree",),
+        ("tree", "--at", "+3"),
+        ("lookup", "map", "base_link"),
+        ("lookup", "map", "base_link", "-0.5"),
+    ):
+        live = tool(command[0], served, *command[1:], "--json").json
+        file = tool(command[0], bag, *command[1:], "--json").json
+        assert live.pop("files") == [served]
+        for key in ("files", "topics", "messages", "transforms", "refused"):
+            file.pop(key, None)
+            live.pop(key, None)
+        if "edges" in file and "authority" in file["edges"][0]:
+            assert live["edges"] == file["edges"]
+        assert live == file
+        shown = tool(command[0], served, *command[1:]).out
+        assert "base_link" in shown
+
+
+def test_poses_of_a_store(tool: Tool, bag: Path, served: str, tmp_path: Path) -> None:
+    arguments = ("map", "base_link", "--rate", "10")
+    assert tool("poses", served, *arguments).out == tool("poses", bag, *arguments).out
+    done = tool("poses", served, *arguments, "-o", tmp_path / "live.tum")
+    assert "poses of base_link in map" in done.out
+
+
+def test_what_goes_with_files_only(tool: Tool, bag: Path, served: str) -> None:
+    assert "only files can be read" in tool("convert", served, "x.bag", code=2).error
+    assert "read alone" in tool("info", served, bag, code=2).error
+    assert "has no topics" in tool("info", served, "--topic", "/tf", code=2).error
+    assert "has no topics" in tool("check", served, "--salvage", code=2).error
+    assert "watches a live store" in tool("check", bag, "--for", "1", code=2).error
+    assert (
+        "no frame 'maps'; did you mean 'map'" in tool("lookup", served, "maps", "x", code=2).error
+    )
+
+
+def test_no_such_store(tool: Tool, name: str) -> None:
+    for command in (("info", f"shm:{name}"), ("shm", "info", name), ("shm", "rm", name)):
+        failed = tool(*command, "--json", code=2)
+        assert failed.json["command"] == command[0]
+        assert failed.json["error"]["type"] == "NoSuchStore"
+        assert "tfdb shm ls" in failed.error
+    assert "has a slash" in tool("tree", "shm:a/b", code=2).error
+
+
+def test_shm(tool: Tool, served: str) -> None:
+    name = served.removeprefix("shm:")
+    (listed,) = [s for s in tool("shm", "ls", "--json").json["stores"] if s["name"] == name]
+    told = tool("shm", "info", served, "--json").json
+    keys = ("path", "permissions", "user", "group", "commit", "frames", "samples", "history_s")
+    keys += ("size_bytes", "memory_bytes", "used_bytes", "processes", "repairs")
+    assert set(listed) == {"name", "error", *keys}
+    assert set(told) == {"tfdb", "command", "name", "start_ns", "end_ns", *keys}
+    assert listed["frames"] == told["frames"] == 85
+    assert told["commit"] == 750
+    assert told["permissions"] == "0600"
+    assert told["history_s"] == 1000
+    assert told["processes"] == 0
+    assert told["memory_bytes"] < 10 << 20
+    with_one = tfdb.Buffer.open(name, mode="r")
+    assert tool("shm", "info", name, "--json").json["processes"] == 1
+    assert with_one.shared is not None
+    assert f"/dev/shm/tfdb.{name}, 0600" in tool("shm", "info", name).out
+    assert name in tool("shm", "ls").out
+    assert tool("shm", "rm", served).out == f"removed {name}\n"
+    assert name not in tool("shm", "ls").out
+
+
+def test_a_store_of_another_version_is_listed_and_removed(tool: Tool, name: str) -> None:
+    path = Path(tfdb.Buffer.open(name).shared.path)
+    with path.open("r+b") as file:
+        file.seek(8 * 12)
+        file.write(b"\1" * 8)
+    (listed,) = [s for s in tool("shm", "ls", "--json").json["stores"] if s["name"] == name]
+    assert "another version of tfdb" in listed["error"]
+    assert "another version" in tool("shm", "ls").out
+    other = f"{name}-other"
+    assert tool("shm", "rm", name, other, code=2).error
+    assert path.exists()
+    assert tool("shm", "rm", name, "--json").json["removed"] == [name]
+
+
+def test_stamps_go_on_growing(tool: Tool, bag: Path, served: str) -> None:
+    name = served.removeprefix("shm:")
+    store = tfdb.Buffer.open(name, mode="r")
+    first = store.samples("base_footprint")[0]
+    done = tool("serve", "bag", bag, "--into", served, "--speed", "inf", "--json").json
+    assert done["refused"] == 0
+    assert done["rounds"] == 1
+    second = store.samples("base_footprint")[0]
+    assert len(second) == 2 * len(first)
+    assert (second[: len(first)] == first).all()
+    shifted = second[len(first) :] - first
+    assert (shifted == done["shift_ns"]).all()
+    assert tool("check", served).code == 0
+
+
+def test_serve_and_watch(tool: Tool, bag: Path, name: str) -> None:
+    """In a loop, until Ctrl-C; the store stays."""
+    command = [sys.executable, "-m", "tfdb.cli", "serve", "bag", str(bag), "--into", name]
+    with subprocess.Popen(
+        [*command, "--loop", "--speed", "20", "--json"], stdout=subprocess.PIPE
+    ) as server:
+        try:
+            while True:
+                try:
+                    store = tfdb.Buffer.open(name, create=False, mode="r")
+                    break
+                except tfdb.NoSuchStore:
+                    assert server.poll() is None
+            while store.commit < 800:  # the second round
+                assert server.poll() is None
+            watched = tool(
+                "check", f"shm:{name}", "--for", "0.3s", "--ignore", "time-jump", "--json"
+            )
+            assert watched.json["messages"] is None
+            assert watched.json["transforms"] > 52
+        finally:
+            server.send_signal(signal.SIGINT)
+            told, _ = server.communicate()
+    assert server.returncode == 130
+    assert b'"rounds": ' in told
+    newest = store.tree()
+    assert max(info.newest or 0 for info in newest) > 0
+    assert tool("tree", f"shm:{name}").code == 0
+
+
+def test_what_is_found_while_it_is_watched(tool: Tool, name: str) -> None:
+    """Late samples and two parents, as they come: nothing of it is guessed from the state."""
+    store = tfdb.Buffer.open(name, history=None)
+    store.set_transform("map", "base", 5, (1, 2, 3), TURN)
+    done = Event()
+
+    def write() -> None:
+        number = 10
+        while not done.is_set():
+            for stamp in (number, number + 2, number + 1):
+                store.set_transform("map", "base", stamp, (stamp, 2, 3), TURN, authority="late")
+            number += 3
+
+    writer = Thread(target=write)
+    writer.start()
+    try:
+        found = tool("check", f"shm:{name}", "--for", "0.1", "--json", code=1).json
+    finally:
+        done.set()
+        writer.join()
+    assert [f["kind"] for f in found["findings"]] == ["late"]
+    assert found["findings"][0]["details"] == {"worst_ns": 1}
+
+
+def test_what_is_found_in_a_store(tool: Tool, name: str) -> None:
+    store = tfdb.Buffer.open(name)
+    for number in (0, 1, 2, 3, 4, 5, 6, 30, 31, 33, 32):
+        store.set_transform("map", "base", 10**9 * number, (number, 1, 2), TURN)
+    store.set_static_transform("other", "island", (1, 2, 3), TURN)
+    found = tool("check", f"shm:{name}", "--json", code=1).json
+    assert {f["kind"] for f in found["findings"]} == {"disconnected"}  # the history ends at 23 s
+    store = tfdb.Buffer.open(f"{name}-all", history=None)
+    try:
+        for number in (0, 1, 2, 3, 4, 5, 6, 30, 31, 32):
+            store.set_transform("map", "base", 10**9 * number, (number, 1, 2), TURN)
+        found = tool("check", f"shm:{name}-all", "--json", code=1).json
+        assert [f["kind"] for f in found["findings"]] == ["gap"]
+    finally:
+        tfdb.Buffer.unlink(f"{name}-all")
+
+
+def test_frames_are_completed(served: str) -> None:
+    from tfdb.cli.app import cli
+    from tfdb.cli.common import complete_frames
+
+    command = cli.get_command(None, "lookup")  # type: ignore[arg-type]
+    with command.make_context("lookup", [served, "map", "base_link"]) as context:
+        assert "base_link" in complete_frames(context, command.params[1], "base")
