@@ -1,4 +1,5 @@
 // A store that processes share: what one commits the others see, and no death harms it.
+#include <sys/prctl.h>
 #include <sys/wait.h>
 #include <unistd.h>
 
@@ -236,6 +237,7 @@ TFDB_TEST(shared_store_survives_writers_that_are_killed) {
         const CommitNumber before = buffer.commit();
         const pid_t child = ::fork();
         if (child == 0) {
+            ::prctl(PR_SET_PDEATHSIG, SIGKILL);
             Buffer there = store.open();
             for (std::uint64_t i = step;; ++i)
                 do_something(there, i);
