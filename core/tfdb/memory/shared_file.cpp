@@ -197,9 +197,8 @@ void NewSharedFile::publish(std::uint64_t layout) {
     File file(::open(data_.c_str(), O_RDWR | O_CLOEXEC));
     if (file.get() < 0)
         throw_for(errno, data_);
-    const auto write = [&](unsigned word, std::uint64_t value) {
-        if (::pwrite(file.get(), &value, sizeof value, static_cast<off_t>(8 * word)) !=
-            sizeof value)
+    const auto write = [&](off_t word, std::uint64_t value) {
+        if (::pwrite(file.get(), &value, sizeof value, 8 * word) != sizeof value)
             throw_for(errno, data_);
     };
     write(kIdWord, id_);

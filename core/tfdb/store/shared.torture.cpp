@@ -169,7 +169,8 @@ StampNs stamp_of(std::uint64_t number) {
 }
 /// What every sample of `late` says: its stamp, so that any of them is right by itself.
 double late_number(StampNs stamp) {
-    return static_cast<double>(stamp / 1000) / 1000.0;
+    const StampNs micros = stamp / 1000;
+    return static_cast<double>(micros) / 1000.0;
 }
 
 /// The names of one writer's frames.

@@ -33,11 +33,11 @@ void WriterLock::throw_timeout() const {
     detail.path = shared_->path;
     detail.pid = shared_->control->holder();
     detail.limit = shared_->lock_timeout_ns;
-    throw LockTimeout("process " + std::to_string(*detail.pid) + " has held the store " +
-                          shared_->path + " for " + seconds(*detail.limit) +
-                          ": it may be stopped (SIGSTOP); let it go on, or end it, which frees the "
-                          "store",
-                      std::move(detail));
+    const std::string text = "process " + std::to_string(*detail.pid) + " has held the store " +
+                             shared_->path + " for " + seconds(*detail.limit) +
+                             ": it may be stopped (SIGSTOP); let it go on, or end it, which frees "
+                             "the store";
+    throw LockTimeout(text, std::move(detail));
 }
 
 void WriterLock::lock_shared(bool urgently) {

@@ -222,7 +222,7 @@ std::string kill_both(const Script& script, Tally& tally, Deaths deaths,
     for (deaths.writer = 0; died.writer; ++deaths.writer) {
         died.repairer = true;
         for (deaths.repairer = 0; died.repairer; ++deaths.repairer) {
-            const std::string found = explore(script, deaths, died, tally, {}, flaw, {});
+            std::string found = explore(script, deaths, died, tally, {}, flaw, {});
             if (!found.empty())
                 return found;
             tally.repairers = std::max(tally.repairers, deaths.repairer);
@@ -239,7 +239,7 @@ std::string kill_beside(const Script& script, Tally& tally, const Reader& reader
     Died died{.writer = true, .repairer = false};
     Deaths deaths;
     for (deaths.writer = 0; died.writer; deaths.writer += kApart) {
-        const std::string found = explore(script, deaths, died, tally, reader, {}, options);
+        std::string found = explore(script, deaths, died, tally, reader, {}, options);
         if (!found.empty())
             return found;
         tally.writers = deaths.writer;
@@ -405,7 +405,7 @@ TFDB_SCHED(repair_flaws_are_found) {
                     what.substr(0, what.find('\n')).c_str());
     };
     // Whoever repairs leaves these words of a frame as they are.
-    const auto leaves = [](FrameId id, std::vector<history::HeaderWord> words) {
+    const auto leaves = [](FrameId id, const std::vector<history::HeaderWord>& words) {
         return [=](const WalkedForest& forest) {
             std::vector<const sched::Word*> left;
             for (const history::HeaderWord word : words)
