@@ -49,6 +49,9 @@ def test_a_writer_that_is_stopped_is_named(name: str) -> None:
         assert caught.value.path == f"/dev/shm/tfdb.{name}"
         with pytest.raises(tfdb.LockTimeout):
             buffer.run(lambda tx: tx.set_transform("map", "x", 5, **child.pose_of(1)))
+        message = tfdb.encode_tf_message([tfdb.TransformStamped("map", "x", 5, **child.pose_of(1))])
+        with pytest.raises(tfdb.LockTimeout):
+            buffer.ingest_many([message] * 1000, encoding="cdr")
         with pytest.raises(tfdb.LockTimeout):
             tfdb.Buffer.open(name, lock_timeout=0).remove_frame("hand")
         assert child.arm_in(buffer) == seen

@@ -130,8 +130,10 @@ def test_who_reads_writes_nothing(name: str) -> None:
         assert caught.value.path == f"/dev/shm/tfdb.{name}"
     assert reader.commit == before
     assert reader.run(lambda tx: tx.lookup_transform("map", "base", 10).stamp) == 10
-    with pytest.raises(tfdb.TfdbError, match='open it with mode "rw"'):
+    with pytest.raises(tfdb.ReadOnly):
         reader.load(RECORDING)
+    with pytest.raises(tfdb.ReadOnly):
+        reader.ingest_many([message], encoding="cdr")
 
 
 def test_files_are_for_their_user_alone(name: str) -> None:
