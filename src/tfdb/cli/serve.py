@@ -82,16 +82,22 @@ def bag(
         if not as_json:
             names = ", ".join(str(path) for path in paths)
             click.echo(f"{names} into shm:{name}; Ctrl-C ends it")
-        try:
-            player.play()
-            while loop:
-                player.play()
-        finally:
+
+        def show() -> None:
             if as_json:
                 shown = {"files": [str(path) for path in paths], "store": name}
                 output.emit_json("serve", {**shown, **player.body()})
             else:
                 click.echo(player.describe())
+
+        try:
+            player.play()
+            while loop and player.transforms:
+                player.play()
+        except KeyboardInterrupt:
+            show()
+            raise
+        show()
 
 
 @dataclass
@@ -117,7 +123,9 @@ class Player:
         self._newest = None if found is None else found[1]
 
     def play(self) -> None:
-        """Play them once; whoever waits between two messages may be interrupted."""
+        """Play them once, one step behind the round before."""
+        if self.rounds:
+            time.sleep(self._step / NS / self.speed)
         began, first, last, played = time.monotonic(), None, 0, 0
         self._shift = None
         for source, received, data in self._messages():
