@@ -18,7 +18,6 @@
 #include <cerrno>
 #include <cmath>
 #include <csignal>
-#include <cstdarg>
 #include <cstdio>
 #include <cstdlib>
 #include <cstring>
@@ -94,15 +93,18 @@ struct Board {
 
 Board* g_board = nullptr;
 
-[[gnu::format(printf, 1, 2)]] void fail(const char* format, ...) {
-    if (g_board->failures.fetch_add(1) > 20)
-        return;
+void report(const char* text) {
+    if (g_board->failures.fetch_add(1) <= 20)
+        std::fprintf(stderr, "FAILED (process %d): %s\n", static_cast<int>(::getpid()), text);
+}
+template <class... Values>
+void fail(const char* format, Values... values) {
     std::array<char, 512> text{};
-    va_list args;
-    va_start(args, format);
-    std::vsnprintf(text.data(), text.size(), format, args);
-    va_end(args);
-    std::fprintf(stderr, "FAILED (process %d): %s\n", static_cast<int>(::getpid()), text.data());
+    std::snprintf(text.data(), text.size(), format, values...);
+    report(text.data());
+}
+void fail(const char* text) {
+    report(text);
 }
 
 void raise_to(Word& word, std::uint64_t value) {
