@@ -309,6 +309,10 @@ def unlink_store(name: Name) -> None:
 
 def reduce(self: Buffer) -> tuple[object, ...]:
     """Pickle a store that processes share, by its name; another one stays where it is."""
+    from ._core import Buffer  # noqa: PLC0415 - the extension imports this module
+
+    if not isinstance(self, Buffer):
+        raise TypeError(f"__reduce__ of a Buffer was called on a {type(self).__name__}")
     if self.shared is None:
         raise TypeError(
             "this Buffer is of its process alone and cannot be pickled: pass a store that "

@@ -101,6 +101,8 @@ def test_other_systems_say_so(name: str, monkeypatch: pytest.MonkeyPatch) -> Non
 def test_a_private_store_cannot_be_pickled(name: str) -> None:
     with pytest.raises(TypeError, match=r"Buffer\.open\(name\)"):
         pickle.dumps(tfdb.Buffer())
+    with pytest.raises(TypeError, match="called on a list"):
+        tfdb.Buffer.__reduce__([])
     buffer = tfdb.Buffer.open(name, lock_timeout=None)
     again = pickle.loads(pickle.dumps(buffer))
     assert again.shared == buffer.shared
