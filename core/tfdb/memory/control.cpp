@@ -11,6 +11,7 @@
 #include <system_error>
 
 #include "tfdb/base/error.hpp"
+#include "tfdb/sync/fork.hpp"
 
 namespace tfdb::memory {
 namespace {
@@ -67,8 +68,6 @@ Control::Control(int file, std::uint64_t id, const std::string& name)
     }
     mine_ = take_slot(name);
 }
-
-Control::~Control() = default;
 
 unsigned Control::take_slot(const std::string& name) {
     for (unsigned i = 0; i < kSlots; ++i) {
@@ -127,7 +126,12 @@ std::int64_t Control::holder() const noexcept {
 Control::Taken Control::took(int result) noexcept {
     if (result != 0 && result != EOWNERDEAD)
         return Taken::kNo;
-    word(kHolderWord).store_relaxed(static_cast<std::uint64_t>(::getpid()));
+    // To ask costs more than the rest of the lock.
+    if (const std::uint64_t forks = sync::forks(); pid_ == 0 || pid_forks_ != forks) {
+        pid_ = static_cast<std::uint64_t>(::getpid());
+        pid_forks_ = forks;
+    }
+    word(kHolderWord).store_relaxed(pid_);
     return result == 0 ? Taken::kYes : Taken::kAfterDeath;
 }
 

@@ -31,7 +31,7 @@ public:
     /// Takes a slot. The file is closed in the end. Throws CapacityExceeded where none is free,
     /// CorruptStore where it is no such file, or another store's.
     Control(int file, std::uint64_t id, const std::string& name);
-    ~Control();
+    ~Control() = default;
     Control(const Control&) = delete;
     Control& operator=(const Control&) = delete;
     Control(Control&&) = delete;
@@ -79,6 +79,8 @@ private:
     int file_;
     Mapping mapping_;
     unsigned mine_ = 0;
+    std::uint64_t pid_ = 0;        // of this process, after so many forks: only whose turn it is
+    std::uint64_t pid_forks_ = 0;  // to lock looks at them
 };
 
 }  // namespace tfdb::memory
