@@ -112,6 +112,13 @@ public:
             store_word(kFrameCount).store_release(std::uint64_t{id} + 1);
     }
 
+    /// The frame was removed by a commit that is taken back.
+    void revive(FrameId id) const {
+        word(id, history::kDied).store_relaxed(0);
+        auto& topology = word(id, history::kTopology);
+        topology.store_release(topology.load_relaxed() & ~history::Topology::kMortal);
+    }
+
     /// Slots wait for reuse in the order in which their frames were removed; the first ones may be
     /// empty already. The first of all, or kNoFrame.
     [[nodiscard]] FrameId first_retired() const { return id_in(kFreeHead); }

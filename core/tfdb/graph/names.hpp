@@ -37,6 +37,23 @@ inline std::uint64_t name_word(std::string_view name, std::size_t at) {
     return word;
 }
 
+/// A text as it lies in the region: whole words, filled up with zeros.
+template <class Memory>
+void store_text(Memory& memory, Offset to, std::string_view text) {
+    for (std::size_t at = 0; at < text.size(); at += 8)
+        memory.word(to + at).store_relaxed(name_word(text, at));
+}
+template <class Memory>
+[[nodiscard]] std::string load_text(Memory& memory, Offset from, std::size_t size) {
+    std::string text((size + 7) / 8 * 8, '\0');
+    for (std::size_t at = 0; at < size; at += 8) {
+        const std::uint64_t word = memory.word(from + at).load_relaxed();
+        std::memcpy(text.data() + at, &word, 8);
+    }
+    text.resize(size);
+    return text;
+}
+
 /// Multiply and fold, a word at a time; the constant is the golden ratio's. A product's low bits
 /// know nothing of its factor's high ones, and tables are entered by the low bits: hence the folds.
 /// `word_at(i)`: the bytes from the i-th on, as `name_word` gives them.
@@ -85,9 +102,7 @@ public:
     [[nodiscard]] Offset store_name(std::string_view name) const {
         const Offset block = memory_->allocate(name_bytes(name.size()));
         memory_->word(block).store_relaxed(name.size());
-        for (std::size_t at = 0; at < name.size(); at += 8) {
-            memory_->word(block + 8 + at).store_relaxed(name_word(name, at));
-        }
+        store_text(*memory_, block + 8, name);
         return block;
     }
     void free_name(Offset block) const {
@@ -154,13 +169,7 @@ public:
         std::uint64_t size = memory_->word(block).load_relaxed();
         if (size > kMaxNameBytes)
             size = 0;
-        std::string name((size + 7) / 8 * 8, '\0');
-        for (std::size_t at = 0; at < size; at += 8) {
-            const std::uint64_t word = memory_->word(block + 8 + at).load_relaxed();
-            std::memcpy(name.data() + at, &word, 8);
-        }
-        name.resize(size);
-        return name;
+        return load_text(*memory_, block + 8, size);
     }
 
 private:

@@ -1,7 +1,6 @@
 #include "tfdb/store/authorities.hpp"
 
 #include <algorithm>
-#include <cstring>
 #include <mutex>
 #include <utility>
 
@@ -83,8 +82,7 @@ void Authorities::list(std::string_view name, std::uint64_t id) {
     word(Listed::kNext).store_relaxed(newest_->load_relaxed());
     word(Listed::kNumber).store_relaxed(id);
     word(Listed::kSize).store_relaxed(name.size());
-    for (std::size_t at = 0; at < name.size(); at += 8)
-        word(Listed::kText + at).store_relaxed(graph::name_word(name, at));
+    graph::store_text(*region_, block + Listed::kText, name);
     newest_->store_release(block);
 }
 
@@ -102,13 +100,7 @@ void Authorities::learn() {
         const bool is_listed = size <= end && block + Listed::bytes(size) <= end;
         if (id <= last_id_ || !is_listed)
             break;
-        std::string name(size + 7, '\0');
-        for (std::size_t at = 0; at < size; at += 8) {
-            const std::uint64_t eight = word(Listed::kText + at);
-            std::memcpy(name.data() + at, &eight, 8);
-        }
-        name.resize(size);
-        found.push_back({id, std::move(name)});
+        found.push_back({id, graph::load_text(*region_, block + Listed::kText, size)});
         block = word(Listed::kNext);
     }
     for (; !found.empty(); found.pop_back())

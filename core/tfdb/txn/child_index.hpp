@@ -2,6 +2,7 @@
 #pragma once
 
 #include <algorithm>
+#include <optional>
 #include <span>
 #include <utility>
 #include <vector>
@@ -26,7 +27,7 @@ public:
                 continue;
             FrameId parent = kNoFrame;
             int tries = 0;
-            while (!newest_parent(view, id, parent)) {
+            while (lookup::parent_at(view, id, std::nullopt, parent) != lookup::Outcome::kOk) {
                 if (++tries == kTries)
                     return false;
             }
@@ -45,14 +46,6 @@ public:
     }
 
 private:
-    template <class Memory>
-    [[nodiscard]] static bool newest_parent(const SnapshotView<Memory>& view, FrameId id,
-                                            FrameId& parent) {
-        const lookup::Policy newest{lookup::PolicyKind::kLatest, lookup::kNoLimit};
-        return lookup::exact_parent(view, id, 0, newest, lookup::Edges::kAll, parent) ==
-               lookup::Outcome::kOk;
-    }
-
     std::vector<std::pair<FrameId, FrameId>> pairs_;
 };
 

@@ -13,7 +13,6 @@
 #include "tfdb/graph/frames.hpp"
 #include "tfdb/graph/names.hpp"
 #include "tfdb/history/edge_writer.hpp"
-#include "tfdb/lookup/edge.hpp"
 #include "tfdb/txn/cycle_search.hpp"
 #include "tfdb/txn/feed.hpp"
 #include "tfdb/txn/frame_set.hpp"
@@ -246,15 +245,7 @@ public:
 
     /// The parent that the newest sample names, kNoFrame for a root.
     [[nodiscard]] FrameId newest_parent(FrameId id) const {
-        const std::uint64_t topology = frames_.topology(id);
-        if ((topology & history::Topology::kMixedParents) == 0) {
-            return history::Topology::parent(topology);
-        }
-        FrameId parent = kNoFrame;
-        const lookup::Policy newest{lookup::PolicyKind::kLatest, lookup::kNoLimit};
-        // The writer cannot be overtaken: it holds the commit lock.
-        (void)lookup::exact_parent(view(), id, 0, newest, lookup::Edges::kAll, parent);
-        return parent;
+        return txn::newest_parent(frames_, id, number(), context_.history);
     }
 
     /// What a removed frame keeps beside its samples: the slot, and its name as a rule.
@@ -423,7 +414,7 @@ private:
     void abort() {
         for (const Touched& touched : scratch_.touched) {
             if ((touched.what & FeedNote::kRemoved) != 0)
-                revive(touched.id);
+                frames_.revive(touched.id);
             if (touched.written)
                 take_back(touched);
         }
@@ -431,11 +422,6 @@ private:
             if ((touched.what & FeedNote::kMade) != 0)
                 unmake(touched.id);
         }
-    }
-    void revive(FrameId id) {
-        frames_.word(id, history::kDied).store_relaxed(0);
-        auto& topology = frames_.word(id, history::kTopology);
-        topology.store_release(topology.load_relaxed() & ~history::Topology::kMortal);
     }
     void take_back(const Touched& touched) {
         auto edge = writer(touched.id);

@@ -9,7 +9,6 @@
 #include "tfdb/graph/frames.hpp"
 #include "tfdb/graph/names.hpp"
 #include "tfdb/history/edge_writer.hpp"
-#include "tfdb/lookup/edge.hpp"
 #include "tfdb/txn/snapshot_view.hpp"
 
 namespace tfdb::txn {
@@ -51,7 +50,7 @@ private:
         }
         std::uint64_t died = load(id, history::kDied);
         if (died > context_.committed) {
-            revive(id);
+            frames_.revive(id);
             died = 0;
         }
         const std::uint64_t newest = std::max(
@@ -77,35 +76,19 @@ private:
             frames_.word(id, w).store_relaxed(0);
     }
 
-    void revive(FrameId id) {
-        frames_.word(id, history::kDied).store_relaxed(0);
-        auto& topology = frames_.word(id, history::kTopology);
-        topology.store_release(topology.load_relaxed() & ~history::Topology::kMortal);
-    }
-
     void count_children() {
         const std::uint32_t count = frames_.count();
         for (FrameId id = 0; id < count; ++id)
             frames_.word(id, history::kChildren).store_relaxed(0);
-        const SnapshotView<Memory> view(frames_, context_.committed, context_.history);
         for (FrameId id = 0; id < count; ++id) {
             if (!frames_.alive(id, context_.committed))
                 continue;
-            const FrameId parent = newest_parent(view, id);
+            const FrameId parent = newest_parent(frames_, id, context_.committed, context_.history);
             if (parent >= count)
                 continue;
             auto& children = frames_.word(parent, history::kChildren);
             children.store_relaxed(children.load_relaxed() + 1);
         }
-    }
-    [[nodiscard]] FrameId newest_parent(const SnapshotView<Memory>& view, FrameId id) const {
-        const std::uint64_t topology = frames_.topology(id);
-        FrameId parent = history::Topology::parent(topology);
-        if ((topology & history::Topology::kMixedParents) != 0) {
-            const lookup::Policy newest{lookup::PolicyKind::kLatest, lookup::kNoLimit};
-            (void)lookup::exact_parent(view, id, 0, newest, lookup::Edges::kAll, parent);
-        }
-        return parent;
     }
 
     /// Slots that nobody ever saw first, then those of removed frames in the order of their deaths.

@@ -1,8 +1,11 @@
 // The default engine's view: every frame as one commit left it, read without any lock.
 #pragma once
 
+#include <optional>
+
 #include "tfdb/graph/frames.hpp"
 #include "tfdb/history/edge_view.hpp"
+#include "tfdb/lookup/edge.hpp"
 #include "tfdb/lookup/view.hpp"
 
 namespace tfdb::txn {
@@ -61,5 +64,19 @@ private:
     history::AsOf as_of_;
     clock::StampNs history_;
 };
+
+/// The parent that a frame's newest sample names in a state, kNoFrame for a root. Only for the
+/// holder of the commit lock, whom no writer overtakes.
+template <class Memory>
+[[nodiscard]] FrameId newest_parent(const graph::Frames<Memory>& frames, FrameId id,
+                                    CommitNumber commit, clock::StampNs history) {
+    const std::uint64_t topology = frames.topology(id);
+    FrameId parent = history::Topology::parent(topology);
+    if ((topology & history::Topology::kMixedParents) != 0) {
+        const SnapshotView<Memory> view(frames, commit, history);
+        (void)lookup::parent_at(view, id, std::nullopt, parent);
+    }
+    return parent;
+}
 
 }  // namespace tfdb::txn

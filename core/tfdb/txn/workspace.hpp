@@ -133,10 +133,8 @@ public:
 
 private:
     [[nodiscard]] Outcome newest_parent(FrameId child, FrameId& parent) {
-        const lookup::Policy newest{lookup::PolicyKind::kLatest, lookup::kNoLimit};
-        return steadily([&](const View& view) {
-            return lookup::exact_parent(view, child, 0, newest, lookup::Edges::kAll, parent);
-        });
+        return steadily(
+            [&](const View& view) { return lookup::parent_at(view, child, std::nullopt, parent); });
     }
     /// By the store alone. Where the frame has no children now, that is what is noted: the state
     /// that is read may have had some, but they are gone for good or the commit will find them.
