@@ -205,6 +205,27 @@ def test_what_is_found_while_it_is_watched(name: str) -> None:
     assert found.count == (arrivals.log.count - 1) / 3
 
 
+def test_who_falls_behind_goes_on(name: str, tool: Tool, monkeypatch: pytest.MonkeyPatch) -> None:
+    """More commits than the feed holds between two looks: their number is told."""
+    store = tfdb.Buffer.open(name)
+    store.set_transform("map", "base", 1, (1, 2, 3), TURN)
+    ahead = 20_000
+
+    def write(done: int, _total: int) -> None:
+        stamps = range(2, ahead + 2) if done == 0 else [ahead + 10 + done]
+        for stamp in stamps:
+            store.set_transform("map", "base", stamp, (1, 2, 3), TURN)
+
+    reader = tfdb.Buffer.open(name, mode="r")
+    arrivals = watch_arrivals(reader, 0.1, write)
+    assert arrivals.missed >= ahead
+    assert 0 < arrivals.log.count == store.commit - arrivals.missed - 1
+
+    monkeypatch.setattr("tfdb.cli.watch.watch_arrivals", lambda *_: arrivals)
+    assert tool("check", f"shm:{name}", "--for", "1", "--json").json["missed_commits"] >= ahead
+    assert "commits went by unseen" in tool("check", f"shm:{name}", "--for", "1").out
+
+
 def test_what_is_found_in_a_store(tool: Tool, name: str) -> None:
     store = tfdb.Buffer.open(name)
     for number in (0, 1, 2, 3, 4, 5, 6, 30, 31, 33, 32):

@@ -23,11 +23,13 @@ class Arrivals:
     """The transforms, and whether the containers name their publishers (ROS 1 bags do).
 
     `mixed` are the frames that some messages write with a leading slash and others without.
+    `missed` is how many commits of a live store went by unseen.
     """
 
     log: Log
     publishers_known: bool
     mixed: tuple[str, ...] = ()
+    missed: int = 0
 
 
 class _Slashes:

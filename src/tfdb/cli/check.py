@@ -146,6 +146,7 @@ def _body(loaded: common.Loaded, arrivals: Arrivals, found: list[Finding]) -> di
         "messages": loaded.report and loaded.report.messages,
         "transforms": loaded.report.transforms if loaded.report else arrivals.log.count,
         "publishers_known": arrivals.publishers_known,
+        "missed_commits": arrivals.missed,
         "findings": [
             {
                 "kind": finding.kind,
@@ -173,6 +174,11 @@ def _show(loaded: common.Loaded, arrivals: Arrivals, found: list[Finding]) -> No
     if not arrivals.publishers_known:
         out.print(
             "the recording does not say who published: two publishers go unnoticed", style="dim"
+        )
+    if arrivals.missed:
+        out.print(
+            f"{arrivals.missed:,} commits went by unseen: the store is written to faster than it "
+            "can be watched here, and gaps may come of that"
         )
     if found:
         out.print(

@@ -38,8 +38,12 @@ def stored_arrivals(state: Reads) -> Arrivals:
 def watch_arrivals(
     store: Buffer, seconds: float, progress: Callable[[int, int], None] | None
 ) -> Arrivals:
-    """Follow the store's commits for so long; of static edges also take what was there."""
+    """Follow the store's commits for so long; of static edges also take what was there.
+
+    Who falls behind the feed goes on with the newest state; how much went by unseen is told.
+    """
     log = _Log()
+    missed = 0
     began = time.monotonic()
     with store.snapshot() as state:
         commit = state.commit
@@ -53,11 +57,18 @@ def watch_arrivals(
             progress(int(passed * 1000), int(seconds * 1000))
         time.sleep(min(_BETWEEN, seconds - passed))
         arrival = time.time_ns()
-        for change in store.changes(commit):
+        try:
+            changes = store.changes(commit)
+        except tfdb.FeedLapped:
+            newest = store.commit
+            missed += newest - commit
+            commit = newest
+            continue
+        for change in changes:
             commit = change.commit
             log.add_columns(store, change.stored, arrival, static=False)
             log.add_columns(store, change.stored_static, arrival, static=True)
-    return log.arrivals()
+    return log.arrivals(missed)
 
 
 class _Log:
@@ -84,8 +95,8 @@ class _Log:
                 authors[child] = _author(store, child)
             self.add((parent, child, stamp, pose), arrival, authors[child], static=static)
 
-    def arrivals(self) -> Arrivals:
-        return Arrivals(self._log, self._known)
+    def arrivals(self, missed: int = 0) -> Arrivals:
+        return Arrivals(self._log, self._known, missed=missed)
 
 
 def _author(store: Buffer, frame: str) -> str:
