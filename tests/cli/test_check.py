@@ -102,6 +102,7 @@ def test_json(tool: Tool, maker: BagMaker) -> None:
         "messages",
         "transforms",
         "publishers_known",
+        "missed_commits",
         "findings",
         "errors",
         "warnings",
