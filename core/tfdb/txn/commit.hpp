@@ -14,6 +14,7 @@
 #include "tfdb/graph/names.hpp"
 #include "tfdb/history/edge_writer.hpp"
 #include "tfdb/txn/cycle_search.hpp"
+#include "tfdb/txn/depth_hints.hpp"
 #include "tfdb/txn/feed.hpp"
 #include "tfdb/txn/frame_set.hpp"
 #include "tfdb/txn/snapshot_view.hpp"
@@ -382,33 +383,13 @@ private:
     /// upward: with the depths of that time, walks between two branches would climb past their
     /// meeting point.
     void refresh_depths() {
-        using history::Topology;
         // Beyond, stale hints cost less than this, unless the commit itself is as large.
         constexpr std::uint32_t kMostFrames = 4096;
         const std::uint32_t count = frames_.count();
         if (!depths_stale_ || (count > kMostFrames && count / 4 > scratch_.touched.size())) {
             return;
         }
-        constexpr std::uint32_t kUnknown = ~std::uint32_t{0};
-        auto& depths = scratch_.depths;
-        depths.assign(count, kUnknown);
-        auto& climb = scratch_.climb;
-        for (FrameId id = 0; id < count; ++id) {
-            climb.clear();
-            FrameId at = id;
-            while (at < count && depths[at] == kUnknown && climb.size() <= count) {
-                climb.push_back(at);
-                at = Topology::parent(frames_.topology(at));
-            }
-            std::uint32_t depth = at < count && depths[at] != kUnknown ? depths[at] + 1 : 0;
-            for (; !climb.empty(); climb.pop_back(), ++depth) {
-                depths[climb.back()] = depth;
-                if (Topology::depth(frames_.topology(climb.back())) == depth)
-                    continue;
-                writer(climb.back()).set_depth_hint(depth);
-                frames_.refresh_hint(climb.back());
-            }
-        }
+        txn::refresh_depths(frames_, scratch_.depths, scratch_.climb);
     }
 
     void abort() {
