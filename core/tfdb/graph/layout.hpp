@@ -35,6 +35,7 @@ enum StoreWord : unsigned {
     kHistory = 50,
     kSnapshotMemory = 51,
     kAuthorities = 52,  // the newest of a list of names: see store::Authorities
+    kOrigin = 55,  // of a frozen store: a text on what it was made from, or 0: see store::freeze
     kStoreWords = 56,
 };
 

@@ -59,6 +59,11 @@ Offset Region::end() const noexcept {
     return word(kBumpWord).load_relaxed();
 }
 
+void Region::extend(Offset end) noexcept {
+    count(word(kUsedWord), end - this->end());
+    word(kBumpWord).store_relaxed(end);
+}
+
 Offset Region::bump(std::size_t bytes) {
     const std::size_t skew = bytes >= kSkewFrom ? kSkewBytes : 0;
     const Offset at = word(kBumpWord).load_relaxed();

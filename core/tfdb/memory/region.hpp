@@ -17,7 +17,7 @@ namespace tfdb::memory {
 /// One mapping, a bump allocator and free lists, all state inside the region, so that processes
 /// which map the same file have one region. There only the holder of the commit lock allocates and
 /// releases; who dies at it leaves what `repair` puts right, and blocks that `sweep` finds. Words 0
-/// and 10 to 12 are the file's: see shared_file.cpp.
+/// and 10 to 14 are the file's: see file.hpp.
 /// Threads: any.
 /// Guarantee: `word`, `reclaimed` and the numbers of bytes are wait-free; the rest takes turns
 /// under a lock of its own. A word stays readable for the life of the region, also in a released
@@ -82,6 +82,8 @@ public:
     [[nodiscard]] static Offset root() noexcept;
     /// Behind the last block.
     [[nodiscard]] Offset end() const noexcept;
+    /// What somebody else puts behind the last block, up to there, counts as used from now on.
+    void extend(Offset end) noexcept;
     [[nodiscard]] std::size_t capacity() const noexcept { return reserved_; }
 
     /// Where this process says what it reads (see graph::Pins); null: in the region itself.

@@ -8,57 +8,13 @@
 #include <array>
 #include <cerrno>
 #include <cstdio>
-#include <system_error>
 #include <utility>
 
-#include "tfdb/base/error.hpp"
+#include "tfdb/memory/file.hpp"
 #include "tfdb/memory/region.hpp"
 
 namespace tfdb::memory {
 namespace {
-
-// Words of the region that are the file's: see Region.
-constexpr unsigned kMagicWord = 0;  // written last
-constexpr unsigned kIdWord = 10;
-constexpr unsigned kBytesWord = 11;
-constexpr unsigned kLayoutWord = 12;
-constexpr unsigned kFileWords = 13;
-constexpr std::uint64_t kMagic = 0x314D485342444654;  // "TFDBSHM1" on a little-endian machine
-
-/// An open file, until it is handed on. Threads: one. Guarantee: none.
-class File {
-public:
-    explicit File(int file) : file_(file) {}
-    ~File() {
-        if (file_ >= 0)
-            ::close(file_);
-    }
-    File(const File&) = delete;
-    File& operator=(const File&) = delete;
-    File(File&&) = delete;
-    File& operator=(File&&) = delete;
-
-    [[nodiscard]] int get() const { return file_; }
-    int release() { return std::exchange(file_, -1); }
-
-private:
-    int file_;
-};
-
-ErrorDetail detail_of(const std::string& path, std::string reason) {
-    ErrorDetail detail;
-    detail.path = path;
-    detail.reason = std::move(reason);
-    return detail;
-}
-
-std::string reason_of(int error) {
-    return std::generic_category().message(error);
-}
-
-[[noreturn]] void throw_corrupt(const std::string& path, const std::string& reason) {
-    throw CorruptStore(path + " cannot be opened: " + reason, detail_of(path, reason));
-}
 
 [[noreturn]] void throw_for(int error, const std::string& path) {
     const std::string reason = reason_of(error);
@@ -93,7 +49,7 @@ std::uint64_t random_id() {
 }
 
 struct Header {
-    std::array<std::uint64_t, kFileWords> words{};
+    std::array<std::uint64_t, kLayoutWord + 1> words{};
     std::size_t bytes = 0;  // of the file
 };
 
@@ -105,8 +61,11 @@ Header header_of(int file, const std::string& path) {
         throw_for(errno, path);
     header.bytes = static_cast<std::size_t>(status.st_size);
     if (!S_ISREG(status.st_mode) ||
-        ::pread(file, header.words.data(), sizeof header.words, 0) != sizeof header.words ||
-        header.words[kMagicWord] != kMagic)
+        ::pread(file, header.words.data(), sizeof header.words, 0) != sizeof header.words)
+        throw_corrupt(path, "it is no store of tfdb");
+    if (header.words[kMagicWord] == kFrozenMagic)
+        throw_corrupt(path, "it is a frozen store: tfdb.open opens it, for reading only");
+    if (header.words[kMagicWord] != kSharedMagic)
         throw_corrupt(path, "it is no store of tfdb");
     return header;
 }
@@ -143,8 +102,10 @@ SharedFile open_shared(const std::string& path, bool writable, std::uint64_t lay
                       "its control file " + control + " is missing; remove it and make it anew");
     else if (writable || (errno != EACCES && errno != EROFS))
         throw_for(errno, control);
-    return {Mapping::of_file(file.release(), header.bytes, writable, path), std::move(shared), path,
-            writable};
+    return {.data = Mapping::of_file(file.release(), header.bytes, writable, path),
+            .control = std::move(shared),
+            .path = path,
+            .writable = writable};
 }
 
 int NewSharedFile::open_new(const std::string& name, std::size_t bytes) const {
@@ -204,7 +165,7 @@ void NewSharedFile::publish(std::uint64_t layout) {
     write(kIdWord, id_);
     write(kBytesWord, bytes_);
     write(kLayoutWord, layout);
-    write(kMagicWord, kMagic);
+    write(kMagicWord, kSharedMagic);
     if (::link(data_.c_str(), path_.c_str()) != 0)
         throw_for(errno, path_);
     ::unlink(data_.c_str());

@@ -10,15 +10,16 @@
 
 namespace tfdb::memory {
 
-/// An open store: its data, and the control file beside it.
+/// An open store that lies in a file: its data, and the control file beside it.
 /// Threads: a value. Guarantee: none.
 struct SharedFile {
     static constexpr std::int64_t kLockTimeoutNs = 10'000'000'000;
 
     Mapping data;
-    std::unique_ptr<Control> control;  // null: this process may not write even there
+    std::unique_ptr<Control> control;  // null: frozen, or this process may not write even there
     std::string path;
-    bool writable;
+    bool writable = false;
+    bool frozen = false;                            // nobody writes to it: see frozen_file.hpp
     std::int64_t lock_timeout_ns = kLockTimeoutNs;  // how long writers here wait for others
 };
 

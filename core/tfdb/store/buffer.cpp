@@ -8,6 +8,8 @@
 #include <utility>
 #include <vector>
 
+#include "tfdb/memory/frozen_file.hpp"
+#include "tfdb/store/freeze.hpp"
 #include "tfdb/store/store.hpp"
 #include "tfdb/store/validate.hpp"
 #include "tfdb/txn/repair.hpp"
@@ -301,12 +303,27 @@ Buffer Buffer::open(const std::string& path, bool writable, std::int64_t lock_ti
     return Buffer(std::make_shared<store::Store>(std::move(file)));
 }
 
+Buffer Buffer::open_frozen(const std::string& path, bool verify) {
+    return Buffer(
+        std::make_shared<store::Store>(memory::open_frozen(path, store::Store::layout(), verify)));
+}
+
+void Buffer::freeze(const std::string& path, std::string_view origin) const {
+    snapshot().freeze(path, origin);
+}
+
+std::optional<FrozenUse> Buffer::frozen() const {
+    if (store_->shared == nullptr || !store_->shared->frozen)
+        return std::nullopt;
+    return FrozenUse{store_->shared->path, store_->memory.capacity(), store::origin(*store_)};
+}
+
 void Buffer::unlink(const std::string& path) {
     memory::unlink_shared(path);
 }
 
 std::optional<SharedUse> Buffer::shared() const {
-    if (store_->shared == nullptr)
+    if (store_->shared == nullptr || store_->shared->frozen)
         return std::nullopt;
     SharedUse use;
     use.path = store_->shared->path;
@@ -401,6 +418,10 @@ Snapshot::Snapshot(std::shared_ptr<store::Store> store, CommitNumber held, unsig
 
 Snapshot::Snapshot(Snapshot&& other) noexcept
     : Reads(std::move(other.store_), other.held_), pin_(other.pin_), forks_(other.forks_) {}
+
+void Snapshot::freeze(const std::string& path, std::string_view origin) const {
+    store::freeze(*store_, held_, path, origin);
+}
 
 Snapshot::~Snapshot() {
     if (store_ && (store_->shared == nullptr || forks_ == sync::forks()))

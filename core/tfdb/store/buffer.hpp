@@ -66,6 +66,13 @@ struct SharedUse {
     std::uint64_t processes = 0;  // that have it open, this one included; 0: cannot be told
 };
 
+/// What is known of a frozen store.
+struct FrozenUse {
+    std::string path;
+    std::size_t size = 0;  // bytes of its file
+    std::string origin;    // what whoever froze it said
+};
+
 namespace store {
 
 struct Store;  // what a Buffer and its Snapshots share: store.hpp
@@ -293,6 +300,13 @@ public:
     Snapshot(const Snapshot&) = delete;
     Snapshot& operator=(const Snapshot&) = delete;
 
+    /// Writes this state into a file, which `Buffer::open_frozen` reads: what every read of it says
+    /// is what this snapshot says. The file takes the name whole or not at all, and the place of
+    /// one that has it: who has that open goes on with it. `origin`: any text, which comes back
+    /// with it. Throws SnapshotTooOld, CapacityExceeded (the disk is full, or 65,536 authorities),
+    /// NoSuchStore (no such folder), ReadOnly (no permission).
+    void freeze(const std::string& path, std::string_view origin = {}) const;
+
 private:
     friend class Buffer;
     Snapshot(std::shared_ptr<store::Store> store, CommitNumber held, unsigned pin);
@@ -320,8 +334,18 @@ public:
                                      std::int64_t lock_timeout_ns = 10 * clock::kNanosPerSecond);
     /// Removes it; who has it open goes on. Throws NoSuchStore, CorruptStore, ReadOnly.
     static void unlink(const std::string& path);
-    /// None for a store of this process alone.
+    /// None for a store of this process alone, and for a frozen one.
     [[nodiscard]] std::optional<SharedUse> shared() const;
+
+    /// Opens a frozen store, which nobody can write to. `verify`: read all of it and compare it
+    /// with its checksum; otherwise only what stands at its front. Throws NoSuchStore, CorruptStore
+    /// (also: damaged, of another version or machine), ReadOnly (no permission to read),
+    /// CapacityExceeded.
+    [[nodiscard]] static Buffer open_frozen(const std::string& path, bool verify = false);
+    /// As `Snapshot::freeze`: the newest state.
+    void freeze(const std::string& path, std::string_view origin = {}) const;
+    /// None for a store that can be written to, here or elsewhere.
+    [[nodiscard]] std::optional<FrozenUse> frozen() const;
 
     /// All of `batch` in one commit; returns its number. An empty batch commits nothing and returns
     /// the current number. Throws InvalidTransform, InvalidName, InvalidStamp, TooOld,
@@ -375,7 +399,8 @@ public:
     /// is held, all that was stored; of what is no longer kept the record counts how much it was.
     /// Throws FeedLapped where the feed does not reach back that far (with `since`, the `oldest`
     /// commit that would have been valid, and the `newest`), InvalidArgument for a commit that is
-    /// not there yet, TransactionActive, and NotSupported in engines that keep no feed.
+    /// not there yet, TransactionActive, and NotSupported in engines that keep no feed. A frozen
+    /// store's feed is empty.
     [[nodiscard]] std::vector<Changes> changes(CommitNumber since,
                                                std::size_t limit = kNoLimit) const;
     static constexpr std::size_t kNoLimit = ~std::size_t{0};

@@ -206,7 +206,8 @@ namespace tfdb {
 
 std::vector<Changes> Buffer::changes(CommitNumber since, std::size_t limit) const {
     using lookup::Outcome;
-    if (!StoreFeed(store_->frames).is_kept()) {
+    const bool kept = StoreFeed(store_->frames).is_kept();
+    if (!kept && (store_->shared == nullptr || !store_->shared->frozen)) {
         throw NotSupported("the engine '" + std::string(concurrency_name(store_->concurrency)) +
                            "' keeps no feed of changes: 'snapshot' and 'giant' do");
     }
@@ -223,7 +224,7 @@ std::vector<Changes> Buffer::changes(CommitNumber since, std::size_t limit) cons
         const std::size_t wanted = std::min<std::uint64_t>(limit, newest - since);
         if (wanted == 0)
             return Outcome::kOk;
-        if (!notes.read(*store_, since + 1, newest))
+        if (!kept || !notes.read(*store_, since + 1, newest))
             store::throw_lapped(*store_, since, newest);
         store::Telling telling(*store_, view, notes);
         for (std::size_t i = 1; i <= wanted; ++i) {

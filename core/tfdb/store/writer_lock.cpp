@@ -16,6 +16,11 @@ void WriterLock::check_writable() const {
         return;
     ErrorDetail detail;
     detail.path = shared_->path;
+    if (shared_->frozen)
+        throw ReadOnly("the store " + shared_->path +
+                           " is frozen: nothing can be written to it; write to another Buffer, "
+                           "and freeze that",
+                       std::move(detail));
     throw ReadOnly("the store " + shared_->path +
                        " was opened for reading only: open it with mode \"rw\" to write to it",
                    std::move(detail));

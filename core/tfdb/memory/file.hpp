@@ -1,0 +1,64 @@
+// What the files of shared and of frozen stores have in common.
+#pragma once
+
+#include <unistd.h>
+
+#include <cstdint>
+#include <string>
+#include <system_error>
+#include <utility>
+
+#include "tfdb/base/error.hpp"
+
+namespace tfdb::memory {
+
+/// Words of the region that are the file's: see Region.
+enum FileWord : unsigned {
+    kMagicWord = 0,  // written last
+    kIdWord = 10,    // of a shared store
+    kBytesWord = 11,
+    kLayoutWord = 12,
+    // Checksums of a frozen store: of its header, without this word, and of what follows.
+    kHeaderSumWord = 13,
+    kDataSumWord = 14,
+};
+// On a little-endian machine these are texts.
+inline constexpr std::uint64_t kSharedMagic = 0x314D485342444654;  // "TFDBSHM1"
+inline constexpr std::uint64_t kFrozenMagic = 0x315A524642444654;  // "TFDBFRZ1"
+
+/// An open file, until it is handed on. Threads: one. Guarantee: none.
+class File {
+public:
+    explicit File(int file) : file_(file) {}
+    ~File() {
+        if (file_ >= 0)
+            ::close(file_);
+    }
+    File(const File&) = delete;
+    File& operator=(const File&) = delete;
+    File(File&&) = delete;
+    File& operator=(File&&) = delete;
+
+    [[nodiscard]] int get() const { return file_; }
+    int release() { return std::exchange(file_, -1); }
+
+private:
+    int file_;
+};
+
+inline ErrorDetail detail_of(const std::string& path, std::string reason) {
+    ErrorDetail detail;
+    detail.path = path;
+    detail.reason = std::move(reason);
+    return detail;
+}
+
+inline std::string reason_of(int error) {
+    return std::generic_category().message(error);
+}
+
+[[noreturn]] inline void throw_corrupt(const std::string& path, const std::string& reason) {
+    throw CorruptStore(path + " cannot be opened: " + reason, detail_of(path, reason));
+}
+
+}  // namespace tfdb::memory
