@@ -4,12 +4,17 @@
 #include <nanobind/stl/string.h>
 #include <nanobind/stl/string_view.h>
 
+#include <unistd.h>
+
 #include <cstdint>
+#include <cstdlib>
 #include <limits>
+#include <memory>
 #include <optional>
 #include <span>
 #include <string>
 #include <string_view>
+#include <utility>
 #include <vector>
 
 #include "arguments.hpp"
@@ -91,12 +96,9 @@ void create_shared(nb::handle path, nb::handle history, nb::handle max_frames,
 
 constexpr StampNs kNoTimeout = std::numeric_limits<StampNs>::max();
 
-nb::object open_shared(nb::handle path, bool writable, nb::handle lock_timeout, nb::handle clock) {
-    const std::string file = path_of(path);
-    const StampNs longest = optional_duration_of(lock_timeout, "lock_timeout").value_or(kNoTimeout);
+nb::object made_of(Buffer opened, nb::handle clock) {
     nb::object made = nb::inst_alloc(nb::type<BufferObject>());
-    auto* const object =
-        new (nb::inst_ptr<BufferObject>(made)) BufferObject(file, writable, longest);
+    auto* const object = new (nb::inst_ptr<BufferObject>(made)) BufferObject(std::move(opened));
     nb::inst_mark_ready(made);
     object->buffer = made.ptr();
     if (!clock.is_none()) {
@@ -105,19 +107,71 @@ nb::object open_shared(nb::handle path, bool writable, nb::handle lock_timeout, 
     return made;
 }
 
+nb::object open_shared(nb::handle path, bool writable, nb::handle lock_timeout, nb::handle clock) {
+    const std::string file = path_of(path);
+    const StampNs longest = optional_duration_of(lock_timeout, "lock_timeout").value_or(kNoTimeout);
+    return made_of(Buffer::open(file, writable, longest), clock);
+}
+
+nb::str decoded(const std::string& path) {
+    return nb::steal<nb::str>(
+        PyUnicode_DecodeFSDefaultAndSize(path.data(), static_cast<Py_ssize_t>(path.size())));
+}
+
+/// The file by a path that leads there from every folder: a store is pickled by it.
+std::string absolute_path_of(nb::handle path) {
+    std::string file = path_of(path);
+    std::unique_ptr<char, decltype(&std::free)> here(nullptr, &std::free);
+    if (!file.empty() && file.front() != '/') {
+        here.reset(::getcwd(nullptr, 0));
+        if (here != nullptr) {
+            file.insert(0, std::string(here.get()) + "/");
+        }
+    }
+    return file;
+}
+
+nb::object open_frozen(nb::handle path, bool verify, nb::handle clock) {
+    const std::string file = absolute_path_of(path);
+    const auto open = [&] {
+        const LongWork work(verify);
+        return Buffer::open_frozen(file, verify);
+    };
+    return made_of(open(), clock);
+}
+
+nb::object frozen(const BufferObject& self) {
+    const std::optional<FrozenUse> use = self.store.frozen();
+    if (!use) {
+        return nb::none();
+    }
+    const nb::object origin = nb::steal(PyUnicode_DecodeUTF8(
+        use->origin.data(), static_cast<Py_ssize_t>(use->origin.size()), "replace"));
+    return record_type("Frozen")(decoded(use->path), use->size, origin);
+}
+
+void freeze_store(nb::handle self, nb::handle path, std::string_view origin) {
+    const Pinned pinned = pin(self, object_of<ReadsObject>(self));
+    const std::string file = path_of(path);
+    const LongWork work(true);
+    if (pinned.keep != nullptr) {
+        pinned.keep->freeze(file, origin);
+    } else {
+        nb::inst_ptr<BufferObject>(self)->store.freeze(file, origin);
+    }
+}
+
 nb::object shared(const BufferObject& self) {
     const std::optional<SharedUse> use = self.store.shared();
     if (!use) {
         return nb::none();
     }
-    const nb::object path = nb::steal(PyUnicode_DecodeFSDefaultAndSize(
-        use->path.data(), static_cast<Py_ssize_t>(use->path.size())));
     const nb::object lock_timeout =
         use->lock_timeout_ns == kNoTimeout
             ? nb::none()
             : nb::object(nb::float_(static_cast<double>(use->lock_timeout_ns) / 1e9));
-    return record_type("Shared")(path, use->writable ? "rw" : "r", lock_timeout, use->size,
-                                 use->repairs, use->processes);
+    return record_type("Shared")(decoded(use->path), use->writable ? "rw" : "r", lock_timeout,
+                                 use->size, use->repairs, use->processes);
 }
 
 CommitNumber set_static_transform(BufferObject& self, const nb::str& parent, const nb::str& child,
@@ -225,7 +279,8 @@ std::string_view concurrency(const BufferObject& self) {
 
 nb::str represent(const BufferObject& self) {
     return nb::str(nb::module_::import_("tfdb.report")
-                       .attr("buffer_repr")(self.store.commit(), history(self), concurrency(self)));
+                       .attr("buffer_repr")(self.store.commit(), history(self), concurrency(self),
+                                            frozen(self)));
 }
 
 // A clock may refer to the buffer: let the garbage collector see it.
@@ -357,6 +412,53 @@ The commit itself takes a little memory for each moving edge. Raises CapacityExc
 `memory_limit` leaves none; nothing was then dropped.)");
 }
 
+constexpr const char* kOpenDoc =
+    R"(Open a frozen store: what `freeze` or `tfdb freeze` wrote.
+
+It is a `Buffer` that answers as the state that was frozen, to the last bit, at once, whatever its
+size: the file is mapped, and its pages come as they are used. All processes that have it open share
+them. Nothing can be written to it (ReadOnly). It is pickled by its path.
+
+Parameters
+----------
+path
+    The file. Do not cut or rewrite it while it is open, as by `cp` over it: processes that read it
+    would be ended by SIGBUS, or read nonsense. `freeze(overwrite=True)` is safe: it puts another
+    file in its place, and who has the old one open goes on with it.
+verify
+    Read all of it, and compare it with its checksum. Otherwise only the front of the file is
+    checked; damage elsewhere makes wrong answers or errors, never a crash.
+clock
+    As in `Buffer`.
+
+Returns
+-------
+Buffer
+
+Raises
+------
+NoSuchStore
+    There is no such file.
+CorruptStore
+    The file is no frozen store, or one of another version of tfdb or kind of machine, or cut, or
+    damaged. Freeze what it was made from again.
+ReadOnly, CapacityExceeded)";
+
+/// What `freeze` is made of: see frozen.py.
+void bind_frozen(nb::module_& module, BufferClass& type) {
+    type.def_prop_ro("frozen", &frozen, nb::sig("def frozen(self) -> tfdb.types.Frozen | None"),
+                     "What is known of a frozen store; None: it is another one.");
+    module.def("open_frozen", &open_frozen, nb::arg("path"), nb::kw_only(),
+               nb::arg("verify") = false, nb::arg("clock") = nb::none(),
+               nb::sig("def open_frozen(path: str | os.PathLike[str], *, verify: bool = False, "
+                       "clock: collections.abc.Callable[[], int] | None = None) -> Buffer"),
+               kOpenDoc);
+    module.def("freeze_store", &freeze_store, nb::arg("reads"), nb::arg("path"), nb::arg("origin"),
+               nb::sig("def freeze_store(reads: Reads, path: os.PathLike[str], origin: str) -> "
+                       "None"),
+               "Write a state into that file. Raises as `Reads.freeze`.");
+}
+
 /// What `Buffer.open` and `Buffer.unlink` are made of: see shared.py.
 void bind_shared(nb::module_& module) {
     module.def("create_store", &create_shared, nb::arg("path"), nb::arg("history").none(),
@@ -411,6 +513,7 @@ void bind_buffer(nb::module_& module) {
                      "The name of the engine that keeps lookups, writes and transactions apart.");
     type.def("__repr__", &represent);
     bind_shared(module);
+    bind_frozen(module, type);
 }
 
 }  // namespace tfdb::python

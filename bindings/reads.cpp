@@ -338,6 +338,7 @@ void add_python_methods(nb::module_& module) {
     const nb::object reads = module.attr("Reads");
     reads.attr("explain") = methods.attr("explain");
     reads.attr("trajectory") = methods.attr("trajectory");
+    reads.attr("freeze") = methods.attr("freeze");
     const nb::object buffer = module.attr("Buffer");
     buffer.attr("load") = methods.attr("load");
     buffer.attr("run") = methods.attr("run");

@@ -52,10 +52,7 @@ struct ReadsObject {
 };
 
 struct BufferObject : ReadsObject {
-    BufferObject(const std::string& path, bool writable, StampNs lock_timeout)
-        : store(Buffer::open(path, writable, lock_timeout)) {
-        point_at_own();
-    }
+    explicit BufferObject(Buffer opened) : store(std::move(opened)) { point_at_own(); }
     explicit BufferObject(const BufferOptions& options) : store(options) {
         point_at_own();
         if (options.concurrency != Concurrency::kSnapshot) {

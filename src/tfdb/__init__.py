@@ -25,6 +25,7 @@ from ._core import (
     decode_tf_message,
     encode_tf_message,
 )
+from ._core import open_frozen as open  # noqa: A004 - tfdb.open, as gzip.open
 from .errors import (
     CapacityExceeded,
     Conflict,
@@ -159,6 +160,7 @@ __all__ = [
     "decode_tf_message",
     "encode_tf_message",
     "load",
+    "open",
     "stamp",
 ]
 
@@ -172,6 +174,8 @@ if not TYPE_CHECKING:  # or every name would be there for type checkers
             "loading": ("load",),
             "policies": ("Exact", "Extrapolate", "Interpolate", "Nearest", "Policy", "Previous"),
             "report": ("EdgeUse", "Report"),
+            "cache": (),
+            "frozen": (),
             "shared": (),
             "stamps": ("stamp",),
             "summary": (),
@@ -180,6 +184,7 @@ if not TYPE_CHECKING:  # or every name would be there for type checkers
                 "Columns",
                 "Counters",
                 "FrameInfo",
+                "Frozen",
                 "IngestResult",
                 "MemoryUse",
                 "Refusal",

@@ -481,6 +481,33 @@ class Reads:
                 With `index`, the position of the stamp.
         """
 
+    def freeze(self, path: str | os.PathLike[str], *, overwrite: bool = False) -> None:
+        """
+        Write one committed state into a file, which `tfdb.open` opens at once, whatever its size.
+
+            All reads of the frozen store say what they say of this state, to the last bit; its `commit` is
+            that of the state. The file is written beside its name, brought to the disk and renamed, so it
+            is there whole or not at all. It is read by the version of tfdb, and on the kind of machine,
+            that wrote it: it is no format to keep recordings in.
+
+            Parameters
+            ----------
+            path
+                The file, such as `drive.tfdb`.
+            overwrite
+                Replace what has that name; who has it open goes on with it.
+
+            Raises
+            ------
+            InvalidArgument
+                The name is taken and `overwrite` is off, or it is that of a folder.
+            CapacityExceeded
+                The disk is full; nothing is left behind.
+            SnapshotTooOld, SnapshotClosed
+            OSError
+                The file cannot be written.
+        """
+
 class Snapshot(Reads):
     """
     One committed state.
@@ -793,6 +820,10 @@ class Buffer(Reads):
         """
 
     def __repr__(self) -> str: ...
+
+    @property
+    def frozen(self) -> tfdb.types.Frozen | None:
+        """What is known of a frozen store; None: it is another one."""
 
     def load(
         self,
@@ -1193,6 +1224,43 @@ def open_store(path: os.PathLike[str], writable: bool, lock_timeout: float | Non
 
 def unlink_store(path: os.PathLike[str]) -> None:
     """Remove the files of a store. Raises as `Buffer.unlink`."""
+
+def open_frozen(path: str | os.PathLike[str], *, verify: bool = False, clock: Callable[[], int] | None = None) -> Buffer:
+    """
+    Open a frozen store: what `freeze` or `tfdb freeze` wrote.
+
+    It is a `Buffer` that answers as the state that was frozen, to the last bit, at once, whatever its
+    size: the file is mapped, and its pages come as they are used. All processes that have it open share
+    them. Nothing can be written to it (ReadOnly). It is pickled by its path.
+
+    Parameters
+    ----------
+    path
+        The file. Do not cut or rewrite it while it is open, as by `cp` over it: processes that read it
+        would be ended by SIGBUS, or read nonsense. `freeze(overwrite=True)` is safe: it puts another
+        file in its place, and who has the old one open goes on with it.
+    verify
+        Read all of it, and compare it with its checksum. Otherwise only the front of the file is
+        checked; damage elsewhere makes wrong answers or errors, never a crash.
+    clock
+        As in `Buffer`.
+
+    Returns
+    -------
+    Buffer
+
+    Raises
+    ------
+    NoSuchStore
+        There is no such file.
+    CorruptStore
+        The file is no frozen store, or one of another version of tfdb or kind of machine, or cut, or
+        damaged. Freeze what it was made from again.
+    ReadOnly, CapacityExceeded
+    """
+
+def freeze_store(reads: Reads, path: os.PathLike[str], origin: str) -> None:
+    """Write a state into that file. Raises as `Reads.freeze`."""
 
 def to_nanoseconds(stamp: tfdb.stamps.StampLike) -> int:
     """

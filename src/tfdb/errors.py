@@ -274,6 +274,8 @@ class Forked(TfdbError):
 class FeedLapped(TfdbError):
     """The feed of changes does not reach back that far: take a snapshot and follow from its commit.
 
+    That of a frozen store is empty.
+
     Fields: since, oldest, newest (commits that would have been valid for `since`).
     """
 
@@ -283,7 +285,7 @@ class NotSupported(TfdbError):
 
 
 class NoSuchStore(TfdbError):
-    """There is no store of that name, or it was removed. Fields: path, reason."""
+    """There is no store of that name, or no file, or it was removed. Fields: path, reason."""
 
 
 class StoreExists(TfdbError):
@@ -291,14 +293,17 @@ class StoreExists(TfdbError):
 
 
 class CorruptStore(TfdbError):
-    """A file that is no store, or one of another version or machine, or damaged.
+    """A file that is no store, or one of another version or machine, or cut, or damaged.
 
     Fields: path, reason.
     """
 
 
 class ReadOnly(TfdbError):
-    """The store was opened for reading only, or permissions allow no more. Field: path."""
+    """The store is frozen or was opened for reading only, or permissions allow no more.
+
+    Field: path.
+    """
 
 
 class LockTimeout(TfdbError):

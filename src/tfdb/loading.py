@@ -39,7 +39,7 @@ def load_into(
     paths = _each_once(path)
     before = self.tree()
     report = load_recordings(self, paths, topics=topics, progress=progress, salvage=salvage)
-    _warn(report.files, before, self.tree())
+    _warn(report.files, before, self.tree(), 4)
     return report
 
 
@@ -55,14 +55,19 @@ def _each_once(given: Paths) -> list[Path]:
     return paths
 
 
-def _warn(files: Sequence[str], before: Sequence[FrameInfo], after: Sequence[FrameInfo]) -> None:
-    """Warn of what is hardly meant: the same data again, another clock than that of the rest."""
+def _warn(
+    files: Sequence[str], before: Sequence[FrameInfo], after: Sequence[FrameInfo], depth: int
+) -> None:
+    """Warn of what is hardly meant: the same data again, another clock than that of the rest.
+
+    `depth` frames up is who asked for it.
+    """
     if any(i.samples for i in before if not i.is_static) and _extent(before) == _extent(after):
         message = f"{', '.join(files)}: every sample was in the store before; loaded twice?"
-        warnings.warn(message, TfdbWarning, stacklevel=4)
+        warnings.warn(message, TfdbWarning, stacklevel=depth)
     several = describe_clocks(clocks(after))
     if several and len(clocks(before)) < len(clocks(after)):
-        warnings.warn(f"{', '.join(files)}: {several}", TfdbWarning, stacklevel=4)
+        warnings.warn(f"{', '.join(files)}: {several}", TfdbWarning, stacklevel=depth)
 
 
 def _extent(infos: Sequence[FrameInfo]) -> set[tuple[object, ...]]:
@@ -76,10 +81,49 @@ def load(
     topics: Topics | None = None,
     progress: Progress | None = None,
     salvage: bool = False,
+    cache: bool = False,
 ) -> Buffer:
-    """Load recordings into a new buffer that keeps everything; arguments as in `Buffer.load`."""
+    """Load recordings into a new buffer that keeps everything.
+
+    Parameters
+    ----------
+    path, topics, progress, salvage
+        As in `Buffer.load`.
+    cache
+        Keep what was loaded as a frozen store, and open that the next time: it takes as long as to
+        read the file once. It lies beside the recording, as `drive.mcap.tfdb`, or in
+        `$XDG_CACHE_HOME/tfdb` (`~/.cache/tfdb`) where that folder cannot be written. It is used as
+        long as the recording has the same size and time, or the same content; it is made anew where
+        it is stale, damaged, or of another version of tfdb. What is loaded with `topics` or
+        `salvage`, and what from several files, is kept apart.
+
+    Returns
+    -------
+    Buffer
+        With `cache` a frozen one, to which nothing can be written (but see below).
+
+    Raises as `Buffer.load`.
+
+    Warns
+    -----
+    TfdbWarning
+        As `Buffer.load`; with `cache` also where there is no place for it. Then nothing is kept,
+        and the buffer is not frozen.
+    """
     from ._core import Buffer  # noqa: PLC0415 - the extension imports this module
 
+    paths = _each_once(path)
+    if not cache or not paths:
+        buffer = Buffer(history=None)
+        load_into(buffer, paths, topics=topics, progress=progress, salvage=salvage)
+        return buffer
+    from .cache import Cache  # noqa: PLC0415 - most programs need none
+
+    cached = Cache(paths, topics, salvage=salvage)
+    found = cached.open()
+    if found is not None:
+        _warn([str(each) for each in paths], (), found.tree(), 3)
+        return found
     buffer = Buffer(history=None)
-    load_into(buffer, path, topics=topics, progress=progress, salvage=salvage)
-    return buffer
+    load_into(buffer, paths, topics=cached.topics, progress=progress, salvage=salvage)
+    return cached.keep(buffer)

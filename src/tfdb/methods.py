@@ -8,6 +8,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    import os
     from collections.abc import Callable
     from typing import Literal
 
@@ -103,6 +104,36 @@ def trajectory(
     from .sampling import sample  # noqa: PLC0415 - see above
 
     return sample(self, target, source, rate, start, end, policy, missing=missing)
+
+
+def freeze(self: Reads, path: str | os.PathLike[str], *, overwrite: bool = False) -> None:
+    """Write one committed state into a file, which `tfdb.open` opens at once, whatever its size.
+
+    All reads of the frozen store say what they say of this state, to the last bit; its `commit` is
+    that of the state. The file is written beside its name, brought to the disk and renamed, so it
+    is there whole or not at all. It is read by the version of tfdb, and on the kind of machine,
+    that wrote it: it is no format to keep recordings in.
+
+    Parameters
+    ----------
+    path
+        The file, such as `drive.tfdb`.
+    overwrite
+        Replace what has that name; who has it open goes on with it.
+
+    Raises
+    ------
+    InvalidArgument
+        The name is taken and `overwrite` is off, or it is that of a folder.
+    CapacityExceeded
+        The disk is full; nothing is left behind.
+    SnapshotTooOld, SnapshotClosed
+    OSError
+        The file cannot be written.
+    """
+    from .frozen import freeze_into  # noqa: PLC0415 - see above
+
+    freeze_into(self, path, overwrite=overwrite)
 
 
 def load(
@@ -308,15 +339,19 @@ def unlink_store(name: Name) -> None:
 
 
 def reduce(self: Buffer) -> tuple[object, ...]:
-    """Pickle a store that processes share, by its name; another one stays where it is."""
+    """Pickle a store that processes share, by its name, or a frozen one; others stay here."""
     from ._core import Buffer  # noqa: PLC0415 - the extension imports this module
 
     if not isinstance(self, Buffer):
         raise TypeError(f"__reduce__ of a Buffer was called on a {type(self).__name__}")
+    if self.frozen is not None:
+        from .frozen import reopen as reopen_frozen  # noqa: PLC0415 - see above
+
+        return reopen_frozen, (self.frozen.path,)
     if self.shared is None:
         raise TypeError(
             "this Buffer is of its process alone and cannot be pickled: pass a store that "
-            "processes share, made by Buffer.open(name)"
+            "processes share, made by Buffer.open(name), or a frozen one"
         )
     from .shared import reopen  # noqa: PLC0415 - see above
 

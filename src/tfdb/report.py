@@ -11,6 +11,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from ._core import Transform
+    from .types import Frozen
 
 __all__ = ["EdgeUse", "Report"]
 
@@ -155,11 +156,12 @@ def transform_repr(transform: Transform) -> str:
     )
 
 
-def buffer_repr(commit: int, history: float | None, concurrency: str) -> str:
-    """Write `<tfdb.Buffer at commit 7, history 10 s>`, and the engine where it is another."""
+def buffer_repr(commit: int, history: float | None, concurrency: str, frozen: Frozen | None) -> str:
+    """Write `<tfdb.Buffer at commit 7, history 10 s>`, the engine where it is another, its file."""
     kept = "unlimited" if history is None else f"{history:g} s"
     engine = "" if concurrency == "snapshot" else f", concurrency {concurrency}"
-    return f"<tfdb.Buffer at commit {commit}, history {kept}{engine}>"
+    file = "" if frozen is None else f", frozen in {frozen.path}"
+    return f"<tfdb.Buffer at commit {commit}, history {kept}{engine}{file}>"
 
 
 def restore_transform(*state: object) -> Transform:

@@ -21,6 +21,7 @@ __all__ = [
     "Columns",
     "Counters",
     "FrameInfo",
+    "Frozen",
     "IngestResult",
     "MemoryUse",
     "Refusal",
@@ -321,6 +322,18 @@ class Shared:
     """Writers that died amid a commit; each was taken back by the next writer."""
     processes: int
     """Times that it is open now, this one included; 0: this process may not know."""
+
+
+@dataclass(frozen=True, slots=True)
+class Frozen:
+    """What is known of a frozen store."""
+
+    path: str
+    """Its file."""
+    size: int
+    """Bytes of the file."""
+    origin: str
+    """Of what `load(cache=True)` keeps: what it was made from, as JSON. Else empty."""
 
 
 @dataclass(frozen=True, slots=True)

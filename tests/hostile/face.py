@@ -11,12 +11,12 @@ from pathlib import Path
 import tfdb
 
 STUB = Path(tfdb.__file__).with_name("_core.pyi")
-ELSEWHERE = {"load", "open", "unlink"}
+ELSEWHERE = {"freeze", "load", "open", "unlink"}
 """What reads files, or makes and removes them: it has fuzzers and tests of its own."""
 
 
 ANSWERS = {"EdgeExplanation", "EdgeUse", "Explanation", "FrameInfo", "IngestResult", "MemoryUse"}
-ANSWERS |= {"Changes", "Counters", "Refusal", "Refused", "Report", "Shared", "Twist"}
+ANSWERS |= {"Changes", "Counters", "Frozen", "Refusal", "Refused", "Report", "Shared", "Twist"}
 """Plain records that only we make: what is written into them by hand is not checked."""
 
 

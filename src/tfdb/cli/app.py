@@ -26,6 +26,7 @@ COMMANDS = {
     "check": "A doctor for recordings: gaps, late data, two publishers, jumps in time ...",
     "shm": "The stores that processes of this machine share: list, look into, remove them.",
     "serve": "Fill a shared store from a recording, at the recording's own pace.",
+    "freeze": "Write what a recording holds into a .tfdb, which opens at once.",
     "convert": "Rewrite the transforms of a recording as .mcap, .bag or .tum.",
     "bench": "The paper's evaluation on this machine: engines and tf2, CSV and a report.",
     "verify": "Was a recorded history of a store strictly serializable? Anomalies by name.",
@@ -132,7 +133,7 @@ def _print_version(ctx: click.Context, _param: click.Parameter, value: bool) -> 
 def cli(ctx: click.Context) -> None:
     """Look into recordings of robot transforms: ROS 1 .bag, ROS 2 .db3 folders, .mcap.
 
-    Where a FILE is read, shm:NAME is the live store of that name.
+    Where a FILE is read, shm:NAME is the live store of that name, FILE.tfdb a frozen one.
 
     Exit codes: 0 fine, 1 'check' or 'verify' has findings, 2 an error (one line on stderr).
     """

@@ -70,13 +70,14 @@ def command(
     """Examine a recording: exit code 0 nothing found, 1 findings, 2 unreadable.
 
     Several FILEs are parts of one recording. Of a live store, shm:NAME, what it holds is examined,
-    or what comes while it is watched.
+    or what comes while it is watched; of a frozen one, FILE.tfdb, what it holds, after all of it
+    was compared with its checksum.
     """
     limits = Limits(max_gap, NS if jump is None else jump, NS if coverage is None else coverage)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", tfdb.TfdbWarning)  # they are findings
-        loaded = common.load(files, topics)
-    if length is not None and loaded.report is not None:
+        loaded = common.load(files, topics, verify=True)
+    if length is not None and not loaded.live:
         raise click.UsageError("--for watches a live store: give shm:NAME instead of a file")
     arrivals = _arrivals(loaded, length)
     found = [

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 import tfdb
+from tfdb.frozen import is_frozen
 from tfdb.given_path import given_path
 from tfdb.io import Recording
 from tfdb.io.loading import absolute, role_of
@@ -101,13 +102,18 @@ LIVE = "shm:"
 class Loaded:
     """What a command reads, and how it got there.
 
-    `store` is a recording in memory, or the state in which a live store was found: then there is no
-    `report`.
+    `store` is a recording in memory, a frozen store, or the state in which a live store was found:
+    of the latter two there is no `report`.
     """
 
     store: Buffer | Snapshot
     report: LoadReport | None
     names: tuple[str, ...]
+
+    @property
+    def live(self) -> bool:
+        """Whether it is a live store."""
+        return self.names[0].startswith(LIVE)
 
     @property
     def span(self) -> tuple[int, int] | None:
@@ -170,11 +176,18 @@ def parse_topics(texts: Sequence[str]) -> dict[str, str] | None:
     return pairs
 
 
-def load(names: Sequence[str], topics: Sequence[str] = ()) -> Loaded:
-    """Load the recordings into one store that keeps everything."""
+def load(names: Sequence[str], topics: Sequence[str] = (), *, verify: bool = False) -> Loaded:
+    """Load the recordings into one store that keeps everything.
+
+    A live or a frozen store is read as it is; `verify`: the latter is compared with its checksum.
+    """
     if any(name.startswith(LIVE) for name in names):
-        return _look_into(names, topics)
+        _refuse_parts(names, topics, "a live store", "shm:NAME")
+        return Loaded(open_live(names[0]).snapshot(), None, tuple(names))
     paths = find_paths(names)
+    if any(is_frozen(path) for path in paths):
+        _refuse_parts(names, topics, "a frozen store", "FILE.tfdb")
+        return Loaded(tfdb.open(paths[0], verify=verify), None, (str(paths[0]),))
     store = tfdb.Buffer(history=None)
     with progress_bar("reading") as update:
         report = store.load(
@@ -189,13 +202,12 @@ def open_live(name: str) -> Buffer:
     return tfdb.Buffer.open(name.removeprefix(LIVE), create=False, mode="r")
 
 
-def _look_into(names: Sequence[str], topics: Sequence[str]) -> Loaded:
-    """Take one state of a live store."""
+def _refuse_parts(names: Sequence[str], topics: Sequence[str], what: str, how: str) -> None:
+    """Refuse what goes with recordings only."""
     if len(names) > 1:
-        raise click.UsageError("a live store is read alone: give shm:NAME without other files")
+        raise click.UsageError(f"{what} is read alone: give {how} without other files")
     if topics or salvages():
-        raise click.UsageError(f"{names[0]} is a live store: it has no topics, nothing to salvage")
-    return Loaded(open_live(names[0]).snapshot(), None, tuple(names))
+        raise click.UsageError(f"{names[0]} is {what}: it has no topics, nothing to salvage")
 
 
 @contextmanager
@@ -331,6 +343,8 @@ def _some_frames(path: str) -> set[str]:
     """Frames of the first static and of the first moving transforms."""
     if path.startswith(LIVE):
         return set(open_live(path).frames())
+    if is_frozen(given_path(path)):
+        return set(tfdb.open(path).frames())
     names: set[str] = set()
     with Recording(path) as recording:
         messages = chain.from_iterable(

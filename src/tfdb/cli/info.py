@@ -19,7 +19,8 @@ from .times import format_duration, format_ns
 def command(*, files: tuple[str, ...], topics: tuple[str, ...], as_json: bool) -> None:
     """Topics, frames, edges with rates and gaps, and the time span.
 
-    Several FILEs are parts of one recording; shm:NAME is a live store, which has no topics.
+    Several FILEs are parts of one recording; shm:NAME is a live store and FILE.tfdb a frozen one,
+    which have no topics.
     """
     loaded = common.load(files, topics)
     edges = edge_summaries(loaded.store)

@@ -52,6 +52,7 @@ _OTHERS = (
         b"version https://git-lfs",
         "a Git LFS pointer, not the recording itself: fetch it with `git lfs pull`",
     ),
+    (b"TFDBFRZ1", "a frozen store: tfdb.open('{name}') opens it"),
     (b"\x28\xb5\x2f\xfd", "packed as a whole with zstd: unpack it first, `zstd -d {name}`"),
     (b"\x04\x22\x4d\x18", "packed as a whole with lz4: unpack it first, `lz4 -d {name}`"),
     (b"BZh", "packed as a whole with bzip2: unpack it first, `bunzip2 {name}`"),

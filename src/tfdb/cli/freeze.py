@@ -1,0 +1,77 @@
+"""``tfdb freeze``: what a recording holds, in a file that opens at once."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import click
+
+import tfdb
+from tfdb.frozen import SUFFIX
+from tfdb.given_path import given_path
+
+from . import common, output
+
+
+@click.command("freeze")
+@common.files_argument
+@click.option(
+    "-o",
+    "--output",
+    "out",
+    metavar="OUT.tfdb",
+    type=click.Path(),
+    help="Where to write it.  [default: beside the first FILE, as NAME.tfdb]",
+)
+@common.overwrite_option
+@common.topic_option
+@common.json_option
+def command(
+    *,
+    files: tuple[str, ...],
+    out: str | None,
+    overwrite: bool,
+    topics: tuple[str, ...],
+    as_json: bool,
+) -> None:
+    """Write what FILE holds into OUT.tfdb, a frozen store: it opens at once, whatever its size.
+
+    'tfdb info', 'tree', 'lookup', 'poses' and 'check' read it, and tfdb.open does. Several FILEs
+    are parts of one recording; of a live store, shm:NAME, its newest state is written. OUT is for
+    this version of tfdb and this kind of machine: keep the recording.
+    """
+    live = any(name.startswith(common.LIVE) for name in files)
+    inputs = () if live else common.find_paths(files)
+    if out is None:
+        if live:
+            raise click.UsageError(
+                "a live store has no folder: say where to write with -o OUT.tfdb"
+            )
+        first = given_path(files[0]).absolute()
+        out = str(first.with_name(first.name if first.is_dir() else first.stem)) + SUFFIX
+    common.check_output(out, inputs, overwrite=overwrite)
+    loaded = common.load(files, topics)
+    loaded.store.freeze(out, overwrite=overwrite)
+    body = _body(loaded, out)
+    if as_json:
+        output.emit_json("freeze", body)
+        return
+    click.echo(
+        f"{out}: {body['samples']:,} samples of {body['frames']} frames, "
+        f"{body['bytes'] / (1 << 20):,.1f} MiB"
+    )
+
+
+def _body(loaded: common.Loaded, out: str) -> dict[str, Any]:
+    infos = loaded.store.tree()
+    covered = loaded.span
+    frozen = tfdb.open(out).frozen
+    return {
+        "files": list(loaded.names),
+        "output": out,
+        "frames": len(infos),
+        "samples": sum(info.samples for info in infos),
+        "bytes": frozen.size if frozen is not None else 0,
+        "start_ns": None if covered is None else covered[0],
+        "end_ns": None if covered is None else covered[1],
+    }

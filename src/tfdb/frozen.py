@@ -1,0 +1,53 @@
+"""Frozen stores: one state of a store in a file, which any number of processes map."""
+
+from __future__ import annotations
+
+import os
+from contextlib import suppress
+from typing import TYPE_CHECKING
+
+from ._core import freeze_store, open_frozen
+from .errors import CapacityExceeded, ReadOnly
+from .new_file import new_file
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from ._core import Buffer, Reads
+
+__all__ = ["MAGIC", "SUFFIX", "freeze_into", "is_frozen", "reopen"]
+
+SUFFIX = ".tfdb"
+MAGIC = b"TFDBFRZ1"
+"""How the file of a frozen store begins."""
+
+
+def freeze_into(
+    reads: Reads, path: str | os.PathLike[str], *, overwrite: bool, origin: str = ""
+) -> None:
+    """Do what `Reads.freeze` says; `origin` is what `Buffer.frozen` will say of it."""
+    with new_file(path, overwrite=overwrite) as made:
+        try:
+            freeze_store(reads, made, origin)
+        except (CapacityExceeded, ReadOnly) as error:
+            if error.path is None:  # not about the file
+                raise
+            message = str(error).replace(str(made), os.fspath(path))
+            raise type(error)(message, path=os.fspath(path), reason=error.reason) from None
+
+
+def is_frozen(path: Path) -> bool:
+    """Whether a file is to be taken for a frozen store: by how it begins, or is called."""
+    if not path.is_file():
+        return False
+    if path.suffix == SUFFIX:
+        return True
+    # What cannot be read, who reads it as a recording tells.
+    with suppress(OSError), path.open("rb") as file:
+        return file.read(len(MAGIC)) == MAGIC
+    return False
+
+
+def reopen(path: str) -> Buffer:
+    """Open a frozen store that was pickled."""
+    return open_frozen(path)

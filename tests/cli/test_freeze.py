@@ -1,0 +1,94 @@
+"""`tfdb freeze`, and the commands on what it writes."""
+
+from __future__ import annotations
+
+import os
+import shutil
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import pytest
+
+import tfdb
+
+if TYPE_CHECKING:
+    from conftest import Tool
+
+
+@pytest.fixture
+def drive(bag: Path, tmp_path: Path) -> Path:
+    return Path(shutil.copy(bag, tmp_path / "drive.bag"))
+
+
+@pytest.fixture
+def frozen(tool: Tool, drive: Path) -> Path:
+    done = tool("freeze", drive)
+    path = drive.with_suffix(".tfdb")
+    assert done.out.startswith(f"{path}: ")
+    assert "samples of 85 frames" in done.out
+    return path
+
+
+def test_it_answers_as_its_recording(tool: Tool, drive: Path, frozen: Path) -> None:
+    for command in (
+        ("info",),
+        ("tree",),
+        ("tree", "--at", "+3"),
+        ("lookup", "map", "base_link"),
+        ("lookup", "map", "base_link", "-0.5"),
+    ):
+        found = tool(command[0], frozen, *command[1:], "--json").json
+        expected = tool(command[0], drive, *command[1:], "--json").json
+        assert found.pop("files") == [str(frozen)]
+        for key in ("files", "topics", "messages", "transforms", "refused"):
+            expected.pop(key, None)
+            found.pop(key, None)
+        assert found == expected
+        assert "base_link" in tool(command[0], frozen, *command[1:]).out
+    arguments = ("map", "base_link", "--rate", "10")
+    assert tool("poses", frozen, *arguments).out == tool("poses", drive, *arguments).out
+
+
+def test_json(tool: Tool, drive: Path, tmp_path: Path) -> None:
+    out = tmp_path / "x.tfdb"
+    body = tool("freeze", drive, "-o", out, "--json").json
+    store = tfdb.open(out)
+    assert body["output"] == str(out)
+    assert body["bytes"] == out.stat().st_size
+    assert body["frames"] == len(store.frames())
+    assert body["samples"] == sum(info.samples for info in store.tree())
+    assert body["start_ns"] < body["end_ns"]
+
+
+def test_check_compares_all_of_it(tool: Tool, frozen: Path) -> None:
+    found = tool("check", frozen, "--json").json
+    assert found["transforms"] == sum(info.samples for info in tfdb.open(frozen).tree())
+    content = bytearray(frozen.read_bytes())
+    content[-1000] ^= 1
+    frozen.write_bytes(content)
+    assert "is damaged" in tool("check", frozen, code=2).error
+    frozen.write_bytes(content[:-8])
+    assert "was cut" in tool("info", frozen, code=2).error
+
+
+def test_what_is_refused(tool: Tool, drive: Path, frozen: Path) -> None:
+    assert "--overwrite replaces it" in tool("freeze", drive, code=2).error
+    tool("freeze", drive, "--overwrite")
+    assert "one of the files to be read" in tool("freeze", frozen, "--overwrite", code=2).error
+    assert "read alone" in tool("info", frozen, drive, code=2).error
+    assert "has no topics" in tool("info", frozen, "--topic", "/tf", code=2).error
+    assert "watches a live store" in tool("check", frozen, "--for", "1", code=2).error
+    assert "say where to write" in tool("freeze", "shm:none", code=2).error
+    assert "a frozen store" in tool("convert", frozen, drive.with_name("x.bag"), code=2).error
+
+
+def test_of_a_live_store(tool: Tool, tmp_path: Path) -> None:
+    name = f"test-freeze-{os.getpid()}"
+    store = tfdb.Buffer.open(name, create=True)
+    try:
+        store.set_transform("map", "base", 10, (1, 2, 3), (0, 0.6, 0, 0.8))
+        tool("freeze", f"shm:{name}", "-o", tmp_path / "x.tfdb")
+    finally:
+        tfdb.Buffer.unlink(name)
+    frozen = tfdb.open(tmp_path / "x.tfdb")
+    assert frozen.lookup_transform("map", "base") == store.lookup_transform("map", "base")

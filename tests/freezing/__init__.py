@@ -1,0 +1,1 @@
+"""Frozen stores, as Python sees them."""
