@@ -15,6 +15,7 @@ namespace tfdb::memory {
 /// Words of the region that are the file's: see Region.
 enum FileWord : unsigned {
     kMagicWord = 0,  // written last
+    kEndWord = 1,    // the region's: where its last block ends
     kIdWord = 10,    // of a shared store
     kBytesWord = 11,
     kLayoutWord = 12,

@@ -100,7 +100,8 @@ void check_header(int file, const std::string& path, std::size_t bytes, std::uin
                                 std::to_string(header[kBytesWord]) +
                                 ": it was cut or extended; freeze what it was made from again");
     header.resize(kHeaderWords);
-    if (!read_whole(file, header, 0) || sum_of_header(header) != header[kHeaderSumWord])
+    if (!read_whole(file, header, 0) || sum_of_header(header) != header[kHeaderSumWord] ||
+        header[kEndWord] != bytes)
         throw_corrupt(path, "its header is damaged; freeze what it was made from again");
 }
 

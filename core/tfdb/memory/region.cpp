@@ -6,13 +6,13 @@
 #include <string>
 #include <utility>
 
-#include "tfdb/base/error.hpp"
+#include "tfdb/memory/file.hpp"
 #include "tfdb/sync/commit_lock.hpp"
 
 namespace tfdb::memory {
 namespace {
 
-constexpr Offset kBumpWord = 8;
+constexpr Offset kBumpWord = 8 * kEndWord;
 constexpr Offset kUsedWord = 16;
 constexpr Offset kFreeWord = 24;
 constexpr Offset kLockWord = 32;
