@@ -13,7 +13,7 @@ from tfdb_measure import programs
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from tfdb.verify import Verdict
+    from tfdb.verify import History, Verdict
 
 ATOMIC = ("snapshot", "giant", "2pl-no-wait", "2pl-wait-die", "2pl-wound-wait", "silo")
 ENGINES = (*ATOMIC, "fine")
@@ -22,8 +22,8 @@ every_engine = pytest.mark.parametrize("engine", ENGINES)
 atomic_engines = pytest.mark.parametrize("engine", ATOMIC)
 
 
-def judge(folder: Path, **options: str | int | bool) -> Verdict:
-    """Record one run with these options of the recorder and judge it; a good one is not kept."""
+def record(folder: Path, **options: str | int | bool) -> History:
+    """Record one run with these options of the recorder."""
     path = folder / "history.jsonl"
     command = [str(programs.find("tfdb_recorder")), "--out", str(path)]
     for name, value in options.items():
@@ -34,7 +34,12 @@ def judge(folder: Path, **options: str | int | bool) -> Verdict:
             command.append(str(value))
     print(" ".join(command[1:]))
     subprocess.run(command, check=True, timeout=300)
-    verdict = check(load_history(path))
+    return load_history(path)
+
+
+def judge(folder: Path, **options: str | int | bool) -> Verdict:
+    """Record one run and judge it, and say what it did wrong."""
+    verdict = check(record(folder, **options))
     for anomaly in verdict.anomalies:
         print(f"{anomaly.name} ({anomaly.count}):", *anomaly.steps, sep="\n    ")
     return verdict

@@ -29,6 +29,7 @@ struct Written {
 };
 
 struct Operation {
+    unsigned process = 0;
     unsigned thread = 0;
     std::int64_t begin = 0;
     std::int64_t end = 0;
@@ -66,9 +67,9 @@ inline void print(std::FILE* out, const Written& written) {
 
 inline void print(std::FILE* out, const Operation& operation, std::size_t number) {
     std::fprintf(out,
-                 "{\"process\":0,\"thread\":%u,\"id\":\"%u-%zu\",\"begin\":%lld,\"end\":%lld,"
+                 "{\"process\":%u,\"thread\":%u,\"id\":\"%u-%zu\",\"begin\":%lld,\"end\":%lld,"
                  "\"status\":\"%s\"",
-                 operation.thread, operation.thread, number,
+                 operation.process, operation.thread, operation.process + operation.thread, number,
                  static_cast<long long>(operation.begin), static_cast<long long>(operation.end),
                  operation.status);
     if (operation.commit)

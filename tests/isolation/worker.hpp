@@ -20,6 +20,7 @@ namespace tfdb::recorder {
 struct Options {
     std::string engine = "snapshot";
     unsigned threads = 4;
+    unsigned processes = 0;  // instead of threads, in a store that they share
     unsigned writers = ~0U;  // only the first ones write
     std::size_t operations = 2000;
     unsigned seed = 1;
@@ -32,15 +33,16 @@ struct Options {
 /// Threads: one each. Guarantee: blocking, as the store.
 class Worker {
 public:
-    Worker(Buffer& buffer, Values& values, std::atomic<StampNs>& clock, const Options& options,
-           unsigned thread)
+    Worker(Buffer& buffer, Shared& shared, const Options& options, unsigned thread)
         : buffer_(buffer),
-          values_(values),
-          clock_(clock),
+          values_(shared),
+          clock_(shared.clock),
           options_(options),
           thread_(thread),
           random_(options.seed * 1000003U + thread),
-          decoder_(values) {}
+          decoder_(values_) {}
+    Worker(const Worker&) = delete;
+    Worker& operator=(const Worker&) = delete;
 
     void run() {
         for (std::size_t i = 0; i < options_.operations && !values_.full(); ++i)
@@ -63,7 +65,7 @@ private:
 
     void step() {
         operation_ = {};
-        operation_.thread = thread_;
+        (options_.processes > 0 ? operation_.process : operation_.thread) = thread_;
         const int kind = below(100);
         const bool may_write = thread_ < options_.writers;
         if (kind < 25 && options_.transactions)
@@ -399,7 +401,7 @@ private:
     }
 
     Buffer& buffer_;
-    Values& values_;
+    Values values_;
     std::atomic<StampNs>& clock_;
     const Options& options_;
     unsigned thread_;

@@ -6,14 +6,21 @@
 // bit.
 #pragma once
 
+#include <sys/mman.h>
+
 #include <array>
+#include <atomic>
+#include <cerrno>
 #include <cmath>
 #include <cstdint>
 #include <map>
-#include <mutex>
+#include <new>
 #include <optional>
 #include <string>
 #include <string_view>
+#include <system_error>
+#include <thread>
+#include <utility>
 #include <vector>
 
 #include "tfdb/geometry/pose.hpp"
@@ -72,8 +79,37 @@ inline Pose pose_of(const Edge& edge, std::int64_t value) {
     return {{x, 0.0, 0.0}, {0.5, 0.5, 0.5, 0.5}};
 }
 
-/// What was written: by number of the value, for each edge.
-/// Threads: any. Guarantee: blocking.
+/// What all who work in the store share: the clock of the data, and what was written, by number of
+/// the value, for each edge. It lies in memory that children of a fork go on sharing.
+/// Threads: any, of any process. Guarantee: blocking, for a moment.
+class Shared {
+public:
+    struct Row {
+        StampNs stamp = 0;
+        std::int32_t parent = 0;  // index of its edge, kMap, kNobody
+        std::atomic<std::uint32_t> is_there{};
+    };
+    static constexpr std::int32_t kMap = -1;
+    static constexpr std::int32_t kNobody = -2;
+
+    /// Zeros of a new mapping are an empty one.
+    static Shared& make() {
+        void* const mapped = ::mmap(nullptr, sizeof(Shared), PROT_READ | PROT_WRITE,
+                                    MAP_SHARED | MAP_ANONYMOUS | MAP_NORESERVE, -1, 0);
+        if (mapped == MAP_FAILED)
+            throw std::system_error(errno, std::generic_category(), "mmap");
+        return *new (mapped) Shared;
+    }
+
+    std::atomic<StampNs> clock{1000};
+    std::atomic<unsigned> started{};
+    std::array<std::atomic<std::int64_t>, kEdges.size()> counts{};
+    std::array<std::array<Row, kValues>, kEdges.size()> rows;
+};
+static_assert(std::atomic<std::int64_t>::is_always_lock_free);
+
+/// What was written, as one worker finds it.
+/// Threads: one each. Guarantee: blocking, for a moment.
 class Values {
 public:
     struct Value {
@@ -81,38 +117,60 @@ public:
         std::string parent;
     };
 
+    explicit Values(Shared& shared) : shared_(&shared) {}
+
     /// A new value, unlike any before.
     std::int64_t add(std::size_t edge, StampNs stamp, std::string_view parent) {
-        const std::lock_guard<std::mutex> guard(mutex_);
-        values_[edge].push_back({stamp, std::string(parent)});
-        const auto number = static_cast<std::int64_t>(values_[edge].size());
-        by_stamp_[edge][stamp].push_back(number);
+        const std::int64_t number = ++shared_->counts[edge];
+        Shared::Row& row = row_of(edge, number);
+        row.stamp = stamp;
+        row.parent = parent.empty() ? Shared::kNobody : Shared::kMap;
+        if (const auto found = edge_of(parent))
+            row.parent = static_cast<std::int32_t>(*found);
+        row.is_there.store(1, std::memory_order_release);
         return number;
     }
     [[nodiscard]] bool full() const {
-        const std::lock_guard<std::mutex> guard(mutex_);
-        for (const auto& of_edge : values_) {
-            if (static_cast<std::int64_t>(of_edge.size()) + 8 > kValues)
+        for (const auto& count : shared_->counts) {
+            if (count.load() + kAhead > kValues)
                 return true;
         }
         return false;
     }
     [[nodiscard]] std::optional<Value> find(std::size_t edge, std::int64_t number) const {
-        const std::lock_guard<std::mutex> guard(mutex_);
-        const auto& of_edge = values_[edge];
-        if (number < 1 || number > static_cast<std::int64_t>(of_edge.size()))
+        if (number < 1 || number > shared_->counts[edge].load())
             return std::nullopt;
-        return of_edge[static_cast<std::size_t>(number) - 1];
+        const Shared::Row& row = there(edge, number);
+        if (row.parent < 0)
+            return Value{row.stamp, row.parent == Shared::kMap ? "map" : ""};
+        return Value{row.stamp, kEdges[static_cast<std::size_t>(row.parent)].name};
     }
-    [[nodiscard]] std::vector<std::int64_t> at(std::size_t edge, StampNs stamp) const {
-        const std::lock_guard<std::mutex> guard(mutex_);
-        const auto found = by_stamp_[edge].find(stamp);
-        return found == by_stamp_[edge].end() ? std::vector<std::int64_t>{} : found->second;
+    /// All that were written so far at a stamp.
+    [[nodiscard]] const std::vector<std::int64_t>& at(std::size_t edge, StampNs stamp) {
+        const std::int64_t count = shared_->counts[edge].load();
+        while (known_[edge] < count) {
+            const std::int64_t number = ++known_[edge];
+            by_stamp_[edge][there(edge, number).stamp].push_back(number);
+        }
+        return by_stamp_[edge][stamp];
     }
 
 private:
-    mutable std::mutex mutex_;
-    std::array<std::vector<Value>, kEdges.size()> values_;
+    static constexpr std::int64_t kAhead = 256;  // that all workers may add after they asked
+
+    [[nodiscard]] Shared::Row& row_of(std::size_t edge, std::int64_t number) const {
+        return shared_->rows[edge][static_cast<std::size_t>(number) - 1];
+    }
+    /// Whoever took the number writes the rest at once.
+    [[nodiscard]] const Shared::Row& there(std::size_t edge, std::int64_t number) const {
+        const Shared::Row& row = row_of(edge, number);
+        while (row.is_there.load(std::memory_order_acquire) == 0)
+            std::this_thread::yield();
+        return row;
+    }
+
+    Shared* shared_;
+    std::array<std::int64_t, kEdges.size()> known_{};
     std::array<std::map<StampNs, std::vector<std::int64_t>>, kEdges.size()> by_stamp_;
 };
 
@@ -137,7 +195,7 @@ struct Part {
 /// Threads: one each. Guarantee: blocking, for a moment.
 class Decoder {
 public:
-    explicit Decoder(const Values& values) : values_(values) {}
+    explicit Decoder(Values& values) : values_(values) {}
 
     /// The parts with their values; `good` is false where pose, path and report disagree.
     bool decode(const lookup::Answer& answer, const std::string& target, const std::string& source,
@@ -245,9 +303,10 @@ private:
         const double weight = mixed ? static_cast<double>(stamp - part.before_stamp) /
                                           static_cast<double>(part.after_stamp - part.before_stamp)
                                     : 0.0;
-        for (const std::int64_t before : values_.at(part.edge, part.before_stamp)) {
+        // Copies: what is asked for first may move.
+        for (const std::int64_t before : std::vector(values_.at(part.edge, part.before_stamp))) {
             for (const std::int64_t after :
-                 mixed ? values_.at(part.edge, part.after_stamp) : std::vector{before}) {
+                 mixed ? std::vector(values_.at(part.edge, part.after_stamp)) : std::vector{before}) {
                 const double value = static_cast<double>(before) * (1.0 - weight) +
                                      static_cast<double>(after) * weight;
                 guess.trial.emplace_back(before, after);
@@ -274,7 +333,7 @@ private:
         return value && value->parent == parent;
     }
 
-    const Values& values_;
+    Values& values_;
 };
 
 }  // namespace tfdb::recorder
