@@ -35,7 +35,7 @@ help:
 	@echo 'make tsan | asan      C++ tests under sanitizers'
 	@echo 'make asan-python      the fuzzer of the public face, with the extension under a sanitizer'
 	@echo 'make fuzz             fuzzers, FUZZ_SECONDS=$(FUZZ_SECONDS) each (clang)'
-	@echo 'make torture          writers of a shared store are killed, TORTURE_SECONDS=$(TORTURE_SECONDS) long'
+	@echo 'make torture          writers of a shared store are killed, its files damaged; TORTURE_SECONDS=$(TORTURE_SECONDS)'
 	@echo 'make relacy           model checks of the protocol (package relacy-dev)'
 	@echo 'make docs             API reference in build/docs'
 	@echo 'make wheel            sdist and wheel in dist/'
@@ -75,6 +75,7 @@ test-cpp: $(STAMPS)/venv
 	cd build/dev && ../../$(BIN)/ctest -R tfdb_tests_ --output-on-failure
 	build/dev/bin/tfdb_sched
 	build/dev/bin/torture_store_shared --seconds 15
+	build/dev/bin/torture_store_damage --seconds 6
 	build/dev/bin/tfdb_driver_tests
 
 test-python: $(STAMPS)/dev
@@ -132,6 +133,8 @@ torture: $(STAMPS)/venv
 	    $(CMAKE) --build --preset $$preset -j $(JOBS) --target torture_store_shared && \
 	    build/$$preset/bin/torture_store_shared --seconds $$(($(TORTURE_SECONDS) / 2)) || exit 1; \
 	done
+	$(CMAKE) --build --preset dev -j $(JOBS) --target torture_store_damage
+	build/dev/bin/torture_store_damage --seconds $$(($(TORTURE_SECONDS) / 4))
 
 fuzz: $(STAMPS)/dev
 	$(CMAKE) --preset fuzz >/dev/null

@@ -72,7 +72,8 @@ public:
         return born(id) <= snapshot;
     }
     [[nodiscard]] std::uint32_t count() const {
-        return static_cast<std::uint32_t>(store_word(kFrameCount).load_acquire());
+        return static_cast<std::uint32_t>(
+            std::min<std::uint64_t>(store_word(kFrameCount).load_acquire(), max_frames_));
     }
     [[nodiscard]] std::uint32_t max_frames() const { return max_frames_; }
 

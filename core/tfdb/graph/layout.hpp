@@ -1,6 +1,7 @@
 // The words of a store's own header: the commit word, the lock, the frame table, the name table.
 #pragma once
 
+#include <algorithm>
 #include <cstddef>
 #include <cstdint>
 
@@ -60,8 +61,10 @@ struct TableWord {
     static constexpr unsigned log2_capacity(std::uint64_t word) {
         return static_cast<unsigned>(word >> kVersionBits) & ((1U << kLog2Bits) - 1);
     }
+    /// No table has more entries, whatever a damaged word says.
+    static constexpr unsigned kMostLog2 = kFrameBits + 6;
     static constexpr std::uint64_t capacity(std::uint64_t word) {
-        return std::uint64_t{1} << log2_capacity(word);
+        return std::uint64_t{1} << std::min(log2_capacity(word), kMostLog2);
     }
     static constexpr std::uint64_t version(std::uint64_t word) {
         return word & ((std::uint64_t{1} << kVersionBits) - 1);

@@ -163,7 +163,7 @@ public:
 
     /// The frame's name as it stands now.
     [[nodiscard]] std::string name(FrameId id) const {
-        const Offset block = frames_.word(id, history::kName).load_acquire();
+        const Offset block = name_block(id);
         if (block == 0)
             return {};
         std::uint64_t size = memory_->word(block).load_relaxed();
@@ -180,7 +180,10 @@ private:
         return 8 + (length + 7) / 8 * 8;
     }
     [[nodiscard]] typename Memory::Word& entry(std::uint64_t table, std::uint64_t i) const {
-        return memory_->word(TableWord::block(table) + 8 * i);
+        return memory_->word(memory::inside(*memory_, TableWord::block(table)) + 8 * i);
+    }
+    [[nodiscard]] Offset name_block(FrameId id) const {
+        return memory::inside(*memory_, frames_.word(id, history::kName).load_acquire());
     }
     /// Of the frame's name, which nobody changes meanwhile.
     [[nodiscard]] std::uint64_t stored_hash(FrameId id) const {
@@ -218,7 +221,7 @@ private:
     }
 
     [[nodiscard]] bool equals(FrameId id, std::string_view name) const {
-        const Offset block = frames_.word(id, history::kName).load_acquire();
+        const Offset block = name_block(id);
         if (block == 0 || memory_->word(block).load_relaxed() != name.size())
             return false;
         for (std::size_t at = 0; at < name.size(); at += 8) {

@@ -236,6 +236,7 @@ private:
     };
     using Dir = Directory<Memory>;
     static constexpr int kLoads = 8;
+    static constexpr unsigned kMostVersions = 1U << 24;  // in a circle only where it was damaged
 
     [[nodiscard]] typename Memory::Word& word(HeaderWord w) const {
         return memory_->word(header_ + 8 * Offset{w});
@@ -272,8 +273,8 @@ private:
         directory_ = block;
         begin_ = end_ = 0;
         if (block != 0) {
-            end_ = directory().word(kDirEnd).load_acquire();
-            begin_ = directory().word(kDirBegin).load_acquire();
+            end_ = directory().most(directory().word(kDirEnd).load_acquire());
+            begin_ = std::min(directory().word(kDirBegin).load_acquire(), end_);
         }
         // What is evicted is told before.
         forgotten_ = word(kForgotten).load_relaxed();
@@ -284,9 +285,10 @@ private:
         const std::uint64_t older = word(kOlder).load_acquire();
         if ((older & kTakenBack) != 0 && (!load() || word(kOlder).load_acquire() != older))
             return false;
-        Offset version = older & ~kTakenBack;
+        Offset version = memory::inside(*memory_, older & ~kTakenBack);
+        unsigned left = kMostVersions;
         for (bool goes_on = (older & kTakenBack) != 0;; goes_on = false) {
-            if (version == 0)
+            if (version == 0 || --left == 0)
                 return false;
             const auto old = [&](VersionWord w) -> std::uint64_t {
                 return memory_->word(version + 8 * Offset{w}).load_relaxed();
@@ -296,7 +298,7 @@ private:
             const CommitNumber since = old(kOldSince);
             const Offset directory = old(kOldDirectory);
             const std::uint64_t end = old(kOldEnd);
-            version = old(kOldOlder);
+            version = memory::inside(*memory_, old(kOldOlder));
             if (!confirm())
                 return false;
             if (!goes_on) {
@@ -372,7 +374,7 @@ private:
 
     /// The directory's; 0, which keeps all that follows within the block, if it is one no more.
     [[nodiscard]] std::uint64_t capacity() const {
-        const std::uint64_t found = directory().word(kDirCapacity).load_relaxed();
+        const std::uint64_t found = directory().most(directory().word(kDirCapacity).load_relaxed());
         if (confirm())
             return found;
         overtaken_ = true;

@@ -124,7 +124,7 @@ public:
     Segment(const Memory& memory, std::uint64_t word)
         : memory_(&memory),
           word_(word),
-          stamps_(SegmentWord::block(word) + memory::kLineBytes),
+          stamps_(memory::inside(memory, SegmentWord::block(word)) + memory::kLineBytes),
           slots_(stamps_ + memory::round_up(8 * SegmentWord::capacity(word), memory::kLineBytes)) {}
 
     [[nodiscard]] std::uint64_t word() const { return word_; }
@@ -133,7 +133,7 @@ public:
     [[nodiscard]] bool empty() const { return SegmentWord::count(word_) == 0; }
 
     [[nodiscard]] typename Memory::Word& meta(SegmentMeta m) const {
-        return memory_->word(SegmentWord::block(word_) + 8 * Offset{m});
+        return memory_->word(stamps_ - memory::kLineBytes + 8 * Offset{m});
     }
     [[nodiscard]] Offset stamp_offset(std::uint64_t i) const { return stamps_ + 8 * i; }
     [[nodiscard]] Offset slot(std::uint64_t i) const { return slots_ + kSlotBytes * i; }
@@ -234,7 +234,8 @@ public:
         return std::uint64_t{1} << level * Tuning<Memory>::kFanLog2;
     }
 
-    Directory(const Memory& memory, Offset block) : memory_(&memory), block_(block) {}
+    Directory(const Memory& memory, Offset block)
+        : memory_(&memory), block_(memory::inside(memory, block)) {}
 
     [[nodiscard]] Offset block() const { return block_; }
     [[nodiscard]] typename Memory::Word& word(DirectoryWord w) const {
@@ -248,6 +249,12 @@ public:
     }
     [[nodiscard]] StampNs first(std::uint64_t k) const {
         return as_stamp(first_word(k).load_relaxed());
+    }
+    /// A number of entries, cut to what the memory has room for: a damaged one may say anything.
+    [[nodiscard]] std::uint64_t most(std::uint64_t entries) const {
+        if constexpr (requires { memory_->capacity(); })
+            return std::min<std::uint64_t>(entries, memory_->capacity() / memory::kLineBytes);
+        return entries;
     }
     /// Which of the segments at [begin, end) a stamp belongs to, or `end` for the tail behind them.
     [[nodiscard]] std::uint64_t find(std::uint64_t begin, std::uint64_t end,
@@ -487,7 +494,8 @@ private:
         return {};
     }
     [[nodiscard]] std::uint64_t directory_word(DirectoryWord w) const {
-        return directory().block() == 0 ? 0 : directory().word(w).load_relaxed();
+        const Directory<Memory> list = directory();
+        return list.block() == 0 ? 0 : list.most(list.word(w).load_relaxed());
     }
 };
 

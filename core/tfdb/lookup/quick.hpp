@@ -4,6 +4,7 @@
 #pragma once
 
 #include <bit>
+#include <cmath>
 #include <concepts>
 #include <cstdint>
 #include <optional>
@@ -101,10 +102,12 @@ public:
         expect_changes();
         FrameId up_from = kNoFrame;
         FrameId down_from = kNoFrame;
-        while (up.id != down.id) {
+        for (FrameId steps = 0; up.id != down.id; ++steps) {
             const bool move_up =
                 history::Topology::depth(up.topology) >= history::Topology::depth(down.topology);
             fetch(down.id, up.id);
+            if (steps == kMostSteps)
+                return false;
             Node& node = move_up ? up : down;
             (move_up ? up_from : down_from) = node.id;
             Samples tail;
@@ -151,6 +154,8 @@ private:
 
     /// What makes a frame none of the common case.
     static constexpr std::uint64_t kUnusual = Topology::kMixedParents | Topology::kMortal;
+    // More than any path has: only in a damaged store do parents run in a circle.
+    static constexpr FrameId kMostSteps = kNoFrame;
     static constexpr int kNear = 8;  // samples around the guess that are tried one by one
 
     struct Node {
@@ -291,8 +296,10 @@ private:
             return stamp_ == before;
         }
         const StampNs cutoff = before - view_.history();
-        const double back = static_cast<double>(before - stamp_) *
-                            std::bit_cast<double>(node.header[history::kRate].load_relaxed());
+        // Never negative, but where it was damaged.
+        const double back =
+            std::abs(static_cast<double>(before - stamp_) *
+                     std::bit_cast<double>(node.header[history::kRate].load_relaxed()));
         if (back < static_cast<double>(index - in.begin)) {
             index -= static_cast<std::uint64_t>(back);
         } else if (in.stamp(in.begin) > stamp_) {
@@ -356,7 +363,7 @@ private:
             return {};
         }
         const history::Directory<Memory> directory(memory_, block);
-        const std::uint64_t end = directory.word(history::kDirEnd).load_acquire();
+        const std::uint64_t end = directory.most(directory.word(history::kDirEnd).load_acquire());
         const std::uint64_t begin = directory.word(history::kDirBegin).load_acquire();
         // What was read of a block that was used again leads anywhere.
         if (begin >= end || !confirm()) {
@@ -457,6 +464,8 @@ private:
         if (!confirm() || !ascend(node, first)) {
             return false;
         }
+        if (uses.size() == kMostSteps) [[unlikely]]
+            return false;
         // Filled in place: a use built elsewhere and copied as a block would stall.
         EdgeUse& use = uses.emplace_back();
         use.child = child;

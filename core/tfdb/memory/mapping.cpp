@@ -38,6 +38,11 @@ std::size_t reserve_wanted() {
     return std::clamp(std::bit_floor(left / kPart), kFairReserve, kLargestReserve);
 }
 
+/// Of addresses, for a file.
+std::size_t reserved_for(std::size_t bytes) {
+    return 2 * std::bit_ceil(bytes) + Mapping::kBeyond;
+}
+
 }  // namespace
 
 Mapping Mapping::reserve() {
@@ -53,10 +58,14 @@ Mapping Mapping::reserve() {
 }
 
 Mapping Mapping::of_file(int file, std::size_t bytes, bool writable, std::string name) {
-    void* mapped =
-        ::mmap(nullptr, bytes, writable ? PROT_READ | PROT_WRITE : PROT_READ, MAP_SHARED, file, 0);
-    if (mapped == MAP_FAILED) {
+    void* mapped = ::mmap(nullptr, reserved_for(bytes), PROT_READ,
+                          MAP_PRIVATE | MAP_ANONYMOUS | MAP_NORESERVE, -1, 0);
+    const int protection = writable ? PROT_READ | PROT_WRITE : PROT_READ;
+    if (mapped == MAP_FAILED ||
+        ::mmap(mapped, bytes, protection, MAP_SHARED | MAP_FIXED, file, 0) == MAP_FAILED) {
         const int error = errno;
+        if (mapped != MAP_FAILED)
+            ::munmap(mapped, reserved_for(bytes));
         ::close(file);
         throw CapacityExceeded("cannot map " + std::to_string(bytes) + " bytes of " + name + ": " +
                                std::generic_category().message(error));
@@ -73,7 +82,7 @@ Mapping::Mapping(Mapping&& other) noexcept
 Mapping::~Mapping() {
     if (base_ == nullptr)
         return;
-    ::munmap(base_, bytes_);
+    ::munmap(base_, is_file() ? reserved_for(bytes_) : bytes_);
     if (is_file())
         ::close(file_);
     else

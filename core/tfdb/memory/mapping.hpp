@@ -16,7 +16,10 @@ public:
     /// Addresses of this process alone, which become memory when they are first touched.
     /// Throws CapacityExceeded if none are to be had.
     static Mapping reserve();
-    /// The whole of an open file, which it closes in the end. Throws CapacityExceeded.
+    /// The whole of an open file, which it closes in the end. Throws CapacityExceeded. Behind it,
+    /// up to twice the next power of two and `kBeyond` bytes further, zeros can be read: as far as
+    /// anything reaches that begins inside.
+    static constexpr std::size_t kBeyond = std::size_t{1} << 30;
     static Mapping of_file(int file, std::size_t bytes, bool writable, std::string name);
 
     ~Mapping();

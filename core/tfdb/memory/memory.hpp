@@ -16,6 +16,14 @@ enum class Line : unsigned {
 };
 inline constexpr unsigned kLines = 2;
 
+/// An offset that was read from the memory: where that may be damaged, it is brought inside.
+template <class M>
+[[nodiscard]] constexpr Offset inside(const M& memory, Offset offset) {
+    if constexpr (requires { memory.inside(offset); })
+        return memory.inside(offset);
+    return offset;
+}
+
 /// A region of shared words addressed by byte offsets. In production it is mapped memory; under the
 /// interleaving walker and under Relacy its words are the checker's, so the very same protocol code
 /// is checked. `kPayloadWords` is 7 for poses and smaller in walks.

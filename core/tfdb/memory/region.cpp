@@ -43,6 +43,7 @@ constexpr std::size_t kSkewBytes = 3 * kLineBytes;
 Region::Region(Mapping mapping, std::size_t limit_bytes)
     : mapping_(std::move(mapping)),
       base_(mapping_.base()),
+      mask_(mapping_.is_file() ? std::bit_ceil(mapping_.bytes()) - sizeof(Word) : ~Offset{0}),
       reserved_(mapping_.bytes()),
       limit_(limit_bytes) {
     if (word(kBumpWord).load_relaxed() != 0)

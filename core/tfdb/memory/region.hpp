@@ -40,6 +40,8 @@ public:
     [[nodiscard]] Word& word(Offset offset) const noexcept {
         return *reinterpret_cast<Word*>(base_ + offset);
     }
+    /// An offset that was read from the region: what a damaged file says leads into it, too.
+    [[nodiscard]] Offset inside(Offset offset) const noexcept { return offset & mask_; }
 
     /// Asks for the cache line of a word, and does not wait for it.
     void fetch(Offset offset) const noexcept { __builtin_prefetch(base_ + offset); }
@@ -115,6 +117,7 @@ private:
 
     Mapping mapping_;
     std::byte* base_;
+    Offset mask_;
     std::size_t reserved_;
     std::size_t limit_;
     Word* pins_ = nullptr;

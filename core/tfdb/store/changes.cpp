@@ -41,7 +41,8 @@ public:
             const std::uint64_t note = words_[i++];
             std::string name;
             if ((FeedNote::what(note) & FeedNote::kRemoved) != 0) {
-                for (std::uint64_t k = 0; k < FeedNote::name_words(note); ++k) {
+                const std::size_t left = ends_[at] - i;
+                for (std::uint64_t k = std::min(FeedNote::name_words(note), left); k > 0; --k) {
                     const std::uint64_t word = words_[i++];
                     name.append(reinterpret_cast<const char*>(&word), sizeof word);
                 }

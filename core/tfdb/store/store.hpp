@@ -146,7 +146,7 @@ struct Store final : history::Readers, WriterLock::Repairs {
 };
 
 inline constexpr int kTriesBeforePin = 4;
-inline constexpr int kTriesUnseen = 1000;
+inline constexpr int kTriesShared = 1000;
 
 /// The store to oneself: the commit lock is held and, in engines that let others go beside it,
 /// nobody is under way.
@@ -240,8 +240,8 @@ lookup::Outcome read_committed(const Store& store, CommitNumber held, CommitNumb
     do {
         const ReadPin pin(store);
         outcome = once();
-        // Whose pins nobody sees may be overtaken for ever.
-        if (store.unseen_pins != nullptr && ++tries > kTriesUnseen)
+        // Whose pins nobody sees may be overtaken for ever, and whoever reads what was damaged.
+        if (store.shared != nullptr && ++tries > kTriesShared)
             break;
     } while (outcome == lookup::Outcome::kLapped && held == fresh);
     return outcome;

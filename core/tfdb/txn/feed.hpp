@@ -72,7 +72,8 @@ public:
     static_assert(kWords < FeedEntry::kTooLarge);
 
     explicit Feed(const graph::Frames<Memory>& frames)
-        : frames_(frames), block_(frames.store_word(graph::kFeed).load_relaxed()) {}
+        : frames_(frames),
+          block_(memory::inside(frames.memory(), frames.store_word(graph::kFeed).load_relaxed())) {}
 
     /// Puts a feed into a store that has no commits yet; the block's words are zero.
     static void put_into(const graph::Frames<Memory>& frames, Offset block) {
