@@ -277,6 +277,7 @@ private:
     [[nodiscard]] std::size_t fill_tail(const WriteContext& context, std::size_t count,
                                         Sample sample);
     [[nodiscard]] std::uint64_t spare(std::uint64_t capacity) const;
+    void count_late(const WriteContext& context, std::uint64_t samples);
     void make_room(const WriteContext& context, std::uint64_t samples);
     void copy_tail(const WriteContext& context, const Seg& full, std::uint64_t first,
                    std::uint64_t capacity);

@@ -465,6 +465,17 @@ void EdgeWriter<Memory>::store_word_of(std::uint64_t k, std::uint64_t word, std:
     directory.replace(k, in, index);
 }
 
+/// How many there were before the commit is kept for `trim`.
+template <class Memory>
+void EdgeWriter<Memory>::count_late(const WriteContext& context, std::uint64_t samples) {
+    const std::uint64_t before = this->word(kLate).load_relaxed();
+    if (this->word(kLateSince).load_relaxed() != context.number()) {
+        this->word(kLateBefore).store_relaxed(before);
+        this->word(kLateSince).store_release(context.number());
+    }
+    this->word(kLate).store_relaxed(before + samples);
+}
+
 /// How many samples make a segment among others full. Each late one copies its segment, so they are
 /// small, until there are so many that the directory costs more.
 template <class Memory>
@@ -509,7 +520,7 @@ void EdgeWriter<Memory>::insert_late(const WriteContext& context, const NewSampl
     } else {
         insert_in_copy(context, k, index, capacity, sample);
     }
-    this->word(kLate).store_relaxed(this->word(kLate).load_relaxed() + 1);
+    count_late(context, 1);
     if (end() - begin() > segments)
         evict(context);
 }
@@ -573,7 +584,7 @@ void EdgeWriter<Memory>::insert_run(const WriteContext& context,
     const auto place_of = [&](StampNs stamp) { return directory.find(begin(), end(), stamp); };
     const std::uint64_t first = place_of(run.front().stamp);
     const std::uint64_t last = place_of(run.back().stamp) + 1;
-    const std::uint64_t late = this->word(kLate).load_relaxed() + run.size();
+    const std::size_t late = run.size();
     std::vector<NewSegment<Memory>> made;
     std::vector<std::pair<StampNs, std::uint64_t>> entries;
     std::vector<std::uint64_t> replaced;
@@ -616,7 +627,7 @@ void EdgeWriter<Memory>::insert_run(const WriteContext& context,
     }
     for (const std::uint64_t old : replaced)
         retire_segment(memory_, context, Line::kReplaced, old);
-    this->word(kLate).store_relaxed(late);
+    count_late(context, late);
     evict(context);
 }
 
@@ -777,6 +788,8 @@ void EdgeWriter<Memory>::trim(const WriteContext& context) {
         trim_directory(context);
     if (const Seg tail = this->tail(); !tail.empty())
         this->word(kTail).store_release(trimmed(context, tail.word()));
+    if (this->word(kLateSince).load_relaxed() > context.committed)
+        this->word(kLate).store_relaxed(this->word(kLateBefore).load_relaxed());
     restore_topology();
 }
 

@@ -36,6 +36,8 @@ enum HeaderWord : unsigned {
     kLock = 16,        // for engines that lock frames
     kNextFree = 17,    // id + 1 of the next removed frame that waits for reuse
     kCorrected = 18,   // older snapshots miss samples that others of the same stamp replaced
+    kLateSince = 19,   // commit that last counted in kLate; too new by one after an abort
+    kLateBefore = 20,  // what kLate was before that
     kHeaderWords = 24,
 };
 

@@ -27,7 +27,6 @@ struct CommitScratch {
     struct Touched {
         FrameId id;
         FrameId old_parent;     // newest parent before this commit
-        std::uint64_t late;     // how many samples had come late
         std::uint64_t samples;  // how many this commit adds, where they are counted
         std::uint64_t note;     // its position in the feed
         unsigned what;          // bits of FeedNote::What
@@ -106,7 +105,7 @@ public:
         }
         scratch_.touched_frames.insert(id, static_cast<std::uint32_t>(scratch_.touched.size()));
         const std::uint64_t note = feed_.note(id, FeedNote::kMade, 0);
-        scratch_.touched.push_back({id, kNoFrame, 0, 0, note, FeedNote::kMade, false, false});
+        scratch_.touched.push_back({id, kNoFrame, 0, note, FeedNote::kMade, false, false});
         frames_.make(id, number(), block);
         names_.insert(name, id);
         return id;
@@ -118,8 +117,7 @@ public:
         const auto place = static_cast<std::uint32_t>(scratch_.touched.size());
         if (!scratch_.touched_frames.insert(child, place))
             return std::exchange(touched(child).written, true);
-        const std::uint64_t late = frames_.word(child, history::kLate).load_relaxed();
-        scratch_.touched.push_back({child, newest_parent(child), late, 0, 0, 0, true, true});
+        scratch_.touched.push_back({child, newest_parent(child), 0, 0, 0, true, true});
         scratch_.touched.back().note = feed_.note(child, 0, 1);
         return false;
     }
@@ -207,7 +205,7 @@ public:
             return frames_.memory().word(name + 8 * i).load_relaxed();
         };
         feed_.note_removal(id, name_word(0), [&](std::uint64_t i) { return name_word(i + 1); });
-        scratch_.touched.push_back({id, kNoFrame, 0, 0, 0, FeedNote::kRemoved, false, false});
+        scratch_.touched.push_back({id, kNoFrame, 0, 0, FeedNote::kRemoved, false, false});
         what_ |= FeedNote::kRemoved;
         frames_.word(id, history::kDied).store_relaxed(number());
         auto& topology = frames_.word(id, history::kTopology);
@@ -407,7 +405,6 @@ private:
     void take_back(const Touched& touched) {
         auto edge = writer(touched.id);
         edge.trim(context_);
-        frames_.word(touched.id, history::kLate).store_relaxed(touched.late);
         const FrameId parent = history::Topology::parent(edge.topology());
         if (parent != kNoFrame)
             edge.set_depth_hint(history::Topology::depth(frames_.topology(parent)) + 1);
