@@ -227,8 +227,14 @@ void exit(TransactionObject& self, nb::handle kind, nb::handle, nb::handle) {
 void abort(TransactionObject& self) {
     const Transaction& held = self.transaction;
     held.check_thread();
-    if (!held.is_open() && held.stage() != Stage::kAborted && held.stage() != Stage::kLost) {
-        held.check();
+    if (held.stage() != Stage::kAborted && held.stage() != Stage::kLost) {
+        try {
+            held.check();
+        } catch (const Forked&) {
+            // What was open when its process was forked ends here, too.
+            if (!held.is_open())
+                throw;
+        }
     }
     self.abort();
 }

@@ -20,7 +20,7 @@ void TransactionObject::begin() {
     if (alone_)
         buffer().reasons.add_wait();
     try {
-        const Released released(buffer().reasons.to_wait());
+        const LongWork work(buffer().reasons.to_wait());
         transaction.begin();
     } catch (...) {
         if (alone_)
@@ -33,7 +33,7 @@ void TransactionObject::begin() {
 
 void TransactionObject::commit() {
     try {
-        const nb::gil_scoped_release released;
+        const LongWork work(true);
         transaction.commit();
     } catch (const Error& error) {
         forget_ended();

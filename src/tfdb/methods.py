@@ -291,7 +291,7 @@ def open_store(
     lock_timeout
         Seconds that a write waits while another process is at one, before it raises LockTimeout;
         None: for ever. A process that died is not waited for, only one that does not go on. Ctrl-C
-        ends the wait, but for that of a transaction's commit.
+        ends the wait.
     clock
         As in `Buffer`.
 

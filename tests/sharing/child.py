@@ -14,6 +14,7 @@ import tfdb
 from .answers import TURN, answers
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
     from multiprocessing.connection import Connection
     from multiprocessing.synchronize import Barrier
 
@@ -172,6 +173,43 @@ def write_when_free(name: str) -> None:
         say("interrupted")
 
 
+def commit_when_free(name: str) -> None:
+    """Wait for ever to commit a transaction, until Ctrl-C; handlers may not end it otherwise."""
+    buffer = tfdb.Buffer.open(name, create=False, lock_timeout=None)
+    refused: list[str] = []
+
+    def handle(_number: int, _frame: object) -> None:
+        calls: tuple[Callable[[], object], ...] = (
+            tx.abort,
+            lambda: tx.lookup_transform("map", "hand"),
+            tx.__enter__,
+            lambda: tx.__exit__(None, None, None),
+            buffer.transaction().__enter__,
+        )
+        for call in calls:
+            try:
+                call()
+            except tfdb.TransactionActive as error:
+                refused.append(str(error))
+        raise KeyboardInterrupt
+
+    signal.signal(signal.SIGINT, handle)
+    tx = buffer.transaction()
+    try:
+        with tx:
+            tx.set_transform("map", "interrupted", 5, **pose_of(1))
+            say("ready")
+    except KeyboardInterrupt:
+        say("interrupted", "committed" if tx.commit_number else "aborted", len(refused))
+    signal.signal(signal.SIGINT, signal.default_int_handler)
+    say("ready")
+    try:
+        with buffer._attempt(0, alone=True, age=0) as alone:
+            alone.set_transform("map", "never", 5, **pose_of(1))
+    except KeyboardInterrupt:
+        say("interrupted")
+
+
 def hold_snapshot(name: str) -> None:
     buffer = tfdb.Buffer.open(name, create=False, mode="r")
     with buffer.snapshot() as snapshot:
@@ -200,5 +238,13 @@ def open_as(user: str, name: str, mode: str) -> None:
 if __name__ == "__main__":
     {
         work.__name__: work
-        for work in (follow, write_on, hold_lock, write_when_free, hold_snapshot, open_as)
+        for work in (
+            follow,
+            write_on,
+            hold_lock,
+            write_when_free,
+            commit_when_free,
+            hold_snapshot,
+            open_as,
+        )
     }[sys.argv[1]](*sys.argv[2:])

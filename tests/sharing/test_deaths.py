@@ -94,6 +94,27 @@ def test_ctrl_c_ends_the_wait(name: str) -> None:
             assert waiter.end() == 0
 
 
+def test_ctrl_c_ends_the_wait_of_a_transaction(name: str) -> None:
+    buffer = tfdb.Buffer.open(name)
+    child.move_arm(buffer, 1)
+    with Child("hold_lock", name) as writer:
+        writer.wait_until_stopped()
+        with Child("commit_when_free", name) as waiter:
+            assert waiter.says() == "ready"
+            waiter.wait_until_asleep()
+            waiter.send(signal.SIGINT)
+            assert waiter.says() == "interrupted aborted 5"
+            assert waiter.says() == "ready"
+            waiter.wait_until_asleep()
+            waiter.send(signal.SIGINT)
+            assert waiter.says() == "interrupted"
+            assert waiter.end() == 0
+        writer.send(signal.SIGCONT)
+        assert writer.says() == "committed"
+    assert not {"interrupted", "never"} & set(buffer.frames())
+    child.move_arm(buffer, 2)
+
+
 def test_what_another_process_holds_stays_until_it_is_dead(name: str) -> None:
     buffer = tfdb.Buffer.open(name, history=1e-3)
     child.move_arm(buffer, 1)

@@ -19,6 +19,15 @@ constexpr std::uint64_t word_of(Transaction::Stage stage) {
     return static_cast<std::uint64_t>(stage);
 }
 
+/// Beside the stage of an open one: it waits to be committed. Whoever interrupts the wait, in its
+/// own thread, may end it by an exception and by nothing else.
+constexpr std::uint64_t kCommitting = 1 << 9;
+constexpr std::uint64_t kBeingCommitted = word_of(Transaction::Stage::kOpen) | kCommitting;
+
+bool is_open(std::uint64_t state) {
+    return (state & ~kCommitting) == word_of(Transaction::Stage::kOpen);
+}
+
 }  // namespace
 
 TransactionLife::TransactionLife(std::shared_ptr<Store> store, const TransactionOptions& options)
@@ -51,6 +60,12 @@ void TransactionLife::begin() {
         if (options.age == 0)
             options.age = store_->ages.fetch_add(1) + 1;
         transaction_ = make_transaction(*store_, options);
+        // What interrupted the wait may have begun another one.
+        if (find(*store_, false)) {
+            transaction_->rollback();
+            transaction_.reset();
+            check_not_in_transaction(*store_);
+        }
         options_.age = options.age;
     } catch (...) {
         thread_.store_release(0);
@@ -81,7 +96,10 @@ void TransactionLife::check() const {
     if (forks_ != sync::forks())
         throw Forked("a transaction belongs to the process that began it");
     check_thread();
-    if (state_.load_acquire() != word_of(Stage::kOpen))
+    const std::uint64_t state = state_.load_acquire();
+    if (state == kBeingCommitted)
+        throw TransactionActive("the transaction is being committed: only an exception ends that");
+    if (state != word_of(Stage::kOpen))
         throw_ended();
 }
 
@@ -120,7 +138,17 @@ void TransactionLife::throw_ended() const {
 CommitNumber TransactionLife::commit() {
     check();
     try {
-        committed_ = call([](EngineTransaction& transaction) { return transaction.commit(); });
+        committed_ = call([this](EngineTransaction& transaction) {
+            state_.store_relaxed(kBeingCommitted);
+            try {
+                const CommitNumber number = transaction.commit();
+                state_.store_relaxed(word_of(Stage::kOpen));
+                return number;
+            } catch (...) {
+                state_.store_relaxed(word_of(Stage::kOpen));
+                throw;
+            }
+        });
     } catch (...) {
         end(Stage::kRefused);  // unless it was lost
         throw;
@@ -141,7 +169,7 @@ void TransactionLife::end(Stage how) noexcept {
         return;
     }
     if (!state_.compare_exchange(found, word_of(how) | kEnding)) {
-        for (; found >= kEnding; found = state_.load_acquire())
+        for (; found != kBeingCommitted && found >= kEnding; found = state_.load_acquire())
             sync::spin_pause();
         return;
     }
@@ -173,7 +201,7 @@ void TransactionLife::drop() noexcept {
 void TransactionLife::sweep() noexcept {
     for (TransactionLife** at = &head; *at != nullptr;) {
         TransactionLife* const entry = *at;
-        if (entry->state_.load_acquire() == word_of(Stage::kOpen)) {
+        if (is_open(entry->state_.load_acquire())) {
             at = &entry->next_;
             continue;
         }
@@ -202,7 +230,7 @@ bool TransactionLife::find(const Store& store, bool alone) noexcept {
     bool any = false;
     for (const TransactionLife* at = head; at != nullptr; at = at->next_) {
         any |= at->which_ == &store && at->forks_ == sync::forks() &&
-               at->state_.load_acquire() == word_of(Stage::kOpen) && (at->options_.alone || !alone);
+               is_open(at->state_.load_acquire()) && (at->options_.alone || !alone);
     }
     return any;
 }
