@@ -215,6 +215,16 @@ std::vector<Changes> Buffer::changes(CommitNumber since, std::size_t limit) cons
     store::check_not_in_transaction(*store_);
     std::vector<Changes> all;
     store::Notes notes;
+    const auto tell = [&](const StoreView& view, CommitNumber first, CommitNumber last) {
+        all.clear();
+        store::Telling telling(*store_, view, notes);
+        for (CommitNumber commit = first; commit <= last; ++commit) {
+            const Outcome told = telling.tell(commit, all.emplace_back());
+            if (told != Outcome::kOk)
+                return told;
+        }
+        return Outcome::kOk;
+    };
     const auto attempt = [&](const StoreView& view) {
         all.clear();
         const CommitNumber newest = view.commit();
@@ -225,12 +235,12 @@ std::vector<Changes> Buffer::changes(CommitNumber since, std::size_t limit) cons
         const std::size_t wanted = std::min<std::uint64_t>(limit, newest - since);
         if (wanted == 0)
             return Outcome::kOk;
-        if (!kept || !notes.read(*store_, since + 1, newest))
-            store::throw_lapped(*store_, since, newest);
-        store::Telling telling(*store_, view, notes);
-        for (std::size_t i = 1; i <= wanted; ++i) {
-            const Outcome told = telling.tell(since + i, all.emplace_back());
-            if (told != Outcome::kOk)
+        // What was removed later has its name there: only where that is asked for are all read.
+        for (const CommitNumber last : {since + wanted, newest}) {
+            if (!kept || !notes.read(*store_, since + 1, last))
+                store::throw_lapped(*store_, since, newest);
+            const Outcome told = tell(view, since + 1, since + wanted);
+            if (told == Outcome::kOk || last == newest)
                 return told;
         }
         return Outcome::kOk;
