@@ -306,7 +306,8 @@ private:
         // Copies: what is asked for first may move.
         for (const std::int64_t before : std::vector(values_.at(part.edge, part.before_stamp))) {
             for (const std::int64_t after :
-                 mixed ? std::vector(values_.at(part.edge, part.after_stamp)) : std::vector{before}) {
+                 mixed ? std::vector(values_.at(part.edge, part.after_stamp))
+                       : std::vector{before}) {
                 const double value = static_cast<double>(before) * (1.0 - weight) +
                                      static_cast<double>(after) * weight;
                 guess.trial.emplace_back(before, after);

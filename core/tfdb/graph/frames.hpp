@@ -141,11 +141,11 @@ public:
     void push_retired(FrameId id) const {
         const std::uint64_t link = std::uint64_t{id} + 1;
         word(id, history::kNextFree).store_relaxed(0);
-        const std::uint64_t tail = store_word(kFreeTail).load_relaxed();
-        if (tail == 0) {
+        const FrameId tail = id_in(kFreeTail);
+        if (tail == kNoFrame) {
             store_word(kFreeHead).store_relaxed(link);
         } else {
-            word(static_cast<FrameId>(tail - 1), history::kNextFree).store_relaxed(link);
+            word(tail, history::kNextFree).store_relaxed(link);
         }
         store_word(kFreeTail).store_relaxed(link);
         if (first_full() == kNoFrame)
@@ -171,7 +171,7 @@ private:
     }
     [[nodiscard]] FrameId id_in(StoreWord w) const {
         const std::uint64_t link = store_word(w).load_relaxed();
-        return link == 0 ? kNoFrame : static_cast<FrameId>(link - 1);
+        return link == 0 || link > max_frames_ ? kNoFrame : static_cast<FrameId>(link - 1);
     }
 
     Memory* memory_;

@@ -105,8 +105,9 @@ public:
         store_text(*memory_, block + 8, name);
         return block;
     }
-    void free_name(Offset block) const {
-        memory_->release(block, name_bytes(memory_->word(block).load_relaxed()));
+    void free_name(Offset offset) const {
+        const Offset block = memory::inside(*memory_, offset);
+        memory_->release(block, name_bytes(stored_size(block)));
     }
 
     /// Makes sure that one more entry fits. Throws CapacityExceeded, having changed nothing.
@@ -129,12 +130,13 @@ public:
     void erase(FrameId id) const {
         const std::uint64_t table = frames_.store_word(kNames).load_relaxed();
         const std::uint64_t mask = TableWord::capacity(table) - 1;
-        for (std::uint64_t i = stored_hash(id) & mask;; i = (i + 1) & mask) {
-            const std::uint64_t found = entry(table, i).load_relaxed();
+        std::uint64_t at = stored_hash(id) & mask;
+        for (std::uint64_t probes = 0; probes <= mask; ++probes, at = (at + 1) & mask) {
+            const std::uint64_t found = entry(table, at).load_relaxed();
             if (found == 0)
                 return;
             if (static_cast<std::uint32_t>(found) == id + 1) {
-                entry(table, i).store_release(kDead);
+                entry(table, at).store_release(kDead);
                 return;
             }
         }
@@ -155,21 +157,26 @@ public:
         if (!TableWord::empty(table))
             visit(TableWord::block(table), 8 * TableWord::capacity(table));
         for (FrameId id = 0; id < frames_.count(); ++id) {
-            const Offset block = frames_.word(id, history::kName).load_relaxed();
-            if (block != 0)
-                visit(block, name_bytes(memory_->word(block).load_relaxed()));
+            if (const Offset block = name_block(id); block != 0)
+                visit(block, name_bytes(stored_size(block)));
         }
     }
 
+    /// Where a frame's name lies: how many bytes, then these. 0: it has none.
+    [[nodiscard]] Offset name_block(FrameId id) const {
+        return memory::inside(*memory_, frames_.word(id, history::kName).load_acquire());
+    }
+    /// How many bytes there are; none where it cannot be a name.
+    [[nodiscard]] std::uint64_t stored_size(Offset block) const {
+        const std::uint64_t size = memory_->word(block).load_relaxed();
+        return size <= kMaxNameBytes ? size : 0;
+    }
     /// The frame's name as it stands now.
     [[nodiscard]] std::string name(FrameId id) const {
         const Offset block = name_block(id);
         if (block == 0)
             return {};
-        std::uint64_t size = memory_->word(block).load_relaxed();
-        if (size > kMaxNameBytes)
-            size = 0;
-        return load_text(*memory_, block + 8, size);
+        return load_text(*memory_, block + 8, stored_size(block));
     }
 
 private:
@@ -182,13 +189,10 @@ private:
     [[nodiscard]] typename Memory::Word& entry(std::uint64_t table, std::uint64_t i) const {
         return memory_->word(memory::inside(*memory_, TableWord::block(table)) + 8 * i);
     }
-    [[nodiscard]] Offset name_block(FrameId id) const {
-        return memory::inside(*memory_, frames_.word(id, history::kName).load_acquire());
-    }
     /// Of the frame's name, which nobody changes meanwhile.
     [[nodiscard]] std::uint64_t stored_hash(FrameId id) const {
-        const Offset block = frames_.word(id, history::kName).load_relaxed();
-        return hash_words(memory_->word(block).load_relaxed(), [&](std::size_t at) {
+        const Offset block = name_block(id);
+        return hash_words(stored_size(block), [&](std::size_t at) {
             return memory_->word(block + 8 + at).load_relaxed();
         });
     }
@@ -234,7 +238,9 @@ private:
     void put(std::uint64_t table, std::uint64_t hash, FrameId id) const {
         const std::uint64_t mask = TableWord::capacity(table) - 1;
         std::uint64_t i = hash & mask;
-        while (entry(table, i).load_relaxed() != 0)
+        // There is room, but where its count was damaged.
+        for (std::uint64_t probes = 0; probes < mask && entry(table, i).load_relaxed() != 0;
+             ++probes)
             i = (i + 1) & mask;
         entry(table, i).store_release((hash >> 32) << 32 | (id + 1));
     }
@@ -262,10 +268,9 @@ private:
             entry(table, i).store_relaxed(0);
         for (std::uint64_t i = 0; i < old_capacity; ++i) {
             const std::uint64_t found = entry(old, i).load_relaxed();
-            if (found == 0 || found == kDead)
-                continue;
             const FrameId id = static_cast<std::uint32_t>(found) - 1;
-            put(table, stored_hash(id), id);
+            if (id < frames_.max_frames())  // none, or a dead one
+                put(table, stored_hash(id), id);
         }
         frames_.store_word(kNames).store_release(table);
         store_filled(live);

@@ -236,7 +236,6 @@ private:
     };
     using Dir = Directory<Memory>;
     static constexpr int kLoads = 8;
-    static constexpr unsigned kMostVersions = 1U << 24;  // in a circle only where it was damaged
 
     [[nodiscard]] typename Memory::Word& word(HeaderWord w) const {
         return memory_->word(header_ + 8 * Offset{w});
@@ -273,8 +272,8 @@ private:
         directory_ = block;
         begin_ = end_ = 0;
         if (block != 0) {
-            end_ = directory().most(directory().word(kDirEnd).load_acquire());
-            begin_ = std::min(directory().word(kDirBegin).load_acquire(), end_);
+            end_ = directory().end();
+            begin_ = directory().begin(end_);
         }
         // What is evicted is told before.
         forgotten_ = word(kForgotten).load_relaxed();
@@ -285,10 +284,10 @@ private:
         const std::uint64_t older = word(kOlder).load_acquire();
         if ((older & kTakenBack) != 0 && (!load() || word(kOlder).load_acquire() != older))
             return false;
-        Offset version = memory::inside(*memory_, older & ~kTakenBack);
-        unsigned left = kMostVersions;
+        Offset version = memory::inside(*memory_, older);
+        CommitNumber newer = kMaxCommit + 1;
         for (bool goes_on = (older & kTakenBack) != 0;; goes_on = false) {
-            if (version == 0 || --left == 0)
+            if (version == 0)
                 return false;
             const auto old = [&](VersionWord w) -> std::uint64_t {
                 return memory_->word(version + 8 * Offset{w}).load_relaxed();
@@ -299,8 +298,10 @@ private:
             const Offset directory = old(kOldDirectory);
             const std::uint64_t end = old(kOldEnd);
             version = memory::inside(*memory_, old(kOldOlder));
-            if (!confirm())
+            // In a circle only where it was damaged.
+            if (!confirm() || since >= newer)
                 return false;
+            newer = since;
             if (!goes_on) {
                 tail_ = tail;
                 topology_ = topology;
@@ -374,7 +375,7 @@ private:
 
     /// The directory's; 0, which keeps all that follows within the block, if it is one no more.
     [[nodiscard]] std::uint64_t capacity() const {
-        const std::uint64_t found = directory().most(directory().word(kDirCapacity).load_relaxed());
+        const std::uint64_t found = directory().capacity();
         if (confirm())
             return found;
         overtaken_ = true;

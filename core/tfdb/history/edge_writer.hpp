@@ -117,13 +117,13 @@ void retire(Memory& memory, const WriteContext& context, Line line, Offset block
 }
 template <class Memory>
 void retire_segment(Memory& memory, const WriteContext& context, Line line, std::uint64_t word) {
-    if (SegmentWord::block(word) == 0)
-        return;
     const Segment<Memory> segment(memory, word);
+    if (segment.block() == 0)
+        return;
     const std::size_t bytes = Segment<Memory>::bytes(SegmentWord::capacity(word));
     if (const std::uint64_t held = segment.meta(kHeld).load_relaxed(); held != 0)
         context.readers().held(std::uint64_t{0} - held);
-    retire(memory, context, line, SegmentWord::block(word), bytes);
+    retire(memory, context, line, segment.block(), bytes);
 }
 
 /// A block that nobody knows yet: it goes back unless it is put to use.
@@ -254,6 +254,7 @@ private:
     using Base::newest_sample;
     using Base::segment;
     using Base::segment_of;
+    using Base::version;
     using Base::word_of;
     using Seg = Segment<Memory>;
     using Dir = Directory<Memory>;

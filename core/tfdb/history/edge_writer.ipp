@@ -237,8 +237,7 @@ void EdgeWriter<Memory>::copy_tail(const WriteContext& context, const Seg& full,
 template <class Memory>
 void EdgeWriter<Memory>::seal(const WriteContext& context, std::uint64_t next_capacity) {
     NewSegment<Memory> next(memory_, next_capacity);
-    if (this->directory().block() == 0 ||
-        end() == this->directory().word(kDirCapacity).load_relaxed())
+    if (this->directory().block() == 0 || end() >= this->directory().capacity())
         copy_directory(context, end(), 0, 0, [](const Dir&, std::uint64_t) {});
     const Seg full = tail();
     auto& greatest = full.meta(kGreatest);
@@ -394,7 +393,7 @@ void EdgeWriter<Memory>::hold(const WriteContext& context, const Seg& in, std::u
 template <class Memory>
 bool EdgeWriter<Memory>::hold_all_of(const WriteContext& context, std::uint64_t word) {
     const std::size_t all = Seg::bytes(SegmentWord::capacity(word));
-    if (SegmentWord::block(word) == 0 || segment(word).meta(kHeld).load_relaxed() == all)
+    if (segment(word).block() == 0 || segment(word).meta(kHeld).load_relaxed() == all)
         return false;
     hold(context, segment(word), all);
     return true;
@@ -672,8 +671,8 @@ template <class Enter>
 void EdgeWriter<Memory>::copy_directory(const WriteContext& context, std::uint64_t at,
                                         std::uint64_t removed, std::uint64_t added, Enter enter) {
     const Dir old = this->directory();
-    const std::uint64_t first = begin();
     const std::uint64_t last = end();
+    const std::uint64_t first = std::min(begin(), last);
     const std::uint64_t entries = last - first + added - removed;
     const std::uint64_t room = entries / 4 + 1;
     const std::uint64_t front = added > removed && at == first ? room : 1;
@@ -705,8 +704,8 @@ void EdgeWriter<Memory>::copy_directory(const WriteContext& context, std::uint64
 
 template <class Memory>
 void EdgeWriter<Memory>::retire_directory(const WriteContext& context, Line line, Offset block) {
-    const std::uint64_t capacity = Dir(memory_, block).word(kDirCapacity).load_relaxed();
-    retire(memory_, context, line, block, Dir::bytes(capacity));
+    const Dir list(memory_, block);
+    retire(memory_, context, line, list.block(), Dir::bytes(list.capacity()));
 }
 
 // -- versions -----------------------------------------------------------------------------------
@@ -720,7 +719,7 @@ void EdgeWriter<Memory>::clear(const WriteContext& context) {
     };
     const std::uint64_t older = this->word(kOlder).load_relaxed();
     const bool goes_on = (older & kTakenBack) != 0;
-    const Offset before = older & ~kTakenBack;
+    const Offset before = version(older);
     keep(kOldTail, this->word(kTail).load_relaxed());
     keep(kOldDirectory, this->word(kDirectory).load_relaxed());
     keep(kOldTopology, this->topology());
@@ -745,7 +744,7 @@ void EdgeWriter<Memory>::clear(const WriteContext& context) {
 
 template <class Memory>
 void EdgeWriter<Memory>::retire_older(const WriteContext& context) {
-    const Offset block = this->word(kOlder).load_relaxed();
+    const Offset block = version(this->word(kOlder).load_relaxed());
     retire_all(context, Line::kEnded, memory_.word(block + 8 * Offset{kOldTail}).load_relaxed(),
                memory_.word(block + 8 * Offset{kOldDirectory}).load_relaxed());
     retire(memory_, context, Line::kEnded, block, kVersionBytes);
@@ -758,8 +757,8 @@ void EdgeWriter<Memory>::retire_all(const WriteContext& context, Line line, std:
     if (directory == 0)
         return;
     const Dir list(memory_, directory);
-    const std::uint64_t last = list.word(kDirEnd).load_relaxed();
-    for (std::uint64_t k = list.word(kDirBegin).load_relaxed(); k < last; ++k)
+    const std::uint64_t last = list.end();
+    for (std::uint64_t k = list.begin(last); k < last; ++k)
         retire_segment(memory_, context, line, list.entry(k).load_relaxed());
     retire_directory(context, line, directory);
 }
@@ -774,7 +773,7 @@ void EdgeWriter<Memory>::release(const WriteContext& context) {
     this->word(kTail).store_release(0);
     retire_all(context, Line::kReplaced, tail, directory);
     if ((older & kTakenBack) != 0)
-        retire(memory_, context, Line::kReplaced, older & ~kTakenBack, kVersionBytes);
+        retire(memory_, context, Line::kReplaced, version(older), kVersionBytes);
 }
 
 // -- taking back --------------------------------------------------------------------------------
@@ -848,7 +847,7 @@ void EdgeWriter<Memory>::trim_directory(const WriteContext& context) {
 /// The version that was to end goes on.
 template <class Memory>
 void EdgeWriter<Memory>::trim_version(const WriteContext& context) {
-    const Offset block = this->word(kOlder).load_relaxed();
+    const Offset block = version(this->word(kOlder).load_relaxed());
     const auto old = [&](VersionWord w) {
         return memory_.word(block + 8 * Offset{w}).load_relaxed();
     };

@@ -19,6 +19,10 @@ struct SegmentWord {
         return block / memory::kLineBytes << 28 | std::uint64_t{log2} << 24 | begin << 12 | count;
     }
     static constexpr Offset block(std::uint64_t word) { return (word >> 28) * memory::kLineBytes; }
+    /// The same with low bits that say nothing: for `inside`, which leaves them out.
+    static constexpr Offset near_block(std::uint64_t word) {
+        return word >> (28 - std::countr_zero(memory::kLineBytes));
+    }
     static constexpr unsigned log2_capacity(std::uint64_t word) {
         return static_cast<unsigned>(word >> 24) & 15;
     }
@@ -80,7 +84,7 @@ template <class At>
 template <class At>
 [[nodiscard]] std::uint64_t gallop(At at, std::uint64_t low, std::uint64_t high,
                                    std::uint64_t guess, StampNs stamp) {
-    if (low == high)
+    if (low >= high)
         return low;
     guess = std::clamp(guess, low, high - 1);
     std::uint64_t step = 1;
@@ -124,7 +128,7 @@ public:
     Segment(const Memory& memory, std::uint64_t word)
         : memory_(&memory),
           word_(word),
-          stamps_(memory::inside(memory, SegmentWord::block(word)) + memory::kLineBytes),
+          stamps_(memory::inside(memory, SegmentWord::near_block(word)) + memory::kLineBytes),
           slots_(stamps_ + memory::round_up(8 * SegmentWord::capacity(word), memory::kLineBytes)) {}
 
     [[nodiscard]] std::uint64_t word() const { return word_; }
@@ -132,8 +136,9 @@ public:
     [[nodiscard]] std::uint64_t end() const { return SegmentWord::end(word_); }
     [[nodiscard]] bool empty() const { return SegmentWord::count(word_) == 0; }
 
+    [[nodiscard]] Offset block() const { return stamps_ - memory::kLineBytes; }
     [[nodiscard]] typename Memory::Word& meta(SegmentMeta m) const {
-        return memory_->word(stamps_ - memory::kLineBytes + 8 * Offset{m});
+        return memory_->word(block() + 8 * Offset{m});
     }
     [[nodiscard]] Offset stamp_offset(std::uint64_t i) const { return stamps_ + 8 * i; }
     [[nodiscard]] Offset slot(std::uint64_t i) const { return slots_ + kSlotBytes * i; }
@@ -250,11 +255,16 @@ public:
     [[nodiscard]] StampNs first(std::uint64_t k) const {
         return as_stamp(first_word(k).load_relaxed());
     }
-    /// A number of entries, cut to what the memory has room for: a damaged one may say anything.
-    [[nodiscard]] std::uint64_t most(std::uint64_t entries) const {
-        if constexpr (requires { memory_->capacity(); })
-            return std::min<std::uint64_t>(entries, memory_->capacity() / memory::kLineBytes);
-        return entries;
+    /// How many entries there is room for.
+    [[nodiscard]] std::uint64_t capacity() const {
+        return memory::most_entries(*memory_, word(kDirCapacity).load_relaxed());
+    }
+    /// The entries that count are [begin, end): a reader's way to them.
+    [[nodiscard]] std::uint64_t end() const {
+        return memory::most_entries(*memory_, word(kDirEnd).load_acquire());
+    }
+    [[nodiscard]] std::uint64_t begin(std::uint64_t end) const {
+        return std::min<std::uint64_t>(word(kDirBegin).load_acquire(), end);
     }
     /// Which of the segments at [begin, end) a stamp belongs to, or `end` for the tail behind them.
     [[nodiscard]] std::uint64_t find(std::uint64_t begin, std::uint64_t end,
@@ -289,9 +299,7 @@ public:
         return node_words(capacity, level, k)(5).load_relaxed();
     }
     /// The writer's: figures of one segment; those above it go with `sum_up`.
-    void store_node(std::uint64_t k, const Node& node) const {
-        store(word(kDirCapacity).load_relaxed(), 0, k, node);
-    }
+    void store_node(std::uint64_t k, const Node& node) const { store(capacity(), 0, k, node); }
     /// What an entry's segment is like, in the commit in progress.
     void store_figures(std::uint64_t k) const {
         const Segment<Memory> in(*memory_, entry(k).load_relaxed());
@@ -299,7 +307,7 @@ public:
     }
     /// The same where the sample at `index` is the only change.
     void store_figures_with(std::uint64_t k, const Segment<Memory>& in, std::uint64_t index) const {
-        Extent all = node(word(kDirCapacity).load_relaxed(), 0, k).extent;
+        Extent all = node(capacity(), 0, k).extent;
         const StampNs stamp = in.stamp(index);
         const Extent one{1, stamp, stamp, 0};
         if (index + 1 == in.end()) {
@@ -316,16 +324,17 @@ public:
     }
     /// The nodes above an entry, as far as they lie among the entries before `end`.
     void sum_up(std::uint64_t k, std::uint64_t end) const {
-        const std::uint64_t capacity = word(kDirCapacity).load_relaxed();
+        const std::uint64_t capacity = this->capacity();
         const std::uint64_t lowest = word(kDirLowest).load_relaxed();
-        for (unsigned level = 1; is_within(level, k, lowest, end); ++level)
+        for (unsigned level = 1; segments(level) <= capacity && is_within(level, k, lowest, end);
+             ++level)
             sum_up(capacity, level, k);
     }
     /// An entry as another directory has it.
     void copy(std::uint64_t k, const Directory& other, std::uint64_t from) const {
         first_word(k).store_relaxed(other.first_word(from).load_relaxed());
         entry(k).store_relaxed(other.entry(from).load_relaxed());
-        store_node(k, other.node(other.word(kDirCapacity).load_relaxed(), 0, from));
+        store_node(k, other.node(other.capacity(), 0, from));
     }
     /// A segment with a new sample at `index` takes the place of another one.
     void replace(std::uint64_t k, const Segment<Memory>& in, std::uint64_t index) const {
@@ -342,7 +351,8 @@ public:
     void update_rate() const {
         const std::uint64_t begin = word(kDirBegin).load_relaxed();
         const std::uint64_t end = word(kDirEnd).load_relaxed();
-        if (begin == end)
+        const std::uint64_t room = memory::most_entries(*memory_, ~std::uint64_t{0});
+        if (begin >= end || end > room)
             return;
         const StampNs span = first(end - 1) - first(begin);
         const auto steps = static_cast<double>(end - 1 - begin);
@@ -351,7 +361,7 @@ public:
     }
     /// All above the entries at [begin, end).
     void sum_up_all(std::uint64_t begin, std::uint64_t end) const {
-        const std::uint64_t capacity = word(kDirCapacity).load_relaxed();
+        const std::uint64_t capacity = this->capacity();
         for (unsigned level = 1; segments(level) <= end - begin; ++level) {
             const std::uint64_t step = segments(level);
             for (std::uint64_t k = (begin + step - 1) / step * step; k + step <= end; k += step)
@@ -428,7 +438,7 @@ public:
         const std::uint64_t older = word(kOlder).load_relaxed();
         return (older & kTakenBack) == 0
                    ? word(kSince).load_relaxed()
-                   : memory_.word((older & ~kTakenBack) + 8 * Offset{kOldSince}).load_relaxed();
+                   : memory_.word(version(older) + 8 * Offset{kOldSince}).load_relaxed();
     }
     /// Samples that are stored, also those that nobody sees any more.
     [[nodiscard]] std::uint64_t stored() const {
@@ -444,16 +454,17 @@ public:
     void visit_blocks(Visit visit, Held held) const {
         for (std::uint64_t k = begin(); k <= end(); ++k) {
             const std::uint64_t found = word_of(k);
-            if (SegmentWord::block(found) == 0)
+            const Segment<Memory> in = segment(found);
+            if (in.block() == 0)
                 continue;
-            visit(SegmentWord::block(found), Segment<Memory>::bytes(SegmentWord::capacity(found)));
-            held(segment(found).meta(kHeld).load_relaxed());
+            visit(in.block(), Segment<Memory>::bytes(SegmentWord::capacity(found)));
+            held(in.meta(kHeld).load_relaxed());
         }
         if (const Offset list = directory().block(); list != 0)
-            visit(list, Directory<Memory>::bytes(directory().word(kDirCapacity).load_relaxed()));
+            visit(list, Directory<Memory>::bytes(directory().capacity()));
         const std::uint64_t older = word(kOlder).load_relaxed();
         if ((older & kTakenBack) != 0)
-            visit(older & ~kTakenBack, kVersionBytes);
+            visit(version(older), kVersionBytes);
     }
 
     [[nodiscard]] std::uint64_t begin() const { return directory_word(kDirBegin); }
@@ -476,6 +487,10 @@ protected:
     [[nodiscard]] Directory<Memory> directory() const {
         return {memory_, word(kDirectory).load_relaxed()};
     }
+    /// The block with a version that was replaced.
+    [[nodiscard]] Offset version(std::uint64_t older) const {
+        return memory::inside(memory_, older);
+    }
 
     Memory& memory_;
     Offset header_;
@@ -495,7 +510,9 @@ private:
     }
     [[nodiscard]] std::uint64_t directory_word(DirectoryWord w) const {
         const Directory<Memory> list = directory();
-        return list.block() == 0 ? 0 : list.most(list.word(w).load_relaxed());
+        if (list.block() == 0)
+            return 0;
+        return memory::most_entries(memory_, list.word(w).load_relaxed());
     }
 };
 

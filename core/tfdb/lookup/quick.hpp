@@ -363,8 +363,8 @@ private:
             return {};
         }
         const history::Directory<Memory> directory(memory_, block);
-        const std::uint64_t end = directory.most(directory.word(history::kDirEnd).load_acquire());
-        const std::uint64_t begin = directory.word(history::kDirBegin).load_acquire();
+        const std::uint64_t end = directory.end();
+        const std::uint64_t begin = directory.begin(end);
         // What was read of a block that was used again leads anywhere.
         if (begin >= end || !confirm()) {
             return {};

@@ -2,10 +2,13 @@
 
 #include <fcntl.h>
 #include <sys/mman.h>
+#include <sys/stat.h>
 #include <unistd.h>
 
 #include <algorithm>
+#include <array>
 #include <cerrno>
+#include <cstring>
 #include <ctime>
 #include <new>
 #include <system_error>
@@ -42,30 +45,58 @@ bool set_lock(int file, unsigned slot, short kind) {
 
 constexpr std::int64_t kSecond = 1'000'000'000;
 
+[[noreturn]] void throw_damaged(const std::string& name) {
+    ErrorDetail detail;
+    detail.reason = "control file";
+    throw CorruptStore(name + " is not the control file of its store, or was cut: remove the store",
+                       std::move(detail));
+}
+
+void make_mutex(pthread_mutex_t* mutex) {
+    pthread_mutexattr_t attributes;
+    ::pthread_mutexattr_init(&attributes);
+    ::pthread_mutexattr_setpshared(&attributes, PTHREAD_PROCESS_SHARED);
+    ::pthread_mutexattr_setrobust(&attributes, PTHREAD_MUTEX_ROBUST);
+    ::pthread_mutex_init(mutex, &attributes);
+    ::pthread_mutexattr_destroy(&attributes);
+}
+
+using MutexWords = std::array<std::uint32_t, sizeof(pthread_mutex_t) / 4>;
+
+/// A mutex that nobody ever locked. Those of its words that are not zero say what kind it is, and
+/// stay.
+MutexWords fresh_mutex() {
+    pthread_mutex_t mutex;
+    make_mutex(&mutex);
+    MutexWords words{};
+    std::memcpy(words.data(), &mutex, sizeof words);
+    ::pthread_mutex_destroy(&mutex);
+    return words;
+}
+
+/// The whole file, which it closes where it throws.
+Mapping map_whole(int file, const std::string& name) {
+    struct stat status {};
+    if (::fstat(file, &status) == 0 && status.st_size == static_cast<off_t>(Control::kBytes))
+        return Mapping::of_file(file, Control::kBytes, true, name);
+    ::close(file);
+    throw_damaged(name);
+}
+
 }  // namespace
 
 void Control::prepare(const Mapping& mapping, std::uint64_t id) {
     mapping.back(0, kSlotsByte);
     auto* const words = reinterpret_cast<sync::Word*>(mapping.base());
-    pthread_mutexattr_t attributes;
-    ::pthread_mutexattr_init(&attributes);
-    ::pthread_mutexattr_setpshared(&attributes, PTHREAD_PROCESS_SHARED);
-    ::pthread_mutexattr_setrobust(&attributes, PTHREAD_MUTEX_ROBUST);
-    ::pthread_mutex_init(reinterpret_cast<pthread_mutex_t*>(mapping.base() + kMutexByte),
-                         &attributes);
-    ::pthread_mutexattr_destroy(&attributes);
+    make_mutex(reinterpret_cast<pthread_mutex_t*>(mapping.base() + kMutexByte));
     words[kIdWord].store_relaxed(id);
     words[kMagicWord].store_release(kMagic);
 }
 
 Control::Control(int file, std::uint64_t id, const std::string& name)
-    : file_(file), mapping_(Mapping::of_file(file, kBytes, true, name)) {
-    if (word(kMagicWord).load_acquire() != kMagic || word(kIdWord).load_relaxed() != id) {
-        ErrorDetail detail;
-        detail.reason = "control file";
-        throw CorruptStore(name + " is not the control file of its store: remove the store",
-                           std::move(detail));
-    }
+    : mapping_(map_whole(file, name)), file_(file) {
+    if (word(kMagicWord).load_acquire() != kMagic || word(kIdWord).load_relaxed() != id)
+        throw_damaged(name);
     mine_ = take_slot(name);
 }
 
@@ -123,9 +154,21 @@ std::int64_t Control::holder() const noexcept {
     return static_cast<std::int64_t>(word(kHolderWord).load_relaxed());
 }
 
+/// Any other kind of mutex would not tell of deaths, or might end the process.
+bool Control::is_mutex() const noexcept {
+    static const MutexWords fresh = fresh_mutex();
+    const auto* const words = reinterpret_cast<const std::uint32_t*>(mutex());
+    bool same = true;
+    for (std::size_t i = 0; i < fresh.size(); ++i)
+        same = same && (fresh[i] == 0 || fresh[i] == words[i]);
+    return same;
+}
+
 Control::Taken Control::took(int result) noexcept {
-    if (result != 0 && result != EOWNERDEAD)
+    if (result == EBUSY || result == ETIMEDOUT)
         return Taken::kNo;
+    if (result != 0 && result != EOWNERDEAD)
+        return Taken::kBroken;
     // To ask costs more than the rest of the lock.
     if (const std::uint64_t forks = sync::forks(); pid_ == 0 || pid_forks_ != forks) {
         pid_ = static_cast<std::uint64_t>(::getpid());
@@ -136,7 +179,7 @@ Control::Taken Control::took(int result) noexcept {
 }
 
 Control::Taken Control::try_lock() noexcept {
-    return took(::pthread_mutex_trylock(mutex()));
+    return is_mutex() ? took(::pthread_mutex_trylock(mutex())) : Taken::kBroken;
 }
 
 std::int64_t Control::now() noexcept {
@@ -155,6 +198,8 @@ Control::Taken Control::lock(std::int64_t longest_ns) noexcept {
     }
     const std::int64_t until = now() + longest_ns;
     const timespec at{until / kSecond, until % kSecond};
+    if (!is_mutex())
+        return Taken::kBroken;
     return took(::pthread_mutex_clocklock(mutex(), CLOCK_MONOTONIC, &at));
 }
 

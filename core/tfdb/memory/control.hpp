@@ -29,7 +29,7 @@ public:
     /// Readies a new file of that many bytes. Throws CapacityExceeded.
     static void prepare(const Mapping& mapping, std::uint64_t id);
     /// Takes a slot. The file is closed in the end. Throws CapacityExceeded where none is free,
-    /// CorruptStore where it is no such file, or another store's.
+    /// CorruptStore where it is no such file, was cut, or is another store's.
     Control(int file, std::uint64_t id, const std::string& name);
     ~Control() = default;
     Control(const Control&) = delete;
@@ -41,6 +41,7 @@ public:
         kNo,
         kYes,
         kAfterDeath,  // the last holder died: repair, then `consistent`
+        kBroken,      // the lock is none any more: its words were damaged
     };
     [[nodiscard]] Taken try_lock() noexcept;
     /// Waits at most so long.
@@ -72,12 +73,13 @@ private:
         return reinterpret_cast<sync::Word*>(mapping_.base())[index];
     }
     [[nodiscard]] pthread_mutex_t* mutex() const noexcept;
+    [[nodiscard]] bool is_mutex() const noexcept;
     Taken took(int result) noexcept;
     [[nodiscard]] unsigned take_slot(const std::string& name);
     void clear(unsigned index) const noexcept;
 
-    int file_;
     Mapping mapping_;
+    int file_;
     unsigned mine_ = 0;
     std::uint64_t pid_ = 0;        // of this process, after so many forks: only whose turn it is
     std::uint64_t pid_forks_ = 0;  // to lock looks at them

@@ -3,6 +3,8 @@
 
 #include <unistd.h>
 
+#include <bit>
+#include <cstddef>
 #include <cstdint>
 #include <string>
 #include <system_error>
@@ -26,6 +28,13 @@ enum FileWord : unsigned {
 // On a little-endian machine these are texts.
 inline constexpr std::uint64_t kSharedMagic = 0x314D485342444654;  // "TFDBSHM1"
 inline constexpr std::uint64_t kFrozenMagic = 0x315A524642444654;  // "TFDBFRZ1"
+
+/// Whatever a file says leads no further: its blocks begin inside (`Region::inside`), and the
+/// largest that a word can speak of are the frame table and directories (`most_entries`).
+inline std::size_t reach_of(std::size_t bytes) {
+    constexpr std::size_t kLargestTable = std::size_t{1} << 30;
+    return 3 * std::bit_ceil(bytes) + kLargestTable;
+}
 
 /// An open file, until it is handed on. Threads: one. Guarantee: none.
 class File {

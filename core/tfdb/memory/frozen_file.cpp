@@ -121,7 +121,7 @@ SharedFile open_frozen(const std::string& path, std::uint64_t layout, bool verif
     std::uint64_t sum = 0;
     if (verify && (!sum_of_data(file.get(), bytes, sum) || sum != header[kDataSumWord]))
         throw_corrupt(path, "it is damaged; freeze what it was made from again");
-    return {.data = Mapping::of_file(file.release(), bytes, false, path),
+    return {.data = Mapping::of_file(file.release(), bytes, false, path, reach_of(bytes)),
             .control = nullptr,
             .path = path,
             .frozen = true};

@@ -38,11 +38,6 @@ std::size_t reserve_wanted() {
     return std::clamp(std::bit_floor(left / kPart), kFairReserve, kLargestReserve);
 }
 
-/// Of addresses, for a file.
-std::size_t reserved_for(std::size_t bytes) {
-    return 2 * std::bit_ceil(bytes) + Mapping::kBeyond;
-}
-
 }  // namespace
 
 Mapping Mapping::reserve() {
@@ -52,37 +47,40 @@ Mapping Mapping::reserve() {
         if (mapped == MAP_FAILED)
             continue;
         g_reserved.fetch_add(size);
-        return {static_cast<std::byte*>(mapped), size, -1, {}};
+        return {static_cast<std::byte*>(mapped), size, size, -1, {}};
     }
     throw CapacityExceeded("cannot reserve address space for a store: raise `ulimit -v`");
 }
 
-Mapping Mapping::of_file(int file, std::size_t bytes, bool writable, std::string name) {
-    void* mapped = ::mmap(nullptr, reserved_for(bytes), PROT_READ,
-                          MAP_PRIVATE | MAP_ANONYMOUS | MAP_NORESERVE, -1, 0);
+Mapping Mapping::of_file(int file, std::size_t bytes, bool writable, std::string name,
+                         std::size_t reach) {
+    const std::size_t reserved = std::max(bytes, reach);
     const int protection = writable ? PROT_READ | PROT_WRITE : PROT_READ;
+    void* mapped =
+        ::mmap(nullptr, reserved, protection, MAP_PRIVATE | MAP_ANONYMOUS | MAP_NORESERVE, -1, 0);
     if (mapped == MAP_FAILED ||
         ::mmap(mapped, bytes, protection, MAP_SHARED | MAP_FIXED, file, 0) == MAP_FAILED) {
         const int error = errno;
         if (mapped != MAP_FAILED)
-            ::munmap(mapped, reserved_for(bytes));
+            ::munmap(mapped, reserved);
         ::close(file);
         throw CapacityExceeded("cannot map " + std::to_string(bytes) + " bytes of " + name + ": " +
                                std::generic_category().message(error));
     }
-    return {static_cast<std::byte*>(mapped), bytes, file, std::move(name)};
+    return {static_cast<std::byte*>(mapped), bytes, reserved, file, std::move(name)};
 }
 
 Mapping::Mapping(Mapping&& other) noexcept
     : base_(std::exchange(other.base_, nullptr)),
       bytes_(other.bytes_),
+      reserved_(other.reserved_),
       file_(std::exchange(other.file_, -1)),
       name_(std::move(other.name_)) {}
 
 Mapping::~Mapping() {
     if (base_ == nullptr)
         return;
-    ::munmap(base_, is_file() ? reserved_for(bytes_) : bytes_);
+    ::munmap(base_, reserved_);
     if (is_file())
         ::close(file_);
     else

@@ -16,11 +16,11 @@ public:
     /// Addresses of this process alone, which become memory when they are first touched.
     /// Throws CapacityExceeded if none are to be had.
     static Mapping reserve();
-    /// The whole of an open file, which it closes in the end. Throws CapacityExceeded. Behind it,
-    /// up to twice the next power of two and `kBeyond` bytes further, zeros can be read: as far as
-    /// anything reaches that begins inside.
-    static constexpr std::size_t kBeyond = std::size_t{1} << 30;
-    static Mapping of_file(int file, std::size_t bytes, bool writable, std::string name);
+    /// The whole of an open file, which it closes in the end. Throws CapacityExceeded. `reach`:
+    /// behind it, up to so many bytes in all, is memory of this process, zeros at first, where
+    /// what a damaged file says does no harm.
+    static Mapping of_file(int file, std::size_t bytes, bool writable, std::string name,
+                           std::size_t reach = 0);
 
     ~Mapping();
     Mapping(Mapping&& other) noexcept;
@@ -40,11 +40,12 @@ public:
     void back(Offset from, Offset to) const;
 
 private:
-    Mapping(std::byte* base, std::size_t bytes, int file, std::string name)
-        : base_(base), bytes_(bytes), file_(file), name_(std::move(name)) {}
+    Mapping(std::byte* base, std::size_t bytes, std::size_t reserved, int file, std::string name)
+        : base_(base), bytes_(bytes), reserved_(reserved), file_(file), name_(std::move(name)) {}
 
     std::byte* base_;
     std::size_t bytes_;
+    std::size_t reserved_;  // of addresses
     int file_ = -1;
     std::string name_;
 };

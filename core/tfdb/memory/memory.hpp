@@ -16,14 +16,6 @@ enum class Line : unsigned {
 };
 inline constexpr unsigned kLines = 2;
 
-/// An offset that was read from the memory: where that may be damaged, it is brought inside.
-template <class M>
-[[nodiscard]] constexpr Offset inside(const M& memory, Offset offset) {
-    if constexpr (requires { memory.inside(offset); })
-        return memory.inside(offset);
-    return offset;
-}
-
 /// A region of shared words addressed by byte offsets. In production it is mapped memory; under the
 /// interleaving walker and under Relacy its words are the checker's, so the very same protocol code
 /// is checked. `kPayloadWords` is 7 for poses and smaller in walks.
@@ -56,6 +48,24 @@ concept Fetchable = Memory<M> && requires(const M cm, Offset offset) {
 };
 
 inline constexpr std::size_t kLineBytes = 64;
+
+/// The block that a word of the memory leads to, flags in its low bits aside; where the memory may
+/// be damaged, it is brought inside.
+template <class M>
+[[nodiscard]] constexpr Offset inside(const M& memory, Offset offset) {
+    if constexpr (requires { memory.inside(offset); })
+        return memory.inside(offset);
+    return offset & ~Offset{kLineBytes - 1};
+}
+/// The most entries that a list may have, whatever a damaged word says: so many find no room.
+template <class M>
+[[nodiscard]] constexpr std::uint64_t most_entries(const M& memory, std::uint64_t entries) {
+    if constexpr (requires { memory.capacity(); })
+        return entries < memory.capacity() / (2 * kLineBytes)
+                   ? entries
+                   : memory.capacity() / (2 * kLineBytes);
+    return entries;
+}
 
 constexpr std::size_t round_up(std::size_t bytes, std::size_t multiple) {
     return (bytes + multiple - 1) / multiple * multiple;

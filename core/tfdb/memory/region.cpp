@@ -2,7 +2,6 @@
 
 #include <algorithm>
 #include <bit>
-#include <mutex>
 #include <string>
 #include <utility>
 
@@ -12,6 +11,7 @@
 namespace tfdb::memory {
 namespace {
 
+constexpr Offset kFileWord = 8 * kMagicWord;  // not zero: the file was published
 constexpr Offset kBumpWord = 8 * kEndWord;
 constexpr Offset kUsedWord = 16;
 constexpr Offset kFreeWord = 24;
@@ -40,13 +40,42 @@ constexpr std::size_t kSkewBytes = 3 * kLineBytes;
 
 }  // namespace
 
+/// In a file the holder of the commit lock is alone here: it notes that it is at work, so that a
+/// damaged word stops nobody. In private memory the word is a lock.
+/// Threads: one. Guarantee: in a file wait-free; else it blocks.
+class Region::AtWork {
+public:
+    explicit AtWork(Region& region)
+        : word_(region.word(kLockWord)), lock_(word_), shared_(region.mapping_.is_file()) {
+        if (shared_) {
+            word_.store_relaxed(1);
+            fence_release();
+        } else {
+            lock_.lock();
+        }
+    }
+    ~AtWork() {
+        if (shared_)
+            word_.store_release(0);
+        else
+            lock_.unlock();
+    }
+    AtWork(const AtWork&) = delete;
+    AtWork& operator=(const AtWork&) = delete;
+
+private:
+    Word& word_;
+    sync::CommitLock lock_;
+    bool shared_;
+};
+
 Region::Region(Mapping mapping, std::size_t limit_bytes)
     : mapping_(std::move(mapping)),
       base_(mapping_.base()),
-      mask_(mapping_.is_file() ? std::bit_ceil(mapping_.bytes()) - sizeof(Word) : ~Offset{0}),
+      mask_((mapping_.is_file() ? std::bit_ceil(mapping_.bytes()) : Offset{0}) - kLineBytes),
       reserved_(mapping_.bytes()),
       limit_(limit_bytes) {
-    if (word(kBumpWord).load_relaxed() != 0)
+    if (word(kBumpWord).load_relaxed() != 0 || word(kFileWord).load_relaxed() != 0)
         return;
     // The first step of a private one is not worth a huge page.
     word(kBackedWord).store_relaxed(mapping_.step());
@@ -57,7 +86,22 @@ Offset Region::root() noexcept {
     return kFirstBlock;
 }
 Offset Region::end() const noexcept {
-    return word(kBumpWord).load_relaxed();
+    return std::min<Offset>(word(kBumpWord).load_relaxed(), reserved_);
+}
+bool Region::is_new() const noexcept {
+    return end() <= kFirstBlock && word(kFileWord).load_relaxed() == 0;
+}
+
+/// Whether it can be one that was allocated: what is read from a damaged file may say anything.
+bool Region::is_block(Offset offset, std::size_t bytes) const noexcept {
+    const Offset end = this->end();
+    return offset % kLineBytes == 0 && offset >= kFirstBlock && offset < end &&
+           bytes <= end - offset;
+}
+void Region::throw_damaged() {
+    throw CorruptStore(
+        "the store's list of free blocks leads nowhere: it was damaged; remove it "
+        "and make it anew");
 }
 
 void Region::extend(Offset end) noexcept {
@@ -67,7 +111,9 @@ void Region::extend(Offset end) noexcept {
 
 Offset Region::bump(std::size_t bytes) {
     const std::size_t skew = bytes >= kSkewFrom ? kSkewBytes : 0;
-    const Offset at = word(kBumpWord).load_relaxed();
+    const Offset at = end();
+    if (at < kFirstBlock || at % kLineBytes != 0)
+        throw_damaged();
     if (bytes + skew > reserved_ - at) {
         throw CapacityExceeded("the store's " + std::to_string(reserved_) +
                                " bytes are full: give it a shorter history" +
@@ -98,6 +144,8 @@ Offset Region::reuse_or_bump(const BlockClass& fit) {
     if (waiting == 0) {
         return bump(fit.bytes);
     }
+    if (!is_block(waiting, fit.bytes))
+        throw_damaged();
     head.store_relaxed(word(waiting).load_relaxed());
     count(word(kFreeWord), std::size_t{0} - fit.bytes);
     return waiting;
@@ -107,8 +155,7 @@ Offset Region::allocate(std::size_t bytes) {
     const BlockClass fit = block_class(bytes);
     if (fit.index >= kSizeClasses)
         throw CapacityExceeded("a block that large cannot be had");
-    sync::CommitLock lock(word(kLockWord));
-    const std::lock_guard guard(lock);
+    const AtWork alone(*this);
     if (word(kUsedWord).load_relaxed() + fit.bytes > limit_) {
         throw CapacityExceeded("the store's memory limit of " + std::to_string(limit_) +
                                " bytes is reached: raise memory_limit or shorten history");
@@ -122,8 +169,7 @@ Offset Region::allocate(std::size_t bytes) {
 }
 
 Offset Region::allocate_sparse(std::size_t bytes) {
-    sync::CommitLock lock(word(kLockWord));
-    const std::lock_guard guard(lock);
+    const AtWork alone(*this);
     const Offset block = word(kBumpWord).load_relaxed();
     const Offset end = round_up(block + bytes, kHugePage);
     if (end > reserved_) {
@@ -147,6 +193,8 @@ void Region::touch(Offset offset, std::size_t bytes, bool first) const {
 
 /// Into the free list.
 void Region::put_back(Offset block, std::size_t bytes) {
+    if (!is_block(block, bytes))
+        return;
     const BlockClass fit = block_class(bytes);
     Word& head = word(kHeads + 8 * Offset{fit.index});
     word(block).store_relaxed(head.load_relaxed());
@@ -156,8 +204,7 @@ void Region::put_back(Offset block, std::size_t bytes) {
 }
 
 void Region::release(Offset offset, std::size_t bytes) {
-    sync::CommitLock lock(word(kLockWord));
-    const std::lock_guard guard(lock);
+    const AtWork alone(*this);
     put_back(offset, bytes);
 }
 
@@ -169,28 +216,33 @@ void Region::retire(Line line, Offset offset, std::size_t bytes, std::uint64_t n
     word(offset + kNext).store_relaxed(0);
     word(offset + kBytes).store_relaxed(bytes);
     word(offset + kNumber).store_relaxed(number);
-    sync::CommitLock lock(word(kLockWord));
-    const std::lock_guard guard(lock);
-    const Offset last = line_word(line, kLastRetired).load_relaxed();
+    const AtWork alone(*this);
+    const Offset last = inside(line_word(line, kLastRetired).load_relaxed());
     (last == 0 ? line_word(line, kFirstRetired) : word(last + kNext)).store_relaxed(offset);
     line_word(line, kLastRetired).store_relaxed(offset);
     count(line_word(line, kRetiredBytes), block_class(bytes).bytes);
 }
 
 bool Region::reclaim(Line line, std::uint64_t oldest, std::size_t keep) {
-    sync::CommitLock lock(word(kLockWord));
-    const std::lock_guard guard(lock);
+    const AtWork alone(*this);
     for (unsigned i = 0; i < kMostReclaimed && retired_bytes(line) > keep; ++i) {
-        const Offset block = line_word(line, kFirstRetired).load_relaxed();
+        const Offset block = inside(line_word(line, kFirstRetired).load_relaxed());
         const std::uint64_t number = word(block + kNumber).load_relaxed();
         if (number > oldest)
             return false;
         const std::size_t bytes = word(block + kBytes).load_relaxed();
         const Offset next = word(block + kNext).load_relaxed();
+        if (!is_block(block, bytes)) {
+            // Damaged: what follows stays unused.
+            for (const Offset lost : {kFirstRetired, kLastRetired, kRetiredBytes})
+                line_word(line, lost).store_relaxed(0);
+            return false;
+        }
         line_word(line, kFirstRetired).store_relaxed(next);
         if (next == 0)
             line_word(line, kLastRetired).store_relaxed(0);
-        count(line_word(line, kRetiredBytes), std::size_t{0} - block_class(bytes).bytes);
+        const std::size_t freed = std::min(retired_bytes(line), block_class(bytes).bytes);
+        count(line_word(line, kRetiredBytes), std::size_t{0} - freed);
         if (reclaimed(line).load_relaxed() < number) {
             reclaimed(line).store_relaxed(number);
             // Readers must see this before what is written into the block from now on.
@@ -208,11 +260,14 @@ void Region::repair() {
         const auto line = static_cast<Line>(i);
         Offset last = 0;
         std::size_t bytes = 0;
-        for (Offset block = line_word(line, kFirstRetired).load_relaxed(); block != 0;
-             block = word(block + kNext).load_relaxed()) {
+        Offset block = line_word(line, kFirstRetired).load_relaxed();
+        // More than there is room for: they run in a circle, for they were damaged.
+        while (bytes < reserved_ && is_block(block, word(inside(block) + kBytes).load_relaxed())) {
             last = block;
             bytes += block_class(word(block + kBytes).load_relaxed()).bytes;
+            block = word(block + kNext).load_relaxed();
         }
+        (last == 0 ? line_word(line, kFirstRetired) : word(last + kNext)).store_relaxed(0);
         line_word(line, kLastRetired).store_relaxed(last);
         line_word(line, kRetiredBytes).store_relaxed(bytes);
     }
@@ -232,6 +287,8 @@ void Region::sweep(std::vector<Block> in_use, std::uint64_t epoch, std::uint64_t
     word(kFreeWord).store_relaxed(0);
     // Readers must see the numbers before what is written into the blocks from now on.
     fence_release();
+    std::erase_if(in_use,
+                  [this](const Block& block) { return !is_block(block.offset, block.bytes); });
     std::sort(in_use.begin(), in_use.end(),
               [](const Block& a, const Block& b) { return a.offset < b.offset; });
     std::size_t used = 0;
@@ -267,7 +324,7 @@ std::size_t Region::used_bytes() const noexcept {
     return word(kUsedWord).load_relaxed();
 }
 std::size_t Region::retired_bytes(Line line) const noexcept {
-    return line_word(line, kRetiredBytes).load_relaxed();
+    return std::min<std::size_t>(line_word(line, kRetiredBytes).load_relaxed(), reserved_);
 }
 std::size_t Region::free_bytes() const noexcept {
     return word(kFreeWord).load_relaxed();

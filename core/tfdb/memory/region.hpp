@@ -40,7 +40,8 @@ public:
     [[nodiscard]] Word& word(Offset offset) const noexcept {
         return *reinterpret_cast<Word*>(base_ + offset);
     }
-    /// An offset that was read from the region: what a damaged file says leads into it, too.
+    /// The block at an offset that was read from the region: what a damaged file says leads into
+    /// it, too.
     [[nodiscard]] Offset inside(Offset offset) const noexcept { return offset & mask_; }
 
     /// Asks for the cache line of a word, and does not wait for it.
@@ -80,6 +81,8 @@ public:
     [[nodiscard]] std::size_t retired_bytes(Line line) const noexcept;
     [[nodiscard]] std::size_t free_bytes() const noexcept;
 
+    /// Whether nothing was allocated yet: what is in a file was made before it was published.
+    [[nodiscard]] bool is_new() const noexcept;
     /// The first block that is ever allocated: where the store keeps its own header.
     [[nodiscard]] static Offset root() noexcept;
     /// Behind the last block.
@@ -103,6 +106,7 @@ public:
     void sweep(std::vector<Block> in_use, std::uint64_t epoch, std::uint64_t commit);
 
 private:
+    class AtWork;
     // In a cache line of its own: all readers look at it.
     static constexpr Offset kReclaimedWord = kLineBytes;
 
@@ -112,6 +116,8 @@ private:
     void back(Offset end);
     void release_gap(Offset from, Offset to);
     static void count(Word& counter, std::size_t bytes);
+    [[nodiscard]] bool is_block(Offset offset, std::size_t bytes) const noexcept;
+    [[noreturn]] static void throw_damaged();
     void put_back(Offset block, std::size_t bytes);
     [[nodiscard]] Word& line_word(Line line, Offset word) const noexcept;
 

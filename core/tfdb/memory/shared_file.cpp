@@ -102,7 +102,8 @@ SharedFile open_shared(const std::string& path, bool writable, std::uint64_t lay
                       "its control file " + control + " is missing; remove it and make it anew");
     else if (writable || (errno != EACCES && errno != EROFS))
         throw_for(errno, control);
-    return {.data = Mapping::of_file(file.release(), header.bytes, writable, path),
+    return {.data = Mapping::of_file(file.release(), header.bytes, writable, path,
+                                     reach_of(header.bytes)),
             .control = std::move(shared),
             .path = path,
             .writable = writable};

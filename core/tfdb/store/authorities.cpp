@@ -92,16 +92,19 @@ void Authorities::learn() {
         std::string name;
     };
     std::vector<Found> found;
-    const Offset end = region_->end();
-    for (Offset block = newest_->load_acquire(); block != 0 && block + Listed::kText <= end;) {
+    // Numbers that fall, and blocks that do not overlap: only what was damaged has others.
+    Offset left = region_->end();
+    std::uint64_t before = kMostShared + 1;
+    for (Offset block = region_->inside(newest_->load_acquire()); block != 0;) {
         const auto word = [&](Offset at) { return region_->word(block + at).load_relaxed(); };
         const std::uint64_t id = word(Listed::kNumber);
         const std::uint64_t size = word(Listed::kSize);
-        const bool is_listed = size <= end && block + Listed::bytes(size) <= end;
-        if (id <= last_id_ || !is_listed)
+        if (id <= last_id_ || id >= before || size > left || Listed::bytes(size) > left)
             break;
+        left -= Listed::bytes(size);
+        before = id;
         found.push_back({id, graph::load_text(*region_, block + Listed::kText, size)});
-        block = word(Listed::kNext);
+        block = region_->inside(word(Listed::kNext));
     }
     for (; !found.empty(); found.pop_back())
         enter(found.back().name, found.back().id);

@@ -45,9 +45,11 @@ public:
     /// Every block of the region that they lie in: visit(offset, bytes).
     template <class Visit>
     void visit_blocks(Visit visit) const {
-        for (Offset block = newest_->load_acquire(); block != 0;
-             block = region_->word(block + Listed::kNext).load_relaxed())
+        Offset block = region_->inside(newest_->load_acquire());
+        for (std::uint64_t left = kMostShared; block != 0 && left > 0; --left) {
             visit(block, Listed::bytes(region_->word(block + Listed::kSize).load_relaxed()));
+            block = region_->inside(region_->word(block + Listed::kNext).load_relaxed());
+        }
     }
 
 private:

@@ -20,7 +20,7 @@ graph::Frames<StoreMemory> store::Store::forest_in(StoreMemory& memory,
                                                    const BufferOptions& options) {
     const Offset root = StoreMemory::root();
     const auto word = [&](graph::StoreWord w) -> sync::Word& { return memory.word(root + 8 * w); };
-    if (memory.end() <= root) {
+    if (memory.is_new()) {
         (void)memory.allocate(graph::kStoreBytes);
         word(graph::kMaxFrameCount).store_relaxed(options.max_frames);
         const Offset block = memory.allocate_sparse(
@@ -40,7 +40,7 @@ graph::Frames<StoreMemory> store::Store::forest_in(StoreMemory& memory,
     const Offset table = word(graph::kFrameTable).load_relaxed();
     const StampNs kept = history::as_stamp(word(graph::kHistory).load_relaxed());
     const Offset feed = word(graph::kFeed).load_relaxed();
-    const bool sound = most > 0 && most <= kMaxFrames && table > root &&
+    const bool sound = memory.end() > root && most > 0 && most <= kMaxFrames && table > root &&
                        table <= memory.capacity() &&
                        graph::Frames<StoreMemory>::bytes(static_cast<std::uint32_t>(most)) <=
                            memory.capacity() - table &&

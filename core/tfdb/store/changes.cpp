@@ -46,7 +46,7 @@ public:
                     const std::uint64_t word = words_[i++];
                     name.append(reinterpret_cast<const char*>(&word), sizeof word);
                 }
-                name.resize(FeedNote::count(note));
+                name.resize(std::min(FeedNote::count(note), std::uint64_t{name.size()}));
             }
             visit(note, std::move(name));
         }

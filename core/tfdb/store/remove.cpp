@@ -18,7 +18,7 @@ public:
         for (std::size_t i = 0; i < names.size(); ++i) {
             const FrameId id = commit_.find_frame(names[i]);
             ids_.push_back(id);
-            if (id == kNoFrame)
+            if (id >= store.frames.count())
                 refusals_.add(unknown_frame(names[i], i));
             else
                 add(id);
@@ -64,11 +64,13 @@ private:
     template <class Visit>
     void for_each_relation(Visit visit) const {
         const StoreView view = commit_.view();
-        for (FrameId id = 0; id < store_.frames.count(); ++id) {
+        const std::uint32_t count = store_.frames.count();
+        for (FrameId id = 0; id < count; ++id) {
             if (!view.alive(id))
                 continue;
+            // kNoFrame is none of them, nor is what a damaged store names.
             const FrameId parent = commit_.newest_parent(id);
-            if (parent != kNoFrame)
+            if (parent < count)
                 visit(parent, id);
         }
     }
@@ -89,7 +91,7 @@ private:
                 stay[parent].push_back(child);
         });
         for (std::size_t i = 0; i < ids_.size(); ++i) {
-            if (ids_[i] != kNoFrame && !stay[ids_[i]].empty())
+            if (ids_[i] < stay.size() && !stay[ids_[i]].empty())
                 refuse_used(i, stay[ids_[i]]);
         }
     }

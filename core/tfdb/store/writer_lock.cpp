@@ -26,7 +26,16 @@ void WriterLock::check_writable() const {
                    std::move(detail));
 }
 
-void WriterLock::took(Control::Taken taken) noexcept {
+void WriterLock::took(Control::Taken taken) {
+    if (taken == Control::Taken::kBroken) {
+        own_.unlock();
+        ErrorDetail detail;
+        detail.path = shared_->path;
+        detail.reason = "lock";
+        throw CorruptStore("the lock of the store " + shared_->path +
+                               " was damaged: it can be read, but not written to; make it anew",
+                           std::move(detail));
+    }
     if (taken != Control::Taken::kAfterDeath)
         return;
     repairs_.repair();

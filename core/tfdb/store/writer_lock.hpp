@@ -34,10 +34,10 @@ public:
         : own_(word), shared_(shared), repairs_(repairs) {}
 
     /// Both throw, where the store is shared: ReadOnly, LockTimeout (another process holds the lock
-    /// for so long).
+    /// for so long), CorruptStore (the lock is none any more).
     void lock() { lock_any(false); }
     void lock_urgently() { lock_any(true); }
-    /// Throws ReadOnly.
+    /// Throws ReadOnly, CorruptStore.
     bool try_lock() {
         if (!own_.try_lock())
             return false;
@@ -70,7 +70,8 @@ private:
     [[noreturn]] void throw_timeout() const;
     bool try_lock_shared();
     void check_writable() const;
-    void took(memory::Control::Taken taken) noexcept;
+    /// Unless it is kNo.
+    void took(memory::Control::Taken taken);
 
     sync::CommitLock own_;
     const memory::SharedFile* shared_;

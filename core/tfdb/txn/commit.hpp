@@ -200,11 +200,10 @@ public:
     /// The frame exists no longer; nothing names it as its newest parent.
     void remove(FrameId id) {
         reserve_touched();
-        const Offset name = frames_.word(id, history::kName).load_relaxed();
-        const auto name_word = [&](std::uint64_t i) {
-            return frames_.memory().word(name + 8 * i).load_relaxed();
-        };
-        feed_.note_removal(id, name_word(0), [&](std::uint64_t i) { return name_word(i + 1); });
+        const Offset name = names_.name_block(id);
+        feed_.note_removal(id, names_.stored_size(name), [&](std::uint64_t i) {
+            return frames_.memory().word(name + 8 * (i + 1)).load_relaxed();
+        });
         scratch_.touched.push_back({id, kNoFrame, 0, 0, FeedNote::kRemoved, false, false});
         what_ |= FeedNote::kRemoved;
         frames_.word(id, history::kDied).store_relaxed(number());
@@ -286,21 +285,25 @@ private:
     }
     /// Slots are reused oldest first, and only when no held snapshot can still ask for their frame.
     [[nodiscard]] FrameId take_slot() {
-        const FrameId retired = frames_.first_retired();
         const FrameId fresh = frames_.take_fresh_slot();
-        if (retired != kNoFrame) {
+        // Each is in the list once, but where that was damaged.
+        for (std::uint32_t left = frames_.count(); left > 0; --left) {
+            const FrameId retired = frames_.first_retired();
+            if (retired == kNoFrame)
+                break;
             const CommitNumber died = frames_.word(retired, history::kDied).load_relaxed();
             // Zero: made by a commit that was undone.
-            if (died == 0 || (died <= context_.committed &&
-                              (fresh == kNoFrame || died <= context_.oldest_read()))) {
-                const bool full = retired == frames_.first_full();
-                const bool worn_out = frames_.generation(retired) == frames_.kLastGeneration;
-                frames_.pop_retired();
-                if (full)
-                    empty_slot(retired);
-                // A handle to the slot's first frame must not fit again.
-                return worn_out ? take_slot() : retired;
-            }
+            if (died != 0 &&
+                (died > context_.committed || (fresh != kNoFrame && died > context_.oldest_read())))
+                break;
+            const bool full = retired == frames_.first_full();
+            const bool worn_out = frames_.generation(retired) == frames_.kLastGeneration;
+            frames_.pop_retired();
+            if (full)
+                empty_slot(retired);
+            // A handle to the slot's first frame must not fit again.
+            if (!worn_out)
+                return retired;
         }
         if (fresh == kNoFrame) {
             throw CapacityExceeded("the store holds max_frames = " +
@@ -345,8 +348,10 @@ private:
     /// the commit that was just published.
     void empty_removed() {
         const CommitNumber oldest = readers_.oldest_read();
-        for (FrameId id = frames_.first_full(); id != kNoFrame; id = frames_.first_full()) {
-            if (frames_.word(id, history::kDied).load_relaxed() > oldest)
+        // Each frame is in the list once, but where that was damaged.
+        for (std::uint32_t left = frames_.count(); left > 0; --left) {
+            const FrameId id = frames_.first_full();
+            if (id == kNoFrame || frames_.word(id, history::kDied).load_relaxed() > oldest)
                 return;
             frames_.pass_full();
             empty_slot(id);

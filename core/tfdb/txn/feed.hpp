@@ -107,7 +107,7 @@ public:
                             std::vector<std::size_t>& ends) const {
         words.clear();
         ends.clear();
-        if (last - first >= kCommits)
+        if (last - first >= kCommits || last > kMaxCommit)
             return false;
         std::vector<std::uint64_t> entries;
         for (CommitNumber commit = first; commit <= last; ++commit)
@@ -115,6 +115,9 @@ public:
         if (!is_whole(first))
             return false;
         for (const std::uint64_t found : entries) {
+            // Only what was damaged says more than there is room for.
+            if (words.size() + FeedEntry::words(found) > kWords)
+                return false;
             for (std::uint64_t at = FeedEntry::first(found); at < FeedEntry::end(found); ++at)
                 words.push_back(word(at).load_relaxed());
             ends.push_back(words.size());
@@ -193,7 +196,9 @@ private:
         if (!feed_.is_kept() || FeedEntry::words(entry_) == FeedEntry::kTooLarge)
             return false;
         const std::uint64_t first = FeedEntry::first(entry_);
-        CommitNumber floor = feed_.floor().load_relaxed();
+        // It is no further back, but where it was damaged.
+        const CommitNumber oldest = commit_ - std::min(commit_, Words::kCommits);
+        CommitNumber floor = std::max<CommitNumber>(feed_.floor().load_relaxed(), oldest);
         const auto end_of_room = [&] {
             const bool any = floor < commit_;
             return Words::kWords +
