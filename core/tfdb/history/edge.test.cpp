@@ -216,6 +216,15 @@ TFDB_TEST(edge_takes_late_samples) {
         edge.commit({stamp + 1});
     }
     CHECK_EQ(edge.word_value(kLate), 999U + 1U);
+    for (int attempt = 0; attempt < 2; ++attempt) {
+        edge.abort({6, 7, 2002});  // what a death leaves is taken back in the same way
+        CHECK_EQ(edge.word_value(kLate), 1000U);
+    }
+    edge.commit({6, 7});
+    CHECK_EQ(edge.word_value(kLate), 1002U);
+    edge.abort({5000});
+    edge.commit({5000});
+    CHECK_EQ(edge.word_value(kLate), 1002U);
     for (StampNs stamp = 0; stamp < 4020; ++stamp)
         edge.check_newest(stamp);
     CHECK(edge.check(777, 1500));
