@@ -148,3 +148,28 @@ def test_a_child_lets_the_snapshots_of_its_parent_be(name: str) -> None:
         child.move_arm(buffer, number)
     assert child.arm_in(snapshot) == 1
     snapshot.close()
+
+
+def test_what_a_child_of_fork_held_goes_with_it(name: str) -> None:
+    """It has a place of its own to say what it reads: its parent's stays clean."""
+    buffer = tfdb.Buffer.open(name, history=1e-3)
+    child.move_arm(buffer, 1)
+    here, there = os.pipe()
+    forked = os.fork()
+    if forked == 0:
+        snapshot = buffer.snapshot()
+        os.write(there, b"x")
+        signal.pause()
+        os._exit(child.arm_in(snapshot))
+    os.read(here, 1)
+    assert buffer.shared is not None
+    assert buffer.shared.processes == 2
+    for number in range(2, 6000):
+        child.move_arm(buffer, number)
+    assert buffer.memory().samples == 2 * 5999
+    os.kill(forked, signal.SIGKILL)
+    os.waitpid(forked, 0)
+    assert buffer.shared.processes == 1
+    for number in range(6000, 9000):
+        child.move_arm(buffer, number)
+    assert buffer.memory().samples < 6000

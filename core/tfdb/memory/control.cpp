@@ -8,10 +8,12 @@
 #include <algorithm>
 #include <array>
 #include <cerrno>
+#include <cstdio>
 #include <cstring>
 #include <ctime>
 #include <new>
 #include <system_error>
+#include <utility>
 
 #include "tfdb/base/error.hpp"
 #include "tfdb/sync/fork.hpp"
@@ -98,6 +100,31 @@ Control::Control(int file, std::uint64_t id, const std::string& name)
     if (word(kMagicWord).load_acquire() != kMagic || word(kIdWord).load_relaxed() != id)
         throw_damaged(name);
     mine_ = take_slot(name);
+}
+
+Control::~Control() {
+    if (is_reopened_)
+        ::close(file_);
+}
+
+bool Control::take_own_slot() noexcept {
+    // Locks belong to the open file, which the parent has, too: the same file is opened once more.
+    std::array<char, 32> name{};
+    std::snprintf(name.data(), name.size(), "/proc/self/fd/%d", file_);
+    const int file = ::open(name.data(), O_RDWR | O_CLOEXEC);
+    if (file < 0)
+        return false;
+    const int before = std::exchange(file_, file);
+    try {
+        mine_ = take_slot({});
+    } catch (...) {
+        file_ = before;
+        ::close(file);
+        return false;
+    }
+    if (std::exchange(is_reopened_, true))
+        ::close(before);
+    return true;
 }
 
 unsigned Control::take_slot(const std::string& name) {

@@ -31,7 +31,7 @@ public:
     /// Takes a slot. The file is closed in the end. Throws CapacityExceeded where none is free,
     /// CorruptStore where it is no such file, was cut, or is another store's.
     Control(int file, std::uint64_t id, const std::string& name);
-    ~Control() = default;
+    ~Control();
     Control(const Control&) = delete;
     Control& operator=(const Control&) = delete;
     Control(Control&&) = delete;
@@ -65,6 +65,9 @@ public:
     [[nodiscard]] sync::Word* slot(unsigned index) const noexcept;
     /// How many processes have a slot.
     [[nodiscard]] unsigned count_open() const noexcept;
+    /// In the child of a fork, which has its parent's slot so far: takes one of its own. False:
+    /// there is none.
+    bool take_own_slot() noexcept;
     /// Frees the slot of a process that is no more; false: it is alive.
     bool free_if_dead(unsigned index) const noexcept;
 
@@ -79,7 +82,8 @@ private:
     void clear(unsigned index) const noexcept;
 
     Mapping mapping_;
-    int file_;
+    int file_;                  // whose locks these are: the mapping's
+    bool is_reopened_ = false;  // or another one, after a fork
     unsigned mine_ = 0;
     std::uint64_t pid_ = 0;        // of this process, after so many forks: only whose turn it is
     std::uint64_t pid_forks_ = 0;  // to lock looks at them

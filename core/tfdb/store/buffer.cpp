@@ -90,6 +90,17 @@ store::Store::Store(std::unique_ptr<memory::SharedFile> file, const BufferOption
 
 /// Says to writers where to see what this process reads.
 void store::Store::join() {
+    note_reads();
+    authorities.share(memory, word(graph::kAuthorities));
+    sync::tell_of_forks(*this);
+}
+
+void store::Store::forked() noexcept {
+    if (shared->control != nullptr && shared->control->take_own_slot())
+        note_reads();
+}
+
+void store::Store::note_reads() {
     if (shared->control == nullptr)
         unseen_pins = std::make_unique<std::array<sync::Word, 2 * graph::kPinWords>>();
     sync::Word* const pins = unseen_pins != nullptr ? unseen_pins->data() : shared->control->pins();
@@ -100,10 +111,12 @@ void store::Store::join() {
         [&](unsigned w) -> auto& { return pins[graph::kPinWords + w]; },
         word(graph::kEpoch).load_acquire());
     memory.set_pins(pins);
-    authorities.share(memory, word(graph::kAuthorities));
 }
 
-store::Store::~Store() = default;
+store::Store::~Store() {
+    if (shared != nullptr)
+        sync::tell_no_more(*this);
+}
 
 std::uint64_t store::Store::look_around(std::uint64_t home) const {
     std::uint64_t judged = sync::forks() << kForksShift;

@@ -35,7 +35,7 @@ namespace store {
 /// The region with the forest in it, and what only the writers of this process need.
 /// Threads: reads any; `scratch`, `items` and `samples` only under `lock`.
 /// Guarantee: lives as long as the Buffer or any Snapshot of it.
-struct Store final : history::Readers, WriterLock::Repairs {
+struct Store final : history::Readers, WriterLock::Repairs, sync::ForkWatcher {
     explicit Store(const BufferOptions& options);
     /// One that processes share. Throws CorruptStore.
     explicit Store(memory::SharedFile file);
@@ -114,6 +114,9 @@ struct Store final : history::Readers, WriterLock::Repairs {
     std::uint64_t look_around(std::uint64_t home) const;
     Store(std::unique_ptr<memory::SharedFile> file, const BufferOptions& options);
     void join();
+    void note_reads();
+    /// A child of a fork says what it reads in a slot of its own.
+    void forked() noexcept override;
     [[nodiscard]] CommitNumber oldest_pinned(const graph::Pins<StoreMemory>& mine, unsigned first,
                                              CommitNumber newest) const;
     [[noreturn]] void throw_orphaned() const;

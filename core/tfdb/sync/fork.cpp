@@ -2,7 +2,10 @@
 
 #include <pthread.h>
 
+#include <mutex>
 #include <new>
+
+#include "tfdb/sync/commit_lock.hpp"
 
 namespace tfdb::sync {
 
@@ -10,10 +13,49 @@ namespace detail {
 Word g_forks;
 }
 
+namespace {
+
+// Who forks has it meanwhile, so that the child finds the list whole.
+Word g_lock_word;
+ForkWatcher* g_first = nullptr;
+
+CommitLock list_lock() {
+    return CommitLock(g_lock_word);
+}
+
+}  // namespace
+
+void tell_all() noexcept {
+    for (ForkWatcher* at = g_first; at != nullptr; at = at->next_)
+        at->forked();
+}
+
+void tell_of_forks(ForkWatcher& watcher) noexcept {
+    CommitLock lock = list_lock();
+    const std::lock_guard guard(lock);
+    watcher.next_ = g_first;
+    if (g_first != nullptr)
+        g_first->before_ = &watcher;
+    g_first = &watcher;
+}
+
+void tell_no_more(ForkWatcher& watcher) noexcept {
+    CommitLock lock = list_lock();
+    const std::lock_guard guard(lock);
+    (watcher.before_ == nullptr ? g_first : watcher.before_->next_) = watcher.next_;
+    if (watcher.next_ != nullptr)
+        watcher.next_->before_ = watcher.before_;
+}
+
 void watch_forks() {
     // The child has this one thread only.
     static const int failed =
-        ::pthread_atfork(nullptr, nullptr, [] { detail::g_forks.fetch_add(1); });
+        ::pthread_atfork([] { list_lock().lock(); }, [] { list_lock().unlock(); },
+                         [] {
+                             detail::g_forks.fetch_add(1);
+                             tell_all();
+                             list_lock().unlock();
+                         });
     if (failed != 0)
         throw std::bad_alloc();
 }

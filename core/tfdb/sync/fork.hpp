@@ -19,4 +19,27 @@ void watch_forks();
     return detail::g_forks.load_relaxed();
 }
 
+/// What a child of a fork is told before any other code of it runs.
+/// Threads: the child's only one. Guarantee: as whoever is told.
+class ForkWatcher {
+public:
+    ForkWatcher() = default;
+    ForkWatcher(const ForkWatcher&) = delete;
+    ForkWatcher& operator=(const ForkWatcher&) = delete;
+    virtual void forked() noexcept = 0;
+
+protected:
+    ~ForkWatcher() = default;
+
+private:
+    friend void tell_of_forks(ForkWatcher& watcher) noexcept;
+    friend void tell_no_more(ForkWatcher& watcher) noexcept;
+    friend void tell_all() noexcept;
+    ForkWatcher* next_ = nullptr;
+    ForkWatcher* before_ = nullptr;
+};
+/// After `watch_forks`. Both: any thread; they wait while another one forks.
+void tell_of_forks(ForkWatcher& watcher) noexcept;
+void tell_no_more(ForkWatcher& watcher) noexcept;
+
 }  // namespace tfdb::sync
