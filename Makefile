@@ -6,6 +6,7 @@ PYTHON ?= python3
 JOBS ?= $(shell nproc 2>/dev/null || echo 2)
 FUZZ_SECONDS ?= 600
 TORTURE_SECONDS ?= 600
+HISTORY_SECONDS ?= 60
 BAG ?=
 
 VENV := .venv
@@ -24,7 +25,7 @@ ONE_SEED := TFDB_MODEL_SEEDS=1
 
 .DELETE_ON_ERROR:
 .PHONY: help demo test test-cpp test-python check measure bench-rooms tsan asan asan-python fuzz \
-        torture relacy docs wheel stubs format clean distclean
+        torture histories relacy docs wheel stubs format clean distclean
 
 help:
 	@echo 'make demo [BAG=file]  the main job on a recording, pictures in out/'
@@ -36,6 +37,7 @@ help:
 	@echo 'make asan-python      the fuzzer of the public face, with the extension under a sanitizer'
 	@echo 'make fuzz             fuzzers, FUZZ_SECONDS=$(FUZZ_SECONDS) each (clang)'
 	@echo 'make torture          writers of a shared store are killed, its files damaged; TORTURE_SECONDS=$(TORTURE_SECONDS)'
+	@echo 'make histories        processes share a store for HISTORY_SECONDS=$(HISTORY_SECONDS); what they did is judged'
 	@echo 'make relacy           model checks of the protocol (package relacy-dev)'
 	@echo 'make docs             API reference in build/docs'
 	@echo 'make wheel            sdist and wheel in dist/'
@@ -133,8 +135,15 @@ torture: $(STAMPS)/venv
 	    $(CMAKE) --build --preset $$preset -j $(JOBS) --target torture_store_shared && \
 	    build/$$preset/bin/torture_store_shared --seconds $$(($(TORTURE_SECONDS) / 2)) || exit 1; \
 	done
-	$(CMAKE) --build --preset dev -j $(JOBS) --target torture_store_damage
-	build/dev/bin/torture_store_damage --seconds $$(($(TORTURE_SECONDS) / 4))
+	for preset in dev asan-damage; do \
+	    $(CMAKE) --preset $$preset >/dev/null && \
+	    $(CMAKE) --build --preset $$preset -j $(JOBS) --target torture_store_damage && \
+	    build/$$preset/bin/torture_store_damage --seconds $$(($(TORTURE_SECONDS) / 4)) || exit 1; \
+	done
+
+# Eight readers and two writers, processes that share a store: what they did is judged.
+histories: $(STAMPS)/dev
+	$(BIN)/python -m tests.isolation.long_run --seconds $(HISTORY_SECONDS)
 
 fuzz: $(STAMPS)/dev
 	$(CMAKE) --preset fuzz >/dev/null
