@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import re
 import sys
+from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -16,6 +17,7 @@ from .errors import (
     NoSuchStore,
     NotSupported,
     StoreExists,
+    TfdbError,
 )
 from .given_path import given_path
 
@@ -119,10 +121,17 @@ def unlink_store(name: Name) -> None:
 
 
 def find_stores() -> Iterator[str]:
-    """Give the names of the stores of this machine, in order; not all may be this user's."""
-    for path in sorted(path_of("x").parent.glob(PREFIX + "*")):
-        if not CONTROL.search(path.name):
-            yield path.name.removeprefix(PREFIX)
+    """Give the names of the stores of this machine, in order; not all may be this user's.
+
+    What makers left that were killed before there was a store is removed.
+    """
+    files = sorted(path_of("x").parent.glob(PREFIX + "*"))
+    stores = [path for path in files if not CONTROL.search(path.name)]
+    for path in {path.with_name(CONTROL.sub("", path.name)) for path in files} - {*stores}:
+        with suppress(TfdbError):  # whoever looks for a store that is not there removes the rest
+            open_store(path, False, None, None)  # noqa: FBT003 - for reading
+    for path in stores:
+        yield path.name.removeprefix(PREFIX)
 
 
 def reopen(path: str, mode: Literal["r", "rw"], lock_timeout: float | None) -> Buffer:

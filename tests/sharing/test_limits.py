@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import fcntl
 import grp
 import multiprocessing
 import os
 import pickle
 import stat
+import struct
 import sys
 from contextlib import suppress
 from pathlib import Path
@@ -16,6 +18,7 @@ import numpy as np
 import pytest
 
 import tfdb
+from tfdb.shared import find_stores
 
 from . import child
 from .answers import RECORDING, TURN, fill
@@ -255,6 +258,63 @@ def test_damaged_and_foreign_files(name: str, tmp_path: Path) -> None:
         file.write(b"\1" * 8)
     with pytest.raises(tfdb.CorruptStore, match="another version of tfdb made it"):
         tfdb.Buffer.open(name)
+
+
+def leave_over(name: str, number: int) -> list[Path]:
+    """Files as a maker of that store leaves them that is killed."""
+    control = SHM / f"tfdb.{name}.control-{number:016x}"
+    data = control.with_name(f"{control.name}.new")
+    for path in (control, data):
+        path.write_bytes(bytes(4096))
+    return [control, data]
+
+
+@pytest.mark.parametrize("call", ["open", "create", "find", "unlink"])
+def test_what_a_killed_maker_left_is_removed(name: str, call: str) -> None:
+    left = leave_over(name, 7)
+    at_work = leave_over(name, 8)
+    other = SHM / f"tfdb.{name}.control-of-mine"
+    other.touch()
+    with at_work[0].open("r+b") as maker:
+        # One byte behind those of the slots, as makers have it.
+        lock = struct.pack("hhqqi4x", fcntl.F_WRLCK, os.SEEK_SET, 2048, 1, 0)
+        fcntl.fcntl(maker, fcntl.F_OFD_SETLK, lock)
+        if call == "create":
+            tfdb.Buffer.open(name, create=True)
+        elif call == "find":
+            assert name not in find_stores()
+        else:
+            with pytest.raises(tfdb.NoSuchStore):
+                tfdb.Buffer.open(name, mode="r") if call == "open" else tfdb.Buffer.unlink(name)
+        assert not any(path.exists() for path in left)
+        assert all(path.exists() for path in at_work)
+    if call == "create":  # its own files are none of those
+        child.move_arm(tfdb.Buffer.open(name), 1)
+        tfdb.Buffer.unlink(name)
+    with pytest.raises(tfdb.NoSuchStore):
+        tfdb.Buffer.unlink(name)
+    assert [path.name for path in SHM.glob(f"tfdb.{name}*")] == [other.name]
+    other.unlink()
+
+
+def test_a_store_by_another_path(name: str, tmp_path: Path) -> None:
+    """A link to its file, or a descriptor that was handed over: its control file is found."""
+    buffer = tfdb.Buffer.open(name)
+    child.move_arm(buffer, 1)
+    link = tmp_path / "link"
+    link.symlink_to(SHM / f"tfdb.{name}")
+    with (SHM / f"tfdb.{name}").open("rb") as file:
+        for path in (link, Path(f"/proc/self/fd/{file.fileno()}")):
+            reader = tfdb.Buffer.open(path, mode="r")
+            assert child.arm_in(reader) == 1
+            assert reader.shared is not None
+            assert reader.shared.path == f"/dev/shm/tfdb.{name}"
+    memory = os.memfd_create("store")
+    os.truncate(memory, 1 << 20)
+    for options in ({"mode": "r"}, {"create": True}, {}):
+        with pytest.raises(tfdb.TfdbError, match=r"no store of tfdb|already"):
+            tfdb.Buffer.open(Path(f"/proc/self/fd/{memory}"), **options)
+    os.close(memory)
 
 
 def test_a_store_without_its_control_file(name: str) -> None:

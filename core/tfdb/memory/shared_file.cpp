@@ -1,5 +1,6 @@
 #include "tfdb/memory/shared_file.hpp"
 
+#include <dirent.h>
 #include <fcntl.h>
 #include <sys/random.h>
 #include <sys/stat.h>
@@ -7,7 +8,12 @@
 
 #include <array>
 #include <cerrno>
+#include <charconv>
 #include <cstdio>
+#include <cstdlib>
+#include <memory>
+#include <string_view>
+#include <system_error>
 #include <utility>
 
 #include "tfdb/memory/file.hpp"
@@ -34,6 +40,8 @@ namespace {
     throw CapacityExceeded("the store " + path + " cannot be had: " + reason,
                            detail_of(path, reason));
 }
+
+constexpr const char* kUnpublished = ".new";  // behind the name of the control file
 
 std::string control_name(const std::string& path, std::uint64_t id) {
     std::array<char, 17> text{};
@@ -70,6 +78,58 @@ Header header_of(int file, const std::string& path) {
     return header;
 }
 
+/// Locks a control file as its maker does, as long as the file is open. False: somebody has it.
+bool lock_as_maker(int control) {
+    struct flock lock {};
+    lock.l_type = F_WRLCK;
+    lock.l_whence = SEEK_SET;
+    lock.l_start = Control::kSlots;
+    lock.l_len = 1;
+    return ::fcntl(control, F_OFD_SETLK, &lock) == 0;
+}
+
+/// Of the store that has this name; 0: there is none.
+std::uint64_t id_at(const std::string& path) {
+    const File file(::open(path.c_str(), O_RDONLY | O_CLOEXEC));
+    std::array<std::uint64_t, kIdWord + 1> words{};
+    if (file.get() < 0 || ::pread(file.get(), words.data(), sizeof words, 0) != sizeof words)
+        return 0;
+    return words[kIdWord];
+}
+
+/// What follows `.control-` in the name of a control file; 0: it is none.
+std::uint64_t id_in(std::string_view digits) {
+    std::uint64_t id = 0;
+    const char* const end = digits.data() + digits.size();
+    const auto [last, error] = std::from_chars(digits.data(), end, id, 16);
+    return digits.size() == 16 && error == std::errc{} && last == end ? id : 0;
+}
+
+/// The files of makers of this store that were killed before they published it.
+void remove_left_over(const std::string& path) {
+    const std::size_t slash = path.rfind('/');
+    const std::string folder = slash == std::string::npos ? "." : path.substr(0, slash + 1);
+    const std::string begin = path.substr(slash + 1) + ".control-";
+    const std::unique_ptr<DIR, int (*)(DIR*)> entries(::opendir(folder.c_str()), ::closedir);
+    if (entries == nullptr)
+        return;
+    while (const dirent* const entry = ::readdir(entries.get())) {
+        const std::string_view name = entry->d_name;
+        const std::uint64_t id =
+            name.substr(0, begin.size()) == begin ? id_in(name.substr(begin.size())) : 0;
+        if (id == 0)
+            continue;
+        const std::string control = control_name(path, id);
+        const File file(::open(control.c_str(), O_RDWR | O_CLOEXEC));
+        // Nobody is at work on it, and so it stays: only then is it known whether it was published.
+        if (file.get() < 0 || !lock_as_maker(file.get()))
+            continue;
+        ::unlink((control + kUnpublished).c_str());
+        if (id_at(path) != id)
+            ::unlink(control.c_str());
+    }
+}
+
 /// Whether it still has a name.
 bool is_linked(int file) {
     struct stat status {};
@@ -78,10 +138,17 @@ bool is_linked(int file) {
 
 }  // namespace
 
-SharedFile open_shared(const std::string& path, bool writable, std::uint64_t layout) {
+SharedFile open_shared(const std::string& given, bool writable, std::uint64_t layout) {
+    // Beside the file itself lies the other one, whichever links led to it.
+    const std::unique_ptr<char, void (*)(void*)> real(::realpath(given.c_str(), nullptr), ::free);
+    const std::string path = real == nullptr ? given : real.get();
     File file(::open(path.c_str(), (writable ? O_RDWR : O_RDONLY) | O_CLOEXEC));
-    if (file.get() < 0)
-        throw_for(errno, path);
+    if (file.get() < 0) {
+        const int error = errno;
+        if (error == ENOENT)
+            remove_left_over(path);
+        throw_for(error, path);
+    }
     const Header header = header_of(file.get(), path);
     if (header.words[kLayoutWord] != layout)
         throw_corrupt(path,
@@ -126,24 +193,37 @@ int NewSharedFile::open_new(const std::string& name, std::size_t bytes) const {
 }
 
 NewSharedFile::NewSharedFile(std::string path, std::size_t bytes, unsigned mode, std::int64_t group)
-    : path_(std::move(path)),
-      id_(random_id()),
-      data_(control_name(path_, id_) + ".new"),
-      control_(control_name(path_, id_)),
-      bytes_(bytes),
-      mode_(mode),
-      group_(group) {
+    : path_(std::move(path)), bytes_(bytes), mode_(mode), group_(group) {
     if (::access(path_.c_str(), F_OK) == 0)
         throw_for(EEXIST, path_);
-    const int control = open_new(control_, Control::kBytes);
+    remove_left_over(path_);
+    while (!begin()) {
+    }
     try {
+        const int control = ::fcntl(made_, F_DUPFD_CLOEXEC, 0);
+        if (control < 0)
+            throw_for(errno, control_);
         Control::prepare(Mapping::of_file(control, Control::kBytes, true, control_), id_);
         const int data = open_new(data_, bytes_);
         ::close(data);
     } catch (...) {
         ::unlink(control_.c_str());
+        ::close(made_);
         throw;
     }
+}
+
+/// The control file. False: somebody took it for one that was left over, before it was locked.
+bool NewSharedFile::begin() {
+    id_ = random_id();
+    control_ = control_name(path_, id_);
+    data_ = control_ + kUnpublished;
+    made_ = open_new(control_, Control::kBytes);
+    if (lock_as_maker(made_) && is_linked(made_))
+        return true;
+    ::unlink(control_.c_str());
+    ::close(made_);
+    return false;
 }
 
 Mapping NewSharedFile::map() const {
@@ -174,13 +254,15 @@ void NewSharedFile::publish(std::uint64_t layout) {
 }
 
 NewSharedFile::~NewSharedFile() {
-    if (published_)
-        return;
-    ::unlink(data_.c_str());
-    ::unlink(control_.c_str());
+    if (!published_) {
+        ::unlink(data_.c_str());
+        ::unlink(control_.c_str());
+    }
+    ::close(made_);
 }
 
 void unlink_shared(const std::string& path) {
+    remove_left_over(path);
     const File file(::open(path.c_str(), O_RDONLY | O_CLOEXEC));
     if (file.get() < 0)
         throw_for(errno, path);

@@ -26,10 +26,10 @@ struct SharedFile {
 /// Opens the store at a path. `layout`: what the data must look like for this program.
 /// Throws NoSuchStore, CorruptStore (no store, or of another version or machine), ReadOnly (no
 /// permission), CapacityExceeded.
-SharedFile open_shared(const std::string& path, bool writable, std::uint64_t layout);
+SharedFile open_shared(const std::string& given, bool writable, std::uint64_t layout);
 
 /// A new store under way. It is there for others from `publish` on, whole or not at all; otherwise
-/// nothing of it remains.
+/// nothing of it remains, and where its maker was killed, whoever comes next removes the rest.
 /// Threads: one. Guarantee: as the file system's.
 class NewSharedFile {
 public:
@@ -48,14 +48,16 @@ public:
 
 private:
     [[nodiscard]] int open_new(const std::string& name, std::size_t bytes) const;
+    [[nodiscard]] bool begin();
 
     std::string path_;
-    std::uint64_t id_;
+    std::uint64_t id_ = 0;
     std::string data_;     // its name until it is published
     std::string control_;  // its name
     std::size_t bytes_;
     unsigned mode_;
     std::int64_t group_;
+    int made_ = -1;  // the control file, locked: its maker is at work
     bool published_ = false;
 };
 
