@@ -47,7 +47,8 @@ def command(
             raise click.UsageError(
                 "a live store has no folder: say where to write with -o OUT.tfdb"
             )
-        first = given_path(files[0]).absolute()
+        first = given_path(files[0])
+        first = first if first.name.strip(".") else first.resolve()
         out = str(first.with_name(first.name if first.is_dir() else first.stem)) + SUFFIX
     common.check_output(out, inputs, overwrite=overwrite)
     loaded = common.load(files, topics)
