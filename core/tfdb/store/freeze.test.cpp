@@ -1,7 +1,9 @@
 // A frozen store says what the state says that it was made from, refuses what it cannot do, and is
 // refused when it is not what was written.
 #include <fcntl.h>
+#include <sys/resource.h>
 #include <sys/stat.h>
+#include <sys/wait.h>
 #include <unistd.h>
 
 #include <array>
@@ -321,6 +323,50 @@ TFDB_TEST(frozen_store_is_refused_when_it_is_none_or_damaged) {
         CHECK(THROWN(CorruptStore, (void)Buffer::open_frozen(file)));
     }
     ::close(opened);
+}
+
+TFDB_TEST(frozen_store_that_is_damaged_ends_nobody) {
+    const FileName file;
+    const std::string path = file;
+    std::mt19937 random(7);
+    Buffer buffer(keeping(std::nullopt));
+    StampNs now = 1000;
+    stir(buffer, random, 150, now);
+    for (int i = 0; i < 5000; ++i)
+        set(buffer, "map", "long", now + i, pose_of(i));
+    buffer.freeze(file);
+    const std::size_t count = Buffer::open_frozen(file).frozen()->size / 8;
+    const int opened = ::open(path.c_str(), O_RDWR | O_CLOEXEC);
+    constexpr std::size_t kFront = 2048;  // words that are compared with their checksum
+    for (int round = 0; round < 80; ++round) {
+        // Most of them in names, directories and the first segments.
+        const std::size_t among = round % 4 == 0 ? count - kFront : 600;
+        const auto at = static_cast<off_t>(8 * (kFront + random() % among));
+        std::uint64_t was = 0;
+        CHECK_EQ(::pread(opened, &was, 8, at), 8);
+        const std::uint64_t changed =
+            round % 3 == 0 ? ~was : was ^ std::uint64_t{1} << random() % 64;
+        CHECK_EQ(::pwrite(opened, &changed, 8, at), 8);
+        const pid_t child = ::fork();
+        if (child == 0) {
+            const rlimit cpu{20, 20};
+            ::setrlimit(RLIMIT_CPU, &cpu);
+            try {
+                const Buffer frozen = Buffer::open_frozen(file);
+                (void)everything(frozen, {now, now + 2000});
+            } catch (const std::exception&) {
+                // It said so.
+                ::_exit(1);
+            }
+            ::_exit(0);
+        }
+        int status = 0;
+        ::waitpid(child, &status, 0);
+        CHECK(WIFEXITED(status));
+        CHECK_EQ(::pwrite(opened, &was, 8, at), 8);
+    }
+    ::close(opened);
+    (void)Buffer::open_frozen(file, true);
 }
 
 }  // namespace tfdb
