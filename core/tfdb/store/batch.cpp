@@ -530,7 +530,8 @@ std::vector<StampNs> Reads::path_stamps(std::string_view target, std::string_vie
                     stamps.push_back(sample.stamp);
                     return true;
                 });
-                if (!whole || !edge.confirm())
+                // A damaged edge may have a newest sample that no walk finds.
+                if (!whole || !edge.confirm() || stamps.size() == before)
                     return Outcome::kLapped;
                 first = std::max(first, stamps[before]);
                 last = std::min(last, stamps.back());
