@@ -192,7 +192,7 @@ nb::object set_transforms(BufferObject& self, nb::handle batch, bool is_static,
         {
             const LongWork work(true);
             CommitNumber commit = 0;
-            refused = self.store.set_transforms_partial(given..., who, commit, rules);
+            refused = self.open_store().set_transforms_partial(given..., who, commit, rules);
         }
         return transforms.refused(refused);
     };
@@ -213,7 +213,7 @@ nb::object set_transforms(BufferObject& self, nb::handle batch, bool is_static,
 CommitNumber remove_frame(BufferObject& self, const nb::str& name, bool recursive) {
     const std::string_view bytes = name_of(name, "name");
     const LongWork work(true);
-    return self.store.remove_frame(bytes, recursive);
+    return self.open_store().remove_frame(bytes, recursive);
 }
 
 CommitNumber remove_frames(BufferObject& self, nb::handle names, bool recursive) {
@@ -234,12 +234,12 @@ CommitNumber remove_frames(BufferObject& self, nb::handle names, bool recursive)
         at_index(i, [&] { all[i] = name_of(item, "names"); });
     }
     const LongWork work(true);
-    return self.store.remove_frames(all, recursive);
+    return self.open_store().remove_frames(all, recursive);
 }
 
 CommitNumber clear(BufferObject& self) {
     const LongWork work(true);
-    return self.store.clear();
+    return self.open_store().clear();
 }
 
 nb::object memory(BufferObject& self) {
@@ -257,7 +257,7 @@ nb::object snapshot(nb::handle self) {
     auto* object = nb::inst_ptr<SnapshotObject>(made);
     {
         const Released released(buffer.reasons.to_wait());
-        object->held = std::make_shared<Snapshot>(buffer.store.snapshot());
+        object->held = std::make_shared<Snapshot>(buffer.open_store().snapshot());
     }
     object->reads = object->held.get();
     object->waits = &buffer.reasons;
@@ -496,6 +496,7 @@ void bind_buffer(nb::module_& module) {
     add_raw_reads(type);
     bind_writes(type);
     bind_changes(type);
+    bind_waits(type);
     bind_wire(module, type);
     bind_transaction(module, type);
     type.def("snapshot", &snapshot, nb::sig("def snapshot(self) -> Snapshot"),

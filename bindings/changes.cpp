@@ -64,7 +64,7 @@ nb::list changes(nb::handle self, nb::handle since, nb::handle limit) {
     std::vector<Changes> all;
     {
         const Released released(true);
-        all = buffer.store.changes(from, most);
+        all = buffer.open_store().changes(from, most);
     }
     const nb::object record = record_type("Changes");
     const nb::object columns = record_type("Columns");

@@ -22,9 +22,9 @@ constexpr std::array kClassNames = {
     "TransactionActive", "WrongThread",    "Forked",
     "FeedLapped",        "NotSupported",   "NoSuchStore",
     "StoreExists",       "CorruptStore",   "ReadOnly",
-    "LockTimeout",
+    "LockTimeout",       "BufferClosed",   "WaitTimeout",
 };
-static_assert(kClassNames.size() == static_cast<std::size_t>(ErrorCode::kLockTimeout) + 1);
+static_assert(kClassNames.size() == static_cast<std::size_t>(ErrorCode::kWaitTimeout) + 1);
 
 // Strong references for the life of the process.
 std::array<PyObject*, kClassNames.size()> g_classes{};
@@ -96,7 +96,9 @@ nb::object new_error(nb::handle type, const std::string& message) {
     if (value == nullptr) {
         throw nb::python_error();
     }
-    return nb::steal(value);
+    nb::object made = nb::steal(value);
+    made.attr("args") = arguments;  // those of system errors are not taken by their __new__
+    return made;
 }
 
 }  // namespace

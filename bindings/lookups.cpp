@@ -99,13 +99,13 @@ const Answer* ask(const Open& open, PyObject* target, PyObject* source, Question
     open.reads().raise(failure, question);
 }
 
-/// The answer as an object; throws what the question is refused with.
-PyObject* transform_of(Open& open, PyObject* target, PyObject* source, Question& question) {
+/// The answer as an object, null if there is none. The question then holds the names.
+PyObject* find_transform(Open& open, PyObject* target, PyObject* source, Question& question,
+                         Failure& failure) {
     for (;;) {
-        Failure failure;
         const Answer* const found = ask(open, target, source, question, failure);
         if (found == nullptr) {
-            raise(open, failure, question);
+            return nullptr;
         }
         if (PyObject* const names = open.paths().find(found->edges); names != nullptr) [[likely]] {
             return new_transform(*found, target, source, names);
@@ -120,6 +120,46 @@ PyObject* transform_of(Open& open, PyObject* target, PyObject* source, Question&
     }
 }
 
+/// The same; throws what the question is refused with.
+PyObject* transform_of(Open& open, PyObject* target, PyObject* source, Question& question) {
+    Failure failure;
+    PyObject* const made = find_transform(open, target, source, question, failure);
+    if (made == nullptr) {
+        raise(open, failure, question);
+    }
+    return made;
+}
+
+/// The same, once there is an answer; throws after so long (none: never).
+PyObject* await_transform(PyObject* self, PyObject* target, PyObject* source, Question& question,
+                          std::optional<StampNs> longest) {
+    if (!nb::isinstance<BufferObject>(self)) {
+        throw InvalidArgument("a snapshot stays as it is: wait for a transform of the buffer");
+    }
+    BufferObject& buffer = *nb::inst_ptr<BufferObject>(self);
+    using Clock = std::chrono::steady_clock;
+    const Clock::time_point began = Clock::now();
+    for (;;) {
+        std::optional<StampNs> left = longest;
+        if (left) {
+            *left -= std::chrono::nanoseconds(Clock::now() - began).count();
+        }
+        {
+            Open open(self);
+            Failure failure;
+            PyObject* const made = find_transform(open, target, source, question, failure);
+            if (made != nullptr) {
+                return made;
+            }
+            if (left && *left <= 0) {
+                raise(open, failure, question);
+            }
+        }
+        const Waiting work;
+        static_cast<void>(buffer.open_store().wait_for(question, left));
+    }
+}
+
 Question question_at(PyObject* time, PyObject* policy) {
     Question question;
     question.stamp = optional_stamp_of(time);
@@ -127,24 +167,46 @@ Question question_at(PyObject* time, PyObject* policy) {
     return question;
 }
 
-constexpr std::array<std::string_view, 4> kLookupNames = {"target", "source", "time", "policy"};
+constexpr std::array<std::string_view, 5> kLookupNames = {"target", "source", "time", "policy",
+                                                          "timeout"};
+constexpr std::array<std::string_view, 5> kWaitNames = {"target", "source", "time", "timeout",
+                                                        "policy"};
+constexpr std::array<std::string_view, 4> kCanNames = {"target", "source", "time", "policy"};
 constexpr std::array<std::string_view, 4> kLatestNames = {"target", "source", "max_age", "now"};
 
 PyObject* lookup_transform(PyObject* self, PyObject* const* args, Py_ssize_t count,
                            PyObject* keywords) {
     return guarded([&]() -> PyObject* {
         constexpr ParameterList kList{"lookup_transform", kLookupNames, 2, 4};
-        const auto [target, source, time, policy] = bind<4>(kList, args, count, keywords);
+        const auto [target, source, time, policy, timeout] = bind<5>(kList, args, count, keywords);
         Question question = question_at(time, policy);
+        if (is_given(timeout)) [[unlikely]] {
+            const StampNs longest = duration_of(timeout, "timeout");
+            return await_transform(self, target, source, question, longest);
+        }
         Open open(self);
         return transform_of(open, target, source, question);
+    });
+}
+
+PyObject* wait_for_transform(PyObject* self, PyObject* const* args, Py_ssize_t count,
+                             PyObject* keywords) {
+    return guarded([&]() -> PyObject* {
+        constexpr ParameterList kList{"wait_for_transform", kWaitNames, 2, 4};
+        const auto [target, source, time, timeout, policy] = bind<5>(kList, args, count, keywords);
+        Question question = question_at(time, policy);
+        std::optional<StampNs> longest;
+        if (is_given(timeout)) {
+            longest = duration_of(timeout, "timeout");
+        }
+        return await_transform(self, target, source, question, longest);
     });
 }
 
 PyObject* can_transform(PyObject* self, PyObject* const* args, Py_ssize_t count,
                         PyObject* keywords) {
     return guarded([&]() -> PyObject* {
-        constexpr ParameterList kList{"can_transform", kLookupNames, 2, 4};
+        constexpr ParameterList kList{"can_transform", kCanNames, 2, 4};
         const auto [target, source, time, policy] = bind<4>(kList, args, count, keywords);
         Question question = question_at(time, policy);
         const Open open(self);
@@ -172,15 +234,33 @@ PyObject* lookup_latest_transform(PyObject* self, PyObject* const* args, Py_ssiz
     });
 }
 
+PyMethodDef g_wait_method = {
+    "wait_for_transform", as_function(wait_for_transform), METH_FASTCALL | METH_KEYWORDS,
+    "wait_for_transform($self, target, source, time=None, timeout=None, *, policy=None)\n--\n\n"
+    "`lookup_transform`, once it has an answer.\n\n"
+    "It is woken by the commit that touches a frame of the path, or makes one that is missing, of\n"
+    "whatever thread or process; other threads run meanwhile. A signal's handlers run at once.\n\n"
+    "Parameters\n----------\n"
+    "target, source, time, policy\n    As in `lookup_transform`.\n"
+    "timeout\n    Seconds, at most; None: for ever.\n\n"
+    "Returns\n-------\nTransform\n\n"
+    "Raises\n------\n"
+    "What `lookup_transform` raises at the end of the timeout; BufferClosed (`close` was called\n"
+    "meanwhile), NoSuchStore (the store that processes share was removed meanwhile),\n"
+    "TransactionActive, NotSupported (the engine keeps no feed of changes; or this process may read\n"
+    "the store, but not write to its control file), InvalidArgument"};
+
 PyMethodDef g_methods[] = {
     {"lookup_transform", as_function(lookup_transform), METH_FASTCALL | METH_KEYWORDS,
-     "lookup_transform($self, target, source, time=None, policy=None)\n--\n\n"
+     "lookup_transform($self, target, source, time=None, policy=None, *, timeout=None)\n--\n\n"
      "T[target<-source] at a stamp: maps points of `source` into `target`.\n\n"
      "Parameters\n----------\n"
      "target, source\n    Frame names.\n"
      "time\n    Stamp in nanoseconds (or an object that holds one). None: the latest common time,\n"
      "    at which every moving edge of the path has data.\n"
-     "policy\n    How a stamp between samples is answered. None: Interpolate().\n\n"
+     "policy\n    How a stamp between samples is answered. None: Interpolate().\n"
+     "timeout\n    Seconds to wait for an answer, at most; None: not at all. Of a buffer only. What\n"
+     "    is raised in the end is what was in the way then; see `wait_for_transform` for the rest.\n\n"
      "Returns\n-------\nTransform\n    With a report of the samples that were used.\n\n"
      "Raises\n------\n"
      "UnknownFrame, Disconnected, Extrapolation, GapTooLarge, Stale, NoSampleNear, InvalidStamp,\n"
@@ -203,6 +283,10 @@ PyMethodDef g_methods[] = {
 };
 
 }  // namespace
+
+void add_raw_waits(nb::handle type) {
+    add_raw_method(type, g_wait_method);
+}
 
 StampNs now_of(PyObject* buffer) {
     // A reference of its own: the call may drop the buffer's.

@@ -286,6 +286,10 @@ Question question_through(nb::handle fixed, nb::handle target, nb::handle target
 void throw_closed(const ReadsObject& object) {
     ErrorDetail detail;
     detail.commit = object.closed_commit;
+    if (&object == nb::inst_ptr<BufferObject>(object.buffer)) {
+        throw BufferClosed("the buffer is closed: open its store anew, or make another Buffer",
+                           detail);
+    }
     throw SnapshotClosed("the snapshot of commit " + std::to_string(object.closed_commit) +
                              " is closed: take a new one with Buffer.snapshot()",
                          detail);
@@ -342,6 +346,8 @@ void add_python_methods(nb::module_& module) {
     const nb::object buffer = module.attr("Buffer");
     buffer.attr("load") = methods.attr("load");
     buffer.attr("run") = methods.attr("run");
+    buffer.attr("wait_for_transform_async") = methods.attr("wait_for_transform_async");
+    buffer.attr("wait_for_commit_async") = methods.attr("wait_for_commit_async");
     buffer.attr("__reduce__") = methods.attr("reduce");
     const nb::handle static_method{reinterpret_cast<PyObject*>(&PyStaticMethod_Type)};
     buffer.attr("open") = static_method(methods.attr("open_store"));

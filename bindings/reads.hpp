@@ -40,7 +40,7 @@ private:
 };
 
 /// What is behind the Python class Reads. Threads: whoever has the GIL; without one, any.
-/// Guarantee: `reads` is null once a snapshot is closed, and nothing is read after that.
+/// Guarantee: `reads` is null once it is closed, and nothing is read after that.
 struct ReadsObject {
     const Reads* reads = nullptr;
     const Reasons* waits = nullptr;  // of the buffer
@@ -51,6 +51,8 @@ struct ReadsObject {
     std::shared_ptr<Snapshot> held;  // of a snapshot
 };
 
+[[noreturn]] void throw_closed(const ReadsObject& object);
+
 struct BufferObject : ReadsObject {
     explicit BufferObject(Buffer opened) : store(std::move(opened)) { point_at_own(); }
     explicit BufferObject(const BufferOptions& options) : store(options) {
@@ -60,7 +62,16 @@ struct BufferObject : ReadsObject {
         }
     }
 
+    /// For what changes it, or waits. Throws BufferClosed.
+    [[nodiscard]] Buffer& open_store() {
+        if (closed.load(std::memory_order_relaxed)) [[unlikely]] {
+            throw_closed(*this);
+        }
+        return store;
+    }
+
     Buffer store;
+    std::atomic<bool> closed{false};
     Reasons reasons;
     NameCache own_names;
     PathNames own_paths;
@@ -83,8 +94,6 @@ struct SnapshotObject : ReadsObject {
 Question question_through(nb::handle fixed, nb::handle target, nb::handle target_time,
                           nb::handle source, nb::handle source_time, nb::handle policy);
 
-[[noreturn]] void throw_closed(const ReadsObject& object);
-
 /// Without the GIL for its lifetime, if so asked.
 class Released {
 public:
@@ -103,7 +112,8 @@ private:
 // NOLINTNEXTLINE(cppcoreguidelines-virtual-class-destructor): final, and on the stack only
 class LongWork final : public Interruption {
 public:
-    explicit LongWork(bool release);
+    /// `between`: the calls of `ask` that come within so long are passed over.
+    explicit LongWork(bool release, std::chrono::milliseconds between = kBetween);
     ~LongWork();
     LongWork(const LongWork&) = delete;
     LongWork& operator=(const LongWork&) = delete;
@@ -112,11 +122,23 @@ public:
 
 private:
     using Clock = std::chrono::steady_clock;
+    static constexpr std::chrono::milliseconds kBetween{5};
 
     Interruption* before_;
     PyThreadState* state_ = nullptr;  // of the GIL that was given up
     bool release_;
+    std::chrono::milliseconds between_;
     Clock::time_point next_;
+};
+
+/// A wait, without the GIL, that a signal ends at once.
+/// Threads: as LongWork. Guarantee: none.
+class Waiting {
+public:
+    Waiting() : work_(true, std::chrono::milliseconds(0)) {}
+
+private:
+    LongWork work_;
 };
 
 /// The reads of an open object. The pointer keeps a snapshot readable for calls that release the
@@ -175,10 +197,13 @@ void bind_reads(nb::module_& module);
 /// The methods that bypass nanobind, on Reads, Buffer and Snapshot.
 void add_raw_reads(nb::handle type);
 void add_raw_batch(nb::handle type);
+/// The same, on Buffer.
+void add_raw_waits(nb::handle type);
 void bind_batch(nb::class_<ReadsObject>& type);
 void bind_records(nb::class_<ReadsObject>& type);
 void bind_buffer(nb::module_& module);
 void bind_changes(nb::class_<BufferObject, ReadsObject>& type);
+void bind_waits(nb::class_<BufferObject, ReadsObject>& type);
 void add_raw_writes(nb::handle type);
 /// The methods that are written in Python.
 void add_python_methods(nb::module_& module);

@@ -5,7 +5,6 @@
 namespace tfdb::python {
 namespace {
 
-constexpr std::chrono::milliseconds kBetween{5};
 constexpr std::size_t kStepsBetween = 256;
 
 /// Python runs its handlers in this thread only.
@@ -18,8 +17,8 @@ void bind_signals() {
     g_main_thread = nb::cast<unsigned long>(main.attr("ident"));
 }
 
-LongWork::LongWork(bool release)
-    : before_(current()), release_(release), next_(Clock::now() + kBetween) {
+LongWork::LongWork(bool release, std::chrono::milliseconds between)
+    : before_(current()), release_(release), between_(between), next_(Clock::now() + between) {
     current() = PyThread_get_thread_ident() == g_main_thread ? this : nullptr;
     if (release_) {
         state_ = PyEval_SaveThread();
@@ -47,7 +46,7 @@ void LongWork::ask() {
             throw nb::python_error();  // with the GIL
         }
     }
-    next_ = Clock::now() + kBetween;
+    next_ = Clock::now() + between_;
     if (release_) {
         state_ = PyEval_SaveThread();
     }

@@ -7,7 +7,7 @@ namespace tfdb::python {
 
 TransactionObject::TransactionObject(nb::handle buffer_object, const TransactionOptions& options)
     : owner(nb::borrow(buffer_object)),
-      transaction(buffer().store, options, Transaction::BeginLater{}),
+      transaction(buffer().open_store(), options, Transaction::BeginLater{}),
       alone_(options.alone) {}
 
 TransactionObject::~TransactionObject() {

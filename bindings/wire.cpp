@@ -175,7 +175,7 @@ nb::object ingest_many(BufferObject& self, nb::handle messages, const nb::str& e
     std::vector<TransformView> scratch;
     std::vector<Message> chunk;
     Tally tally;
-    tally.commit = self.store.commit();
+    tally.commit = self.open_store().commit();
     for (bool more = true; more;) {
         chunk.clear();
         look_for_signals(0);
@@ -192,7 +192,7 @@ nb::object ingest_many(BufferObject& self, nb::handle messages, const nb::str& e
         }
         const LongWork work(true);
         for (const Message& message : chunk) {
-            ingest_one(self.store, message.bytes(), how, is_static, senders.of(tally.messages),
+            ingest_one(self.open_store(), message.bytes(), how, is_static, senders.of(tally.messages),
                        scratch, tally);
         }
     }
@@ -216,7 +216,7 @@ nb::object ingest_recorded(BufferObject& self, const Recorded& messages, std::si
     const auto senders = senders_of(authorities);
     std::vector<TransformView> scratch;
     Tally tally;
-    tally.commit = self.store.commit();
+    tally.commit = self.open_store().commit();
     while (first < last) {
         look_for_signals(0);
         // A copy: others may add messages meanwhile. Their bytes stay where they are.
@@ -225,7 +225,7 @@ nb::object ingest_recorded(BufferObject& self, const Recorded& messages, std::si
         const LongWork work(true);
         for (const RecordedMessage& message : together) {
             const auto sender = senders.find(message.source);
-            ingest_one(self.store, message.bytes(), how, is_static,
+            ingest_one(self.open_store(), message.bytes(), how, is_static,
                        sender == senders.end() ? std::string_view() : sender->second, scratch,
                        tally);
         }

@@ -82,9 +82,9 @@ CommitNumber commit_transforms(BufferObject& buffer, std::span<const TransformVi
     return commit_soon(
         buffer, batch.size(),
         [&](CommitNumber& commit) {
-            return buffer.store.try_set_transforms(batch, is_static, authority, commit, rules);
+            return buffer.open_store().try_set_transforms(batch, is_static, authority, commit, rules);
         },
-        [&] { return buffer.store.set_transforms(batch, is_static, authority, rules); });
+        [&] { return buffer.open_store().set_transforms(batch, is_static, authority, rules); });
 }
 
 CommitNumber commit_transforms(BufferObject& buffer, const EdgeColumns& columns,
@@ -92,9 +92,9 @@ CommitNumber commit_transforms(BufferObject& buffer, const EdgeColumns& columns,
     return commit_soon(
         buffer, columns.stamps.size(),
         [&](CommitNumber& commit) {
-            return buffer.store.try_set_transforms(columns, authority, commit, rules);
+            return buffer.open_store().try_set_transforms(columns, authority, commit, rules);
         },
-        [&] { return buffer.store.set_transforms(columns, authority, rules); });
+        [&] { return buffer.open_store().set_transforms(columns, authority, rules); });
 }
 
 TransformView view_of(PyObject* parent, PyObject* child, PyObject* stamp, PyObject* translation,

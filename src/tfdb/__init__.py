@@ -27,6 +27,7 @@ from ._core import (
 )
 from ._core import open_frozen as open  # noqa: A004 - tfdb.open, as gzip.open
 from .errors import (
+    BufferClosed,
     CapacityExceeded,
     Conflict,
     CorruptMessage,
@@ -64,6 +65,7 @@ from .errors import (
     TransactionActive,
     TransactionClosed,
     UnknownFrame,
+    WaitTimeout,
     WrongThread,
 )
 from .on_demand import on_demand
@@ -92,6 +94,7 @@ if TYPE_CHECKING:
 
 __all__ = [
     "Buffer",
+    "BufferClosed",
     "CapacityExceeded",
     "Changes",
     "Columns",
@@ -155,6 +158,7 @@ __all__ = [
     "TransformStamped",
     "Twist",
     "UnknownFrame",
+    "WaitTimeout",
     "WrongThread",
     "__version__",
     "decode_tf_message",

@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from .refused import Refused
 
 __all__ = [
+    "BufferClosed",
     "CapacityExceeded",
     "Conflict",
     "CorruptMessage",
@@ -51,6 +52,7 @@ __all__ = [
     "TransactionActive",
     "TransactionClosed",
     "UnknownFrame",
+    "WaitTimeout",
     "WrongThread",
 ]
 
@@ -312,6 +314,14 @@ class LockTimeout(TfdbError):
     It may be stopped, as by SIGSTOP. One that has died is never waited for. Reads go on. Fields:
     path, pid, limit (how long was waited).
     """
+
+
+class BufferClosed(TfdbError):
+    """The buffer was closed, before the call or while it waited. Field: commit (the newest)."""
+
+
+class WaitTimeout(TfdbError, TimeoutError):
+    """What was waited for has not come in time. Fields: commit (none came after it), limit."""
 
 
 class _FileError(TfdbError):

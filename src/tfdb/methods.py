@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
     from typing import Literal
 
-    from ._core import Buffer, Policy, Reads, Transaction
+    from ._core import Buffer, Policy, Reads, Transaction, Transform
     from .explain import Explanation
     from .io import LoadReport
     from .loading import Paths, Progress, Topics
@@ -336,6 +336,60 @@ def unlink_store(name: Name) -> None:
     from .shared import unlink_store as unlink  # noqa: PLC0415 - see above
 
     unlink(name)
+
+
+async def wait_for_transform_async(
+    self: Buffer,
+    target: str,
+    source: str,
+    time: StampLike | None = None,
+    timeout: float | None = None,
+    *,
+    policy: Policy | None = None,
+) -> Transform:
+    """Do as `wait_for_transform` does, in a coroutine of asyncio.
+
+    One thread of the process waits for all coroutines that wait on the buffer; it ends with the last
+    of them. A coroutine that is cancelled leaves nothing behind.
+
+    Parameters
+    ----------
+    target, source, time, timeout, policy
+        As in `wait_for_transform`.
+
+    Returns
+    -------
+    Transform
+
+    Raises
+    ------
+    What `wait_for_transform` raises
+    """
+    from .waiting import transform  # noqa: PLC0415 - see above
+
+    return await transform(self, target, source, time, timeout, policy)
+
+
+async def wait_for_commit_async(self: Buffer, after: int, timeout: float | None = None) -> int:
+    """Do as `wait_for_commit` does, in a coroutine of asyncio: see `wait_for_transform_async`.
+
+    Parameters
+    ----------
+    after, timeout
+        As in `wait_for_commit`.
+
+    Returns
+    -------
+    int
+        Number of the newest commit.
+
+    Raises
+    ------
+    What `wait_for_commit` raises
+    """
+    from .waiting import commit  # noqa: PLC0415 - see above
+
+    return await commit(self, after, timeout)
 
 
 def reduce(self: Buffer) -> tuple[object, ...]:

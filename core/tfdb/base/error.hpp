@@ -43,6 +43,8 @@ enum class ErrorCode : std::uint8_t {
     kCorruptStore,
     kReadOnly,
     kLockTimeout,
+    kBufferClosed,
+    kWaitTimeout,
 };
 
 /// A member of a batch that was refused, and why.
@@ -132,6 +134,8 @@ using StoreExists = ErrorOf<ErrorCode::kStoreExists>;
 using CorruptStore = ErrorOf<ErrorCode::kCorruptStore>;
 using ReadOnly = ErrorOf<ErrorCode::kReadOnly>;
 using LockTimeout = ErrorOf<ErrorCode::kLockTimeout>;
+using BufferClosed = ErrorOf<ErrorCode::kBufferClosed>;
+using WaitTimeout = ErrorOf<ErrorCode::kWaitTimeout>;
 
 /// A message whose bytes cannot be what they claim to be. Fields: offset, reason.
 class CorruptMessage : public ErrorOf<ErrorCode::kCorruptMessage> {

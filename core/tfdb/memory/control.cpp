@@ -16,6 +16,7 @@
 #include <utility>
 
 #include "tfdb/base/error.hpp"
+#include "tfdb/sync/bell.hpp"
 #include "tfdb/sync/fork.hpp"
 
 namespace tfdb::memory {
@@ -97,7 +98,7 @@ void Control::prepare(const Mapping& mapping, std::uint64_t id) {
 
 Control::Control(int file, std::uint64_t id, const std::string& name)
     : mapping_(map_whole(file, name)), file_(file) {
-    if (word(kMagicWord).load_acquire() != kMagic || word(kIdWord).load_relaxed() != id)
+    if (!is_of(mapping_, id))
         throw_damaged(name);
     mine_ = take_slot(name);
 }
@@ -125,6 +126,16 @@ bool Control::take_own_slot() noexcept {
     if (std::exchange(is_reopened_, true))
         ::close(before);
     return true;
+}
+
+bool Control::is_of(const Mapping& mapping, std::uint64_t id) noexcept {
+    return word_of(mapping, kMagicWord).load_acquire() == kMagic &&
+           word_of(mapping, kIdWord).load_relaxed() == id;
+}
+
+void Control::tell_removal(const Mapping& mapping) noexcept {
+    word_of(mapping, kRemovalsWord).fetch_add(1);
+    sync::Bell(word_of(mapping, kBellWord)).ring();
 }
 
 unsigned Control::take_slot(const std::string& name) {
@@ -209,12 +220,6 @@ Control::Taken Control::try_lock() noexcept {
     return is_mutex() ? took(::pthread_mutex_trylock(mutex())) : Taken::kBroken;
 }
 
-std::int64_t Control::now() noexcept {
-    timespec now{};
-    ::clock_gettime(CLOCK_MONOTONIC, &now);
-    return now.tv_sec * kSecond + now.tv_nsec;
-}
-
 Control::Taken Control::lock(std::int64_t longest_ns) noexcept {
     for (int spin = 0; spin < kSpins; ++spin) {
         if (holder() == 0) {
@@ -223,7 +228,7 @@ Control::Taken Control::lock(std::int64_t longest_ns) noexcept {
         }
         sync::spin_pause();
     }
-    const std::int64_t until = now() + longest_ns;
+    const std::int64_t until = sync::steady_now() + longest_ns;
     const timespec at{until / kSecond, until % kSecond};
     if (!is_mutex())
         return Taken::kBroken;

@@ -44,10 +44,8 @@ public:
         kBroken,      // the lock is none any more: its words were damaged
     };
     [[nodiscard]] Taken try_lock() noexcept;
-    /// Waits at most so long.
+    /// Waits at most so long, by `sync::steady_now`.
     [[nodiscard]] Taken lock(std::int64_t longest_ns) noexcept;
-    /// Of the clock by which it waits, in nanoseconds.
-    [[nodiscard]] static std::int64_t now() noexcept;
     /// What the dead holder was at has been repaired.
     void consistent() noexcept;
     void unlock() noexcept;
@@ -57,6 +55,11 @@ public:
     /// Counts of writers' deaths: repaired, and repaired before the last sweep.
     [[nodiscard]] sync::Word& deaths() const noexcept { return word(3); }
     [[nodiscard]] sync::Word& swept_deaths() const noexcept { return word(4); }
+
+    /// What whoever waits for a commit sleeps on: see sync::Bell.
+    [[nodiscard]] sync::Word& bell() const noexcept { return word(kBellWord); }
+    /// How often the store was removed, by who could still write here.
+    [[nodiscard]] sync::Word& removals() const noexcept { return word(kRemovalsWord); }
 
     /// The words of this process's slot.
     [[nodiscard]] sync::Word* pins() const noexcept { return slot(mine_); }
@@ -71,9 +74,20 @@ public:
     /// Frees the slot of a process that is no more; false: it is alive.
     bool free_if_dead(unsigned index) const noexcept;
 
+    /// Whether a mapped file is the control file of that store.
+    [[nodiscard]] static bool is_of(const Mapping& mapping, std::uint64_t id) noexcept;
+    /// Says in such a file to who waits that the store was removed.
+    static void tell_removal(const Mapping& mapping) noexcept;
+
 private:
+    static constexpr unsigned kBellWord = 6;
+    static constexpr unsigned kRemovalsWord = 7;
+
+    [[nodiscard]] static sync::Word& word_of(const Mapping& mapping, unsigned index) noexcept {
+        return reinterpret_cast<sync::Word*>(mapping.base())[index];
+    }
     [[nodiscard]] sync::Word& word(unsigned index) const noexcept {
-        return reinterpret_cast<sync::Word*>(mapping_.base())[index];
+        return word_of(mapping_, index);
     }
     [[nodiscard]] pthread_mutex_t* mutex() const noexcept;
     [[nodiscard]] bool is_mutex() const noexcept;

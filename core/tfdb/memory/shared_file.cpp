@@ -12,6 +12,7 @@
 #include <cstdio>
 #include <cstdlib>
 #include <memory>
+#include <optional>
 #include <string_view>
 #include <system_error>
 #include <utility>
@@ -267,9 +268,20 @@ void unlink_shared(const std::string& path) {
     if (file.get() < 0)
         throw_for(errno, path);
     const Header header = header_of(file.get(), path);
+    const std::uint64_t id = header.words[kIdWord];
+    const std::string control = control_name(path, id);
+    // Who may not write there removes the store all the same, and tells nobody.
+    std::optional<Mapping> told;
+    struct stat status {};
+    File opened(::open(control.c_str(), O_RDWR | O_CLOEXEC));
+    if (opened.get() >= 0 && ::fstat(opened.get(), &status) == 0 &&
+        static_cast<std::size_t>(status.st_size) >= Control::kBytes)
+        told.emplace(Mapping::of_file(opened.release(), Control::kBytes, true, control));
     if (::unlink(path.c_str()) != 0)
         throw_for(errno, path);
-    ::unlink(control_name(path, header.words[kIdWord]).c_str());
+    ::unlink(control.c_str());
+    if (told && Control::is_of(*told, id))
+        Control::tell_removal(*told);
 }
 
 }  // namespace tfdb::memory

@@ -71,6 +71,7 @@ store::Store::Store(memory::SharedFile file)
 
 store::Store::Store(std::unique_ptr<memory::SharedFile> file, const BufferOptions& options)
     : shared(std::move(file)),
+      bell(shared == nullptr || shared->control == nullptr ? own_bell : shared->control->bell()),
       memory(shared == nullptr ? memory::Mapping::reserve() : std::move(shared->data),
              options.memory_limit.value_or(StoreMemory::kNoLimit)),
       frames(forest_in(memory, options)),
@@ -80,7 +81,7 @@ store::Store::Store(std::unique_ptr<memory::SharedFile> file, const BufferOption
       names(frames),
       held_pins(frames, graph::kHeldPins),
       read_pins(frames, graph::kReadPins),
-      lock(shared == nullptr ? word(graph::kCommitLock) : process_lock, shared.get(), *this),
+      lock(shared == nullptr ? word(graph::kCommitLock) : process_lock, bell, shared.get(), *this),
       engine(store::make_engine(*this)) {
     sync::watch_forks();
     home_process.store_relaxed(sync::forks() << kForksShift);
@@ -116,6 +117,19 @@ void store::Store::note_reads() {
 store::Store::~Store() {
     if (shared != nullptr)
         sync::tell_no_more(*this);
+    delete reinterpret_cast<Waits*>(waits_here.load_relaxed());
+}
+
+store::Waits& store::Store::waits() const {
+    std::uint64_t found = waits_here.load_acquire();
+    auto* const here = reinterpret_cast<Waits*>(found);
+    // A child leaves those of its parent as they are: their threads are not here.
+    if (here != nullptr && here->forks() == sync::forks())
+        return *here;
+    auto made = std::make_unique<Waits>(*this, bell);
+    if (waits_here.compare_exchange(found, reinterpret_cast<std::uint64_t>(made.get())))
+        return *made.release();
+    return *reinterpret_cast<Waits*>(found);
 }
 
 std::uint64_t store::Store::look_around(std::uint64_t home) const {

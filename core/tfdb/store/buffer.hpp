@@ -16,6 +16,7 @@
 #include "tfdb/lookup/answer.hpp"
 #include "tfdb/lookup/policy.hpp"
 #include "tfdb/store/question.hpp"
+#include "tfdb/store/wait_end.hpp"
 #include "tfdb/wire/tf_message.hpp"
 
 namespace tfdb {
@@ -404,6 +405,29 @@ public:
     [[nodiscard]] std::vector<Changes> changes(CommitNumber since,
                                                std::size_t limit = kNoLimit) const;
     static constexpr std::size_t kNoLimit = ~std::size_t{0};
+
+    /// Waits until the question has an answer, as whoever asks then will see, or not any more if
+    /// it is gone again by then. False: it had none for so long (none: for ever). Throws
+    /// BufferClosed (`end_waits` was called), NoSuchStore (its name was removed meanwhile),
+    /// TransactionActive, and NotSupported in engines that keep no feed, and where this process may
+    /// not write to the store's control file; and what an Interruption throws.
+    [[nodiscard]] bool wait_for(const Question& question,
+                                std::optional<std::int64_t> timeout_ns) const;
+    /// The same for a commit with a greater number.
+    [[nodiscard]] bool wait_for_commit(CommitNumber after,
+                                       std::optional<std::int64_t> timeout_ns) const;
+    /// The same for those who cannot block, like event loops: one thread blocks in `ended_waits`
+    /// for all of them. Returns the wait's number; 0: what is waited for is there.
+    [[nodiscard]] std::uint64_t begin_wait(const Question& question) const;
+    [[nodiscard]] std::uint64_t begin_wait_for_commit(CommitNumber after) const;
+    /// False: it has ended already.
+    bool cancel_wait(std::uint64_t number) const;
+    /// Waits until some of those that were begun end. None: none did for so long.
+    [[nodiscard]] std::vector<EndedWait> ended_waits(std::optional<std::int64_t> timeout_ns) const;
+    /// Throws what says that a wait was ended so.
+    [[noreturn]] void raise_ended_wait(WaitEnd end) const;
+    /// Ends all waits, and those to come.
+    void end_waits() const;
 
     /// Throws TransactionActive where this thread has a transaction of the store open: what it
     /// reads past that would be of another state, and no commit would notice.

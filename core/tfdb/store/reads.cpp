@@ -19,6 +19,22 @@ void throw_snapshot_too_old(CommitNumber held, CommitNumber newest) {
                          std::move(detail));
 }
 
+bool ask(const Store& store, CommitNumber held, Question& question, Answer& answer,
+         Failure& failure) {
+    const Outcome outcome = read_committed(store, held, kNewest, [&](const StoreView& view) {
+        const auto find = [&](std::string_view name) {
+            return store.names.find(name, view.commit());
+        };
+        return Asking(view, find, question).answer(answer, failure);
+    });
+    if (outcome == Outcome::kLapped) {
+        failure = Failure{};
+        failure.code = ErrorCode::kSnapshotTooOld;
+        failure.commit = held;
+    }
+    return outcome == Outcome::kOk;
+}
+
 }  // namespace store
 
 CommitNumber Reads::commit() const {
@@ -51,19 +67,7 @@ bool Reads::ask(Question& question, Answer& answer, Failure& failure) const {
         store::check_not_in_transaction(*store_);
         return store_->engine->read(question, answer, failure) == Outcome::kOk;
     }
-    const Outcome outcome =
-        store::read_committed(*store_, held_, kFresh, [&](const StoreView& view) {
-            const auto find = [&](std::string_view name) {
-                return store_->names.find(name, view.commit());
-            };
-            return store::Asking(view, find, question).answer(answer, failure);
-        });
-    if (outcome == Outcome::kLapped) {
-        failure = Failure{};
-        failure.code = ErrorCode::kSnapshotTooOld;
-        failure.commit = held_;
-    }
-    return outcome == Outcome::kOk;
+    return store::ask(*store_, held_, question, answer, failure);
 }
 
 bool Reads::try_lookup(FrameHandle target, FrameHandle source, std::optional<StampNs> stamp,

@@ -17,6 +17,7 @@
 #include "tfdb/store/buffer.hpp"
 #include "tfdb/store/engine.hpp"
 #include "tfdb/store/transaction_life.hpp"
+#include "tfdb/store/waits.hpp"
 #include "tfdb/store/writer_lock.hpp"
 #include "tfdb/sync/fork.hpp"
 #include "tfdb/txn/commit.hpp"
@@ -117,6 +118,8 @@ struct Store final : history::Readers, WriterLock::Repairs, sync::ForkWatcher {
     void note_reads();
     /// A child of a fork says what it reads in a slot of its own.
     void forked() noexcept override;
+    /// Of this process, made when first asked for.
+    [[nodiscard]] Waits& waits() const;
     [[nodiscard]] CommitNumber oldest_pinned(const graph::Pins<StoreMemory>& mine, unsigned first,
                                              CommitNumber newest) const;
     [[noreturn]] void throw_orphaned() const;
@@ -124,6 +127,8 @@ struct Store final : history::Readers, WriterLock::Repairs, sync::ForkWatcher {
     std::unique_ptr<memory::SharedFile> shared;  // null: of this process alone
     // Where this process cannot tell writers what it reads.
     std::unique_ptr<std::array<sync::Word, 2 * graph::kPinWords>> unseen_pins;
+    mutable sync::Word own_bell{};  // of a store of this process alone
+    sync::Word& bell;               // rung behind each commit
     StoreMemory memory;
     graph::Frames<StoreMemory> frames;
     StampNs history;
@@ -145,6 +150,7 @@ struct Store final : history::Readers, WriterLock::Repairs, sync::ForkWatcher {
     sync::Word conflicts{};             // transactions that lost
     mutable sync::Word home_process{};  // forks, and the flags above
     sync::Word ages{};                  // transactions so far: the age of the next one
+    mutable sync::Word waits_here{};    // where the Waits are
     std::unique_ptr<Engine> engine;     // null: the default engine
 };
 
@@ -216,6 +222,13 @@ private:
     return commit < store.word(graph::kRecycleFloor).load_relaxed() ? lookup::Outcome::kLapped
                                                                     : outcome;
 }
+
+/// Held by who reads the newest state each time.
+inline constexpr CommitNumber kNewest = ~CommitNumber{0};
+
+/// Asks the newest state, or the held one, of the default engine.
+[[nodiscard]] bool ask(const Store& store, CommitNumber held, Question& question, Answer& answer,
+                       Failure& failure);
 
 /// Runs `attempt(view)` on a fresh view, or on the held one, until no writer overtakes it. After a
 /// few tries it is pinned: what it needs is not used again, unless held states keep as much memory

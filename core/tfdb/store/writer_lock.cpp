@@ -62,8 +62,8 @@ void WriterLock::lock_shared(bool urgently) {
         throw;
     }
     const std::int64_t limit = shared_->lock_timeout_ns;
-    for (const std::int64_t began = Control::now();;) {
-        const std::int64_t left = limit - (Control::now() - began);
+    for (const std::int64_t began = sync::steady_now();;) {
+        const std::int64_t left = limit - (sync::steady_now() - began);
         const Control::Taken taken =
             shared_->control->lock(std::clamp<std::int64_t>(left, 0, kTurnNs));
         if (taken != Control::Taken::kNo) {

@@ -6,6 +6,7 @@
 
 #include "tfdb/memory/control.hpp"
 #include "tfdb/memory/shared_file.hpp"
+#include "tfdb/sync/bell.hpp"
 #include "tfdb/sync/commit_lock.hpp"
 
 namespace tfdb::store {
@@ -29,9 +30,11 @@ public:
         ~Repairs() = default;
     };
 
-    /// `word`: of the process's lock. `shared`: null for a store of this process alone.
-    WriterLock(sync::Word& word, const memory::SharedFile* shared, Repairs& repairs)
-        : own_(word), shared_(shared), repairs_(repairs) {}
+    /// `word`: of the process's lock. `bell`: of those who wait for commits. `shared`: null for a
+    /// store of this process alone.
+    WriterLock(sync::Word& word, sync::Word& bell, const memory::SharedFile* shared,
+               Repairs& repairs)
+        : own_(word), bell_(bell), shared_(shared), repairs_(repairs) {}
 
     /// Both throw, where the store is shared: ReadOnly, LockTimeout (another process holds the lock
     /// for so long), CorruptStore (the lock is none any more).
@@ -47,6 +50,7 @@ public:
         if (shared_ != nullptr) [[unlikely]]
             shared_->control->unlock();
         own_.unlock();
+        bell_.ring();
     }
     /// Whether a thread of this process holds it, or asks urgently.
     [[nodiscard]] bool in_use() const noexcept { return own_.in_use(); }
@@ -74,6 +78,7 @@ private:
     void took(memory::Control::Taken taken);
 
     sync::CommitLock own_;
+    sync::Bell bell_;
     const memory::SharedFile* shared_;
     Repairs& repairs_;
 };

@@ -34,9 +34,13 @@ void about_to_store() noexcept;
 inline void about_to_store() noexcept {}
 #endif
 
+/// How a sleep ended.
+enum class Woken : std::uint8_t { kChanged, kTimedOut, kInterrupted };  // the last: by a signal
+
 /// A 64-bit word that threads and processes share.
 /// Threads: any may call anything.
-/// Guarantee: every operation is wait-free but `wait`, which blocks until the value differs.
+/// Guarantee: every operation is wait-free but `wait`, which blocks until the value differs, and
+/// `sleep`.
 class Word {
 public:
     [[nodiscard]] std::uint64_t load_relaxed() const noexcept {
@@ -84,6 +88,22 @@ public:
     static void fence_release() noexcept { sync::fence_release(); }
     static void fence_full() noexcept { sync::fence_full(); }
 
+    /// A full fence behind an operation that changed some word of memory and read it at once, as the
+    /// unlocking of a lock does. Where the processor lets nothing past such an operation, it costs
+    /// nothing.
+    static void fence_full_after_exchange() noexcept {
+#if defined(__x86_64__)
+        std::atomic_signal_fence(std::memory_order_seq_cst);
+#else
+        sync::fence_full();
+#endif
+    }
+
+    /// Sleeps until `wake_all`, in whatever process that has the word mapped, or for so long; not
+    /// at all where the lower half of the value differs already.
+    Woken sleep(std::uint64_t old, std::int64_t longest_ns) const noexcept;
+    void wake_all() noexcept;
+
     void wait(std::uint64_t old) const noexcept { value_.wait(old, std::memory_order_relaxed); }
     void notify_one() noexcept { value_.notify_one(); }
     void notify_all() noexcept { value_.notify_all(); }
@@ -95,6 +115,9 @@ private:
 static_assert(sizeof(Word) == 8 && alignof(Word) == 8,
               "a word is eight aligned bytes of the region");
 static_assert(std::atomic<std::uint64_t>::is_always_lock_free, "words must not hide a lock");
+
+/// Nanoseconds of a clock that only goes forward, and that all processes have.
+[[nodiscard]] std::int64_t steady_now() noexcept;
 
 /// Tells the processor that this thread is spinning.
 inline void spin_pause() noexcept {

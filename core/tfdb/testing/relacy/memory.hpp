@@ -11,6 +11,7 @@
 #include <vector>
 
 #include "tfdb/memory/memory.hpp"
+#include "tfdb/sync/word.hpp"
 #include "tfdb/testing/retired.hpp"
 
 #if defined(__GNUC__)
@@ -109,6 +110,7 @@ public:
     static void fence_acquire() { relacy::fence_acquire(); }
     static void fence_release() { relacy::fence_release(); }
     static void fence_full() { relacy::fence_full(); }
+    static void fence_full_after_exchange() { relacy::fence_full(); }
 
     /// Sleeps until told; orders nothing, as std::atomic promises nothing. Relacy calls a thread
     /// that nobody wakes a livelock.
@@ -123,6 +125,11 @@ public:
     }
     void notify_one() { asleep_ &= asleep_ - 1; }
     void notify_all() { asleep_ = 0; }
+    sync::Woken sleep(std::uint64_t old, std::int64_t) const {
+        wait(old);
+        return sync::Woken::kChanged;
+    }
+    void wake_all() { notify_all(); }
 
     void weaken(bool load, bool store) {
         weak_load_ = load;

@@ -5,6 +5,8 @@
 #include <string>
 #include <vector>
 
+#include "tfdb/sync/word.hpp"
+
 namespace tfdb::sched {
 
 class Word;
@@ -90,6 +92,7 @@ public:
     static void fence_acquire() {}
     static void fence_release() {}
     static void fence_full() {}
+    static void fence_full_after_exchange() {}
 
     /// Not runnable while the word holds `blocked`; returns the value that let it go on.
     std::uint64_t wait_while(std::uint64_t blocked) {
@@ -105,6 +108,17 @@ public:
     }
     void notify_one() { access({Kind::kNotifyOne, this, 0, 0}); }
     void notify_all() { access({Kind::kNotifyAll, this, 0, 0}); }
+
+    /// A futex without signals. Short sleeps are over at once; others last until somebody wakes.
+    sync::Woken sleep(std::uint64_t old, std::int64_t longest_ns) const {
+        if (longest_ns == 1) {
+            (void)load_relaxed();
+            return sync::Woken::kTimedOut;
+        }
+        wait(old);
+        return sync::Woken::kChanged;
+    }
+    void wake_all() { notify_all(); }
 
     /// The value, without being a step of the schedule: for the walker and for final checks.
     [[nodiscard]] std::uint64_t peek() const { return value_; }

@@ -1,0 +1,161 @@
+// Waits for commits and transforms, and what ends them.
+#include <nanobind/stl/pair.h>
+#include <nanobind/stl/string.h>
+#include <nanobind/stl/vector.h>
+
+#include <chrono>
+#include <cstdint>
+#include <optional>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "arguments.hpp"
+#include "reads.hpp"
+#include "stamp.hpp"
+
+namespace tfdb::python {
+namespace {
+
+CommitNumber wait_for_commit(nb::handle self, nb::handle after, nb::handle timeout) {
+    BufferObject& buffer = object_of<BufferObject>(self);
+    const CommitNumber seen = count_of(after, "after", 0, kMaxCommit);
+    const std::optional<StampNs> longest = optional_duration_of(timeout, "timeout");
+    const bool came = [&] {
+        const Waiting work;
+        return buffer.open_store().wait_for_commit(seen, longest);
+    }();
+    if (!came) {
+        ErrorDetail detail;
+        detail.commit = seen;
+        detail.limit = longest;
+        throw WaitTimeout("no commit came after commit " + std::to_string(seen) + " within " +
+                              nb::cast<std::string>(nb::str(timeout)) + " s",
+                          detail);
+    }
+    return buffer.store.commit();
+}
+
+std::uint64_t begin_wait(nb::handle self, nb::handle target, nb::handle source, nb::handle time,
+                         nb::handle policy) {
+    BufferObject& buffer = object_of<BufferObject>(self);
+    const Question question =
+        store::at_stamp(name_of(target, "target"), name_of(source, "source"),
+                        optional_stamp_of(time.ptr()), policy_of(policy.ptr()));
+    const Waiting work;
+    return buffer.open_store().begin_wait(question);
+}
+
+std::uint64_t begin_wait_for_commit(nb::handle self, nb::handle after) {
+    BufferObject& buffer = object_of<BufferObject>(self);
+    const CommitNumber seen = count_of(after, "after", 0, kMaxCommit);
+    const Waiting work;
+    return buffer.open_store().begin_wait_for_commit(seen);
+}
+
+bool cancel_wait(nb::handle self, std::uint64_t number) {
+    const BufferObject& buffer = object_of<BufferObject>(self);
+    const Waiting work;
+    return buffer.store.cancel_wait(number);
+}
+
+std::vector<std::pair<std::uint64_t, unsigned>> ended_waits(nb::handle self, nb::handle timeout) {
+    const BufferObject& buffer = object_of<BufferObject>(self);
+    const std::optional<StampNs> longest = optional_duration_of(timeout, "timeout");
+    const Waiting work;
+    std::vector<std::pair<std::uint64_t, unsigned>> all;
+    for (const EndedWait& ended : buffer.store.ended_waits(longest))
+        all.emplace_back(ended.number, static_cast<unsigned>(ended.how));
+    return all;
+}
+
+void check_wait(nb::handle self, unsigned how) {
+    const BufferObject& buffer = object_of<BufferObject>(self);
+    const auto end = static_cast<WaitEnd>(how);
+    if (end == WaitEnd::kClosed || end == WaitEnd::kRemoved) {
+        buffer.store.raise_ended_wait(end);
+    }
+}
+
+void close(nb::handle self) {
+    BufferObject& buffer = object_of<BufferObject>(self);
+    {
+        const nb::ft_object_guard guard(self);
+        if (buffer.closed.exchange(true)) {
+            return;
+        }
+        buffer.closed_commit = buffer.store.commit();
+        buffer.reads = nullptr;
+    }
+    const Waiting work;
+    buffer.store.end_waits();
+}
+
+}  // namespace
+
+void bind_waits(nb::class_<BufferObject, ReadsObject>& type) {
+    add_raw_waits(type);
+    type.def("wait_for_commit", &wait_for_commit, nb::arg("after").none(),
+             nb::arg("timeout").none() = nb::none(),
+             nb::sig("def wait_for_commit(self, after: int, timeout: float | None = None) -> int"),
+             R"(Wait until there is a commit with a number greater than `after`.
+
+It is woken by the commit, of whatever thread or process, at most once in a millisecond: commits
+that follow each other faster are seen together.
+
+Parameters
+----------
+after
+    The last commit that the caller knows: `commit`, or what this returned.
+timeout
+    Seconds, at most; None: for ever.
+
+Returns
+-------
+int
+    Number of the newest commit.
+
+Raises
+------
+WaitTimeout, BufferClosed (`close` was called meanwhile), NoSuchStore (the store that processes
+share was removed meanwhile), TransactionActive, NotSupported (the engine keeps no feed of changes;
+or this process may read the store, but not write to its control file), InvalidArgument)");
+    type.def("_begin_wait", &begin_wait, nb::arg("target"), nb::arg("source"),
+             nb::arg("time").none(), nb::arg("policy").none(),
+             nb::sig("def _begin_wait(self, target: str, source: str, time: "
+                     "tfdb.stamps.StampLike | None, policy: Policy | None) -> int"),
+             "Number of a wait that `_ended_waits` will tell of; 0: the answer is there.");
+    type.def("_begin_wait_for_commit", &begin_wait_for_commit, nb::arg("after").none(),
+             nb::sig("def _begin_wait_for_commit(self, after: int) -> int"),
+             "The same for a commit with a greater number.");
+    type.def("_cancel_wait", &cancel_wait, nb::arg("number"),
+             nb::sig("def _cancel_wait(self, number: int) -> bool"),
+             "Whether the wait had not ended; it is told of no more.");
+    type.def("_ended_waits", &ended_waits, nb::arg("timeout").none(),
+             nb::sig("def _ended_waits(self, timeout: float | None) -> list[tuple[int, int]]"),
+             "Wait until some of those that were begun end: their numbers, and how they did.");
+    type.def("_check_wait", &check_wait, nb::arg("how"),
+             nb::sig("def _check_wait(self, how: int) -> None"),
+             "Raise what ended a wait, if it was not its time.");
+    type.def("close", &close, nb::sig("def close(self) -> None"),
+             R"(End all waits, with BufferClosed; what is called later raises that, too.
+
+Snapshots and transactions that are open stay so. The memory goes with the last reference to them
+and to the buffer. Closing twice does nothing.)");
+    type.def_prop_ro(
+        "closed", [](const BufferObject& self) { return self.closed.load(); },
+        nb::sig("def closed(self) -> bool"), "Whether close() was called.");
+    type.def(
+        "__enter__",
+        [](nb::handle self) {
+            static_cast<void>(object_of<BufferObject>(self).open_store());
+            return nb::borrow(self);
+        },
+        nb::sig("def __enter__(self) -> typing.Self"));
+    type.def(
+        "__exit__", [](nb::handle self, nb::handle, nb::handle, nb::handle) { close(self); },
+        nb::arg("kind").none(), nb::arg("error").none(), nb::arg("traceback").none(),
+        nb::sig("def __exit__(self, kind: object, error: object, traceback: object) -> None"));
+}
+
+}  // namespace tfdb::python

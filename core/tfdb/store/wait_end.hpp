@@ -1,0 +1,20 @@
+// How a wait ended.
+#pragma once
+
+#include <cstdint>
+
+namespace tfdb {
+
+enum class WaitEnd : std::uint8_t {
+    kCame,      // what was waited for
+    kTimedOut,  // it has not
+    kClosed,    // nobody will wait here any more
+    kRemoved,   // the store's name was removed meanwhile
+};
+
+struct EndedWait {
+    std::uint64_t number = 0;
+    WaitEnd how = WaitEnd::kCame;
+};
+
+}  // namespace tfdb

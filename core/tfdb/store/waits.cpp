@@ -1,0 +1,386 @@
+#include "tfdb/store/waits.hpp"
+
+#include <algorithm>
+#include <array>
+
+#include "tfdb/base/error.hpp"
+#include "tfdb/store/store.hpp"
+
+namespace tfdb::store {
+
+using history::Topology;
+using txn::FeedNote;
+
+/// One wait: for an answer, or for a commit.
+/// Threads: as Waits. Guarantee: none.
+struct Waits::Wait {
+    explicit Wait(const Question& asked) : question(asked) {}
+    explicit Wait(CommitNumber commit) : after(commit) {}
+
+    /// Names of its own, for it outlives its caller's.
+    void keep_names() {
+        FrameRef* const frames[] = {&question.target, &question.source, &question.fixed};
+        for (std::size_t i = 0; i < names.size(); ++i) {
+            if (frames[i]->name.data() == nullptr)
+                continue;
+            names[i] = frames[i]->name;
+            frames[i]->name = names[i];
+        }
+    }
+
+    Question question{};
+    std::optional<CommitNumber> after{};  // instead of the question
+    std::array<std::string, 3> names{};
+    std::vector<FrameId> looked_at{};  // in order
+    Lookout::Waiter waiter{};
+    std::uint64_t number = 0;  // of one that was begun
+    WaitEnd how = WaitEnd::kTimedOut;
+};
+
+Patience::Patience(std::optional<std::int64_t> longest_ns) {
+    const std::int64_t now = sync::steady_now();
+    if (longest_ns && *longest_ns < until_ - now)
+        until_ = now + *longest_ns;
+}
+
+std::int64_t Patience::left() const {
+    constexpr auto kForEver = std::numeric_limits<std::int64_t>::max();
+    return until_ == kForEver ? kForEver : until_ - sync::steady_now();
+}
+
+Waits::Waits(const Store& store, sync::Word& bell)
+    : store_(store), forks_(sync::forks()), lookout_(bell) {}
+
+Waits::~Waits() = default;
+
+WaitEnd Waits::wait(const Question& question, Patience patience) {
+    Wait wait(question);
+    return this->wait(wait, patience);
+}
+
+WaitEnd Waits::wait(CommitNumber after, Patience patience) {
+    Wait wait(after);
+    return this->wait(wait, patience);
+}
+
+WaitEnd Waits::wait(Wait& wait, Patience patience) {
+    const Lookout::Locked locked(lookout_);
+    if (!add(wait))
+        return wait.how;
+    try {
+        lookout_.wait(wait.waiter, [this] { look(); }, patience);
+    } catch (...) {
+        remove(wait);
+        throw;
+    }
+    remove(wait);
+    return wait.how;
+}
+
+std::uint64_t Waits::begin(const Question& question) {
+    auto wait = std::make_unique<Wait>(question);
+    wait->keep_names();
+    return begin(std::move(wait));
+}
+
+std::uint64_t Waits::begin(CommitNumber after) {
+    return begin(std::make_unique<Wait>(after));
+}
+
+std::uint64_t Waits::begin(std::unique_ptr<Wait> wait) {
+    const Lookout::Locked locked(lookout_);
+    // Room for all their ends: those who look out cannot be stopped by a lack of memory.
+    if (const std::size_t ends = ended_.size() + begun_.size() + 1; ends > ended_.capacity())
+        ended_.reserve(2 * ends);
+    Wait& begun = *wait;
+    begun.number = ++last_number_;
+    begun_.emplace(begun.number, std::move(wait));
+    try {
+        if (add(begun))
+            return begun.number;
+    } catch (...) {
+        begun_.erase(begun.number);
+        throw;
+    }
+    if (begun.how == WaitEnd::kCame) {
+        begun_.erase(begun.number);
+        return 0;
+    }
+    const std::uint64_t number = begun.number;
+    end(begun, begun.how);
+    return number;
+}
+
+bool Waits::cancel(std::uint64_t number) {
+    const Lookout::Locked locked(lookout_);
+    const auto found = begun_.find(number);
+    if (found == begun_.end())
+        return false;
+    remove(*found->second);
+    begun_.erase(found);
+    return true;
+}
+
+std::vector<EndedWait> Waits::ended(Patience patience) {
+    const Lookout::Locked locked(lookout_);
+    look();
+    if (ended_.empty() && !closed_) {
+        Lookout::Waiter me;
+        teller_ = &me;
+        try {
+            lookout_.wait(me, [this] { look(); }, patience);
+        } catch (...) {
+            teller_ = nullptr;
+            throw;
+        }
+        teller_ = nullptr;
+    }
+    std::vector<EndedWait> taken = ended_;
+    ended_.clear();
+    return taken;
+}
+
+void Waits::close() {
+    const Lookout::Locked locked(lookout_);
+    look();  // what has come has come
+    closed_ = true;
+    end_all(WaitEnd::kClosed);
+    if (teller_ != nullptr)
+        lookout_.end(*teller_);
+    lookout_.tell();
+}
+
+/// False: it is at its end already, as `how` says.
+bool Waits::add(Wait& wait) {
+    if (looks_.empty()) {
+        seen_ = store_.committed();
+        seen_removals_ = removals();
+    }
+    if (is_answered(wait))
+        wait.how = WaitEnd::kCame;
+    else if (closed_)
+        wait.how = WaitEnd::kClosed;
+    else
+        look_at(wait, frames_of(wait));
+    return !wait.looked_at.empty();
+}
+
+void Waits::remove(Wait& wait) noexcept {
+    for (const FrameId frame : wait.looked_at)
+        looks_.erase({frame, &wait});
+    wait.looked_at.clear();
+}
+
+/// All or nothing, if it throws.
+void Waits::look_at(Wait& wait, std::vector<FrameId> frames) {
+    const auto had = [&](FrameId frame) {
+        return std::binary_search(wait.looked_at.begin(), wait.looked_at.end(), frame);
+    };
+    for (std::size_t i = 0; i < frames.size(); ++i) {
+        try {
+            looks_.emplace(frames[i], &wait);
+        } catch (...) {
+            for (; i > 0; --i) {
+                if (!had(frames[i - 1]))
+                    looks_.erase({frames[i - 1], &wait});
+            }
+            throw;
+        }
+    }
+    for (const FrameId frame : wait.looked_at) {
+        if (!std::binary_search(frames.begin(), frames.end(), frame))
+            looks_.erase({frame, &wait});
+    }
+    wait.looked_at = std::move(frames);
+}
+
+void Waits::end(Wait& wait, WaitEnd how) noexcept {
+    remove(wait);
+    wait.how = how;
+    if (wait.number == 0) {
+        lookout_.end(wait.waiter);
+        return;
+    }
+    ended_.push_back({wait.number, how});
+    begun_.erase(wait.number);
+    if (teller_ != nullptr)
+        lookout_.end(*teller_);
+}
+
+void Waits::end_all(WaitEnd how) noexcept {
+    while (!looks_.empty())
+        end(*looks_.begin()->second, how);
+}
+
+bool Waits::is_answered(Wait& wait) {
+    if (wait.after)
+        return store_.committed() > *wait.after;
+    Failure failure;
+    return ask(store_, kNewest, wait.question, answer_, failure);
+}
+
+/// After it was asked: what must change before the answer can be another one. The frames up to
+/// both roots, for whatever their edges say decides; of one that had several parents anything may.
+/// A root is touched by the commit that gives it a parent.
+std::vector<FrameId> Waits::frames_of(const Wait& wait) const {
+    if (wait.after)
+        return {kCommits};
+    const Question& question = wait.question;
+    std::vector<FrameId> frames;
+    climb(question.target.handle.id, frames);
+    climb(question.source.handle.id, frames);
+    if (question.kind == Question::kFull)
+        climb(question.fixed.handle.id, frames);
+    std::sort(frames.begin(), frames.end());
+    frames.erase(std::unique(frames.begin(), frames.end()), frames.end());
+    return frames;
+}
+
+void Waits::climb(FrameId from, std::vector<FrameId>& frames) const {
+    const std::uint32_t count = store_.frames.count();
+    if (from >= count)
+        frames.push_back(kBirths);
+    // A commit that is under way may close a circle for a moment.
+    for (std::uint32_t steps = 0; from < count && steps <= count; ++steps) {
+        frames.push_back(from);
+        const std::uint64_t topology = store_.frames.topology(from);
+        if ((topology & Topology::kMixedParents) != 0)
+            frames.push_back(kCommits);
+        from = Topology::parent(topology);
+    }
+}
+
+/// What was committed since it looked last.
+void Waits::look() {
+    if (const std::uint64_t now = removals(); now != seen_removals_) {
+        seen_removals_ = now;
+        end_all(WaitEnd::kRemoved);
+    }
+    const CommitNumber newest = store_.committed();
+    if (newest != seen_ && !looks_.empty()) {
+        collect_touched(newest);
+        for (Wait* const wait : touched_) {
+            if (is_answered(*wait))
+                end(*wait, WaitEnd::kCame);
+            else
+                look_at(*wait, frames_of(*wait));
+        }
+    }
+    // Last: where something is thrown, who looks next begins anew.
+    seen_ = newest;
+}
+
+void Waits::collect_touched(CommitNumber newest) {
+    touched_.clear();
+    collect(kCommits);
+    if (StoreFeed(store_.frames).read(seen_ + 1, newest, words_, ends_)) {
+        std::size_t at = 0;
+        for (const std::size_t end : ends_) {
+            while (at < end) {
+                const std::uint64_t note = words_[at++];
+                if ((FeedNote::what(note) & FeedNote::kRemoved) != 0)
+                    at += FeedNote::name_words(note);
+                if ((FeedNote::what(note) & FeedNote::kMade) != 0)
+                    collect(kBirths);
+                collect(FeedNote::id(note));
+            }
+            at = end;
+        }
+    } else {
+        for (const auto& [frame, wait] : looks_)
+            touched_.push_back(wait);
+    }
+    std::sort(touched_.begin(), touched_.end());
+    touched_.erase(std::unique(touched_.begin(), touched_.end()), touched_.end());
+}
+
+void Waits::collect(FrameId frame) {
+    for (auto at = looks_.lower_bound({frame, nullptr});
+         at != looks_.end() && at->first == frame; ++at)
+        touched_.push_back(at->second);
+}
+
+std::uint64_t Waits::removals() const {
+    return store_.shared == nullptr ? 0 : store_.shared->control->removals().load_acquire();
+}
+
+}  // namespace tfdb::store
+
+namespace tfdb {
+namespace {
+
+/// Throws where nobody can wait.
+store::Waits& waits_of(const store::Store& store) {
+    if (store.engine != nullptr) {
+        throw NotSupported("nobody can wait for commits of the engine '" +
+                           std::string(concurrency_name(store.concurrency)) +
+                           "', which keeps no feed of changes: use 'snapshot'");
+    }
+    store::check_not_in_transaction(store);
+    if (store.shared != nullptr && store.shared->control == nullptr) {
+        ErrorDetail detail;
+        detail.path = store.shared->path;
+        throw NotSupported("nobody here can be told of commits to " + store.shared->path +
+                               ": this process may not write to its control file; ask its owner "
+                               "for permission, or look again now and then",
+                           std::move(detail));
+    }
+    return store.waits();
+}
+
+bool came(const store::Store& store, WaitEnd end) {
+    if (end == WaitEnd::kClosed || end == WaitEnd::kRemoved)
+        store::raise_ended_wait(store, end);
+    return end == WaitEnd::kCame;
+}
+
+}  // namespace
+
+namespace store {
+
+void raise_ended_wait(const Store& store, WaitEnd end) {
+    if (end == WaitEnd::kClosed)
+        throw BufferClosed("the buffer was closed: open the store anew, or make another Buffer");
+    ErrorDetail detail;
+    detail.path = store.shared->path;
+    detail.reason = "removed";
+    throw NoSuchStore("the store " + detail.path +
+                          " was removed while this waited: what is waited for may never come",
+                      std::move(detail));
+}
+
+}  // namespace store
+
+bool Buffer::wait_for(const Question& question, std::optional<std::int64_t> timeout_ns) const {
+    return came(*store_, waits_of(*store_).wait(question, store::Patience(timeout_ns)));
+}
+
+bool Buffer::wait_for_commit(CommitNumber after, std::optional<std::int64_t> timeout_ns) const {
+    return came(*store_, waits_of(*store_).wait(after, store::Patience(timeout_ns)));
+}
+
+std::uint64_t Buffer::begin_wait(const Question& question) const {
+    return waits_of(*store_).begin(question);
+}
+
+std::uint64_t Buffer::begin_wait_for_commit(CommitNumber after) const {
+    return waits_of(*store_).begin(after);
+}
+
+bool Buffer::cancel_wait(std::uint64_t number) const {
+    return store_->waits().cancel(number);
+}
+
+std::vector<EndedWait> Buffer::ended_waits(std::optional<std::int64_t> timeout_ns) const {
+    return store_->waits().ended(store::Patience(timeout_ns));
+}
+
+void Buffer::raise_ended_wait(WaitEnd end) const {
+    store::raise_ended_wait(*store_, end);
+}
+
+void Buffer::end_waits() const {
+    store_->waits().close();
+}
+
+}  // namespace tfdb

@@ -1,0 +1,113 @@
+// Those who wait for answers and commits: woken by the commit that touched what they look at.
+#pragma once
+
+#include <cstdint>
+#include <limits>
+#include <memory>
+#include <optional>
+#include <set>
+#include <string>
+#include <unordered_map>
+#include <utility>
+#include <vector>
+
+#include "tfdb/base/interruption.hpp"
+#include "tfdb/store/question.hpp"
+#include "tfdb/store/wait_end.hpp"
+#include "tfdb/sync/lookout.hpp"
+
+namespace tfdb::store {
+
+struct Store;
+
+/// How long one waits, and that a signal may end it.
+/// Threads: one. Guarantee: none.
+class Patience {
+public:
+    /// None: for ever.
+    explicit Patience(std::optional<std::int64_t> longest_ns);
+    [[nodiscard]] std::int64_t left() const;
+    [[nodiscard]] static bool heeds_signals() { return Interruption::current() != nullptr; }
+    static void signalled() { may_end(); }
+
+private:
+    std::int64_t until_ = std::numeric_limits<std::int64_t>::max();
+};
+
+/// The waits of one process on one store. Whoever keeps the lookout reads the feed of changes, and
+/// asks again for those waits of which a commit touched a frame on the path, or made a frame that
+/// was missing.
+/// Threads: any. Guarantee: `wait` and `ended` block, the others only against each other. Each
+/// wait ends once, as `WaitEnd` says.
+class Waits {
+public:
+    /// `bell`: rung behind each commit.
+    Waits(const Store& store, sync::Word& bell);
+    ~Waits();
+    Waits(const Waits&) = delete;
+    Waits& operator=(const Waits&) = delete;
+
+    /// In whose process the waiting threads are: see `sync::forks`.
+    [[nodiscard]] std::uint64_t forks() const { return forks_; }
+
+    /// Waits until the question has an answer.
+    [[nodiscard]] WaitEnd wait(const Question& question, Patience patience);
+    /// Waits for a commit after this one.
+    [[nodiscard]] WaitEnd wait(CommitNumber after, Patience patience);
+
+    /// The same for those who cannot block: `ended` tells that it has come. Returns the wait's
+    /// number; 0: there is nothing to wait for.
+    [[nodiscard]] std::uint64_t begin(const Question& question);
+    [[nodiscard]] std::uint64_t begin(CommitNumber after);
+    /// It is told of no more. False: it has been already.
+    bool cancel(std::uint64_t number);
+    /// Waits for some of those to end, and takes them. None: they were all cancelled, or the
+    /// patience was at an end.
+    [[nodiscard]] std::vector<EndedWait> ended(Patience patience);
+
+    /// All waits end now, as kClosed, and so do those that come.
+    void close();
+
+private:
+    struct Wait;
+    using Lookout = sync::Lookout;
+    // What a wait looks at beside frames. No frame has these numbers.
+    static constexpr FrameId kBirths = kNoFrame;       // frames that are not there yet
+    static constexpr FrameId kCommits = kNoFrame + 1;  // every commit
+
+    [[nodiscard]] WaitEnd wait(Wait& wait, Patience patience);
+    [[nodiscard]] std::uint64_t begin(std::unique_ptr<Wait> wait);
+    [[nodiscard]] bool is_answered(Wait& wait);
+    bool add(Wait& wait);
+    void remove(Wait& wait) noexcept;
+    void look_at(Wait& wait, std::vector<FrameId> frames);
+    void end(Wait& wait, WaitEnd how) noexcept;
+    void end_all(WaitEnd how) noexcept;
+    void look();
+    void collect_touched(CommitNumber newest);
+    void collect(FrameId frame);
+    [[nodiscard]] std::vector<FrameId> frames_of(const Wait& wait) const;
+    void climb(FrameId from, std::vector<FrameId>& frames) const;
+    [[nodiscard]] std::uint64_t removals() const;
+
+    const Store& store_;
+    std::uint64_t forks_;
+    Lookout lookout_;
+    // All of these: the lookout is locked.
+    std::set<std::pair<FrameId, Wait*>> looks_;  // which wait looks at which frame
+    CommitNumber seen_ = 0;                      // what was changed until then has been looked at
+    std::uint64_t seen_removals_ = 0;
+    bool closed_ = false;
+    std::uint64_t last_number_ = 0;
+    std::unordered_map<std::uint64_t, std::unique_ptr<Wait>> begun_;
+    std::vector<EndedWait> ended_;
+    Lookout::Waiter* teller_ = nullptr;  // who waits for ends, if anybody
+    std::vector<std::uint64_t> words_;   // of the feed
+    std::vector<std::size_t> ends_;
+    std::vector<Wait*> touched_;
+    Answer answer_;
+};
+
+[[noreturn]] void raise_ended_wait(const Store& store, WaitEnd end);
+
+}  // namespace tfdb::store

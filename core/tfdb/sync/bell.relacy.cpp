@@ -1,0 +1,56 @@
+// The bell in the C++ memory model: who is never woken shows as a livelock.
+#include "tfdb/sync/bell.hpp"
+
+// After all others: it redefines `assert` and more.
+#include "tfdb/testing/relacy/simulate.hpp"
+
+namespace tfdb::sync {
+
+namespace {
+
+/// Some wait until the others have each done their part.
+template <unsigned Listeners, unsigned Workers>
+struct Bells : rl::test_suite<Bells<Listeners, Workers>, Listeners + Workers> {
+    relacy::Word word;
+    relacy::Word parts[Workers];
+    rl::var<int> data[Workers];
+
+    void thread(unsigned index) {
+        BasicBell<relacy::Word> bell(word);
+        if (index >= Listeners) {
+            const unsigned worker = index - Listeners;
+            data[worker]($) = 1;
+            parts[worker].store_release(1);
+            bell.ring();
+            return;
+        }
+        const auto all_done = [&] {
+            bool all = true;
+            for (const relacy::Word& part : parts)
+                all = all && part.load_acquire() == 1;
+            return all;
+        };
+        for (;;) {
+            const std::uint64_t armed = bell.arm();
+            if (all_done())
+                break;
+            (void)bell.sleep(armed, 1);
+        }
+        for (rl::var<int>& part : data)
+            RL_ASSERT(part($) == 1);
+    }
+};
+
+}  // namespace
+
+TFDB_TEST(bell_holds_in_the_memory_model) {
+    relacy::holds<Bells<1, 1>>("one listener, one worker");
+    relacy::holds<Bells<2, 1>>("two listeners, one worker");
+    relacy::holds<Bells<1, 2>>("one listener, two workers");
+}
+
+TFDB_TEST(bell_needs_its_fences) {
+    relacy::needs<Bells<1, 1>>("the full fences", {.no_full_fence = true});
+}
+
+}  // namespace tfdb::sync

@@ -1,0 +1,231 @@
+// Every interleaving of those who wait, and of who changes what they wait for.
+#include "tfdb/sync/lookout.hpp"
+
+#include <cstdint>
+#include <limits>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "tfdb/sync/flaws.sched.hpp"
+#include "tfdb/testing/sched/flaws.hpp"
+
+namespace tfdb::sync {
+
+namespace {
+
+using sched::Program;
+using sched::Run;
+using sched::Walk;
+using namespace flaws;
+
+/// For ever, or with so many short sleeps.
+struct Patience {
+    std::optional<int> sleeps{};
+
+    std::int64_t left() {
+        if (!sleeps)
+            return std::numeric_limits<std::int64_t>::max();
+        return (*sleeps)-- > 0 ? 1 : 0;
+    }
+    static bool heeds_signals() { return false; }
+    static void signalled() {}
+};
+
+/// What several threads wait for: that a counter reaches a number, each its own.
+template <class W>
+struct Room {
+    using Lookout = BasicLookout<W, 0, 0>;
+    struct Wait {
+        typename Lookout::Waiter waiter{};
+        std::uint64_t least;
+    };
+
+    explicit Room(Run& run) : lookout(bell_word) {
+        bell_word.rename("bell", 0);
+        run.touch(bell_word);
+    }
+
+    W bell_word;
+    sched::Word counter{0, "counter"};
+    Lookout lookout;
+    std::vector<Wait*> waits;
+    bool closed = false;
+
+    /// Whether it has come.
+    bool wait_for(std::uint64_t least, Patience patience = {}) {
+        Wait wait{.least = least};
+        const typename Lookout::Locked locked(lookout);
+        if (closed || counter.load_acquire() >= least)
+            return !closed;
+        waits.push_back(&wait);
+        lookout.wait(wait.waiter, [this] { look(); }, patience);
+        std::erase(waits, &wait);
+        return wait.waiter.ended();
+    }
+    void look() {
+        const std::uint64_t now = counter.load_acquire();
+        std::erase_if(waits, [&](Wait* wait) {
+            if (wait->least > now)
+                return false;
+            lookout.end(wait->waiter);
+            return true;
+        });
+    }
+    void close() {
+        const typename Lookout::Locked locked(lookout);
+        closed = true;
+        for (Wait* const wait : waits)
+            lookout.end(wait->waiter);
+        waits.clear();
+        lookout.tell();
+    }
+    void commit() {
+        counter.fetch_add(1);
+        BasicBell<W>(bell_word).ring();
+    }
+};
+
+/// Who waits for which commit, and how many commits come, each from a thread of its own or not.
+template <class W = Sound>
+Program waiting(std::vector<std::uint64_t> waits, int writers, int commits_each) {
+    return [=](Run& run) {
+        Room<W> room(run);
+        for (const std::uint64_t least : waits) {
+            run.thread("waits for " + std::to_string(least),
+                       [&room, least] { SCHED_REQUIRE(room.wait_for(least)); });
+        }
+        for (int writer = 0; writer < writers; ++writer) {
+            run.thread("writer", [&room, commits_each] {
+                for (int i = 0; i < commits_each; ++i)
+                    room.commit();
+            });
+        }
+        run.join();
+        SCHED_REQUIRE(room.waits.empty());
+    };
+}
+
+/// One loses its patience, perhaps while it keeps the lookout; the other must not be left alone.
+Program impatient(int sleeps) {
+    return [=](Run& run) {
+        Room<Sound> room(run);
+        run.thread("impatient", [&room, sleeps] { (void)room.wait_for(2, {.sleeps = sleeps}); });
+        run.thread("patient", [&room] { SCHED_REQUIRE(room.wait_for(1)); });
+        run.thread("writer", [&room] { room.commit(); });
+        run.join();
+    };
+}
+
+/// Two wait for what never comes; closing ends both.
+Program closing() {
+    return [](Run& run) {
+        Room<Sound> room(run);
+        for (int i = 0; i < 2; ++i)
+            run.thread("waits", [&room] { (void)room.wait_for(9); });
+        run.thread("closes", [&room] { room.close(); });
+        run.join();
+    };
+}
+
+/// A listener in another process is killed at some step; the writer and the others go on.
+Program with_death(std::size_t accesses) {
+    return [=](Run& run) {
+        sched::Word bell_word(0, "bell");
+        sched::Word counter(0, "counter");
+        const auto listen = [&] {
+            BasicBell<sched::Word> bell(bell_word);
+            for (;;) {
+                const std::uint64_t armed = bell.arm();
+                if (counter.load_acquire() >= 2)
+                    return;
+                (void)bell.sleep(armed, 0);
+            }
+        };
+        run.thread("dies", listen, accesses);
+        run.thread("listens", listen);
+        run.thread("writer", [&] {
+            for (int i = 0; i < 2; ++i) {
+                counter.fetch_add(1);
+                BasicBell<sched::Word>(bell_word).ring();
+            }
+        });
+        run.join();
+    };
+}
+
+/// A listener that looks first and arms then.
+Program looks_too_early() {
+    return [](Run& run) {
+        sched::Word bell_word(0, "bell");
+        sched::Word done(0, "done");
+        run.thread("listens", [&] {
+            BasicBell<sched::Word> bell(bell_word);
+            if (done.load_acquire() == 0)
+                (void)bell.sleep(bell.arm(), 0);
+        });
+        run.thread("writer", [&] {
+            done.store_release(1);
+            BasicBell<sched::Word>(bell_word).ring();
+        });
+        run.join();
+    };
+}
+
+/// The bell still says that it is listened to when all have been woken: who arms between the two
+/// is forgotten.
+struct WakesThenClears : sched::Word {
+    bool compare_exchange(std::uint64_t& expected, std::uint64_t desired) {
+        const bool rings = (expected & 1) != 0 && (desired & 1) == 0;
+        if (!rings)
+            return sched::Word::compare_exchange(expected, desired);
+        sched::Word::notify_all();
+        return sched::Word::compare_exchange(expected, desired);
+    }
+    void wake_all() {}
+};
+
+struct SilentWake : sched::Word {
+    void wake_all() {}
+};
+
+/// Sleeps on whatever the word says by then.
+struct BlindSleep : sched::Word {
+    Woken sleep(std::uint64_t, std::int64_t) const {
+        return sched::Word::sleep(load_acquire(), 0);
+    }
+};
+
+}  // namespace
+
+TFDB_SCHED(lookout_loses_no_wake_up) {
+    Walk walk;
+    walk.must_hold("one waits, one commit", waiting({1}, 1, 1));
+    walk.must_hold("one waits for the second of two commits", waiting({2}, 1, 2));
+    walk.must_hold("one waits, two writers", waiting({2}, 2, 1));
+    sched::Options options;
+    options.preemptions = 2;
+    Walk bounded(options);
+    bounded.must_hold("two wait for the same commit", waiting({1, 1}, 1, 1));
+    bounded.must_hold("two wait, for one commit each", waiting({1, 2}, 1, 2));
+    bounded.must_hold("one loses its patience at once", impatient(2));
+    bounded.must_hold("one loses its patience later", impatient(4));
+    bounded.must_hold("closing ends all waits", closing());
+}
+
+TFDB_SCHED(bell_survives_the_deaths_of_listeners) {
+    Walk walk;
+    for (std::size_t accesses = 0; accesses < 6; ++accesses)
+        walk.must_hold("a death after " + std::to_string(accesses), with_death(accesses));
+}
+
+TFDB_SCHED(lookout_flaws_are_found) {
+    Walk walk;
+    walk.must_fail("a bell that wakes nobody", kDeadlock, waiting<SilentWake>({1}, 1, 1));
+    walk.must_fail("a bell that wakes, then clears", kDeadlock,
+                   waiting<WakesThenClears>({2}, 1, 2));
+    walk.must_fail("sleeping without looking again", kDeadlock, waiting<BlindSleep>({1}, 1, 1));
+    walk.must_fail("looking before arming", kDeadlock, looks_too_early());
+}
+
+}  // namespace tfdb::sync

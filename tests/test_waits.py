@@ -1,0 +1,269 @@
+"""Waits: each ends once, by its answer or by what else may end it."""
+
+from __future__ import annotations
+
+import asyncio
+import gc
+import signal
+import threading
+from typing import TYPE_CHECKING
+
+import pytest
+
+import tfdb
+
+from .another_thread import Call
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+POSE = ((1.0, 2.0, 3.0), (0.0, 0.0, 0.6, 0.8))
+LONG = 60.0
+
+
+def put(buf: tfdb.Buffer, child: str, stamp: int, parent: str = "map") -> None:
+    buf.set_transform(parent, child, stamp, *POSE)
+
+
+@pytest.fixture
+def buf() -> tfdb.Buffer:
+    return tfdb.Buffer(history=None)
+
+
+def test_a_lookup_waits_for_its_answer(buf: tfdb.Buffer) -> None:
+    call = Call(lambda: buf.lookup_transform("map", "a", 5, timeout=LONG))
+    put(buf, "b", 5)
+    put(buf, "a", 4)
+    put(buf, "a", 6)
+    assert call.result().translation.tolist() == [1.0, 2.0, 3.0]
+    assert call.result().stamp == 5
+
+
+def test_what_is_there_is_not_waited_for(buf: tfdb.Buffer) -> None:
+    put(buf, "a", 5)
+    for timeout in (0, 0.0, 5, LONG, None):
+        assert buf.lookup_transform("map", "a", 5, timeout=timeout).stamp == 5
+        assert buf.wait_for_transform("map", "a", 5, timeout).stamp == 5
+
+
+@pytest.mark.parametrize("timeout", [0, 0.001])
+def test_what_is_in_the_way_is_raised_in_the_end(buf: tfdb.Buffer, timeout: float) -> None:
+    def wait() -> tfdb.Transform:
+        return buf.wait_for_transform("map", "a", 9, timeout)
+
+    with pytest.raises(tfdb.UnknownFrame):
+        wait()
+    put(buf, "a", 5)
+    with pytest.raises(tfdb.Extrapolation) as caught:
+        wait()
+    assert caught.value.reason == "future"
+    put(buf, "b", 5, parent="elsewhere")
+    with pytest.raises(tfdb.Disconnected):
+        buf.lookup_transform("b", "a", 5, timeout=timeout)
+    with pytest.raises(tfdb.NoSampleNear):
+        buf.wait_for_transform("map", "a", 7, timeout, policy=tfdb.Nearest(tolerance=0.0))
+
+
+def test_a_wait_for_a_commit(buf: tfdb.Buffer) -> None:
+    call = Call(lambda: buf.wait_for_commit(0, LONG))
+    put(buf, "a", 1)
+    assert call.result() == 1
+    assert buf.wait_for_commit(0) == 1
+    with pytest.raises(tfdb.WaitTimeout, match=r"after commit 1 within 0\.001 s") as caught:
+        buf.wait_for_commit(1, 0.001)
+    assert isinstance(caught.value, TimeoutError)
+    assert caught.value.commit == 1
+    assert caught.value.limit == 1_000_000
+
+
+def test_closing_ends_the_waits_and_what_comes_later(buf: tfdb.Buffer) -> None:
+    put(buf, "a", 1)
+    snapshot = buf.snapshot()
+    calls = [
+        Call(lambda: buf.wait_for_commit(1)),
+        Call(lambda: buf.wait_for_transform("map", "b")),
+    ]
+    buf.close()
+    buf.close()
+    for call in calls:
+        with pytest.raises(tfdb.BufferClosed):
+            call.result()
+    later: list[Callable[[], object]] = [
+        lambda: buf.wait_for_commit(0),
+        lambda: buf.lookup_transform("map", "a"),
+        lambda: buf.lookup_transforms("map", "a", [1]),
+        lambda: put(buf, "a", 2),
+        lambda: buf.set_static_transform("map", "s", *POSE),
+        lambda: buf.set_transforms([]),
+        lambda: buf.snapshot(),
+        lambda: buf.transaction(),
+        lambda: buf.changes(0),
+        lambda: buf.remove_frame("a"),
+        lambda: buf.clear(),
+        lambda: buf.frames(),
+        lambda: buf.__enter__(),
+    ]
+    for work in later:
+        with pytest.raises(tfdb.BufferClosed) as caught:
+            work()
+        assert caught.value.commit == 1
+    assert buf.closed
+    assert (buf.commit, snapshot.frames()) == (1, ["a", "map"])
+    assert "Buffer" in repr(buf)
+
+
+def test_a_buffer_closes_with_its_block() -> None:
+    with tfdb.Buffer() as buf:
+        assert not buf.closed
+    assert buf.closed
+
+
+@pytest.mark.parametrize("timeout", [-1, -0.5, float("nan"), float("inf"), "1", True, 1j])
+def test_what_is_no_timeout(buf: tfdb.Buffer, timeout: float) -> None:
+    put(buf, "a", 1)
+    for wait in (
+        lambda: buf.lookup_transform("map", "a", timeout=timeout),
+        lambda: buf.wait_for_transform("map", "a", 1, timeout),
+        lambda: buf.wait_for_commit(0, timeout),
+        lambda: asyncio.run(buf.wait_for_transform_async("map", "a", 1, timeout)),
+        lambda: asyncio.run(buf.wait_for_commit_async(0, timeout)),
+    ):
+        with pytest.raises(tfdb.InvalidArgument, match="timeout"):
+            wait()
+
+
+def test_where_nothing_can_be_waited_for(buf: tfdb.Buffer) -> None:
+    put(buf, "a", 1)
+    with buf.snapshot() as snapshot, pytest.raises(tfdb.InvalidArgument, match="stays as it is"):
+        snapshot.lookup_transform("map", "a", timeout=1)
+    with buf.transaction():
+        with pytest.raises(tfdb.TransactionActive):
+            buf.wait_for_commit(0, LONG)
+        with pytest.raises(tfdb.TransactionActive):
+            buf.wait_for_transform("map", "b")
+    silo = tfdb.Buffer(concurrency="silo")
+    put(silo, "a", 1)
+    assert silo.lookup_transform("map", "a", timeout=LONG).stamp == 1
+    with pytest.raises(tfdb.NotSupported, match="'silo'"):
+        silo.wait_for_transform("map", "b")
+    with pytest.raises(tfdb.InvalidArgument):
+        buf.wait_for_commit(-1)
+
+
+@pytest.mark.skipif(not hasattr(signal, "setitimer"), reason="the machine has no such timer")
+def test_a_signal_ends_a_wait_at_once_and_its_handler_may_wait(buf: tfdb.Buffer) -> None:
+    def handler(*_: object) -> None:
+        with pytest.raises(tfdb.WaitTimeout):
+            buf.wait_for_commit(buf.commit, 0.001)
+        raise KeyboardInterrupt
+
+    other = Call(lambda: buf.wait_for_transform("map", "a"))
+    before = signal.signal(signal.SIGALRM, handler)
+    try:
+        signal.setitimer(signal.ITIMER_REAL, 0.02)
+        with pytest.raises(KeyboardInterrupt):
+            buf.wait_for_transform("map", "b", timeout=LONG)
+    finally:
+        signal.setitimer(signal.ITIMER_REAL, 0)
+        signal.signal(signal.SIGALRM, before)
+    put(buf, "a", 1)
+    assert other.result().stamp == 1
+
+
+def test_coroutines_wait_together(buf: tfdb.Buffer) -> None:
+    async def main() -> list[tfdb.Transform]:
+        waits = [
+            asyncio.create_task(buf.wait_for_transform_async("map", f"f{i}", LONG and 5))
+            for i in range(200)
+        ]
+        next_commit = asyncio.create_task(buf.wait_for_commit_async(buf.commit, LONG))
+        await asyncio.sleep(0)
+        writer = threading.Thread(target=lambda: [put(buf, f"f{i}", 5) for i in range(200)])
+        writer.start()
+        found = await asyncio.gather(*waits)
+        assert await next_commit >= 1
+        writer.join()
+        return found
+
+    assert [t.source for t in asyncio.run(main())] == [f"f{i}" for i in range(200)]
+
+
+def test_each_end_of_a_coroutines_wait(buf: tfdb.Buffer) -> None:
+    put(buf, "a", 1)
+
+    async def main() -> None:
+        assert (await buf.wait_for_transform_async("map", "a")).stamp == 1
+        assert await buf.wait_for_commit_async(0) == 1
+        for timeout in (0, 0.001):
+            with pytest.raises(tfdb.Extrapolation):
+                await buf.wait_for_transform_async("map", "a", 5, timeout)
+            with pytest.raises(tfdb.WaitTimeout):
+                await buf.wait_for_commit_async(1, timeout)
+        task = asyncio.create_task(buf.wait_for_transform_async("map", "b"))
+        await asyncio.sleep(0)
+        task.cancel()
+        with pytest.raises(asyncio.CancelledError):
+            await task
+        waits = [
+            asyncio.create_task(buf.wait_for_transform_async("map", "b")),
+            asyncio.create_task(buf.wait_for_commit_async(1)),
+        ]
+        await asyncio.sleep(0)
+        buf.close()
+        for ended in await asyncio.gather(*waits, return_exceptions=True):
+            assert isinstance(ended, tfdb.BufferClosed)
+        with pytest.raises(tfdb.BufferClosed):
+            await buf.wait_for_transform_async("map", "a")
+
+    asyncio.run(main())
+
+
+def test_thousands_of_coroutines_begin_and_end(buf: tfdb.Buffer) -> None:
+    async def one(i: int) -> str:
+        task = asyncio.create_task(buf.wait_for_transform_async("map", f"f{i % 7}", 10 + i, 0.2))
+        await asyncio.sleep(0)
+        if i % 3 == 0:
+            task.cancel()
+        try:
+            await task
+        except asyncio.CancelledError:
+            return "cancelled"
+        except (tfdb.UnknownFrame, tfdb.Extrapolation):
+            return "late"
+        return "came"
+
+    async def main() -> list[str]:
+        ends = asyncio.gather(*(one(i) for i in range(3000)))
+        await asyncio.sleep(0)
+        for i in range(7):
+            put(buf, f"f{i}", 0)
+            put(buf, f"f{i}", 2000)
+        return await ends
+
+    ends = asyncio.run(main())
+    assert ends.count("cancelled") == 1000
+    assert ends.count("came") >= 1000
+    assert ends.count("late") <= 1000
+
+
+def test_a_thread_that_waits_for_coroutines_ends_after_them(buf: tfdb.Buffer) -> None:
+    put(buf, "a", 1)
+    with pytest.raises(tfdb.WaitTimeout):
+        asyncio.run(buf.wait_for_commit_async(1, 0.001))
+    [teller] = [thread for thread in threading.enumerate() if thread.name == "tfdb waits"]
+    buf.close()
+    teller.join(LONG)
+    assert not teller.is_alive()
+    gc.collect()
+
+
+def test_a_loop_that_was_closed_is_no_harm(buf: tfdb.Buffer) -> None:
+    loop = asyncio.new_event_loop()
+    task = loop.create_task(buf.wait_for_transform_async("map", "a"))
+    loop.run_until_complete(asyncio.sleep(0, None))
+    loop.run_until_complete(asyncio.sleep(0, None))
+    loop.close()
+    put(buf, "a", 1)
+    assert asyncio.run(buf.wait_for_transform_async("map", "a", 1, LONG)).stamp == 1
+    assert not task.done()
+    task._log_destroy_pending = False  # type: ignore[attr-defined]
