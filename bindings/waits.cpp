@@ -91,9 +91,54 @@ void close(nb::handle self) {
     buffer.store.end_waits();
 }
 
+using BufferClass = nb::class_<BufferObject, ReadsObject>;
+
+/// What waiting.py needs.
+void bind_begun_waits(BufferClass& type) {
+    type.def("_begin_wait", &begin_wait, nb::arg("target"), nb::arg("source"),
+             nb::arg("time").none(), nb::arg("policy").none(),
+             nb::sig("def _begin_wait(self, target: str, source: str, time: "
+                     "tfdb.stamps.StampLike | None, policy: Policy | None) -> int"),
+             "Number of a wait that `_ended_waits` will tell of; 0: the answer is there.");
+    type.def("_begin_wait_for_commit", &begin_wait_for_commit, nb::arg("after").none(),
+             nb::sig("def _begin_wait_for_commit(self, after: int) -> int"),
+             "The same for a commit with a greater number.");
+    type.def("_cancel_wait", &cancel_wait, nb::arg("number"),
+             nb::sig("def _cancel_wait(self, number: int) -> bool"),
+             "Whether the wait had not ended; it is told of no more.");
+    type.def("_ended_waits", &ended_waits, nb::arg("timeout").none(),
+             nb::sig("def _ended_waits(self, timeout: float | None) -> list[tuple[int, int]]"),
+             "Wait until some of those that were begun end: their numbers, and how they did.");
+    type.def("_check_wait", &check_wait, nb::arg("how"),
+             nb::sig("def _check_wait(self, how: int) -> None"),
+             "Raise what ended a wait, if it was not its time.");
+}
+
+void bind_closing(BufferClass& type) {
+    type.def("close", &close, nb::sig("def close(self) -> None"),
+             R"(End all waits, with BufferClosed; what is called later raises that, too.
+
+Snapshots and transactions that are open stay so. The memory goes with the last reference to them
+and to the buffer. Closing twice does nothing.)");
+    type.def_prop_ro(
+        "closed", [](const BufferObject& self) { return self.closed.load(); },
+        nb::sig("def closed(self) -> bool"), "Whether close() was called.");
+    type.def(
+        "__enter__",
+        [](nb::handle self) {
+            static_cast<void>(object_of<BufferObject>(self).open_store());
+            return nb::borrow(self);
+        },
+        nb::sig("def __enter__(self) -> typing.Self"));
+    type.def(
+        "__exit__", [](nb::handle self, nb::handle, nb::handle, nb::handle) { close(self); },
+        nb::arg("kind").none(), nb::arg("error").none(), nb::arg("traceback").none(),
+        nb::sig("def __exit__(self, kind: object, error: object, traceback: object) -> None"));
+}
+
 }  // namespace
 
-void bind_waits(nb::class_<BufferObject, ReadsObject>& type) {
+void bind_waits(BufferClass& type) {
     add_raw_waits(type);
     type.def("wait_for_commit", &wait_for_commit, nb::arg("after").none(),
              nb::arg("timeout").none() = nb::none(),
@@ -120,42 +165,8 @@ Raises
 WaitTimeout, BufferClosed (`close` was called meanwhile), NoSuchStore (the store that processes
 share was removed meanwhile), TransactionActive, NotSupported (the engine keeps no feed of changes;
 or this process may read the store, but not write to its control file), InvalidArgument)");
-    type.def("_begin_wait", &begin_wait, nb::arg("target"), nb::arg("source"),
-             nb::arg("time").none(), nb::arg("policy").none(),
-             nb::sig("def _begin_wait(self, target: str, source: str, time: "
-                     "tfdb.stamps.StampLike | None, policy: Policy | None) -> int"),
-             "Number of a wait that `_ended_waits` will tell of; 0: the answer is there.");
-    type.def("_begin_wait_for_commit", &begin_wait_for_commit, nb::arg("after").none(),
-             nb::sig("def _begin_wait_for_commit(self, after: int) -> int"),
-             "The same for a commit with a greater number.");
-    type.def("_cancel_wait", &cancel_wait, nb::arg("number"),
-             nb::sig("def _cancel_wait(self, number: int) -> bool"),
-             "Whether the wait had not ended; it is told of no more.");
-    type.def("_ended_waits", &ended_waits, nb::arg("timeout").none(),
-             nb::sig("def _ended_waits(self, timeout: float | None) -> list[tuple[int, int]]"),
-             "Wait until some of those that were begun end: their numbers, and how they did.");
-    type.def("_check_wait", &check_wait, nb::arg("how"),
-             nb::sig("def _check_wait(self, how: int) -> None"),
-             "Raise what ended a wait, if it was not its time.");
-    type.def("close", &close, nb::sig("def close(self) -> None"),
-             R"(End all waits, with BufferClosed; what is called later raises that, too.
-
-Snapshots and transactions that are open stay so. The memory goes with the last reference to them
-and to the buffer. Closing twice does nothing.)");
-    type.def_prop_ro(
-        "closed", [](const BufferObject& self) { return self.closed.load(); },
-        nb::sig("def closed(self) -> bool"), "Whether close() was called.");
-    type.def(
-        "__enter__",
-        [](nb::handle self) {
-            static_cast<void>(object_of<BufferObject>(self).open_store());
-            return nb::borrow(self);
-        },
-        nb::sig("def __enter__(self) -> typing.Self"));
-    type.def(
-        "__exit__", [](nb::handle self, nb::handle, nb::handle, nb::handle) { close(self); },
-        nb::arg("kind").none(), nb::arg("error").none(), nb::arg("traceback").none(),
-        nb::sig("def __exit__(self, kind: object, error: object, traceback: object) -> None"));
+    bind_begun_waits(type);
+    bind_closing(type);
 }
 
 }  // namespace tfdb::python

@@ -192,8 +192,8 @@ nb::object ingest_many(BufferObject& self, nb::handle messages, const nb::str& e
         }
         const LongWork work(true);
         for (const Message& message : chunk) {
-            ingest_one(self.open_store(), message.bytes(), how, is_static, senders.of(tally.messages),
-                       scratch, tally);
+            ingest_one(self.open_store(), message.bytes(), how, is_static,
+                       senders.of(tally.messages), scratch, tally);
         }
     }
     return result_of(tally);

@@ -82,7 +82,8 @@ CommitNumber commit_transforms(BufferObject& buffer, std::span<const TransformVi
     return commit_soon(
         buffer, batch.size(),
         [&](CommitNumber& commit) {
-            return buffer.open_store().try_set_transforms(batch, is_static, authority, commit, rules);
+            return buffer.open_store().try_set_transforms(batch, is_static, authority, commit,
+                                                          rules);
         },
         [&] { return buffer.open_store().set_transforms(batch, is_static, authority, rules); });
 }

@@ -291,6 +291,8 @@ class Reads:
         source: str,
         time: tfdb.stamps.StampLike | None = None,
         policy: Policy | None = None,
+        *,
+        timeout: float | None = None,
     ) -> Transform:
         """
         T[target<-source] at a stamp: maps points of `source` into `target`.
@@ -304,6 +306,9 @@ class Reads:
             at which every moving edge of the path has data.
         policy
             How a stamp between samples is answered. None: Interpolate().
+        timeout
+            Seconds to wait for an answer, at most; None: not at all. Of a buffer only. What
+            is raised in the end is what was in the way then; see `wait_for_transform` for the rest.
 
         Returns
         -------
@@ -746,6 +751,101 @@ class Buffer(Reads):
             This thread has a transaction open in the store.
         """
 
+    def wait_for_transform(
+        self,
+        target: str,
+        source: str,
+        time: tfdb.stamps.StampLike | None = None,
+        timeout: float | None = None,
+        *,
+        policy: Policy | None = None,
+    ) -> Transform:
+        """
+        `lookup_transform`, once it has an answer.
+
+        It is woken by the commit that touches a frame of the path, or makes one that is missing, of
+        whatever thread or process; other threads run meanwhile. A signal's handlers run at once.
+
+        Parameters
+        ----------
+        target, source, time, policy
+            As in `lookup_transform`.
+        timeout
+            Seconds, at most; None: for ever.
+
+        Returns
+        -------
+        Transform
+
+        Raises
+        ------
+        What `lookup_transform` raises at the end of the timeout; BufferClosed (`close` was called
+        meanwhile), NoSuchStore (the store that processes share was removed meanwhile),
+        TransactionActive, NotSupported (the engine keeps no feed of changes; or this process may read
+        the store, but not write to its control file), InvalidArgument
+        """
+
+    def wait_for_commit(self, after: int, timeout: float | None = None) -> int:
+        """
+        Wait until there is a commit with a number greater than `after`.
+
+        It is woken by the commit, of whatever thread or process, at most once in a millisecond: commits
+        that follow each other faster are seen together.
+
+        Parameters
+        ----------
+        after
+            The last commit that the caller knows: `commit`, or what this returned.
+        timeout
+            Seconds, at most; None: for ever.
+
+        Returns
+        -------
+        int
+            Number of the newest commit.
+
+        Raises
+        ------
+        WaitTimeout, BufferClosed (`close` was called meanwhile), NoSuchStore (the store that processes
+        share was removed meanwhile), TransactionActive, NotSupported (the engine keeps no feed of changes;
+        or this process may read the store, but not write to its control file), InvalidArgument
+        """
+
+    def _begin_wait(self, target: str, source: str, time: tfdb.stamps.StampLike | None, policy: Policy | None) -> int:
+        """
+        Number of a wait that `_ended_waits` will tell of; 0: the answer is there.
+        """
+
+    def _begin_wait_for_commit(self, after: int) -> int:
+        """The same for a commit with a greater number."""
+
+    def _cancel_wait(self, number: int) -> bool:
+        """Whether the wait had not ended; it is told of no more."""
+
+    def _ended_waits(self, timeout: float | None) -> list[tuple[int, int]]:
+        """
+        Wait until some of those that were begun end: their numbers, and how they did.
+        """
+
+    def _check_wait(self, how: int) -> None:
+        """Raise what ended a wait, if it was not its time."""
+
+    def close(self) -> None:
+        """
+        End all waits, with BufferClosed; what is called later raises that, too.
+
+        Snapshots and transactions that are open stay so. The memory goes with the last reference to them
+        and to the buffer. Closing twice does nothing.
+        """
+
+    @property
+    def closed(self) -> bool:
+        """Whether close() was called."""
+
+    def __enter__(self) -> Self: ...
+
+    def __exit__(self, kind: object, error: object, traceback: object) -> None: ...
+
     def ingest(self, data: tfdb.types.BytesLike, *, encoding: str = 'cdr', static: bool = False, authority: str = '', change_kind: bool = False, only_new: bool = False) -> int:
         """
         Store one tf2_msgs/TFMessage, straight from its bytes, as one commit.
@@ -928,6 +1028,54 @@ class Buffer(Reads):
                 `fn` cannot be called, or returned before it did its work. Nothing was stored.
             CycleError, CapacityExceeded
                 At the commit. Nothing was stored.
+        """
+
+    async def wait_for_transform_async(
+        self,
+        target: str,
+        source: str,
+        time: tfdb.stamps.StampLike | None = None,
+        timeout: float | None = None,
+        *,
+        policy: Policy | None = None,
+    ) -> Transform:
+        """
+        Do as `wait_for_transform` does, in a coroutine of asyncio.
+
+            One thread of the process waits for all coroutines that wait on the buffer; it ends a second
+            after the last of them. A coroutine that is cancelled leaves nothing behind.
+
+            Parameters
+            ----------
+            target, source, time, timeout, policy
+                As in `wait_for_transform`.
+
+            Returns
+            -------
+            Transform
+
+            Raises
+            ------
+            What `wait_for_transform` raises
+        """
+
+    async def wait_for_commit_async(self, after: int, timeout: float | None = None) -> int:
+        """
+        Do as `wait_for_commit` does, in a coroutine of asyncio: see `wait_for_transform_async`.
+
+            Parameters
+            ----------
+            after, timeout
+                As in `wait_for_commit`.
+
+            Returns
+            -------
+            int
+                Number of the newest commit.
+
+            Raises
+            ------
+            What `wait_for_commit` raises
         """
 
     def __reduce__(self) -> tuple[object, ...]: ...

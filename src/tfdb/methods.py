@@ -349,8 +349,8 @@ async def wait_for_transform_async(
 ) -> Transform:
     """Do as `wait_for_transform` does, in a coroutine of asyncio.
 
-    One thread of the process waits for all coroutines that wait on the buffer; it ends with the last
-    of them. A coroutine that is cancelled leaves nothing behind.
+    One thread of the process waits for all coroutines that wait on the buffer; it ends a second
+    after the last of them. A coroutine that is cancelled leaves nothing behind.
 
     Parameters
     ----------

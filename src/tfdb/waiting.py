@@ -118,7 +118,7 @@ def _until(timeout: float | None) -> float | None:
     if timeout is None:
         return None
     try:
-        seconds = math.nan if isinstance(timeout, bool) else float(timeout)
+        seconds = math.nan if isinstance(timeout, bool | str | bytes) else float(timeout)
     except (TypeError, ValueError):
         seconds = math.nan
     if not 0 <= seconds < math.inf:
@@ -133,7 +133,7 @@ async def transform(
     target: str,
     source: str,
     time: StampLike | None,
-    timeout: float | None,  # noqa: ASYNC109 - as in the method that does not wait in a coroutine
+    timeout: float | None,
     policy: Policy | None,
 ) -> Transform:
     """Do what `Buffer.wait_for_transform_async` says."""
@@ -145,16 +145,14 @@ async def transform(
         except NO_ANSWER_YET:
             if how == TIMED_OUT or timeout == 0:
                 raise
-        how = await _ended(
-            buffer, lambda: buffer._begin_wait(target, source, time, policy), until
-        )
+        how = await _ended(buffer, lambda: buffer._begin_wait(target, source, time, policy), until)
         buffer._check_wait(how)
 
 
 async def commit(
     buffer: Buffer,
     after: int,
-    timeout: float | None,  # noqa: ASYNC109 - as above
+    timeout: float | None,
 ) -> int:
     """Do what `Buffer.wait_for_commit_async` says."""
     how = await _ended(buffer, lambda: buffer._begin_wait_for_commit(after), _until(timeout))

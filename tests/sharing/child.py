@@ -210,6 +210,19 @@ def commit_when_free(name: str) -> None:
         say("interrupted")
 
 
+def wait_for(name: str, count: str) -> None:
+    """Wait for one stamp after the other."""
+    buffer = tfdb.Buffer.open(name, create=False, mode="r")
+    try:
+        for stamp in range(int(count)):
+            say("waits for", stamp)
+            found = buffer.wait_for_transform("map", "a", stamp)
+            assert found.stamp == stamp
+            say("has", stamp)
+    except tfdb.NoSuchStore as error:
+        say("NoSuchStore", error.path)
+
+
 def hold_snapshot(name: str) -> None:
     buffer = tfdb.Buffer.open(name, create=False, mode="r")
     with buffer.snapshot() as snapshot:
@@ -218,14 +231,29 @@ def hold_snapshot(name: str) -> None:
         say(arm_in(snapshot))
 
 
-def open_as(user: str, name: str, mode: str) -> None:
-    """Become somebody else, of the group of that number too; then open."""
+def become(user: str) -> None:
+    """Become somebody else, of the group of that number too."""
     private = tfdb.Buffer()  # what this imports may be another's to read
     move_arm(private, 1)
     assert (arm_in(private), tfdb.Shared.__name__) == (1, "Shared")
     os.setgroups([])
     os.setgid(int(user))
     os.setuid(int(user))
+
+
+def wait_as(user: str, name: str) -> None:
+    """Wait where it cannot be said."""
+    become(user)
+    buffer = tfdb.Buffer.open(name, create=False, mode="r")
+    say(buffer.lookup_transform("map", "a", timeout=1).stamp)
+    try:
+        buffer.wait_for_commit(buffer.commit)
+    except tfdb.NotSupported as error:
+        say("NotSupported", error.path)
+
+
+def open_as(user: str, name: str, mode: str) -> None:
+    become(user)
     try:
         buffer = tfdb.Buffer.open(name, create=False, mode="rw" if mode == "rw" else "r")
     except tfdb.TfdbError as error:
@@ -244,6 +272,10 @@ if __name__ == "__main__":
             hold_lock,
             write_when_free,
             commit_when_free,
+
+
+            wait_for,
+            wait_as,
             hold_snapshot,
             open_as,
         )

@@ -68,7 +68,8 @@ WaitEnd Waits::wait(Wait& wait, Patience patience) {
     if (!add(wait))
         return wait.how;
     try {
-        lookout_.wait(wait.waiter, [this] { look(); }, patience);
+        lookout_.wait(
+            wait.waiter, [this] { look(); }, patience);
     } catch (...) {
         remove(wait);
         throw;
@@ -128,7 +129,8 @@ std::vector<EndedWait> Waits::ended(Patience patience) {
         Lookout::Waiter me;
         teller_ = &me;
         try {
-            lookout_.wait(me, [this] { look(); }, patience);
+            lookout_.wait(
+                me, [this] { look(); }, patience);
         } catch (...) {
             teller_ = nullptr;
             throw;
@@ -295,8 +297,8 @@ void Waits::collect_touched(CommitNumber newest) {
 }
 
 void Waits::collect(FrameId frame) {
-    for (auto at = looks_.lower_bound({frame, nullptr});
-         at != looks_.end() && at->first == frame; ++at)
+    for (auto at = looks_.lower_bound({frame, nullptr}); at != looks_.end() && at->first == frame;
+         ++at)
         touched_.push_back(at->second);
 }
 

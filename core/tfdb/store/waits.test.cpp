@@ -280,7 +280,9 @@ public:
     }
     /// About any two frames, at a stamp that may still come.
     Question question() {
-        static const Policy policies[] = {{}, {.limit = 5}, {.kind = lookup::PolicyKind::kPrevious},
+        static const Policy policies[] = {{},
+                                          {.limit = 5},
+                                          {.kind = lookup::PolicyKind::kPrevious},
                                           {.kind = lookup::PolicyKind::kExact}};
         std::optional<StampNs> stamp = now + random(60) - 20;
         if (random(6) == 0)

@@ -18,7 +18,8 @@ namespace tfdb::sync {
 template <class Word, std::int64_t RestNs = 1'000'000, int Spins = 100>
 class BasicLookout {
 public:
-    /// One who waits. Threads: the lookout's lock is held.
+    /// One who waits.
+    /// Threads: the lookout's lock is held. Guarantee: wait-free.
     class Waiter {
     public:
         [[nodiscard]] bool ended() const { return word_.load_relaxed() == kEnded; }
@@ -120,9 +121,8 @@ private:
                 leader_ = &waiter;
             std::uint64_t found = kLeads;
             (void)waiter.word_.compare_exchange(found, kWaits);
-            const Woken woken = leader_ == &waiter
-                                    ? keep_lookout(waiter, look, patience)
-                                    : sleep(waiter.word_, kWaits, patience.left());
+            const Woken woken = leader_ == &waiter ? keep_lookout(waiter, look, patience)
+                                                   : sleep(waiter.word_, kWaits, patience.left());
             if (woken == Woken::kInterrupted && patience.heeds_signals() && !waiter.ended())
                 return woken;
         }

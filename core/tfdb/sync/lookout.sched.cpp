@@ -59,7 +59,8 @@ struct Room {
         if (closed || counter.load_acquire() >= least)
             return !closed;
         waits.push_back(&wait);
-        lookout.wait(wait.waiter, [this] { look(); }, patience);
+        lookout.wait(
+            wait.waiter, [this] { look(); }, patience);
         std::erase(waits, &wait);
         return wait.waiter.ended();
     }
@@ -191,9 +192,7 @@ struct SilentWake : sched::Word {
 
 /// Sleeps on whatever the word says by then.
 struct BlindSleep : sched::Word {
-    Woken sleep(std::uint64_t, std::int64_t) const {
-        return sched::Word::sleep(load_acquire(), 0);
-    }
+    Woken sleep(std::uint64_t, std::int64_t) const { return sched::Word::sleep(load_acquire(), 0); }
 };
 
 }  // namespace

@@ -88,9 +88,9 @@ public:
     static void fence_release() noexcept { sync::fence_release(); }
     static void fence_full() noexcept { sync::fence_full(); }
 
-    /// A full fence behind an operation that changed some word of memory and read it at once, as the
-    /// unlocking of a lock does. Where the processor lets nothing past such an operation, it costs
-    /// nothing.
+    /// A full fence behind an operation that changed some word of memory and read it at once, as
+    /// the unlocking of a lock does. Where the processor lets nothing past such an operation, it
+    /// costs nothing.
     static void fence_full_after_exchange() noexcept {
 #if defined(__x86_64__)
         std::atomic_signal_fence(std::memory_order_seq_cst);
@@ -104,9 +104,15 @@ public:
     Woken sleep(std::uint64_t old, std::int64_t longest_ns) const noexcept;
     void wake_all() noexcept;
 
-    void wait(std::uint64_t old) const noexcept { value_.wait(old, std::memory_order_relaxed); }
-    void notify_one() noexcept { value_.notify_one(); }
-    void notify_all() noexcept { value_.notify_all(); }
+    void wait(std::uint64_t old) const noexcept {
+        value_.wait(old, std::memory_order_relaxed);
+    }
+    void notify_one() noexcept {
+        value_.notify_one();
+    }
+    void notify_all() noexcept {
+        value_.notify_all();
+    }
 
 private:
     std::atomic<std::uint64_t> value_;

@@ -1,0 +1,83 @@
+"""Waits among processes: woken by another one's commit, ended by its removal of the store."""
+
+from __future__ import annotations
+
+import asyncio
+import os
+import signal
+
+import pytest
+
+import tfdb
+from tests.another_thread import Call
+
+from . import child
+from .child import Child
+
+LONG = 60.0
+
+
+def put(buf: tfdb.Buffer, frame: str, stamp: int) -> None:
+    buf.set_transform("map", frame, stamp, (1.0, 2.0, 3.0), (0.0, 0.0, 0.6, 0.8))
+
+
+def test_another_process_is_woken_by_each_commit(name: str) -> None:
+    buf = tfdb.Buffer.open(name)
+    with Child("wait_for", name, 50) as waiter:
+        for stamp in range(50):
+            assert waiter.says() == f"waits for {stamp}"
+            put(buf, "a", stamp)
+            assert waiter.says() == f"has {stamp}"
+        assert waiter.end() == 0
+
+
+def test_waits_here_end_by_the_commits_of_another_process(name: str) -> None:
+    buf = tfdb.Buffer.open(name)
+    child.move_arm(buf, 1)
+    calls = [Call(lambda: buf.wait_for_transform("map", "hand", 5000, LONG)) for _ in range(4)]
+    with Child("write_on", name) as writer:
+        for call in calls:
+            assert call.result().stamp == 5000
+        newest = buf.commit
+        assert buf.wait_for_commit(newest, LONG) > newest
+        assert asyncio.run(buf.wait_for_commit_async(newest, LONG)) > newest
+        writer.send(signal.SIGKILL)
+        assert writer.end() == -signal.SIGKILL
+
+
+def test_who_waits_may_be_killed(name: str) -> None:
+    buf = tfdb.Buffer.open(name)
+    with Child("wait_for", name, 1) as killed, Child("wait_for", name, 1) as other:
+        assert killed.says() == "waits for 0"
+        assert other.says() == "waits for 0"
+        killed.send(signal.SIGKILL)
+        assert killed.end() == -signal.SIGKILL
+        call = Call(lambda: buf.wait_for_transform("map", "a", 0, LONG))
+        put(buf, "a", 0)
+        assert other.says() == "has 0"
+        assert call.result().stamp == 0
+
+
+def test_the_removal_of_a_store_ends_the_waits_that_are_under_way(name: str) -> None:
+    buf = tfdb.Buffer.open(name)
+    with Child("wait_for", name, 1) as waiter, Child("wait_for", name, 1) as other:
+        for process in (waiter, other):
+            assert process.says() == "waits for 0"
+            process.wait_until_asleep()
+        tfdb.Buffer.unlink(name)
+        for process in (waiter, other):
+            assert process.says() == f"NoSuchStore /dev/shm/tfdb.{name}"
+            assert process.end() == 0
+    call = Call(lambda: buf.wait_for_commit(0, LONG))
+    put(buf, "a", 0)
+    assert call.result() == 1
+
+
+@pytest.mark.skipif(os.getuid() != 0, reason="only root can become another user")
+def test_a_reader_that_cannot_say_that_it_waits(name: str) -> None:
+    buf = tfdb.Buffer.open(name, permissions=0o644)
+    put(buf, "a", 5)
+    with Child("wait_as", 65534, name) as reader:
+        assert reader.says() == "5"
+        assert reader.says() == f"NotSupported /dev/shm/tfdb.{name}"
+        assert reader.end() == 0
