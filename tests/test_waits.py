@@ -16,6 +16,7 @@ from .another_thread import Call
 
 if TYPE_CHECKING:
     from collections.abc import Callable
+    from pathlib import Path
 
 POSE = ((1.0, 2.0, 3.0), (0.0, 0.0, 0.6, 0.8))
 LONG = 60.0
@@ -270,3 +271,14 @@ def test_a_loop_that_was_closed_is_no_harm(buf: tfdb.Buffer) -> None:
     assert asyncio.run(buf.wait_for_transform_async("map", "a", 1, LONG)).stamp == 1
     assert not task.done()
     task._log_destroy_pending = False  # type: ignore[attr-defined]
+
+
+def test_nobody_waits_for_a_frozen_store(buf: tfdb.Buffer, tmp_path: Path) -> None:
+    put(buf, "a", 5)
+    buf.freeze(tmp_path / "one.tfdb")
+    with tfdb.open(tmp_path / "one.tfdb") as frozen:
+        assert frozen.wait_for_transform("map", "a").stamp == 5
+        with pytest.raises(tfdb.NotSupported, match="is frozen"):
+            frozen.wait_for_transform("map", "b")
+        with pytest.raises(tfdb.NotSupported, match="is frozen"):
+            frozen.wait_for_commit(0)

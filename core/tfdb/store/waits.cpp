@@ -303,7 +303,9 @@ void Waits::collect(FrameId frame) {
 }
 
 std::uint64_t Waits::removals() const {
-    return store_.shared == nullptr ? 0 : store_.shared->control->removals().load_acquire();
+    return store_.shared == nullptr || store_.shared->control == nullptr
+               ? 0
+               : store_.shared->control->removals().load_acquire();
 }
 
 }  // namespace tfdb::store
@@ -322,6 +324,9 @@ store::Waits& waits_of(const store::Store& store) {
     if (store.shared != nullptr && store.shared->control == nullptr) {
         ErrorDetail detail;
         detail.path = store.shared->path;
+        if (store.shared->frozen)
+            throw NotSupported(detail.path + " is frozen: no commit will ever come to it",
+                               std::move(detail));
         throw NotSupported("nobody here can be told of commits to " + store.shared->path +
                                ": this process may not write to its control file; ask its owner "
                                "for permission, or look again now and then",
