@@ -272,8 +272,6 @@ if __name__ == "__main__":
             hold_lock,
             write_when_free,
             commit_when_free,
-
-
             wait_for,
             wait_as,
             hold_snapshot,
