@@ -4,7 +4,6 @@
 #pragma once
 
 #include <bit>
-#include <cmath>
 #include <concepts>
 #include <cstdint>
 #include <optional>
@@ -296,11 +295,10 @@ private:
             return stamp_ == before;
         }
         const StampNs cutoff = before - view_.history();
+        const double back = static_cast<double>(before - stamp_) *
+                            std::bit_cast<double>(node.header[history::kRate].load_relaxed());
         // Never negative, but where it was damaged.
-        const double back =
-            std::abs(static_cast<double>(before - stamp_) *
-                     std::bit_cast<double>(node.header[history::kRate].load_relaxed()));
-        if (back < static_cast<double>(index - in.begin)) {
+        if (back >= 0.0 && back < static_cast<double>(index - in.begin)) {
             index -= static_cast<std::uint64_t>(back);
         } else if (in.stamp(in.begin) > stamp_) {
             const Place sealed = find_sealed(node.header, in.stamp(in.begin));
