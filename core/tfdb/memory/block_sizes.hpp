@@ -29,4 +29,17 @@ constexpr BlockClass block_class(std::size_t bytes) {
     return {32 + shift * 32 + mantissa, rounded * step * kLineBytes};
 }
 
+/// What blocks of a class hold.
+constexpr std::size_t class_bytes(unsigned index) {
+    if (index < 32)
+        return (index + std::size_t{1}) * kLineBytes;
+    return (33 + std::size_t{index} % 32) * kLineBytes << (index / 32 - 1);
+}
+
+/// The most of so many lines, at least one, that a block can hold without loss.
+constexpr std::size_t whole_block_lines(std::size_t lines) {
+    const int spare = static_cast<int>(std::bit_width(lines)) - static_cast<int>(kClassBits) - 1;
+    return spare <= 0 ? lines : lines >> spare << spare;
+}
+
 }  // namespace tfdb::memory

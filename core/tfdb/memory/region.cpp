@@ -19,6 +19,7 @@ constexpr Offset kLockWord = 32;
 constexpr Offset kBackedWord = 40;
 constexpr Offset kSparseWord = 48;  // the last sparse block
 constexpr Offset kSparseEndWord = 56;
+constexpr Offset kCutWord = 120;  // what a free block that is cut up has left; its first word: end
 // Of each line of retired blocks.
 constexpr Offset kLineWords = 2 * kLineBytes;
 constexpr Offset kFirstRetired = 0;
@@ -142,13 +143,67 @@ Offset Region::reuse_or_bump(const BlockClass& fit) {
     Word& head = word(kHeads + 8 * Offset{fit.index});
     const Offset waiting = head.load_relaxed();
     if (waiting == 0) {
-        return bump(fit.bytes);
+        return cut_or_bump(fit);
     }
     if (!is_block(waiting, fit.bytes))
         throw_damaged();
     head.store_relaxed(word(waiting).load_relaxed());
     count(word(kFreeWord), std::size_t{0} - fit.bytes);
     return waiting;
+}
+
+/// A larger block is cut up where much waits to be used, or nothing is left behind the last one.
+Offset Region::cut_or_bump(const BlockClass& fit) {
+    const bool full = reserved_ - end() < fit.bytes + kSkewBytes;
+    if ((full || free_bytes() > used_bytes() / 4) && has_to_cut(fit))
+        return cut(fit.bytes);
+    return bump(fit.bytes);
+}
+
+/// What is being cut up; empty where nothing is, or damaged.
+Region::Gap Region::to_cut() const noexcept {
+    const Offset at = word(kCutWord).load_relaxed();
+    if (at == 0 || !is_block(at, kLineBytes))
+        return {};
+    const Offset end = word(at).load_relaxed();
+    return end > at && is_block(at, end - at) ? Gap{at, end} : Gap{};
+}
+
+/// Whether what is being cut up has room for such a block; takes another one where it has not. Who
+/// dies here loses it until the next sweep.
+bool Region::has_to_cut(const BlockClass& fit) {
+    const Gap left = to_cut();
+    if (left.to - left.from >= fit.bytes)
+        return true;
+    for (unsigned larger = fit.index + 1; larger < kSizeClasses; ++larger) {
+        Word& head = word(kHeads + 8 * Offset{larger});
+        const Offset block = head.load_relaxed();
+        if (block == 0)
+            continue;
+        if (!is_block(block, class_bytes(larger)))
+            throw_damaged();
+        word(kCutWord).store_relaxed(0);
+        fence_release();
+        count(word(kFreeWord), left.from - left.to);
+        put_back_gap(left.from, left.to);
+        head.store_relaxed(word(block).load_relaxed());
+        word(block).store_relaxed(block + class_bytes(larger));
+        word(kCutWord).store_release(block);
+        return true;
+    }
+    return false;
+}
+
+Offset Region::cut(std::size_t bytes) {
+    const Gap left = to_cut();
+    if (left.to - left.from < bytes)
+        throw_damaged();
+    const Offset rest = left.from + bytes;
+    if (rest != left.to)
+        word(rest).store_relaxed(left.to);
+    word(kCutWord).store_release(rest == left.to ? 0 : rest);
+    count(word(kFreeWord), std::size_t{0} - bytes);
+    return left.from;
 }
 
 Offset Region::allocate(std::size_t bytes) {
@@ -192,20 +247,33 @@ void Region::touch(Offset offset, std::size_t bytes, bool first) const {
 }
 
 /// Into the free list.
-void Region::put_back(Offset block, std::size_t bytes) {
-    if (!is_block(block, bytes))
+void Region::put_back(Offset block, const BlockClass& fit) {
+    if (!is_block(block, fit.bytes))
         return;
-    const BlockClass fit = block_class(bytes);
     Word& head = word(kHeads + 8 * Offset{fit.index});
     word(block).store_relaxed(head.load_relaxed());
     head.store_relaxed(block);
-    count(word(kUsedWord), std::size_t{0} - fit.bytes);
     count(word(kFreeWord), fit.bytes);
+}
+
+void Region::take_back(Offset block, std::size_t bytes) {
+    const BlockClass fit = block_class(bytes);
+    put_back(block, fit);
+    count(word(kUsedWord), std::size_t{0} - fit.bytes);
+}
+
+/// In blocks as large as they come, one after another.
+void Region::put_back_gap(Offset from, Offset to) {
+    while (from < to && to - from >= kLineBytes) {
+        const std::size_t bytes = whole_block_lines((to - from) / kLineBytes) * kLineBytes;
+        put_back(from, block_class(bytes));
+        from += bytes;
+    }
 }
 
 void Region::release(Offset offset, std::size_t bytes) {
     const AtWork alone(*this);
-    put_back(offset, bytes);
+    take_back(offset, bytes);
 }
 
 sync::Word& Region::line_word(Line line, Offset word) const noexcept {
@@ -248,14 +316,14 @@ bool Region::reclaim(Line line, std::uint64_t oldest, std::size_t keep) {
             // Readers must see this before what is written into the block from now on.
             fence_release();
         }
-        put_back(block, bytes);
+        take_back(block, bytes);
     }
     return retired_bytes(line) > keep;
 }
 
-void Region::repair() {
+bool Region::repair() {
     if (word(kLockWord).load_relaxed() == 0)
-        return;
+        return false;
     for (unsigned i = 0; i < kLines; ++i) {
         const auto line = static_cast<Line>(i);
         Offset last = 0;
@@ -272,6 +340,7 @@ void Region::repair() {
         line_word(line, kRetiredBytes).store_relaxed(bytes);
     }
     word(kLockWord).store_release(0);
+    return true;
 }
 
 void Region::sweep(std::vector<Block> in_use, std::uint64_t epoch, std::uint64_t commit) {
@@ -284,6 +353,7 @@ void Region::sweep(std::vector<Block> in_use, std::uint64_t epoch, std::uint64_t
     }
     for (unsigned i = 0; i < kSizeClasses; ++i)
         word(kHeads + 8 * Offset{i}).store_relaxed(0);
+    word(kCutWord).store_relaxed(0);
     word(kFreeWord).store_relaxed(0);
     // Readers must see the numbers before what is written into the blocks from now on.
     fence_release();
@@ -303,21 +373,18 @@ void Region::sweep(std::vector<Block> in_use, std::uint64_t epoch, std::uint64_t
     word(kUsedWord).store_relaxed(used);
 }
 
-/// Blocks as large as they come, one after another.
 void Region::release_gap(Offset from, Offset to) {
     const Offset sparse = word(kSparseWord).load_relaxed();
     if (from <= sparse && sparse < to) {
-        release_gap(from, sparse);
+        put_back_gap(from, sparse);
         from = word(kSparseEndWord).load_relaxed();
     }
-    while (from < to) {
-        std::size_t lines = (to - from) / kLineBytes;
-        if (lines > 32)
-            lines = std::bit_floor(lines);
-        const std::size_t bytes = lines * kLineBytes;
-        put_back(from, bytes);
-        from += bytes;
-    }
+    put_back_gap(from, to);
+}
+
+bool Region::is_short() const noexcept {
+    const Offset sparse = word(kSparseEndWord).load_relaxed() - word(kSparseWord).load_relaxed();
+    return (reserved_ - end() + free_bytes()) < (reserved_ - sparse) / 4;
 }
 
 std::size_t Region::used_bytes() const noexcept {

@@ -100,7 +100,10 @@ public:
         std::size_t bytes;
     };
     /// After a process died that may have been at work here: nobody else is. May be repeated.
-    void repair();
+    /// True: it was, so large blocks may be lost until the next `sweep`.
+    bool repair();
+    /// Less than a quarter of what blocks may take is left for new ones.
+    [[nodiscard]] bool is_short() const noexcept;
     /// Frees all but these blocks, retired ones too: no reader may need them. As `repair`; reads
     /// that are under way, up to the given epoch, and states older than the commit find out.
     void sweep(std::vector<Block> in_use, std::uint64_t epoch, std::uint64_t commit);
@@ -113,12 +116,22 @@ private:
     // All private functions: the lock is held.
     Offset bump(std::size_t bytes);
     Offset reuse_or_bump(const BlockClass& fit);
+    Offset cut_or_bump(const BlockClass& fit);
+    struct Gap {
+        Offset from = 0;
+        Offset to = 0;
+    };
+    [[nodiscard]] Gap to_cut() const noexcept;
+    bool has_to_cut(const BlockClass& fit);
+    Offset cut(std::size_t bytes);
     void back(Offset end);
     void release_gap(Offset from, Offset to);
     static void count(Word& counter, std::size_t bytes);
     [[nodiscard]] bool is_block(Offset offset, std::size_t bytes) const noexcept;
     [[noreturn]] static void throw_damaged();
-    void put_back(Offset block, std::size_t bytes);
+    void put_back(Offset block, const BlockClass& fit);
+    void put_back_gap(Offset from, Offset to);
+    void take_back(Offset block, std::size_t bytes);
     [[nodiscard]] Word& line_word(Line line, Offset word) const noexcept;
 
     Mapping mapping_;

@@ -23,6 +23,10 @@ void check_class(std::size_t bytes, std::map<unsigned, std::size_t>& classes) {
     CHECK(fit.index < kSizeClasses);
     const std::size_t lines = round_up(bytes == 0 ? 1 : bytes, kLineBytes) / kLineBytes;
     const std::size_t wasted = fit.bytes / kLineBytes - lines;
+    CHECK_EQ(class_bytes(fit.index), fit.bytes);
+    const std::size_t whole = whole_block_lines(lines);
+    CHECK(whole <= lines && 32 * (lines - whole) < lines);
+    CHECK_EQ(block_class(whole * kLineBytes).bytes, whole * kLineBytes);
     CHECK(lines <= 16 ? wasted == 0 : 16 * wasted <= lines);
     const auto [known, added] = classes.try_emplace(fit.index, fit.bytes);
     CHECK_EQ(known->second, fit.bytes);
@@ -98,6 +102,74 @@ TFDB_TEST(memory_released_blocks_are_used_again) {
     }
     CHECK_EQ(memory.used_bytes(), full);
     CHECK_EQ(memory.free_bytes(), 0U);
+}
+
+TFDB_TEST(memory_of_a_large_block_serves_smaller_ones) {
+    Region memory;
+    const Offset large = memory.allocate(kMebi);
+    (void)memory.allocate(64);
+    const Offset end = memory.end();
+    memory.release(large, kMebi);
+    const std::size_t used = memory.used_bytes();
+    const std::size_t free = memory.free_bytes();
+    std::size_t taken = 0;
+    for (std::size_t bytes = 64; taken + bytes <= kMebi * 3 / 4; bytes += 832) {
+        const Offset block = memory.allocate(bytes);
+        CHECK(large <= block && block + bytes <= large + kMebi);
+        taken += block_class(bytes).bytes;
+        CHECK_EQ(memory.used_bytes(), used + taken);
+        CHECK_EQ(memory.free_bytes(), free - taken);
+    }
+    CHECK_EQ(memory.end(), end);
+}
+
+TFDB_TEST(memory_stays_as_large_as_it_is_however_often_it_is_swept) {
+    Region memory;
+    (void)memory.allocate(64);
+    (void)memory.allocate_sparse(4 * kMebi);
+    std::mt19937 random(3);
+    std::vector<Region::Block> kept;
+    Offset after_some = 0;
+    for (std::uint64_t round = 1; round <= 400; ++round) {
+        for (int i = 0; i < 60; ++i) {  // of sizes that differ from round to round
+            const std::size_t bytes = 64 + random() % (random() % 8 == 0 ? 40'000 : 2000);
+            const Offset block = memory.allocate(bytes);
+            memory.word(block).store_relaxed(round);
+            if (random() % 3 == 0)
+                memory.release(block, bytes);
+            else if (random() % 3 == 0)  // the others are lost
+                kept.push_back({block, bytes});
+        }
+        std::shuffle(kept.begin(), kept.end(), random);
+        kept.resize(std::min<std::size_t>(kept.size(), 50));
+        std::vector<Region::Block> in_use = kept;
+        in_use.push_back({Region::root(), 64});
+        memory.sweep(std::move(in_use), round, round);
+        if (round == 40)
+            after_some = memory.end();
+    }
+    CHECK(memory.end() <= after_some + after_some / 8);
+}
+
+TFDB_TEST(memory_that_was_filled_and_freed_can_be_filled_again_with_other_sizes) {
+    Region memory;
+    const Offset root = memory.allocate(64);
+    (void)memory.allocate_sparse(memory.capacity() - 18 * kMebi);  // 16 and some are left
+    for (std::uint64_t round = 1; round <= 30; ++round) {
+        const std::size_t bytes = 1000 * round + 64;
+        std::size_t taken = 0;
+        try {
+            for (;;) {
+                (void)memory.allocate(bytes);
+                taken += bytes;
+            }
+        } catch (const CapacityExceeded&) {
+            CHECK(taken > 15 * kMebi);
+        }
+        CHECK(memory.is_short());
+        memory.sweep({{root, 64}}, round, round);
+        CHECK(!memory.is_short());
+    }
 }
 
 TFDB_TEST(memory_limit_is_kept_and_leaves_everything_usable) {

@@ -223,20 +223,29 @@ std::uint64_t store::Store::begin_epoch() {
     return keeps_too_much() ? epoch : oldest_pinned(read_pins, graph::kPinWords, epoch);
 }
 
-void store::Store::repair() noexcept {
-    // As many deaths leave few blocks unused; to look for those takes longer than all the rest.
+/// Whether it is time to look for the blocks that deaths left unused. As many deaths leave few; to
+/// look for them takes longer than all the rest, and costs the older states that are held.
+bool store::Store::must_sweep(std::uint64_t deaths, bool died_in_memory) const {
     constexpr std::uint64_t kDeathsBetweenSweeps = 64;
+    const bool many = deaths >= kDeathsBetweenSweeps;
+    const bool is_short = memory.is_short();
+    if (!many && !is_short && !died_in_memory)
+        return false;
+    const CommitNumber newest = committed();
+    return (many && is_short) || oldest_pinned(held_pins, 0, newest) >= newest;
+}
+
+void store::Store::repair() noexcept {
     sync::Word& deaths = shared->control->deaths();
-    memory.repair();
+    const bool died_in_memory = memory.repair();
     txn::Repair<StoreMemory>(frames, history, *this).run();
     const std::uint64_t died = deaths.load_relaxed() + 1;
-    if (died - shared->control->swept_deaths().load_relaxed() >= kDeathsBetweenSweeps) {
+    if (must_sweep(died - shared->control->swept_deaths().load_relaxed(), died_in_memory)) {
         try {
             sweep();
             shared->control->swept_deaths().store_relaxed(died);
         } catch (const std::bad_alloc&) {
-            // Nothing was freed: the next death asks again.
-            shared->control->swept_deaths().store_relaxed(died - kDeathsBetweenSweeps + 1);
+            // Nothing was freed: one of the next deaths asks again.
         }
     }
     deaths.store_relaxed(died);

@@ -64,7 +64,8 @@ struct Store final : history::Readers, WriterLock::Repairs, sync::ForkWatcher {
     void held(std::uint64_t bytes) override { word(graph::kHeldBytes).fetch_add(bytes); }
     /// After the death of a process that held the commit lock.
     void repair() noexcept override;
-    /// Gives back blocks that deaths left unused. Held snapshots are given up.
+    [[nodiscard]] bool must_sweep(std::uint64_t deaths, bool died_in_memory) const;
+    /// Gives back blocks that deaths left unused. Older states that are held are given up.
     void sweep();
     /// Whether what no new read needs is more than may be kept.
     [[nodiscard]] bool keeps_too_much() const;
