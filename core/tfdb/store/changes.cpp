@@ -126,7 +126,7 @@ private:
     /// What state `commit` had, or what the newest one still has of it.
     bool tell_stored(FrameId id, CommitNumber commit, std::uint64_t count, Changes::Edge& out) {
         std::vector<FrameId> parents;
-        if (!collect(store_.view(commit), id, commit, count, parents, out)) {
+        if (!collect_of_state(id, commit, count, parents, out)) {
             collected_nothing(parents, out);
             if (notes_.removed(id, commit) == nullptr &&
                 !collect(newest_, id, commit, count, parents, out))
@@ -144,6 +144,19 @@ private:
             }
         }
         return true;
+    }
+    /// What state `commit` had, as often as writers overtake that. False: it is known no more.
+    bool collect_of_state(FrameId id, CommitNumber commit, std::uint64_t count,
+                          std::vector<FrameId>& parents, Changes::Edge& out) {
+        constexpr int kTries = 32;
+        for (int i = 0; i < kTries; ++i) {
+            collected_nothing(parents, out);
+            if (collect(store_.view(commit), id, commit, count, parents, out))
+                return true;
+            if (store_.memory.reclaimed(memory::Line::kEnded).load_relaxed() > commit)
+                return false;
+        }
+        return false;
     }
     static void collected_nothing(std::vector<FrameId>& parents, Changes::Edge& out) {
         parents.clear();

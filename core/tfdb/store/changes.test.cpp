@@ -1,5 +1,8 @@
 // The change feed: what each commit did, whole, in order, however old it is.
+#include <atomic>
+#include <chrono>
 #include <random>
+#include <thread>
 
 #include "tfdb/store/transaction_fixture.test.hpp"
 
@@ -212,6 +215,33 @@ TFDB_TEST(changes_are_whole_while_a_snapshot_is_held) {
         }
     }
     CHECK_EQ(told, std::uint64_t{120});
+}
+
+TFDB_TEST(changes_are_whole_while_writers_overtake_who_asks) {
+    if (skipped())
+        return;
+    Buffer buffer(keeping(std::nullopt));
+    std::atomic<bool> stop = false;
+    std::thread writer([&] {
+        std::mt19937 random(1);
+        for (int i = 1; !stop; ++i) {
+            const std::string name = "f" + std::to_string(random() % 3);
+            for (int k = 0; k < 20; ++k)
+                set(buffer, "map", name, static_cast<StampNs>(random() % 500), pose_of(i));
+            if (i % 4 == 0)
+                buffer.remove_frame(name, false);
+        }
+    });
+    for (int i = 0; i < 10; ++i) {
+        const Snapshot held = buffer.snapshot();
+        std::this_thread::sleep_for(std::chrono::milliseconds(10));
+        for (const Changes& changes : buffer.changes(held.commit())) {
+            for (const auto& edge : changes.stored)
+                CHECK_EQ(edge.gone, std::uint64_t{0});
+        }
+    }
+    stop = true;
+    writer.join();
 }
 
 TFDB_TEST(changes_tell_of_frames_that_a_transaction_made_and_removed) {
