@@ -325,7 +325,7 @@ store::Waits& waits_of(const store::Store& store) {
         ErrorDetail detail;
         detail.path = store.shared->path;
         if (store.shared->frozen)
-            throw NotSupported(detail.path + " is frozen: no commit will ever come to it",
+            throw NotSupported(store.shared->path + " is frozen: no commit will ever come to it",
                                std::move(detail));
         throw NotSupported("nobody here can be told of commits to " + store.shared->path +
                                ": this process may not write to its control file; ask its owner "
@@ -351,7 +351,7 @@ void raise_ended_wait(const Store& store, WaitEnd end) {
     ErrorDetail detail;
     detail.path = store.shared->path;
     detail.reason = "removed";
-    throw NoSuchStore("the store " + detail.path +
+    throw NoSuchStore("the store " + store.shared->path +
                           " was removed while this waited: what is waited for may never come",
                       std::move(detail));
 }

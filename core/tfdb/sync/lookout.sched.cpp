@@ -89,7 +89,7 @@ struct Room {
 
 /// Who waits for which commit, and how many commits come, each from a thread of its own or not.
 template <class W = Sound>
-Program waiting(std::vector<std::uint64_t> waits, int writers, int commits_each) {
+Program waiting(const std::vector<std::uint64_t>& waits, int writers, int commits_each) {
     return [=](Run& run) {
         Room<W> room(run);
         for (const std::uint64_t least : waits) {
