@@ -96,8 +96,12 @@ def open_or_make(
     """Do what `Buffer.open` says."""
     if mode not in ("r", "rw"):
         raise InvalidArgument(f"mode is 'r' or 'rw', not {mode!r}")
+    if create is not None and not isinstance(create, bool):
+        raise InvalidArgument(f"create is True, False or None, not {create!r}")
     if create and mode == "r":
         raise InvalidArgument("what only reads makes no store: create with mode 'rw'")
+    if clock is not None and not callable(clock):
+        raise InvalidArgument(f"clock is a function that says the time in ns, not {clock!r}")
     path = path_of(name)
     while True:
         if not create:

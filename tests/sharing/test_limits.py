@@ -58,6 +58,8 @@ def test_what_is_no_name(bad: Any) -> None:
     [
         ({"mode": "w"}, "mode is 'r' or 'rw'"),
         ({"mode": "r", "create": True}, "create with mode 'rw'"),
+        ({"create": "no"}, "create is True, False or None, not 'no'"),
+        ({"clock": 5}, "clock is a function"),
         ({"size": 100}, "for 65536 frames needs a size between"),
         ({"size": 1 << 50}, "for 65536 frames needs a size between"),
         ({"size": 1 << 24, "max_frames": 1 << 19}, "for 524288 frames needs a size between"),
@@ -76,6 +78,29 @@ def test_bad_options(name: str, options: dict[str, Any], said: str) -> None:
     with pytest.raises(tfdb.InvalidArgument, match=said):
         tfdb.Buffer.open(name, **options)
     assert not list(SHM.glob(f"tfdb.{name}*"))
+
+
+def test_what_is_no_file(name: str) -> None:
+    path = SHM / f"tfdb.{name}"
+    try:
+        os.mkfifo(path)
+        for mode in ("r", "rw"):
+            with pytest.raises(tfdb.CorruptStore, match="no store of tfdb"):
+                tfdb.Buffer.open(name, mode=mode)
+        with pytest.raises(tfdb.CorruptStore, match="no store of tfdb"):
+            tfdb.Buffer.unlink(name)
+        path.unlink()
+        path.symlink_to("/nonexistent")
+        with pytest.raises(tfdb.CorruptStore, match="leads nowhere"):
+            tfdb.Buffer.open(name)
+    finally:
+        path.unlink()
+    assert not list(SHM.glob(f"tfdb.{name}*"))
+
+
+def test_a_folder_that_is_missing_is_named(tmp_path: Path) -> None:
+    with pytest.raises(tfdb.NoSuchStore, match=r"none/store cannot be made.*make its folder first"):
+        tfdb.Buffer.open(tmp_path / "none" / "store", create=True)
 
 
 def test_there_is_none_or_one_already(name: str) -> None:

@@ -23,7 +23,10 @@
 namespace tfdb::memory {
 namespace {
 
-[[noreturn]] void throw_for(int error, const std::string& path) {
+// A pipe of that name would keep who opens it waiting.
+constexpr int kOpened = O_CLOEXEC | O_NONBLOCK;
+
+[[noreturn]] void throw_for(int error, const std::string& path, bool to_write = false) {
     const std::string reason = reason_of(error);
     if (error == ENOENT || error == ENOTDIR)
         throw NoSuchStore("there is no store " + path + ": " + reason +
@@ -33,7 +36,8 @@ namespace {
         throw StoreExists("there is a store " + path + " already", detail_of(path, reason));
     if (error == EACCES || error == EPERM || error == EROFS) {
         throw ReadOnly("the store " + path + " may not be opened so: " + reason +
-                           "; ask for mode \"r\", or its owner for permission",
+                           (to_write ? "; ask for mode \"r\", or its owner for permission"
+                                     : "; ask its owner for permission"),
                        detail_of(path, reason));
     }
     if (error == EISDIR || error == ENAMETOOLONG || error == ELOOP)
@@ -91,7 +95,7 @@ bool lock_as_maker(int control) {
 
 /// Of the store that has this name; 0: there is none.
 std::uint64_t id_at(const std::string& path) {
-    const File file(::open(path.c_str(), O_RDONLY | O_CLOEXEC));
+    const File file(::open(path.c_str(), O_RDONLY | kOpened));
     std::array<std::uint64_t, kIdWord + 1> words{};
     if (file.get() < 0 || ::pread(file.get(), words.data(), sizeof words, 0) != sizeof words)
         return 0;
@@ -121,7 +125,7 @@ void remove_left_over(const std::string& path) {
         if (id == 0)
             continue;
         const std::string control = control_name(path, id);
-        const File file(::open(control.c_str(), O_RDWR | O_CLOEXEC));
+        const File file(::open(control.c_str(), O_RDWR | kOpened));
         // Nobody is at work on it, and so it stays: only then is it known whether it was published.
         if (file.get() < 0 || !lock_as_maker(file.get()))
             continue;
@@ -129,6 +133,11 @@ void remove_left_over(const std::string& path) {
         if (id_at(path) != id)
             ::unlink(control.c_str());
     }
+}
+
+bool is_link(const std::string& path) {
+    struct stat status {};
+    return ::lstat(path.c_str(), &status) == 0 && S_ISLNK(status.st_mode);
 }
 
 /// Whether it still has a name.
@@ -143,12 +152,15 @@ SharedFile open_shared(const std::string& given, bool writable, std::uint64_t la
     // Beside the file itself lies the other one, whichever links led to it.
     const std::unique_ptr<char, void (*)(void*)> real(::realpath(given.c_str(), nullptr), ::free);
     const std::string path = real == nullptr ? given : real.get();
-    File file(::open(path.c_str(), (writable ? O_RDWR : O_RDONLY) | O_CLOEXEC));
+    File file(::open(path.c_str(), (writable ? O_RDWR : O_RDONLY) | kOpened));
     if (file.get() < 0) {
         const int error = errno;
-        if (error == ENOENT)
+        if (error == ENOENT) {
+            if (is_link(path))
+                throw_corrupt(path, "it is a link that leads nowhere; remove it");
             remove_left_over(path);
-        throw_for(error, path);
+        }
+        throw_for(error, path, writable);
     }
     const Header header = header_of(file.get(), path);
     if (header.words[kLayoutWord] != layout)
@@ -162,14 +174,14 @@ SharedFile open_shared(const std::string& given, bool writable, std::uint64_t la
     const std::uint64_t id = header.words[kIdWord];
     const std::string control = control_name(path, id);
     std::unique_ptr<Control> shared;
-    const int opened = ::open(control.c_str(), O_RDWR | O_CLOEXEC);
+    const int opened = ::open(control.c_str(), O_RDWR | kOpened);
     if (opened >= 0)
         shared = std::make_unique<Control>(opened, id, control);
     else if (errno == ENOENT && is_linked(file.get()))
         throw_corrupt(path,
                       "its control file " + control + " is missing; remove it and make it anew");
     else if (writable || (errno != EACCES && errno != EROFS))
-        throw_for(errno, control);
+        throw_for(errno, control, writable);
     return {.data = Mapping::of_file(file.release(), header.bytes, writable, path,
                                      reach_of(header.bytes)),
             .control = std::move(shared),
@@ -179,8 +191,14 @@ SharedFile open_shared(const std::string& given, bool writable, std::uint64_t la
 
 int NewSharedFile::open_new(const std::string& name, std::size_t bytes) const {
     File file(::open(name.c_str(), O_RDWR | O_CREAT | O_EXCL | O_CLOEXEC, 0600));
-    if (file.get() < 0)
-        throw_for(errno, name);
+    if (file.get() < 0) {
+        const std::string reason = reason_of(errno);
+        if (errno == ENOENT || errno == ENOTDIR)
+            throw NoSuchStore(
+                "the store " + path_ + " cannot be made: " + reason + "; make its folder first",
+                detail_of(path_, reason));
+        throw_for(errno, path_);
+    }
     const bool done =
         (group_ < 0 ||
          ::fchown(file.get(), static_cast<uid_t>(-1), static_cast<gid_t>(group_)) == 0) &&
@@ -264,21 +282,27 @@ NewSharedFile::~NewSharedFile() {
 
 void unlink_shared(const std::string& path) {
     remove_left_over(path);
-    const File file(::open(path.c_str(), O_RDONLY | O_CLOEXEC));
+    const auto id_of = [&](int file) { return header_of(file, path).words[kIdWord]; };
+    const File file(::open(path.c_str(), O_RDONLY | kOpened));
     if (file.get() < 0)
         throw_for(errno, path);
-    const Header header = header_of(file.get(), path);
-    const std::uint64_t id = header.words[kIdWord];
+    std::uint64_t id = id_of(file.get());
+    // Somebody else may remove it now, and make another one: what loses its name here is looked at.
+    const std::string taken = control_name(path, id) + kUnpublished;
+    if (::rename(path.c_str(), taken.c_str()) != 0)
+        throw_for(errno, path);
+    const File found(::open(taken.c_str(), O_RDONLY | kOpened));
+    if (found.get() >= 0)
+        id = id_of(found.get());
     const std::string control = control_name(path, id);
     // Who may not write there removes the store all the same, and tells nobody.
     std::optional<Mapping> told;
     struct stat status {};
-    File opened(::open(control.c_str(), O_RDWR | O_CLOEXEC));
+    File opened(::open(control.c_str(), O_RDWR | kOpened));
     if (opened.get() >= 0 && ::fstat(opened.get(), &status) == 0 &&
         static_cast<std::size_t>(status.st_size) >= Control::kBytes)
         told.emplace(Mapping::of_file(opened.release(), Control::kBytes, true, control));
-    if (::unlink(path.c_str()) != 0)
-        throw_for(errno, path);
+    ::unlink(taken.c_str());
     ::unlink(control.c_str());
     if (told && Control::is_of(*told, id))
         Control::tell_removal(*told);
