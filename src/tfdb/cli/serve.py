@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from contextlib import ExitStack
 from dataclasses import dataclass, field, replace
@@ -27,6 +28,13 @@ _STEP_NS = 1_000_000
 """How far behind what is there a recording goes on, where its own pace is not known yet."""
 
 
+def speed_option(_context: click.Context, _option: click.Parameter, value: float) -> float:
+    """Refuse what passes every comparison."""
+    if math.isnan(value):
+        raise click.BadParameter("nan is no speed")
+    return value
+
+
 @click.group("serve")
 def command() -> None:
     """Fill a store that other processes read meanwhile (Buffer.open)."""
@@ -40,6 +48,7 @@ def command() -> None:
     type=click.FloatRange(min=0, min_open=True),
     default=1.0,
     show_default=True,
+    callback=speed_option,
     help="How many seconds of the recording pass in one; 'inf': without waiting.",
 )
 @click.option("--loop", is_flag=True, help="Begin again at the end, until Ctrl-C.")

@@ -62,7 +62,7 @@ def _body(store: Buffer) -> dict[str, Any]:
         "user": status.st_uid,
         "group": status.st_gid,
         "commit": store.commit,
-        "frames": memory.frames,
+        "frames": len(store.frames()),
         "samples": memory.samples,
         "history_s": store.history,
         "size_bytes": shared.size,
