@@ -721,10 +721,11 @@ class Buffer(Reads):
         """
         What the commits after `since` did, one by one in their order.
 
-        Whatever the newest state shows is told by the commit that stored it, so who applies every record in
-        order to a copy of the state after commit `since` has the newest state. What was evicted, replaced,
+        Whatever the newest state shows is told by the commit that stored it. What was evicted, replaced,
         cleared or removed since may not be told any more: a record counts it in `gone`. While a snapshot of
-        commit `since`, or of an older one, is held, nothing that it or a later state shows is gone.
+        commit `since`, or of an older one, is held and can be read, nothing that it or a later state shows
+        is gone. A record does not say in which order a transaction did what it did: the guide "Follow the
+        changes" keeps a copy by records where they suffice, and by snapshots else.
 
         Parameters
         ----------
