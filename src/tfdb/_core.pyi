@@ -1102,8 +1102,9 @@ class Buffer(Reads):
             It is a `Buffer` like any other, with the same guarantees among processes as among threads: a
             commit is seen whole or not at all, a snapshot stays as it is, readers never wait. No process's
             death, at whatever instruction, stops or tears anything: readers go on, and the next writer
-            takes back what the dead one had not committed. The store stays until `Buffer.unlink`, or until
-            the machine restarts.
+            takes back what the dead one had not committed. Only a store that is nearly full gives up held
+            snapshots to get back the memory of many dead writers (SnapshotTooOld). The store stays until
+            `Buffer.unlink`, or until the machine restarts.
 
             Parameters
             ----------

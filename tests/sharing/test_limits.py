@@ -108,7 +108,7 @@ def test_there_is_none_or_one_already(name: str) -> None:
         lambda: tfdb.Buffer.open(name, create=False),
         lambda: tfdb.Buffer.open(name, mode="r"),
         lambda: tfdb.Buffer.unlink(name),
-        lambda: tfdb.Buffer.open(Path("/no/such/folder/x")),
+        lambda: tfdb.Buffer.open(Path("/no/such/folder/x"), create=False),
     ):
         with pytest.raises(tfdb.NoSuchStore, match="tfdb shm ls"):
             call()
