@@ -117,19 +117,16 @@ void store::Store::note_reads() {
 store::Store::~Store() {
     if (shared != nullptr)
         sync::tell_no_more(*this);
-    delete reinterpret_cast<Waits*>(waits_here.load_relaxed());
+    delete waits_here.load_acquire();
 }
 
 store::Waits& store::Store::waits() const {
-    std::uint64_t found = waits_here.load_acquire();
-    auto* const here = reinterpret_cast<Waits*>(found);
+    Waits* found = waits_here.load_acquire();
     // A child leaves those of its parent as they are: their threads are not here.
-    if (here != nullptr && here->forks() == sync::forks())
-        return *here;
+    if (found != nullptr && found->forks() == sync::forks())
+        return *found;
     auto made = std::make_unique<Waits>(*this, bell);
-    if (waits_here.compare_exchange(found, reinterpret_cast<std::uint64_t>(made.get())))
-        return *made.release();
-    return *reinterpret_cast<Waits*>(found);
+    return waits_here.compare_exchange(found, made.get()) ? *made.release() : *found;
 }
 
 std::uint64_t store::Store::look_around(std::uint64_t home) const {

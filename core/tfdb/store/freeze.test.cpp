@@ -327,7 +327,7 @@ TFDB_TEST(frozen_store_is_refused_when_it_is_none_or_damaged) {
 
 TFDB_TEST(frozen_store_that_is_damaged_ends_nobody) {
     const FileName file;
-    const std::string path = file;
+    const std::string& path = file;
     std::mt19937 random(7);
     Buffer buffer(keeping(std::nullopt));
     StampNs now = 1000;

@@ -151,7 +151,7 @@ struct Store final : history::Readers, WriterLock::Repairs, sync::ForkWatcher {
     sync::Word conflicts{};             // transactions that lost
     mutable sync::Word home_process{};  // forks, and the flags above
     sync::Word ages{};                  // transactions so far: the age of the next one
-    mutable sync::Word waits_here{};    // where the Waits are
+    mutable sync::Pointer<Waits> waits_here;
     std::unique_ptr<Engine> engine;     // null: the default engine
 };
 

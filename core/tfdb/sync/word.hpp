@@ -118,6 +118,24 @@ private:
     std::atomic<std::uint64_t> value_;
 };
 
+/// A pointer that the threads of a process share.
+/// Threads: any. Guarantee: wait-free.
+template <class T>
+class Pointer {
+public:
+    [[nodiscard]] T* load_acquire() const noexcept {
+        return value_.load(std::memory_order_acquire);
+    }
+    /// On failure `expected` holds what was found.
+    bool compare_exchange(T*& expected, T* desired) noexcept {
+        return value_.compare_exchange_strong(expected, desired, std::memory_order_acq_rel,
+                                              std::memory_order_acquire);
+    }
+
+private:
+    std::atomic<T*> value_{nullptr};
+};
+
 static_assert(sizeof(Word) == 8 && alignof(Word) == 8,
               "a word is eight aligned bytes of the region");
 static_assert(std::atomic<std::uint64_t>::is_always_lock_free, "words must not hide a lock");
