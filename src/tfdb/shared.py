@@ -32,7 +32,7 @@ Name = str | os.PathLike[str]
 
 FOLDER = Path("/dev/shm")  # noqa: S108 - where Linux keeps POSIX shared memory
 PREFIX = "tfdb."
-CONTROL = re.compile(r"\.control-[0-9a-f]{16}(\.new)?$")
+CONTROL = re.compile(r"\.control-[0-9a-f]{16}(\.new|\.old)?$")
 """How the names of the files end that lie beside a store's."""
 LONGEST = 200
 

@@ -46,7 +46,9 @@ constexpr int kOpened = O_CLOEXEC | O_NONBLOCK;
                            detail_of(path, reason));
 }
 
-constexpr const char* kUnpublished = ".new";  // behind the name of the control file
+// Behind the name of the control file.
+constexpr const char* kUnpublished = ".new";
+constexpr const char* kRemoved = ".old";
 
 std::string control_name(const std::string& path, std::uint64_t id) {
     std::array<char, 17> text{};
@@ -130,6 +132,7 @@ void remove_left_over(const std::string& path) {
         if (file.get() < 0 || !lock_as_maker(file.get()))
             continue;
         ::unlink((control + kUnpublished).c_str());
+        ::unlink((control + kRemoved).c_str());
         if (id_at(path) != id)
             ::unlink(control.c_str());
     }
@@ -288,7 +291,7 @@ void unlink_shared(const std::string& path) {
         throw_for(errno, path);
     std::uint64_t id = id_of(file.get());
     // Somebody else may remove it now, and make another one: what loses its name here is looked at.
-    const std::string taken = control_name(path, id) + kUnpublished;
+    const std::string taken = control_name(path, id) + kRemoved;
     if (::rename(path.c_str(), taken.c_str()) != 0)
         throw_for(errno, path);
     const File found(::open(taken.c_str(), O_RDONLY | kOpened));
