@@ -34,7 +34,7 @@ class Contender:
 
     def setup(self, chain: int, samples: int) -> None:
         self.names = scenario.names(chain)
-        self.buffer = tfdb.Buffer(history=10.0)
+        self.buffer = self.empty_buffer()
         for i, stamp in enumerate(scenario.samples(samples)):
             for edge in range(chain):
                 pose = scenario.moving_pose(edge, 1e-3 * i)
@@ -76,6 +76,9 @@ class Contender:
                 self.operations[f"{row}, one by one"] = self.one_by_one(stamps.ravel().tolist())
         self.columns_of = np.array(scenario.poses(0, samples, COLUMNS))
         self.operations["columns"] = self.columns
+
+    def empty_buffer(self) -> tfdb.Buffer:
+        return tfdb.Buffer(history=10.0)
 
     def pose(self, stamp: int) -> Any:
         return self.buffer.lookup_transform(self.names[0], self.names[-1], stamp).pose

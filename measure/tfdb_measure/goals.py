@@ -289,7 +289,43 @@ def _rest() -> Iterator[Goal]:
     yield at_most("torn reads of a pair of edges", 0, Cell("torn", _TORN, "tfdb"), unit="%")
 
 
-ROWS = [*_lookups(), *_writes(), *_batches(), *_history(), *_rest()]
+def _sharing() -> Iterator[Goal]:
+    def cell(row: str, contender: str) -> Cell:
+        return Cell("sharing", row, contender)
+
+    row = "lookup mid, chain of 4"
+    private = cell(row, "private")
+    text = "Python lookup, chain of 4, in a store that processes share, against a private one"
+    yield at_most(text, 1.05, cell(row, "shared"), private)
+    text = "the same in another process than the writer"
+    yield at_most(text, 1.05, cell(row, "another process"), private)
+    row = "readers in processes"
+    text = "lookups of two reader processes, against one"
+    yield Goal(text, ITSELF, cell(row, "2 processes"), cell(row, "1 process"), 1.9)
+    text = "CPU of each of 16 readers with 100 lookups/s, beside 5,000 transforms/s"
+    each = cell("16 readers, 100 lookups/s each", "each")
+    yield at_most(text, 0.5, each, unit="%")
+    row = "commit beside followers"
+    text = "commits beside 16 followers that read everything, against none: CPU time"
+    yield Goal(text, ITSELF, cell(row, "none"), cell(row, "16 followers"), 0.9)
+    row = "commit beside waits for other frames"
+    text = "a commit beside 10,000 coroutines that wait for other frames: CPU time"
+    yield at_most(text, 1.1, cell(row, "10,000 waits"), cell(row, "none"))
+    for row, p50, p99 in (
+        ("attach and first answer", 1.0, None),
+        ("commit to woken thread of another process", 0.06, 0.4),
+        ("commit to woken coroutine of another process", 0.15, 0.6),
+        ("next commit, 10,000 frames, after a death", 0.3, 5.0),
+        ("next commit, 10,000 frames, amid a commit", None, None),
+    ):
+        for name, limit in (("p50", p50), ("p99", p99)):
+            yield Goal(
+                f"{row}: {name}", ITSELF, cell(row, name),
+                goal=limit, at_least=False, unit="ms",
+            )  # fmt: skip
+
+
+ROWS = [*_lookups(), *_writes(), *_batches(), *_history(), *_sharing(), *_rest()]
 """Goals of the rows, for docs/benchmarks.md."""
 
 

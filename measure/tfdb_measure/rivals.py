@@ -6,6 +6,8 @@ Answers are compared before a time counts. A rival that is not installed is left
 from __future__ import annotations
 
 import json
+import os
+import statistics
 import subprocess
 import sys
 import tempfile
@@ -300,6 +302,65 @@ def _load_ten_times_more(
     _add(results, "loading", "memory per sample after that load", 10, "bytes", memory)
 
 
+def _percentiles(values: list[float]) -> Rounds:
+    """Return the median and the 99th percentile, as what two contenders were measured for."""
+    cuts = statistics.quantiles(values, n=100, method="inclusive")
+    return {"p50": [cuts[49]], "p99": [cuts[98]]}
+
+
+def sharing(results: Results, effort: Effort) -> None:
+    """Measure stores that processes share, and waits."""
+    interpreter = _interpreters(effort.env)["tfdb"]
+    name = f"measure-{os.getpid()}"
+    chain, many = 4, effort.samples >= Effort.samples
+    with (
+        Worker("tfdb", interpreter) as private,
+        Worker("tfdb_shared", interpreter) as owner,
+        Worker("tfdb_shared", interpreter) as other,
+    ):
+        private.ask(do="setup", chain=chain, samples=SAMPLES)
+        owner.call("make", name, chain, SAMPLES, 20_000)
+        try:
+            other.call("join", name, chain, SAMPLES)
+            turns = [("private", private), ("shared", owner), ("another process", other)]
+            times = interleave([(t, worker, "lookup mid") for t, worker in turns], effort.rounds)
+            _add(results, "sharing", "lookup mid", chain, "ns", times)
+            _shared_costs(results, owner, many=many)
+        finally:
+            owner.call("remove")
+
+
+def _shared_costs(results: Results, owner: Worker, *, many: bool) -> None:
+    count = 500 if many else 20
+    rounds = 5 if many else 1
+    both: Rounds = {"1 process": [], "2 processes": []}
+    followed: Rounds = {"none": [], "16 followers": []}
+    waits: Rounds = {"none": [], "10,000 waits": []}
+    for _ in range(rounds):
+        for title, readers in zip(both, (1, 2), strict=True):
+            both[title].append(1e-3 * owner.call("readers", readers, 0.5))
+        for title, followers in zip(followed, (0, 16), strict=True):
+            took = owner.call("commits_beside_followers", followers, 100 * count)
+            followed[title].append(took)
+        for title, begun in zip(waits, (0, 10_000), strict=True):
+            waits[title].append(owner.call("commits_beside_waits", begun, 100 * count))
+    _add(results, "sharing", "readers in processes", 0, "kops/s", both)
+    _add(results, "sharing", "commit beside followers", 0, "ns", followed)
+    _add(results, "sharing", "commit beside waits for other frames", 0, "ns", waits)
+    polite = owner.call("polite", 16, 3.0 if many else 0.3, 100.0)
+    _add(results, "sharing", "16 readers, 100 lookups/s each", 0, "%", {"each": polite})
+    for row, function in (
+        ("attach and first answer", "attach"),
+        ("commit to woken thread of another process", "wakes"),
+        ("commit to woken coroutine of another process", "wakes_of_coroutine"),
+    ):
+        _add(results, "sharing", row, 0, "ms", _percentiles(owner.call(function, count)))
+    for row, values in owner.call("deaths", count // 2, 10_000).items():
+        if len(values) > 1:
+            _add(results, "sharing", f"next commit, 10,000 frames, {row}", 0, "ms",
+                 _percentiles(values))  # fmt: skip
+
+
 def start(results: Results, effort: Effort) -> None:
     """Time `import tfdb` and `import numpy`, in processes that have just begun."""
     code = "import time; a = time.process_time_ns(); import {}; print(time.process_time_ns() - a)"
@@ -320,11 +381,12 @@ GROUPS: dict[str, Callable[[Results, Effort], None]] = {
     "instructions": instructions,
     "Python": python,
     "loading": loading,
+    "sharing": sharing,
     "start": start,
 }
 """What may be measured by itself, by the name that its rows have in the results."""
 
-NEED_PYTHON = ("Python", "loading", "start")
+NEED_PYTHON = ("Python", "loading", "sharing", "start")
 """The groups that need the rivals' environment."""
 
 

@@ -1,0 +1,257 @@
+"""A store that processes share: what lookups, waits, followers and deaths cost there."""
+
+from __future__ import annotations
+
+import asyncio
+import os
+import random
+import signal
+import threading
+import time
+from contextlib import contextmanager
+from typing import TYPE_CHECKING
+
+import scenario
+import with_tfdb
+
+import tfdb
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+
+POSE = ((1.0, 2.0, 3.0), (0.0, 0.0, 0.6, 0.8))
+BETWEEN = 0.003  # seconds between commits: whoever waits is asleep again by then
+
+
+@contextmanager
+def child(work: Callable[[], None]) -> Iterator[int]:
+    """Do `work` in a forked process for as long as the block lasts."""
+    pid = os.fork()
+    if pid == 0:
+        work()
+        os._exit(0)
+    try:
+        yield pid
+    finally:
+        os.kill(pid, signal.SIGKILL)
+        os.waitpid(pid, 0)
+
+
+class Contender(with_tfdb.Contender):
+    """Holds one chain in a store of that name."""
+
+    name: str
+
+    def make(self, name: str, chain: int, samples: int, max_frames: int) -> None:
+        """Fill a new store."""
+        self.name = name
+        self.max_frames = max_frames
+        self.setup(chain, samples)
+
+    def empty_buffer(self) -> tfdb.Buffer:
+        return tfdb.Buffer.open(
+            self.name, create=True, history=10.0, max_frames=self.max_frames, size=1 << 28
+        )
+
+    def join(self, name: str, chain: int, samples: int) -> None:
+        """Open what another process has filled, to read."""
+        self.buffer = tfdb.Buffer.open(name, create=False, mode="r")
+        self.names = scenario.names(chain)
+        self.mid = scenario.mid_stamps(samples)
+        self.operations = {"lookup mid": self.lookup_mid}
+
+    def remove(self) -> None:
+        tfdb.Buffer.unlink(self.name)
+
+    def attach(self, rounds: int) -> list[float]:
+        """Milliseconds from opening the store to the first answer."""
+        found = []
+        for _ in range(rounds):
+            begin = time.perf_counter_ns()
+            buffer = tfdb.Buffer.open(self.name, create=False, mode="r")
+            buffer.lookup_transform(self.names[0], self.names[-1])
+            found.append(1e-6 * (time.perf_counter_ns() - begin))
+            buffer.close()
+        return found
+
+    def readers(self, count: int, seconds: float) -> float:
+        """Lookups per second, of so many processes together."""
+        reading, writing = os.pipe()
+
+        def read() -> None:
+            buffer = tfdb.Buffer.open(self.name, create=False, mode="r")
+            lookup, target, source = buffer.lookup_transform, self.names[0], self.names[-1]
+            done, end = 0, time.perf_counter() + seconds
+            while time.perf_counter() < end:
+                for stamp in self.mid[:256]:
+                    lookup(target, source, stamp)
+                done += 256
+            os.write(writing, done.to_bytes(8, "little"))
+            os._exit(0)
+
+        pids = []
+        for _ in range(count):
+            pid = os.fork()
+            if pid == 0:
+                read()
+            pids.append(pid)
+        total = sum(int.from_bytes(os.read(reading, 8), "little") for _ in range(count))
+        for pid in pids:
+            os.waitpid(pid, 0)
+        os.close(reading)
+        os.close(writing)
+        return total / seconds
+
+    def tick(self, count: int) -> None:
+        """Commit now and then; the stamp says when."""
+        for _ in range(count):
+            time.sleep(BETWEEN)
+            self.buffer.set_transform("clock", "tick", time.perf_counter_ns(), *POSE)
+
+    def delay(self) -> float:
+        """Milliseconds since the newest tick."""
+        tick = self.buffer.lookup_latest_transform("clock", "tick").stamp
+        return 1e-6 * (time.perf_counter_ns() - tick)
+
+    def wakes(self, count: int) -> list[float]:
+        """Milliseconds from another process's commit to a thread that waits for it."""
+        found = []
+        with child(lambda: self.tick(2 * count)):
+            seen = self.buffer.commit
+            for _ in range(count):
+                seen = self.buffer.wait_for_commit(seen)
+                found.append(self.delay())
+        return found
+
+    def wakes_of_coroutine(self, count: int) -> list[float]:
+        """The same to a coroutine."""
+
+        async def wait() -> list[float]:
+            found = []
+            seen = self.buffer.commit
+            for _ in range(count):
+                seen = await self.buffer.wait_for_commit_async(seen)
+                found.append(self.delay())
+            return found
+
+        with child(lambda: self.tick(2 * count)):
+            return asyncio.run(wait())
+
+    def follow(self) -> None:
+        """Read every change, until somebody ends it."""
+        buffer = tfdb.Buffer.open(self.name, create=False, mode="r")
+        seen = buffer.commit
+        while True:
+            buffer.wait_for_commit(seen)
+            try:
+                for changes in buffer.changes(seen, limit=1000):
+                    seen = changes.commit
+            except tfdb.FeedLapped:
+                seen = buffer.commit
+
+    def commits(self, count: int) -> float:
+        """CPU nanoseconds of this process for each commit of one transform."""
+        store = self.buffer.set_transform
+        first = time.perf_counter_ns()
+        begin = time.process_time_ns()
+        for stamp in range(first, first + count):
+            store("clock", "busy", stamp, *POSE)
+        return (time.process_time_ns() - begin) / count
+
+    def commits_beside_followers(self, followers: int, count: int) -> float:
+        """The same while so many processes follow the store."""
+        if followers == 0:
+            return self.commits(count)
+        with child(self.follow):
+            return self.commits_beside_followers(followers - 1, count)
+
+    def commits_beside_waits(self, waits: int, count: int) -> float:
+        """CPU nanoseconds of this thread for a commit while coroutines wait for other frames."""
+        buffer = tfdb.Buffer()
+        begun = threading.Event()
+        loop = asyncio.new_event_loop()
+
+        async def wait() -> None:
+            tasks = [
+                asyncio.create_task(buffer.wait_for_transform_async("clock", f"never{i}"))
+                for i in range(waits)
+            ]
+            await asyncio.sleep(0)
+            begun.set()
+            await asyncio.gather(*tasks, return_exceptions=True)
+
+        thread = threading.Thread(target=lambda: loop.run_until_complete(wait()))
+        thread.start()
+        begun.wait()
+        begin = time.thread_time_ns()
+        for stamp in range(count):
+            buffer.set_transform("clock", "busy", stamp, *POSE)
+        took = time.thread_time_ns() - begin
+        buffer.close()
+        thread.join()
+        loop.close()
+        return took / count
+
+    def deaths(self, count: int, frames: int) -> dict[str, list[float]]:
+        """Milliseconds from a writer's death to the next commit, with so many frames."""
+        for first in range(0, frames, 100):
+            batch = [
+                tfdb.TransformStamped("clock", f"frame{i}", 1, *POSE)
+                for i in range(first, first + 100)
+            ]
+            self.buffer.set_transforms(batch)
+        choice = random.Random(1)
+
+        def write() -> None:
+            stamp = time.perf_counter_ns()
+            while True:
+                stamp += 1
+                self.buffer.set_transforms(
+                    [tfdb.TransformStamped("clock", f"frame{i}", stamp, *POSE) for i in range(10)]
+                )
+
+        found: dict[str, list[float]] = {"after a death": [], "amid a commit": []}
+        while len(found["after a death"]) < count:
+            repairs = self.buffer.shared.repairs
+            with child(write) as pid:
+                time.sleep(0.002 + 0.003 * choice.random())
+                os.kill(pid, signal.SIGKILL)
+                begin = time.perf_counter_ns()
+                self.buffer.set_transform("clock", "next", begin, *POSE)
+                took = 1e-6 * (time.perf_counter_ns() - begin)
+            found["after a death"].append(took)
+            if self.buffer.shared.repairs > repairs:
+                found["amid a commit"].append(took)
+        return found
+
+    def polite(self, readers: int, seconds: float, rate: float) -> list[float]:
+        """CPU percent of each process of many that look up so often, beside a busy writer."""
+        reading, writing = os.pipe()
+
+        def read() -> None:
+            buffer = tfdb.Buffer.open(self.name, create=False, mode="r")
+            begin, end = time.process_time(), time.perf_counter() + seconds
+            while time.perf_counter() < end:
+                time.sleep(1 / rate)
+                buffer.lookup_transform(self.names[0], self.names[-1])
+            used = 100 * (time.process_time() - begin) / seconds
+            os.write(writing, f"{used:8.4f}".encode())
+            os._exit(0)
+
+        pids = []
+        for _ in range(readers):
+            pid = os.fork()
+            if pid == 0:
+                read()
+            pids.append(pid)
+        end = time.perf_counter() + seconds
+        while time.perf_counter() < end:
+            time.sleep(0.002)
+            for _ in range(10):
+                self.buffer.set_transform("clock", "busy", time.perf_counter_ns(), *POSE)
+        found = [float(os.read(reading, 8)) for _ in range(readers)]
+        for pid in pids:
+            os.waitpid(pid, 0)
+        os.close(reading)
+        os.close(writing)
+        return found
