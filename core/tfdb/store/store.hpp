@@ -152,7 +152,7 @@ struct Store final : history::Readers, WriterLock::Repairs, sync::ForkWatcher {
     mutable sync::Word home_process{};  // forks, and the flags above
     sync::Word ages{};                  // transactions so far: the age of the next one
     mutable sync::Pointer<Waits> waits_here;
-    std::unique_ptr<Engine> engine;     // null: the default engine
+    std::unique_ptr<Engine> engine;  // null: the default engine
 };
 
 inline constexpr int kTriesBeforePin = 4;
