@@ -153,7 +153,7 @@ TFDB_TEST(memory_stays_as_large_as_it_is_however_often_it_is_swept) {
 
 TFDB_TEST(memory_that_was_filled_and_freed_can_be_filled_again_with_other_sizes) {
     Region memory;
-    const Offset root = memory.allocate(64);
+    CHECK_EQ(memory.allocate(64), Region::root());
     (void)memory.allocate_sparse(memory.capacity() - 18 * kMebi);  // 16 and some are left
     for (std::uint64_t round = 1; round <= 30; ++round) {
         const std::size_t bytes = 1000 * round + 64;
@@ -167,7 +167,7 @@ TFDB_TEST(memory_that_was_filled_and_freed_can_be_filled_again_with_other_sizes)
             CHECK(taken > 15 * kMebi);
         }
         CHECK(memory.is_short());
-        memory.sweep({{root, 64}}, round, round);
+        memory.sweep({{Region::root(), 64}}, round, round);
         CHECK(!memory.is_short());
     }
 }
