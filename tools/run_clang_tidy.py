@@ -16,6 +16,10 @@ ROOT = Path(__file__).resolve().parent.parent
 def tidy(build: Path, source: Path) -> tuple[Path, int, str]:
     """Return the file, clang-tidy's exit status and what it said."""
     command = ["clang-tidy", "-quiet", "-p", str(build), "--extra-arg=-Wno-unknown-warning-option"]
+    if "." in source.stem:
+        # The analyser walks the paths of what ships; `x.test.cpp` and its kin are run, and it would
+        # take half of the time.
+        command.append("--checks=-clang-analyzer-*")
     done = subprocess.run([*command, str(source)], capture_output=True, text=True, check=False)
     return source, done.returncode, done.stdout
 
