@@ -247,7 +247,7 @@ PyMethodDef g_wait_method = {
     "Raises\n------\n"
     "What `lookup_transform` raises at the end of the timeout; BufferClosed (`close` was called\n"
     "meanwhile), NoSuchStore (the store that processes share was removed meanwhile),\n"
-    "TransactionActive, NotSupported (the engine keeps no feed of changes; or this process may read\n"
+    "TransactionActive, NotSupported (an engine of the research; or this process may read\n"
     "the store, but not write to its control file), InvalidArgument"};
 
 PyMethodDef g_methods[] = {

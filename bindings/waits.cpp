@@ -116,7 +116,7 @@ void bind_begun_waits(BufferClass& type) {
 
 void bind_closing(BufferClass& type) {
     type.def("close", &close, nb::sig("def close(self) -> None"),
-             R"(End all waits, with BufferClosed; what is called later raises that, too.
+             R"(End all waits, with BufferClosed; later reads, writes and waits raise that, too.
 
 Snapshots and transactions that are open stay so. The memory goes with the last reference to them
 and to the buffer. Closing twice does nothing.)");
@@ -163,7 +163,7 @@ int
 Raises
 ------
 WaitTimeout, BufferClosed (`close` was called meanwhile), NoSuchStore (the store that processes
-share was removed meanwhile), TransactionActive, NotSupported (the engine keeps no feed of changes;
+share was removed meanwhile), TransactionActive, NotSupported (an engine of the research;
 or this process may read the store, but not write to its control file), InvalidArgument)");
     bind_begun_waits(type);
     bind_closing(type);

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 import pytest
 
 import tfdb
+from tfdb import waiting
 
 from .another_thread import Call
 
@@ -245,6 +246,50 @@ def test_thousands_of_coroutines_begin_and_end(buf: tfdb.Buffer) -> None:
     assert len(ends) == 3000
     for end in ("cancelled", "came", "late"):
         assert end in ends
+    assert buf._ended_waits(0) == []
+
+
+def test_a_burst_beside_many_waits_is_looked_at_once(buf: tfdb.Buffer) -> None:
+    put(buf, "a", 0)
+
+    async def main() -> list[tfdb.Transform]:
+        waits = [
+            asyncio.create_task(buf.wait_for_transform_async("map", "a", 50_000 + i))
+            for i in range(1000)
+        ]
+        await asyncio.sleep(0)
+        for stamp in range(1, 10_000):  # each commit touches the frame of all waits
+            put(buf, "a", stamp)
+        assert not any(task.done() for task in waits)
+        put(buf, "a", 60_000)
+        return await asyncio.gather(*waits)
+
+    assert len(asyncio.run(main())) == 1000
+
+
+def test_waits_end_also_where_memory_does(
+    buf: tfdb.Buffer,
+) -> None:
+    class Poor:
+        def __init__(self) -> None:
+            self.asked = 0
+
+        def __getattr__(self, name: str) -> object:
+            return getattr(buf, name)
+
+        def _ended_waits(self, timeout: float) -> list[tuple[int, int]]:
+            self.asked += 1
+            if self.asked <= 2:  # by the second time the wait is known
+                raise MemoryError
+            return buf._ended_waits(timeout)
+
+    async def main() -> None:
+        with pytest.raises(MemoryError):
+            await waiting.commit(Poor(), 0, LONG)  # type: ignore[arg-type]
+
+    asyncio.run(main())
+    assert buf._ended_waits(0) == []
+    put(buf, "a", 1)
     assert buf._ended_waits(0) == []
 
 

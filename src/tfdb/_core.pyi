@@ -782,7 +782,7 @@ class Buffer(Reads):
         ------
         What `lookup_transform` raises at the end of the timeout; BufferClosed (`close` was called
         meanwhile), NoSuchStore (the store that processes share was removed meanwhile),
-        TransactionActive, NotSupported (the engine keeps no feed of changes; or this process may read
+        TransactionActive, NotSupported (an engine of the research; or this process may read
         the store, but not write to its control file), InvalidArgument
         """
 
@@ -808,7 +808,7 @@ class Buffer(Reads):
         Raises
         ------
         WaitTimeout, BufferClosed (`close` was called meanwhile), NoSuchStore (the store that processes
-        share was removed meanwhile), TransactionActive, NotSupported (the engine keeps no feed of changes;
+        share was removed meanwhile), TransactionActive, NotSupported (an engine of the research;
         or this process may read the store, but not write to its control file), InvalidArgument
         """
 
@@ -833,7 +833,7 @@ class Buffer(Reads):
 
     def close(self) -> None:
         """
-        End all waits, with BufferClosed; what is called later raises that, too.
+        End all waits, with BufferClosed; later reads, writes and waits raise that, too.
 
         Snapshots and transactions that are open stay so. The memory goes with the last reference to them
         and to the buffer. Closing twice does nothing.

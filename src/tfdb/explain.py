@@ -89,10 +89,14 @@ def from_one_state(reads: Reads, read: Callable[[Snapshot], T]) -> T:
     """Read often from one state: the snapshot's, or of a buffer the newest that writers let be."""
     from ._core import Buffer  # noqa: PLC0415 - the extension imports this module
 
-    while isinstance(reads, Buffer):
+    if not isinstance(reads, Buffer):
+        return read(cast("Snapshot", reads))
+    # A damaged store says of every state that it is gone: not for ever, then.
+    for _ in range(999):
         with reads.snapshot() as snapshot, suppress(SnapshotTooOld):
             return read(snapshot)
-    return read(cast("Snapshot", reads))
+    with reads.snapshot() as snapshot:
+        return read(snapshot)
 
 
 class _Case:

@@ -23,7 +23,7 @@ from .errors import (
 )
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Iterable
 
     from ._core import Buffer, Policy, Transform
     from .stamps import StampLike
@@ -47,9 +47,13 @@ Loop = asyncio.AbstractEventLoop
 Future = asyncio.Future[int]
 
 
-def _tell(ended: list[tuple[Future, int]]) -> None:
+def _tell(ended: Iterable[tuple[Future, int | MemoryError]]) -> None:
     for future, how in ended:
-        if not future.done():
+        if future.done():
+            continue
+        if isinstance(how, MemoryError):
+            future.set_exception(how)
+        else:
             future.set_result(how)
 
 
@@ -63,28 +67,34 @@ class _Teller:
 
     def run(self) -> None:
         while True:
-            ended = self.buffer._ended_waits(LINGERS)
-            told: defaultdict[Loop, list[tuple[Future, int]]] = defaultdict(list)
+            try:
+                ended: list[tuple[int, int | MemoryError]] = [*self.buffer._ended_waits(LINGERS)]
+            except MemoryError as error:
+                ended = [(number, error) for number in [*self.futures]]
+            told: defaultdict[Loop, list[tuple[Future, int | MemoryError]]] = defaultdict(list)
             with _lock:
                 if not ended and not self.futures:
                     del _tellers[id(self.buffer)]
                     return
                 for number, how in ended:
-                    if number in self.futures:
-                        loop, future = self.futures.pop(number)
+                    if waiting := self.futures.pop(number, None):
+                        loop, future = waiting
                         told[loop].append((future, how))
+                    if isinstance(how, MemoryError):
+                        self.buffer._cancel_wait(number)
             for loop, members in told.items():
                 with suppress(RuntimeError):  # a loop that was closed: nobody waits there any more
                     loop.call_soon_threadsafe(_tell, members)
 
 
-_lock = threading.Lock()
+# Collected garbage may be a coroutine that waits, and is then closed by a thread that has the lock.
+_lock = threading.RLock()
 _tellers: dict[int, _Teller] = {}  # by the identity of the buffer, which its teller keeps alive
 
 
 def _forget_parent() -> None:
     global _lock  # noqa: PLW0603 - the threads that had it are not in this process
-    _lock = threading.Lock()
+    _lock = threading.RLock()
     _tellers.clear()
 
 

@@ -409,8 +409,8 @@ public:
     /// Waits until the question has an answer, as whoever asks then will see, or not any more if
     /// it is gone again by then. False: it had none for so long (none: for ever). Throws
     /// BufferClosed (`end_waits` was called), NoSuchStore (its name was removed meanwhile),
-    /// TransactionActive, and NotSupported in engines that keep no feed, and where this process may
-    /// not write to the store's control file; and what an Interruption throws.
+    /// TransactionActive, and NotSupported in the engines of the research, and where this process
+    /// may not write to the store's control file; and what an Interruption throws.
     [[nodiscard]] bool wait_for(const Question& question,
                                 std::optional<std::int64_t> timeout_ns) const;
     /// The same for a commit with a greater number.

@@ -274,19 +274,11 @@ void Waits::look() {
 
 void Waits::collect_touched(CommitNumber newest) {
     touched_.clear();
-    collect(kCommits);
     if (StoreFeed(store_.frames).read(seen_ + 1, newest, words_, ends_)) {
-        std::size_t at = 0;
-        for (const std::size_t end : ends_) {
-            while (at < end) {
-                const std::uint64_t note = words_[at++];
-                if ((FeedNote::what(note) & FeedNote::kRemoved) != 0)
-                    at += FeedNote::name_words(note);
-                if ((FeedNote::what(note) & FeedNote::kMade) != 0)
-                    collect(kBirths);
-                collect(FeedNote::id(note));
-            }
-            at = end;
+        for (const FrameId frame : noted_frames()) {
+            for (auto at = looks_.lower_bound({frame, nullptr});
+                 at != looks_.end() && at->first == frame; ++at)
+                touched_.push_back(at->second);
         }
     } else {
         for (const auto& [frame, wait] : looks_)
@@ -296,10 +288,24 @@ void Waits::collect_touched(CommitNumber newest) {
     touched_.erase(std::unique(touched_.begin(), touched_.end()), touched_.end());
 }
 
-void Waits::collect(FrameId frame) {
-    for (auto at = looks_.lower_bound({frame, nullptr}); at != looks_.end() && at->first == frame;
-         ++at)
-        touched_.push_back(at->second);
+/// Those that the notes name, each once however often it is noted, and what stands for more.
+const std::vector<FrameId>& Waits::noted_frames() {
+    noted_.assign(1, kCommits);
+    std::size_t at = 0;
+    for (const std::size_t end : ends_) {
+        while (at < end) {
+            const std::uint64_t note = words_[at++];
+            if ((FeedNote::what(note) & FeedNote::kRemoved) != 0)
+                at += FeedNote::name_words(note);
+            if ((FeedNote::what(note) & FeedNote::kMade) != 0)
+                noted_.push_back(kBirths);
+            noted_.push_back(FeedNote::id(note));
+        }
+        at = end;
+    }
+    std::sort(noted_.begin(), noted_.end());
+    noted_.erase(std::unique(noted_.begin(), noted_.end()), noted_.end());
+    return noted_;
 }
 
 std::uint64_t Waits::removals() const {
@@ -316,9 +322,9 @@ namespace {
 /// Throws where nobody can wait.
 store::Waits& waits_of(const store::Store& store) {
     if (store.engine != nullptr) {
-        throw NotSupported("nobody can wait for commits of the engine '" +
+        throw NotSupported("nobody can wait in the engine '" +
                            std::string(concurrency_name(store.concurrency)) +
-                           "', which keeps no feed of changes: use 'snapshot'");
+                           "': only in the default one, 'snapshot'");
     }
     store::check_not_in_transaction(store);
     if (store.shared != nullptr && store.shared->control == nullptr) {

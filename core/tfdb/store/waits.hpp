@@ -85,7 +85,7 @@ private:
     void end_all(WaitEnd how) noexcept;
     void look();
     void collect_touched(CommitNumber newest);
-    void collect(FrameId frame);
+    const std::vector<FrameId>& noted_frames();
     [[nodiscard]] std::vector<FrameId> frames_of(const Wait& wait) const;
     void climb(FrameId from, std::vector<FrameId>& frames) const;
     [[nodiscard]] std::uint64_t removals() const;
@@ -104,6 +104,7 @@ private:
     Lookout::Waiter* teller_ = nullptr;  // who waits for ends, if anybody
     std::vector<std::uint64_t> words_;   // of the feed
     std::vector<std::size_t> ends_;
+    std::vector<FrameId> noted_;
     std::vector<Wait*> touched_;
     Answer answer_;
 };
