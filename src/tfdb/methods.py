@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     import os
-    from collections.abc import Callable
-    from typing import Literal
+    from collections.abc import Callable, Coroutine
+    from typing import Any, Literal
 
     from ._core import Buffer, Policy, Reads, Transaction, Transform
     from .explain import Explanation
@@ -339,7 +339,16 @@ def unlink_store(name: Name) -> None:
     unlink(name)
 
 
-async def wait_for_transform_async(
+def _buffer(self: Buffer) -> Buffer:
+    """Refuse what is no Buffer when a method is called, not when its coroutine runs."""
+    from ._core import Buffer  # noqa: PLC0415 - the extension imports this module
+
+    if not isinstance(self, Buffer):
+        raise TypeError(f"a method of Buffer was called on a {type(self).__name__}")
+    return self
+
+
+def wait_for_transform_async(
     self: Buffer,
     target: str,
     source: str,
@@ -347,7 +356,7 @@ async def wait_for_transform_async(
     timeout: float | None = None,
     *,
     policy: Policy | None = None,
-) -> Transform:
+) -> Coroutine[Any, Any, Transform]:
     """Do as `wait_for_transform` does, in a coroutine of asyncio.
 
     One thread of the process waits for all coroutines that wait on the buffer; it ends a second
@@ -368,10 +377,13 @@ async def wait_for_transform_async(
     """
     from .waiting import transform  # noqa: PLC0415 - see above
 
-    return await transform(self, target, source, time, timeout, policy)
+    _ = _buffer(self).closed
+    return transform(self, target, source, time, timeout, policy)
 
 
-async def wait_for_commit_async(self: Buffer, after: int, timeout: float | None = None) -> int:
+def wait_for_commit_async(
+    self: Buffer, after: int, timeout: float | None = None
+) -> Coroutine[Any, Any, int]:
     """Do as `wait_for_commit` does, in a coroutine of asyncio: see `wait_for_transform_async`.
 
     Parameters
@@ -390,7 +402,8 @@ async def wait_for_commit_async(self: Buffer, after: int, timeout: float | None 
     """
     from .waiting import commit  # noqa: PLC0415 - see above
 
-    return await commit(self, after, timeout)
+    _ = _buffer(self).closed
+    return commit(self, after, timeout)
 
 
 def reduce(self: Buffer) -> tuple[object, ...]:

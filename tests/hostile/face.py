@@ -13,6 +13,10 @@ import tfdb
 STUB = Path(tfdb.__file__).with_name("_core.pyi")
 ELSEWHERE = {"freeze", "load", "open", "unlink"}
 """What reads files, or makes and removes them: it has fuzzers and tests of its own."""
+WAITING = {"wait_for_transform", "wait_for_commit", "_ended_waits"}
+"""What may wait for ever; the parameter `timeout` is left out elsewhere."""
+ENDING = {("Buffer", "close"), ("Buffer", "__exit__")}
+"""What would leave nothing to call."""
 
 
 ANSWERS = {"EdgeExplanation", "EdgeUse", "Explanation", "FrameInfo", "IngestResult", "MemoryUse"}
@@ -33,7 +37,8 @@ class Call:
 
 def _parameters(node: ast.FunctionDef) -> tuple[tuple[str, ...], tuple[str, ...]]:
     positional = tuple(arg.arg for arg in node.args.posonlyargs + node.args.args)
-    return positional[1:], tuple(arg.arg for arg in node.args.kwonlyargs)
+    keywords = tuple(arg.arg for arg in node.args.kwonlyargs if arg.arg != "timeout")
+    return positional[1:], keywords
 
 
 def _methods(stub: ast.Module) -> list[Call]:
@@ -44,7 +49,9 @@ def _methods(stub: ast.Module) -> list[Call]:
             continue
         bases[cls.name] = [base.id for base in cls.bases if isinstance(base, ast.Name)]
         for node in cls.body:
-            if not isinstance(node, ast.FunctionDef) or node.name in ELSEWHERE:
+            if not isinstance(node, ast.FunctionDef) or node.name in ELSEWHERE | WAITING:
+                continue
+            if (cls.name, node.name) in ENDING:
                 continue
             marks = {mark.id for mark in node.decorator_list if isinstance(mark, ast.Name)}
             positional, keywords = _parameters(node)

@@ -355,11 +355,12 @@ void raise_ended_wait(const Store& store, WaitEnd end) {
     if (end == WaitEnd::kClosed)
         throw BufferClosed("the buffer was closed: open the store anew, or make another Buffer");
     ErrorDetail detail;
-    detail.path = store.shared->path;
+    const std::string path = store.shared == nullptr ? std::string() : store.shared->path;
+    detail.path = path;
     detail.reason = "removed";
-    throw NoSuchStore("the store " + store.shared->path +
-                          " was removed while this waited: what is waited for may never come",
-                      std::move(detail));
+    throw NoSuchStore(
+        "the store " + path + " was removed while this waited: what is waited for may never come",
+        std::move(detail));
 }
 
 }  // namespace store
