@@ -198,8 +198,9 @@ def test_each_end_of_a_coroutines_wait(buf: tfdb.Buffer) -> None:
         for timeout in (0, 0.001):
             with pytest.raises(tfdb.Extrapolation):
                 await buf.wait_for_transform_async("map", "a", 5, timeout)
-            with pytest.raises(tfdb.WaitTimeout):
+            with pytest.raises(tfdb.WaitTimeout) as caught:
                 await buf.wait_for_commit_async(1, timeout)
+            assert (caught.value.commit, caught.value.limit) == (1, timeout * 1_000_000_000)
         task = asyncio.create_task(buf.wait_for_transform_async("map", "b"))
         await asyncio.sleep(0)
         task.cancel()

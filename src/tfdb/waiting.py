@@ -167,8 +167,7 @@ async def commit(
     """Do what `Buffer.wait_for_commit_async` says."""
     how = await _ended(buffer, lambda: buffer._begin_wait_for_commit(after), _until(timeout))
     buffer._check_wait(how)
-    if how == TIMED_OUT:
-        raise WaitTimeout(
-            f"no commit came after commit {after} within {timeout} s", commit=after, limit=timeout
-        )
+    if timeout is not None and how == TIMED_OUT:
+        text = f"no commit came after commit {after} within {timeout} s"
+        raise WaitTimeout(text, commit=after, limit=round(timeout * 1e9))
     return buffer.commit
