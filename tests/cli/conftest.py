@@ -58,6 +58,26 @@ class Tool:
         assert outcome.code == code, outcome
         return outcome
 
+    def check_answers(self, store: object, recording: object) -> None:
+        """A store says what the recording that is in it says, but for what only files have."""
+        for command in (
+            ("info",),
+            ("tree",),
+            ("tree", "--at", "+3"),
+            ("lookup", "map", "base_link"),
+            ("lookup", "map", "base_link", "-0.5"),
+        ):
+            found = self(command[0], store, *command[1:], "--json").json
+            expected = self(command[0], recording, *command[1:], "--json").json
+            assert found.pop("files") == [str(store)]
+            for key in ("files", "topics", "messages", "transforms", "refused"):
+                expected.pop(key, None)
+                found.pop(key, None)
+            assert found == expected
+            assert "base_link" in self(command[0], store, *command[1:]).out
+        arguments = ("map", "base_link", "--rate", "10")
+        assert self("poses", store, *arguments).out == self("poses", recording, *arguments).out
+
     def installed(self, *arguments: object, stdin: str | None = None) -> Outcome:
         """Run the installed program."""
         program = Path(sysconfig.get_path("scripts")) / "tfdb"
