@@ -7,12 +7,13 @@ import json
 import os
 import warnings
 from collections.abc import Iterable, Mapping
+from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ._core import __version__, open_frozen
-from .errors import TfdbError, TfdbWarning
-from .frozen import SUFFIX, freeze_into
+from .errors import StoreExists, TfdbError, TfdbWarning
+from .frozen import MAGIC, SUFFIX, freeze_into
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -20,6 +21,9 @@ if TYPE_CHECKING:
     from ._core import Buffer
 
 __all__ = ["Cache"]
+
+# How the record begins that is kept with what was loaded: its first key, as `json` writes it.
+_MARK = b'{"tfdb": "'
 
 
 class Cache:
@@ -60,8 +64,12 @@ class Cache:
         self._places = [beside, *([home / elsewhere] if home else ())]
 
     def open(self) -> Buffer | None:
-        """Open what is kept; None where nothing is, or it is stale, foreign or damaged."""
+        """Open what is kept; None where nothing is, or it is stale or damaged.
+
+        Raises StoreExists where another file has its name.
+        """
         for place in self._places:
+            _refuse_foreign(place)
             try:
                 found = open_frozen(place, verify=True)
                 kept = json.loads(found.frozen.origin) if found.frozen else None
@@ -92,6 +100,7 @@ class Cache:
 
     def _put(self, buffer: Buffer, place: Path, made_of: str) -> Buffer | None:
         """Write a frozen store; None where that cannot be."""
+        _refuse_foreign(place)  # it may have come meanwhile
         record = {**self._wanted, "times": self._times, "hash": made_of}
         try:
             if place != self._places[0]:
@@ -100,6 +109,27 @@ class Cache:
             return open_frozen(place)
         except (OSError, TfdbError):
             return None
+
+
+def _refuse_foreign(place: Path) -> None:
+    """Raise StoreExists where a file lies that `Cache` has not written: it is not replaced.
+
+    One that was damaged since, or that another version wrote, is known by its record.
+    """
+    if not place.is_file():
+        return
+    with suppress(OSError), place.open("rb") as file:
+        before = b""
+        while part := file.read(1 << 16):
+            if not before and not part.startswith(MAGIC):
+                break
+            if _MARK in before + part:
+                return
+            before = part[-len(_MARK) :]
+    reason = "is there already, and is not what load(cache=True) keeps"
+    raise StoreExists(
+        f"{place} {reason}: move it away, or load without cache", path=str(place), reason=reason
+    )
 
 
 def _in_order(topics: Any) -> str:

@@ -102,7 +102,12 @@ def load(
     Buffer
         With `cache` a frozen one, to which nothing can be written (but see below).
 
-    Raises as `Buffer.load`.
+    Raises
+    ------
+    StoreExists
+        With `cache`, where a file has that name that is not what this keeps: it is never replaced.
+
+    And as `Buffer.load`.
 
     Warns
     -----
