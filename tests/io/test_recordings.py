@@ -442,3 +442,13 @@ def test_topics_are_names(recorder: Any, tmp_path: Path, topics: Any) -> None:
     path = recorder.bag(tmp_path / "a.bag", [])
     with pytest.raises(tfdb.InvalidArgument, match="topics are names"):
         tfdb.load(path, topics=topics)
+
+
+@pytest.mark.parametrize("topics", [[], (), {}, iter(())])
+def test_no_topics(recorder: Any, messages: list[Any], tmp_path: Path, topics: Any) -> None:
+    path = recorder.bag(tmp_path / "a.bag", messages)
+    with pytest.raises(
+        tfdb.InvalidArgument, match=r"topics is empty: .*its topics: /tf "
+    ) as caught:
+        tfdb.load(path, topics=topics)
+    assert caught.value.path == str(path)

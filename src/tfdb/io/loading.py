@@ -129,7 +129,7 @@ def load_recordings(
         A file is no recording, damaged or cut short; a topic is missing or holds no transforms;
         nothing could be stored. The store is unchanged. Fields: path, reason.
     InvalidArgument
-        No path, an empty one, or topics that are no names or renamed to something else.
+        No path, an empty one, or topics that are none, no names, or renamed to something else.
     OSError
         A file cannot be opened.
     """
@@ -202,13 +202,20 @@ class Selection:
         return sum(source.messages for source in sources if self.wants(source))
 
     def check(self, recordings: Sequence[Recording]) -> None:
-        """Refuse recordings without any of the topics, and topics that no recording has."""
+        """Refuse recordings without any of the topics, topics that no recording has, and none."""
         path = ", ".join(str(recording.path) for recording in recordings)
         sources = {absolute(s.topic) for recording in recordings for s in recording.sources}
         types = {absolute(t.name): t.type for recording in recordings for t in recording.topics}
         held = ", ".join(f"{name} ({types[name]})" for name in sorted(types)[:20]) or "none at all"
         if self._roles is None and not sources:
             raise RecordingError(path, f"no topic with transforms; its topics: {held}")
+        if self._roles is not None and not self._roles:
+            raise InvalidArgument(
+                f"topics is empty: name some of {path}, or give None to read all that hold "
+                f"transforms; its topics: {held}",
+                value=[],
+                path=path,
+            )
         for name in sorted(set(self._roles or ()) - sources):
             if name in types:
                 raise RecordingError(path, f"topic {name!r} holds {types[name]}, not transforms")
