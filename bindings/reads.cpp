@@ -338,6 +338,14 @@ void add_python_methods(nb::module_& module) {
         "to_nanoseconds", [](nb::handle stamp) { return stamp_of(stamp.ptr()); },
         nb::arg("stamp").none(), nb::sig("def to_nanoseconds(stamp: tfdb.stamps.StampLike) -> int"),
         "Nanoseconds of anything that is taken for a stamp. Raises InvalidStamp.");
+    module.def(
+        "duration_to_nanoseconds",
+        [](nb::handle seconds, const std::string& name) {
+            return duration_of(seconds, name.c_str());
+        },
+        nb::arg("seconds").none(), nb::arg("name"),
+        nb::sig("def duration_to_nanoseconds(seconds: float, name: str) -> int"),
+        "Nanoseconds of what is taken for a duration. Raises InvalidArgument, which names it.");
     const nb::module_ methods = nb::module_::import_("tfdb.methods");
     const nb::object reads = module.attr("Reads");
     reads.attr("explain") = methods.attr("explain");

@@ -157,10 +157,11 @@ StampNs duration_of(nb::handle seconds, const char* role) {
     }
     const auto nanoseconds = clock::nanoseconds_from_seconds(value);
     if (!nanoseconds || !(value >= 0.0)) {
-        throw_error(
-            "InvalidArgument",
-            std::string(role) + " must be a number of seconds >= 0, got " + short_repr(seconds),
-            {{"value", nb::borrow(seconds)}});
+        throw_error("InvalidArgument",
+                    std::string(role) +
+                        " must be a number of seconds from 0 to 9223372036 (292 years), got " +
+                        short_repr(seconds),
+                    {{"value", nb::borrow(seconds)}});
     }
     return *nanoseconds;
 }

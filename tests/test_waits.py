@@ -120,18 +120,41 @@ def test_a_buffer_closes_with_its_block() -> None:
     assert buf.closed
 
 
-@pytest.mark.parametrize("timeout", [-1, -0.5, float("nan"), float("inf"), "1", True, 1j])
+@pytest.mark.parametrize(
+    "timeout",
+    [-1, -0.5, float("nan"), float("inf"), 1e10, 1e18, 1e300, 10**400, "1", b"1", True, 1j],
+)
 def test_what_is_no_timeout(buf: tfdb.Buffer, timeout: float) -> None:
     put(buf, "a", 1)
+    said = set()
     for wait in (
         lambda: buf.lookup_transform("map", "a", timeout=timeout),
         lambda: buf.wait_for_transform("map", "a", 1, timeout),
         lambda: buf.wait_for_commit(0, timeout),
+        lambda: buf.run(lambda _: None, timeout=timeout),
         lambda: asyncio.run(buf.wait_for_transform_async("map", "a", 1, timeout)),
         lambda: asyncio.run(buf.wait_for_commit_async(0, timeout)),
     ):
-        with pytest.raises(tfdb.InvalidArgument, match="timeout"):
+        with pytest.raises(tfdb.InvalidArgument, match="timeout must be a number") as caught:
             wait()
+        assert caught.value.value is timeout
+        said.add(str(caught.value))
+    assert len(said) == 1
+
+
+@pytest.mark.parametrize("timeout", [9e9, 2**63 / 1e9 - 1])
+def test_the_longest_timeout(buf: tfdb.Buffer, timeout: float) -> None:
+    put(buf, "a", 1)
+    waits = (
+        lambda: buf.wait_for_commit(1, timeout),
+        lambda: asyncio.run(buf.wait_for_commit_async(2, timeout)),
+        lambda: buf.wait_for_transform("map", "a", 5, timeout).stamp,
+        lambda: asyncio.run(buf.wait_for_transform_async("map", "a", 7, timeout)).stamp,
+    )
+    for newest, wait in zip((2, 3, 5, 7), waits, strict=True):
+        call = Call(wait)
+        put(buf, "a", newest)
+        assert call.result() == newest
 
 
 def test_where_nothing_can_be_waited_for(buf: tfdb.Buffer) -> None:

@@ -1416,3 +1416,8 @@ def to_nanoseconds(stamp: tfdb.stamps.StampLike) -> int:
     """
     Nanoseconds of anything that is taken for a stamp. Raises InvalidStamp.
     """
+
+def duration_to_nanoseconds(seconds: float, name: str) -> int:
+    """
+    Nanoseconds of what is taken for a duration. Raises InvalidArgument, which names it.
+    """

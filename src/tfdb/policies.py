@@ -9,7 +9,7 @@ from __future__ import annotations
 from operator import index
 from typing import Any
 
-from ._core import Policy
+from ._core import Policy, duration_to_nanoseconds
 from .errors import InvalidArgument
 from .stamps import shown
 
@@ -17,7 +17,6 @@ __all__ = ["Exact", "Extrapolate", "Interpolate", "Nearest", "Policy", "Previous
 
 
 _MOST_NANOSECONDS = 2**63 - 1
-_MOST_SECONDS = 9e9
 
 
 def _nanoseconds(name: str, seconds: float | None, nanoseconds: int | None) -> int | None:
@@ -26,22 +25,18 @@ def _nanoseconds(name: str, seconds: float | None, nanoseconds: int | None) -> i
         raise InvalidArgument(f"give {name} or {name}_ns, not both")
     if seconds is None and nanoseconds is None:
         return None
-    given = nanoseconds if seconds is None else seconds
+    if seconds is not None:
+        return duration_to_nanoseconds(seconds, name)
     limit = -1
     try:
-        if not isinstance(given, bool):
-            if nanoseconds is not None:
-                limit = index(nanoseconds)
-            elif seconds is not None and abs(seconds) < _MOST_SECONDS:
-                limit = round(seconds * 1e9)
+        if nanoseconds is not None and not isinstance(nanoseconds, bool):
+            limit = index(nanoseconds)
     except TypeError:
         pass  # refused below
     if 0 <= limit <= _MOST_NANOSECONDS:
         return limit
     valid = f"{name}_ns must be an integer from 0 to 2**63 - 1"
-    if seconds is not None:
-        valid = f"{name} must be a number of seconds from 0 to below {_MOST_SECONDS:.0f}"
-    raise InvalidArgument(f"{valid}, got {shown(given)}", value=given)
+    raise InvalidArgument(f"{valid}, got {shown(nanoseconds)}", value=nanoseconds)
 
 
 class _Limited(Policy):

@@ -98,11 +98,6 @@ def _count(retries: Any) -> int:
 def _deadline(timeout: Any) -> float:
     if timeout is None:
         return math.inf
-    try:
-        seconds = -1.0 if isinstance(timeout, bool | str) else float(timeout)
-    except (TypeError, ValueError):
-        seconds = -1.0
-    if not seconds >= 0.0:
-        message = f"timeout must be a number of seconds >= 0, or None, got {timeout!r}"
-        raise InvalidArgument(message, value=timeout)
-    return time.monotonic() + seconds
+    from ._core import duration_to_nanoseconds  # noqa: PLC0415 - the extension imports this module
+
+    return time.monotonic() + duration_to_nanoseconds(timeout, "timeout") / 1e9

@@ -3,18 +3,17 @@
 from __future__ import annotations
 
 import asyncio
-import math
 import os
 import threading
 from collections import defaultdict
 from contextlib import suppress
 from typing import TYPE_CHECKING
 
+from ._core import duration_to_nanoseconds
 from .errors import (
     Disconnected,
     Extrapolation,
     GapTooLarge,
-    InvalidArgument,
     InvalidTransform,
     NoSampleNear,
     Stale,
@@ -124,18 +123,12 @@ async def _ended(buffer: Buffer, begin: Callable[[], int], until: float | None) 
                 buffer._cancel_wait(number)
 
 
-def _until(timeout: float | None) -> float | None:
-    if timeout is None:
-        return None
-    try:
-        seconds = math.nan if isinstance(timeout, bool | str | bytes) else float(timeout)
-    except (TypeError, ValueError):
-        seconds = math.nan
-    if not 0 <= seconds < math.inf:
-        raise InvalidArgument(
-            f"timeout must be a number of seconds >= 0, got {timeout!r}", value=timeout
-        )
-    return asyncio.get_running_loop().time() + seconds
+def _limit(timeout: float | None) -> int | None:
+    return None if timeout is None else duration_to_nanoseconds(timeout, "timeout")
+
+
+def _until(limit: int | None) -> float | None:
+    return None if limit is None else asyncio.get_running_loop().time() + limit / 1e9
 
 
 async def transform(
@@ -147,13 +140,14 @@ async def transform(
     policy: Policy | None,
 ) -> Transform:
     """Do what `Buffer.wait_for_transform_async` says."""
-    until = _until(timeout)
+    limit = _limit(timeout)
+    until = _until(limit)
     how = 0
     while True:
         try:
             return buffer.lookup_transform(target, source, time, policy)
         except NO_ANSWER_YET:
-            if how == TIMED_OUT or timeout == 0:
+            if how == TIMED_OUT or limit == 0:
                 raise
         how = await _ended(buffer, lambda: buffer._begin_wait(target, source, time, policy), until)
         buffer._check_wait(how)
@@ -165,9 +159,10 @@ async def commit(
     timeout: float | None,
 ) -> int:
     """Do what `Buffer.wait_for_commit_async` says."""
-    how = await _ended(buffer, lambda: buffer._begin_wait_for_commit(after), _until(timeout))
+    limit = _limit(timeout)
+    how = await _ended(buffer, lambda: buffer._begin_wait_for_commit(after), _until(limit))
     buffer._check_wait(how)
-    if timeout is not None and how == TIMED_OUT:
+    if limit is not None and how == TIMED_OUT:
         text = f"no commit came after commit {after} within {timeout} s"
-        raise WaitTimeout(text, commit=after, limit=round(timeout * 1e9))
+        raise WaitTimeout(text, commit=after, limit=limit)
     return buffer.commit
