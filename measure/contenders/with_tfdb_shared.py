@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import asyncio
+import itertools
 import os
 import random
 import signal
+import statistics
 import threading
 import time
 from contextlib import contextmanager
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import scenario
@@ -21,6 +24,19 @@ if TYPE_CHECKING:
 
 POSE = ((1.0, 2.0, 3.0), (0.0, 0.0, 0.6, 0.8))
 BETWEEN = 0.003  # seconds between commits: whoever waits is asleep again by then
+
+
+def per_commit(
+    buffer: tfdb.Buffer, stamps: Iterator[int], count: int, clock: Callable[[], int]
+) -> float:
+    """Nanoseconds of that clock for a commit of one transform: the median of five runs."""
+    found = []
+    for _ in range(5):
+        begin = clock()
+        for stamp in itertools.islice(stamps, count):
+            buffer.set_transform("clock", "busy", stamp, *POSE)
+        found.append((clock() - begin) / count)
+    return statistics.median(found)
 
 
 @contextmanager
@@ -42,11 +58,17 @@ class Contender(with_tfdb.Contender):
 
     name: str
 
-    def make(self, name: str, chain: int, samples: int, max_frames: int) -> None:
+    def make(self, name: str, chain: int, samples: int, max_frames: int = 100) -> None:
         """Fill a new store."""
         self.name = name
         self.max_frames = max_frames
         self.setup(chain, samples)
+        poses = [scenario.moving_pose(edge, 0.5) for edge in range(chain)]
+        self.edges = [
+            (parent, child, pose[:3], pose[3:])
+            for (parent, child), pose in zip(itertools.pairwise(self.names), poses, strict=True)
+        ]
+        self.operations["set_transform, each edge in turn"] = self.set_in_turn
 
     def empty_buffer(self) -> tfdb.Buffer:
         return tfdb.Buffer.open(
@@ -55,6 +77,7 @@ class Contender(with_tfdb.Contender):
 
     def join(self, name: str, chain: int, samples: int) -> None:
         """Open what another process has filled, to read."""
+        self.name = name
         self.buffer = tfdb.Buffer.open(name, create=False, mode="r")
         self.names = scenario.names(chain)
         self.mid = scenario.mid_stamps(samples)
@@ -151,12 +174,8 @@ class Contender(with_tfdb.Contender):
 
     def commits(self, count: int) -> float:
         """CPU nanoseconds of this process for each commit of one transform."""
-        store = self.buffer.set_transform
-        first = time.perf_counter_ns()
-        begin = time.process_time_ns()
-        for stamp in range(first, first + count):
-            store("clock", "busy", stamp, *POSE)
-        return (time.process_time_ns() - begin) / count
+        stamps = itertools.count(time.perf_counter_ns())
+        return per_commit(self.buffer, stamps, count, time.process_time_ns)
 
     def commits_beside_followers(self, followers: int, count: int) -> float:
         """The same while so many processes follow the store."""
@@ -183,14 +202,11 @@ class Contender(with_tfdb.Contender):
         thread = threading.Thread(target=lambda: loop.run_until_complete(wait()))
         thread.start()
         begun.wait()
-        begin = time.thread_time_ns()
-        for stamp in range(count):
-            buffer.set_transform("clock", "busy", stamp, *POSE)
-        took = time.thread_time_ns() - begin
+        took = per_commit(buffer, itertools.count(), count, time.thread_time_ns)
         buffer.close()
         thread.join()
         loop.close()
-        return took / count
+        return took
 
     def deaths(self, count: int, frames: int) -> dict[str, list[float]]:
         """Milliseconds from a writer's death to the next commit, with so many frames."""
@@ -210,8 +226,11 @@ class Contender(with_tfdb.Contender):
                     [tfdb.TransformStamped("clock", f"frame{i}", stamp, *POSE) for i in range(10)]
                 )
 
-        found: dict[str, list[float]] = {"after a death": [], "amid a commit": []}
-        while len(found["after a death"]) < count:
+        found: dict[str, list[float]] = {
+            "a writer's death": [],
+            "a writer's death amid a commit": [],
+        }
+        while len(found["a writer's death"]) < count:
             repairs = self.buffer.shared.repairs
             with child(write) as pid:
                 time.sleep(0.002 + 0.003 * choice.random())
@@ -219,39 +238,44 @@ class Contender(with_tfdb.Contender):
                 begin = time.perf_counter_ns()
                 self.buffer.set_transform("clock", "next", begin, *POSE)
                 took = 1e-6 * (time.perf_counter_ns() - begin)
-            found["after a death"].append(took)
+            found["a writer's death"].append(took)
             if self.buffer.shared.repairs > repairs:
-                found["amid a commit"].append(took)
+                found["a writer's death amid a commit"].append(took)
         return found
 
-    def polite(self, readers: int, seconds: float, rate: float) -> list[float]:
-        """CPU percent of each process of many that look up so often, beside a busy writer."""
-        reading, writing = os.pipe()
+    def set_in_turn(self, count: int) -> int:
+        turns = max(1, count // len(self.edges))
+        for _ in range(turns):
+            self.write_each()
+        return turns * len(self.edges)
 
-        def read() -> None:
-            buffer = tfdb.Buffer.open(self.name, create=False, mode="r")
-            begin, end = time.process_time(), time.perf_counter() + seconds
-            while time.perf_counter() < end:
-                time.sleep(1 / rate)
-                buffer.lookup_transform(self.names[0], self.names[-1])
-            used = 100 * (time.process_time() - begin) / seconds
-            os.write(writing, f"{used:8.4f}".encode())
-            os._exit(0)
+    def write_each(self) -> None:
+        """One sample of each edge, each a commit."""
+        store, stamp = self.buffer.set_transform, self.next
+        for parent, child, translation, rotation in self.edges:
+            store(parent, child, stamp, translation, rotation)
+        self.next += scenario.PERIOD
 
-        pids = []
-        for _ in range(readers):
-            pid = os.fork()
-            if pid == 0:
-                read()
-            pids.append(pid)
-        end = time.perf_counter() + seconds
-        while time.perf_counter() < end:
-            time.sleep(0.002)
-            for _ in range(10):
-                self.buffer.set_transform("clock", "busy", time.perf_counter_ns(), *POSE)
-        found = [float(os.read(reading, 8)) for _ in range(readers)]
-        for pid in pids:
-            os.waitpid(pid, 0)
-        os.close(reading)
-        os.close(writing)
+    def look_up(self) -> None:
+        self.buffer.lookup_transform(self.names[0], self.names[-1])
+
+    def wake(self) -> None:
+        """Nothing: what it costs to be woken."""
+
+    def read_all(self) -> None:
+        """Read every sample of the chain."""
+        for name in self.names[1:]:
+            self.buffer.samples(name)
+
+    def memory(self) -> dict[str, int]:
+        """This process's proportional share of memory in bytes: the store's, and all."""
+        found = {"store": 0, "process": 0}
+        of_store = False
+        for line in Path("/proc/self/smaps").read_text().splitlines():
+            field, *values = line.split()
+            if not field.endswith(":"):
+                of_store = f"/tfdb.{self.name}" in line
+            elif field == "Pss:":
+                found["process"] += 1024 * int(values[0])
+                found["store"] += 1024 * int(values[0]) * of_store
         return found

@@ -29,8 +29,7 @@ class Contender:
     def setup(self, chain: int, samples: int) -> None:
         self.names = scenario.names(chain)
         edges = list(zip(self.names, self.names[1:], strict=False))
-        # "lerpslerp" is the interpolation of tf2 and of tfdb.
-        self.tree = tf_tree.build(edges, capacity=samples + 1, interp="lerpslerp")
+        self.tree = self.empty_tree(edges, samples)
         self.publishers = []
         stamps = np.array(scenario.samples(samples), np.int64)
         for edge in range(chain):
@@ -68,6 +67,10 @@ class Contender:
                 self.operations[f"{count} stamps in one call{title}"] = self.few(list(few))
         self.columns_of = self._rows(scenario.poses(0, samples, COLUMNS))
         self.operations["columns"] = self.columns
+
+    def empty_tree(self, edges: list[tuple[str, str]], samples: int) -> tf_tree.Tree:
+        # "lerpslerp" is the interpolation of tf2 and of tfdb.
+        return tf_tree.build(edges, capacity=samples + 1, interp="lerpslerp")
 
     @staticmethod
     def _rows(poses: list[scenario.Pose]) -> np.ndarray:

@@ -8,6 +8,8 @@ Requests come as lines of JSON, answers go out likewise:
     {"do": "values", "stamps": [...]}                    -> {"poses": [[x y z qx qy qz qw], ...]}
     {"do": "time", "operation": "lookup mid", "count": N} -> {"ns": per operation, "count": N}
     {"do": "call", "function": "load", "arguments": [..]} -> whatever the function returns
+    {"do": "begin", "function": "look_up", "per_s": 100}  -> null; it goes on in a thread
+    {"do": "end"}                                         -> {"per_s": done, "cpu": percent}
 
 Times are CPU time of this process, so other processes on the core do not count.
 """
@@ -20,6 +22,8 @@ import json
 import sys
 import time
 from typing import Any
+
+from paced import Paced
 
 
 def timed(contender: Any, operation: str, count: int) -> dict[str, float]:
@@ -46,6 +50,11 @@ def answer(contender: Any, request: dict[str, Any]) -> Any:
             return timed(contender, request["operation"], request["count"])
         case "call":
             return getattr(contender, request["function"])(*request["arguments"])
+        case "begin":
+            contender.paced = Paced(getattr(contender, request["function"]), request["per_s"])
+            return None
+        case "end":
+            return contender.paced.end()
         case unknown:
             raise ValueError(unknown)
 

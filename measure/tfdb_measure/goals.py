@@ -289,43 +289,69 @@ def _rest() -> Iterator[Goal]:
     yield at_most("torn reads of a pair of edges", 0, Cell("torn", _TORN, "tfdb"), unit="%")
 
 
-def _sharing() -> Iterator[Goal]:
-    def cell(row: str, contender: str) -> Cell:
-        return Cell("sharing", row, contender)
+def shared(row: str, contender: str) -> Cell:
+    """Name a contender of a row of stores that processes share."""
+    return Cell("sharing", row, contender)
 
+
+def _sharing() -> Iterator[Goal]:
     row = "lookup mid, chain of 4"
-    private = cell(row, "private")
+    private = shared(row, "private")
     text = "Python lookup, chain of 4, in a store that processes share, against a private one"
-    yield at_most(text, 1.05, cell(row, "shared"), private)
+    yield at_most(text, 1.05, shared(row, "shared"), private)
     text = "the same in another process than the writer"
-    yield at_most(text, 1.05, cell(row, "another process"), private)
-    row = "readers in processes"
+    yield at_most(text, 1.05, shared(row, "another process"), private)
+    row = "lookups of reader processes together"
     text = "lookups of two reader processes, against one"
-    yield Goal(text, ITSELF, cell(row, "2 processes"), cell(row, "1 process"), 1.9)
-    text = "CPU of each of 16 readers with 100 lookups/s, beside 5,000 transforms/s"
-    each = cell("16 readers, 100 lookups/s each", "each")
-    yield at_most(text, 0.5, each, unit="%")
-    row = "commit beside followers"
-    text = "commits beside 16 followers that read everything, against none: CPU time"
-    yield Goal(text, ITSELF, cell(row, "none"), cell(row, "16 followers"), 0.9)
-    row = "commit beside waits for other frames"
+    yield Goal(text, ITSELF, shared(row, "2 processes"), shared(row, "1 process"), 1.9)
+    row = "CPU of a commit beside processes that read every change"
+    text = "commits per CPU second beside 16 processes that read every change, against none"
+    yield Goal(text, ITSELF, shared(row, "none"), shared(row, "16 processes"), 0.9)
+    row = "CPU of a commit beside coroutines that wait for other frames"
     text = "a commit beside 10,000 coroutines that wait for other frames: CPU time"
-    yield at_most(text, 1.1, cell(row, "10,000 waits"), cell(row, "none"))
+    yield at_most(text, 1.1, shared(row, "10,000 waits"), shared(row, "none"))
     for row, p50, p99 in (
-        ("attach and first answer", 1.0, None),
-        ("commit to woken thread of another process", 0.06, 0.4),
-        ("commit to woken coroutine of another process", 0.15, 0.6),
-        ("next commit, 10,000 frames, after a death", 0.3, 5.0),
-        ("next commit, 10,000 frames, amid a commit", None, None),
+        ("opening a shared store and first answer", 1.0, None),
+        ("from a commit to a waiting thread of another process", 0.06, 0.4),
+        ("from a commit to a waiting coroutine of another process", 0.15, 0.6),
+        ("from a writer's death to the next commit, 10,000 frames", 0.3, 5.0),
+        ("from a writer's death amid a commit to the next commit, 10,000 frames", None, None),
     ):
         for name, limit in (("p50", p50), ("p99", p99)):
             yield Goal(
-                f"{row}: {name}", ITSELF, cell(row, name),
+                f"{row}: {name}", ITSELF, shared(row, name),
                 goal=limit, at_least=False, unit="ms",
             )  # fmt: skip
 
 
-ROWS = [*_lookups(), *_writes(), *_batches(), *_history(), *_sharing(), *_rest()]
+def _processes() -> Iterator[Goal]:
+    for what, row in (
+        ("lookup by name against a compiled `plan.at`, beside a writer's process",
+         "lookup mid beside a writer's process"),
+        ("one sample of each edge in turn, beside readers' processes",
+         "set_transform beside readers' processes"),
+        ("opening it and first answer", "opening and first answer, beside readers"),
+    ):  # fmt: skip
+        ours, theirs = (shared(f"{row}, chain of 10", who) for who in ("tfdb", "transform-tree"))
+        yield faster(f"shared memory, chain of 10: {what}", TREE, 1, ours, theirs)
+    row = "CPU of a process with 100 lookups/s, chain of 10"
+    each = shared(row, "tfdb, each of 16")
+    text = (
+        "CPU of each of 16 Python readers of one store, 100 lookups/s, 5,000 transforms/s written"
+    )
+    yield at_most(text, 0.5, each, unit="%")
+    text = "the same of processes that do nothing 100 times/s: what it costs to be woken"
+    yield Goal(text, ITSELF, shared(row, "only woken so often, each of 16"), unit="%")
+    for title in ("alone", "each of 2"):
+        theirs = shared(row, f"tf2_ros listener, {title}")
+        text = f"CPU of such a reader, against a `tf2_ros` listener's over roscore, {title}"
+        yield faster(text, TF2_ROS, 50 if title == "alone" else None, each, theirs)
+    row = "memory of a store, the shares of its writer and readers together, chain of 10"
+    text = "memory of a store in all its processes together, 16 readers against 1"
+    yield at_most(text, 1.05, shared(row, "16 readers"), shared(row, "1 reader"))
+
+
+ROWS = [*_lookups(), *_writes(), *_batches(), *_history(), *_sharing(), *_processes(), *_rest()]
 """Goals of the rows, for docs/benchmarks.md."""
 
 

@@ -11,6 +11,8 @@ import statistics
 import subprocess
 import sys
 import tempfile
+import time
+from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -39,8 +41,16 @@ NEEDED = {
     "pytransform3d": "pytransform3d",
     "schiebung": "schiebung",
     "rosbags_tf2": "rosbags, tf2_py",
+    "transform_tree_shared": "tf_tree",
+    "tf2_live": "tf2_ros, roslaunch",
 }
 FEW = (1, 4, 16, 64)  # stamps in one call
+
+# A robot that many processes look at: ten moving frames, 500 times a second each.
+LIVE_CHAIN, MESSAGES = 10, 500.0
+READERS, LOOKUPS = 16, 100.0  # lookups of each per second
+# As many as leave two cores idle now and then: more would be measured while they lag.
+LISTENERS = {"tf2_ros listener, alone": 1, "tf2_ros listener, each of 2": 2}
 
 
 @dataclass(frozen=True)
@@ -113,13 +123,16 @@ def instructions(results: Results, effort: Effort) -> None:
             _add(results, "instructions", what, chain, "instructions", counts)
 
 
-def _interpreters(env: Path) -> dict[str, Path]:
+def _interpreters(env: Path, *contenders: str) -> dict[str, Path]:
     """Return the interpreter of each contender that can run here."""
-    python = env / "bin" / "python"
-    wanted = dict.fromkeys(NEEDED, python)
-    wanted |= {"tf2": SYSTEM_PYTHON, "schiebung": env / "newer" / "bin" / "python"}
+    others = {
+        "tf2": SYSTEM_PYTHON,
+        "tf2_live": SYSTEM_PYTHON,
+        "schiebung": env / "newer" / "bin" / "python",
+    }
     found = {}
-    for contender, interpreter in wanted.items():
+    for contender in contenders:
+        interpreter = others.get(contender, env / "bin" / "python")
         if interpreter.exists():
             imports = subprocess.run(
                 [interpreter, CONTENDERS / "worker.py", contender],
@@ -136,8 +149,9 @@ def _interpreters(env: Path) -> dict[str, Path]:
 
 def python(results: Results, effort: Effort) -> None:
     """Rows of Python libraries, each in a process of its own."""
-    interpreters = _interpreters(effort.env)
-    interpreters.pop("rosbags_tf2", None)
+    interpreters = _interpreters(
+        effort.env, "tfdb", "tf2", "transform_tree", "pytransform3d", "schiebung"
+    )
     for chain in effort.chains:
         workers = {name: Worker(name, path) for name, path in interpreters.items()}
         try:
@@ -239,7 +253,7 @@ def _long_recording(results: Results, effort: Effort, interpreters: dict[str, Pa
 
 def loading(results: Results, effort: Effort) -> None:
     """Load recordings: CPU time of the whole call, a fresh process each time."""
-    interpreters = _interpreters(effort.env)
+    interpreters = _interpreters(effort.env, "tfdb", "rosbags_tf2", "transform_tree")
     with tempfile.TemporaryDirectory() as folder:
         maker = [str(effort.env / "bin" / "python"), str(CONTENDERS / "recording.py"), folder]
         subprocess.run([*maker, str(effort.messages)], check=True)
@@ -310,7 +324,14 @@ def _percentiles(values: list[float]) -> Rounds:
 
 def sharing(results: Results, effort: Effort) -> None:
     """Measure stores that processes share, and waits."""
-    interpreter = _interpreters(effort.env)["tfdb"]
+    names = ("tfdb", "transform_tree_shared", "tf2_live")
+    interpreters = _interpreters(effort.env, *names)
+    _shared_alone(results, effort, interpreters["tfdb"])
+    _shared_against_tree(results, effort, interpreters)
+    _many_readers(results, effort, interpreters)
+
+
+def _shared_alone(results: Results, effort: Effort, interpreter: Path) -> None:
     name = f"measure-{os.getpid()}"
     chain, many = 4, effort.samples >= Effort.samples
     with (
@@ -334,7 +355,7 @@ def _shared_costs(results: Results, owner: Worker, *, many: bool) -> None:
     count = 500 if many else 20
     rounds = 5 if many else 1
     both: Rounds = {"1 process": [], "2 processes": []}
-    followed: Rounds = {"none": [], "16 followers": []}
+    followed: Rounds = {"none": [], "16 processes": []}
     waits: Rounds = {"none": [], "10,000 waits": []}
     for _ in range(rounds):
         for title, readers in zip(both, (1, 2), strict=True):
@@ -344,21 +365,161 @@ def _shared_costs(results: Results, owner: Worker, *, many: bool) -> None:
             followed[title].append(took)
         for title, begun in zip(waits, (0, 10_000), strict=True):
             waits[title].append(owner.call("commits_beside_waits", begun, 100 * count))
-    _add(results, "sharing", "readers in processes", 0, "kops/s", both)
-    _add(results, "sharing", "commit beside followers", 0, "ns", followed)
-    _add(results, "sharing", "commit beside waits for other frames", 0, "ns", waits)
-    polite = owner.call("polite", 16, 3.0 if many else 0.3, 100.0)
-    _add(results, "sharing", "16 readers, 100 lookups/s each", 0, "%", {"each": polite})
+    _add(results, "sharing", "lookups of reader processes together", 0, "kops/s", both)
+    _add(
+        results,
+        "sharing",
+        "CPU of a commit beside processes that read every change",
+        0,
+        "ns",
+        followed,
+    )
+    _add(
+        results,
+        "sharing",
+        "CPU of a commit beside coroutines that wait for other frames",
+        0,
+        "ns",
+        waits,
+    )
     for row, function in (
-        ("attach and first answer", "attach"),
-        ("commit to woken thread of another process", "wakes"),
-        ("commit to woken coroutine of another process", "wakes_of_coroutine"),
+        ("opening a shared store and first answer", "attach"),
+        ("from a commit to a waiting thread of another process", "wakes"),
+        ("from a commit to a waiting coroutine of another process", "wakes_of_coroutine"),
     ):
         _add(results, "sharing", row, 0, "ms", _percentiles(owner.call(function, count)))
     for row, values in owner.call("deaths", count // 2, 10_000).items():
         if len(values) > 1:
-            _add(results, "sharing", f"next commit, 10,000 frames, {row}", 0, "ms",
+            _add(results, "sharing", f"from {row} to the next commit, 10,000 frames", 0, "ms",
                  _percentiles(values))  # fmt: skip
+
+
+def _shared_against_tree(results: Results, effort: Effort, interpreters: dict[str, Path]) -> None:
+    """Compare with transform-tree's shared memory: of each one process writes, three read."""
+    contenders = {"tfdb": ("tfdb_shared", "tfdb")}
+    if "transform_tree_shared" in interpreters:
+        contenders["transform-tree"] = ("transform_tree_shared", "transform_tree_shared")
+    name = f"measure-{os.getpid()}"
+    with ExitStack() as stack:
+        processes = {
+            title: _workers(stack, who, interpreters[python], 4)
+            for title, (who, python) in contenders.items()
+        }
+        for title, (writer, *readers) in processes.items():
+            writer.call("make", name, LIVE_CHAIN, SAMPLES)
+            if title == "tfdb":
+                stack.callback(writer.call, "remove")
+            for reader in readers:
+                reader.call("join", name, LIVE_CHAIN, SAMPLES)
+        _same_answers({title: readers[0] for title, (_, *readers) in processes.items()})
+        _shared_turns(results, effort, processes)
+
+
+def _shared_turns(results: Results, effort: Effort, processes: dict[str, list[Worker]]) -> None:
+    writers = {title: workers[0] for title, workers in processes.items()}
+    readers = {title: workers[1] for title, workers in processes.items()}
+    others = [worker for workers in processes.values() for worker in workers[2:]]
+    for worker in others:
+        worker.begin("look_up", LOOKUPS)
+    for worker in writers.values():
+        worker.begin("write_each", MESSAGES)
+    turns = [(title, worker, "lookup mid") for title, worker in readers.items()]
+    if "transform-tree" in readers:
+        turns.append(("transform-tree by name", readers["transform-tree"], "lookup mid by name"))
+    times = interleave(turns, effort.rounds)
+    for worker in writers.values():
+        worker.end()
+    _add(results, "sharing", "lookup mid beside a writer's process", LIVE_CHAIN, "ns", times)
+    opened: Rounds = {title: [] for title in readers}
+    for worker in readers.values():
+        worker.call("attach", 1)  # the first one imports what it needs
+    for _ in range(effort.rounds):
+        for title, worker in readers.items():
+            opened[title].append(statistics.median(worker.call("attach", 50)))
+    _add(results, "sharing", "opening and first answer, beside readers", LIVE_CHAIN, "ms", opened)
+    what = "set_transform, each edge in turn"
+    times = interleave([(t, worker, what) for t, worker in writers.items()], effort.rounds)
+    _add(results, "sharing", "set_transform beside readers' processes", LIVE_CHAIN, "ns", times)
+    for worker in others:
+        worker.end()
+
+
+def _many_readers(results: Results, effort: Effort, interpreters: dict[str, Path]) -> None:
+    """Measure what a process costs that looks up now and then: in a store, and with tf2_ros."""
+    name = f"measure-{os.getpid()}"
+    seconds = 5.0 if effort.samples >= Effort.samples else 0.5
+    each, idle = f"tfdb, each of {READERS}", f"only woken so often, each of {READERS}"
+    used: Rounds = {each: [], idle: []}
+    heard: Rounds = {"tfdb, written": []}
+    with ExitStack() as stack:
+        writer, *readers = _workers(stack, "tfdb_shared", interpreters["tfdb"], 1 + READERS)
+        writer.call("make", name, LIVE_CHAIN, SAMPLES)
+        stack.callback(writer.call, "remove")
+        for reader in readers:
+            reader.call("join", name, LIVE_CHAIN, SAMPLES)
+        _memory(results, writer, readers)
+        publisher, listeners = None, []
+        if "tf2_live" in interpreters:
+            publisher, *listeners = _workers(stack, "tf2_live", interpreters["tf2_live"], 3)
+            uri = publisher.call("make", LIVE_CHAIN)
+            for listener in listeners:
+                listener.call("join", uri, LIVE_CHAIN)
+        for _ in range(min(effort.rounds, 5)):
+            writer.begin("write_each", MESSAGES)
+            used[each].append(_cpu_of_each(readers, "look_up", seconds))
+            used[idle].append(_cpu_of_each(readers, "wake", seconds))
+            heard["tfdb, written"].append(LIVE_CHAIN * writer.end()["per_s"])
+            for title, count in LISTENERS.items():
+                if publisher is not None:
+                    cpu, received = _listening(publisher, listeners[:count], seconds)
+                    used.setdefault(title, []).append(cpu)
+                    heard.setdefault(f"{title}, received", []).append(LIVE_CHAIN * received)
+    _add(results, "sharing", "CPU of a process with 100 lookups/s", LIVE_CHAIN, "%", used)
+    _add(results, "sharing", "transforms per second meanwhile", LIVE_CHAIN, "1/s", heard)
+
+
+def _workers(stack: ExitStack, contender: str, python: Path, count: int) -> list[Worker]:
+    """Start processes that end with the stack."""
+    return [stack.enter_context(Worker(contender, python)) for _ in range(count)]
+
+
+def _memory(results: Results, writer: Worker, readers: list[Worker]) -> None:
+    """Weigh the store in all its processes together, and a reader."""
+    of_store: Rounds = {}
+    of_reader: Rounds = {}
+    for count in (1, READERS):
+        for reader in readers[:count]:
+            reader.call("read_all")
+        shares = [worker.call("memory") for worker in (writer, *readers[:count])]
+        title = f"{count} reader{'s' if count > 1 else ''}"
+        of_store[title] = [sum(share["store"] for share in shares) / 2**20]
+        of_reader[title] = [statistics.mean(share["process"] for share in shares[1:]) / 2**20]
+    row = "memory of a store, the shares of its writer and readers together"
+    _add(results, "sharing", row, LIVE_CHAIN, "MiB", of_store)
+    row = "memory of a reader's process, its share of the store included"
+    _add(results, "sharing", row, LIVE_CHAIN, "MiB", of_reader)
+
+
+def _cpu_of_each(workers: list[Worker], function: str, seconds: float) -> float:
+    """Return the CPU of a process, in percent of a core, while all call that at a steady rate."""
+    for worker in workers:
+        worker.begin(function, LOOKUPS)
+    time.sleep(seconds)
+    return statistics.mean([worker.end()["cpu"] for worker in workers])
+
+
+def _listening(publisher: Worker, listeners: list[Worker], seconds: float) -> tuple[float, float]:
+    """Return the same of nodes that listen, and how many messages reached each per second."""
+    publisher.begin("write_each", MESSAGES)
+    for listener in listeners:
+        listener.call("listen")
+    begin, before = time.monotonic(), [listener.call("received") for listener in listeners]
+    cpu = _cpu_of_each(listeners, "look_up", seconds)
+    after, end = [listener.call("received") for listener in listeners], time.monotonic()
+    publisher.end()
+    for listener in listeners:
+        listener.call("leave")
+    return cpu, (sum(after) - sum(before)) / len(listeners) / (end - begin)
 
 
 def start(results: Results, effort: Effort) -> None:

@@ -48,6 +48,15 @@ class Worker:
         """Call a method of the contender's."""
         return self.ask(do="call", function=function, arguments=arguments)
 
+    def begin(self, function: str, per_s: float) -> None:
+        """Have a method of the contender's called so many times a second from now on."""
+        self.ask(do="begin", function=function, per_s=per_s)
+
+    def end(self) -> dict[str, float]:
+        """End that: times a second that it was done, and CPU in percent of a core."""
+        found: dict[str, float] = self.ask(do="end")
+        return found
+
     def __enter__(self) -> Self:
         return self
 
