@@ -2,7 +2,12 @@
 
 from __future__ import annotations
 
+import atexit
+import os
+import shutil
+import tempfile
 import time
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import scenario
@@ -12,12 +17,18 @@ import with_transform_tree
 if TYPE_CHECKING:
     from collections.abc import Callable
 
+# Where its processes meet: the same folder for all that one run of measurements starts.
+FOLDER = Path(tempfile.gettempdir(), f"tfdb-measure-tf_tree-{os.getppid()}")
+os.environ["TF_TREE_RUNTIME_DIR"] = str(FOLDER)
+
 
 class Contender(with_transform_tree.Contender):
     """Holds one chain in an arena of that name, or reads it."""
 
     def make(self, name: str, chain: int, samples: int) -> None:
         """Fill a new arena; it lives as long as this process."""
+        FOLDER.mkdir(mode=0o700)
+        atexit.register(shutil.rmtree, FOLDER)  # the library leaves its locks there
         self.name = name
         self.setup(chain, samples)
         poses = self._rows([scenario.moving_pose(edge, 0.5) for edge in range(chain)])
