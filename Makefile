@@ -6,6 +6,7 @@ PYTHON ?= python3
 JOBS ?= $(shell nproc 2>/dev/null || echo 2)
 FUZZ_SECONDS ?= 600
 TORTURE_SECONDS ?= 600
+KILL_SECONDS ?= 15
 HISTORY_SECONDS ?= 60
 BAG ?=
 
@@ -76,7 +77,7 @@ test-cpp: $(STAMPS)/venv
 	build/dev/bin/tfdb_tests
 	cd build/dev && ../../$(BIN)/ctest -R tfdb_tests_ --output-on-failure
 	build/dev/bin/tfdb_sched
-	build/dev/bin/torture_store_shared --seconds 15
+	build/dev/bin/torture_store_shared --seconds $(KILL_SECONDS)
 	build/dev/bin/torture_store_damage --seconds 6
 	build/dev/bin/tfdb_driver_tests
 

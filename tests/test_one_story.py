@@ -47,6 +47,7 @@ def random_store(rng: random.Random) -> Buffer:
                 buffer.remove_frame(child, recursive=rng.random() < 0.5)
             elif rng.random() < 0.01:
                 buffer.clear()
+                buffer.compact()
             else:
                 stamp = max(0, clock + rng.choice([0, 0, 1, 2, -1, -9, -20]))
                 buffer.set_transform(parent, child, stamp, pose, turn)

@@ -717,6 +717,19 @@ class Buffer(Reads):
         `memory_limit` leaves none; nothing was then dropped.
         """
 
+    def compact(self) -> bool:
+        """
+        Give memory that no state needs any more back to the system.
+
+        A store uses memory that became free for what comes next, and keeps it. After a burst, or after
+        `clear`, this returns it: from a shared store to the file system that it lies on. Nobody writes
+        meanwhile (5 ms for 10 million samples, and 10 ms for each 100 MiB that a shared store gives back);
+        reads go on.
+
+        Returns False, and does nothing, while an older state than the newest is held by a snapshot or a
+        transaction: try again later. Raises ReadOnly, TransactionActive.
+        """
+
     def changes(self, since: int, limit: int | None = None) -> list[tfdb.types.Changes]:
         """
         What the commits after `since` did, one by one in their order.

@@ -48,7 +48,7 @@ def test_help_names_every_command(tool: Tool) -> None:
     names = ("info", "tree", "lookup", "poses", "check", "shm", "serve", "convert", "bench")
     names = (*names[:-2], "freeze", *names[-2:], "verify", "completion")
     assert re.findall(r"^  (\w+)  ", shown, re.MULTILINE) == list(names)
-    groups = {"shm": ("ls", "info", "rm"), "serve": ("bag",)}
+    groups = {"shm": ("ls", "info", "compact", "rm"), "serve": ("bag",)}
     for name in names:
         for part in groups.get(name, ("",)):
             assert "--json" in tool(*filter(None, (name, part)), "--help").out

@@ -92,6 +92,13 @@ def test_shm(tool: Tool, served: str) -> None:
     assert with_one.shared is not None
     assert f"/dev/shm/tfdb.{name}, 0600" in tool("shm", "info", name).out
     assert name in tool("shm", "ls").out
+    compacted = tool("shm", "compact", served, "--json").json
+    assert compacted["done"]
+    assert 0 < compacted["after_bytes"] <= compacted["before_bytes"]
+    assert "MiB now" in tool("shm", "compact", name).out
+    with tfdb.Buffer.open(name) as buffer, buffer.snapshot():
+        buffer.set_transform("a", "b", 10**18, (1, 2, 3), (0, 0, 0, 1))
+        assert "an older state is held" in tool("shm", "compact", name).out
     assert tool("shm", "rm", served).out == f"removed {name}\n"
     assert name not in tool("shm", "ls").out
 

@@ -124,6 +124,43 @@ def test_a_store_that_cannot_grow_loses_nothing(tmp_path: Path) -> None:
         assert apart(grow) == 0
 
 
+def test_what_a_store_gives_back_others_may_take_and_it_takes_again(tmp_path: Path) -> None:
+    with small_file_system(tmp_path / "full", 16384) as folder:
+
+        def fill_and_empty() -> None:
+            path = folder / "store"
+            buffer = tfdb.Buffer.open(path, history=None, max_frames=1000)
+            reads = tfdb.Buffer.open(path, mode="r")
+            buffer.set_transform("map", "arm", 7, (3, 2, 1), TURN)
+            number = until_full(lambda number: write_on(buffer, number))
+            held = buffer.snapshot()
+            buffer.remove_frame("base")
+            assert not buffer.compact()
+            assert len(held.samples("base")[0]) == ROWS * number
+            held.close()
+            taken = path.stat().st_blocks * 512
+            assert buffer.compact()
+            kept = path.stat().st_blocks * 512
+            assert taken - kept > 8 << 20
+            assert buffer.compact()
+            assert path.stat().st_blocks * 512 <= kept
+
+            filler = fill_up(folder)
+            rows = ROWS * until_full(lambda n: write_on(buffer, n))
+            assert buffer.compact()
+            for buf in (buffer, reads):
+                assert buf.lookup_transform("map", "arm").stamp == 7
+                if rows:
+                    assert len(buf.samples("base")[0]) == rows
+            filler.unlink()
+            again = until_full(lambda n: write_on(buffer, n + 10**6))
+            assert again + rows // ROWS > number * 3 // 4
+            assert len(reads.samples("base")[0]) == rows + ROWS * again
+            assert reads.lookup_transform("map", "arm").stamp == 7
+
+        assert apart(fill_and_empty) == 0
+
+
 def test_readers_that_come_to_a_full_file_system(tmp_path: Path) -> None:
     with small_file_system(tmp_path / "full", 4096) as folder:
         path = folder / "store"

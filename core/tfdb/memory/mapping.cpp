@@ -6,6 +6,7 @@
 
 #include <algorithm>
 #include <bit>
+#include <cerrno>
 #include <cstdint>
 #include <system_error>
 #include <utility>
@@ -105,6 +106,17 @@ void Mapping::back(Offset from, Offset to) const {
                                name_ + ": " + std::generic_category().message(failed) +
                                "; free memory on its file system, or shorten history");
     }
+}
+
+bool Mapping::give_back(Offset from, Offset to) const noexcept {
+    if (!is_file())
+        return ::madvise(base_ + from, to - from, MADV_DONTNEED) == 0;
+    int failed = -1;
+    do {
+        failed = ::fallocate(file_, FALLOC_FL_PUNCH_HOLE | FALLOC_FL_KEEP_SIZE,
+                             static_cast<off_t>(from), static_cast<off_t>(to - from));
+    } while (failed != 0 && errno == EINTR);
+    return failed == 0;
 }
 
 }  // namespace tfdb::memory

@@ -38,6 +38,9 @@ public:
     /// the blocks for them, for a write into a full file system cannot fail, only end the process.
     /// Throws CapacityExceeded; nothing is changed then.
     void back(Offset from, Offset to) const;
+    /// Gives their memory to the system; they read as zeros, and a file's must be backed before
+    /// they are written to. False: the system does not take it.
+    [[nodiscard]] bool give_back(Offset from, Offset to) const noexcept;
 
 private:
     Mapping(std::byte* base, std::size_t bytes, std::size_t reserved, int file, std::string name)

@@ -32,7 +32,10 @@ constexpr unsigned kMostReclaimed = 64;                          // by one call
 constexpr Offset kNext = 40;
 constexpr Offset kBytes = 48;
 constexpr Offset kNumber = 56;
-constexpr Offset kFirstBlock = round_up(kHeads + 8 * kSizeClasses, kLineBytes);
+// Of a file: a bit for each granule, set where it may have no memory.
+constexpr Offset kGivenBack = kHeads + 8 * kSizeClasses;
+constexpr std::size_t kMostGranules = 4096;
+constexpr Offset kFirstBlock = round_up(kGivenBack + kMostGranules / 8, kLineBytes);
 
 constexpr std::size_t kHugePage = std::size_t{1} << 21;
 // Large blocks at power-of-two distances collide in the caches; three odd lines spread them.
@@ -75,6 +78,9 @@ Region::Region(Mapping mapping, std::size_t limit_bytes)
       base_(mapping_.base()),
       mask_((mapping_.is_file() ? std::bit_ceil(mapping_.bytes()) : Offset{0}) - kLineBytes),
       reserved_(mapping_.bytes()),
+      granule_(mapping_.is_file()
+                   ? std::max(mapping_.step(), std::bit_ceil(reserved_) / kMostGranules)
+                   : mapping_.step()),
       limit_(limit_bytes) {
     if (word(kBumpWord).load_relaxed() != 0 || word(kFileWord).load_relaxed() != 0)
         return;
@@ -147,6 +153,7 @@ Offset Region::reuse_or_bump(const BlockClass& fit) {
     }
     if (!is_block(waiting, fit.bytes))
         throw_damaged();
+    regain(waiting, waiting + fit.bytes);
     head.store_relaxed(word(waiting).load_relaxed());
     count(word(kFreeWord), std::size_t{0} - fit.bytes);
     return waiting;
@@ -199,6 +206,7 @@ Offset Region::cut(std::size_t bytes) {
     if (left.to - left.from < bytes)
         throw_damaged();
     const Offset rest = left.from + bytes;
+    regain(left.from, rest == left.to ? rest : rest + kLineBytes);
     if (rest != left.to)
         word(rest).store_relaxed(left.to);
     word(kCutWord).store_release(rest == left.to ? 0 : rest);
@@ -246,9 +254,68 @@ void Region::touch(Offset offset, std::size_t bytes, bool first) const {
     mapping_.back(offset / step * step, std::min(round_up(offset + bytes, step), reserved_));
 }
 
-/// Into the free list.
+sync::Word& Region::given_back(Offset granule) const noexcept {
+    return word(kGivenBack + granule / 64 * 8);
+}
+
+/// Makes memory of what was given back. Throws CapacityExceeded.
+void Region::regain(Offset from, Offset to) {
+    if (!mapping_.is_file())
+        return;
+    for (Offset granule = from / granule_; granule * granule_ < to; ++granule) {
+        Word& bits = given_back(granule);
+        const std::uint64_t bit = std::uint64_t{1} << granule % 64;
+        if ((bits.load_relaxed() & bit) == 0)
+            continue;
+        mapping_.back(granule * granule_, std::min((granule + 1) * granule_, reserved_));
+        bits.store_relaxed(bits.load_relaxed() & ~bit);
+    }
+}
+
+bool Region::can_regain_line(Offset block) noexcept {
+    try {
+        regain(block, block + kLineBytes);
+        return true;
+    } catch (const CapacityExceeded&) {
+        return false;
+    }
+}
+
+/// Notes first what it gives back: who dies between leaves a bit that costs the next user a call.
+bool Region::give_back_granule(Offset from) {
+    if (mapping_.is_file()) {
+        Word& bits = given_back(from / granule_);
+        const std::uint64_t bit = std::uint64_t{1} << from / granule_ % 64;
+        if ((bits.load_relaxed() & bit) != 0)
+            return true;
+        bits.store_relaxed(bits.load_relaxed() | bit);
+        fence_release();
+    }
+    return mapping_.give_back(from, from + granule_);
+}
+
+void Region::give_back() {
+    const AtWork alone(*this);
+    for (unsigned i = block_class(granule_).index; i < kSizeClasses; ++i) {
+        const std::size_t bytes = class_bytes(i);
+        Offset block = word(kHeads + 8 * Offset{i}).load_relaxed();
+        // More than there is room for: they run in a circle, for they were damaged.
+        for (std::size_t seen = 0; seen < reserved_ && is_block(block, bytes); seen += bytes) {
+            // All but what holds the list's word.
+            Offset from = round_up(block + kLineBytes, granule_);
+            for (; from + granule_ <= block + bytes; from += granule_) {
+                if (!give_back_granule(from))
+                    return;
+            }
+            block = word(block).load_relaxed();
+        }
+    }
+}
+
+/// Into the free list. Where no memory is to be had for the list's word, the block is lost until
+/// the next sweep.
 void Region::put_back(Offset block, const BlockClass& fit) {
-    if (!is_block(block, fit.bytes))
+    if (!is_block(block, fit.bytes) || !can_regain_line(block))
         return;
     Word& head = word(kHeads + 8 * Offset{fit.index});
     word(block).store_relaxed(head.load_relaxed());
@@ -344,6 +411,7 @@ bool Region::repair() {
 }
 
 void Region::sweep(std::vector<Block> in_use, std::uint64_t epoch, std::uint64_t commit) {
+    const AtWork alone(*this);
     for (const auto& [line, number] : {std::pair(Line::kReplaced, epoch), {Line::kEnded, commit}}) {
         reclaimed(line).store_relaxed(
             std::max<std::uint64_t>(reclaimed(line).load_relaxed(), number));

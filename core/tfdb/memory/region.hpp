@@ -107,6 +107,9 @@ public:
     /// Frees all but these blocks, retired ones too: no reader may need them. As `repair`; reads
     /// that are under way, up to the given epoch, and states older than the commit find out.
     void sweep(std::vector<Block> in_use, std::uint64_t epoch, std::uint64_t commit);
+    /// Gives the pages of large free blocks back to the system, until they are used again. Most is
+    /// to be had after a `sweep`.
+    void give_back();
 
 private:
     class AtWork;
@@ -129,6 +132,10 @@ private:
     static void count(Word& counter, std::size_t bytes);
     [[nodiscard]] bool is_block(Offset offset, std::size_t bytes) const noexcept;
     [[noreturn]] static void throw_damaged();
+    [[nodiscard]] Word& given_back(Offset granule) const noexcept;
+    bool give_back_granule(Offset from);
+    void regain(Offset from, Offset to);
+    [[nodiscard]] bool can_regain_line(Offset block) noexcept;
     void put_back(Offset block, const BlockClass& fit);
     void put_back_gap(Offset from, Offset to);
     void take_back(Offset block, std::size_t bytes);
@@ -138,6 +145,7 @@ private:
     std::byte* base_;
     Offset mask_;
     std::size_t reserved_;
+    std::size_t granule_;  // how much is given back at a time
     std::size_t limit_;
     Word* pins_ = nullptr;
 };

@@ -1,5 +1,7 @@
 #include "tfdb/memory/region.hpp"
 
+#include <sys/mman.h>
+
 #include <algorithm>
 #include <map>
 #include <memory>
@@ -170,6 +172,35 @@ TFDB_TEST(memory_that_was_filled_and_freed_can_be_filled_again_with_other_sizes)
         memory.sweep({{Region::root(), 64}}, round, round);
         CHECK(!memory.is_short());
     }
+}
+
+TFDB_TEST(memory_that_was_given_back_is_memory_again_when_it_is_used) {
+    Region memory;
+    (void)memory.allocate(64);
+    const auto resident = [&](Offset from, std::size_t bytes) {
+        std::vector<unsigned char> pages(bytes / 4096);
+        const std::uintptr_t at =
+            reinterpret_cast<std::uintptr_t>(&memory.word(from)) / 4096 * 4096;
+        CHECK_EQ(::mincore(reinterpret_cast<void*>(at), bytes, pages.data()), 0);
+        return std::count_if(pages.begin(), pages.end(), [](unsigned char c) { return c & 1; });
+    };
+    std::vector<Offset> blocks;
+    for (int i = 0; i < 600; ++i) {
+        blocks.push_back(memory.allocate(20'000));
+        for (Offset at = 0; at < 20'000; at += 4000)
+            memory.word(blocks.back() + at).store_relaxed(7);
+    }
+    const std::size_t bytes = 11 * kMebi;
+    CHECK_EQ(resident(blocks.front(), bytes), static_cast<std::ptrdiff_t>(bytes / 4096));
+    memory.sweep({{Region::root(), 64}, {blocks.back(), 20'000}}, 1, 1);
+    memory.give_back();
+    CHECK(resident(blocks.front(), bytes) < static_cast<std::ptrdiff_t>(bytes / 4096 / 2));
+    CHECK_EQ(memory.word(blocks.back()).load_relaxed(), 7U);
+    const Offset end = memory.end();
+    for (int i = 0; i < 500; ++i)
+        memory.word(memory.allocate(20'000)).store_relaxed(8);
+    CHECK(memory.end() <= end + kMebi);
+    CHECK_EQ(memory.word(blocks.back()).load_relaxed(), 7U);
 }
 
 TFDB_TEST(memory_limit_is_kept_and_leaves_everything_usable) {

@@ -127,6 +127,7 @@ const std::vector<Named>& writes() {
         {"refuse a cycle", set_cycle},
         {"set partly", set_partly},
         {"clear", [](Buffer& b) { b.clear(); }},
+        {"compact", [](Buffer& b) { (void)b.compact(); }},
         {"remove", [](Buffer& b) { b.remove_frame(kLeaf, false); }},
         {"remove all", remove_all},
         {"transaction", [](Buffer& b) { write_in(b, {}); }},

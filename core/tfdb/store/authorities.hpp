@@ -45,6 +45,8 @@ public:
     /// Every block of the region that they lie in: visit(offset, bytes).
     template <class Visit>
     void visit_blocks(Visit visit) const {
+        if (region_ == nullptr)
+            return;
         Offset block = region_->inside(newest_->load_acquire());
         for (std::uint64_t left = kMostShared; block != 0 && left > 0; --left) {
             visit(block, Listed::bytes(region_->word(block + Listed::kSize).load_relaxed()));

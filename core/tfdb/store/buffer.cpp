@@ -53,7 +53,7 @@ graph::Frames<StoreMemory> store::Store::forest_in(StoreMemory& memory,
 
 std::uint64_t store::Store::layout() {
     using Sizes = history::Tuning<StoreMemory>;
-    constexpr std::uint64_t kVersion = 1;
+    constexpr std::uint64_t kVersion = 2;
     std::uint64_t layout = kVersion;
     for (const std::uint64_t part :
          {std::uint64_t{history::kHeaderWords}, std::uint64_t{graph::kStoreWords},
@@ -267,6 +267,18 @@ void store::Store::sweep() {
     word(graph::kHeldBytes).store_relaxed(held);
 }
 
+bool store::Store::compact() {
+    const CommitNumber newest = committed();
+    const std::uint64_t epoch = word(graph::kEpoch).fetch_add(1) + 1;
+    if (oldest_pinned(held_pins, 0, newest) < newest ||
+        oldest_pinned(read_pins, graph::kPinWords, epoch) < epoch)
+        return false;
+    start_commit().empty_removed();
+    sweep();
+    memory.give_back();
+    return true;
+}
+
 namespace {
 
 BufferOptions checked(const BufferOptions& options) {
@@ -400,6 +412,12 @@ CommitNumber Buffer::clear() {
         commit.clear(id);
     }
     return commit.publish();
+}
+
+bool Buffer::compact() {
+    store::check_not_in_transaction(*store_);
+    const store::Alone alone(*store_);
+    return store_->compact();
 }
 
 std::optional<StampNs> Buffer::history() const {

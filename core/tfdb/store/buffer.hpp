@@ -394,6 +394,10 @@ public:
     CommitNumber remove_frames(std::span<const std::string_view> names, bool recursive);
     /// Drops all moving samples; frames and static edges stay.
     CommitNumber clear();
+    /// Gives memory that no state needs any more back to the system. False, and nothing was done,
+    /// while an older state than the newest is held, or being read by who was overtaken again and
+    /// again. Takes longer the more is stored; nobody writes meanwhile, reads go on.
+    bool compact();
 
     /// What the commits after `since` did, one by one in their order; at most `limit` of them. All
     /// that the newest state shows is told, and while a snapshot of commit `since` or an older one

@@ -259,6 +259,7 @@ TFDB_TEST(frozen_store_refuses_to_be_changed) {
     const auto error = THROWN(ReadOnly, set(frozen, "map", "base", 30, pose_of(3.0)));
     CHECK(error && says(*error, "is frozen"));
     CHECK(THROWN(ReadOnly, frozen.clear()));
+    CHECK(THROWN(ReadOnly, (void)frozen.compact()));
     CHECK(THROWN(ReadOnly, frozen.remove_frame("base", false)));
     CHECK(frozen.changes(2).empty());
     const auto lapped = THROWN(FeedLapped, frozen.changes(1));

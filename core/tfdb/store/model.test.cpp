@@ -86,6 +86,8 @@ private:
             model_.clear();
             return;
         }
+        if (chance(0.01))
+            (void)buffer_.compact();
         const bool is_static = chance(shape_.statics);
         std::vector<Member> batch(static_cast<std::size_t>(1 + below(shape_.batch)));
         for (Member& m : batch) {

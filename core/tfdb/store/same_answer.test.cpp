@@ -169,6 +169,8 @@ public:
                 buffer_.remove_frame(any_name(), true);
             else if (event == 197 && below(5) == 0)
                 buffer_.clear();
+            else if (event == 198)
+                (void)buffer_.compact();
             else
                 swap_roles();
         } catch (const Error& refused) {

@@ -158,6 +158,7 @@ TFDB_TEST(shared_store_opened_for_reading_refuses_to_write) {
     CHECK_EQ(arm_in(reader), 1.0);
     CHECK(THROWN(ReadOnly, move_arm(reader, 200, 2.0)));
     CHECK(THROWN(ReadOnly, reader.clear()));
+    CHECK(THROWN(ReadOnly, (void)reader.compact()));
     CHECK(THROWN(ReadOnly, reader.remove_frame("hand", false)));
     CHECK_EQ(reader.memory().samples, 3U);
     move_arm(writer, 200, 2.0);

@@ -350,6 +350,8 @@ private:
             case 6:
                 if (round_.clears && index_ == 0 && random_() % 64 == 0)
                     clear();
+                else if (index_ == 1 && random_() % 64 == 0)
+                    buffer_.compact();
                 break;
             case 7:
                 if (random_() % 8 == 0)

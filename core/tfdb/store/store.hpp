@@ -67,6 +67,9 @@ struct Store final : history::Readers, WriterLock::Repairs, sync::ForkWatcher {
     [[nodiscard]] bool must_sweep(std::uint64_t deaths, bool died_in_memory) const;
     /// Gives back blocks that deaths left unused. Older states that are held are given up.
     void sweep();
+    /// Gives memory that nothing needs back to the system; the commit lock is held, and nobody
+    /// writes beside it. False, and nothing was done: an older state is held or being read.
+    bool compact();
     /// Whether what no new read needs is more than may be kept.
     [[nodiscard]] bool keeps_too_much() const;
     /// Starts a commit; the commit lock is held, and nobody writes beside it.

@@ -251,6 +251,8 @@ TFDB_TEST(threads_clear_beside_readers_shows_all_or_nothing) {
                        buffer.set_transforms(batch, false, "");
                    }
                    buffer.clear();
+                   if (i % 8 == 0)
+                       (void)buffer.compact();
                }
            }},
            {reader});

@@ -156,6 +156,7 @@ TFDB_TEST(transaction_keeps_its_thread_from_waiting_for_itself) {
                      (void)buffer.try_set_transforms({&view, 1}, false, "", commit)));
         CHECK(THROWN(TransactionActive, buffer.remove_frame("base", true)));
         CHECK(THROWN(TransactionActive, buffer.clear()));
+        CHECK(THROWN(TransactionActive, (void)buffer.compact()));
         CHECK(THROWN(TransactionActive, Transaction(buffer).commit()));
         // Reads do not ask by themselves; another store is fine.
         CHECK(THROWN(TransactionActive, buffer.check_not_in_transaction()));

@@ -248,6 +248,19 @@ public:
 
     /// What a removed frame keeps beside its samples: the slot, and its name as a rule.
     static constexpr std::uint64_t kFrameBytes = history::kHeaderBytes + memory::kLineBytes;
+    /// Gives back what removed frames hold. Asked anew: a snapshot that is not seen here has seen
+    /// the commit that was just published.
+    void empty_removed() {
+        const CommitNumber oldest = readers_.oldest_read();
+        // Each frame is in the list once, but where that was damaged.
+        for (std::uint32_t left = frames_.count(); left > 0; --left) {
+            const FrameId id = frames_.first_full();
+            if (id == kNoFrame || frames_.word(id, history::kDied).load_relaxed() > oldest)
+                return;
+            frames_.pass_full();
+            empty_slot(id);
+        }
+    }
 
 private:
     using Touched = CommitScratch::Touched;
@@ -344,20 +357,6 @@ private:
         if ((what_ & FeedNote::kRemoved) != 0)
             empty_removed();
     }
-    /// Gives back what removed frames hold. Asked anew: a snapshot that is not seen here has seen
-    /// the commit that was just published.
-    void empty_removed() {
-        const CommitNumber oldest = readers_.oldest_read();
-        // Each frame is in the list once, but where that was damaged.
-        for (std::uint32_t left = frames_.count(); left > 0; --left) {
-            const FrameId id = frames_.first_full();
-            if (id == kNoFrame || frames_.word(id, history::kDied).load_relaxed() > oldest)
-                return;
-            frames_.pass_full();
-            empty_slot(id);
-        }
-    }
-
     /// Counts, for every frame, how many have it as their newest parent: `remove` asks for it.
     void count_children() {
         const auto count = [&](FrameId parent, std::uint64_t delta) {

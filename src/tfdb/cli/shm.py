@@ -117,6 +117,26 @@ def describe(*, name: str, as_json: bool) -> None:
         out.print(f"{what:<10}{text}")
 
 
+@command.command("compact")
+@name_argument
+@common.json_option
+def compact(*, name: str, as_json: bool) -> None:
+    """Give memory that the store NAME does not need any more back to the file system."""
+    given = name.removeprefix(common.LIVE)
+    with tfdb.Buffer.open(given, create=False) as store:
+        path = Path(cast("tfdb.Shared", store.shared).path)
+        before = path.stat().st_blocks * 512
+        done = store.compact()
+        after = path.stat().st_blocks * 512
+    if as_json:
+        body = {"name": given, "done": done, "before_bytes": before, "after_bytes": after}
+        output.emit_json("shm", body)
+    elif done:
+        click.echo(f"{_mebi(before)} before, {_mebi(after)} now")
+    else:
+        click.echo("nothing done: an older state is held by a snapshot or a transaction; try again")
+
+
 @command.command("rm")
 @click.argument("names", nargs=-1, required=True, metavar="NAME...")
 @common.json_option
