@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any, Self
 import tfdb
 
 from .answers import TURN, answers
+from .wait_cycles import wait_cycles
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -223,6 +224,10 @@ def wait_for(name: str, count: str) -> None:
         say("NoSuchStore", error.path)
 
 
+def wait_often(name: str, rounds: str, seed: str) -> None:
+    say(wait_cycles(name, int(rounds), int(seed)).total())
+
+
 def hold_snapshot(name: str) -> None:
     buffer = tfdb.Buffer.open(name, create=False, mode="r")
     with buffer.snapshot() as snapshot:
@@ -274,6 +279,7 @@ if __name__ == "__main__":
             commit_when_free,
             wait_for,
             wait_as,
+            wait_often,
             hold_snapshot,
             open_as,
         )

@@ -13,6 +13,7 @@ from tests.another_thread import Call
 
 from . import child
 from .child import Child
+from .wait_cycles import COROUTINES, THREADS, wait_cycles
 
 LONG = 60.0
 
@@ -43,6 +44,20 @@ def test_waits_here_end_by_the_commits_of_another_process(name: str) -> None:
         assert asyncio.run(buf.wait_for_commit_async(newest, LONG)) > newest
         writer.send(signal.SIGKILL)
         assert writer.end() == -signal.SIGKILL
+
+
+def test_ten_thousand_waits_of_two_processes_end_once_each(name: str) -> None:
+    buf = tfdb.Buffer.open(name)
+    child.move_arm(buf, 1)
+    rounds, seed = 250, 7
+    print("seed", seed)
+    with Child("write_on", name), Child("wait_often", name, rounds, seed + 1) as other:
+        ends = wait_cycles(name, rounds, seed)
+        total = rounds * (THREADS + COROUTINES)
+        assert total + int(other.says()) == 2 * total == 10_000
+        assert other.end() == 0
+    assert ends.total() == total
+    assert set(ends) == {"came", "late", "cancelled", "closed"}
 
 
 def test_who_waits_may_be_killed(name: str) -> None:
