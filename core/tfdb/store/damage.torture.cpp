@@ -136,6 +136,7 @@ void write_all(Buffer& buffer) {
             tried([&] { set(buffer, "base", "late", late, 7); });
         tried([&] { set(buffer, "base", "new" + std::to_string(round), later, 8); });
         tried([&] { (void)buffer.remove_frame("comes800", false); });
+        tried([&] { (void)buffer.compact(); });
         tried([&] { (void)buffer.remove_frame("base", true); });
         tried([&] {
             std::vector<TransformView> batch;
