@@ -268,6 +268,21 @@ TFDB_TEST(frozen_store_refuses_to_be_changed) {
     CHECK_EQ(frozen.commit(), 2U);
 }
 
+TFDB_TEST(frozen_store_has_all_its_commits) {
+    const FileName file;
+    Buffer buffer(defaults());
+    set(buffer, "map", "base", 10, pose_of(1.0));
+    set(buffer, "map", "base", 20, pose_of(2.0));
+    buffer.freeze(file);
+    const Buffer frozen = Buffer::open_frozen(file);
+    CHECK(frozen.wait_for_commit(1, std::nullopt));
+    CHECK_EQ(frozen.begin_wait_for_commit(1), 0U);
+    for (const CommitNumber after : {CommitNumber{2}, CommitNumber{1000}}) {
+        CHECK(THROWN(NotSupported, (void)frozen.wait_for_commit(after, std::nullopt)));
+        CHECK(THROWN(NotSupported, (void)frozen.begin_wait_for_commit(after)));
+    }
+}
+
 TFDB_TEST(frozen_store_of_an_empty_state) {
     const FileName file;
     Buffer(defaults()).freeze(file);

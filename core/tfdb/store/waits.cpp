@@ -319,14 +319,18 @@ std::uint64_t Waits::removals() const {
 namespace tfdb {
 namespace {
 
-/// Throws where nobody can wait.
-store::Waits& waits_of(const store::Store& store) {
+void check_can_wait(const store::Store& store) {
     if (store.engine != nullptr) {
         throw NotSupported("nobody can wait in the engine '" +
                            std::string(concurrency_name(store.concurrency)) +
                            "': only in the default one, 'snapshot'");
     }
     store::check_not_in_transaction(store);
+}
+
+/// Throws where nobody can wait.
+store::Waits& waits_of(const store::Store& store) {
+    check_can_wait(store);
     if (store.shared != nullptr && store.shared->control == nullptr) {
         ErrorDetail detail;
         detail.path = store.shared->path;
@@ -339,6 +343,12 @@ store::Waits& waits_of(const store::Store& store) {
                            std::move(detail));
     }
     return store.waits();
+}
+
+/// Whether a commit after that one is there, also where nobody is told of those to come.
+bool is_there(const store::Store& store, CommitNumber after) {
+    check_can_wait(store);
+    return store.committed() > after;
 }
 
 bool came(const store::Store& store, WaitEnd end) {
@@ -370,7 +380,8 @@ bool Buffer::wait_for(const Question& question, std::optional<std::int64_t> time
 }
 
 bool Buffer::wait_for_commit(CommitNumber after, std::optional<std::int64_t> timeout_ns) const {
-    return came(*store_, waits_of(*store_).wait(after, store::Patience(timeout_ns)));
+    return is_there(*store_, after) ||
+           came(*store_, waits_of(*store_).wait(after, store::Patience(timeout_ns)));
 }
 
 std::uint64_t Buffer::begin_wait(const Question& question) const {
@@ -378,7 +389,7 @@ std::uint64_t Buffer::begin_wait(const Question& question) const {
 }
 
 std::uint64_t Buffer::begin_wait_for_commit(CommitNumber after) const {
-    return waits_of(*store_).begin(after);
+    return is_there(*store_, after) ? 0 : waits_of(*store_).begin(after);
 }
 
 bool Buffer::cancel_wait(std::uint64_t number) const {
