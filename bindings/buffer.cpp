@@ -250,7 +250,7 @@ bool compact(BufferObject& self) {
 nb::object memory(BufferObject& self) {
     const MemoryUse use = [&] {
         const LongWork work(true);
-        return self.store.memory();
+        return self.open_store().memory();
     }();
     return memory_record(use);
 }
@@ -283,9 +283,11 @@ std::string_view concurrency(const BufferObject& self) {
 }
 
 nb::str represent(const BufferObject& self) {
+    const bool closed = self.closed.load();
     return nb::str(nb::module_::import_("tfdb.report")
-                       .attr("buffer_repr")(self.store.commit(), history(self), concurrency(self),
-                                            frozen(self)));
+                       .attr("buffer_repr")(closed ? self.closed_commit : self.store.commit(),
+                                            history(self), concurrency(self), frozen(self),
+                                            closed));
 }
 
 // A clock may refer to the buffer: let the garbage collector see it.
@@ -519,7 +521,8 @@ void bind_buffer(nb::module_& module) {
     type.def("memory", &memory, nb::sig("def memory(self) -> tfdb.types.MemoryUse"),
              "What the store occupies.");
     type.def(
-        "counters", [](const BufferObject& self) { return counters_record(self.store.counters()); },
+        "counters",
+        [](BufferObject& self) { return counters_record(self.open_store().counters()); },
         nb::sig("def counters(self) -> tfdb.types.Counters"),
         "Commits, conflicts and waits, mended quaternions, and reads that a writer overtook.");
     type.def_prop_ro("history", &history, nb::sig("def history(self) -> float | None"),

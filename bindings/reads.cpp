@@ -15,6 +15,10 @@
 namespace tfdb::python {
 namespace {
 
+bool is_buffer(const ReadsObject& object) {
+    return &object == nb::inst_ptr<BufferObject>(object.buffer);
+}
+
 std::string_view optional_name_of(nb::handle name, const char* role) {
     return name.is_none() ? std::string_view() : name_of(name, role);
 }
@@ -106,7 +110,13 @@ nb::object path_stamps(nb::handle self, const nb::str& target, const nb::str& so
 }
 
 CommitNumber commit_of(const ReadsObject& object) {
-    return object.reads == nullptr ? object.closed_commit : object.reads->commit();
+    if (const Reads* const reads = object.reads; reads != nullptr) {
+        return reads->commit();
+    }
+    if (is_buffer(object)) {
+        throw_closed(object);
+    }
+    return object.closed_commit;
 }
 
 constexpr const char* kCommonTimesDoc =
@@ -212,8 +222,10 @@ Raises what `lookup_transform` raises; Extrapolation (`no data`) where there is 
                      "tfdb.stamps.StampLike | None, end: tfdb.stamps.StampLike | None) -> "
                      "numpy.typing.NDArray[numpy.int64]"),
              "Stored stamps of the moving edges between two frames, where every edge has data.");
-    type.def_prop_ro("commit", &commit_of, nb::sig("def commit(self) -> int"),
-                     "Number of the newest commit, or of the snapshot's. The empty store is 0.");
+    type.def_prop_ro(
+        "commit", &commit_of, nb::sig("def commit(self) -> int"),
+        "Number of the newest commit, or of the snapshot's. The empty store is 0. Raises "
+        "BufferClosed.");
 }
 
 void enter_closed_state(SnapshotObject& object) {
@@ -286,7 +298,7 @@ Question question_through(nb::handle fixed, nb::handle target, nb::handle target
 void throw_closed(const ReadsObject& object) {
     ErrorDetail detail;
     detail.commit = object.closed_commit;
-    if (&object == nb::inst_ptr<BufferObject>(object.buffer)) {
+    if (is_buffer(object)) {
         throw BufferClosed("the buffer is closed: open its store anew, or make another Buffer",
                            detail);
     }

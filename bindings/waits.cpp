@@ -69,12 +69,13 @@ std::vector<std::pair<std::uint64_t, unsigned>> ended_waits(nb::handle self, nb:
     return all;
 }
 
-void check_wait(nb::handle self, unsigned how) {
+CommitNumber check_wait(nb::handle self, unsigned how) {
     const BufferObject& buffer = object_of<BufferObject>(self);
     const auto end = static_cast<WaitEnd>(how);
     if (end == WaitEnd::kClosed || end == WaitEnd::kRemoved) {
         buffer.store.raise_ended_wait(end);
     }
+    return buffer.store.commit();
 }
 
 void close(nb::handle self) {
@@ -110,14 +111,16 @@ void bind_begun_waits(BufferClass& type) {
              nb::sig("def _ended_waits(self, timeout: float | None) -> list[tuple[int, int]]"),
              "Wait until some of those that were begun end: their numbers, and how they did.");
     type.def("_check_wait", &check_wait, nb::arg("how"),
-             nb::sig("def _check_wait(self, how: int) -> None"),
-             "Raise what ended a wait, if it was not its time.");
+             nb::sig("def _check_wait(self, how: int) -> int"),
+             "Raise what ended a wait, if it was not its time; else give the newest commit.");
 }
 
 void bind_closing(BufferClass& type) {
     type.def("close", &close, nb::sig("def close(self) -> None"),
              R"(End all waits, with BufferClosed; later reads, writes and waits raise that, too.
 
+So do `commit`, `memory` and `counters`: whatever the store would have to be asked for. How it was
+made or opened (`history`, `concurrency`, `shared`, `frozen`) can still be read, and its repr.
 Snapshots and transactions that are open stay so. The memory goes with the last reference to them
 and to the buffer. Closing twice does nothing.)");
     type.def_prop_ro(
@@ -163,8 +166,9 @@ int
 Raises
 ------
 WaitTimeout, BufferClosed (`close` was called meanwhile), NoSuchStore (the store that processes
-share was removed meanwhile), TransactionActive, NotSupported (an engine of the research;
-or this process may read the store, but not write to its control file), InvalidArgument)");
+share was removed meanwhile), TransactionActive, NotSupported (an engine of the research; no such
+commit is there yet, and the store is frozen, so none will come, or this process may read it, but
+not write to its control file), InvalidArgument)");
     bind_begun_waits(type);
     bind_closing(type);
 }

@@ -104,14 +104,31 @@ def test_closing_ends_the_waits_and_what_comes_later(buf: tfdb.Buffer) -> None:
         buf.clear,
         buf.frames,
         buf.__enter__,
+        buf.memory,
+        buf.counters,
+        lambda: buf.commit,
+        lambda: asyncio.run(buf.wait_for_commit_async(0)),
+        lambda: asyncio.run(buf.wait_for_transform_async("map", "a")),
     ]
     for work in later:
         with pytest.raises(tfdb.BufferClosed) as caught:
             work()
         assert caught.value.commit == 1
     assert buf.closed
-    assert (buf.commit, snapshot.frames()) == (1, ["a", "map"])
-    assert "Buffer" in repr(buf)
+    assert (snapshot.commit, snapshot.frames()) == (1, ["a", "map"])
+    assert (buf.history, buf.concurrency, buf.shared, buf.frozen) == (None, "snapshot", None, None)
+    assert repr(buf) == "<tfdb.Buffer at commit 1, history unlimited, closed>"
+
+
+def test_a_commit_that_came_before_the_end_is_told(buf: tfdb.Buffer) -> None:
+    async def wait() -> int:
+        told = asyncio.ensure_future(buf.wait_for_commit_async(0))
+        await asyncio.sleep(0)
+        put(buf, "a", 1)
+        buf.close()
+        return await told
+
+    assert asyncio.run(wait()) == 1
 
 
 def test_a_buffer_closes_with_its_block() -> None:
@@ -342,12 +359,25 @@ def test_a_loop_that_was_closed_is_no_harm(buf: tfdb.Buffer) -> None:
     task._log_destroy_pending = False  # type: ignore[attr-defined]
 
 
-def test_nobody_waits_for_a_frozen_store(buf: tfdb.Buffer, tmp_path: Path) -> None:
+@pytest.mark.parametrize("timeout", [None, 0, LONG])
+def test_a_frozen_store_has_all_its_commits(
+    buf: tfdb.Buffer, tmp_path: Path, timeout: float | None
+) -> None:
     put(buf, "a", 5)
+    put(buf, "a", 6)
     buf.freeze(tmp_path / "one.tfdb")
     with tfdb.open(tmp_path / "one.tfdb") as frozen:
-        assert frozen.wait_for_transform("map", "a").stamp == 5
-        with pytest.raises(tfdb.NotSupported, match="is frozen"):
-            frozen.wait_for_transform("map", "b")
-        with pytest.raises(tfdb.NotSupported, match="is frozen"):
-            frozen.wait_for_commit(0)
+
+        def wait(after: int) -> tuple[int, int]:
+            told = asyncio.run(frozen.wait_for_commit_async(after, timeout))
+            return frozen.wait_for_commit(after, timeout), told
+
+        assert wait(0) == wait(1) == (2, 2)
+        for after in (2, 3, 1000):
+            with pytest.raises(tfdb.NotSupported, match="is frozen: no commit will ever come"):
+                frozen.wait_for_commit(after, timeout)
+            with pytest.raises(tfdb.NotSupported, match="is frozen: no commit will ever come"):
+                asyncio.run(frozen.wait_for_commit_async(after, timeout))
+        assert frozen.wait_for_transform("map", "a", timeout=timeout).stamp == 6
+        with pytest.raises(tfdb.UnknownFrame if timeout == 0 else tfdb.NotSupported):
+            frozen.wait_for_transform("map", "b", timeout=timeout)

@@ -215,7 +215,7 @@ class Reads:
     @property
     def commit(self) -> int:
         """
-        Number of the newest commit, or of the snapshot's. The empty store is 0.
+        Number of the newest commit, or of the snapshot's. The empty store is 0. Raises BufferClosed.
         """
 
     def transform_points(self, target: str, source: str, points: numpy.typing.ArrayLike, stamps: tfdb.stamps.StampsLike | tfdb.stamps.StampLike, policy: Policy | None = None, *, out: numpy.typing.NDArray[Any] | None = None, missing: Literal['raise', 'nan'] = 'raise') -> numpy.typing.NDArray[Any]:
@@ -821,8 +821,9 @@ class Buffer(Reads):
         Raises
         ------
         WaitTimeout, BufferClosed (`close` was called meanwhile), NoSuchStore (the store that processes
-        share was removed meanwhile), TransactionActive, NotSupported (an engine of the research;
-        or this process may read the store, but not write to its control file), InvalidArgument
+        share was removed meanwhile), TransactionActive, NotSupported (an engine of the research; no such
+        commit is there yet, and the store is frozen, so none will come, or this process may read it, but
+        not write to its control file), InvalidArgument
         """
 
     def _begin_wait(self, target: str, source: str, time: tfdb.stamps.StampLike | None, policy: Policy | None) -> int:
@@ -841,13 +842,17 @@ class Buffer(Reads):
         Wait until some of those that were begun end: their numbers, and how they did.
         """
 
-    def _check_wait(self, how: int) -> None:
-        """Raise what ended a wait, if it was not its time."""
+    def _check_wait(self, how: int) -> int:
+        """
+        Raise what ended a wait, if it was not its time; else give the newest commit.
+        """
 
     def close(self) -> None:
         """
         End all waits, with BufferClosed; later reads, writes and waits raise that, too.
 
+        So do `commit`, `memory` and `counters`: whatever the store would have to be asked for. How it was
+        made or opened (`history`, `concurrency`, `shared`, `frozen`) can still be read, and its repr.
         Snapshots and transactions that are open stay so. The memory goes with the last reference to them
         and to the buffer. Closing twice does nothing.
         """

@@ -156,12 +156,15 @@ def transform_repr(transform: Transform) -> str:
     )
 
 
-def buffer_repr(commit: int, history: float | None, concurrency: str, frozen: Frozen | None) -> str:
+def buffer_repr(
+    commit: int, history: float | None, concurrency: str, frozen: Frozen | None, closed: bool
+) -> str:
     """Write `<tfdb.Buffer at commit 7, history 10 s>`, the engine where it is another, its file."""
     kept = "unlimited" if history is None else f"{history:g} s"
     engine = "" if concurrency == "snapshot" else f", concurrency {concurrency}"
     file = "" if frozen is None else f", frozen in {frozen.path}"
-    return f"<tfdb.Buffer at commit {commit}, history {kept}{engine}{file}>"
+    end = ", closed" if closed else ""
+    return f"<tfdb.Buffer at commit {commit}, history {kept}{engine}{file}{end}>"
 
 
 def restore_transform(*state: object) -> Transform:

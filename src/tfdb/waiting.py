@@ -161,8 +161,8 @@ async def commit(
     """Do what `Buffer.wait_for_commit_async` says."""
     limit = _limit(timeout)
     how = await _ended(buffer, lambda: buffer._begin_wait_for_commit(after), _until(limit))
-    buffer._check_wait(how)
+    newest = buffer._check_wait(how)
     if limit is not None and how == TIMED_OUT:
         text = f"no commit came after commit {after} within {timeout} s"
         raise WaitTimeout(text, commit=after, limit=limit)
-    return buffer.commit
+    return newest
