@@ -155,9 +155,9 @@ void freeze_store(nb::handle self, nb::handle path, std::string_view origin) {
     const std::string file = path_of(path);
     const LongWork work(true);
     if (pinned.keep != nullptr) {
-        pinned.keep->freeze(file, origin);
+        pinned.keep->freeze(file, origin, true);
     } else {
-        nb::inst_ptr<BufferObject>(self)->store.freeze(file, origin);
+        nb::inst_ptr<BufferObject>(self)->store.freeze(file, origin, true);
     }
 }
 

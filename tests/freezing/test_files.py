@@ -45,6 +45,14 @@ def test_a_file_is_replaced_only_when_asked(tmp_path: Path) -> None:
     assert number_in(old) == 1
 
 
+def test_the_longest_name(tmp_path: Path) -> None:
+    path = tmp_path / ("n" * os.pathconf(tmp_path, "PC_NAME_MAX"))
+    for number in (1, 2):
+        moved(number).freeze(path, overwrite=number > 1)
+        assert number_in(tfdb.open(path, verify=True)) == number
+    assert [*tmp_path.iterdir()] == [path]
+
+
 def test_where_nothing_can_be_written(tmp_path: Path) -> None:
     with pytest.raises(FileNotFoundError, match="no folder"):
         moved(1).freeze(tmp_path / "none" / "a.tfdb")

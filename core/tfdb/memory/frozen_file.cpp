@@ -132,6 +132,8 @@ void NewFrozenFile::fail(int error) const {
     if (error == ENOENT || error == ENOTDIR)
         throw NoSuchStore("there is no folder for " + path_ + ": " + reason,
                           detail_of(path_, reason));
+    if (error == EEXIST)
+        throw StoreExists("there is a file " + path_ + " already", detail_of(path_, reason));
     if (error == EACCES || error == EPERM || error == EROFS)
         throw ReadOnly(path_ + " may not be written: " + reason, detail_of(path_, reason));
     throw CapacityExceeded("the frozen store " + path_ + " cannot be written: " + reason +
@@ -139,13 +141,15 @@ void NewFrozenFile::fail(int error) const {
                            detail_of(path_, reason));
 }
 
-NewFrozenFile::NewFrozenFile(std::string path) : path_(std::move(path)) {
+NewFrozenFile::NewFrozenFile(std::string path, bool in_place) : path_(std::move(path)) {
     for (unsigned number = 0;; ++number) {
-        made_ = path_ + ".new-" + std::to_string(::getpid()) + "-" + std::to_string(number);
+        made_ = path_;
+        if (!in_place)
+            made_ += ".new-" + std::to_string(::getpid()) + "-" + std::to_string(number);
         file_ = ::open(made_.c_str(), O_RDWR | O_CREAT | O_EXCL | O_CLOEXEC, 0666);
         if (file_ >= 0)
             return;
-        if (errno != EEXIST)
+        if (errno != EEXIST || in_place)
             fail(errno);
     }
 }
@@ -184,6 +188,7 @@ void NewFrozenFile::publish(std::vector<std::uint64_t> front, std::size_t bytes,
         fail(EIO);
     front[kHeaderSumWord] = sum_of_header(front);
     write(0, std::span(front).first(kHeaderWords));
+    // Where it has its name already, that changes nothing.
     if (::fsync(file_) != 0 || ::rename(made_.c_str(), path_.c_str()) != 0)
         fail(errno);
     published_ = true;

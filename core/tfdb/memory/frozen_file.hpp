@@ -23,12 +23,12 @@ inline constexpr std::size_t kFrozenHeaderBytes = 16384;
 SharedFile open_frozen(const std::string& path, std::uint64_t layout, bool verify);
 
 /// A frozen store under way. It takes its name, and the place of a file that has it, in `publish`;
-/// otherwise nothing of it remains.
+/// otherwise nothing of it remains. `in_place`: it has its name, which was free, from the start.
 /// Threads: one. Guarantee: as the file system's.
 class NewFrozenFile {
 public:
-    /// Throws NoSuchStore (no such folder), ReadOnly, CapacityExceeded.
-    explicit NewFrozenFile(std::string path);
+    /// Throws NoSuchStore (no such folder), StoreExists (`in_place`), ReadOnly, CapacityExceeded.
+    NewFrozenFile(std::string path, bool in_place);
     ~NewFrozenFile();
     NewFrozenFile(const NewFrozenFile&) = delete;
     NewFrozenFile& operator=(const NewFrozenFile&) = delete;

@@ -353,8 +353,8 @@ Buffer Buffer::open_frozen(const std::string& path, bool verify) {
         std::make_shared<store::Store>(memory::open_frozen(path, store::Store::layout(), verify)));
 }
 
-void Buffer::freeze(const std::string& path, std::string_view origin) const {
-    snapshot().freeze(path, origin);
+void Buffer::freeze(const std::string& path, std::string_view origin, bool in_place) const {
+    snapshot().freeze(path, origin, in_place);
 }
 
 std::optional<FrozenUse> Buffer::frozen() const {
@@ -470,8 +470,8 @@ Snapshot::Snapshot(std::shared_ptr<store::Store> store, CommitNumber held, unsig
 Snapshot::Snapshot(Snapshot&& other) noexcept
     : Reads(std::move(other.store_), other.held_), pin_(other.pin_), forks_(other.forks_) {}
 
-void Snapshot::freeze(const std::string& path, std::string_view origin) const {
-    store::freeze(*store_, held_, path, origin);
+void Snapshot::freeze(const std::string& path, std::string_view origin, bool in_place) const {
+    store::freeze(*store_, held_, path, origin, in_place);
 }
 
 Snapshot::~Snapshot() {

@@ -304,9 +304,11 @@ public:
     /// Writes this state into a file, which `Buffer::open_frozen` reads: what every read of it says
     /// is what this snapshot says. The file takes the name whole or not at all, and the place of
     /// one that has it: who has that open goes on with it. `origin`: any text, which comes back
-    /// with it. Throws SnapshotTooOld, CapacityExceeded (the disk is full, or 65,536 authorities),
-    /// NoSuchStore (no such folder), ReadOnly (no permission).
-    void freeze(const std::string& path, std::string_view origin = {}) const;
+    /// with it. `in_place`: the file is written under `path` from the start, for a caller who gives
+    /// it another name once it is whole; there must be none. Throws SnapshotTooOld,
+    /// CapacityExceeded (the disk is full, or 65,536 authorities), NoSuchStore (no such folder),
+    /// StoreExists (`in_place`), ReadOnly (no permission).
+    void freeze(const std::string& path, std::string_view origin = {}, bool in_place = false) const;
 
 private:
     friend class Buffer;
@@ -344,7 +346,7 @@ public:
     /// CapacityExceeded.
     [[nodiscard]] static Buffer open_frozen(const std::string& path, bool verify = false);
     /// As `Snapshot::freeze`: the newest state.
-    void freeze(const std::string& path, std::string_view origin = {}) const;
+    void freeze(const std::string& path, std::string_view origin = {}, bool in_place = false) const;
     /// None for a store that can be written to, here or elsewhere.
     [[nodiscard]] std::optional<FrozenUse> frozen() const;
 

@@ -86,8 +86,8 @@ class Freezer {
 public:
     Freezer(const Store& store, CommitNumber held) : store_(store), held_(held) {}
 
-    void run(const std::string& path, std::string_view origin) {
-        memory::NewFrozenFile file(path);
+    void run(const std::string& path, std::string_view origin, bool in_place) {
+        memory::NewFrozenFile file(path, in_place);
         find_frames();
         const FrameId slots = static_cast<FrameId>(found_.size()) + 1;
         (void)front_.allocate(graph::kStoreBytes);
@@ -294,9 +294,9 @@ private:
 
 }  // namespace
 
-void freeze(const Store& store, CommitNumber held, const std::string& path,
-            std::string_view origin) {
-    Freezer(store, held).run(path, origin);
+void freeze(const Store& store, CommitNumber held, const std::string& path, std::string_view origin,
+            bool in_place) {
+    Freezer(store, held).run(path, origin, in_place);
 }
 
 std::string origin(const Store& store) {

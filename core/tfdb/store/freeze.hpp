@@ -9,9 +9,9 @@
 namespace tfdb::store {
 
 /// Writes what state `held`, of which a snapshot is held, shows. Throws SnapshotTooOld,
-/// CapacityExceeded, NoSuchStore, ReadOnly; nothing is then left of the file.
-void freeze(const Store& store, CommitNumber held, const std::string& path,
-            std::string_view origin);
+/// CapacityExceeded, NoSuchStore, StoreExists, ReadOnly; nothing is then left of the file.
+void freeze(const Store& store, CommitNumber held, const std::string& path, std::string_view origin,
+            bool in_place);
 
 /// The text that a frozen store was given.
 [[nodiscard]] std::string origin(const Store& store);

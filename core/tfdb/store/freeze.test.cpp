@@ -305,6 +305,26 @@ TFDB_TEST(frozen_store_may_be_replaced_while_it_is_open) {
     CHECK_EQ(number_of(Buffer::open_frozen(file).lookup_transform("map", "base").pose), 2.0);
 }
 
+TFDB_TEST(frozen_store_may_be_written_under_its_name) {
+    const FileName file;
+    const std::string path = file;
+    Buffer buffer(defaults());
+    set(buffer, "map", "base", 10, pose_of(1.0));
+    // So long a name that none can be made from it by adding to it.
+    const std::string longest = path.substr(0, path.rfind('/') + 1) + std::string(255, 'n');
+    ::unlink(longest.c_str());
+    for (const std::string& name : {path, longest}) {
+        buffer.freeze(name, "", true);
+        const auto error = THROWN(StoreExists, Buffer(defaults()).freeze(name, "", true));
+        CHECK(error && error->detail().path == name);
+        const Buffer frozen = Buffer::open_frozen(name, true);
+        CHECK_EQ(number_of(frozen.lookup_transform("map", "base").pose), 1.0);
+    }
+    CHECK(THROWN(CapacityExceeded, buffer.freeze(longest)));
+    ::unlink(longest.c_str());
+    CHECK(THROWN(NoSuchStore, buffer.freeze(path + "/x.tfdb", "", true)));
+}
+
 TFDB_TEST(frozen_store_is_refused_when_it_is_none_or_damaged) {
     const FileName file;
     const std::string path = file;
