@@ -7,6 +7,7 @@
 
 #include "arguments.hpp"
 #include "arrays.hpp"
+#include "errors.hpp"
 #include "reads.hpp"
 #include "records.hpp"
 
@@ -16,7 +17,7 @@ namespace {
 nb::tuple tuple_of(const std::vector<std::string>& names) {
     nb::list list;
     for (const std::string& name : names) {
-        list.append(nb::str(name.c_str(), name.size()));
+        list.append(str_of_name(name));
     }
     return nb::tuple(list);
 }
@@ -30,11 +31,11 @@ nb::object columns_of(const nb::object& type, const std::vector<Changes::Edge>& 
     for (const auto& edge : edges) {
         if (edge.is_static != is_static || edge.poses.empty())
             continue;
-        const nb::str child(edge.child.c_str(), edge.child.size());
+        const nb::str child = str_of_name(edge.child);
         nb::object parent;
         for (std::size_t i = 0; i < edge.poses.size(); ++i) {
             if (i == 0 || edge.parents[i] != edge.parents[i - 1])
-                parent = nb::str(edge.parents[i].c_str(), edge.parents[i].size());
+                parent = str_of_name(edge.parents[i]);
             parents.append(parent);
             children.append(child);
         }
@@ -73,7 +74,7 @@ nb::list changes(nb::handle self, nb::handle since, nb::handle limit) {
         nb::dict gone;
         for (const auto& edge : one.stored) {
             if (edge.gone != 0)
-                gone[nb::str(edge.child.c_str(), edge.child.size())] = edge.gone;
+                gone[str_of_name(edge.child)] = edge.gone;
         }
         result.append(record(one.commit, columns_of(columns, one.stored, false),
                              columns_of(columns, one.stored, true), tuple_of(one.made),

@@ -29,19 +29,9 @@ static_assert(kClassNames.size() == static_cast<std::size_t>(ErrorCode::kWaitTim
 // Strong references for the life of the process.
 std::array<PyObject*, kClassNames.size()> g_classes{};
 
-// Names on the wire and from C++ may hold bytes that are no UTF-8.
-nb::object text(const std::string& message) {
-    PyObject* decoded = PyUnicode_DecodeUTF8(
-        message.data(), static_cast<Py_ssize_t>(message.size()), "backslashreplace");
-    if (decoded == nullptr) {
-        throw nb::python_error();
-    }
-    return nb::steal(decoded);
-}
-
 void set_text(nb::handle error, const char* name, const std::string& value) {
     if (!value.empty()) {
-        error.attr(name) = text(value);
+        error.attr(name) = escaped(value);
     }
 }
 
@@ -75,7 +65,7 @@ void set_fields(nb::handle error, const ErrorDetail& detail) {
     if (!detail.frames.empty()) {
         nb::list names;
         for (const std::string& name : detail.frames) {
-            names.append(text(name));
+            names.append(escaped(name));
         }
         error.attr("frames") = nb::tuple(names);
     }
@@ -90,7 +80,7 @@ void set_fields(nb::handle error, const ErrorDetail& detail) {
 
 /// An instance without its __init__, which would only store the fields again.
 nb::object new_error(nb::handle type, const std::string& message) {
-    const nb::tuple arguments = nb::make_tuple(text(message));
+    const nb::tuple arguments = nb::make_tuple(escaped(message));
     auto* kind = reinterpret_cast<PyTypeObject*>(type.ptr());
     PyObject* value = kind->tp_new(kind, arguments.ptr(), nullptr);
     if (value == nullptr) {
@@ -127,7 +117,7 @@ nb::object error_object(const Error& error) {
     nb::object value = new_error(type, error.what());
     set_fields(value, error.detail());
     if (error.code() == ErrorCode::kUnknownFrame) {
-        value.attr("frame") = text(error.detail().frame);  // also the empty name
+        value.attr("frame") = escaped(error.detail().frame);  // also the empty name
     }
     return value;
 }
@@ -137,10 +127,40 @@ void throw_object(const nb::object& error) {
     throw nb::python_error();
 }
 
+nb::str escaped(std::string_view text) {
+    PyObject* const decoded =
+        PyUnicode_DecodeUTF8(text.data(), static_cast<Py_ssize_t>(text.size()), "backslashreplace");
+    if (decoded == nullptr) {
+        throw nb::python_error();
+    }
+    return nb::steal<nb::str>(decoded);
+}
+
+nb::str str_of_name(std::string_view name) {
+    PyObject* const decoded =
+        PyUnicode_DecodeUTF8(name.data(), static_cast<Py_ssize_t>(name.size()), nullptr);
+    if (decoded != nullptr) {
+        return nb::steal<nb::str>(decoded);
+    }
+    if (PyErr_ExceptionMatches(PyExc_UnicodeDecodeError) == 0) {
+        throw nb::python_error();
+    }
+    PyErr_Clear();
+    throw_error(
+        "CorruptStore",
+        "the store is damaged: the name of a frame is not valid UTF-8; make the store anew, or "
+        "freeze again what it was made from",
+        {{"reason", nb::str("a name is not valid UTF-8")}});
+}
+
+nb::object name_or_none(const std::optional<std::string>& name) {
+    return name ? nb::object(str_of_name(*name)) : nb::none();
+}
+
 nb::object refused_record(const RefusedMember& member) {
     const nb::object type = nb::module_::import_("tfdb.types").attr("Refused");
     const std::string& reason = member.reason.empty() ? member.message : member.reason;
-    return type(member.index, class_name(member.code), text(member.message), text(reason));
+    return type(member.index, class_name(member.code), escaped(member.message), escaped(reason));
 }
 
 void set_error(const Error& error) noexcept {
@@ -155,7 +175,7 @@ void set_error(const Error& error) noexcept {
 void throw_error(const char* class_name, const std::string& message,
                  std::initializer_list<Field> fields) {
     const nb::object type = nb::module_::import_("tfdb.errors").attr(class_name);
-    const nb::object value = type(text(message));
+    const nb::object value = type(escaped(message));
     for (const auto& [name, field] : fields) {
         value.attr(name) = field;
     }

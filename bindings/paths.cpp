@@ -3,6 +3,8 @@
 #include <string>
 #include <utility>
 
+#include "errors.hpp"
+
 namespace tfdb::python {
 namespace {
 
@@ -12,7 +14,7 @@ nb::object name_of_frame(const Reads& reads, FrameHandle frame) {
     if (!reads.is_current(frame)) {
         return {};
     }
-    return nb::str(name.data(), name.size());
+    return str_of_name(name);
 }
 
 }  // namespace

@@ -27,11 +27,9 @@ nb::object rate_of(const FrameInfo& info) {
 }
 
 nb::object frame_info_of(const nb::object& type, const FrameInfo& info) {
-    const nb::object parent =
-        info.parent ? nb::object(nb::str(info.parent->c_str(), info.parent->size())) : nb::none();
-    return type(info.name, parent, info.is_static, info.samples, stamp_or_none(info.oldest),
-                stamp_or_none(info.newest), rate_of(info), info.authority, info.late,
-                info.longest_gap);
+    return type(str_of_name(info.name), name_or_none(info.parent), info.is_static, info.samples,
+                stamp_or_none(info.oldest), stamp_or_none(info.newest), rate_of(info),
+                escaped(info.authority), info.late, info.longest_gap);
 }
 
 nb::object frame_info(nb::handle self, const nb::str& name) {
@@ -42,11 +40,12 @@ nb::object frame_info(nb::handle self, const nb::str& name) {
     return frame_info_of(record_type("FrameInfo"), info);
 }
 
-std::optional<std::string> parent_of(nb::handle self, const nb::str& name, nb::handle time) {
+nb::object parent_of(nb::handle self, const nb::str& name, nb::handle time) {
     const Pinned pinned = pin(self, object_of<ReadsObject>(self));
     const std::string_view bytes = name_of(name, "name");
     const std::optional<StampNs> stamp = optional_stamp_of(time.ptr());
-    return pinned.ask([&](const Reads& reads) { return reads.parent_of(bytes, stamp); });
+    return name_or_none(
+        pinned.ask([&](const Reads& reads) { return reads.parent_of(bytes, stamp); }));
 }
 
 nb::list tree(nb::handle self, nb::handle time) {
@@ -67,7 +66,7 @@ nb::list list_of(const std::vector<std::string>& names) {
     nb::object last;
     for (std::size_t i = 0; i < names.size(); ++i) {
         if (i == 0 || names[i] != names[i - 1])
-            last = nb::str(names[i].c_str(), names[i].size());
+            last = str_of_name(names[i]);
         list.append(last);
     }
     return list;
@@ -88,10 +87,16 @@ nb::tuple samples(nb::handle self, const nb::str& name) {
     return nb::make_tuple(stamps.array, poses.array, list_of(found.parents));
 }
 
-std::vector<std::string> frames(nb::handle self) {
-    return pin(self, object_of<ReadsObject>(self)).ask([](const Reads& reads) {
-        return reads.frames();
-    });
+nb::list frames(nb::handle self) {
+    const std::vector<std::string> names =
+        pin(self, object_of<ReadsObject>(self)).ask([](const Reads& reads) {
+            return reads.frames();
+        });
+    nb::list made;
+    for (const std::string& name : names) {
+        made.append(str_of_name(name));
+    }
+    return made;
 }
 
 bool frame_exists(nb::handle self, const nb::str& name) {

@@ -40,8 +40,8 @@ Named named(const Transaction& transaction, Answer answer) {
 nb::object transform_of(const Named& found, nb::handle target, nb::handle source) {
     nb::list names;
     for (const auto& [child, parent] : found.edges) {
-        names.append(nb::str(child.data(), child.size()));
-        names.append(nb::str(parent.data(), parent.size()));
+        names.append(str_of_name(child));
+        names.append(str_of_name(parent));
     }
     PyObject* made =
         new_transform(found.answer, target.ptr(), source.ptr(), nb::tuple(names).ptr());
@@ -133,10 +133,11 @@ nb::tuple common_times(TransactionObject& self, nb::handle target, nb::handle so
     return nb::make_tuple(times.oldest, times.newest);
 }
 
-std::optional<std::string> parent_of(TransactionObject& self, nb::handle name, nb::handle time) {
+nb::object parent_of(TransactionObject& self, nb::handle name, nb::handle time) {
     const std::string_view bytes = name_of(name, "name");
     const std::optional<StampNs> stamp = optional_stamp_of(time.ptr());
-    return self.run([&](Transaction& transaction) { return transaction.parent_of(bytes, stamp); });
+    return name_or_none(
+        self.run([&](Transaction& transaction) { return transaction.parent_of(bytes, stamp); }));
 }
 
 bool frame_exists(TransactionObject& self, nb::handle name) {

@@ -158,3 +158,53 @@ def test_a_flipped_bit_is_found_when_all_is_verified(path: Path) -> None:
         tfdb.open(path)  # what stands in front is whole
         with pytest.raises(tfdb.CorruptStore, match="it is damaged"):
             tfdb.open(path, verify=True)
+
+
+def test_what_contradicts_itself_was_damaged(tmp_path: Path) -> None:
+    buffer = tfdb.Buffer()
+    for i in range(300):  # so many that they are not all in front
+        buffer.set_transform("map", f"frame{i}", 10, (1, 2, 3), TURN)
+    path = tmp_path / "a.tfdb"
+    buffer.freeze(path)
+    whole = path.read_bytes()
+    told = 0
+    for at in range(16_384, 20_000, 64):
+        path.write_bytes(
+            whole[:at] + bytes(255 - byte for byte in whole[at : at + 64]) + whole[at + 64 :]
+        )
+        store = tfdb.open(path)
+        for ask in (store.tree, store.snapshot().tree):
+            try:
+                ask()
+            except tfdb.CorruptStore as error:
+                assert (error.path, error.reason) == (str(path), "damaged")
+                assert str(path) in str(error)
+                told += 1
+    assert told > 0
+
+
+def test_a_name_that_was_damaged_is_told(tmp_path: Path) -> None:
+    buffer = tfdb.Buffer()
+    for i in range(300):  # so many that their names are not in front
+        buffer.set_transform("map", f"näher{i:03}", 10, (1, 2, 3), TURN, authority="Süd")
+    path = tmp_path / "a.tfdb"
+    buffer.freeze(path)
+    whole = path.read_bytes()
+    at = whole.index("näher299".encode()) + 1
+    assert at > 16_384
+    path.write_bytes(whole[:at] + b"\xff" + whole[at + 1 :])
+    store = tfdb.open(path)
+    for ask in (
+        store.frames,
+        store.tree,
+        store.snapshot().frames,
+        lambda: store.explain("map", "name"),
+    ):
+        with pytest.raises(tfdb.CorruptStore, match="not valid UTF-8") as caught:
+            ask()
+        assert caught.value.reason == "a name is not valid UTF-8"
+    assert store.lookup_transform("map", "näher001").stamp == 10
+    # Who wrote is no name of a frame, and programs in C++ may say anything.
+    at = whole.index("Süd".encode()) + 1
+    path.write_bytes(whole[:at] + b"\xff" + whole[at + 1 :])
+    assert tfdb.open(path).frame_info("näher000").authority == r"S\xff\xbcd"

@@ -407,7 +407,7 @@ void Reads::run_batch(FrameRef& target, FrameRef& source, std::span<const StampN
     if (outcome == Outcome::kOk)
         return;
     if (outcome == Outcome::kLapped)
-        store::throw_snapshot_too_old(held_, store_->committed());
+        store::throw_unreadable(*store_, held_);
     try {
         raise(space.failure, store::by_name(Question::kAt, target.name, source.name));
     } catch (Error& error) {
@@ -541,7 +541,7 @@ std::vector<StampNs> Reads::path_stamps(std::string_view target, std::string_vie
         return Outcome::kOk;
     });
     if (outcome == Outcome::kLapped)
-        store::throw_snapshot_too_old(held_, store_->committed());
+        store::throw_unreadable(*store_, held_);
     if (outcome == Outcome::kFailed)
         raise(failure, store::by_name(Question::kCommonTime, target, source));
     std::sort(stamps.begin(), stamps.end());

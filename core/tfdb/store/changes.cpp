@@ -258,7 +258,8 @@ std::vector<Changes> Buffer::changes(CommitNumber since, std::size_t limit) cons
         }
         return Outcome::kOk;
     };
-    (void)store::read(*store_, kFresh, kFresh, attempt);
+    if (store::read(*store_, kFresh, kFresh, attempt) == Outcome::kLapped)
+        store::throw_unreadable(*store_, kFresh);
     return all;
 }
 

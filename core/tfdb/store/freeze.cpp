@@ -117,7 +117,7 @@ private:
         constexpr CommitNumber kFresh = ~CommitNumber{0};
         may_end();
         if (read_committed(store_, held_, kFresh, attempt) == Outcome::kLapped)
-            throw_snapshot_too_old(held_, store_.committed());
+            throw_unreadable(store_, held_);
     }
 
     void find_frames() {

@@ -11,10 +11,6 @@ using lookup::Outcome;
 
 namespace {
 
-[[noreturn]] void throw_unreadable(const store::Store& store, CommitNumber held) {
-    store::throw_snapshot_too_old(held, store.committed());
-}
-
 /// The name of a frame of this state; false if its slot was reused meanwhile.
 bool read_name(const store::Store& store, const StoreView& view, FrameId id, std::string& name) {
     name = store.names.name(id);
@@ -76,7 +72,7 @@ std::vector<std::string> Reads::frames() const {
         return store::unless_reused(*store_, view.commit(), all);
     });
     if (outcome == Outcome::kLapped)
-        throw_unreadable(*store_, held_);
+        store::throw_unreadable(*store_, held_);
     std::sort(names.begin(), names.end());
     return names;
 }
@@ -92,7 +88,7 @@ FrameInfo Reads::frame_info(std::string_view name) const {
     if (outcome == Outcome::kFailed)
         store::throw_unknown_frame(name, at);
     if (outcome == Outcome::kLapped)
-        throw_unreadable(*store_, held_);
+        store::throw_unreadable(*store_, held_);
     return info;
 }
 
@@ -115,7 +111,7 @@ std::vector<FrameInfo> Reads::tree(std::optional<StampNs> stamp) const {
         return store::unless_reused(*store_, view.commit(), all);
     });
     if (outcome == Outcome::kLapped)
-        throw_unreadable(*store_, held_);
+        store::throw_unreadable(*store_, held_);
     std::sort(infos.begin(), infos.end(),
               [](const FrameInfo& a, const FrameInfo& b) { return a.name < b.name; });
     return infos;
@@ -157,7 +153,7 @@ Samples Reads::samples(std::string_view name) const {
     if (outcome == Outcome::kFailed)
         store::throw_unknown_frame(name, at);
     if (outcome == Outcome::kLapped)
-        throw_unreadable(*store_, held_);
+        store::throw_unreadable(*store_, held_);
     return out;
 }
 
@@ -180,7 +176,7 @@ std::optional<std::string> Reads::parent_of(std::string_view name,
     if (outcome == Outcome::kFailed)
         store::throw_unknown_frame(name, at);
     if (outcome == Outcome::kLapped)
-        throw_unreadable(*store_, held_);
+        store::throw_unreadable(*store_, held_);
     return found;
 }
 

@@ -159,7 +159,7 @@ void store::throw_unknown_frame(std::string_view name, CommitNumber commit) {
         std::move(detail));
 }
 
-void store::raise_failure(const Failure& failure, const Question& question, CommitNumber committed,
+void store::raise_failure(const Failure& failure, const Question& question,
                           const NameOfHandle& name) {
     using lookup::Half;
     Context c{failure, question.target.name, question.source.name, {}, {}, {}, {}};
@@ -185,9 +185,6 @@ void store::raise_failure(const Failure& failure, const Question& question, Comm
         raise_disconnected(c, name(failure.edge), name(failure.parent));
     if (failure.code == ErrorCode::kInvalidTransform)
         raise_not_finite(c);
-    if (failure.code == ErrorCode::kSnapshotTooOld) {
-        store::throw_snapshot_too_old(failure.commit, committed);
-    }
     c.detail.edge = c.frame;
     c.detail.parent = c.other;
     if (failure.code == ErrorCode::kGapTooLarge)
@@ -200,7 +197,9 @@ void store::raise_failure(const Failure& failure, const Question& question, Comm
 }
 
 void Reads::raise(const Failure& failure, const Question& question) const {
-    store::raise_failure(failure, question, store_->committed(), [this](FrameHandle frame) {
+    if (failure.code == ErrorCode::kSnapshotTooOld)
+        store::throw_unreadable(*store_, failure.commit);
+    store::raise_failure(failure, question, [this](FrameHandle frame) {
         return frame.id == kNoFrame ? std::string()
                                     : store::name_of_frame(*store_, frame.id, frame.generation);
     });

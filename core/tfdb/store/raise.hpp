@@ -31,8 +31,8 @@ using NameOf = std::function<std::string(FrameId)>;
 
 /// Name of a frame of a failure.
 using NameOfHandle = std::function<std::string(FrameHandle)>;
-/// The typed error of a failed lookup.
+/// The typed error of a failed lookup that was not overtaken.
 [[noreturn]] void raise_failure(const Failure& failure, const Question& question,
-                                CommitNumber committed, const NameOfHandle& name);
+                                const NameOfHandle& name);
 
 }  // namespace tfdb::store

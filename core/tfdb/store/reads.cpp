@@ -8,8 +8,25 @@ using lookup::Outcome;
 
 namespace store {
 
-void throw_snapshot_too_old(CommitNumber held, CommitNumber newest) {
+void throw_unreadable(const Store& store, CommitNumber held) {
+    const CommitNumber newest = store.committed();
     ErrorDetail detail;
+    if (store.shared != nullptr && store.shared->frozen) {
+        detail.path = store.shared->path;
+        detail.reason = "damaged";
+        throw CorruptStore("the frozen store " + store.shared->path +
+                               " is damaged: what is read contradicts itself, and nobody writes "
+                               "to it; freeze what it was made from again",
+                           std::move(detail));
+    }
+    if (held == kNewest) {
+        detail.commit = newest;
+        throw SnapshotTooOld("commit " + std::to_string(newest) +
+                                 " was overwritten while it was read, again and again: writers "
+                                 "are faster than this reader, or the store's file is damaged; "
+                                 "hold a snapshot, or make the store anew",
+                             std::move(detail));
+    }
     detail.commit = held;
     throw SnapshotTooOld("snapshot " + std::to_string(held) +
                              " can no longer be read: its samples were overwritten (the store is "
@@ -58,7 +75,7 @@ bool Reads::find_frame(std::string_view name, FrameHandle& out) const {
     };
     const Outcome outcome = store::read_committed(*store_, held_, kFresh, attempt);
     if (outcome == Outcome::kLapped)
-        store::throw_snapshot_too_old(held_, store_->committed());
+        store::throw_unreadable(*store_, held_);
     return outcome == Outcome::kOk;
 }
 

@@ -278,7 +278,9 @@ lookup::Outcome read(const Store& store, CommitNumber held, CommitNumber fresh, 
     return attempt(store.view(store.committed()));
 }
 
-[[noreturn]] void throw_snapshot_too_old(CommitNumber held, CommitNumber newest);
+/// After kLapped: says why. Throws SnapshotTooOld; CorruptStore of a frozen store, which nobody
+/// overtakes. `held`: the snapshot's commit, or kNewest.
+[[noreturn]] void throw_unreadable(const Store& store, CommitNumber held);
 
 /// "(removed)" where the slot was reused since.
 [[nodiscard]] inline std::string name_of_frame(const Store& store, FrameId id,

@@ -88,7 +88,7 @@ bool Transaction::has_frame(std::string_view name) {
 }
 
 void Transaction::raise(const Failure& failure, const Question& question) const {
-    store::raise_failure(failure, question, failure.commit, [this](FrameHandle frame) {
+    store::raise_failure(failure, question, [this](FrameHandle frame) {
         return frame.id == kNoFrame ? std::string()
                                     : life_->transaction().frame_name(frame.id, frame.generation);
     });

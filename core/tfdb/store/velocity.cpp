@@ -150,7 +150,7 @@ Twist Reads::lookup_velocity(std::string_view tracking, std::string_view observa
     if (outcome == Outcome::kOk)
         return twist;
     if (outcome == Outcome::kLapped)
-        store::throw_snapshot_too_old(held_, store_->committed());
+        store::throw_unreadable(*store_, held_);
     raise(failure, store::by_name(Question::kAt, names[asked.target], names[asked.source]));
 }
 
