@@ -321,7 +321,7 @@ class Shared:
     repairs: int
     """Writers that died amid a commit; each was taken back by the next writer."""
     processes: int
-    """Times that it is open now, this one included; 0: this process may not know."""
+    """Processes that have it open now, this one included; 0: this process may not know."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -6,7 +6,7 @@ import os
 import signal
 import subprocess
 import sys
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 from itertools import count
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -73,6 +73,24 @@ def test_no_such_store(tool: Tool, name: str) -> None:
     assert "has a slash" in tool("tree", "shm:a/b", code=2).error
 
 
+@contextmanager
+def another_process_that_opens_twice(name: str) -> Iterator[None]:
+    program = f"""
+import sys, tfdb
+stores = [tfdb.Buffer.open({name!r}, mode=mode) for mode in ("r", "rw")]
+print("ready", flush=True)
+sys.stdin.read()
+"""
+    command = [sys.executable, "-c", program]
+    with subprocess.Popen(
+        command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+    ) as process:
+        assert process.stdout is not None
+        assert process.stdout.readline() == "ready\n"
+        yield
+        process.communicate()
+
+
 def test_shm(tool: Tool, served: str) -> None:
     name = served.removeprefix("shm:")
     (listed,) = [s for s in tool("shm", "ls", "--json").json["stores"] if s["name"] == name]
@@ -87,9 +105,14 @@ def test_shm(tool: Tool, served: str) -> None:
     assert told["history_s"] == 1000
     assert told["processes"] == 0
     assert told["memory_bytes"] < 10 << 20
-    with_one = tfdb.Buffer.open(name, mode="r")
-    assert tool("shm", "info", name, "--json").json["processes"] == 1
-    assert with_one.shared is not None
+    opened = tfdb.Buffer.open(name, mode="r")
+    assert tool("shm", "info", name, "--json").json["processes"] == 0
+    with another_process_that_opens_twice(name):
+        assert tool("shm", "info", name, "--json").json["processes"] == 1
+        assert "processes 1 beside this one" in tool("shm", "info", name).out
+        assert opened.shared is not None
+        assert opened.shared.processes == 2
+    assert opened.shared.processes == 1
     assert f"/dev/shm/tfdb.{name}, 0600" in tool("shm", "info", name).out
     assert name in tool("shm", "ls").out
     compacted = tool("shm", "compact", served, "--json").json

@@ -66,7 +66,7 @@ public:
 
 private:
     static constexpr unsigned kHint = 2 * kCounts;  // which count the next one goes to
-    static_assert(kHint < kPinWords, "they fit where they are kept");
+    static_assert(kHint < kPinWords - 1, "they fit where they are kept, and leave the last word");
 
     [[nodiscard]] typename Memory::Word& word(unsigned w) const {
         return frames_->pin_word(first_, w);

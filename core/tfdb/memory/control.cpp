@@ -14,6 +14,7 @@
 #include <new>
 #include <system_error>
 #include <utility>
+#include <vector>
 
 #include "tfdb/base/error.hpp"
 #include "tfdb/sync/bell.hpp"
@@ -44,6 +45,13 @@ struct flock lock_of(unsigned slot, short kind) {
 bool set_lock(int file, unsigned slot, short kind) {
     struct flock lock = lock_of(slot, kind);
     return ::fcntl(file, F_OFD_SETLK, &lock) == 0;
+}
+
+/// Its pid, and the namespace that this is of.
+std::uint64_t this_process() {
+    struct stat space {};
+    ::stat("/proc/self/ns/pid", &space);
+    return static_cast<std::uint64_t>(::getpid()) << 32 | (space.st_ino & 0xFFFFFFFFU);
 }
 
 constexpr std::int64_t kSecond = 1'000'000'000;
@@ -145,6 +153,7 @@ unsigned Control::take_slot(const std::string& name) {
         mapping_.back(kSlotsByte + std::size_t{i} * kSlotWords * 8,
                       kSlotsByte + (std::size_t{i} + 1) * kSlotWords * 8);
         clear(i);
+        slot(i)[kProcessWord].store_relaxed(this_process());
         std::uint64_t known = word(kSlotsWord).load_relaxed();
         while (known <= i && !word(kSlotsWord).compare_exchange(known, i + 1)) {
         }
@@ -176,13 +185,21 @@ bool Control::free_if_dead(unsigned index) const noexcept {
     return true;
 }
 
-unsigned Control::count_open() const noexcept {
-    unsigned open = 0;
+unsigned Control::count_processes() const {
+    std::vector<std::uint64_t> known;
+    unsigned unknown = 0;
     for (unsigned i = 0; i < slots(); ++i) {
         struct flock lock = lock_of(i, F_WRLCK);
-        open += i == mine_ || ::fcntl(file_, F_OFD_GETLK, &lock) != 0 || lock.l_type != F_UNLCK;
+        if (i != mine_ && ::fcntl(file_, F_OFD_GETLK, &lock) == 0 && lock.l_type == F_UNLCK)
+            continue;
+        if (const std::uint64_t process = slot(i)[kProcessWord].load_relaxed(); process != 0)
+            known.push_back(process);
+        else
+            ++unknown;  // it has just taken it
     }
-    return open;
+    std::sort(known.begin(), known.end());
+    const auto end = std::unique(known.begin(), known.end());
+    return unknown + static_cast<unsigned>(end - known.begin());
 }
 
 pthread_mutex_t* Control::mutex() const noexcept {

@@ -12,8 +12,8 @@
 
 namespace tfdb::memory {
 
-/// A small file beside the data: the lock that writers of all processes take, and a slot for each
-/// process with the pins of what it reads. Who may only read the data may still write here.
+/// A small file beside the data: the lock that writers of all processes take, and slots for the
+/// processes with the pins of what it reads. Who may only read the data may still write here.
 ///
 /// The lock is a robust mutex: the kernel hands it on when its holder dies, and says so. A slot is
 /// its process's as long as that has its byte of the file locked, which the kernel ends as well; so
@@ -24,6 +24,7 @@ class Control {
 public:
     static constexpr unsigned kSlots = 2048;
     static constexpr unsigned kSlotWords = 16;
+    static constexpr unsigned kProcessWord = 15;  // of a slot: whose it is; pins leave it alone
     static constexpr std::size_t kBytes = 4096 + std::size_t{kSlots} * kSlotWords * 8;
 
     /// Readies a new file of that many bytes. Throws CapacityExceeded.
@@ -66,8 +67,8 @@ public:
     /// Slots that were ever taken are the first so many.
     [[nodiscard]] unsigned slots() const noexcept;
     [[nodiscard]] sync::Word* slot(unsigned index) const noexcept;
-    /// How many processes have a slot.
-    [[nodiscard]] unsigned count_open() const noexcept;
+    /// How many processes have slots: a process has one for each time that it opened the store.
+    [[nodiscard]] unsigned count_processes() const;
     /// In the child of a fork, which has its parent's slot so far: takes one of its own. False:
     /// there is none.
     bool take_own_slot() noexcept;

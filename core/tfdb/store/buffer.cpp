@@ -105,6 +105,7 @@ void store::Store::note_reads() {
     if (shared->control == nullptr)
         unseen_pins = std::make_unique<std::array<sync::Word, 2 * graph::kPinWords>>();
     sync::Word* const pins = unseen_pins != nullptr ? unseen_pins->data() : shared->control->pins();
+    static_assert(memory::Control::kProcessWord == 2 * graph::kPinWords - 1, "pins leave that");
     using Pins = graph::Pins<StoreMemory>;
     Pins::begin(
         [&](unsigned w) -> auto& { return pins[w]; }, committed());
@@ -377,7 +378,7 @@ std::optional<SharedUse> Buffer::shared() const {
     use.size = store_->memory.capacity();
     if (store_->shared->control != nullptr) {
         use.repairs = store_->shared->control->deaths().load_relaxed();
-        use.processes = store_->shared->control->count_open();
+        use.processes = store_->shared->control->count_processes();
     }
     return use;
 }

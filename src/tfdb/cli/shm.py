@@ -40,7 +40,7 @@ def list_stores(*, as_json: bool) -> None:
     if not found:
         click.echo("no stores; tfdb.Buffer.open(NAME) or 'tfdb serve' makes one")
         return
-    columns = ("store", "frames", "commit", "memory", "open", "history", "")
+    columns = ("store", "frames", "commit", "memory", "processes", "history", "")
     made = output.table(*columns, right=columns[1:6])
     output.console().print(output.add_rows(made, (_row(body) for body in found)))
 
@@ -68,7 +68,7 @@ def _body(store: Buffer) -> dict[str, Any]:
         "size_bytes": shared.size,
         "memory_bytes": status.st_blocks * 512,
         "used_bytes": memory.used_bytes,
-        # 0: it may not be known. This command has it open as well.
+        # 0: it may not be known. This command is one of them.
         "processes": shared.processes - 1 if shared.processes else None,
         "repairs": shared.repairs,
     }
@@ -111,7 +111,7 @@ def describe(*, name: str, as_json: bool) -> None:
         ("history", _history(body["history_s"])),
         ("data", "none" if covered is None else " to ".join(map(format_ns, covered))),
         ("memory", f"{_mebi(body['memory_bytes'])} of at most {_mebi(body['size_bytes'])}"),
-        ("open", f"{_known(body['processes'])} times"),
+        ("processes", f"{_known(body['processes'])} beside this one"),
         ("repaired", repairs),
     ):
         out.print(f"{what:<10}{text}")
