@@ -307,7 +307,7 @@ TFDB_TEST(frozen_store_may_be_replaced_while_it_is_open) {
 
 TFDB_TEST(frozen_store_may_be_written_under_its_name) {
     const FileName file;
-    const std::string path = file;
+    const std::string& path = file;
     Buffer buffer(defaults());
     set(buffer, "map", "base", 10, pose_of(1.0));
     // So long a name that none can be made from it by adding to it.
