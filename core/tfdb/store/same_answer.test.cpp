@@ -168,9 +168,7 @@ public:
             else if (event < 197)
                 buffer_.remove_frame(any_name(), true);
             else if (event == 197 && below(5) == 0)
-                buffer_.clear();
-            else if (event == 198)
-                (void)buffer_.compact();
+                empty();
             else
                 swap_roles();
         } catch (const Error& refused) {
@@ -302,6 +300,10 @@ private:
             set_moving(child, edge.parent, std::max(now_, edge.newest) + gap() % 40);
         }
         now_ = std::max(now_, edges_[child].newest);
+    }
+    void empty() {
+        buffer_.clear();
+        (void)buffer_.compact();
     }
     void late() {
         const std::size_t child = any_moving();
