@@ -72,6 +72,7 @@ from .on_demand import on_demand
 
 if TYPE_CHECKING:
     from . import io as io
+    from . import tf2 as tf2
     from .explain import EdgeExplanation, Explanation
     from .loading import load
     from .policies import Exact, Extrapolate, Interpolate, Nearest, Policy, Previous
@@ -183,6 +184,7 @@ if not TYPE_CHECKING:  # or every name would be there for type checkers
             "shared": (),
             "stamps": ("stamp",),
             "summary": (),
+            "tf2": (),
             "types": (
                 "Changes",
                 "Columns",

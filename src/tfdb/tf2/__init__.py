@@ -1,0 +1,45 @@
+"""tf2's names on a store of tfdb, with and without ROS.
+
+    >>> from tfdb import tf2
+    >>> from tfdb.tf2 import msgs
+    >>> core = tf2.BufferCore(flavor="ros2")
+    >>> stamped = msgs.TransformStamped(msgs.Header(msgs.Time(12, 0), "map"), "base")
+    >>> stamped.transform.translation.x = 1.5
+    >>> core.set_transform(stamped, "odometry")
+    True
+    >>> core.lookup_transform_core("map", "base", msgs.Time()).transform.translation.x
+    1.5
+
+A lookup of target and source gives T[target<-source]: p_target = T p_source. What differs from tf2 on
+purpose is listed in `tfdb.tf2.differences`.
+"""
+
+from __future__ import annotations
+
+from . import msgs
+from .buffer_core import BufferCore
+from .exceptions import (
+    BackwardExtrapolationException,
+    ConnectivityException,
+    ExtrapolationException,
+    ForwardExtrapolationException,
+    InvalidArgumentException,
+    LookupException,
+    NoDataForExtrapolationException,
+    TimeoutException,
+    TransformException,
+)
+
+__all__ = [
+    "BackwardExtrapolationException",
+    "BufferCore",
+    "ConnectivityException",
+    "ExtrapolationException",
+    "ForwardExtrapolationException",
+    "InvalidArgumentException",
+    "LookupException",
+    "NoDataForExtrapolationException",
+    "TimeoutException",
+    "TransformException",
+    "msgs",
+]

@@ -1,0 +1,436 @@
+"""`BufferCore`: the calls of tf2_py.BufferCore on a `tfdb.Buffer`."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, NoReturn
+
+import tfdb
+from tfdb.errors import Disconnected, InvalidArgument, TfdbError, UnknownFrame
+
+from . import listings, phrases, refusals
+from .exceptions import (
+    ConnectivityException,
+    InvalidArgumentException,
+    LookupException,
+    TransformException,
+    with_fields_of,
+)
+from .ros_messages import installed, makers
+from .times import SECOND, Flavor, flavor_of, nanoseconds
+from .why import TwoTrees, Walker
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from tfdb import Snapshot, Transform
+
+__all__ = ["BufferCore"]
+
+DEFAULT_CACHE_TIME = 10 * SECOND
+LAST_STAMP = 2**61 - 1
+Question = tuple[str, str, int]
+Velocity = tuple[tuple[float, float, float], tuple[float, float, float]]
+
+
+class BufferCore:
+    """A store of transforms with the calls, words and rules of `tf2_py.BufferCore`.
+
+    Each call is answered from one committed state of a `tfdb.Buffer`. Times are those of any ROS
+    library, of `tfdb.tf2.msgs`, or integer nanoseconds; time 0 is the latest common time. Results
+    are real messages where the flavor's geometry_msgs is installed, else those of `tfdb.tf2.msgs`.
+
+    Parameters
+    ----------
+    cache_time
+        A duration: how long samples are kept behind each edge's newest one. None: 10 s.
+    flavor
+        `ros1` or `ros2`: whose rules and phrases count. None: found from `cache_time`, else from the
+        first stamp that is given, else from what is installed, else `ros2`.
+    buffer
+        The store; None: a new one. It has a length of its own, so `cache_time` must be None.
+
+    Raises InvalidArgumentException for a negative `cache_time` and an unknown flavor.
+    """
+
+    def __init__(
+        self,
+        cache_time: Any = None,
+        *,
+        flavor: Flavor | None = None,
+        buffer: tfdb.Buffer | None = None,
+    ) -> None:
+        if flavor not in {None, "ros1", "ros2"}:
+            text = f"flavor must be 'ros1', 'ros2' or None, got {flavor!r}"
+            raise InvalidArgumentException(text, value=flavor)
+        self._flavor: Flavor | None = flavor or flavor_of(cache_time)
+        length = DEFAULT_CACHE_TIME
+        if cache_time is not None:
+            length = nanoseconds(cache_time, self.flavor, "duration")
+            if buffer is not None:
+                text = "a buffer has its own history: leave cache_time out"
+                raise InvalidArgumentException(text, value=cache_time)
+            if length < 0:
+                text = f"cache_time must not be negative, got {length} ns"
+                raise InvalidArgumentException(text, value=cache_time)
+        # With a length of 0 tf2 keeps the newest sample alone, and 1 ns does the same.
+        self._buffer = tfdb.Buffer(history=max(length, 1) / SECOND) if buffer is None else buffer
+        self._emptied: set[str] = set()
+
+    @property
+    def buffer(self) -> tfdb.Buffer:
+        """The store itself: snapshots, transactions, batches."""
+        return self._buffer
+
+    @property
+    def flavor(self) -> Flavor:
+        """Whose rules and phrases count: as given, or as found up to now."""
+        return self._flavor or installed() or "ros2"
+
+    def _nanoseconds(self, time: Any) -> int:
+        """Nanoseconds of an argument, from which the flavor is found if it is not known yet."""
+        if self._flavor is None:
+            self._flavor = flavor_of(time)
+        return nanoseconds(time, self._flavor)
+
+    # Writes
+
+    def set_transform(self, transform: Any, authority: str) -> bool:
+        """Store T[header.frame_id<-child_frame_id] at header.stamp.
+
+        One leading '/' of each frame name is dropped. What is refused is logged (logger
+        `tfdb.tf2`) in tf2's words. Of the same stamp again the first value stays in ROS 1, the last
+        one counts in ROS 2. A static frame stays static in ROS 1, and becomes moving in ROS 2.
+
+        Parameters
+        ----------
+        transform
+            A `geometry_msgs/TransformStamped` of any library.
+        authority
+            Who writes.
+
+        Returns
+        -------
+        bool
+            Whether it was stored.
+
+        Raises TypeError for what is no such message.
+        """
+        return self._set(transform, authority, static=False)
+
+    def set_transform_static(self, transform: Any, authority: str) -> bool:
+        """Store T[header.frame_id<-child_frame_id] for all stamps, until the next replaces it.
+
+        As `set_transform`. A moving frame stays moving in ROS 1, and loses its samples in ROS 2.
+        """
+        return self._set(transform, authority, static=True)
+
+    def _set(self, transform: Any, authority: str, *, static: bool) -> bool:
+        """Store a message; False if it was refused."""
+        write = refusals.Write.of(transform, authority, self._nanoseconds)
+        try:
+            if self.flavor == "ros1":
+                self._store_ros1(write, static=static)
+            else:
+                self._store_ros2(write, static=static)
+        except TfdbError as error:
+            text = refusals.phrase(write, error, self.flavor)
+            if text is None:
+                raise
+            refusals.log(text, error)
+            return False
+        return True
+
+    def _store_ros1(self, write: refusals.Write, *, static: bool) -> None:
+        """Store it: a frame stays of the kind that it first was, a stamp keeps its first value."""
+        buffer, parent, child = self._buffer, write.parent, write.child
+        pose, authority = (write.translation, write.rotation), write.authority
+        if static and child not in self._emptied:
+            try:
+                buffer.set_static_transform(parent, child, *pose, authority=authority)
+            except tfdb.StaticConflict:
+                pass
+            else:
+                return
+        try:
+            batch = [tfdb.TransformStamped(parent, child, write.stamp, *pose)]
+            buffer.set_transforms(batch, authority=authority, only_new=True)
+        except tfdb.StaticConflict:
+            buffer.set_static_transform(parent, child, *pose, authority=authority)
+
+    def _store_ros2(self, write: refusals.Write, *, static: bool) -> None:
+        """Store it: a frame becomes of the kind that was written, the last value of a stamp counts."""
+        parent, child, pose = write.parent, write.child, (write.translation, write.rotation)
+        batch = [tfdb.TransformStamped(parent, child, 0 if static else write.stamp, *pose)]
+        self._buffer.set_transforms(
+            batch, static=static, authority=write.authority, change_kind=True
+        )
+
+    def clear(self) -> None:
+        """Drop all moving samples; frames and static transforms stay."""
+        moving = {info.name for info in self._buffer.tree() if info.oldest is not None}
+        self._emptied |= moving
+        self._buffer.clear()
+
+    # Lookups
+
+    def lookup_transform_core(self, target_frame: str, source_frame: str, time: Any) -> Any:
+        """T[target_frame<-source_frame] at a time: maps points of the source into the target.
+
+        Parameters
+        ----------
+        target_frame, source_frame
+            Frame names.
+        time
+            When; 0: the latest common time.
+
+        Returns
+        -------
+        geometry_msgs.msg.TransformStamped
+            Its stamp is the time, or the latest common time.
+
+        Raises LookupException, ConnectivityException, ExtrapolationException,
+        InvalidArgumentException; TypeError for what is no time.
+        """
+        stamp = self._nanoseconds(time)
+        try:
+            found = self._buffer.lookup_transform(target_frame, source_frame, stamp or None)
+        except TfdbError as error:
+            found, stamp = self._answer_or_raise((target_frame, source_frame, stamp), error)
+        else:
+            stamp = found.stamp
+        return makers(self.flavor)[0](target_frame, source_frame, stamp, found.pose.tolist())
+
+    def lookup_transform_full_core(
+        self, target_frame: str, target_time: Any, source_frame: str, source_time: Any, fixed_frame: str
+    ) -> Any:
+        """T[target_frame at target_time <- source_frame at source_time], through fixed_frame.
+
+        Both halves are answered from one state. The result's stamp is the target's; arguments and
+        errors as in `lookup_transform_core`.
+        """
+        target_stamp = self._nanoseconds(target_time)
+        source_stamp = self._nanoseconds(source_time)
+        try:
+            found = self._buffer.lookup_transform_full(
+                target_frame, target_stamp or None, source_frame, source_stamp or None, fixed_frame
+            )
+        except TfdbError as error:
+            names = {"target_frame": target_frame, "source_frame": source_frame}
+            names["fixed_frame"] = fixed_frame
+            with self._buffer.snapshot() as snapshot:
+                self._check_names(snapshot, names, "lookupTransform", error)
+                source_half = (fixed_frame, source_frame, source_stamp)
+                target_half = (target_frame, fixed_frame, target_stamp)
+                below, _ = self._answer_in(snapshot, source_half, error)
+                above, stamp = self._answer_in(snapshot, target_half, error)
+                found = above @ below
+        else:
+            stamp = found.stamp
+        return makers(self.flavor)[0](target_frame, source_frame, stamp, found.pose.tolist())
+
+    def can_transform_core(self, target_frame: str, source_frame: str, time: Any) -> tuple[int, str]:
+        """Whether `lookup_transform_core` has an answer: (1, '') or (0, why not).
+
+        Raises TypeError for what is no time or no name.
+        """
+        stamp = self._nanoseconds(time)
+        if 0 <= stamp <= LAST_STAMP and self._buffer.can_transform(
+            target_frame, source_frame, stamp or None
+        ):
+            return 1, ""
+        names = {"target_frame": target_frame, "source_frame": source_frame}
+        return self._can(names, [(target_frame, source_frame, stamp)])
+
+    def can_transform_full_core(
+        self, target_frame: str, target_time: Any, source_frame: str, source_time: Any, fixed_frame: str
+    ) -> tuple[int, str]:
+        """Whether `lookup_transform_full_core` has an answer: (1, '') or (0, why not)."""
+        target_stamp = self._nanoseconds(target_time)
+        source_stamp = self._nanoseconds(source_time)
+        names = {"target_frame": target_frame, "source_frame": source_frame}
+        names["fixed_frame"] = fixed_frame
+        halves = [(target_frame, fixed_frame, target_stamp), (fixed_frame, source_frame, source_stamp)]
+        return self._can(names, halves)
+
+    def get_latest_common_time(self, target_frame: str, source_frame: str) -> Any:
+        """Newest time at which every moving edge between two frames has data; 0 if nothing moves.
+
+        A rospy.Time, an rclpy.time.Time or a `tfdb.tf2.msgs.Time`. Raises LookupException,
+        InvalidArgumentException, ConnectivityException.
+        """
+        try:
+            stamp = self._buffer.latest_common_time(target_frame, source_frame)
+        except TfdbError as error:
+            with self._buffer.snapshot() as snapshot:
+                for name in (target_frame, source_frame):
+                    self._check_names(snapshot, {"": name}, "get_latest_common_time", error)
+                try:
+                    stamp = snapshot.latest_common_time(target_frame, source_frame)
+                except Disconnected as cause:
+                    text = phrases.two_trees(target_frame, source_frame)
+                    raise with_fields_of(cause, ConnectivityException, text) from cause
+        return makers(self.flavor)[1](stamp)
+
+    def lookupVelocityCore(  # noqa: N802 - tf2's name
+        self, tracking_frame: str, observation_frame: str, time: Any, averaging_interval: Any
+    ) -> Velocity:
+        """Velocity of `tracking_frame` as seen from and in the axes of `observation_frame`.
+
+        A finite difference over `averaging_interval` around `time` (0: the latest common time).
+        Returns ((vx, vy, vz), (wx, wy, wz)) in m/s and rad/s.
+
+        Raises what `lookup_transform_core` raises.
+        """
+        return self._velocity(
+            (tracking_frame, observation_frame), time, averaging_interval, None, (0, 0, 0), None
+        )
+
+    def lookupVelocityFullCore(  # noqa: N802 - tf2's name
+        self,
+        tracking_frame: str,
+        observation_frame: str,
+        reference_frame: str,
+        reference_point: Sequence[float],
+        reference_point_frame: str,
+        time: Any,
+        averaging_interval: Any,
+    ) -> Velocity:
+        """As `lookupVelocityCore`, in the axes of `reference_frame`, of a point that moves along.
+
+        `reference_point` is in coordinates of `reference_point_frame`, metres.
+        """
+        frames = (tracking_frame, observation_frame)
+        point, point_frame = reference_point, reference_point_frame
+        return self._velocity(frames, time, averaging_interval, reference_frame, point, point_frame)
+
+    def _velocity(
+        self,
+        frames: tuple[str, str],
+        time: Any,
+        interval: Any,
+        reference: str | None,
+        point: Sequence[float],
+        point_frame: str | None,
+    ) -> Velocity:
+        stamp = self._nanoseconds(time)
+        span = nanoseconds(interval, self.flavor, "duration") / SECOND
+        try:
+            found = self._buffer.lookup_velocity(
+                *frames, stamp or None, span, reference=reference, point=point, point_frame=point_frame
+            )
+        except TfdbError as error:
+            roles = ("tracking_frame", "observation_frame", "reference_frame", "reference_point_frame")
+            given = (*frames, reference, point_frame)
+            names = {role: name for role, name in zip(roles, given, strict=True) if name is not None}
+            with self._buffer.snapshot() as snapshot:
+                self._check_names(snapshot, names, "lookupVelocity", error)
+                self._raise(snapshot, (frames[1], frames[0], stamp), error)
+        vx, vy, vz = found.linear.tolist()
+        wx, wy, wz = found.angular.tolist()
+        return (vx, vy, vz), (wx, wy, wz)
+
+    # Listings
+
+    def all_frames_as_yaml(self) -> str:
+        """All frames with a parent, as YAML: parent, broadcaster, rate, stamps, buffer length."""
+        return listings.as_yaml(self._buffer.tree(), self.flavor)
+
+    def all_frames_as_string(self) -> str:
+        """All frames that have, or had, a parent: one line each."""
+        return listings.as_string(self._buffer.tree(), self._emptied)
+
+    def _allFramesAsDot(self, time: Any = None) -> str:  # noqa: N802 - tf2's name
+        """Return the tree as a graph for dot; with `time` also how old each edge is."""
+        stamp = None if time is None else self._nanoseconds(time)
+        return listings.as_dot(self._buffer.tree(), stamp)
+
+    def _chain(
+        self, target_frame: str, target_time: Any, source_frame: str, source_time: Any, fixed_frame: str
+    ) -> list[str]:
+        """Return the frames on the path from source through fixed frame to target."""
+        halves = [
+            (fixed_frame, source_frame, self._nanoseconds(source_time)),
+            (target_frame, fixed_frame, self._nanoseconds(target_time)),
+        ]
+        names = {"target_frame": target_frame, "source_frame": source_frame}
+        names["fixed_frame"] = fixed_frame
+        passed = [source_frame]
+        with self._buffer.snapshot() as snapshot:
+            self._check_names(snapshot, names, "lookupTransform", None)
+            for half in halves:
+                found, _ = self._answer_in(snapshot, half, None)
+                for frame in listings.frames_passed(found):
+                    # Up to the fixed frame and down the same way again.
+                    if frame in passed:
+                        del passed[passed.index(frame) :]
+                    passed.append(frame)
+        return passed
+
+    def _frameExists(self, frame_id: str) -> bool:  # noqa: N802 - tf2's name
+        """Whether there is a frame of that name."""
+        return self._buffer.frame_exists(frame_id)
+
+    def _getFrameStrings(self) -> list[str]:  # noqa: N802 - tf2's name
+        """Return the names of all frames, sorted."""
+        return self._buffer.frames()
+
+    # What is said where there is no answer
+
+    def _can(self, names: dict[str, str], questions: list[Question]) -> tuple[int, str]:
+        """Whether all questions have an answer in one state; if not, why."""
+        with self._buffer.snapshot() as snapshot:
+            try:
+                self._check_names(snapshot, names, "canTransform", None)
+                for question in questions:
+                    self._answer_in(snapshot, question, None)
+            except TransformException as error:
+                return 0, str(error)
+        return 1, ""
+
+    def _answer_or_raise(self, question: Question, error: TfdbError) -> tuple[Transform, int]:
+        """Give an answer that the store could not, or came to have since; else raise tf2's error."""
+        target, source, _ = question
+        names = {"target_frame": target, "source_frame": source}
+        with self._buffer.snapshot() as snapshot:
+            self._check_names(snapshot, names, "lookupTransform", error)
+            return self._answer_in(snapshot, question, error)
+
+    def _answer_in(
+        self, snapshot: Snapshot, question: Question, error: TfdbError | None
+    ) -> tuple[Transform, int]:
+        """T[target<-source] and its stamp in a snapshot, or tf2's error. The frames exist."""
+        target, source, stamp = question
+        if not 0 <= stamp <= LAST_STAMP:
+            if Walker(snapshot, self._emptied).refusal(target, source, stamp) is None:
+                # Nothing moves on the path.
+                return snapshot.lookup_transform(target, source), stamp
+            self._raise(snapshot, question, error or InvalidArgument(stamp=stamp))
+        try:
+            found = snapshot.lookup_transform(target, source, stamp or None)
+        except TfdbError as cause:
+            self._raise(snapshot, question, cause)
+        return found, found.stamp
+
+    def _check_names(
+        self, snapshot: Snapshot, names: dict[str, str], function: str, cause: TfdbError | None
+    ) -> None:
+        """Raise tf2's error for the first of some names, by role, that names no frame."""
+        for role, name in names.items():
+            if not name or name.startswith("/"):
+                text = phrases.bad_name(self.flavor, function, role, name)
+                raise InvalidArgumentException(text, value=name) from cause
+            if not snapshot.frame_exists(name):
+                text = phrases.unknown(self.flavor, function, role, name)
+                error = UnknownFrame(frame=name) if cause is None else cause
+                raise with_fields_of(error, LookupException, text, frame=name) from cause
+
+    def _raise(self, snapshot: Snapshot, question: Question, cause: TfdbError) -> NoReturn:
+        """Raise tf2's error for a question about frames that exist."""
+        target, source, stamp = question
+        why = Walker(snapshot, self._emptied).refusal(target, source, stamp)
+        if isinstance(why, TwoTrees):
+            text = phrases.two_trees(target, source)
+            raise with_fields_of(cause, ConnectivityException, text) from cause
+        if why is None:
+            raise refusals.translated(cause, self.flavor, target, source) from cause
+        raise refusals.extrapolation(why, self.flavor, target, source, cause) from cause

@@ -1,0 +1,128 @@
+"""Where `tfdb.tf2` differs from tf2 on purpose: the one list, which the tests read."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+__all__ = ["DIFFERENCES", "Difference"]
+
+
+@dataclass(frozen=True, slots=True)
+class Difference:
+    """One thing that is meant to be otherwise."""
+
+    tf2: str
+    """What tf2 does; [1] or [2]: of that side of ROS alone."""
+    ours: str
+    """What is done here."""
+    reason: str
+    """Why."""
+
+
+DIFFERENCES: dict[str, Difference] = {
+    "set_returns": Difference(
+        "set_transform returns None whatever became of the transform",
+        "True if it was stored, False if it was refused; the text of the log is tf2's, and the log "
+        "record has the error as `error`",
+        "who writes can know that a transform was lost",
+    ),
+    "same_frame": Difference(
+        "target == source gives the identity for any text, also for no frame at all",
+        "the name is checked as any other",
+        "a misspelt frame is an error",
+    ),
+    "loops": Difference(
+        "a loop is stored, and found after 1000 steps of some lookups; a chain of 1001 edges is "
+        "called a loop",
+        "the transform that would close a loop is refused (TF_LOOP); there is no longest chain",
+        "one bad transform must not spoil a tree that is whole",
+    ),
+    "infinite": Difference(
+        "an infinite translation is stored, lookups give NaN",
+        "refused as NaN is (TF_NAN_INPUT)",
+        "it is no transform",
+    ),
+    "quaternion": Difference(
+        "[1] one that is nearly of length one comes back as it came; [2] any length is stored",
+        "both: more than 0.01 off in its square is refused (TF_DENORMALIZED_QUATERNION), less is "
+        "normalised",
+        "[2]'s check is dead by mistake",
+    ),
+    "names": Difference(
+        "any text may name a frame; the frame NO_PARENT is lost",
+        "control characters and names beyond 255 bytes are refused (TF_BAD_FRAME_ID); NO_PARENT is "
+        "a name like others",
+        "such names break the listings",
+    ),
+    "stamps": Difference(
+        "[2] negative stamps are stored",
+        "refused (TF_BAD_STAMP); they may be asked for, and static paths have an answer there",
+        "a store has no data before 0",
+    ),
+    "stamp_zero": Difference(
+        "an edge whose newest stamp is 0 does not count for the latest common time",
+        "it does",
+        "0 is a stamp; of other edges at 0 nothing is guessed",
+    ),
+    "refused_parent": Difference(
+        "the parent of a transform that was refused as TF_OLD_DATA is a frame from then on",
+        "nothing of it is stored",
+        "what is refused leaves nothing behind",
+    ),
+    "backwards": Difference(
+        "before its first sample a frame is a root, so that two frames may be each other's parent "
+        "at different times",
+        "a frame hangs at all times under the parent of its nearest sample",
+        "a path that exists does not depend on which sample came first",
+    ),
+    "can_says_why": Difference(
+        "[1] can_transform says nothing of empty names and slashes, and of the full form's names "
+        "more than is true",
+        "it says of the first wrong name what is wrong",
+        "a reason is there to be read",
+    ),
+    "latest_common_time": Difference(
+        "two trees raise TransformException",
+        "its subclass ConnectivityException",
+        "as lookups do",
+    ),
+    "chain": Difference(
+        "[1] _chain goes on above the meeting point, unknown names give an empty list or NO_PARENT; "
+        "[2] leaves out the last frame",
+        "the frames of the path from source to target, both included; names are checked",
+        "it is the chain",
+    ),
+    "listings": Difference(
+        "frames are listed in the order of their first use, names are not quoted, in the picture's "
+        "legend one of the roots is chosen by chance",
+        "sorted by name, quoted where YAML and DOT need it, each root has the legend",
+        "the listings can be parsed whatever the names are",
+    ),
+    "same_stamp": Difference(
+        "[2] keeps all values of one stamp: which one is found depends on what is asked",
+        "the last value that was written counts",
+        "one stamp has one value",
+    ),
+    "nanoseconds": Difference(
+        "[1] times pass through seconds as floats, which loses up to 120 ns of today's",
+        "they are integers throughout",
+        "a stamp is exact",
+    ),
+    "pruning": Difference(
+        "[2] forgets old samples one write late",
+        "what is older than the cache is gone at once",
+        "the length of the cache is what was said",
+    ),
+    "cache_time": Difference(
+        "a negative cache_time is taken, and nothing is ever kept",
+        "InvalidArgumentException",
+        "it is a mistake",
+    ),
+    "emptied": Difference(
+        "after clear() tf2 remembers which frames had data",
+        "so does this one, of its own calls of clear(); where another process cleared the store, a "
+        "lookup raises ConnectivityException, where tf2 has ExtrapolationException",
+        "the store keeps no data of what is not there",
+    ),
+}
+"""By name."""

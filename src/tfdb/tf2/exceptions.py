@@ -1,0 +1,76 @@
+"""tf2's exceptions: each is also the error of tfdb beneath, with its fields.
+
+The text is tf2's; `__cause__` is tfdb's error, whose text says more.
+"""
+
+from __future__ import annotations
+
+from tfdb.errors import (
+    Disconnected,
+    Extrapolation,
+    InvalidArgument,
+    TfdbError,
+    UnknownFrame,
+    WaitTimeout,
+)
+
+__all__ = [
+    "BackwardExtrapolationException",
+    "ConnectivityException",
+    "ExtrapolationException",
+    "ForwardExtrapolationException",
+    "InvalidArgumentException",
+    "LookupException",
+    "NoDataForExtrapolationException",
+    "TimeoutException",
+    "TransformException",
+]
+
+
+class TransformException(TfdbError):
+    """Root of tf2's exceptions. Its fields are those of `tfdb.TfdbError`."""
+
+
+class ConnectivityException(TransformException, Disconnected):
+    """Both frames exist, but no path joins them. Fields: target, source, frames (the roots)."""
+
+
+class LookupException(TransformException, UnknownFrame):
+    """There is no frame of that name. Fields: frame, target, source."""
+
+
+class ExtrapolationException(TransformException, Extrapolation):
+    """An edge has no data at the stamp. Fields: reason, edge, stamp, oldest, newest."""
+
+
+class BackwardExtrapolationException(ExtrapolationException):
+    """The stamp is older than the edge's data."""
+
+
+class ForwardExtrapolationException(ExtrapolationException):
+    """The stamp is newer than the edge's data."""
+
+
+class NoDataForExtrapolationException(ExtrapolationException):
+    """The edge has one sample, of another stamp, or none."""
+
+
+class InvalidArgumentException(TransformException, InvalidArgument):
+    """An argument that tf2 refuses, such as a frame name that is empty or starts with a slash."""
+
+
+class TimeoutException(TransformException, WaitTimeout):
+    """What was waited for has not come in time."""
+
+
+def with_fields_of(
+    error: TfdbError, kind: type[TransformException], text: str, **fields: object
+) -> TransformException:
+    """Make an exception of tf2 out of tfdb's error; `fields` count before those of the error."""
+    known = TfdbError.__annotations__
+    kept = {name: value for name, value in vars(error).items() if name in known}
+    return kind(text, **{**kept, **fields})
+
+
+for _name in __all__:
+    globals()[_name].__module__ = "tfdb.tf2"

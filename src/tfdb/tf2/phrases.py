@@ -1,0 +1,174 @@
+"""The words of tf2, which users search for: kept to the letter, odd blanks included."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from .times import Flavor
+
+SECOND = 1_000_000_000
+REASONS = "http://wiki.ros.org/tf/Errors%20explained"
+
+
+def seconds(stamp: int, digits: int) -> str:
+    """Write nanoseconds as seconds; no float is involved, so that nine digits are nine digits."""
+    sign = "-" if stamp < 0 else ""
+    unit = 10 ** (9 - digits)
+    whole, rest = divmod((abs(stamp) + unit // 2) // unit, 10**digits)
+    return f"{sign}{whole}.{rest:0{digits}d}"
+
+
+def bad_name(flavor: Flavor, function: str, role: str, name: str) -> str:
+    """What is said of a name that is empty or starts with a slash.
+
+    `function` is the one that tf2 names (canTransform returns its text, the others raise it).
+    """
+    where = f"{function} argument {role}" if role else function
+    rule = "cannot be empty" if not name else "cannot start with a '/'"
+    if flavor == "ros2":
+        what = "frame ID" if function == "canTransform" else "argument"
+        return f'Invalid {what} "{name}" passed to {where} - in tf2 frame_ids {rule}'
+    if not name:
+        return f"Invalid argument passed to {where} in tf2 frame_ids {rule}"
+    return f'Invalid argument "{name}" passed to {where} in tf2 frame_ids {rule} like: '
+
+
+def unknown(flavor: Flavor, function: str, role: str, name: str) -> str:
+    """What is said of a name that no frame has."""
+    if function == "canTransform":
+        if flavor == "ros2":
+            return (
+                f'Invalid frame ID "{name}" passed to canTransform argument {role}'
+                " - frame does not exist"
+            )
+        return f"canTransform: {role} {name} does not exist."
+    where = f"{function} argument {role}" if role else function
+    return f'"{name}" passed to {where} does not exist. '
+
+
+def two_trees(target: str, source: str) -> str:
+    """What is said where no path joins two frames."""
+    return (
+        f"Could not find a connection between '{target}' and '{source}' because they are not part "
+        "of the same tree.Tf has two or more unconnected trees."
+    )
+
+
+def extrapolation(
+    flavor: Flavor, stamp: int, oldest: int | None, newest: int | None, target: str, source: str
+) -> str:
+    """What is said where an edge has data from `oldest` to `newest`, and none at `stamp`."""
+    digits = 9 if flavor == "ros1" else 6
+    asked = seconds(stamp, digits)
+    if oldest is None or newest is None:
+        what = (
+            f"Lookup would require extrapolation at time {asked}, but only time "
+            f"{seconds(0, digits)} is in the buffer"
+        )
+        what = "" if flavor == "ros1" else what
+    elif oldest == newest:
+        what = (
+            f"Lookup would require extrapolation at time {asked}, but only time "
+            f"{seconds(oldest, digits)} is in the buffer"
+        )
+    else:
+        future = stamp > newest
+        edge = newest if future else oldest
+        amount = f"{seconds(abs(stamp - edge), digits)}s " if flavor == "ros1" else ""
+        what = (
+            f"Lookup would require extrapolation {amount}into the {'future' if future else 'past'}."
+            f"  Requested time {asked} but the {'latest' if future else 'earliest'} data is at time "
+            f"{seconds(edge, digits)}"
+        )
+    return f"{what}, when looking up transform from frame [{source}] to frame [{target}]"
+
+
+def self_transform(authority: str, frame: str) -> str:
+    """What is logged of a frame that is its own parent."""
+    return (
+        f'TF_SELF_TRANSFORM: Ignoring transform from authority "{authority}" with frame_id and '
+        f'child_frame_id  "{frame}" because they are the same'
+    )
+
+
+def no_child(authority: str) -> str:
+    """What is logged of a transform without a child."""
+    return (
+        f'TF_NO_CHILD_FRAME_ID: Ignoring transform from authority "{authority}" because '
+        "child_frame_id not set "
+    )
+
+
+def no_parent(authority: str, child: str) -> str:
+    """What is logged of a transform without a parent."""
+    return (
+        f'TF_NO_FRAME_ID: Ignoring transform with child_frame_id "{child}"  from authority '
+        f'"{authority}" because frame_id not set'
+    )
+
+
+def no_number(authority: str, child: str, translation: Any, rotation: Any) -> str:
+    """What is logged of numbers that are not finite; tf2 does so of NaN only."""
+    t, q = translation, rotation
+    return (
+        f'TF_NAN_INPUT: Ignoring transform for child_frame_id "{child}" from authority '
+        f'"{authority}" because of a nan value in the transform ({t.x:f} {t.y:f} {t.z:f}) '
+        f"({q.x:f} {q.y:f} {q.z:f} {q.w:f})"
+    )
+
+
+def denormalized(authority: str, child: str, rotation: Any) -> str:
+    """What is logged of a quaternion that has not the length one."""
+    q = rotation
+    return (
+        f'TF_DENORMALIZED_QUATERNION: Ignoring transform for child_frame_id "{child}" from '
+        f'authority "{authority}" because of an invalid quaternion in the transform '
+        f"({q.x:f} {q.y:f} {q.z:f} {q.w:f})"
+    )
+
+
+def old_data(flavor: Flavor, authority: str, child: str, stamp: int) -> str:
+    """What is logged of a sample that is older than the cache is long."""
+    when = seconds(stamp, 6)
+    if flavor == "ros1":
+        return (
+            f"TF_OLD_DATA ignoring data from the past (Possible reasons are listed at {REASONS}) "
+            f"for frame {child} at time {when} according to authority {authority}"
+        )
+    return (
+        f"TF_OLD_DATA ignoring data from the past for frame {child} at time {when} according to "
+        f"authority {authority}\nPossible reasons are listed at {REASONS}"
+    )
+
+
+def repeated_data(authority: str, child: str, stamp: int) -> str:
+    """What ROS 1 logs of a stamp that the edge has already."""
+    return (
+        f"TF_REPEATED_DATA ignoring data with redundant timestamp for frame {child} at time "
+        f"{seconds(stamp, 6)} according to authority {authority}"
+    )
+
+
+def loop(authority: str, parent: str, child: str) -> str:
+    """What is logged of a transform that would close a loop; tf2 stores it."""
+    return (
+        f'TF_LOOP: Ignoring transform from authority "{authority}" with frame_id "{parent}" and '
+        f'child_frame_id "{child}" because they would close a loop'
+    )
+
+
+def bad_stamp(authority: str, child: str, stamp: int) -> str:
+    """What is logged of a stamp that no store takes; ROS 2's tf2 stores it."""
+    return (
+        f'TF_BAD_STAMP: Ignoring transform for child_frame_id "{child}" from authority '
+        f'"{authority}" because its time {seconds(stamp, 9)} is negative or too large'
+    )
+
+
+def bad_frame(authority: str, parent: str, child: str) -> str:
+    """What is logged of a name that no store takes; tf2 stores it."""
+    return (
+        f"TF_BAD_FRAME_ID: Ignoring transform with frame_id {parent!r} and child_frame_id "
+        f'{child!r} from authority "{authority}" because of control characters or its length'
+    )

@@ -1,0 +1,131 @@
+"""What tf2 says where tfdb refused: writes and lookups."""
+
+from __future__ import annotations
+
+import logging
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Self
+
+from tfdb import errors
+
+from . import phrases
+from .exceptions import (
+    BackwardExtrapolationException,
+    ConnectivityException,
+    ExtrapolationException,
+    ForwardExtrapolationException,
+    InvalidArgumentException,
+    NoDataForExtrapolationException,
+    TransformException,
+    with_fields_of,
+)
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from .times import Flavor
+    from .why import Gap
+
+LOGGER = logging.getLogger("tfdb.tf2")
+
+
+@dataclass(frozen=True, slots=True)
+class Write:
+    """T[parent<-child] of a message."""
+
+    parent: str
+    child: str
+    stamp: int
+    translation: Any
+    rotation: Any
+    authority: str
+
+    @classmethod
+    def of(cls, message: Any, authority: str, nanoseconds: Callable[[Any], int]) -> Self:
+        """Take a TransformStamped apart; TypeError if it is none."""
+        if not isinstance(authority, str):
+            raise TypeError(f"authority must be a str, got {type(authority).__name__}")
+        try:
+            header, pose, child = message.header, message.transform, message.child_frame_id
+            parent, stamp = header.frame_id, header.stamp
+            translation, rotation = pose.translation, pose.rotation
+        except AttributeError as missing:
+            text = f"expected a geometry_msgs/TransformStamped, got {type(message).__name__}"
+            raise TypeError(f"{text}: {missing}") from None
+        if not isinstance(parent, str) or not isinstance(child, str):
+            raise TypeError("header.frame_id and child_frame_id must be str")
+        for value, members, role in (
+            (translation, "x, y, z", "translation"),
+            (rotation, "x, y, z, w", "rotation"),
+        ):
+            if not all(hasattr(value, member) for member in members.split(", ")):
+                raise TypeError(f"transform.{role} must have members {members}")
+        names = (parent.removeprefix("/"), child.removeprefix("/"))
+        return cls(*names, nanoseconds(stamp), translation, rotation, authority)
+
+
+def phrase(write: Write, error: errors.TfdbError, flavor: Flavor) -> str | None:
+    """Say in tf2's words why a write was refused, in tf2's order; None: it was another failure."""
+    who, child = write.authority, write.child
+    match error:
+        case errors.InvalidTransform() | errors.InvalidName() | errors.InvalidStamp():
+            if child == write.parent:
+                return phrases.self_transform(who, child)
+            if not child:
+                return phrases.no_child(who)
+            if not write.parent:
+                return phrases.no_parent(who, child)
+            if isinstance(error, errors.InvalidStamp):
+                return phrases.bad_stamp(who, child, write.stamp)
+            if isinstance(error, errors.InvalidName):
+                return phrases.bad_frame(who, write.parent, child)
+            if "finite" in (error.reason or ""):
+                return phrases.no_number(who, child, write.translation, write.rotation)
+            return phrases.denormalized(who, child, write.rotation)
+        case errors.TooOld():
+            return phrases.old_data(flavor, who, child, write.stamp)
+        case errors.RepeatedStamp():
+            return phrases.repeated_data(who, child, write.stamp)
+        case errors.CycleError():
+            return phrases.loop(who, write.parent, child)
+        case _:
+            return None
+
+
+def log(text: str, error: errors.TfdbError) -> None:
+    """Log what was refused; the record's `error` is tfdb's, with its fields."""
+    LOGGER.warning("%s", text, extra={"error": error})
+
+
+def extrapolation(
+    gap: Gap, flavor: Flavor, target: str, source: str, cause: errors.TfdbError
+) -> TransformException:
+    """Make tf2's error for an edge without data at a stamp."""
+    kind: type[ExtrapolationException] = NoDataForExtrapolationException
+    reason = "no data"
+    if gap.oldest is not None and gap.newest is not None:
+        reason = "past" if gap.stamp < gap.oldest else "future"
+        if gap.oldest < gap.newest:
+            past = reason == "past"
+            kind = BackwardExtrapolationException if past else ForwardExtrapolationException
+    text = phrases.extrapolation(flavor, gap.stamp, gap.oldest, gap.newest, target, source)
+    fields = {"edge": gap.edge, "stamp": gap.stamp, "oldest": gap.oldest, "newest": gap.newest}
+    return with_fields_of(
+        cause, kind, text, **fields, reason=reason, target=target, source=source
+    )
+
+
+def translated(
+    cause: errors.TfdbError, flavor: Flavor, target: str, source: str
+) -> TransformException:
+    """Make tf2's error out of one of tfdb where tf2 itself would have had an answer."""
+    if isinstance(cause, errors.Extrapolation):
+        stamp, oldest, newest = cause.stamp or 0, cause.oldest, cause.newest
+        text = phrases.extrapolation(flavor, stamp, oldest, newest, target, source)
+        return with_fields_of(cause, ExtrapolationException, text)
+    if isinstance(cause, errors.Disconnected):
+        text = phrases.two_trees(target, source)
+        return with_fields_of(cause, ConnectivityException, text)
+    if isinstance(cause, errors.InvalidArgument):
+        return with_fields_of(cause, InvalidArgumentException, str(cause))
+    return with_fields_of(cause, TransformException, str(cause))

@@ -1,0 +1,85 @@
+"""What lookups return: the real messages where ROS is installed, ours where it is not."""
+
+from __future__ import annotations
+
+from functools import cache
+from typing import TYPE_CHECKING, Any
+
+from . import msgs
+from .times import SECOND, Flavor
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+
+
+@cache
+def installed() -> Flavor | None:
+    """Side of ROS whose geometry_msgs can be imported; None: none is there."""
+    try:
+        from geometry_msgs.msg import TransformStamped
+    except ImportError:
+        return None
+    return "ros1" if hasattr(TransformStamped, "_md5sum") else "ros2"
+
+
+@cache
+def makers(flavor: Flavor) -> tuple[Callable[[str, str, int, Sequence[float]], Any], Any]:
+    """How a TransformStamped is made of (target, source, nanoseconds, x y z qx qy qz qw), and how
+    a time is made of nanoseconds.
+    """
+    if installed() != flavor:
+        return make_ours, msgs.Time.from_nanoseconds
+    if flavor == "ros1":
+        return make_ros1, ros1_time
+    return make_ros2, ros2_time
+
+
+def make_ours(target: str, source: str, stamp: int, pose: Sequence[float]) -> msgs.TransformStamped:
+    """T[target<-source] as one of our messages."""
+    x, y, z, qx, qy, qz, qw = pose
+    return msgs.TransformStamped(
+        msgs.Header(msgs.Time(stamp // SECOND, stamp % SECOND), target),
+        source,
+        msgs.Transform(msgs.Vector3(x, y, z), msgs.Quaternion(qx, qy, qz, qw)),
+    )
+
+
+def ros1_time(stamp: int) -> Any:
+    """Make a rospy.Time."""
+    from rospy import Time
+
+    return Time(stamp // SECOND, stamp % SECOND)
+
+
+def ros2_time(stamp: int) -> Any:
+    """Make an rclpy.time.Time."""
+    from rclpy.time import Time
+
+    return Time(nanoseconds=stamp)
+
+
+def make_ros1(target: str, source: str, stamp: int, pose: Sequence[float]) -> Any:
+    """T[target<-source] as a real message of ROS 1."""
+    from geometry_msgs.msg import TransformStamped
+
+    message = TransformStamped()
+    message.header.stamp = ros1_time(stamp)
+    return fill(message, target, source, pose)
+
+
+def make_ros2(target: str, source: str, stamp: int, pose: Sequence[float]) -> Any:
+    """T[target<-source] as a real message of ROS 2."""
+    from geometry_msgs.msg import TransformStamped
+
+    message = TransformStamped()
+    message.header.stamp.sec, message.header.stamp.nanosec = divmod(stamp, SECOND)
+    return fill(message, target, source, pose)
+
+
+def fill(message: Any, target: str, source: str, pose: Sequence[float]) -> Any:
+    """Set the names and the numbers of a TransformStamped."""
+    message.header.frame_id = target
+    message.child_frame_id = source
+    move, turn = message.transform.translation, message.transform.rotation
+    move.x, move.y, move.z, turn.x, turn.y, turn.z, turn.w = pose
+    return message

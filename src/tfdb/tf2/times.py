@@ -1,0 +1,66 @@
+"""Times of any ROS library as integer nanoseconds, and which side of ROS they are from."""
+
+from __future__ import annotations
+
+import datetime
+import operator
+from typing import Any, Literal, TypeAlias
+
+from . import msgs
+
+Flavor: TypeAlias = Literal["ros1", "ros2"]
+"""Whose rules and phrases count."""
+
+SECOND = 1_000_000_000
+WANTED = {
+    "ros1": "{} must have a to_sec method, e.g. rospy.Time or rospy.Duration",
+    "ros2": "{} must have sec and nanosec, or nanoseconds.",
+}
+
+
+def nanoseconds(time: Any, flavor: Flavor | None = None, role: str = "time") -> int:
+    """Nanoseconds of a time or duration; a float is used only where there is nothing else.
+
+    Takes integers (nanoseconds), `builtin_interfaces` and `rclpy` times and durations, those of
+    rospy and genpy, and ours. Raises TypeError, with tf2's words, for anything else.
+    """
+    if type(time) is int:
+        return time
+    try:
+        # Of a message of ROS 2, or ours.
+        return int(time.sec) * SECOND + int(time.nanosec)
+    except AttributeError:
+        pass
+    found = _of_object(time)
+    if found is None:
+        raise TypeError(WANTED[flavor or "ros2"].format(role))
+    return found
+
+
+def _of_object(time: Any) -> int | None:
+    """Nanoseconds of what is no message of ROS 2; None if it is no time."""
+    if isinstance(time, bool | datetime.timedelta):
+        return None
+    if hasattr(time, "secs") and hasattr(time, "nsecs"):
+        return int(time.secs) * SECOND + int(time.nsecs)
+    if hasattr(time, "to_nsec"):
+        return int(time.to_nsec())
+    if hasattr(time, "nanoseconds"):
+        return int(time.nanoseconds)
+    if hasattr(time, "to_sec"):
+        return round(time.to_sec() * SECOND)
+    try:
+        return operator.index(time)
+    except TypeError:
+        return None
+
+
+def flavor_of(time: object) -> Flavor | None:
+    """Side of ROS that a time is from; None: ours and integers are from neither."""
+    if isinstance(time, msgs.Time | msgs.Duration):
+        return None
+    if hasattr(time, "secs") or hasattr(time, "to_sec"):
+        return "ros1"
+    if hasattr(time, "nanosec") or hasattr(time, "nanoseconds"):
+        return "ros2"
+    return None
