@@ -5,6 +5,7 @@ Started by real_tf2.py with the system's Python, which knows nothing of tfdb.
 
 import json
 import os
+import re
 import sys
 import tempfile
 
@@ -13,6 +14,7 @@ import tf2_py
 from geometry_msgs.msg import TransformStamped
 
 SECOND = 10**9
+LOGGED = re.compile(r"(?:Warning|Error): +(.*?)\n +at line ", re.DOTALL)
 
 
 def time(stamp):
@@ -42,10 +44,12 @@ class Child:
         self.core = tf2_py.BufferCore(rospy.Duration(cache_time // SECOND, cache_time % SECOND))
 
     def set(self, static, parent, child, stamp, pose, authority):
-        """What tf2 logs, without its level and its place in the sources."""
+        """The first that tf2 logs of it, without its level and its place in the sources."""
+        self.log.read()
         write = self.core.set_transform_static if static else self.core.set_transform
         write(message(parent, child, stamp, pose), authority)
-        return self.log.read().decode().partition(": ")[2].rpartition("\n         at line")[0]
+        logged = LOGGED.search(self.log.read().decode())
+        return logged[1] if logged else ""
 
     def get(self, target, source, stamp):
         return plain(self.core.lookup_transform_core(target, source, time(stamp)))

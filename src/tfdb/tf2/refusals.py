@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Self
 
@@ -39,6 +40,12 @@ class Write:
     translation: Any
     rotation: Any
     authority: str
+
+    @property
+    def finite(self) -> bool:
+        """Whether all its numbers are."""
+        move, turn = self.translation, self.rotation
+        return all(map(math.isfinite, (move.x, move.y, move.z, turn.x, turn.y, turn.z, turn.w)))
 
     @classmethod
     def of(cls, message: Any, authority: str, nanoseconds: Callable[[Any], int]) -> Self:
@@ -79,7 +86,7 @@ def phrase(write: Write, error: errors.TfdbError, flavor: Flavor) -> str | None:
                 return phrases.bad_stamp(who, child, write.stamp)
             if isinstance(error, errors.InvalidName):
                 return phrases.bad_frame(who, write.parent, child)
-            if "finite" in (error.reason or ""):
+            if not write.finite:
                 return phrases.no_number(who, child, write.translation, write.rotation)
             return phrases.denormalized(who, child, write.rotation)
         case errors.TooOld():
