@@ -585,6 +585,8 @@ class Buffer(Reads):
         rotation: tfdb.types.QuaternionLike,
         *,
         authority: str = "",
+        change_kind: bool = False,
+        only_new: bool = False,
     ) -> int:
         """
         Store where `child` was in `parent` at a stamp: T[parent<-child].
