@@ -10,8 +10,8 @@
     >>> core.lookup_transform_core("map", "base", msgs.Time()).transform.translation.x
     1.5
 
-A lookup of target and source gives T[target<-source]: p_target = T p_source. What differs from tf2 on
-purpose is listed in `tfdb.tf2.differences`.
+A lookup of target and source gives T[target<-source]: p_target = T p_source. What differs from tf2
+on purpose is listed in `tfdb.tf2.differences`.
 """
 
 from __future__ import annotations

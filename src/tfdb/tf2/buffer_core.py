@@ -44,8 +44,8 @@ class BufferCore:
     cache_time
         A duration: how long samples are kept behind each edge's newest one. None: 10 s.
     flavor
-        `ros1` or `ros2`: whose rules and phrases count. None: found from `cache_time`, else from the
-        first stamp that is given, else from what is installed, else `ros2`.
+        `ros1` or `ros2`: whose rules and phrases count. None: found from `cache_time`, else from
+        the first stamp that is given, else from what is installed, else `ros2`.
     buffer
         The store; None: a new one. It has a length of its own, so `cache_time` must be None.
 
@@ -133,6 +133,7 @@ class BufferCore:
             else:
                 self._store_ros2(write, static=static)
         except TfdbError as error:
+            write.check_members()
             text = refusals.phrase(write, error, self.flavor)
             if text is None:
                 raise
@@ -152,18 +153,22 @@ class BufferCore:
             else:
                 return
         try:
-            batch = [tfdb.TransformStamped(parent, child, write.stamp, *pose)]
-            buffer.set_transforms(batch, authority=authority, only_new=True)
+            buffer.set_transform(
+                parent, child, write.stamp, *pose, authority=authority, only_new=True
+            )
         except tfdb.StaticConflict:
             buffer.set_static_transform(parent, child, *pose, authority=authority)
 
     def _store_ros2(self, write: refusals.Write, *, static: bool) -> None:
-        """Store it: a frame becomes of the kind that was written, the last value of a stamp counts."""
+        """Store it: a frame becomes of the kind that is written, a stamp has its last value."""
         parent, child, pose = write.parent, write.child, (write.translation, write.rotation)
-        batch = [tfdb.TransformStamped(parent, child, 0 if static else write.stamp, *pose)]
-        self._buffer.set_transforms(
-            batch, static=static, authority=write.authority, change_kind=True
-        )
+        buffer, authority = self._buffer, write.authority
+        if static:
+            buffer.set_static_transform(parent, child, *pose, authority=authority, change_kind=True)
+        else:
+            buffer.set_transform(
+                parent, child, write.stamp, *pose, authority=authority, change_kind=True
+            )
 
     def clear(self) -> None:
         """Drop all moving samples; frames and static transforms stay."""
@@ -201,7 +206,12 @@ class BufferCore:
         return makers(self.flavor)[0](target_frame, source_frame, stamp, found.pose.tolist())
 
     def lookup_transform_full_core(
-        self, target_frame: str, target_time: Any, source_frame: str, source_time: Any, fixed_frame: str
+        self,
+        target_frame: str,
+        target_time: Any,
+        source_frame: str,
+        source_time: Any,
+        fixed_frame: str,
     ) -> Any:
         """T[target_frame at target_time <- source_frame at source_time], through fixed_frame.
 
@@ -228,7 +238,9 @@ class BufferCore:
             stamp = found.stamp
         return makers(self.flavor)[0](target_frame, source_frame, stamp, found.pose.tolist())
 
-    def can_transform_core(self, target_frame: str, source_frame: str, time: Any) -> tuple[int, str]:
+    def can_transform_core(
+        self, target_frame: str, source_frame: str, time: Any
+    ) -> tuple[int, str]:
         """Whether `lookup_transform_core` has an answer: (1, '') or (0, why not).
 
         Raises TypeError for what is no time or no name.
@@ -242,14 +254,22 @@ class BufferCore:
         return self._can(names, [(target_frame, source_frame, stamp)])
 
     def can_transform_full_core(
-        self, target_frame: str, target_time: Any, source_frame: str, source_time: Any, fixed_frame: str
+        self,
+        target_frame: str,
+        target_time: Any,
+        source_frame: str,
+        source_time: Any,
+        fixed_frame: str,
     ) -> tuple[int, str]:
         """Whether `lookup_transform_full_core` has an answer: (1, '') or (0, why not)."""
         target_stamp = self._nanoseconds(target_time)
         source_stamp = self._nanoseconds(source_time)
         names = {"target_frame": target_frame, "source_frame": source_frame}
         names["fixed_frame"] = fixed_frame
-        halves = [(target_frame, fixed_frame, target_stamp), (fixed_frame, source_frame, source_stamp)]
+        halves = [
+            (target_frame, fixed_frame, target_stamp),
+            (fixed_frame, source_frame, source_stamp),
+        ]
         return self._can(names, halves)
 
     def get_latest_common_time(self, target_frame: str, source_frame: str) -> Any:
@@ -316,12 +336,24 @@ class BufferCore:
         span = nanoseconds(interval, self.flavor, "duration") / SECOND
         try:
             found = self._buffer.lookup_velocity(
-                *frames, stamp or None, span, reference=reference, point=point, point_frame=point_frame
+                *frames,
+                stamp or None,
+                span,
+                reference=reference,
+                point=point,
+                point_frame=point_frame,
             )
         except TfdbError as error:
-            roles = ("tracking_frame", "observation_frame", "reference_frame", "reference_point_frame")
+            roles = (
+                "tracking_frame",
+                "observation_frame",
+                "reference_frame",
+                "reference_point_frame",
+            )
             given = (*frames, reference, point_frame)
-            names = {role: name for role, name in zip(roles, given, strict=True) if name is not None}
+            names = {
+                role: name for role, name in zip(roles, given, strict=True) if name is not None
+            }
             with self._buffer.snapshot() as snapshot:
                 self._check_names(snapshot, names, "lookupVelocity", error)
                 self._raise(snapshot, (frames[1], frames[0], stamp), error)
@@ -345,7 +377,12 @@ class BufferCore:
         return listings.as_dot(self._buffer.tree(), stamp)
 
     def _chain(
-        self, target_frame: str, target_time: Any, source_frame: str, source_time: Any, fixed_frame: str
+        self,
+        target_frame: str,
+        target_time: Any,
+        source_frame: str,
+        source_time: Any,
+        fixed_frame: str,
     ) -> list[str]:
         """Return the frames on the path from source through fixed frame to target."""
         halves = [
@@ -388,7 +425,7 @@ class BufferCore:
         return 1, ""
 
     def _answer_or_raise(self, question: Question, error: TfdbError) -> tuple[Transform, int]:
-        """Give an answer that the store could not, or came to have since; else raise tf2's error."""
+        """Give an answer that the store lacked, or has by now; else raise tf2's error."""
         target, source, _ = question
         names = {"target_frame": target, "source_frame": source}
         with self._buffer.snapshot() as snapshot:

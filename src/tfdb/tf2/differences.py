@@ -87,8 +87,8 @@ DIFFERENCES: dict[str, Difference] = {
         "as lookups do",
     ),
     "chain": Difference(
-        "[1] _chain goes on above the meeting point, unknown names give an empty list or NO_PARENT; "
-        "[2] leaves out the last frame",
+        "[1] _chain goes on above the meeting point, and unknown names give an empty list or "
+        "NO_PARENT; [2] leaves out the last frame",
         "the frames of the path from source to target, both included; names are checked",
         "it is the chain",
     ),

@@ -3,6 +3,8 @@
 The text is tf2's; `__cause__` is tfdb's error, whose text says more.
 """
 
+# ruff: noqa: N818  (tf2's names)
+
 from __future__ import annotations
 
 from tfdb.errors import (

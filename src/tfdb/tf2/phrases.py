@@ -76,10 +76,10 @@ def extrapolation(
         future = stamp > newest
         edge = newest if future else oldest
         amount = f"{seconds(abs(stamp - edge), digits)}s " if flavor == "ros1" else ""
+        side, which = ("future", "latest") if future else ("past", "earliest")
         what = (
-            f"Lookup would require extrapolation {amount}into the {'future' if future else 'past'}."
-            f"  Requested time {asked} but the {'latest' if future else 'earliest'} data is at time "
-            f"{seconds(edge, digits)}"
+            f"Lookup would require extrapolation {amount}into the {side}.  Requested time {asked} "
+            f"but the {which} data is at time {seconds(edge, digits)}"
         )
     return f"{what}, when looking up transform from frame [{source}] to frame [{target}]"
 

@@ -47,6 +47,15 @@ class Write:
         move, turn = self.translation, self.rotation
         return all(map(math.isfinite, (move.x, move.y, move.z, turn.x, turn.y, turn.z, turn.w)))
 
+    def check_members(self) -> None:
+        """Raise TypeError, with tf2's words, unless the numbers can be read."""
+        for value, members, role in (
+            (self.translation, "x, y, z", "translation"),
+            (self.rotation, "x, y, z, w", "rotation"),
+        ):
+            if not all(hasattr(value, member) for member in members.split(", ")):
+                raise TypeError(f"transform.{role} must have members {members}")
+
     @classmethod
     def of(cls, message: Any, authority: str, nanoseconds: Callable[[Any], int]) -> Self:
         """Take a TransformStamped apart; TypeError if it is none."""
@@ -61,12 +70,6 @@ class Write:
             raise TypeError(f"{text}: {missing}") from None
         if not isinstance(parent, str) or not isinstance(child, str):
             raise TypeError("header.frame_id and child_frame_id must be str")
-        for value, members, role in (
-            (translation, "x, y, z", "translation"),
-            (rotation, "x, y, z, w", "rotation"),
-        ):
-            if not all(hasattr(value, member) for member in members.split(", ")):
-                raise TypeError(f"transform.{role} must have members {members}")
         names = (parent.removeprefix("/"), child.removeprefix("/"))
         return cls(*names, nanoseconds(stamp), translation, rotation, authority)
 
@@ -117,9 +120,7 @@ def extrapolation(
             kind = BackwardExtrapolationException if past else ForwardExtrapolationException
     text = phrases.extrapolation(flavor, gap.stamp, gap.oldest, gap.newest, target, source)
     fields = {"edge": gap.edge, "stamp": gap.stamp, "oldest": gap.oldest, "newest": gap.newest}
-    return with_fields_of(
-        cause, kind, text, **fields, reason=reason, target=target, source=source
-    )
+    return with_fields_of(cause, kind, text, **fields, reason=reason, target=target, source=source)
 
 
 def translated(

@@ -1,5 +1,7 @@
 """What lookups return: the real messages where ROS is installed, ours where it is not."""
 
+# ruff: noqa: PLC0415  (ROS may be missing, and takes long to import)
+
 from __future__ import annotations
 
 from functools import cache
@@ -24,8 +26,10 @@ def installed() -> Flavor | None:
 
 @cache
 def makers(flavor: Flavor) -> tuple[Callable[[str, str, int, Sequence[float]], Any], Any]:
-    """How a TransformStamped is made of (target, source, nanoseconds, x y z qx qy qz qw), and how
-    a time is made of nanoseconds.
+    """Return two functions, which make messages of a flavor.
+
+    One makes a TransformStamped of (target, source, nanoseconds, x y z qx qy qz qw), the other a
+    time of nanoseconds.
     """
     if installed() != flavor:
         return make_ours, msgs.Time.from_nanoseconds

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import datetime
 import operator
+from datetime import timedelta
 from typing import Any, Literal, TypeAlias
 
 from . import msgs
@@ -39,7 +39,7 @@ def nanoseconds(time: Any, flavor: Flavor | None = None, role: str = "time") -> 
 
 def _of_object(time: Any) -> int | None:
     """Nanoseconds of what is no message of ROS 2; None if it is no time."""
-    if isinstance(time, bool | datetime.timedelta):
+    if isinstance(time, bool | timedelta):
         return None
     if hasattr(time, "secs") and hasattr(time, "nsecs"):
         return int(time.secs) * SECOND + int(time.nsecs)
@@ -48,11 +48,13 @@ def _of_object(time: Any) -> int | None:
     if hasattr(time, "nanoseconds"):
         return int(time.nanoseconds)
     if hasattr(time, "to_sec"):
-        return round(time.to_sec() * SECOND)
+        rounded: int = round(time.to_sec() * SECOND)
+        return rounded
     try:
-        return operator.index(time)
+        found: int = operator.index(time)
     except TypeError:
         return None
+    return found
 
 
 def flavor_of(time: object) -> Flavor | None:
