@@ -1,0 +1,78 @@
+"""The tree as text: tf2's forms, and names that break tf2's."""
+
+from __future__ import annotations
+
+import itertools
+import re
+from typing import Any
+
+import pytest
+
+from tf2 import real_tf2
+from tf2.ours import Ours, Records, message
+from tfdb import tf2
+from tfdb.tf2.differences import DIFFERENCES
+
+SECOND = 1_000_000_000
+TURNED = [1.0, 2.0, 3.0, 0.0, 0.6, 0.0, 0.8]
+WRITES = [
+    ["set", False, "a", "b", SECOND, TURNED, "me"],
+    ["set", False, "b", "c", SECOND, TURNED, "you"],
+    ["set", False, "b", "c", 3 * SECOND, TURNED, "they"],
+    ["set", True, "a", "s", 5 * SECOND, TURNED, ""],
+]
+
+
+def blocks(text: str) -> set[str]:
+    """The entries of a listing in YAML, whatever their order."""
+    return set(re.split(r"\n(?=\S)", text))
+
+
+def test_listings_are_those_of_tf2() -> None:
+    script: list[list[Any]] = [["new", 10 * SECOND], ["yaml"], ["string"], ["dot"], *WRITES]
+    script += [["yaml"], ["string"], ["dot"], ["dot", 10 * SECOND], ["clear"], ["string"]]
+    ours = Ours("ros1", Records())
+    answers = zip(script, [ours.answer(each) for each in script], real_tf2.run(script), strict=True)
+    for operation, our, their in answers:
+        if operation[0] == "yaml":
+            assert blocks(our[1].rstrip()) == blocks(their[1].rstrip())
+        elif operation[0] == "string":
+            assert sorted(our[1].splitlines()) == sorted(their[1].splitlines())
+        elif operation[0] == "dot":
+            edges = [sorted(re.findall(r'".*" -> ".*', text)) for text in (our[1], their[1])]
+            assert edges[0] == edges[1]
+
+
+def test_of_ros2() -> None:
+    core = tf2.BufferCore(flavor="ros2")
+    assert core.all_frames_as_yaml() == "[]"
+    for _, _, parent, child, stamp, pose, authority in WRITES[1:3]:
+        core.set_transform(message(parent, child, stamp, pose), authority)
+    assert core.all_frames_as_yaml() == (
+        "c: \n  parent: 'b'\n  broadcaster: 'they'\n  rate: 1.000\n"
+        "  most_recent_transform: 3.000000\n  oldest_transform: 1.000000\n  buffer_length: 2.000\n"
+    )
+
+
+def test_any_name_can_be_parsed() -> None:
+    yaml = pytest.importorskip("ruamel.yaml").YAML(typ="safe")
+    names = ["par'ent", 'say "hi"', "a: b", "#", "1", "yes", "- x", "back\\slash", "ünï"]
+    core = tf2.BufferCore()
+    for parent, child in itertools.pairwise(names):
+        assert core.set_transform(message(parent, child, SECOND, TURNED), "it's")
+    found = yaml.load(core.all_frames_as_yaml())
+    assert {child: each["parent"] for child, each in found.items()} == dict(
+        zip(names[1:], names, strict=False)
+    )
+    assert all(each["broadcaster"] == "it's" for each in found.values())
+    assert r'"say \"hi\"" -> "a: b"' in core._allFramesAsDot()
+    assert "listings" in DIFFERENCES
+
+
+def test_every_root_has_the_legend() -> None:
+    core = tf2.BufferCore()
+    core.set_transform(message("a", "b", SECOND, TURNED), "me")
+    core.set_transform(message("q", "r", SECOND, TURNED), "me")
+    dot = core._allFramesAsDot(2 * SECOND)
+    assert re.findall(r'"Recorded at time: 2.000"->"(\w)"', dot) == ["a", "q"]
+    assert "( 1.000 sec old)" in dot

@@ -1,0 +1,59 @@
+"""With a real ROS 1 beside it: its messages and times go in and come out."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+
+from compat.tf2_oracle import unavailable
+from tf2 import real_tf2
+
+PROGRAM = """
+import pickle
+import geometry_msgs.msg
+import rospy
+from tfdb import tf2
+
+STAMP = 1_700_000_000, 123_456_789
+message = geometry_msgs.msg.TransformStamped()
+message.header.frame_id, message.child_frame_id = "/a", "b"
+message.header.stamp = rospy.Time(*STAMP)
+message.transform.translation.x = 1.5
+message.transform.rotation.y, message.transform.rotation.w = 0.6, 0.8
+core = tf2.BufferCore(rospy.Duration(5))
+assert core.flavor == "ros1" and core.buffer.history == 5.0
+assert core.set_transform(message, "me") and not core.set_transform(message, "again")
+found = core.lookup_transform_core("b", "a", rospy.Time(0))
+assert type(found) is geometry_msgs.msg.TransformStamped
+assert type(found.header.stamp) is rospy.Time
+assert (found.header.stamp.secs, found.header.stamp.nsecs) == STAMP
+assert (found.header.frame_id, found.child_frame_id) == ("b", "a")
+assert found.transform.translation.x != 1.5 and abs(found.transform.rotation.y + 0.6) < 1e-12
+assert core.get_latest_common_time("a", "b") == rospy.Time(*STAMP)
+try:
+    core.lookup_transform_core("a", "b", rospy.Time(1))
+except tf2.ExtrapolationException as error:
+    assert "but only time 1700000000.123456789 is in the buffer" in str(error)
+else:
+    raise AssertionError("it found one")
+print("done")
+"""
+
+
+def test_messages_of_ros1() -> None:
+    if real_tf2.missing():
+        unavailable(f"no ROS 1: {real_tf2.missing()}")
+    if sys.version_info[:2] != (3, 11):
+        unavailable("Debian's ROS 1 is for Python 3.11")
+    # After our own, or the system's numpy would be taken.
+    program = "import sys; sys.path.append('/usr/lib/python3/dist-packages')\n" + PROGRAM
+    done = subprocess.run(
+        [sys.executable, "-c", program],
+        env=dict(os.environ),
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert (done.returncode, done.stdout) == (0, "done\n"), done.stderr
+    assert "TF_REPEATED_DATA" in done.stderr
