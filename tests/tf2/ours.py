@@ -93,6 +93,17 @@ class Ours:
     def clear(self) -> None:
         self.core.clear()
 
+    def clear_elsewhere(self) -> None:
+        self.core.buffer.clear()
+
+    def returned(self, parent: str, child: str, stamp: int, pose: Any) -> bool:
+        return self.core.set_transform(message(parent, child, stamp, pose), "me")
+
+    def chain(
+        self, target: str, target_stamp: int, source: str, source_stamp: int, fixed: str
+    ) -> list[str]:
+        return self.core._chain(target, target_stamp, source, source_stamp, fixed)
+
     def exists(self, name: str) -> bool:
         return self.core._frameExists(name)
 

@@ -35,7 +35,7 @@ def missing() -> str:
 def run(operations: list[list[Any]]) -> list[tuple[str, Any]]:
     """What tf2 answers to each: ('ok', value), or the name of its exception and its text."""
     if missing():
-        unavailable(f"no real tf2: {missing()}; apt-get install python3-tf2 python3-rospy")
+        unavailable(f"no real tf2: {missing()}; apt-get install python3-tf2")
     done = subprocess.run(
         [PYTHON, CHILD],
         env=ENVIRONMENT,

@@ -69,12 +69,6 @@ DIFFERENCES: dict[str, Difference] = {
         "nothing of it is stored",
         "what is refused leaves nothing behind",
     ),
-    "backwards": Difference(
-        "before its first sample a frame is a root, so that two frames may be each other's parent "
-        "at different times",
-        "a frame hangs at all times under the parent of its nearest sample",
-        "a path that exists does not depend on which sample came first",
-    ),
     "can_says_why": Difference(
         "[1] can_transform says nothing of empty names and slashes, and of the full form's names "
         "more than is true",
