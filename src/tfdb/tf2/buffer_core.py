@@ -419,10 +419,23 @@ class BufferCore:
             try:
                 self._check_names(snapshot, names, "canTransform", None)
                 for question in questions:
-                    self._answer_in(snapshot, question, None)
+                    why = self._why_not(snapshot, question)
+                    if why is not None:
+                        return 0, why
             except TransformException as error:
                 return 0, str(error)
         return 1, ""
+
+    def _why_not(self, snapshot: Snapshot, question: Question) -> str | None:
+        """Say in tf2's words why a question has no answer; no error is made for it if need be."""
+        target, source, stamp = question
+        if 0 <= stamp <= LAST_STAMP and snapshot.can_transform(target, source, stamp or None):
+            return None
+        why = Walker(snapshot, self._emptied).refusal(target, source, stamp)
+        if why is None:
+            self._answer_in(snapshot, question, None)
+            return None
+        return refusals.reason(why, self.flavor, target, source)
 
     def _answer_or_raise(self, question: Question, error: TfdbError) -> tuple[Transform, int]:
         """Give an answer that the store lacked, or has by now; else raise tf2's error."""
@@ -466,7 +479,7 @@ class BufferCore:
         target, source, stamp = question
         why = Walker(snapshot, self._emptied).refusal(target, source, stamp)
         if isinstance(why, TwoTrees):
-            text = phrases.two_trees(target, source)
+            text = refusals.reason(why, self.flavor, target, source)
             raise with_fields_of(cause, ConnectivityException, text) from cause
         if why is None:
             raise refusals.translated(cause, self.flavor, target, source) from cause

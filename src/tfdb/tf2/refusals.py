@@ -20,12 +20,12 @@ from .exceptions import (
     TransformException,
     with_fields_of,
 )
+from .why import Gap, TwoTrees
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
     from .times import Flavor
-    from .why import Gap
 
 LOGGER = logging.getLogger("tfdb.tf2")
 
@@ -107,20 +107,27 @@ def log(text: str, error: errors.TfdbError) -> None:
     LOGGER.warning("%s", text, extra={"error": error})
 
 
+def reason(why: Gap | TwoTrees, flavor: Flavor, target: str, source: str) -> str:
+    """Say in tf2's words why T[target<-source] has no answer."""
+    if isinstance(why, TwoTrees):
+        return phrases.two_trees(target, source)
+    return phrases.extrapolation(flavor, why.stamp, why.oldest, why.newest, target, source)
+
+
 def extrapolation(
     gap: Gap, flavor: Flavor, target: str, source: str, cause: errors.TfdbError
 ) -> TransformException:
     """Make tf2's error for an edge without data at a stamp."""
     kind: type[ExtrapolationException] = NoDataForExtrapolationException
-    reason = "no data"
+    what = "no data"
     if gap.oldest is not None and gap.newest is not None:
-        reason = "past" if gap.stamp < gap.oldest else "future"
+        what = "past" if gap.stamp < gap.oldest else "future"
         if gap.oldest < gap.newest:
-            past = reason == "past"
+            past = what == "past"
             kind = BackwardExtrapolationException if past else ForwardExtrapolationException
-    text = phrases.extrapolation(flavor, gap.stamp, gap.oldest, gap.newest, target, source)
+    text = reason(gap, flavor, target, source)
     fields = {"edge": gap.edge, "stamp": gap.stamp, "oldest": gap.oldest, "newest": gap.newest}
-    return with_fields_of(cause, kind, text, **fields, reason=reason, target=target, source=source)
+    return with_fields_of(cause, kind, text, **fields, reason=what, target=target, source=source)
 
 
 def translated(
