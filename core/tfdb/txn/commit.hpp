@@ -357,6 +357,7 @@ private:
         if ((what_ & FeedNote::kRemoved) != 0)
             empty_removed();
     }
+
     /// Counts, for every frame, how many have it as their newest parent: `remove` asks for it.
     void count_children() {
         const auto count = [&](FrameId parent, std::uint64_t delta) {

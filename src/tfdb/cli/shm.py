@@ -16,6 +16,8 @@ from . import common, output
 from .times import format_duration, format_ns
 
 if TYPE_CHECKING:
+    import os
+
     from tfdb import Buffer
 
 name_argument = click.argument("name")
@@ -66,12 +68,17 @@ def _body(store: Buffer) -> dict[str, Any]:
         "samples": memory.samples,
         "history_s": store.history,
         "size_bytes": shared.size,
-        "memory_bytes": status.st_blocks * 512,
+        "memory_bytes": _memory_of(status),
         "used_bytes": memory.used_bytes,
         # 0: it may not be known. This command is one of them.
         "processes": shared.processes - 1 if shared.processes else None,
         "repairs": shared.repairs,
     }
+
+
+def _memory_of(status: os.stat_result) -> int:
+    """Bytes that a store's file takes now; stat counts in blocks of 512."""
+    return status.st_blocks * 512
 
 
 def _row(body: dict[str, Any]) -> tuple[Any, ...]:
@@ -125,9 +132,9 @@ def compact(*, name: str, as_json: bool) -> None:
     given = name.removeprefix(common.LIVE)
     with tfdb.Buffer.open(given, create=False) as store:
         path = Path(cast("tfdb.Shared", store.shared).path)
-        before = path.stat().st_blocks * 512
+        before = _memory_of(path.stat())
         done = store.compact()
-        after = path.stat().st_blocks * 512
+        after = _memory_of(path.stat())
     if as_json:
         body = {"name": given, "done": done, "before_bytes": before, "after_bytes": after}
         output.emit_json("shm", body)

@@ -32,6 +32,14 @@ Question = tuple[str, str, int]
 Velocity = tuple[tuple[float, float, float], tuple[float, float, float]]
 
 
+def _by_role(target: str, source: str, fixed: str | None = None) -> dict[str, str]:
+    """Frame names by tf2's words for what they are asked as, in the order of their checks."""
+    names = {"target_frame": target, "source_frame": source}
+    if fixed is not None:
+        names["fixed_frame"] = fixed
+    return names
+
+
 class BufferCore:
     """A store of transforms with the calls, words and rules of `tf2_py.BufferCore`.
 
@@ -225,8 +233,7 @@ class BufferCore:
                 target_frame, target_stamp or None, source_frame, source_stamp or None, fixed_frame
             )
         except TfdbError as error:
-            names = {"target_frame": target_frame, "source_frame": source_frame}
-            names["fixed_frame"] = fixed_frame
+            names = _by_role(target_frame, source_frame, fixed_frame)
             with self._buffer.snapshot() as snapshot:
                 self._check_names(snapshot, names, "lookupTransform", error)
                 source_half = (fixed_frame, source_frame, source_stamp)
@@ -250,7 +257,7 @@ class BufferCore:
             target_frame, source_frame, stamp or None
         ):
             return 1, ""
-        names = {"target_frame": target_frame, "source_frame": source_frame}
+        names = _by_role(target_frame, source_frame)
         return self._can(names, [(target_frame, source_frame, stamp)])
 
     def can_transform_full_core(
@@ -264,8 +271,7 @@ class BufferCore:
         """Whether `lookup_transform_full_core` has an answer: (1, '') or (0, why not)."""
         target_stamp = self._nanoseconds(target_time)
         source_stamp = self._nanoseconds(source_time)
-        names = {"target_frame": target_frame, "source_frame": source_frame}
-        names["fixed_frame"] = fixed_frame
+        names = _by_role(target_frame, source_frame, fixed_frame)
         halves = [
             (target_frame, fixed_frame, target_stamp),
             (fixed_frame, source_frame, source_stamp),
@@ -389,8 +395,7 @@ class BufferCore:
             (fixed_frame, source_frame, self._nanoseconds(source_time)),
             (target_frame, fixed_frame, self._nanoseconds(target_time)),
         ]
-        names = {"target_frame": target_frame, "source_frame": source_frame}
-        names["fixed_frame"] = fixed_frame
+        names = _by_role(target_frame, source_frame, fixed_frame)
         passed = [source_frame]
         with self._buffer.snapshot() as snapshot:
             self._check_names(snapshot, names, "lookupTransform", None)
@@ -440,7 +445,7 @@ class BufferCore:
     def _answer_or_raise(self, question: Question, error: TfdbError) -> tuple[Transform, int]:
         """Give an answer that the store lacked, or has by now; else raise tf2's error."""
         target, source, _ = question
-        names = {"target_frame": target, "source_frame": source}
+        names = _by_role(target, source)
         with self._buffer.snapshot() as snapshot:
             self._check_names(snapshot, names, "lookupTransform", error)
             return self._answer_in(snapshot, question, error)
