@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import operator
 from datetime import timedelta
-from typing import Any, Literal, TypeAlias
+from typing import Any
+
+from tfdb.ros import Flavor
 
 from . import msgs
 
-Flavor: TypeAlias = Literal["ros1", "ros2"]
-"""Whose rules and phrases count."""
+__all__ = ["SECOND", "Flavor", "flavor_of", "nanoseconds"]
 
 SECOND = 1_000_000_000
 WANTED = {

@@ -1,0 +1,93 @@
+"""What listeners, broadcasters and servers need of a node, whichever ROS it lives in."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Literal, Protocol, TypeAlias
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+__all__ = ["Encoding", "Flavor", "Node", "Publisher", "Service", "Subscription"]
+
+Flavor: TypeAlias = Literal["ros1", "ros2"]
+"""A side of ROS: whose rules, phrases and messages count."""
+Encoding: TypeAlias = Literal["ros1", "cdr"]
+"""How messages lie in bytes, as `Buffer.ingest` says it."""
+
+
+class Subscription(Protocol):
+    """A topic that is listened to."""
+
+    def close(self) -> None:
+        """Stop listening. A callback that runs in another thread may still end."""
+
+
+class Publisher(Protocol):
+    """A topic that is published to."""
+
+    def publish(self, data: bytes) -> None:
+        """Send one serialized message, in the node's encoding."""
+
+    def close(self) -> None:
+        """Take the topic back."""
+
+
+class Service(Protocol):
+    """A service that is offered."""
+
+    def close(self) -> None:
+        """Take it back."""
+
+
+class Node(Protocol):
+    """A node of ROS 1 or ROS 2: bytes in, bytes out, and a clock. Any thread may call it."""
+
+    flavor: Flavor
+    """Side of ROS."""
+    encoding: Encoding
+    """Of the messages it carries."""
+    name: str
+    """Its full name in the graph."""
+
+    def subscribe(
+        self,
+        topic: str,
+        kind: str,
+        on_message: Callable[[bytes | memoryview, str], None],
+        *,
+        latched: bool = False,
+        depth: int = 100,
+    ) -> Subscription:
+        """Call `on_message(data, publisher)` for each message of a topic, in their order.
+
+        Parameters
+        ----------
+        topic
+            Its name, resolved as the node's own rules say.
+        kind
+            Type, such as `tf2_msgs/TFMessage`.
+        on_message
+            Gets the serialized message, which is valid until it returns, and the name of the
+            publisher's node ("" where that is not known). What it raises is logged.
+        latched
+            Whether late joiners get what was sent before (ROS 2: transient local).
+        depth
+            How many messages may wait.
+        """
+
+    def advertise(
+        self, topic: str, kind: str, *, latched: bool = False, depth: int = 100
+    ) -> Publisher:
+        """Offer a topic; arguments as in `subscribe`."""
+
+    def serve(self, name: str, kind: str, answer: Callable[[bytes], bytes]) -> Service:
+        """Offer a service: `answer` makes the serialized response of a serialized request."""
+
+    def now(self) -> int:
+        """Nanoseconds on the node's clock: the wall's, or that of /clock with `use_sim_time`."""
+
+    def on_clock(self, called: Callable[[int], None]) -> Subscription:
+        """Call `called(now)` whenever simulated time is set, and never with the wall's clock."""
+
+    def close(self) -> None:
+        """Close what the node opened; a node of rospy or rclpy that was given stays."""
