@@ -18,6 +18,15 @@ from __future__ import annotations
 
 from . import msgs
 from .buffer_core import BufferCore
+from .buffer_interface import (
+    BufferInterface,
+    ConvertRegistration,
+    NotImplementedException,
+    Stamped,
+    TransformRegistration,
+    TypeException,
+    convert,
+)
 from .exceptions import (
     BackwardExtrapolationException,
     ConnectivityException,
@@ -33,13 +42,20 @@ from .exceptions import (
 __all__ = [
     "BackwardExtrapolationException",
     "BufferCore",
+    "BufferInterface",
     "ConnectivityException",
+    "ConvertRegistration",
     "ExtrapolationException",
     "ForwardExtrapolationException",
     "InvalidArgumentException",
     "LookupException",
     "NoDataForExtrapolationException",
+    "NotImplementedException",
+    "Stamped",
     "TimeoutException",
     "TransformException",
+    "TransformRegistration",
+    "TypeException",
+    "convert",
     "msgs",
 ]

@@ -25,6 +25,25 @@ def installed() -> Flavor | None:
 
 
 @cache
+def message_name(kind: type) -> str | None:
+    """Name of a message's class, such as `geometry_msgs/PointStamped`; None: it is no message."""
+    name = getattr(kind, "_type", None)
+    if isinstance(name, str):
+        return name
+    package, _, rest = kind.__module__.partition(".")
+    return f"{package}/{kind.__name__}" if rest.startswith("msg.") else None
+
+
+def make_header(stamp: Any, frame_id: str) -> Any:
+    """Make a std_msgs/Header of the installed ROS, or ours."""
+    if installed() is None:
+        return msgs.Header(stamp, frame_id)
+    from std_msgs.msg import Header
+
+    return Header(stamp=stamp, frame_id=frame_id)
+
+
+@cache
 def makers(flavor: Flavor) -> tuple[Callable[[str, str, int, Sequence[float]], Any], Any]:
     """Return two functions, which make messages of a flavor.
 

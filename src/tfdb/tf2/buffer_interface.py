@@ -1,0 +1,219 @@
+"""`BufferInterface`: transform any registered object; the registries; conversion between types."""
+
+# ruff: noqa: ARG002  (the methods that subclasses give)
+
+from __future__ import annotations
+
+from copy import deepcopy
+from typing import TYPE_CHECKING, Any, ClassVar
+
+from .exceptions import TransformException
+from .ros_messages import message_name
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+__all__ = [
+    "BufferInterface",
+    "ConvertRegistration",
+    "NotImplementedException",
+    "Stamped",
+    "TransformRegistration",
+    "TypeException",
+    "convert",
+]
+
+
+class TypeException(TransformException, TypeError):  # noqa: N818 - tf2's name
+    """No function is registered for a type."""
+
+    def __init__(self, errstr: str) -> None:
+        super().__init__(errstr)
+        self.errstr = errstr
+        """The text, under tf2's name."""
+
+
+class NotImplementedException(TransformException, NotImplementedError):  # noqa: N818 - tf2's name
+    """A subclass of BufferInterface lacks a method."""
+
+    def __init__(self) -> None:
+        self.errstr = "CanTransform or LookupTransform not implemented"
+        """The text, under tf2's name."""
+        super().__init__(self.errstr)
+
+
+def _registered(functions: dict[Any, Callable[..., Any]], key: Any) -> Callable[..., Any]:
+    """Find what is registered for a type, or else for its message's name; or TypeException."""
+    found = functions.get(key)
+    if found is None and isinstance(key, type):
+        found = functions.get(message_name(key))
+    if found is None:
+        raise TypeException(f"Type {key} is not loaded or supported")
+    return found
+
+
+class TransformRegistration:
+    """Which function transforms which type: one table for the process."""
+
+    _functions: ClassVar[dict[Any, Callable[[Any, Any], Any]]] = {}
+
+    def print_me(self) -> None:
+        """Print the table."""
+        print(self._functions)
+
+    def add(self, key: type | str, callback: Callable[[Any, Any], Any]) -> None:
+        """Let `callback(object, transform)` transform objects of a type.
+
+        `key` is a class, or the name of a message such as `geometry_msgs/PointStamped`, which
+        stands for the classes of that name of either ROS, and ours.
+        """
+        self._functions[key] = callback
+
+    def get(self, key: type) -> Callable[[Any, Any], Any]:
+        """Give the function of a type; TypeException if there is none."""
+        return _registered(self._functions, key)
+
+
+class ConvertRegistration:
+    """Which functions convert which types: one table for the process."""
+
+    _from_msg: ClassVar[dict[Any, Callable[[Any], Any]]] = {}
+    _to_msg: ClassVar[dict[Any, Callable[[Any], Any]]] = {}
+    _convert: ClassVar[dict[Any, Callable[[Any], Any]]] = {}
+
+    def add_from_msg(self, key: type | str, callback: Callable[[Any], Any]) -> None:
+        """Let `callback(message)` make objects of type `key`."""
+        self._from_msg[key] = callback
+
+    def add_to_msg(self, key: type | str, callback: Callable[[Any], Any]) -> None:
+        """Let `callback(object)` make messages of objects of type `key`."""
+        self._to_msg[key] = callback
+
+    def add_convert(self, key: tuple[type, type], callback: Callable[[Any], Any]) -> None:
+        """Let `callback(object)` convert from the first type of `key` to the second."""
+        self._convert[key] = callback
+
+    def get_from_msg(self, key: type) -> Callable[[Any], Any]:
+        """Give the function that makes objects of a type; TypeException if there is none."""
+        return _registered(self._from_msg, key)
+
+    def get_to_msg(self, key: type) -> Callable[[Any], Any]:
+        """Give the function that makes messages of a type; TypeException if there is none."""
+        return _registered(self._to_msg, key)
+
+    def get_convert(self, key: tuple[type, type]) -> Callable[[Any], Any]:
+        """Give the function from one type to another; TypeException if there is none."""
+        return _registered(self._convert, key)
+
+
+def convert(a: Any, b_type: Any) -> Any:
+    """Make an object of another type: directly, as a copy of its own type, or through a message.
+
+    Raises TypeException where no way is registered.
+    """
+    registry = ConvertRegistration()
+    try:
+        direct = registry.get_convert((type(a), b_type))
+    except TypeException:
+        if type(a) is b_type:
+            return deepcopy(a)
+        to_msg, from_msg = registry.get_to_msg(type(a)), registry.get_from_msg(b_type)
+        return from_msg(to_msg(a))
+    return direct(a)
+
+
+def Stamped(obj: Any, stamp: Any, frame_id: str) -> Any:  # noqa: N802 - tf2's name
+    """Give an object a header with a stamp and a frame, and return it."""
+    from .ros_messages import make_header  # noqa: PLC0415 - ROS takes long to import
+
+    obj.header = make_header(stamp, frame_id)
+    return obj
+
+
+class BufferInterface:
+    """What can look up can also transform: `Buffer` and `BufferClient` are of this kind."""
+
+    def __init__(self) -> None:
+        self.registration = TransformRegistration()
+        """The table of functions that transform."""
+
+    def transform(
+        self, object_stamped: Any, target_frame: str, timeout: Any = None, new_type: Any = None
+    ) -> Any:
+        """Transform an object with a header into a frame, at its own stamp.
+
+        Parameters
+        ----------
+        object_stamped
+            Of a registered type; it stays as it is.
+        target_frame
+            Frame to transform into.
+        timeout
+            How long to wait for the transform; None: not at all.
+        new_type
+            Type to convert the result to; None: it stays of the object's.
+
+        Raises TypeException, and what `lookup_transform` raises.
+        """
+        function = self.registration.get(type(object_stamped))
+        header = object_stamped.header
+        found = self.lookup_transform(target_frame, header.frame_id, header.stamp, timeout)
+        result = function(object_stamped, found)
+        return convert(result, new_type) if new_type else result
+
+    def transform_full(
+        self,
+        object_stamped: Any,
+        target_frame: str,
+        target_time: Any,
+        fixed_frame: str,
+        timeout: Any = None,
+        new_type: Any = None,
+    ) -> Any:
+        """Transform an object into a frame at another time, through a frame fixed between.
+
+        Arguments as in `transform`.
+        """
+        function = self.registration.get(type(object_stamped))
+        header = object_stamped.header
+        found = self.lookup_transform_full(
+            target_frame, target_time, header.frame_id, header.stamp, fixed_frame, timeout
+        )
+        result = function(object_stamped, found)
+        return convert(result, new_type) if new_type else result
+
+    def lookup_transform(
+        self, target_frame: str, source_frame: str, time: Any, timeout: Any = None
+    ) -> Any:
+        """T[target_frame<-source_frame]: a subclass says how."""
+        raise NotImplementedException
+
+    def lookup_transform_full(
+        self,
+        target_frame: str,
+        target_time: Any,
+        source_frame: str,
+        source_time: Any,
+        fixed_frame: str,
+        timeout: Any = None,
+    ) -> Any:
+        """T[target_frame<-source_frame] between two times: a subclass says how."""
+        raise NotImplementedException
+
+    def can_transform(
+        self, target_frame: str, source_frame: str, time: Any, timeout: Any = None
+    ) -> Any:
+        """Whether `lookup_transform` has an answer: a subclass says how."""
+        raise NotImplementedException
+
+    def can_transform_full(
+        self,
+        target_frame: str,
+        target_time: Any,
+        source_frame: str,
+        source_time: Any,
+        fixed_frame: str,
+        timeout: Any = None,
+    ) -> Any:
+        """Whether `lookup_transform_full` has an answer: a subclass says how."""
+        raise NotImplementedException
