@@ -26,7 +26,7 @@ ONE_SEED := TFDB_MODEL_SEEDS=1
 
 .DELETE_ON_ERROR:
 .PHONY: help demo test test-cpp test-python check measure bench-rooms tsan asan asan-python fuzz \
-        torture histories relacy docs wheel stubs format clean distclean
+        torture histories relacy ros2 docs wheel stubs format clean distclean
 
 help:
 	@echo 'make demo [BAG=file]  the main job on a recording, pictures in out/'
@@ -40,6 +40,7 @@ help:
 	@echo 'make torture          writers of a shared store are killed, its files damaged; TORTURE_SECONDS=$(TORTURE_SECONDS)'
 	@echo 'make histories        processes share a store for HISTORY_SECONDS=$(HISTORY_SECONDS); what they did is judged'
 	@echo 'make relacy           model checks of the protocol (package relacy-dev)'
+	@echo 'make ros2             a real rclpy in .ros2, for the tests of live nodes of ROS 2'
 	@echo 'make docs             API reference in build/docs'
 	@echo 'make wheel            sdist and wheel in dist/'
 	@echo 'make stubs | format   rewrite src/tfdb/_core.pyi | all sources'
@@ -153,6 +154,11 @@ fuzz: $(STAMPS)/dev
 	$(BIN)/python -m tests.hostile.fuzz --seconds $(FUZZ_SECONDS)
 	$(BIN)/python -m tests.hostile.fuzz --seconds $(FUZZ_SECONDS) --threads
 
+# 242 MB from PyPI and 10 s of compiling, once. Where it is missing, the tests that need it skip, but not
+# with CI=true.
+ros2: $(STAMPS)/install
+	$(BIN)/python tools/make_ros2_env.py
+
 # Everything that docs/benchmarks.md, docs/evaluation.md and docs/sweeps.md say in figures. The rivals go
 # into an environment of their own; apt is asked for tf2 where it is missing.
 measure/contenders/env: measure/contenders/install | $(STAMPS)/install
@@ -188,4 +194,4 @@ clean:
 	rm -rf build dist out $(STAMPS) .pytest_cache .mypy_cache .ruff_cache .hypothesis
 
 distclean: clean
-	rm -rf $(VENV)
+	rm -rf $(VENV) .ros2
