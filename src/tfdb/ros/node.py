@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Literal, Protocol, TypeAlias
+from typing import TYPE_CHECKING, Any, Literal, Protocol, TypeAlias
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -57,6 +57,7 @@ class Node(Protocol):
         *,
         latched: bool = False,
         depth: int = 100,
+        qos: Any = None,
     ) -> Subscription:
         """Call `on_message(data, publisher)` for each message of a topic, in their order.
 
@@ -73,10 +74,18 @@ class Node(Protocol):
             Whether late joiners get what was sent before (ROS 2: transient local).
         depth
             How many messages may wait.
+        qos
+            In a node of rclpy: a QoS profile, instead of `latched` and `depth`. Elsewhere None.
         """
 
     def advertise(
-        self, topic: str, kind: str, *, latched: bool = False, depth: int = 100
+        self,
+        topic: str,
+        kind: str,
+        *,
+        latched: bool = False,
+        depth: int = 100,
+        qos: Any = None,
     ) -> Publisher:
         """Offer a topic; arguments as in `subscribe`."""
 
@@ -86,8 +95,16 @@ class Node(Protocol):
     def now(self) -> int:
         """Nanoseconds on the node's clock: the wall's, or that of /clock with `use_sim_time`."""
 
+    @property
+    def simulated(self) -> bool:
+        """Whether `now` is simulated time."""
+
+    @property
+    def closed(self) -> bool:
+        """Whether the node has ended: closed, or shut down with its ROS."""
+
     def on_clock(self, called: Callable[[int], None]) -> Subscription:
-        """Call `called(now)` whenever simulated time is set, and never with the wall's clock."""
+        """Call `called(now)` whenever simulated time is set, and once when the node ends."""
 
     def close(self) -> None:
         """Close what the node opened; a node of rospy or rclpy that was given stays."""
