@@ -46,6 +46,15 @@ std::uint64_t begin_wait(nb::handle self, nb::handle target, nb::handle source, 
     return buffer.open_store().begin_wait(question);
 }
 
+std::uint64_t begin_wait_full(nb::handle self, nb::handle target, nb::handle target_time,
+                              nb::handle source, nb::handle source_time, nb::handle fixed) {
+    BufferObject& buffer = object_of<BufferObject>(self);
+    const Question question =
+        question_through(fixed, target, target_time, source, source_time, nb::none());
+    const Waiting work;
+    return buffer.open_store().begin_wait(question);
+}
+
 std::uint64_t begin_wait_for_commit(nb::handle self, nb::handle after) {
     BufferObject& buffer = object_of<BufferObject>(self);
     const CommitNumber seen = count_of(after, "after", 0, kMaxCommit);
@@ -101,6 +110,12 @@ void bind_begun_waits(BufferClass& type) {
              nb::sig("def _begin_wait(self, target: str, source: str, time: "
                      "tfdb.stamps.StampLike | None, policy: Policy | None) -> int"),
              "Number of a wait that `_ended_waits` will tell of; 0: the answer is there.");
+    type.def("_begin_wait_full", &begin_wait_full, nb::arg("target"), nb::arg("target_time").none(),
+             nb::arg("source"), nb::arg("source_time").none(), nb::arg("fixed_frame"),
+             nb::sig("def _begin_wait_full(self, target: str, target_time: "
+                     "tfdb.stamps.StampLike | None, source: str, source_time: "
+                     "tfdb.stamps.StampLike | None, fixed_frame: str) -> int"),
+             "The same for an answer through a fixed frame.");
     type.def("_begin_wait_for_commit", &begin_wait_for_commit, nb::arg("after").none(),
              nb::sig("def _begin_wait_for_commit(self, after: int) -> int"),
              "The same for a commit with a greater number.");

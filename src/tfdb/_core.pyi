@@ -833,6 +833,9 @@ class Buffer(Reads):
         Number of a wait that `_ended_waits` will tell of; 0: the answer is there.
         """
 
+    def _begin_wait_full(self, target: str, target_time: tfdb.stamps.StampLike | None, source: str, source_time: tfdb.stamps.StampLike | None, fixed_frame: str) -> int:
+        """The same for an answer through a fixed frame."""
+
     def _begin_wait_for_commit(self, after: int) -> int:
         """The same for a commit with a greater number."""
 

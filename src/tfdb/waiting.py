@@ -1,13 +1,14 @@
-"""Waits in coroutines: one thread waits for all of a buffer's, and tells their event loops."""
+"""Waits that block nobody: one thread waits for all of a buffer's, and tells how each ended."""
 
 from __future__ import annotations
 
 import asyncio
+import logging
 import os
 import threading
 from collections import defaultdict
 from contextlib import suppress
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeAlias
 
 from ._core import duration_to_nanoseconds
 from .errors import (
@@ -42,48 +43,85 @@ NO_ANSWER_YET = (
 LINGERS = 1.0  # seconds that the thread stays for the next wait
 TIMED_OUT = 1  # how a wait ended, as `_ended_waits` says it; 0: its answer came
 
+LOGGER = logging.getLogger("tfdb")
+
 Loop = asyncio.AbstractEventLoop
-Future = asyncio.Future[int]
+End: TypeAlias = int | MemoryError
+"""How a wait ended: what `Buffer._check_wait` takes, or why that is not known."""
+Tell: TypeAlias = "Callable[[End], None]"
 
 
-def _tell(ended: Iterable[tuple[Future, int | MemoryError]]) -> None:
-    for future, how in ended:
-        if future.done():
-            continue
-        if isinstance(how, MemoryError):
-            future.set_exception(how)
-        else:
-            future.set_result(how)
+def _tell_all(ended: Iterable[tuple[Tell, End]]) -> None:
+    for tell, how in ended:
+        try:
+            tell(how)
+        except Exception:  # the others are told all the same
+            LOGGER.exception("what waited for a transform raised")
 
 
 class _Teller:
-    """Waits in a thread of its own for the coroutines that wait on one buffer."""
+    """Waits in a thread of its own for all that is begun on one buffer."""
 
     def __init__(self, buffer: Buffer) -> None:
         self.buffer = buffer
-        self.futures: dict[int, tuple[Loop, Future]] = {}
+        self.waits: dict[int, tuple[Loop | None, Tell]] = {}
         threading.Thread(target=self.run, name="tfdb waits", daemon=True).start()
 
     def run(self) -> None:
         while True:
             try:
-                ended: list[tuple[int, int | MemoryError]] = [*self.buffer._ended_waits(LINGERS)]
+                ended: list[tuple[int, End]] = [*self.buffer._ended_waits(LINGERS)]
             except MemoryError as error:
-                ended = [(number, error) for number in [*self.futures]]
-            told: defaultdict[Loop, list[tuple[Future, int | MemoryError]]] = defaultdict(list)
+                ended = [(number, error) for number in [*self.waits]]
+            told: defaultdict[Loop | None, list[tuple[Tell, End]]] = defaultdict(list)
             with _lock:
-                if not ended and not self.futures:
+                if not ended and not self.waits:
                     del _tellers[id(self.buffer)]
                     return
                 for number, how in ended:
-                    if waiting := self.futures.pop(number, None):
-                        loop, future = waiting
-                        told[loop].append((future, how))
+                    if waiting := self.waits.pop(number, None):
+                        loop, tell = waiting
+                        told[loop].append((tell, how))
                     if isinstance(how, MemoryError):
                         self.buffer._cancel_wait(number)
             for loop, members in told.items():
+                if loop is None:
+                    _tell_all(members)
+                    continue
                 with suppress(RuntimeError):  # a loop that was closed: nobody waits there any more
-                    loop.call_soon_threadsafe(_tell, members)
+                    loop.call_soon_threadsafe(_tell_all, members)
+
+
+class Wait:
+    """A wait that was begun, and ends once: told, or cancelled. Any thread may cancel it."""
+
+    def __init__(self, teller: _Teller, number: int) -> None:
+        self._teller = teller
+        self._number = number
+
+    def cancel(self) -> None:
+        """End it untold; nothing happens if it has ended."""
+        with _lock:
+            if self._teller.waits.pop(self._number, None) is not None:
+                self._teller.buffer._cancel_wait(self._number)
+
+
+def begin(
+    buffer: Buffer, ask: Callable[[], int], tell: Tell, loop: Loop | None = None
+) -> Wait | None:
+    """Begin a wait, whose end is told once, in `loop` or in the thread of the buffer's waits.
+
+    `ask` is one of the store's `_begin_wait` functions. None: its answer is there; nothing is told.
+    """
+    with _lock:
+        number = ask()
+        if number == 0:
+            return None
+        teller = _tellers.get(id(buffer))
+        if teller is None:
+            teller = _tellers[id(buffer)] = _Teller(buffer)
+        teller.waits[number] = (loop, tell)
+    return Wait(teller, number)
 
 
 # Collected garbage may be a coroutine that waits, and is then closed by a thread that has the lock.
@@ -100,31 +138,45 @@ def _forget_parent() -> None:
 os.register_at_fork(after_in_child=_forget_parent)
 
 
-async def _ended(buffer: Buffer, begin: Callable[[], int], until: float | None) -> int:
-    """Say how a wait ended that `begin` begins, by the loop's clock."""
+async def _ended(buffer: Buffer, ask: Callable[[], int], until: float | None) -> int:
+    """Say how a wait ended that `ask` begins, by the loop's clock."""
     loop = asyncio.get_running_loop()
-    future: Future = loop.create_future()
-    with _lock:
-        number = begin()
-        if number == 0:
-            return 0
-        teller = _tellers.get(id(buffer))
-        if teller is None:
-            teller = _tellers[id(buffer)] = _Teller(buffer)
-        teller.futures[number] = (loop, future)
-    alarm = loop.call_at(until, _tell, [(future, TIMED_OUT)]) if until is not None else None
+    future: asyncio.Future[int] = loop.create_future()
+
+    def tell(how: End) -> None:
+        if future.done():
+            return
+        if isinstance(how, MemoryError):
+            future.set_exception(how)
+        else:
+            future.set_result(how)
+
+    wait = begin(buffer, ask, tell, loop)
+    if wait is None:
+        return 0
+    alarm = loop.call_at(until, tell, TIMED_OUT) if until is not None else None
     try:
         return await future
     finally:
         if alarm is not None:
             alarm.cancel()
-        with _lock:
-            if teller.futures.pop(number, None) is not None:
-                buffer._cancel_wait(number)
+        wait.cancel()
+
+
+def check(buffer: Buffer, how: End) -> int:
+    """Raise what ended a wait, if it was not its answer; else give the newest commit."""
+    if isinstance(how, MemoryError):
+        raise how
+    return buffer._check_wait(how)
+
+
+def limit_of(timeout: float) -> int:
+    """Nanoseconds of a timeout in seconds."""
+    return duration_to_nanoseconds(timeout, "timeout")
 
 
 def _limit(timeout: float | None) -> int | None:
-    return None if timeout is None else duration_to_nanoseconds(timeout, "timeout")
+    return None if timeout is None else limit_of(timeout)
 
 
 def _until(limit: int | None) -> float | None:

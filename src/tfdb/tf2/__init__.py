@@ -17,6 +17,7 @@ on purpose is listed in `tfdb.tf2.differences`.
 from __future__ import annotations
 
 from . import msgs
+from .buffer import Buffer
 from .buffer_core import BufferCore
 from .buffer_interface import (
     BufferInterface,
@@ -38,23 +39,36 @@ from .exceptions import (
     TimeoutException,
     TransformException,
 )
+from .message_filter import FilterFailureReason, MessageFilter
+from .static_transform_broadcaster import StaticTransformBroadcaster
+from .transform_broadcaster import TransformBroadcaster
+from .transform_listener import StaticTransformListener, TransformListener
+from .transformable_requests import TransformableResult
 
 __all__ = [
     "BackwardExtrapolationException",
+    "Buffer",
     "BufferCore",
     "BufferInterface",
     "ConnectivityException",
     "ConvertRegistration",
     "ExtrapolationException",
+    "FilterFailureReason",
     "ForwardExtrapolationException",
     "InvalidArgumentException",
     "LookupException",
+    "MessageFilter",
     "NoDataForExtrapolationException",
     "NotImplementedException",
     "Stamped",
+    "StaticTransformBroadcaster",
+    "StaticTransformListener",
     "TimeoutException",
+    "TransformBroadcaster",
     "TransformException",
+    "TransformListener",
     "TransformRegistration",
+    "TransformableResult",
     "TypeException",
     "convert",
     "msgs",

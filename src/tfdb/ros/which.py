@@ -1,0 +1,63 @@
+"""Which node a program means: the one that it gave, rospy's, or one of our own."""
+
+# ruff: noqa: PLC0415  (a ROS is imported only by those who use it)
+
+from __future__ import annotations
+
+import os
+import sys
+import threading
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from .node import Node
+
+__all__ = ["node_for"]
+
+_lock = threading.Lock()
+_own: list[Node] = []
+os.register_at_fork(after_in_child=_own.clear)
+
+
+def node_for(given: Any = None, *, own_thread: bool = False) -> Node:
+    """Return the node that `given` stands for.
+
+    Parameters
+    ----------
+    given
+        One of `tfdb.ros`: itself. A node of rclpy: a `RclpyNode` in it. None: a `RospyNode` where
+        the process has called `rospy.init_node`, else a `TcprosNode` that the process has once.
+    own_thread
+        Whether messages of an rclpy node come in a thread of their own, else in its executor.
+
+    Raises TypeError for what is no node.
+    """
+    if given is None:
+        return _of_the_process()
+    if hasattr(given, "subscribe") and hasattr(given, "encoding"):
+        node: Node = given
+        return node
+    if hasattr(given, "create_subscription"):
+        from .rclpy_node import RclpyNode
+
+        return RclpyNode(given, own_thread=own_thread)
+    raise TypeError(f"expected a node of tfdb.ros or of rclpy, or None, got {type(given).__name__}")
+
+
+def in_rospy() -> bool:
+    """Whether the process is a node of rospy."""
+    rospy = sys.modules.get("rospy")
+    return rospy is not None and rospy.core.is_initialized()
+
+
+def _of_the_process() -> Node:
+    if in_rospy():
+        from .rospy_node import RospyNode
+
+        return RospyNode()
+    with _lock:
+        if not _own or _own[0].closed:
+            from .tcpros_node import TcprosNode
+
+            _own[:] = [TcprosNode(f"tfdb_{os.getpid()}")]
+        return _own[0]

@@ -1,0 +1,480 @@
+"""`Buffer`: a `BufferCore` that waits, in threads, coroutines and callbacks."""
+
+from __future__ import annotations
+
+import threading
+from typing import TYPE_CHECKING, Any, Self
+
+import tfdb
+from tfdb import waiting
+from tfdb.ros import node_for
+
+from .buffer_core import DEFAULT_CACHE_TIME, LAST_STAMP, BufferCore
+from .buffer_interface import BufferInterface
+from .deadlines import deadline_in
+from .exceptions import (
+    ConnectivityException,
+    ExtrapolationException,
+    InvalidArgumentException,
+    LookupException,
+    TimeoutException,
+)
+from .frame_graph import offer_frame_graph
+from .futures import future_here, settle
+from .times import SECOND, flavor_of, nanoseconds
+from .transformable_requests import TransformableRequests
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from tfdb.ros import Flavor, Node
+
+    from .deadlines import Deadline
+
+__all__ = ["Buffer"]
+
+# What a later transform may put right.
+NO_ANSWER_YET = (LookupException, ConnectivityException, ExtrapolationException)
+THERE = True  # what a future says when its transform is there
+Simple = tuple[str, str, int]
+Full = tuple[str, int, str, int, str]
+
+
+class Buffer(BufferCore, BufferInterface):
+    """A store of transforms with the calls of `tf2_ros.Buffer`.
+
+    Any number of threads may use it at once. Who waits is woken by the transform that was missing;
+    nothing is polled, and other threads may fill the buffer in any way, without a dedicated one.
+    Waits end by the clock of `clock`, which may be simulated: they also end when it goes back by
+    more than 3 s, as a bag does that begins anew.
+
+    Parameters
+    ----------
+    cache_time
+        A duration: how long samples are kept behind each edge's newest one. None: 10 s.
+    node
+        A node of rclpy or of `tfdb.ros`: its clock ends waits, and it offers the service
+        `tf2_frames`. None: that of rospy, where the process is one; else no node. A bool is
+        ROS 1's `debug`.
+    debug
+        False: offer no service.
+    store
+        Name of a store that processes share: what one of them listens to all can look up. Made if
+        there is none; one that is there keeps its own history.
+    flavor
+        `ros1` or `ros2`: whose rules and phrases count. None: that of the node, of `cache_time`, of
+        the first stamp, or what is installed.
+    buffer
+        The store, instead of a new or named one.
+    clock
+        A node whose clock ends waits; None: that of `node`, else the system's.
+
+    Raises InvalidArgumentException for arguments that exclude each other.
+    """
+
+    def __init__(
+        self,
+        cache_time: Any = None,
+        node: Any = None,
+        debug: bool = True,
+        *,
+        store: Any = None,
+        flavor: Flavor | None = None,
+        buffer: tfdb.Buffer | None = None,
+        clock: Node | None = None,
+    ) -> None:
+        if isinstance(node, bool):
+            node, debug = None, node
+        self._node: Node | None = None if node is None else node_for(node)
+        self.clock = clock or self._node
+        """Node whose clock ends waits; None: the system's."""
+        if self._node is not None:
+            flavor = flavor or self._node.flavor
+        if store is not None:
+            if buffer is not None:
+                raise InvalidArgumentException("give a store's name or a buffer, not both")
+            flavor = flavor or flavor_of(cache_time)
+            buffer, cache_time = _open_store(store, cache_time), None
+        BufferCore.__init__(self, cache_time, flavor=flavor, buffer=buffer)
+        BufferInterface.__init__(self)
+        self._requests = TransformableRequests(self)
+        self._service = offer_frame_graph(self, self._node) if debug else None
+
+    # Lookups that wait
+
+    def lookup_transform(
+        self, target_frame: str, source_frame: str, time: Any, timeout: Any = None
+    ) -> Any:
+        """T[target_frame<-source_frame] at a time, once it is there.
+
+        Parameters
+        ----------
+        target_frame, source_frame
+            Frame names.
+        time
+            When; 0: the latest common time.
+        timeout
+            A duration, or seconds as a float: how long to wait for it at most.
+
+        Returns
+        -------
+        geometry_msgs.msg.TransformStamped
+            Maps points of the source into the target: p_target = T p_source.
+
+        Raises what `lookup_transform_core` raises, once the time is up; InvalidArgumentException
+        at once.
+        """
+        limit = self._limit(timeout)
+        question = (target_frame, source_frame, self._nanoseconds(time))
+        return self._once_there(
+            lambda: self.lookup_transform_core(target_frame, source_frame, time), question, limit
+        )
+
+    def lookup_transform_full(
+        self,
+        target_frame: str,
+        target_time: Any,
+        source_frame: str,
+        source_time: Any,
+        fixed_frame: str,
+        timeout: Any = None,
+    ) -> Any:
+        """T[target_frame at target_time <- source_frame at source_time], once it is there.
+
+        Through `fixed_frame`, which does not move between the times; else as `lookup_transform`.
+        """
+        limit = self._limit(timeout)
+        asked = (target_frame, target_time, source_frame, source_time, fixed_frame)
+        return self._once_there(
+            lambda: self.lookup_transform_full_core(*asked), self._full(*asked), limit
+        )
+
+    def can_transform(
+        self,
+        target_frame: str,
+        source_frame: str,
+        time: Any,
+        timeout: Any = None,
+        return_debug_tuple: bool = False,
+    ) -> Any:
+        """Whether `lookup_transform` has an answer, or has one in time.
+
+        `return_debug_tuple`: return (whether, why not). Arguments as in `lookup_transform`.
+        """
+        limit = self._limit(timeout)
+        question = (target_frame, source_frame, self._nanoseconds(time))
+        found = self._once_possible(
+            lambda: self.can_transform_core(target_frame, source_frame, time), question, limit
+        )
+        return found if return_debug_tuple else found[0]
+
+    def can_transform_full(
+        self,
+        target_frame: str,
+        target_time: Any,
+        source_frame: str,
+        source_time: Any,
+        fixed_frame: str,
+        timeout: Any = None,
+        return_debug_tuple: bool = False,
+    ) -> Any:
+        """Whether `lookup_transform_full` has an answer, or has one in time."""
+        limit = self._limit(timeout)
+        asked = (target_frame, target_time, source_frame, source_time, fixed_frame)
+        found = self._once_possible(
+            lambda: self.can_transform_full_core(*asked), self._full(*asked), limit
+        )
+        return found if return_debug_tuple else found[0]
+
+    def wait_for_transform(
+        self, target_frame: str, source_frame: str, time: Any, timeout: Any = None
+    ) -> Any:
+        """T[target_frame<-source_frame] as `lookup_transform`, for which it waits without end.
+
+        With a `timeout` it raises TimeoutException, whose cause says what is missing.
+        """
+        question = (target_frame, source_frame, self._nanoseconds(time))
+        limit = None if timeout is None else self._limit(timeout)
+        try:
+            return self._once_there(
+                lambda: self.lookup_transform_core(target_frame, source_frame, time),
+                question,
+                limit,
+            )
+        except NO_ANSWER_YET as error:
+            raise TimeoutException(
+                f"Timed out waiting for transform from {source_frame} to {target_frame}: {error}",
+                target=target_frame,
+                source=source_frame,
+                stamp=question[2],
+                limit=limit,
+            ) from error
+
+    # Waits that block nobody
+
+    def wait_for_transform_async(
+        self, target_frame: str, source_frame: str, time: Any, timeout: Any = None
+    ) -> Any:
+        """Return a future, which is done when `lookup_transform` has an answer.
+
+        It can be awaited: an `asyncio.Future` where a loop of asyncio runs, an `rclpy.task.Future`
+        where the buffer has a node of rclpy, else a `concurrent.futures.Future`. Its result is
+        True. To cancel it ends the wait. With a `timeout` TimeoutException may end it.
+        """
+        return self._future((target_frame, source_frame, self._nanoseconds(time)), timeout)
+
+    def wait_for_transform_full_async(
+        self,
+        target_frame: str,
+        target_time: Any,
+        source_frame: str,
+        source_time: Any,
+        fixed_frame: str,
+        timeout: Any = None,
+    ) -> Any:
+        """As `wait_for_transform_async`, for `lookup_transform_full`."""
+        asked = (target_frame, target_time, source_frame, source_time, fixed_frame)
+        return self._future(self._full(*asked), timeout)
+
+    async def lookup_transform_async(
+        self, target_frame: str, source_frame: str, time: Any, timeout: Any = None
+    ) -> Any:
+        """As `lookup_transform`, in a coroutine of asyncio or of rclpy."""
+        await self.wait_for_transform_async(target_frame, source_frame, time, timeout)
+        return self.lookup_transform_core(target_frame, source_frame, time)
+
+    async def lookup_transform_full_async(
+        self,
+        target_frame: str,
+        target_time: Any,
+        source_frame: str,
+        source_time: Any,
+        fixed_frame: str,
+        timeout: Any = None,
+    ) -> Any:
+        """As `lookup_transform_full`, in a coroutine of asyncio or of rclpy."""
+        asked = (target_frame, target_time, source_frame, source_time, fixed_frame)
+        await self.wait_for_transform_full_async(*asked, timeout)
+        return self.lookup_transform_full_core(*asked)
+
+    def add_transformable_request(
+        self,
+        callback: Callable[[int, str, str, Any, Any], object],
+        target_frame: str,
+        source_frame: str,
+        time: Any,
+    ) -> int:
+        """Have a function called once a transform is there, or cannot come any more.
+
+        Parameters
+        ----------
+        callback
+            Called as `callback(handle, target_frame, source_frame, time, result)`, `result` being a
+            `TransformableResult`, in a thread of the buffer's and outside all locks: it may call
+            anything.
+        target_frame, source_frame, time
+            As in `lookup_transform`.
+
+        Returns
+        -------
+        int
+            A handle; 0: it is there now; 2^64 - 1: it will never be, for `time` is out of the
+            cache. The function is not called in these two cases.
+        """
+        return self._requests.add(callback, (target_frame, source_frame), time)
+
+    def cancel_transformable_request(self, request_handle: int) -> None:
+        """Call the function of a request no more."""
+        self._requests.cancel(request_handle)
+
+    def close(self) -> None:
+        """End all waits, and take the service back; later calls raise BufferClosed."""
+        if self._service is not None:
+            self._service.close()
+        self.buffer.close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    # How all of them wait
+
+    def _limit(self, timeout: Any) -> int:
+        """Nanoseconds of a timeout."""
+        if timeout is None:
+            return 0
+        if isinstance(timeout, float):
+            return tfdb.waiting.limit_of(timeout)
+        return nanoseconds(timeout, self._flavor, "timeout")
+
+    def _full(
+        self,
+        target_frame: str,
+        target_time: Any,
+        source_frame: str,
+        source_time: Any,
+        fixed_frame: str,
+    ) -> Full:
+        stamps = self._nanoseconds(target_time), self._nanoseconds(source_time)
+        return target_frame, stamps[0], source_frame, stamps[1], fixed_frame
+
+    def _once_there(
+        self, ask: Callable[[], Any], question: Simple | Full, limit: int | None
+    ) -> Any:
+        """Ask until there is an answer; its error once the limit, in nanoseconds, is over."""
+        deadline = None if limit is None else deadline_in(limit, self.clock)
+        while True:
+            try:
+                return ask()
+            except NO_ANSWER_YET:
+                if limit == 0 or not _may_come(question) or not self._block(question, deadline):
+                    break
+        return ask()
+
+    def _once_possible(
+        self, ask: Callable[[], tuple[int, str]], question: Simple | Full, limit: int
+    ) -> tuple[int, str]:
+        """Ask until the answer is yes; what it is once the limit is over."""
+        found = ask()
+        if limit <= 0 or not _may_come(question):
+            return found
+        deadline = deadline_in(limit, self.clock)
+        while found[0] == 0:
+            try:
+                if not self._block(question, deadline):
+                    return ask()
+            except tfdb.InvalidName:
+                break
+            found = ask()
+        return found
+
+    def _block(self, question: Simple | Full, deadline: Deadline | None) -> bool:
+        """Wait until a question has an answer; False: the deadline came before."""
+        left = None if deadline is None else deadline.left()
+        if left == 0:
+            return False
+        if len(question) == 3 and (deadline is None or left is not None):
+            target, source, stamp = question
+            seconds = None if left is None else left / SECOND
+            try:
+                self.buffer.wait_for_transform(target, source, stamp or None, seconds)
+            except waiting.NO_ANSWER_YET:
+                return False
+            return True
+        ends: list[waiting.End] = []
+        over = threading.Event()
+
+        def tell(how: waiting.End) -> None:
+            ends.append(how)
+            over.set()
+
+        wait = self._begin(question, tell)
+        if wait is None:
+            return True
+        alarm = None if deadline is None else deadline.call(over.set)
+        try:
+            over.wait()
+        finally:
+            wait.cancel()
+            if alarm is not None:
+                alarm.cancel()
+        if not ends:
+            return False
+        waiting.check(self.buffer, ends[0])
+        return True
+
+    def _begin(
+        self,
+        question: Simple | Full,
+        tell: Callable[[waiting.End], None],
+        loop: Any = None,
+    ) -> waiting.Wait | None:
+        """Begin a wait for an answer; None: it is there."""
+        store = self.buffer
+        if len(question) == 3:
+            target, source, stamp = question
+
+            def ask() -> int:
+                return store._begin_wait(target, source, stamp or None, None)
+        else:
+            target, stamp, source, source_stamp, fixed = question
+
+            def ask() -> int:
+                return store._begin_wait_full(
+                    target, stamp or None, source, source_stamp or None, fixed
+                )
+
+        return waiting.begin(store, ask, tell, loop)
+
+    def _future(self, question: Simple | Full, timeout: Any) -> Any:
+        """Make a future that is done when a question has an answer."""
+        limit = None if timeout is None else self._limit(timeout)
+        held: list[Any] = []  # the wait, and what ends it in time
+
+        def release() -> None:
+            for one in held:
+                one.cancel()
+
+        future, loop = future_here(self._node, release)
+
+        def tell(how: waiting.End) -> None:
+            if how == 0:
+                settle(future, THERE)
+            else:
+                try:
+                    waiting.check(self.buffer, how)
+                except (tfdb.TfdbError, MemoryError) as error:
+                    settle(future, error)
+            if len(held) > 1:
+                release()
+
+        try:
+            _check_may_come(question)
+            wait = self._begin(question, tell, loop)
+        except tfdb.TfdbError as error:
+            settle(future, error)
+            return future
+        if wait is None:
+            settle(future, THERE)
+            return future
+        held.append(wait)
+        if limit is not None:
+            held.append(self._alarm(question, limit, future, loop, wait))
+        return future
+
+    def _alarm(
+        self, question: Simple | Full, limit: int, future: Any, loop: Any, wait: waiting.Wait
+    ) -> Any:
+        """Let a future raise TimeoutException after so many nanoseconds."""
+        text = f"Timed out after {limit / SECOND} s waiting for a transform to {question[0]}"
+        late = TimeoutException(text, target=question[0], limit=limit)
+
+        def called() -> None:
+            wait.cancel()
+            settle(future, late)
+
+        def called_in_loop() -> None:
+            loop.call_soon_threadsafe(called)
+
+        return deadline_in(limit, self.clock).call(called if loop is None else called_in_loop)
+
+
+def _may_come(question: Simple | Full) -> bool:
+    """Whether its stamps are such that a transform may have them."""
+    return all(0 <= part <= LAST_STAMP for part in question if isinstance(part, int))
+
+
+def _check_may_come(question: Simple | Full) -> None:
+    if not _may_come(question):
+        stamps = [part for part in question if isinstance(part, int)]
+        text = f"no transform has a stamp of {stamps} ns: from 0 to {LAST_STAMP} are valid"
+        raise InvalidArgumentException(text, target=question[0], stamp=stamps[0])
+
+
+def _open_store(name: Any, cache_time: Any) -> tfdb.Buffer:
+    length = DEFAULT_CACHE_TIME
+    if cache_time is not None:
+        length = nanoseconds(cache_time, None, "duration")
+    return tfdb.Buffer.open(name, history=max(length, 1) / SECOND)

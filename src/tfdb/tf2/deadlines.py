@@ -1,0 +1,96 @@
+"""Until when something is waited for: by the system's clock, or by a node's simulated one."""
+
+from __future__ import annotations
+
+import threading
+import time
+from typing import TYPE_CHECKING, Protocol
+
+from .times import SECOND
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from tfdb.ros import Node, Subscription
+
+__all__ = ["Deadline", "deadline_in"]
+
+JUMP = 3 * SECOND
+"""As tf2: who waits gives up when simulated time goes back by more, for a bag begins anew."""
+
+
+class Alarm(Protocol):
+    """What was asked of a deadline."""
+
+    def cancel(self) -> None:
+        """Call no more."""
+
+
+class Deadline(Protocol):
+    """A time on some clock. Any thread may call it."""
+
+    def left(self) -> int | None:
+        """Nanoseconds until then, 0 if it has passed; None: only the clock can tell."""
+
+    def call(self, called: Callable[[], None]) -> Alarm:
+        """Call once, in another thread, when it has come."""
+
+
+class _ClockAlarm:
+    """An alarm by a node's clock."""
+
+    def __init__(self, watch: Subscription) -> None:
+        self._watch = watch
+
+    def cancel(self) -> None:
+        """Call no more."""
+        self._watch.close()
+
+
+class _WallDeadline:
+    """By the system's steady clock."""
+
+    def __init__(self, limit: int) -> None:
+        self._until = time.monotonic_ns() + limit
+
+    def left(self) -> int | None:
+        return max(self._until - time.monotonic_ns(), 0)
+
+    def call(self, called: Callable[[], None]) -> Alarm:
+        timer = threading.Timer((self._until - time.monotonic_ns()) / SECOND, called)
+        timer.daemon = True
+        timer.start()
+        return timer
+
+
+class _SimulatedDeadline:
+    """By a node's simulated clock, which may stand still, jump, and end with the node."""
+
+    def __init__(self, node: Node, limit: int) -> None:
+        self._node = node
+        self._begin = node.now()
+        self._until = self._begin + limit
+
+    def _passed(self, now: int) -> bool:
+        return not self._begin - JUMP <= now < self._until or self._node.closed
+
+    def left(self) -> int | None:
+        return 0 if self._passed(self._node.now()) else None
+
+    def call(self, called: Callable[[], None]) -> Alarm:
+        once = threading.Lock()
+
+        def look(now: int) -> None:
+            if self._passed(now) and once.acquire(blocking=False):
+                called()
+
+        watch = self._node.on_clock(look)
+        look(self._node.now())
+        return _ClockAlarm(watch)
+
+
+def deadline_in(limit: int, clock: Node | None) -> Deadline:
+    """Give the deadline in so many nanoseconds, by a node's clock; None: by the system's."""
+    if clock is not None and clock.simulated:
+        return _SimulatedDeadline(clock, limit)
+    return _WallDeadline(limit)

@@ -1,0 +1,37 @@
+"""The service `tf2_frames`: the tree as YAML, for view_frames and its kin."""
+
+from __future__ import annotations
+
+import struct
+from typing import TYPE_CHECKING
+
+from tfdb.ros import node_for
+from tfdb.ros.which import in_rospy
+
+if TYPE_CHECKING:
+    from tfdb.ros import Encoding, Node, Service
+
+    from .buffer_core import BufferCore
+
+__all__ = ["offer_frame_graph"]
+
+
+def offer_frame_graph(core: BufferCore, node: Node | None) -> Service | None:
+    """Offer the service in a node, or in the rospy that the process is; None: it is none."""
+    if node is None:
+        if not in_rospy():
+            return None
+        node = node_for()
+    name = "~tf2_frames" if node.flavor == "ros1" else "tf2_frames"
+    encoding = node.encoding
+    return node.serve(
+        name, "tf2_msgs/FrameGraph", lambda _: _response(core.all_frames_as_yaml(), encoding)
+    )
+
+
+def _response(text: str, encoding: Encoding) -> bytes:
+    """Serialize a FrameGraph response, which is one string."""
+    data = text.encode()
+    if encoding == "ros1":
+        return struct.pack("<I", len(data)) + data
+    return b"\0\1\0\0" + struct.pack("<I", len(data) + 1) + data + b"\0"

@@ -1,0 +1,73 @@
+"""Futures of whatever runs here: asyncio, rclpy, or threads alone."""
+
+from __future__ import annotations
+
+import asyncio
+import concurrent.futures
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from tfdb.ros import Node
+
+__all__ = ["future_here", "settle"]
+
+
+class _ThreadsFuture(concurrent.futures.Future[Any]):
+    """A future for threads. Any thread may settle or cancel it."""
+
+    def __init__(self, cancelled: Callable[[], None]) -> None:
+        super().__init__()
+        self._tell_cancelled = cancelled
+
+    def cancel(self) -> bool:
+        """End it, and what it waits for."""
+        cancelled = super().cancel()
+        if cancelled:
+            self._tell_cancelled()
+        return cancelled
+
+
+class _LoopFuture(asyncio.Future[Any]):
+    """A future of a running loop of asyncio, which alone may settle or cancel it."""
+
+    def __init__(self, cancelled: Callable[[], None]) -> None:
+        super().__init__()
+        self._tell_cancelled = cancelled
+
+    def cancel(self, msg: Any = None) -> bool:
+        """End it, and what it waits for."""
+        cancelled = super().cancel(msg)
+        if cancelled:
+            self._tell_cancelled()
+        return cancelled
+
+
+def future_here(
+    node: Node | None, cancelled: Callable[[], None]
+) -> tuple[Any, asyncio.AbstractEventLoop | None]:
+    """Return a future, and the loop that it is to be settled in; None: any thread may.
+
+    `cancelled` is called when somebody cancels it.
+    """
+    try:
+        loop = asyncio.get_running_loop()
+    except RuntimeError:
+        make = getattr(node, "new_future", _ThreadsFuture)
+        return make(cancelled), None
+    return _LoopFuture(cancelled), loop
+
+
+def settle(future: Any, result: Any) -> None:
+    """Give a future its result, or its exception, unless it has ended."""
+    if future.done():
+        return
+    try:
+        if isinstance(result, BaseException):
+            future.set_exception(result)
+        else:
+            future.set_result(result)
+    except concurrent.futures.InvalidStateError:  # cancelled since, by another thread
+        if not future.done():
+            raise

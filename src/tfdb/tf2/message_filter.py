@@ -1,0 +1,291 @@
+"""`MessageFilter`: hands on messages once they can be transformed, with their transforms."""
+
+from __future__ import annotations
+
+import enum
+import logging
+import threading
+from collections import OrderedDict
+from dataclasses import dataclass
+from itertools import count
+from typing import TYPE_CHECKING, Any
+
+from tfdb import TfdbError
+
+from .exceptions import TransformException
+from .times import nanoseconds
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterable
+
+    from tfdb import waiting
+
+    from .buffer import Buffer
+    from .deadlines import Alarm
+
+__all__ = ["FilterFailureReason", "MessageFilter"]
+
+LOGGER = logging.getLogger("tfdb.tf2")
+
+
+class FilterFailureReason(enum.Enum):
+    """Why a message was dropped. The value is tf2's text."""
+
+    Unknown = "unknown"
+    OutTheBack = "the timestamp on the message is earlier than all the data in the transform cache"
+    EmptyFrameID = "the frame id of the message is empty"
+    NoTransformFound = (
+        "did not find a valid transform, this usually happens at startup or when a frame is "
+        "published late"
+    )
+    QueueFull = "discarding message because the queue is full"
+
+
+@dataclass(eq=False)
+class _Waiting:
+    """A message that cannot be transformed yet."""
+
+    number: int
+    message: Any
+    frame: str
+    stamps: tuple[int, ...]
+    waits: list[waiting.Wait]
+    alarm: Alarm | None = None
+
+
+class MessageFilter:
+    """Hands on each message once it can be transformed into all target frames. tf2 has it in C++.
+
+    Messages are handed on in a thread of the buffer's, as soon as their transforms are there;
+    nothing is polled. What cannot be transformed any more is dropped, with a reason. Any thread may
+    call it, callbacks too.
+
+    Parameters
+    ----------
+    buffer
+        Where the transforms are.
+    target_frame
+        A frame, or several: into all of them the message must be transformable.
+    queue_size
+        How many messages may wait; one more drops the oldest. 0: any number.
+    tolerance
+        A duration: the transforms must be there at the stamp, and so much later too.
+    buffer_timeout
+        A duration after which a message that waits is dropped; None: never.
+    source
+        What messages come from, as for `connect_input`.
+    """
+
+    def __init__(
+        self,
+        buffer: Buffer,
+        target_frame: str | Iterable[str],
+        queue_size: int,
+        *,
+        tolerance: Any = None,
+        buffer_timeout: Any = None,
+        source: Any = None,
+    ) -> None:
+        self._buffer = buffer
+        self._lock = threading.Lock()
+        self._numbers = count()
+        self._waiting: OrderedDict[int, _Waiting] = OrderedDict()
+        self._callbacks: list[tuple[Callable[..., object], tuple[Any, ...], bool]] = []
+        self._failure_callbacks: list[Callable[[Any, FilterFailureReason], object]] = []
+        self._targets: tuple[str, ...] = ()
+        self.queue_size = queue_size
+        """How many messages may wait; 0: any number."""
+        self._tolerance = 0
+        self._timeout = None if buffer_timeout is None else nanoseconds(buffer_timeout, None)
+        self.set_target_frames(target_frame)
+        if tolerance is not None:
+            self.set_tolerance(tolerance)
+        if source is not None:
+            self.connect_input(source)
+
+    def connect_input(self, source: Any) -> None:
+        """Take the messages of a `message_filters` filter, or of anything with registerCallback."""
+        source.registerCallback(self.add)
+
+    def registerCallback(  # noqa: N802 - message_filters' name
+        self, callback: Callable[..., object], *args: Any
+    ) -> None:
+        """Call `callback(message, *args)` for each message that can be transformed."""
+        with self._lock:
+            self._callbacks.append((callback, args, False))
+
+    def register_callback(self, callback: Callable[[Any, dict[str, Any]], object]) -> None:
+        """Call `callback(message, transforms)` for each message that can be transformed.
+
+        `transforms` has T[target<-frame of the message] at its stamp for each target frame: they
+        were there together, and need not be looked up again.
+        """
+        with self._lock:
+            self._callbacks.append((callback, (), True))
+
+    def register_failure_callback(
+        self, callback: Callable[[Any, FilterFailureReason], object]
+    ) -> None:
+        """Call `callback(message, reason)` for each message that is dropped."""
+        with self._lock:
+            self._failure_callbacks.append(callback)
+
+    def set_target_frames(self, target_frame: str | Iterable[str]) -> None:
+        """Want these target frames from now on; messages that wait are looked at again."""
+        names = [target_frame] if isinstance(target_frame, str) else [*target_frame]
+        self._targets = tuple(name.removeprefix("/") for name in names)
+        self._look_again()
+
+    def get_target_frames_string(self) -> str:
+        """Return the names of the target frames, joined as tf2 joins them."""
+        return " ".join(self._targets)
+
+    def set_tolerance(self, tolerance: Any) -> None:
+        """Want transforms so much later, too, from now on."""
+        self._tolerance = nanoseconds(tolerance, None, "tolerance")
+        self._look_again()
+
+    def clear(self) -> None:
+        """Forget the messages that wait."""
+        with self._lock:
+            forgotten = [*self._waiting.values()]
+            self._waiting.clear()
+        for one in forgotten:
+            _end(one)
+
+    def _look_again(self) -> None:
+        with self._lock:
+            again = [*self._waiting.values()]
+            self._waiting.clear()
+        for one in again:
+            _end(one)
+            self.add(one.message)
+
+    def add(self, message: Any) -> None:
+        """Take a message, whose header says its frame and its stamp."""
+        frame = message.header.frame_id.removeprefix("/")
+        if not frame:
+            self._drop(message, FilterFailureReason.EmptyFrameID)
+            return
+        stamp = nanoseconds(message.header.stamp, self._buffer.flavor)
+        stamps = (stamp, stamp + self._tolerance) if self._tolerance else (stamp,)
+        one = _Waiting(next(self._numbers), message, frame, stamps, [])
+        dropped = None
+        with self._lock:
+            self._waiting[one.number] = one
+            if 0 < self.queue_size < len(self._waiting):
+                dropped = self._waiting.popitem(last=False)[1]
+        if dropped is not None:
+            _end(dropped)
+            self._drop(dropped.message, FilterFailureReason.QueueFull)
+        self._wait_for_next(one)
+        if self._timeout is not None:
+            self._set_alarm(one)
+
+    def _set_alarm(self, one: _Waiting) -> None:
+        from .deadlines import deadline_in  # noqa: PLC0415 - few filters have a timeout
+
+        alarm = deadline_in(self._timeout or 0, self._buffer.clock).call(
+            lambda: self._fail(one, FilterFailureReason.NoTransformFound)
+        )
+        with self._lock:
+            if one.number in self._waiting:
+                one.alarm = alarm
+                return
+        alarm.cancel()
+
+    def _wait_for_next(self, one: _Waiting) -> None:
+        """Hand a message on, or wait for the first transform that it lacks."""
+        while self._is_waiting(one):
+            lacks = self._hand_on_or_lack(one)
+            if lacks is None:
+                return
+            target, stamp = lacks
+            gone = self._buffer._requests.gone_at(stamp)
+            if gone is not None and self._begin(one, (target, one.frame, gone), self._too_late):
+                self._fail(one, FilterFailureReason.OutTheBack)
+                return
+            if not self._begin(one, (target, one.frame, stamp), self._wait_for_next):
+                return
+
+    def _too_late(self, one: _Waiting) -> None:
+        self._fail(one, FilterFailureReason.OutTheBack)
+
+    def _is_waiting(self, one: _Waiting) -> bool:
+        with self._lock:
+            return one.number in self._waiting
+
+    def _begin(
+        self, one: _Waiting, question: tuple[str, str, int], then: Callable[[_Waiting], None]
+    ) -> bool:
+        """Wait for an answer; True: it is there already."""
+
+        def tell(how: waiting.End) -> None:
+            if how == 0:
+                then(one)
+            else:
+                self._fail(one, FilterFailureReason.Unknown)
+
+        try:
+            wait = self._buffer._begin(question, tell)
+        except TfdbError:
+            self._fail(one, FilterFailureReason.Unknown)
+            return False
+        if wait is None:
+            return True
+        with self._lock:
+            if one.number in self._waiting:
+                one.waits.append(wait)
+                return False
+        wait.cancel()
+        return False
+
+    def _hand_on_or_lack(self, one: _Waiting) -> tuple[str, int] | None:
+        """Hand a message on; else the target and the stamp of the first transform it lacks."""
+        found: dict[str, Any] = {}
+        core = self._buffer
+        for target in self._targets:
+            for stamp in reversed(one.stamps):
+                try:
+                    found[target] = core.lookup_transform_core(target, one.frame, stamp)
+                except TransformException:
+                    return target, stamp
+        if self._take(one):
+            with self._lock:
+                callbacks = [*self._callbacks]
+            for callback, args, with_transforms in callbacks:
+                core._requests.call(callback, one.message, *((found,) if with_transforms else args))
+        return None
+
+    def _take(self, one: _Waiting) -> bool:
+        """Take a message out of the queue; False: another thread did."""
+        with self._lock:
+            mine = self._waiting.pop(one.number, None) is not None
+        if mine:
+            _end(one)
+        return mine
+
+    def _fail(self, one: _Waiting, reason: FilterFailureReason) -> None:
+        if self._take(one):
+            self._drop(one.message, reason)
+
+    def _drop(self, message: Any, reason: FilterFailureReason) -> None:
+        header = message.header
+        stamp = nanoseconds(header.stamp, self._buffer.flavor)
+        LOGGER.info(
+            "Message Filter dropping message: frame '%s' at time %.3f for reason '%s'",
+            header.frame_id,
+            stamp / 1e9,
+            reason.value,
+        )
+        with self._lock:
+            callbacks = [*self._failure_callbacks]
+        for callback in callbacks:
+            self._buffer._requests.call(callback, message, reason)
+
+
+def _end(one: _Waiting) -> None:
+    for wait in one.waits:
+        wait.cancel()
+    if one.alarm is not None:
+        one.alarm.cancel()

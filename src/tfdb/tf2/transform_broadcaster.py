@@ -1,0 +1,50 @@
+"""`TransformBroadcaster`: publishes transforms on /tf."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import tfdb
+from tfdb.ros import node_for
+
+if TYPE_CHECKING:
+    from tfdb.ros import Node
+
+__all__ = ["TransformBroadcaster"]
+
+KIND = "tf2_msgs/TFMessage"
+
+
+class TransformBroadcaster:
+    """Publishes transforms on /tf. Any thread may send.
+
+    Parameters
+    ----------
+    node
+        A node of rclpy or `tfdb.ros`; None: that of the process, in rospy or without any ROS.
+    qos
+        In a node of rclpy: a QoS profile instead of tf2's.
+    """
+
+    def __init__(self, node: Any = None, qos: Any = None) -> None:
+        self.node: Node = node_for(node)
+        """The node that it publishes in."""
+        self._publisher = self.node.advertise("/tf", KIND, depth=100, qos=qos)
+
+    def sendTransform(self, transform: Any) -> None:  # noqa: N802 - tf2's name
+        """Send one transform, or any number of them, in one message.
+
+        Each is a `geometry_msgs/TransformStamped` of any library, and says
+        T[header.frame_id<-child_frame_id] at header.stamp. Raises InvalidStamp,
+        InvalidName; nothing was sent.
+        """
+        self._publisher.publish(tfdb.encode_tf_message(members(transform), self.node.encoding))
+
+    def close(self) -> None:
+        """Take the topic back."""
+        self._publisher.close()
+
+
+def members(transform: Any) -> list[Any]:
+    """Transforms that were given, one or many, as a list."""
+    return [transform] if hasattr(transform, "child_frame_id") else list(transform)

@@ -1,0 +1,145 @@
+"""Functions that are called once a transform is there, or cannot come any more."""
+
+from __future__ import annotations
+
+import enum
+import logging
+import threading
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, field
+from itertools import count
+from typing import TYPE_CHECKING, Any
+
+from tfdb import TfdbError
+
+from .buffer_core import LAST_STAMP
+from .times import SECOND
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from tfdb import waiting
+
+    from .buffer import Buffer
+
+__all__ = ["NEVER", "TransformableRequests", "TransformableResult"]
+
+LOGGER = logging.getLogger("tfdb.tf2")
+NEVER = 2**64 - 1
+"""Handle of a request whose time is out of the cache."""
+
+
+class TransformableResult(enum.Enum):
+    """How a request ended."""
+
+    TransformAvailable = 0
+    """The transform was there when the call was made ready."""
+    TransformFailure = 1
+    """It cannot come any more: its time is out of the cache, or the buffer was closed."""
+
+
+@dataclass
+class _Request:
+    """One request that waits."""
+
+    callback: Callable[[int, str, str, Any, TransformableResult], object]
+    frames: tuple[str, str]
+    time: Any
+    waits: list[waiting.Wait] = field(default_factory=list)
+
+
+class TransformableRequests:
+    """The requests of one buffer, and the thread that calls. Any thread may use it."""
+
+    def __init__(self, buffer: Buffer) -> None:
+        self._buffer = buffer
+        self._lock = threading.Lock()
+        self._requests: dict[int, _Request] = {}
+        self._handles = count(1)
+        self._caller: ThreadPoolExecutor | None = None
+
+    def add(
+        self,
+        callback: Callable[[int, str, str, Any, TransformableResult], object],
+        frames: tuple[str, str],
+        time: Any,
+    ) -> int:
+        """Do what `Buffer.add_transformable_request` says."""
+        stamp = self._buffer._nanoseconds(time)
+        target, source = frames
+        if self._buffer.can_transform_core(target, source, time)[0]:
+            return 0
+        gone = self.gone_at(stamp)
+        if gone is not None and self._covers(frames, gone):
+            return NEVER
+        handle = next(self._handles)
+        request = _Request(callback, frames, time)
+        with self._lock:
+            self._requests[handle] = request
+        self._wait(handle, request, stamp, TransformableResult.TransformAvailable)
+        if gone is not None:
+            self._wait(handle, request, gone, TransformableResult.TransformFailure)
+        return handle
+
+    def gone_at(self, stamp: int) -> int | None:
+        """First newest stamp that puts another one out of the cache; None: there is none."""
+        history = self._buffer.buffer.history
+        if history is None or not 0 < stamp <= LAST_STAMP:
+            return None
+        gone = stamp + round(history * SECOND) + 1
+        return gone if gone <= LAST_STAMP else None
+
+    def _covers(self, frames: tuple[str, str], stamp: int) -> bool:
+        try:
+            return self._buffer.buffer.latest_common_time(*frames) >= stamp
+        except TfdbError:
+            return False
+
+    def _wait(
+        self, handle: int, request: _Request, stamp: int, result: TransformableResult
+    ) -> None:
+        def tell(how: waiting.End) -> None:
+            came = how == 0
+            self._end(handle, result if came else TransformableResult.TransformFailure)
+
+        wait = self._buffer._begin((*request.frames, stamp), tell)
+        if wait is None:
+            self._end(handle, result)
+            return
+        with self._lock:
+            if handle in self._requests:
+                request.waits.append(wait)
+                return
+        wait.cancel()
+
+    def _end(self, handle: int, result: TransformableResult) -> None:
+        """Call a request's function in the thread for it, unless it has ended already."""
+        request = self._taken(handle)
+        if request is not None:
+            self.call(request.callback, handle, *request.frames, request.time, result)
+
+    def _taken(self, handle: int) -> _Request | None:
+        with self._lock:
+            request = self._requests.pop(handle, None)
+            waits = [] if request is None else [*request.waits]
+        for wait in waits:
+            wait.cancel()
+        return request
+
+    def call(self, function: Callable[..., object], *arguments: Any) -> None:
+        """Call a function in the thread for it; what it raises is logged."""
+        with self._lock:
+            if self._caller is None:
+                self._caller = ThreadPoolExecutor(1, thread_name_prefix="tfdb callbacks")
+            self._caller.submit(_logged, function, *arguments)
+
+    def cancel(self, handle: int) -> None:
+        """End a request without a call."""
+        self._taken(handle)
+
+
+def _logged(function: Callable[..., object], *arguments: Any) -> None:
+    try:
+        function(*arguments)
+    except Exception:  # the next one is called all the same
+        LOGGER.exception("a callback of a transformable request raised")
