@@ -33,9 +33,12 @@ __all__ = [
     "InvalidStamp",
     "InvalidTransform",
     "LockTimeout",
+    "MasterRefused",
     "ModelError",
+    "NoMaster",
     "NoSampleNear",
     "NoSuchStore",
+    "NodeClosed",
     "NotSupported",
     "ReadOnly",
     "RecordingError",
@@ -117,6 +120,8 @@ class TfdbError(Exception):
     """The file."""
     line: int | None = None
     """The line of the file, counted from 1."""
+    uri: str | None = None
+    """Where the master of a ROS graph is, or should be."""
 
     def __init__(self, message: str = "", **fields: Any) -> None:
         super().__init__(message)
@@ -214,7 +219,10 @@ class InvalidStamp(TfdbError, ValueError):
 
 
 class InvalidName(TfdbError, ValueError):
-    """Not a frame name: empty, too long, or with control characters. Fields: value, index."""
+    """Not a frame name: empty, too long, or with control characters; or not one of a ROS graph.
+
+    Fields: value, index.
+    """
 
 
 class InvalidArray(TfdbError, ValueError):
@@ -322,6 +330,18 @@ class BufferClosed(TfdbError):
 
 class WaitTimeout(TfdbError, TimeoutError):
     """What was waited for has not come in time. Fields: commit (none came after it), limit."""
+
+
+class NoMaster(TfdbError, ConnectionError):
+    """No master of ROS 1 answers where one should. Fields: uri, reason."""
+
+
+class MasterRefused(TfdbError):
+    """The master of ROS 1 refuses what a node asks of it. Fields: uri, reason."""
+
+
+class NodeClosed(TfdbError):
+    """The live node was closed, by its program or by the graph. Fields: reason, value."""
 
 
 class _FileError(TfdbError):

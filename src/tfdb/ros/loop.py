@@ -1,0 +1,115 @@
+"""One thread that looks after many connections."""
+
+from __future__ import annotations
+
+import heapq
+import logging
+import selectors
+import socket
+import threading
+import time
+from collections import deque
+from typing import TYPE_CHECKING, TypeAlias
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+__all__ = ["LOG", "Loop"]
+
+LOG = logging.getLogger("tfdb.ros")
+Ready: TypeAlias = "Callable[[int], None]"  # called with selectors.EVENT_READ and EVENT_WRITE
+
+
+class Loop:
+    """Calls what is ready: sockets, what other threads ask for, what is due.
+
+    Threads: `soon` and `close` may be called by any, the rest by the loop's own, and by the thread
+    that makes it before `start`.
+    """
+
+    def __init__(self, name: str) -> None:
+        self._selector = selectors.DefaultSelector()
+        self._asked: deque[Callable[[], None]] = deque()
+        self._due: list[tuple[float, int, Callable[[], None]]] = []
+        self._count = 0  # of all that was ever due: equal times stay in their order
+        self._wake, woken = socket.socketpair()
+        for end in (self._wake, woken):
+            end.setblocking(False)  # noqa: FBT003
+        self._woken = woken
+        self.watch(woken, selectors.EVENT_READ, self._answer)
+        self._closed = False
+        self._thread = threading.Thread(target=self._run, name=name, daemon=True)
+
+    def start(self) -> None:
+        """Begin."""
+        self._thread.start()
+
+    def soon(self, action: Callable[[], None]) -> None:
+        """Call it from the loop's thread."""
+        self._asked.append(action)
+        try:
+            self._wake.send(b"\0")
+        except OSError:
+            # It is being woken already, or has ended.
+            return
+
+    def later(self, seconds: float, action: Callable[[], None]) -> None:
+        """Call it after so long."""
+        self._count += 1
+        heapq.heappush(self._due, (time.monotonic() + seconds, self._count, action))
+
+    def watch(self, connection: socket.socket, events: int, ready: Ready) -> None:
+        """Call `ready(events)` whenever one of `events` is there; again: change what is watched."""
+        if connection.fileno() in self._selector.get_map():
+            self._selector.modify(connection, events, ready)
+        else:
+            self._selector.register(connection, events, ready)
+
+    def leave(self, connection: socket.socket) -> None:
+        """Do not watch it any more."""
+        self._selector.unregister(connection)
+
+    def forget(self, connection: socket.socket) -> None:
+        """Do not watch it any more, and close it."""
+        if connection.fileno() >= 0:
+            if connection.fileno() in self._selector.get_map():
+                self._selector.unregister(connection)
+            connection.close()
+
+    def close(self) -> None:
+        """End, and close all that is watched."""
+        self.soon(self._end)
+        if self._thread.is_alive() and threading.current_thread() is not self._thread:
+            self._thread.join()
+
+    def _end(self) -> None:
+        self._closed = True
+
+    def _answer(self, _: int) -> None:
+        self._woken.recv(4096)
+        for _ in range(len(self._asked)):
+            _guarded(self._asked.popleft())
+
+    def _run(self) -> None:
+        while not self._closed:
+            now = time.monotonic()
+            while self._due and self._due[0][0] <= now:
+                _guarded(heapq.heappop(self._due)[2])
+            wait = max(0.0, self._due[0][0] - time.monotonic()) if self._due else None
+            for key, events in self._selector.select(wait):
+                # One before it in this round may have closed it.
+                if self._selector.get_map().get(key.fd) is key:
+                    _guarded(key.data, events)
+        for key in list(self._selector.get_map().values()):
+            self._selector.unregister(key.fileobj)
+            key.fileobj.close()  # type: ignore[union-attr]
+        self._selector.close()
+        self._wake.close()
+
+
+def _guarded(action: Callable[..., None], *arguments: int) -> None:
+    """Call it; what it raises is logged, and the rest goes on."""
+    try:
+        action(*arguments)
+    except Exception:
+        LOG.exception("an error within tfdb.ros")

@@ -1,0 +1,165 @@
+"""What others may ask a node of ROS 1 over XML-RPC: the Slave API.
+
+It is described at https://wiki.ros.org/ROS/Slave_API.
+"""
+
+from __future__ import annotations
+
+import inspect
+import os
+import selectors
+from socketserver import ThreadingMixIn
+from typing import TYPE_CHECKING, Any, Protocol
+from xmlrpc.server import SimpleXMLRPCRequestHandler, SimpleXMLRPCServer
+
+from .loop import LOG
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Mapping
+
+    from .loop import Loop
+
+__all__ = ["Asked", "SlaveServer"]
+
+REQUEST_LIMIT = 16 << 20
+SILENCE_SECONDS = 20.0  # after which a request that does not come is given up
+TOO_LARGE = 413
+DONE, REFUSED, FAILED = 1, 0, -1
+METHODS = {
+    "getBusStats": "_bus_stats",
+    "getBusInfo": "_bus_info",
+    "getMasterUri": "_master_uri",
+    "shutdown": "_shutdown",
+    "getPid": "_pid",
+    "getSubscriptions": "_subscriptions",
+    "getPublications": "_publications",
+    "paramUpdate": "_param_update",
+    "publisherUpdate": "_publisher_update",
+    "requestTopic": "_request_topic",
+}
+
+
+class Asked(Protocol):
+    """What the node tells others, and does for them."""
+
+    def subscriptions(self) -> Mapping[str, str]:
+        """Type of each topic that it listens to."""
+
+    def publications(self) -> Mapping[str, str]:
+        """Type of each topic that it publishes."""
+
+    def connections(self) -> Iterable[tuple[str, str, str]]:
+        """Peer, direction (`i` or `o`) and topic of each connection."""
+
+    def publishers_changed(self, topic: str, uris: list[str]) -> None:
+        """The master says who publishes a topic."""
+
+    def parameter_changed(self, name: str, value: object) -> None:
+        """The master says that a parameter was set."""
+
+    def topic_address(self, topic: str) -> tuple[str, int] | None:
+        """Where subscribers of a topic connect to; None if it is not published."""
+
+    def told_to_end(self, reason: str) -> None:
+        """The master, or a tool, ends the node."""
+
+    def master_uri(self) -> str:
+        """Where its master is."""
+
+
+class _Handler(SimpleXMLRPCRequestHandler):
+    """One request."""
+
+    rpc_paths = ("/", "/RPC2")
+    timeout = SILENCE_SECONDS
+
+    def do_POST(self) -> None:  # noqa: N802  (the name above)
+        """Answer it, unless it is too large to be one."""
+        length = self.headers.get("content-length", "")
+        if not length.isdecimal() or int(length) > REQUEST_LIMIT:
+            self.send_error(TOO_LARGE)
+            return
+        super().do_POST()
+
+    def log_message(self, format: str, *args: Any) -> None:  # noqa: A002  (the name above)
+        LOG.debug("XML-RPC: %s", format % args)
+
+
+class SlaveServer(ThreadingMixIn, SimpleXMLRPCServer):
+    """Answers the master and other nodes, each request in a thread.
+
+    Threads: `port` any; the loop's thread accepts.
+    """
+
+    daemon_threads = True
+    allow_reuse_address = False
+    request_queue_size = 128
+
+    def __init__(self, loop: Loop, host: str, node: Asked) -> None:
+        super().__init__((host, 0), _Handler, logRequests=False)
+        self.socket.setblocking(False)  # noqa: FBT003
+        self.port: int = self.server_address[1]
+        """Where it listens."""
+        self._node = node
+        loop.watch(self.socket, selectors.EVENT_READ, lambda _: self.handle_request())
+
+    def handle_error(self, request: Any, client_address: Any) -> None:  # noqa: ARG002
+        """Log what ended a request, which is the peer's affair."""
+        LOG.debug("XML-RPC request of %s failed", client_address, exc_info=True)
+
+    def _dispatch(self, method: str, params: Iterable[Any]) -> list[Any]:
+        if method not in METHODS:
+            return [FAILED, f"there is no method {method!r}", 0]
+        answer = getattr(self, METHODS[method])
+        _caller, *arguments = (*params,) or ("",)
+        try:
+            inspect.signature(answer).bind(*arguments)
+        except TypeError:
+            return [FAILED, f"{method} does not take {len(arguments) + 1} arguments", 0]
+        found: list[Any] = answer(*arguments)
+        return found
+
+    def _bus_stats(self) -> list[Any]:
+        return [DONE, "", [[], [], []]]
+
+    def _bus_info(self) -> list[Any]:
+        rows = [
+            [number, peer, direction, "TCPROS", topic, True]
+            for number, (peer, direction, topic) in enumerate(self._node.connections())
+        ]
+        return [DONE, "", rows]
+
+    def _master_uri(self) -> list[Any]:
+        return [DONE, "", self._node.master_uri()]
+
+    def _shutdown(self, reason: object = "") -> list[Any]:
+        self._node.told_to_end(str(reason))
+        return [DONE, "shutdown", 0]
+
+    def _pid(self) -> list[Any]:
+        return [DONE, "", os.getpid()]
+
+    def _subscriptions(self) -> list[Any]:
+        return [DONE, "", [list(each) for each in self._node.subscriptions().items()]]
+
+    def _publications(self) -> list[Any]:
+        return [DONE, "", [list(each) for each in self._node.publications().items()]]
+
+    def _param_update(self, name: object, value: object) -> list[Any]:
+        self._node.parameter_changed(str(name), value)
+        return [DONE, "", 0]
+
+    def _publisher_update(self, topic: object, publishers: object) -> list[Any]:
+        if not isinstance(publishers, list):
+            return [FAILED, "publishers are a list of URIs", 0]
+        self._node.publishers_changed(str(topic), [str(uri) for uri in publishers])
+        return [DONE, "", 0]
+
+    def _request_topic(self, topic: object, protocols: object) -> list[Any]:
+        address = self._node.topic_address(str(topic))
+        if address is None:
+            return [FAILED, f"{topic} is not published here", 0]
+        wanted = protocols if isinstance(protocols, list) else []
+        if not any(isinstance(each, list) and each[:1] == ["TCPROS"] for each in wanted):
+            return [REFUSED, "TCPROS is the only protocol here", 0]
+        return [DONE, "", ["TCPROS", *address]]

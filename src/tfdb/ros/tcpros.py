@@ -1,0 +1,122 @@
+"""TCPROS on the wire: frames (a length and that many bytes), headers of `key=value` fields.
+
+The protocol is described at https://wiki.ros.org/ROS/TCPROS. Nothing here knows what a message is.
+"""
+
+from __future__ import annotations
+
+import struct
+from typing import TYPE_CHECKING
+
+from tfdb.errors import CorruptMessage
+
+if TYPE_CHECKING:
+    import socket
+    from collections.abc import Iterator, Mapping
+
+__all__ = ["HEADER_LIMIT", "MESSAGE_LIMIT", "Frames", "decode_header", "encode_header", "frame"]
+
+HEADER_LIMIT = 1 << 20
+"""Bytes of a header, which holds a message's definition."""
+MESSAGE_LIMIT = 256 << 20
+"""Bytes of a message; a length beyond it is taken for damage."""
+FIRST_SIZE = 1 << 20  # of the buffer: what lies in the connection is taken in one call
+LENGTH = struct.Struct("<I")
+
+
+def frame(data: bytes) -> bytes:
+    """Bytes with their length before them."""
+    return LENGTH.pack(len(data)) + data
+
+
+def encode_header(fields: Mapping[str, str]) -> bytes:
+    """Make the frame of a header."""
+    return frame(b"".join(frame(f"{key}={value}".encode()) for key, value in fields.items()))
+
+
+def decode_header(data: bytes | memoryview) -> dict[str, str]:
+    """Fields of a header, without its length. Raises CorruptMessage if it is none."""
+    fields = {}
+    begin = 0
+    while begin < len(data):
+        if begin + LENGTH.size > len(data):
+            raise CorruptMessage(
+                f"a TCPROS header ends in a length, at byte {begin} of {len(data)}",
+                offset=begin,
+                reason="truncated",
+            )
+        (length,) = LENGTH.unpack_from(data, begin)
+        begin += LENGTH.size
+        field = bytes(data[begin : begin + length])
+        if len(field) < length or b"=" not in field:
+            why = "is no key=value" if len(field) == length else f"claims {length} bytes"
+            raise CorruptMessage(
+                f"a TCPROS header's field at byte {begin} of {len(data)} {why}",
+                offset=begin,
+                reason="not a header",
+            )
+        key, _, value = field.partition(b"=")
+        fields[key.decode(errors="replace")] = value.decode(errors="replace")
+        begin += length
+    return fields
+
+
+class Frames:
+    """What a connection sends, cut into frames in the buffer that it was received into.
+
+    Threads: one at a time.
+    """
+
+    def __init__(self, limit: int, size: int = FIRST_SIZE) -> None:
+        self.limit = limit
+        """Bytes that a frame may have."""
+        self._buffer = bytearray(size)
+        self._view = memoryview(self._buffer)
+        self._begin = self._end = 0
+
+    def fill(self, connection: socket.socket) -> int:
+        """Receive once, into the rest of the buffer; 0 means that the connection has ended."""
+        if self._end == len(self._buffer):
+            self._move_to(min(2 * len(self._buffer), self.limit + LENGTH.size))
+        count = connection.recv_into(self._view[self._end :])
+        self._end += count
+        return count
+
+    def __iter__(self) -> Iterator[memoryview]:
+        """Each whole frame, without its length, valid until the next is asked for.
+
+        Raises CorruptMessage for a length beyond the limit.
+        """
+        while self._end - self._begin >= LENGTH.size:
+            (length,) = LENGTH.unpack_from(self._buffer, self._begin)
+            if length > self.limit:
+                raise CorruptMessage(
+                    f"a frame claims {length} bytes, and at most {self.limit} are taken",
+                    reason="too long",
+                    limit=self.limit,
+                )
+            begin = self._begin + LENGTH.size
+            if begin + length > self._end:
+                break
+            self._begin = begin + length
+            found = self._view[begin : self._begin]
+            yield found
+            try:
+                found.release()
+            except BufferError:
+                # Someone keeps it: the buffer is theirs now, and stays as it is.
+                self._move_to(len(self._buffer))
+        if self._begin == self._end:
+            self._begin = self._end = 0
+        elif self._begin:
+            rest = self._end - self._begin
+            self._buffer[:rest] = self._buffer[self._begin : self._end]
+            self._begin, self._end = 0, rest
+
+    def _move_to(self, size: int) -> None:
+        """Take a buffer of that size, and what is left into it."""
+        rest = self._buffer[self._begin : self._end]
+        self._buffer = bytearray(size)
+        self._view = memoryview(self._buffer)
+        self._buffer[: len(rest)] = rest
+        self._begin, self._end = 0, len(rest)

@@ -1,0 +1,509 @@
+"""A node of ROS 1 by the standard library alone: no package of ROS is needed."""
+
+from __future__ import annotations
+
+import atexit
+import os
+import struct
+import threading
+import time
+from typing import TYPE_CHECKING, Any, Self
+
+from tfdb.errors import CorruptMessage, InvalidArgument, MasterRefused, NodeClosed, NoMaster
+
+from .loop import LOG, Loop
+from .master import Master
+from .message_kinds import Kind, kind_of, known_kind, service_kind
+from .names import Names, anonymous, is_loopback
+from .slave import SlaveServer
+from .tcpros_server import AdvertisedTopic, Peer, ServedName, TcprosServer
+from .tcpros_subscription import OnMessage, SubscribedTopic
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterable, Mapping, Sequence
+    from types import TracebackType
+
+    from .node import Encoding, Flavor, Publisher, Service, Subscription
+
+__all__ = ["TcprosNode"]
+
+CLOCK, CLOCK_KIND = "/clock", "rosgraph_msgs/Clock"
+TIME = struct.Struct("<II")
+SECOND = 1_000_000_000
+LAST_CALLBACKS_SECONDS = 1.0
+
+
+class TcprosNode:
+    """A node of ROS 1: topics, services and a clock, over XML-RPC and TCPROS.
+
+    Threads: any may call anything. Each publisher of a topic is received in a thread of its own,
+    and one callback of a topic is called at a time: a callback that waits holds up its own topic
+    alone. Publishing never waits for a subscriber.
+
+    A subscriber is connected again when its publisher comes back. A node is closed when the master
+    tells it to end, as it does where another of its name starts; what is called then raises
+    NodeClosed with the reason.
+
+    Parameters
+    ----------
+    name
+        Without namespace; None: one that no other node has.
+    master
+        URI of the master; None: `__master:=` or ROS_MASTER_URI says it.
+    arguments
+        Those of the program, for remappings (`from:=to`, `__name:=`, `__ns:=`); None: `sys.argv`.
+
+    Raises NoMaster if no master answers, InvalidName for a name that is none.
+    """
+
+    flavor: Flavor = "ros1"
+    encoding: Encoding = "ros1"
+
+    def __init__(
+        self,
+        name: str | None = None,
+        *,
+        master: str | None = None,
+        arguments: Sequence[str] | None = None,
+    ) -> None:
+        names = Names(anonymous("tfdb") if name is None else name, arguments, os.environ)
+        self.name = names.node
+        """Its full name in the graph."""
+        self._names = names
+        self._master = Master(names.master if master is None else master, self.name)
+        self._lock = threading.RLock()
+        self._registering = threading.Lock()
+        self._subscribed: dict[str, SubscribedTopic] = {}
+        self._advertised: dict[str, AdvertisedTopic] = {}
+        self._senders: dict[str, list[_Publisher]] = {}
+        self._served: dict[str, ServedName] = {}
+        self._clock_listeners: list[_ClockListener] = []
+        self._end = ""  # why it was closed
+        self._ended = threading.Event()
+        self._now = 0
+        self._simulated = bool(self._master.parameter("/use_sim_time"))
+        self._loop = Loop(f"tfdb ROS node {self.name}")
+        interface = "127.0.0.1" if is_loopback(names.host) else ""
+        self._server = TcprosServer(self._loop, interface, self._accept)
+        self._slave = SlaveServer(self._loop, interface, _Slave(self))
+        self.uri = f"http://{names.host}:{self._slave.port}/"
+        """Where the master and other nodes call it."""
+        self._service_uri = f"rosrpc://{names.host}:{self._server.port}"
+        self._loop.start()
+        atexit.register(self.close)
+        if self._simulated:
+            self._take_clock()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.close()
+
+    def __repr__(self) -> str:
+        state = f", closed ({self._end})" if self._end else ""
+        return f"<TcprosNode {self.name} at {self._master.uri}{state}>"
+
+    def subscribe(
+        self,
+        topic: str,
+        kind: str,
+        on_message: OnMessage,
+        *,
+        latched: bool = False,  # noqa: ARG002  (the publisher says so itself)
+        depth: int = 100,  # noqa: ARG002  (TCP holds what waits)
+        qos: Any = None,  # noqa: ARG002  (of ROS 2)
+    ) -> Subscription:
+        """Call `on_message(data, publisher)` for each message of a topic, in their order.
+
+        `data` is valid until it returns. No message is passed over: while a callback does not
+        return, those that come wait in the connection, then at the publisher. A type of which no
+        definition is at hand matches any publisher's. Raises InvalidName, InvalidArgument,
+        NoMaster, MasterRefused, NodeClosed.
+        """
+        full, wanted = self._names.resolve(topic), kind_of(kind)
+        with self._registering:
+            with self._lock:
+                self._check_open()
+                there = self._subscribed.get(full)
+                if there is not None:
+                    _check_same(full, there.kind, wanted)
+                    there.users += 1
+            if there is None:
+                self._begin_topic(SubscribedTopic(full, wanted, self.name, on_message))
+        if there is not None:
+            there.add(on_message)
+        return _Subscription(self, full, on_message)
+
+    def advertise(
+        self,
+        topic: str,
+        kind: str,
+        *,
+        latched: bool = False,
+        depth: int = 100,
+        qos: Any = None,  # noqa: ARG002  (of ROS 2)
+    ) -> Publisher:
+        """Offer a topic. Late joiners get the last message of each publisher that is latched.
+
+        At most `depth` messages wait for a subscriber that takes them too slowly, without the
+        oldest. Several publishers of one topic share its connections. Raises InvalidName,
+        InvalidArgument for a type without definition, NoMaster, MasterRefused, NodeClosed.
+        """
+        full, wanted = self._names.resolve(topic), known_kind(kind)
+        with self._registering:
+            with self._lock:
+                self._check_open()
+                advertised = self._advertised.get(full)
+                if advertised is not None:
+                    _check_same(full, advertised.kind, wanted)
+                    if latched and not advertised.latched:
+                        raise InvalidArgument(
+                            f"{full} is published already, and not latched", value=full
+                        )
+            if advertised is None:
+                advertised = AdvertisedTopic(full, wanted, self.name, latched=latched, depth=depth)
+                with self._lock:
+                    self._advertised[full] = advertised
+                try:
+                    self._master.register_publisher(full, kind, self.uri)
+                except (NoMaster, MasterRefused):
+                    with self._lock:
+                        del self._advertised[full]
+                    raise
+            publisher = _Publisher(self, advertised)
+            with self._lock:
+                self._senders.setdefault(full, []).append(publisher)
+        return publisher
+
+    def serve(self, name: str, kind: str, answer: Callable[[bytes], bytes]) -> Service:
+        """Offer a service: `answer` makes the serialized response of a serialized request.
+
+        It is called in a thread of the service's own; what it raises is the client's answer. Raises
+        InvalidName, InvalidArgument for a type without definition or a name that is served
+        already, NoMaster, MasterRefused, NodeClosed.
+        """
+        full, wanted = self._names.resolve(name), service_kind(kind)
+        with self._registering:
+            with self._lock:
+                self._check_open()
+                if full in self._served:
+                    raise InvalidArgument(f"{full} is served by this node already", value=full)
+                served = ServedName(full, wanted, self.name, answer)
+                self._served[full] = served
+            try:
+                self._master.register_service(full, self._service_uri, self.uri)
+            except (NoMaster, MasterRefused):
+                with self._lock:
+                    del self._served[full]
+                served.close()
+                raise
+        return _Service(self, full)
+
+    def now(self) -> int:
+        """Nanoseconds on the node's clock: the wall's, or that of /clock with `use_sim_time`.
+
+        The latter is 0 until /clock has said something.
+        """
+        return self._now if self._simulated else time.time_ns()
+
+    @property
+    def simulated(self) -> bool:
+        """Whether `now` is simulated time."""
+        return self._simulated
+
+    @property
+    def closed(self) -> bool:
+        """Whether the node has ended: it was closed, or told to end."""
+        return bool(self._end)
+
+    def on_clock(self, called: Callable[[int], None]) -> Subscription:
+        """Call `called(now)` whenever simulated time is set, and once when the node ends.
+
+        At once where it has ended.
+        """
+        listener = _ClockListener(self, called)
+        with self._lock:
+            self._clock_listeners.append(listener)
+        if self._ended.is_set():
+            called(self.now())
+        return listener
+
+    def wait_closed(self, timeout: float | None = None) -> bool:
+        """Wait until the node is closed, by `close` or by the master; whether it is."""
+        return self._ended.wait(timeout)
+
+    def close(self) -> None:
+        """Take everything back from the master, and disconnect. Again: nothing happens."""
+        self._close("it was closed")
+
+    def _close(self, why: str) -> None:
+        with self._registering, self._lock:
+            if self._end:
+                return
+            self._end = why
+            subscribed = dict(self._subscribed)
+            advertised = dict(self._advertised)
+            served = dict(self._served)
+        atexit.unregister(self.close)
+        self._unregister(subscribed, advertised, served)
+        for topic in subscribed.values():
+            topic.close(LAST_CALLBACKS_SECONDS)
+        for name in served.values():
+            name.close()
+        for offered in advertised.values():
+            offered.close()
+        self._loop.close()
+        self._slave.server_close()
+        self._ended.set()
+        self._tell_clock()
+
+    def _unregister(
+        self, subscribed: Iterable[str], advertised: Iterable[str], served: Iterable[str]
+    ) -> None:
+        """Tell the master that the node ends; one that is gone needs no telling."""
+        master = self._master
+        calls: list[Callable[[], None]] = [
+            *(
+                lambda name=name: master.unregister_subscriber(name, self.uri)
+                for name in subscribed
+            ),
+            *(lambda name=name: master.unregister_publisher(name, self.uri) for name in advertised),
+            *(
+                lambda name=name: master.unregister_service(name, self._service_uri)
+                for name in served
+            ),
+        ]
+        for unregister in calls:
+            try:
+                unregister()
+            except NoMaster as error:
+                LOG.info("%s ends without its master: %s", self.name, error)
+                return
+            except MasterRefused as error:
+                LOG.info("%s ends: %s", self.name, error)
+
+    def _check_open(self) -> None:
+        if self._end:
+            raise NodeClosed(f"the node {self.name} is closed: {self._end}", reason=self._end)
+
+    def _take_clock(self) -> None:
+        def take(data: bytes | memoryview, _: str) -> None:
+            self._now = _nanoseconds(data)
+            self._tell_clock()
+
+        try:
+            self.subscribe(CLOCK, CLOCK_KIND, take)
+        except Exception:
+            self.close()
+            raise
+
+    def _tell_clock(self) -> None:
+        with self._lock:
+            listeners = list(self._clock_listeners)
+        for listener in listeners:
+            try:
+                listener.called(self.now())
+            except Exception:
+                LOG.exception("what listens to the clock of %s failed", self.name)
+
+    def _begin_topic(self, topic: SubscribedTopic) -> None:
+        with self._lock:
+            self._subscribed[topic.name] = topic
+        try:
+            uris = self._master.register_subscriber(topic.name, topic.kind.name, self.uri)
+        except (NoMaster, MasterRefused):
+            with self._lock:
+                del self._subscribed[topic.name]
+            raise
+        topic.update(uris)
+
+    def _accept(self, peer: Peer, fields: dict[str, str]) -> None:
+        """Give a peer that has said what it wants to the topic or service."""
+        peer.name = fields.get("callerid", "?")
+        with self._lock:
+            wanted: AdvertisedTopic | ServedName | None
+            if "service" in fields:
+                wanted = self._served.get(fields["service"])
+            else:
+                wanted = self._advertised.get(fields.get("topic", ""))
+        if wanted is None:
+            what = fields.get("service") or fields.get("topic") or "nothing"
+            peer.refuse(f"{self.name} does not offer {what}")
+        else:
+            wanted.accept(peer, fields)
+
+    def _leave_topic(self, topic: str, on_message: OnMessage) -> None:
+        with self._registering:
+            with self._lock:
+                subscribed = self._subscribed.get(topic)
+                if self._end or subscribed is None:
+                    return
+                subscribed.remove(on_message)
+                subscribed.users -= 1
+                if subscribed.users:
+                    return
+                del self._subscribed[topic]
+            self._unregister([topic], [], [])
+        subscribed.close(0.0)
+
+    def _leave_publisher(self, publisher: _Publisher, topic: AdvertisedTopic) -> None:
+        with self._registering:
+            with self._lock:
+                senders = self._senders.get(topic.name, [])
+                if self._end or publisher not in senders:
+                    return
+                senders.remove(publisher)
+                topic.forget(publisher)
+                if senders:
+                    return
+                del self._advertised[topic.name]
+            self._unregister([], [topic.name], [])
+        topic.close()
+
+    def _leave_service(self, name: str) -> None:
+        with self._registering:
+            with self._lock:
+                served = self._served.pop(name, None)
+            if self._end or served is None:
+                return
+            self._unregister([], [], [name])
+        served.close()
+
+
+class _Subscription:
+    """One callback of a topic. Threads: any."""
+
+    def __init__(self, node: TcprosNode, topic: str, on_message: OnMessage) -> None:
+        self._node, self._topic = node, topic
+        self._on_message: OnMessage | None = on_message
+
+    def close(self) -> None:
+        """Stop listening."""
+        on_message, self._on_message = self._on_message, None
+        if on_message is not None:
+            self._node._leave_topic(self._topic, on_message)
+
+
+class _ClockListener:
+    """What is called when time is set. Threads: any."""
+
+    def __init__(self, node: TcprosNode, called: Callable[[int], None]) -> None:
+        self.called = called
+        self._node = node
+
+    def close(self) -> None:
+        """Call it no more."""
+        with self._node._lock:
+            if self in self._node._clock_listeners:
+                self._node._clock_listeners.remove(self)
+
+
+class _Publisher:
+    """One sender of a topic. Threads: any."""
+
+    def __init__(self, node: TcprosNode, topic: AdvertisedTopic) -> None:
+        self._node, self._topic = node, topic
+        self._closed = False
+
+    @property
+    def subscribers(self) -> list[str]:
+        """Names of the nodes that are connected."""
+        return self._topic.subscribers
+
+    def publish(self, data: bytes) -> None:
+        """Send one serialized message to all subscribers. Raises NodeClosed."""
+        if self._closed:
+            raise NodeClosed(
+                f"this publisher of {self._topic.name} is closed", value=self._topic.name
+            )
+        self._topic.publish(data, self)
+
+    def close(self) -> None:
+        """Take it back; the last publisher of a topic takes the topic with it."""
+        self._closed = True
+        self._node._leave_publisher(self, self._topic)
+
+
+class _Service:
+    """A service that is offered. Threads: any."""
+
+    def __init__(self, node: TcprosNode, name: str) -> None:
+        self._node, self._name = node, name
+
+    def close(self) -> None:
+        """Take it back."""
+        self._node._leave_service(self._name)
+
+
+class _Slave:
+    """What the Slave API asks of a node. Threads: any."""
+
+    def __init__(self, node: TcprosNode) -> None:
+        self._node = node
+
+    def subscriptions(self) -> Mapping[str, str]:
+        with self._node._lock:
+            return {name: topic.kind.name for name, topic in self._node._subscribed.items()}
+
+    def publications(self) -> Mapping[str, str]:
+        with self._node._lock:
+            return {name: topic.kind.name for name, topic in self._node._advertised.items()}
+
+    def connections(self) -> list[tuple[str, str, str]]:
+        with self._node._lock:
+            subscribed = list(self._node._subscribed.values())
+            advertised = list(self._node._advertised.values())
+        return [
+            *((uri, "i", topic.name) for topic in subscribed for uri in topic.publishers),
+            *((peer, "o", topic.name) for topic in advertised for peer in topic.subscribers),
+        ]
+
+    def publishers_changed(self, topic: str, uris: list[str]) -> None:
+        # While a topic is being registered, the master's answer to that is older than this.
+        with self._node._registering, self._node._lock:
+            subscribed = self._node._subscribed.get(topic)
+        if subscribed is not None:
+            subscribed.update(uris)
+
+    def parameter_changed(self, name: str, value: object) -> None:
+        LOG.debug("%s is told that %s is %r", self._node.name, name, value)
+
+    def topic_address(self, topic: str) -> tuple[str, int] | None:
+        with self._node._lock:
+            if topic not in self._node._advertised:
+                return None
+        return self._node._names.host, self._node._server.port
+
+    def told_to_end(self, reason: str) -> None:
+        why = f"it was told to end: {reason or 'no reason given'}"
+        LOG.warning("%s is closed: %s", self._node.name, why)
+        # Not in this thread: whoever told it waits for the answer.
+        threading.Thread(target=self._node._close, args=(why,), daemon=True).start()
+
+    def master_uri(self) -> str:
+        return self._node._master.uri
+
+
+def _check_same(topic: str, there: Kind, wanted: Kind) -> None:
+    if there.md5sum != wanted.md5sum:
+        raise InvalidArgument(
+            f"{topic} is open in this node as {there.name}, and {wanted.name} is another type",
+            value=wanted.name,
+        )
+
+
+def _nanoseconds(data: bytes | memoryview) -> int:
+    """Time of a rosgraph_msgs/Clock."""
+    if len(data) != TIME.size:
+        raise CorruptMessage(
+            f"a {CLOCK_KIND} of {len(data)} bytes; it has {TIME.size}", offset=0, reason="length"
+        )
+    seconds, nanoseconds = TIME.unpack(data)
+    found: int = seconds * SECOND + nanoseconds
+    return found

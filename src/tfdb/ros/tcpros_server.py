@@ -1,0 +1,359 @@
+"""Who connects to a node of ROS 1: subscribers of its topics, clients of its services."""
+
+from __future__ import annotations
+
+import queue
+import selectors
+import socket
+import threading
+from collections import deque
+from typing import TYPE_CHECKING
+
+from tfdb.errors import CorruptMessage, NodeClosed
+
+from .loop import LOG
+from .tcpros import HEADER_LIMIT, MESSAGE_LIMIT, Frames, decode_header, encode_header, frame
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from .loop import Loop
+    from .message_kinds import Kind
+
+__all__ = ["AdvertisedTopic", "ServedName", "TcprosServer"]
+
+HANDSHAKE_SECONDS = 10.0
+NO_ROOM_SECONDS = 1.0  # between two tries to accept, where the process has no descriptor left
+FIRST_SIZE = 1 << 12  # of the buffer of a peer that rarely says more than its header
+ANY = "*"
+
+
+class Peer:
+    """Connection that another node opened to this one, which is not blocked by it.
+
+    Threads: `send` and `close` may be called by any, the rest by the loop's.
+    """
+
+    def __init__(self, loop: Loop, connection: socket.socket) -> None:
+        self.name = ""
+        """The node that connected, once it has said so."""
+        self.dropped = 0
+        """Frames that were not sent, as it was too slow."""
+        self._loop, self._connection = loop, connection
+        self._lock = threading.Lock()
+        self._waiting: deque[bytes] = deque()
+        self._begun: memoryview | None = None  # what is left of the frame that is being sent
+        self._blocked = self._closed = False
+        self._frames = Frames(HEADER_LIMIT, FIRST_SIZE)
+        self._on_frame: Callable[[memoryview], None] | None = None
+        self._on_close: Callable[[Peer], None] | None = None
+
+    def begin(self, on_header: Callable[[Peer, dict[str, str]], None]) -> None:
+        """Wait for its header, for some seconds, and give that on."""
+        self._on_frame = lambda data: on_header(self, decode_header(data))
+        self._loop.watch(self._connection, selectors.EVENT_READ, self._ready)
+        self._loop.later(HANDSHAKE_SECONDS, self._give_up)
+
+    def go_on(
+        self,
+        header: bytes,
+        depth: int | None,
+        on_frame: Callable[[memoryview], None] | None,
+        on_close: Callable[[Peer], None],
+    ) -> None:
+        """Answer its header; from now on at most `depth` frames wait, without the oldest.
+
+        `on_frame` gets what it sends; None: that is passed over.
+        """
+        self._begun = memoryview(header)
+        self._waiting = deque(maxlen=depth)
+        self._on_frame, self._on_close = on_frame, on_close
+        self._frames.limit = MESSAGE_LIMIT
+        self.name = self.name or "?"
+        self.send(None)
+
+    def refuse(self, reason: str) -> None:
+        """Say why it is not wanted, as far as that goes at once, and close."""
+        LOG.warning("refused a connection of %s: %s", self.name or "a peer", reason)
+        try:
+            self._connection.send(encode_header({"error": reason}))
+        except OSError as error:
+            LOG.debug("nor could that be said: %s", error)
+        self.close()
+
+    def send(self, data: bytes | None) -> None:
+        """Send a frame now, or once there is room; None: what waits."""
+        with self._lock:
+            if self._closed:
+                return
+            if data is not None:
+                if len(self._waiting) == self._waiting.maxlen:
+                    self.dropped += 1
+                    if self.dropped == 1:
+                        LOG.warning("%s takes messages too slowly: the oldest go", self.name)
+                self._waiting.append(data)
+            if self._blocked:
+                return
+            try:
+                self._blocked = not self._flush()
+            except OSError:
+                self._loop.soon(self.close)
+                return
+            if self._blocked:
+                self._loop.soon(self._watch_room)
+
+    def close(self) -> None:
+        """End it."""
+        with self._lock:
+            if self._closed:
+                return
+            self._closed = True
+            self._waiting.clear()
+        self._loop.soon(lambda: self._loop.forget(self._connection))
+        if self._on_close is not None:
+            self._on_close(self)
+
+    def _flush(self) -> bool:
+        """Send until nothing waits (True) or there is no room."""
+        while True:
+            if self._begun is None:
+                if not self._waiting:
+                    return True
+                self._begun = memoryview(self._waiting.popleft())
+            try:
+                sent = self._connection.send(self._begun)
+            except BlockingIOError:
+                return False
+            self._begun = self._begun[sent:] if sent < len(self._begun) else None
+
+    def _watch_room(self) -> None:
+        if not self._closed:
+            both = selectors.EVENT_READ | selectors.EVENT_WRITE
+            self._loop.watch(self._connection, both, self._ready)
+
+    def _ready(self, events: int) -> None:
+        try:
+            if events & selectors.EVENT_WRITE:
+                self._make_way()
+            if events & selectors.EVENT_READ:
+                self._receive()
+        except (OSError, CorruptMessage) as error:
+            LOG.debug("the connection of %s ends: %s", self.name or "a peer", error)
+            self.close()
+
+    def _make_way(self) -> None:
+        with self._lock:
+            self._blocked = not self._flush()
+            if not self._blocked:
+                self._loop.watch(self._connection, selectors.EVENT_READ, self._ready)
+
+    def _receive(self) -> None:
+        if self._frames.fill(self._connection) == 0:
+            self.close()
+            return
+        for data in self._frames:
+            if self._closed:
+                return
+            if self._on_frame is not None:
+                self._on_frame(data)
+
+    def _give_up(self) -> None:
+        if self._on_close is None and not self._closed:
+            self.refuse(f"no header came within {HANDSHAKE_SECONDS:g} s")
+
+
+class AdvertisedTopic:
+    """A topic that the node publishes.
+
+    Threads: any. `publish` never waits for a subscriber: its frames wait, at most `depth` of them
+    (the oldest go), and the loop's thread sends them.
+    """
+
+    def __init__(self, name: str, kind: Kind, node: str, *, latched: bool, depth: int) -> None:
+        self.name, self.kind = name, kind
+        """Full name of the topic, type of its messages."""
+        self.latched, self.depth = latched, max(1, depth)
+        """Whether late joiners get the last message; how many messages may wait for each."""
+        self._header = encode_header(
+            {
+                "callerid": node,
+                "latching": "1" if latched else "0",
+                "md5sum": kind.md5sum,
+                "message_definition": kind.definition,
+                "topic": name,
+                "type": kind.name,
+            }
+        )
+        self._lock = threading.Lock()
+        self._peers: list[Peer] = []
+        self._last: dict[object, bytes] = {}
+        self._closed = False
+
+    @property
+    def subscribers(self) -> list[str]:
+        """Names of the nodes that are connected."""
+        with self._lock:
+            return [peer.name for peer in self._peers]
+
+    def publish(self, data: bytes, sender: object) -> None:
+        """Send one message to all; late joiners get the last of each sender. Raises NodeClosed."""
+        whole = frame(data)
+        with self._lock:
+            if self._closed:
+                raise NodeClosed(f"{self.name} is not published any more", value=self.name)
+            if self.latched:
+                self._last[sender] = whole
+            for peer in self._peers:
+                peer.send(whole)
+
+    def accept(self, peer: Peer, fields: dict[str, str]) -> None:
+        """Take a subscriber, by its header."""
+        wanted = fields.get("md5sum", "")
+        if wanted not in {ANY, self.kind.md5sum}:
+            peer.refuse(
+                f"{self.name} has messages {self.kind.name} of md5sum {self.kind.md5sum}, and"
+                f" {fields.get('type', '?')} of md5sum {wanted or '?'} are wanted"
+            )
+            return
+        with self._lock:
+            if self._closed:
+                peer.refuse(f"{self.name} is not published any more")
+                return
+            peer.go_on(self._header, self.depth, None, self._forget)
+            self._peers.append(peer)
+            for whole in self._last.values():
+                peer.send(whole)
+
+    def forget(self, sender: object) -> None:
+        """Keep its last message no more."""
+        with self._lock:
+            self._last.pop(sender, None)
+
+    def close(self) -> None:
+        """End all connections."""
+        with self._lock:
+            self._closed = True
+            peers, self._peers = self._peers, []
+        for peer in peers:
+            peer.close()
+
+    def _forget(self, peer: Peer) -> None:
+        with self._lock:
+            if peer in self._peers:
+                self._peers.remove(peer)
+
+
+class ServedName:
+    """A service that the node answers, one request after the other, in a thread of its own.
+
+    Threads: any.
+    """
+
+    def __init__(self, name: str, kind: Kind, node: str, answer: Callable[[bytes], bytes]) -> None:
+        self.name = name
+        """Full name of the service."""
+        self._md5sum = kind.md5sum
+        self._header = encode_header(
+            {
+                "callerid": node,
+                "md5sum": kind.md5sum,
+                "request_type": f"{kind.name}Request",
+                "response_type": f"{kind.name}Response",
+                "service": name,
+                "type": kind.name,
+            }
+        )
+        self._answer = answer
+        self._asked: queue.SimpleQueue[tuple[Peer, bytes] | None] = queue.SimpleQueue()
+        self._lock = threading.Lock()
+        self._peers: dict[Peer, bool] = {}  # whether a request of it waits for its answer
+        threading.Thread(target=self._run, name=f"tfdb ROS service {name}", daemon=True).start()
+
+    def accept(self, peer: Peer, fields: dict[str, str]) -> None:
+        """Take a client, by its header."""
+        wanted = fields.get("md5sum", "")
+        if wanted not in {ANY, self._md5sum}:
+            peer.refuse(f"{self.name} has the md5sum {self._md5sum}, and {wanted or '?'} is wanted")
+            return
+        with self._lock:
+            self._peers[peer] = False
+        peer.go_on(self._header, None, lambda data: self._ask(peer, data), self._forget)
+
+    def close(self) -> None:
+        """Answer no more."""
+        self._asked.put(None)
+        with self._lock:
+            peers, self._peers = list(self._peers), {}
+        for peer in peers:
+            peer.close()
+
+    def _ask(self, peer: Peer, data: memoryview) -> None:
+        with self._lock:
+            waits = self._peers.get(peer, True)
+            self._peers[peer] = True
+        if waits:
+            # No client asks again before its answer: whoever does may fill the memory.
+            peer.close()
+        else:
+            self._asked.put((peer, bytes(data)))
+
+    def _run(self) -> None:
+        while (asked := self._asked.get()) is not None:
+            peer, request = asked
+            try:
+                answered = b"\x01" + frame(self._answer(request))
+            except Exception as error:
+                LOG.exception("service %s failed", self.name)
+                answered = b"\x00" + frame(str(error).encode())
+            with self._lock:
+                if peer in self._peers:
+                    self._peers[peer] = False
+            peer.send(answered)
+
+    def _forget(self, peer: Peer) -> None:
+        with self._lock:
+            self._peers.pop(peer, None)
+
+
+class TcprosServer:
+    """The port of a node, where others connect to its topics and services.
+
+    Threads: `address` any, the rest the loop's.
+
+    Parameters
+    ----------
+    loop
+        Looks after all connections.
+    host
+        Interface to listen on; "" is every one.
+    accept
+        Gets each peer with the fields of its header.
+    """
+
+    def __init__(
+        self, loop: Loop, host: str, accept: Callable[[Peer, dict[str, str]], None]
+    ) -> None:
+        self._loop, self._accept = loop, accept
+        self._listener = socket.create_server((host, 0), backlog=128)
+        self._listener.setblocking(False)  # noqa: FBT003
+        self.port: int = self._listener.getsockname()[1]
+        """Where it listens."""
+        self._watch()
+
+    def _watch(self) -> None:
+        self._loop.watch(self._listener, selectors.EVENT_READ, self._ready)
+
+    def _ready(self, _: int) -> None:
+        try:
+            connection, _address = self._listener.accept()
+        except BlockingIOError:
+            return
+        except OSError as error:
+            LOG.warning("no connection can be accepted for %g s: %s", NO_ROOM_SECONDS, error)
+            self._loop.leave(self._listener)
+            self._loop.later(NO_ROOM_SECONDS, self._watch)
+            return
+        connection.setblocking(False)  # noqa: FBT003
+        connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        connection.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
+        Peer(self._loop, connection).begin(self._accept)

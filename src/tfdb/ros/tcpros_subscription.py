@@ -1,0 +1,273 @@
+"""A topic that a node of ROS 1 listens to: one connection to each of its publishers."""
+
+from __future__ import annotations
+
+import socket
+import threading
+import time
+from typing import TYPE_CHECKING, TypeAlias
+
+from tfdb.errors import CorruptMessage, TfdbError
+
+from .loop import LOG
+from .master import CALL_ERRORS, TIMEOUT, call
+from .tcpros import HEADER_LIMIT, MESSAGE_LIMIT, Frames, decode_header, encode_header
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterable
+
+    from .message_kinds import Kind
+
+__all__ = ["OnMessage", "SubscribedTopic"]
+
+OnMessage: TypeAlias = "Callable[[bytes | memoryview, str], None]"
+
+FIRST_PAUSE, LONGEST_PAUSE = 0.05, 5.0  # seconds between tries to connect
+ANY = "*"
+# A publisher whose machine has lost its power is missed after about two and a half minutes.
+KEEP_ALIVE = {"TCP_KEEPIDLE": 60, "TCP_KEEPINTVL": 10, "TCP_KEEPCNT": 9}
+
+
+class _RefusedError(Exception):
+    """A publisher said no, or sends something else; the text says what."""
+
+
+class Link:
+    """Connection to one publisher, made anew whenever it ends.
+
+    Threads: it receives in a thread of its own; `start` and `close` may be called by any.
+    """
+
+    def __init__(self, topic: SubscribedTopic, uri: str) -> None:
+        self.publisher = ""
+        """Name of the publisher's node, once it has said so."""
+        self.connected = False
+        """Whether messages can come."""
+        self.last: bytes | None = None
+        """The last message of a publisher that latches."""
+        self._topic, self._uri = topic, uri
+        self._told: set[str] = set()
+        self._latching = False
+        self._connection: socket.socket | None = None
+        self._closing = threading.Event()
+        self._thread = threading.Thread(
+            target=self._run, name=f"tfdb ROS {topic.name} of {uri}", daemon=True
+        )
+
+    def start(self) -> None:
+        """Connect."""
+        self._thread.start()
+
+    def close(self) -> None:
+        """Disconnect; `join` waits for the end."""
+        self._closing.set()
+        connection = self._connection
+        if connection is not None:
+            try:
+                connection.shutdown(socket.SHUT_RDWR)
+            except OSError as error:
+                LOG.debug("%s had ended before: %s", self._uri, error)
+
+    def join(self, seconds: float) -> None:
+        """Wait for the thread, unless it is the one that calls."""
+        if self._thread.ident is not None and self._thread is not threading.current_thread():
+            self._thread.join(seconds)
+
+    def _run(self) -> None:
+        pause = FIRST_PAUSE
+        while not self._closing.is_set():
+            try:
+                with self._connect() as connection:
+                    self._connection = connection
+                    frames = self._shake_hands(connection)
+                    pause = FIRST_PAUSE
+                    self.connected = True
+                    if not self._closing.is_set():
+                        self._receive(connection, frames)
+            except Exception as error:
+                self._tell(error)
+            self.connected, self._connection = False, None
+            if self._closing.wait(pause):
+                return
+            pause = min(2 * pause, LONGEST_PAUSE)
+
+    def _tell(self, error: Exception) -> None:
+        """Log what ended a connection, each kind once."""
+        if self._closing.is_set():
+            return
+        kind = f"{type(error).__name__}: {error}"
+        unexpected = not isinstance(error, (*CALL_ERRORS, TfdbError, _RefusedError))
+        if kind not in self._told or unexpected:
+            LOG.warning(
+                "%s of %s: %s; tried again, and said once",
+                self._topic.name,
+                self.publisher or self._uri,
+                error,
+                exc_info=unexpected,
+            )
+        if len(self._told) < 100:
+            self._told.add(kind)
+
+    def _connect(self) -> socket.socket:
+        """Ask the publisher where it serves the topic, and connect."""
+        topic = self._topic
+        code, message, value = call(self._uri, "requestTopic", topic.node, topic.name, [["TCPROS"]])
+        if code != 1:
+            raise _RefusedError(f"the publisher at {self._uri} does not offer it: {message}")
+        if not (isinstance(value, list) and len(value) >= 3 and value[0] == "TCPROS"):
+            raise _RefusedError(f"the publisher at {self._uri} has no TCPROS, but {value!r}")
+        connection = socket.create_connection((str(value[1]), int(value[2])), timeout=TIMEOUT)
+        connection.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
+        for option, number in KEEP_ALIVE.items():
+            if hasattr(socket, option):
+                connection.setsockopt(socket.IPPROTO_TCP, getattr(socket, option), number)
+        return connection
+
+    def _shake_hands(self, connection: socket.socket) -> Frames:
+        """Exchange headers; what came after the publisher's is in the frames."""
+        connection.sendall(self._topic.header)
+        frames = Frames(HEADER_LIMIT)
+        deadline = time.monotonic() + TIMEOUT
+        header = None
+        while header is None:
+            connection.settimeout(max(0.001, deadline - time.monotonic()))
+            if frames.fill(connection) == 0:
+                raise _RefusedError("the publisher closed the connection before its header came")
+            for data in frames:
+                header = decode_header(data)
+                break
+        connection.settimeout(None)
+        self._check(header)
+        frames.limit = MESSAGE_LIMIT
+        return frames
+
+    def _check(self, header: dict[str, str]) -> None:
+        self.publisher = header.get("callerid", self.publisher)
+        if "error" in header:
+            raise _RefusedError(f"the publisher refuses: {header['error']}")
+        wanted, found = self._topic.kind.md5sum, header.get("md5sum", "")
+        if found != wanted and ANY not in {found, wanted}:
+            raise _RefusedError(
+                f"it sends {header.get('type', '?')} of md5sum {found or '?'}, and"
+                f" {self._topic.kind.name} of md5sum {wanted} is wanted"
+            )
+        self._latching = header.get("latching") == "1"
+
+    def _receive(self, connection: socket.socket, frames: Frames) -> None:
+        deliver, publisher = self._topic.deliver, self.publisher
+        keeper = self if self._latching else None
+        while True:
+            for data in frames:
+                deliver(data, publisher, keeper)
+            if frames.fill(connection) == 0:
+                return
+
+
+class SubscribedTopic:
+    """A topic with all its publishers, and those in this process who listen.
+
+    Threads: any. One callback at a time is called, by the thread of the connection that the message
+    came from; a callback that waits holds up this topic alone.
+    """
+
+    def __init__(self, name: str, kind: Kind, node: str, callback: OnMessage) -> None:
+        self.name, self.kind, self.node = name, kind, node
+        """Full name of the topic, type of its messages, full name of the node."""
+        self.users = 1
+        """How many listen, or are about to; the node counts them."""
+        self.header = encode_header(
+            {
+                "callerid": node,
+                "md5sum": kind.md5sum,
+                "message_definition": kind.definition,
+                "tcp_nodelay": "1",
+                "topic": name,
+                "type": kind.name,
+            }
+        )
+        """What each publisher is told."""
+        self._turn = threading.RLock()  # of the callbacks
+        self._lock = threading.Lock()  # of the links, and of changes of the callbacks
+        self._callbacks: tuple[OnMessage, ...] = (callback,)
+        self._failed: set[tuple[OnMessage, str]] = set()
+        self._links: dict[str, Link] = {}
+        self._closed = False
+
+    @property
+    def publishers(self) -> dict[str, str]:
+        """Name of each connected publisher's node by its URI."""
+        with self._lock:
+            return {uri: link.publisher for uri, link in self._links.items() if link.connected}
+
+    def deliver(self, data: memoryview, publisher: str, keeper: Link | None) -> None:
+        """Call all callbacks with a message, which `keeper` keeps for those that come later.
+
+        What they raise is logged once for each publisher.
+        """
+        with self._turn:
+            if keeper is not None:
+                keeper.last = bytes(data)
+            for callback in self._callbacks:
+                try:
+                    callback(data, publisher)
+                except Exception as error:
+                    self._tell(error, callback, publisher)
+
+    def add(self, callback: OnMessage) -> None:
+        """Call it from now on, at once with the last messages of publishers that latch."""
+        with self._turn:
+            with self._lock:
+                self._callbacks = (*self._callbacks, callback)
+                kept = [(link.last, link.publisher) for link in self._links.values()]
+            for data, publisher in kept:
+                if data is not None:
+                    try:
+                        callback(data, publisher)
+                    except Exception as error:
+                        self._tell(error, callback, publisher)
+
+    def remove(self, callback: OnMessage) -> None:
+        """Call it no more."""
+        with self._lock:
+            kept = list(self._callbacks)
+            if callback in kept:
+                kept.remove(callback)
+            self._callbacks = tuple(kept)
+
+    def update(self, uris: Iterable[str]) -> None:
+        """Take these publishers, and no others."""
+        with self._lock:
+            if self._closed:
+                return
+            wanted = dict.fromkeys(uris)
+            gone = [self._links.pop(uri) for uri in list(self._links) if uri not in wanted]
+            new = [uri for uri in wanted if uri not in self._links]
+            for uri in new:
+                self._links[uri] = Link(self, uri)
+                self._links[uri].start()
+        for link in gone:
+            link.close()
+
+    def close(self, seconds: float) -> None:
+        """Disconnect from all, and wait so long at most for callbacks that run."""
+        with self._lock:
+            self._closed = True
+            links, self._links = list(self._links.values()), {}
+        for link in links:
+            link.close()
+        until = time.monotonic() + seconds
+        for link in links:
+            link.join(max(0.0, until - time.monotonic()))
+
+    def _tell(self, error: Exception, callback: OnMessage, publisher: str) -> None:
+        told = (callback, publisher) in self._failed
+        if told or len(self._failed) >= 1000:
+            return
+        self._failed.add((callback, publisher))
+        LOG.warning(
+            "a message of %s on %s: %s; said once for each publisher",
+            publisher,
+            self.name,
+            error,
+            exc_info=not isinstance(error, CorruptMessage),
+        )

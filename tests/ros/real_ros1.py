@@ -1,0 +1,150 @@
+"""A real graph of ROS 1: Debian's master, and programs of rospy in processes of their own.
+
+Where Debian's packages are missing the tests that need them skip and say so; with CI=true they
+fail.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import socket
+import subprocess
+import time
+import xmlrpc.client
+from contextlib import contextmanager
+from functools import cache
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from compat.tf2_oracle import unavailable
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+PYTHON = "/usr/bin/python3"
+CHILD = Path(__file__).with_name("rospy_child.py")
+SECONDS = 20.0  # in which whatever is waited for must have come
+
+
+@cache
+def missing() -> str:
+    """Why there is no real ROS 1; empty if there is."""
+    command = [PYTHON, "-c", "import rospy, rosmaster, tf2_ros, tf2_msgs.msg, tf.msg, actionlib"]
+    environment = {"PATH": os.environ["PATH"]}
+    try:
+        tried = subprocess.run(
+            command, env=environment, capture_output=True, text=True, check=False
+        )
+    except OSError as error:
+        return f"{PYTHON}: {error}"
+    return "" if tried.returncode == 0 else tried.stderr.strip().splitlines()[-1]
+
+
+def need() -> None:
+    """Skip the test, or fail with CI=true, where there is no real ROS 1."""
+    if missing():
+        packages = "python3-rosmaster python3-rospy python3-tf2-ros python3-tf"
+        unavailable(f"no real ROS 1: {missing()}; apt-get install {packages}")
+
+
+def free_port() -> int:
+    with socket.create_server(("127.0.0.1", 0)) as tried:
+        port: int = tried.getsockname()[1]
+        return port
+
+
+def environment(uri: str) -> dict[str, str]:
+    """What a program of ROS needs to find the master, and nobody else."""
+    return {
+        "PATH": os.environ["PATH"],
+        "HOME": os.environ.get("HOME", "/tmp"),
+        "ROS_MASTER_URI": uri,
+        "ROS_IP": "127.0.0.1",
+    }
+
+
+def until(holds: Any, what: str, seconds: float = SECONDS) -> None:
+    """Wait for a state of another process that nobody tells of."""
+    deadline = time.monotonic() + seconds
+    while not holds():
+        assert time.monotonic() < deadline, f"not within {seconds} s: {what}"
+        time.sleep(0.01)
+
+
+def _answers(uri: str) -> bool:
+    try:
+        with xmlrpc.client.ServerProxy(uri) as master:
+            return bool(master.getPid("/test"))
+    except OSError:
+        return False
+
+
+@contextmanager
+def running_master() -> Iterator[str]:
+    """URI of a master that ends with the context."""
+    need()
+    port = free_port()
+    uri = f"http://127.0.0.1:{port}"
+    master = subprocess.Popen(
+        ["/usr/bin/rosmaster", "--core", "-p", str(port)],
+        env=environment(uri),
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
+    )
+    try:
+        until(lambda: _answers(uri), "an answer of the master")
+        yield uri
+    finally:
+        master.terminate()
+        master.wait(SECONDS)
+
+
+class RospyChild:
+    """A program of rospy that does what it is told."""
+
+    def __init__(self, uri: str, name: str) -> None:
+        self.process = subprocess.Popen(
+            [PYTHON, CHILD],
+            env=environment(uri),
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.DEVNULL,
+            text=True,
+        )
+        self._name = name
+
+    def call(self, verb: str, *arguments: Any) -> Any:
+        """Have it done; returns its answer."""
+        self.ask(verb, *arguments)
+        return self.answer()
+
+    def ask(self, verb: str, *arguments: Any) -> None:
+        """Have it begun."""
+        assert self.process.stdin
+        if self._name:
+            name, self._name = self._name, ""
+            self.call("start", name)
+        self.process.stdin.write(json.dumps([verb, *arguments]) + "\n")
+        self.process.stdin.flush()
+
+    def answer(self) -> Any:
+        """What it answers to what was asked."""
+        assert self.process.stdout
+        line = self.process.stdout.readline()
+        assert line, f"the program of rospy has ended with {self.process.wait()}"
+        word, value = json.loads(line)
+        assert word == "ok", value
+        return value
+
+    def kill(self) -> None:
+        """End it as by kill -9: nothing is unregistered."""
+        self.process.kill()
+        self.process.communicate()
+
+    def end(self) -> None:
+        """End it."""
+        if self.process.poll() is None:
+            self.process.stdin.close()  # type: ignore[union-attr]
+            self.process.wait(SECONDS)
+        self.process.stdout.close()  # type: ignore[union-attr]

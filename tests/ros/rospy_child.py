@@ -1,0 +1,146 @@
+"""A program of rospy: does what each line of its input says, and answers each with a line.
+
+Runs under the system's Python: what it uses of ROS is Debian's, and nothing of tfdb.
+"""
+
+import importlib
+import io
+import json
+import os
+import sys
+import threading
+import time
+
+import rospy
+
+HEARD = {}
+CALLERS = {}
+SUBSCRIBERS, PUBLISHERS, SERVICES = {}, {}, {}
+ARRIVED = threading.Condition()
+
+
+def class_of(kind, part="msg"):
+    package, name = kind.split("/")
+    return getattr(importlib.import_module(f"{package}.{part}"), name)
+
+
+def bytes_of(message):
+    out = io.BytesIO()
+    message.serialize(out)
+    return out.getvalue()
+
+
+class Connections(rospy.SubscribeListener):
+    def __init__(self):
+        self.count = 0
+
+    def peer_subscribe(self, topic_name, topic_publish, peer_publish):
+        with ARRIVED:
+            self.count += 1
+            ARRIVED.notify_all()
+
+
+def start(name):
+    rospy.init_node(name, disable_signals=True)
+    return rospy.get_name()
+
+
+def listen(topic, kind):
+    HEARD[topic], CALLERS[topic] = [], []
+
+    def called(message):
+        with ARRIVED:
+            HEARD[topic].append(bytes_of(message).hex())
+            CALLERS[topic].append(message._connection_header["callerid"])
+            ARRIVED.notify_all()
+
+    SUBSCRIBERS[topic] = rospy.Subscriber(topic, class_of(kind), called, tcp_nodelay=True)
+
+
+def connected_to(topic, seconds):
+    """Whether the subscriber of a topic has a publisher, once it has one."""
+    deadline = time.monotonic() + seconds
+    while SUBSCRIBERS[topic].get_num_connections() == 0:
+        if time.monotonic() > deadline:
+            return False
+        time.sleep(0.005)
+    return True
+
+
+def heard(topic, count, seconds):
+    with ARRIVED:
+        ARRIVED.wait_for(lambda: len(HEARD[topic]) >= count, seconds)
+        return [HEARD[topic], CALLERS[topic]]
+
+
+def advertise(topic, kind, latch, queue_size):
+    connections = Connections()
+    publisher = rospy.Publisher(
+        topic, class_of(kind), subscriber_listener=connections, latch=latch, queue_size=queue_size
+    )
+    PUBLISHERS[topic] = (publisher, class_of(kind), connections)
+
+
+def joined(topic, count, seconds):
+    connections = PUBLISHERS[topic][2]
+    with ARRIVED:
+        return ARRIVED.wait_for(lambda: connections.count >= count, seconds)
+
+
+def send(topic, texts):
+    publisher, kind, _ = PUBLISHERS[topic]
+    for text in texts:
+        publisher.publish(kind().deserialize(bytes.fromhex(text)))
+
+
+def withdraw(topic):
+    PUBLISHERS.pop(topic)[0].unregister()
+
+
+def serve(name, kind, text):
+    service = class_of(kind, "srv")
+    SERVICES[name] = rospy.Service(name, service, lambda _: service._response_class(text))
+
+
+def ask(name, kind):
+    """What a service answers: ok and its only field, or the error."""
+    rospy.wait_for_service(name, 10)
+    try:
+        answer = rospy.ServiceProxy(name, class_of(kind, "srv"))()
+    except rospy.ServiceException as error:
+        return ["error", str(error)]
+    return ["ok", getattr(answer, answer.__slots__[0])]
+
+
+def ask_often(name, kind, count):
+    """Answers over one connection."""
+    proxy = rospy.ServiceProxy(name, class_of(kind, "srv"), persistent=True)
+    answers = [proxy() for _ in range(count)]
+    proxy.close()
+    return [getattr(answer, answer.__slots__[0]) for answer in answers]
+
+
+def set_parameter(name, value):
+    rospy.set_param(name, value)
+
+
+def delete_parameter(name):
+    rospy.delete_param(name)
+
+
+def main():
+    # What rospy prints would stand between the answers.
+    answers = os.fdopen(os.dup(sys.stdout.fileno()), "w", buffering=1)
+    os.dup2(sys.stderr.fileno(), sys.stdout.fileno())
+    for line in sys.stdin:
+        verb, *arguments = json.loads(line)
+        try:
+            answer = ["ok", globals()[verb](*arguments)]
+        except Exception as error:
+            answer = ["error", f"{type(error).__name__}: {error}"]
+        answers.write(json.dumps(answer) + "\n")
+    os._exit(0)
+
+
+if __name__ == "__main__":
+    main()

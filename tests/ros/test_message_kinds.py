@@ -1,0 +1,53 @@
+"""Checksums and definitions, against Debian's generated classes."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+
+import pytest
+
+import tfdb
+from ros.real_ros1 import PYTHON, need
+from tfdb.ros.message_kinds import MESSAGES, SERVICES, kind_of, known_kind, service_kind
+
+SCRIPT = """
+import importlib, json, sys
+from genpy.dynamic import generate_dynamic
+
+def class_of(name, part):
+    package, kind = name.split("/")
+    return getattr(importlib.import_module(package + "." + part), kind)
+
+messages, services = json.loads(sys.argv[1])
+found = {name: class_of(name, "msg")._md5sum for name in messages}
+made = {name: generate_dynamic(name, text)[name]._md5sum for name, text in messages.items()}
+asked = {name: class_of(name, "srv")._md5sum for name in services}
+print(json.dumps([found, made, asked]))
+"""
+
+
+def test_checksums_are_those_of_debians_classes() -> None:
+    need()
+    definitions = {name: known_kind(name).definition for name in MESSAGES}
+    command = [PYTHON, "-c", SCRIPT, json.dumps([definitions, list(SERVICES)])]
+    output = subprocess.run(command, capture_output=True, check=True).stdout
+    found, made, asked = json.loads(output.splitlines()[-1])
+    ours = {name: kind_of(name).md5sum for name in MESSAGES}
+    assert ours == found
+    # A tool that knows only what a publisher says of itself makes the same of it.
+    assert made == found
+    assert {name: service_kind(name).md5sum for name in SERVICES} == asked
+
+
+def test_the_old_and_the_new_name_of_tf_have_one_checksum() -> None:
+    old, new = kind_of("tf/tfMessage"), kind_of("tf2_msgs/TFMessage")
+    assert old.md5sum == new.md5sum == "94810edda583a504dfda3829e70d7eec"
+
+
+def test_what_has_no_definition_is_received_and_not_sent() -> None:
+    assert kind_of("sensor_msgs/Imu").md5sum == "*"
+    with pytest.raises(tfdb.InvalidArgument, match=r"'sensor_msgs/Imu'.*tf2_msgs/TFMessage"):
+        known_kind("sensor_msgs/Imu")
+    with pytest.raises(tfdb.InvalidArgument, match="tf2_msgs/FrameGraph"):
+        service_kind("std_srvs/Empty")

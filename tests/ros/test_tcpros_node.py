@@ -1,0 +1,342 @@
+"""Our node in a real graph of ROS 1, against real programs of rospy, in both directions."""
+
+from __future__ import annotations
+
+import threading
+import xmlrpc.client
+from typing import TYPE_CHECKING
+
+import pytest
+
+import tfdb
+from ros.messages import clock, transforms
+from ros.real_ros1 import SECONDS, free_port, until
+from tfdb.ros.tcpros_node import TcprosNode
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+
+    from ros.real_ros1 import RospyChild
+
+TF = "tf2_msgs/TFMessage"
+MOVES = [
+    transforms(("map", "base", 1_000_000_001 + i, float(i)), ("base", "arm", 7, 0.5))
+    for i in range(9)
+]
+
+
+class Heard:
+    """What a callback has got."""
+
+    def __init__(self) -> None:
+        self.changed = threading.Condition()
+        self.messages: list[bytes] = []
+        self.publishers: list[str] = []
+
+    def __call__(self, data: bytes | memoryview, publisher: str) -> None:
+        with self.changed:
+            self.messages.append(bytes(data))
+            self.publishers.append(publisher)
+            self.changed.notify_all()
+
+    def wait(self, count: int) -> list[bytes]:
+        with self.changed:
+            assert self.changed.wait_for(lambda: len(self.messages) >= count, SECONDS)
+            return list(self.messages)
+
+
+@pytest.fixture
+def node(ros1: str) -> Iterator[TcprosNode]:
+    with TcprosNode("ours", arguments=[]) as node:
+        yield node
+
+
+def hex_of(messages: list[bytes]) -> list[str]:
+    return [message.hex() for message in messages]
+
+
+def test_theirs_to_ours(node: TcprosNode, rospy_child: RospyChild) -> None:
+    heard, buffer = Heard(), tfdb.Buffer()
+
+    def take(data: bytes | memoryview, publisher: str) -> None:
+        buffer.ingest(data, encoding="ros1", authority=publisher)
+        heard(data, publisher)
+
+    rospy_child.call("advertise", "/moves", TF, False, 100)
+    subscription = node.subscribe("moves", TF, take)
+    assert rospy_child.call("joined", "/moves", 1, SECONDS)
+    rospy_child.call("send", "/moves", hex_of(MOVES))
+    assert heard.wait(len(MOVES)) == MOVES
+    assert set(heard.publishers) == {"/theirs"}
+    assert buffer.lookup_transform("map", "base", 1_000_000_003).translation[0] == 2.0
+    subscription.close()
+    subscription.close()
+    rospy_child.call("withdraw", "/moves")
+
+
+def test_ours_to_theirs(node: TcprosNode, rospy_child: RospyChild) -> None:
+    publisher = node.advertise("ours_to_theirs", TF)
+    rospy_child.call("listen", "/ours_to_theirs", TF)
+    until(lambda: publisher.subscribers == ["/theirs"], "a subscriber")
+    for move in MOVES:
+        publisher.publish(move)
+    assert rospy_child.call("heard", "/ours_to_theirs", len(MOVES), SECONDS) == [
+        hex_of(MOVES),
+        ["/ours"] * len(MOVES),
+    ]
+
+
+def test_who_joins_late_gets_the_last_of_each_latched_publisher(
+    node: TcprosNode, rospy_child: RospyChild
+) -> None:
+    first, second = (node.advertise("late", TF, latched=True) for _ in range(2))
+    for publisher, move in zip([first, first, second], MOVES, strict=False):
+        publisher.publish(move)
+    rospy_child.call("listen", "/late", TF)
+    assert rospy_child.call("heard", "/late", 2, SECONDS)[0] == hex_of(MOVES[1:3])
+    heard = Heard()
+    node.subscribe("late", TF, heard)
+    assert heard.wait(2) == MOVES[1:3]
+    second.close()
+    first.publish(MOVES[5])
+    assert rospy_child.call("heard", "/late", 3, SECONDS)[0] == hex_of([*MOVES[1:3], MOVES[5]])
+
+
+def test_their_latched_message_reaches_every_late_callback(
+    node: TcprosNode, rospy_child: RospyChild
+) -> None:
+    rospy_child.call("advertise", "/their_latched", TF, True, 10)
+    rospy_child.call("send", "/their_latched", hex_of(MOVES[:2]))
+    first, second = Heard(), Heard()
+    node.subscribe("their_latched", TF, first)
+    assert first.wait(1) == [MOVES[1]]
+    node.subscribe("their_latched", TF, second)
+    assert second.messages == [MOVES[1]]
+    assert second.publishers == ["/theirs"]
+
+
+def test_the_old_type_of_tf_is_the_same(node: TcprosNode, rospy_child: RospyChild) -> None:
+    rospy_child.call("advertise", "/old", "tf/tfMessage", True, 10)
+    rospy_child.call("send", "/old", hex_of(MOVES[:1]))
+    heard = Heard()
+    node.subscribe("old", TF, heard)
+    assert heard.wait(1) == MOVES[:1]
+
+
+def test_a_publisher_of_another_type_is_refused_and_said(
+    node: TcprosNode, rospy_child: RospyChild, caplog: pytest.LogCaptureFixture
+) -> None:
+    rospy_child.call("advertise", "/other", "rosgraph_msgs/Clock", True, 1)
+    node.subscribe("other", TF, Heard())
+    until(lambda: "topic types do not match" in caplog.text, "the refusal")
+    publisher = node.advertise("other2", TF)
+    rospy_child.call("listen", "/other2", "rosgraph_msgs/Clock")
+    until(lambda: "of md5sum 94810" in caplog.text, "our refusal")
+    assert publisher.subscribers == []
+
+
+def test_a_publisher_that_is_killed_and_comes_back_is_heard_again(
+    node: TcprosNode, new_child: Callable[[str], RospyChild]
+) -> None:
+    heard = Heard()
+    for number in range(2):
+        child = new_child("mortal")
+        child.call("advertise", "/mortal_moves", TF, False, 100)
+        if number == 0:
+            node.subscribe("mortal_moves", TF, heard)
+        assert child.call("joined", "/mortal_moves", 1, SECONDS)
+        child.call("send", "/mortal_moves", hex_of(MOVES[number : number + 1]))
+        assert heard.wait(number + 1) == MOVES[: number + 1]
+        if number == 0:
+            child.kill()
+    assert set(heard.publishers) == {"/mortal"}
+
+
+def test_simulated_time(node: TcprosNode, rospy_child: RospyChild) -> None:
+    wall: list[int] = []
+    node.on_clock(wall.append)
+    node.on_clock(wall.append).close()
+    assert node.now() > 1_600_000_000_000_000_000
+    assert not node.simulated
+    rospy_child.call("advertise", "/clock", "rosgraph_msgs/Clock", True, 1)
+    rospy_child.call("set_parameter", "/use_sim_time", True)
+    try:
+        with TcprosNode("simulated", arguments=[]) as simulated:
+            called: list[int] = []
+            set_again = threading.Event()
+
+            def on_clock(now: int) -> None:
+                called.append(now)
+                assert simulated.now() == now
+                set_again.set()
+
+            assert simulated.simulated
+            assert simulated.now() == 0
+            subscription = simulated.on_clock(on_clock)
+            for now in (12_000_000_005, 3_000_000_000):
+                set_again.clear()
+                rospy_child.call("send", "/clock", [clock(now).hex()])
+                assert set_again.wait(SECONDS)
+                assert called[-1] == simulated.now() == now
+            subscription.close()
+            ended: list[int] = []
+            simulated.on_clock(ended.append)
+            simulated.on_clock(lambda now: called[now])
+            simulated.close()
+            assert ended == [3_000_000_000]
+            assert simulated.closed
+    finally:
+        rospy_child.call("delete_parameter", "/use_sim_time")
+        rospy_child.call("withdraw", "/clock")
+    assert wall == []
+    node.close()
+    assert len(wall) == 1
+    node.on_clock(wall.append)
+    assert len(wall) == 2
+
+
+def test_services(node: TcprosNode, rospy_child: RospyChild) -> None:
+    texts = ["base:\n  parent: map", "a second answer"]
+
+    def answer(request: bytes) -> bytes:
+        assert request == b""
+        if not texts:
+            raise tfdb.NotSupported("no more frames")
+        return xmlrpc_string(texts.pop(0))
+
+    served = node.serve("~tf2_frames", "tf2_msgs/FrameGraph", answer)
+    name, kind = "/ours/tf2_frames", "tf2_msgs/FrameGraph"
+    with pytest.raises(tfdb.InvalidArgument, match="served by this node already"):
+        node.serve(name, kind, answer)
+    assert rospy_child.call("ask_often", name, kind, 2) == [
+        "base:\n  parent: map",
+        "a second answer",
+    ]
+    assert rospy_child.call("ask", name, kind) == [
+        "error",
+        "service [/ours/tf2_frames] responded with an error: b'no more frames'",
+    ]
+    served.close()
+    with xmlrpc.client.ServerProxy(node._master.uri) as master:
+        assert master.lookupService("/test", name)[0] != 1
+
+
+def xmlrpc_string(text: str) -> bytes:
+    return len(text).to_bytes(4, "little") + text.encode()
+
+
+def test_a_second_node_of_the_name_closes_the_first(
+    node: TcprosNode, new_child: Callable[[str], RospyChild]
+) -> None:
+    node.subscribe("tf", TF, Heard())
+    publisher = node.advertise("by_the_first", TF)
+    with TcprosNode("ours", arguments=[]) as second:
+        second.subscribe("tf", TF, Heard())
+        assert node.wait_closed(SECONDS)
+        with pytest.raises(
+            tfdb.NodeClosed, match=r"/ours is closed: it was told to end: .*new node"
+        ):
+            node.subscribe("tf", TF, Heard())
+        with pytest.raises(tfdb.NodeClosed):
+            publisher.publish(MOVES[0])
+        new_child("ours").call("listen", "/tf", TF)
+        assert second.wait_closed(SECONDS)
+
+
+def test_two_nodes_in_one_process_and_remapped_names(ros1: str) -> None:
+    heard = Heard()
+    with (
+        TcprosNode("first", arguments=["", "tf:=/robot/tf"]) as first,
+        TcprosNode(arguments=["", "__ns:=/robot"]) as second,
+    ):
+        assert second.name.startswith("/robot/tfdb_")
+        first.subscribe("tf", TF, heard)
+        publisher = second.advertise("tf", TF, latched=True)
+        publisher.publish(MOVES[0])
+        assert heard.wait(1) == MOVES[:1]
+        assert heard.publishers == [second.name]
+
+
+def test_the_slave_api(node: TcprosNode, rospy_child: RospyChild) -> None:
+    publisher = node.advertise("out", TF)
+    rospy_child.call("listen", "/out", TF)
+    until(lambda: publisher.subscribers == ["/theirs"], "a subscriber")
+    with xmlrpc.client.ServerProxy(node.uri) as slave:
+        assert slave.getPublications("/test")[2] == [["/out", TF]]
+        assert slave.getSubscriptions("/test")[2] == []
+        assert slave.getMasterUri("/test")[2] == node._master.uri
+        assert slave.getPid("/test")[2] > 0
+        assert slave.getBusInfo("/test")[2] == [[0, "/theirs", "o", "TCPROS", "/out", True]]
+        assert slave.getBusStats("/test") == [1, "", [[], [], []]]
+        assert slave.paramUpdate("/test", "/x", 1)[0] == 1
+        assert slave.requestTopic("/test", "/none", [["TCPROS"]])[0] == -1
+        assert slave.requestTopic("/test", "/out", [["UDPROS"]])[0] == 0
+        assert slave.requestTopic("/test", "/out", [["TCPROS"]])[2][0] == "TCPROS"
+        assert slave.requestTopic("/test")[0] == -1
+        assert slave.publisherUpdate("/test", "/out", 5)[0] == -1
+        assert slave._dispatch("/test")[0] == -1
+        assert slave.shutdown("/test", "enough")[0] == 1
+    assert node.wait_closed(SECONDS)
+    with pytest.raises(tfdb.NodeClosed, match="enough"):
+        node.advertise("out", TF)
+
+
+def test_closing_takes_everything_back(ros1: str) -> None:
+    node = TcprosNode("brief", arguments=[])
+    node.subscribe("in", TF, Heard())
+    node.advertise("out", TF)
+    node.serve("~x", "tf2_msgs/FrameGraph", bytes)
+    with xmlrpc.client.ServerProxy(ros1) as master:
+        assert "/brief" in str(master.getSystemState("/test"))
+        node.close()
+        node.close()
+        assert "/brief" not in str(master.getSystemState("/test"))
+    assert "closed" in repr(node)
+    with pytest.raises(tfdb.NodeClosed, match="it was closed"):
+        node.serve("~x", "tf2_msgs/FrameGraph", bytes)
+
+
+def test_one_topic_has_one_type_in_a_node(node: TcprosNode) -> None:
+    node.subscribe("mixed", TF, Heard())
+    node.subscribe("mixed", "tf/tfMessage", Heard())
+    with pytest.raises(tfdb.InvalidArgument, match="open in this node as tf2_msgs/TFMessage"):
+        node.subscribe("mixed", "rosgraph_msgs/Clock", Heard())
+    node.advertise("mixed", TF)
+    with pytest.raises(tfdb.InvalidArgument, match="is another type"):
+        node.advertise("mixed", "rosgraph_msgs/Clock")
+    with pytest.raises(tfdb.InvalidArgument, match="not latched"):
+        node.advertise("mixed", TF, latched=True)
+
+
+def test_no_master_is_said_with_its_uri() -> None:
+    uri = f"http://127.0.0.1:{free_port()}"
+    with pytest.raises(tfdb.NoMaster, match=f"at {uri} .*roscore.*ROS_MASTER_URI") as caught:
+        TcprosNode("lonely", master=uri, arguments=[])
+    assert caught.value.uri == uri
+    assert isinstance(caught.value, ConnectionError)
+    with pytest.raises(tfdb.InvalidArgument, match="no URI of ROS"):
+        TcprosNode("lonely", master="localhost", arguments=[])
+
+
+def test_a_callback_may_open_and_close_and_fail(
+    node: TcprosNode, rospy_child: RospyChild, caplog: pytest.LogCaptureFixture
+) -> None:
+    heard = Heard()
+    opened = []
+
+    def take(data: bytes | memoryview, publisher: str) -> None:
+        if not opened:
+            opened.append(node.subscribe("busy", TF, heard))
+            opened.append(node.advertise("from_callback", TF))
+            subscription.close()
+        raise tfdb.CorruptMessage("not what it should be")
+
+    publisher = node.advertise("busy", TF)
+    subscription = node.subscribe("busy", TF, take)
+    node.subscribe("busy", TF, lambda data, publisher: 1 / 0)
+    until(lambda: publisher.subscribers, "the subscriber")
+    for move in MOVES:
+        publisher.publish(move)
+    assert heard.wait(len(MOVES) - 1)[-1] == MOVES[-1]
+    assert caplog.text.count("not what it should be") == 1
+    assert caplog.text.count("a message of /ours on /busy: division by zero") == 1
