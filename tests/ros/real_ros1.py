@@ -103,9 +103,9 @@ def running_master() -> Iterator[str]:
 class RospyChild:
     """A program of rospy that does what it is told."""
 
-    def __init__(self, uri: str, name: str) -> None:
+    def __init__(self, uri: str, name: str, python: str = PYTHON, script: Path = CHILD) -> None:
         self.process = subprocess.Popen(
-            [PYTHON, CHILD],
+            [python, script],
             env=environment(uri),
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,

@@ -1,0 +1,400 @@
+"""The node of ROS 1 that a process of rospy is: messages go through it as bytes."""
+
+from __future__ import annotations
+
+import importlib
+import io
+import threading
+from functools import cache
+from typing import TYPE_CHECKING, Any
+
+import genpy
+import rospy
+from rospy.impl.tcpros_base import DEFAULT_BUFF_SIZE
+
+from tfdb.errors import CorruptMessage, NodeClosed, NotSupported
+
+from .loop import LOG
+from .message_kinds import known_kind, service_kind
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from .node import Encoding, Flavor, Publisher, Service, Subscription
+    from .tcpros_subscription import OnMessage
+
+__all__ = ["RospyNode"]
+
+CLOCK, CLOCK_KIND = "/clock", "rosgraph_msgs/Clock"
+AT_ONCE = max(1 << 20, DEFAULT_BUFF_SIZE)  # bytes that are received in one call
+
+
+class RospyNode:
+    """The process's node of rospy, of which rospy makes the connections and the threads.
+
+    Threads: any may call anything. Each publisher of a topic is received in a thread of its own, as
+    rospy does it: callbacks of one topic may run at the same time. `close` takes back what was
+    opened through this object; the node of rospy stays.
+
+    Where the program subscribes to the same topic, both share rospy's connections: it gets messages
+    of its type, and tfdb gets bytes.
+
+    Raises NotSupported before `rospy.init_node`.
+    """
+
+    flavor: Flavor = "ros1"
+    encoding: Encoding = "ros1"
+
+    def __init__(self) -> None:
+        if not rospy.core.is_initialized():
+            raise NotSupported(
+                "rospy has no node yet: call rospy.init_node first, or use TcprosNode"
+            )
+        self.name: str = rospy.get_name()
+        """Its full name in the graph."""
+        self._lock = threading.Lock()
+        self._open: list[_Opened] = []
+        self._ended = False
+
+    def __repr__(self) -> str:
+        return f"<RospyNode {self.name}>"
+
+    def subscribe(
+        self,
+        topic: str,
+        kind: str,
+        on_message: OnMessage,
+        *,
+        latched: bool = False,  # noqa: ARG002  (the publisher says so itself)
+        depth: int = 100,  # noqa: ARG002  (rospy holds what waits)
+        qos: Any = None,  # noqa: ARG002  (of ROS 2)
+    ) -> Subscription:
+        """Call `on_message(data, publisher)` for each message of a topic, in their order.
+
+        No message is passed over: while a callback does not return, those that come wait in the
+        connection, then at the publisher. Raises NodeClosed.
+        """
+        failed: set[str] = set()
+
+        def called(message: Any) -> None:
+            publisher = message._connection_header.get("callerid", "")
+            try:
+                on_message(bytes_of(message), publisher)
+            except Exception as error:
+                if publisher not in failed:
+                    failed.add(publisher)
+                    LOG.warning(
+                        "a message of %s on %s: %s; said once for each publisher",
+                        publisher,
+                        topic,
+                        error,
+                        exc_info=not isinstance(error, CorruptMessage),
+                    )
+
+        self._check_open()
+        made = rospy.Subscriber(topic, raw_class(kind), called, buff_size=AT_ONCE, tcp_nodelay=True)
+        return self._keep(made.unregister)
+
+    def advertise(
+        self,
+        topic: str,
+        kind: str,
+        *,
+        latched: bool = False,
+        depth: int = 100,
+        qos: Any = None,  # noqa: ARG002  (of ROS 2)
+    ) -> Publisher:
+        """Offer a topic; late joiners get the last message of a latched one.
+
+        At most `depth` messages wait for a subscriber that takes them too slowly. Raises
+        InvalidArgument for a type that is neither installed nor known, NodeClosed.
+        """
+        self._check_open()
+        if raw_class(kind)._md5sum == rospy.AnyMsg._md5sum:
+            known_kind(kind)
+        made = rospy.Publisher(topic, raw_class(kind), latch=latched, queue_size=max(1, depth))
+        return _RospyPublisher(self._keep(made.unregister), made, raw_class(kind))
+
+    def serve(self, name: str, kind: str, answer: Callable[[bytes], bytes]) -> Service:
+        """Offer a service: `answer` makes the serialized response of a serialized request.
+
+        Each client is answered in a thread of its own. Raises InvalidArgument for a type that is
+        not known, NodeClosed.
+        """
+        self._check_open()
+        service = raw_service(kind)
+        made = rospy.Service(
+            name, service, lambda request: service._response_class(answer(request.data))
+        )
+        return self._keep(lambda: made.shutdown("it was closed"))
+
+    def now(self) -> int:
+        """Nanoseconds on rospy's clock."""
+        found: int = rospy.get_rostime().to_nsec()
+        return found
+
+    @property
+    def simulated(self) -> bool:
+        """Whether `now` is simulated time."""
+        return not rospy.rostime.is_wallclock()
+
+    @property
+    def closed(self) -> bool:
+        """Whether this object was closed, or rospy shut down."""
+        return self._ended or bool(rospy.is_shutdown())
+
+    def on_clock(self, called: Callable[[int], None]) -> Subscription:
+        """Call `called(now)` whenever simulated time is set, and once when the node ends.
+
+        At once where it has ended.
+        """
+        if self.closed:
+            called(self.now())
+            return _Opened(self, lambda: None)
+        clock = the_clock()
+        clock.add(called)
+        return self._keep(lambda: clock.remove(called), lambda: clock.end(called))
+
+    def close(self) -> None:
+        """Take back what was opened here."""
+        with self._lock:
+            self._ended = True
+            opened = list(self._open)
+        for each in opened:
+            each.ended()
+            each.close()
+
+    def _check_open(self) -> None:
+        if self.closed:
+            raise NodeClosed(f"the node {self.name} is closed", reason="it was closed")
+
+    def _keep(self, close: Callable[[], None], ended: Callable[[], None] = lambda: None) -> _Opened:
+        opened = _Opened(self, close, ended)
+        with self._lock:
+            self._open.append(opened)
+        return opened
+
+
+class _Opened:
+    """What was opened in the node. Threads: any."""
+
+    def __init__(
+        self,
+        node: RospyNode,
+        close: Callable[[], None],
+        ended: Callable[[], None] = lambda: None,
+    ) -> None:
+        self.ended = ended
+        """Say that the node has ended."""
+        self._node, self._close = node, close
+
+    def close(self) -> None:
+        """Take it back. Again: nothing happens."""
+        with self._node._lock:
+            if self not in self._node._open:
+                return
+            self._node._open.remove(self)
+        self._close()
+
+
+class _Clock:
+    """Who is to be told when rospy's time is set, or rospy ends. Threads: any."""
+
+    def __init__(self) -> None:
+        self._lock = threading.Lock()
+        self._told: list[Callable[[int], None]] = []
+        rospy.on_shutdown(self._set)
+        if not rospy.rostime.is_wallclock():
+            # rospy listens there too, and sets its time before it calls this.
+            rospy.Subscriber(CLOCK, class_of(CLOCK_KIND), self._set)
+
+    def add(self, called: Callable[[int], None]) -> None:
+        with self._lock:
+            self._told.append(called)
+
+    def remove(self, called: Callable[[int], None]) -> None:
+        with self._lock:
+            if called in self._told:
+                self._told.remove(called)
+
+    def end(self, called: Callable[[int], None]) -> None:
+        """Call once more."""
+        self._tell([called])
+
+    def _set(self, _: Any = None) -> None:
+        with self._lock:
+            told = list(self._told)
+        self._tell(told)
+
+    def _tell(self, told: list[Callable[[int], None]]) -> None:
+        now = rospy.get_rostime().to_nsec()
+        for called in told:
+            try:
+                called(now)
+            except Exception:
+                LOG.exception("what listens to rospy's clock failed")
+
+
+@cache
+def the_clock() -> _Clock:
+    """The one of the process."""
+    return _Clock()
+
+
+class _RospyPublisher:
+    """A topic that rospy publishes. Threads: any."""
+
+    def __init__(self, opened: _Opened, publisher: Any, kind: Any) -> None:
+        self._opened, self._publisher, self._kind = opened, publisher, kind
+
+    @property
+    def subscribers(self) -> int:
+        """How many nodes are connected."""
+        found: int = self._publisher.get_num_connections()
+        return found
+
+    def publish(self, data: bytes) -> None:
+        """Send one serialized message. Raises NodeClosed."""
+        try:
+            self._publisher.publish(self._kind().deserialize(data))
+        except rospy.ROSException as error:
+            raise NodeClosed(f"{error}", reason=f"{error}") from error
+
+    def close(self) -> None:
+        """Take it back."""
+        self._opened.close()
+
+
+class _Raw:
+    """Part of a message's class that keeps the bytes, and takes them apart if someone looks.
+
+    Threads: one at a time, as any message.
+    """
+
+    _whole: Any  # the message's own class
+    _data: bytes | None = None  # until one of the fields is read
+
+    def __init__(self) -> None:
+        # Not the class's own: the fields are set once one of them is read.
+        self._data = b""
+
+    def deserialize(self, data: bytes) -> Any:
+        """Keep the bytes."""
+        self._data = data
+        return self
+
+    def serialize(self, out: Any) -> None:
+        """Write the bytes, or the fields where they may have been changed."""
+        if self._data is None:
+            self._whole.serialize(self, out)
+        else:
+            out.write(self._data)
+
+    def __getattr__(self, name: str) -> Any:
+        if name not in self._whole.__slots__ or self._data is None:
+            raise AttributeError(f"{type(self).__name__!r} has no attribute {name!r}")
+        data, self._data = self._data, None
+        self._whole.__init__(self)
+        self._whole.deserialize(self, data)
+        return getattr(self, name)
+
+    def __reduce__(self) -> Any:
+        """Copies and pickles are messages of the class itself."""
+        return _remade, (self._whole, bytes_of(self))
+
+
+def _remade(whole: Any, data: bytes) -> Any:
+    return whole().deserialize(data)
+
+
+def class_of(kind: str) -> Any:
+    """Class of a type's messages: the installed one, else AnyMsg."""
+    package, _, name = kind.partition("/")
+    try:
+        return getattr(importlib.import_module(f"{package}.msg"), name)
+    except (ImportError, AttributeError):
+        return rospy.AnyMsg
+
+
+@cache
+def raw_class(kind: str) -> Any:
+    """Class of a type's messages in bytes.
+
+    It is a subclass of the installed one, so that others who share rospy's connection get messages
+    of their type. Where none is installed it is made of what tfdb knows of the type, else AnyMsg.
+    """
+    whole = class_of(kind)
+    if whole is rospy.AnyMsg:
+        try:
+            known = known_kind(kind)
+        except ValueError:
+            return whole
+        whole = type(
+            kind.rpartition("/")[2],
+            (genpy.Message,),
+            {
+                "_type": known.name,
+                "_md5sum": known.md5sum,
+                "_full_text": known.definition,
+                "_has_header": False,
+                "__slots__": [],
+                "_slot_types": [],
+            },
+        )
+    return type(whole.__name__, (_Raw, whole), {"_whole": whole, "__module__": whole.__module__})
+
+
+def bytes_of(message: Any) -> bytes:
+    """Serialized form of a message of rospy."""
+    kept = getattr(message, "_data", None) or getattr(message, "_buff", None)
+    if kept is not None:
+        data: bytes = kept
+        return data
+    out = io.BytesIO()
+    message.serialize(out)
+    return out.getvalue()
+
+
+class RawRequest(genpy.Message):  # type: ignore[misc]
+    """A request in bytes."""
+
+    __slots__ = ["data"]
+
+    def deserialize(self, data: bytes) -> RawRequest:
+        """Keep the bytes."""
+        self.data = data
+        return self
+
+
+class RawResponse(genpy.Message):  # type: ignore[misc]
+    """A response in bytes."""
+
+    __slots__ = ["data"]
+
+    def __init__(self, data: bytes = b"") -> None:
+        self.data = data
+
+    def serialize(self, out: Any) -> None:
+        """Write the bytes."""
+        out.write(self.data)
+
+
+@cache
+def raw_service(kind: str) -> Any:
+    """Class of a service in bytes."""
+    known = service_kind(kind)
+    name = kind.rpartition("/")[2]
+    request, response = (
+        type(f"{name}{part}", (base,), {"_type": f"{kind}{part}", "__slots__": []})
+        for part, base in (("Request", RawRequest), ("Response", RawResponse))
+    )
+    return type(
+        name,
+        (),
+        {
+            "_type": known.name,
+            "_md5sum": known.md5sum,
+            "_request_class": request,
+            "_response_class": response,
+        },
+    )
