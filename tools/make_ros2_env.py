@@ -18,7 +18,7 @@ from pathlib import Path
 
 HERE = Path(__file__).resolve().parent
 PREFIX = HERE.parent / ".ros2"
-WHEELS = ("ros-rclpy[fastrtps]==7.1.6", "ros-geometry-msgs==5.3.6")
+WHEELS = ("ros-rclpy[fastrtps]==7.1.6", "ros-geometry-msgs==5.3.6", "ros-sensor-msgs==5.3.6")
 
 
 def environment(prefix: Path = PREFIX) -> dict[str, str]:

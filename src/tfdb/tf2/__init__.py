@@ -16,7 +16,8 @@ on purpose is listed in `tfdb.tf2.differences`.
 
 from __future__ import annotations
 
-from . import msgs
+# Clouds and geometry register what they transform.
+from . import clouds, geometry, msgs
 from .buffer import Buffer
 from .buffer_core import BufferCore
 from .buffer_interface import (
@@ -70,6 +71,8 @@ __all__ = [
     "TransformRegistration",
     "TransformableResult",
     "TypeException",
+    "clouds",
     "convert",
+    "geometry",
     "msgs",
 ]

@@ -118,5 +118,46 @@ DIFFERENCES: dict[str, Difference] = {
         "lookup raises ConnectivityException, where tf2 has ExtrapolationException",
         "the store keeps no data of what is not there",
     ),
+    "conversion_header": Difference(
+        "do_transform_* gives the result the transform's own header; [2] do_transform_vector3 sets "
+        "the translation of the given transform to 0",
+        "a copy; what was given stays as it is",
+        "a later change of one message must not change another",
+    ),
+    "conversion_transform": Difference(
+        "do_transform_* takes any quaternion: [1] stretches by its length, [2] makes it of length "
+        "one, and the identity of one of length 0",
+        "InvalidArgumentException unless it is finite and of length one, as set_transform has it",
+        "it is no transform",
+    ),
+    "conversion_orientation": Difference(
+        "[1] an orientation of a length other than one comes back as another rotation",
+        "with length one; one of length 0, which [1]'s messages have by default, counts as the "
+        "identity, as in [2]",
+        "programs that care for the position alone leave it out",
+    ),
+    "cloud_layout": Difference(
+        "[1] takes the first three numbers of each point for x, y, z; [1] and [2] drop padding "
+        "behind the last field, rows and the order of bytes",
+        "fields are found by name, the layout stays to the byte",
+        "what is not transformed is not changed",
+    ),
+    "cloud_normals": Difference(
+        "normals are kept as they are",
+        "normal_x, normal_y, normal_z and nx, ny, nz are turned",
+        "they are directions in the cloud's frame",
+    ),
+    "cloud_refused": Difference(
+        "[1] takes clouds without x, y, z; [2] raises AssertionError",
+        "InvalidArgumentException with [2]'s words, also for data that are shorter than the header "
+        "says and fields outside a point",
+        "asserts vanish with python -O",
+    ),
+    "covariance": Difference(
+        "[1] has no PoseWithCovarianceStamped; [2] turns the blocks of its covariance",
+        "as [2], for both; transform_covariance takes a `lever_arm` for the covariance of another "
+        "point of the same body, or of a twist about the frame's origin",
+        "x, y, z are the place of the pose itself, so a change of frame alone has no lever arm",
+    ),
 }
 """By name."""

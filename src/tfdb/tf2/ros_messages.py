@@ -4,11 +4,12 @@
 
 from __future__ import annotations
 
+from copy import copy
 from functools import cache
 from typing import TYPE_CHECKING, Any
 
 from . import msgs
-from .times import SECOND, Flavor
+from .times import SECOND, Flavor, nanoseconds
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -32,6 +33,34 @@ def message_name(kind: type) -> str | None:
         return name
     package, _, rest = kind.__module__.partition(".")
     return f"{package}/{kind.__name__}" if rest.startswith("msg.") else None
+
+
+@cache
+def message_class(name: str) -> type:
+    """Class of one of geometry_msgs' messages: the installed ROS's, or ours; AttributeError."""
+    if installed() is None:
+        return getattr(msgs, name)  # type: ignore[no-any-return]
+    import geometry_msgs.msg
+
+    return getattr(geometry_msgs.msg, name)  # type: ignore[no-any-return]
+
+
+def fill_stamp(header: Any, stamp: Any) -> None:
+    """Give a header of any library a copy of a time of any library."""
+    if isinstance(stamp, type(header.stamp)):
+        header.stamp = copy(stamp)
+        return
+    names = ("sec", "nanosec") if hasattr(header.stamp, "sec") else ("secs", "nsecs")
+    for name, value in zip(names, divmod(nanoseconds(stamp), SECOND), strict=True):
+        setattr(header.stamp, name, value)
+
+
+def fill_header(header: Any, given: Any) -> None:
+    """Copy a header into another, both of any library."""
+    header.frame_id = given.frame_id
+    fill_stamp(header, given.stamp)
+    if hasattr(header, "seq") and hasattr(given, "seq"):
+        header.seq = given.seq
 
 
 def make_header(stamp: Any, frame_id: str) -> Any:

@@ -1,0 +1,319 @@
+"""PointCloud2 into another frame: tf2_sensor_msgs; and each point from its own moment.
+
+Clouds are those of either ROS or of `tfdb.tf2.msgs`, of any layout: fields in any order and at any
+offset, float32 or float64, either order of bytes, rows with padding, points that are not a number.
+A result is a new message of the same class and layout; what is neither a place nor a normal is the
+same to the byte. Normals are `normal_x`, `normal_y`, `normal_z` or `nx`, `ny`, `nz`: where all
+three are there as floating point numbers they are turned.
+"""
+
+from __future__ import annotations
+
+from array import array
+from contextlib import nullcontext
+from itertools import pairwise
+from typing import TYPE_CHECKING, Any, Literal
+
+import tfdb
+
+from .buffer_interface import ConvertRegistration, TransformRegistration
+from .exceptions import InvalidArgumentException
+from .geometry import from_msg_msg, to_msg_msg
+from .given_transform import fill_result_header, rigid
+from .ros_messages import fill_header, fill_stamp
+from .times import SECOND, nanoseconds
+
+if TYPE_CHECKING:
+    import numpy as np
+    import numpy.typing as npt
+
+__all__ = ["deskew_cloud", "do_transform_cloud"]
+
+NUMBERS = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 8: "f8"}
+"""Types of numpy by a PointField's datatype."""
+PLACE = ("x", "y", "z")
+NORMALS = (("normal_x", "normal_y", "normal_z"), ("nx", "ny", "nz"))
+UNITS = {"s": SECOND, "ms": 1_000_000, "us": 1_000, "ns": 1}
+
+
+class _Points:
+    """The points of a cloud in bytes of its own: its fields as arrays (height, width).
+
+    Raises InvalidArgumentException for a cloud that is not what its header says.
+    """
+
+    def __init__(self, cloud: Any) -> None:
+        self.cloud = cloud
+        self.data = bytearray(cloud.data)
+        self.shape = (cloud.height, cloud.width)
+        self.count = cloud.height * cloud.width
+        self.steps = (cloud.row_step, cloud.point_step)
+        self.order = ">" if cloud.is_bigendian else "<"
+        # Padding may be fields of one name, such as `_`.
+        self.fields = {field.name: field for field in cloud.fields}
+        missing = [name for name in PLACE if name not in self.fields]
+        if missing:
+            text = "Point cloud needs the fields x, y, and z for the transformation"
+            there = ", ".join(self.fields) or "none"
+            text = f"{text}: {', '.join(missing)} missing among {there}"
+            raise InvalidArgumentException(text)
+        self.check_size()
+        self.place = self.floats(PLACE)
+        self.normals = [self.floats(names) for names in NORMALS if all(map(self.is_float, names))]
+
+    def check_size(self) -> None:
+        """Raise unless the bytes hold the points."""
+        (height, width), (row_step, point_step) = self.shape, self.steps
+        row = width * point_step
+        needed = (height - 1) * row_step + row if self.count else 0
+        if min(*self.shape, *self.steps) < 0 or (height > 1 and row_step < row):
+            text = (
+                f"{height} rows of {width} points of {point_step} bytes cannot be {row_step} apart"
+            )
+        elif needed > len(self.data):
+            text = f"{height} x {width} points need {needed} bytes of data, got {len(self.data)}"
+        else:
+            return
+        raise InvalidArgumentException(text, value=self.shape)
+
+    def is_float(self, name: str) -> bool:
+        """Whether there is a field of that name that holds floating point numbers."""
+        return name in self.fields and NUMBERS.get(self.fields[name].datatype) in {"f4", "f8"}
+
+    def numbers(self, name: str) -> npt.NDArray[Any]:
+        """The numbers of a field where they lie, (height, width)."""
+        import numpy as np
+
+        field = self.fields.get(name)
+        if field is None:
+            text = f"the cloud has no field {name!r} among {', '.join(self.fields)}"
+            raise InvalidArgumentException(text, value=name)
+        if field.datatype not in NUMBERS:
+            text = f"field {name!r} has the unknown datatype {field.datatype}"
+            raise InvalidArgumentException(text, value=field.datatype)
+        # Drivers write 0 for 1.
+        if field.count not in {0, 1}:
+            text = f"field {name!r} has {field.count} numbers, must have one"
+            raise InvalidArgumentException(text, value=field.count)
+        if sum(other.name == name for other in self.cloud.fields) > 1:
+            raise InvalidArgumentException(f"the cloud has two fields {name!r}", value=name)
+        kind = np.dtype(self.order + NUMBERS[field.datatype])
+        if not self.count:
+            return np.empty(self.shape, kind)
+        if not 0 <= field.offset <= self.steps[1] - kind.itemsize:
+            text = f"field {name!r} at {field.offset} lies outside a point of {self.steps[1]} bytes"
+            raise InvalidArgumentException(text, value=field.offset)
+        return np.ndarray(self.shape, kind, self.data, field.offset, self.steps)
+
+    def floats(self, names: tuple[str, ...]) -> list[npt.NDArray[Any]]:
+        """The numbers of three fields that hold floating point numbers, and not the same ones."""
+        for name in names:
+            if not self.is_float(name):
+                kind = self.fields[name].datatype
+                text = f"field {name!r} must be FLOAT32 or FLOAT64, got datatype {kind}"
+                raise InvalidArgumentException(text, value=kind)
+        found = [self.numbers(name) for name in names]
+        spans = sorted(
+            (self.fields[name].offset, column.itemsize, name)
+            for name, column in zip(names, found, strict=True)
+        )
+        for (start, size, name), (after, _, other) in pairwise(spans):
+            if after < start + size:
+                raise InvalidArgumentException(f"fields {name!r} and {other!r} overlap")
+        return found
+
+    def rows(self, columns: list[npt.NDArray[Any]]) -> npt.NDArray[Any]:
+        """The numbers of three fields as an array (N, 3), float32 where all of them are."""
+        import numpy as np
+
+        narrow = all(column.itemsize == 4 for column in columns)
+        rows = np.empty((self.count, 3), np.float32 if narrow else np.float64)
+        for index, column in enumerate(columns):
+            rows[:, index].reshape(self.shape)[...] = column
+        return rows
+
+    def put(self, columns: list[npt.NDArray[Any]], rows: npt.NDArray[Any]) -> None:
+        """Write an array (N, 3) into three fields."""
+        import numpy as np
+
+        try:
+            with np.errstate(over="raise"):
+                for index, column in enumerate(columns):
+                    column[...] = rows[:, index].reshape(self.shape)
+        except FloatingPointError:
+            raise tfdb.InvalidTransform("a point has no finite place in float32") from None
+
+    def message(self) -> Any:
+        """A new cloud of these bytes, with a copy of the old one's header."""
+        made = type(self.cloud)()
+        fill_header(made.header, self.cloud.header)
+        for name in ("height", "width", "is_bigendian", "point_step", "row_step", "is_dense"):
+            setattr(made, name, getattr(self.cloud, name))
+        made.fields = [_copied(field) for field in self.cloud.fields]
+        made.data = array("B", self.data) if isinstance(made.data, array) else bytes(self.data)
+        return made
+
+
+def _copied(field: Any) -> Any:
+    """A PointField like another."""
+    made = type(field)()
+    for name in ("name", "offset", "datatype", "count"):
+        setattr(made, name, getattr(field, name))
+    return made
+
+
+def do_transform_cloud(cloud: Any, transform: Any) -> Any:
+    """Map a PointCloud2 into the target frame: p_target = T p_source, and normals turned.
+
+    Parameters
+    ----------
+    cloud
+        Of any layout; it stays as it is. Coordinates that are not finite are taken as they are.
+    transform
+        T[target<-source]: a TransformStamped, a Transform, or a `tfdb.Transform`.
+
+    Returns
+    -------
+    PointCloud2
+        Of the class and layout of `cloud`; its header is a copy of the transform's (of the cloud's
+        for a Transform, which has none).
+
+    Raises InvalidArgumentException for a transform that is none, and for a cloud without x, y and z
+    as floating point numbers or whose data are not what it says; `tfdb.InvalidTransform`, with
+    `index`, where a finite point has no finite place.
+    """
+    rigid_transform = rigid(transform)
+    points = _Points(cloud)
+    points.put(points.place, rigid_transform.apply(points.rows(points.place)))
+    turn = tfdb.Transform("target", "source", (0.0, 0.0, 0.0), rigid_transform.rotation)
+    for normal in points.normals:
+        points.put(normal, turn.apply(points.rows(normal)))
+    made = points.message()
+    fill_result_header(made, cloud, transform)
+    return made
+
+
+def deskew_cloud(
+    cloud: Any,
+    buffer: Any,
+    target_frame: str,
+    *,
+    time_field: str,
+    unit: Literal["s", "ms", "us", "ns"] | None = None,
+    since: Literal["header", "epoch"] = "header",
+    fixed_frame: str | None = None,
+    target_time: Any = None,
+) -> Any:
+    """Map each point of a PointCloud2 by the transform of its own moment.
+
+    p_target[i] = T[target<-source](t[i]) p_source[i], or with a fixed frame
+    T[target<-fixed](target_time) T[fixed<-source](t[i]) p_source[i], all from one snapshot; normals
+    are turned likewise. The source is the frame of the cloud's header.
+
+    Parameters
+    ----------
+    cloud
+        Of any layout; it stays as it is. A point that is not finite stays so, whatever its time.
+    buffer
+        Where to look up: a `tfdb.Buffer` or snapshot, or a buffer of `tfdb.tf2`.
+    target_frame
+        Frame of the result: one that stands still, such as the map, or any with `fixed_frame`.
+    time_field
+        Field that holds each point's time, such as `t` or `timestamp`.
+    unit
+        What the field counts. None: seconds for floating point numbers, nanoseconds for integers.
+    since
+        `header`: from the stamp of the cloud's header on; `epoch`: the times are stamps themselves.
+    fixed_frame
+        Frame that stands still while the points were measured, where the target does not: the
+        lidar's own frame at one moment is `deskew_cloud(cloud, buffer, lidar, fixed_frame="odom")`.
+    target_time
+        With `fixed_frame`: moment of the target. None: the stamp of the header.
+
+    Returns
+    -------
+    PointCloud2
+        Of the class and layout of `cloud`. Its stamp is the target's moment with a fixed frame,
+        else that of `cloud`.
+
+    Raises InvalidArgumentException as `do_transform_cloud`, and for a time field that is missing or
+    not finite; what `tfdb.Buffer.transform_points` raises, with `index`, counted row by row.
+    """
+    import numpy as np
+
+    points = _Points(cloud)
+    made_at = nanoseconds(cloud.header.stamp if target_time is None else target_time)
+    source = cloud.header.frame_id
+    rows = points.rows(points.place).astype(np.float64)
+    wanted = np.asarray(np.isfinite(rows).all(axis=1))
+    stamps = _stamps(points, time_field, unit, since, wanted)
+    store = getattr(buffer, "buffer", buffer)
+    with store.snapshot() if isinstance(store, tfdb.Buffer) else nullcontext(store) as state:
+        move = _Mover(state, (target_frame, source), stamps, fixed_frame, made_at)
+        if wanted.any():
+            points.put(points.place, move(rows))
+        if wanted.any() and points.normals:
+            origins = move(np.zeros_like(rows))
+            for normal in points.normals:
+                points.put(normal, move(points.rows(normal).astype(np.float64)) - origins)
+    made = points.message()
+    made.header.frame_id = target_frame
+    if fixed_frame is not None:
+        fill_stamp(made.header, made_at)
+    return made
+
+
+class _Mover:
+    """Maps points of a source frame, each at its stamp."""
+
+    def __init__(
+        self,
+        state: Any,
+        frames: tuple[str, str],
+        stamps: npt.NDArray[np.int64],
+        fixed: str | None,
+        moment: int,
+    ) -> None:
+        target, source = frames
+        self.state, self.stamps = state, stamps
+        self.frames = (target if fixed is None else fixed, source)
+        self.back = None if fixed is None else state.lookup_transform(target, fixed, moment)
+
+    def __call__(self, rows: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+        moved: npt.NDArray[np.float64]
+        moved = self.state.transform_points(*self.frames, rows, self.stamps)
+        return moved if self.back is None else self.back.apply(moved)
+
+
+def _stamps(
+    points: _Points, name: str, unit: str | None, since: str, wanted: npt.NDArray[np.bool_]
+) -> npt.NDArray[np.int64]:
+    """Each point's stamp, (N,) nanoseconds; where it is not wanted, that of one that is."""
+    import numpy as np
+
+    if since not in {"header", "epoch"} or unit not in {None, *UNITS}:
+        text = f"since must be 'header' or 'epoch' and unit one of {', '.join(UNITS)}"
+        raise InvalidArgumentException(text, value=(since, unit))
+    numbers = points.numbers(name).reshape(-1)
+    whole = numbers.dtype.kind != "f"
+    scale = UNITS[unit or ("ns" if whole else "s")]
+    if not wanted.any():
+        return np.zeros(len(numbers), np.int64)
+    numbers = np.where(wanted, numbers, numbers[wanted.argmax()])
+    first = nanoseconds(points.cloud.header.stamp) if since == "header" else 0
+    if whole:
+        return first + numbers.astype(np.int64) * scale
+    with np.errstate(over="ignore"):
+        spans = np.rint(numbers.astype(np.float64) * scale)
+    # A comparison with NaN is false.
+    bad = ~(np.abs(spans) <= 2.0**61)
+    if bad.any():
+        index = int(bad.argmax())
+        text = f"field {name!r} of point {index} is no time: {numbers[index]}"
+        raise InvalidArgumentException(text, index=index, value=float(numbers[index]))
+    return first + spans.astype(np.int64)
+
+
+TransformRegistration().add("sensor_msgs/PointCloud2", do_transform_cloud)
+ConvertRegistration().add_to_msg("sensor_msgs/PointCloud2", to_msg_msg)
+ConvertRegistration().add_from_msg("sensor_msgs/PointCloud2", from_msg_msg)

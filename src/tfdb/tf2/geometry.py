@@ -1,0 +1,291 @@
+"""Points, vectors, poses, wrenches and twists into another frame: tf2_geometry_msgs.
+
+Each function takes a message of either ROS or of `tfdb.tf2.msgs`, with a header or without, and
+T[target<-source] as a TransformStamped of any of them, a Transform, or a `tfdb.Transform`. It
+returns a new message of the class of the one it was given; nothing is shared with what was given,
+and that stays as it is. Its header is a copy of the transform's (of the message's own for a
+Transform, which has none). Numbers that are not finite are taken as they are.
+
+All raise InvalidArgumentException for a transform that is not finite or whose quaternion has not
+the length one, and `tfdb.InvalidTransform` where a finite point has no finite place.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Any
+
+import tfdb
+
+from .buffer_interface import ConvertRegistration, TransformRegistration
+from .covariance import transform_covariance
+from .exceptions import InvalidArgumentException
+from .given_transform import fill_result_header, rigid
+from .ros_messages import installed, makers
+
+if TYPE_CHECKING:
+    import numpy as np
+    import numpy.typing as npt
+
+__all__ = [
+    "do_transform_point",
+    "do_transform_polygon_stamped",
+    "do_transform_pose",
+    "do_transform_pose_stamped",
+    "do_transform_pose_with_covariance_stamped",
+    "do_transform_quaternion",
+    "do_transform_twist",
+    "do_transform_vector3",
+    "do_transform_wrench",
+    "from_msg_msg",
+    "to_msg_msg",
+    "transform_from_msg",
+    "transform_points",
+    "transform_to_kdl",
+    "transform_to_msg",
+]
+
+
+def _begin(given: Any, member: str, transform: Any) -> tuple[tfdb.Transform, Any, Any, Any]:
+    """Begin a result.
+
+    Returns the transform, the result, and the parts of the given message and of the result that
+    hold the numbers.
+    """
+    turn = rigid(transform)
+    made = type(given)()
+    if not hasattr(given, "header"):
+        return turn, made, given, made
+    fill_result_header(made, given, transform)
+    return turn, made, getattr(given, member), getattr(made, member)
+
+
+def _turn_only(transform: tfdb.Transform) -> tfdb.Transform:
+    """The rotation of a transform alone."""
+    return tfdb.Transform("target", "source", (0.0, 0.0, 0.0), transform.rotation)
+
+
+def _apply(transform: tfdb.Transform, given: Any, made: Any) -> None:
+    """Put the place of one x, y, z into another."""
+    made.x, made.y, made.z = transform.apply((given.x, given.y, given.z)).tolist()
+
+
+def _turn(transform: tfdb.Transform, given: Any, made: Any) -> None:
+    """Put an orientation, turned along, into another; of length 0 it counts as the identity."""
+    x, y, z, w = given.x, given.y, given.z, given.w
+    length = math.hypot(x, y, z, w)
+    if length == 0.0:
+        x, y, z, w = 0.0, 0.0, 0.0, 1.0
+    else:
+        x, y, z, w = x / length, y / length, z / length, w / length
+    a, b, c, d = transform.rotation.tolist()
+    made.x = d * x + a * w + b * z - c * y
+    made.y = d * y - a * z + b * w + c * x
+    made.z = d * z + a * y - b * x + c * w
+    made.w = d * w - a * x - b * y - c * z
+
+
+def _move_pose(transform: tfdb.Transform, given: Any, made: Any) -> None:
+    """Put the place of one pose into another."""
+    _apply(transform, given.position, made.position)
+    _turn(transform, given.orientation, made.orientation)
+
+
+def _shift(transform: tfdb.Transform, turned: Any, moved: Any) -> None:
+    """Add t x turned to `moved`: how a moment, or a velocity, changes with the point it is of."""
+    x, y, z = transform.translation.tolist()
+    moved.x += y * turned.z - z * turned.y
+    moved.y += z * turned.x - x * turned.z
+    moved.z += x * turned.y - y * turned.x
+
+
+def do_transform_point(point: Any, transform: Any) -> Any:
+    """Map a PointStamped, or a Point or Point32, into the target frame: p_target = T p_source."""
+    turn, made, source, target = _begin(point, "point", transform)
+    _apply(turn, source, target)
+    return made
+
+
+def do_transform_vector3(vector3: Any, transform: Any) -> Any:
+    """Turn a Vector3Stamped, or a Vector3, onto the axes of the target frame; it has no place."""
+    turn, made, source, target = _begin(vector3, "vector", transform)
+    _apply(_turn_only(turn), source, target)
+    return made
+
+
+def do_transform_quaternion(quaternion: Any, transform: Any) -> Any:
+    """Turn the orientation of a QuaternionStamped, or a Quaternion, into the target frame.
+
+    A quaternion of any other length comes back with length one, one of length 0 counts as the
+    identity.
+    """
+    turn, made, source, target = _begin(quaternion, "quaternion", transform)
+    _turn(turn, source, target)
+    return made
+
+
+def do_transform_pose(pose: Any, transform: Any) -> Any:
+    """Map a PoseStamped (ROS 1), or a Pose (ROS 2), into the target frame.
+
+    The orientation's length is as in `do_transform_quaternion`.
+    """
+    turn, made, source, target = _begin(pose, "pose", transform)
+    _move_pose(turn, source, target)
+    return made
+
+
+def do_transform_pose_stamped(pose: Any, transform: Any) -> Any:
+    """Map a PoseStamped into the target frame, as `do_transform_pose`."""
+    return do_transform_pose(pose, transform)
+
+
+def do_transform_pose_with_covariance_stamped(pose: Any, transform: Any) -> Any:
+    """Map a PoseWithCovarianceStamped, or a PoseWithCovariance, into the target frame.
+
+    The covariance is that of `transform_covariance`: of the same pose, on the target's axes. Raises
+    InvalidArgumentException for a covariance that has not 36 numbers.
+    """
+    turn, made, source, target = _begin(pose, "pose", transform)
+    _move_pose(turn, source.pose, target.pose)
+    target.covariance = transform_covariance(source.covariance, turn).tolist()
+    return made
+
+
+def do_transform_wrench(wrench: Any, transform: Any, *, about_target: bool = False) -> Any:
+    """Turn a WrenchStamped, or a Wrench, onto the axes of the target frame.
+
+    Parameters
+    ----------
+    wrench
+        Force and torque on the source's axes.
+    transform
+        T[target<-source], with rotation R and translation t.
+    about_target
+        False, as tf2: force' = R force, torque' = R torque, about the same point as before. True:
+        the torque was about the source's origin and becomes that about the target's,
+        torque' = R torque + t x force' (tf2_kdl's transform of a KDL Wrench).
+    """
+    turn, made, source, target = _begin(wrench, "wrench", transform)
+    rotation = _turn_only(turn)
+    _apply(rotation, source.force, target.force)
+    _apply(rotation, source.torque, target.torque)
+    if about_target:
+        _shift(turn, target.force, target.torque)
+    return made
+
+
+def do_transform_twist(twist: Any, transform: Any, *, about_target: bool = False) -> Any:
+    """Turn a TwistStamped, or a Twist, onto the axes of the target frame.
+
+    It stays a velocity relative to whatever it was relative to: that the frames themselves move
+    is not added.
+
+    Parameters
+    ----------
+    twist
+        Linear and angular velocity on the source's axes.
+    transform
+        T[target<-source], with rotation R and translation t.
+    about_target
+        False: linear' = R linear, angular' = R angular, of the same point as before. True: the
+        linear velocity was that of the body's point at the source's origin and becomes that of its
+        point at the target's, linear' = R linear + t x angular' (tf2_kdl's transform of a KDL
+        Twist).
+    """
+    turn, made, source, target = _begin(twist, "twist", transform)
+    rotation = _turn_only(turn)
+    _apply(rotation, source.linear, target.linear)
+    _apply(rotation, source.angular, target.angular)
+    if about_target:
+        _shift(turn, target.angular, target.linear)
+    return made
+
+
+def do_transform_polygon_stamped(polygon: Any, transform: Any) -> Any:
+    """Map the corners of a PolygonStamped, or a Polygon, into the target frame."""
+    turn, made, source, target = _begin(polygon, "polygon", transform)
+    for given in source.points:
+        corner = type(given)()
+        _apply(turn, given, corner)
+        target.points.append(corner)
+    return made
+
+
+def transform_points(point_cloud: npt.ArrayLike, transform: Any) -> npt.NDArray[np.float64]:
+    """Map points into the target frame: p_target[i] = T p_source[i].
+
+    Parameters
+    ----------
+    point_cloud
+        (N, 3), metres.
+    transform
+        T[target<-source].
+
+    Returns
+    -------
+    numpy.ndarray
+        (N, 3) float64, new.
+
+    Raises InvalidArgumentException for another shape.
+    """
+    import numpy as np
+
+    try:
+        points = np.asarray(point_cloud, dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise InvalidArgumentException(f"points must be numbers: {error}") from error
+    if points.ndim != 2 or points.shape[1] != 3:
+        raise InvalidArgumentException(f"points must have the shape (N, 3), got {points.shape}")
+    return rigid(transform).apply(points)
+
+
+def transform_to_kdl(t: Any) -> Any:
+    """Make a PyKDL.Frame of a TransformStamped. Raises ImportError where PyKDL is missing."""
+    import PyKDL  # noqa: PLC0415 - ROS 1's alone
+
+    move, turn = t.transform.translation, t.transform.rotation
+    rotation = PyKDL.Rotation.Quaternion(turn.x, turn.y, turn.z, turn.w)
+    return PyKDL.Frame(rotation, PyKDL.Vector(move.x, move.y, move.z))
+
+
+def to_msg_msg(msg: Any) -> Any:
+    """Give a message as a message: itself."""
+    return msg
+
+
+def from_msg_msg(msg: Any) -> Any:
+    """Make a message of a message: itself."""
+    return msg
+
+
+def transform_to_msg(transform: tfdb.Transform) -> Any:
+    """Make a TransformStamped of a `tfdb.Transform`: the installed ROS's, or ours."""
+    make, _ = makers(installed() or "ros2")
+    pose = transform.pose.tolist()
+    return make(transform.target, transform.source, transform.stamp, pose)
+
+
+def transform_from_msg(message: Any) -> tfdb.Transform:
+    """Make a `tfdb.Transform` of a TransformStamped; raises what its constructor raises."""
+    header, inside = message.header, message.transform
+    names = (header.frame_id, message.child_frame_id)
+    return tfdb.Transform(*names, inside.translation, inside.rotation, header.stamp)
+
+
+_TRANSFORMS = {
+    "PointStamped": do_transform_point,
+    "Vector3Stamped": do_transform_vector3,
+    "QuaternionStamped": do_transform_quaternion,
+    "PoseStamped": do_transform_pose_stamped,
+    "PoseWithCovarianceStamped": do_transform_pose_with_covariance_stamped,
+    "WrenchStamped": do_transform_wrench,
+    "TwistStamped": do_transform_twist,
+    "PolygonStamped": do_transform_polygon_stamped,
+}
+for _name, _function in _TRANSFORMS.items():
+    TransformRegistration().add(f"geometry_msgs/{_name}", _function)
+for _name in (*_TRANSFORMS, "TransformStamped"):
+    ConvertRegistration().add_to_msg(f"geometry_msgs/{_name}", to_msg_msg)
+    ConvertRegistration().add_from_msg(f"geometry_msgs/{_name}", from_msg_msg)
+ConvertRegistration().add_to_msg(tfdb.Transform, transform_to_msg)
+ConvertRegistration().add_from_msg(tfdb.Transform, transform_from_msg)
