@@ -12,6 +12,7 @@ import rospy
 import rospy_child
 
 import tfdb
+from tfdb import tf2
 from tfdb.ros import node_for
 
 NODES, OPENED, TIMES = [], {}, []
@@ -111,6 +112,28 @@ def what_they_saw(topic, kind, seconds):
     found = [isinstance(message, rospy_child.class_of(kind)), message.transforms[0].child_frame_id]
     message.transforms[0].child_frame_id = "changed"
     return [before, *found, rospy_child.bytes_of(message).hex(), rospy_child.bytes_of(copied).hex()]
+
+
+def our_server(name):
+    """A BufferServer of ours, in rospy."""
+    buffer = tf2.Buffer(flavor="ros1", debug=False)
+    OPENED[name] = (buffer, tf2.BufferServer(buffer, name))
+
+
+def our_transform(name, text):
+    OPENED[name][0].buffer.ingest(bytes.fromhex(text), encoding="ros1")
+
+
+def our_look_up(name, arguments, seconds):
+    """What a BufferClient of ours gets, in rospy."""
+    client = tf2.BufferClient(name)
+    try:
+        return [
+            "ok",
+            rospy_child.fields_of(client.lookup_transform(*arguments, rospy.Duration(seconds))),
+        ]
+    except tf2.TransformException as error:
+        return [type(error).__name__, str(error)]
 
 
 def error_of(verb, *arguments):

@@ -12,10 +12,12 @@ import threading
 import time
 
 import rospy
+import tf2_ros
+from tf2_msgs.msg import LookupTransformGoal
 
 HEARD = {}
 CALLERS = {}
-SUBSCRIBERS, PUBLISHERS, SERVICES = {}, {}, {}
+SUBSCRIBERS, PUBLISHERS, SERVICES, CLIENTS = {}, {}, {}, {}
 ARRIVED = threading.Condition()
 
 
@@ -126,6 +128,60 @@ def set_parameter(name, value):
 
 def delete_parameter(name):
     rospy.delete_param(name)
+
+
+def fields_of(message):
+    move, turn = message.transform.translation, message.transform.rotation
+    pose = [move.x, move.y, move.z, turn.x, turn.y, turn.z, turn.w]
+    stamp = message.header.stamp.to_nsec()
+    return [message.header.frame_id, message.child_frame_id, stamp, pose]
+
+
+def time_of(nanoseconds):
+    return rospy.Time(*divmod(nanoseconds, 1_000_000_000))
+
+
+def client(server, seconds):
+    """Debian's BufferClient; whether a server is connected."""
+    CLIENTS[server] = tf2_ros.BufferClient(server)
+    return CLIENTS[server].wait_for_server(rospy.Duration(seconds))
+
+
+def look_up(server, full, arguments, seconds):
+    """What it answers: ok and the fields, or the exception and its text."""
+    given = [time_of(each) if isinstance(each, int) else each for each in arguments]
+    made = CLIENTS[server]
+    find = made.lookup_transform_full if full else made.lookup_transform
+    try:
+        return ["ok", fields_of(find(*given, rospy.Duration(seconds)))]
+    except tf2_ros.TransformException as error:
+        return [type(error).__name__, str(error)]
+
+
+def begin_goal(server, target, source, seconds):
+    """Send a goal by actionlib, and do not wait for its result."""
+    made = CLIENTS[server].client
+    made.send_goal(
+        LookupTransformGoal(
+            target_frame=target, source_frame=source, timeout=rospy.Duration(seconds)
+        )
+    )
+
+
+def wait_active(server, seconds):
+    """State of the last goal, once it is not pending."""
+    deadline = time.monotonic() + seconds
+    while CLIENTS[server].client.get_state() == 0 and time.monotonic() < deadline:
+        time.sleep(0.005)
+    return CLIENTS[server].client.get_state()
+
+
+def cancel_goal(server, seconds):
+    """Cancel it; its last state."""
+    made = CLIENTS[server].client
+    made.cancel_goal()
+    made.wait_for_result(rospy.Duration(seconds))
+    return made.get_state()
 
 
 def main():

@@ -41,7 +41,7 @@ def test_theirs_to_ours(ours: RospyChild, rospy_child: RospyChild) -> None:
 def test_ours_to_theirs(ours: RospyChild, rospy_child: RospyChild) -> None:
     ours.call("our_advertise", "/b", TF, False)
     rospy_child.call("listen", "/b", TF)
-    until(lambda: ours.call("our_subscribers", "/b"), "a subscriber")
+    until(lambda: ours.call("our_subscribers", "/b") == ["/theirs"], "a subscriber")
     ours.call("our_send", "/b", MOVES)
     assert rospy_child.call("heard", "/b", len(MOVES), SECONDS)[0] == MOVES
     ours.call("our_advertise", "/b2", TF, True)

@@ -6,7 +6,7 @@ import importlib
 import io
 import threading
 from functools import cache
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import genpy
 import rospy
@@ -24,6 +24,8 @@ if TYPE_CHECKING:
     from .tcpros_subscription import OnMessage
 
 __all__ = ["RospyNode"]
+
+_AnyOpened = TypeVar("_AnyOpened", bound="_Opened")
 
 CLOCK, CLOCK_KIND = "/clock", "rosgraph_msgs/Clock"
 AT_ONCE = max(1 << 20, DEFAULT_BUFF_SIZE)  # bytes that are received in one call
@@ -93,7 +95,7 @@ class RospyNode:
 
         self._check_open()
         made = rospy.Subscriber(topic, raw_class(kind), called, buff_size=AT_ONCE, tcp_nodelay=True)
-        return self._keep(made.unregister)
+        return self._kept(_RospySubscription(self, made))
 
     def advertise(
         self,
@@ -113,7 +115,7 @@ class RospyNode:
         if raw_class(kind)._md5sum == rospy.AnyMsg._md5sum:
             known_kind(kind)
         made = rospy.Publisher(topic, raw_class(kind), latch=latched, queue_size=max(1, depth))
-        return _RospyPublisher(self._keep(made.unregister), made, raw_class(kind))
+        return self._kept(_RospyPublisher(self, made, raw_class(kind)))
 
     def serve(self, name: str, kind: str, answer: Callable[[bytes], bytes]) -> Service:
         """Offer a service: `answer` makes the serialized response of a serialized request.
@@ -126,7 +128,7 @@ class RospyNode:
         made = rospy.Service(
             name, service, lambda request: service._response_class(answer(request.data))
         )
-        return self._keep(lambda: made.shutdown("it was closed"))
+        return self._kept(_Opened(self, lambda: made.shutdown("it was closed")))
 
     def now(self) -> int:
         """Nanoseconds on rospy's clock."""
@@ -153,7 +155,7 @@ class RospyNode:
             return _Opened(self, lambda: None)
         clock = the_clock()
         clock.add(called)
-        return self._keep(lambda: clock.remove(called), lambda: clock.end(called))
+        return self._kept(_Opened(self, lambda: clock.remove(called), lambda: clock.end(called)))
 
     def close(self) -> None:
         """Take back what was opened here."""
@@ -168,8 +170,7 @@ class RospyNode:
         if self.closed:
             raise NodeClosed(f"the node {self.name} is closed", reason="it was closed")
 
-    def _keep(self, close: Callable[[], None], ended: Callable[[], None] = lambda: None) -> _Opened:
-        opened = _Opened(self, close, ended)
+    def _kept(self, opened: _AnyOpened) -> _AnyOpened:
         with self._lock:
             self._open.append(opened)
         return opened
@@ -241,17 +242,32 @@ def the_clock() -> _Clock:
     return _Clock()
 
 
-class _RospyPublisher:
-    """A topic that rospy publishes. Threads: any."""
+class _RospySubscription(_Opened):
+    """A topic that rospy listens to. Threads: any."""
 
-    def __init__(self, opened: _Opened, publisher: Any, kind: Any) -> None:
-        self._opened, self._publisher, self._kind = opened, publisher, kind
+    def __init__(self, node: RospyNode, subscriber: Any) -> None:
+        super().__init__(node, subscriber.unregister)
+        self._subscriber = subscriber
 
     @property
-    def subscribers(self) -> int:
-        """How many nodes are connected."""
-        found: int = self._publisher.get_num_connections()
-        return found
+    def publishers(self) -> list[str]:
+        """Names of the nodes that are connected."""
+        impl = self._subscriber.impl
+        return [] if impl is None else [each.callerid_pub for each in impl.connections]
+
+
+class _RospyPublisher(_Opened):
+    """A topic that rospy publishes. Threads: any."""
+
+    def __init__(self, node: RospyNode, publisher: Any, kind: Any) -> None:
+        super().__init__(node, publisher.unregister)
+        self._publisher, self._kind = publisher, kind
+
+    @property
+    def subscribers(self) -> list[str]:
+        """Names of the nodes that are connected."""
+        impl = self._publisher.impl
+        return [] if impl is None else [each.endpoint_id for each in impl.connections]
 
     def publish(self, data: bytes) -> None:
         """Send one serialized message. Raises NodeClosed."""
@@ -259,10 +275,6 @@ class _RospyPublisher:
             self._publisher.publish(self._kind().deserialize(data))
         except rospy.ROSException as error:
             raise NodeClosed(f"{error}", reason=f"{error}") from error
-
-    def close(self) -> None:
-        """Take it back."""
-        self._opened.close()
 
 
 class _Raw:

@@ -383,6 +383,13 @@ class _Subscription:
         self._node, self._topic = node, topic
         self._on_message: OnMessage | None = on_message
 
+    @property
+    def publishers(self) -> list[str]:
+        """Names of the nodes that are connected."""
+        with self._node._lock:
+            topic = self._node._subscribed.get(self._topic)
+        return [] if topic is None else list(topic.publishers.values())
+
     def close(self) -> None:
         """Stop listening."""
         on_message, self._on_message = self._on_message, None

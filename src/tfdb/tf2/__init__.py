@@ -19,6 +19,7 @@ from __future__ import annotations
 # Clouds and geometry register what they transform.
 from . import clouds, geometry, msgs
 from .buffer import Buffer
+from .buffer_client import BufferClient
 from .buffer_core import BufferCore
 from .buffer_interface import (
     BufferInterface,
@@ -29,6 +30,7 @@ from .buffer_interface import (
     TypeException,
     convert,
 )
+from .buffer_server import BufferServer
 from .exceptions import (
     BackwardExtrapolationException,
     ConnectivityException,
@@ -49,8 +51,10 @@ from .transformable_requests import TransformableResult
 __all__ = [
     "BackwardExtrapolationException",
     "Buffer",
+    "BufferClient",
     "BufferCore",
     "BufferInterface",
+    "BufferServer",
     "ConnectivityException",
     "ConvertRegistration",
     "ExtrapolationException",

@@ -1,0 +1,236 @@
+"""`BufferClient`: lookups that another node's buffer answers, by the action LookupTransform."""
+
+from __future__ import annotations
+
+import logging
+import threading
+from typing import TYPE_CHECKING, Any
+
+from tfdb.ros import node_for
+
+from .buffer_interface import BufferInterface
+from .deadlines import deadline_in
+from .exceptions import TimeoutException, TransformException
+from .lookup_action import NO_ERROR, LookupGoal, client_in, exception_of
+from .times import SECOND, nanoseconds
+
+if TYPE_CHECKING:
+    from tfdb.ros import Node
+
+    from .deadlines import Deadline
+    from .lookup_action import LookupResult
+
+__all__ = ["BufferClient"]
+
+LOGGER = logging.getLogger("tfdb.tf2")
+PADDING = 2 * SECOND
+LOOK_AGAIN = 0.01  # seconds between two looks at who is connected, as actionlib's
+WRONG = "Something is likely wrong with the server."
+LATE = (
+    "The LookupTransform goal sent to the BufferServer did not come back in the specified time. "
+    + WRONG
+)
+NOT_SUCCEEDED = (
+    "The LookupTransform goal sent to the BufferServer did not come back with SUCCEEDED status. "
+    + WRONG
+)
+NO_RESULT = f"The BufferServer returned None for result! {WRONG}"
+PARAMETERS = ("ns", "check_frequency", "timeout_padding")
+
+
+class BufferClient(BufferInterface):
+    """A buffer of which another node has the transforms.
+
+    `BufferClient(ns, check_frequency=None, timeout_padding=2 s)` as in ROS 1, or
+    `BufferClient(node, ns, check_frequency=10.0, timeout_padding=2 s)` as in ROS 2.
+
+    Threads: any may call anything, and wait at the same time.
+
+    Parameters
+    ----------
+    node
+        A node of rclpy or `tfdb.ros`; None: that of the process, in rospy or without any ROS.
+    ns
+        Name of the server's action, such as `tf2_buffer_server`.
+    check_frequency
+        Taken as tf2 takes it, and without effect.
+    timeout_padding
+        A duration: how much longer than the timeout of a lookup its answer may take. None: 2 s.
+    """
+
+    def __init__(self, *given: Any, node: Any = None, **named: Any) -> None:
+        super().__init__()
+        if given and not isinstance(given[0], str):
+            node, *rest = given
+            given = tuple(rest)
+        arguments = {**dict(zip(PARAMETERS, given, strict=False)), **named}
+        unknown = [name for name in arguments if name not in PARAMETERS]
+        if unknown or len(given) > len(PARAMETERS) or "ns" not in arguments:
+            raise TypeError(
+                f"BufferClient takes (ns, check_frequency, timeout_padding), or a node before"
+                f" these; got {len(given)} by position and {sorted(named)} by name"
+            )
+        self.node: Node = node_for(node)
+        """The node that it asks from."""
+        padding = arguments.get("timeout_padding")
+        self.timeout_padding = padding
+        """What it was given for that."""
+        self._padding = (
+            PADDING if padding is None else nanoseconds(padding, None, "timeout_padding")
+        )
+        if arguments.get("check_frequency") is not None and self.node.flavor == "ros1":
+            LOGGER.warning("Argument check_frequency is deprecated and should not be used.")
+        self._transport = client_in(self.node, arguments["ns"])
+
+    def wait_for_server(self, timeout: Any = None) -> bool:
+        """Wait until a server is connected; whether it is.
+
+        `timeout` is a duration; None or 0: without end.
+        """
+        limit = self._nanoseconds(timeout)
+        return self._wait_ready(deadline_in(limit, self.node) if limit else None)
+
+    def lookup_transform(
+        self, target_frame: str, source_frame: str, time: Any, timeout: Any = None
+    ) -> Any:
+        """T[target_frame<-source_frame] at a time, once the server has it.
+
+        Parameters
+        ----------
+        target_frame, source_frame
+            Frame names.
+        time
+            When; 0: the latest common time.
+        timeout
+            A duration: how long the server may wait for it; None: not at all.
+
+        Returns
+        -------
+        geometry_msgs.msg.TransformStamped
+            Maps points of the source into the target: p_target = T p_source.
+
+        Raises what the server's lookup raised, and TimeoutException if no answer comes.
+        """
+        goal = LookupGoal(target_frame, source_frame, nanoseconds(time), self._nanoseconds(timeout))
+        return self._ask(goal)
+
+    def lookup_transform_full(
+        self,
+        target_frame: str,
+        target_time: Any,
+        source_frame: str,
+        source_time: Any,
+        fixed_frame: str,
+        timeout: Any = None,
+    ) -> Any:
+        """T[target_frame at target_time <- source_frame at source_time], through `fixed_frame`.
+
+        Else as `lookup_transform`.
+        """
+        goal = LookupGoal(
+            target_frame,
+            source_frame,
+            nanoseconds(source_time),
+            self._nanoseconds(timeout),
+            nanoseconds(target_time),
+            fixed_frame,
+            advanced=True,
+        )
+        return self._ask(goal)
+
+    def can_transform(
+        self,
+        target_frame: str,
+        source_frame: str,
+        time: Any,
+        timeout: Any = None,
+        return_debug_tuple: bool = False,
+    ) -> Any:
+        """Whether `lookup_transform` has an answer.
+
+        `return_debug_tuple`: return (whether, why not).
+        """
+        try:
+            self.lookup_transform(target_frame, source_frame, time, timeout)
+        except TransformException as error:
+            return (False, str(error)) if return_debug_tuple else False
+        return (True, "") if return_debug_tuple else True
+
+    def can_transform_full(
+        self,
+        target_frame: str,
+        target_time: Any,
+        source_frame: str,
+        source_time: Any,
+        fixed_frame: str,
+        timeout: Any = None,
+        return_debug_tuple: bool = False,
+    ) -> Any:
+        """Whether `lookup_transform_full` has an answer."""
+        asked = (target_frame, target_time, source_frame, source_time, fixed_frame)
+        try:
+            self.lookup_transform_full(*asked, timeout)
+        except TransformException as error:
+            return (False, str(error)) if return_debug_tuple else False
+        return (True, "") if return_debug_tuple else True
+
+    def destroy(self) -> None:
+        """Ask no more."""
+        self._transport.close()
+
+    def _nanoseconds(self, timeout: Any) -> int:
+        return 0 if timeout is None else nanoseconds(timeout, None, "timeout")
+
+    def _ask(self, goal: LookupGoal) -> Any:
+        limit = goal.timeout + self._padding
+        deadline = deadline_in(limit, self.node) if limit > 0 else None
+        if not self._wait_ready(deadline):
+            raise TimeoutException(LATE, target=goal.target_frame, source=goal.source_frame)
+        over = threading.Event()
+        results: list[LookupResult | None] = []
+
+        def take(result: LookupResult | None) -> None:
+            results.append(result)
+            over.set()
+
+        sent = self._transport.send(goal, take)
+        try:
+            _wait(over, deadline, self.node)
+        finally:
+            sent.forget()
+        if not results:
+            raise TimeoutException(LATE, target=goal.target_frame, source=goal.source_frame)
+        return _transform_of(results[0])
+
+    def _wait_ready(self, deadline: Deadline | None) -> bool:
+        while not self._transport.is_ready():
+            if self.node.closed or (deadline is not None and deadline.left() == 0):
+                return False
+            self._transport.wait_ready(LOOK_AGAIN)
+        return True
+
+
+def _wait(over: threading.Event, deadline: Deadline | None, node: Node) -> None:
+    """Wait for an event, until a deadline or the end of the node."""
+    watch = node.on_clock(lambda _: over.set() if node.closed else None)
+    try:
+        left = None if deadline is None else deadline.left()
+        if deadline is None or left is not None:
+            over.wait(None if left is None else left / SECOND)
+            return
+        alarm = deadline.call(over.set)
+        over.wait()
+        alarm.cancel()
+    finally:
+        watch.close()
+
+
+def _transform_of(result: LookupResult | None) -> Any:
+    """Transform of a result, or its error raised."""
+    if result is None:
+        raise TimeoutException(NOT_SUCCEEDED)
+    if result.error != NO_ERROR:
+        raise exception_of(result)
+    if result.transform is None:
+        raise TransformException(NO_RESULT)
+    return result.transform

@@ -1,0 +1,159 @@
+"""`BufferServer`: answers lookups of other nodes from a buffer, as the action LookupTransform."""
+
+from __future__ import annotations
+
+import threading
+from typing import TYPE_CHECKING, Any, Self
+
+from tfdb.errors import TfdbError
+from tfdb.ros import node_for
+
+from .buffer import NO_ANSWER_YET
+from .lookup_action import LookupResult, code_of, server_in
+
+if TYPE_CHECKING:
+    from tfdb.ros import Node
+
+    from .buffer import Buffer
+    from .lookup_action import Goal, LookupGoal
+
+__all__ = ["BufferServer"]
+
+
+class BufferServer:
+    """Answers the goals of `BufferClient`s, ours and tf2's, from a buffer.
+
+    A goal whose transform is there is answered at once; another waits, for its own timeout, and is
+    answered by the commit that brings the transform: nothing is polled. An answer that is an error
+    carries tf2's code and text.
+
+    Threads: any may call anything.
+
+    Parameters
+    ----------
+    buffer
+        A `tfdb.tf2.Buffer`, filled by a listener or by the program.
+    ns
+        Name of the action, such as `tf2_buffer_server`.
+    auto_start
+        Whether goals are taken at once; else from `start` on.
+    check_period
+        Taken as tf2 takes it, and without effect.
+    node
+        A node of rclpy or `tfdb.ros`; None: that of the process, in rospy or without any ROS.
+    """
+
+    def __init__(
+        self,
+        buffer: Buffer,
+        ns: str,
+        auto_start: bool = True,
+        check_period: Any = None,  # noqa: ARG002 - tf2's
+        *,
+        node: Any = None,
+    ) -> None:
+        self.buffer = buffer
+        self.node: Node = node_for(node)
+        """The node that it answers in."""
+        self._transport = server_in(self.node, ns)
+        self._lock = threading.Lock()
+        self._waiting: dict[Goal, Any] = {}
+        self._started = self._closed = False
+        if auto_start:
+            self.start()
+
+    def start(self) -> None:
+        """Take goals. Again: nothing happens."""
+        with self._lock:
+            if self._started:
+                return
+            self._started = True
+        self._transport.start(self._begin, self._cancel)
+
+    def close(self) -> None:
+        """Take no more goals; those that wait are not answered."""
+        with self._lock:
+            self._closed = True
+            waiting = list(self._waiting.values())
+            self._waiting.clear()
+        for future in waiting:
+            future.cancel()
+        if self._started:
+            self._transport.close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def _begin(self, goal: Goal) -> None:
+        """Answer a goal, now or once its transform is there."""
+        question = goal.question
+        try:
+            found = LookupResult(self._look_up(question))
+        except NO_ANSWER_YET as error:
+            if question.timeout > 0:
+                self._wait(goal)
+                return
+            found = _error(error)
+        except TfdbError as error:
+            found = _error(error)
+        goal.succeed(found)
+
+    def _wait(self, goal: Goal) -> None:
+        asked = goal.question
+        if asked.advanced:
+            future = self.buffer.wait_for_transform_full_async(
+                asked.target_frame,
+                asked.target_time,
+                asked.source_frame,
+                asked.source_time,
+                asked.fixed_frame,
+                asked.timeout,
+            )
+        else:
+            future = self.buffer.wait_for_transform_async(
+                asked.target_frame, asked.source_frame, asked.source_time, asked.timeout
+            )
+        with self._lock:
+            if self._closed:
+                future.cancel()
+                return
+            self._waiting[goal] = future
+        future.add_done_callback(lambda _: self._finish(goal))
+
+    def _finish(self, goal: Goal) -> None:
+        """Answer a goal whose wait is over, by a transform, a timeout or an error."""
+        with self._lock:
+            if self._waiting.pop(goal, None) is None:
+                return
+        try:
+            found = LookupResult(self._look_up(goal.question))
+        except TfdbError as error:
+            found = _error(error)
+        goal.succeed(found)
+
+    def _cancel(self, goal: Goal) -> None:
+        with self._lock:
+            future = self._waiting.pop(goal, None)
+        if future is not None:
+            future.cancel()
+            goal.cancel()
+
+    def _look_up(self, asked: LookupGoal) -> Any:
+        if asked.advanced:
+            return self.buffer.lookup_transform_full_core(
+                asked.target_frame,
+                asked.target_time,
+                asked.source_frame,
+                asked.source_time,
+                asked.fixed_frame,
+            )
+        return self.buffer.lookup_transform_core(
+            asked.target_frame, asked.source_frame, asked.source_time
+        )
+
+
+def _error(error: TfdbError) -> LookupResult:
+    return LookupResult(error=code_of(error), error_string=str(error))

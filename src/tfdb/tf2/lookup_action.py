@@ -1,0 +1,167 @@
+"""The action LookupTransform: what is asked and answered, and what carries it in either ROS.
+
+`BufferServer` and `BufferClient` know this file alone; how goals and results travel in ROS 1 is in
+`ros1_action.py`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Protocol
+
+from tfdb.errors import NotSupported
+
+from .exceptions import (
+    BackwardExtrapolationException,
+    ConnectivityException,
+    ExtrapolationException,
+    ForwardExtrapolationException,
+    InvalidArgumentException,
+    LookupException,
+    NoDataForExtrapolationException,
+    TimeoutException,
+    TransformException,
+)
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from tfdb.errors import TfdbError
+    from tfdb.ros import Node
+
+__all__ = [
+    "NO_ERROR",
+    "ClientTransport",
+    "Goal",
+    "LookupGoal",
+    "LookupResult",
+    "Sent",
+    "ServerTransport",
+    "client_in",
+    "code_of",
+    "exception_of",
+    "server_in",
+]
+
+NO_ERROR, TRANSFORM_ERROR = 0, 6
+CODES: dict[int, type[TransformException]] = {
+    1: LookupException,
+    2: ConnectivityException,
+    3: ExtrapolationException,
+    4: InvalidArgumentException,
+    5: TimeoutException,
+    TRANSFORM_ERROR: TransformException,
+    # Of ROS 2's C++ alone; the message does not name them.
+    7: BackwardExtrapolationException,
+    8: ForwardExtrapolationException,
+    9: NoDataForExtrapolationException,
+}
+
+
+@dataclass(frozen=True, slots=True)
+class LookupGoal:
+    """A question: the fields of tf2_msgs/LookupTransformGoal, times in nanoseconds."""
+
+    target_frame: str
+    source_frame: str
+    source_time: int
+    """When; 0: the latest common time."""
+    timeout: int
+    """How long the server may wait for an answer."""
+    target_time: int = 0
+    fixed_frame: str = ""
+    advanced: bool = False
+    """Whether `target_time` and `fixed_frame` count."""
+
+
+@dataclass(frozen=True, slots=True)
+class LookupResult:
+    """An answer: the fields of tf2_msgs/LookupTransformResult."""
+
+    transform: Any = None
+    """A TransformStamped, T[target_frame<-source_frame]; None beside an error."""
+    error: int = NO_ERROR
+    """A code of tf2_msgs/TF2Error."""
+    error_string: str = ""
+
+
+def code_of(error: TfdbError) -> int:
+    """Code of an exception, as tf2_msgs/TF2Error names them."""
+    found = (code for code, kind in CODES.items() if code < TRANSFORM_ERROR)
+    return next((code for code in found if isinstance(error, CODES[code])), TRANSFORM_ERROR)
+
+
+def exception_of(result: LookupResult) -> TransformException:
+    """Exception of a result that is an error."""
+    return CODES.get(result.error, TransformException)(result.error_string)
+
+
+class Goal(Protocol):
+    """A goal that a server has accepted. Any thread may call it; the first call counts."""
+
+    question: LookupGoal
+
+    def succeed(self, result: LookupResult) -> None:
+        """Send its result, which may be an error."""
+
+    def cancel(self) -> None:
+        """Say that it was cancelled."""
+
+
+class ServerTransport(Protocol):
+    """Where goals come from. Any thread may call it."""
+
+    def start(self, on_goal: Callable[[Goal], None], on_cancel: Callable[[Goal], None]) -> None:
+        """Take goals from now on; `on_cancel` gets one of them that a client wants no more.
+
+        Both are called in threads of the transport's, and must not wait.
+        """
+
+    def close(self) -> None:
+        """Take no more goals."""
+
+
+class Sent(Protocol):
+    """A goal that a client has sent. Any thread may call it."""
+
+    def forget(self) -> None:
+        """Call `on_result` no more, and tell the server that nobody waits."""
+
+
+class ClientTransport(Protocol):
+    """Where goals go. Any thread may call it."""
+
+    def is_ready(self) -> bool:
+        """Whether a server is connected in both directions."""
+
+    def wait_ready(self, seconds: float) -> None:
+        """Return once something about that may have changed, or after so long."""
+
+    def send(self, goal: LookupGoal, on_result: Callable[[LookupResult | None], None]) -> Sent:
+        """Send a goal; `on_result` gets its result, or None if it came to another end."""
+
+    def close(self) -> None:
+        """Take everything back."""
+
+
+def server_in(node: Node, ns: str) -> ServerTransport:
+    """Give what takes goals of an action in a node."""
+    _check_supported(node)
+    from .ros1_action import Ros1Server  # noqa: PLC0415 - it imports this file
+
+    return Ros1Server(node, ns)
+
+
+def client_in(node: Node, ns: str) -> ClientTransport:
+    """Give what sends goals of an action from a node."""
+    _check_supported(node)
+    from .ros1_action import Ros1Client  # noqa: PLC0415 - it imports this file
+
+    return Ros1Client(node, ns)
+
+
+def _check_supported(node: Node) -> None:
+    if node.flavor != "ros1":
+        raise NotSupported(
+            f"the action LookupTransform is there in nodes of ROS 1, and {node.name} is of ROS 2"
+        )

@@ -1,0 +1,265 @@
+"""The action LookupTransform in ROS 1: actionlib's topics, in bytes, through any node of ROS 1.
+
+The protocol is that of https://wiki.ros.org/actionlib/DetailedDescription. Goals are taken at once,
+so each is ACTIVE until it ends as SUCCEEDED or PREEMPTED; one that was cancelled before it came
+is RECALLED.
+"""
+
+from __future__ import annotations
+
+import itertools
+import logging
+import threading
+import time
+from typing import TYPE_CHECKING, Any
+
+from .lookup_action import LookupGoal, LookupResult
+from .ros1_messages import (
+    GoalId,
+    Status,
+    decode_goal,
+    decode_goal_id,
+    decode_result,
+    encode_goal,
+    encode_goal_id,
+    encode_result,
+    encode_status_list,
+)
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from tfdb.ros import Node
+
+    from .lookup_action import Goal
+
+__all__ = ["Ros1Client", "Ros1Server"]
+
+LOGGER = logging.getLogger("tfdb.tf2")
+ACTION = "tf2_msgs/LookupTransformAction"
+GOAL_ID, STATUS_LIST = "actionlib_msgs/GoalID", "actionlib_msgs/GoalStatusArray"
+ACTIVE, PREEMPTED, SUCCEEDED, RECALLING, RECALLED = 1, 2, 3, 7, 8
+STATUS_PERIOD, KEPT = 0.2, 5.0  # seconds: between statuses, and of a goal's after its end
+QUEUE = 50
+BEFORE_CANCEL = (
+    "This goal handle was canceled by the action server because its timestamp is before the"
+    " timestamp of the last cancel request"
+)
+_numbers = itertools.count(1)
+
+
+def _new_goal_id(node: Node) -> GoalId:
+    """Make an id as actionlib does: no other goal of any node has it."""
+    now = node.now()
+    return GoalId(now, f"{node.name}-{next(_numbers)}-{now / 1e9:.9f}")
+
+
+class _ServerGoal:
+    """A goal of a server. Threads: any."""
+
+    def __init__(self, server: Ros1Server, goal_id: GoalId, question: LookupGoal) -> None:
+        self.question = question
+        self.status = Status(goal_id, ACTIVE)
+        self.ended: float | None = None
+        """When it ended, on the steady clock."""
+        self._server = server
+
+    def succeed(self, result: LookupResult) -> None:
+        """Send its result, which may be an error."""
+        self._server.end(self, SUCCEEDED, result)
+
+    def cancel(self) -> None:
+        """Say that it was cancelled."""
+        self._server.end(self, PREEMPTED, LookupResult())
+
+
+NOTHING = LookupGoal("", "", 0, 0)
+
+
+class Ros1Server:
+    """Takes goals from the topics of an action. Threads: any.
+
+    Parameters
+    ----------
+    node
+        A node of ROS 1.
+    name
+        The action's, such as `tf2_buffer_server`.
+    """
+
+    def __init__(self, node: Node, name: str) -> None:
+        self._node, self._name = node, name
+        self._lock = threading.Lock()
+        self._goals: dict[str, _ServerGoal] = {}
+        self._last_cancel = 0
+        self._over = threading.Event()
+        self._open: list[Any] = []
+
+    def start(self, on_goal: Callable[[Goal], None], on_cancel: Callable[[Goal], None]) -> None:
+        """Take goals from now on; `on_cancel` gets one of them that a client wants no more."""
+        node, name = self._node, self._name
+        self._on_goal, self._on_cancel = on_goal, on_cancel
+        self._results = node.advertise(f"{name}/result", f"{ACTION}Result", depth=QUEUE)
+        self._statuses = node.advertise(f"{name}/status", STATUS_LIST, latched=True, depth=QUEUE)
+        # Nothing is said there, and clients wait until it is.
+        feedback = node.advertise(f"{name}/feedback", f"{ACTION}Feedback", depth=QUEUE)
+        self._open = [
+            node.subscribe(f"{name}/goal", f"{ACTION}Goal", self._take_goal),
+            node.subscribe(f"{name}/cancel", GOAL_ID, self._take_cancel),
+            self._results,
+            self._statuses,
+            feedback,
+        ]
+        threading.Thread(target=self._run, name=f"tfdb action {name}", daemon=True).start()
+
+    def close(self) -> None:
+        """Take no more goals."""
+        self._over.set()
+        while self._open:
+            self._open.pop(0).close()
+
+    def end(self, goal: _ServerGoal, status: int, result: LookupResult, text: str = "") -> None:
+        """Send the result of a goal, if that has not been done."""
+        with self._lock:
+            if goal.ended is not None:
+                return
+            goal.ended = time.monotonic()
+            goal.status = goal.status.with_status(status, text)
+        if not self._over.is_set() and not self._node.closed:
+            self._results.publish(encode_result(self._node.now(), goal.status, result))
+            self._tell()
+
+    def _take_goal(self, data: bytes | memoryview, _: str) -> None:
+        goal_id, question = decode_goal(data)
+        if not goal_id.id:
+            goal_id = _new_goal_id(self._node)
+        goal = _ServerGoal(self, goal_id, question)
+        with self._lock:
+            there = self._goals.get(goal_id.id)
+            if there is None:
+                self._goals[goal_id.id] = goal
+            cancelled = 0 < goal_id.stamp <= self._last_cancel
+        if there is not None:
+            # It came twice, or after the wish to cancel it.
+            if there.status.status == RECALLING:
+                self.end(there, RECALLED, LookupResult())
+        elif cancelled:
+            self.end(goal, RECALLED, LookupResult(), BEFORE_CANCEL)
+        else:
+            self._on_goal(goal)
+            if goal.ended is None:
+                self._tell()
+
+    def _take_cancel(self, data: bytes | memoryview, _: str) -> None:
+        wanted = decode_goal_id(data)
+        every = not wanted.id and wanted.stamp == 0
+        with self._lock:
+            goals = [
+                goal
+                for goal in self._goals.values()
+                if every
+                or goal.status.goal_id.id == wanted.id
+                or 0 < goal.status.goal_id.stamp <= wanted.stamp
+            ]
+            if wanted.id and wanted.id not in self._goals:
+                unknown = _ServerGoal(self, wanted, NOTHING)
+                unknown.status = Status(wanted, RECALLING)
+                self._goals[wanted.id] = unknown
+            self._last_cancel = max(self._last_cancel, wanted.stamp)
+        for goal in goals:
+            if goal.status.status == ACTIVE:
+                self._on_cancel(goal)
+
+    def _run(self) -> None:
+        while not self._node.closed:
+            self._tell()
+            if self._over.wait(STATUS_PERIOD):
+                return
+
+    def _tell(self) -> None:
+        """Publish the statuses of all goals; those that ended some time ago are forgotten."""
+        now = time.monotonic()
+        with self._lock:
+            for name, goal in list(self._goals.items()):
+                if goal.status.status == RECALLING and goal.ended is None:
+                    goal.ended = now
+                if goal.ended is not None and goal.ended + KEPT < now:
+                    del self._goals[name]
+            statuses = [goal.status for goal in self._goals.values()]
+        if not self._over.is_set() and not self._node.closed:
+            self._statuses.publish(encode_status_list(self._node.now(), statuses))
+
+
+class _Sent:
+    """A goal of a client. Threads: any."""
+
+    def __init__(self, client: Ros1Client, goal_id: GoalId) -> None:
+        self._client, self._goal_id = client, goal_id
+
+    def forget(self) -> None:
+        """Wait for its result no more, and tell the server."""
+        self._client.forget(self._goal_id)
+
+
+class Ros1Client:
+    """Sends goals to the topics of an action. Threads: any; parameters as in `Ros1Server`."""
+
+    def __init__(self, node: Node, name: str) -> None:
+        self._node = node
+        self._changed = threading.Condition()
+        self._waiting: dict[str, Callable[[LookupResult | None], None]] = {}
+        self._server = ""  # the node whose status came last
+        # The nodes of ROS 1 say who is connected.
+        self._goals: Any = node.advertise(f"{name}/goal", f"{ACTION}Goal", depth=QUEUE)
+        self._cancels: Any = node.advertise(f"{name}/cancel", GOAL_ID, depth=QUEUE)
+        self._results: Any = node.subscribe(f"{name}/result", f"{ACTION}Result", self._take)
+        self._statuses = node.subscribe(f"{name}/status", STATUS_LIST, self._see)
+
+    def is_ready(self) -> bool:
+        """Whether a server is connected in both directions."""
+        server = self._server
+        return bool(server) and all(
+            server in names
+            for names in (
+                self._goals.subscribers,
+                self._cancels.subscribers,
+                self._results.publishers,
+            )
+        )
+
+    def wait_ready(self, seconds: float) -> None:
+        """Return once a server has said something, or after so long."""
+        with self._changed:
+            self._changed.wait(seconds)
+
+    def send(self, goal: LookupGoal, on_result: Callable[[LookupResult | None], None]) -> _Sent:
+        """Send a goal; `on_result` gets its result, or None if it came to another end."""
+        goal_id = _new_goal_id(self._node)
+        with self._changed:
+            self._waiting[goal_id.id] = on_result
+        self._goals.publish(encode_goal(self._node.now(), goal_id, goal))
+        return _Sent(self, goal_id)
+
+    def forget(self, goal_id: GoalId) -> None:
+        """Wait for the result of a goal no more, and tell the server."""
+        with self._changed:
+            waited = self._waiting.pop(goal_id.id, None)
+        if waited is not None and not self._node.closed:
+            self._cancels.publish(encode_goal_id(GoalId(0, goal_id.id)))
+
+    def close(self) -> None:
+        """Take everything back."""
+        for opened in (self._statuses, self._results, self._cancels, self._goals):
+            opened.close()
+
+    def _see(self, _: bytes | memoryview, publisher: str) -> None:
+        with self._changed:
+            self._server = publisher
+            self._changed.notify_all()
+
+    def _take(self, data: bytes | memoryview, _: str) -> None:
+        status, result = decode_result(data)
+        with self._changed:
+            on_result = self._waiting.pop(status.goal_id.id, None)
+        if on_result is not None:
+            on_result(result if status.status == SUCCEEDED else None)
