@@ -1,4 +1,6 @@
 // The hottest reads as raw methods: lookup_transform, lookup_latest_transform, can_transform.
+#include "lookups.hpp"
+
 #include <array>
 #include <chrono>
 
@@ -283,6 +285,18 @@ PyMethodDef g_methods[] = {
 };
 
 }  // namespace
+
+std::optional<Found> find_pose(PyObject* buffer, PyObject* target, PyObject* source,
+                               std::optional<StampNs> stamp) {
+    Question question;
+    question.stamp = stamp;
+    const Open open(buffer);
+    Failure failure;
+    if (const Answer* const answer = ask(open, target, source, question, failure)) [[likely]] {
+        return Found{answer->pose, answer->stamp};
+    }
+    return std::nullopt;
+}
 
 void add_raw_waits(nb::handle type) {
     add_raw_method(type, g_wait_method);

@@ -3,7 +3,9 @@
 
 #include "errors.hpp"
 #include "fields.hpp"
+#include "messages.hpp"
 #include "reads.hpp"
+#include "tf2_calls.hpp"
 #include "transform.hpp"
 
 namespace nb = nanobind;
@@ -22,6 +24,8 @@ NB_MODULE(_core, module) {
     tfdb::python::bind_transform(module);
     tfdb::python::bind_reads(module);
     tfdb::python::bind_buffer(module);
+    tfdb::python::bind_messages(module);
+    tfdb::python::bind_tf2_calls(module);
     tfdb::python::add_python_methods(module);
 }
 #undef PyInit__core

@@ -113,7 +113,48 @@ std::optional<StampNs> from_message(PyObject* object) {
     return std::nullopt;
 }
 
+/// A plain int of at most so much, either way.
+bool plain_int(PyObject* object, std::int64_t most, std::int64_t& out) {
+    if (object == nullptr || !PyLong_CheckExact(object)) {
+        return false;
+    }
+    int overflow = 0;
+    out = PyLong_AsLongLongAndOverflow(object, &overflow);
+    return overflow == 0 && -most <= out && out <= most;
+}
+
+bool plain_parts(PyObject* object, PyObject* seconds, PyObject* nanoseconds, std::int64_t& out) {
+    constexpr std::int64_t kMostParts = std::int64_t{1} << 32;
+    const nb::object whole = find(object, seconds);
+    if (!whole.is_valid() || !plain_int(whole.ptr(), kMostParts, out)) {
+        return false;
+    }
+    const nb::object rest = find(object, nanoseconds);
+    std::int64_t beyond = 0;
+    if (!plain_int(rest.ptr(), kMostParts, beyond)) {
+        return false;
+    }
+    out = out * clock::kNanosPerSecond + beyond;
+    return true;
+}
+
 }  // namespace
+
+std::optional<std::int64_t> plain_nanoseconds(PyObject* object) {
+    constexpr std::int64_t kMost = std::int64_t{1} << 62;
+    std::int64_t value = 0;
+    if (plain_int(object, kMost, value) ||
+        plain_parts(object, g_fields.sec, g_fields.nanosec, value) ||
+        plain_parts(object, g_fields.secs, g_fields.nsecs, value)) {
+        return value;
+    }
+    const nb::object whole = find(object, g_fields.nanoseconds);
+    // Of a datetime.timedelta they are only the last digits, if it has them at all.
+    if (plain_int(whole.ptr(), kMost, value) && !find(object, g_fields.total_seconds).is_valid()) {
+        return value;
+    }
+    return std::nullopt;
+}
 
 StampNs stamp_of_object(PyObject* object) {
     if (PyBool_Check(object)) {

@@ -3,6 +3,7 @@
 
 #include <nanobind/nanobind.h>
 
+#include <cstdint>
 #include <optional>
 
 #include "arguments.hpp"
@@ -17,6 +18,10 @@ using clock::StampNs;
 /// What is no int from 0 to kMaxStamp: numpy integers, datetime64, messages with sec and nanosec,
 /// and everything that is refused with InvalidStamp.
 StampNs stamp_of_object(PyObject* object);
+
+/// Nanoseconds of an int, or of a message or time object of ROS whose numbers are plain ints; also
+/// negative ones. Nothing: it is something else, or out of reach.
+std::optional<std::int64_t> plain_nanoseconds(PyObject* object);
 
 /// Nanoseconds of a stamp. Throws InvalidStamp.
 inline StampNs stamp_of(PyObject* object) {

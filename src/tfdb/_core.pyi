@@ -1435,6 +1435,160 @@ def open_frozen(path: str | os.PathLike[str], *, verify: bool = False, clock: Ca
 def freeze_store(reads: Reads, path: os.PathLike[str], origin: str) -> None:
     """Write a state into that file. Raises as `Reads.freeze`."""
 
+class MessageMaker:
+    """
+    Makes the messages that a function of Python makes, faster.
+
+    How is found from two messages that the function makes: the classes of their objects, and the slots
+    in which they hold its arguments. Where there is more to them than objects with `__slots__`, the
+    function is called each time.
+
+    Parameters
+    ----------
+    make
+        Makes a message of a target, a source, a stamp in nanoseconds and a pose x y z qx qy qz qw.
+    """
+
+    def __init__(self, make: Callable[[str, str, int, Sequence[float]], Any]) -> None: ...
+
+    def __call__(self, target: str, source: str, stamp: int, pose: Sequence[float]) -> Any:
+        """A message T[target<-source]. Raises what the function raises."""
+
+    @property
+    def is_quick(self) -> bool:
+        """Whether the function need not be called."""
+
+class CoreCalls:
+    """
+    The hottest calls of `tfdb.tf2.BufferCore`, its base class.
+
+    Each is answered here where that is plain, else by the method in Python of the same name
+    behind an underscore.
+    """
+
+    def lookup_transform_core(self, target_frame: str, source_frame: str, time: Any) -> Any:
+        """
+        T[target_frame<-source_frame] at a time: maps points of the source into the target.
+
+        Parameters
+        ----------
+        target_frame, source_frame
+            Frame names.
+        time
+            When; 0: the latest common time.
+
+        Returns
+        -------
+        geometry_msgs.msg.TransformStamped
+            Its stamp is the time, or the latest common time.
+
+        Raises LookupException, ConnectivityException, ExtrapolationException,
+        InvalidArgumentException; TypeError for what is no time.
+        """
+
+    def can_transform_core(
+        self, target_frame: str, source_frame: str, time: Any
+    ) -> tuple[int, str]:
+        """
+        Whether `lookup_transform_core` has an answer: (1, '') or (0, why not).
+
+        Raises TypeError for what is no time or no name.
+        """
+
+    def set_transform(self, transform: Any, authority: str) -> bool:
+        """
+        Store T[header.frame_id<-child_frame_id] at header.stamp.
+
+        One leading '/' of each frame name is dropped. What is refused is logged (logger
+        `tfdb.tf2`) in tf2's words. Of the same stamp again the first value stays in ROS 1, the
+        last one counts in ROS 2. A static frame stays static in ROS 1, and becomes moving in
+        ROS 2.
+
+        Parameters
+        ----------
+        transform
+            A `geometry_msgs/TransformStamped` of any library.
+        authority
+            Who writes.
+
+        Returns
+        -------
+        bool
+            Whether it was stored.
+
+        Raises TypeError for what is no such message.
+        """
+
+    def _answer_by(
+        self,
+        buffer: Buffer,
+        maker: MessageMaker,
+        only_time: type | None,
+        *,
+        change_kind: bool,
+        only_new: bool,
+    ) -> None:
+        """
+        Answer what is plain from now on, without the methods in Python.
+
+        Parameters
+        ----------
+        buffer
+            The store. Of a subclass of `Buffer` nothing is plain.
+        maker
+            The MessageMaker of what lookups return.
+        only_time
+            The one class of times that is plain, beside int; None: any time is.
+        change_kind, only_new
+            As in `Buffer.set_transform`.
+        """
+
+class BufferCalls(CoreCalls):
+    """
+    The hottest calls of `tfdb.tf2.Buffer`, a base class of it beside `BufferCore`.
+
+    As `CoreCalls`. Where a subclass has a `lookup_transform_core` or `can_transform_core` of
+    its own, the methods in Python are called.
+    """
+
+    def lookup_transform(
+        self, target_frame: str, source_frame: str, time: Any, timeout: Any = None
+    ) -> Any:
+        """
+        T[target_frame<-source_frame] at a time, once it is there.
+
+        Parameters
+        ----------
+        target_frame, source_frame
+            Frame names.
+        time
+            When; 0: the latest common time.
+        timeout
+            A duration, or seconds as a float: how long to wait for it at most.
+
+        Returns
+        -------
+        geometry_msgs.msg.TransformStamped
+            Maps points of the source into the target: p_target = T p_source.
+
+        Raises what `lookup_transform_core` raises, once the time is up;
+        InvalidArgumentException at once.
+        """
+
+    def can_transform(
+        self,
+        target_frame: str,
+        source_frame: str,
+        time: Any,
+        timeout: Any = None,
+        return_debug_tuple: bool = False,
+    ) -> Any:
+        """
+        Whether `lookup_transform` has an answer, or has one in time.
+
+        `return_debug_tuple`: return (whether, why not). Arguments as in `lookup_transform`.
+        """
+
 def to_nanoseconds(stamp: tfdb.stamps.StampLike) -> int:
     """
     Nanoseconds of anything that is taken for a stamp. Raises InvalidStamp.

@@ -10,10 +10,12 @@ from compat.tf2_oracle import unavailable
 from tf2 import real_tf2
 
 PROGRAM = """
+import io
 import pickle
 import geometry_msgs.msg
 import rospy
 from tfdb import tf2
+from tfdb.tf2 import ros_messages
 
 STAMP = 1_700_000_000, 123_456_789
 message = geometry_msgs.msg.TransformStamped()
@@ -31,6 +33,18 @@ assert (found.header.stamp.secs, found.header.stamp.nsecs) == STAMP
 assert (found.header.frame_id, found.child_frame_id) == ("b", "a")
 assert found.transform.translation.x != 1.5 and abs(found.transform.rotation.y + 0.6) < 1e-12
 assert core.get_latest_common_time("a", "b") == rospy.Time(*STAMP)
+# The second one is made without Python, and is the same to the last field.
+maker, _ = ros_messages.makers("ros1")
+again = core.lookup_transform_core("b", "a", rospy.Time(*STAMP))
+assert maker.is_quick and again == found and again is not found
+for made in (found, again):
+    assert (made.header.seq, type(made.header.stamp)) == (0, rospy.Time)
+    assert not hasattr(made, "_connection_header")
+    assert pickle.loads(pickle.dumps(made)) == again
+    made._check_types()
+buffer = io.BytesIO()
+again.serialize(buffer)
+assert geometry_msgs.msg.TransformStamped().deserialize(buffer.getvalue()) == again
 try:
     core.lookup_transform_core("a", "b", rospy.Time(1))
 except tf2.ExtrapolationException as error:

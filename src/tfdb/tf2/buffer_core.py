@@ -5,9 +5,10 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any, NoReturn
 
 import tfdb
+from tfdb._core import CoreCalls
 from tfdb.errors import Disconnected, InvalidArgument, TfdbError, UnknownFrame
 
-from . import listings, phrases, refusals
+from . import listings, msgs, phrases, refusals
 from .exceptions import (
     ConnectivityException,
     InvalidArgumentException,
@@ -40,7 +41,7 @@ def _by_role(target: str, source: str, fixed: str | None = None) -> dict[str, st
     return names
 
 
-class BufferCore:
+class BufferCore(CoreCalls):
     """A store of transforms with the calls, words and rules of `tf2_py.BufferCore`.
 
     Each call is answered from one committed state of a `tfdb.Buffer`. Times are those of any ROS
@@ -83,6 +84,7 @@ class BufferCore:
         # With a length of 0 tf2 keeps the newest sample alone, and 1 ns does the same.
         self._buffer = tfdb.Buffer(history=max(length, 1) / SECOND) if buffer is None else buffer
         self._emptied: set[str] = set()
+        self._settled = False
 
     @property
     def buffer(self) -> tfdb.Buffer:
@@ -96,33 +98,27 @@ class BufferCore:
 
     def _nanoseconds(self, time: Any) -> int:
         """Nanoseconds of an argument, from which the flavor is found if it is not known yet."""
-        if self._flavor is None:
-            self._flavor = flavor_of(time)
+        if not self._settled:
+            self._settle(time)
         return nanoseconds(time, self._flavor)
+
+    def _settle(self, time: Any) -> None:
+        """Let the native calls answer what is plain, by the flavor if an argument tells it."""
+        self._flavor = self._flavor or flavor_of(time)
+        self._settled = self._flavor is not None
+        self._answer_by(
+            self._buffer,
+            makers(self.flavor)[0],
+            # Of another class it would tell the flavor.
+            None if self._settled else msgs.Time,
+            change_kind=self.flavor == "ros2",
+            only_new=self.flavor == "ros1",
+        )
 
     # Writes
 
-    def set_transform(self, transform: Any, authority: str) -> bool:
-        """Store T[header.frame_id<-child_frame_id] at header.stamp.
-
-        One leading '/' of each frame name is dropped. What is refused is logged (logger
-        `tfdb.tf2`) in tf2's words. Of the same stamp again the first value stays in ROS 1, the last
-        one counts in ROS 2. A static frame stays static in ROS 1, and becomes moving in ROS 2.
-
-        Parameters
-        ----------
-        transform
-            A `geometry_msgs/TransformStamped` of any library.
-        authority
-            Who writes.
-
-        Returns
-        -------
-        bool
-            Whether it was stored.
-
-        Raises TypeError for what is no such message.
-        """
+    def _set_transform(self, transform: Any, authority: str) -> bool:
+        """`set_transform`, whatever is given."""
         return self._set(transform, authority, static=False)
 
     def set_transform_static(self, transform: Any, authority: str) -> bool:
@@ -186,24 +182,8 @@ class BufferCore:
 
     # Lookups
 
-    def lookup_transform_core(self, target_frame: str, source_frame: str, time: Any) -> Any:
-        """T[target_frame<-source_frame] at a time: maps points of the source into the target.
-
-        Parameters
-        ----------
-        target_frame, source_frame
-            Frame names.
-        time
-            When; 0: the latest common time.
-
-        Returns
-        -------
-        geometry_msgs.msg.TransformStamped
-            Its stamp is the time, or the latest common time.
-
-        Raises LookupException, ConnectivityException, ExtrapolationException,
-        InvalidArgumentException; TypeError for what is no time.
-        """
+    def _lookup_transform_core(self, target_frame: str, source_frame: str, time: Any) -> Any:
+        """`lookup_transform_core`, whatever is asked."""
         stamp = self._nanoseconds(time)
         try:
             found = self._buffer.lookup_transform(target_frame, source_frame, stamp or None)
@@ -245,13 +225,10 @@ class BufferCore:
             stamp = found.stamp
         return makers(self.flavor)[0](target_frame, source_frame, stamp, found.pose.tolist())
 
-    def can_transform_core(
+    def _can_transform_core(
         self, target_frame: str, source_frame: str, time: Any
     ) -> tuple[int, str]:
-        """Whether `lookup_transform_core` has an answer: (1, '') or (0, why not).
-
-        Raises TypeError for what is no time or no name.
-        """
+        """`can_transform_core`, whatever is asked."""
         stamp = self._nanoseconds(time)
         if 0 <= stamp <= LAST_STAMP and self._buffer.can_transform(
             target_frame, source_frame, stamp or None

@@ -8,6 +8,8 @@ from copy import copy
 from functools import cache
 from typing import TYPE_CHECKING, Any
 
+from tfdb._core import MessageMaker
+
 from . import msgs
 from .times import SECOND, Flavor, nanoseconds
 
@@ -73,17 +75,17 @@ def make_header(stamp: Any, frame_id: str) -> Any:
 
 
 @cache
-def makers(flavor: Flavor) -> tuple[Callable[[str, str, int, Sequence[float]], Any], Any]:
-    """Return two functions, which make messages of a flavor.
+def makers(flavor: Flavor) -> tuple[MessageMaker, Callable[[int], Any]]:
+    """Return what makes messages of a flavor.
 
     One makes a TransformStamped of (target, source, nanoseconds, x y z qx qy qz qw), the other a
     time of nanoseconds.
     """
     if installed() != flavor:
-        return make_ours, msgs.Time.from_nanoseconds
+        return MessageMaker(make_ours), msgs.Time.from_nanoseconds
     if flavor == "ros1":
-        return make_ros1, ros1_time
-    return make_ros2, ros2_time
+        return MessageMaker(make_ros1), ros1_time
+    return MessageMaker(make_ros2), ros2_time
 
 
 def make_ours(target: str, source: str, stamp: int, pose: Sequence[float]) -> msgs.TransformStamped:

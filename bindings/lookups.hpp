@@ -1,0 +1,24 @@
+// Lookups for other bindings: no objects are made, and nothing is said of why there is no answer.
+#pragma once
+
+#include <nanobind/nanobind.h>
+
+#include <optional>
+
+#include "tfdb/store/question.hpp"
+
+namespace nb = nanobind;
+
+namespace tfdb::python {
+
+struct Found {
+    geometry::Pose pose;
+    StampNs stamp = 0;
+};
+
+/// T[target<-source] of a Buffer at a stamp (none: the latest common time); names are exact str.
+/// Nothing where it has no answer. Throws what reading a buffer throws.
+std::optional<Found> find_pose(PyObject* buffer, PyObject* target, PyObject* source,
+                               std::optional<StampNs> stamp);
+
+}  // namespace tfdb::python

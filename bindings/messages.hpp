@@ -1,0 +1,21 @@
+// Messages of any library, made without running Python.
+#pragma once
+
+#include <nanobind/nanobind.h>
+
+#include "lookups.hpp"
+
+namespace nb = nanobind;
+
+namespace tfdb::python {
+
+/// Adds the class MessageMaker to the module.
+void bind_messages(nb::module_& module);
+
+bool is_message_maker(nb::handle object);
+
+/// The message T[target<-source] as a new reference; null with a Python error. `maker` is a
+/// MessageMaker, the names are exact str.
+PyObject* make_message(PyObject* maker, PyObject* target, PyObject* source, const Found& found);
+
+}  // namespace tfdb::python
