@@ -15,7 +15,7 @@ import pytest
 import tfdb
 from tf2.ours import message, plain
 from tfdb import tf2
-from tfdb._core import BufferCalls, MessageMaker
+from tfdb._core import MessageMaker
 from tfdb.tf2 import msgs, ros_messages
 
 if TYPE_CHECKING:
@@ -241,7 +241,7 @@ def test_nothing_leaks() -> None:
 # The calls
 
 
-class Buffer(BufferCalls, tf2.BufferCore):
+class Buffer(tf2.Buffer):
     """Notes which of its calls were not plain."""
 
     def __init__(self, *given: Any, **named: Any) -> None:
@@ -260,16 +260,13 @@ class Buffer(BufferCalls, tf2.BufferCore):
         self.slow.append("set_transform")
         return super()._set_transform(*given)
 
-    def _lookup_transform(self, target: str, source: str, time: Any, timeout: Any) -> Any:
-        self.slow.append(f"lookup_transform {timeout}")
-        return self.lookup_transform_core(target, source, time)
+    def _lookup_transform(self, *given: Any) -> Any:
+        self.slow.append(f"lookup_transform {given[3]}")
+        return super()._lookup_transform(*given)
 
-    def _can_transform(
-        self, target: str, source: str, time: Any, timeout: Any, return_debug_tuple: Any
-    ) -> Any:
-        self.slow.append(f"can_transform {timeout}")
-        found = self.can_transform_core(target, source, time)
-        return found if return_debug_tuple else found[0]
+    def _can_transform(self, *given: Any) -> Any:
+        self.slow.append(f"can_transform {given[3]}")
+        return super()._can_transform(*given)
 
 
 class Ros1Time:
@@ -339,24 +336,21 @@ def test_what_is_not_plain_is_asked_in_python(buffer: Buffer) -> None:
     late = 9 * SECOND
     assert buffer.can_transform("a", "c", late) == 0
     assert not buffer.slow
-    assert buffer.can_transform("a", "c", late, 0.5) == 0
+    assert buffer.can_transform("a", "c", late, 0.002) == 0
     assert buffer.can_transform("a", "c", late, None, True)[0] == 0
     with pytest.raises(tf2.ExtrapolationException):
         buffer.lookup_transform("a", "c", late)
     with pytest.raises(tf2.LookupException):
-        buffer.lookup_transform("a", "z", 0, timeout=msgs.Duration(3, 0))
+        buffer.lookup_transform("a", "z", 0, timeout=msgs.Duration(0, 2_000_000))
     with pytest.raises(TypeError, match="time must have"):
         buffer.lookup_transform("a", "c", 1.5)
     with pytest.raises(TypeError):
         buffer.can_transform_core("a", 5, 0)  # type: ignore[arg-type]
-    assert buffer.slow == [
-        "can_transform 0.5", "can_transform_core",
-        "can_transform None", "can_transform_core",
-        "lookup_transform None", "lookup_transform_core",
-        f"lookup_transform {msgs.Duration(3, 0)}", "lookup_transform_core",
-        "lookup_transform None", "lookup_transform_core",
-        "can_transform_core",
-    ]  # fmt: skip
+    assert set(buffer.slow) == {
+        "can_transform 0.002", "can_transform None", "can_transform_core",
+        f"lookup_transform {msgs.Duration(0, 2_000_000)}", "lookup_transform None",
+        "lookup_transform_core",
+    }  # fmt: skip
 
 
 def test_a_time_that_is_no_number_reaches_python_as_it_is(buffer: Buffer) -> None:
@@ -443,10 +437,10 @@ def test_the_flavor_is_found_from_the_first_time_that_tells_it() -> None:
     assert buffer.slow == ["set_transform"]
     assert buffer.can_transform("a", "b", Ros1Time(SECOND)) == 1
     assert buffer.flavor == "ros1"
-    assert buffer.slow == ["set_transform", "can_transform None", "can_transform_core"]
+    assert buffer.slow == ["set_transform", "can_transform None"]
     assert buffer.can_transform("a", "b", Ros1Time(SECOND)) == 1
     assert buffer.lookup_transform("a", "b", Ros2Time(SECOND)).child_frame_id == "b"
-    assert len(buffer.slow) == 3
+    assert len(buffer.slow) == 2
 
 
 def test_a_method_of_a_subclass_counts() -> None:

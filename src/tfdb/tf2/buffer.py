@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any, Self
 
 import tfdb
 from tfdb import waiting
+from tfdb._core import BufferCalls
 from tfdb.ros import node_for
 
 from .buffer_core import DEFAULT_CACHE_TIME, LAST_STAMP, BufferCore
@@ -40,7 +41,7 @@ Simple = tuple[str, str, int]
 Full = tuple[str, int, str, int, str]
 
 
-class Buffer(BufferCore, BufferInterface):
+class Buffer(BufferCalls, BufferCore, BufferInterface):
     """A store of transforms with the calls of `tf2_ros.Buffer`.
 
     Any number of threads may use it at once. Who waits is woken by the transform that was missing;
@@ -102,28 +103,10 @@ class Buffer(BufferCore, BufferInterface):
 
     # Lookups that wait
 
-    def lookup_transform(
-        self, target_frame: str, source_frame: str, time: Any, timeout: Any = None
+    def _lookup_transform(
+        self, target_frame: str, source_frame: str, time: Any, timeout: Any
     ) -> Any:
-        """T[target_frame<-source_frame] at a time, once it is there.
-
-        Parameters
-        ----------
-        target_frame, source_frame
-            Frame names.
-        time
-            When; 0: the latest common time.
-        timeout
-            A duration, or seconds as a float: how long to wait for it at most.
-
-        Returns
-        -------
-        geometry_msgs.msg.TransformStamped
-            Maps points of the source into the target: p_target = T p_source.
-
-        Raises what `lookup_transform_core` raises, once the time is up; InvalidArgumentException
-        at once.
-        """
+        """`lookup_transform`, whatever is asked."""
         limit = self._limit(timeout)
         question = (target_frame, source_frame, self._nanoseconds(time))
         return self._once_there(
@@ -149,18 +132,10 @@ class Buffer(BufferCore, BufferInterface):
             lambda: self.lookup_transform_full_core(*asked), self._full(*asked), limit
         )
 
-    def can_transform(
-        self,
-        target_frame: str,
-        source_frame: str,
-        time: Any,
-        timeout: Any = None,
-        return_debug_tuple: bool = False,
+    def _can_transform(
+        self, target_frame: str, source_frame: str, time: Any, timeout: Any, return_debug_tuple: Any
     ) -> Any:
-        """Whether `lookup_transform` has an answer, or has one in time.
-
-        `return_debug_tuple`: return (whether, why not). Arguments as in `lookup_transform`.
-        """
+        """`can_transform`, whatever is asked."""
         limit = self._limit(timeout)
         question = (target_frame, source_frame, self._nanoseconds(time))
         found = self._once_possible(

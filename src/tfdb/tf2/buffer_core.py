@@ -99,13 +99,13 @@ class BufferCore(CoreCalls):
     def _nanoseconds(self, time: Any) -> int:
         """Nanoseconds of an argument, from which the flavor is found if it is not known yet."""
         if not self._settled:
-            self._settle(time)
+            self._settle(self._flavor or flavor_of(time))
         return nanoseconds(time, self._flavor)
 
-    def _settle(self, time: Any) -> None:
-        """Let the native calls answer what is plain, by the flavor if an argument tells it."""
-        self._flavor = self._flavor or flavor_of(time)
-        self._settled = self._flavor is not None
+    def _settle(self, flavor: Flavor | None) -> None:
+        """Let the native calls answer what is plain, by the flavor if that is known."""
+        self._flavor = flavor
+        self._settled = flavor is not None
         self._answer_by(
             self._buffer,
             makers(self.flavor)[0],

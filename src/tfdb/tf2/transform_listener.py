@@ -83,7 +83,7 @@ class TransformListener:
         self._lock = threading.Lock()
         core = buffer if isinstance(buffer, BufferCore) else None
         if core is not None and core._flavor is None:
-            core._flavor = self.node.flavor
+            core._settle(self.node.flavor)
         self._raw = core if core is not None and _is_plain(core) else None
         topics = [(tf_static_topic, True, static_qos)]
         if not static_only:
