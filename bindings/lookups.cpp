@@ -211,6 +211,7 @@ PyObject* can_transform(PyObject* self, PyObject* const* args, Py_ssize_t count,
         constexpr ParameterList kList{"can_transform", kCanNames, 2, 4};
         const auto [target, source, time, policy] = bind<4>(kList, args, count, keywords);
         Question question = question_at(time, policy);
+        question.kind = Question::kCan;
         const Open open(self);
         Failure failure;
         const bool can = ask(open, target, source, question, failure) != nullptr;
@@ -285,6 +286,15 @@ PyMethodDef g_methods[] = {
 };
 
 }  // namespace
+
+bool can_find_pose(PyObject* buffer, PyObject* target, PyObject* source,
+                   std::optional<StampNs> stamp) {
+    Question question{.kind = Question::kCan};
+    question.stamp = stamp;
+    const Open open(buffer);
+    Failure failure;
+    return ask(open, target, source, question, failure) != nullptr;
+}
 
 std::optional<Found> find_pose(PyObject* buffer, PyObject* target, PyObject* source,
                                std::optional<StampNs> stamp) {

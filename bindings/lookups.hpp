@@ -21,4 +21,8 @@ struct Found {
 std::optional<Found> find_pose(PyObject* buffer, PyObject* target, PyObject* source,
                                std::optional<StampNs> stamp);
 
+/// Whether there is one.
+bool can_find_pose(PyObject* buffer, PyObject* target, PyObject* source,
+                   std::optional<StampNs> stamp);
+
 }  // namespace tfdb::python

@@ -74,14 +74,16 @@ public:
     [[nodiscard]] std::optional<bool> can(PyObject* target, PyObject* source,
                                           PyObject* time) const {
         const std::optional<StampNs> at = asked(target, source, time);
-        return at ? std::optional(find(target, source, *at).has_value()) : std::nullopt;
+        return at ? std::optional(can_find_pose(plain_.buffer, target, source, asked_of(*at)))
+                  : std::nullopt;
     }
 
     /// The answer as a message, a new reference; null where the question is not plain, has no
     /// answer, or with a Python error.
     [[nodiscard]] PyObject* message(PyObject* target, PyObject* source, PyObject* time) const {
         const std::optional<StampNs> at = asked(target, source, time);
-        const std::optional<Found> found = at ? find(target, source, *at) : std::nullopt;
+        const std::optional<Found> found =
+            at ? find_pose(plain_.buffer, target, source, asked_of(*at)) : std::nullopt;
         return found ? make_message(plain_.maker, target, source, *found) : nullptr;
     }
 
@@ -93,8 +95,8 @@ private:
     }
 
     /// Time 0 is the latest common time.
-    [[nodiscard]] std::optional<Found> find(PyObject* target, PyObject* source, StampNs at) const {
-        return find_pose(plain_.buffer, target, source, at == 0 ? std::nullopt : std::optional(at));
+    static std::optional<StampNs> asked_of(StampNs at) {
+        return at == 0 ? std::nullopt : std::optional(at);
     }
 
     Plain plain_;

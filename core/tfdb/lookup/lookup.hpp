@@ -226,11 +226,14 @@ template <View V>
     });
 }
 
-/// T[target<-source] at a stamp, or at the latest common time if there is none.
-template <View V>
-[[nodiscard]] Outcome lookup(const V& view, FrameId target, FrameId source,
-                             std::optional<StampNs> stamp, const Policy& policy, Answer& answer,
-                             Failure& failure) {
+namespace detail {
+
+/// At a stamp, or at the latest common time if there is none: `quick(lookup, stamp)` in the common
+/// case, else the general code.
+template <View V, class Quick>
+[[nodiscard]] Outcome quick_or_general(const V& view, FrameId target, FrameId source,
+                                       std::optional<StampNs> stamp, const Policy& policy,
+                                       Answer& answer, Failure& failure, Quick quick) {
     answer.edges.clear();
     StampNs at = 0;
     if (stamp) {
@@ -242,13 +245,35 @@ template <View V>
         at = answer.stamp;
     }
     if constexpr (InPlaceView<V>) {
-        QuickLookup<V> quick(view, policy, answer);
-        if (quick_policy(policy) && quick.at(target, source, at)) {
+        QuickLookup<V> lookup(view, policy, answer);
+        if (quick_policy(policy) && quick(lookup, at)) {
             return Outcome::kOk;
         }
         answer.edges.clear();
     }
     return lookup_at(view, target, source, at, policy, answer, failure);
+}
+
+}  // namespace detail
+
+/// T[target<-source] at a stamp, or at the latest common time if there is none.
+template <View V>
+[[nodiscard]] Outcome lookup(const V& view, FrameId target, FrameId source,
+                             std::optional<StampNs> stamp, const Policy& policy, Answer& answer,
+                             Failure& failure) {
+    return detail::quick_or_general(
+        view, target, source, stamp, policy, answer, failure,
+        [&](auto& quick, StampNs at) { return quick.at(target, source, at); });
+}
+
+/// Whether `lookup` has an answer: kOk, or what it fails with. The answer is unspecified.
+template <View V>
+[[nodiscard]] Outcome can_lookup(const V& view, FrameId target, FrameId source,
+                                 std::optional<StampNs> stamp, const Policy& policy, Answer& answer,
+                                 Failure& failure) {
+    return detail::quick_or_general(
+        view, target, source, stamp, policy, answer, failure,
+        [&](auto& quick, StampNs at) { return quick.covers(target, source, at); });
 }
 
 /// Each edge's own newest sample, nothing interpolated: the paper's lookupLatestTransform. The

@@ -4,6 +4,7 @@
 #pragma once
 
 #include <bit>
+#include <cmath>
 #include <concepts>
 #include <cstdint>
 #include <optional>
@@ -92,41 +93,33 @@ public:
 
     /// The latest common time of two different frames; false: not the common case.
     [[nodiscard]] bool common_time(FrameId target, FrameId source, StampNs& stamp) {
-        Node up;
-        Node down;
-        if (target == source || !start(source, up) || !start(target, down)) {
-            return false;
-        }
         stamp = history::kNoStamp;
-        expect_changes();
-        FrameId up_from = kNoFrame;
-        FrameId down_from = kNoFrame;
-        for (FrameId steps = 0; up.id != down.id; ++steps) {
-            const bool move_up =
-                history::Topology::depth(up.topology) >= history::Topology::depth(down.topology);
-            fetch(down.id, up.id);
-            if (steps == kMostSteps)
-                return false;
-            Node& node = move_up ? up : down;
-            (move_up ? up_from : down_from) = node.id;
-            Samples tail;
-            const Entered entered(*this, node);
-            if (!entered.admitted() || !open(node, tail)) {
-                return false;
-            }
+        const bool met = meet(target, source, [&](const Node&, Samples& tail) {
             const StampNs newest = tail.stamp(tail.end - 1);
-            const std::uint64_t slot = tail.slot(tail.end - 1)->load_relaxed();
-            if (!confirm() || !ascend(node, slot)) {
-                return false;
-            }
             if (newest >= 0 && (stamp < 0 || newest < stamp)) {
                 stamp = newest;
             }
-        }
+            return tail.slot(tail.end - 1);
+        });
         if (stamp < 0) {
             stamp = 0;
         }
-        return up_from != down_from || up_from == kNoFrame;
+        return met;
+    }
+
+    /// Whether `at` answers for two different frames; nothing is mixed. False: not the common case.
+    [[nodiscard]] bool covers(FrameId target, FrameId source, StampNs stamp) {
+        stamp_ = stamp;
+        return meet(target, source, [this](const Node& node, Samples& in) {
+            StampNs before = history::kNoStamp;
+            StampNs after = history::kNoStamp;
+            Used used = Used::kExact;
+            const Word* slot = nullptr;
+            const Word* next = nullptr;
+            const bool sound = choose(node, in, before, after, used, slot, next) && is_near(slot) &&
+                               (next == nullptr || is_near(next));
+            return sound ? slot : nullptr;
+        });
     }
 
 private:
@@ -210,6 +203,44 @@ private:
         bool admitted_ = true;
     };
 
+    /// Walks two different frames up until they meet. `look(node, samples)` says at each edge which
+    /// of its samples names the parent; null: not the common case.
+    template <class Look>
+    [[nodiscard, gnu::always_inline]] bool meet(FrameId target, FrameId source, Look look) {
+        Node up;
+        Node down;
+        if (target == source || !start(source, up) || !start(target, down)) {
+            return false;
+        }
+        expect_changes();
+        FrameId up_from = kNoFrame;
+        FrameId down_from = kNoFrame;
+        for (FrameId steps = 0; up.id != down.id; ++steps) {
+            const bool move_up =
+                history::Topology::depth(up.topology) >= history::Topology::depth(down.topology);
+            fetch(down.id, up.id);
+            if (steps == kMostSteps)
+                return false;
+            Node& node = move_up ? up : down;
+            (move_up ? up_from : down_from) = node.id;
+            Samples in;
+            const Entered entered(*this, node);
+            if (!entered.admitted() || !open(node, in)) {
+                return false;
+            }
+            const Word* const slot = look(node, in);
+            if (slot == nullptr) {
+                return false;
+            }
+            const std::uint64_t first = slot->load_relaxed();
+            if (!confirm() || !ascend(node, first)) {
+                return false;
+            }
+        }
+        // Wrong depth hints led past the meeting point: both took the edge above it.
+        return up_from != down_from || up_from == kNoFrame;
+    }
+
     // Always inlined: each file that uses the class has a copy of `at`, and the linker keeps any
     // one.
 
@@ -278,6 +309,14 @@ private:
             return std::bit_cast<double>(slot[1 + i].load_relaxed());
         };
         return {{number(0), number(1), number(2)}, {number(3), number(4), number(5), number(6)}};
+    }
+    /// Poses of which no path is so long that composing them would overflow.
+    [[nodiscard, gnu::always_inline]] static bool is_near(const Word* slot) {
+        constexpr double kFar = 1e290;
+        bool near = true;
+        for (int i = 1; i <= 3; ++i)
+            near &= std::abs(std::bit_cast<double>(slot[i].load_relaxed())) < kFar;
+        return near;
     }
     /// Not inlined: mixing and composing together do not fit into the registers.
     [[gnu::noinline]] static void mix_slots(const Word* before, const Word* after, double share,

@@ -52,6 +52,9 @@ private:
             case Question::kFull:
                 return lookup::lookup_full(view_, target, q.stamp, source, q.source_stamp, fixed,
                                            q.policy, answer, failure);
+            case Question::kCan:
+                return lookup::can_lookup(view_, target, source, q.stamp, q.policy, answer,
+                                          failure);
             case Question::kLatest:
                 return lookup::lookup_latest(view_, target, source, q.max_age, q.now, answer,
                                              failure);

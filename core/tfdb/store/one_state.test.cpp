@@ -32,8 +32,9 @@ void renew(Buffer& buffer, double number) {
 void read_all(const Reads& reads, const FrameHandle (&handles)[2]) {
     Answer answer;
     Failure failure;
-    for (const Question::Kind kind : {Question::kAt, Question::kFull, Question::kLatest,
-                                      Question::kCommonTime, Question::kCovered}) {
+    for (const Question::Kind kind :
+         {Question::kAt, Question::kCan, Question::kFull, Question::kLatest, Question::kCommonTime,
+          Question::kCovered}) {
         Question question = store::by_way_of("base", "map", 7, "tool", 9, {});
         question.kind = kind;
         question.fixed.handle = handles[0];

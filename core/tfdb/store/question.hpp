@@ -31,6 +31,7 @@ struct FrameRef {
 struct Question {
     enum Kind : std::uint8_t {
         kAt,          // T[target<-source] at `stamp`, none: the latest common time
+        kCan,         // whether kAt has an answer; which one is not said
         kFull,        // T[target at stamp <- source at source_stamp] by way of `fixed`
         kLatest,      // from each edge's newest sample, none older than now - max_age
         kCommonTime,  // the newest stamp at which the path has data
@@ -40,9 +41,9 @@ struct Question {
     FrameRef target{};
     FrameRef source{};
     FrameRef fixed{};                       // kFull
-    std::optional<StampNs> stamp{};         // kAt, kFull
+    std::optional<StampNs> stamp{};         // kAt, kCan, kFull
     std::optional<StampNs> source_stamp{};  // kFull
-    Policy policy{};                        // kAt, kFull
+    Policy policy{};                        // kAt, kCan, kFull
     std::optional<StampNs> max_age{};       // kLatest
     StampNs now = 0;                        // kLatest
 };

@@ -5,6 +5,7 @@
 #include <array>
 #include <deque>
 #include <random>
+#include <utility>
 #include <vector>
 
 #include "tfdb/store/fixture.hpp"
@@ -124,6 +125,23 @@ void check_batches(From& from, const Question& q, const Singles& singles) {
     }
 }
 
+/// Whether there is an answer, and why there is none; also at the latest common time.
+void check_whether(const Reads& reads, const Question& q, const Singles& singles) {
+    Answer answer;
+    Failure failure;
+    for (std::size_t i = 0; i < q.stamps.size(); ++i) {
+        tfdb::Question can = store::at_stamp(q.target, q.source, q.stamps[i], q.policy);
+        can.kind = tfdb::Question::kCan;
+        const bool found = reads.ask(can, answer, failure);
+        CHECK(found == singles.poses[i].has_value());
+        CHECK(found || failure.code == singles.codes[i]);
+    }
+    tfdb::Question newest = store::at_stamp(q.target, q.source, std::nullopt, q.policy);
+    const bool found = reads.ask(newest, answer, failure);
+    newest.kind = tfdb::Question::kCan;
+    CHECK_EQ(reads.ask(newest, answer, failure), found);
+}
+
 void check_points(const Reads& reads, const Question& q, const Singles& singles) {
     constexpr double kNan = std::numeric_limits<double>::quiet_NaN();
     std::vector<double> points;
@@ -193,6 +211,8 @@ public:
             return buffer_.try_lookup(to, from, stamp, q.policy, answer, failure);
         });
         CHECK(same_bits(singles.rows[0], fresh.rows[0]) && singles.codes == fresh.codes);
+        for (const Reads* const reads : std::initializer_list<const Reads*>{&snapshot, &buffer_})
+            check_whether(*reads, q, singles);
         check_batches(snapshot, q, singles);
         check_batches(buffer_, q, singles);
         check_points(buffer_, q, singles);
