@@ -24,6 +24,8 @@ namespace {
 
 /// What a message holds of a lookup: target, source, seconds, nanoseconds, x y z qx qy qz qw.
 constexpr std::size_t kValues = 11;
+constexpr std::size_t kSeconds = 2;
+constexpr std::size_t kNanoseconds = 3;
 using Values = std::array<nb::object, kValues>;
 
 nb::object checked(PyObject* made) {
@@ -37,8 +39,8 @@ Values values_of(PyObject* target, PyObject* source, const Found& found) {
     Values values;
     values[0] = nb::borrow(target);
     values[1] = nb::borrow(source);
-    values[2] = checked(PyLong_FromLongLong(found.stamp / clock::kNanosPerSecond));
-    values[3] = checked(PyLong_FromLongLong(found.stamp % clock::kNanosPerSecond));
+    values[kSeconds] = checked(PyLong_FromLongLong(found.stamp / clock::kNanosPerSecond));
+    values[kNanoseconds] = checked(PyLong_FromLongLong(found.stamp % clock::kNanosPerSecond));
     const double* const numbers = &found.pose.translation.x;
     for (std::size_t i = 0; i < 7; ++i) {
         values[4 + i] = checked(PyFloat_FromDouble(numbers[i]));
@@ -231,6 +233,32 @@ std::unique_ptr<Part> recipe_of(const nb::object& make) {
     return found;
 }
 
+/// Where the class of the messages' stamps has their numbers; no class where that is not known.
+struct TimeSlots {
+    PyTypeObject* type = nullptr;
+    Py_ssize_t seconds = 0;
+    Py_ssize_t nanoseconds = 0;
+};
+
+TimeSlots time_slots_in(const Part& part) {
+    TimeSlots found;
+    for (const Part::Slot& slot : part.slots) {
+        if (slot.part != nullptr) {
+            if (const TimeSlots inner = time_slots_in(*slot.part); inner.type != nullptr) {
+                return inner;
+            }
+        } else if (slot.value == kSeconds) {
+            found.seconds = slot.offset;
+        } else if (slot.value == kNanoseconds) {
+            found.nanoseconds = slot.offset;
+        }
+    }
+    if (found.seconds != 0 && found.nanoseconds != 0) {
+        found.type = reinterpret_cast<PyTypeObject*>(part.type.ptr());
+    }
+    return found;
+}
+
 int traverse_part(const Part& part, visitproc visit, void* arg) {
     Py_VISIT(part.type.ptr());
     for (const Part::Slot& slot : part.slots) {
@@ -262,12 +290,16 @@ public:
         if (!known()) [[unlikely]] {
             std::unique_ptr<Part> found = recipe_of(make_);
             const nb::ft_object_guard guard(self);
-            if (!std::exchange(looked_for_, true)) {
+            if (!std::exchange(looked_for_, true) && found != nullptr) {
                 recipe_ = std::move(found);
+                time_ = time_slots_in(*recipe_);
             }
         }
         return recipe_.get();
     }
+
+    /// Of times of that class: their numbers may be read where they are.
+    [[nodiscard]] const TimeSlots& time() const { return time_; }
 
     int traverse(visitproc visit, void* arg) const {
         Py_VISIT(make_.ptr());
@@ -277,6 +309,7 @@ public:
 private:
     nb::object make_;
     std::unique_ptr<Part> recipe_;
+    TimeSlots time_;
     bool looked_for_ = false;
 };
 
@@ -310,6 +343,18 @@ PyType_Slot g_slots[] = {
 
 bool is_message_maker(nb::handle object) {
     return nb::isinstance<MessageMaker>(object) && nb::inst_ready(object);
+}
+
+std::optional<std::int64_t> message_time(PyObject* maker, PyObject* time) {
+#ifndef Py_GIL_DISABLED  // without the GIL another thread may be setting a slot
+    const TimeSlots& slots = nb::inst_ptr<MessageMaker>(maker)->time();
+    if (Py_IS_TYPE(time, slots.type) != 0) {
+        return plain_nanoseconds(place_of(time, slots.seconds), place_of(time, slots.nanoseconds));
+    }
+#else
+    static_cast<void>(maker);
+#endif
+    return plain_nanoseconds(time);
 }
 
 PyObject* make_message(PyObject* maker, PyObject* target, PyObject* source, const Found& found) {

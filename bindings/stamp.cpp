@@ -89,7 +89,7 @@ StampNs from_datetime64(PyObject* object) {
     return from_integer(object, integer.ptr());
 }
 
-/// Messages and time objects of ROS 1 and ROS 2.
+/// Messages and time objects of ROS 1 and ROS 2 with two numbers.
 std::optional<StampNs> from_message(PyObject* object) {
     nb::object seconds = find(object, g_fields.sec);
     nb::object nanoseconds = find(object, g_fields.nanosec);
@@ -101,6 +101,11 @@ std::optional<StampNs> from_message(PyObject* object) {
     if (seconds.is_valid() && nanoseconds.is_valid()) {
         return from_parts(object, seconds, nanoseconds, "secs", "nsecs");
     }
+    return std::nullopt;
+}
+
+/// ... and with one.
+std::optional<StampNs> from_whole(PyObject* object) {
     nb::object whole;
     if (const nb::object to_nsec = find(object, g_fields.to_nsec); to_nsec.is_valid()) {
         whole = to_nsec();
@@ -123,30 +128,38 @@ bool plain_int(PyObject* object, std::int64_t most, std::int64_t& out) {
     return overflow == 0 && -most <= out && out <= most;
 }
 
-bool plain_parts(PyObject* object, PyObject* seconds, PyObject* nanoseconds, std::int64_t& out) {
-    constexpr std::int64_t kMostParts = std::int64_t{1} << 32;
+std::optional<std::int64_t> plain_parts(PyObject* object, PyObject* seconds,
+                                        PyObject* nanoseconds) {
     const nb::object whole = find(object, seconds);
-    if (!whole.is_valid() || !plain_int(whole.ptr(), kMostParts, out)) {
-        return false;
+    if (!whole.is_valid()) {
+        return std::nullopt;
     }
-    const nb::object rest = find(object, nanoseconds);
-    std::int64_t beyond = 0;
-    if (!plain_int(rest.ptr(), kMostParts, beyond)) {
-        return false;
-    }
-    out = out * clock::kNanosPerSecond + beyond;
-    return true;
+    return plain_nanoseconds(whole.ptr(), find(object, nanoseconds).ptr());
 }
 
 }  // namespace
 
+std::optional<std::int64_t> plain_nanoseconds(PyObject* seconds, PyObject* nanoseconds) {
+    constexpr std::int64_t kMost = std::int64_t{1} << 32;
+    std::int64_t whole = 0;
+    std::int64_t beyond = 0;
+    if (!plain_int(seconds, kMost, whole) || !plain_int(nanoseconds, kMost, beyond)) {
+        return std::nullopt;
+    }
+    return whole * clock::kNanosPerSecond + beyond;
+}
+
 std::optional<std::int64_t> plain_nanoseconds(PyObject* object) {
     constexpr std::int64_t kMost = std::int64_t{1} << 62;
     std::int64_t value = 0;
-    if (plain_int(object, kMost, value) ||
-        plain_parts(object, g_fields.sec, g_fields.nanosec, value) ||
-        plain_parts(object, g_fields.secs, g_fields.nsecs, value)) {
+    if (plain_int(object, kMost, value)) {
         return value;
+    }
+    if (const auto found = plain_parts(object, g_fields.sec, g_fields.nanosec)) {
+        return found;
+    }
+    if (const auto found = plain_parts(object, g_fields.secs, g_fields.nsecs)) {
+        return found;
     }
     const nb::object whole = find(object, g_fields.nanoseconds);
     // Of a datetime.timedelta they are only the last digits, if it has them at all.
@@ -166,6 +179,9 @@ StampNs stamp_of_object(PyObject* object) {
     if (PyLong_Check(object)) {
         return from_integer(object, object);
     }
+    if (const auto stamp = from_message(object)) {
+        return *stamp;
+    }
     if (is_datetime64(object)) {
         return from_datetime64(object);
     }
@@ -184,7 +200,7 @@ StampNs stamp_of_object(PyObject* object) {
     }
     // pandas' Timedelta has `nanoseconds`, which is only its last three digits.
     if (!nb::isinstance(object, datetime.attr("timedelta"))) {
-        if (const auto stamp = from_message(object)) {
+        if (const auto stamp = from_whole(object)) {
             return *stamp;
         }
     }

@@ -22,6 +22,8 @@ StampNs stamp_of_object(PyObject* object);
 /// Nanoseconds of an int, or of a message or time object of ROS whose numbers are plain ints; also
 /// negative ones. Nothing: it is something else, or out of reach.
 std::optional<std::int64_t> plain_nanoseconds(PyObject* object);
+/// The same of two plain ints; null stands for nothing.
+std::optional<std::int64_t> plain_nanoseconds(PyObject* seconds, PyObject* nanoseconds);
 
 /// Nanoseconds of a stamp. Throws InvalidStamp.
 inline StampNs stamp_of(PyObject* object) {

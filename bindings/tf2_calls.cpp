@@ -66,7 +66,7 @@ public:
             reinterpret_cast<PyObject*>(Py_TYPE(time)) != plain_.only_time) {
             return std::nullopt;
         }
-        const std::optional<std::int64_t> found = plain_nanoseconds(time);
+        const std::optional<std::int64_t> found = message_time(plain_.maker, time);
         return found && clock::is_stamp(*found) ? found : std::nullopt;
     }
 
