@@ -55,7 +55,7 @@ def plain(value: Any) -> Any:
     if isinstance(value, list | tuple):
         return tuple(plain(each) for each in value)
     if hasattr(value, "to_nsec"):
-        return type(value).__name__, value.to_nsec()
+        return value.to_nsec()
     return tuple((name, plain(getattr(value, name))) for name in members(value))
 
 

@@ -4,7 +4,6 @@
 
 from __future__ import annotations
 
-from copy import copy
 from functools import cache
 from typing import TYPE_CHECKING, Any
 
@@ -48,13 +47,13 @@ def message_class(name: str) -> type:
 
 
 def fill_stamp(header: Any, stamp: Any) -> None:
-    """Give a header of any library a copy of a time of any library."""
-    if isinstance(stamp, type(header.stamp)):
-        header.stamp = copy(stamp)
-        return
-    names = ("sec", "nanosec") if hasattr(header.stamp, "sec") else ("secs", "nsecs")
-    for name, value in zip(names, divmod(nanoseconds(stamp), SECOND), strict=True):
-        setattr(header.stamp, name, value)
+    """Set the time in a header of any library to a time of any library."""
+    made = header.stamp
+    sec, nanosec = divmod(nanoseconds(stamp), SECOND)
+    if hasattr(made, "nanosec"):
+        made.sec, made.nanosec = sec, nanosec
+    else:
+        made.secs, made.nsecs = sec, nanosec
 
 
 def fill_header(header: Any, given: Any) -> None:
