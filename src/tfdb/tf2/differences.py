@@ -159,5 +159,16 @@ DIFFERENCES: dict[str, Difference] = {
         "point of the same body, or of a twist about the frame's origin",
         "x, y, z are the place of the pose itself, so a change of frame alone has no lever arm",
     ),
+    "tf1_twist": Difference(
+        "tf's lookupTwistFull multiplies two vectors member by member where their cross product "
+        "belongs: a point beside the axis of a turning frame has no speed",
+        "it has; both lookupTwist give velocities on the axes of the reference frame",
+        "it is the velocity",
+    ),
+    "tf1_wait": Difference(
+        "tf's waitForTransform raises tf.Exception unless setUsingDedicatedThread was called",
+        "it waits",
+        "any thread that brings the transform wakes it",
+    ),
 }
 """By name."""

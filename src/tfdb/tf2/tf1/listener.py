@@ -1,0 +1,321 @@
+"""`Transformer`, `TransformerROS` and `TransformListener` of tf."""
+
+# ruff: noqa: N802  (tf's names)
+
+from __future__ import annotations
+
+from copy import deepcopy
+from typing import TYPE_CHECKING, Any
+
+import tfdb
+
+from .. import geometry, transform_listener
+from ..buffer import Buffer
+from ..exceptions import TransformException
+from ..given_transform import rigid
+from ..ros_messages import fill_header
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    import numpy as np
+    import numpy.typing as npt
+
+    from ..buffer_core import Velocity
+
+__all__ = ["TransformListener", "Transformer", "TransformerROS", "strip_leading_slash"]
+
+Pose = tuple[list[float], list[float]]
+
+
+def strip_leading_slash(s: str) -> str:
+    """Drop one '/' before a frame's name."""
+    return s.removeprefix("/")
+
+
+def _numbers(found: Any) -> Pose:
+    """Translation x, y, z and quaternion x, y, z, w of a TransformStamped."""
+    t, r = found.transform.translation, found.transform.rotation
+    return [t.x, t.y, t.z], [r.x, r.y, r.z, r.w]
+
+
+class Transformer:
+    """A store of transforms with the calls of `tf.Transformer`.
+
+    Names may begin with one '/'. Times are those of any ROS library, or integer nanoseconds;
+    time 0 is the latest common time.
+
+    Parameters
+    ----------
+    interpolate
+        Taken as tf takes it, and without effect: lookups interpolate.
+    cache_time
+        A duration: how long samples are kept. None: 10 s.
+    """
+
+    def __init__(self, interpolate: bool = True, cache_time: Any = None) -> None:  # noqa: ARG002
+        self._buffer = Buffer(cache_time, debug=False, flavor="ros1")
+        self._using_dedicated_thread = False
+
+    def allFramesAsDot(self, current_time: Any = None) -> str:
+        """Return the tree as a graph for dot; with a time also how old each edge is."""
+        return self._buffer._allFramesAsDot(current_time or None)
+
+    def allFramesAsString(self) -> str:
+        """All frames with their parents, a line each."""
+        return self._buffer.all_frames_as_string()
+
+    def setTransform(self, transform: Any, authority: str = "default_authority") -> None:
+        """Store a TransformStamped; what is refused is logged."""
+        self._buffer.set_transform(transform, authority)
+
+    def canTransform(self, target_frame: str, source_frame: str, time: Any) -> Any:
+        """Whether `lookupTransform` has an answer."""
+        target, source = strip_leading_slash(target_frame), strip_leading_slash(source_frame)
+        return self._buffer.can_transform(target, source, time)
+
+    def canTransformFull(
+        self,
+        target_frame: str,
+        target_time: Any,
+        source_frame: str,
+        source_time: Any,
+        fixed_frame: str,
+    ) -> Any:
+        """Whether `lookupTransformFull` has an answer."""
+        return self._buffer.can_transform_full(
+            strip_leading_slash(target_frame),
+            target_time,
+            strip_leading_slash(source_frame),
+            source_time,
+            strip_leading_slash(fixed_frame),
+        )
+
+    def waitForTransform(
+        self,
+        target_frame: str,
+        source_frame: str,
+        time: Any,
+        timeout: Any,
+        polling_sleep_duration: Any = None,  # noqa: ARG002 - nothing is polled
+    ) -> None:
+        """Wait until `lookupTransform` has an answer; `tf.Exception` if it has none in time.
+
+        It is woken by the transform that was missing; any thread may bring that.
+        """
+        target, source = strip_leading_slash(target_frame), strip_leading_slash(source_frame)
+        there, why = self._buffer.can_transform(
+            target, source, time, timeout, return_debug_tuple=True
+        )
+        if not there:
+            text = f'no such transformation: "{source_frame}" -> "{target_frame}"'
+            raise TransformException(why or text)
+
+    def waitForTransformFull(
+        self,
+        target_frame: str,
+        target_time: Any,
+        source_frame: str,
+        source_time: Any,
+        fixed_frame: str,
+        timeout: Any,
+        polling_sleep_duration: Any = None,  # noqa: ARG002 - nothing is polled
+    ) -> None:
+        """Wait until `lookupTransformFull` has an answer; `tf.Exception` if it has none in time."""
+        there, why = self._buffer.can_transform_full(
+            strip_leading_slash(target_frame),
+            target_time,
+            strip_leading_slash(source_frame),
+            source_time,
+            strip_leading_slash(fixed_frame),
+            timeout,
+            return_debug_tuple=True,
+        )
+        if not there:
+            text = f'no such transformation: "{source_frame}" -> "{target_frame}"'
+            raise TransformException(why or text)
+
+    def chain(
+        self,
+        target_frame: str,
+        target_time: Any,
+        source_frame: str,
+        source_time: Any,
+        fixed_frame: str,
+    ) -> list[str]:
+        """Frames on the path from the source through the fixed frame to the target."""
+        names = [strip_leading_slash(each) for each in (target_frame, source_frame, fixed_frame)]
+        return self._buffer._chain(names[0], target_time, names[1], source_time, names[2])
+
+    def clear(self) -> None:
+        """Drop all moving samples; frames and static transforms stay."""
+        self._buffer.clear()
+
+    def frameExists(self, frame_id: str) -> bool:
+        """Whether there is a frame of that name that has a parent."""
+        return frame_id in self.getFrameStrings()
+
+    def getFrameStrings(self) -> list[str]:
+        """Names of all frames that have a parent, sorted."""
+        return [info.name for info in self._buffer.buffer.tree() if info.parent is not None]
+
+    def getLatestCommonTime(self, source_frame: str, dest_frame: str) -> Any:
+        """Newest time at which every moving edge between two frames has data."""
+        source, dest = strip_leading_slash(source_frame), strip_leading_slash(dest_frame)
+        return self._buffer.get_latest_common_time(source, dest)
+
+    def lookupTransform(self, target_frame: str, source_frame: str, time: Any) -> Pose:
+        """T[target_frame<-source_frame] at a time: [x, y, z] in metres and [x, y, z, w].
+
+        Raises LookupException, ConnectivityException, ExtrapolationException.
+        """
+        target, source = strip_leading_slash(target_frame), strip_leading_slash(source_frame)
+        return _numbers(self._buffer.lookup_transform_core(target, source, time))
+
+    def lookupTransformFull(
+        self,
+        target_frame: str,
+        target_time: Any,
+        source_frame: str,
+        source_time: Any,
+        fixed_frame: str,
+    ) -> Pose:
+        """T[target_frame at target_time <- source_frame at source_time], through fixed_frame."""
+        return _numbers(
+            self._buffer.lookup_transform_full_core(
+                strip_leading_slash(target_frame),
+                target_time,
+                strip_leading_slash(source_frame),
+                source_time,
+                strip_leading_slash(fixed_frame),
+            )
+        )
+
+    def lookupTwist(
+        self, tracking_frame: str, observation_frame: str, time: Any, averaging_interval: Any
+    ) -> Velocity:
+        """Velocity of a frame as seen from and on the axes of another: m/s and rad/s."""
+        return self._buffer.lookupVelocityCore(
+            strip_leading_slash(tracking_frame),
+            strip_leading_slash(observation_frame),
+            time,
+            averaging_interval,
+        )
+
+    def lookupTwistFull(
+        self,
+        tracking_frame: str,
+        observation_frame: str,
+        reference_frame: str,
+        ref_point: Sequence[float],
+        reference_point_frame: str,
+        time: Any,
+        averaging_interval: Any,
+    ) -> Velocity:
+        """As `lookupTwist`, on the axes of `reference_frame`, of a point that moves along.
+
+        `ref_point` is in coordinates of `reference_point_frame`, metres.
+        """
+        return self._buffer.lookupVelocityFullCore(
+            strip_leading_slash(tracking_frame),
+            strip_leading_slash(observation_frame),
+            strip_leading_slash(reference_frame),
+            ref_point,
+            strip_leading_slash(reference_point_frame),
+            time,
+            averaging_interval,
+        )
+
+    def setUsingDedicatedThread(self, value: Any) -> None:
+        """Taken as tf takes it: waits need no thread of their own."""
+        self._using_dedicated_thread = value
+
+    def getTFPrefix(self) -> str:
+        """Prefix of all frames: none."""
+        return ""
+
+
+class TransformerROS(Transformer):
+    """A `Transformer` that transforms messages: the result has the message's stamp."""
+
+    def asMatrix(self, target_frame: str, hdr: Any) -> npt.NDArray[np.float64]:
+        """T[target_frame<-hdr.frame_id] at hdr.stamp: float64 array (4, 4)."""
+        return self.fromTranslationRotation(
+            *self.lookupTransform(target_frame, hdr.frame_id, hdr.stamp)
+        )
+
+    def fromTranslationRotation(
+        self, translation: Sequence[float], rotation: Sequence[float]
+    ) -> npt.NDArray[np.float64]:
+        """Return the homogeneous matrix, float64 (4, 4), of x, y, z and a quaternion x, y, z, w.
+
+        The quaternion's length is made one; one of length 0 is the identity.
+        """
+        import numpy as np
+
+        quaternion = np.asarray(rotation, dtype=np.float64)
+        length = float(np.linalg.norm(quaternion))
+        unit = quaternion / length if length else (0.0, 0.0, 0.0, 1.0)
+        return tfdb.Transform("target", "source", translation, unit).matrix
+
+    def _transformed(self, function: Any, target_frame: str, message: Any) -> Any:
+        header = message.header
+        names = (strip_leading_slash(target_frame), strip_leading_slash(header.frame_id))
+        made = function(message, self._buffer.lookup_transform_core(*names, header.stamp))
+        fill_header(made.header, header)
+        made.header.frame_id = target_frame
+        return made
+
+    def transformPoint(self, target_frame: str, ps: Any) -> Any:
+        """Map a PointStamped into a frame."""
+        return self._transformed(geometry.do_transform_point, target_frame, ps)
+
+    def transformVector3(self, target_frame: str, v3s: Any) -> Any:
+        """Turn a Vector3Stamped onto the axes of a frame."""
+        return self._transformed(geometry.do_transform_vector3, target_frame, v3s)
+
+    def transformQuaternion(self, target_frame: str, ps: Any) -> Any:
+        """Turn the orientation of a QuaternionStamped into a frame."""
+        return self._transformed(geometry.do_transform_quaternion, target_frame, ps)
+
+    def transformPose(self, target_frame: str, ps: Any) -> Any:
+        """Map a PoseStamped into a frame."""
+        return self._transformed(geometry.do_transform_pose, target_frame, ps)
+
+    def transformPointCloud(self, target_frame: str, point_cloud: Any) -> Any:
+        """Map the points of a sensor_msgs/PointCloud into a frame; channels are copied."""
+        return self._transformed(_move_cloud, target_frame, point_cloud)
+
+
+def _move_cloud(cloud: Any, transform: Any) -> Any:
+    """Map the points of a PointCloud."""
+    made = type(cloud)()
+    made.channels = deepcopy(cloud.channels)
+    if cloud.points:
+        rows = rigid(transform).apply([(point.x, point.y, point.z) for point in cloud.points])
+        for given, row in zip(cloud.points, rows.tolist(), strict=True):
+            point = type(given)()
+            point.x, point.y, point.z = row
+            made.points.append(point)
+    return made
+
+
+class TransformListener(TransformerROS):
+    """A `TransformerROS` that is filled with what is published on /tf and /tf_static.
+
+    Parameters
+    ----------
+    *args, **kwargs
+        As for `Transformer`.
+    node
+        As in `tfdb.tf2.TransformListener`.
+    """
+
+    def __init__(self, *args: Any, node: Any = None, **kwargs: Any) -> None:
+        super().__init__(*args, **kwargs)
+        self._listener = transform_listener.TransformListener(self._buffer, node)
+        self.setUsingDedicatedThread(True)
+
+    def unregister(self) -> None:
+        """Listen no more."""
+        self._listener.unregister()
