@@ -54,7 +54,7 @@ def test_programs_of_the_readme_are_short() -> None:
 
 def test_index_names_every_page() -> None:
     index = (ROOT / "docs" / "howto" / "README.md").read_text(encoding="utf-8")
-    listed = set(re.findall(r"\]\((\w+\.md)\)", index))
+    listed = set(re.findall(r"\]\(([\w-]+\.md)\)", index))
     assert listed == {page.name for page in PAGES} - {"README.md"}
 
 
