@@ -1,0 +1,711 @@
+"""A node of ROS 2, by an rclpy node that the user has: bytes in, bytes out.
+
+Messages are taken in serialized form (`raw=True`), in a thread of their own or in the node's
+executor. The thread has a wait set for its subscriptions alone, which costs a third of an executor
+that does the same. That is rclpy's private face: where it is not as expected, the thread spins an
+executor.
+"""
+
+from __future__ import annotations
+
+import atexit
+import threading
+import traceback
+import weakref
+from contextlib import ExitStack, suppress
+from importlib import import_module
+from time import monotonic
+from typing import TYPE_CHECKING, Any, Final, Protocol, TypeAlias
+from uuid import uuid4
+
+import rclpy
+from rclpy.callback_groups import CallbackGroup, MutuallyExclusiveCallbackGroup
+from rclpy.clock import JumpThreshold
+from rclpy.duration import Duration
+from rclpy.exceptions import InvalidHandle
+from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
+from rclpy.guard_condition import GuardCondition
+from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.serialization import deserialize_message, serialize_message
+from rclpy.signals import SignalHandlerGuardCondition
+from rclpy.validate_topic_name import validate_topic_name
+
+from tfdb.errors import InvalidArgument, NodeClosed
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from .node import Encoding, Flavor, Publisher, Service, Subscription
+
+    _Deliver: TypeAlias = Callable[[bytes, dict[str, Any]], None]
+
+__all__ = ["RclpyNode"]
+
+# What tells that rclpy's private face is another.
+_NOT_AS_EXPECTED: Final = (AttributeError, ImportError, TypeError, ValueError)
+# What stands for the name of a node that is not known yet, and of one that is none of ROS.
+_NO_NAMES: Final = ("_NODE_NAME_UNKNOWN_", "_CREATED_BY_BARE_DDS_APP_")
+# Seconds between two questions for a topic's publishers, where the last gave no name.
+_ASK_EVERY: Final = 1.0
+# Seconds that the interpreter waits at its end for a thread to leave.
+_LEAVE_WITHIN: Final = 2.0
+
+
+class RclpyNode:
+    """An rclpy node as the rest of tfdb sees a node.
+
+    The rclpy node stays the user's: `close` takes back what was opened here and leaves it alive.
+    When the rclpy node is destroyed or its context shut down, messages end and `closed` is true.
+    What is opened after any of these raises NodeClosed.
+
+    Threads: any thread may call anything. With `own_thread` all messages come in one thread that
+    this object has; without it in the threads of the node's executor, those of one topic one after
+    the other. Services and the clock need the node's executor to spin in either case.
+
+    Parameters
+    ----------
+    node
+        A node of rclpy.
+    own_thread
+        Whether messages are taken in a thread of this object's own, and none by the node's
+        executor.
+    """
+
+    flavor: Flavor = "ros2"
+    encoding: Encoding = "cdr"
+
+    def __init__(self, node: Any, *, own_thread: bool) -> None:
+        self.name: str = node.get_fully_qualified_name()
+        self._node = node
+        self._own_thread = own_thread
+        self._taker: _Taker | None = None
+        self._opened: set[_Opened] = set()
+        self._on_clock: list[Callable[[int], None]] = []
+        self._ended = False
+        self._lock = threading.RLock()
+        self._forget_node = _when_destroyed(node, self._end)
+        node.context.on_shutdown(self._end)
+
+    def subscribe(
+        self,
+        topic: str,
+        kind: str,
+        on_message: Callable[[bytes | memoryview, str], None],
+        *,
+        latched: bool = False,
+        depth: int = 100,
+        qos: Any = None,
+    ) -> Subscription:
+        """Call `on_message(data, publisher)` for each message of a topic, in their order.
+
+        Parameters
+        ----------
+        topic
+            Its name, resolved and remapped as the node does.
+        kind
+            Type, such as `tf2_msgs/TFMessage`.
+        on_message
+            Gets the serialized message, and the name of the publisher's node while only one
+            publishes the topic: rclpy does not tell which of several sent a message, which gives
+            "". What it raises is logged, once for each publisher.
+        latched
+            Whether late joiners get what was sent before (transient local).
+        depth
+            How many messages may wait.
+        qos
+            Stands for `latched` and `depth`.
+
+        Raises NodeClosed, InvalidArgument for a type that is not installed, and what rclpy raises
+        for a name that is none.
+        """
+        message = _type_of(kind, "msg")
+        self._raise_if_closed()
+        validate_topic_name(topic)
+        failed: set[str] = set()
+        senders = _Senders(self._node, self._node.resolve_topic_name(topic))
+
+        def deliver(data: bytes, info: dict[str, Any]) -> None:
+            sender = senders.sender_of(info)
+            try:
+                on_message(data, sender)
+            except Exception:
+                if sender not in failed:
+                    failed.add(sender)
+                    self._log_failure(f"what hears {topic} from {sender or 'an unknown node'}")
+
+        quality = qos or _quality(latched=latched, depth=depth)
+        with self._lock:
+            self._raise_if_closed()
+            if self._taker is None:
+                own = self._own_thread
+                self._taker = _OwnThread(self._node, self._end) if own else _InExecutor(self._node)
+            return self._keep(self._taker.subscribe(message, topic, deliver, quality))
+
+    def advertise(
+        self,
+        topic: str,
+        kind: str,
+        *,
+        latched: bool = False,
+        depth: int = 100,
+        qos: Any = None,
+    ) -> Publisher:
+        """Offer a topic; arguments and errors as in `subscribe`."""
+        message = _type_of(kind, "msg")
+        self._raise_if_closed()
+        quality = qos or _quality(latched=latched, depth=depth)
+        publisher = self._node.create_publisher(message, topic, quality)
+        opened = _OpenedPublisher(self._node, publisher)
+        self._keep(opened)
+        return opened
+
+    def serve(self, name: str, kind: str, answer: Callable[[bytes], bytes]) -> Service:
+        """Offer a service: `answer` makes the serialized response of a serialized request.
+
+        The node's executor calls it. What it raises is logged, and the caller gets an empty
+        response, since a service of ROS 2 cannot fail. Raises as `subscribe` does.
+        """
+        service_type = _type_of(kind, "srv")
+        self._raise_if_closed()
+
+        def respond(request: Any, response: Any) -> Any:
+            try:
+                data = answer(serialize_message(request))
+                return deserialize_message(data, service_type.Response)
+            except Exception:
+                self._log_failure(f"the service {name}")
+                return response
+
+        group = MutuallyExclusiveCallbackGroup()
+        service = self._node.create_service(service_type, name, respond, callback_group=group)
+        return self._keep(_Made(self._node, lambda: self._node.destroy_service(service)))
+
+    def now(self) -> int:
+        """Nanoseconds on the node's clock: the wall's, or that of /clock with `use_sim_time`."""
+        return int(self._node.get_clock().now().nanoseconds)
+
+    @property
+    def simulated(self) -> bool:
+        """Whether `now` is simulated time."""
+        return bool(self._node.get_clock().ros_time_is_active)
+
+    @property
+    def closed(self) -> bool:
+        """Whether this object was closed, the rclpy node destroyed, or its context shut down."""
+        return self._ended or not _is_up(self._node)
+
+    def on_clock(self, called: Callable[[int], None]) -> Subscription:
+        """Call `called(now)` whenever simulated time is set, and once when the node ends.
+
+        The node's executor calls it, amid the callback of /clock; at the end, whoever ends it, and
+        at once where it has ended. It must not block.
+        """
+        clock = self._node.get_clock()
+
+        def guarded(now: int) -> None:
+            try:
+                called(now)
+            except Exception:
+                self._log_failure("a callback for the clock")
+
+        def jumped(_jump: Any) -> None:
+            if clock.ros_time_is_active:
+                guarded(self.now())
+
+        forward, backward = Duration(nanoseconds=1), Duration(nanoseconds=-1)
+        threshold = JumpThreshold(min_forward=forward, min_backward=backward)
+        if self.closed:
+            guarded(self.now())
+            return _Opened(lambda: None)
+        with self._lock:
+            handle = clock.create_jump_callback(threshold, post_callback=jumped)
+            self._on_clock.append(guarded)
+
+            def take_back() -> None:
+                handle.unregister()
+                with self._lock:
+                    self._on_clock = [each for each in self._on_clock if each is not guarded]
+
+            return self._keep(_Opened(take_back))
+
+    def close(self) -> None:
+        """Take back everything that was opened here; the rclpy node stays."""
+        self._end()
+        with self._lock:
+            opened, self._opened = self._opened, set()
+        for each in opened:
+            each.close()
+        self._forget_node()
+
+    def _end(self) -> None:
+        """Listen no more. It waits for nothing: rclpy may call it with a lock of its own held."""
+        with self._lock:
+            was_ended, self._ended = self._ended, True
+            on_clock, taker = self._on_clock, self._taker
+        if was_ended:
+            return
+        if taker is not None:
+            taker.close()
+        for called in on_clock:
+            called(self.now())
+
+    def _raise_if_closed(self) -> None:
+        if self.closed:
+            reason = "it was closed, destroyed, or its context shut down"
+            raise NodeClosed(f"the node {self.name} is closed", reason=reason)
+
+    def _keep(self, opened: _Opened) -> _Opened:
+        with self._lock:
+            self._opened = {each for each in self._opened if each.is_open} | {opened}
+        return opened
+
+    def _log_failure(self, what: str) -> None:
+        self._node.get_logger().error(f"{what} failed:\n{traceback.format_exc()}")
+
+
+class _Opened:
+    """Something of the graph that is taken back once.
+
+    Threads: any may close it.
+    """
+
+    def __init__(self, take_back: Callable[[], object]) -> None:
+        self.is_open = True
+        self._take_back = take_back
+        self._lock = threading.Lock()
+
+    def close(self) -> None:
+        """Take it back, unless that is done."""
+        with self._lock:
+            was_open, self.is_open = self.is_open, False
+        if was_open:
+            self._take_back()
+
+
+class _Made(_Opened):
+    """Something that an rclpy node made and destroys.
+
+    Threads: any may close it. An executor that spins fails when something of its is destroyed by
+    another thread, so it is asked to do that itself.
+    """
+
+    def __init__(self, node: Any, destroy: Callable[[], object]) -> None:
+        def take_back() -> None:
+            executor = node.executor
+            if executor is None:
+                destroy()
+                return
+            try:
+                executor.create_task(destroy)
+            except (AttributeError, InvalidHandle):  # it was shut down
+                destroy()
+
+        super().__init__(take_back)
+
+
+class _OpenedPublisher(_Made):
+    """A publisher of bytes.
+
+    Threads: any may call it.
+    """
+
+    def __init__(self, node: Any, publisher: Any) -> None:
+        super().__init__(node, lambda: node.destroy_publisher(publisher))
+        self._node = node
+        self._publisher = publisher
+
+    def publish(self, data: bytes) -> None:
+        """Send one serialized message. Raises NodeClosed."""
+        try:
+            self._publisher.publish(data)
+        except RuntimeError as error:
+            if self.is_open and not isinstance(error, InvalidHandle) and _is_up(self._node):
+                raise
+            raise NodeClosed(f"{error}", reason=f"{error}") from error
+
+
+class _Senders:
+    """Says which node sent a message, as far as rclpy lets it be known.
+
+    A message comes with its number among those of its publisher, not with the publisher's name. So
+    a name can be told while all publishers of the topic are of one node. The graph is asked anew
+    when the numbers do not follow each other: then a publisher has come or gone, or a message was
+    lost.
+
+    Threads: one at a time.
+    """
+
+    def __init__(self, node: Any, topic: str) -> None:
+        self._node = node
+        self._topic = topic
+        self._name = ""
+        self._expected = -1
+        self._ask_at = 0.0
+
+    def sender_of(self, info: dict[str, Any]) -> str:
+        """The full name of the sender's node, or ""."""
+        number = info["publication_sequence_number"]
+        if number != self._expected or not self._name:
+            self._name = self._ask()
+        self._expected = number + 1
+        return self._name
+
+    def _ask(self) -> str:
+        now = monotonic()
+        if now < self._ask_at:
+            return ""
+        try:
+            publishers = self._node.get_publishers_info_by_topic(self._topic)
+        except InvalidHandle:  # the node was destroyed, and its last messages are on their way
+            publishers = []
+        nodes = {(each.node_namespace, each.node_name) for each in publishers}
+        namespace, name = nodes.pop() if len(nodes) == 1 else ("", _NO_NAMES[0])
+        if name in _NO_NAMES:
+            self._ask_at = now + _ASK_EVERY
+            return ""
+        return f"{namespace.rstrip('/')}/{name}"
+
+
+class _Taker(Protocol):
+    """How messages are taken. Any thread may call it."""
+
+    def subscribe(self, kind: Any, topic: str, deliver: _Deliver, qos: Any) -> _Opened: ...
+
+    def close(self) -> None: ...
+
+
+class _InExecutor:
+    """Takes messages in the executor of a node.
+
+    Each topic has a callback group of its own: its messages come in their order, and neither wait
+    for other callbacks of the node nor hold them up.
+
+    Threads: any may call it.
+    """
+
+    def __init__(self, node: Any) -> None:
+        self._node = node
+
+    def subscribe(self, kind: Any, topic: str, deliver: _Deliver, qos: Any) -> _Opened:
+        def while_open(data: bytes, info: dict[str, Any]) -> None:
+            if opened.is_open:
+                deliver(data, info)
+
+        group = MutuallyExclusiveCallbackGroup()
+        subscription = self._node.create_subscription(
+            kind, topic, while_open, qos, callback_group=group, raw=True
+        )
+        opened = _Made(self._node, lambda: self._node.destroy_subscription(subscription))
+        return opened
+
+    def close(self) -> None:
+        """Nothing is left: the executor is another's."""
+
+
+class _Thread:
+    """A thread that listens until it is closed or its context is shut down.
+
+    Threads: any may call it. `close` does not wait: what runs may still end.
+    """
+
+    def __init__(self, node: Any) -> None:
+        self._node = node
+        self._stopped = False
+        self._thread: threading.Thread | None = None
+
+    def close(self) -> None:
+        self._stopped = True
+        self._ring()
+
+    def join(self) -> None:
+        """Wait for its end, not for ever."""
+        if self._thread is not None:
+            self._thread.join(_LEAVE_WITHIN)
+
+    def _start(self) -> None:
+        _threads.add(self)
+        self._thread = threading.Thread(target=self._run, name="tfdb listener", daemon=True)
+        self._thread.start()
+
+    def _goes_on(self) -> bool:
+        return not self._stopped and _is_up(self._node)
+
+    def _ring(self) -> None:
+        """Make it look about."""
+        raise NotImplementedError
+
+    def _run(self) -> None:
+        raise NotImplementedError
+
+
+_threads: weakref.WeakSet[_Thread] = weakref.WeakSet()
+
+
+@atexit.register
+def _leave() -> None:
+    """A thread that came back from a wait after the interpreter's end would crash."""
+    left = list(_threads)
+    for each in left:
+        each.close()
+    for each in left:
+        each.join()
+
+
+class _Topic:
+    """A subscription of which no executor knows.
+
+    Threads: `take_all` for one; any may close it.
+    """
+
+    def __init__(self, node: Any, kind: Any, topic: str, deliver: _Deliver, qos: Any) -> None:
+        from rclpy.type_support import check_for_type_support  # noqa: PLC0415  (private)
+
+        check_for_type_support(kind)
+        with node.handle:
+            profile = qos.get_c_qos_profile()
+            self.handle = _implementation().Subscription(node.handle, kind, topic, profile)
+        self._kind = kind
+        self._deliver = deliver
+        self._is_open = True
+        # So many in a row that other topics have their turn.
+        self._at_once = max(qos.depth, 1)
+        # The first try shows whether messages come as expected; it may bring one.
+        self._first = self._take()
+
+    def take_all(self) -> None:
+        """Deliver what has come."""
+        if self._first is not None:
+            first, self._first = self._first, None
+            self._deliver(*first)
+        for _ in range(self._at_once):
+            taken = self._take() if self._is_open else None
+            if taken is None:
+                return
+            self._deliver(*taken)
+
+    def close(self) -> None:
+        self._is_open = False
+        self.handle.destroy_when_not_in_use()
+
+    def _take(self) -> tuple[bytes, dict[str, Any]] | None:
+        taken = self.handle.take_message(self._kind, True)  # noqa: FBT003
+        if taken is None:
+            return None
+        data, info = taken
+        return data, info
+
+
+class _OwnThread(_Thread):
+    """Takes messages in a thread that waits for its own subscriptions alone; it lives while any is.
+
+    Threads: any may call it.
+    """
+
+    def __init__(self, node: Any, ended: Callable[[], None]) -> None:
+        super().__init__(node)
+        self._ended = ended
+        self._bell = GuardCondition(None, None, context=node.context)
+        self._topics: tuple[_Topic, ...] = ()
+        self._runs = False
+        self._instead: _OwnExecutor | None = None
+        self._lock = threading.Lock()
+
+    def subscribe(self, kind: Any, topic: str, deliver: _Deliver, qos: Any) -> _Opened:
+        with self._lock:
+            try:
+                added = _Topic(self._node, kind, topic, deliver, qos)
+                self._new_wait_set(1)
+            except _NOT_AS_EXPECTED as error:
+                return self._in_executor(error).subscribe(kind, topic, deliver, qos)
+            self._topics = (*self._topics, added)
+            if not self._runs:
+                self._runs = True
+                self._start()
+        self._ring()
+        return _Opened(lambda: self._remove(added))
+
+    def close(self) -> None:
+        super().close()
+        if self._instead is not None:
+            self._instead.close()
+
+    def _in_executor(self, error: Exception) -> _OwnExecutor:
+        if self._instead is None:
+            self._node.get_logger().warning(
+                "listening in an executor, which costs more: rclpy's wait set is not as expected "
+                f"({type(error).__name__}: {error})"
+            )
+            self._instead = _OwnExecutor(self._node, self._ended)
+        return self._instead
+
+    def _remove(self, topic: _Topic) -> None:
+        with self._lock:
+            self._topics = tuple(each for each in self._topics if each is not topic)
+        topic.close()
+        self._ring()
+
+    def _ring(self) -> None:
+        self._bell.trigger()
+
+    def _run(self) -> None:
+        is_idle = False
+        try:
+            is_idle = self._listen_until_idle()
+        finally:
+            if not is_idle:
+                for topic in self._topics:
+                    topic.close()
+                self._ended()
+
+    def _listen_until_idle(self) -> bool:
+        """Listen; whether it ended as no topic is left: the next one starts another thread."""
+        # The signal handler shuts contexts down and tells nobody but these.
+        signal = SignalHandlerGuardCondition(self._node.context)
+        try:
+            with signal.handle:
+                while self._goes_on():
+                    with self._lock:
+                        topics = self._topics
+                        self._runs = bool(topics)
+                    if not topics:
+                        return True
+                    self._listen(topics, (self._bell.handle, signal.handle))
+            return False
+        finally:
+            signal.destroy()
+
+    def _listen(self, topics: tuple[_Topic, ...], bells: tuple[Any, Any]) -> None:
+        """Take the messages of these topics, until they are others."""
+        with ExitStack() as in_use:
+            with suppress(InvalidHandle):  # one was closed meanwhile: the topics are others
+                for topic in topics:
+                    in_use.enter_context(topic.handle)
+            wait_set = self._new_wait_set(len(topics))
+            # Taken first: a topic may have brought a message before it was waited for.
+            while topics is self._topics and self._goes_on():
+                for topic in topics:
+                    topic.take_all()
+                wait_set.clear_entities()
+                for topic in topics:
+                    wait_set.add_subscription(topic.handle)
+                for bell in bells:
+                    wait_set.add_guard_condition(bell)
+                wait_set.wait(-1)
+
+    def _new_wait_set(self, topics: int) -> Any:
+        context = self._node.context.handle
+        with context:
+            return _implementation().WaitSet(topics, 2, 0, 0, 0, 0, context)
+
+
+class _OwnExecutor(_Thread):
+    """Takes messages in an executor of its own, which spins a node of its own in a thread.
+
+    Threads: any may call it.
+    """
+
+    def __init__(self, node: Any, ended: Callable[[], None]) -> None:
+        super().__init__(node)
+        self._ended = ended
+        self._own_node = rclpy.create_node(
+            f"{node.get_name()}_listener_{uuid4().hex[:12]}",
+            namespace=node.get_namespace(),
+            context=node.context,
+            use_global_arguments=False,
+            enable_rosout=False,
+            start_parameter_services=False,
+        )
+        self._executor = SingleThreadedExecutor(context=node.context)
+        self._executor.add_node(self._own_node)
+        self._lock = threading.Lock()
+        self._over = False
+        self._taker = _InExecutor(self._own_node)
+        self._start()
+
+    def subscribe(self, kind: Any, topic: str, deliver: _Deliver, qos: Any) -> _Opened:
+        # The user's node says what the name means.
+        return self._taker.subscribe(kind, self._node.resolve_topic_name(topic), deliver, qos)
+
+    def _ring(self) -> None:
+        with self._lock:
+            if not self._over:
+                # A step ends when something was done in it.
+                self._executor.create_task(lambda: None)
+
+    def _run(self) -> None:
+        try:
+            while self._goes_on():
+                self._executor.spin_once()
+        except (ExternalShutdownException, InvalidHandle):
+            return  # the context was shut down or destroyed, which is one way to end
+        finally:
+            with self._lock:
+                self._over = True
+            self._executor.shutdown()
+            self._own_node.destroy_node()
+            self._ended()
+
+
+class _Never(CallbackGroup):  # type: ignore[misc]  # rclpy is not typed
+    """What no executor may call.
+
+    Threads: any may ask.
+    """
+
+    def can_execute(self, entity: Any) -> bool:  # noqa: ARG002  (the name is rclpy's)
+        return False
+
+    def beginning_execution(self, entity: Any) -> bool:  # noqa: ARG002
+        return False
+
+    def ending_execution(self, entity: Any) -> None:
+        """Nothing has begun."""
+
+
+def _is_up(node: Any) -> bool:
+    """Whether the node's context is neither shut down nor destroyed."""
+    try:
+        return bool(node.context.ok())
+    except InvalidHandle:
+        return False
+
+
+def _when_destroyed(node: Any, called: Callable[[], None]) -> Callable[[], object]:
+    """Call `called` when the node is destroyed, or when what is returned is called.
+
+    A node tells nobody of its end but what it made.
+    """
+    guard = node.create_guard_condition(lambda: None, callback_group=_Never())
+    destroy = guard.destroy
+
+    def destroyed() -> None:
+        destroy()
+        called()
+
+    guard.destroy = destroyed
+    return lambda: node.destroy_guard_condition(guard)
+
+
+def _implementation() -> Any:
+    """Rclpy's private face, which may become another."""
+    from rclpy.impl.implementation_singleton import rclpy_implementation  # noqa: PLC0415
+
+    return rclpy_implementation
+
+
+def _quality(*, latched: bool, depth: int) -> QoSProfile:
+    return QoSProfile(
+        history=HistoryPolicy.KEEP_LAST,
+        depth=depth,
+        reliability=ReliabilityPolicy.RELIABLE,
+        durability=DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE,
+    )
+
+
+def _type_of(kind: str, section: str) -> Any:
+    """The class of `package/Name`, or of `package/msg/Name` as ROS 2 writes it itself."""
+    package, *_, name = kind.split("/")
+    try:
+        return getattr(import_module(f"{package}.{section}"), name)
+    except (ImportError, AttributeError) as error:
+        raise InvalidArgument(f"the type {kind} is not installed: {error}") from error

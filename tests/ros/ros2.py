@@ -1,0 +1,60 @@
+"""A real ROS 2 for tests: Jazzy's rclpy, in processes that have its environment.
+
+`python tools/make_ros2_env.py` makes it. Where it is missing the tests that need it skip and say
+so; with CI=true they fail.
+"""
+
+from __future__ import annotations
+
+import importlib.util
+import os
+import subprocess
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from compat.tf2_oracle import unavailable
+
+if TYPE_CHECKING:
+    from types import ModuleType
+
+ROOT = Path(__file__).resolve().parents[2]
+LIMIT = 120.0
+
+
+def _tool() -> ModuleType:
+    spec = importlib.util.spec_from_file_location("make_ros2_env", ROOT / "tools/make_ros2_env.py")
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def environment() -> dict[str, str]:
+    """Variables of a process that has ROS 2, tfdb and a graph of its own; or a skip."""
+    tool = _tool()
+    if not tool.is_made():
+        unavailable("no ROS 2: python tools/make_ros2_env.py")
+    found: dict[str, str] = tool.environment()
+    return found | {
+        "PYTHONPATH": os.pathsep.join([found["PYTHONPATH"], str(ROOT / "tests")]),
+        "ROS_DOMAIN_ID": str(1 + os.getpid() % 100),
+    }
+
+
+def run_cases(path: Path) -> None:
+    """Run a file of tests in a process that has ROS 2."""
+    # ROS 2 imports what Python deprecates.
+    options = ["-q", "-p", "no:cacheprovider", "-W", "ignore::DeprecationWarning"]
+    command = [sys.executable, "-m", "pytest", *options, str(path)]
+    done = subprocess.run(
+        command,
+        env=environment(),
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=LIMIT,
+    )
+    assert done.returncode == 0, done.stdout + done.stderr
