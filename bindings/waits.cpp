@@ -55,6 +55,15 @@ std::uint64_t begin_wait_full(nb::handle self, nb::handle target, nb::handle tar
     return buffer.open_store().begin_wait(question);
 }
 
+std::uint64_t begin_wait_as_new(nb::handle self, nb::handle target, nb::handle source,
+                                nb::handle stamp) {
+    BufferObject& buffer = object_of<BufferObject>(self);
+    const Question question = store::as_new_as(name_of(target, "target"), name_of(source, "source"),
+                                               stamp_of(stamp.ptr()));
+    const Waiting work;
+    return buffer.open_store().begin_wait(question);
+}
+
 std::uint64_t begin_wait_for_commit(nb::handle self, nb::handle after) {
     BufferObject& buffer = object_of<BufferObject>(self);
     const CommitNumber seen = count_of(after, "after", 0, kMaxCommit);
@@ -116,6 +125,11 @@ void bind_begun_waits(BufferClass& type) {
                      "tfdb.stamps.StampLike | None, source: str, source_time: "
                      "tfdb.stamps.StampLike | None, fixed_frame: str) -> int"),
              "The same for an answer through a fixed frame.");
+    type.def("_begin_wait_as_new", &begin_wait_as_new, nb::arg("target"), nb::arg("source"),
+             nb::arg("stamp"),
+             nb::sig("def _begin_wait_as_new(self, target: str, source: str, stamp: "
+                     "tfdb.stamps.StampLike) -> int"),
+             "The same for a latest common time of `stamp` or newer.");
     type.def("_begin_wait_for_commit", &begin_wait_for_commit, nb::arg("after").none(),
              nb::sig("def _begin_wait_for_commit(self, after: int) -> int"),
              "The same for a commit with a greater number.");

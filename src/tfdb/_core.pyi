@@ -836,6 +836,9 @@ class Buffer(Reads):
     def _begin_wait_full(self, target: str, target_time: tfdb.stamps.StampLike | None, source: str, source_time: tfdb.stamps.StampLike | None, fixed_frame: str) -> int:
         """The same for an answer through a fixed frame."""
 
+    def _begin_wait_as_new(self, target: str, source: str, stamp: tfdb.stamps.StampLike) -> int:
+        """The same for a latest common time of `stamp` or newer."""
+
     def _begin_wait_for_commit(self, after: int) -> int:
         """The same for a commit with a greater number."""
 

@@ -40,8 +40,8 @@ struct Question {
     Kind kind = kAt;
     FrameRef target{};
     FrameRef source{};
-    FrameRef fixed{};                       // kFull
-    std::optional<StampNs> stamp{};         // kAt, kCan, kFull
+    FrameRef fixed{};                // kFull
+    std::optional<StampNs> stamp{};  // kAt, kCan, kFull; kCommonTime: how new a wait wants it
     std::optional<StampNs> source_stamp{};  // kFull
     Policy policy{};                        // kAt, kCan, kFull
     std::optional<StampNs> max_age{};       // kLatest
@@ -59,6 +59,13 @@ namespace store {
     Question question = by_name(Question::kAt, target, source);
     question.stamp = stamp;
     question.policy = policy;
+    return question;
+}
+/// For a wait: until the newest stamp at which the path has data is `stamp` or newer.
+[[nodiscard]] inline Question as_new_as(std::string_view target, std::string_view source,
+                                        StampNs stamp) {
+    Question question = by_name(Question::kCommonTime, target, source);
+    question.stamp = stamp;
     return question;
 }
 [[nodiscard]] inline Question of_newest(std::string_view target, std::string_view source,

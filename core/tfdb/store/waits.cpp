@@ -218,7 +218,11 @@ bool Waits::is_answered(Wait& wait) {
     if (wait.after)
         return store_.committed() > *wait.after;
     Failure failure;
-    return ask(store_, kNewest, wait.question, answer_, failure);
+    const Question& question = wait.question;
+    if (!ask(store_, kNewest, wait.question, answer_, failure))
+        return false;
+    return question.kind != Question::kCommonTime || !question.stamp ||
+           answer_.stamp >= *question.stamp;
 }
 
 /// After it was asked: what must change before the answer can be another one. The frames up to

@@ -214,6 +214,22 @@ TFDB_TEST(waits_that_are_begun_are_told_of_once) {
     CHECK(buffer.ended_waits(std::nullopt).empty());
 }
 
+TFDB_TEST(a_wait_for_a_newer_stamp_ends_where_all_of_the_path_is_as_new) {
+    if (skipped())
+        return;
+    Buffer buffer;
+    put(buffer, "map", "base", 5, 1.0);
+    put(buffer, "base", "arm", 7, 1.0);
+    CHECK(buffer.begin_wait(store::as_new_as("map", "arm", 5)) == 0);
+    const std::uint64_t wait = buffer.begin_wait(store::as_new_as("map", "arm", 8));
+    // Beyond what is kept: no stamp has an answer on both edges.
+    put(buffer, "base", "arm", 100 * kSecond, 1.0);
+    CHECK(buffer.ended_waits(0).empty());
+    put(buffer, "map", "base", 100 * kSecond, 1.0);
+    const std::vector<EndedWait> ended = buffer.ended_waits(kLong);
+    CHECK(ended.size() == 1 && ended[0].number == wait && ended[0].how == WaitEnd::kCame);
+}
+
 TFDB_TEST(waits_are_refused_where_they_would_never_end) {
     if (skipped())
         return;

@@ -317,11 +317,8 @@ class Buffer(BufferCalls, BufferCore, BufferInterface):
             return found
         deadline = deadline_in(limit, self.clock)
         while found[0] == 0:
-            try:
-                if not self._block(question, deadline):
-                    return ask()
-            except tfdb.InvalidName:
-                break
+            if not self._block(question, deadline):
+                return ask()
             found = ask()
         return found
 
@@ -383,6 +380,18 @@ class Buffer(BufferCalls, BufferCore, BufferInterface):
 
         return waiting.begin(store, ask, tell, loop)
 
+    def _begin_until_gone(
+        self, frames: tuple[str, str], stamp: int, tell: Callable[[waiting.End], None]
+    ) -> waiting.Wait | None:
+        """Begin a wait for a stamp to go out of the cache; None: it is out."""
+        store = self.buffer
+        gone = min(stamp + round((store.history or 0) * SECOND) + 1, LAST_STAMP)
+        return waiting.begin(store, lambda: store._begin_wait_as_new(*frames, gone), tell)
+
+    def _keeps_for_ever(self, stamp: int) -> bool:
+        """Whether a stamp never goes out of the cache."""
+        return self.buffer.history is None or not 0 < stamp <= LAST_STAMP
+
     def _future(self, question: Simple | Full, timeout: Any) -> Any:
         """Make a future that is done when a question has an answer."""
         limit = None if timeout is None else self._limit(timeout)
@@ -437,15 +446,20 @@ class Buffer(BufferCalls, BufferCore, BufferInterface):
 
 
 def _may_come(question: Simple | Full) -> bool:
-    """Whether its stamps are such that a transform may have them."""
-    return all(0 <= part <= LAST_STAMP for part in question if isinstance(part, int))
+    """Whether its stamps and names are such that there may be an answer some time."""
+    return all(
+        0 <= part <= LAST_STAMP if isinstance(part, int) else part[:1] not in {"", "/"}
+        for part in question
+    )
 
 
 def _check_may_come(question: Simple | Full) -> None:
     if not _may_come(question):
-        stamps = [part for part in question if isinstance(part, int)]
-        text = f"no transform has a stamp of {stamps} ns: from 0 to {LAST_STAMP} are valid"
-        raise InvalidArgumentException(text, target=question[0], stamp=stamps[0])
+        raise InvalidArgumentException(
+            f"{question} will never have an answer: names are neither empty nor begin with '/', "
+            f"stamps are from 0 to {LAST_STAMP} ns",
+            target=question[0],
+        )
 
 
 def _open_store(name: Any, cache_time: Any) -> tfdb.Buffer:

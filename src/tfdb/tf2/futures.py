@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import concurrent.futures
+import threading
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
@@ -12,6 +13,9 @@ if TYPE_CHECKING:
     from tfdb.ros import Node
 
 __all__ = ["future_here", "settle"]
+
+
+_cancelling = threading.RLock()
 
 
 class _ThreadsFuture(concurrent.futures.Future[Any]):
@@ -23,9 +27,12 @@ class _ThreadsFuture(concurrent.futures.Future[Any]):
 
     def cancel(self) -> bool:
         """End it, and what it waits for."""
-        cancelled = super().cancel()
-        if cancelled:
-            self._tell_cancelled()
+        with _cancelling:
+            before = self.cancelled()
+            cancelled = super().cancel()
+            if cancelled and not before:
+                self.set_running_or_notify_cancel()  # so that concurrent.futures.wait sees it
+                self._tell_cancelled()
         return cancelled
 
 

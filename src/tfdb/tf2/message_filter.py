@@ -10,8 +10,6 @@ from dataclasses import dataclass
 from itertools import count
 from typing import TYPE_CHECKING, Any
 
-from tfdb import TfdbError
-
 from .exceptions import TransformException
 from .times import nanoseconds
 
@@ -196,49 +194,39 @@ class MessageFilter:
 
     def _wait_for_next(self, one: _Waiting) -> None:
         """Hand a message on, or wait for the first transform that it lacks."""
-        while self._is_waiting(one):
-            lacks = self._hand_on_or_lack(one)
-            if lacks is None:
-                return
-            target, stamp = lacks
-            gone = self._buffer._requests.gone_at(stamp)
-            if gone is not None and self._begin(one, (target, one.frame, gone), self._too_late):
-                self._fail(one, FilterFailureReason.OutTheBack)
-                return
-            if not self._begin(one, (target, one.frame, stamp), self._wait_for_next):
-                return
-
-    def _too_late(self, one: _Waiting) -> None:
-        self._fail(one, FilterFailureReason.OutTheBack)
-
-    def _is_waiting(self, one: _Waiting) -> bool:
-        with self._lock:
-            return one.number in self._waiting
-
-    def _begin(
-        self, one: _Waiting, question: tuple[str, str, int], then: Callable[[_Waiting], None]
-    ) -> bool:
-        """Wait for an answer; True: it is there already."""
+        buffer = self._buffer
 
         def tell(how: waiting.End) -> None:
             if how == 0:
-                then(one)
+                self._wait_for_next(one)
             else:
                 self._fail(one, FilterFailureReason.Unknown)
 
-        try:
-            wait = self._buffer._begin(question, tell)
-        except TfdbError:
-            self._fail(one, FilterFailureReason.Unknown)
-            return False
-        if wait is None:
-            return True
+        def tell_gone(how: waiting.End) -> None:
+            gone = FilterFailureReason.OutTheBack if how == 0 else FilterFailureReason.Unknown
+            self._fail(one, gone)
+
+        while (lacks := self._hand_on_or_lack(one)) is not None:
+            target, stamp = lacks
+            there = buffer._begin((target, one.frame, stamp), tell)
+            if there is None:
+                continue
+            self._hold(one, there)
+            if not buffer._keeps_for_ever(stamp):
+                gone = buffer._begin_until_gone((target, one.frame), stamp, tell_gone)
+                if gone is None:
+                    self._fail(one, FilterFailureReason.OutTheBack)
+                else:
+                    self._hold(one, gone)
+            return
+
+    def _hold(self, one: _Waiting, wait: waiting.Wait) -> None:
+        """Keep a wait with its message, if that has not left the queue since."""
         with self._lock:
             if one.number in self._waiting:
                 one.waits.append(wait)
-                return False
+                return
         wait.cancel()
-        return False
 
     def _hand_on_or_lack(self, one: _Waiting) -> tuple[str, int] | None:
         """Hand a message on; else the target and the stamp of the first transform it lacks."""

@@ -118,7 +118,8 @@ class TransformListener:
             except CorruptMessage as error:
                 corrupt[authority] += 1
                 if corrupt[authority] == 1:
-                    LOGGER.warning("left out a message of %s: %s", authority, error)
+                    text = "left out a damaged message of %s: %s"
+                    LOGGER.warning(text, authority, error, extra={"error": error})
 
         return take
 

@@ -10,11 +10,6 @@ from dataclasses import dataclass, field
 from itertools import count
 from typing import TYPE_CHECKING, Any
 
-from tfdb import TfdbError
-
-from .buffer_core import LAST_STAMP
-from .times import SECOND
-
 if TYPE_CHECKING:
     from collections.abc import Callable
 
@@ -66,48 +61,36 @@ class TransformableRequests:
     ) -> int:
         """Do what `Buffer.add_transformable_request` says."""
         stamp = self._buffer._nanoseconds(time)
-        target, source = frames
-        if self._buffer.can_transform_core(target, source, time)[0]:
-            return 0
-        gone = self.gone_at(stamp)
-        if gone is not None and self._covers(frames, gone):
-            return NEVER
         handle = next(self._handles)
         request = _Request(callback, frames, time)
         with self._lock:
             self._requests[handle] = request
-        self._wait(handle, request, stamp, TransformableResult.TransformAvailable)
-        if gone is not None:
-            self._wait(handle, request, gone, TransformableResult.TransformFailure)
+        available, failure = TransformableResult
+
+        def tell(how: waiting.End) -> None:
+            self._end(handle, available if how == 0 else failure)
+
+        def tell_gone(_: waiting.End) -> None:
+            self._end(handle, failure)
+
+        there = self._buffer._begin((*frames, stamp), tell)
+        if there is None:
+            self._taken(handle)
+            return 0
+        self._hold(handle, there)
+        if self._buffer._keeps_for_ever(stamp):
+            return handle
+        gone = self._buffer._begin_until_gone(frames, stamp, tell_gone)
+        if gone is None:
+            return NEVER if self._taken(handle) is not None else handle
+        self._hold(handle, gone)
         return handle
 
-    def gone_at(self, stamp: int) -> int | None:
-        """First newest stamp that puts another one out of the cache; None: there is none."""
-        history = self._buffer.buffer.history
-        if history is None or not 0 < stamp <= LAST_STAMP:
-            return None
-        gone = stamp + round(history * SECOND) + 1
-        return gone if gone <= LAST_STAMP else None
-
-    def _covers(self, frames: tuple[str, str], stamp: int) -> bool:
-        try:
-            return self._buffer.buffer.latest_common_time(*frames) >= stamp
-        except TfdbError:
-            return False
-
-    def _wait(
-        self, handle: int, request: _Request, stamp: int, result: TransformableResult
-    ) -> None:
-        def tell(how: waiting.End) -> None:
-            came = how == 0
-            self._end(handle, result if came else TransformableResult.TransformFailure)
-
-        wait = self._buffer._begin((*request.frames, stamp), tell)
-        if wait is None:
-            self._end(handle, result)
-            return
+    def _hold(self, handle: int, wait: waiting.Wait) -> None:
+        """Keep a wait with its request, if that has not ended since."""
         with self._lock:
-            if handle in self._requests:
+            request = self._requests.get(handle)
+            if request is not None:
                 request.waits.append(wait)
                 return
         wait.cancel()

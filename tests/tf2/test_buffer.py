@@ -1,0 +1,467 @@
+"""tf2's Buffer: its waits in threads, coroutines and callbacks, by each clock; named stores."""
+
+from __future__ import annotations
+
+import asyncio
+import concurrent.futures
+import math
+import os
+import random
+import struct
+import subprocess
+import sys
+import threading
+from collections import Counter
+from concurrent.futures import ThreadPoolExecutor
+from typing import TYPE_CHECKING, Any
+
+import pytest
+
+import tfdb
+from tf2.loopback import LoopbackNode
+from tf2.ours import message, plain
+from tfdb import tf2
+from tfdb.tf2 import msgs
+from tfdb.tf2.transformable_requests import NEVER
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+
+SECOND = 1_000_000_000
+POSE = [1.0, 2.0, 3.0, 0.0, 0.6, 0.0, 0.8]
+FOREVER = 60.0
+"""Seconds that nothing here takes: a wait that is never woken ends by it, and fails."""
+
+
+def seconds(count: float) -> msgs.Time:
+    return msgs.Time.from_nanoseconds(round(count * SECOND))
+
+
+def store(buffer: tf2.BufferCore, stamp: float, parent: str = "map", child: str = "base") -> None:
+    assert buffer.set_transform(message(parent, child, round(stamp * SECOND), POSE), "test")
+
+
+@pytest.fixture
+def buffer() -> Iterator[tf2.Buffer]:
+    with tf2.Buffer(flavor="ros2") as made:
+        store(made, 1)
+        yield made
+
+
+@pytest.fixture
+def thread() -> Iterator[ThreadPoolExecutor]:
+    with ThreadPoolExecutor(1) as made:
+        yield made
+
+
+# Waits in threads
+
+WAYS: dict[str, Callable[[tf2.Buffer, Any], Any]] = {
+    "lookup": lambda b, t: b.lookup_transform("map", "base", seconds(2), t),
+    "lookup_full": lambda b, t: b.lookup_transform_full(
+        "map", seconds(1), "base", seconds(2), "map", timeout=t
+    ),
+    "wait": lambda b, t: b.wait_for_transform("map", "base", seconds(2), t),
+    "can": lambda b, t: b.can_transform("map", "base", seconds(2), t),
+    "can_full": lambda b, t: b.can_transform_full(
+        "map", seconds(2), "base", seconds(2), "map", t, return_debug_tuple=True
+    ),
+}
+TIMEOUTS: dict[str, Any] = {
+    "ours": msgs.Duration(60),
+    "float": 60.0,
+    "nanoseconds": 60 * SECOND,
+}
+
+
+@pytest.mark.parametrize("way", WAYS)
+@pytest.mark.parametrize("timeout", TIMEOUTS)
+def test_a_wait_is_ended_by_the_transform(
+    buffer: tf2.Buffer, thread: ThreadPoolExecutor, way: str, timeout: str
+) -> None:
+    waits = thread.submit(WAYS[way], buffer, TIMEOUTS[timeout])
+    store(buffer, 2)
+    found = waits.result(FOREVER)
+    if way.startswith("can"):
+        assert found in (1, (1, ""))
+    else:
+        assert plain(found)[3] == pytest.approx(POSE)
+
+
+@pytest.mark.parametrize("way", WAYS)
+def test_time_that_is_up_says_what_a_lookup_says(buffer: tf2.Buffer, way: str) -> None:
+    if way == "can":
+        assert WAYS[way](buffer, 0.001) == 0
+    elif way == "can_full":
+        possible, why = WAYS[way](buffer, 0.001)
+        assert not possible
+        assert "but only time 1.000000 is in the buffer" in why
+    elif way == "wait":
+        with pytest.raises(tf2.TimeoutException, match="Timed out waiting for transform") as ended:
+            WAYS[way](buffer, 0.001)
+        assert isinstance(ended.value.__cause__, tf2.ExtrapolationException)
+        assert (ended.value.target, ended.value.source) == ("map", "base")
+        assert ended.value.stamp == 2 * SECOND
+    else:
+        with pytest.raises(tf2.ExtrapolationException, match="but only time 1"):
+            WAYS[way](buffer, 0.001)
+
+
+def test_frames_that_come_later_end_a_wait(buffer: tf2.Buffer, thread: ThreadPoolExecutor) -> None:
+    waits = thread.submit(buffer.lookup_transform, "odom", "tool", seconds(1), FOREVER)
+    store(buffer, 1, "odom", "map")
+    store(buffer, 1, "arm", "tool")
+    store(buffer, 1, "base", "arm")
+    assert waits.result(FOREVER).child_frame_id == "tool"
+
+
+@pytest.mark.parametrize("name", ["", "/base"])
+def test_a_name_that_is_never_right_is_not_waited_for(buffer: tf2.Buffer, name: str) -> None:
+    with pytest.raises(tf2.InvalidArgumentException):
+        buffer.lookup_transform("map", name, seconds(2), FOREVER)
+
+
+def test_an_empty_name_is_no_wait_of_can_transform(buffer: tf2.Buffer) -> None:
+    possible, why = buffer.can_transform("map", "", seconds(2), FOREVER, return_debug_tuple=True)
+    assert not possible
+    assert "cannot be empty" in why
+
+
+def test_a_stamp_that_no_transform_has_is_not_waited_for(buffer: tf2.Buffer) -> None:
+    with pytest.raises(tf2.ExtrapolationException):
+        buffer.lookup_transform("map", "base", -SECOND, FOREVER)
+    assert not buffer.can_transform("map", "base", 2**62, FOREVER)
+
+
+def test_what_is_no_timeout_is_refused(buffer: tf2.Buffer) -> None:
+    with pytest.raises(TypeError, match="timeout must have sec and nanosec"):
+        buffer.lookup_transform("map", "base", seconds(1), "soon")  # type: ignore[arg-type]
+    with pytest.raises(tfdb.InvalidArgument):
+        buffer.lookup_transform("map", "base", seconds(1), math.nan)
+
+
+def test_close_ends_a_wait(buffer: tf2.Buffer, thread: ThreadPoolExecutor) -> None:
+    for way in WAYS.values():
+        with tf2.Buffer(flavor="ros2") as closing:
+            store(closing, 1)
+            began = threading.Event()
+
+            def wait(way: Any = way, closing: Any = closing, began: Any = began) -> Any:
+                began.set()
+                return way(closing, FOREVER)
+
+            waits = thread.submit(wait)
+            began.wait()
+            closing.close()
+            with pytest.raises(tfdb.BufferClosed):
+                waits.result(FOREVER)
+
+
+# A clock that is named
+
+
+def simulated(now: float) -> tuple[LoopbackNode, tf2.Buffer]:
+    clock = LoopbackNode()
+    clock.set_time(round(now * SECOND))
+    buffer = tf2.Buffer(flavor="ros2", clock=clock)
+    store(buffer, 1)
+    return clock, buffer
+
+
+def until_it_waits(clock: LoopbackNode) -> None:
+    """Until somebody has an eye on the clock."""
+    while not clock.watches:
+        os.sched_yield()
+
+
+def test_a_wait_ends_by_the_clock_that_is_named(thread: ThreadPoolExecutor) -> None:
+    clock, buffer = simulated(100)
+    waits = thread.submit(buffer.lookup_transform, "map", "base", seconds(2), 5.0)
+    until_it_waits(clock)
+    clock.set_time(104 * SECOND)
+    assert not waits.done()
+    clock.set_time(98 * SECOND)  # a jump back of less than 3 s
+    assert not waits.done()
+    clock.set_time(105 * SECOND)
+    with pytest.raises(tf2.ExtrapolationException):
+        waits.result(FOREVER)
+    assert not clock.watches
+
+
+@pytest.mark.parametrize("end", ["bag begins anew", "node ends"])
+def test_a_wait_ends_when_the_clock_does(thread: ThreadPoolExecutor, end: str) -> None:
+    clock, buffer = simulated(100)
+    waits = thread.submit(buffer.can_transform, "map", "base", seconds(2), 5.0)
+    until_it_waits(clock)
+    if end == "node ends":
+        clock.close()
+    else:
+        clock.set_time(97 * SECOND - 1)
+    assert waits.result(FOREVER) == 0
+    assert not clock.watches
+
+
+def test_the_transform_ends_a_wait_while_the_clock_stands(thread: ThreadPoolExecutor) -> None:
+    clock, buffer = simulated(100)
+    waits = thread.submit(buffer.lookup_transform, "map", "base", seconds(2), 5.0)
+    until_it_waits(clock)
+    store(buffer, 2)
+    assert plain(waits.result(FOREVER))[2] == 2 * SECOND
+    assert not clock.watches
+
+
+def test_close_ends_a_wait_while_the_clock_stands(thread: ThreadPoolExecutor) -> None:
+    clock, buffer = simulated(100)
+    waits = thread.submit(buffer.lookup_transform, "map", "base", seconds(2), 5.0)
+    until_it_waits(clock)
+    buffer.close()
+    with pytest.raises(tfdb.BufferClosed):
+        waits.result(FOREVER)
+
+
+def test_a_future_ends_by_the_clock_that_is_named() -> None:
+    clock, buffer = simulated(100)
+    future = buffer.wait_for_transform_async("map", "base", seconds(2), 5.0)
+    clock.set_time(105 * SECOND)
+    with pytest.raises(tf2.TimeoutException):
+        future.result(FOREVER)
+
+
+# Futures and coroutines
+
+
+def test_a_coroutine_is_told(buffer: tf2.Buffer) -> None:
+    async def main() -> Any:
+        simple = asyncio.create_task(
+            buffer.lookup_transform_async("map", "base", seconds(2), FOREVER)
+        )
+        full = asyncio.create_task(
+            buffer.lookup_transform_full_async("map", seconds(1), "base", seconds(2), "map")
+        )
+        await asyncio.sleep(0)
+        store(buffer, 2)
+        return await asyncio.gather(simple, full)
+
+    for found in asyncio.run(main()):
+        assert plain(found)[3] == pytest.approx(POSE)
+
+
+def test_a_coroutine_times_out(buffer: tf2.Buffer) -> None:
+    with pytest.raises(tf2.TimeoutException) as ended:
+        asyncio.run(buffer.lookup_transform_async("map", "base", seconds(2), 0.001))
+    assert ended.value.limit == SECOND // 1000
+
+
+def test_a_cancelled_coroutine_leaves_nothing(buffer: tf2.Buffer) -> None:
+    async def main() -> None:
+        task = asyncio.create_task(buffer.lookup_transform_async("map", "base", seconds(2)))
+        await asyncio.sleep(0)
+        task.cancel()
+        with pytest.raises(asyncio.CancelledError):
+            await task
+
+    asyncio.run(main())
+    # The thread that tells ends once nobody waits; its table is empty before.
+    tellers = tfdb.waiting._tellers.values()
+    assert all(not teller.waits for teller in tellers if teller.buffer is buffer.buffer)
+
+
+def test_a_future_of_threads(buffer: tf2.Buffer) -> None:
+    future = buffer.wait_for_transform_async("map", "base", seconds(2))
+    assert isinstance(future, concurrent.futures.Future)
+    told = threading.Event()
+    future.add_done_callback(lambda _: told.set())
+    assert not future.done()
+    store(buffer, 2)
+    assert future.result(FOREVER) is True
+    assert told.wait(FOREVER)
+    assert buffer.wait_for_transform_async("map", "base", seconds(2)).result(0) is True
+
+
+def test_a_future_that_is_cancelled_or_closed(buffer: tf2.Buffer) -> None:
+    cancelled = buffer.wait_for_transform_async("map", "base", seconds(2))
+    assert cancelled.cancel()
+    closed = buffer.wait_for_transform_async("map", "base", seconds(2))
+    buffer.close()
+    with pytest.raises(tfdb.BufferClosed):
+        closed.result(FOREVER)
+    assert cancelled.cancelled()
+
+
+def test_a_future_of_what_can_never_come(buffer: tf2.Buffer) -> None:
+    for asked in (("map", "base", -1), ("map", "", seconds(1)), ("/map", "base", seconds(1))):
+        with pytest.raises(tf2.InvalidArgumentException, match="will never have an answer"):
+            buffer.wait_for_transform_async(*asked).result(0)
+
+
+def test_ten_thousand_futures_and_one_transform(buffer: tf2.Buffer) -> None:
+    futures = [buffer.wait_for_transform_async("map", "base", seconds(2)) for _ in range(10_000)]
+    store(buffer, 5, "odom", "wheel")
+    assert not any(future.done() for future in futures)
+    store(buffer, 2)
+    assert all(future.result(FOREVER) for future in futures)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_waits_cannot_hang(seed: int) -> None:
+    """Begun, ended by a transform, cancelled, timed out and closed: each ends exactly once."""
+    rng = random.Random(seed)
+    ends: Counter[str] = Counter()
+    lock = threading.Lock()
+
+    def count(future: Any) -> None:
+        with lock:
+            if future.cancelled():
+                ends["cancelled"] += 1
+            else:
+                ends[type(future.exception()).__name__] += 1
+
+    cycles = 0
+    while cycles < 3_400:
+        buffer = tf2.Buffer(flavor="ros2")
+        store(buffer, 1)
+        futures: list[Any] = []
+        for _ in range(200):
+            stamp = rng.randrange(2, 6)
+            limit = rng.choice([None, None, None, 0.001])
+            futures.append(buffer.wait_for_transform_async("map", "base", seconds(stamp), limit))
+            futures[-1].add_done_callback(count)
+            if rng.random() < 0.3:
+                rng.choice(futures).cancel()
+            if rng.random() < 0.02:
+                store(buffer, stamp)
+        cycles += len(futures)
+        buffer.close()
+        concurrent.futures.wait(futures, FOREVER)
+        assert all(future.done() for future in futures)
+    with lock:
+        assert sum(ends.values()) == cycles
+        assert {"cancelled", "NoneType", "BufferClosed", "TimeoutException"} <= set(ends)
+
+
+# Requests and callbacks
+
+
+def calls() -> tuple[list[tuple[Any, ...]], threading.Event, Callable[..., None]]:
+    made: list[tuple[Any, ...]] = []
+    called = threading.Event()
+
+    def callback(*arguments: Any) -> None:
+        made.append(arguments)
+        called.set()
+
+    return made, called, callback
+
+
+def test_a_request_is_called_once(buffer: tf2.Buffer) -> None:
+    made, called, callback = calls()
+    assert buffer.add_transformable_request(callback, "map", "base", seconds(1)) == 0
+    handle = buffer.add_transformable_request(callback, "map", "base", seconds(2))
+    assert handle not in (0, NEVER)
+    store(buffer, 2)
+    assert called.wait(FOREVER)
+    store(buffer, 3)
+    available = tf2.TransformableResult.TransformAvailable
+    assert made == [(handle, "map", "base", seconds(2), available)]
+
+
+def test_a_request_whose_time_goes_out_of_the_cache(buffer: tf2.Buffer) -> None:
+    made, called, callback = calls()
+    store(buffer, 5)
+    store(buffer, 6, "base", "arm")
+    handle = buffer.add_transformable_request(callback, "map", "arm", seconds(4))
+    store(buffer, 20, "base", "arm")
+    store(buffer, 20)
+    assert called.wait(FOREVER)
+    failure = tf2.TransformableResult.TransformFailure
+    assert made == [(handle, "map", "arm", seconds(4), failure)]
+    assert buffer.add_transformable_request(callback, "map", "arm", seconds(4)) == NEVER
+
+
+def test_a_cancelled_request_is_not_called(buffer: tf2.Buffer) -> None:
+    made, _, callback = calls()
+    others, called, other = calls()
+    buffer.cancel_transformable_request(
+        buffer.add_transformable_request(callback, "map", "base", seconds(2))
+    )
+    buffer.add_transformable_request(other, "map", "base", seconds(2))
+    store(buffer, 2)
+    assert called.wait(FOREVER)
+    assert not made
+    assert len(others) == 1
+
+
+def test_a_callback_may_write_wait_and_raise(
+    buffer: tf2.Buffer, caplog: pytest.LogCaptureFixture
+) -> None:
+    over = threading.Event()
+    found: list[Any] = []
+
+    def write(*_: Any) -> None:
+        store(buffer, 3)
+        buffer.add_transformable_request(finish, "map", "base", seconds(4))
+        found.append(buffer.lookup_transform("map", "base", seconds(3), FOREVER))
+        store(buffer, 4)
+        raise ValueError("a fault of the callback")
+
+    def finish(*_: Any) -> None:
+        over.set()
+
+    buffer.add_transformable_request(write, "map", "base", seconds(2))
+    store(buffer, 2)
+    assert over.wait(FOREVER)
+    assert plain(found[0])[2] == 3 * SECOND
+    assert "a fault of the callback" in caplog.text
+
+
+def test_requests_of_a_buffer_that_is_closed(buffer: tf2.Buffer) -> None:
+    made, called, callback = calls()
+    buffer.add_transformable_request(callback, "map", "base", seconds(2))
+    buffer.close()
+    assert called.wait(FOREVER)
+    assert made[0][4] is tf2.TransformableResult.TransformFailure
+
+
+# Named stores, service
+
+
+def test_one_listens_and_others_look_up(thread: ThreadPoolExecutor) -> None:
+    name = f"tf2-{os.getpid()}"
+    with tf2.Buffer(msgs.Duration(5), store=name) as writer, tf2.Buffer(store=name) as reader:
+        try:
+            assert reader.buffer.history == 5.0
+            waits = thread.submit(reader.lookup_transform, "map", "base", seconds(2), FOREVER)
+            store(writer, 2)
+            assert plain(waits.result(FOREVER))[3] == pytest.approx(POSE)
+            code = (
+                "from tfdb import tf2; from tfdb.tf2 import msgs;"
+                f"b = tf2.Buffer(store={name!r});"
+                "print(b.lookup_transform('map', 'base', msgs.Time(2)).transform.translation.y)"
+            )
+            other = subprocess.run(
+                [sys.executable, "-c", code], capture_output=True, text=True, check=True
+            )
+            assert other.stdout == "2.0\n"
+        finally:
+            tfdb.Buffer.unlink(name)
+
+
+def test_what_excludes_each_other_is_refused() -> None:
+    with pytest.raises(tf2.InvalidArgumentException, match="not both"):
+        tf2.Buffer(store="one", buffer=tfdb.Buffer())
+
+
+def test_the_tree_is_served(buffer: tf2.Buffer) -> None:
+    for flavor, name in (("ros1", "~tf2_frames"), ("ros2", "tf2_frames")):
+        node = LoopbackNode(flavor=flavor)  # type: ignore[arg-type]
+        with tf2.Buffer(node=node) as served:
+            assert served.flavor == flavor
+            store(served, 1)
+            data = node.services[name](b"")
+            start = 4 if flavor == "ros1" else 8
+            (length,) = struct.unpack_from("<I", data, start - 4)
+            assert data[start:].rstrip(b"\0").decode() == served.all_frames_as_yaml()
+            assert length == len(data) - start
+        assert not node.services
+        with tf2.Buffer(None, node, debug=False):
+            assert not node.services
