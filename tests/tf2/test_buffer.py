@@ -135,9 +135,9 @@ def test_a_stamp_that_no_transform_has_is_not_waited_for(buffer: tf2.Buffer) -> 
 
 def test_what_is_no_timeout_is_refused(buffer: tf2.Buffer) -> None:
     with pytest.raises(TypeError, match="timeout must have sec and nanosec"):
-        buffer.lookup_transform("map", "base", seconds(1), "soon")  # type: ignore[arg-type]
+        buffer.lookup_transform("map", "base", seconds(2), "soon")  # type: ignore[arg-type]
     with pytest.raises(tfdb.InvalidArgument):
-        buffer.lookup_transform("map", "base", seconds(1), math.nan)
+        buffer.lookup_transform("map", "base", seconds(2), math.nan)
 
 
 def test_close_ends_a_wait(buffer: tf2.Buffer, thread: ThreadPoolExecutor) -> None:

@@ -158,6 +158,15 @@ def loop(authority: str, parent: str, child: str) -> str:
     )
 
 
+def future_data(authority: str, child: str, newest: int, ahead: int) -> str:
+    """What is logged where one stamp makes all right data of a frame too old; tf2 says nothing."""
+    return (
+        f'TF_FUTURE_DATA: the newest transform of child_frame_id "{child}", from authority '
+        f'"{authority}", has the time {seconds(newest, 6)}, {seconds(ahead, 6)} s ahead of this '
+        "clock: what comes now is too old beside it, until the buffer is cleared"
+    )
+
+
 def bad_stamp(authority: str, child: str, stamp: int) -> str:
     """What is logged of a stamp that no store takes; ROS 2's tf2 stores it."""
     return (

@@ -11,7 +11,7 @@ from tfdb.errors import CorruptMessage
 from tfdb.ros import node_for
 
 from .buffer_core import BufferCore
-from .incoming import decoded, store_message
+from .incoming import Incoming, decoded
 
 if TYPE_CHECKING:
     from tfdb.ros import Node
@@ -84,7 +84,8 @@ class TransformListener:
         core = buffer if isinstance(buffer, BufferCore) else None
         if core is not None and core._flavor is None:
             core._settle(self.node.flavor)
-        self._raw = core if core is not None and _is_plain(core) else None
+        plain = core is not None and _is_plain(core)
+        self._incoming = Incoming(core, self.node) if core is not None and plain else None
         topics = [(tf_static_topic, True, static_qos)]
         if not static_only:
             topics.append((tf_topic, False, qos))
@@ -103,14 +104,14 @@ class TransformListener:
 
     def _taker(self, *, static: bool) -> Any:
         """Make what takes the messages of a topic."""
-        raw, buffer, encoding = self._raw, self.buffer, self.node.encoding
+        incoming, buffer, encoding = self._incoming, self.buffer, self.node.encoding
         corrupt = self.corrupt
 
         def take(data: bytes | memoryview, publisher: str) -> None:
             authority = publisher or UNKNOWN
             try:
-                if raw is not None:
-                    store_message(raw, data, encoding, authority, static=static)
+                if incoming is not None:
+                    incoming.store(data, authority, static=static)
                 else:
                     store = buffer.set_transform_static if static else buffer.set_transform
                     for message in decoded(data, encoding):

@@ -1,0 +1,262 @@
+"""What is published goes into a buffer: by the rules of its side, whole messages, nothing lost."""
+
+from __future__ import annotations
+
+import logging
+from typing import Any
+
+import pytest
+
+import tfdb
+from tf2.loopback import Graph, LoopbackNode
+from tf2.ours import Records, message, plain
+from tfdb import tf2
+from tfdb.tf2 import msgs
+
+SECOND = 1_000_000_000
+POSE = [1.0, 2.0, 3.0, 0.0, 0.6, 0.0, 0.8]
+OTHER = [-4.0, 0.5, 0.0, 0.6, 0.0, 0.0, -0.8]
+NOWHERE = [1.0, 2.0, 3.0, 0.0, 0.0, 0.0, 0.0]
+FLAVORS = ["ros1", "ros2"]
+
+
+class World:
+    """A publisher and a listener."""
+
+    def __init__(self, flavor: Any) -> None:
+        graph = Graph()
+        self.robot = LoopbackNode(graph, name="/robot", flavor=flavor)
+        self.node = LoopbackNode(graph, name="/reader", flavor=flavor)
+        self.buffer = tf2.Buffer()
+        self.listener = tf2.TransformListener(self.buffer, self.node)
+        self.moving = tf2.TransformBroadcaster(self.robot)
+        self.static = tf2.StaticTransformBroadcaster(self.robot)
+        self.raw = self.robot.advertise("/tf", "tf2_msgs/TFMessage")
+
+    def at(self, target: str, source: str, stamp: int = 0) -> Any:
+        return plain(self.buffer.lookup_transform(target, source, msgs.Time(stamp)))
+
+
+@pytest.fixture(params=FLAVORS)
+def world(request: pytest.FixtureRequest) -> World:
+    return World(request.param)
+
+
+def sent(parent: str, child: str, stamp: int, pose: list[float] = POSE) -> msgs.TransformStamped:
+    return message(parent, child, stamp * SECOND, pose)
+
+
+def test_what_is_sent_together_is_one_commit(world: World) -> None:
+    before = world.buffer.buffer.commit
+    world.moving.sendTransform([sent("map", "base", 1), sent("base", "arm", 1, OTHER)])
+    assert world.buffer.buffer.commit == before + 1
+    assert world.at("map", "base") == ["map", "base", SECOND, pytest.approx(POSE)]
+    assert world.at("base", "arm", 1)[3] == pytest.approx(OTHER)
+    world.moving.sendTransform(sent("map", "base", 2))
+    world.moving.sendTransform(iter([sent("map", "base", 3)]))
+    assert world.at("map", "base")[2] == 3 * SECOND
+    assert world.buffer.flavor == world.node.flavor
+
+
+def test_the_publisher_is_the_authority(world: World) -> None:
+    world.moving.sendTransform(sent("map", "base", 1))
+    assert world.buffer.buffer.frame_info("base").authority == "/robot"
+    assert "broadcaster: '/robot'" in world.buffer.all_frames_as_yaml()
+
+
+def test_statics_reach_late_joiners_all_of_them_the_newest(world: World) -> None:
+    world.static.sendTransform(sent("base", "lidar", 1))
+    world.static.sendTransform([sent("base", "camera", 1), sent("base", "lidar", 2, OTHER)])
+    known = ["base", "camera", "lidar"]
+    if world.node.flavor == "ros1":
+        # A second broadcaster of the same node has the same latched message.
+        tf2.StaticTransformBroadcaster(world.robot).sendTransform(sent("base", "imu", 1))
+        known.insert(2, "imu")
+    late = tf2.Buffer()
+    late_node = LoopbackNode(world.robot.graph, name="/late", flavor=world.node.flavor)
+    tf2.TransformListener(late, late_node)
+    assert late._getFrameStrings() == known
+    assert plain(late.lookup_transform("base", "lidar", msgs.Time(77)))[3] == pytest.approx(OTHER)
+
+
+def test_a_static_that_is_changed_after_it_was_sent_stays_as_it_was(world: World) -> None:
+    one = sent("base", "lidar", 1)
+    world.static.sendTransform(one)
+    one.transform.translation.x = 50.0
+    world.static.sendTransform(sent("base", "camera", 1))
+    assert world.at("base", "lidar")[3] == pytest.approx(POSE)
+
+
+def test_what_tf2_refuses_is_logged_and_the_rest_stored(world: World) -> None:
+    records = Records()
+    logger = logging.getLogger("tfdb.tf2")
+    logger.addHandler(records)
+    try:
+        world.moving.sendTransform(
+            [
+                sent("map", "base", 1),
+                sent("base", "base", 1),
+                sent("base", "arm", 1, NOWHERE),
+                sent("base", "lidar", 1),
+            ]
+        )
+    finally:
+        logger.removeHandler(records)
+    assert world.buffer._getFrameStrings() == ["base", "lidar", "map"]
+    own, lost = records.texts
+    assert own.startswith('TF_SELF_TRANSFORM: Ignoring transform from authority "/robot"')
+    assert lost.startswith("TF_DENORMALIZED_QUATERNION: Ignoring transform for child_frame_id")
+    assert isinstance(records.errors[1], tfdb.InvalidTransform)
+
+
+def test_the_same_stamp_again(world: World, caplog: pytest.LogCaptureFixture) -> None:
+    world.moving.sendTransform(sent("map", "base", 1))
+    world.moving.sendTransform([sent("map", "base", 1, OTHER), sent("map", "cart", 1)])
+    ros1 = world.node.flavor == "ros1"
+    assert world.at("map", "base", 1)[3] == pytest.approx(POSE if ros1 else OTHER)
+    assert ("TF_REPEATED_DATA" in caplog.text) == ros1
+    assert world.at("map", "cart", 1)[3] == pytest.approx(POSE)
+
+
+def test_a_frame_whose_kind_changes(world: World) -> None:
+    world.static.sendTransform(sent("base", "arm", 1))
+    world.moving.sendTransform([sent("base", "arm", 5, OTHER), sent("map", "base", 5)])
+    if world.node.flavor == "ros1":
+        assert world.at("base", "arm", 99)[3] == pytest.approx(OTHER)
+    else:
+        with pytest.raises(tf2.ExtrapolationException):
+            world.at("base", "arm", 99)
+    assert world.at("base", "arm", 5)[3] == pytest.approx(OTHER)
+
+
+def test_old_data_names_who_sent_them(world: World, caplog: pytest.LogCaptureFixture) -> None:
+    world.moving.sendTransform(sent("map", "base", 100))
+    world.moving.sendTransform(sent("map", "base", 1))
+    assert "TF_OLD_DATA ignoring data from the past" in caplog.text
+    assert "according to authority /robot" in caplog.text
+
+
+def test_a_stamp_far_in_the_future_is_laid_at_its_sender_s_door(
+    world: World, caplog: pytest.LogCaptureFixture
+) -> None:
+    world.node.time = 100 * SECOND
+    world.moving.sendTransform(sent("map", "base", 100_000))
+    for stamp in (101, 102):
+        world.moving.sendTransform(sent("map", "base", stamp))
+    said = [record for record in caplog.records if "TF_FUTURE_DATA" in record.getMessage()]
+    assert len(said) == 1
+    assert "has the time 100000.000000, 99900.000000 s ahead of this clock" in said[0].getMessage()
+    error = said[0].__dict__["error"]
+    assert (error.authority, error.edge, error.newest) == ("/robot", "base", 100_000 * SECOND)
+
+
+@pytest.mark.parametrize("damage", ["cut", "count", "empty", "noise"])
+def test_a_damaged_message_is_counted_and_logged_once(
+    world: World, caplog: pytest.LogCaptureFixture, damage: str
+) -> None:
+    whole = tfdb.encode_tf_message([sent("map", "base", 1)], world.node.encoding)
+    start = 0 if world.node.encoding == "ros1" else 4
+    bad = {
+        "cut": whole[:-3],
+        "count": whole[:start] + b"\xff\xff\xff\xff" + whole[start + 4 :],
+        "empty": b"",
+        "noise": bytes(range(200, 256)) * 3,
+    }[damage]
+    before = world.buffer.buffer.commit
+    for _ in range(3):
+        world.raw.publish(bad)
+    assert world.buffer.buffer.commit == before
+    assert world.listener.corrupt == {"/robot": 3}
+    assert len([r for r in caplog.records if "damaged message of /robot" in r.getMessage()]) == 1
+    assert isinstance(caplog.records[0].__dict__["error"], tfdb.CorruptMessage)
+    world.raw.publish(whole)
+    assert world.at("map", "base", 1)[3] == pytest.approx(POSE)
+
+
+def test_a_bag_that_is_looped_with_simulated_time(
+    world: World, caplog: pytest.LogCaptureFixture
+) -> None:
+    world.static.sendTransform(sent("base", "lidar", 1))
+    for _ in range(3):
+        for stamp in range(10, 20):
+            world.node.set_time(stamp * SECOND)
+            world.moving.sendTransform(sent("map", "base", stamp))
+            assert world.at("map", "lidar")[2] == stamp * SECOND
+    assert caplog.text.count("Detected jump back in time of 9.000000s. Clearing TF buffer.") == 2
+
+
+def test_unregister_ends_it(world: World) -> None:
+    world.listener.unregister()
+    world.listener.unregister()
+    world.moving.sendTransform(sent("map", "base", 1))
+    world.static.sendTransform(sent("base", "arm", 1))
+    assert not world.buffer._getFrameStrings()
+    assert not world.node.watches
+
+
+def test_a_listener_that_nobody_holds_goes_on() -> None:
+    node = LoopbackNode()
+    buffer = tf2.Buffer()
+    tf2.TransformListener(buffer, node)
+    tf2.TransformBroadcaster(node).sendTransform(sent("map", "base", 1))
+    assert buffer.can_transform("map", "base", msgs.Time(1))
+
+
+def test_static_listener() -> None:
+    node = LoopbackNode()
+    buffer = tf2.Buffer()
+    tf2.StaticTransformListener(buffer, node)
+    tf2.TransformBroadcaster(node).sendTransform(sent("map", "base", 1))
+    tf2.StaticTransformBroadcaster(node).sendTransform(sent("base", "arm", 1))
+    assert buffer._getFrameStrings() == ["arm", "base"]
+
+
+def test_a_subclass_sees_each_transform() -> None:
+    class Watching(tf2.Buffer):
+        seen: list[str]
+
+        def set_transform(self, transform: Any, authority: str) -> bool:
+            self.seen.append(transform.child_frame_id)
+            return super().set_transform(transform, authority)
+
+    node = LoopbackNode()
+    buffer = Watching()
+    buffer.seen = []
+    tf2.TransformListener(buffer, node)
+    tf2.TransformBroadcaster(node).sendTransform([sent("a", "b", 1), sent("b", "c", 1)])
+    assert buffer.seen == ["b", "c"]
+    assert buffer.can_transform("a", "c", msgs.Time(1))
+
+
+def test_anything_that_takes_transforms_can_be_filled() -> None:
+    class Recorder:
+        def __init__(self) -> None:
+            self.got: list[tuple[str, str, str]] = []
+
+        def set_transform(self, transform: Any, authority: str) -> None:
+            self.got.append(("moving", transform.child_frame_id, authority))
+
+        def set_transform_static(self, transform: Any, authority: str) -> None:
+            self.got.append(("static", transform.child_frame_id, authority))
+
+    node = LoopbackNode()
+    recorder = Recorder()
+    tf2.TransformListener(recorder, node, queue_size=1)
+    tf2.TransformBroadcaster(node).sendTransform(sent("a", "b", 1))
+    tf2.StaticTransformBroadcaster(node).sendTransform(sent("b", "c", 1))
+    assert recorder.got == [("moving", "b", "/here"), ("static", "c", "/here")]
+
+
+def test_what_cannot_be_sent_is_refused_whole(world: World) -> None:
+    with pytest.raises(tfdb.InvalidStamp) as refused:
+        world.moving.sendTransform([sent("a", "b", 1), sent("b", "c", -1)])
+    assert refused.value.index == 1
+    with pytest.raises(tfdb.InvalidStamp):
+        world.static.sendTransform([sent("a", "b", -1)])
+    world.static.sendTransform(sent("x", "y", 1))
+    assert world.buffer._getFrameStrings() == ["x", "y"]
+
+
+def test_what_is_no_node_is_refused() -> None:
+    with pytest.raises(TypeError, match=r"expected a node of tfdb.ros or of rclpy, or None"):
+        tf2.TransformListener(tf2.Buffer(), "node")
