@@ -237,6 +237,12 @@ class RclpyNode:
             each.close()
         self._forget_node()
 
+    def wake(self) -> None:
+        """Let the node's executor look again: a coroutine in it may go on."""
+        executor = self._node.executor
+        if executor is not None:
+            executor.wake()
+
     def _end(self) -> None:
         """Listen no more. It waits for nothing: rclpy may call it with a lock of its own held."""
         with self._lock:

@@ -42,6 +42,7 @@ from .exceptions import (
     TimeoutException,
     TransformException,
 )
+from .installing import install
 from .message_filter import FilterFailureReason, MessageFilter
 from .static_transform_broadcaster import StaticTransformBroadcaster
 from .transform_broadcaster import TransformBroadcaster
@@ -78,5 +79,6 @@ __all__ = [
     "clouds",
     "convert",
     "geometry",
+    "install",
     "msgs",
 ]

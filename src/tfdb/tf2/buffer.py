@@ -9,6 +9,7 @@ import tfdb
 from tfdb import waiting
 from tfdb._core import BufferCalls
 from tfdb.ros import node_for
+from tfdb.ros.which import in_rospy
 
 from .buffer_core import DEFAULT_CACHE_TIME, LAST_STAMP, BufferCore
 from .buffer_interface import BufferInterface
@@ -68,7 +69,8 @@ class Buffer(BufferCalls, BufferCore, BufferInterface):
     buffer
         The store, instead of a new or named one.
     clock
-        A node whose clock ends waits; None: that of `node`, else the system's.
+        A node whose clock ends waits; None: that of `node`, or of the listener that fills the
+        buffer, else the system's.
 
     Raises InvalidArgumentException for arguments that exclude each other.
     """
@@ -86,11 +88,11 @@ class Buffer(BufferCalls, BufferCore, BufferInterface):
     ) -> None:
         if isinstance(node, bool):
             node, debug = None, node
-        self._node: Node | None = None if node is None else node_for(node)
-        self.clock = clock or self._node
-        """Node whose clock ends waits; None: the system's."""
-        if self._node is not None:
-            flavor = flavor or self._node.flavor
+        if node is not None or in_rospy():
+            node = node_for(node)
+            flavor = flavor or node.flavor
+        self.clock: Node | None = clock or node
+        """Node whose clock ends waits; None: the system's, until a listener says its node."""
         if store is not None:
             if buffer is not None:
                 raise InvalidArgumentException("give a store's name or a buffer, not both")
@@ -99,7 +101,7 @@ class Buffer(BufferCalls, BufferCore, BufferInterface):
         BufferCore.__init__(self, cache_time, flavor=flavor, buffer=buffer)
         BufferInterface.__init__(self)
         self._requests = TransformableRequests(self)
-        self._service = offer_frame_graph(self, self._node) if debug else None
+        self._service = offer_frame_graph(self, node) if debug and node is not None else None
 
     # Lookups that wait
 
@@ -401,7 +403,7 @@ class Buffer(BufferCalls, BufferCore, BufferInterface):
             for one in held:
                 one.cancel()
 
-        future, loop = future_here(self._node, release)
+        future, loop = future_here(self.clock, release)
 
         def tell(how: waiting.End) -> None:
             if how == 0:

@@ -5,9 +5,6 @@ from __future__ import annotations
 import struct
 from typing import TYPE_CHECKING
 
-from tfdb.ros import node_for
-from tfdb.ros.which import in_rospy
-
 if TYPE_CHECKING:
     from tfdb.ros import Encoding, Node, Service
 
@@ -16,12 +13,8 @@ if TYPE_CHECKING:
 __all__ = ["offer_frame_graph"]
 
 
-def offer_frame_graph(core: BufferCore, node: Node | None) -> Service | None:
-    """Offer the service in a node, or in the rospy that the process is; None: it is none."""
-    if node is None:
-        if not in_rospy():
-            return None
-        node = node_for()
+def offer_frame_graph(core: BufferCore, node: Node) -> Service:
+    """Offer the service in a node."""
     name = "~tf2_frames" if node.flavor == "ros1" else "tf2_frames"
     encoding = node.encoding
     return node.serve(

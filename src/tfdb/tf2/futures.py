@@ -8,7 +8,7 @@ import threading
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Generator
 
     from tfdb.ros import Node
 
@@ -19,11 +19,17 @@ _cancelling = threading.RLock()
 
 
 class _ThreadsFuture(concurrent.futures.Future[Any]):
-    """A future for threads. Any thread may settle or cancel it."""
+    """A future for threads, and for coroutines of rclpy. Any thread may settle or cancel it."""
 
     def __init__(self, cancelled: Callable[[], None]) -> None:
         super().__init__()
         self._tell_cancelled = cancelled
+
+    def __await__(self) -> Generator[None, None, Any]:
+        # As rclpy's own: a coroutine in its executor is resumed until this is done.
+        while not self.done():
+            yield
+        return self.result()
 
     def cancel(self) -> bool:
         """End it, and what it waits for."""
@@ -61,8 +67,11 @@ def future_here(
     try:
         loop = asyncio.get_running_loop()
     except RuntimeError:
-        make = getattr(node, "new_future", _ThreadsFuture)
-        return make(cancelled), None
+        future = _ThreadsFuture(cancelled)
+        wake = getattr(node, "wake", None)
+        if wake is not None:
+            future.add_done_callback(lambda _: wake())
+        return future, None
     return _LoopFuture(cancelled), loop
 
 

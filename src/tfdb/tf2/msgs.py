@@ -65,10 +65,18 @@ class _Span:
         """`sec` under ROS 1's name."""
         return self.sec
 
+    @secs.setter
+    def secs(self, secs: int) -> None:
+        self.sec = secs
+
     @property
     def nsecs(self) -> int:
         """`nanosec` under ROS 1's name."""
         return self.nanosec
+
+    @nsecs.setter
+    def nsecs(self, nsecs: int) -> None:
+        self.nanosec = nsecs
 
     def to_nsec(self) -> int:
         """All of it in nanoseconds, as rospy says it."""

@@ -26,6 +26,12 @@ def installed() -> Flavor | None:
     return "ros1" if hasattr(TransformStamped, "_md5sum") else "ros2"
 
 
+def look_again() -> None:
+    """Look anew for what is installed."""
+    for remembered in (installed, makers, message_class):
+        remembered.cache_clear()
+
+
 @cache
 def message_name(kind: type) -> str | None:
     """Name of a message's class, such as `geometry_msgs/PointStamped`; None: it is no message."""

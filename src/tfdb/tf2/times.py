@@ -8,8 +8,6 @@ from typing import Any
 
 from tfdb.ros import Flavor
 
-from . import msgs
-
 __all__ = ["SECOND", "Flavor", "flavor_of", "nanoseconds"]
 
 SECOND = 1_000_000_000
@@ -59,11 +57,9 @@ def _of_object(time: Any) -> int | None:
 
 
 def flavor_of(time: object) -> Flavor | None:
-    """Side of ROS that a time is from; None: ours and integers are from neither."""
-    if isinstance(time, msgs.Time | msgs.Duration):
+    """Side of ROS that a time is from; None: what could be of both, as ours, and integers."""
+    ros1 = hasattr(time, "secs") or hasattr(time, "to_sec")
+    ros2 = hasattr(time, "nanosec") or hasattr(time, "nanoseconds")
+    if ros1 == ros2:
         return None
-    if hasattr(time, "secs") or hasattr(time, "to_sec"):
-        return "ros1"
-    if hasattr(time, "nanosec") or hasattr(time, "nanoseconds"):
-        return "ros2"
-    return None
+    return "ros1" if ros1 else "ros2"

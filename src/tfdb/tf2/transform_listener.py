@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 from tfdb.errors import CorruptMessage
 from tfdb.ros import node_for
 
+from .buffer import Buffer
 from .buffer_core import BufferCore
 from .incoming import Incoming, decoded
 
@@ -84,6 +85,8 @@ class TransformListener:
         core = buffer if isinstance(buffer, BufferCore) else None
         if core is not None and core._flavor is None:
             core._settle(self.node.flavor)
+        if isinstance(buffer, Buffer) and buffer.clock is None:
+            buffer.clock = self.node
         plain = core is not None and _is_plain(core)
         self._incoming = Incoming(core, self.node) if core is not None and plain else None
         topics = [(tf_static_topic, True, static_qos)]
