@@ -245,6 +245,34 @@ def test_a_place_beyond_float32() -> None:
         clouds.do_transform_cloud(cloud, of(np.random.default_rng(11)))
 
 
+def test_headers_of_any_numbers() -> None:
+    """Either an answer of the same size or a typed error, whatever the header says."""
+    random = np.random.default_rng(17)
+    transform = of(random)
+    answered = 0
+    for _ in range(3000):
+        cloud = simple(int(random.integers(0, 5)))
+        sizes = [0, 1, 2, 3, 15, 16, 17, 47, 2**31, 2**32 - 1]
+        for name in ("height", "width", "point_step", "row_step"):
+            if random.random() < 0.25:
+                setattr(cloud, name, int(random.choice(sizes)))
+        for each in cloud.fields:
+            for name in ("offset", "datatype", "count"):
+                if random.random() < 0.03:
+                    setattr(each, name, int(random.choice(sizes)))
+        cloud.is_bigendian = bool(random.random() < 0.5)
+        before = copy.deepcopy(cloud)
+        try:
+            made = clouds.do_transform_cloud(cloud, transform)
+        except (tf2.InvalidArgumentException, tfdb.InvalidTransform):
+            pass
+        else:
+            assert len(made.data) == len(cloud.data)
+            answered += 1
+        assert cloud == before
+    assert 300 < answered < 2700
+
+
 # One stamp per point
 
 

@@ -15,11 +15,13 @@ import numpy as np
 import pytest
 from tools import make_ros2_env
 
+import tfdb
 from compat.tf2_oracle import unavailable
 from tf2 import conversions, real_tf2
 from tf2.test_clouds import expected, matrix, random_cloud, simple
 from tfdb import tf2
 from tfdb.tf2 import clouds, covariance, geometry, msgs
+from tfdb.tf2.times import nanoseconds
 
 TESTS = Path(__file__).resolve().parents[1]
 CHILD = Path(__file__).with_name("conversions_child.py")
@@ -233,12 +235,13 @@ import numpy as np
 import geometry_msgs.msg
 import sensor_msgs.msg
 from tf2 import conversions
-from tf2.test_real_conversions import real_cloud
+from tf2.test_real_conversions import of_two_libraries, real_cloud
 {time}
 for name in conversions.CHECKS:
     conversions.check(name, geometry_msgs.msg, stamp)
 for seed in range(20):
     real_cloud(sensor_msgs.msg, geometry_msgs.msg, stamp, seed)
+of_two_libraries(geometry_msgs.msg, stamp)
 from tfdb.tf2 import tf2_geometry_msgs
 assert tf2_geometry_msgs.PoseStamped is geometry_msgs.msg.PoseStamped
 print("done")
@@ -268,6 +271,30 @@ def real_cloud(sensor: Any, geometry_classes: Any, stamp: Any, seed: int) -> Non
     ours = clouds.do_transform_cloud(cloud, turn)
     assert bytes(found.data) == ours.data
     assert len(expected(layout, cloud, matrix(turn))) == len(ours.data)
+
+
+def of_two_libraries(classes: Any, stamp: Any) -> None:
+    """A real point by a transform of ours; a real transform as a `tfdb.Transform`, a KDL frame."""
+    turn = random_transform(29)
+    real = conversions.Geometry(classes, stamp, np.random.default_rng(30))
+    point = real.new("PointStamped")
+    made = geometry.do_transform_point(point, turn)
+    assert type(made) is type(point)
+    assert made.header.frame_id == "target"
+    assert nanoseconds(made.header.stamp) == STAMP.nanoseconds
+    assert np.allclose(conversions.xyz(made.point), matrix(turn)[:3, 3], rtol=0, atol=1e-12)
+    message = real.transform()
+    found = tf2.convert(message, tfdb.Transform)
+    assert np.allclose(found.matrix, matrix(message), rtol=0, atol=1e-12)
+    back = tf2.convert(found, type(message))
+    assert type(back) is type(message)
+    assert nanoseconds(back.header.stamp) == STAMP.nanoseconds
+    if hasattr(classes.Point, "_md5sum"):
+        import PyKDL
+
+        frame = geometry.transform_to_kdl(message)
+        place = frame * PyKDL.Vector(1, 2, 3)
+        assert np.allclose(list(place), found.apply((1, 2, 3)), rtol=0, atol=1e-12)
 
 
 def run_with_real_messages(environment: dict[str, str], path: str, time: str) -> None:
