@@ -28,6 +28,8 @@ SECOND = 1_000_000_000
 START = 100 * SECOND
 SEEDS = range(60)
 OPERATIONS = 600
+EVERY = 100  # operations are followed by
+LOOKUPS = 280  # lookups of the state that they made
 CACHE_TIMES = [10 * SECOND, 10 * SECOND, 2 * SECOND, 0]
 FRAMES = [f"f{i}" for i in range(9)]
 ODD_NAMES = ["nowhere", "", "/f1"]
@@ -51,6 +53,7 @@ class Sequence:
     """Operations, as they are made up, with our answers."""
 
     def __init__(self, seed: int, records: Records) -> None:
+        self.seed = seed
         self.rng = random.Random(seed)
         self.turns_over = seed % 4 == 3  # a frame's child may become its parent later
         self.ours = Ours("ros1", records)
@@ -62,6 +65,18 @@ class Sequence:
     def note(self, operation: list[Any]) -> None:
         self.answers.append(self.ours.answer(operation))
         self.operations.append(operation)
+
+    def look_up(self) -> None:
+        """Ask many things of one state."""
+        drawn, self.rng = self.rng, random.Random(f"{self.seed} {len(self.operations)}")
+        for _ in range(LOOKUPS):
+            if self.rng.random() < 0.6:
+                self.note([self.rng.choice(["get", "get", "can"]), *self.names(2), self.time()])
+            else:
+                target, source, fixed = self.names(3)
+                verb = self.rng.choice(["full", "full", "canfull"])
+                self.note([verb, target, self.time(), source, self.time(), fixed])
+        self.rng = drawn
 
     def stamp(self) -> int:
         """On a grid of 0.1 s, so that stamps are hit and repeated, or anywhere between."""
@@ -178,8 +193,10 @@ def rows() -> list[Row]:
     try:
         sequences = [Sequence(seed, handler) for seed in SEEDS]
         for sequence in sequences:
-            for _ in range(OPERATIONS):
+            for number in range(1, OPERATIONS + 1):
                 sequence.step()
+                if number % EVERY == 0:
+                    sequence.look_up()
     finally:
         logger.propagate = True
         logger.removeHandler(handler)
@@ -198,6 +215,10 @@ def test_every_answer_agrees_or_differs_by_name(rows: list[Row]) -> None:
     for row in rows:
         if not same(row):
             assert difference(row) in DIFFERENCES, str(row)
+    asked = Counter(row.operation[0] for row in rows)
+    print(asked)
+    assert sum(asked[verb] for verb in ("get", "full", "can", "canfull")) >= 100_000
+    assert sum(row.ours[0] == "ok" for row in rows if row.operation[0] in {"get", "full"}) > 10_000
 
 
 def test_every_kind_of_answer_is_reached(rows: list[Row]) -> None:
