@@ -306,7 +306,9 @@ class Buffer(BufferCalls, BufferCore, BufferInterface):
             try:
                 return ask()
             except NO_ANSWER_YET:
-                if limit == 0 or not _may_come(question) or not self._block(question, deadline):
+                if limit == 0 or not _may_come(question):
+                    raise
+                if not self._block(question, deadline):
                     break
         return ask()
 
