@@ -33,7 +33,13 @@ def run(page: Path) -> None:
         exec(compile(source, str(page), "exec"), space)
 
 
-@pytest.mark.parametrize("page", [p for p in PAGES if blocks(p)], ids=lambda page: page.stem)
+# tests/ros/test_howto_live.py runs these, on real graphs.
+LIVE = {"ros1-node", "ros2-node"}
+
+
+@pytest.mark.parametrize(
+    "page", [p for p in PAGES if blocks(p) and p.stem not in LIVE], ids=lambda page: page.stem
+)
 def test_page_runs(page: Path, workplace: Path) -> None:
     run(page)
 
