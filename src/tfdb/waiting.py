@@ -73,6 +73,8 @@ class _Teller:
                 ended: list[tuple[int, End]] = [*self.buffer._ended_waits(LINGERS)]
             except MemoryError as error:
                 ended = [(number, error) for number in [*self.waits]]
+                for number, _ in ended:
+                    self.buffer._cancel_wait(number)
             told: defaultdict[Loop | None, list[tuple[Tell, End]]] = defaultdict(list)
             with _lock:
                 if not ended and not self.waits:
@@ -82,8 +84,6 @@ class _Teller:
                     if waiting := self.waits.pop(number, None):
                         loop, tell = waiting
                         told[loop].append((tell, how))
-                    if isinstance(how, MemoryError):
-                        self.buffer._cancel_wait(number)
             for loop, members in told.items():
                 if loop is None:
                     _tell_all(members)

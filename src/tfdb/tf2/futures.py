@@ -77,13 +77,11 @@ def future_here(
 
 def settle(future: Any, result: Any) -> None:
     """Give a future its result, or its exception, unless it has ended."""
-    if future.done():
-        return
     try:
         if isinstance(result, BaseException):
             future.set_exception(result)
         else:
             future.set_result(result)
-    except concurrent.futures.InvalidStateError:  # cancelled since, by another thread
+    except (concurrent.futures.InvalidStateError, asyncio.InvalidStateError):
         if not future.done():
             raise
