@@ -29,7 +29,7 @@ nb::object rate_of(const FrameInfo& info) {
 nb::object frame_info_of(const nb::object& type, const FrameInfo& info) {
     return type(str_of_name(info.name), name_or_none(info.parent), info.is_static, info.samples,
                 stamp_or_none(info.oldest), stamp_or_none(info.newest), rate_of(info),
-                escaped(info.authority), info.late, info.longest_gap);
+                escaped(info.authority), info.late, info.longest_gap, info.cleared);
 }
 
 nb::object frame_info(nb::handle self, const nb::str& name) {
@@ -46,6 +46,37 @@ nb::object parent_of(nb::handle self, const nb::str& name, nb::handle time) {
     const std::optional<StampNs> stamp = optional_stamp_of(time.ptr());
     return name_or_none(
         pinned.ask([&](const Reads& reads) { return reads.parent_of(bytes, stamp); }));
+}
+
+/// None: the walks meet, or a frame is missing. Else the edge (None: both end at roots), the stamp,
+/// the edge's data.
+nb::object reach(nb::handle self, const nb::str& target, const nb::str& source, nb::handle time) {
+    const Pinned pinned = pin(self, object_of<ReadsObject>(self));
+    const std::string_view to = name_of(target, "target");
+    const std::string_view from = name_of(source, "source");
+    std::optional<StampNs> stamp;
+    if (!time.is_none()) {
+        int overflow = 0;
+        stamp = PyLong_AsLongLongAndOverflow(time.ptr(), &overflow);
+        if (overflow != 0) {
+            stamp = overflow < 0 ? StampNs{-1} : clock::kMaxStamp + 1;
+        } else if (*stamp == -1 && PyErr_Occurred() != nullptr) {
+            throw nb::python_error();
+        }
+    }
+    const Reach found =
+        pinned.ask([&](const Reads& reads) { return reads.reach(to, from, stamp); });
+    switch (found.end) {
+        case Reach::kMet:
+        case Reach::kNowhere:
+            return nb::none();
+        case Reach::kApart:
+            return nb::make_tuple(nb::none(), found.stamp, nb::none(), nb::none());
+        case Reach::kGap:
+            break;
+    }
+    return nb::make_tuple(str_of_name(found.edge), found.stamp, stamp_or_none(found.oldest),
+                          stamp_or_none(found.newest));
 }
 
 nb::list tree(nb::handle self, nb::handle time) {
@@ -142,6 +173,15 @@ void bind_records(nb::class_<ReadsObject>& type) {
 
 A sample's parent holds from its stamp to the next sample's; before the first sample and after the
 last one the nearest one's counts. A static edge has its parent at every stamp. Raises UnknownFrame.)");
+    type.def(
+        "_reach", &reach, nb::arg("target"), nb::arg("source"), nb::arg("time").none(),
+        nb::sig("def _reach(self, target: str, source: str, time: int | None) -> tuple[str | "
+                "None, int, int | None, int | None] | None"),
+        R"(Where walks up from two frames stop for want of data; None: they meet, or one does not exist.
+
+Walks up from the source to its root, then from the target to where that ended, as far as each edge
+has data. Returns the edge that the second walk stopped at, else that of the first (None: both
+ended at roots), the stamp, and the edge's oldest and newest stamp (None: it was cleared).)");
     type.def("tree", &tree, nb::arg("time") = nb::none(),
              nb::sig("def tree(self, time: tfdb.stamps.StampLike | None = None) -> "
                      "list[tfdb.types.FrameInfo]"),

@@ -70,12 +70,16 @@ public:
         return found && clock::is_stamp(*found) ? found : std::nullopt;
     }
 
-    /// Whether there is an answer; nothing where the question is not plain.
-    [[nodiscard]] std::optional<bool> can(PyObject* target, PyObject* source,
-                                          PyObject* time) const {
-        const std::optional<StampNs> at = asked(target, source, time);
-        return at ? std::optional(can_find_pose(plain_.buffer, target, source, asked_of(*at)))
-                  : std::nullopt;
+    /// The stamp of a question that is plain.
+    [[nodiscard]] std::optional<StampNs> asked(PyObject* target, PyObject* source,
+                                               PyObject* time) const {
+        const bool named = PyUnicode_CheckExact(target) && PyUnicode_CheckExact(source);
+        return named ? stamp(time) : std::nullopt;
+    }
+
+    /// Whether such a question has an answer.
+    [[nodiscard]] bool can(PyObject* target, PyObject* source, StampNs at) const {
+        return can_find_pose(plain_.buffer, target, source, stamp_or_latest(at));
     }
 
     /// The answer as a message, a new reference; null where the question is not plain, has no
@@ -83,19 +87,13 @@ public:
     [[nodiscard]] PyObject* message(PyObject* target, PyObject* source, PyObject* time) const {
         const std::optional<StampNs> at = asked(target, source, time);
         const std::optional<Found> found =
-            at ? find_pose(plain_.buffer, target, source, asked_of(*at)) : std::nullopt;
+            at ? find_pose(plain_.buffer, target, source, stamp_or_latest(*at)) : std::nullopt;
         return found ? make_message(plain_.maker, target, source, *found) : nullptr;
     }
 
 private:
-    [[nodiscard]] std::optional<StampNs> asked(PyObject* target, PyObject* source,
-                                               PyObject* time) const {
-        const bool named = PyUnicode_CheckExact(target) && PyUnicode_CheckExact(source);
-        return named ? stamp(time) : std::nullopt;
-    }
-
     /// Time 0 is the latest common time.
-    static std::optional<StampNs> asked_of(StampNs at) {
+    static std::optional<StampNs> stamp_or_latest(StampNs at) {
         return at == 0 ? std::nullopt : std::optional(at);
     }
 
@@ -159,6 +157,7 @@ struct Methods {
     PyObject* slow_lookup_transform = nullptr;
     PyObject* slow_can_transform = nullptr;
     PyObject* slow_set_transform = nullptr;
+    PyObject* why_not = nullptr;
     PyObject* yes = nullptr;  // (1, "")
 };
 Methods g_methods;
@@ -181,11 +180,20 @@ PyObject* can_transform_core(PyObject* self, PyObject* const* args, Py_ssize_t c
     return guarded([&]() -> PyObject* {
         constexpr ParameterList kList{"can_transform_core", kCoreNames, 3, 3};
         const auto given = bind<3>(kList, args, count, keywords);
-        return answer_or_call(self, g_methods.slow_can_transform_core, given,
-                              [&](const Using& plain) -> PyObject* {
-                                  const auto can = plain.can(given[0], given[1], given[2]);
-                                  return can.value_or(false) ? Py_NewRef(g_methods.yes) : nullptr;
-                              });
+        const auto [target, source, time] = given;
+        return answer_or_call(
+            self, g_methods.slow_can_transform_core, given, [&](const Using& plain) -> PyObject* {
+                const std::optional<StampNs> at = plain.asked(target, source, time);
+                if (!at) {
+                    return nullptr;
+                }
+                if (plain.can(target, source, *at)) {
+                    return Py_NewRef(g_methods.yes);
+                }
+                const nb::object stamp = nb::int_(*at);
+                return PyObject_CallMethodObjArgs(self, g_methods.why_not, target, source,
+                                                  stamp.ptr(), nullptr);
+            });
     });
 }
 
@@ -214,11 +222,12 @@ PyObject* can_transform(PyObject* self, PyObject* const* args, Py_ssize_t count,
                                       (given[4] != nullptr && given[4] != Py_False)) {
                                       return nullptr;
                                   }
-                                  const auto can = plain.can(given[0], given[1], given[2]);
-                                  if (!can || (!*can && is_given(given[3]))) {
+                                  const auto at = plain.asked(given[0], given[1], given[2]);
+                                  const bool can = at && plain.can(given[0], given[1], *at);
+                                  if (!at || (!can && is_given(given[3]))) {
                                       return nullptr;  // it may come in time
                                   }
-                                  return PyLong_FromLong(*can ? 1 : 0);  // as tf2
+                                  return PyLong_FromLong(can ? 1 : 0);  // as tf2
                               });
     });
 }
@@ -449,6 +458,7 @@ void bind_tf2_calls(nb::module_& module) {
     g_methods.slow_lookup_transform = interned("_lookup_transform");
     g_methods.slow_can_transform = interned("_can_transform");
     g_methods.slow_set_transform = interned("_set_transform");
+    g_methods.why_not = interned("_why_not");
     g_methods.yes = nb::make_tuple(1, "").release().ptr();
     const nb::object core = made_type(g_core_spec, nullptr);
     g_core_calls = reinterpret_cast<PyTypeObject*>(core.inc_ref().ptr());

@@ -273,6 +273,8 @@ def test_the_tree_lists_all_frames() -> None:
     assert (root.parent, root.samples, root.oldest, root.rate) == (None, 0, None, None)
     static = buffer.frame_info("lidar")
     assert (static.is_static, static.samples, static.newest) == (True, 1, None)
+    buffer.clear()
+    assert [info.name for info in buffer.tree() if info.cleared] == sorted(MOVING)
     assert static.authority == "urdf"
 
 

@@ -272,6 +272,17 @@ class Reads:
         last one the nearest one's counts. A static edge has its parent at every stamp. Raises UnknownFrame.
         """
 
+    def _reach(
+        self, target: str, source: str, time: int | None
+    ) -> tuple[str | None, int, int | None, int | None] | None:
+        """
+        Where walks up from two frames stop for want of data; None: they meet, or one does not exist.
+
+        Walks up from the source to its root, then from the target to where that ended, as far as each edge
+        has data. Returns the edge that the second walk stopped at, else that of the first (None: both
+        ended at roots), the stamp, and the edge's oldest and newest stamp (None: it was cleared).
+        """
+
     def tree(self, time: tfdb.stamps.StampLike | None = None) -> list[tfdb.types.FrameInfo]:
         """
         All frames, sorted by name, with the parents they have at a stamp (None: newest).

@@ -264,6 +264,8 @@ class FrameInfo:
     snapshot, too, how many did so up to now."""
     longest_gap: int = 0
     """Longest time between two neighbouring samples, nanoseconds."""
+    cleared: bool = False
+    """Whether it had samples that `Buffer.clear` dropped, and has none since."""
 
 
 @dataclass(frozen=True, slots=True)

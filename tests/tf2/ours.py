@@ -93,9 +93,6 @@ class Ours:
     def clear(self) -> None:
         self.core.clear()
 
-    def clear_elsewhere(self) -> None:
-        self.core.buffer.clear()
-
     def returned(self, parent: str, child: str, stamp: int, pose: Any) -> bool:
         return self.core.set_transform(message(parent, child, stamp, pose), "me")
 

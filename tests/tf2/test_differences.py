@@ -117,11 +117,6 @@ CASES = {
         lambda answer: answer[0] == "ok",
         lambda answer: answer[0] == "InvalidArgumentException",
     ),
-    "emptied": Case(
-        [stored("a", "b", SECOND), ["clear_elsewhere"], ["get", "a", "b", SECOND]],
-        lambda answer: answer[0] == "ExtrapolationException",
-        lambda answer: answer[0] == "ConnectivityException",
-    ),
 }
 OF_ROS2 = {"same_stamp", "stamps", "pruning"}
 

@@ -73,10 +73,6 @@ class Child:
     def clear(self):
         self.core.clear()
 
-    def clear_elsewhere(self):
-        """Another process that has our store open; there is no other way for tf2."""
-        self.core.clear()
-
     def returned(self, parent, child, stamp, pose):
         return self.core.set_transform(message(parent, child, stamp, pose), "me")
 

@@ -71,6 +71,8 @@ public:
     /// May be newer than the snapshot: then it says less.
     [[nodiscard]] std::uint64_t topology() const { return topology_; }
     [[nodiscard]] bool is_static() const { return newest_ && newest_.stamp == kStaticStamp; }
+    /// It had samples, and has none since a clear.
+    [[nodiscard]] bool cleared() const { return empty() && (topology_ & Topology::kCleared) != 0; }
     /// True only if all samples name one parent (by its slot, which may have had another frame).
     [[nodiscard]] bool one_parent() const { return (topology_ & Topology::kMixedParents) == 0; }
 

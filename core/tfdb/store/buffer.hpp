@@ -94,8 +94,25 @@ struct FrameInfo {
     StampNs oldest = -1;        // -1: no moving samples
     StampNs newest = -1;
     StampNs longest_gap = 0;
+    bool cleared = false;    // it had samples, which were dropped, and has none since
     std::string authority;   // who wrote last, in the newest state
     std::uint64_t late = 0;  // samples that came out of order, in the newest state
+};
+
+/// How far two walks come that only go where there is data at a stamp: one from the source up to
+/// its root, or to the target, and one from the target up to where the first ended.
+struct Reach {
+    enum End : std::uint8_t {
+        kMet,      // they meet
+        kApart,    // both end at roots
+        kGap,      // one ends at an edge without data; of two such edges the target's is told
+        kNowhere,  // a frame does not exist
+    };
+    End end = kMet;
+    StampNs stamp = 0;  // that was walked at
+    std::string edge;   // kGap: its child
+    StampNs oldest = -1;
+    StampNs newest = -1;  // its data; -1: it had some, and was cleared
 };
 
 struct Samples {
@@ -269,6 +286,10 @@ public:
     /// All frames with the parents that they have at `stamp` (none: newest), sorted by name.
     [[nodiscard]] std::vector<FrameInfo> tree(std::optional<StampNs> stamp = std::nullopt) const;
     [[nodiscard]] Samples samples(std::string_view name) const;
+    /// At a stamp, which may also be negative; none: the latest common time. At 0, of a path that
+    /// does not move, edges that do have their newest parents.
+    [[nodiscard]] Reach reach(std::string_view target, std::string_view source,
+                              std::optional<StampNs> stamp) const;
     /// Name of a frame used in an answer; "(removed)" if its slot was reused since.
     [[nodiscard]] std::string frame_name(FrameId id, std::uint32_t generation) const;
     [[nodiscard]] CommitNumber commit() const;  // of the state that is read

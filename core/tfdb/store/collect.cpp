@@ -46,6 +46,7 @@ Outcome outline(const StoreView& view, FrameId id, Outline& out) {
     if (!view.open(id, edge))
         return Outcome::kLapped;
     out.is_static = edge.is_static();
+    out.cleared = edge.cleared();
     out.extent.samples = out.is_static ? 1 : 0;
     if (!edge.empty()) {
         const std::uint64_t newest = edge.slot_word(edge.newest());

@@ -21,6 +21,7 @@ struct Track {
 /// What an edge is like, in a few figures.
 struct Outline {
     bool is_static = false;
+    bool cleared = false;       // it had samples, and has none since a clear
     history::Extent extent;     // a static pose has no stamp
     FrameId parent = kNoFrame;  // that the newest sample names
     CommitNumber named = 0;     // in which commit

@@ -220,6 +220,52 @@ TFDB_TEST(frames_inspection_tells_what_is_stored) {
     CHECK_EQ(then[0].parent.value_or(""), "odom");
     CHECK(buffer.samples("base").parents == std::vector<std::string>({"map", "odom", "map"}));
     CHECK(buffer.samples("eye").stamps == std::vector<StampNs>({-1}));
+    const Snapshot held = buffer.snapshot();
+    buffer.clear();
+    CHECK(buffer.frame_info("base").cleared && !held.frame_info("base").cleared);
+    CHECK(!buffer.frame_info("eye").cleared && !buffer.frame_info("map").cleared);
+    set(buffer, "map", "base", 40, pose_of(5));
+    CHECK(!buffer.frame_info("base").cleared);
+}
+
+TFDB_TEST(frames_reach_tells_which_edge_has_no_data) {
+    Buffer buffer(keeping(std::nullopt));
+    set(buffer, "map", "odom", 10, pose_of(1));
+    set(buffer, "map", "odom", 30, pose_of(2));
+    set(buffer, "odom", "base", 20, pose_of(3));
+    set_static(buffer, "base", "eye", pose_of(4));
+    set(buffer, "world", "arm", 20, pose_of(5));
+    const auto is_gap = [](const Reach& reach, std::string_view edge, StampNs oldest,
+                           StampNs newest) {
+        return reach.end == Reach::kGap && reach.edge == edge && reach.oldest == oldest &&
+               reach.newest == newest;
+    };
+    for (const auto& [target, source] : {std::pair("map", "eye"), std::pair("eye", "map")}) {
+        CHECK(buffer.reach(target, source, 20).end == Reach::kMet);
+        const Reach latest = buffer.reach(target, source, {});
+        CHECK(latest.end == Reach::kMet && latest.stamp == 20);
+        CHECK(is_gap(buffer.reach(target, source, 25), "base", 20, 20));
+        CHECK(is_gap(buffer.reach(target, source, -1), "base", 20, 20));
+    }
+    CHECK(buffer.reach("base", "eye", -1).end == Reach::kMet);
+    CHECK(buffer.reach("eye", "eye", 99).end == Reach::kMet);
+    CHECK(is_gap(buffer.reach("map", "odom", 40), "odom", 10, 30));
+    CHECK(buffer.reach("arm", "eye", 20).end == Reach::kApart);
+    CHECK(buffer.reach("arm", "eye", {}).end == Reach::kApart);
+    CHECK(is_gap(buffer.reach("arm", "eye", 30), "arm", 20, 20));
+    CHECK(is_gap(buffer.reach("world", "eye", 30), "base", 20, 20));
+    // The walk from the source goes on above the frame at which the two could meet.
+    set(buffer, "odom", "lamp", 40, pose_of(6));
+    set(buffer, "odom", "lamp", 50, pose_of(6));
+    CHECK(buffer.reach("base", "lamp", 40).end == Reach::kGap);
+    set(buffer, "lamp", "bulb", 40, pose_of(7));
+    CHECK(buffer.reach("lamp", "bulb", 40).end == Reach::kMet);
+    CHECK(buffer.reach("map", "nobody", 20).end == Reach::kNowhere);
+    CHECK(buffer.reach("nobody", "nobody", {}).end == Reach::kNowhere);
+    const Snapshot held = buffer.snapshot();
+    buffer.clear();
+    CHECK(is_gap(buffer.reach("map", "eye", 20), "base", -1, -1));
+    CHECK(held.reach("map", "eye", 20).end == Reach::kMet);
 }
 
 }  // namespace tfdb

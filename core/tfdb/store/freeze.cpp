@@ -77,6 +77,7 @@ struct Found {
     std::uint64_t late = 0;
     std::string authority;
     std::uint64_t samples = 0;  // those of its edge
+    bool cleared = false;
 };
 
 /// Writes a state: in front all that is looked up, in a region of memory first, then samples, edge
@@ -143,6 +144,7 @@ private:
                 Outline outline;
                 const Outcome outcome = store::outline(view, frame.id, outline);
                 frame.samples = outline.is_static ? 1 : outline.extent.samples;
+                frame.cleared = outline.cleared;
                 frame.late = store_.frames.word(frame.id, history::kLate).load_relaxed();
                 frame.authority = store_.author(frame.id);
                 return view.alive(frame.id) ? outcome : Outcome::kLapped;
@@ -246,8 +248,11 @@ private:
             directory.sum_up_all(0, entry);
             directory.update_rate();
         }
-        if (parent == kNoFrame)
+        if (parent == kNoFrame) {
+            if (found_[id].cleared)
+                word(history::kTopology).store_relaxed(Topology::kRoot | Topology::kCleared);
             return;
+        }
         word(history::kTopology).store_relaxed(Topology::with_parent(flags, parent, 0));
         frames.refresh_hint(id);
     }

@@ -59,7 +59,7 @@ std::string shown(const FrameInfo& info) {
     return info.name + " in " + info.parent.value_or("-") + (info.is_static ? " static " : " ") +
            std::to_string(info.samples) + " " + std::to_string(info.oldest) + " " +
            std::to_string(info.newest) + " " + std::to_string(info.longest_gap) + " by " +
-           info.authority + " " + std::to_string(info.late);
+           info.authority + " " + std::to_string(info.late) + (info.cleared ? " cleared" : "");
 }
 std::string shown(const Reads& reads, const Answer& answer) {
     std::string text = bits(answer.pose) + "at " + std::to_string(answer.stamp) + " of " +

@@ -32,6 +32,7 @@ Outcome fill_info(const store::Store& store, const StoreView& view, FrameId id, 
     if (outcome != Outcome::kOk)
         return outcome;
     info.is_static = outline.is_static;
+    info.cleared = outline.cleared;
     info.samples = outline.extent.samples;
     info.oldest = outline.extent.first;
     info.newest = outline.extent.last;
@@ -45,6 +46,57 @@ Outcome fill_info(const store::Store& store, const StoreView& view, FrameId id, 
         }
     }
     return read_name(store, view, id, info.name) ? Outcome::kOk : Outcome::kLapped;
+}
+
+/// One walk of a Reach: from a frame up to `goal`, a root, or an edge without data.
+Outcome climb(const StoreView& view, FrameId goal, FrameId& frame, bool& at_gap, Reach& reach) {
+    at_gap = false;
+    for (FrameId steps = 0; frame != goal && steps <= view.frame_count(); ++steps) {
+        StoreEdge edge;
+        if (!view.open(frame, edge))
+            return Outcome::kLapped;
+        history::SampleAt oldest;
+        const bool moves = !edge.empty() && !edge.is_static();
+        if (moves && !edge.oldest(oldest))
+            return Outcome::kLapped;
+        const StampNs newest = moves ? edge.newest().stamp : -1;
+        const bool cleared = edge.cleared();
+        if (!edge.confirm())
+            return Outcome::kLapped;
+        const bool anywhere = !moves || (reach.stamp == 0 && oldest.stamp > 0);
+        if (cleared || (!anywhere && (reach.stamp < oldest.stamp || reach.stamp > newest))) {
+            at_gap = true;
+            reach.oldest = oldest.stamp;
+            reach.newest = newest;
+            return Outcome::kOk;
+        }
+        FrameId parent = kNoFrame;
+        const Outcome found = lookup::parent_at(
+            view, frame, anywhere ? std::nullopt : std::optional(reach.stamp), parent);
+        if (found != Outcome::kOk || parent == kNoFrame)
+            return found;
+        frame = parent;
+    }
+    return Outcome::kOk;
+}
+
+Outcome walk_both(const store::Store& store, const StoreView& view, FrameId target, FrameId source,
+                  Reach& reach) {
+    FrameId top = source;
+    bool source_at_gap = false;
+    bool at_gap = false;
+    reach.end = Reach::kMet;
+    Outcome outcome = climb(view, target, top, source_at_gap, reach);
+    if (outcome != Outcome::kOk || top == target)
+        return outcome;
+    FrameId end = target;
+    outcome = climb(view, top, end, at_gap, reach);
+    if (outcome != Outcome::kOk || end == top || end == source)
+        return outcome;
+    reach.end = at_gap || source_at_gap ? Reach::kGap : Reach::kApart;
+    if (reach.end == Reach::kGap && !read_name(store, view, at_gap ? end : top, reach.edge))
+        return Outcome::kLapped;
+    return Outcome::kOk;
 }
 
 template <class Visit>
@@ -155,6 +207,38 @@ Samples Reads::samples(std::string_view name) const {
     if (outcome == Outcome::kLapped)
         store::throw_unreadable(*store_, held_);
     return out;
+}
+
+Reach Reads::reach(std::string_view target, std::string_view source,
+                   std::optional<StampNs> stamp) const {
+    Reach reach;
+    const auto walk = [&](const StoreView& view, FrameId to, FrameId from) {
+        if (to == kNoFrame || from == kNoFrame)
+            reach.end = Reach::kNowhere;
+        if (to == from || reach.end == Reach::kNowhere)
+            return Outcome::kOk;
+        if (!stamp) {
+            Answer answer;
+            lookup::Failure failure;
+            const Outcome found = lookup::latest_common_time(view, to, from, answer, failure);
+            if (found == Outcome::kFailed)
+                reach.end = Reach::kApart;
+            if (found != Outcome::kOk)
+                return found == Outcome::kFailed ? Outcome::kOk : found;
+            reach.stamp = answer.stamp;
+        }
+        return walk_both(*store_, view, to, from, reach);
+    };
+    const Outcome outcome = store::read(*store_, held_, kFresh, [&](const StoreView& view) {
+        reach = Reach{};
+        reach.stamp = stamp.value_or(0);
+        const FrameId to = store_->names.find(target, view.commit());
+        const FrameId from = store_->names.find(source, view.commit());
+        return store::unless_reused(*store_, view.commit(), walk(view, to, from));
+    });
+    if (outcome == Outcome::kLapped)
+        store::throw_unreadable(*store_, held_);
+    return reach;
 }
 
 std::optional<std::string> Reads::parent_of(std::string_view name,

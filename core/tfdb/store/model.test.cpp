@@ -293,7 +293,7 @@ private:
             CHECK(told.name == wanted.name && told.parent == wanted.parent);
             CHECK(told.is_static == wanted.is_static && told.samples == wanted.samples);
             CHECK(told.oldest == wanted.oldest && told.newest == wanted.newest);
-            CHECK_EQ(told.longest_gap, wanted.longest_gap);
+            CHECK(told.longest_gap == wanted.longest_gap && told.cleared == wanted.cleared);
             CHECK_EQ(tree[i].name, names[i]);
             CHECK_EQ(tree[i].parent.value_or(""), model_.parent_of(state, names[i], at).value());
         }

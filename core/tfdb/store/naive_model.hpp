@@ -557,6 +557,9 @@ inline FrameInfo Model::info(std::size_t state, const std::string& name) const {
     info.is_static = !all.stamps.empty() && all.stamps.back() < 0;
     if (!all.parents.empty() && !all.parents.back().empty())
         info.parent = all.parents.back();
+    const auto frame = static_cast<std::size_t>(find(name, state));
+    info.cleared = all.stamps.empty() && frame < samples_.size() && !samples_[frame].empty() &&
+                   samples_[frame].front().commit <= state;
     if (all.stamps.empty() || info.is_static)
         return info;
     info.oldest = all.stamps.front();

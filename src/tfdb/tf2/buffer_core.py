@@ -18,7 +18,7 @@ from .exceptions import (
 )
 from .ros_messages import installed, makers
 from .times import SECOND, Flavor, flavor_of, nanoseconds
-from .why import TwoTrees, Walker
+from .why import Gap, TwoTrees, refusal
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -83,7 +83,6 @@ class BufferCore(CoreCalls):
                 raise InvalidArgumentException(text, value=cache_time)
         # With a length of 0 tf2 keeps the newest sample alone, and 1 ns does the same.
         self._buffer = tfdb.Buffer(history=max(length, 1) / SECOND) if buffer is None else buffer
-        self._emptied: set[str] = set()
         self._settled = False
 
     @property
@@ -149,7 +148,7 @@ class BufferCore(CoreCalls):
         """Store it: a frame stays of the kind that it first was, a stamp keeps its first value."""
         buffer, parent, child = self._buffer, write.parent, write.child
         pose, authority = (write.translation, write.rotation), write.authority
-        if static and child not in self._emptied:
+        if static and not self._was_cleared(child):
             try:
                 buffer.set_static_transform(parent, child, *pose, authority=authority)
             except tfdb.StaticConflict:
@@ -162,6 +161,10 @@ class BufferCore(CoreCalls):
             )
         except tfdb.StaticConflict:
             buffer.set_static_transform(parent, child, *pose, authority=authority)
+
+    def _was_cleared(self, frame: str) -> bool:
+        """Whether a frame moved, and has no samples since it was cleared."""
+        return self._buffer.frame_exists(frame) and self._buffer.frame_info(frame).cleared
 
     def _store_ros2(self, write: refusals.Write, *, static: bool) -> None:
         """Store it: a frame becomes of the kind that is written, a stamp has its last value."""
@@ -176,8 +179,6 @@ class BufferCore(CoreCalls):
 
     def clear(self) -> None:
         """Drop all moving samples; frames and static transforms stay."""
-        moving = {info.name for info in self._buffer.tree() if info.oldest is not None}
-        self._emptied |= moving
         self._buffer.clear()
 
     # Lookups
@@ -234,8 +235,7 @@ class BufferCore(CoreCalls):
             target_frame, source_frame, stamp or None
         ):
             return 1, ""
-        names = _by_role(target_frame, source_frame)
-        return self._can(names, [(target_frame, source_frame, stamp)])
+        return self._why_not(target_frame, source_frame, stamp)
 
     def can_transform_full_core(
         self,
@@ -352,7 +352,7 @@ class BufferCore(CoreCalls):
 
     def all_frames_as_string(self) -> str:
         """All frames that have, or had, a parent: one line each."""
-        return listings.as_string(self._buffer.tree(), self._emptied)
+        return listings.as_string(self._buffer.tree())
 
     def _allFramesAsDot(self, time: Any = None) -> str:  # noqa: N802 - tf2's name
         """Return the tree as a graph for dot; with `time` also how old each edge is."""
@@ -395,25 +395,35 @@ class BufferCore(CoreCalls):
 
     # What is said where there is no answer
 
+    def _why_not(self, target: str, source: str, stamp: int) -> tuple[int, str]:
+        """What `can_transform_core` returns where the store has no answer."""
+        question = target, source, stamp
+        why = refusal(self._buffer, target, source, stamp)
+        if why is None:
+            return self._can(_by_role(target, source), [question])
+        return 0, refusals.reason(why, self.flavor, target, source)
+
     def _can(self, names: dict[str, str], questions: list[Question]) -> tuple[int, str]:
         """Whether all questions have an answer in one state; if not, why."""
         with self._buffer.snapshot() as snapshot:
+            fault = self._name_fault(snapshot, names, "canTransform")
+            if fault is not None:
+                return 0, fault[1]
             try:
-                self._check_names(snapshot, names, "canTransform", None)
                 for question in questions:
-                    why = self._why_not(snapshot, question)
+                    why = self._why_not_in(snapshot, question)
                     if why is not None:
                         return 0, why
             except TransformException as error:
                 return 0, str(error)
         return 1, ""
 
-    def _why_not(self, snapshot: Snapshot, question: Question) -> str | None:
+    def _why_not_in(self, snapshot: Snapshot, question: Question) -> str | None:
         """Say in tf2's words why a question has no answer; no error is made for it if need be."""
         target, source, stamp = question
         if 0 <= stamp <= LAST_STAMP and snapshot.can_transform(target, source, stamp or None):
             return None
-        why = Walker(snapshot, self._emptied).refusal(target, source, stamp)
+        why = refusal(snapshot, target, source, stamp)
         if why is None:
             self._answer_in(snapshot, question, None)
             return None
@@ -422,6 +432,9 @@ class BufferCore(CoreCalls):
     def _answer_or_raise(self, question: Question, error: TfdbError) -> tuple[Transform, int]:
         """Give an answer that the store lacked, or has by now; else raise tf2's error."""
         target, source, _ = question
+        why = refusal(self._buffer, *question)
+        if why is not None:
+            raise self._refused(why, question, error) from error
         names = _by_role(target, source)
         with self._buffer.snapshot() as snapshot:
             self._check_names(snapshot, names, "lookupTransform", error)
@@ -433,7 +446,7 @@ class BufferCore(CoreCalls):
         """T[target<-source] and its stamp in a snapshot, or tf2's error. The frames exist."""
         target, source, stamp = question
         if not 0 <= stamp <= LAST_STAMP:
-            if Walker(snapshot, self._emptied).refusal(target, source, stamp) is None:
+            if refusal(snapshot, target, source, stamp) is None:
                 # Nothing moves on the path.
                 return snapshot.lookup_transform(target, source), stamp
             self._raise(snapshot, question, error or InvalidArgument(stamp=stamp))
@@ -443,26 +456,44 @@ class BufferCore(CoreCalls):
             self._raise(snapshot, question, cause)
         return found, found.stamp
 
+    def _name_fault(
+        self, snapshot: Snapshot, names: dict[str, str], function: str
+    ) -> tuple[str, str] | None:
+        """Tell the first of some names, by role, that names no frame, and what tf2 says of it."""
+        for role, name in names.items():
+            if not name or name.startswith("/"):
+                return name, phrases.bad_name(self.flavor, function, role, name)
+            if not snapshot.frame_exists(name):
+                return name, phrases.unknown(self.flavor, function, role, name)
+        return None
+
     def _check_names(
         self, snapshot: Snapshot, names: dict[str, str], function: str, cause: TfdbError | None
     ) -> None:
         """Raise tf2's error for the first of some names, by role, that names no frame."""
-        for role, name in names.items():
-            if not name or name.startswith("/"):
-                text = phrases.bad_name(self.flavor, function, role, name)
-                raise InvalidArgumentException(text, value=name) from cause
-            if not snapshot.frame_exists(name):
-                text = phrases.unknown(self.flavor, function, role, name)
-                error = UnknownFrame(frame=name) if cause is None else cause
-                raise with_fields_of(error, LookupException, text, frame=name) from cause
+        fault = self._name_fault(snapshot, names, function)
+        if fault is None:
+            return
+        name, text = fault
+        if not name or name.startswith("/"):
+            raise InvalidArgumentException(text, value=name) from cause
+        error = UnknownFrame(frame=name) if cause is None else cause
+        raise with_fields_of(error, LookupException, text, frame=name) from cause
 
     def _raise(self, snapshot: Snapshot, question: Question, cause: TfdbError) -> NoReturn:
         """Raise tf2's error for a question about frames that exist."""
         target, source, stamp = question
-        why = Walker(snapshot, self._emptied).refusal(target, source, stamp)
-        if isinstance(why, TwoTrees):
-            text = refusals.reason(why, self.flavor, target, source)
-            raise with_fields_of(cause, ConnectivityException, text) from cause
+        why = refusal(snapshot, target, source, stamp)
         if why is None:
             raise refusals.translated(cause, self.flavor, target, source) from cause
-        raise refusals.extrapolation(why, self.flavor, target, source, cause) from cause
+        raise self._refused(why, question, cause) from cause
+
+    def _refused(
+        self, why: Gap | TwoTrees, question: Question, cause: TfdbError
+    ) -> TransformException:
+        """Make tf2's error for a question without an answer."""
+        target, source, _ = question
+        if isinstance(why, Gap):
+            return refusals.extrapolation(why, self.flavor, target, source, cause)
+        text = refusals.reason(why, self.flavor, target, source)
+        return with_fields_of(cause, ConnectivityException, text)

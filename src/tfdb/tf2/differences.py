@@ -112,12 +112,6 @@ DIFFERENCES: dict[str, Difference] = {
         "InvalidArgumentException",
         "it is a mistake",
     ),
-    "emptied": Difference(
-        "after clear() tf2 remembers which frames had data",
-        "so does this one, of its own calls of clear(); where another process cleared the store, a "
-        "lookup raises ConnectivityException, where tf2 has ExtrapolationException",
-        "the store keeps no data of what is not there",
-    ),
     "conversion_header": Difference(
         "do_transform_* gives the result the transform's own header; [2] do_transform_vector3 sets "
         "the translation of the given transform to 0",

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 from .phrases import seconds
 
 if TYPE_CHECKING:
-    from collections.abc import Container, Iterable, Sequence
+    from collections.abc import Iterable, Sequence
 
     from tfdb import Transform
     from tfdb.types import FrameInfo
@@ -59,12 +59,12 @@ def as_yaml(tree: Iterable[FrameInfo], flavor: Flavor) -> str:
     return "\n".join(lines) + "\n"
 
 
-def as_string(tree: Iterable[FrameInfo], emptied: Container[str]) -> str:
+def as_string(tree: Iterable[FrameInfo]) -> str:
     """All edges, one line each."""
     return "".join(
         f"Frame {info.name} exists with parent {info.parent or 'NO_PARENT'}.\n"
         for info in tree
-        if info.parent is not None or info.name in emptied
+        if info.parent is not None or info.cleared
     )
 
 

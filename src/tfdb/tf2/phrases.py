@@ -8,15 +8,18 @@ if TYPE_CHECKING:
     from .times import Flavor
 
 SECOND = 1_000_000_000
+UNITS = {3: 1_000_000, 6: 1_000, 9: 1}  # nanoseconds of the last of so many digits
+FORMS = {digits: f"%d.%0{digits}d" for digits in UNITS}
 REASONS = "http://wiki.ros.org/tf/Errors%20explained"
 
 
 def seconds(stamp: int, digits: int) -> str:
     """Write nanoseconds as seconds; no float is involved, so that nine digits are nine digits."""
-    sign = "-" if stamp < 0 else ""
-    unit = 10 ** (9 - digits)
-    whole, rest = divmod((abs(stamp) + unit // 2) // unit, 10**digits)
-    return f"{sign}{whole}.{rest:0{digits}d}"
+    if stamp < 0:
+        return "-" + seconds(-stamp, digits)
+    unit = UNITS[digits]
+    whole, rest = divmod(stamp + unit // 2, SECOND)
+    return FORMS[digits] % (whole, rest // unit)
 
 
 def bad_name(flavor: Flavor, function: str, role: str, name: str) -> str:

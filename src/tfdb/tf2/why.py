@@ -7,19 +7,13 @@ meeting point of the two, and two trees may be told as an extrapolation.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import TYPE_CHECKING
-
-from tfdb.errors import Disconnected
+from typing import TYPE_CHECKING, NamedTuple
 
 if TYPE_CHECKING:
-    from collections.abc import Container
-
-    from tfdb import Snapshot
+    from tfdb._core import Reads
 
 
-@dataclass(frozen=True, slots=True)
-class Gap:
+class Gap(NamedTuple):
     """An edge without data at a stamp."""
 
     edge: str
@@ -27,61 +21,22 @@ class Gap:
     stamp: int
     """The stamp that was asked for."""
     oldest: int | None
-    """Its first stamp; None: it has been emptied."""
+    """Its first stamp; None: it has been cleared."""
     newest: int | None
-    """Its last stamp; None: it has been emptied."""
+    """Its last stamp; None: it has been cleared."""
 
 
 class TwoTrees:
     """No path joins the frames, as far as tf2 looks."""
 
 
-class Walker:
-    """Walks one snapshot at one stamp, as tf2 does."""
+def refusal(reads: Reads, target: str, source: str, stamp: int) -> Gap | TwoTrees | None:
+    """Why T[target<-source] at a stamp has no answer, where both frames exist; None: tf2 has one.
 
-    def __init__(self, snapshot: Snapshot, emptied: Container[str]) -> None:
-        self._snapshot = snapshot
-        self._emptied = emptied
-
-    def refusal(self, target: str, source: str, stamp: int) -> Gap | TwoTrees | None:
-        """Why T[target<-source] at a stamp has no answer; None: tf2 would have one.
-
-        Both frames exist. Stamp 0 is the latest common time.
-        """
-        if target == source:
-            return None
-        if stamp == 0:
-            try:
-                stamp = self._snapshot.latest_common_time(target, source)
-            except Disconnected:
-                return TwoTrees()
-        top, first = self._climb(source, target, stamp)
-        if top == target:
-            return None
-        reached, second = self._climb(target, top, stamp)
-        if reached in {top, source}:
-            return None
-        return second or first or TwoTrees()
-
-    def _climb(self, frame: str, goal: str, stamp: int) -> tuple[str, Gap | None]:
-        """Walk up to `goal`, or to a root, or to a gap: where it ended, and the gap."""
-        while frame != goal:
-            above = self._parent(frame, stamp)
-            if above is None or isinstance(above, Gap):
-                return frame, above
-            frame = above
-        return frame, None
-
-    def _parent(self, frame: str, stamp: int) -> str | Gap | None:
-        """Its parent at the stamp; None for a root."""
-        info = self._snapshot.frame_info(frame)
-        if info.is_static:
-            return info.parent
-        if info.oldest is None or info.newest is None:
-            return Gap(frame, stamp, None, None) if frame in self._emptied else None
-        # An all-static path is walked at stamp 0, where tf2 takes what is newest.
-        if stamp == 0 < info.oldest:
-            return info.parent
-        if not info.oldest <= stamp <= info.newest:
-            return Gap(frame, stamp, info.oldest, info.newest)
-        return self._snapshot.parent_of(frame, stamp)
+    Stamp 0 is the latest common time.
+    """
+    found = reads._reach(target, source, stamp or None)
+    if found is None:
+        return None
+    edge, common_time, oldest, newest = found
+    return TwoTrees() if edge is None else Gap(edge, stamp or common_time, oldest, newest)
