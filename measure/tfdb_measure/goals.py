@@ -163,6 +163,7 @@ def _lookups() -> Iterator[Goal]:
     yield faster(text, TF2_ROS, 60, python(latest, 4, _NEWEST), python(latest, 4, "tf2_ros"))
     text = "Python latest common time, chain of 4"
     yield faster(text, TF2_ROS, None, python(latest, 4, "tfdb"), python(latest, 4, "tf2_ros"))
+    yield from _calls_of_tf2()
     text = "our Python lookup against their C++ lookup, chain of 4"
     yield faster(text, TF2, 2, python(mid, 4, "tfdb"), cpp(mid, 4, "tf2"))
     text = "Python lookup by name against a compiled `plan.at`, chain of 4"
@@ -172,6 +173,18 @@ def _lookups() -> Iterator[Goal]:
     text = "Python latest with `.matrix` against a compiled `plan.latest`, chain of 4"
     ours = python(latest, 4, f"{_NEWEST}, as a matrix")
     yield faster(text, TREE, 1, ours, python(latest, 4, "transform-tree plan.latest"))
+
+
+def _calls_of_tf2() -> Iterator[Goal]:
+    """Judge the drop-in: the same call of the same program, message out and message in."""
+    for row, call, goal in (
+        ("lookup mid", "`lookup_transform`, interpolated", 6),
+        ("can_transform", "`can_transform`", 8),
+        ("can_transform, no answer", "`can_transform` without an answer", None),
+        ("set_transform", "`set_transform`, the making of the message included", 2),
+    ):
+        ours, theirs = python(row, 4, "tfdb.tf2"), python(row, 4, "tf2_ros")
+        yield faster(f"`tfdb.tf2.Buffer`: {call}, chain of 4", TF2_ROS, goal, ours, theirs)
 
 
 def _writes() -> Iterator[Goal]:

@@ -36,6 +36,7 @@ HOURS = 3_600.0
 TOLERANCES = {"pytransform3d": 1e-5, "schiebung": 1e-7}
 NEEDED = {
     "tfdb": "tfdb",
+    "tfdb_tf2": "tfdb",
     "tf2": "tf2_ros",
     "transform_tree": "tf_tree",
     "pytransform3d": "pytransform3d",
@@ -150,7 +151,7 @@ def _interpreters(env: Path, *contenders: str) -> dict[str, Path]:
 def python(results: Results, effort: Effort) -> None:
     """Rows of Python libraries, each in a process of its own."""
     interpreters = _interpreters(
-        effort.env, "tfdb", "tf2", "transform_tree", "pytransform3d", "schiebung"
+        effort.env, "tfdb", "tfdb_tf2", "tf2", "transform_tree", "pytransform3d", "schiebung"
     )
     for chain in effort.chains:
         workers = {name: Worker(name, path) for name, path in interpreters.items()}
@@ -179,6 +180,16 @@ def _same_answers(workers: dict[str, Worker]) -> None:
         compare_poses(expected, poses, name, TOLERANCES.get(name, 1e-12))
 
 
+def _whether() -> dict[str, list[tuple[str, str, str]]]:
+    """Return the rows of can_transform: title, contender, operation."""
+    yes, no = "can_transform", "can_transform, no answer"
+    both = (("tfdb.tf2", "tfdb_tf2"), ("tf2_ros", "tf2"))
+    return {
+        yes: [("tfdb", "tfdb", yes), *((*who, yes) for who in both)],
+        no: [(*who, no) for who in both],
+    }
+
+
 def _python_turns(workers: dict[str, Worker]) -> Iterator[tuple[str, list[Turn]]]:
     """Return which operation of which contender belongs to which row."""
     batches = [
@@ -189,6 +200,7 @@ def _python_turns(workers: dict[str, Worker]) -> Iterator[tuple[str, list[Turn]]
         "lookup mid": [
             ("tfdb", "tfdb", "lookup mid"),
             ("tfdb, as a matrix", "tfdb", "lookup mid, matrix"),
+            ("tfdb.tf2", "tfdb_tf2", "lookup mid"),
             ("tf2_ros", "tf2", "lookup mid"),
             ("transform-tree plan.at", "transform_tree", "lookup mid"),
             ("transform-tree by name", "transform_tree", "lookup mid by name"),
@@ -199,11 +211,12 @@ def _python_turns(workers: dict[str, Worker]) -> Iterator[tuple[str, list[Turn]]
             ("tfdb", "tfdb", "lookup latest"),
             ("tfdb, newest of each edge", "tfdb", "newest of each edge"),
             ("tfdb, newest of each edge, as a matrix", "tfdb", "newest of each edge, matrix"),
+            ("tfdb.tf2", "tfdb_tf2", "lookup latest"),
             ("tf2_ros", "tf2", "lookup latest"),
             ("transform-tree plan.latest", "transform_tree", "lookup latest"),
             ("schiebung", "schiebung", "lookup latest"),
         ],
-        "can_transform": [("tfdb", "tfdb", "can_transform"), ("tf2_ros", "tf2", "can_transform")],
+        **_whether(),
         **{
             batch: [("tfdb", "tfdb", batch), ("transform-tree", "transform_tree", batch)]
             for batch in batches
@@ -220,6 +233,7 @@ def _python_turns(workers: dict[str, Worker]) -> Iterator[tuple[str, list[Turn]]
         "set_transform": [
             ("tfdb", "tfdb", "set_transform"),
             ("tfdb, numpy arrays", "tfdb", "set_transform, numpy"),
+            ("tfdb.tf2", "tfdb_tf2", "set_transform"),
             ("tf2_ros", "tf2", "set_transform"),
             ("transform-tree push", "transform_tree", "set_transform"),
         ],
