@@ -19,12 +19,11 @@ from typing import TYPE_CHECKING, Any, Final, Protocol, TypeAlias
 from uuid import uuid4
 
 import rclpy
-from rclpy.callback_groups import CallbackGroup, MutuallyExclusiveCallbackGroup
+from rclpy.callback_groups import CallbackGroup
 from rclpy.clock import JumpThreshold
 from rclpy.duration import Duration
 from rclpy.exceptions import InvalidHandle
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
-from rclpy.guard_condition import GuardCondition
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.serialization import deserialize_message, serialize_message
 from rclpy.signals import SignalHandlerGuardCondition
@@ -176,7 +175,7 @@ class RclpyNode:
                 self._log_failure(f"the service {name}")
                 return response
 
-        group = MutuallyExclusiveCallbackGroup()
+        group = _InTurn()
         service = self._node.create_service(service_type, name, respond, callback_group=group)
         return self._keep(_Made(self._node, lambda: self._node.destroy_service(service)))
 
@@ -397,7 +396,7 @@ class _InExecutor:
             if opened.is_open:
                 deliver(data, info)
 
-        group = MutuallyExclusiveCallbackGroup()
+        group = _InTurn()
         subscription = self._node.create_subscription(
             kind, topic, while_open, qos, callback_group=group, raw=True
         )
@@ -510,7 +509,8 @@ class _OwnThread(_Thread):
     def __init__(self, node: Any, ended: Callable[[], None]) -> None:
         super().__init__(node)
         self._ended = ended
-        self._bell = GuardCondition(None, None, context=node.context)
+        # rclpy's signal handler shuts contexts down, and rings those of this kind alone.
+        self._bell = SignalHandlerGuardCondition(node.context)
         self._topics: tuple[_Topic, ...] = ()
         self._runs = False
         self._instead: _OwnExecutor | None = None
@@ -565,43 +565,42 @@ class _OwnThread(_Thread):
 
     def _listen_until_idle(self) -> bool:
         """Listen; whether it ended as no topic is left: the next one starts another thread."""
-        # The signal handler shuts contexts down and tells nobody but these.
-        signal = SignalHandlerGuardCondition(self._node.context)
-        try:
-            with signal.handle:
-                while self._goes_on():
-                    with self._lock:
-                        topics = self._topics
-                        self._runs = bool(topics)
-                    if not topics:
-                        return True
-                    self._listen(topics, (self._bell.handle, signal.handle))
-            return False
-        finally:
-            signal.destroy()
+        while self._goes_on():
+            with self._lock:
+                topics = self._topics
+                self._runs = bool(topics)
+            if not topics:
+                return True
+            self._listen(topics)
+        return False
 
-    def _listen(self, topics: tuple[_Topic, ...], bells: tuple[Any, Any]) -> None:
+    def _listen(self, topics: tuple[_Topic, ...]) -> None:
         """Take the messages of these topics, until they are others."""
         with ExitStack() as in_use:
             with suppress(InvalidHandle):  # one was closed meanwhile: the topics are others
                 for topic in topics:
                     in_use.enter_context(topic.handle)
             wait_set = self._new_wait_set(len(topics))
-            # Taken first: a topic may have brought a message before it was waited for.
+            # Some may have brought a message before they were waited for.
+            ready = list(topics)
             while topics is self._topics and self._goes_on():
-                for topic in topics:
+                for topic in ready:
                     topic.take_all()
                 wait_set.clear_entities()
                 for topic in topics:
                     wait_set.add_subscription(topic.handle)
-                for bell in bells:
-                    wait_set.add_guard_condition(bell)
+                wait_set.add_guard_condition(self._bell.handle)
                 wait_set.wait(-1)
+                ready = [
+                    topic
+                    for index, topic in enumerate(topics)
+                    if wait_set.is_ready("subscription", index)
+                ]
 
     def _new_wait_set(self, topics: int) -> Any:
         context = self._node.context.handle
         with context:
-            return _implementation().WaitSet(topics, 2, 0, 0, 0, 0, context)
+            return _implementation().WaitSet(topics, 1, 0, 0, 0, 0, context)
 
 
 class _OwnExecutor(_Thread):
@@ -650,6 +649,26 @@ class _OwnExecutor(_Thread):
             self._executor.shutdown()
             self._own_node.destroy_node()
             self._ended()
+
+
+class _InTurn(CallbackGroup):  # type: ignore[misc]  # rclpy is not typed
+    """One callback after the other, for less than rclpy's MutuallyExclusiveCallbackGroup.
+
+    Threads: any may ask.
+    """
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._turn = threading.Lock()
+
+    def can_execute(self, entity: Any) -> bool:  # noqa: ARG002  (the name is rclpy's)
+        return not self._turn.locked()
+
+    def beginning_execution(self, entity: Any) -> bool:  # noqa: ARG002
+        return self._turn.acquire(blocking=False)
+
+    def ending_execution(self, entity: Any) -> None:  # noqa: ARG002
+        self._turn.release()
 
 
 class _Never(CallbackGroup):  # type: ignore[misc]  # rclpy is not typed
