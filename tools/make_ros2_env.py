@@ -18,7 +18,19 @@ from pathlib import Path
 
 HERE = Path(__file__).resolve().parent
 PREFIX = HERE.parent / ".ros2"
-WHEELS = ("ros-rclpy[fastrtps]==7.1.6", "ros-geometry-msgs==5.3.6", "ros-sensor-msgs==5.3.6")
+WHEELS = (
+    "ros-rclpy[fastrtps]==7.1.6",
+    "ros-geometry-msgs==5.3.6",
+    "ros-sensor-msgs==5.3.6",
+    "ros-diagnostic-msgs==5.3.6",
+)
+# Programs that know only tf2, without what they need for other things.
+PROGRAMS = (
+    "crisp-python==3.6.0",
+    "era-5g-tf2json==0.2.1",
+    "osiris-agent==0.4.0",
+    "pyquaternion==0.9.9",
+)
 
 
 def environment(prefix: Path = PREFIX) -> dict[str, str]:
@@ -57,6 +69,7 @@ def make(prefix: Path) -> None:
     shutil.rmtree(prefix, ignore_errors=True)
     pip = [sys.executable, "-m", "pip", "--disable-pip-version-check", "-q", "install"]
     subprocess.run([*pip, "--prefix", prefix, "--no-compile", *WHEELS], check=True)
+    subprocess.run([*pip, "--prefix", prefix, "--no-compile", "--no-deps", *PROGRAMS], check=True)
     generator = HERE / "ros2" / "generate_messages.py"
     subprocess.run([sys.executable, generator, prefix], env=environment(prefix), check=True)
     (prefix / "made_of").write_text(made_of())

@@ -86,13 +86,13 @@ def _modules() -> dict[str, ModuleType]:
         "tf2_py": _module("tf2_py", core, package=True),
         "tf2_py._tf2": _module("tf2_py._tf2", core),
     }
-    everything = dict(core)
+    # Programs take it from any of tf2_ros' files, which import it.
+    stamped = ros_messages.message_class("TransformStamped")
+    everything = {**core, "TransformStamped": stamped}
     for file in FILES_OF_TF2_ROS:
         source = import_module(f"tfdb.tf2.{file}")
         members = _members(source, source.__all__)
         everything |= members
-        # Programs take it from any of these files.
-        stamped = ros_messages.message_class("TransformStamped")
         members = {**members, "TransformStamped": stamped, "BufferInterface": ours.BufferInterface}
         made[f"tf2_ros.{file}"] = _module(f"tf2_ros.{file}", members)
     extra = ("BufferServer", "MessageFilter", "FilterFailureReason", "TransformableResult")

@@ -1,0 +1,126 @@
+"""Debian's programs of tf2, unchanged: on their tf2_ros and on ours, beside Debian's publisher."""
+
+from __future__ import annotations
+
+import re
+import subprocess
+import sys
+from typing import TYPE_CHECKING
+
+import pytest
+
+from ros.real_ros1 import PYTHON, environment, need
+from tfdb import tf2
+from tfdb.ros import TcprosNode
+from tfdb.tf2 import msgs
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+    from pathlib import Path
+
+DEBIAN = "/usr/lib/python3/dist-packages"
+TOOLS = "/usr/lib/tf2_tools"
+PUBLISHER = "/usr/lib/tf2_ros/static_transform_publisher"
+POSE = ["1.25", "2", "3", "0", "0.6", "0", "0.8"]
+LIMIT = 60.0
+OURS = [sys.executable, "-m", "tfdb.tf2"]
+THEIRS = [PYTHON]
+
+
+@pytest.fixture
+def robot(ros1: str) -> Iterator[str]:
+    """Debian's static_transform_publisher of T[map<-base_link]; its graph's URI."""
+    need()
+    with subprocess.Popen(
+        [PUBLISHER, *POSE, "map", "base_link"],
+        env=environment(ros1),
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
+    ) as publisher:
+        yield ros1
+        publisher.terminate()
+
+
+def program(how: list[str], uri: str, folder: Path, *command: str) -> subprocess.Popen[str]:
+    path = {"PYTHONPATH": DEBIAN} if how is OURS else {}
+    return subprocess.Popen(
+        [*how, *command],
+        env=environment(uri) | path,
+        cwd=folder,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+    )
+
+
+def test_tools_say_what_they_say_on_tf2(robot: str, tmp_path: Path) -> None:
+    """`echo.py` and `view_frames.py`, all four at once: one of them listens for 5 s."""
+    said = {}
+    running = []
+    for name, how in (("ours", OURS), ("theirs", THEIRS)):
+        folder = tmp_path / name
+        folder.mkdir()
+        # Two nodes of one name would end each other.
+        echo_arguments = ("map", "base_link", "-l", "1", f"__name:=echo_{name}")
+        echo = program(how, robot, folder, f"{TOOLS}/echo.py", *echo_arguments)
+        view = program(how, robot, folder, f"{TOOLS}/view_frames.py", f"__name:=view_{name}")
+        running.append((name, folder, echo, view))
+    for name, folder, echo, view in running:
+        out, _ = echo.communicate(timeout=LIMIT)
+        assert echo.returncode == 0, out
+        out = re.sub("current time [0-9.]*", "", out)
+        # Where there is no `dot`, the picture is not drawn.
+        view.communicate(timeout=LIMIT)
+        graph = (folder / "frames.gv").read_text()
+        said[name] = out, re.sub("at time: [0-9.]*", "", graph)
+    assert "- Translation: [1.250, 2.000, 3.000]" in said["ours"][0]
+    assert '"map" -> "base_link"[label=" Broadcaster: /static_trans' in said["ours"][1]
+    assert said["ours"] == said["theirs"]
+
+
+def test_what_their_publisher_sends_to_a_late_joiner(robot: str) -> None:
+    with TcprosNode("late") as node:
+        buffer = tf2.Buffer(node=node)
+        tf2.TransformListener(buffer, node)
+        found = buffer.lookup_transform("map", "base_link", msgs.Time(), LIMIT)
+        move, turn = found.transform.translation, found.transform.rotation
+        pose = [move.x, move.y, move.z, turn.x, turn.y, turn.z, turn.w]
+        assert pose == pytest.approx([float(value) for value in POSE])
+        authority = buffer.buffer.frame_info("base_link").authority
+        assert authority.startswith("/static_transform_publisher")
+
+
+def test_a_program_of_rospy_on_ours(robot: str, tmp_path: Path) -> None:
+    """As a tutorial has it: nothing in it knows of tfdb."""
+    source = tmp_path / "tutorial.py"
+    source.write_text("""
+import rospy, tf2_ros, tf2_geometry_msgs
+from geometry_msgs.msg import PointStamped, TransformStamped
+
+rospy.init_node("tutorial")
+buffer = tf2_ros.Buffer(cache_time=rospy.Duration(20))
+listener = tf2_ros.TransformListener(buffer)
+broadcaster = tf2_ros.TransformBroadcaster()
+carrot = TransformStamped()
+carrot.header.stamp = rospy.Time.now()
+carrot.header.frame_id, carrot.child_frame_id = "base_link", "carrot"
+carrot.transform.translation.x, carrot.transform.rotation.w = 2.0, 1.0
+assert buffer.can_transform("map", "base_link", rospy.Time(), rospy.Duration(20))
+while not buffer.can_transform("map", "carrot", carrot.header.stamp, rospy.Duration(0.2)):
+    broadcaster.sendTransform(carrot)
+point = PointStamped(header=carrot.header)
+point.header.frame_id = "carrot"
+moved = buffer.transform(point, "map", rospy.Duration(1))
+print(type(moved).__module__.split(".")[0], moved.header.frame_id, round(moved.point.z, 6))
+try:
+    buffer.lookup_transform("map", "nowhere", rospy.Time(), rospy.Duration(0.05))
+except (tf2_ros.LookupException, tf2_ros.ExtrapolationException) as error:
+    print(error)
+""")
+    said = {}
+    for name, how in (("ours", OURS), ("theirs", THEIRS)):
+        ran = program(how, robot, tmp_path, str(source))
+        said[name], _ = ran.communicate(timeout=LIMIT)
+        assert ran.returncode == 0, said[name]
+    assert said["ours"].splitlines()[0] == "geometry_msgs map 1.08"
+    assert said["ours"] == said["theirs"]
