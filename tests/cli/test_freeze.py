@@ -61,7 +61,7 @@ def test_what_is_refused(tool: Tool, drive: Path, frozen: Path) -> None:
     assert "one of the files to be read" in tool("freeze", frozen, "--overwrite", code=2).error
     assert "read alone" in tool("info", frozen, drive, code=2).error
     assert "has no topics" in tool("info", frozen, "--topic", "/tf", code=2).error
-    assert "watches a live store" in tool("check", frozen, "--for", "1", code=2).error
+    assert "watches what is live" in tool("check", frozen, "--for", "1", code=2).error
     assert "say where to write" in tool("freeze", "shm:none", code=2).error
     assert "a frozen store" in tool("convert", frozen, drive.with_name("x.bag"), code=2).error
 

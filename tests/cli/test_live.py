@@ -15,6 +15,7 @@ import pytest
 
 import tfdb
 from tfdb.cli.doctor import examine
+from tfdb.cli.graph import Live
 from tfdb.cli.watch import watch_arrivals
 
 if TYPE_CHECKING:
@@ -58,7 +59,7 @@ def test_what_goes_with_files_only(tool: Tool, bag: Path, served: str) -> None:
     assert "read alone" in tool("info", served, bag, code=2).error
     assert "has no topics" in tool("info", served, "--topic", "/tf", code=2).error
     assert "has no topics" in tool("check", served, "--salvage", code=2).error
-    assert "watches a live store" in tool("check", bag, "--for", "1", code=2).error
+    assert "watches what is live" in tool("check", bag, "--for", "1", code=2).error
     assert (
         "no frame 'maps'; did you mean 'map'" in tool("lookup", served, "maps", "x", code=2).error
     )
@@ -209,7 +210,7 @@ def test_what_is_found_while_it_is_watched(name: str) -> None:
         for stamp in (newest + 1, newest + 3, newest + 2):
             store.set_transform("map", "base", stamp, (stamp, 2, 3), TURN, authority="late")
 
-    arrivals = watch_arrivals(tfdb.Buffer.open(name, mode="r"), 0.1, write)
+    arrivals = watch_arrivals(Live(tfdb.Buffer.open(name, mode="r")), 0.1, write)
     assert arrivals.publishers_known
     assert arrivals.log.count == 1 + store.frame_info("base").samples - 1
     (found,) = examine(arrivals.log)
@@ -222,14 +223,15 @@ def test_who_falls_behind_goes_on(name: str, tool: Tool, monkeypatch: pytest.Mon
     store = tfdb.Buffer.open(name)
     store.set_transform("map", "base", 1, (1, 2, 3), TURN)
     ahead = 20_000
+    later = count(ahead + 2)
 
     def write(done: int, _total: int) -> None:
-        stamps = range(2, ahead + 2) if done == 0 else [ahead + 10 + done]
+        stamps = range(2, ahead + 2) if done == 0 else [next(later)]
         for stamp in stamps:
             store.set_transform("map", "base", stamp, (1, 2, 3), TURN)
 
     reader = tfdb.Buffer.open(name, mode="r")
-    arrivals = watch_arrivals(reader, 0.1, write)
+    arrivals = watch_arrivals(Live(reader), 0.1, write)
     assert arrivals.missed >= ahead
     assert 0 < arrivals.log.count == store.commit - arrivals.missed - 1
 

@@ -13,6 +13,7 @@ import click
 import tfdb
 
 from . import output
+from .graph import without_ros_arguments
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -25,7 +26,7 @@ COMMANDS = {
     "poses": "Many poses of SOURCE in TARGET, to a .tum, .csv or .npz file.",
     "check": "A doctor for recordings: gaps, late data, two publishers, jumps in time ...",
     "shm": "The stores that processes of this machine share: list, look into, remove them.",
-    "serve": "Fill a shared store from a recording, at the recording's own pace.",
+    "serve": "Fill a shared store from a recording at its own pace, or from a live graph.",
     "freeze": "Write what a recording holds into a .tfdb, which opens at once.",
     "convert": "Rewrite the transforms of a recording as .mcap, .bag or .tum.",
     "bench": "The paper's evaluation on this machine: engines and tf2, CSV and a report.",
@@ -45,9 +46,13 @@ class TfdbGroup(click.Group):
         """Import the command's module and return its command."""
         if cmd_name not in COMMANDS:
             return None
-        module = importlib.import_module(f"tfdb.cli.{cmd_name}")
+        module = importlib.import_module(f"tfdb.cli.{cmd_name.replace('-', '_')}")
         command: click.Command = module.command
         return command
+
+    def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
+        """Take out what is for ROS."""
+        return super().parse_args(ctx, without_ros_arguments(ctx, args))
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:  # noqa: ARG002
         """List the commands without importing them."""
@@ -133,7 +138,8 @@ def _print_version(ctx: click.Context, _param: click.Parameter, value: bool) -> 
 def cli(ctx: click.Context) -> None:
     """Look into recordings of robot transforms: ROS 1 .bag, ROS 2 .db3 folders, .mcap.
 
-    Where a FILE is read, shm:NAME is the live store of that name, FILE.tfdb a frozen one.
+    Where a FILE is read, shm:NAME is the live store of that name, FILE.tfdb a frozen one, and ros1:
+    or ros2: the live graph (ros1:http://host:port of that master, ros2:7 of that domain).
 
     Exit codes: 0 fine, 1 'check' or 'verify' has findings, 2 an error (one line on stderr).
     """

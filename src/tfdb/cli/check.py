@@ -14,6 +14,7 @@ from tfdb.summary import Forest
 from . import common, output
 from .arrivals import Arrivals, read_arrivals
 from .doctor import KINDS, Finding, Limits, disconnected, examine, leading_slashes, sort_key
+from .graph import LISTENS, Live, is_graph, listening, node_option
 from .times import NS, duration_option, format_ns, watch_option
 
 
@@ -52,8 +53,10 @@ from .times import NS, duration_option, format_ns, watch_option
     "length",
     metavar="SECONDS",
     callback=watch_option,
-    help="Watch a live store (shm:NAME) for so long, and examine what comes: 10, or 10s.",
+    help="Watch a live store (shm:NAME) or graph (ros1:, ros2:) for so long, and examine what "
+    "comes: 10, or 10s.  [default of a graph: 5]",
 )
+@node_option
 @common.topic_option
 @common.json_option
 def command(
@@ -70,16 +73,15 @@ def command(
     """Examine a recording: exit code 0 nothing found, 1 findings, 2 unreadable.
 
     Several FILEs are parts of one recording. Of a live store, shm:NAME, what it holds is examined,
-    or what comes while it is watched; of a frozen one, FILE.tfdb, what it holds, after all of it
-    was compared with its checksum.
+    or what comes while it is watched; of a live graph, ros1: or ros2:, what comes; of a frozen
+    store, FILE.tfdb, what it holds, after all of it was compared with its checksum.
     """
     limits = Limits(max_gap, NS if jump is None else jump, NS if coverage is None else coverage)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", tfdb.TfdbWarning)  # they are findings
-        loaded = common.load(files, topics, verify=True)
-    if length is not None and not loaded.live:
-        raise click.UsageError("--for watches a live store: give shm:NAME instead of a file")
-    arrivals = _arrivals(loaded, length)
+        if length is not None and not common.is_live(files[0]):
+            raise click.UsageError("--for watches what is live: give shm:NAME, ros1: or ros2:")
+        loaded, arrivals = _examined(files, topics, length)
     found = [
         *_refused(loaded),
         *_lost(loaded),
@@ -96,18 +98,30 @@ def command(
         click.get_current_context().exit(1)
 
 
-def _arrivals(loaded: common.Loaded, length: int | None) -> Arrivals:
+def _examined(
+    names: tuple[str, ...], topics: tuple[str, ...], length: int | None
+) -> tuple[common.Loaded, Arrivals]:
+    """Load what is to be examined, and say what arrived how."""
+    from .watch import stored_arrivals, watch_arrivals  # noqa: PLC0415 - for what is live alone
+
+    if any(is_graph(name) for name in names):
+        common.refuse_parts(names, topics, "a graph", "ros1: or ros2:")
+        seconds = (LISTENS if length is None else length) / NS
+        with listening(names[0], history=None) as live, common.progress_bar("watching") as update:
+            arrivals = watch_arrivals(live, seconds, update)
+            return common.Loaded(live.store.snapshot(), None, names), arrivals
+    loaded = common.load(names, topics, verify=True)
     report = loaded.report
     if report is not None:
         with common.progress_bar("checking") as update:
             static = {topic.name: topic.static for topic in report.topics}
-            return read_arrivals(report.files, static, update, salvage=common.salvages())
-    from .watch import stored_arrivals, watch_arrivals  # noqa: PLC0415 - for live stores alone
-
-    if length is None:
-        return stored_arrivals(loaded.store)
-    with common.progress_bar("watching") as update:
-        return watch_arrivals(common.open_live(loaded.names[0]), length / NS, update)
+            found = read_arrivals(report.files, static, update, salvage=common.salvages())
+    elif length is None:
+        found = stored_arrivals(loaded.store)
+    else:
+        with common.progress_bar("watching") as update:
+            found = watch_arrivals(Live(common.open_live(names[0])), length / NS, update)
+    return loaded, found
 
 
 def _trees(loaded: common.Loaded) -> list[Finding]:

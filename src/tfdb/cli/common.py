@@ -20,6 +20,7 @@ from tfdb.io.loading import absolute, role_of
 from tfdb.new_file import is_one_of, refuse_existing
 from tfdb.summary import Forest, span
 
+from .graph import is_graph, listen_once
 from .times import format_ns, parse_stamp
 
 if TYPE_CHECKING:
@@ -102,8 +103,8 @@ LIVE = "shm:"
 class Loaded:
     """What a command reads, and how it got there.
 
-    `store` is a recording in memory, a frozen store, or the state in which a live store was found:
-    of the latter two there is no `report`.
+    `store` is a recording in memory, what was heard of a graph, a frozen store, or the state in
+    which a live store was found: of all but the first there is no `report`.
     """
 
     store: Buffer | Snapshot
@@ -112,8 +113,8 @@ class Loaded:
 
     @property
     def live(self) -> bool:
-        """Whether it is a live store."""
-        return self.names[0].startswith(LIVE)
+        """Whether it is a live store or graph."""
+        return is_live(self.names[0])
 
     @property
     def span(self) -> tuple[int, int] | None:
@@ -121,12 +122,18 @@ class Loaded:
         return span(self.store.tree())
 
 
+def is_live(name: str) -> bool:
+    """Whether a name is that of a live store or graph."""
+    return name.startswith(LIVE) or is_graph(name)
+
+
 def find_paths(names: Sequence[str]) -> tuple[Path, ...]:
     """Check that the files exist; where one does not, name the nearest that does."""
     paths = tuple(given_path(name) for name in names)
     for name in names:
-        if name.startswith(LIVE):
-            raise click.UsageError(f"{name} is a live store; here only files can be read")
+        if is_live(name):
+            what = "graph" if is_graph(name) else "store"
+            raise click.UsageError(f"{name} is a live {what}; here only files can be read")
     for path in paths:
         if path.exists():
             continue
@@ -176,17 +183,27 @@ def parse_topics(texts: Sequence[str]) -> dict[str, str] | None:
     return pairs
 
 
-def load(names: Sequence[str], topics: Sequence[str] = (), *, verify: bool = False) -> Loaded:
+def load(
+    names: Sequence[str],
+    topics: Sequence[str] = (),
+    *,
+    verify: bool = False,
+    there: Callable[[Buffer], bool] | None = None,
+) -> Loaded:
     """Load the recordings into one store that keeps everything.
 
-    A live or a frozen store is read as it is; `verify`: the latter is compared with its checksum.
+    A live or a frozen store is read as it is; `verify`: the latter is compared with its checksum. A
+    graph is listened to, until `there` holds of what was heard or the time is over.
     """
+    if any(is_graph(name) for name in names):
+        refuse_parts(names, topics, "a graph", "ros1: or ros2:")
+        return Loaded(listen_once(names[0], there), None, tuple(names))
     if any(name.startswith(LIVE) for name in names):
-        _refuse_parts(names, topics, "a live store", "shm:NAME")
+        refuse_parts(names, topics, "a live store", "shm:NAME")
         return Loaded(open_live(names[0]).snapshot(), None, tuple(names))
     paths = find_paths(names)
     if any(is_frozen(path) for path in paths):
-        _refuse_parts(names, topics, "a frozen store", "FILE.tfdb")
+        refuse_parts(names, topics, "a frozen store", "FILE.tfdb")
         return Loaded(tfdb.open(paths[0], verify=verify), None, (str(paths[0]),))
     store = tfdb.Buffer(history=None)
     with progress_bar("reading") as update:
@@ -202,7 +219,7 @@ def open_live(name: str) -> Buffer:
     return tfdb.Buffer.open(name.removeprefix(LIVE), create=False, mode="r")
 
 
-def _refuse_parts(names: Sequence[str], topics: Sequence[str], what: str, how: str) -> None:
+def refuse_parts(names: Sequence[str], topics: Sequence[str], what: str, how: str) -> None:
     """Refuse what goes with recordings only."""
     if len(names) > 1:
         raise click.UsageError(f"{what} is read alone: give {how} without other files")
@@ -341,6 +358,8 @@ def complete_frames(ctx: click.Context, _param: click.Parameter, incomplete: str
 
 def _some_frames(path: str) -> set[str]:
     """Frames of the first static and of the first moving transforms."""
+    if is_graph(path):
+        return set()  # a shell does not wait for it
     if path.startswith(LIVE):
         return set(open_live(path).frames())
     if is_frozen(given_path(path)):

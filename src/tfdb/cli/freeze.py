@@ -11,6 +11,7 @@ from tfdb.frozen import SUFFIX
 from tfdb.given_path import given_path
 
 from . import common, output
+from .graph import listen_option
 
 
 @click.command("freeze")
@@ -24,6 +25,7 @@ from . import common, output
     help="Where to write it.  [default: beside the first FILE, as NAME.tfdb]",
 )
 @common.overwrite_option
+@listen_option
 @common.topic_option
 @common.json_option
 def command(
@@ -37,16 +39,15 @@ def command(
     """Write what FILE holds into OUT.tfdb, a frozen store: it opens at once, whatever its size.
 
     'tfdb info', 'tree', 'lookup', 'poses' and 'check' read it, and tfdb.open does. Several FILEs
-    are parts of one recording; of a live store, shm:NAME, its newest state is written. OUT is for
-    this version of tfdb and this kind of machine: keep the recording.
+    are parts of one recording; of a live store, shm:NAME, its newest state is written, of a live
+    graph, ros1: or ros2:, what is heard. OUT is for this version of tfdb and this kind of machine:
+    keep the recording.
     """
-    live = any(name.startswith(common.LIVE) for name in files)
+    live = any(common.is_live(name) for name in files)
     inputs = () if live else common.find_paths(files)
     if out is None:
         if live:
-            raise click.UsageError(
-                "a live store has no folder: say where to write with -o OUT.tfdb"
-            )
+            raise click.UsageError(f"{files[0]} has no folder: say where to write with -o OUT.tfdb")
         first = given_path(files[0])
         first = first if first.name.strip(".") else first.resolve()
         out = str(first.with_name(first.name if first.is_dir() else first.stem)) + SUFFIX

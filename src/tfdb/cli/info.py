@@ -9,18 +9,20 @@ import click
 from tfdb.summary import EdgeSummary, edge_summaries, span
 
 from . import common, output
+from .graph import listen_option
 from .times import format_duration, format_ns
 
 
 @click.command("info")
 @common.files_argument
+@listen_option
 @common.topic_option
 @common.json_option
 def command(*, files: tuple[str, ...], topics: tuple[str, ...], as_json: bool) -> None:
     """Topics, frames, edges with rates and gaps, and the time span.
 
-    Several FILEs are parts of one recording; shm:NAME is a live store and FILE.tfdb a frozen one,
-    which have no topics.
+    Several FILEs are parts of one recording; shm:NAME is a live store, ros1: or ros2: a live graph
+    and FILE.tfdb a frozen store, which have no topics.
     """
     loaded = common.load(files, topics)
     edges = edge_summaries(loaded.store)

@@ -10,10 +10,11 @@ import tfdb
 
 from . import common, output
 from .angles import roll_pitch_yaw
+from .graph import listen_option
 from .times import TimedCommand, TimeSpec, format_duration, format_ns, time_option
 
 if TYPE_CHECKING:
-    from tfdb import Transform
+    from tfdb import Buffer, Transform
 
 
 @click.command("lookup", cls=TimedCommand)
@@ -23,6 +24,7 @@ if TYPE_CHECKING:
 @click.argument("time", default="latest", callback=time_option)
 @common.policy_option
 @common.more_option
+@listen_option
 @common.topic_option
 @common.json_option
 def command(
@@ -39,9 +41,10 @@ def command(
     """T[TARGET<-SOURCE] at TIME: it maps a point of SOURCE into TARGET.
 
     TIME: seconds (12.5), nanoseconds (12500000000ns), an offset from the start (+1.5) or from the
-    end (-0.5), or 'latest', the newest stamp at which every edge has data.
+    end (-0.5), or 'latest', the newest stamp at which every edge has data. A graph, ros1: or ros2:,
+    is listened to until the transform is there.
     """
-    loaded = common.load((file, *more), topics)
+    loaded = common.load((file, *more), topics, there=lambda s: _is_there(s, target, source, time))
     store = loaded.store
     target, source = common.find_frames(store, target, source)
     stamp = time.resolve(loaded.span)
@@ -56,6 +59,12 @@ def command(
         output.emit_json("lookup", _body(loaded, found, time.text))
     else:
         _show(found, loaded.span)
+
+
+def _is_there(store: Buffer, target: str, source: str, time: TimeSpec) -> bool:
+    """Whether what was heard of a graph answers; what counts from its span needs all of it."""
+    names = target.removeprefix("/"), source.removeprefix("/")
+    return not time.since and store.can_transform(*names, time.ns)
 
 
 def _body(loaded: common.Loaded, found: Transform, asked: str) -> dict[str, Any]:

@@ -12,6 +12,7 @@ import tfdb
 from tfdb.given_path import errors_name
 
 from . import common, output
+from .graph import listen_option
 from .times import TimeSpec, format_duration, format_ns, read_stamps, time_option
 
 if TYPE_CHECKING:
@@ -67,6 +68,7 @@ class Poses:
 @common.overwrite_option
 @common.policy_option
 @common.more_option
+@listen_option
 @common.topic_option
 @common.json_option
 def command(
@@ -99,7 +101,7 @@ def command(
     wanted = None if stamps_file is None else _stamps(stamps_file)
     if out is not None:
         read = (file, *more, *([] if stamps_file in (None, "-") else [stamps_file]))
-        files = [name for name in read if not name.startswith(common.LIVE)]
+        files = [name for name in read if not common.is_live(name)]
         common.check_output(out, common.find_paths(files), overwrite=overwrite)
     loaded = common.load((file, *more), topics)
     store = loaded.store

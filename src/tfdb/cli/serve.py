@@ -16,6 +16,7 @@ from tfdb.io.loading import Selection
 from tfdb.summary import span
 
 from . import common, output
+from .graph import listening, node_option
 from .times import NS, duration_option, format_duration
 
 if TYPE_CHECKING:
@@ -23,6 +24,8 @@ if TYPE_CHECKING:
 
     from tfdb import Buffer, TransformStamped
     from tfdb.io import Source
+
+    from .graph import Live
 
 _STEP_NS = 1_000_000
 """How far behind what is there a recording goes on, where its own pace is not known yet."""
@@ -107,6 +110,88 @@ def bag(
             show()
             raise
         show()
+
+
+_graph_options = (
+    click.option("--into", metavar="NAME", required=True, help="The store; made if need be."),
+    click.option(
+        "--history",
+        metavar="SECONDS",
+        default="10",
+        show_default=True,
+        callback=duration_option,
+        help="How much a store that is made keeps.",
+    ),
+    node_option,
+    common.json_option,
+)
+
+
+def _serves_graph(function: Any) -> Any:
+    for option in reversed(_graph_options):
+        function = option(function)
+    return function
+
+
+@command.command("ros1")
+@click.option("--master", metavar="URI", default="", help="The master.  [default: ROS_MASTER_URI]")
+@_serves_graph
+def ros1(*, master: str, into: str, history: int | None, as_json: bool) -> None:
+    """Listen to /tf and /tf_static of a ROS 1 graph, into the store NAME, until Ctrl-C.
+
+    One process listens, and all others look up by tfdb.Buffer.open("NAME") or
+    tfdb.tf2.Buffer(store="NAME"). No package of ROS is needed; from:=to and __name:=NAME are
+    understood. The store stays when this ends.
+    """
+    _serve_graph(f"ros1:{master}", into, history, as_json=as_json)
+
+
+@command.command("ros2")
+@click.option("--domain", metavar="ID", default="", help="The domain.  [default: ROS_DOMAIN_ID]")
+@_serves_graph
+def ros2(*, domain: str, into: str, history: int | None, as_json: bool) -> None:
+    """Listen to /tf and /tf_static of a ROS 2 graph, into the store NAME, until Ctrl-C.
+
+    As 'tfdb serve ros1'. It needs rclpy and tf2_msgs: source the setup.bash of a ROS 2 first;
+    --ros-args is understood. The store stays when this ends.
+    """
+    _serve_graph(f"ros2:{domain}", into, history, as_json=as_json)
+
+
+def _serve_graph(graph: str, into: str, history: int | None, *, as_json: bool) -> None:
+    name = into.removeprefix(common.LIVE)
+    began = time.monotonic()
+    with listening(graph, history=history, into=name) as live:
+        if not as_json:
+            click.echo(f"{graph} as {live.node_name} into shm:{name}; Ctrl-C ends it")
+        try:
+            live.ended.wait()
+            live.check()
+        finally:
+            _say_served(live, graph, name, began, as_json=as_json)
+
+
+def _say_served(live: Live, graph: str, name: str, began: float, *, as_json: bool) -> None:
+    commits, infos = live.store.commit - live.commit, live.store.tree()
+    found = span(infos)
+    damaged = 0 if live.listener is None else live.listener.corrupt.total()
+    seconds = time.monotonic() - began
+    if as_json:
+        body = {
+            "files": [graph],
+            "store": name,
+            "commits": commits,
+            "damaged": damaged,
+            "frames": len(infos),
+            "newest_ns": None if found is None else found[1],
+            "seconds": round(seconds, 3),
+        }
+        output.emit_json("serve", body)
+        return
+    text = f"{commits:,} commits, {len(infos):,} frames, in {format_duration(round(seconds * NS))}"
+    if damaged:
+        text += f"; {damaged:,} damaged messages left out"
+    click.echo(text)
 
 
 @dataclass

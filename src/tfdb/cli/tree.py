@@ -11,6 +11,7 @@ from rich.tree import Tree
 from tfdb.summary import EdgeSummary, Forest, edge_summaries
 
 from . import common, output
+from .graph import listen_option
 from .info import edge_body
 from .times import TimeSpec, format_duration, format_ns, time_option
 
@@ -20,6 +21,7 @@ from .times import TimeSpec, format_duration, format_ns, time_option
 @click.option(
     "--at", metavar="TIME", callback=time_option, help="The parents at this time, not the newest."
 )
+@listen_option
 @common.topic_option
 @common.json_option
 def command(

@@ -17,9 +17,12 @@ if TYPE_CHECKING:
     import numpy.typing as npt
 
     from tfdb import Buffer, Columns, Reads
+    from tfdb.types import Changes
 
-_BETWEEN = 0.02
-"""Seconds between two looks at the feed."""
+    from .graph import Live
+
+_BETWEEN = 0.1
+"""Seconds between two steps of a progress bar."""
 
 
 def stored_arrivals(state: Reads) -> Arrivals:
@@ -35,40 +38,57 @@ def stored_arrivals(state: Reads) -> Arrivals:
     return log.arrivals()
 
 
-def watch_arrivals(
-    store: Buffer, seconds: float, progress: Callable[[int, int], None] | None
-) -> Arrivals:
-    """Follow the store's commits for so long; of static edges also take what was there.
+class Follower:
+    """Tells what is committed to a live store, in its order.
 
-    Who falls behind the feed goes on with the newest state; how much went by unseen is told.
+    Who falls behind the feed goes on with the newest state; `missed` says how much went by unseen.
     """
+
+    def __init__(self, live: Live) -> None:
+        self._live = live
+        self._told = live.commit
+        self.missed = 0
+        """How many commits went by unseen."""
+
+    def changes(self, until: float) -> list[Changes]:
+        """What was committed since the last call; waits for something until then (monotonic)."""
+        live = self._live
+        if not live.wait(until):
+            return []
+        try:
+            found = live.store.changes(self._told)
+        except tfdb.FeedLapped:
+            newest = live.store.commit
+            self.missed += newest - self._told
+            self._told = newest
+            return []
+        self._told = live.commit = max(live.commit, found[-1].commit)
+        return found
+
+
+def watch_arrivals(
+    live: Live, seconds: float, progress: Callable[[int, int], None] | None
+) -> Arrivals:
+    """Follow the commits for so long; of static edges also take what was there."""
     log = _Log()
-    missed = 0
     began = time.monotonic()
-    with store.snapshot() as state:
-        commit = state.commit
+    with live.store.snapshot() as state:
+        live.commit = state.commit
         for info in state.tree():
             if info.is_static and info.parent is not None:
                 _, poses, parents = state.samples(info.name)
                 row = (parents[0], info.name, 0, poses[0].tolist())
                 log.add(row, 0, info.authority, static=True)
+    follower = Follower(live)
     while (passed := time.monotonic() - began) < seconds:
         if progress is not None:
             progress(int(passed * 1000), int(seconds * 1000))
-        time.sleep(min(_BETWEEN, seconds - passed))
-        arrival = time.time_ns()
-        try:
-            changes = store.changes(commit)
-        except tfdb.FeedLapped:
-            newest = store.commit
-            missed += newest - commit
-            commit = newest
-            continue
+        changes = follower.changes(began + min(passed + _BETWEEN, seconds))
+        arrival = live.now()
         for change in changes:
-            commit = change.commit
-            log.add_columns(store, change.stored, arrival, static=False)
-            log.add_columns(store, change.stored_static, arrival, static=True)
-    return log.arrivals(missed)
+            log.add_columns(live.store, change.stored, arrival, static=False)
+            log.add_columns(live.store, change.stored_static, arrival, static=True)
+    return log.arrivals(follower.missed)
 
 
 class _Log:
@@ -92,14 +112,15 @@ class _Log:
             columns.parents, columns.children, stamps, columns.poses.tolist(), strict=True
         ):
             if child not in authors:
-                authors[child] = _author(store, child)
+                authors[child] = author_of(store, child)
             self.add((parent, child, stamp, pose), arrival, authors[child], static=static)
 
     def arrivals(self, missed: int = 0) -> Arrivals:
         return Arrivals(self._log, self._known, missed=missed)
 
 
-def _author(store: Buffer, frame: str) -> str:
+def author_of(store: Reads, frame: str) -> str:
+    """Who wrote last to a frame."""
     try:
         return store.frame_info(frame).authority
     except tfdb.UnknownFrame:

@@ -1,0 +1,250 @@
+"""Live graphs, where a file is taken as well: `ros1:`, `ros1:http://host:port`, `ros2:`, `ros2:7`.
+
+A command listens by a node of its own, and follows the store that it fills as it would follow one
+that processes share.
+"""
+
+from __future__ import annotations
+
+import logging
+import os
+import re
+import signal
+import threading
+import time
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+import click
+
+import tfdb
+from tfdb.ros.open_node import open_node
+
+from .times import NS, format_duration, watch_option
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator, Sequence
+
+    from tfdb.ros import Flavor, Node
+    from tfdb.tf2 import TransformListener
+
+_ROS_ARGUMENTS = "tfdb.ros_arguments"
+_NODE_NAME = "tfdb.node_name"
+_SECONDS = "tfdb.seconds"
+LISTENS = 5 * NS
+"""How long a graph is listened to, as by tf2's view_frames."""
+_GRAPH = re.compile(r"(ros[12])(?::(.*))?", re.DOTALL)
+_REMAPPING = re.compile(r"[~/A-Za-z_][A-Za-z0-9_/]*:=.*", re.ASCII | re.DOTALL)
+
+
+def is_graph(name: str) -> bool:
+    """Whether a name, where a file is taken as well, is that of a live graph."""
+    return name.startswith(("ros1:", "ros2:"))
+
+
+def without_ros_arguments(ctx: click.Context, arguments: list[str]) -> list[str]:
+    """Take out what the command line says to ROS; `open_graph` hands it on.
+
+    It is `--ros-args ... [--]` as ROS 2 writes it, and `from:=to` as ROS 1 does; only where a
+    graph is named, for elsewhere a file may be called so.
+    """
+    if not any(_GRAPH.fullmatch(argument) for argument in arguments):
+        return arguments
+    ours, theirs, to_ros = [], [], False
+    for argument in arguments:
+        if to_ros:
+            theirs.append(argument)
+            to_ros = argument != "--"
+        elif argument == "--ros-args":
+            theirs.append(argument)
+            to_ros = True
+        elif _REMAPPING.fullmatch(argument):
+            theirs.append(argument)
+        else:
+            ours.append(argument)
+    ctx.meta[_ROS_ARGUMENTS] = theirs
+    return ours
+
+
+def _kept(key: str) -> Callable[[click.Context, click.Parameter, Any], None]:
+    def keep(ctx: click.Context, _param: click.Parameter, value: Any) -> None:
+        ctx.meta[key] = value
+
+    return keep
+
+
+node_option = click.option(
+    "--node-name",
+    metavar="NAME",
+    expose_value=False,
+    callback=_kept(_NODE_NAME),
+    help="The name of this command's node in a graph.  [default: tfdb_COMMAND_PID]",
+)
+
+
+def listen_option(command: Any) -> Any:
+    """Give a command that reads once the options of listening to a graph."""
+
+    def keep(ctx: click.Context, param: click.Parameter, value: str | None) -> None:
+        ctx.meta[_SECONDS] = watch_option(ctx, param, value)
+
+    option = click.option(
+        "--for",
+        metavar="SECONDS",
+        expose_value=False,
+        callback=keep,
+        help="How long to listen to a graph, ros1: or ros2:.  [default: 5]",
+    )
+    return option(node_option(command))
+
+
+def listening_time() -> int:
+    """Nanoseconds for which to listen to a graph."""
+    context = click.get_current_context(silent=True)
+    given: int | None = None if context is None else context.meta.get(_SECONDS)
+    return LISTENS if given is None else given
+
+
+@dataclass
+class Live:
+    """A store that others fill, and the clock of its stamps: a graph's, or the system's."""
+
+    store: tfdb.Buffer
+    now: Callable[[], int] = time.time_ns
+    node: Node | None = None
+    listener: TransformListener | None = None
+    commit: int = 0
+    """The last commit that is known."""
+    ended: threading.Event = field(default_factory=threading.Event)
+    """Set when somebody else ends the graph's node."""
+
+    @property
+    def node_name(self) -> str:
+        """Name of the graph's node; empty without one."""
+        return "" if self.node is None else self.node.name
+
+    def wait(self, until: float) -> bool:
+        """Wait for a commit that is not known; False: there was none until then (monotonic).
+
+        Raises NodeClosed once the graph's node has ended, NoSuchStore once the store is removed.
+        """
+        left = max(until - time.monotonic(), 0.0)
+        try:
+            self.commit = self.store.wait_for_commit(self.commit, left)
+        except tfdb.WaitTimeout:
+            return False
+        except tfdb.BufferClosed:
+            self.check()
+            raise
+        return True
+
+    def check(self) -> None:
+        """Raise NodeClosed if the graph's node has ended."""
+        if self.ended.is_set():
+            text = f"the node {self.node_name} was ended by somebody else"
+            raise tfdb.NodeClosed(text, reason="ended by somebody else")
+
+
+@contextmanager
+def open_graph(name: str) -> Iterator[Node]:
+    """Give a node of this command's in the graph `name`; SIGTERM ends it in good order, too."""
+    context = click.get_current_context()
+    match = _GRAPH.fullmatch(name)
+    if match is None:
+        raise click.UsageError(f"{name!r} is no graph: ros1:, ros1:URI, ros2: and ros2:DOMAIN are")
+    side: Flavor = "ros1" if match[1] == "ros1" else "ros2"
+    plain = re.sub(r"\W", "_", context.command_path.removeprefix("tfdb "))
+    own = context.meta.get(_NODE_NAME) or f"tfdb_{plain}_{os.getpid()}"
+    arguments: Sequence[str] = context.meta.get(_ROS_ARGUMENTS, ())
+    with _ended_by_sigterm(), open_node(side, own, where=match[2] or "", arguments=arguments) as n:
+        yield n
+
+
+@contextmanager
+def listening(name: str, *, history: int | None, into: str | None = None) -> Iterator[Live]:
+    """Listen to the graph `name`, into a store of its own or the shared one that is named.
+
+    `history`: nanoseconds that a store that is made keeps; None: everything.
+    """
+    from tfdb import tf2  # noqa: PLC0415 - only those who listen need it
+
+    _show_log()
+    seconds = None if history is None else max(history, 1) / NS
+    with open_graph(name) as node:
+        if into is None:
+            store = tfdb.Buffer(history=seconds)
+        else:
+            store = tfdb.Buffer.open(into, history=seconds)
+        served = None if into is None else node
+        buffer = tf2.Buffer(buffer=store, node=served, clock=node, flavor=node.flavor)
+        live = Live(store, node.now, node, commit=store.commit)
+        live.listener = tf2.TransformListener(buffer, node, spin_thread=True)
+        leaves = threading.Event()
+
+        def look(_now: int) -> None:
+            if node.closed and not leaves.is_set():
+                live.ended.set()
+                if into is None:
+                    store.close()  # which wakes who waits for a commit
+
+        node.on_clock(look)
+        try:
+            yield live
+        finally:
+            leaves.set()
+
+
+def listen_once(name: str, there: Callable[[tfdb.Buffer], bool] | None = None) -> tfdb.Snapshot:
+    """Listen for the time that the command line says, or until `there` holds of the store.
+
+    Returns what was heard.
+    """
+    until = time.monotonic() + listening_time() / NS
+    with listening(name, history=None) as live:
+        while there is None or not there(live.store):
+            if not live.wait(until) and time.monotonic() >= until:
+                break
+        live.check()
+        heard = live.store.snapshot()
+    if live.commit == 0:
+        waited = format_duration(listening_time())
+        click.echo(
+            f"tfdb: warning: nothing came on /tf and /tf_static of {name} in {waited}", err=True
+        )
+    return heard
+
+
+@contextmanager
+def _ended_by_sigterm() -> Iterator[None]:
+    """Let SIGTERM leave all contexts, so that what was opened is taken back."""
+
+    def leave(number: int, _frame: object) -> None:
+        raise SystemExit(128 + number)
+
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    before = signal.signal(signal.SIGTERM, leave)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, before)
+
+
+class _Lines(logging.Handler):
+    """Prints what is logged as commands print warnings.
+
+    Threads: any.
+    """
+
+    def emit(self, record: logging.LogRecord) -> None:
+        text = " ".join(record.getMessage().split())
+        click.echo(f"tfdb: {record.levelname.lower()}: {text}", err=True)
+
+
+def _show_log() -> None:
+    """Print what the listener warns of."""
+    logger = logging.getLogger("tfdb")
+    if not logger.handlers:
+        logger.addHandler(_Lines())

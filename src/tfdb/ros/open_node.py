@@ -1,0 +1,126 @@
+"""A node of one's own, in either ROS, for programs that are nothing but that node."""
+
+# ruff: noqa: PLC0415  (a ROS is imported only by those who use it)
+
+from __future__ import annotations
+
+import threading
+from contextlib import contextmanager, suppress
+from typing import TYPE_CHECKING, Any
+
+from tfdb.errors import InvalidArgument, InvalidName, NotSupported
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Sequence
+
+    from .node import Flavor, Node
+
+__all__ = ["open_node"]
+
+LAST_DOMAIN = 232  # the ports of a higher one would be above 65535
+
+
+@contextmanager
+def open_node(
+    side: Flavor, name: str, *, where: str = "", arguments: Sequence[str] = ()
+) -> Iterator[Node]:
+    """Give a node of ROS 1 or ROS 2 that ends with the context.
+
+    Parameters
+    ----------
+    side
+        `ros1`: a `TcprosNode`, which needs no package of ROS. `ros2`: a `RclpyNode` that takes
+        messages in a thread of its own, and whose rclpy node is spun by another.
+    name
+        The node's, without namespace; `arguments` may say another.
+    where
+        URI of the master of ROS 1, or domain of ROS 2; empty: what the environment says.
+    arguments
+        Those that ROS understands: `from:=to` and `__name:=x` of ROS 1, and all from `--ros-args`
+        on of ROS 2.
+
+    Raises NoMaster; NotSupported where rclpy or tf2_msgs is not installed; InvalidName;
+    InvalidArgument for a domain or arguments that are none.
+    """
+    if side == "ros1":
+        from .tcpros_node import TcprosNode
+
+        with TcprosNode(name, master=where or None, arguments=arguments) as ros1_node:
+            yield ros1_node
+    else:
+        with _ros2_node(name, where, arguments) as ros2_node:
+            yield ros2_node
+
+
+@contextmanager
+def _ros2_node(name: str, where: str, arguments: Sequence[str]) -> Iterator[Node]:
+    try:
+        import rclpy
+        import tf2_msgs.msg  # noqa: F401
+        from rclpy.exceptions import InvalidNodeNameException
+        from rclpy.signals import SignalHandlerOptions
+
+        from .rclpy_node import RclpyNode
+    except ImportError as error:
+        raise NotSupported(
+            f"ROS 2 needs rclpy and tf2_msgs, and this Python does not find them ({error}): source"
+            " the setup.bash of a ROS 2 that has this Python's version"
+        ) from error
+    if where and not (where.isdecimal() and int(where) <= LAST_DOMAIN):
+        raise InvalidArgument(
+            f"{where!r} is no domain of ROS 2: 0 to {LAST_DOMAIN} are", value=where
+        )
+    context = rclpy.Context()
+    # Ctrl-C is the program's.
+    signals = SignalHandlerOptions.NO
+    domain = int(where) if where else None
+    try:
+        rclpy.init(
+            args=[*arguments],
+            context=context,
+            domain_id=domain,
+            signal_handler_options=signals,
+        )
+    except (RuntimeError, ValueError) as error:
+        raise InvalidArgument(f"ROS 2 does not start: {error}", value=where) from error
+    try:
+        try:
+            theirs = rclpy.create_node(
+                name, context=context, enable_rosout=False, start_parameter_services=False
+            )
+        except InvalidNodeNameException as error:
+            raise InvalidName(f"{name!r} is no name of a node: {error}", value=name) from error
+        with _spun(theirs):
+            node = RclpyNode(theirs, own_thread=True)
+            try:
+                yield node
+            finally:
+                node.close()
+    finally:
+        context.try_shutdown()
+
+
+@contextmanager
+def _spun(node: Any) -> Iterator[None]:
+    """Spin a node of rclpy in a thread, for its clock and services."""
+    from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
+
+    executor = SingleThreadedExecutor(context=node.context)
+    executor.add_node(node)
+    over = threading.Event()
+
+    def spin() -> None:
+        with suppress(ExternalShutdownException):
+            while not over.is_set():
+                executor.spin_once()
+
+    thread = threading.Thread(target=spin, name="tfdb executor", daemon=True)
+    thread.start()
+    try:
+        yield
+    finally:
+        over.set()
+        executor.create_task(lambda: None)  # a step ends when something was done in it
+        thread.join()
+        executor.shutdown()
+        node.destroy_node()

@@ -1,0 +1,130 @@
+"""Commands on a live graph of ROS 1: a real master, and a program of rospy that publishes."""
+
+from __future__ import annotations
+
+import os
+import signal
+import xmlrpc.client
+from contextlib import suppress
+from typing import TYPE_CHECKING
+
+import pytest
+
+import tfdb
+from ros.commands import Command, tfdb_json, tfdb_says
+from ros.messages import transforms
+from ros.real_ros1 import SECONDS, until
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from ros.real_ros1 import RospyChild
+
+S = 1_000_000_000
+TF = "tf2_msgs/TFMessage"
+STATIC = transforms(("base", "camera", 0, 0.5))
+
+
+class Robot:
+    """Transforms that a program of rospy publishes on the graph."""
+
+    def __init__(self, child: RospyChild) -> None:
+        self._child = child
+        self.joined = 0
+        child.call("advertise", "/tf_static", TF, True, 1)
+        child.call("advertise", "/tf", TF, False, 100)
+        child.call("send", "/tf_static", [STATIC.hex()])
+
+    def moves(self, *stamps: int) -> None:
+        """Publish map -> base, `x` being the seconds of the stamp."""
+        texts = [transforms(("map", "base", stamp, stamp / S)).hex() for stamp in stamps]
+        self._child.call("send", "/tf", texts)
+
+    def is_heard(self) -> None:
+        """Wait until one more listens."""
+        self.joined += 1
+        assert self._child.call("joined", "/tf", self.joined, SECONDS)
+
+    def leave(self) -> None:
+        for topic in ("/tf", "/tf_static"):
+            self._child.call("withdraw", topic)
+
+
+@pytest.fixture
+def robot(ros1: str, rospy_child: RospyChild) -> Iterator[Robot]:
+    made = Robot(rospy_child)
+    yield made
+    made.leave()
+
+
+@pytest.fixture
+def store() -> Iterator[str]:
+    name = f"test-commands-{os.getpid()}"
+    yield name
+    with suppress(tfdb.NoSuchStore):
+        tfdb.Buffer.unlink(name)
+
+
+def nodes_of(uri: str) -> set[str]:
+    """Nodes of which the master knows anything."""
+    with xmlrpc.client.ServerProxy(uri) as master:
+        _, _, state = master.getSystemState("/test")  # type: ignore[misc]
+    return {node for part in state for _, nodes in part for node in nodes}  # type: ignore[union-attr]
+
+
+def test_commands_that_read_once_listen(ros1: str, robot: Robot) -> None:
+    found = tfdb_json("lookup", "ros1:", "base", "/camera", "--for", "20")
+    assert found["files"] == ["ros1:"]
+    assert found["translation"] == [0.5, 2.0, -3.0]
+    (edge,) = tfdb_json("info", f"ros1:{ros1}", "--for", "0.3s")["edges"]
+    assert (edge["frame"], edge["static"], edge["authority"]) == ("camera", True, "/theirs")
+    assert "camera  static" in tfdb_says("tree", "ros1:", "--for", "0.3")
+    assert tfdb_json("check", "ros1:", "--for", "0.3")["transforms"] == 1
+    assert not {node for node in nodes_of(ros1) if "tfdb" in node}
+
+
+def test_arguments_for_ros(ros1: str, robot: Robot) -> None:
+    assert tfdb_json("info", "ros1:", "--for", "0.1", "/tf_static:=/other")["frames"] == 0
+    assert tfdb_json("tree", "/elsewhere:=/tf", "ros1:", "--for", "0.3")["roots"] == ["base"]
+
+
+def test_graphs_that_are_none(ros1: str) -> None:
+    assert "no ROS master answers" in tfdb_says("tree", "ros1:http://127.0.0.1:9", code=2)
+    assert "is no URI" in tfdb_says("tree", "ros1:nowhere", code=2)
+    assert "is no name" in tfdb_says("tree", "ros1:", "--node-name", "a/b", code=2)
+    assert "source the setup.bash" in tfdb_says("tree", "ros2:", code=2)
+    assert "read alone" in tfdb_says("tree", "ros1:", "ros2:", code=2)
+    assert "has no topics" in tfdb_says("check", "ros1:", "--topic", "/tf", code=2)
+    assert "only files" in tfdb_says("convert", "ros1:", "x.bag", code=2)
+    assert "-o OUT.tfdb" in tfdb_says("freeze", "ros1:", code=2)
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_serve(ros1: str, robot: Robot, store: str, number: int) -> None:
+    with Command("serve", "ros1", "--into", store, "__name:=serving") as serving:
+        assert f"ros1: as /serving into shm:{store}" in serving.line()
+        robot.is_heard()
+        robot.moves(1 * S, 2 * S)
+        shared = tfdb.Buffer.open(store, mode="r")
+        found = shared.lookup_transform("map", "camera", 2 * S, timeout=SECONDS)
+        assert found.report.edges[-1].child == "base"
+        assert shared.frame_info("base").authority == "/theirs"
+        assert "/serving" in nodes_of(ros1)
+        code, said = serving.end(number)
+    assert code == 128 + number
+    assert "3 commits, 3 frames" in said
+    assert "/serving" not in nodes_of(ros1)
+    assert tfdb_json("tree", f"shm:{store}")["roots"] == ["map"]
+
+
+def test_serve_is_told_to_end(ros1: str, robot: Robot, store: str) -> None:
+    with Command("serve", "ros1", "--into", store, "--node-name", "serving") as serving:
+        serving.line()
+        with xmlrpc.client.ServerProxy(ros1) as master:
+            _, _, uri = master.lookupNode("/test", "/serving")  # type: ignore[misc]
+        with xmlrpc.client.ServerProxy(str(uri)) as node:
+            node.shutdown("/test", "because")
+        until(lambda: serving.process.poll() is not None, "the end of the command")
+        assert serving.process.returncode == 2
+        assert serving.process.stderr
+        assert "/serving was ended" in serving.process.stderr.read()
