@@ -123,7 +123,7 @@ asan-python: $(STAMPS)/dev
 	$(UNDER_ASAN) -m tests.hostile.fuzz --calls 20000 --threads
 	$(UNDER_ASAN) -m pytest -q --capture=sys -p no:cacheprovider tests/test_bad_*.py tests/test_batch.py \
 	    tests/test_objects.py tests/test_messages.py tests/wire/test_codec.py \
-	    tests/wire/test_changing.py tests/life/test_closing.py
+	    tests/wire/test_changing.py tests/life/test_closing.py tests/tf2/test_messages_made.py
 
 relacy: $(STAMPS)/venv
 	$(CMAKE) --preset relacy >/dev/null

@@ -1,13 +1,18 @@
-"""With a real ROS 1 beside it: its messages and times go in and come out."""
+"""With a real ROS 1 or ROS 2 beside it: its messages and times go in and come out."""
 
 from __future__ import annotations
 
 import os
 import subprocess
 import sys
+from pathlib import Path
+
+from tools import make_ros2_env
 
 from compat.tf2_oracle import unavailable
 from tf2 import real_tf2
+
+TESTS = Path(__file__).resolve().parents[1]
 
 PROGRAM = """
 import io
@@ -53,6 +58,54 @@ else:
     raise AssertionError("it found one")
 print("done")
 """
+
+
+OF_ROS2 = """
+import builtin_interfaces.msg
+import geometry_msgs.msg
+import rclpy.time
+from tf2.test_messages_made import slots
+from tfdb import tf2
+from tfdb.tf2 import ros_messages
+
+STAMP = 1_700_000_000_123_456_789
+POSE = [1.5, -2.5, 3.25, 0.0, 0.6, 0.0, 0.8]
+maker, _ = ros_messages.makers("ros2")
+assert maker.is_quick
+made, expected = (make("a", "b", STAMP, POSE) for make in (maker, ros_messages.make_ros2))
+assert type(made) is geometry_msgs.msg.TransformStamped
+assert made == expected and slots(made) == slots(expected)
+assert slots(made)[1]["_check_fields"][1] in (True, False)
+made.transform.translation.x = 1.25
+made.header.stamp.sec += 1
+assert expected.transform.translation.x == 1.5 and made != expected
+core = tf2.BufferCore()
+assert core.set_transform(made, "me") and core.set_transform(expected, "me")
+for time in (rclpy.time.Time(nanoseconds=STAMP), expected.header.stamp):
+    for _ in range(2):
+        found = core.lookup_transform_core("a", "b", time)
+        assert slots(found) == slots(expected), found
+        assert core.can_transform_core("a", "b", time) == (1, "")
+assert core.flavor == "ros2"
+late = maker("a", "b", 2**31 * 10**9 - 1, POSE)
+assert late.header.stamp == builtin_interfaces.msg.Time(sec=2**31 - 1, nanosec=999_999_999)
+print("done")
+"""
+
+
+def test_messages_of_ros2() -> None:
+    if not make_ros2_env.is_made():
+        unavailable("no ROS 2: make ros2")
+    environment = make_ros2_env.environment()
+    paths = [environment["PYTHONPATH"], str(TESTS), str(TESTS.parent)]
+    done = subprocess.run(
+        [sys.executable, "-c", OF_ROS2],
+        env=environment | {"PYTHONPATH": os.pathsep.join(paths)},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert (done.returncode, done.stdout) == (0, "done\n"), done.stderr
 
 
 def test_messages_of_ros1() -> None:
