@@ -24,7 +24,7 @@ def receive(pieces: list[bytes], limit: int = 1000, size: int = 64) -> list[byte
             left = len(piece)
             while left:
                 left -= frames.fill(ours)
-                found += [bytes(data) for data in frames]
+                frames.each(lambda data: found.append(bytes(data)))
         theirs.close()
         assert frames.fill(ours) == 0
     return found
@@ -55,22 +55,48 @@ def test_a_length_beyond_the_limit_is_refused_before_it_is_received() -> None:
 
 def test_a_frame_is_valid_until_the_next_unless_it_is_kept() -> None:
     ours, theirs = socket.socketpair()
-    frames = Frames(1000, 64)
+    frames, taken = Frames(1000, 64), []
+    kept: list[memoryview] = []
+
+    def take(data: memoryview) -> None:
+        taken.append(data)
+        if data == b"second":
+            kept.append(memoryview(data))  # who holds one of these holds the buffer
+
     with ours, theirs:
-        theirs.sendall(frame(b"first") + frame(b"second"))
-        frames.fill(ours)
-        given = iter(frames)
-        first = next(given)
-        assert first == b"first"
-        kept = next(given)
+        for sent in (frame(b"first") + frame(b"second") + frame(b"third"), frame(b"another")):
+            theirs.sendall(sent)
+            frames.fill(ours)
+            frames.each(take)
+    assert [len(data) for data in kept] == [6]
+    assert kept[0] == b"second"
+    assert len(taken) == 4
+    for data in (taken[0], taken[2], taken[3]):
         with pytest.raises(ValueError, match="released"):
-            bytes(first)
-        array = memoryview(kept)  # who holds one of these holds the buffer
-        assert list(given) == []
-        theirs.sendall(frame(b"another"))
+            bytes(data)
+
+
+def test_the_first_frame_alone_and_one_that_fails() -> None:
+    ours, theirs = socket.socketpair()
+    frames, found = Frames(1000, 64), []
+
+    def take(data: memoryview) -> None:
+        found.append(bytes(data))
+        if data == b"bad":
+            raise ZeroDivisionError
+
+    with ours, theirs:
+        assert frames.first() is None
+        theirs.sendall(frame(b"header") + frame(b"bad") + frame(b"good") + b"\5")
         frames.fill(ours)
-        assert [bytes(data) for data in frames] == [b"another"]
-        assert array == b"second"
+        assert frames.first() == b"header"
+        with pytest.raises(ZeroDivisionError):
+            frames.each(take)
+        frames.each(take)
+        theirs.sendall(frame(b"later")[1:])
+        frames.fill(ours)
+        frames.each(take)
+    assert found == [b"bad", b"good", b"later"]
 
 
 def test_headers_come_back_as_they_were() -> None:

@@ -12,7 +12,7 @@ from tfdb.errors import CorruptMessage
 
 if TYPE_CHECKING:
     import socket
-    from collections.abc import Iterator, Mapping
+    from collections.abc import Callable, Mapping
 
 __all__ = ["HEADER_LIMIT", "MESSAGE_LIMIT", "Frames", "decode_header", "encode_header", "frame"]
 
@@ -22,6 +22,7 @@ MESSAGE_LIMIT = 256 << 20
 """Bytes of a message; a length beyond it is taken for damage."""
 FIRST_SIZE = 1 << 20  # of the buffer: what lies in the connection is taken in one call
 LENGTH = struct.Struct("<I")
+measure = LENGTH.unpack_from
 
 
 def frame(data: bytes) -> bytes:
@@ -82,25 +83,16 @@ class Frames:
         self._end += count
         return count
 
-    def __iter__(self) -> Iterator[memoryview]:
-        """Each whole frame, without its length, valid until the next is asked for.
+    def each(self, take: Callable[[memoryview], object]) -> None:
+        """Call `take` with each whole frame, without its length; it is valid until that returns.
 
-        Raises CorruptMessage for a length beyond the limit.
+        What `take` raises is raised, and its frame is done with. Raises CorruptMessage for a length
+        beyond the limit.
         """
-        while self._end - self._begin >= LENGTH.size:
-            (length,) = LENGTH.unpack_from(self._buffer, self._begin)
-            if length > self.limit:
-                raise CorruptMessage(
-                    f"a frame claims {length} bytes, and at most {self.limit} are taken",
-                    reason="too long",
-                    limit=self.limit,
-                )
-            begin = self._begin + LENGTH.size
-            if begin + length > self._end:
-                break
-            self._begin = begin + length
-            found = self._view[begin : self._begin]
-            yield found
+        while end := self._end_of_frame():
+            begin, self._begin = self._begin + 4, end
+            found = self._view[begin:end]
+            take(found)
             try:
                 found.release()
             except BufferError:
@@ -112,6 +104,28 @@ class Frames:
             rest = self._end - self._begin
             self._buffer[:rest] = self._buffer[self._begin : self._end]
             self._begin, self._end = 0, rest
+
+    def first(self) -> bytes | None:
+        """Take the first whole frame, without its length; None: it is not there yet."""
+        end = self._end_of_frame()
+        if not end:
+            return None
+        begin, self._begin = self._begin + 4, end
+        return bytes(self._view[begin:end])
+
+    def _end_of_frame(self) -> int:
+        """Where the next frame ends; 0: it is not whole."""
+        if self._end - self._begin < 4:
+            return 0
+        (length,) = measure(self._buffer, self._begin)
+        if length > self.limit:
+            raise CorruptMessage(
+                f"a frame claims {length} bytes, and at most {self.limit} are taken",
+                reason="too long",
+                limit=self.limit,
+            )
+        end: int = self._begin + 4 + length
+        return end if end <= self._end else 0
 
     def _move_to(self, size: int) -> None:
         """Take a buffer of that size, and what is left into it."""

@@ -151,11 +151,11 @@ class Peer:
         if self._frames.fill(self._connection) == 0:
             self.close()
             return
-        for data in self._frames:
-            if self._closed:
-                return
-            if self._on_frame is not None:
-                self._on_frame(data)
+        self._frames.each(self._take)
+
+    def _take(self, data: memoryview) -> None:
+        if self._on_frame is not None and not self._closed:
+            self._on_frame(data)
 
     def _give_up(self) -> None:
         if self._on_close is None and not self._closed:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import socket
 import threading
 import time
+from functools import partial
 from typing import TYPE_CHECKING, TypeAlias
 
 from tfdb.errors import CorruptMessage, TfdbError
@@ -128,16 +129,14 @@ class Link:
         connection.sendall(self._topic.header)
         frames = Frames(HEADER_LIMIT)
         deadline = time.monotonic() + TIMEOUT
-        header = None
+        header: bytes | None = None
         while header is None:
             connection.settimeout(max(0.001, deadline - time.monotonic()))
             if frames.fill(connection) == 0:
                 raise _RefusedError("the publisher closed the connection before its header came")
-            for data in frames:
-                header = decode_header(data)
-                break
+            header = frames.first()
         connection.settimeout(None)
-        self._check(header)
+        self._check(decode_header(header))
         frames.limit = MESSAGE_LIMIT
         return frames
 
@@ -154,13 +153,11 @@ class Link:
         self._latching = header.get("latching") == "1"
 
     def _receive(self, connection: socket.socket, frames: Frames) -> None:
-        deliver, publisher = self._topic.deliver, self.publisher
         keeper = self if self._latching else None
-        while True:
-            for data in frames:
-                deliver(data, publisher, keeper)
-            if frames.fill(connection) == 0:
-                return
+        deliver = partial(self._topic.deliver, publisher=self.publisher, keeper=keeper)
+        frames.each(deliver)
+        while frames.fill(connection):
+            frames.each(deliver)
 
 
 class SubscribedTopic:
