@@ -364,7 +364,30 @@ def _processes() -> Iterator[Goal]:
     yield at_most(text, 1.05, shared(row, "16 readers"), shared(row, "1 reader"))
 
 
-ROWS = [*_lookups(), *_writes(), *_batches(), *_history(), *_sharing(), *_processes(), *_rest()]
+def _live() -> Iterator[Goal]:
+    for what in ("500 messages/s of 10 transforms", "50 messages/s of 100 transforms"):
+        row = f"CPU of a node of ROS 1 that listens to {what}"
+        theirs = Cell("live", row, "tf2_ros")
+        for text, title, limit in (
+            ("without any package of ROS", "tfdb", 0.35),
+            ("within rospy", "tfdb in rospy", 0.5),
+        ):
+            yield Goal(
+                f"{row}: {text}", TF2_ROS, Cell("live", row, title), theirs, limit,
+                at_least=False,
+            )  # fmt: skip
+
+
+ROWS = [
+    *_lookups(),
+    *_writes(),
+    *_batches(),
+    *_history(),
+    *_sharing(),
+    *_processes(),
+    *_live(),
+    *_rest(),
+]
 """Goals of the rows, for docs/benchmarks.md."""
 
 

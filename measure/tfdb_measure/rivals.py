@@ -44,12 +44,18 @@ NEEDED = {
     "rosbags_tf2": "rosbags, tf2_py",
     "transform_tree_shared": "tf_tree",
     "tf2_live": "tf2_ros, roslaunch",
+    "tf2_listening": "tf2_ros",
+    "tfdb_live": "tfdb",
+    "tfdb_in_rospy": "tfdb, rospy",
 }
 FEW = (1, 4, 16, 64)  # stamps in one call
 
 # A robot that many processes look at: ten moving frames, 500 times a second each.
 LIVE_CHAIN, MESSAGES = 10, 500.0
 READERS, LOOKUPS = 16, 100.0  # lookups of each per second
+# What is published on /tf: edges of a message, messages per second.
+STREAMS = ((10, 500.0), (100, 50.0))
+NODES = {"tf2_ros": "tf2_listening", "tfdb": "tfdb_live", "tfdb in rospy": "tfdb_in_rospy"}
 # As many as leave two cores idle now and then: more would be measured while they lag.
 LISTENERS = {"tf2_ros listener, alone": 1, "tf2_ros listener, each of 2": 2}
 
@@ -129,6 +135,7 @@ def _interpreters(env: Path, *contenders: str) -> dict[str, Path]:
     others = {
         "tf2": SYSTEM_PYTHON,
         "tf2_live": SYSTEM_PYTHON,
+        "tf2_listening": SYSTEM_PYTHON,
         "schiebung": env / "newer" / "bin" / "python",
     }
     found = {}
@@ -536,6 +543,39 @@ def _listening(publisher: Worker, listeners: list[Worker], seconds: float) -> tu
     return cpu, (sum(after) - sum(before)) / len(listeners) / (end - begin)
 
 
+def live(results: Results, effort: Effort) -> None:
+    """Measure nodes that listen in a graph of ROS 1, one at a time, in turns."""
+    interpreters = _interpreters(effort.env, "tf2_live", *NODES.values())
+    if "tf2_live" not in interpreters:
+        return
+    seconds = 4.0 if effort.samples >= Effort.samples else 0.5
+    for edges, per_s in STREAMS:
+        used: Rounds = {}
+        heard: Rounds = {}
+        with ExitStack() as stack:
+            (publisher,) = _workers(stack, "tf2_live", interpreters["tf2_live"], 1)
+            uri = publisher.call("make", edges)
+            nodes = {
+                title: _workers(stack, who, interpreters[who], 1)[0]
+                for title, who in NODES.items()
+                if who in interpreters
+            }
+            for node in nodes.values():
+                node.call("join", uri)
+            publisher.begin("write_each", per_s)
+            for _ in range(effort.rounds):
+                for title, node in nodes.items():
+                    node.call("listen", "frame_0", f"frame_{edges}")
+                    found = node.call("cost", seconds)
+                    node.call("leave")
+                    used.setdefault(title, []).append(found["cpu"])
+                    heard.setdefault(title, []).append(found["per_s"])
+            publisher.end()
+        row = f"{per_s:.0f} messages/s of {edges} transforms"
+        _add(results, "live", f"CPU of a node of ROS 1 that listens to {row}", 0, "%", used)
+        _add(results, "live", f"messages per second that it received of {row}", 0, "1/s", heard)
+
+
 def start(results: Results, effort: Effort) -> None:
     """Time `import tfdb` and `import numpy`, in processes that have just begun."""
     code = "import time; a = time.process_time_ns(); import {}; print(time.process_time_ns() - a)"
@@ -557,11 +597,12 @@ GROUPS: dict[str, Callable[[Results, Effort], None]] = {
     "Python": python,
     "loading": loading,
     "sharing": sharing,
+    "live": live,
     "start": start,
 }
 """What may be measured by itself, by the name that its rows have in the results."""
 
-NEED_PYTHON = ("Python", "loading", "sharing", "start")
+NEED_PYTHON = ("Python", "loading", "sharing", "live", "start")
 """The groups that need the rivals' environment."""
 
 

@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import tfdb
-from tfdb.ros.tcpros import Frames, decode_header, encode_header, frame
+from tfdb.ros.tcpros import Frames, decode_header, encode_header, frame, receive_header
 
 
 def receive(pieces: list[bytes], limit: int = 1000, size: int = 64) -> list[bytes]:
@@ -76,7 +76,7 @@ def test_a_frame_is_valid_until_the_next_unless_it_is_kept() -> None:
             bytes(data)
 
 
-def test_the_first_frame_alone_and_one_that_fails() -> None:
+def test_a_frame_whose_taker_fails_is_done_with() -> None:
     ours, theirs = socket.socketpair()
     frames, found = Frames(1000, 64), []
 
@@ -86,10 +86,8 @@ def test_the_first_frame_alone_and_one_that_fails() -> None:
             raise ZeroDivisionError
 
     with ours, theirs:
-        assert frames.first() is None
-        theirs.sendall(frame(b"header") + frame(b"bad") + frame(b"good") + b"\5")
+        theirs.sendall(frame(b"bad") + frame(b"good") + b"\5")
         frames.fill(ours)
-        assert frames.first() == b"header"
         with pytest.raises(ZeroDivisionError):
             frames.each(take)
         frames.each(take)
@@ -97,6 +95,24 @@ def test_the_first_frame_alone_and_one_that_fails() -> None:
         frames.fill(ours)
         frames.each(take)
     assert found == [b"bad", b"good", b"later"]
+
+
+def test_a_header_is_received_and_nothing_after_it() -> None:
+    ours, theirs = socket.socketpair()
+    with ours, theirs:
+        theirs.sendall(encode_header({"a": "b"}) + b"rest")
+        assert receive_header(ours, 5.0) == {"a": "b"}
+        assert ours.gettimeout() is None
+        assert ours.recv(10) == b"rest"
+        theirs.sendall(b"\5\0")
+        with pytest.raises(TimeoutError):
+            receive_header(ours, 0.01)
+        theirs.sendall(b"\xff\xff\xff\xff")
+        with pytest.raises(tfdb.CorruptMessage, match="at most 1048576 are taken"):
+            receive_header(ours, 5.0)
+        theirs.close()
+        with pytest.raises(ConnectionError, match="before its header came"):
+            receive_header(ours, 5.0)
 
 
 def test_headers_come_back_as_they_were() -> None:

@@ -6,6 +6,7 @@ The protocol is described at https://wiki.ros.org/ROS/TCPROS. Nothing here knows
 from __future__ import annotations
 
 import struct
+import time
 from typing import TYPE_CHECKING
 
 from tfdb.errors import CorruptMessage
@@ -14,7 +15,15 @@ if TYPE_CHECKING:
     import socket
     from collections.abc import Callable, Mapping
 
-__all__ = ["HEADER_LIMIT", "MESSAGE_LIMIT", "Frames", "decode_header", "encode_header", "frame"]
+__all__ = [
+    "HEADER_LIMIT",
+    "MESSAGE_LIMIT",
+    "Frames",
+    "decode_header",
+    "encode_header",
+    "frame",
+    "receive_header",
+]
 
 HEADER_LIMIT = 1 << 20
 """Bytes of a header, which holds a message's definition."""
@@ -62,6 +71,40 @@ def decode_header(data: bytes | memoryview) -> dict[str, str]:
     return fields
 
 
+def receive_header(connection: socket.socket, seconds: float) -> dict[str, str]:
+    """Fields of the header that comes first on a connection, and nothing of what follows.
+
+    Raises TimeoutError if it is not there in time, ConnectionError if the connection ends before,
+    CorruptMessage for what is no header. The connection has no timeout afterwards.
+    """
+    deadline = time.monotonic() + seconds
+
+    def receive(count: int) -> bytes:
+        found = b""
+        while len(found) < count:
+            connection.settimeout(max(0.001, deadline - time.monotonic()))
+            piece = connection.recv(count - len(found))
+            if not piece:
+                raise ConnectionError("the connection ended before its header came")
+            found += piece
+        return found
+
+    (length,) = LENGTH.unpack(receive(LENGTH.size))
+    if length > HEADER_LIMIT:
+        raise _too_long(length, HEADER_LIMIT)
+    found = decode_header(receive(length))
+    connection.settimeout(None)
+    return found
+
+
+def _too_long(length: int, limit: int) -> CorruptMessage:
+    return CorruptMessage(
+        f"a frame claims {length} bytes, and at most {limit} are taken",
+        reason="too long",
+        limit=limit,
+    )
+
+
 class Frames:
     """What a connection sends, cut into frames in the buffer that it was received into.
 
@@ -89,8 +132,15 @@ class Frames:
         What `take` raises is raised, and its frame is done with. Raises CorruptMessage for a length
         beyond the limit.
         """
-        while end := self._end_of_frame():
-            begin, self._begin = self._begin + 4, end
+        while self._end - self._begin >= LENGTH.size:
+            (length,) = measure(self._buffer, self._begin)
+            if length > self.limit:
+                raise _too_long(length, self.limit)
+            begin = self._begin + LENGTH.size
+            end = begin + length
+            if end > self._end:
+                break
+            self._begin = end
             found = self._view[begin:end]
             take(found)
             try:
@@ -104,28 +154,6 @@ class Frames:
             rest = self._end - self._begin
             self._buffer[:rest] = self._buffer[self._begin : self._end]
             self._begin, self._end = 0, rest
-
-    def first(self) -> bytes | None:
-        """Take the first whole frame, without its length; None: it is not there yet."""
-        end = self._end_of_frame()
-        if not end:
-            return None
-        begin, self._begin = self._begin + 4, end
-        return bytes(self._view[begin:end])
-
-    def _end_of_frame(self) -> int:
-        """Where the next frame ends; 0: it is not whole."""
-        if self._end - self._begin < 4:
-            return 0
-        (length,) = measure(self._buffer, self._begin)
-        if length > self.limit:
-            raise CorruptMessage(
-                f"a frame claims {length} bytes, and at most {self.limit} are taken",
-                reason="too long",
-                limit=self.limit,
-            )
-        end: int = self._begin + 4 + length
-        return end if end <= self._end else 0
 
     def _move_to(self, size: int) -> None:
         """Take a buffer of that size, and what is left into it."""

@@ -12,7 +12,7 @@ from tfdb.errors import CorruptMessage, TfdbError
 
 from .loop import LOG
 from .master import CALL_ERRORS, TIMEOUT, call
-from .tcpros import HEADER_LIMIT, MESSAGE_LIMIT, Frames, decode_header, encode_header
+from .tcpros import MESSAGE_LIMIT, Frames, encode_header, receive_header
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable
@@ -80,11 +80,12 @@ class Link:
             try:
                 with self._connect() as connection:
                     self._connection = connection
-                    frames = self._shake_hands(connection)
+                    connection.sendall(self._topic.header)
+                    self._check(receive_header(connection, TIMEOUT))
                     pause = FIRST_PAUSE
                     self.connected = True
                     if not self._closing.is_set():
-                        self._receive(connection, frames)
+                        self._receive(connection)
             except Exception as error:
                 self._tell(error)
             self.connected, self._connection = False, None
@@ -124,22 +125,6 @@ class Link:
                 connection.setsockopt(socket.IPPROTO_TCP, getattr(socket, option), number)
         return connection
 
-    def _shake_hands(self, connection: socket.socket) -> Frames:
-        """Exchange headers; what came after the publisher's is in the frames."""
-        connection.sendall(self._topic.header)
-        frames = Frames(HEADER_LIMIT)
-        deadline = time.monotonic() + TIMEOUT
-        header: bytes | None = None
-        while header is None:
-            connection.settimeout(max(0.001, deadline - time.monotonic()))
-            if frames.fill(connection) == 0:
-                raise _RefusedError("the publisher closed the connection before its header came")
-            header = frames.first()
-        connection.settimeout(None)
-        self._check(decode_header(header))
-        frames.limit = MESSAGE_LIMIT
-        return frames
-
     def _check(self, header: dict[str, str]) -> None:
         self.publisher = header.get("callerid", self.publisher)
         if "error" in header:
@@ -152,10 +137,10 @@ class Link:
             )
         self._latching = header.get("latching") == "1"
 
-    def _receive(self, connection: socket.socket, frames: Frames) -> None:
+    def _receive(self, connection: socket.socket) -> None:
         keeper = self if self._latching else None
-        deliver = partial(self._topic.deliver, publisher=self.publisher, keeper=keeper)
-        frames.each(deliver)
+        deliver = partial(self._topic.deliver, self.publisher, keeper)
+        frames = Frames(MESSAGE_LIMIT)
         while frames.fill(connection):
             frames.each(deliver)
 
@@ -196,7 +181,7 @@ class SubscribedTopic:
         with self._lock:
             return {uri: link.publisher for uri, link in self._links.items() if link.connected}
 
-    def deliver(self, data: memoryview, publisher: str, keeper: Link | None) -> None:
+    def deliver(self, publisher: str, keeper: Link | None, data: memoryview) -> None:
         """Call all callbacks with a message, which `keeper` keeps for those that come later.
 
         What they raise is logged once for each publisher.

@@ -1,0 +1,33 @@
+"""Debian's tf2_ros.TransformListener in a live graph of ROS 1, with TCP_NODELAY as ours has it."""
+
+from __future__ import annotations
+
+import rospy
+import tf2_ros
+from live import Listens
+from with_tf2_live import Contender as Node
+from with_tf2_live import Listener, wait_for
+
+LATEST = rospy.Time(0)
+
+
+class Contender(Listens):
+    """A node that listens."""
+
+    def join(self, uri: str) -> None:
+        """Become a node of that master."""
+        Node().join(uri, 1)
+
+    def listen(self, target: str, source: str) -> None:
+        """Subscribe; return when lookups are answered."""
+        self.buffer = tf2_ros.Buffer(rospy.Duration(10), debug=False)
+        self.listener = Listener(self.buffer, tcp_nodelay=True)
+        wait_for("transform", lambda: self.buffer.can_transform(target, source, LATEST))
+
+    def received(self) -> int:
+        """Messages since it listens."""
+        return self.listener.received
+
+    def leave(self) -> None:
+        """Unsubscribe."""
+        self.listener.unregister()
