@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import tfdb
@@ -35,38 +36,43 @@ def decoded(data: bytes | memoryview, encoding: Encoding) -> Iterator[msgs.Trans
 
 
 class Incoming:
-    """Stores the messages that a node gets. Any thread may call it."""
+    """Stores the messages of a topic that a node gets. Any thread may call it."""
 
-    def __init__(self, core: BufferCore, node: Node) -> None:
-        self._core = core
-        self._node = node
+    def __init__(self, core: BufferCore, node: Node, *, static: bool) -> None:
+        self._core, self._node, self._static = core, node, static
         self._ahead: set[tuple[str, int]] = set()
+        ros1 = core.flavor == "ros1"
+        rules: dict[str, Any] = {
+            "static": static,
+            "change_kind": not ros1,
+            "only_new": ros1 and not static,
+        }
+        # Made once: less to do for each of many messages.
+        self._ingest: Any = partial(core.buffer.ingest, encoding=node.encoding, **rules)
+        self._store: Any = partial(core.buffer.set_transforms, partial=True, **rules)
 
-    def store(self, data: bytes | memoryview, authority: str, *, static: bool) -> int:
+    def store(self, data: bytes | memoryview, authority: str) -> int:
         """Store a TFMessage in one commit; what tf2 refuses is logged, the rest of it stored.
 
         Returns how many transforms were refused. Raises CorruptMessage: nothing was stored.
         """
-        ros1 = self._core.flavor == "ros1"
-        rules = {"change_kind": not ros1, "only_new": ros1 and not static}
         try:
-            self._core.buffer.ingest(
-                data, encoding=self._node.encoding, static=static, authority=authority, **rules
-            )
+            self._ingest(data, authority=authority)
         except errors.TfdbError as error:
             if not refusals.is_of_a_transform(error):
                 raise
-        else:
-            return 0
+            return self._store_members(data, authority)
+        return 0
+
+    def _store_members(self, data: bytes | memoryview, authority: str) -> int:
+        """Store those members of a message that are not refused, in one commit; log the others."""
         transforms = [*decoded(data, self._node.encoding)]
-        refused = self._core.buffer.set_transforms(
-            transforms, static=static, authority=authority, partial=True, **rules
-        )
+        refused = self._store(transforms, authority=authority)
         lost = 0
         for member in refused:
             transform = transforms[member.index]
             # Asked again by itself it is refused in tf2's words, or is of ROS 1's other kind.
-            lost += not self._core._set(transform, authority, static=static)
+            lost += not self._core._set(transform, authority, static=self._static)
             if member.error == "TooOld":
                 self._look_ahead(transform.child_frame_id)
         return lost

@@ -87,8 +87,7 @@ class TransformListener:
             core._settle(self.node.flavor)
         if isinstance(buffer, Buffer) and buffer.clock is None:
             buffer.clock = self.node
-        plain = core is not None and _is_plain(core)
-        self._incoming = Incoming(core, self.node) if core is not None and plain else None
+        self._raw = core if core is not None and _is_plain(core) else None
         topics = [(tf_static_topic, True, static_qos)]
         if not static_only:
             topics.append((tf_topic, False, qos))
@@ -107,14 +106,16 @@ class TransformListener:
 
     def _taker(self, *, static: bool) -> Any:
         """Make what takes the messages of a topic."""
-        incoming, buffer, encoding = self._incoming, self.buffer, self.node.encoding
-        corrupt = self.corrupt
+        buffer, encoding, corrupt = self.buffer, self.node.encoding, self.corrupt
+        incoming = None
+        if self._raw is not None:
+            incoming = Incoming(self._raw, self.node, static=static)
 
         def take(data: bytes | memoryview, publisher: str) -> None:
             authority = publisher or UNKNOWN
             try:
                 if incoming is not None:
-                    incoming.store(data, authority, static=static)
+                    incoming.store(data, authority)
                 else:
                     store = buffer.set_transform_static if static else buffer.set_transform
                     for message in decoded(data, encoding):
