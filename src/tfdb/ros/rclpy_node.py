@@ -75,6 +75,8 @@ class RclpyNode:
 
     def __init__(self, node: Any, *, own_thread: bool) -> None:
         self.name: str = node.get_fully_qualified_name()
+        self.given: Any = node
+        """The node of rclpy."""
         self._node = node
         self._own_thread = own_thread
         self._taker: _Taker | None = None
@@ -177,7 +179,11 @@ class RclpyNode:
 
         group = _InTurn()
         service = self._node.create_service(service_type, name, respond, callback_group=group)
-        return self._keep(_Made(self._node, lambda: self._node.destroy_service(service)))
+        return self.adopt(lambda: self._node.destroy_service(service))
+
+    def adopt(self, destroy: Callable[[], object]) -> Service:
+        """Keep something that was made in the rclpy node, which `close` is to destroy."""
+        return self._keep(_Made(self._node, destroy))
 
     def now(self) -> int:
         """Nanoseconds on the node's clock: the wall's, or that of /clock with `use_sim_time`."""

@@ -35,6 +35,7 @@ NOT_SUCCEEDED = (
     + WRONG
 )
 NO_RESULT = f"The BufferServer returned None for result! {WRONG}"
+NOT_READY = "The BufferServer is not ready."
 PARAMETERS = ("ns", "check_frequency", "timeout_padding")
 
 
@@ -185,7 +186,8 @@ class BufferClient(BufferInterface):
         limit = goal.timeout + self._padding
         deadline = deadline_in(limit, self.node) if limit > 0 else None
         if not self._wait_ready(deadline):
-            raise TimeoutException(LATE, target=goal.target_frame, source=goal.source_frame)
+            text = LATE if self.node.flavor == "ros1" else NOT_READY
+            raise TimeoutException(text, target=goal.target_frame, source=goal.source_frame)
         over = threading.Event()
         results: list[LookupResult | None] = []
 

@@ -1,8 +1,10 @@
 """The action LookupTransform: what is asked and answered, and what carries it in either ROS.
 
-`BufferServer` and `BufferClient` know this file alone; how goals and results travel in ROS 1 is in
-`ros1_action.py`.
+`BufferServer` and `BufferClient` know this file alone; how goals and results travel is in
+`ros1_action.py` and `ros2_action.py`.
 """
+
+# ruff: noqa: PLC0415  (they import this file, and a ROS)
 
 from __future__ import annotations
 
@@ -28,6 +30,7 @@ if TYPE_CHECKING:
 
     from tfdb.errors import TfdbError
     from tfdb.ros import Node
+    from tfdb.ros.rclpy_node import RclpyNode
 
 __all__ = [
     "NO_ERROR",
@@ -146,22 +149,29 @@ class ClientTransport(Protocol):
 
 def server_in(node: Node, ns: str) -> ServerTransport:
     """Give what takes goals of an action in a node."""
-    _check_supported(node)
-    from .ros1_action import Ros1Server  # noqa: PLC0415 - it imports this file
+    if node.flavor == "ros1":
+        from .ros1_action import Ros1Server
 
-    return Ros1Server(node, ns)
+        return Ros1Server(node, ns)
+    from .ros2_action import Ros2Server
+
+    return Ros2Server(_of_rclpy(node), ns)
 
 
 def client_in(node: Node, ns: str) -> ClientTransport:
     """Give what sends goals of an action from a node."""
-    _check_supported(node)
-    from .ros1_action import Ros1Client  # noqa: PLC0415 - it imports this file
+    if node.flavor == "ros1":
+        from .ros1_action import Ros1Client
 
-    return Ros1Client(node, ns)
+        return Ros1Client(node, ns)
+    from .ros2_action import Ros2Client
+
+    return Ros2Client(_of_rclpy(node), ns)
 
 
-def _check_supported(node: Node) -> None:
-    if node.flavor != "ros1":
-        raise NotSupported(
-            f"the action LookupTransform is there in nodes of ROS 1, and {node.name} is of ROS 2"
-        )
+def _of_rclpy(node: Node) -> RclpyNode:
+    from tfdb.ros.rclpy_node import RclpyNode
+
+    if not isinstance(node, RclpyNode):
+        raise NotSupported(f"actions of ROS 2 need a node of rclpy, and {node.name} is none")
+    return node

@@ -32,6 +32,7 @@ class Graph:
         self.nodes: list[RclpyNode] = []
         self.executor = SingleThreadedExecutor(context=context)
         self._theirs: list[Any] = []
+        self.at_end: list[Callable[[], object]] = []
         self._spinner: threading.Thread | None = None
         self._over = False
 
@@ -62,6 +63,8 @@ class Graph:
             self._spinner.join(LIMIT)
             assert not self._spinner.is_alive()
         self.executor.shutdown()
+        for call in self.at_end:
+            call()
         for each in self._theirs:
             each.destroy_node()
         if self.context.ok():

@@ -1,0 +1,250 @@
+"""The action LookupTransform in ROS 2, by rclpy's own action server and client.
+
+All of it happens in the executor of the node, which must spin; a client that waits must not be one
+of its callbacks, unless several of them can run at once.
+"""
+
+from __future__ import annotations
+
+import threading
+from typing import TYPE_CHECKING, Any
+
+from action_msgs.msg import GoalStatus
+from builtin_interfaces.msg import Duration, Time
+from rclpy.action import ActionClient, ActionServer, CancelResponse
+from rclpy.callback_groups import ReentrantCallbackGroup
+from tf2_msgs.action import LookupTransform
+
+from .exceptions import TimeoutException
+from .lookup_action import NO_ERROR, LookupGoal, LookupResult, code_of
+from .times import SECOND
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from tfdb.ros.rclpy_node import RclpyNode
+
+    from .lookup_action import Goal
+
+__all__ = ["Ros2Client", "Ros2Server"]
+
+NOT_ACCEPTED = (
+    "The LookupTransform goal sent to the BufferServer did not come back with accepted status."
+    " Something is likely wrong with the server."
+)
+CANCELLED = "The LookupTransform goal was cancelled."
+
+
+class _ServerGoal:
+    """A goal of a server. Threads: any."""
+
+    def __init__(self, handle: Any) -> None:
+        self.question = _question_of(handle.request)
+        self._handle = handle
+        self._lock = threading.Lock()
+        self._is_over = False
+
+    def succeed(self, result: LookupResult) -> None:
+        """Send its result, which may be an error."""
+        self._end(self._handle.succeed, result)
+
+    def cancel(self) -> None:
+        """Say that it was cancelled."""
+        error = TimeoutException(CANCELLED)
+        self._end(self._handle.canceled, LookupResult(None, code_of(error), CANCELLED))
+
+    def _end(self, change_state: Callable[[], None], result: LookupResult) -> None:
+        with self._lock:
+            was_over, self._is_over = self._is_over, True
+        if not was_over:
+            self._change_state, self._result = change_state, result
+            # It comes back as `execute`, in a task; until then the goal stands as accepted.
+            self._handle.execute()
+
+    def execute(self) -> Any:
+        """Say how it ended."""
+        self._change_state()
+        return _message_of(self._result)
+
+
+class Ros2Server:
+    """Takes goals of an action. Threads: any.
+
+    Parameters
+    ----------
+    node
+        A node of rclpy.
+    name
+        The action's, such as `tf2_buffer_server`.
+    """
+
+    def __init__(self, node: RclpyNode, name: str) -> None:
+        self._node, self._name = node, name
+        self._goals: dict[bytes, _ServerGoal] = {}
+        self._opened: Any = None
+
+    def start(self, on_goal: Callable[[Goal], None], on_cancel: Callable[[Goal], None]) -> None:
+        """Take goals from now on; `on_cancel` gets one of them that a client wants no more."""
+        node = self._node.given
+
+        def accept(handle: Any) -> None:
+            goal = _ServerGoal(handle)
+            self._goals[bytes(handle.goal_id.uuid)] = goal
+            on_goal(goal)
+
+        def execute(handle: Any) -> Any:
+            return self._goals.pop(bytes(handle.goal_id.uuid)).execute()
+
+        def cancel(handle: Any) -> Any:
+            goal = self._goals.get(bytes(handle.goal_id.uuid))
+            if goal is None:
+                return CancelResponse.REJECT
+            # Once rclpy has noted the wish.
+            node.executor.create_task(on_cancel, goal)
+            return CancelResponse.ACCEPT
+
+        server = ActionServer(
+            node,
+            LookupTransform,
+            self._name,
+            execute_callback=execute,
+            callback_group=ReentrantCallbackGroup(),
+            handle_accepted_callback=accept,
+            cancel_callback=cancel,
+        )
+        self._opened = self._node.adopt(server.destroy)
+
+    def close(self) -> None:
+        """Take no more goals."""
+        if self._opened is not None:
+            self._opened.close()
+
+
+class _Sent:
+    """A goal of a client. Threads: any."""
+
+    def __init__(self, on_result: Callable[[LookupResult | None], None]) -> None:
+        self._on_result: Callable[[LookupResult | None], None] | None = on_result
+        self._handle: Any = None
+        self._lock = threading.Lock()
+
+    def forget(self) -> None:
+        """Call `on_result` no more, and tell the server that nobody waits."""
+        with self._lock:
+            waited, self._on_result = self._on_result, None
+            handle = self._handle
+        if waited is not None and handle is not None:
+            handle.cancel_goal_async()
+
+    def answered(self, future: Any) -> None:
+        """Take the server's word on the goal."""
+        handle = future.result()
+        if not handle.accepted:
+            self._finish(LookupResult(None, code_of(TimeoutException()), NOT_ACCEPTED))
+            return
+        with self._lock:
+            self._handle = handle
+            is_wanted = self._on_result is not None
+        if is_wanted:
+            handle.get_result_async().add_done_callback(self._ended)
+        else:
+            handle.cancel_goal_async()
+
+    def _ended(self, future: Any) -> None:
+        response = future.result()
+        result = response.result
+        error = int(result.error.error)
+        if error != NO_ERROR:
+            self._finish(LookupResult(None, error, result.error.error_string))
+        elif response.status == GoalStatus.STATUS_SUCCEEDED:
+            self._finish(LookupResult(result.transform))
+        else:
+            # tf2's server aborts with an empty transform and no error.
+            self._finish(None)
+
+    def _finish(self, result: LookupResult | None) -> None:
+        with self._lock:
+            on_result, self._on_result = self._on_result, None
+        if on_result is not None:
+            on_result(result)
+
+
+class Ros2Client:
+    """Sends goals of an action. Threads: any; parameters as in `Ros2Server`."""
+
+    def __init__(self, node: RclpyNode, name: str) -> None:
+        self._node = node.given
+        self._client = ActionClient(
+            self._node, LookupTransform, name, callback_group=ReentrantCallbackGroup()
+        )
+        self._opened = node.adopt(self._client.destroy)
+        self._never = threading.Event()
+
+    def is_ready(self) -> bool:
+        """Whether a server is connected in both directions."""
+        return bool(self._client.server_is_ready())
+
+    def wait_ready(self, seconds: float) -> None:
+        """Return after so long: rclpy tells nobody that a server has come."""
+        self._never.wait(seconds)
+
+    def send(self, goal: LookupGoal, on_result: Callable[[LookupResult | None], None]) -> _Sent:
+        """Send a goal; `on_result` gets its result, or None if it came to another end."""
+        message, sent = _goal_of(goal), _Sent(on_result)
+
+        def send() -> None:
+            self._client.send_goal_async(message).add_done_callback(sent.answered)
+
+        executor = self._node.executor
+        if executor is None:
+            send()
+        else:
+            # Else its thread might take the answer before rclpy has noted the question.
+            executor.create_task(send)
+        return sent
+
+    def close(self) -> None:
+        """Take everything back."""
+        self._opened.close()
+
+
+def _question_of(goal: Any) -> LookupGoal:
+    return LookupGoal(
+        goal.target_frame,
+        goal.source_frame,
+        _nanoseconds(goal.source_time),
+        _nanoseconds(goal.timeout),
+        _nanoseconds(goal.target_time),
+        goal.fixed_frame,
+        goal.advanced,
+    )
+
+
+def _goal_of(question: LookupGoal) -> Any:
+    return LookupTransform.Goal(
+        target_frame=question.target_frame,
+        source_frame=question.source_frame,
+        source_time=_time(Time, question.source_time),
+        timeout=_time(Duration, question.timeout),
+        target_time=_time(Time, question.target_time),
+        fixed_frame=question.fixed_frame,
+        advanced=question.advanced,
+    )
+
+
+def _message_of(result: LookupResult) -> Any:
+    message = LookupTransform.Result()
+    if result.transform is not None:
+        message.transform = result.transform
+    message.error.error = result.error
+    message.error.error_string = result.error_string
+    return message
+
+
+def _nanoseconds(time: Any) -> int:
+    return int(time.sec) * SECOND + int(time.nanosec)
+
+
+def _time(kind: Any, nanoseconds: int) -> Any:
+    seconds, rest = divmod(nanoseconds, SECOND)
+    return kind(sec=seconds, nanosec=rest)
