@@ -30,6 +30,7 @@ PROGRAMS = (
     "era-5g-tf2json==0.2.1",
     "osiris-agent==0.4.0",
     "pyquaternion==0.9.9",
+    "scipy>=1.14",
 )
 
 
