@@ -2,18 +2,25 @@
 
 from __future__ import annotations
 
+import json
 import os
+import re
 import signal
+import subprocess
+import time
 import xmlrpc.client
 from contextlib import suppress
+from pathlib import Path
 from typing import TYPE_CHECKING
 
+import numpy as np
 import pytest
 
 import tfdb
+from compat.tf2_oracle import unavailable
 from ros.commands import Command, tfdb_json, tfdb_says
 from ros.messages import transforms
-from ros.real_ros1 import SECONDS, until
+from ros.real_ros1 import PYTHON, SECONDS, environment, until
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -128,3 +135,55 @@ def test_serve_is_told_to_end(ros1: str, robot: Robot, store: str) -> None:
         assert serving.process.returncode == 2
         assert serving.process.stderr
         assert "/serving was ended" in serving.process.stderr.read()
+
+
+def numbers(text: str) -> list[list[float]]:
+    """The numbers in brackets of what echo prints, line by line."""
+    found = re.findall(r"\[([-\d., ]+)\]", text)
+    return [[float(number) for number in each.split(",")] for each in found]
+
+
+def test_echo_as_debians(ros1: str, robot: Robot) -> None:
+    """The same order of arguments, the same lines with the same figures."""
+    arguments = ["camera", "base", "-r", "50", "-p", "6"]
+    program = Path("/usr/lib/tf2_tools/echo.py")
+    command = [PYTHON, "-u", program, *arguments]
+    if not program.exists():
+        unavailable(f"no {program}: apt-get install tf2-tools")
+    with subprocess.Popen(
+        command, env=environment(ros1), stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True
+    ) as theirs:
+        ours = tfdb_says("echo", "ros1:", *arguments, "-l", "1")
+        told = [theirs.stdout.readline() for _ in range(5)]  # type: ignore[union-attr]
+        theirs.kill()
+    assert len(numbers(ours)) == 4
+    assert np.allclose(np.concatenate(numbers("".join(told))), np.concatenate(numbers(ours)))
+    for line, theirs_line in zip(ours.splitlines(), told, strict=False):
+        assert re.sub(r"[-\d.]+", "", line) == re.sub(r"[-\d.]+", "", theirs_line.rstrip())
+    assert "At time 0.000000000, (current time 1" in ours
+
+
+def test_monitor_and_echo_of_what_moves(ros1: str, robot: Robot) -> None:
+    now = time.time_ns()
+    with Command("monitor", "ros1:", "map", "base", "--every", "0.1", "--json") as monitor:
+        robot.is_heard()
+        with Command("echo", "ros1:", "map", "base", "--each", "--json") as echo:
+            robot.is_heard()
+            robot.moves(now - 2 * S, now - 1 * S)
+            while "error" in (echoed := json.loads(echo.line())):
+                pass
+            assert echoed["age_ns"] > S
+            assert echo.end() == (130, "")
+        while not (told := json.loads(monitor.line()))["chain"]["frames"]:
+            pass
+        (base,) = [each for each in told["frames"] if each["frame"] == "base"]
+        assert (base["authorities"], base["parent"]) == (["/theirs"], "map")
+        assert base["delay_ns"] > S
+        assert told["chain"]["delay_ns"] > S
+        assert monitor.end(signal.SIGTERM)[0] == 143
+    assert not {node for node in nodes_of(ros1) if "tfdb" in node}
+
+
+def test_frames_of_a_graph_are_drawn(ros1: str, robot: Robot) -> None:
+    dot = tfdb_says("view-frames", "ros1:", "--for", "0.3", "-o", "-")
+    assert '"base" -> "camera" [label="/theirs\\nstatic"' in dot

@@ -5,6 +5,7 @@ from __future__ import annotations
 import difflib
 import errno
 import sys
+import time
 from contextlib import contextmanager
 from dataclasses import dataclass
 from itertools import chain, islice
@@ -20,7 +21,7 @@ from tfdb.io.loading import absolute, role_of
 from tfdb.new_file import is_one_of, refuse_existing
 from tfdb.summary import Forest, span
 
-from .graph import is_graph, listen_once
+from .graph import STORE, is_graph, listen_once
 from .times import format_ns, parse_stamp
 
 if TYPE_CHECKING:
@@ -42,6 +43,9 @@ files_argument = click.argument(
 file_argument = click.argument("file", type=click.Path())
 json_option = click.option(
     "--json", "as_json", is_flag=True, help="Print one JSON object instead of text."
+)
+json_lines_option = click.option(
+    "--json", "as_json", is_flag=True, help="Print JSON objects instead of text, one a line."
 )
 _topic_option = click.option(
     "--topic",
@@ -95,10 +99,6 @@ more_option = click.option(
 overwrite_option = click.option("--overwrite", is_flag=True, help="Replace OUT if it exists.")
 
 
-LIVE = "shm:"
-"""Before the name of a store that processes share, where a file is taken as well."""
-
-
 @dataclass(frozen=True)
 class Loaded:
     """What a command reads, and how it got there.
@@ -110,6 +110,8 @@ class Loaded:
     store: Buffer | Snapshot
     report: LoadReport | None
     names: tuple[str, ...]
+    now: int | None = None
+    """When what is live was found so, by the clock of the graph or of the machine."""
 
     @property
     def live(self) -> bool:
@@ -124,7 +126,7 @@ class Loaded:
 
 def is_live(name: str) -> bool:
     """Whether a name is that of a live store or graph."""
-    return name.startswith(LIVE) or is_graph(name)
+    return name.startswith(STORE) or is_graph(name)
 
 
 def find_paths(names: Sequence[str]) -> tuple[Path, ...]:
@@ -197,10 +199,11 @@ def load(
     """
     if any(is_graph(name) for name in names):
         refuse_parts(names, topics, "a graph", "ros1: or ros2:")
-        return Loaded(listen_once(names[0], there), None, tuple(names))
-    if any(name.startswith(LIVE) for name in names):
+        heard, now = listen_once(names[0], there)
+        return Loaded(heard, None, tuple(names), now)
+    if any(name.startswith(STORE) for name in names):
         refuse_parts(names, topics, "a live store", "shm:NAME")
-        return Loaded(open_live(names[0]).snapshot(), None, tuple(names))
+        return Loaded(open_live(names[0]).snapshot(), None, tuple(names), time.time_ns())
     paths = find_paths(names)
     if any(is_frozen(path) for path in paths):
         refuse_parts(names, topics, "a frozen store", "FILE.tfdb")
@@ -216,7 +219,7 @@ def load(
 
 def open_live(name: str) -> Buffer:
     """Open the store of `shm:NAME` to read it."""
-    return tfdb.Buffer.open(name.removeprefix(LIVE), create=False, mode="r")
+    return tfdb.Buffer.open(name.removeprefix(STORE), create=False, mode="r")
 
 
 def refuse_parts(names: Sequence[str], topics: Sequence[str], what: str, how: str) -> None:
@@ -360,7 +363,7 @@ def _some_frames(path: str) -> set[str]:
     """Frames of the first static and of the first moving transforms."""
     if is_graph(path):
         return set()  # a shell does not wait for it
-    if path.startswith(LIVE):
+    if path.startswith(STORE):
         return set(open_live(path).frames())
     if is_frozen(given_path(path)):
         return set(tfdb.open(path).frames())

@@ -7,6 +7,7 @@ that processes share.
 from __future__ import annotations
 
 import logging
+import math
 import os
 import re
 import signal
@@ -36,6 +37,10 @@ LISTENS = 5 * NS
 """How long a graph is listened to, as by tf2's view_frames."""
 _GRAPH = re.compile(r"(ros[12])(?::(.*))?", re.DOTALL)
 _REMAPPING = re.compile(r"[~/A-Za-z_][A-Za-z0-9_/]*:=.*", re.ASCII | re.DOTALL)
+
+
+STORE = "shm:"
+"""Before the name of a store that processes share, where a file is taken as well."""
 
 
 def is_graph(name: str) -> bool:
@@ -129,7 +134,7 @@ class Live:
 
         Raises NodeClosed once the graph's node has ended, NoSuchStore once the store is removed.
         """
-        left = max(until - time.monotonic(), 0.0)
+        left = None if math.isinf(until) else max(until - time.monotonic(), 0.0)
         try:
             self.commit = self.store.wait_for_commit(self.commit, left)
         except tfdb.WaitTimeout:
@@ -138,6 +143,10 @@ class Live:
             self.check()
             raise
         return True
+
+    def sleep(self, until: float) -> None:
+        """Wait until then (monotonic), or for the end of the graph's node."""
+        self.ended.wait(max(until - time.monotonic(), 0.0))
 
     def check(self) -> None:
         """Raise NodeClosed if the graph's node has ended."""
@@ -195,18 +204,31 @@ def listening(name: str, *, history: int | None, into: str | None = None) -> Ite
             leaves.set()
 
 
-def listen_once(name: str, there: Callable[[tfdb.Buffer], bool] | None = None) -> tfdb.Snapshot:
+@contextmanager
+def live_source(name: str, *, history: int | None) -> Iterator[Live]:
+    """Give what a command follows: what is heard of a graph, or a store that processes share."""
+    if is_graph(name):
+        with listening(name, history=history) as live:
+            yield live
+    else:
+        store = tfdb.Buffer.open(name.removeprefix(STORE), create=False, mode="r")
+        with store:
+            yield Live(store, commit=store.commit)
+
+
+def listen_once(
+    name: str, there: Callable[[tfdb.Buffer], bool] | None = None
+) -> tuple[tfdb.Snapshot, int]:
     """Listen for the time that the command line says, or until `there` holds of the store.
 
-    Returns what was heard.
+    Returns what was heard, and when that was by the graph's clock.
     """
     until = time.monotonic() + listening_time() / NS
     with listening(name, history=None) as live:
-        while there is None or not there(live.store):
-            if not live.wait(until) and time.monotonic() >= until:
-                break
+        while time.monotonic() < until and (there is None or not there(live.store)):
+            live.wait(until)
         live.check()
-        heard = live.store.snapshot()
+        heard = live.store.snapshot(), live.now()
     if live.commit == 0:
         waited = format_duration(listening_time())
         click.echo(

@@ -77,6 +77,11 @@ def emit_json(command: str | None, body: dict[str, Any]) -> None:
     click.echo(json.dumps({"tfdb": SCHEMA, "command": command, **body}, indent=2))
 
 
+def emit_json_line(command: str, body: dict[str, Any]) -> None:
+    """Print one of the JSON objects of a command that goes on, in a line."""
+    click.echo(json.dumps({"tfdb": SCHEMA, "command": command, **body}))
+
+
 def describe_error(error: Exception) -> str:
     """Return the message of an error in one line; for a misuse, with where to read the usage."""
     if isinstance(error, click.ClickException):

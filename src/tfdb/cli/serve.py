@@ -16,7 +16,7 @@ from tfdb.io.loading import Selection
 from tfdb.summary import span
 
 from . import common, output
-from .graph import listening, node_option
+from .graph import STORE, listening, node_option
 from .times import NS, duration_option, format_duration
 
 if TYPE_CHECKING:
@@ -82,7 +82,7 @@ def bag(
     Ctrl-C too: 'tfdb shm rm NAME' removes it.
     """
     paths = common.find_paths(files)
-    name = into.removeprefix(common.LIVE)
+    name = into.removeprefix(STORE)
     with ExitStack() as stack:
         salvage = common.salvages()
         recordings = [stack.enter_context(Recording(path, salvage=salvage)) for path in paths]
@@ -159,7 +159,7 @@ def ros2(*, domain: str, into: str, history: int | None, as_json: bool) -> None:
 
 
 def _serve_graph(graph: str, into: str, history: int | None, *, as_json: bool) -> None:
-    name = into.removeprefix(common.LIVE)
+    name = into.removeprefix(STORE)
     began = time.monotonic()
     with listening(graph, history=history, into=name) as live:
         if not as_json:

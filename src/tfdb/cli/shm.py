@@ -13,6 +13,7 @@ from tfdb.shared import find_stores, path_of
 from tfdb.summary import span
 
 from . import common, output
+from .graph import STORE
 from .times import format_duration, format_ns
 
 if TYPE_CHECKING:
@@ -101,7 +102,7 @@ def _row(body: dict[str, Any]) -> tuple[Any, ...]:
 def describe(*, name: str, as_json: bool) -> None:
     """Who may use the store NAME, how large it is, and how it fares."""
     store = common.open_live(name)
-    body = {"name": name.removeprefix(common.LIVE), **_body(store)}
+    body = {"name": name.removeprefix(STORE), **_body(store)}
     covered = span(store.tree())
     body["start_ns"], body["end_ns"] = covered or (None, None)
     if as_json:
@@ -129,7 +130,7 @@ def describe(*, name: str, as_json: bool) -> None:
 @common.json_option
 def compact(*, name: str, as_json: bool) -> None:
     """Give memory that the store NAME does not need any more back to the file system."""
-    given = name.removeprefix(common.LIVE)
+    given = name.removeprefix(STORE)
     with tfdb.Buffer.open(given, create=False) as store:
         path = Path(cast("tfdb.Shared", store.shared).path)
         before = _memory_of(path.stat())
@@ -149,7 +150,7 @@ def compact(*, name: str, as_json: bool) -> None:
 @common.json_option
 def remove(*, names: tuple[str, ...], as_json: bool) -> None:
     """Remove stores; who has one open goes on with it, alone."""
-    given = [name.removeprefix(common.LIVE) for name in names]
+    given = [name.removeprefix(STORE) for name in names]
     for name in given:  # all, or none where one is not there
         if not path_of(name).exists():
             tfdb.Buffer.unlink(name)

@@ -104,6 +104,13 @@ def duration_option(ctx: click.Context, param: click.Parameter, value: str | Non
         raise click.BadParameter(f"{error}: {hint}", ctx, param) from None
 
 
+def offset_option(ctx: click.Context, param: click.Parameter, value: str | None) -> int | None:
+    """Click's callback for a length of time with a sign."""
+    text = (value or "").strip()
+    size = duration_option(ctx, param, text.lstrip("+-") if text else None)
+    return -size if size is not None and text.startswith("-") else size
+
+
 def watch_option(ctx: click.Context, param: click.Parameter, value: str | None) -> int | None:
     """Click's callback for a length of time that may be written with its unit, as in `10s`."""
     if value is not None and not value.endswith("ns"):

@@ -1,0 +1,281 @@
+"""``tfdb echo``: one transform, again and again."""
+
+from __future__ import annotations
+
+import math
+import time
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import click
+
+import tfdb
+from tfdb.waiting import NO_ANSWER_YET
+
+from . import common, output
+from .angles import roll_pitch_yaw
+from .graph import Live, live_source, node_option
+from .times import (
+    LATEST,
+    NS,
+    TimeSpec,
+    duration_option,
+    format_duration,
+    format_ns,
+    offset_option,
+    time_option,
+)
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from tfdb import Reads, Transform
+
+
+@click.command("echo")
+@common.file_argument
+@common.target_argument
+@common.source_argument
+@click.option(
+    "-r",
+    "--rate",
+    type=click.FloatRange(min=0, min_open=True, max=1000),
+    default=1.0,
+    show_default=True,
+    metavar="HZ",
+    help="How often to print; in a recording, of its own time.",
+)
+@click.option(
+    "--each",
+    is_flag=True,
+    help="Print whenever a commit brings another answer, instead of at a rate.",
+)
+@click.option("-t", "--time", metavar="TIME", callback=time_option, help="Ask for this time.")
+@click.option(
+    "-o",
+    "--offset",
+    metavar="SECONDS",
+    callback=offset_option,
+    help="Ask for so long after now, by the graph's clock; negative: before.",
+)
+@click.option("-l", "--limit", type=click.IntRange(min=1), help="End after so many answers.")
+@click.option(
+    "-p",
+    "--precision",
+    type=click.IntRange(min=0, max=17),
+    default=3,
+    show_default=True,
+    help="Digits after the point.",
+)
+@click.option(
+    "-c",
+    "--cache-time",
+    metavar="SECONDS",
+    default="10",
+    show_default=True,
+    callback=duration_option,
+    help="How much of what a graph publishes is kept.",
+)
+@common.policy_option
+@node_option
+@common.topic_option
+@common.json_lines_option
+def command(
+    *,
+    file: str,
+    target: str,
+    source: str,
+    rate: float,
+    each: bool,
+    time: TimeSpec | None,
+    offset: int | None,
+    limit: int | None,
+    precision: int,
+    cache_time: int,
+    policy: Any,
+    topics: tuple[str, ...],
+    as_json: bool,
+) -> None:
+    """Print T[TARGET<-SOURCE], which maps a point of SOURCE into TARGET, until Ctrl-C.
+
+    The newest answer, once a second; why there is none goes to stderr, and the first one is printed
+    as soon as it is there. FILE is a live graph, ros1: or ros2:, a live store, shm:NAME, or a
+    recording, through which it walks at the rate.
+
+    The arguments are in the order of tf2_echo, whose 'source_frame' is our TARGET: 'tf2_echo map
+    base' and 'tfdb echo ros1: map base' print the same.
+    """
+    if time is not None and offset is not None:
+        raise click.UsageError("--time and --offset exclude each other")
+    question = Question(target, source, time or LATEST, offset, policy)
+    printer = Printer(file, precision, as_json=as_json)
+    if common.is_live(file):
+        if (time or LATEST).since:
+            raise click.UsageError(f"{file} is live: give an absolute time, or --offset")
+        common.refuse_parts((file,), topics, "live", "it")
+        with live_source(file, history=cache_time) as live:
+            echo(live, question.plain(), None if each else 1 / rate, printer, limit)
+        return
+    if each:
+        raise click.UsageError("--each is for what is live: a recording is walked through at -r")
+    loaded = common.load((file,), topics)
+    for now in _steps(loaded, question.found_in(loaded), rate, limit):
+        printer.show(question.ask(loaded.store, now), now)
+
+
+@dataclass
+class Question:
+    """What is asked again and again."""
+
+    target: str
+    source: str
+    time: TimeSpec
+    offset: int | None
+    policy: Any
+
+    def plain(self) -> Question:
+        """The same without slashes that no stored name begins with."""
+        self.target, self.source = self.target.removeprefix("/"), self.source.removeprefix("/")
+        return self
+
+    def found_in(self, loaded: common.Loaded) -> Question:
+        """The same with the recording's names and span. Raises UnknownFrame."""
+        self.target, self.source = common.find_frames(loaded.store, self.target, self.source)
+        stamp = self.time.resolve(loaded.span)
+        if stamp is None and self.offset is None:
+            self.offset = 0  # the newest that there was then
+        self.time = TimeSpec(self.time.text, stamp)
+        return self
+
+    def ask(self, store: Reads, now: int) -> Transform | tfdb.TfdbError:
+        """Answer it, or say why there is no answer."""
+        stamp = self.time.ns if self.offset is None else max(now + self.offset, 0)
+        try:
+            return store.lookup_transform(self.target, self.source, stamp, self.policy)
+        except NO_ANSWER_YET as error:
+            return error
+
+
+def echo(
+    live: Live, question: Question, period: float | None, printer: Printer, limit: int | None
+) -> None:
+    """Print at a rate, woken by the clock, or whatever is new, woken by commits."""
+    left = math.inf if limit is None else limit
+    tick = time.monotonic()
+    last: tuple[int, bytes] | None = None
+    while True:
+        live.check()
+        found = question.ask(live.store, live.now())
+        if isinstance(found, tfdb.Transform):
+            new = (found.stamp, found.matrix.tobytes())
+            if period is not None or new != last:
+                printer.show(found, live.now())
+                left -= 1
+            last = new
+        elif period is None or time.monotonic() >= tick:
+            printer.show(found, live.now())
+        if left <= 0:
+            return
+        if period is None:
+            live.wait(math.inf)
+            continue
+        if isinstance(found, tfdb.Transform) or time.monotonic() >= tick:
+            tick = max(tick + period, time.monotonic())
+        if isinstance(found, tfdb.Transform):
+            live.sleep(tick)
+        else:
+            live.wait(tick)  # a commit may bring the answer before
+
+
+def _steps(
+    loaded: common.Loaded, question: Question, rate: float, limit: int | None
+) -> Iterator[int]:
+    """Times of a recording at which to ask; one where a single time is asked for."""
+    span = loaded.span
+    count = 0
+    if span is None or question.time.ns is not None:
+        yield question.time.ns or 0
+        return
+    common_span = common.common_range(loaded.store, question.target, question.source)
+    first, last = common_span or span
+    if common_span is not None and question.offset is not None:
+        first, last = first - question.offset, last - question.offset
+    while (now := first + round(count * NS / rate)) <= last and (limit is None or count < limit):
+        yield now
+        count += 1
+
+
+@dataclass
+class Printer:
+    """Prints answers and, once each, what keeps them away."""
+
+    file: str
+    precision: int
+    as_json: bool
+    told: str = ""
+
+    def show(self, found: Transform | tfdb.TfdbError, now: int) -> None:
+        """Print one."""
+        if isinstance(found, tfdb.TfdbError):
+            self._complain(found, now)
+        elif self.as_json:
+            self.told = ""
+            output.emit_json_line("echo", self._body(found, now))
+        else:
+            self.told = ""
+            click.echo("\n".join(self._lines(found, now)))
+
+    def _complain(self, error: tfdb.TfdbError, now: int) -> None:
+        if f"{error}" == self.told:
+            return
+        self.told = f"{error}"
+        if self.as_json:
+            body = {"files": [self.file], "now_ns": now, **output.error_body(error)}
+            output.emit_json_line("echo", body)
+        else:
+            click.echo(
+                f"tfdb: (current time {format_ns(now)}) {output.describe_error(error)}", err=True
+            )
+
+    def _body(self, found: Transform, now: int) -> dict[str, Any]:
+        limiting = found.report.limiting_edge
+        return {
+            "files": [self.file],
+            "target": found.target,
+            "source": found.source,
+            "now_ns": now,
+            "stamp_ns": found.stamp,
+            "age_ns": None if found.report.timeless else now - found.stamp,
+            "gap_ns": found.report.max_gap,
+            "limiting": None if limiting is None else limiting.child,
+            "translation": found.translation.tolist(),
+            "rotation_xyzw": found.rotation.tolist(),
+            "rpy_deg": roll_pitch_yaw(found.rotation),
+            "matrix": found.matrix.tolist(),
+        }
+
+    def _lines(self, found: Transform, now: int) -> Iterator[str]:
+        degrees = roll_pitch_yaw(found.rotation)
+        yield f"At time {format_ns(found.stamp)}, (current time {format_ns(now)})"
+        yield f"- Translation: {self._list(found.translation)}"
+        yield f"- Rotation: in Quaternion {self._list(found.rotation)}"
+        yield f"            in RPY (radian) {self._list(map(math.radians, degrees))}"
+        yield f"            in RPY (degree) {self._list(degrees)}"
+        yield "- Matrix:"
+        digits = self.precision
+        for row in found.matrix:
+            yield "  " + " ".join(f"{value:{digits + 6}.{digits}f}" for value in row)
+        yield f"- Age: {self._age(found, now)}"
+
+    def _list(self, values: Any) -> str:
+        return f"[{', '.join(f'{value:.{self.precision}f}' for value in values)}]"
+
+    @staticmethod
+    def _age(found: Transform, now: int) -> str:
+        if found.report.timeless:
+            return "none, nothing moves between the two"
+        text = format_duration(now - found.stamp)
+        widest = max(found.report.edges, key=lambda edge: edge.gap)
+        if widest.gap == 0:
+            return f"{text}, made from samples of that time"
+        return f"{text}, interpolated over {format_duration(widest.gap)} in {widest.child}"

@@ -1,0 +1,341 @@
+"""``tfdb monitor``: rates, delays, gaps and publishers of frames."""
+
+from __future__ import annotations
+
+import sys
+import time
+from typing import TYPE_CHECKING, Any, Self
+
+import click
+
+import tfdb
+from tfdb.frozen import is_frozen
+from tfdb.io import Recording
+from tfdb.io.loading import Selection
+from tfdb.tf2.listings import frames_passed
+from tfdb.waiting import NO_ANSWER_YET
+
+from . import common, output
+from .graph import Live, live_source, node_option
+from .rates import Delays, Frame, Rates, joined
+from .times import NS, duration_option, format_duration, watch_option
+from .watch import Follower, author_of
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Sequence
+
+    from rich.console import RenderableType
+    from rich.live import Live as Place
+
+    from tfdb.types import Changes
+
+_KEPT = 10 * NS
+
+
+@click.command("monitor")
+@common.file_argument
+@click.argument("target", required=False, shell_complete=common.complete_frames)
+@click.argument("source", required=False, shell_complete=common.complete_frames)
+@click.option(
+    "--every",
+    metavar="SECONDS",
+    default="1",
+    show_default=True,
+    callback=duration_option,
+    help="How often to say what is seen.",
+)
+@click.option(
+    "--window",
+    metavar="SECONDS",
+    default="10",
+    show_default=True,
+    callback=duration_option,
+    help="The figures are those of so long.",
+)
+@click.option(
+    "--for", "length", metavar="SECONDS", callback=watch_option, help="End after so long."
+)
+@node_option
+@common.topic_option
+@common.json_lines_option
+def command(
+    *,
+    file: str,
+    target: str | None,
+    source: str | None,
+    every: int,
+    window: int,
+    length: int | None,
+    topics: tuple[str, ...],
+    as_json: bool,
+) -> None:
+    """Show how often each frame comes, how late, with which gaps and from whom, until Ctrl-C.
+
+    FILE is a live graph, ros1: or ros2:, a live store, shm:NAME, or a recording, of which all is
+    told once. With TARGET and SOURCE: the frames between the two, and the net delay, which is how
+    old the newest transform T[TARGET<-SOURCE] is whenever something comes.
+
+    Delays are times from the stamp to the arrival, by the clock of the graph, of this machine, or
+    of who recorded; there are none where the stamps are of another clock. On a terminal the table
+    stays in place.
+    """
+    if every <= 0:
+        raise click.UsageError("--every must be positive")
+    if target is not None and source is None:
+        raise click.UsageError("give both TARGET and SOURCE, or neither")
+    chain = None if target is None or source is None else (target, source)
+    screen = Screen(file, chain, as_json=as_json)
+    if not common.is_live(file):
+        _tell_recording(file, topics, chain, screen)
+        return
+    common.refuse_parts((file,), topics, "live", "it")
+    with live_source(file, history=_KEPT) as live, screen:
+        watch = Watch(live.store, chain, Rates(time.monotonic_ns(), max(window // every, 1)))
+        _watch(live, watch, every, length, screen)
+
+
+class Watch:
+    """What comes into a store, and how the chain stands."""
+
+    def __init__(self, store: tfdb.Buffer, chain: tuple[str, str] | None, rates: Rates) -> None:
+        self._store = store
+        self._chain = chain and (chain[0].removeprefix("/"), chain[1].removeprefix("/"))
+        self.rates = rates
+        self.passed: list[str] = []
+        """Frames from the chain's source to its target, as far as they are known."""
+        self.broken = ""
+        """Why there is no chain now."""
+
+    def take_held(self) -> None:
+        """Take static edges that are there already."""
+        for info in self._store.tree():
+            if info.is_static and info.parent is not None:
+                self.rates.add((info.parent, info.name), 0, 0, info.authority, static=True)
+
+    def take(self, changes: Sequence[Changes], arrival: int, author: str | None = None) -> None:
+        """Take what came; `author`: of all of it, None: as the store says."""
+        authors: dict[str, str] = {}
+        for change in changes:
+            for columns, static in ((change.stored, False), (change.stored_static, True)):
+                stamps: Any = columns.stamps
+                stamps = [0] * len(columns) if stamps is None else stamps.tolist()
+                for parent, child, stamp in zip(
+                    columns.parents, columns.children, stamps, strict=True
+                ):
+                    if author is None and child not in authors:
+                        authors[child] = author_of(self._store, child)
+                    self.rates.add(
+                        (parent, child),
+                        stamp,
+                        arrival,
+                        authors[child] if author is None else author,
+                        static=static,
+                    )
+        if changes:
+            self._look_at_chain(arrival)
+
+    def _look_at_chain(self, now: int) -> None:
+        if self._chain is None:
+            return
+        try:
+            found = self._store.lookup_transform(*self._chain)
+        except NO_ANSWER_YET as error:
+            self.broken = str(error)
+            return
+        self.broken, self.passed = "", frames_passed(found)
+        if not found.report.timeless:
+            self.rates.add_net(now - found.stamp)
+
+    def shows(self, frame: str) -> bool:
+        """Whether a frame is one of those that are asked for."""
+        return self._chain is None or frame in self.passed
+
+
+def _watch(live: Live, watch: Watch, every: int, length: int | None, screen: Screen) -> None:
+    """Follow the commits, and say each period what was seen."""
+    watch.take_held()
+    follower = Follower(live)
+    began = time.monotonic()
+    ends = None if length is None else began + length / NS
+    shown = began + every / NS
+    while True:
+        until = shown if ends is None else min(shown, ends)
+        watch.take(follower.changes(until), live.now())
+        if time.monotonic() >= until:
+            live.check()
+            now = time.monotonic_ns()
+            screen.show(watch, now, follower.missed)
+            if ends is not None and until >= ends:
+                return
+            watch.rates.next_period(now)
+            shown = max(shown + every / NS, time.monotonic())
+
+
+def _tell_recording(
+    file: str, topics: Sequence[str], chain: tuple[str, str] | None, screen: Screen
+) -> None:
+    """Play a recording, as fast as it goes, and say what was in it."""
+    (path,) = common.find_paths((file,))
+    if is_frozen(path):
+        raise click.UsageError(f"{file} is a frozen store: it does not say what arrived when")
+    store = tfdb.Buffer(history=_KEPT / NS)
+    with Recording(path, salvage=common.salvages()) as recording:
+        selection = Selection(common.parse_topics(topics))
+        selection.check([recording])
+        watch: Watch | None = None
+        follower = Follower(Live(store))
+        arrival = 0
+        for source, arrival, data in recording.messages(selection.wants):
+            if watch is None:
+                watch = Watch(store, chain, Rates(arrival, 1))
+            try:
+                store.ingest(
+                    data,
+                    encoding=source.encoding,
+                    static=selection.is_static(source),
+                    authority=source.authority,
+                )
+            except tfdb.TfdbError:
+                continue  # 'tfdb check' says what is wrong with it
+            watch.take(follower.changes(0.0), arrival, source.authority)
+        if watch is None:
+            watch = Watch(store, chain, Rates(0, 1))
+        screen.show(watch, arrival, 0)
+
+
+class Screen:
+    """Where it is said: in place on a terminal, else below one another, or as JSON."""
+
+    def __init__(self, file: str, chain: tuple[str, str] | None, *, as_json: bool) -> None:
+        self._file, self._chain, self._as_json = file, chain, as_json
+        self._place: Place | None = None
+
+    def __enter__(self) -> Self:
+        if sys.stdout.isatty() and not self._as_json:
+            from rich.live import Live as Place  # noqa: PLC0415 - see `output`
+
+            self._place = Place(console=output.console(), auto_refresh=False)
+            self._place.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        if self._place is not None:
+            self._place.stop()
+
+    def show(self, watch: Watch, now: int, missed: int) -> None:
+        """Say what was seen."""
+        if self._as_json:
+            output.emit_json_line("monitor", self._body(watch, now, missed))
+            return
+        from rich.console import Group  # noqa: PLC0415 - see `output`
+
+        shown = Group(*self._parts(watch, now, missed))
+        if self._place is not None:
+            self._place.update(shown, refresh=True)
+        else:
+            output.console().print(shown)
+
+    def _body(self, watch: Watch, now: int, missed: int) -> dict[str, Any]:
+        rates = watch.rates
+        seconds = rates.seconds(now)
+        body: dict[str, Any] = {
+            "files": [self._file],
+            "seconds": round(seconds, 3),
+            "missed_commits": missed,
+            "frames": [
+                {
+                    "frame": name,
+                    "parent": frame.parent,
+                    "static": frame.static,
+                    **_figures(delays, seconds),
+                    "longest_gap_ns": delays.gap,
+                    "authorities": sorted(frame.authors),
+                }
+                for name, frame, delays in rates.of_frames()
+                if watch.shows(name)
+            ],
+            "authorities": [
+                {"authority": name, **_figures(delays, seconds)}
+                for name, delays in rates.of_authors()
+            ],
+        }
+        if self._chain is not None:
+            net = joined(rates.net)
+            body["chain"] = {
+                "target": self._chain[0],
+                "source": self._chain[1],
+                "frames": watch.passed[::-1],
+                "broken": watch.broken or None,
+                "delay_ns": net.mean,
+                "longest_delay_ns": net.longest,
+            }
+        return body
+
+    def _parts(self, watch: Watch, now: int, missed: int) -> Iterator[RenderableType]:
+        rates = watch.rates
+        seconds = rates.seconds(now)
+        yield f"{self._file}, over {format_duration(round(seconds * NS))}"
+        if self._chain is not None:
+            yield self._chain_line(watch)
+        made = output.table(
+            *("frame", "parent", "rate", "delay", "longest", "longest gap", "publisher"),
+            right=("rate", "delay", "longest", "longest gap"),
+        )
+        yield output.add_rows(
+            made,
+            (
+                _row(name, frame, delays, seconds)
+                for name, frame, delays in rates.of_frames()
+                if watch.shows(name)
+            ),
+        )
+        yield ""
+        made = output.table(
+            "publisher", "rate", "delay", "longest", right=("rate", "delay", "longest")
+        )
+        yield output.add_rows(
+            made,
+            (
+                (name or "unknown", _rate(delays, seconds), *_delays(delays))
+                for name, delays in rates.of_authors()
+            ),
+        )
+        if missed:
+            yield f"{missed:,} commits went by unseen: more than can be watched here"
+
+    def _chain_line(self, watch: Watch) -> str:
+        target, source = self._chain or ("", "")
+        if watch.broken:
+            return f"no T[{target}<-{source}]: {watch.broken}"
+        mean, longest = _delays(joined(watch.rates.net))
+        way = " <- ".join(watch.passed[::-1])
+        return f"{way}: net delay {mean or 'none'}, longest {longest or 'none'}"
+
+
+def _figures(delays: Delays, seconds: float) -> dict[str, Any]:
+    return {
+        "messages": delays.count,
+        "rate_hz": delays.count / seconds,
+        "delay_ns": delays.mean,
+        "longest_delay_ns": delays.longest,
+    }
+
+
+def _row(name: str, frame: Frame, delays: Delays, seconds: float) -> tuple[Any, ...]:
+    who: Any = ", ".join(each or "unknown" for each in sorted(frame.authors))
+    if len(frame.authors) > 1:
+        who = output.loud(who)
+    if frame.static:
+        return (name, frame.parent, output.quiet("static"), "", "", "", who)
+    gap = format_duration(delays.gap) if delays.gap else ""
+    return (name, frame.parent, _rate(delays, seconds), *_delays(delays), gap, who)
+
+
+def _rate(delays: Delays, seconds: float) -> str:
+    return f"{delays.count / seconds:.4g} Hz"
+
+
+def _delays(delays: Delays) -> tuple[str, str]:
+    if delays.mean is None or delays.longest is None:
+        return "", ""
+    return format_duration(delays.mean), format_duration(delays.longest)

@@ -1,0 +1,157 @@
+"""``tfdb view-frames``: a picture of the frame tree."""
+
+from __future__ import annotations
+
+import shutil
+import subprocess
+import time
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from tfdb.given_path import given_path
+from tfdb.new_file import new_file
+from tfdb.stamps import format_seconds
+from tfdb.summary import YEAR_NS, Forest
+from tfdb.tf2.listings import in_dot
+
+from . import common, output
+from .graph import listen_option
+from .times import format_duration
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Sequence
+    from pathlib import Path
+
+    from tfdb.types import FrameInfo
+
+_DOT = (".dot", ".gv")
+_PICTURES = (".svg", ".pdf", ".png")
+
+
+@click.command("view-frames")
+@common.files_argument
+@click.option(
+    "-o",
+    "--output",
+    "out",
+    metavar="OUT",
+    type=click.Path(),
+    help="A .pdf, .svg, .png, .dot or .gv file; '-': DOT to stdout; another name: OUT.gv and "
+    "OUT.pdf.  [default: frames_DATE_TIME]",
+)
+@common.overwrite_option
+@listen_option
+@common.topic_option
+@common.json_option
+def command(
+    *,
+    files: tuple[str, ...],
+    out: str | None,
+    overwrite: bool,
+    topics: tuple[str, ...],
+    as_json: bool,
+) -> None:
+    """Draw the frame tree of FILE: who publishes which frame, how often, how old the newest is.
+
+    A live graph, ros1: or ros2:, is listened to for five seconds, as by tf2's view_frames; a live
+    store, shm:NAME, and a recording are drawn as they are. Graphviz draws it where it is installed,
+    else matplotlib does.
+    """
+    outs = _outputs(out, files, overwrite=overwrite)
+    if as_json and out == "-":
+        raise click.UsageError("--json describes what was written: give it -o OUT")
+    loaded = common.load(files, topics)
+    infos = loaded.store.tree()
+    dot = "\n".join(_dot(infos, loaded.now)) + "\n"
+    if out == "-":
+        click.echo(dot, nl=False)
+        return
+    for path in outs:
+        with new_file(path, overwrite=overwrite) as made:
+            _draw(made, dot, infos)
+    if as_json:
+        body: dict[str, Any] = {
+            "files": list(loaded.names),
+            "outputs": [str(path) for path in outs],
+        }
+        body["frames"] = len(infos)
+        output.emit_json("view-frames", body)
+    else:
+        click.echo(f"{', '.join(map(str, outs))}: {len(infos)} frames")
+
+
+def _outputs(out: str | None, files: Sequence[str], *, overwrite: bool) -> list[Path]:
+    """Files to be written; refused before anything is read."""
+    if out == "-":
+        return []
+    if out is None:
+        out = time.strftime("frames_%Y-%m-%d_%H.%M.%S")
+    path = given_path(out)
+    single = path.suffix.lower() in (*_DOT, *_PICTURES)
+    # A name may have a point in it, as the default has.
+    found = [path] if single else [path.with_name(path.name + end) for end in (".gv", ".pdf")]
+    read = common.find_paths([name for name in files if not common.is_live(name)])
+    for each in found:
+        common.check_output(str(each), read, overwrite=overwrite)
+    return found
+
+
+def _draw(path: Path, dot: str, infos: Sequence[FrameInfo]) -> None:
+    """Write one file, in the format that its name says."""
+    kind = path.suffix.lower()
+    if kind in _DOT:
+        path.write_text(dot, encoding="utf-8")
+        return
+    program = shutil.which("dot")
+    if program is None:
+        try:
+            from tfdb import plot  # noqa: PLC0415 - it is an extra
+        except ImportError as error:
+            raise click.ClickException(
+                f"{error}: install graphviz, or matplotlib (pip install 'tfdb[plot]'), or write "
+                "DOT with -o OUT.dot"
+            ) from error
+        plot.frame_tree(infos).savefig(path)
+        return
+    command = [program, f"-T{kind[1:]}", "-o", str(path)]
+    # A fixed command: names of frames are in its input alone.
+    done = subprocess.run(  # noqa: S603
+        command, input=dot, capture_output=True, text=True, check=False
+    )
+    if done.returncode != 0:
+        raise click.ClickException(f"{program} failed: {done.stderr.strip()}")
+
+
+def _dot(infos: Sequence[FrameInfo], now: int | None) -> Iterator[str]:
+    """Lines of the tree as a graph; `now`, on the clock of the stamps, tells ages."""
+    yield "digraph frames {"
+    yield '  node [shape=box, style=rounded, fontname="sans-serif"];'
+    yield '  edge [fontname="sans-serif", fontsize=9];'
+    if not infos:
+        yield '  "no transforms" [shape=plaintext];'
+    for row in Forest(infos).rows():
+        info = row.info
+        yield f"  {in_dot(info.name)};"
+        if info.parent is not None:
+            label = in_dot("\n".join(_facts(info, now))).replace("\n", "\\n")
+            style = ', style=dashed, color="gray50"' if info.is_static else ""
+            yield f"  {in_dot(info.parent)} -> {in_dot(info.name)} [label={label}{style}];"
+    yield "}"
+
+
+def _facts(info: FrameInfo, now: int | None) -> Iterator[str]:
+    """What is said of an edge."""
+    yield info.authority or "publisher unknown"
+    if info.is_static:
+        yield "static"
+        return
+    if info.rate is not None:
+        yield f"{info.rate:.4g} Hz"
+    if info.oldest is None or info.newest is None:
+        return
+    newest = f"newest {format_seconds(info.newest)}"
+    if now is not None and abs(now - info.newest) < YEAR_NS:
+        newest += f", {format_duration(now - info.newest)} old"
+    yield newest
+    yield f"{format_duration(info.newest - info.oldest)} kept"

@@ -1,0 +1,254 @@
+"""`echo`, `monitor` and `view-frames` on recordings and on stores that processes share."""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+import threading
+import time
+from contextlib import suppress
+from itertools import count, pairwise
+from typing import TYPE_CHECKING, Any
+
+import pytest
+
+import tfdb
+from tfdb.cli.echo import Printer, Question, echo
+from tfdb.cli.graph import Live
+from tfdb.cli.rates import Rates
+from tfdb.cli.times import LATEST
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+    from pathlib import Path
+
+    from conftest import Tool
+
+S = 1_000_000_000
+TURN = (0.0, 0.6, 0.0, 0.8)
+_numbers = count()
+
+
+@pytest.fixture
+def name() -> Iterator[str]:
+    made = f"test-tools-{os.getpid()}-{next(_numbers)}"
+    yield made
+    with suppress(tfdb.NoSuchStore):  # the test removed it
+        tfdb.Buffer.unlink(made)
+
+
+def lines(text: str) -> list[dict[str, Any]]:
+    """The JSON objects of a command that goes on, one a line."""
+    return [json.loads(line) for line in text.splitlines()]
+
+
+def test_echo_walks_through_a_recording(tool: Tool, bag: Path) -> None:
+    told = lines(tool("echo", bag, "map", "/base_link", "-r", "2", "--json").out)
+    stamps = [each["stamp_ns"] for each in told]
+    assert len(stamps) == 18
+    assert {after - before for before, after in pairwise(stamps)} == {S // 2}
+    asked = tool("lookup", bag, "map", "base_link", f"{stamps[5]}ns", "--json").json
+    for key in ("translation", "rotation_xyzw", "rpy_deg", "matrix", "limiting", "stamp_ns"):
+        assert told[5][key] == asked[key]
+    assert told[5]["gap_ns"] == max(edge["gap_ns"] for edge in asked["edges"])
+    assert told[5]["age_ns"] == 0
+    limited = lines(tool("echo", bag, "map", "base_link", "-r", "2", "-l", "3", "--json").out)
+    assert limited == told[:3]
+
+
+def test_echo_prints_as_tf2_echo(tool: Tool, name: str) -> None:
+    store = tfdb.Buffer.open(name)
+    store.set_transform("map", "base", 5 * S + 7, (1, -2.5, 3), TURN)
+    store.set_transform("map", "base", 6 * S + 7, (1, -2.5, 3), TURN)
+    said = tool("echo", f"shm:{name}", "map", "base", "-t", "5.000000007", "-l", "1").out
+    first, *rest = said.splitlines()
+    assert first.startswith("At time 5.000000007, (current time ")
+    assert rest[:5] == [
+        "- Translation: [1.000, -2.500, 3.000]",
+        "- Rotation: in Quaternion [0.000, 0.600, 0.000, 0.800]",
+        f"            in RPY (radian) [0.000, {math.asin(0.96):.3f}, 0.000]",
+        f"            in RPY (degree) [0.000, {math.degrees(math.asin(0.96)):.3f}, 0.000]",
+        "- Matrix:",
+    ]
+    assert [float(text) for text in rest[5].split()] == [0.28, 0, 0.96, 1]
+    assert rest[9].startswith("- Age: ")
+    said = tool("echo", f"shm:{name}", "map", "base", "-t", "5.5", "-l", "1", "-p", "1").out
+    assert "[1.0, -2.5, 3.0]" in said
+    assert "interpolated over 1 s in base" in said
+    store.set_static_transform("base", "camera", (1, 2, 3), TURN)
+    assert "nothing moves" in tool("echo", f"shm:{name}", "base", "camera", "-l", "1").out
+
+
+@pytest.mark.parametrize("period", [None, 0.001, 3600.0])
+def test_echo_of_what_comes_later(name: str, period: float | None) -> None:
+    """The first answer is printed when it is there, and then each that is new."""
+    store = tfdb.Buffer.open(name)
+    to_come = [
+        [("odom", "base", 7), ("map", "odom", 8)],
+        [("map", "odom", 8), ("map", "odom", 9)],
+    ]
+    shown: list[object] = []
+
+    class Writes(Printer):
+        """Whenever something is printed, the next is written."""
+
+        def show(self, found: tfdb.Transform | tfdb.TfdbError, now: int) -> None:
+            shown.append(found if isinstance(found, tfdb.TfdbError) else found.stamp)
+            for parent, child, stamp in to_come.pop(0) if to_come else ():
+                store.set_transform(parent, child, stamp * S, (1, 2, 3), TURN)
+
+    live = Live(tfdb.Buffer.open(name, mode="r"))
+    question = Question("map", "odom", LATEST, None, None)
+    echo(live, question, period, Writes("", 3, as_json=True), 1 if period == 3600 else 2)
+    error, *stamps = shown
+    assert isinstance(error, tfdb.UnknownFrame)
+    assert stamps == [8 * S, 9 * S][: 1 if period == 3600 else 2]
+
+
+def test_echo_at_a_rate_repeats_itself(tool: Tool, name: str) -> None:
+    tfdb.Buffer.open(name).set_transform("map", "base", 3 * S, (1, 2, 3), TURN)
+    told = lines(tool("echo", f"shm:{name}", "map", "base", "-l", "2", "-r", "500", "--json").out)
+    assert [each["stamp_ns"] for each in told] == [3 * S, 3 * S]
+    assert told[0]["age_ns"] == told[0]["now_ns"] - 3 * S
+
+
+def test_echo_by_an_offset(tool: Tool, bag: Path, name: str) -> None:
+    told = lines(tool("echo", bag, "map", "base_link", "-o", "-0.5", "-l", "2", "--json").out)
+    assert [each["age_ns"] for each in told] == [S // 2, S // 2]
+    store = tfdb.Buffer.open(name, history=None)
+    now = time.time_ns()
+    for seconds in (-100, 100):
+        store.set_transform("map", "base", now + seconds * S, (seconds, 2, 3), TURN)
+    arguments = ("map", "base", "-o", "-2.5", "-l", "1", "--json")
+    (one,) = lines(tool("echo", f"shm:{name}", *arguments).out)
+    assert 0 <= one["age_ns"] - 2.5 * S < 20 * S
+
+
+def test_what_echo_refuses(tool: Tool, bag: Path, name: str) -> None:
+    tfdb.Buffer.open(name)
+    assert "did you mean 'map'" in tool("echo", bag, "maps", "base_link", code=2).error
+    store = (f"shm:{name}", "a", "b")
+    assert "exclude" in tool("echo", *store, "-t", "1", "-o", "1", code=2).error
+    assert "absolute" in tool("echo", *store, "-t", "+1", code=2).error
+    assert "for what is live" in tool("echo", bag, "a", "b", "--each", code=2).error
+    assert "no topics" in tool("echo", *store, "--topic", "/tf", code=2).error
+    assert "tfdb shm ls" in tool("echo", "shm:none-such", "a", "b", code=2).error
+
+
+def test_monitor_tells_all_of_a_recording(tool: Tool, bag: Path) -> None:
+    (told,) = lines(tool("monitor", bag, "map", "base_link", "--json").out)
+    summary = {each["frame"]: each for each in tool("info", bag, "--json").json["edges"]}
+    assert [each["frame"] for each in told["frames"]] == ["base_footprint", "base_link", "odom"]
+    for each in told["frames"]:
+        known = summary[each["frame"]]
+        assert each["authorities"] == [known["authority"]]
+        assert each["parent"] == known["parent"]
+        assert each["static"] == known["static"]
+        assert each["messages"] == known["samples"]
+        if not each["static"]:
+            assert each["longest_gap_ns"] == known["longest_gap_ns"]
+            assert each["rate_hz"] == pytest.approx(known["rate_hz"], rel=0.02)
+            assert 0 < each["delay_ns"] < each["longest_delay_ns"] < S // 100
+    chain = told["chain"]
+    assert chain["frames"] == ["map", "odom", "base_footprint", "base_link"]
+    assert 0 < chain["delay_ns"] < chain["longest_delay_ns"] < S
+    assert {each["authority"] for each in told["authorities"]} >= {"/odometry", "/localization"}
+    said = tool("monitor", bag, "map", "base_link").out
+    assert "map <- odom <- base_footprint <- base_link: net delay" in said
+    assert "/odometry" in said
+
+
+def test_monitor_follows_a_store(tool: Tool, name: str) -> None:
+    store = tfdb.Buffer.open(name)
+    store.set_static_transform("base", "camera", (1, 2, 3), TURN, authority="urdf")
+    over = threading.Event()
+
+    def write() -> None:
+        while not over.is_set():
+            now = time.time_ns()
+            store.set_transform("map", "base", now - S, (1, 2, 3), TURN, authority="slow")
+            over.wait(0.001)
+
+    writer = threading.Thread(target=write)
+    writer.start()
+    try:
+        arguments = ("--every", "0.2", "--for", "0.5", "--json")
+        told = lines(tool("monitor", f"shm:{name}", "map", "camera", *arguments).out)
+        assert "net delay 1" in tool("monitor", f"shm:{name}", "map", "base", "--for", "0.2").out
+    finally:
+        over.set()
+        writer.join()
+    assert len(told) == 3
+    base, camera = told[-1]["frames"]
+    assert (base["frame"], base["parent"], base["authorities"]) == ("base", "map", ["slow"])
+    assert camera["static"]
+    assert camera["authorities"] == ["urdf"]
+    assert S <= base["delay_ns"] <= base["longest_delay_ns"]
+    assert base["messages"] > 3
+    assert told[-1]["chain"]["frames"] == ["map", "base", "camera"]
+    assert told[-1]["chain"]["delay_ns"] >= S
+
+
+def test_what_monitor_refuses(tool: Tool, bag: Path, tmp_path: Path) -> None:
+    assert "give both" in tool("monitor", bag, "map", code=2).error
+    assert "--every" in tool("monitor", bag, "--every", "0", code=2).error
+    frozen = tmp_path / "x.tfdb"
+    tool("freeze", bag, "-o", frozen)
+    assert "what arrived when" in tool("monitor", frozen, code=2).error
+    (told,) = lines(tool("monitor", bag, "map", "nowhere", "--json").out)
+    assert "nowhere" in told["chain"]["broken"]
+
+
+def test_rates_forget_what_is_too_long_ago() -> None:
+    rates = Rates(0, 2)
+    for second in range(5):
+        for part in range(second + 1):
+            stamp = second * S + part
+            rates.add(("map", "base"), stamp, stamp + second * 10, "it", static=False)
+        ((_, _, delays),) = rates.of_frames()
+        assert delays.count == (second + 1) + (second if second else 0)
+        assert delays.longest == 10 * second
+        assert rates.seconds((second + 1) * S) == (2 if second else 1)
+        rates.next_period((second + 1) * S)
+    ((_, frame, _),) = rates.of_frames()
+    assert frame.authors == {"it": 15}
+    rates.add(("map", "base"), 2**60, 0, "other", static=False)
+    ((_, of_it), (_, of_other)) = rates.of_authors()
+    assert (of_it.count, of_other.count, of_other.mean) == (5, 1, None)
+
+
+NAMES = ('odd "name"', "back\\slash", "a->b; x", "<b>html</b>", "\u00e9t\u00e9")
+
+
+def test_frames_are_drawn(tool: Tool, name: str, tmp_path: Path) -> None:
+    store = tfdb.Buffer.open(name)
+    for number, child in enumerate(NAMES):
+        store.set_transform("map", child, time.time_ns() + number, (1, 2, 3), TURN, authority="a:1")
+    store.set_static_transform(NAMES[0], "camera", (1, 2, 3), TURN)
+    dot = tool("view-frames", f"shm:{name}", "-o", "-").out
+    assert r'"map" -> "odd \"name\""' in dot
+    assert r'"back\\slash"' in dot
+    assert " old" in dot
+    for suffix, begins in (("svg", b"<?xml"), ("pdf", b"%PDF"), ("dot", b"digraph")):
+        path = tmp_path / f"frames.{suffix}"
+        told = tool("view-frames", f"shm:{name}", "-o", path, "--json").json
+        assert told["outputs"] == [str(path)]
+        assert path.read_bytes().startswith(begins)
+    drawn = (tmp_path / "frames.svg").read_text(encoding="utf-8")
+    for text in ("odd &quot;name&quot;", "&lt;b&gt;html", "\u00e9t\u00e9"):
+        assert text in drawn
+    assert "exists already" in tool("view-frames", f"shm:{name}", "-o", path, code=2).error
+
+
+def test_pictures_without_graphviz(
+    tool: Tool, bag: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    pytest.importorskip("matplotlib")
+    monkeypatch.setenv("PATH", str(tmp_path))
+    assert "85 frames" in tool("view-frames", bag, "-o", tmp_path / "frames").out
+    assert (tmp_path / "frames.pdf").read_bytes().startswith(b"%PDF")
+    assert "label=" in (tmp_path / "frames.gv").read_text(encoding="utf-8")
+    monkeypatch.chdir(tmp_path)
+    tool("view-frames", bag)
+    assert len(list(tmp_path.glob("frames_*_*.pdf"))) == 1
