@@ -45,10 +45,10 @@ def test_version(tool: Tool) -> None:
 
 def test_help_names_every_command(tool: Tool) -> None:
     shown = tool("--help").out
-    names = ("info", "tree", "lookup", "poses", "check", "shm", "serve", "convert", "bench")
-    names = (*names[:-2], "freeze", *names[-2:], "verify", "completion")
-    assert re.findall(r"^  (\w+)  ", shown, re.MULTILINE) == list(names)
-    groups = {"shm": ("ls", "info", "compact", "rm"), "serve": ("bag",)}
+    names = ("info", "tree", "lookup", "echo", "monitor", "view-frames", "poses", "check", "shm")
+    names = (*names, "serve", "freeze", "convert", "bench", "verify", "completion")
+    assert re.findall(r"^  ([a-z][\w-]*)  ", shown, re.MULTILINE) == list(names)
+    groups = {"shm": ("ls", "info", "compact", "rm"), "serve": ("bag", "ros1", "ros2")}
     for name in names:
         for part in groups.get(name, ("",)):
             assert "--json" in tool(*filter(None, (name, part)), "--help").out
