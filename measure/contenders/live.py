@@ -12,6 +12,22 @@ class Listens:
         """Messages since it listens."""
         raise NotImplementedError
 
+    def wait_at(self, stamp: int) -> None:
+        """Wait for the first edge's transform at a stamp."""
+        raise NotImplementedError
+
+    def newest(self) -> int:
+        """Newest stamp of the first edge."""
+        raise NotImplementedError
+
+    def delays(self, count: int) -> list[float]:
+        """Milliseconds from publishing to the return of a lookup that waited for it."""
+        found = []
+        for _ in range(count):
+            self.wait_at(time.monotonic_ns())
+            found.append(1e-6 * (time.monotonic_ns() - self.newest()))
+        return found
+
     def cost(self, seconds: float) -> dict[str, float]:
         """CPU of the process in percent of a core, and messages per second."""
         began, used, before = time.perf_counter(), time.process_time(), self.received()

@@ -5,6 +5,7 @@ from __future__ import annotations
 import rospy
 import tf2_ros
 from live import Listens
+from with_tf2 import ros_time
 from with_tf2_live import Contender as Node
 from with_tf2_live import Listener, wait_for
 
@@ -27,6 +28,15 @@ class Contender(Listens):
     def received(self) -> int:
         """Messages since it listens."""
         return self.listener.received
+
+    def wait_at(self, stamp: int) -> None:
+        """Wait for the first edge's transform at a stamp."""
+        self.buffer.lookup_transform("frame_0", "frame_1", ros_time(stamp), rospy.Duration(1))
+
+    def newest(self) -> int:
+        """Newest stamp of the first edge."""
+        newest: int = self.buffer.get_latest_common_time("frame_0", "frame_1").to_nsec()
+        return newest
 
     def leave(self) -> None:
         """Unsubscribe."""

@@ -94,6 +94,13 @@ class Contender:
         )
         self.next += scenario.PERIOD
 
+    def write_now(self) -> None:
+        """One message with a sample of the first edge, stamped when it was published."""
+        stamp = ros_time(time.monotonic_ns())
+        self.broadcaster.sendTransform(
+            [message(*self.names[:2], stamp, scenario.moving_pose(0, 0.5))]
+        )
+
     def listen(self) -> None:
         """Subscribe; return when lookups are answered."""
         self.buffer = tf2_ros.Buffer(rospy.Duration(10), debug=False)

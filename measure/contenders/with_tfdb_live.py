@@ -9,6 +9,7 @@ from live import Listens
 
 from tfdb import tf2
 from tfdb.ros.tcpros_node import TcprosNode
+from tfdb.tf2 import msgs
 
 
 class Contender(Listens):
@@ -29,6 +30,42 @@ class Contender(Listens):
     def received(self) -> int:
         """Messages since it listens."""
         return self.buffer.buffer.commit
+
+    def wait_at(self, stamp: int) -> None:
+        """Wait for the first edge's transform at a stamp."""
+        self.buffer.lookup_transform("frame_0", "frame_1", stamp, 1.0)
+
+    def newest(self) -> int:
+        """Newest stamp of the first edge."""
+        return self.buffer.buffer.latest_common_time("frame_0", "frame_1")
+
+    def futures(self, count: int) -> dict[str, list[float]]:
+        """What futures that wait cost a write of other frames, us, and all of them ended, ms."""
+        unrelated, ended = [], []
+        for _ in range(7):
+            buffer = tf2.Buffer(flavor="ros1", debug=False)
+            for stamp in (1, 2):
+                self.write(buffer, "wheel", stamp)
+            self.write(buffer, "base", 1)
+            waits = [
+                buffer.wait_for_transform_async("map", "base", msgs.Time(2)) for _ in range(count)
+            ]
+            began = time.perf_counter()
+            for stamp in range(3, 103):
+                self.write(buffer, "wheel", stamp)
+            unrelated.append(1e4 * (time.perf_counter() - began))
+            began = time.perf_counter()
+            self.write(buffer, "base", 3)
+            for wait in waits:
+                wait.result(60.0)
+            ended.append(1e3 * (time.perf_counter() - began))
+            buffer.close()
+        return {"unrelated": unrelated, "ended": ended}
+
+    def write(self, buffer: tf2.Buffer, child: str, stamp: int) -> None:
+        """Store T[map<-child] at so many seconds."""
+        header = msgs.Header(msgs.Time(stamp), "map")
+        buffer.set_transform(msgs.TransformStamped(header, child), "measure")
 
     def leave(self) -> None:
         """Unsubscribe."""

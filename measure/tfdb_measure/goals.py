@@ -376,6 +376,16 @@ def _live() -> Iterator[Goal]:
                 f"{row}: {text}", TF2_ROS, Cell("live", row, title), theirs, limit,
                 at_least=False,
             )  # fmt: skip
+    delay = "publish to return of a waiting lookup: "
+    for name, most in (("p50", 0.3), ("p99", 2.0)):
+        theirs = Cell("live", f"{delay}tf2_ros", name)
+        yield Goal(f"{delay}tf2_ros, timeout of 1 s, {name}", TF2_ROS, theirs, unit="ms")
+        yield at_most(f"{delay}tfdb, {name}", most, Cell("live", f"{delay}tfdb", name), unit="ms")
+    for row, most, unit in (
+        ("a write of other frames beside 10,000 futures", 10.0, "us"),
+        ("a write that ends 10,000 futures, until all have their results", 20.0, "ms"),
+    ):
+        yield at_most(row, most, Cell("live", row, "tfdb"), unit=unit)
 
 
 ROWS = [

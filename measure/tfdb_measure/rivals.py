@@ -574,6 +574,32 @@ def live(results: Results, effort: Effort) -> None:
         row = f"{per_s:.0f} messages/s of {edges} transforms"
         _add(results, "live", f"CPU of a node of ROS 1 that listens to {row}", 0, "%", used)
         _add(results, "live", f"messages per second that it received of {row}", 0, "1/s", heard)
+    _delays(results, effort, interpreters)
+
+
+def _delays(results: Results, effort: Effort, interpreters: dict[str, Path]) -> None:
+    """Measure how soon a waiting lookup returns; what 10,000 futures cost."""
+    with ExitStack() as stack:
+        (publisher,) = _workers(stack, "tf2_live", interpreters["tf2_live"], 1)
+        uri = publisher.call("make", 1)
+        publisher.begin("write_now", 50.0)
+        for title, who in NODES.items():
+            if who not in interpreters:
+                continue
+            (node,) = _workers(stack, who, interpreters[who], 1)
+            node.call("join", uri)
+            node.call("listen", "frame_0", "frame_1")
+            found = node.call("delays", 50 * effort.rounds)
+            row = f"publish to return of a waiting lookup: {title}"
+            _add(results, "live", row, 1, "ms", _percentiles(found))
+            if title == "tfdb":
+                waits = node.call("futures", 10_000)
+                row = "a write of other frames beside 10,000 futures"
+                _add(results, "live", row, 0, "us", {"tfdb": waits["unrelated"]})
+                row = "a write that ends 10,000 futures, until all have their results"
+                _add(results, "live", row, 0, "ms", {"tfdb": waits["ended"]})
+            node.call("leave")
+        publisher.end()
 
 
 def start(results: Results, effort: Effort) -> None:
