@@ -5,9 +5,8 @@ from __future__ import annotations
 import rospy
 import tf2_ros
 from live import Listens
-from with_tf2 import ros_time
 from with_tf2_live import Contender as Node
-from with_tf2_live import Listener, wait_for
+from with_tf2_live import Listener, ros_time, wait_for
 
 LATEST = rospy.Time(0)
 

@@ -19,10 +19,16 @@ import roslaunch  # noqa: E402, F401 - roscore is made of it
 import rospy  # noqa: E402
 import scenario  # noqa: E402
 import tf2_ros  # noqa: E402
-from with_tf2 import message, ros_time  # noqa: E402
+from geometry_msgs.msg import TransformStamped  # noqa: E402
+from tf2_calls import message  # noqa: E402
 
 PATIENCE = 30.0  # seconds that a master, or a connection, may take
 LATEST = rospy.Time(0)
+
+
+def ros_time(stamp: int) -> rospy.Time:
+    """Make a time of nanoseconds."""
+    return rospy.Time(*divmod(stamp, 10**9))
 
 
 def wait_for(what: str, is_there: object) -> None:
@@ -88,7 +94,12 @@ class Contender:
         stamp = ros_time(self.next)
         self.broadcaster.sendTransform(
             [
-                message(*self.names[edge : edge + 2], stamp, scenario.moving_pose(edge, 0.5))
+                message(
+                    TransformStamped,
+                    *self.names[edge : edge + 2],
+                    stamp,
+                    scenario.moving_pose(edge, 0.5),
+                )
                 for edge in range(len(self.names) - 1)
             ]
         )
@@ -97,9 +108,8 @@ class Contender:
     def write_now(self) -> None:
         """One message with a sample of the first edge, stamped when it was published."""
         stamp = ros_time(time.monotonic_ns())
-        self.broadcaster.sendTransform(
-            [message(*self.names[:2], stamp, scenario.moving_pose(0, 0.5))]
-        )
+        pose = scenario.moving_pose(0, 0.5)
+        self.broadcaster.sendTransform([message(TransformStamped, *self.names[:2], stamp, pose)])
 
     def listen(self) -> None:
         """Subscribe; return when lookups are answered."""
