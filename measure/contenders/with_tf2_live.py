@@ -91,7 +91,7 @@ class Contender:
 
     def write_each(self) -> None:
         """One message with a sample of each edge."""
-        stamp = ros_time(self.next)
+        stamp = rospy.Time(self.next // 10**9, self.next % 10**9)
         self.broadcaster.sendTransform(
             [
                 message(

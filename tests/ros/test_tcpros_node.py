@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+import itertools
+import signal
+import subprocess
+import sys
 import threading
 import xmlrpc.client
 from typing import TYPE_CHECKING
@@ -340,3 +344,58 @@ def test_a_callback_may_open_and_close_and_fail(
     assert heard.wait(len(MOVES) - 1)[-1] == MOVES[-1]
     assert caplog.text.count("not what it should be") == 1
     assert caplog.text.count("a message of /ours on /busy: division by zero") == 1
+
+
+PROGRAM = """
+import sys, time
+from tfdb import tf2
+from tfdb.ros.tcpros_node import TcprosNode
+
+node = TcprosNode("forgetful", arguments=[])
+buffer = tf2.Buffer(flavor="ros1", debug=False)
+listener = tf2.TransformListener(buffer, node)
+buffer.wait_for_transform("map", "base", 0, 20.0)
+print("there", flush=True)
+sys.stdin.readline()
+if len(sys.argv) > 1:
+    time.sleep(20)
+"""
+
+
+@pytest.mark.parametrize("interrupted", [False, True])
+def test_a_program_that_ends_without_closing_ends_cleanly(
+    node: TcprosNode, *, interrupted: bool
+) -> None:
+    stamps = itertools.count(1)
+    publisher = node.advertise("/tf", TF)
+    arguments = ["wait"] if interrupted else []
+    child = subprocess.Popen(
+        [sys.executable, "-c", PROGRAM, *arguments],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    over = threading.Event()
+
+    def publish() -> None:
+        while not over.wait(0.0005):
+            publisher.publish(transforms(("map", "base", next(stamps), 1.0)))
+
+    thread = threading.Thread(target=publish)
+    thread.start()
+    try:
+        assert child.stdout is not None
+        assert child.stdout.readline() == "there\n"
+        if interrupted:
+            child.send_signal(signal.SIGINT)
+        _, said = child.communicate("\n", timeout=SECONDS)
+    finally:
+        over.set()
+        thread.join()
+    if interrupted:
+        assert said.splitlines()[-1] == "KeyboardInterrupt"
+    else:
+        assert (child.returncode, said) == (0, "")
+    with xmlrpc.client.ServerProxy(node._master.uri) as master:
+        assert "/forgetful" not in str(master.getSystemState("/test"))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import socket
 import threading
 import time
@@ -100,7 +101,9 @@ class Link:
         kind = f"{type(error).__name__}: {error}"
         unexpected = not isinstance(error, (*CALL_ERRORS, TfdbError, _RefusedError))
         if kind not in self._told or unexpected:
-            LOG.warning(
+            # That nobody is there is usual: the master still names a node that was killed.
+            LOG.log(
+                logging.INFO if isinstance(error, ConnectionRefusedError) else logging.WARNING,
                 "%s of %s: %s; tried again, and said once",
                 self._topic.name,
                 self.publisher or self._uri,
