@@ -46,7 +46,18 @@ def test_version(tool: Tool) -> None:
 def test_help_names_every_command(tool: Tool) -> None:
     shown = tool("--help").out
     names = ("info", "tree", "lookup", "echo", "monitor", "view-frames", "poses", "check", "shm")
-    names = (*names, "serve", "freeze", "convert", "bench", "verify", "completion")
+    names = (
+        *names,
+        "serve",
+        "static-publisher",
+        "change-notifier",
+        "buffer-server",
+        "freeze",
+        "convert",
+        "bench",
+        "verify",
+        "completion",
+    )
     assert re.findall(r"^  ([a-z][\w-]*)  ", shown, re.MULTILINE) == list(names)
     groups = {"shm": ("ls", "info", "compact", "rm"), "serve": ("bag", "ros1", "ros2")}
     for name in names:
@@ -324,7 +335,7 @@ def test_completion(tool: Tool) -> None:
 @pytest.mark.parametrize(
     ("line", "offered"),
     [
-        ("tfdb ch", ["plain,check"]),
+        ("tfdb ch", ["plain,check", "plain,change-notifier"]),
         ("tfdb info --to", ["plain,--topic"]),
         ("tfdb info pr2.b", ["file,pr2.b"]),
         ("tfdb lookup pr2.bag map base_l", ["plain,base_laser_link", "plain,base_link"]),

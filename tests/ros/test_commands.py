@@ -187,3 +187,66 @@ def test_monitor_and_echo_of_what_moves(ros1: str, robot: Robot) -> None:
 def test_frames_of_a_graph_are_drawn(ros1: str, robot: Robot) -> None:
     dot = tfdb_says("view-frames", "ros1:", "--for", "0.3", "-o", "-")
     assert '"base" -> "camera" [label="/theirs\\nstatic"' in dot
+
+
+def test_static_publisher(ros1: str, rospy_child: RospyChild) -> None:
+    """Who comes later gets it."""
+    arguments = ("1", "-2", "3", "0.6", "0", "0", "0.8", "map", "base")
+    with Command("static-publisher", "ros1:", *arguments, "__name:=ours") as publisher:
+        assert "map -> base" in publisher.line()
+        rospy_child.call("listen", "/tf_static", TF)
+        (heard,), (sender,) = rospy_child.call("heard", "/tf_static", 1, SECONDS)
+        (one,) = tfdb.decode_tf_message(bytes.fromhex(heard), "ros1")
+        assert (one.parent, one.child, sender) == ("map", "base", "/ours")
+        assert tuple(one.translation) == (1, -2, 3)
+        assert tuple(one.rotation) == (0.6, 0, 0, 0.8)
+        assert one.stamp > S
+        assert publisher.end(signal.SIGTERM) == (143, "")
+    assert "/ours" not in nodes_of(ros1)
+
+
+def test_change_notifier(ros1: str, robot: Robot, rospy_child: RospyChild) -> None:
+    rospy_child.call("listen", "/tf_changes", TF)
+    limits = ("--pair", "map", "camera", "--distance", "1.5", "-r", "1000")
+    with Command("change-notifier", "ros1:", *limits, "--json") as notifier:
+        robot.is_heard()
+        assert rospy_child.call("connected_to", "/tf_changes", SECONDS)
+        told = []
+        for stamp in (1, 2, 3, 4, 7):
+            robot.moves(stamp * S)
+            if stamp in {1, 3, 7}:
+                told.append(json.loads(notifier.line()))
+        assert [each["stamp_ns"] // S for each in told] == [1, 3, 7]
+        assert [each["moved_m"] for each in told] == pytest.approx([0, 2, 4])
+        heard, senders = rospy_child.call("heard", "/tf_changes", 3, SECONDS)
+        notifier.end()
+    assert len(heard) == 3
+    assert "change_notifier" in senders[0]
+    (last,) = tfdb.decode_tf_message(bytes.fromhex(heard[-1]), "ros1")
+    assert (last.parent, last.child, last.stamp) == ("map", "camera", 7 * S)
+    assert list(last.translation) == told[-1]["translation"]
+
+
+@pytest.mark.parametrize("shared", [False, True])
+def test_buffer_server(
+    ros1: str, robot: Robot, rospy_child: RospyChild, store: str, *, shared: bool
+) -> None:
+    """Debian's BufferClient asks; from what is listened to, or from a store that others fill."""
+    action = f"server_{shared}".lower()
+    options: list[str] = []
+    if shared:
+        filled = tfdb.Buffer.open(store)
+        filled.set_transform("map", "base", 5 * S, (5, 2, -3), (0.6, 0, 0, 0.8))
+        options = ["--store", store]
+    with Command("buffer-server", "ros1:", "--action", action, *options) as server:
+        assert action in server.line()
+        assert rospy_child.call("client", action, SECONDS)
+        if not shared:
+            robot.is_heard()
+            robot.moves(5 * S)
+        question = ["map", "base", 5 * S]
+        kind, found = rospy_child.call("look_up", action, False, question, SECONDS)
+        assert kind == "ok", found
+        assert found[:3] == ["map", "base", 5 * S]
+        assert found[3] == pytest.approx([5, 2, -3, 0.6, 0, 0, 0.8])
+        assert server.end()[0] == 130

@@ -26,3 +26,14 @@ def roll_pitch_yaw(rotation: Sequence[float] | Any) -> list[float]:
 
 def _wrap(angle: float) -> float:
     return math.atan2(math.sin(angle), math.cos(angle))
+
+
+def quaternion_of(roll: float, pitch: float, yaw: float) -> list[float]:
+    """Quaternion x y z w of turns about the fixed x, then y, then z axis, in radians."""
+    (cr, sr), (cp, sp), (cy, sy) = ((math.cos(a / 2), math.sin(a / 2)) for a in (roll, pitch, yaw))
+    return [
+        sr * cp * cy - cr * sp * sy,
+        cr * sp * cy + sr * cp * sy,
+        cr * cp * sy - sr * sp * cy,
+        cr * cp * cy + sr * sp * sy,
+    ]

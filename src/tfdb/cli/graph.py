@@ -15,7 +15,7 @@ import threading
 import time
 from contextlib import contextmanager
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NoReturn
 
 import click
 
@@ -146,18 +146,21 @@ class Live:
 
     def sleep(self, until: float) -> None:
         """Wait until then (monotonic), or for the end of the graph's node."""
-        self.ended.wait(max(until - time.monotonic(), 0.0))
+        left = until - time.monotonic()
+        self.ended.wait(None if math.isinf(left) else max(left, 0.0))
 
     def check(self) -> None:
         """Raise NodeClosed if the graph's node has ended."""
-        if self.ended.is_set():
-            text = f"the node {self.node_name} was ended by somebody else"
-            raise tfdb.NodeClosed(text, reason="ended by somebody else")
+        if self.node is not None and self.ended.is_set():
+            wait_for_end(self.node, self.ended)
 
 
 @contextmanager
-def open_graph(name: str) -> Iterator[Node]:
-    """Give a node of this command's in the graph `name`; SIGTERM ends it in good order, too."""
+def open_graph(name: str) -> Iterator[tuple[Node, threading.Event]]:
+    """Give a node of this command's in the graph `name`, and what is set if others end it.
+
+    SIGTERM ends it in good order, as Ctrl-C does.
+    """
     context = click.get_current_context()
     match = _GRAPH.fullmatch(name)
     if match is None:
@@ -166,8 +169,26 @@ def open_graph(name: str) -> Iterator[Node]:
     plain = re.sub(r"\W", "_", context.command_path.removeprefix("tfdb "))
     own = context.meta.get(_NODE_NAME) or f"tfdb_{plain}_{os.getpid()}"
     arguments: Sequence[str] = context.meta.get(_ROS_ARGUMENTS, ())
-    with _ended_by_sigterm(), open_node(side, own, where=match[2] or "", arguments=arguments) as n:
-        yield n
+    ended, leaves = threading.Event(), threading.Event()
+    where = match[2] or ""
+    with _ended_by_sigterm(), open_node(side, own, where=where, arguments=arguments) as node:
+
+        def look(_now: int) -> None:
+            if node.closed and not leaves.is_set():
+                ended.set()
+
+        node.on_clock(look)
+        try:
+            yield node, ended
+        finally:
+            leaves.set()
+
+
+def wait_for_end(node: Node, ended: threading.Event) -> NoReturn:
+    """Wait for Ctrl-C or SIGTERM. Raises NodeClosed if others end the node."""
+    ended.wait()
+    text = f"the node {node.name} was ended by somebody else"
+    raise tfdb.NodeClosed(text, reason="ended by somebody else")
 
 
 @contextmanager
@@ -180,28 +201,18 @@ def listening(name: str, *, history: int | None, into: str | None = None) -> Ite
 
     _show_log()
     seconds = None if history is None else max(history, 1) / NS
-    with open_graph(name) as node:
+    with open_graph(name) as (node, ended):
         if into is None:
             store = tfdb.Buffer(history=seconds)
+            # Who waits for a commit is woken so.
+            node.on_clock(lambda _: store.close() if ended.is_set() else None)
         else:
             store = tfdb.Buffer.open(into, history=seconds)
         served = None if into is None else node
         buffer = tf2.Buffer(buffer=store, node=served, clock=node, flavor=node.flavor)
-        live = Live(store, node.now, node, commit=store.commit)
+        live = Live(store, node.now, node, commit=store.commit, ended=ended)
         live.listener = tf2.TransformListener(buffer, node, spin_thread=True)
-        leaves = threading.Event()
-
-        def look(_now: int) -> None:
-            if node.closed and not leaves.is_set():
-                live.ended.set()
-                if into is None:
-                    store.close()  # which wakes who waits for a commit
-
-        node.on_clock(look)
-        try:
-            yield live
-        finally:
-            leaves.set()
+        yield live
 
 
 @contextmanager

@@ -165,7 +165,7 @@ def _serve_graph(graph: str, into: str, history: int | None, *, as_json: bool) -
         if not as_json:
             click.echo(f"{graph} as {live.node_name} into shm:{name}; Ctrl-C ends it")
         try:
-            live.ended.wait()
+            live.sleep(math.inf)
             live.check()
         finally:
             _say_served(live, graph, name, began, as_json=as_json)

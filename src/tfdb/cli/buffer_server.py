@@ -1,0 +1,65 @@
+"""``tfdb buffer-server``: answers lookups of other nodes."""
+
+from __future__ import annotations
+
+import math
+from contextlib import ExitStack
+
+import click
+
+import tfdb
+
+from . import common, output
+from .graph import STORE, Live, listening, node_option, open_graph
+from .times import duration_option
+
+
+@click.command("buffer-server")
+@click.argument("where", metavar="GRAPH")
+@click.option(
+    "--store",
+    metavar="NAME",
+    help="Answer from this live store, which others fill ('tfdb serve'), instead of listening.",
+)
+@click.option(
+    "--action",
+    metavar="NAME",
+    default="tf2_buffer_server",
+    show_default=True,
+    help="The name of the action LookupTransform.",
+)
+@click.option(
+    "-c",
+    "--cache-time",
+    metavar="SECONDS",
+    default="120",
+    show_default=True,
+    callback=duration_option,
+    help="How much of what is heard is kept.",
+)
+@node_option
+@common.json_option
+def command(*, where: str, store: str | None, action: str, cache_time: int, as_json: bool) -> None:
+    """Answer the lookups of BufferClients, tf2's and ours, in GRAPH, ros1: or ros2:.
+
+    A goal that waits is answered by the commit that brings its transform. Until Ctrl-C.
+    """
+    from tfdb import tf2  # noqa: PLC0415 - it is much
+
+    with ExitStack() as stack:
+        if store is None:
+            live = stack.enter_context(listening(where, history=cache_time))
+        else:
+            opened = tfdb.Buffer.open(store.removeprefix(STORE), create=False, mode="r")
+            node, ended = stack.enter_context(open_graph(where))
+            live = Live(opened, node.now, node, ended=ended)
+        buffer = tf2.Buffer(buffer=live.store, node=live.node, clock=live.node)
+        stack.enter_context(tf2.BufferServer(buffer, action, node=live.node))
+        if as_json:
+            body = {"files": [where], "node": live.node_name, "action": action, "store": store}
+            output.emit_json("buffer-server", body)
+        else:
+            origin = "" if store is None else f" from {STORE}{store.removeprefix(STORE)}"
+            click.echo(f"{where} as {live.node_name}, {action}{origin}; Ctrl-C ends it")
+        live.sleep(math.inf)
+        live.check()

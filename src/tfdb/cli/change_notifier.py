@@ -1,0 +1,199 @@
+"""``tfdb change-notifier``: tells when one frame has moved in another."""
+
+from __future__ import annotations
+
+import math
+import time
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+import click
+
+import tfdb
+from tfdb.waiting import NO_ANSWER_YET
+
+from . import common, output
+from .graph import live_source, node_option
+from .times import NS, format_ns
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Sequence
+
+    from tfdb import Reads, Transform
+    from tfdb.ros import Node, Publisher
+
+    from .graph import Live
+
+_KEPT = 10 * NS
+
+
+@click.command("change-notifier")
+@common.file_argument
+@click.option(
+    "--pair",
+    "pairs",
+    nargs=2,
+    multiple=True,
+    metavar="TARGET SOURCE",
+    help="Watch T[TARGET<-SOURCE]; repeatable.  [default: map base_link]",
+)
+@click.option(
+    "--distance",
+    type=click.FloatRange(min=0),
+    default=0.1,
+    show_default=True,
+    metavar="METRES",
+    help="Tell when SOURCE is so far from where it was told last.",
+)
+@click.option(
+    "--angle",
+    type=click.FloatRange(min=0),
+    default=0.1,
+    show_default=True,
+    metavar="RADIANS",
+    help="Tell when it is turned by so much.",
+)
+@click.option(
+    "-r",
+    "--rate",
+    type=click.FloatRange(min=0, min_open=True, max=1000),
+    default=10.0,
+    show_default=True,
+    metavar="HZ",
+    help="Look at most so often; in a recording, of its own time.",
+)
+@click.option(
+    "--to",
+    "topic",
+    metavar="TOPIC",
+    default="tf_changes",
+    show_default=True,
+    help="Where it is published in a graph, as tf2_msgs/TFMessage.",
+)
+@node_option
+@common.topic_option
+@common.json_lines_option
+def command(
+    *,
+    file: str,
+    pairs: tuple[tuple[str, str], ...],
+    distance: float,
+    angle: float,
+    rate: float,
+    topic: str,
+    topics: tuple[str, ...],
+    as_json: bool,
+) -> None:
+    """Tell when one frame has moved in another by more than a distance or an angle.
+
+    As tf's change_notifier: of a live graph, ros1: or ros2:, each change is published, too. FILE
+    may also be a live store, shm:NAME, or a recording. What is there first is told; nothing is
+    polled: a commit wakes it.
+    """
+    watched = [Pair(*pair) for pair in pairs or (("map", "base_link"),)]
+    told = Told(file, distance, angle, as_json=as_json)
+    if common.is_live(file):
+        common.refuse_parts((file,), topics, "live", "it")
+        with live_source(file, history=_KEPT) as live:
+            _follow(live, watched, told, rate, topic)
+        return
+    loaded = common.load((file,), topics)
+    for pair in watched:
+        pair.target, pair.source = common.find_frames(loaded.store, pair.target, pair.source)
+    for now in _steps(loaded.span, rate):
+        for pair in watched:
+            told.look(loaded.store, pair, now)
+
+
+def _follow(live: Live, pairs: Sequence[Pair], told: Told, rate: float, topic: str) -> None:
+    publisher = None
+    if live.node is not None:
+        publisher = live.node.advertise(topic, "tf2_msgs/TFMessage", depth=100)
+    while True:
+        next_look = time.monotonic() + 1 / rate
+        moved = [found for pair in pairs if (found := told.look(live.store, pair, None))]
+        if moved and publisher is not None and live.node is not None:
+            _publish(live.node, publisher, moved)
+        live.sleep(next_look)
+        live.check()
+        live.wait(math.inf)
+
+
+def _publish(node: Node, publisher: Publisher, moved: Sequence[Transform]) -> None:
+    members = [
+        tfdb.TransformStamped(one.target, one.source, one.stamp, one.translation, one.rotation)
+        for one in moved
+    ]
+    publisher.publish(tfdb.encode_tf_message(members, node.encoding))
+
+
+def _steps(span: tuple[int, int] | None, rate: float) -> Iterator[int]:
+    if span is None:
+        yield 0
+        return
+    count = 0
+    while (now := span[0] + round(count * NS / rate)) <= span[1]:
+        yield now
+        count += 1
+
+
+@dataclass
+class Pair:
+    """Two frames, and where one was in the other when that was told last."""
+
+    target: str
+    source: str
+    last: Transform | None = field(default=None)
+
+    def __post_init__(self) -> None:
+        self.target, self.source = self.target.removeprefix("/"), self.source.removeprefix("/")
+
+
+@dataclass(frozen=True)
+class Told:
+    """Tells of changes that are large enough."""
+
+    file: str
+    distance: float
+    angle: float
+    as_json: bool
+
+    def look(self, store: Reads, pair: Pair, stamp: int | None) -> Transform | None:
+        """Return where a pair is, and tell of it, if it has moved."""
+        try:
+            found = store.lookup_transform(pair.target, pair.source, stamp)
+        except NO_ANSWER_YET:
+            return None
+        moved, turned = (0.0, 0.0) if pair.last is None else _between(pair.last, found)
+        if pair.last is not None and moved <= self.distance and turned <= self.angle:
+            return None
+        first, pair.last = pair.last is None, found
+        if self.as_json:
+            output.emit_json_line("change-notifier", self._body(found, moved, turned))
+        else:
+            how = "is at" if first else f"moved {moved:.3f} m, {turned:.3f} rad, to"
+            place = ", ".join(f"{float(value):.3f}" for value in found.translation)
+            turn = ", ".join(f"{float(value):.3f}" for value in found.rotation)
+            name = f"T[{found.target}<-{found.source}]"
+            click.echo(f"{format_ns(found.stamp)} {name} {how} [{place}] [{turn}]")
+        return found
+
+    def _body(self, found: Transform, moved: float, turned: float) -> dict[str, Any]:
+        return {
+            "files": [self.file],
+            "target": found.target,
+            "source": found.source,
+            "stamp_ns": found.stamp,
+            "moved_m": moved,
+            "turned_rad": turned,
+            "translation": found.translation.tolist(),
+            "rotation_xyzw": found.rotation.tolist(),
+        }
+
+
+def _between(one: Transform, other: Transform) -> tuple[float, float]:
+    """Metres and radians between two poses."""
+    moved = math.dist(one.translation, other.translation)
+    # From the chord, which is exact for small angles; q and -q are one rotation.
+    chord = min(math.dist(one.rotation, sign * other.rotation) for sign in (1, -1))
+    return moved, 4 * math.asin(min(1.0, chord / 2))
