@@ -5,6 +5,9 @@ from __future__ import annotations
 import json
 import math
 import os
+import pty
+import subprocess
+import sys
 import threading
 import time
 from contextlib import suppress
@@ -16,6 +19,7 @@ import pytest
 import tfdb
 from tfdb.cli.echo import Printer, Question, echo
 from tfdb.cli.graph import Live
+from tfdb.cli.monitor import Watch
 from tfdb.cli.rates import Rates
 from tfdb.cli.times import LATEST
 
@@ -188,6 +192,47 @@ def test_monitor_follows_a_store(tool: Tool, name: str) -> None:
     assert base["messages"] > 3
     assert told[-1]["chain"]["frames"] == ["map", "base", "camera"]
     assert told[-1]["chain"]["delay_ns"] >= S
+
+
+def test_monitor_stays_in_place_on_a_terminal(name: str) -> None:
+    tfdb.Buffer.open(name).set_static_transform("map", "base", (1, 2, 3), TURN)
+    ours, theirs = pty.openpty()
+    command = [sys.executable, "-m", "tfdb.cli", "monitor", f"shm:{name}"]
+    process = subprocess.Popen([*command, "--every", "0.1", "--for", "0.3"], stdout=theirs)
+    os.close(theirs)
+    said = b""
+    with suppress(OSError):  # the terminal's end
+        while part := os.read(ours, 65536):
+            said += part
+    os.close(ours)
+    assert process.wait() == 0
+    upwards, hidden, shown = b"\x1b[1A", b"\x1b[?25l", b"\x1b[?25h"
+    assert upwards in said
+    assert said.count(b"map") >= 3
+    assert said.rindex(shown) > said.rindex(hidden)
+
+
+def test_monitor_begins_anew_where_time_jumps_back() -> None:
+    store = tfdb.Buffer(history=None)
+    watch = Watch(store, None, Rates(0, 1))
+    for stamp in (100, 101, 5, 7):
+        if stamp == 5:
+            store.clear()
+        since = store.commit - (stamp == 5)
+        store.set_transform("map", "base", stamp * S, (1, 2, 3), TURN)
+        watch.take(store.changes(since), stamp * S + 10)
+    ((_, _, delays),) = watch.rates.of_frames()
+    assert (delays.count, delays.gap, delays.longest) == (4, 2 * S, 10)
+
+
+def test_what_is_wrong_is_said_once(name: str, capsys: pytest.CaptureFixture[str]) -> None:
+    store = tfdb.Buffer.open(name)
+    printer = Printer("", 3, as_json=False)
+    for commit in range(3):
+        store.set_transform("map", "base", commit * S, (1, 2, 3), TURN)
+        printer.show(Question("map", "arm", LATEST, None, None).ask(store, 0), commit)
+    printer.show(Question("map", "base", LATEST, 9 * S, None).ask(store, 0), 3)
+    assert len(capsys.readouterr().err.splitlines()) == 2
 
 
 def test_what_monitor_refuses(tool: Tool, bag: Path, tmp_path: Path) -> None:

@@ -8,11 +8,14 @@ import os
 import signal
 import subprocess
 import sys
-from typing import Any, Self
+from typing import TYPE_CHECKING, Any, Self
 
 from click.testing import CliRunner
 
 from tfdb.cli.app import cli
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
 
 # Click 8.1 has to be asked to keep the two streams apart, 8.2 does so always.
 _APART = "mix_stderr" in inspect.signature(CliRunner.__init__).parameters
@@ -32,6 +35,15 @@ def tfdb_says(*arguments: object, code: int = 0) -> str:
 def tfdb_json(*arguments: object, code: int = 0) -> Any:
     """The JSON object that it prints."""
     return json.loads(tfdb_says(*arguments, "--json", code=code))
+
+
+def tfdb_hears(holds: Callable[[Any], object], *arguments: object) -> Any:
+    """The JSON object of what listens, for so long that it heard what it should."""
+    seconds = 0.3
+    while not holds(told := tfdb_json(*arguments, "--for", seconds)):
+        seconds *= 2
+        assert seconds < SECONDS, told
+    return told
 
 
 class Command:

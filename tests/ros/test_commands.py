@@ -18,8 +18,8 @@ import pytest
 
 import tfdb
 from compat.tf2_oracle import unavailable
-from ros.commands import Command, tfdb_json, tfdb_says
-from ros.messages import transforms
+from ros.commands import Command, tfdb_hears, tfdb_json, tfdb_says
+from ros.messages import clock, transforms
 from ros.real_ros1 import PYTHON, SECONDS, environment, until
 
 if TYPE_CHECKING:
@@ -83,16 +83,17 @@ def test_commands_that_read_once_listen(ros1: str, robot: Robot) -> None:
     found = tfdb_json("lookup", "ros1:", "base", "/camera", "--for", "20")
     assert found["files"] == ["ros1:"]
     assert found["translation"] == [0.5, 2.0, -3.0]
-    (edge,) = tfdb_json("info", f"ros1:{ros1}", "--for", "0.3s")["edges"]
+    (edge,) = tfdb_hears(lambda told: told["edges"], "info", f"ros1:{ros1}")["edges"]
     assert (edge["frame"], edge["static"], edge["authority"]) == ("camera", True, "/theirs")
-    assert "camera  static" in tfdb_says("tree", "ros1:", "--for", "0.3")
-    assert tfdb_json("check", "ros1:", "--for", "0.3")["transforms"] == 1
+    assert tfdb_hears(lambda told: told["frames"], "tree", "ros1:")["roots"] == ["base"]
+    assert tfdb_hears(lambda told: told["transforms"], "check", "ros1:")["transforms"] == 1
     assert not {node for node in nodes_of(ros1) if "tfdb" in node}
 
 
 def test_arguments_for_ros(ros1: str, robot: Robot) -> None:
     assert tfdb_json("info", "ros1:", "--for", "0.1", "/tf_static:=/other")["frames"] == 0
-    assert tfdb_json("tree", "/elsewhere:=/tf", "ros1:", "--for", "0.3")["roots"] == ["base"]
+    told = tfdb_hears(lambda told: told["roots"], "tree", "/elsewhere:=/tf", "ros1:")
+    assert told["roots"] == ["base"]
 
 
 def test_graphs_that_are_none(ros1: str) -> None:
@@ -184,9 +185,34 @@ def test_monitor_and_echo_of_what_moves(ros1: str, robot: Robot) -> None:
     assert not {node for node in nodes_of(ros1) if "tfdb" in node}
 
 
-def test_frames_of_a_graph_are_drawn(ros1: str, robot: Robot) -> None:
-    dot = tfdb_says("view-frames", "ros1:", "--for", "0.3", "-o", "-")
-    assert '"base" -> "camera" [label="/theirs\\nstatic"' in dot
+def test_ages_by_the_clock_of_the_graph(ros1: str, robot: Robot, rospy_child: RospyChild) -> None:
+    rospy_child.call("set_parameter", "/use_sim_time", True)
+    rospy_child.call("advertise", "/clock", "rosgraph_msgs/Clock", False, 1)
+    try:
+        with Command("echo", "ros1:", "map", "base", "-r", "200", "--json") as echo:
+            robot.is_heard()
+            assert rospy_child.call("joined", "/clock", 1, SECONDS)
+            robot.moves(7 * S)
+            rospy_child.call("send", "/clock", [clock(10 * S).hex()])
+            while json.loads(echo.line()).get("age_ns") != 3 * S:
+                pass
+            rospy_child.call("send", "/clock", [clock(2 * S).hex()])
+            while "error" not in (told := json.loads(echo.line())):
+                pass
+            assert told["now_ns"] == 2 * S
+            echo.process.send_signal(signal.SIGINT)
+            assert echo.process.stderr
+            assert "jump back in time" in echo.process.stderr.read()
+    finally:
+        rospy_child.call("withdraw", "/clock")
+        rospy_child.call("delete_parameter", "/use_sim_time")
+
+
+def test_frames_of_a_graph_are_drawn(ros1: str, robot: Robot, tmp_path: Path) -> None:
+    path = tmp_path / "frames.dot"
+    drawn = ("view-frames", "ros1:", "-o", path, "--overwrite")
+    assert tfdb_hears(lambda told: told["frames"], *drawn)["frames"] == 2
+    assert '"base" -> "camera" [label="/theirs\\nstatic"' in path.read_text(encoding="utf-8")
 
 
 def test_static_publisher(ros1: str, rospy_child: RospyChild) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 import time
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
@@ -226,9 +227,10 @@ class Printer:
             click.echo("\n".join(self._lines(found, now)))
 
     def _complain(self, error: tfdb.TfdbError, now: int) -> None:
-        if f"{error}" == self.told:
+        reason = re.sub(r"\d+", "", f"{type(error).__name__}: {error}")  # stamps and commits go on
+        if reason == self.told:
             return
-        self.told = f"{error}"
+        self.told = reason
         if self.as_json:
             body = {"files": [self.file], "now_ns": now, **output.error_body(error)}
             output.emit_json_line("echo", body)

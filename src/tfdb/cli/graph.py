@@ -171,7 +171,7 @@ def open_graph(name: str) -> Iterator[tuple[Node, threading.Event]]:
     arguments: Sequence[str] = context.meta.get(_ROS_ARGUMENTS, ())
     ended, leaves = threading.Event(), threading.Event()
     where = match[2] or ""
-    with _ended_by_sigterm(), open_node(side, own, where=where, arguments=arguments) as node:
+    with ended_by_sigterm(), open_node(side, own, where=where, arguments=arguments) as node:
 
         def look(_now: int) -> None:
             if node.closed and not leaves.is_set():
@@ -223,7 +223,7 @@ def live_source(name: str, *, history: int | None) -> Iterator[Live]:
             yield live
     else:
         store = tfdb.Buffer.open(name.removeprefix(STORE), create=False, mode="r")
-        with store:
+        with ended_by_sigterm(), store:
             yield Live(store, commit=store.commit)
 
 
@@ -249,7 +249,7 @@ def listen_once(
 
 
 @contextmanager
-def _ended_by_sigterm() -> Iterator[None]:
+def ended_by_sigterm() -> Iterator[None]:
     """Let SIGTERM leave all contexts, so that what was opened is taken back."""
 
     def leave(number: int, _frame: object) -> None:

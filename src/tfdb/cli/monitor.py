@@ -116,6 +116,8 @@ class Watch:
         """Take what came; `author`: of all of it, None: as the store says."""
         authors: dict[str, str] = {}
         for change in changes:
+            for name in (*change.cleared, *change.removed):
+                self.rates.forget_stamps(name)
             for columns, static in ((change.stored, False), (change.stored_static, True)):
                 stamps: Any = columns.stamps
                 stamps = [0] * len(columns) if stamps is None else stamps.tolist()

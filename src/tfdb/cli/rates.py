@@ -103,6 +103,12 @@ class Rates:
         frame.periods[-1].add(arrival - stamp, gap)
         sent[-1].add(arrival - stamp)
 
+    def forget_stamps(self, name: str) -> None:
+        """Begin anew with a frame whose samples were dropped, as when time jumps back."""
+        frame = self.frames.get(name)
+        if frame is not None:
+            frame.newest = None
+
     def add_net(self, delay: int) -> None:
         """Count the delay of the chain that is watched."""
         self.net[-1].add(delay)
