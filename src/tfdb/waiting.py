@@ -55,7 +55,7 @@ def _tell_all(ended: Iterable[tuple[Tell, End]]) -> None:
     for tell, how in ended:
         try:
             tell(how)
-        except Exception:  # the others are told all the same
+        except BaseException:  # the others are told all the same; SystemExit has no meaning here
             LOGGER.exception("what waited for a transform raised")
 
 
@@ -70,7 +70,8 @@ class _Teller:
     def run(self) -> None:
         while True:
             try:
-                ended: list[tuple[int, End]] = [*self.buffer._ended_waits(LINGERS)]
+                # In the order in which they were begun.
+                ended: list[tuple[int, End]] = sorted(self.buffer._ended_waits(LINGERS))
             except MemoryError as error:
                 ended = [(number, error) for number in [*self.waits]]
                 for number, _ in ended:

@@ -70,7 +70,7 @@ WAYS: dict[str, Callable[[tf2.Buffer, Any], Any]] = {
 TIMEOUTS: dict[str, Any] = {
     "ours": msgs.Duration(60),
     "float": 60.0,
-    "nanoseconds": 60 * SECOND,
+    "integer": 60,
 }
 
 
@@ -465,3 +465,51 @@ def test_the_tree_is_served(buffer: tf2.Buffer) -> None:
         assert not node.services
         with tf2.Buffer(None, node, debug=False):
             assert not node.services
+
+
+# What a stranger found
+
+
+def test_a_callback_that_exits_ends_no_other_wait(
+    buffer: tf2.Buffer, caplog: pytest.LogCaptureFixture
+) -> None:
+    def leave(_: Any) -> None:
+        raise SystemExit(3)
+
+    first = buffer.wait_for_transform_async("map", "base", seconds(2))
+    first.add_done_callback(leave)
+    store(buffer, 2)
+    assert first.result(FOREVER) is True
+    second = buffer.wait_for_transform_async("map", "base", seconds(3))
+    store(buffer, 3)
+    assert second.result(FOREVER) is True
+    assert "SystemExit" in caplog.text
+
+
+def test_waits_with_a_timeout_need_no_thread_each(buffer: tf2.Buffer) -> None:
+    before = threading.active_count()
+    futures = [
+        buffer.wait_for_transform_async("map", "base", seconds(2), FOREVER) for _ in range(1000)
+    ]
+    late = buffer.wait_for_transform_async("map", "base", seconds(3), 0.01)
+    assert threading.active_count() <= before + 2
+    with pytest.raises(tf2.TimeoutException):
+        late.result(FOREVER)
+    store(buffer, 2)
+    assert all(future.result(FOREVER) for future in futures)
+
+
+def test_a_name_that_is_none_is_refused_in_all_ways(buffer: tf2.Buffer) -> None:
+    for name in ("", "/map"):
+        for ask in (
+            lambda n: buffer.lookup_transform(n, "base", seconds(2), 0.01),
+            lambda n: buffer.wait_for_transform(n, "base", seconds(2), 0.01),
+            lambda n: buffer.wait_for_transform_async(n, "base", seconds(2)).result(0),
+            lambda n: buffer.add_transformable_request(print, n, "base", seconds(2)),
+        ):
+            with pytest.raises(tf2.InvalidArgumentException):
+                ask(name)
+    with pytest.raises(TypeError, match="frame's name is a str, got NoneType"):
+        buffer.wait_for_transform_async(None, "base", seconds(2))  # type: ignore[arg-type]
+    with pytest.raises(TypeError, match="callback is to be called"):
+        buffer.add_transformable_request(5, "map", "base", seconds(2))  # type: ignore[arg-type]

@@ -143,6 +143,7 @@ def test_times_that_tell_seconds_only() -> None:
     core = tf2.BufferCore(SecondsOnly(5.0))
     assert core.flavor == "ros1"
     assert core.buffer.history == 5.0
+    assert tf2.BufferCore(5).buffer.history == tf2.BufferCore(np.float32(5)).buffer.history == 5.0
     core.set_transform(message("a", "b", SECOND + SECOND // 2, TURNED), "me")
     assert core.can_transform_core("a", "b", SecondsOnly(1.5)) == (1, "")
 
@@ -158,7 +159,8 @@ def test_what_is_no_time(core: tf2.BufferCore, time: Any) -> None:
     for ask in (core.lookup_transform_core, core.can_transform_core):
         with pytest.raises(TypeError, match=f"^time {words}"):
             ask("a", "b", time)
-    if time is not None:
+    # As a duration a number is seconds.
+    if time is not None and not isinstance(time, float):
         with pytest.raises(TypeError, match=f"^duration {words}"):
             tf2.BufferCore(time, flavor=core.flavor)
 
@@ -182,6 +184,8 @@ def test_what_a_core_is_not_made_of() -> None:
     with pytest.raises(tf2.InvalidArgumentException, match="flavor"):
         tf2.BufferCore(flavor="ros3")  # type: ignore[arg-type]
     with pytest.raises(tf2.InvalidArgumentException, match="negative"):
+        tf2.BufferCore(msgs.Duration(-1))
+    with pytest.raises(tfdb.InvalidArgument, match="seconds from 0"):
         tf2.BufferCore(-1)
     with pytest.raises(tf2.InvalidArgumentException, match="history"):
         tf2.BufferCore(5, buffer=tfdb.Buffer())

@@ -79,6 +79,32 @@ def test_statics_reach_late_joiners_all_of_them_the_newest(world: World) -> None
     assert plain(late.lookup_transform("base", "lidar", msgs.Time(77)))[3] == pytest.approx(OTHER)
 
 
+def test_statics_of_two_broadcasters_in_turns(world: World) -> None:
+    other = tf2.StaticTransformBroadcaster(world.robot)
+    world.static.sendTransform(sent("base", "mount", 1))
+    other.sendTransform(sent("base", "other", 1))
+    world.static.sendTransform(sent("base", "mount", 2, OTHER))
+
+    def late_joiner() -> Any:
+        late = tf2.Buffer()
+        node = LoopbackNode(world.robot.graph, name="/late", flavor=world.node.flavor)
+        tf2.TransformListener(late, node)
+        return plain(late.lookup_transform("base", "mount", msgs.Time()))[3]
+
+    if world.node.flavor == "ros1":
+        assert late_joiner() == pytest.approx(OTHER)
+        other.close()
+        assert late_joiner() == pytest.approx(OTHER)
+    other.close()
+    with pytest.raises(tfdb.NodeClosed):
+        other.sendTransform(sent("base", "other", 1))
+    world.static.sendTransform(sent("base", "mount", 3))
+    world.static.close()
+    # A topic that was taken back begins anew.
+    tf2.StaticTransformBroadcaster(world.robot).sendTransform(sent("base", "imu", 1))
+    assert world.at("base", "imu")[3] == pytest.approx(POSE)
+
+
 def test_a_static_that_is_changed_after_it_was_sent_stays_as_it_was(world: World) -> None:
     one = sent("base", "lidar", 1)
     world.static.sendTransform(one)

@@ -61,6 +61,13 @@ class RospyNode:
     def __repr__(self) -> str:
         return f"<RospyNode {self.name}>"
 
+    def __eq__(self, other: object) -> bool:
+        # A process is one node of rospy, however many of these it has.
+        return isinstance(other, RospyNode)
+
+    def __hash__(self) -> int:
+        return hash(RospyNode)
+
     def subscribe(
         self,
         topic: str,

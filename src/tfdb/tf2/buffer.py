@@ -23,7 +23,7 @@ from .exceptions import (
 )
 from .frame_graph import offer_frame_graph
 from .futures import future_here, settle
-from .times import SECOND, flavor_of, nanoseconds
+from .times import SECOND, duration, flavor_of
 from .transformable_requests import TransformableRequests
 
 if TYPE_CHECKING:
@@ -194,9 +194,9 @@ class Buffer(BufferCalls, BufferCore, BufferInterface):
     ) -> Any:
         """Return a future, which is done when `lookup_transform` has an answer.
 
-        It can be awaited: an `asyncio.Future` where a loop of asyncio runs, an `rclpy.task.Future`
-        where the buffer has a node of rclpy, else a `concurrent.futures.Future`. Its result is
-        True. To cancel it ends the wait. With a `timeout` TimeoutException may end it.
+        Where a loop of asyncio runs it is an `asyncio.Future`, else a `concurrent.futures.Future`,
+        which coroutines of rclpy can await, too. Its result is True. To cancel it ends the wait.
+        With a `timeout` TimeoutException may end it.
         """
         return self._future((target_frame, source_frame, self._nanoseconds(time)), timeout)
 
@@ -257,7 +257,12 @@ class Buffer(BufferCalls, BufferCore, BufferInterface):
         int
             A handle; 0: it is there now; 2^64 - 1: it will never be, for `time` is out of the
             cache. The function is not called in these two cases.
+
+        Raises InvalidArgumentException for names and times that never have an answer.
         """
+        if not callable(callback):
+            raise TypeError(f"callback is to be called, got {type(callback).__name__}")
+        _check_may_come((target_frame, source_frame, self._nanoseconds(time)))
         return self._requests.add(callback, (target_frame, source_frame), time)
 
     def cancel_transformable_request(self, request_handle: int) -> None:
@@ -282,9 +287,7 @@ class Buffer(BufferCalls, BufferCore, BufferInterface):
         """Nanoseconds of a timeout."""
         if timeout is None:
             return 0
-        if isinstance(timeout, float):
-            return tfdb.waiting.limit_of(timeout)
-        return nanoseconds(timeout, self._flavor, "timeout")
+        return duration(timeout, self._flavor, "timeout")
 
     def _full(
         self,
@@ -430,6 +433,8 @@ class Buffer(BufferCalls, BufferCore, BufferInterface):
         held.append(wait)
         if limit is not None:
             held.append(self._alarm(question, limit, future, loop, wait))
+            if future.done():  # it has been told before the alarm was there to cancel
+                release()
         return future
 
     def _alarm(
@@ -451,10 +456,15 @@ class Buffer(BufferCalls, BufferCore, BufferInterface):
 
 def _may_come(question: Simple | Full) -> bool:
     """Whether its stamps and names are such that there may be an answer some time."""
-    return all(
-        0 <= part <= LAST_STAMP if isinstance(part, int) else part[:1] not in {"", "/"}
-        for part in question
-    )
+    for part in question:
+        if isinstance(part, int):
+            if not 0 <= part <= LAST_STAMP:
+                return False
+        elif not isinstance(part, str):
+            raise TypeError(f"a frame's name is a str, got {type(part).__name__}")
+        elif part[:1] in {"", "/"}:
+            return False
+    return True
 
 
 def _check_may_come(question: Simple | Full) -> None:
@@ -469,5 +479,5 @@ def _check_may_come(question: Simple | Full) -> None:
 def _open_store(name: Any, cache_time: Any) -> tfdb.Buffer:
     length = DEFAULT_CACHE_TIME
     if cache_time is not None:
-        length = nanoseconds(cache_time, None, "duration")
+        length = duration(cache_time)
     return tfdb.Buffer.open(name, history=max(length, 1) / SECOND)

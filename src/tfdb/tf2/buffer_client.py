@@ -12,7 +12,7 @@ from .buffer_interface import BufferInterface
 from .deadlines import deadline_in
 from .exceptions import TimeoutException, TransformException
 from .lookup_action import NO_ERROR, LookupGoal, client_in, exception_of
-from .times import SECOND, nanoseconds
+from .times import SECOND, duration, nanoseconds
 
 if TYPE_CHECKING:
     from tfdb.ros import Node
@@ -76,9 +76,7 @@ class BufferClient(BufferInterface):
         padding = arguments.get("timeout_padding")
         self.timeout_padding = padding
         """What it was given for that."""
-        self._padding = (
-            PADDING if padding is None else nanoseconds(padding, None, "timeout_padding")
-        )
+        self._padding = PADDING if padding is None else duration(padding, None, "timeout_padding")
         if arguments.get("check_frequency") is not None and self.node.flavor == "ros1":
             LOGGER.warning("Argument check_frequency is deprecated and should not be used.")
         self._transport = client_in(self.node, arguments["ns"])
@@ -180,7 +178,7 @@ class BufferClient(BufferInterface):
         self._transport.close()
 
     def _nanoseconds(self, timeout: Any) -> int:
-        return 0 if timeout is None else nanoseconds(timeout, None, "timeout")
+        return 0 if timeout is None else duration(timeout, self.node.flavor, "timeout")
 
     def _ask(self, goal: LookupGoal) -> Any:
         limit = goal.timeout + self._padding

@@ -17,7 +17,7 @@ from .exceptions import (
     with_fields_of,
 )
 from .ros_messages import installed, makers
-from .times import SECOND, Flavor, flavor_of, nanoseconds
+from .times import SECOND, Flavor, duration, flavor_of, nanoseconds
 from .why import Gap, TwoTrees, refusal
 
 if TYPE_CHECKING:
@@ -74,7 +74,7 @@ class BufferCore(CoreCalls):
         self._flavor: Flavor | None = flavor or flavor_of(cache_time)
         length = DEFAULT_CACHE_TIME
         if cache_time is not None:
-            length = nanoseconds(cache_time, self.flavor, "duration")
+            length = duration(cache_time, self.flavor)
             if buffer is not None:
                 text = "a buffer has its own history: leave cache_time out"
                 raise InvalidArgumentException(text, value=cache_time)
@@ -316,7 +316,7 @@ class BufferCore(CoreCalls):
         point_frame: str | None,
     ) -> Velocity:
         stamp = self._nanoseconds(time)
-        span = nanoseconds(interval, self.flavor, "duration") / SECOND
+        span = duration(interval, self.flavor) / SECOND
         try:
             found = self._buffer.lookup_velocity(
                 *frames,

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any, Self
 from tfdb.errors import TfdbError
 from tfdb.ros import node_for
 
+from . import msgs
 from .buffer import NO_ANSWER_YET
 from .lookup_action import LookupResult, code_of, server_in
 
@@ -103,6 +104,7 @@ class BufferServer:
 
     def _wait(self, goal: Goal) -> None:
         asked = goal.question
+        timeout = msgs.Duration.from_nanoseconds(asked.timeout)
         if asked.advanced:
             future = self.buffer.wait_for_transform_full_async(
                 asked.target_frame,
@@ -110,11 +112,11 @@ class BufferServer:
                 asked.source_frame,
                 asked.source_time,
                 asked.fixed_frame,
-                asked.timeout,
+                timeout,
             )
         else:
             future = self.buffer.wait_for_transform_async(
-                asked.target_frame, asked.source_frame, asked.source_time, asked.timeout
+                asked.target_frame, asked.source_frame, asked.source_time, timeout
             )
         with self._lock:
             if self._closed:

@@ -6,6 +6,7 @@ import threading
 import time
 from typing import TYPE_CHECKING, Protocol
 
+from .alarms import alarm_at
 from .times import SECOND
 
 if TYPE_CHECKING:
@@ -57,10 +58,7 @@ class _WallDeadline:
         return max(self._until - time.monotonic_ns(), 0)
 
     def call(self, called: Callable[[], None]) -> Alarm:
-        timer = threading.Timer((self._until - time.monotonic_ns()) / SECOND, called)
-        timer.daemon = True
-        timer.start()
-        return timer
+        return alarm_at(self._until, called)
 
 
 class _SimulatedDeadline:

@@ -50,8 +50,8 @@ DIFFERENCES: dict[str, Difference] = {
     ),
     "names": Difference(
         "any text may name a frame; the frame NO_PARENT is lost",
-        "control characters and names beyond 255 bytes are refused (TF_BAD_FRAME_ID); NO_PARENT is "
-        "a name like others",
+        "control characters and names beyond 1024 bytes are refused (TF_BAD_FRAME_ID); NO_PARENT "
+        "is a name like others",
         "such names break the listings",
     ),
     "stamps": Difference(

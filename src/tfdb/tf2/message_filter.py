@@ -4,14 +4,17 @@ from __future__ import annotations
 
 import enum
 import logging
+import operator
 import threading
 from collections import OrderedDict
 from dataclasses import dataclass
 from itertools import count
 from typing import TYPE_CHECKING, Any
 
-from .exceptions import TransformException
-from .times import nanoseconds
+from tfdb import TfdbError
+
+from .exceptions import InvalidArgumentException, TransformException
+from .times import duration, nanoseconds
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable
@@ -72,6 +75,8 @@ class MessageFilter:
         A duration after which a message that waits is dropped; None: never.
     source
         What messages come from, as for `connect_input`.
+
+    Raises InvalidArgumentException.
     """
 
     def __init__(
@@ -91,10 +96,13 @@ class MessageFilter:
         self._callbacks: list[tuple[Callable[..., object], tuple[Any, ...], bool]] = []
         self._failure_callbacks: list[Callable[[Any, FilterFailureReason], object]] = []
         self._targets: tuple[str, ...] = ()
+        if operator.index(queue_size) < 0:
+            text = f"queue_size is how many messages may wait, from 0 on, got {queue_size!r}"
+            raise InvalidArgumentException(text, value=queue_size)
         self.queue_size = queue_size
         """How many messages may wait; 0: any number."""
         self._tolerance = 0
-        self._timeout = None if buffer_timeout is None else nanoseconds(buffer_timeout, None)
+        self._timeout = None if buffer_timeout is None else duration(buffer_timeout)
         self.set_target_frames(target_frame)
         if tolerance is not None:
             self.set_tolerance(tolerance)
@@ -131,7 +139,11 @@ class MessageFilter:
     def set_target_frames(self, target_frame: str | Iterable[str]) -> None:
         """Want these target frames from now on; messages that wait are looked at again."""
         names = [target_frame] if isinstance(target_frame, str) else [*target_frame]
-        self._targets = tuple(name.removeprefix("/") for name in names)
+        targets = tuple(name.removeprefix("/") for name in names)
+        if not targets or not all(targets):
+            text = f"target frames have names, got {target_frame!r}"
+            raise InvalidArgumentException(text, value=target_frame)
+        self._targets = targets
         self._look_again()
 
     def get_target_frames_string(self) -> str:
@@ -140,7 +152,11 @@ class MessageFilter:
 
     def set_tolerance(self, tolerance: Any) -> None:
         """Want transforms so much later, too, from now on."""
-        self._tolerance = nanoseconds(tolerance, None, "tolerance")
+        wanted = duration(tolerance, None, "tolerance")
+        if wanted < 0:
+            text = f"tolerance must not be negative, got {wanted} ns"
+            raise InvalidArgumentException(text, value=tolerance)
+        self._tolerance = wanted
         self._look_again()
 
     def clear(self) -> None:
@@ -194,6 +210,12 @@ class MessageFilter:
 
     def _wait_for_next(self, one: _Waiting) -> None:
         """Hand a message on, or wait for the first transform that it lacks."""
+        try:
+            self._look(one)
+        except TfdbError:  # the buffer was closed, or its store removed
+            self._fail(one, FilterFailureReason.Unknown)
+
+    def _look(self, one: _Waiting) -> None:
         buffer = self._buffer
 
         def tell(how: waiting.End) -> None:

@@ -18,16 +18,41 @@ if TYPE_CHECKING:
 __all__ = ["StaticTransformBroadcaster"]
 
 
-class _Sent:
-    """What was sent by the broadcasters that share a latched topic."""
+class _Latched:
+    """A latched topic, and all that is on it. Threads: `lock` is held."""
 
-    def __init__(self) -> None:
+    def __init__(self, node: Node, qos: Any) -> None:
+        self.node = node
         self.lock = threading.Lock()
-        self.by_child: dict[str, Any] = {}
+        self.users = 0
+        self._publisher = node.advertise("/tf_static", KIND, latched=True, depth=1, qos=qos)
+        self._sent: dict[str, Any] = {}
+
+    def send(self, transforms: dict[str, Any]) -> None:
+        """Send transforms, by child, together with those sent before."""
+        sent = {**self._sent, **transforms}
+        self._publisher.publish(tfdb.encode_tf_message(sent.values(), self.node.encoding))
+        self._sent = sent
+
+    def close(self) -> None:
+        """Take the topic back."""
+        self._publisher.close()
 
 
-# A node of ROS 1 has one latched message for each topic, whoever publishes it.
-_sent_by: WeakValueDictionary[str, _Sent] = WeakValueDictionary()
+# A node of ROS 1 latches one message on a topic, so that all its broadcasters share it.
+_latched: WeakValueDictionary[Node, _Latched] = WeakValueDictionary()
+_lock = threading.Lock()
+
+
+def _latched_by(node: Node, qos: Any) -> _Latched:
+    with _lock:
+        shared = _latched.get(node) if node.flavor == "ros1" else None
+        if shared is None or shared.users == 0:
+            shared = _Latched(node, qos)
+            if node.flavor == "ros1":
+                _latched[node] = shared
+        shared.users += 1
+        return shared
 
 
 class StaticTransformBroadcaster:
@@ -46,24 +71,29 @@ class StaticTransformBroadcaster:
     def __init__(self, node: Any = None, qos: Any = None) -> None:
         self.node: Node = node_for(node)
         """The node that it publishes in."""
-        self._publisher = self.node.advertise("/tf_static", KIND, latched=True, depth=1, qos=qos)
-        self._sent = _Sent()
-        if self.node.flavor == "ros1":
-            self._sent = _sent_by.setdefault(self.node.name, self._sent)
+        self._latched: _Latched | None = _latched_by(self.node, qos)
 
     def sendTransform(self, transform: Any) -> None:  # noqa: N802 - tf2's name
         """Send one static transform, or any number of them, together with those sent before.
 
         Each is a `geometry_msgs/TransformStamped` of any library, and says
         T[header.frame_id<-child_frame_id] at all times, until the next for the same
-        child. Raises InvalidStamp, InvalidName; nothing was sent.
+        child. Raises InvalidStamp, InvalidName, NodeClosed; nothing was sent.
         """
         new = {one.child_frame_id: deepcopy(one) for one in members(transform)}
-        with self._sent.lock:
-            sent = {**self._sent.by_child, **new}
-            self._publisher.publish(tfdb.encode_tf_message(sent.values(), self.node.encoding))
-            self._sent.by_child = sent
+        latched = self._latched
+        if latched is None:
+            raise tfdb.errors.NodeClosed("the broadcaster was closed", reason="it was closed")
+        with latched.lock:
+            latched.send(new)
 
     def close(self) -> None:
-        """Take the topic back."""
-        self._publisher.close()
+        """Take the topic back, unless another broadcaster of the node has it."""
+        latched, self._latched = self._latched, None
+        if latched is None:
+            return
+        with _lock:
+            latched.users -= 1
+            last = latched.users == 0
+        if last:
+            latched.close()

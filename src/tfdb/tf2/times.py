@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import operator
 from datetime import timedelta
+from numbers import Real
 from typing import Any
 
+from tfdb._core import duration_to_nanoseconds
 from tfdb.ros import Flavor
 
-__all__ = ["SECOND", "Flavor", "flavor_of", "nanoseconds"]
+__all__ = ["SECOND", "Flavor", "duration", "flavor_of", "nanoseconds"]
 
 SECOND = 1_000_000_000
 WANTED = {
@@ -34,6 +36,17 @@ def nanoseconds(time: Any, flavor: Flavor | None = None, role: str = "time") -> 
     if found is None:
         raise TypeError(WANTED[flavor or "ros2"].format(role))
     return found
+
+
+def duration(value: Any, flavor: Flavor | None = None, role: str = "duration") -> int:
+    """Nanoseconds of a duration of any ROS, or of ours; a number is seconds, as all over tfdb.
+
+    Raises TypeError, with tf2's words, for anything else; InvalidArgument for a number that is
+    negative or not finite.
+    """
+    if not isinstance(value, bool) and isinstance(value, Real):
+        return duration_to_nanoseconds(float(value), role)
+    return nanoseconds(value, flavor, role)
 
 
 def _of_object(time: Any) -> int | None:
