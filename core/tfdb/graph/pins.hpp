@@ -32,6 +32,16 @@ public:
         Memory::fence_full();
         return chosen;
     }
+    /// The same for who may hold it for long: in an empty count, if there is one, and with
+    /// `committed`, the newest just before, as its floor; whoever comes into the count later loads
+    /// no older one. So what is held is not taken for older than it is, while the counts suffice.
+    [[nodiscard]] unsigned take(CommitNumber committed) const {
+        const unsigned chosen = choose();
+        if (count(chosen).fetch_add(1) == 0)
+            word(kCounts + chosen).store_relaxed(committed);
+        Memory::fence_full();
+        return chosen;
+    }
     void drop(unsigned taken) const { count(taken).fetch_add(~std::uint64_t{0}); }
 
     /// No state that is counted, or will be, is older. `committed` was published before.
@@ -67,6 +77,20 @@ public:
 private:
     static constexpr unsigned kHint = 2 * kCounts;  // which count the next one goes to
     static_assert(kHint < kPinWords - 1, "they fit where they are kept, and leave the last word");
+
+    /// An empty count, if there is one.
+    [[nodiscard]] unsigned choose() const {
+        const unsigned hint = in_range(word(kHint).load_relaxed());
+        if (count(hint).load_relaxed() == 0)
+            return hint;
+        for (unsigned i = 0; i < kCounts; ++i) {
+            if (count(i).load_relaxed() == 0) {
+                word(kHint).store_relaxed(i);
+                return i;
+            }
+        }
+        return hint;
+    }
 
     [[nodiscard]] typename Memory::Word& word(unsigned w) const {
         return frames_->pin_word(first_, w);

@@ -83,7 +83,7 @@ struct HeldSnapshots : rl::test_suite<HeldSnapshots, 1 + kReaders> {
     /// Each time asked the same, however far the writer has come; a read that is overtaken is
     /// pinned, and not overtaken again.
     void hold() {
-        const unsigned pin = held.take();
+        const unsigned pin = held.take(memory.word(places.commit).load_acquire());
         const CommitNumber state = memory.word(places.commit).load_acquire();
         for (int question = 0; question < 2; ++question) {
             if (read_at(memory, places, kScript, *g_model, state, kAsked, require))

@@ -234,6 +234,10 @@ public:
     /// After the commit that cleared the edge is published: older snapshots alone need what it was.
     void retire_older(const WriteContext& context);
 
+    /// Takes out of use all segments of which no state that is still read retains anything; the
+    /// tail stays. What is appended does so bit by bit.
+    void evict_all(const WriteContext& context);
+
     /// Leaves out all that is newer than what is committed. Allocates nothing.
     void trim(const WriteContext& context);
 

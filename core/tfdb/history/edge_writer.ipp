@@ -352,6 +352,16 @@ void EdgeWriter<Memory>::evict(const WriteContext& context) {
     }
 }
 
+template <class Memory>
+void EdgeWriter<Memory>::evict_all(const WriteContext& context) {
+    for (std::uint64_t left = end() - begin(); left > 0;) {
+        evict(context);
+        if (end() - begin() == left)
+            return;
+        left = end() - begin();
+    }
+}
+
 /// Segments just before the tail of which nothing is shown any more: all have the stamp with which
 /// the tail begins. Only under held states do so many gather.
 template <class Memory>

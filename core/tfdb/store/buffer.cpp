@@ -240,7 +240,7 @@ void store::Store::repair() noexcept {
     const std::uint64_t died = deaths.load_relaxed() + 1;
     if (must_sweep(died - shared->control->swept_deaths().load_relaxed(), died_in_memory)) {
         try {
-            sweep();
+            sweep(word(graph::kEpoch).fetch_add(1) + 1);
             shared->control->swept_deaths().store_relaxed(died);
         } catch (const std::bad_alloc&) {
             // Nothing was freed: one of the next deaths asks again.
@@ -249,7 +249,7 @@ void store::Store::repair() noexcept {
     deaths.store_relaxed(died);
 }
 
-void store::Store::sweep() {
+void store::Store::sweep(std::uint64_t epoch) {
     std::vector<StoreMemory::Block> in_use;
     const auto visit = [&](Offset offset, std::size_t bytes) { in_use.push_back({offset, bytes}); };
     std::uint64_t held = 0;
@@ -263,19 +263,24 @@ void store::Store::sweep() {
             held += StoreCommit::kFrameBytes;
     }
     word(graph::kGivenUp).store_relaxed(committed());
-    const std::uint64_t epoch = word(graph::kEpoch).fetch_add(1) + 1;
     memory.sweep(std::move(in_use), epoch, committed());
     word(graph::kHeldBytes).store_relaxed(held);
 }
 
 bool store::Store::compact() {
     const CommitNumber newest = committed();
-    const std::uint64_t epoch = word(graph::kEpoch).fetch_add(1) + 1;
-    if (oldest_pinned(held_pins, 0, newest) < newest ||
-        oldest_pinned(read_pins, graph::kPinWords, epoch) < epoch)
+    if (oldest_pinned(held_pins, 0, newest) < newest)
         return false;
-    start_commit().empty_removed();
-    sweep();
+    {
+        StoreCommit commit = start_commit();
+        commit.empty_removed();
+        commit.evict_all();
+    }
+    // Behind all that was taken out of use: a read that is pinned from now on is not overtaken.
+    const std::uint64_t epoch = word(graph::kEpoch).fetch_add(1) + 1;
+    if (oldest_pinned(read_pins, graph::kPinWords, epoch) < epoch)
+        return false;
+    sweep(epoch);
     memory.give_back();
     return true;
 }
@@ -392,10 +397,10 @@ Snapshot Buffer::snapshot() const {
         // Alone, for then every commit up to this one has been applied in full.
         store::check_not_in_transaction(*store_);
         const store::Alone alone(*store_);
-        const unsigned pin = store_->held_pins.take();
+        const unsigned pin = store_->held_pins.take(store_->committed());
         return {store_, store_->committed(), pin};
     }
-    const unsigned pin = store_->held_pins.take();
+    const unsigned pin = store_->held_pins.take(store_->committed());
     return {store_, store_->committed(), pin};
 }
 

@@ -417,9 +417,12 @@ public:
     CommitNumber remove_frames(std::span<const std::string_view> names, bool recursive);
     /// Drops all moving samples; frames and static edges stay.
     CommitNumber clear();
-    /// Gives memory that no state needs any more back to the system. False, and nothing was done,
-    /// while an older state than the newest is held, or being read by who was overtaken again and
-    /// again. Takes longer the more is stored; nobody writes meanwhile, reads go on.
+    /// Gives memory that no state needs any more back to the system, what outlived the history
+    /// included, as whole pages. False, and nothing was given back, while an older state than the
+    /// newest is held, or a read goes on that was overtaken again and again; a transaction that is
+    /// open, and the fourth of several snapshots, may be taken for older than they are. Takes longer
+    /// the more is stored, and the more frames there are; nobody writes meanwhile, reads go on.
+    /// Throws ReadOnly, TransactionActive, LockTimeout, CorruptStore.
     bool compact();
 
     /// What the commits after `since` did, one by one in their order; at most `limit` of them. All

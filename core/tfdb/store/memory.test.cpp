@@ -43,6 +43,36 @@ TFDB_TEST(memory_of_stamps_that_begin_again_after_a_clear_is_kept_beside_a_snaps
     CHECK_EQ(number_of(buffer.lookup_transform("map", "base", 2'500).pose), 2'501.0);
 }
 
+TFDB_TEST(memory_of_a_burst_that_is_no_longer_retained_is_given_back) {
+    constexpr StampNs kSamples = 100'000;
+    constexpr StampNs kLater = 10 * kSamples;
+    Buffer buffer(keeping(100));
+    for (const std::string_view child : {"base", "other"}) {
+        std::vector<TransformView> burst;
+        for (StampNs stamp = 0; stamp < kSamples; ++stamp)
+            burst.push_back({"map", child, stamp, pose_of(static_cast<double>(stamp))});
+        buffer.set_transforms(burst, false, "");
+    }
+    {
+        const Snapshot old = buffer.snapshot();
+        set(buffer, "map", "base", kLater, pose_of(7));
+        CHECK(!buffer.compact());
+        CHECK_EQ(number_of(old.lookup_transform("map", "base", kSamples - 50).pose),
+                 kSamples - 50.0);
+    }
+    CHECK(buffer.compact());
+    // What is left are the segments that each edge ends with.
+    CHECK(buffer.memory().samples < 3 * 2048);
+    CHECK(buffer.memory().used_bytes < 4 * kMiB);
+    CHECK_EQ(buffer.frame_info("base").samples, 1U);
+    CHECK_EQ(buffer.frame_info("other").samples, 101U);
+    for (StampNs stamp = kSamples - 101; stamp < kSamples; ++stamp) {
+        CHECK_EQ(number_of(buffer.lookup_transform("map", "other", stamp).pose),
+                 static_cast<double>(stamp));
+    }
+    CHECK_EQ(number_of(buffer.lookup_transform("map", "base", kLater).pose), 7.0);
+}
+
 TFDB_TEST(memory_of_a_cleared_edge_survives_a_refused_batch) {
     Buffer buffer(keeping(10));
     set(buffer, "map", "base", 200, pose_of(1));

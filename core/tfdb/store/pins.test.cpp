@@ -79,4 +79,31 @@ TFDB_TEST(pins_one_held_for_long_does_not_stop_what_it_does_not_need) {
         CHECK_EQ(number_of(held.lookup_transform("map", "base", stamp).pose), expected(stamp));
 }
 
+TFDB_TEST(pins_of_the_newest_state_do_not_stop_a_compaction) {
+    Buffer buffer(keeping(std::nullopt));
+    for (StampNs stamp = 0; stamp < 1000; ++stamp)
+        set(buffer, "map", "burst", stamp, pose_of(expected(stamp)));
+    buffer.remove_frame("burst", false);
+    // As a recorder: the next one is there before the last one goes.
+    std::deque<Snapshot> held;
+    for (StampNs stamp = 0; stamp < 10; ++stamp) {
+        set(buffer, "map", "base", stamp, pose_of(expected(stamp)));
+        held.push_back(buffer.snapshot());
+        if (held.size() > 1) {
+            CHECK(!buffer.compact());
+            held.pop_front();
+        }
+        CHECK(buffer.compact());
+        CHECK_EQ(held.back().frame_info("base").samples, static_cast<std::uint64_t>(stamp) + 1);
+    }
+    // Beside one that nobody closes, none is taken for older than it is.
+    set(buffer, "map", "base", 10, pose_of(1));
+    CHECK(!buffer.compact());
+    CHECK_EQ(held.back().frame_info("base").newest, 9);
+    held.push_back(buffer.snapshot());
+    held.pop_front();
+    CHECK(buffer.compact());
+    CHECK_EQ(held.back().frame_info("base").newest, 10);
+}
+
 }  // namespace tfdb

@@ -65,10 +65,12 @@ struct Store final : history::Readers, WriterLock::Repairs, sync::ForkWatcher {
     /// After the death of a process that held the commit lock.
     void repair() noexcept override;
     [[nodiscard]] bool must_sweep(std::uint64_t deaths, bool died_in_memory) const;
-    /// Gives back blocks that deaths left unused. Older states that are held are given up.
-    void sweep();
+    /// Gives back blocks that deaths left unused. Older states that are held are given up, and
+    /// reads that began before this epoch begin again: it began behind all that is out of use.
+    void sweep(std::uint64_t epoch);
     /// Gives memory that nothing needs back to the system; the commit lock is held, and nobody
-    /// writes beside it. False, and nothing was done: an older state is held or being read.
+    /// writes beside it. False, and nothing was given back: an older state is held, or somebody
+    /// reads who was overtaken again and again.
     bool compact();
     /// Whether what no new read needs is more than may be kept.
     [[nodiscard]] bool keeps_too_much() const;

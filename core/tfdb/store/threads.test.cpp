@@ -259,6 +259,24 @@ TFDB_TEST(threads_clear_beside_readers_shows_all_or_nothing) {
     CHECK_EQ(wrong.load(), 0);
 }
 
+TFDB_TEST(threads_compactions_without_a_pause_overtake_no_snapshot_of_the_newest_state) {
+    constexpr int kCompactions = 20'000;
+    constexpr StampNs kSamples = 1'000;
+    Buffer buffer(defaults());
+    for (StampNs stamp = 0; stamp < kSamples; ++stamp)
+        set(buffer, "map", "base", stamp, pose_of(static_cast<double>(stamp)));
+    std::atomic<long> wrong{0};
+    beside({[&] {
+               for (int i = 0; i < kCompactions; ++i)
+                   (void)buffer.compact();
+           }},
+           {[&] {
+               const Snapshot held = buffer.snapshot();
+               wrong += held.samples("base").stamps.size() != static_cast<std::size_t>(kSamples);
+           }});
+    CHECK_EQ(wrong.load(), 0);
+}
+
 TFDB_TEST(threads_names_are_found_while_their_table_grows) {
     constexpr int kFrames = 10'000;
     Buffer buffer(defaults());

@@ -262,6 +262,12 @@ public:
         }
     }
 
+    /// Takes out of use what no state that is still read retains of the edges' histories.
+    void evict_all() {
+        for (FrameId id = 0; id < frames_.count(); ++id)
+            writer(id).evict_all(context_);
+    }
+
 private:
     using Touched = CommitScratch::Touched;
     /// Of a frame that `touch` or `frame` was called for.

@@ -145,6 +145,39 @@ TFDB_SCHED(commit_leaves_held_snapshots_alone) {
           ask_held);
 }
 
+Step compaction(Step::Kind kind = Step::kCompact) {
+    return of_kind(kind, {});
+}
+/// Of two edges, one of which is removed at once: there is something to give back.
+Script compacting(const std::vector<Step>& during) {
+    return {.history = 15,
+            .before = {set(10, {{"map", "odom"}, {"map", "tip"}}), set(20, {{"map", "odom"}}),
+                       removal("tip")},
+            .during = during,
+            .questions = {{"map", "odom", 20}}};
+}
+/// As who was overtaken again and again.
+void ask_pinned(const WalkedForest& forest, const naive::Model& model, const Script& script) {
+    for (const Question& question : script.questions)
+        ask_once_pinned(forest, model, question,
+                        [&] { return forest.word(graph::kCommit).load_acquire(); });
+}
+
+TFDB_SCHED(compaction_overtakes_no_pinned_read) {
+    const Script two = compacting({compaction(), compaction()});
+    sched::Walk().must_hold("one after another", program(two, ask_pinned));
+    sched::Walk().must_fail("an epoch that begins behind the look at the pins", "a pinned read",
+                            program(compacting({compaction(Step::kCompactLate)}), ask_pinned));
+}
+
+TFDB_SCHED(compaction_gives_back_nothing_that_is_read) {
+    const Script reuses = compacting({compaction(), set(50, {{"map", "odom"}, {"map", "other"}})});
+    holds("by a fresh read", reuses);
+    sched::Options options;
+    options.preemptions = 2;
+    sched::Walk(options).must_hold("by a held snapshot", program(reuses, ask_held));
+}
+
 TFDB_SCHED(commit_flaws_are_found) {
     using sched::Word;
     const auto found = [](const std::string& name, const Script& script, const MakeFlaw& flaw) {

@@ -110,15 +110,10 @@ inline sched::Program program(const Script& script, const Reader& reader,
     };
 }
 
-/// As the store reads: again when overtaken, then pinned. `commit` says which state.
+/// As the store reads when it was overtaken: that does not happen again. `commit` says which state.
 template <class Commit>
-void ask_until_answered(const WalkedForest& forest, const naive::Model& model,
-                        const Question& question, Commit commit) {
-    constexpr int kTriesBeforePin = 2;
-    for (int tries = 0; tries < kTriesBeforePin; ++tries) {
-        if (ask(forest, model, commit(), question, require))
-            return;
-    }
+void ask_once_pinned(const WalkedForest& forest, const naive::Model& model,
+                     const Question& question, Commit commit) {
     const graph::Pins<ForestMemory> states(forest.frames, graph::kHeldPins);
     const graph::Pins<ForestMemory> reads(forest.frames, graph::kReadPins);
     const unsigned state = states.take();
@@ -128,10 +123,22 @@ void ask_until_answered(const WalkedForest& forest, const naive::Model& model,
     states.drop(state);
 }
 
+/// As the store reads: again when overtaken, then pinned.
+template <class Commit>
+void ask_until_answered(const WalkedForest& forest, const naive::Model& model,
+                        const Question& question, Commit commit) {
+    constexpr int kTriesBeforePin = 2;
+    for (int tries = 0; tries < kTriesBeforePin; ++tries) {
+        if (ask(forest, model, commit(), question, require))
+            return;
+    }
+    ask_once_pinned(forest, model, question, commit);
+}
+
 /// All questions from one held snapshot.
 inline void ask_held(const WalkedForest& forest, const naive::Model& model, const Script& script) {
     const graph::Pins<ForestMemory> pins(forest.frames, graph::kHeldPins);
-    const unsigned pin = pins.take();
+    const unsigned pin = pins.take(forest.word(graph::kCommit).load_acquire());
     const CommitNumber held = forest.word(graph::kCommit).load_acquire();
     for (const Question& question : script.questions)
         ask_until_answered(forest, model, question, [held] { return held; });

@@ -161,8 +161,8 @@ sched::Program program_with_deaths(const Script& script, const Deaths& deaths, D
         const graph::Pins<ForestMemory> pins(forest.frames, graph::kHeldPins);
         CommitNumber held = kFresh;
         if (deaths.held) {
-            (void)pins.take();
             held = forest.word(graph::kCommit).peek();
+            (void)pins.take(held);
         }
         sched::Word writer_gone(0, "writer_gone");
         sched::Word repairer_gone(0, "repairer_gone");

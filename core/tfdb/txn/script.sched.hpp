@@ -24,10 +24,10 @@ using geometry::Pose;
 
 inline constexpr std::uint32_t kFrames = 6;
 
-/// One commit of a script. A set may change an edge's kind; one that closes a cycle is undone, as
-/// the store does.
+/// One commit of a script, or a compaction. A set may change an edge's kind; one that closes a
+/// cycle is undone, as the store does. kCompactLate has a seeded bug: see Forest::compact.
 struct Step {
-    enum Kind { kSet, kSetStatic, kSetCycle, kRemove, kClear };
+    enum Kind { kSet, kSetStatic, kSetCycle, kRemove, kClear, kCompact, kCompactLate };
     struct Edge {
         std::string parent;
         std::string child;
@@ -79,6 +79,10 @@ public:
 
     /// One commit. False: it closed a cycle and was undone.
     bool apply(const Step& step, std::size_t number) {
+        if (step.kind == Step::kCompact || step.kind == Step::kCompactLate) {
+            compact(step.kind == Step::kCompactLate);
+            return true;
+        }
         Commit<Memory> commit(frames, scratch, history, *this);
         if (!step.name.empty())
             commit.remove(names.find(step.name, commit.number()));
@@ -136,6 +140,31 @@ private:
             commit.append(ids[i].second, sample, i);
         }
     }
+    /// As Store::compact. All that is out of use is free at once, and may be taken by the next
+    /// step. `late`: frees up to an epoch that begins when the pins have been looked at.
+    void compact(bool late) {
+        const CommitNumber committed = word(graph::kCommit).load_relaxed();
+        if (oldest_read() < committed)
+            return;
+        {
+            Commit<Memory> commit(frames, scratch, history, *this);
+            commit.empty_removed();
+            commit.evict_all();
+        }
+        std::uint64_t epoch = word(graph::kEpoch).fetch_add(1) + 1;
+        if (graph::Pins<Memory>(frames, graph::kReadPins).oldest(epoch) < epoch)
+            return;
+        if (late)
+            epoch = word(graph::kEpoch).fetch_add(1) + 1;
+        memory.reclaimed(memory::Line::kReplaced).store_relaxed(epoch);
+        memory.reclaimed(memory::Line::kEnded).store_relaxed(committed);
+        Memory::fence_release();
+        for (const auto& [line, number] :
+             {std::pair(memory::Line::kReplaced, epoch), {memory::Line::kEnded, committed}}) {
+            while (memory.reclaim(line, number, 0)) {
+            }
+        }
+    }
     void clear(Commit<Memory>& commit) {
         const CommitNumber committed = word(graph::kCommit).load_acquire();
         for (FrameId id = 0; id < frames.count(); ++id) {
@@ -163,7 +192,7 @@ inline naive::Model model_of(const Script& script) {
             (void)model.remove(step.name, false);
         } else if (step.kind == Step::kClear) {
             model.clear();
-        } else if (step.kind != Step::kSetCycle) {
+        } else if (step.kind == Step::kSet || step.kind == Step::kSetStatic) {
             model.set(batch, step.kind == Step::kSetStatic);
         }
     }

@@ -142,7 +142,10 @@ def compact(*, name: str, as_json: bool) -> None:
     elif done:
         click.echo(f"{_mebi(before)} before, {_mebi(after)} now")
     else:
-        click.echo("nothing done: an older state is held by a snapshot or a transaction; try again")
+        click.echo(
+            "nothing given back: an older state is held by a snapshot or a transaction, or being "
+            "read; try again"
+        )
 
 
 @command.command("rm")
