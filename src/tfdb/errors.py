@@ -219,7 +219,9 @@ class InvalidStamp(TfdbError, ValueError):
 
 
 class InvalidName(TfdbError, ValueError):
-    """Not a frame name: empty, too long, or with control characters; or not one of a ROS graph.
+    """Not a frame name: empty, beyond 1024 bytes, no UTF-8, or with a control character.
+
+    Those are U+0000 to U+001F and U+007F. Or not a name of a ROS graph.
 
     Fields: value, index.
     """

@@ -77,6 +77,11 @@ CASES = {
         lambda answer: answer == ("ok", ""),
         lambda answer: answer[1].startswith("TF_BAD_FRAME_ID"),
     ),
+    "late_stamps": Case(
+        [stored("a", "b", 2_400_000_000 * SECOND)],
+        lambda answer: answer == ("ok", ""),
+        lambda answer: answer[1].startswith("TF_BAD_STAMP"),
+    ),
     "stamp_zero": Case(
         [stored("a", "b", 0), stored("b", "c", 0), stored("b", "c", SECOND), ["get", "a", "c", 0]],
         lambda answer: answer[0] == "ExtrapolationException",
@@ -86,6 +91,25 @@ CASES = {
         [stored("a", "b", 50 * SECOND), stored("zz", "b", SECOND), ["exists", "zz"]],
         lambda answer: answer == ("ok", True),
         lambda answer: answer == ("ok", False),
+    ),
+    "repeated_parent": Case(
+        [stored("a", "b", SECOND), stored("zz", "b", SECOND), ["exists", "zz"]],
+        lambda answer: answer == ("ok", True),
+        lambda answer: answer == ("ok", False),
+    ),
+    "can_says_first": Case(
+        [["can", "p", "q", SECOND]],
+        lambda answer: answer[1][1].count("does not exist") == 2,
+        lambda answer: answer[1][1].count("does not exist") == 1,
+    ),
+    "sign": Case(
+        [
+            stored("a", "b", SECOND, [1.0, 2.0, 3.0, 0.0, 0.0, -math.sin(1.6), math.cos(1.6)]),
+            ["set", True, "a", "s", SECOND, [0.0] * 6 + [1.0], "me"],
+            ["full", "s", SECOND, "b", SECOND, "a"],
+        ],
+        lambda answer: answer[1][3][6] > 0,
+        lambda answer: answer[1][3][6] < 0,
     ),
     "can_says_why": Case(
         [stored("a", "b", SECOND), ["can", "a", "", SECOND]],

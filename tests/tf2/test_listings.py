@@ -54,6 +54,15 @@ def test_of_ros2() -> None:
     )
 
 
+def test_seconds_are_rounded_as_tf2_rounds_them() -> None:
+    stamps = [312_500_000, 500_000, 1_500_000, 1_700_000_000_123_500_000]
+    for stamp in stamps:
+        script = [["new", 10 * SECOND], ["set", False, "a", "b", stamp, TURNED, "me"], ["yaml"]]
+        ours = Ours("ros1", Records())
+        answers = [ours.answer(each) for each in script]
+        assert blocks(answers[-1][1].rstrip()) == blocks(real_tf2.run(script)[-1][1].rstrip())
+
+
 def test_any_name_can_be_parsed() -> None:
     yaml = pytest.importorskip("ruamel.yaml").YAML(typ="safe")
     names = ["par'ent", 'say "hi"', "a: b", "#", "1", "yes", "- x", "back\\slash", "ünï"]
@@ -67,6 +76,38 @@ def test_any_name_can_be_parsed() -> None:
     assert all(each["broadcaster"] == "it's" for each in found.values())
     assert r'"say \"hi\"" -> "a: b"' in core._allFramesAsDot()
     assert "listings" in DIFFERENCES
+
+
+def test_a_long_name_can_be_parsed() -> None:
+    yaml = pytest.importorskip("ruamel.yaml").YAML(typ="safe")
+    core = tf2.BufferCore()
+    names = ["a" * 1024, "'" * 1024, "\x80" * 512, "root"]
+    for name in names[:-1]:
+        assert core.set_transform(message("root", name, SECOND, TURNED), "me")
+    found = yaml.load(core.all_frames_as_yaml())
+    assert {child: each["parent"] for child, each in found.items()} == dict.fromkeys(
+        names[:-1], "root"
+    )
+
+
+ODD = ["\x80", "\x85", "\x9f", "\u2028", "\u2029", "\ufeff", "\ufffe", "\uffff"]
+
+
+@pytest.mark.parametrize("odd", [*ODD, "\x00", "\n", "\r", "\x1b", "\x7f"], ids=ascii)
+def test_any_character_can_be_parsed(odd: str) -> None:
+    yaml = pytest.importorskip("ruamel.yaml").YAML(typ="safe")
+    core = tf2.BufferCore()
+    name = f'say "a{odd}b" \\' if odd in ODD else "plain"
+    authority = f"it's \\ \"{odd}"
+    for parent, child in (("root", name), (name, "leaf")):
+        assert core.set_transform(message(parent, child, SECOND, TURNED), authority)
+    found = yaml.load(core.all_frames_as_yaml())
+    assert {child: each["parent"] for child, each in found.items()} == {name: "root", "leaf": name}
+    assert {each["broadcaster"] for each in found.values()} == {authority}
+    dot = core._allFramesAsDot(2 * SECOND)
+    assert odd == "\n" or odd not in dot
+    code = f"x{ord(odd):02x}" if ord(odd) < 0x100 else f"u{ord(odd):04x}"
+    assert rf"\\ \"\\{code}" in dot
 
 
 def test_every_root_has_the_legend() -> None:

@@ -50,14 +50,19 @@ DIFFERENCES: dict[str, Difference] = {
     ),
     "names": Difference(
         "any text may name a frame; the frame NO_PARENT is lost",
-        "control characters and names beyond 1024 bytes are refused (TF_BAD_FRAME_ID); NO_PARENT "
-        "is a name like others",
-        "such names break the listings",
+        "control characters (U+0000 to U+001F, U+007F) and names beyond 1024 bytes are refused "
+        "(TF_BAD_FRAME_ID); NO_PARENT is a name like others",
+        "such names break what is printed",
     ),
     "stamps": Difference(
         "[2] negative stamps are stored",
         "refused (TF_BAD_STAMP); they may be asked for, and static paths have an answer there",
         "a store has no data before 0",
+    ),
+    "late_stamps": Difference(
+        "stamps beyond the year 2043 are stored",
+        "refused (TF_BAD_STAMP)",
+        "a store has stamps up to 2**61 - 1 ns",
     ),
     "stamp_zero": Difference(
         "an edge whose newest stamp is 0 does not count for the latest common time",
@@ -68,6 +73,21 @@ DIFFERENCES: dict[str, Difference] = {
         "the parent of a transform that was refused as TF_OLD_DATA is a frame from then on",
         "nothing of it is stored",
         "what is refused leaves nothing behind",
+    ),
+    "repeated_parent": Difference(
+        "[1] so is that of one that was refused as TF_REPEATED_DATA",
+        "nothing of it is stored",
+        "what is refused leaves nothing behind",
+    ),
+    "can_says_first": Difference(
+        "[1] can_transform says of both names that they do not exist",
+        "of the first one",
+        "as lookups do",
+    ),
+    "sign": Difference(
+        "the full form gives the one or the other of the two quaternions of a rotation",
+        "so does this one, not always the same one",
+        "both are the rotation",
     ),
     "can_says_why": Difference(
         "[1] can_transform says nothing of empty names and slashes, and of the full form's names "
@@ -89,7 +109,7 @@ DIFFERENCES: dict[str, Difference] = {
     "listings": Difference(
         "frames are listed in the order of their first use, names are not quoted, in the picture's "
         "legend one of the roots is chosen by chance",
-        "sorted by name, quoted where YAML and DOT need it, each root has the legend",
+        "sorted by name, quoted or escaped where YAML and DOT need it, each root has the legend",
         "the listings can be parsed whatever the names are",
     ),
     "same_stamp": Difference(

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from typing import TYPE_CHECKING
 
-from .phrases import seconds
+from .times import SECOND
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
@@ -17,17 +17,35 @@ if TYPE_CHECKING:
 
 # What YAML takes as a key as it stands, and does not take for a number or a word of its own.
 PLAIN = re.compile(r"(?!(?:true|false|null|yes|no|on|off|y|n)$)[A-Za-z_][\w./-]*", re.I)
+# What YAML takes for a line's end, or not at all; DOT ends at the first of them.
+ESCAPED = re.compile("[\x00-\x1f\x7f-\x9f\u2028\u2029\ufeff\ufffe\uffff]")
+LONGEST_KEY = 1000  # characters; YAML allows a little more before the colon of a line
 SHORTEST = 0.0001  # s; so that one sample has a rate, too
+
+
+def _escape(found: re.Match[str]) -> str:
+    """Write one character as YAML does between double quotes."""
+    code = ord(found[0])
+    return f"\\x{code:02x}" if code < 0x100 else f"\\u{code:04x}"
 
 
 def quoted(name: str) -> str:
     """Write a name as a string of YAML."""
-    return "'" + name.replace("'", "''") + "'"
+    if ESCAPED.search(name) is None:
+        return "'" + name.replace("'", "''") + "'"
+    return '"' + ESCAPED.sub(_escape, name.replace("\\", "\\\\").replace('"', '\\"')) + '"'
 
 
 def in_dot(name: str) -> str:
-    """Write a name as a string of DOT."""
-    return '"' + name.replace("\\", "\\\\").replace('"', '\\"') + '"'
+    """Write a name as a string of DOT, which shows by its number what YAML escapes."""
+    shown = ESCAPED.sub(_escape, name)
+    return '"' + shown.replace("\\", "\\\\").replace('"', '\\"') + '"'
+
+
+def in_seconds(stamp: int, digits: int) -> str:
+    """Write a stamp as tf2's listings do: from a float, which decides how a half is rounded."""
+    whole, rest = divmod(stamp, SECOND)
+    return f"{whole + 1e-9 * rest:.{digits}f}"
 
 
 def length_and_rate(info: FrameInfo) -> tuple[float, float]:
@@ -46,12 +64,12 @@ def as_yaml(tree: Iterable[FrameInfo], flavor: Flavor) -> str:
         length, rate = length_and_rate(info)
         key = info.name if PLAIN.fullmatch(info.name) else quoted(info.name)
         lines += [
-            f"{key}: ",
+            f"{key}: " if len(key) <= LONGEST_KEY else f"? {key}\n:",
             f"  parent: {quoted(info.parent)}",
             f"  broadcaster: {quoted(info.authority)}",
             f"  rate: {rate:.3f}",
-            f"  most_recent_transform: {seconds(info.newest or 0, digits)}",
-            f"  oldest_transform: {seconds(info.oldest or 0, digits)}",
+            f"  most_recent_transform: {in_seconds(info.newest or 0, digits)}",
+            f"  oldest_transform: {in_seconds(info.oldest or 0, digits)}",
             f"  buffer_length: {length:.3f}",
         ]
     if not lines:
@@ -78,23 +96,23 @@ def as_dot(tree: Sequence[FrameInfo], now: int | None) -> str:
             continue
         length, rate = length_and_rate(info)
         newest = info.newest or 0
-        age = "" if now is None else f"( {seconds(now - newest, 3)} sec old)"
+        age = "" if now is None else f"( {in_seconds(now - newest, 3)} sec old)"
         broadcaster = in_dot(info.authority)[1:-1]
         parts.append(
             f"{in_dot(info.parent)} -> {in_dot(info.name)}["
             f'label="Broadcaster: {broadcaster}\\nAverage rate: {rate:.3f} Hz\\n'
-            f"Most recent transform: {seconds(newest, 3)} {age}\\n"
+            f"Most recent transform: {in_seconds(newest, 3)} {age}\\n"
             f'Buffer length: {length:.3f} sec\\n"];\n'
         )
     if now is not None:
         parts.append(
             "edge [style=invis];\n subgraph cluster_legend { style=bold; color=black; "
-            f'label ="view_frames Result";\n"Recorded at time: {seconds(now, 3)}"'
+            f'label ="view_frames Result";\n"Recorded at time: {in_seconds(now, 3)}"'
             "[ shape=plaintext ] ;\n }"
         )
         parents = {info.parent for info in tree}
         roots = [info.name for info in tree if info.parent is None and info.name in parents]
-        parts += [f'"Recorded at time: {seconds(now, 3)}"->{in_dot(root)};\n' for root in roots]
+        parts += [f'"Recorded at time: {in_seconds(now, 3)}"->{in_dot(root)};\n' for root in roots]
     return "".join(parts) + "}"
 
 
