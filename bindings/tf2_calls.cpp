@@ -355,7 +355,8 @@ constexpr const char* kSetDoc =
     "transform\n    A `geometry_msgs/TransformStamped` of any library.\n"
     "authority\n    Who writes.\n\n"
     "Returns\n-------\nbool\n    Whether it was stored.\n\n"
-    "Raises TypeError for what is no such message.";
+    "Raises TypeError for what is no such message. What is wrong with the store, not with the\n"
+    "transform, is raised as `tfdb.Buffer` raises it: CapacityExceeded, ReadOnly, LockTimeout.";
 
 constexpr const char* kLookupDoc =
     "lookup_transform($self, target_frame, source_frame, time, timeout=None)\n--\n\n"

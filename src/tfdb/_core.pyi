@@ -734,13 +734,21 @@ class Buffer(Reads):
         """
         Give memory that no state needs any more back to the system.
 
-        A store uses memory that became free for what comes next, and keeps it. After a burst, or after
-        `clear`, this returns it: from a shared store to the file system that it lies on. Nobody writes
-        meanwhile (5 ms for 10 million samples, and 10 ms for each 100 MiB that a shared store gives back);
-        reads go on.
+        A store uses memory that became free for what comes next, and keeps it. After a burst, after
+        `clear`, or once samples have outlived `history` (whose memory an edge otherwise gives up bit by
+        bit, as it is written to), this returns it: from a shared store to the file system that it lies on.
+        It moves no samples, so memory goes back only where a piece of it is free from end to end: 256 KiB
+        of a shared store (1/4096 of its size above 1 GiB), 2 MiB of another. What is free between edges
+        that grew side by side is kept for what comes next.
 
-        Returns False, and does nothing, while an older state than the newest is held by a snapshot or a
-        transaction: try again later. Raises ReadOnly, TransactionActive.
+        Nobody writes meanwhile (5 ms for 10 million samples, 15 ms for 60,000 frames, and 10 ms for each
+        100 MiB that a shared store gives back); reads go on.
+
+        Returns False, and gives nothing back, while an older state than the newest is held by a snapshot
+        or a transaction, or a read is under way that writers have overtaken again and again: try again
+        later. An open transaction, and the fourth of the snapshots that a process holds, may count as older
+        than they are. Raises ReadOnly, TransactionActive, Forked, LockTimeout where another process
+        keeps the lock, CorruptStore where the file was damaged.
         """
 
     def changes(self, since: int, limit: int | None = None) -> list[tfdb.types.Changes]:

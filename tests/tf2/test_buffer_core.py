@@ -165,6 +165,26 @@ def test_what_is_no_time(core: tf2.BufferCore, time: Any) -> None:
             tf2.BufferCore(time, flavor=core.flavor)
 
 
+@pytest.mark.parametrize("part", [2.0, 2.9, "2", None, True], ids=repr)
+def test_no_part_of_a_time_is_cut_off(core: tf2.BufferCore, part: Any) -> None:
+    core.set_transform(message("a", "b", 2 * SECOND, TURNED), "me")
+    before = core.buffer.commit
+    of_ros1, of_ros2 = Ros1Time(2, 0), Ros2Time(2)
+    of_ros1.secs, of_ros2.nanoseconds = part, part
+    for time in (msgs.Time(part, 0), msgs.Time(2, part), of_ros1, of_ros2):
+        for ask in (core.lookup_transform_core, core.can_transform_core):
+            with pytest.raises(TypeError, match="of a time must be an integer"):
+                ask("a", "b", time)
+        stamped = message("a", "b", 0, TURNED)
+        stamped.header.stamp = time
+        with pytest.raises(TypeError, match="of a time must be an integer"):
+            core.set_transform(stamped, "me")
+        with pytest.raises(TypeError, match="of a time must be an integer"):
+            tf2.BufferCore(time)
+    assert core.buffer.commit == before
+    assert core.can_transform_core("a", "b", msgs.Time(np.int32(2), np.uint32(0)))[0] == 1
+
+
 @pytest.mark.parametrize(
     ("time", "flavor"),
     [(Ros1Time(1, 0), "ros1"), (SecondsOnly(1), "ros1"), (Ros2Time(1), "ros2")],
@@ -189,6 +209,8 @@ def test_what_a_core_is_not_made_of() -> None:
         tf2.BufferCore(-1)
     with pytest.raises(tf2.InvalidArgumentException, match="history"):
         tf2.BufferCore(5, buffer=tfdb.Buffer())
+    with pytest.raises(TypeError, match=r"tfdb\.Buffer, got str"):
+        tf2.BufferCore(buffer="text")  # type: ignore[arg-type]
 
 
 def test_a_store_that_is_there() -> None:
@@ -403,6 +425,17 @@ def test_what_is_no_message(core: tf2.BufferCore) -> None:
             msgs.TransformStamped(stamped.header, "b", msgs.Transform(5)),
             "transform.translation must have members x, y, z",
         ),
+        *(
+            (
+                msgs.TransformStamped(
+                    stamped.header,
+                    "b",
+                    msgs.Transform(msgs.Vector3(0, bad, 0)),  # type: ignore[arg-type]
+                ),
+                r"transform\.translation\.y must be a number",
+            )
+            for bad in (None, "1")
+        ),
     ):
         with pytest.raises(TypeError, match=text):
             core.set_transform(broken, "me")
@@ -516,6 +549,9 @@ def test_velocity() -> None:
         core.lookupVelocityCore("base", "map", msgs.Time(9), interval)
     with pytest.raises(tf2.InvalidArgumentException):
         core.lookupVelocityCore("base", "map", time, 0)
+    for bad in ((math.nan, 0, 0), (0, math.inf, 0)):
+        with pytest.raises(tf2.InvalidArgumentException, match="point whose velocity"):
+            core.lookupVelocityFullCore("base", "map", "map", bad, "base", time, interval)
 
 
 def test_chain(core: tf2.BufferCore) -> None:

@@ -132,6 +132,11 @@ Twist Reads::lookup_velocity(std::string_view tracking, std::string_view observa
         throw InvalidArgument("the averaging interval must be positive and below 2^61 ns, not " +
                               std::to_string(interval) + " ns");
     }
+    if (!geometry::is_finite({point, geometry::identity().rotation})) {
+        throw InvalidArgument("the point whose velocity is asked for must be finite, not (" +
+                              std::to_string(point.x) + ", " + std::to_string(point.y) + ", " +
+                              std::to_string(point.z) + ")");
+    }
     if (reference.empty())
         reference = observation;
     if (point_frame.empty())

@@ -171,4 +171,17 @@ TFDB_TEST(velocity_errors_name_the_frames_that_were_asked_for) {
     CHECK(apart && apart->detail().target == "moon" && apart->detail().source == "map");
 }
 
+TFDB_TEST(velocity_of_a_point_that_is_nowhere_is_refused) {
+    Buffer buffer = moving([](double t) { return Pose{{t, 0, 0}, about_z(0.3)}; });
+    for (const double bad :
+         {std::numeric_limits<double>::quiet_NaN(), std::numeric_limits<double>::infinity()}) {
+        for (const geometry::Vec3& point : {geometry::Vec3{bad, 0, 0}, {0, bad, 0}, {1, 2, bad}}) {
+            const auto error =
+                THROWN(InvalidArgument,
+                       buffer.lookup_velocity("base", "map", kSecond, kMilli, "", point, ""));
+            CHECK(error && says(*error, "must be finite"));
+        }
+    }
+}
+
 }  // namespace tfdb

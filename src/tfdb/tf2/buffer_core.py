@@ -58,7 +58,8 @@ class BufferCore(CoreCalls):
     buffer
         The store; None: a new one. It has a length of its own, so `cache_time` must be None.
 
-    Raises InvalidArgumentException for a negative `cache_time` and an unknown flavor.
+    Raises InvalidArgumentException for a negative `cache_time` and an unknown flavor, TypeError for
+    what is no time, or no Buffer.
     """
 
     def __init__(
@@ -71,6 +72,8 @@ class BufferCore(CoreCalls):
         if flavor not in {None, "ros1", "ros2"}:
             text = f"flavor must be 'ros1', 'ros2' or None, got {flavor!r}"
             raise InvalidArgumentException(text, value=flavor)
+        if buffer is not None and not isinstance(buffer, tfdb.Buffer):
+            raise TypeError(f"buffer must be a tfdb.Buffer, got {type(buffer).__name__}")
         self._flavor: Flavor | None = flavor or flavor_of(cache_time)
         length = DEFAULT_CACHE_TIME
         if cache_time is not None:

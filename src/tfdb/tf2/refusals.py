@@ -53,8 +53,13 @@ class Write:
             (self.translation, "x, y, z", "translation"),
             (self.rotation, "x, y, z, w", "rotation"),
         ):
-            if not all(hasattr(value, member) for member in members.split(", ")):
-                raise TypeError(f"transform.{role} must have members {members}")
+            for member in members.split(", "):
+                if not hasattr(value, member):
+                    raise TypeError(f"transform.{role} must have members {members}")
+                number = getattr(value, member)
+                if not hasattr(number, "__float__") and not hasattr(number, "__index__"):
+                    text = f"transform.{role}.{member} must be a number, got {number!r}"
+                    raise TypeError(text)
 
     @classmethod
     def of(cls, message: Any, authority: str, nanoseconds: Callable[[Any], int]) -> Self:

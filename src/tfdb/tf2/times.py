@@ -23,16 +23,18 @@ def nanoseconds(time: Any, flavor: Flavor | None = None, role: str = "time") -> 
     """Nanoseconds of a time or duration; a float is used only where there is nothing else.
 
     Takes integers (nanoseconds), `builtin_interfaces` and `rclpy` times and durations, those of
-    rospy and genpy, and ours. Raises TypeError, with tf2's words, for anything else.
+    rospy and genpy, and ours. Raises TypeError, with tf2's words, for anything else, and for a time
+    whose parts are no integers: a stamp is exact, so nothing is cut off.
     """
     if type(time) is int:
         return time
     try:
         # Of a message of ROS 2, or ours.
-        return int(time.sec) * SECOND + int(time.nanosec)
+        sec, nanosec = time.sec, time.nanosec
     except AttributeError:
-        pass
-    found = _of_object(time)
+        found = _of_object(time)
+    else:
+        return _whole(sec, "sec") * SECOND + _whole(nanosec, "nanosec")
     if found is None:
         raise TypeError(WANTED[flavor or "ros2"].format(role))
     return found
@@ -49,16 +51,23 @@ def duration(value: Any, flavor: Flavor | None = None, role: str = "duration") -
     return nanoseconds(value, flavor, role)
 
 
+def _whole(value: Any, part: str) -> int:
+    """Take a part of a time that must be an integer."""
+    if isinstance(value, bool) or not hasattr(value, "__index__"):
+        raise TypeError(f"{part} of a time must be an integer, got {value!r}")
+    return operator.index(value)
+
+
 def _of_object(time: Any) -> int | None:
     """Nanoseconds of what is no message of ROS 2; None if it is no time."""
     if isinstance(time, bool | timedelta):
         return None
     if hasattr(time, "secs") and hasattr(time, "nsecs"):
-        return int(time.secs) * SECOND + int(time.nsecs)
+        return _whole(time.secs, "secs") * SECOND + _whole(time.nsecs, "nsecs")
     if hasattr(time, "to_nsec"):
-        return int(time.to_nsec())
+        return _whole(time.to_nsec(), "to_nsec()")
     if hasattr(time, "nanoseconds"):
-        return int(time.nanoseconds)
+        return _whole(time.nanoseconds, "nanoseconds")
     if hasattr(time, "to_sec"):
         rounded: int = round(time.to_sec() * SECOND)
         return rounded
