@@ -24,10 +24,17 @@ from rclpy.clock import JumpThreshold
 from rclpy.duration import Duration
 from rclpy.exceptions import InvalidHandle
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
-from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.qos import (
+    DurabilityPolicy,
+    HistoryPolicy,
+    QoSProfile,
+    ReliabilityPolicy,
+    qos_policy_name_from_kind,
+)
 from rclpy.serialization import deserialize_message, serialize_message
 from rclpy.signals import SignalHandlerGuardCondition
 from rclpy.validate_topic_name import validate_topic_name
+from rclpy.waitable import NumberOfEntities, Waitable
 
 from tfdb.errors import InvalidArgument, NodeClosed
 
@@ -46,6 +53,8 @@ _NOT_AS_EXPECTED: Final = (AttributeError, ImportError, TypeError, ValueError)
 _NO_NAMES: Final = ("_NODE_NAME_UNKNOWN_", "_CREATED_BY_BARE_DDS_APP_")
 # Seconds between two questions for a topic's publishers, where the last gave no name.
 _ASK_EVERY: Final = 1.0
+# Seconds between two looks for publishers that cannot be heard.
+_WARN_EVERY: Final = 1.0
 # Seconds that the interpreter waits at its end for a thread to leave.
 _LEAVE_WITHIN: Final = 2.0
 
@@ -385,11 +394,11 @@ class _Taker(Protocol):
     def close(self) -> None: ...
 
 
-class _InExecutor:
-    """Takes messages in the executor of a node.
+class _BySubscription:
+    """Takes messages by rclpy's subscriptions, in the executor of their node.
 
-    Each topic has a callback group of its own: its messages come in their order, and neither wait
-    for other callbacks of the node nor hold them up.
+    Each has a callback group of its own: its messages come in their order, and neither wait for
+    other callbacks of the node nor hold them up.
 
     Threads: any may call it.
     """
@@ -402,15 +411,101 @@ class _InExecutor:
             if opened.is_open:
                 deliver(data, info)
 
-        group = _InTurn()
         subscription = self._node.create_subscription(
-            kind, topic, while_open, qos, callback_group=group, raw=True
+            kind, topic, while_open, qos, callback_group=_InTurn(), raw=True
         )
         opened = _Made(self._node, lambda: self._node.destroy_subscription(subscription))
         return opened
 
     def close(self) -> None:
         """Nothing is left: the executor is another's."""
+
+
+class _InExecutor:
+    """Takes messages in the executor of a node, for less than rclpy's subscriptions do.
+
+    Threads: any may call it.
+    """
+
+    def __init__(self, node: Any) -> None:
+        self._node = node
+        self._by_subscription: _BySubscription | None = None
+        self._opened: weakref.WeakSet[_Opened] = weakref.WeakSet()
+
+    def subscribe(self, kind: Any, topic: str, deliver: _Deliver, qos: Any) -> _Opened:
+        try:
+            added = _Topic(self._node, kind, topic, deliver, qos)
+        except _NOT_AS_EXPECTED as error:
+            if self._by_subscription is None:
+                _say_not_as_expected(self._node, error)
+                self._by_subscription = _BySubscription(self._node)
+            return self._by_subscription.subscribe(kind, topic, deliver, qos)
+        # No executor is woken by a message that was taken.
+        added.take_all()
+        waited = _Waited(added)
+        self._node.add_waitable(waited)
+
+        def take_back() -> None:
+            with suppress(ValueError):  # a destroyed node may have forgotten it
+                self._node.remove_waitable(waited)
+            added.close()
+
+        opened = _Opened(take_back)
+        self._opened.add(opened)
+        return opened
+
+    def close(self) -> None:
+        for each in list(self._opened):
+            each.close()
+
+
+class _Waited(Waitable):  # type: ignore[misc]  # rclpy is not typed
+    """A topic that an executor waits for: one thing where a subscription of rclpy's is three.
+
+    It is itself and two events, and an executor looks at each twice for every message, in Python.
+
+    Threads: the executor's. What is closed meanwhile is passed over.
+    """
+
+    def __init__(self, topic: _Topic) -> None:
+        super().__init__(_InTurn())
+        self._topic = topic
+        # How often it was entered and not left, and whether the last time it was there.
+        self._entered: list[bool] = []
+        self._is_there = False
+        self._event = -1
+
+    def get_num_entities(self) -> Any:
+        if not self._is_there:
+            return NumberOfEntities()
+        return NumberOfEntities(1, num_events=int(self._topic.event is not None))
+
+    def add_to_wait_set(self, wait_set: Any) -> None:
+        if self._is_there:
+            self._topic.add_to(wait_set)
+            if self._topic.event is not None:
+                self._event = wait_set.add_event(self._topic.event)
+
+    def is_ready(self, wait_set: Any) -> bool:
+        if not self._is_there:
+            return False
+        if self._event >= 0 and wait_set.is_ready("event", self._event):
+            self._topic.warn()
+        return self._topic.is_ready(wait_set)
+
+    def take_data(self) -> None:
+        """Nothing: `execute` takes one message after the other, while others wait for it."""
+
+    async def execute(self, taken_data: None) -> None:  # noqa: ARG002  (the name is rclpy's)
+        self._topic.take_all()
+
+    def __enter__(self) -> None:
+        self._is_there = self._topic.enter()
+        self._entered.append(self._is_there)
+
+    def __exit__(self, *_: object) -> None:
+        if self._entered.pop(0):
+            self._topic.leave()
 
 
 class _Thread:
@@ -463,43 +558,93 @@ def _leave() -> None:
 
 
 class _Topic:
-    """A subscription of which no executor knows.
+    """A subscription that is rclpy's, and of which its executors do not know.
 
-    Threads: `take_all` for one; any may close it.
+    Threads: one at a time; any may close it.
     """
 
     def __init__(self, node: Any, kind: Any, topic: str, deliver: _Deliver, qos: Any) -> None:
         from rclpy.type_support import check_for_type_support  # noqa: PLC0415  (private)
 
         check_for_type_support(kind)
+        rcl = _implementation()
         with node.handle:
             profile = qos.get_c_qos_profile()
-            self.handle = _implementation().Subscription(node.handle, kind, topic, profile)
+            self.handle = rcl.Subscription(node.handle, kind, topic, profile)
+        incompatible = rcl.rcl_subscription_event_type_t.RCL_SUBSCRIPTION_REQUESTED_INCOMPATIBLE_QOS
+        try:
+            with self.handle:
+                self.event: Any = rcl.EventHandle(self.handle, incompatible)
+        except rcl.UnsupportedEventTypeError:
+            self.event = None
+        self._node = node
         self._kind = kind
+        self._topic = topic
         self._deliver = deliver
         self._is_open = True
+        self._place = 0
         # So many in a row that other topics have their turn.
         self._at_once = max(qos.depth, 1)
         # The first try shows whether messages come as expected; it may bring one.
         self._first = self._take()
+
+    def enter(self) -> bool:
+        """Keep it from being destroyed until `leave`; whether it is there to be kept."""
+        try:
+            self.handle.__enter__()
+        except InvalidHandle:
+            return False
+        try:
+            if self.event is not None:
+                self.event.__enter__()
+        except InvalidHandle:
+            self.handle.__exit__(None, None, None)
+            return False
+        return True
+
+    def leave(self) -> None:
+        self.handle.__exit__(None, None, None)
+        if self.event is not None:
+            self.event.__exit__(None, None, None)
+
+    def add_to(self, wait_set: Any) -> None:
+        self._place = wait_set.add_subscription(self.handle)
+
+    def is_ready(self, wait_set: Any) -> bool:
+        """Whether there is something to take."""
+        return self._first is not None or bool(wait_set.is_ready("subscription", self._place))
+
+    def warn(self) -> None:
+        """Say what rclpy says of its own subscriptions, if there is something new. Once entered."""
+        status = None if self.event is None else self.event.take_event()
+        if status is not None and status.total_count_change > 0:
+            policy = qos_policy_name_from_kind(status.last_policy_kind)
+            self._node.get_logger().warning(
+                f"New publisher discovered on topic '{self._topic}', offering incompatible QoS. "
+                f"No messages will be received from it. Last incompatible policy: {policy}"
+            )
 
     def take_all(self) -> None:
         """Deliver what has come."""
         if self._first is not None:
             first, self._first = self._first, None
             self._deliver(*first)
-        for _ in range(self._at_once):
-            taken = self._take() if self._is_open else None
-            if taken is None:
-                return
-            self._deliver(*taken)
+        with suppress(InvalidHandle):  # it was closed
+            for _ in range(self._at_once):
+                taken = self._take() if self._is_open else None
+                if taken is None:
+                    return
+                self._deliver(*taken)
 
     def close(self) -> None:
         self._is_open = False
+        if self.event is not None:
+            self.event.destroy_when_not_in_use()
         self.handle.destroy_when_not_in_use()
 
     def _take(self) -> tuple[bytes, dict[str, Any]] | None:
-        taken = self.handle.take_message(self._kind, True)  # noqa: FBT003
+        with self.handle:
+            taken = self.handle.take_message(self._kind, True)  # noqa: FBT003
         if taken is None:
             return None
         data, info = taken
@@ -543,10 +688,7 @@ class _OwnThread(_Thread):
 
     def _in_executor(self, error: Exception) -> _OwnExecutor:
         if self._instead is None:
-            self._node.get_logger().warning(
-                "listening in an executor, which costs more: rclpy's wait set is not as expected "
-                f"({type(error).__name__}: {error})"
-            )
+            _say_not_as_expected(self._node, error)
             self._instead = _OwnExecutor(self._node, self._ended)
         return self._instead
 
@@ -583,25 +725,28 @@ class _OwnThread(_Thread):
     def _listen(self, topics: tuple[_Topic, ...]) -> None:
         """Take the messages of these topics, until they are others."""
         with ExitStack() as in_use:
-            with suppress(InvalidHandle):  # one was closed meanwhile: the topics are others
-                for topic in topics:
-                    in_use.enter_context(topic.handle)
+            for topic in topics:
+                if not topic.enter():
+                    return  # it was closed meanwhile: the topics are others
+                in_use.callback(topic.leave)
             wait_set = self._new_wait_set(len(topics))
             # Some may have brought a message before they were waited for.
             ready = list(topics)
+            warn_at = monotonic() + _WARN_EVERY
             while topics is self._topics and self._goes_on():
                 for topic in ready:
                     topic.take_all()
                 wait_set.clear_entities()
                 for topic in topics:
-                    wait_set.add_subscription(topic.handle)
+                    topic.add_to(wait_set)
                 wait_set.add_guard_condition(self._bell.handle)
-                wait_set.wait(-1)
-                ready = [
-                    topic
-                    for index, topic in enumerate(topics)
-                    if wait_set.is_ready("subscription", index)
-                ]
+                # To wait for the topics' events as well would cost a fifth more.
+                wait_set.wait(int(_WARN_EVERY * 1e9))
+                ready = [topic for topic in topics if topic.is_ready(wait_set)]
+                if monotonic() >= warn_at:
+                    warn_at += _WARN_EVERY
+                    for topic in topics:
+                        topic.warn()
 
     def _new_wait_set(self, topics: int) -> Any:
         context = self._node.context.handle
@@ -630,7 +775,7 @@ class _OwnExecutor(_Thread):
         self._executor.add_node(self._own_node)
         self._lock = threading.Lock()
         self._over = False
-        self._taker = _InExecutor(self._own_node)
+        self._taker = _BySubscription(self._own_node)
         self._start()
 
     def subscribe(self, kind: Any, topic: str, deliver: _Deliver, qos: Any) -> _Opened:
@@ -704,17 +849,18 @@ def _is_up(node: Any) -> bool:
 def _when_destroyed(node: Any, called: Callable[[], None]) -> Callable[[], object]:
     """Call `called` when the node is destroyed, or when what is returned is called.
 
-    A node tells nobody of its end but what it made.
+    A node tells nobody of its end but what it made: here a timer that never runs.
     """
-    guard = node.create_guard_condition(lambda: None, callback_group=_Never())
-    destroy = guard.destroy
+    timer = node.create_timer(1e6, lambda: None, callback_group=_Never())
+    timer.cancel()
+    destroy = timer.destroy
 
     def destroyed() -> None:
         destroy()
         called()
 
-    guard.destroy = destroyed
-    return lambda: node.destroy_guard_condition(guard)
+    timer.destroy = destroyed
+    return lambda: node.destroy_timer(timer)
 
 
 def _implementation() -> Any:
@@ -722,6 +868,13 @@ def _implementation() -> Any:
     from rclpy.impl.implementation_singleton import rclpy_implementation  # noqa: PLC0415
 
     return rclpy_implementation
+
+
+def _say_not_as_expected(node: Any, error: Exception) -> None:
+    node.get_logger().warning(
+        "listening by rclpy's own subscriptions, which cost more: what is below them is not as "
+        f"expected ({type(error).__name__}: {error})"
+    )
 
 
 def _quality(*, latched: bool, depth: int) -> QoSProfile:

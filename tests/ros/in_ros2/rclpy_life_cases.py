@@ -158,21 +158,24 @@ class Bare:
         self._real.destroy_when_not_in_use()
 
 
+@both_ways
 @pytest.mark.parametrize(
     "other",
     [{"WaitSet": None}, {"WaitSet": no_wait_set}, {"Subscription": None}, {"Subscription": Bare}],
     ids=["no wait set", "another wait set", "no subscription", "other messages"],
 )
-def test_an_unknown_rclpy_is_listened_to_by_an_executor(
+def test_an_unknown_rclpy_is_listened_to_by_its_subscriptions(
     graph: Graph,
+    own_thread: bool,
     other: dict[str, Any],
     monkeypatch: pytest.MonkeyPatch,
     capfd: pytest.CaptureFixture[str],
 ) -> None:
     known = rclpy_node._implementation()
     monkeypatch.setattr(rclpy_node, "_implementation", lambda: Older(known, **other))
-    node = graph.node("ours", namespace="/robot1", cli_args=["--ros-args", "-r", "tf:=moved"])
-    ours = graph.ours(node, own_thread=True)
+    arguments = ["--ros-args", "-r", "tf:=moved"]
+    node = graph.node("ours", spin=not own_thread, namespace="/robot1", cli_args=arguments)
+    ours = graph.ours(node, own_thread=own_thread)
     heard = Heard()
     ours.subscribe("tf", TF, heard)
     ours.subscribe("/tf_static", TF, heard, latched=True)
@@ -182,8 +185,11 @@ def test_an_unknown_rclpy_is_listened_to_by_an_executor(
         publisher.publish(message(number))
     heard.until(lambda it: len(it.messages) == 20)
     assert numbers(heard.messages) == list(range(20))
-    assert set(heard.threads) == {"tfdb listener"}
-    assert capfd.readouterr().err.count("listening in an executor, which costs more") == 1
+    assert set(heard.threads) == {"tfdb listener" if own_thread else "spinner"}
+    # An executor waits by itself.
+    is_as_expected = not own_thread and "WaitSet" in other
+    said = capfd.readouterr().err.count("listening by rclpy's own subscriptions")
+    assert said == (0 if is_as_expected else 1)
     ours.close()
     until(no_listener)
 

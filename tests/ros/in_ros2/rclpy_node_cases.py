@@ -12,6 +12,8 @@ from typing import TYPE_CHECKING, Any
 import pytest
 from builtin_interfaces.msg import Time
 from rclpy.exceptions import InvalidTopicNameException
+from rclpy.executors import MultiThreadedExecutor
+from rclpy.experimental import EventsExecutor
 from rclpy.parameter import Parameter
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.serialization import deserialize_message, serialize_message
@@ -46,6 +48,34 @@ def test_messages_come_in_order_as_rclpy_sent_them(graph: Graph, own_thread: boo
     threads = set(heard.threads)
     # With a thread of our own the executor, which spins all the time, takes none of them.
     assert threads == ({"tfdb listener"} if own_thread else {"spinner"})
+
+
+@both_ways
+def test_executors_that_know_other_ways(graph: Graph, own_thread: bool) -> None:
+    publisher = graph.node("robot").create_publisher(TFMessage, "/tf", 100)
+    for executor in (
+        EventsExecutor(context=graph.context),
+        MultiThreadedExecutor(4, context=graph.context),
+    ):
+        node = graph.node("listener")
+        executor.add_node(node)
+        heard = Heard()
+        opened = graph.ours(node, own_thread=own_thread).subscribe("/tf", TF, heard)
+        connected(publisher)
+        for number in range(50):
+            publisher.publish(message(number))
+        until(
+            lambda heard=heard: len(heard.messages) == 50,
+            meanwhile=lambda executor=executor: executor.spin_once(timeout_sec=0.001),
+        )
+        assert numbers(heard.messages) == list(range(50))
+        opened.close()
+        until(
+            lambda: publisher.get_subscription_count() == 0,
+            meanwhile=lambda executor=executor: executor.spin_once(timeout_sec=0.001),
+        )
+        executor.remove_node(node)
+        executor.shutdown()
 
 
 def test_ours_come_to_rclpy(graph: Graph) -> None:
@@ -100,6 +130,27 @@ def test_quality_of_service_is_tf2s_or_the_one_given(graph: Graph) -> None:
     until(lambda: node.count_publishers("/other") == 1)
     (info,) = node.get_publishers_info_by_topic("/other")
     assert info.qos_profile.reliability == ReliabilityPolicy.BEST_EFFORT
+
+
+@both_ways
+def test_a_publisher_that_cannot_be_heard_is_warned_of(
+    graph: Graph, own_thread: bool, capfd: pytest.CaptureFixture[str]
+) -> None:
+    ours = graph.ours(graph.node("ours", spin=True), own_thread=own_thread)
+    heard = Heard()
+    ours.subscribe("/tf_static", TF, heard, latched=True)
+    volatile = graph.node("mistaken").create_publisher(TFMessage, "/tf_static", 10)
+    said: list[str] = []
+
+    def is_said() -> bool:
+        said.append(capfd.readouterr().err)
+        return "topic '/tf_static', offering incompatible QoS" in "".join(said)
+
+    until(is_said)
+    assert "[ours]" in "".join(said)
+    assert "Last incompatible policy: DURABILITY" in "".join(said)
+    volatile.publish(message(1))
+    assert not heard.messages
 
 
 @both_ways
