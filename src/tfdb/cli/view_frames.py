@@ -134,7 +134,7 @@ def _dot(infos: Sequence[FrameInfo], now: int | None) -> Iterator[str]:
         info = row.info
         yield f"  {in_dot(info.name)};"
         if info.parent is not None:
-            label = in_dot("\n".join(_facts(info, now))).replace("\n", "\\n")
+            label = in_dot(*_facts(info, now))
             style = ', style=dashed, color="gray50"' if info.is_static else ""
             yield f"  {in_dot(info.parent)} -> {in_dot(info.name)} [label={label}{style}];"
     yield "}"

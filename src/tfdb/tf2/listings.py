@@ -36,10 +36,10 @@ def quoted(name: str) -> str:
     return '"' + ESCAPED.sub(_escape, name.replace("\\", "\\\\").replace('"', '\\"')) + '"'
 
 
-def in_dot(name: str) -> str:
-    """Write a name as a string of DOT, which shows by its number what YAML escapes."""
-    shown = ESCAPED.sub(_escape, name)
-    return '"' + shown.replace("\\", "\\\\").replace('"', '\\"') + '"'
+def in_dot(*lines: str) -> str:
+    """Write a name, or lines, as a string of DOT, which shows by its number what YAML escapes."""
+    shown = (ESCAPED.sub(_escape, line) for line in lines)
+    return '"' + "\\n".join(x.replace("\\", "\\\\").replace('"', '\\"') for x in shown) + '"'
 
 
 def in_seconds(stamp: int, digits: int) -> str:
