@@ -420,9 +420,9 @@ public:
     /// Gives memory that no state needs any more back to the system, what outlived the history
     /// included, as whole pages. False, and nothing was given back, while an older state than the
     /// newest is held, or a read goes on that was overtaken again and again; a transaction that is
-    /// open, and the fourth of several snapshots, may be taken for older than they are. Takes longer
-    /// the more is stored, and the more frames there are; nobody writes meanwhile, reads go on.
-    /// Throws ReadOnly, TransactionActive, LockTimeout, CorruptStore.
+    /// open, and the fourth of several snapshots, may be taken for older than they are. Takes
+    /// longer the more is stored, and the more frames there are; nobody writes meanwhile, reads go
+    /// on. Throws ReadOnly, TransactionActive, LockTimeout, CorruptStore.
     bool compact();
 
     /// What the commits after `since` did, one by one in their order; at most `limit` of them. All
