@@ -112,6 +112,7 @@ def table(verdicts: Sequence[Verdict]) -> Iterator[str]:
 # -- rows of contenders ---------------------------------------------------------------------------
 
 TF2, TF2_ROS, TREE, ITSELF = "tf2 (C++)", "python3-tf2-ros", "transform-tree", "itself"
+TF2_ROS2 = "tf2_ros of ROS 2, by hand"
 
 
 def cpp(row: str, chain: int, contender: str) -> Cell:
@@ -376,6 +377,20 @@ def _live() -> Iterator[Goal]:
                 f"{row}: {text}", TF2_ROS, Cell("live", row, title), theirs, limit,
                 at_least=False,
             )  # fmt: skip
+    for what, alone, inside in (
+        ("500 messages/s of 10 transforms", 0.22, 0.5),
+        ("50 messages/s of 100 transforms", 0.12, 0.4),
+    ):
+        row = f"CPU of a node of ROS 2 that listens to {what}"
+        late = f"ROS 2, publish to stored, {what}, p50"
+        for text, title, limit in (
+            ("in a thread of its own", "tfdb", alone),
+            ("in the executor", "tfdb in the executor", inside),
+        ):
+            of, over = Cell("live", row, title), Cell("live", row, "tf2_ros")
+            yield Goal(f"{row}: {text}", TF2_ROS2, of, over, limit, at_least=False)
+            of, over = Cell("live", late, title), Cell("live", late, "tf2_ros")
+            yield Goal(f"{late}: {text}", TF2_ROS2, of, over, 1.0, at_least=False)
     delay = "publish to return of a waiting lookup: "
     for name, most in (("p50", 0.3), ("p99", 2.0)):
         theirs = Cell("live", f"{delay}tf2_ros", name)

@@ -5,6 +5,7 @@ Answers are compared before a time counts. A rival that is not installed is left
 
 from __future__ import annotations
 
+import importlib.util
 import json
 import os
 import statistics
@@ -56,6 +57,13 @@ READERS, LOOKUPS = 16, 100.0  # lookups of each per second
 # What is published on /tf: edges of a message, messages per second.
 STREAMS = ((10, 500.0), (100, 50.0))
 NODES = {"tf2_ros": "tf2_listening", "tfdb": "tfdb_live", "tfdb in rospy": "tfdb_in_rospy"}
+# Of each: who, and how.
+NODES_OF_ROS2 = {
+    "tf2_ros": ("tf2_in_ros2", "stored"),
+    "deserialised": ("tf2_in_ros2", "deserialised"),
+    "tfdb": ("tfdb_in_ros2", "own thread"),
+    "tfdb in the executor": ("tfdb_in_ros2", "executor"),
+}
 # As many as leave two cores idle now and then: more would be measured while they lag.
 LISTENERS = {"tf2_ros listener, alone": 1, "tf2_ros listener, each of 2": 2}
 
@@ -577,6 +585,57 @@ def live(results: Results, effort: Effort) -> None:
     _delays(results, effort, interpreters)
 
 
+def live_in_ros2(results: Results, effort: Effort) -> None:
+    """Measure nodes that listen in a graph of ROS 2, one at a time, in turns."""
+    environment = _environment_of_ros2()
+    if environment is None:
+        print("nodes of ROS 2 are left out: python tools/make_ros2_env.py")
+        return
+    seconds = 4.0 if effort.samples >= Effort.samples else 0.5
+    interpreter = effort.env / "bin" / "python"
+    for edges, per_s in STREAMS:
+        used: Rounds = {}
+        late: dict[str, Rounds] = {}
+        with ExitStack() as stack:
+
+            def worker(contender: str, stack: ExitStack = stack) -> Worker:
+                return stack.enter_context(Worker(contender, interpreter, environment))
+
+            publisher = worker("ros2_publishing")
+            publisher.call("make", edges)
+            nodes = {title: worker(who) for title, (who, _) in NODES_OF_ROS2.items()}
+            for title, node in nodes.items():
+                node.call("join", NODES_OF_ROS2[title][1])
+            publisher.begin("write_each", per_s)
+            for _ in range(effort.rounds):
+                for title, node in nodes.items():
+                    node.call("listen", "frame_0", f"frame_{edges}")
+                    found = node.call("cost", seconds)
+                    node.call("leave")
+                    used.setdefault(title, []).append(found["cpu"])
+                    for share in ("p50", "p99"):
+                        late.setdefault(share, {}).setdefault(title, []).append(found[share])
+            publisher.end()
+        row = f"{per_s:.0f} messages/s of {edges} transforms"
+        _add(results, "live", f"CPU of a node of ROS 2 that listens to {row}", 0, "%", used)
+        for share, delays in late.items():
+            _add(results, "live", f"ROS 2, publish to stored, {row}, {share}", 0, "ms", delays)
+
+
+def _environment_of_ros2() -> dict[str, str] | None:
+    """Return the variables of a process that has ROS 2, in a graph of its own."""
+    tool = ROOT / "tools" / "make_ros2_env.py"
+    spec = importlib.util.spec_from_file_location("make_ros2_env", tool)
+    if spec is None or spec.loader is None:
+        return None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    if not module.is_made():
+        return None
+    found: dict[str, str] = module.environment()
+    return found | {"ROS_DOMAIN_ID": str(1 + os.getpid() % 100)}
+
+
 def _delays(results: Results, effort: Effort, interpreters: dict[str, Path]) -> None:
     """Measure how soon a waiting lookup returns; what 10,000 futures cost."""
     with ExitStack() as stack:
@@ -624,11 +683,12 @@ GROUPS: dict[str, Callable[[Results, Effort], None]] = {
     "loading": loading,
     "sharing": sharing,
     "live": live,
+    "live in ROS 2": live_in_ros2,
     "start": start,
 }
 """What may be measured by itself, by the name that its rows have in the results."""
 
-NEED_PYTHON = ("Python", "loading", "sharing", "live", "start")
+NEED_PYTHON = ("Python", "loading", "sharing", "live", "live in ROS 2", "start")
 """The groups that need the rivals' environment."""
 
 

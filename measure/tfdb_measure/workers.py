@@ -8,7 +8,10 @@ import os
 import subprocess
 import sys
 from pathlib import Path
-from typing import Any, Self
+from typing import TYPE_CHECKING, Any, Self
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
 
 CONTENDERS = Path(__file__).resolve().parents[1] / "contenders"
 TOLERANCE = 1e-12
@@ -20,9 +23,11 @@ Rounds = dict[str, list[float]]
 class Worker:
     """A running worker.py; see there for the requests."""
 
-    def __init__(self, contender: str, python: Path) -> None:
+    def __init__(
+        self, contender: str, python: Path, environment: Mapping[str, str] = os.environ
+    ) -> None:
         # Nothing that differs from run to run: no hash salt, one thread for numpy.
-        environment = {**os.environ, "PYTHONHASHSEED": "0", "OPENBLAS_NUM_THREADS": "1"}
+        environment = {**environment, "PYTHONHASHSEED": "0", "OPENBLAS_NUM_THREADS": "1"}
         self.contender = contender
         self._process = subprocess.Popen(
             [python, CONTENDERS / "worker.py", contender],
