@@ -13,6 +13,7 @@ import threading
 import time
 from typing import TYPE_CHECKING, Any
 
+from .alarms import alarm_at
 from .lookup_action import LookupGoal, LookupResult
 from .ros1_messages import (
     GoalId,
@@ -41,6 +42,9 @@ GOAL_ID, STATUS_LIST = "actionlib_msgs/GoalID", "actionlib_msgs/GoalStatusArray"
 ACTIVE, PREEMPTED, SUCCEEDED, RECALLING, RECALLED = 1, 2, 3, 7, 8
 STATUS_PERIOD, KEPT = 0.2, 5.0  # seconds: between statuses, and of a goal's after its end
 QUEUE = 50
+# Nanoseconds between a goal and its result: actionlib's client in Python drops a result that comes
+# before its send_goal has returned, and then waits for it in vain.
+NOT_BEFORE = 10_000_000
 BEFORE_CANCEL = (
     "This goal handle was canceled by the action server because its timestamp is before the"
     " timestamp of the last cancel request"
@@ -60,6 +64,8 @@ class _ServerGoal:
     def __init__(self, server: Ros1Server, goal_id: GoalId, question: LookupGoal) -> None:
         self.question = question
         self.status = Status(goal_id, ACTIVE)
+        self.taken = time.monotonic_ns()
+        """When it came, on the steady clock."""
         self.ended: float | None = None
         """When it ended, on the steady clock."""
         self._server = server
@@ -125,6 +131,13 @@ class Ros1Server:
                 return
             goal.ended = time.monotonic()
             goal.status = goal.status.with_status(status, text)
+        due = goal.taken + NOT_BEFORE
+        if due > time.monotonic_ns():
+            alarm_at(due, lambda: self._send(goal, result))
+        else:
+            self._send(goal, result)
+
+    def _send(self, goal: _ServerGoal, result: LookupResult) -> None:
         if not self._over.is_set() and not self._node.closed:
             self._results.publish(encode_result(self._node.now(), goal.status, result))
             self._tell()
