@@ -171,13 +171,8 @@ def check(buffer: Buffer, how: End) -> int:
     return buffer._check_wait(how)
 
 
-def limit_of(timeout: float) -> int:
-    """Nanoseconds of a timeout in seconds."""
-    return duration_to_nanoseconds(timeout, "timeout")
-
-
 def _limit(timeout: float | None) -> int | None:
-    return None if timeout is None else limit_of(timeout)
+    return None if timeout is None else duration_to_nanoseconds(timeout, "timeout")
 
 
 def _until(limit: int | None) -> float | None:

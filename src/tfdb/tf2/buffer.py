@@ -13,7 +13,7 @@ from tfdb.ros.which import in_rospy
 
 from .buffer_core import DEFAULT_CACHE_TIME, LAST_STAMP, BufferCore
 from .buffer_interface import BufferInterface
-from .deadlines import deadline_in
+from .deadlines import deadline_in, wait_until
 from .exceptions import (
     ConnectivityException,
     ExtrapolationException,
@@ -24,7 +24,7 @@ from .exceptions import (
 from .frame_graph import offer_frame_graph
 from .futures import future_here, settle
 from .times import SECOND, duration, flavor_of
-from .transformable_requests import TransformableRequests
+from .transformable_requests import TransformableRequests, TransformableResult
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -352,13 +352,10 @@ class Buffer(BufferCalls, BufferCore, BufferInterface):
         wait = self._begin(question, tell)
         if wait is None:
             return True
-        alarm = None if deadline is None else deadline.call(over.set)
         try:
-            over.wait()
+            wait_until(over, deadline)
         finally:
             wait.cancel()
-            if alarm is not None:
-                alarm.cancel()
         if not ends:
             return False
         waiting.check(self.buffer, ends[0])
@@ -387,17 +384,37 @@ class Buffer(BufferCalls, BufferCore, BufferInterface):
 
         return waiting.begin(store, ask, tell, loop)
 
-    def _begin_until_gone(
-        self, frames: tuple[str, str], stamp: int, tell: Callable[[waiting.End], None]
-    ) -> waiting.Wait | None:
-        """Begin a wait for a stamp to go out of the cache; None: it is out."""
-        store = self.buffer
-        gone = min(stamp + round((store.history or 0) * SECOND) + 1, LAST_STAMP)
-        return waiting.begin(store, lambda: store._begin_wait_as_new(*frames, gone), tell)
+    def _begin_request(
+        self,
+        frames: tuple[str, str],
+        stamp: int,
+        tell: Callable[[TransformableResult | None], None],
+        hold: Callable[[waiting.Wait], None],
+    ) -> TransformableResult | None:
+        """Begin waits for a transform to be there, or out of the cache; how it is already.
 
-    def _keeps_for_ever(self, stamp: int) -> bool:
-        """Whether a stamp never goes out of the cache."""
-        return self.buffer.history is None or not 0 < stamp <= LAST_STAMP
+        `hold` gets each wait. `tell` gets how it has come, or None: the buffer was closed.
+        """
+        available, failure = TransformableResult
+        store = self.buffer
+
+        def told(result: TransformableResult) -> Callable[[waiting.End], None]:
+            return lambda how: tell(result if how == 0 else None)
+
+        there = self._begin((*frames, stamp), told(available))
+        if there is None:
+            return available
+        hold(there)
+        if store.history is None or not 0 < stamp <= LAST_STAMP:
+            return None  # it stays in the cache for ever
+        gone_at = min(stamp + round(store.history * SECOND) + 1, LAST_STAMP)
+        gone = waiting.begin(
+            store, lambda: store._begin_wait_as_new(*frames, gone_at), told(failure)
+        )
+        if gone is None:
+            return failure
+        hold(gone)
+        return None
 
     def _future(self, question: Simple | Full, timeout: Any) -> Any:
         """Make a future that is done when a question has an answer."""

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 from tfdb.ros import node_for
 
 from .buffer_interface import BufferInterface
-from .deadlines import deadline_in
+from .deadlines import deadline_in, wait_until
 from .exceptions import TimeoutException, TransformException
 from .lookup_action import NO_ERROR, LookupGoal, client_in, exception_of
 from .times import SECOND, duration, nanoseconds
@@ -194,9 +194,12 @@ class BufferClient(BufferInterface):
             over.set()
 
         sent = self._transport.send(goal, take)
+        node = self.node
+        watch = node.on_clock(lambda _: over.set() if node.closed else None)
         try:
-            _wait(over, deadline, self.node)
+            wait_until(over, deadline)
         finally:
+            watch.close()
             sent.forget()
         if not results:
             raise TimeoutException(LATE, target=goal.target_frame, source=goal.source_frame)
@@ -208,21 +211,6 @@ class BufferClient(BufferInterface):
                 return False
             self._transport.wait_ready(LOOK_AGAIN)
         return True
-
-
-def _wait(over: threading.Event, deadline: Deadline | None, node: Node) -> None:
-    """Wait for an event, until a deadline or the end of the node."""
-    watch = node.on_clock(lambda _: over.set() if node.closed else None)
-    try:
-        left = None if deadline is None else deadline.left()
-        if deadline is None or left is not None:
-            over.wait(None if left is None else left / SECOND)
-            return
-        alarm = deadline.call(over.set)
-        over.wait()
-        alarm.cancel()
-    finally:
-        watch.close()
 
 
 def _transform_of(result: LookupResult | None) -> Any:

@@ -13,6 +13,8 @@ from .buffer import NO_ANSWER_YET
 from .lookup_action import LookupResult, code_of, server_in
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from tfdb.ros import Node
 
     from .buffer import Buffer
@@ -105,19 +107,13 @@ class BufferServer:
     def _wait(self, goal: Goal) -> None:
         asked = goal.question
         timeout = msgs.Duration.from_nanoseconds(asked.timeout)
-        if asked.advanced:
-            future = self.buffer.wait_for_transform_full_async(
-                asked.target_frame,
-                asked.target_time,
-                asked.source_frame,
-                asked.source_time,
-                asked.fixed_frame,
-                timeout,
-            )
-        else:
-            future = self.buffer.wait_for_transform_async(
-                asked.target_frame, asked.source_frame, asked.source_time, timeout
-            )
+        buffer = self.buffer
+        wait: Callable[..., Any] = (
+            buffer.wait_for_transform_full_async
+            if asked.advanced
+            else buffer.wait_for_transform_async
+        )
+        future = wait(*asked.arguments, timeout)
         with self._lock:
             if self._closed:
                 future.cancel()
@@ -144,17 +140,11 @@ class BufferServer:
             goal.cancel()
 
     def _look_up(self, asked: LookupGoal) -> Any:
-        if asked.advanced:
-            return self.buffer.lookup_transform_full_core(
-                asked.target_frame,
-                asked.target_time,
-                asked.source_frame,
-                asked.source_time,
-                asked.fixed_frame,
-            )
-        return self.buffer.lookup_transform_core(
-            asked.target_frame, asked.source_frame, asked.source_time
+        buffer = self.buffer
+        look_up = (
+            buffer.lookup_transform_full_core if asked.advanced else buffer.lookup_transform_core
         )
+        return look_up(*asked.arguments)
 
 
 def _error(error: TfdbError) -> LookupResult:

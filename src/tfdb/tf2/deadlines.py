@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
     from tfdb.ros import Node, Subscription
 
-__all__ = ["Deadline", "deadline_in"]
+__all__ = ["Deadline", "deadline_in", "wait_until"]
 
 JUMP = 3 * SECOND
 """As tf2: who waits gives up when simulated time goes back by more, for a bag begins anew."""
@@ -92,3 +92,16 @@ def deadline_in(limit: int, clock: Node | None) -> Deadline:
     if clock is not None and clock.simulated:
         return _SimulatedDeadline(clock, limit)
     return _WallDeadline(limit)
+
+
+def wait_until(over: threading.Event, deadline: Deadline | None) -> None:
+    """Wait for an event, at most until a deadline."""
+    left = None if deadline is None else deadline.left()
+    if deadline is None or left is not None:
+        over.wait(None if left is None else left / SECOND)
+        return
+    alarm = deadline.call(over.set)
+    try:
+        over.wait()
+    finally:
+        alarm.cancel()

@@ -76,6 +76,14 @@ class LookupGoal:
     advanced: bool = False
     """Whether `target_time` and `fixed_frame` count."""
 
+    @property
+    def arguments(self) -> tuple[Any, ...]:
+        """Those of `lookup_transform_full` where it is advanced, else of `lookup_transform`."""
+        source = self.source_frame, self.source_time
+        if self.advanced:
+            return self.target_frame, self.target_time, *source, self.fixed_frame
+        return self.target_frame, *source
+
 
 @dataclass(frozen=True, slots=True)
 class LookupResult:

@@ -13,8 +13,10 @@ from typing import TYPE_CHECKING, Any
 
 from tfdb import TfdbError
 
+from .deadlines import deadline_in
 from .exceptions import InvalidArgumentException, TransformException
 from .times import duration, nanoseconds
+from .transformable_requests import TransformableResult
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable
@@ -197,8 +199,6 @@ class MessageFilter:
             self._set_alarm(one)
 
     def _set_alarm(self, one: _Waiting) -> None:
-        from .deadlines import deadline_in  # noqa: PLC0415 - few filters have a timeout
-
         alarm = deadline_in(self._timeout or 0, self._buffer.clock).call(
             lambda: self._fail(one, FilterFailureReason.NoTransformFound)
         )
@@ -216,31 +216,24 @@ class MessageFilter:
             self._fail(one, FilterFailureReason.Unknown)
 
     def _look(self, one: _Waiting) -> None:
-        buffer = self._buffer
+        available, failure = TransformableResult
 
-        def tell(how: waiting.End) -> None:
-            if how == 0:
+        def tell(result: TransformableResult | None) -> None:
+            if result is available:
                 self._wait_for_next(one)
             else:
-                self._fail(one, FilterFailureReason.Unknown)
+                gone = result is failure
+                reasons = FilterFailureReason
+                self._fail(one, reasons.OutTheBack if gone else reasons.Unknown)
 
-        def tell_gone(how: waiting.End) -> None:
-            gone = FilterFailureReason.OutTheBack if how == 0 else FilterFailureReason.Unknown
-            self._fail(one, gone)
-
-        while (lacks := self._hand_on_or_lack(one)) is not None:
+        begun: TransformableResult | None = available
+        while begun is available and (lacks := self._hand_on_or_lack(one)) is not None:
             target, stamp = lacks
-            there = buffer._begin((target, one.frame, stamp), tell)
-            if there is None:
-                continue
-            self._hold(one, there)
-            if not buffer._keeps_for_ever(stamp):
-                gone = buffer._begin_until_gone((target, one.frame), stamp, tell_gone)
-                if gone is None:
-                    self._fail(one, FilterFailureReason.OutTheBack)
-                else:
-                    self._hold(one, gone)
-            return
+            begun = self._buffer._begin_request(
+                (target, one.frame), stamp, tell, lambda wait: self._hold(one, wait)
+            )
+        if begun is failure:
+            self._fail(one, FilterFailureReason.OutTheBack)
 
     def _hold(self, one: _Waiting, wait: waiting.Wait) -> None:
         """Keep a wait with its message, if that has not left the queue since."""

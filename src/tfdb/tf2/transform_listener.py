@@ -13,6 +13,8 @@ from tfdb.ros import node_for
 from .buffer import Buffer
 from .buffer_core import BufferCore
 from .incoming import Incoming, decoded
+from .times import SECOND
+from .transform_broadcaster import KIND
 
 if TYPE_CHECKING:
     from tfdb.ros import Node
@@ -20,9 +22,7 @@ if TYPE_CHECKING:
 __all__ = ["StaticTransformListener", "TransformListener"]
 
 LOGGER = logging.getLogger("tfdb.tf2")
-KIND = "tf2_msgs/TFMessage"
 UNKNOWN = "default_authority"
-SECOND = 1_000_000_000
 
 
 class TransformListener:

@@ -65,26 +65,16 @@ class TransformableRequests:
         request = _Request(callback, frames, time)
         with self._lock:
             self._requests[handle] = request
-        available, failure = TransformableResult
-
-        def tell(how: waiting.End) -> None:
-            self._end(handle, available if how == 0 else failure)
-
-        def tell_gone(_: waiting.End) -> None:
-            self._end(handle, failure)
-
-        there = self._buffer._begin((*frames, stamp), tell)
-        if there is None:
-            self._taken(handle)
-            return 0
-        self._hold(handle, there)
-        if self._buffer._keeps_for_ever(stamp):
+        failure = TransformableResult.TransformFailure
+        begun = self._buffer._begin_request(
+            frames,
+            stamp,
+            lambda result: self._end(handle, result or failure),
+            lambda wait: self._hold(handle, wait),
+        )
+        if begun is None or self._taken(handle) is None:
             return handle
-        gone = self._buffer._begin_until_gone(frames, stamp, tell_gone)
-        if gone is None:
-            return NEVER if self._taken(handle) is not None else handle
-        self._hold(handle, gone)
-        return handle
+        return NEVER if begun is failure else 0
 
     def _hold(self, handle: int, wait: waiting.Wait) -> None:
         """Keep a wait with its request, if that has not ended since."""
