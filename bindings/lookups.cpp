@@ -162,26 +162,26 @@ PyObject* await_transform(PyObject* self, PyObject* target, PyObject* source, Qu
     }
 }
 
-Question question_at(PyObject* time, PyObject* policy) {
+Question question_at(PyObject* stamp, PyObject* policy) {
     Question question;
-    question.stamp = optional_stamp_of(time);
+    question.stamp = optional_stamp_of(stamp);
     question.policy = policy_of(policy);
     return question;
 }
 
-constexpr std::array<std::string_view, 5> kLookupNames = {"target", "source", "time", "policy",
+constexpr std::array<std::string_view, 5> kLookupNames = {"target", "source", "stamp", "policy",
                                                           "timeout"};
-constexpr std::array<std::string_view, 5> kWaitNames = {"target", "source", "time", "timeout",
+constexpr std::array<std::string_view, 5> kWaitNames = {"target", "source", "stamp", "timeout",
                                                         "policy"};
-constexpr std::array<std::string_view, 4> kCanNames = {"target", "source", "time", "policy"};
+constexpr std::array<std::string_view, 4> kCanNames = {"target", "source", "stamp", "policy"};
 constexpr std::array<std::string_view, 4> kLatestNames = {"target", "source", "max_age", "now"};
 
 PyObject* lookup_transform(PyObject* self, PyObject* const* args, Py_ssize_t count,
                            PyObject* keywords) {
     return guarded([&]() -> PyObject* {
         constexpr ParameterList kList{"lookup_transform", kLookupNames, 2, 4};
-        const auto [target, source, time, policy, timeout] = bind<5>(kList, args, count, keywords);
-        Question question = question_at(time, policy);
+        const auto [target, source, stamp, policy, timeout] = bind<5>(kList, args, count, keywords);
+        Question question = question_at(stamp, policy);
         if (is_given(timeout)) [[unlikely]] {
             const StampNs longest = duration_of(timeout, "timeout");
             return await_transform(self, target, source, question, longest);
@@ -195,8 +195,8 @@ PyObject* wait_for_transform(PyObject* self, PyObject* const* args, Py_ssize_t c
                              PyObject* keywords) {
     return guarded([&]() -> PyObject* {
         constexpr ParameterList kList{"wait_for_transform", kWaitNames, 2, 4};
-        const auto [target, source, time, timeout, policy] = bind<5>(kList, args, count, keywords);
-        Question question = question_at(time, policy);
+        const auto [target, source, stamp, timeout, policy] = bind<5>(kList, args, count, keywords);
+        Question question = question_at(stamp, policy);
         std::optional<StampNs> longest;
         if (is_given(timeout)) {
             longest = duration_of(timeout, "timeout");
@@ -209,8 +209,8 @@ PyObject* can_transform(PyObject* self, PyObject* const* args, Py_ssize_t count,
                         PyObject* keywords) {
     return guarded([&]() -> PyObject* {
         constexpr ParameterList kList{"can_transform", kCanNames, 2, 4};
-        const auto [target, source, time, policy] = bind<4>(kList, args, count, keywords);
-        Question question = question_at(time, policy);
+        const auto [target, source, stamp, policy] = bind<4>(kList, args, count, keywords);
+        Question question = question_at(stamp, policy);
         question.kind = Question::kCan;
         const Open open(self);
         Failure failure;
@@ -239,12 +239,12 @@ PyObject* lookup_latest_transform(PyObject* self, PyObject* const* args, Py_ssiz
 
 PyMethodDef g_wait_method = {
     "wait_for_transform", as_function(wait_for_transform), METH_FASTCALL | METH_KEYWORDS,
-    "wait_for_transform($self, target, source, time=None, timeout=None, *, policy=None)\n--\n\n"
+    "wait_for_transform($self, target, source, stamp=None, timeout=None, *, policy=None)\n--\n\n"
     "`lookup_transform`, once it has an answer.\n\n"
     "It is woken by the commit that touches a frame of the path, or makes one that is missing, of\n"
     "whatever thread or process; other threads run meanwhile. A signal's handlers run at once.\n\n"
     "Parameters\n----------\n"
-    "target, source, time, policy\n    As in `lookup_transform`.\n"
+    "target, source, stamp, policy\n    As in `lookup_transform`.\n"
     "timeout\n    Seconds, at most; None: for ever.\n\n"
     "Returns\n-------\nTransform\n\n"
     "Raises\n------\n"
@@ -255,11 +255,11 @@ PyMethodDef g_wait_method = {
 
 PyMethodDef g_methods[] = {
     {"lookup_transform", as_function(lookup_transform), METH_FASTCALL | METH_KEYWORDS,
-     "lookup_transform($self, target, source, time=None, policy=None, *, timeout=None)\n--\n\n"
+     "lookup_transform($self, target, source, stamp=None, policy=None, *, timeout=None)\n--\n\n"
      "T[target<-source] at a stamp: maps points of `source` into `target`.\n\n"
      "Parameters\n----------\n"
      "target, source\n    Frame names.\n"
-     "time\n    Stamp in nanoseconds (or an object that holds one). None: the latest common time,\n"
+     "stamp\n    Stamp in nanoseconds (or an object that holds one). None: the latest common time,\n"
      "    at which every moving edge of the path has data.\n"
      "policy\n    How a stamp between samples is answered. None: Interpolate().\n"
      "timeout\n    Seconds to wait for an answer, at most; None: not at all. Of a buffer only. What\n"
@@ -280,7 +280,7 @@ PyMethodDef g_methods[] = {
      "Raises\n------\nUnknownFrame, Disconnected, Extrapolation (an edge has no data), Stale,\n"
      "InvalidStamp, InvalidArgument, SnapshotTooOld, SnapshotClosed"},
     {"can_transform", as_function(can_transform), METH_FASTCALL | METH_KEYWORDS,
-     "can_transform($self, target, source, time=None, policy=None)\n--\n\n"
+     "can_transform($self, target, source, stamp=None, policy=None)\n--\n\n"
      "Whether `lookup_transform` with these arguments has an answer. Cheap also when it has none.\n\n"
      "Raises\n------\nInvalidStamp, SnapshotTooOld, SnapshotClosed"},
 };

@@ -23,12 +23,12 @@ std::string_view optional_name_of(nb::handle name, const char* role) {
     return name.is_none() ? std::string_view() : name_of(name, role);
 }
 
-nb::object lookup_transform_full(nb::handle self, const nb::str& target, nb::handle target_time,
-                                 const nb::str& source, nb::handle source_time,
+nb::object lookup_transform_full(nb::handle self, const nb::str& target, nb::handle target_stamp,
+                                 const nb::str& source, nb::handle source_stamp,
                                  const nb::str& fixed, nb::handle policy) {
     const ReadsObject& object = object_of<ReadsObject>(self);
     const Question question =
-        question_through(fixed, target, target_time, source, source_time, policy);
+        question_through(fixed, target, target_stamp, source, source_stamp, policy);
     const Pinned pinned = pin(self, object);
     Answer answer;
     nb::object names;
@@ -44,11 +44,11 @@ nb::object lookup_transform_full(nb::handle self, const nb::str& target, nb::han
     return nb::steal(made);
 }
 
-bool can_transform_full(nb::handle self, const nb::str& target, nb::handle target_time,
-                        const nb::str& source, nb::handle source_time, const nb::str& fixed,
+bool can_transform_full(nb::handle self, const nb::str& target, nb::handle target_stamp,
+                        const nb::str& source, nb::handle source_stamp, const nb::str& fixed,
                         nb::handle policy) {
     const Question question =
-        question_through(fixed, target, target_time, source, source_time, policy);
+        question_through(fixed, target, target_stamp, source, source_stamp, policy);
     const Pinned pinned = pin(self, object_of<ReadsObject>(self));
     return pinned.ask([&](const Reads& reads) { return store::can_answer(reads, question); });
 }
@@ -78,12 +78,12 @@ nb::object array_of(const geometry::Vec3& vector) {
 }
 
 nb::object lookup_velocity(nb::handle self, const nb::str& tracking, const nb::str& observation,
-                           nb::handle time, nb::handle interval, nb::handle reference,
+                           nb::handle when, nb::handle interval, nb::handle reference,
                            nb::handle point, nb::handle point_frame) {
     const Pinned pinned = pin(self, object_of<ReadsObject>(self));
     const std::string_view moving = name_of(tracking, "tracking");
     const std::string_view watching = name_of(observation, "observation");
-    const std::optional<StampNs> stamp = optional_stamp_of(time.ptr());
+    const std::optional<StampNs> stamp = optional_stamp_of(when.ptr());
     const StampNs length = duration_of(interval, "interval");
     const std::string_view axes = optional_name_of(reference, "reference");
     const geometry::Vec3 where = vector_of(point.ptr(), "point");
@@ -135,16 +135,16 @@ Returns
 Raises UnknownFrame, Disconnected.)";
 
 constexpr const char* kFullDoc =
-    R"(T[target at target_time <- source at source_time], through a frame that stays put.
+    R"(T[target at target_stamp <- source at source_stamp], through a frame that stays put.
 
-That is T[target<-fixed_frame] at `target_time` times T[fixed_frame<-source] at `source_time`:
+That is T[target<-fixed_frame] at `target_stamp` times T[fixed_frame<-source] at `source_stamp`:
 where a point that `source` saw then is for `target` now, if `fixed_frame` did not move.
 
 Parameters
 ----------
 target, source, fixed_frame
     Frame names.
-target_time, source_time
+target_stamp, source_stamp
     Stamps in nanoseconds. None: the latest common time of that frame and `fixed_frame`, each from
     the same state. 0 is a stamp like any other.
 policy
@@ -159,18 +159,18 @@ Raises what `lookup_transform` raises.)";
 
 void bind_full_lookups(nb::class_<ReadsObject>& type) {
     type.def("lookup_transform_full", &lookup_transform_full, nb::arg("target"),
-             nb::arg("target_time").none(), nb::arg("source"), nb::arg("source_time").none(),
+             nb::arg("target_stamp").none(), nb::arg("source"), nb::arg("source_stamp").none(),
              nb::arg("fixed_frame"), nb::arg("policy") = nb::none(),
-             nb::sig("def lookup_transform_full(self, target: str, target_time: "
-                     "tfdb.stamps.StampLike | None, source: str, source_time: "
+             nb::sig("def lookup_transform_full(self, target: str, target_stamp: "
+                     "tfdb.stamps.StampLike | None, source: str, source_stamp: "
                      "tfdb.stamps.StampLike | None, fixed_frame: str, policy: Policy | None = "
                      "None) -> Transform"),
              kFullDoc);
     type.def("can_transform_full", &can_transform_full, nb::arg("target"),
-             nb::arg("target_time").none(), nb::arg("source"), nb::arg("source_time").none(),
+             nb::arg("target_stamp").none(), nb::arg("source"), nb::arg("source_stamp").none(),
              nb::arg("fixed_frame"), nb::arg("policy") = nb::none(),
-             nb::sig("def can_transform_full(self, target: str, target_time: "
-                     "tfdb.stamps.StampLike | None, source: str, source_time: "
+             nb::sig("def can_transform_full(self, target: str, target_stamp: "
+                     "tfdb.stamps.StampLike | None, source: str, source_stamp: "
                      "tfdb.stamps.StampLike | None, fixed_frame: str, policy: Policy | None = "
                      "None) -> bool"),
              "Whether `lookup_transform_full` with these arguments has an answer.");
@@ -187,10 +187,10 @@ for tf2. Raises UnknownFrame, Disconnected.)");
              nb::sig("def common_times(self, target: str, source: str) -> tuple[int, int]"),
              kCommonTimesDoc);
     type.def("lookup_velocity", &lookup_velocity, nb::arg("tracking"), nb::arg("observation"),
-             nb::arg("time") = nb::none(), nb::arg("interval").none() = 0.1, nb::kw_only(),
+             nb::arg("stamp") = nb::none(), nb::arg("interval").none() = 0.1, nb::kw_only(),
              nb::arg("reference") = nb::none(), nb::arg("point").none() = nb::make_tuple(0, 0, 0),
              nb::arg("point_frame") = nb::none(),
-             nb::sig("def lookup_velocity(self, tracking: str, observation: str, time: "
+             nb::sig("def lookup_velocity(self, tracking: str, observation: str, stamp: "
                      "tfdb.stamps.StampLike | None = None, interval: float = 0.1, *, reference: "
                      "str | None = None, point: tfdb.types.VectorLike = (0, 0, 0), point_frame: "
                      "str | None = None) -> tfdb.types.Twist"),
@@ -200,7 +200,7 @@ Parameters
 ----------
 tracking, observation
     Frame names.
-time
+stamp
     Middle of the interval, nanoseconds; None: the latest common time.
 interval
     Seconds over which the difference is taken. Where the data or a parent begins or ends, the
@@ -288,11 +288,11 @@ Reads raise SnapshotClosed afterwards, and SnapshotTooOld if the writers needed 
 
 }  // namespace
 
-Question question_through(nb::handle fixed, nb::handle target, nb::handle target_time,
-                          nb::handle source, nb::handle source_time, nb::handle policy) {
+Question question_through(nb::handle fixed, nb::handle target, nb::handle target_stamp,
+                          nb::handle source, nb::handle source_stamp, nb::handle policy) {
     return store::by_way_of(name_of(fixed, "fixed_frame"), name_of(target, "target"),
-                            optional_stamp_of(target_time.ptr()), name_of(source, "source"),
-                            optional_stamp_of(source_time.ptr()), policy_of(policy.ptr()));
+                            optional_stamp_of(target_stamp.ptr()), name_of(source, "source"),
+                            optional_stamp_of(source_stamp.ptr()), policy_of(policy.ptr()));
 }
 
 void throw_closed(const ReadsObject& object) {

@@ -90,9 +90,9 @@ struct SnapshotObject : ReadsObject {
     nb::object owner;  // keeps `buffer` alive
 };
 
-/// Of a lookup through a fixed frame; a time that is None is the latest common one.
-Question question_through(nb::handle fixed, nb::handle target, nb::handle target_time,
-                          nb::handle source, nb::handle source_time, nb::handle policy);
+/// Of a lookup through a fixed frame; a stamp that is None is the latest common one.
+Question question_through(nb::handle fixed, nb::handle target, nb::handle target_stamp,
+                          nb::handle source, nb::handle source_stamp, nb::handle policy);
 
 /// Without the GIL for its lifetime, if so asked.
 class Released {

@@ -40,24 +40,24 @@ nb::object frame_info(nb::handle self, const nb::str& name) {
     return frame_info_of(record_type("FrameInfo"), info);
 }
 
-nb::object parent_of(nb::handle self, const nb::str& name, nb::handle time) {
+nb::object parent_of(nb::handle self, const nb::str& name, nb::handle when) {
     const Pinned pinned = pin(self, object_of<ReadsObject>(self));
     const std::string_view bytes = name_of(name, "name");
-    const std::optional<StampNs> stamp = optional_stamp_of(time.ptr());
+    const std::optional<StampNs> stamp = optional_stamp_of(when.ptr());
     return name_or_none(
         pinned.ask([&](const Reads& reads) { return reads.parent_of(bytes, stamp); }));
 }
 
 /// None: the walks meet, or a frame is missing. Else the edge (None: both end at roots), the stamp,
 /// the edge's data.
-nb::object reach(nb::handle self, const nb::str& target, const nb::str& source, nb::handle time) {
+nb::object reach(nb::handle self, const nb::str& target, const nb::str& source, nb::handle when) {
     const Pinned pinned = pin(self, object_of<ReadsObject>(self));
     const std::string_view to = name_of(target, "target");
     const std::string_view from = name_of(source, "source");
     std::optional<StampNs> stamp;
-    if (!time.is_none()) {
+    if (!when.is_none()) {
         int overflow = 0;
-        stamp = PyLong_AsLongLongAndOverflow(time.ptr(), &overflow);
+        stamp = PyLong_AsLongLongAndOverflow(when.ptr(), &overflow);
         if (overflow != 0) {
             stamp = overflow < 0 ? StampNs{-1} : clock::kMaxStamp + 1;
         } else if (*stamp == -1 && PyErr_Occurred() != nullptr) {
@@ -79,10 +79,10 @@ nb::object reach(nb::handle self, const nb::str& target, const nb::str& source, 
                           stamp_or_none(found.newest));
 }
 
-nb::list tree(nb::handle self, nb::handle time) {
+nb::list tree(nb::handle self, nb::handle when) {
     const Pinned pinned = pin(self, object_of<ReadsObject>(self));
     const nb::object type = record_type("FrameInfo");
-    const std::optional<StampNs> stamp = optional_stamp_of(time.ptr());
+    const std::optional<StampNs> stamp = optional_stamp_of(when.ptr());
     const auto infos = pinned.ask_long([&](const Reads& reads) { return reads.tree(stamp); });
     nb::list result;
     for (const FrameInfo& info : infos) {
@@ -166,24 +166,24 @@ void bind_records(nb::class_<ReadsObject>& type) {
              nb::sig("def frame_info(self, name: str) -> tfdb.types.FrameInfo"),
              "What is known of one frame and the edge to its parent. Raises UnknownFrame.");
     type.def(
-        "parent_of", &parent_of, nb::arg("name"), nb::arg("time") = nb::none(),
-        nb::sig("def parent_of(self, name: str, time: tfdb.stamps.StampLike | None = None) -> "
+        "parent_of", &parent_of, nb::arg("name"), nb::arg("stamp") = nb::none(),
+        nb::sig("def parent_of(self, name: str, stamp: tfdb.stamps.StampLike | None = None) -> "
                 "str | None"),
         R"(The parent that a frame has at a stamp (None: in its newest sample); None for a root.
 
 A sample's parent holds from its stamp to the next sample's; before the first sample and after the
 last one the nearest one's counts. A static edge has its parent at every stamp. Raises UnknownFrame.)");
     type.def(
-        "_reach", &reach, nb::arg("target"), nb::arg("source"), nb::arg("time").none(),
-        nb::sig("def _reach(self, target: str, source: str, time: int | None) -> tuple[str | "
+        "_reach", &reach, nb::arg("target"), nb::arg("source"), nb::arg("stamp").none(),
+        nb::sig("def _reach(self, target: str, source: str, stamp: int | None) -> tuple[str | "
                 "None, int, int | None, int | None] | None"),
         R"(Where walks up from two frames stop for want of data; None: they meet, or one does not exist.
 
 Walks up from the source to its root, then from the target to where that ended, as far as each edge
 has data. Returns the edge that the second walk stopped at, else that of the first (None: both
 ended at roots), the stamp, and the edge's oldest and newest stamp (None: it was cleared).)");
-    type.def("tree", &tree, nb::arg("time") = nb::none(),
-             nb::sig("def tree(self, time: tfdb.stamps.StampLike | None = None) -> "
+    type.def("tree", &tree, nb::arg("stamp") = nb::none(),
+             nb::sig("def tree(self, stamp: tfdb.stamps.StampLike | None = None) -> "
                      "list[tfdb.types.FrameInfo]"),
              "All frames, sorted by name, with the parents they have at a stamp (None: newest).");
     type.def("samples", &samples, nb::arg("name"),

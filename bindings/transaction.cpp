@@ -52,10 +52,10 @@ nb::object transform_of(const Named& found, nb::handle target, nb::handle source
 }
 
 nb::object lookup_transform(TransactionObject& self, nb::handle target, nb::handle source,
-                            nb::handle time, nb::handle policy) {
+                            nb::handle when, nb::handle policy) {
     const std::string_view to = name_of(target, "target");
     const std::string_view from = name_of(source, "source");
-    const std::optional<StampNs> stamp = optional_stamp_of(time.ptr());
+    const std::optional<StampNs> stamp = optional_stamp_of(when.ptr());
     const Policy how = policy_of(policy.ptr());
     const Named found = self.run([&](Transaction& transaction) {
         return named(transaction, transaction.lookup_transform(to, from, stamp, how));
@@ -78,31 +78,31 @@ nb::object lookup_latest_transform(TransactionObject& self, nb::handle target, n
     return transform_of(found, target, source);
 }
 
-bool can_transform(TransactionObject& self, nb::handle target, nb::handle source, nb::handle time,
+bool can_transform(TransactionObject& self, nb::handle target, nb::handle source, nb::handle when,
                    nb::handle policy) {
     const Question question =
         store::at_stamp(name_of(target, "target"), name_of(source, "source"),
-                        optional_stamp_of(time.ptr()), policy_of(policy.ptr()));
+                        optional_stamp_of(when.ptr()), policy_of(policy.ptr()));
     return self.run(
         [&](Transaction& transaction) { return store::can_answer(transaction, question); });
 }
 
-nb::object lookup_transform_full(TransactionObject& self, nb::handle target, nb::handle target_time,
-                                 nb::handle source, nb::handle source_time, nb::handle fixed,
-                                 nb::handle policy) {
+nb::object lookup_transform_full(TransactionObject& self, nb::handle target,
+                                 nb::handle target_stamp, nb::handle source,
+                                 nb::handle source_stamp, nb::handle fixed, nb::handle policy) {
     const Question question =
-        question_through(fixed, target, target_time, source, source_time, policy);
+        question_through(fixed, target, target_stamp, source, source_stamp, policy);
     const Named found = self.run([&](Transaction& transaction) {
         return named(transaction, store::answer_or_raise(transaction, question));
     });
     return transform_of(found, target, source);
 }
 
-bool can_transform_full(TransactionObject& self, nb::handle target, nb::handle target_time,
-                        nb::handle source, nb::handle source_time, nb::handle fixed,
+bool can_transform_full(TransactionObject& self, nb::handle target, nb::handle target_stamp,
+                        nb::handle source, nb::handle source_stamp, nb::handle fixed,
                         nb::handle policy) {
     const Question question =
-        question_through(fixed, target, target_time, source, source_time, policy);
+        question_through(fixed, target, target_stamp, source, source_stamp, policy);
     return self.run(
         [&](Transaction& transaction) { return store::can_answer(transaction, question); });
 }
@@ -133,9 +133,9 @@ nb::tuple common_times(TransactionObject& self, nb::handle target, nb::handle so
     return nb::make_tuple(times.oldest, times.newest);
 }
 
-nb::object parent_of(TransactionObject& self, nb::handle name, nb::handle time) {
+nb::object parent_of(TransactionObject& self, nb::handle name, nb::handle when) {
     const std::string_view bytes = name_of(name, "name");
-    const std::optional<StampNs> stamp = optional_stamp_of(time.ptr());
+    const std::optional<StampNs> stamp = optional_stamp_of(when.ptr());
     return name_or_none(
         self.run([&](Transaction& transaction) { return transaction.parent_of(bytes, stamp); }));
 }
@@ -348,20 +348,21 @@ using TransactionClass = nb::class_<TransactionObject>;
 void bind_full_lookups(TransactionClass& type) {
     type.def(
         "lookup_transform_full", &lookup_transform_full, nb::arg("target").none(),
-        nb::arg("target_time").none(), nb::arg("source").none(), nb::arg("source_time").none(),
+        nb::arg("target_stamp").none(), nb::arg("source").none(), nb::arg("source_stamp").none(),
         nb::arg("fixed_frame").none(), nb::arg("policy") = nb::none(),
-        nb::sig("def lookup_transform_full(self, target: str, target_time: "
-                "tfdb.stamps.StampLike | None, source: str, source_time: "
+        nb::sig("def lookup_transform_full(self, target: str, target_stamp: "
+                "tfdb.stamps.StampLike | None, source: str, source_stamp: "
                 "tfdb.stamps.StampLike | None, fixed_frame: str, policy: Policy | None = "
                 "None) -> Transform"),
-        R"(T[target at target_time <- source at source_time], as `Buffer.lookup_transform_full`.
+        R"(T[target at target_stamp <- source at source_stamp], as `Buffer.lookup_transform_full`.
 
 Raises what that raises, and Conflict, TransactionClosed, WrongThread.)");
     type.def("can_transform_full", &can_transform_full, nb::arg("target").none(),
-             nb::arg("target_time").none(), nb::arg("source").none(), nb::arg("source_time").none(),
-             nb::arg("fixed_frame").none(), nb::arg("policy") = nb::none(),
-             nb::sig("def can_transform_full(self, target: str, target_time: "
-                     "tfdb.stamps.StampLike | None, source: str, source_time: "
+             nb::arg("target_stamp").none(), nb::arg("source").none(),
+             nb::arg("source_stamp").none(), nb::arg("fixed_frame").none(),
+             nb::arg("policy") = nb::none(),
+             nb::sig("def can_transform_full(self, target: str, target_stamp: "
+                     "tfdb.stamps.StampLike | None, source: str, source_stamp: "
                      "tfdb.stamps.StampLike | None, fixed_frame: str, policy: Policy | None = "
                      "None) -> bool"),
              "Whether `lookup_transform_full` with these arguments has an answer.");
@@ -370,8 +371,9 @@ Raises what that raises, and Conflict, TransactionClosed, WrongThread.)");
 void bind_lookups(TransactionClass& type) {
     bind_full_lookups(type);
     type.def("lookup_transform", &lookup_transform, nb::arg("target").none(),
-             nb::arg("source").none(), nb::arg("time") = nb::none(), nb::arg("policy") = nb::none(),
-             nb::sig("def lookup_transform(self, target: str, source: str, time: "
+             nb::arg("source").none(), nb::arg("stamp") = nb::none(),
+             nb::arg("policy") = nb::none(),
+             nb::sig("def lookup_transform(self, target: str, source: str, stamp: "
                      "tfdb.stamps.StampLike | None = None, policy: Policy | None = None) -> "
                      "Transform"),
              R"(T[target<-source] at a stamp, as `Buffer.lookup_transform`.
@@ -401,8 +403,8 @@ Raises what that raises, and Conflict, TransactionClosed, WrongThread.)");
 Arguments, result and errors as in `Buffer.lookup_transforms`; and Conflict, TransactionClosed,
 WrongThread.)");
     type.def("can_transform", &can_transform, nb::arg("target").none(), nb::arg("source").none(),
-             nb::arg("time") = nb::none(), nb::arg("policy") = nb::none(),
-             nb::sig("def can_transform(self, target: str, source: str, time: "
+             nb::arg("stamp") = nb::none(), nb::arg("policy") = nb::none(),
+             nb::sig("def can_transform(self, target: str, source: str, stamp: "
                      "tfdb.stamps.StampLike | None = None, policy: Policy | None = None) -> bool"),
              R"(Whether `lookup_transform` with these arguments has an answer.
 
@@ -415,11 +417,12 @@ A 'no' is something read, too: a commit that makes it a 'yes' is a Conflict.)");
              nb::sig("def common_times(self, target: str, source: str) -> tuple[int, int]"),
              "The oldest and the newest stamp at which the path between two frames has data, as "
              "`Buffer.common_times`.");
-    type.def("parent_of", &parent_of, nb::arg("name").none(), nb::arg("time") = nb::none(),
-             nb::sig("def parent_of(self, name: str, time: tfdb.stamps.StampLike | None = None) -> "
-                     "str | None"),
-             "The parent that a frame has at a stamp (None: in its newest sample), as "
-             "`Buffer.parent_of`.");
+    type.def(
+        "parent_of", &parent_of, nb::arg("name").none(), nb::arg("stamp") = nb::none(),
+        nb::sig("def parent_of(self, name: str, stamp: tfdb.stamps.StampLike | None = None) -> "
+                "str | None"),
+        "The parent that a frame has at a stamp (None: in its newest sample), as "
+        "`Buffer.parent_of`.");
     type.def("frame_exists", &frame_exists, nb::arg("name").none(),
              nb::sig("def frame_exists(self, name: str) -> bool"),
              "Whether there is a frame of that name.");

@@ -36,21 +36,21 @@ CommitNumber wait_for_commit(nb::handle self, nb::handle after, nb::handle timeo
     return buffer.store.commit();
 }
 
-std::uint64_t begin_wait(nb::handle self, nb::handle target, nb::handle source, nb::handle time,
+std::uint64_t begin_wait(nb::handle self, nb::handle target, nb::handle source, nb::handle when,
                          nb::handle policy) {
     BufferObject& buffer = object_of<BufferObject>(self);
     const Question question =
         store::at_stamp(name_of(target, "target"), name_of(source, "source"),
-                        optional_stamp_of(time.ptr()), policy_of(policy.ptr()));
+                        optional_stamp_of(when.ptr()), policy_of(policy.ptr()));
     const Waiting work;
     return buffer.open_store().begin_wait(question);
 }
 
-std::uint64_t begin_wait_full(nb::handle self, nb::handle target, nb::handle target_time,
-                              nb::handle source, nb::handle source_time, nb::handle fixed) {
+std::uint64_t begin_wait_full(nb::handle self, nb::handle target, nb::handle target_stamp,
+                              nb::handle source, nb::handle source_stamp, nb::handle fixed) {
     BufferObject& buffer = object_of<BufferObject>(self);
     const Question question =
-        question_through(fixed, target, target_time, source, source_time, nb::none());
+        question_through(fixed, target, target_stamp, source, source_stamp, nb::none());
     const Waiting work;
     return buffer.open_store().begin_wait(question);
 }
@@ -115,14 +115,15 @@ using BufferClass = nb::class_<BufferObject, ReadsObject>;
 /// What waiting.py needs.
 void bind_begun_waits(BufferClass& type) {
     type.def("_begin_wait", &begin_wait, nb::arg("target"), nb::arg("source"),
-             nb::arg("time").none(), nb::arg("policy").none(),
-             nb::sig("def _begin_wait(self, target: str, source: str, time: "
+             nb::arg("stamp").none(), nb::arg("policy").none(),
+             nb::sig("def _begin_wait(self, target: str, source: str, stamp: "
                      "tfdb.stamps.StampLike | None, policy: Policy | None) -> int"),
              "Number of a wait that `_ended_waits` will tell of; 0: the answer is there.");
-    type.def("_begin_wait_full", &begin_wait_full, nb::arg("target"), nb::arg("target_time").none(),
-             nb::arg("source"), nb::arg("source_time").none(), nb::arg("fixed_frame"),
-             nb::sig("def _begin_wait_full(self, target: str, target_time: "
-                     "tfdb.stamps.StampLike | None, source: str, source_time: "
+    type.def("_begin_wait_full", &begin_wait_full, nb::arg("target"),
+             nb::arg("target_stamp").none(), nb::arg("source"), nb::arg("source_stamp").none(),
+             nb::arg("fixed_frame"),
+             nb::sig("def _begin_wait_full(self, target: str, target_stamp: "
+                     "tfdb.stamps.StampLike | None, source: str, source_stamp: "
                      "tfdb.stamps.StampLike | None, fixed_frame: str) -> int"),
              "The same for an answer through a fixed frame.");
     type.def("_begin_wait_as_new", &begin_wait_as_new, nb::arg("target"), nb::arg("source"),

@@ -52,10 +52,10 @@ def test_every_pair_of_frames_agrees_with_numpy(robot: Robot, target: str, sourc
 def test_arguments_may_be_named(robot: Robot) -> None:
     stamp = stamp_of(3.5)
     found = robot.buffer.lookup_transform(
-        policy=tfdb.Interpolate(), time=stamp, source="camera", target="map"
+        policy=tfdb.Interpolate(), stamp=stamp, source="camera", target="map"
     )
     assert found == robot.buffer.lookup_transform("map", "camera", stamp)
-    assert robot.buffer.can_transform("map", source="camera", time=stamp)
+    assert robot.buffer.can_transform("map", source="camera", stamp=stamp)
     latest = robot.buffer.lookup_latest_transform(target="map", source="camera", max_age=None)
     assert latest == robot.buffer.lookup_latest_transform("map", "camera")
 

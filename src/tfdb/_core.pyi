@@ -122,18 +122,18 @@ class Reads:
     Each call on a Buffer is answered from one fresh snapshot; each call on a Snapshot from its own.
     """
 
-    def lookup_transform_full(self, target: str, target_time: tfdb.stamps.StampLike | None, source: str, source_time: tfdb.stamps.StampLike | None, fixed_frame: str, policy: Policy | None = None) -> Transform:
+    def lookup_transform_full(self, target: str, target_stamp: tfdb.stamps.StampLike | None, source: str, source_stamp: tfdb.stamps.StampLike | None, fixed_frame: str, policy: Policy | None = None) -> Transform:
         """
-        T[target at target_time <- source at source_time], through a frame that stays put.
+        T[target at target_stamp <- source at source_stamp], through a frame that stays put.
 
-        That is T[target<-fixed_frame] at `target_time` times T[fixed_frame<-source] at `source_time`:
+        That is T[target<-fixed_frame] at `target_stamp` times T[fixed_frame<-source] at `source_stamp`:
         where a point that `source` saw then is for `target` now, if `fixed_frame` did not move.
 
         Parameters
         ----------
         target, source, fixed_frame
             Frame names.
-        target_time, source_time
+        target_stamp, source_stamp
             Stamps in nanoseconds. None: the latest common time of that frame and `fixed_frame`, each from
             the same state. 0 is a stamp like any other.
         policy
@@ -147,7 +147,7 @@ class Reads:
         Raises what `lookup_transform` raises.
         """
 
-    def can_transform_full(self, target: str, target_time: tfdb.stamps.StampLike | None, source: str, source_time: tfdb.stamps.StampLike | None, fixed_frame: str, policy: Policy | None = None) -> bool:
+    def can_transform_full(self, target: str, target_stamp: tfdb.stamps.StampLike | None, source: str, source_stamp: tfdb.stamps.StampLike | None, fixed_frame: str, policy: Policy | None = None) -> bool:
         """Whether `lookup_transform_full` with these arguments has an answer."""
 
     def latest_common_time(self, target: str, source: str) -> int:
@@ -175,7 +175,7 @@ class Reads:
         Raises UnknownFrame, Disconnected.
         """
 
-    def lookup_velocity(self, tracking: str, observation: str, time: tfdb.stamps.StampLike | None = None, interval: float = 0.1, *, reference: str | None = None, point: tfdb.types.VectorLike = (0, 0, 0), point_frame: str | None = None) -> tfdb.types.Twist:
+    def lookup_velocity(self, tracking: str, observation: str, stamp: tfdb.stamps.StampLike | None = None, interval: float = 0.1, *, reference: str | None = None, point: tfdb.types.VectorLike = (0, 0, 0), point_frame: str | None = None) -> tfdb.types.Twist:
         """
         Velocity of `tracking` as seen from `observation`, by finite difference.
 
@@ -183,7 +183,7 @@ class Reads:
         ----------
         tracking, observation
             Frame names.
-        time
+        stamp
             Middle of the interval, nanoseconds; None: the latest common time.
         interval
             Seconds over which the difference is taken. Where the data or a parent begins or ends, the
@@ -264,7 +264,7 @@ class Reads:
         What is known of one frame and the edge to its parent. Raises UnknownFrame.
         """
 
-    def parent_of(self, name: str, time: tfdb.stamps.StampLike | None = None) -> str | None:
+    def parent_of(self, name: str, stamp: tfdb.stamps.StampLike | None = None) -> str | None:
         """
         The parent that a frame has at a stamp (None: in its newest sample); None for a root.
 
@@ -273,7 +273,7 @@ class Reads:
         """
 
     def _reach(
-        self, target: str, source: str, time: int | None
+        self, target: str, source: str, stamp: int | None
     ) -> tuple[str | None, int, int | None, int | None] | None:
         """
         Where walks up from two frames stop for want of data; None: they meet, or one does not exist.
@@ -283,7 +283,7 @@ class Reads:
         ended at roots), the stamp, and the edge's oldest and newest stamp (None: it was cleared).
         """
 
-    def tree(self, time: tfdb.stamps.StampLike | None = None) -> list[tfdb.types.FrameInfo]:
+    def tree(self, stamp: tfdb.stamps.StampLike | None = None) -> list[tfdb.types.FrameInfo]:
         """
         All frames, sorted by name, with the parents they have at a stamp (None: newest).
         """
@@ -300,7 +300,7 @@ class Reads:
         self,
         target: str,
         source: str,
-        time: tfdb.stamps.StampLike | None = None,
+        stamp: tfdb.stamps.StampLike | None = None,
         policy: Policy | None = None,
         *,
         timeout: float | None = None,
@@ -312,7 +312,7 @@ class Reads:
         ----------
         target, source
             Frame names.
-        time
+        stamp
             Stamp in nanoseconds (or an object that holds one). None: the latest common time,
             at which every moving edge of the path has data.
         policy
@@ -367,7 +367,7 @@ class Reads:
         self,
         target: str,
         source: str,
-        time: tfdb.stamps.StampLike | None = None,
+        stamp: tfdb.stamps.StampLike | None = None,
         policy: Policy | None = None,
     ) -> bool:
         """
@@ -425,7 +425,7 @@ class Reads:
         self,
         target: str,
         source: str,
-        time: tfdb.stamps.StampLike | None = None,
+        stamp: tfdb.stamps.StampLike | None = None,
         policy: Policy | None = None,
     ) -> tfdb.explain.Explanation:
         """
@@ -438,7 +438,7 @@ class Reads:
             ----------
             target, source
                 Frame names.
-            time
+            stamp
                 Stamp in nanoseconds; None: the latest common time.
             policy
                 As in `lookup_transform`.
@@ -491,7 +491,7 @@ class Reads:
             Raises
             ------
             InvalidArgument
-                A rate that is not positive, `end` before `start`, or nothing moves and no time is given;
+                A rate that is not positive, `end` before `start`, or nothing moves and no stamp is given;
                 a `missing` that is none of the three.
             Extrapolation, and what else `lookup_transforms` raises
                 With `index`, the position of the stamp.
@@ -790,7 +790,7 @@ class Buffer(Reads):
         self,
         target: str,
         source: str,
-        time: tfdb.stamps.StampLike | None = None,
+        stamp: tfdb.stamps.StampLike | None = None,
         timeout: float | None = None,
         *,
         policy: Policy | None = None,
@@ -803,7 +803,7 @@ class Buffer(Reads):
 
         Parameters
         ----------
-        target, source, time, policy
+        target, source, stamp, policy
             As in `lookup_transform`.
         timeout
             Seconds, at most; None: for ever.
@@ -847,12 +847,12 @@ class Buffer(Reads):
         not write to its control file), InvalidArgument
         """
 
-    def _begin_wait(self, target: str, source: str, time: tfdb.stamps.StampLike | None, policy: Policy | None) -> int:
+    def _begin_wait(self, target: str, source: str, stamp: tfdb.stamps.StampLike | None, policy: Policy | None) -> int:
         """
         Number of a wait that `_ended_waits` will tell of; 0: the answer is there.
         """
 
-    def _begin_wait_full(self, target: str, target_time: tfdb.stamps.StampLike | None, source: str, source_time: tfdb.stamps.StampLike | None, fixed_frame: str) -> int:
+    def _begin_wait_full(self, target: str, target_stamp: tfdb.stamps.StampLike | None, source: str, source_stamp: tfdb.stamps.StampLike | None, fixed_frame: str) -> int:
         """The same for an answer through a fixed frame."""
 
     def _begin_wait_as_new(self, target: str, source: str, stamp: tfdb.stamps.StampLike) -> int:
@@ -1080,7 +1080,7 @@ class Buffer(Reads):
         self,
         target: str,
         source: str,
-        time: tfdb.stamps.StampLike | None = None,
+        stamp: tfdb.stamps.StampLike | None = None,
         timeout: float | None = None,
         *,
         policy: Policy | None = None,
@@ -1093,7 +1093,7 @@ class Buffer(Reads):
 
             Parameters
             ----------
-            target, source, time, timeout, policy
+            target, source, stamp, timeout, policy
                 As in `wait_for_transform`.
 
             Returns
@@ -1270,17 +1270,17 @@ class Transaction:
     raises TransactionClosed.
     """
 
-    def lookup_transform_full(self, target: str, target_time: tfdb.stamps.StampLike | None, source: str, source_time: tfdb.stamps.StampLike | None, fixed_frame: str, policy: Policy | None = None) -> Transform:
+    def lookup_transform_full(self, target: str, target_stamp: tfdb.stamps.StampLike | None, source: str, source_stamp: tfdb.stamps.StampLike | None, fixed_frame: str, policy: Policy | None = None) -> Transform:
         """
-        T[target at target_time <- source at source_time], as `Buffer.lookup_transform_full`.
+        T[target at target_stamp <- source at source_stamp], as `Buffer.lookup_transform_full`.
 
         Raises what that raises, and Conflict, TransactionClosed, WrongThread.
         """
 
-    def can_transform_full(self, target: str, target_time: tfdb.stamps.StampLike | None, source: str, source_time: tfdb.stamps.StampLike | None, fixed_frame: str, policy: Policy | None = None) -> bool:
+    def can_transform_full(self, target: str, target_stamp: tfdb.stamps.StampLike | None, source: str, source_stamp: tfdb.stamps.StampLike | None, fixed_frame: str, policy: Policy | None = None) -> bool:
         """Whether `lookup_transform_full` with these arguments has an answer."""
 
-    def lookup_transform(self, target: str, source: str, time: tfdb.stamps.StampLike | None = None, policy: Policy | None = None) -> Transform:
+    def lookup_transform(self, target: str, source: str, stamp: tfdb.stamps.StampLike | None = None, policy: Policy | None = None) -> Transform:
         """
         T[target<-source] at a stamp, as `Buffer.lookup_transform`.
 
@@ -1303,7 +1303,7 @@ class Transaction:
         WrongThread.
         """
 
-    def can_transform(self, target: str, source: str, time: tfdb.stamps.StampLike | None = None, policy: Policy | None = None) -> bool:
+    def can_transform(self, target: str, source: str, stamp: tfdb.stamps.StampLike | None = None, policy: Policy | None = None) -> bool:
         """
         Whether `lookup_transform` with these arguments has an answer.
 
@@ -1320,7 +1320,7 @@ class Transaction:
         The oldest and the newest stamp at which the path between two frames has data, as `Buffer.common_times`.
         """
 
-    def parent_of(self, name: str, time: tfdb.stamps.StampLike | None = None) -> str | None:
+    def parent_of(self, name: str, stamp: tfdb.stamps.StampLike | None = None) -> str | None:
         """
         The parent that a frame has at a stamp (None: in its newest sample), as `Buffer.parent_of`.
         """

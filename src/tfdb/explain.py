@@ -76,12 +76,12 @@ def explain_lookup(
     self: Reads,
     target: str,
     source: str,
-    time: StampLike | None,
+    stamp: StampLike | None,
     policy: Policy | None,
 ) -> Explanation:
     """Do what `Buffer.explain` says."""
     return from_one_state(
-        self, lambda snapshot: _Case(snapshot, target, source, time, policy).explain()
+        self, lambda snapshot: _Case(snapshot, target, source, stamp, policy).explain()
     )
 
 
@@ -107,19 +107,21 @@ class _Case:
         snapshot: Snapshot,
         target: str,
         source: str,
-        time: StampLike | None,
+        stamp: StampLike | None,
         policy: Policy | None,
     ) -> None:
         self.snapshot = snapshot
         self.target = target
         self.source = source
-        self.time = time
+        self.stamp = stamp
         self.policy = policy
 
     def explain(self) -> Explanation:
         """Look up, and say what came of it."""
         try:
-            found = self.snapshot.lookup_transform(self.target, self.source, self.time, self.policy)
+            found = self.snapshot.lookup_transform(
+                self.target, self.source, self.stamp, self.policy
+            )
         except UnknownFrame as error:
             return self._because(error, [], self._similar(error.frame or ""))
         except Disconnected as error:
@@ -176,7 +178,7 @@ class _Case:
         return chain
 
     def _disconnected(self, error: Disconnected) -> Explanation:
-        tree = {info.name: info for info in self.snapshot.tree(self.time)}
+        tree = {info.name: info for info in self.snapshot.tree(self.stamp)}
         edges = []
         for name in (self.source, self.target):
             edges += [
@@ -190,20 +192,20 @@ class _Case:
         return self._because(error, edges, advice)
 
     def _failing_edge(self, error: TfdbError) -> Explanation:
-        time = error.stamp if self.time is None else self.time
-        tree = {info.name: info for info in self.snapshot.tree(time)}
+        stamp = error.stamp if self.stamp is None else self.stamp
+        tree = {info.name: info for info in self.snapshot.tree(stamp)}
         up = self._chain(tree, self.source)
         down = self._chain(tree, self.target)
         while up and down and up[-1].name == down[-1].name:
             up.pop()
             down.pop()
-        edges = [self._edge(info, time) for info in up + down]
+        edges = [self._edge(info, stamp) for info in up + down]
         return self._because(error, edges, [_advice(up + down)])
 
-    def _edge(self, info: FrameInfo, time: StampLike | None) -> EdgeExplanation:
+    def _edge(self, info: FrameInfo, stamp: StampLike | None) -> EdgeExplanation:
         parent = str(info.parent)
         try:
-            found = self.snapshot.lookup_transform(parent, info.name, time, self.policy)
+            found = self.snapshot.lookup_transform(parent, info.name, stamp, self.policy)
         except _EXPLAINED as error:
             text = f"{_arrow(info)}: {_reason(error)}; {_span(info)}"
             return EdgeExplanation(info.name, parent, ok=False, text=text)

@@ -28,7 +28,7 @@ def explain(
     self: Reads,
     target: str,
     source: str,
-    time: StampLike | None = None,
+    stamp: StampLike | None = None,
     policy: Policy | None = None,
 ) -> Explanation:
     """Say in words why `lookup_transform` with these arguments has an answer or has none.
@@ -40,7 +40,7 @@ def explain(
     ----------
     target, source
         Frame names.
-    time
+    stamp
         Stamp in nanoseconds; None: the latest common time.
     policy
         As in `lookup_transform`.
@@ -56,7 +56,7 @@ def explain(
     """
     from .explain import explain_lookup  # noqa: PLC0415 - see above
 
-    return explain_lookup(self, target, source, time, policy)
+    return explain_lookup(self, target, source, stamp, policy)
 
 
 def trajectory(
@@ -96,7 +96,7 @@ def trajectory(
     Raises
     ------
     InvalidArgument
-        A rate that is not positive, `end` before `start`, or nothing moves and no time is given;
+        A rate that is not positive, `end` before `start`, or nothing moves and no stamp is given;
         a `missing` that is none of the three.
     Extrapolation, and what else `lookup_transforms` raises
         With `index`, the position of the stamp.
@@ -352,7 +352,7 @@ def wait_for_transform_async(
     self: Buffer,
     target: str,
     source: str,
-    time: StampLike | None = None,
+    stamp: StampLike | None = None,
     timeout: float | None = None,
     *,
     policy: Policy | None = None,
@@ -364,7 +364,7 @@ def wait_for_transform_async(
 
     Parameters
     ----------
-    target, source, time, timeout, policy
+    target, source, stamp, timeout, policy
         As in `wait_for_transform`.
 
     Returns
@@ -378,7 +378,7 @@ def wait_for_transform_async(
     from .waiting import transform  # noqa: PLC0415 - see above
 
     _ = _buffer(self).closed
-    return transform(self, target, source, time, timeout, policy)
+    return transform(self, target, source, stamp, timeout, policy)
 
 
 def wait_for_commit_async(

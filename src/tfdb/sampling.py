@@ -63,11 +63,11 @@ def sample(
     return from_one_state(self, read)
 
 
-def _nanoseconds(time: StampLike) -> int:
+def _nanoseconds(stamp: StampLike) -> int:
     """Convert one stamp as the store would."""
     from ._core import to_nanoseconds  # noqa: PLC0415 - the extension imports this module
 
-    return to_nanoseconds(time)
+    return to_nanoseconds(stamp)
 
 
 def _stored_stamps(

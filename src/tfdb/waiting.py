@@ -183,7 +183,7 @@ async def transform(
     buffer: Buffer,
     target: str,
     source: str,
-    time: StampLike | None,
+    stamp: StampLike | None,
     timeout: float | None,
     policy: Policy | None,
 ) -> Transform:
@@ -193,11 +193,11 @@ async def transform(
     how = 0
     while True:
         try:
-            return buffer.lookup_transform(target, source, time, policy)
+            return buffer.lookup_transform(target, source, stamp, policy)
         except NO_ANSWER_YET:
             if how == TIMED_OUT or limit == 0:
                 raise
-        how = await _ended(buffer, lambda: buffer._begin_wait(target, source, time, policy), until)
+        how = await _ended(buffer, lambda: buffer._begin_wait(target, source, stamp, policy), until)
         buffer._check_wait(how)
 
 

@@ -325,7 +325,7 @@ class Fuzzer:
         positional = arguments[: len(names)]
         keywords = dict(zip(given[len(names) :], arguments[len(names) :], strict=True))
         if rng.random() < 0.02:
-            keywords[rng.choice(["\ud800", "self", "time", "", "né"])] = values.any()
+            keywords[rng.choice(["\ud800", "self", "stamp", "", "né"])] = values.any()
         return function(*positional, **keywords)
 
     def together(self, call: Call) -> Any:

@@ -136,7 +136,7 @@ class Values:
         )
         makers |= dict.fromkeys(("observation", "reference", "point_frame"), name)
         makers |= dict.fromkeys(
-            ("time", "stamp", "now", "target_time", "source_time", "start", "end"), self.stamp
+            ("stamp", "now", "target_stamp", "source_stamp", "start", "end"), self.stamp
         )
         makers |= dict.fromkeys(("kind", "error", "traceback"), nothing)
         makers |= dict.fromkeys(

@@ -135,7 +135,7 @@ def test_timeline_counts_gaps() -> None:
         buf.set_transform("odom", "base", i * 10 * MS, (i, 0, 0), UNIT)
     figure = plot.timeline(buf)
     assert any("1 gap" in text for text in texts(figure))
-    assert any("no gaps" in text for text in texts(plot.timeline(buf, max_gap=1000 * MS)))
+    assert any("no gaps" in text for text in texts(plot.timeline(buf, max_gap=1.0)))
 
 
 def test_timeline_of_nothing() -> None:

@@ -9,6 +9,7 @@ import numpy.typing as npt
 from matplotlib.collections import LineCollection
 from matplotlib.lines import Line2D
 
+from ..policies import Interpolate
 from ..summary import EdgeSummary, edge_summaries, span
 from . import style
 
@@ -27,16 +28,17 @@ _TICKS_AT_MOST = 400
 
 
 def timeline(
-    store: Buffer | Snapshot, *, title: str | None = None, max_gap: int | None = None
+    store: Buffer | Snapshot, *, title: str | None = None, max_gap: float | None = None
 ) -> Figure:
     """Draw one row per edge over time: samples, holes longer than the limit in red, statics grey.
 
-    `max_gap` is the longest hole in nanoseconds that is fine; None takes five median periods of
+    `max_gap` is the longest hole in seconds that is fine; None takes five median periods of
     each edge. Moving edges come first, by name, then the static ones. Rows with many samples are
     drawn as bars from one gap to the next, rows with few as single strokes. Times in seconds from
     the first sample.
     """
-    edges = edge_summaries(store, max_gap)
+    limit = None if max_gap is None else Interpolate(max_gap).limit_ns
+    edges = edge_summaries(store, limit)
     moving = [edge for edge in edges if not edge.info.is_static]
     static = [edge for edge in edges if edge.info.is_static]
     whole = span(edge.info for edge in edges) or (0, 0)
