@@ -77,13 +77,16 @@ bool cancel_wait(nb::handle self, std::uint64_t number) {
     return buffer.store.cancel_wait(number);
 }
 
-std::vector<std::pair<std::uint64_t, unsigned>> ended_waits(nb::handle self, nb::handle timeout) {
+nb::dict ended_waits(nb::handle self, nb::handle timeout) {
     const BufferObject& buffer = object_of<BufferObject>(self);
     const std::optional<StampNs> longest = optional_duration_of(timeout, "timeout");
-    const Waiting work;
-    std::vector<std::pair<std::uint64_t, unsigned>> all;
-    for (const EndedWait& ended : buffer.store.ended_waits(longest))
-        all.emplace_back(ended.number, static_cast<unsigned>(ended.how));
+    const std::vector<EndedWait> ended = [&] {
+        const Waiting work;
+        return buffer.store.ended_waits(longest);
+    }();
+    nb::dict all;
+    for (const EndedWait& wait : ended)
+        all[nb::int_(wait.number)] = nb::int_(static_cast<unsigned>(wait.how));
     return all;
 }
 
@@ -137,9 +140,10 @@ void bind_begun_waits(BufferClass& type) {
     type.def("_cancel_wait", &cancel_wait, nb::arg("number"),
              nb::sig("def _cancel_wait(self, number: int) -> bool"),
              "Whether the wait had not ended; it is told of no more.");
-    type.def("_ended_waits", &ended_waits, nb::arg("timeout").none(),
-             nb::sig("def _ended_waits(self, timeout: float | None) -> list[tuple[int, int]]"),
-             "Wait until some of those that were begun end: their numbers, and how they did.");
+    type.def(
+        "_ended_waits", &ended_waits, nb::arg("timeout").none(),
+        nb::sig("def _ended_waits(self, timeout: float | None) -> dict[int, int]"),
+        "Wait until some of those that were begun end: their numbers, in order, and how they did.");
     type.def("_check_wait", &check_wait, nb::arg("how"),
              nb::sig("def _check_wait(self, how: int) -> int"),
              "Raise what ended a wait, if it was not its time; else give the newest commit.");

@@ -287,7 +287,7 @@ def test_thousands_of_coroutines_begin_and_end(buf: tfdb.Buffer) -> None:
     assert len(ends) == 3000
     for end in ("cancelled", "came", "late"):
         assert end in ends
-    assert buf._ended_waits(0) == []
+    assert buf._ended_waits(0) == {}
 
 
 def test_a_burst_beside_many_waits_is_looked_at_once(buf: tfdb.Buffer) -> None:
@@ -318,7 +318,7 @@ def test_waits_end_also_where_memory_does(
         def __getattr__(self, name: str) -> object:
             return getattr(buf, name)
 
-        def _ended_waits(self, timeout: float) -> list[tuple[int, int]]:
+        def _ended_waits(self, timeout: float) -> dict[int, int]:
             self.asked += 1
             if self.asked <= 2:  # by the second time the wait is known
                 raise MemoryError
@@ -329,9 +329,9 @@ def test_waits_end_also_where_memory_does(
             await waiting.commit(Poor(), 0, LONG)  # type: ignore[arg-type]
 
     asyncio.run(main())
-    assert buf._ended_waits(0) == []
+    assert buf._ended_waits(0) == {}
     put(buf, "a", 1)
-    assert buf._ended_waits(0) == []
+    assert buf._ended_waits(0) == {}
 
 
 def test_a_thread_that_waits_for_coroutines_ends_after_them(buf: tfdb.Buffer) -> None:

@@ -864,9 +864,9 @@ class Buffer(Reads):
     def _cancel_wait(self, number: int) -> bool:
         """Whether the wait had not ended; it is told of no more."""
 
-    def _ended_waits(self, timeout: float | None) -> list[tuple[int, int]]:
+    def _ended_waits(self, timeout: float | None) -> dict[int, int]:
         """
-        Wait until some of those that were begun end: their numbers, and how they did.
+        Wait until some of those that were begun end: their numbers, in order, and how they did.
         """
 
     def _check_wait(self, how: int) -> int:

@@ -23,7 +23,7 @@ from .errors import (
 )
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable
+    from collections.abc import Callable, Iterable, Mapping
 
     from ._core import Buffer, Policy, Transform
     from .stamps import StampLike
@@ -43,6 +43,8 @@ NO_ANSWER_YET = (
 LINGERS = 1.0  # seconds that the thread stays for the next wait
 TIMED_OUT = 1  # how a wait ended, as `_ended_waits` says it; 0: its answer came
 
+CANCELLED = (None, None)
+
 LOGGER = logging.getLogger("tfdb")
 
 Loop = asyncio.AbstractEventLoop
@@ -51,12 +53,16 @@ End: TypeAlias = int | MemoryError
 Tell: TypeAlias = "Callable[[End], None]"
 
 
+def _tell(tell: Tell, how: End) -> None:
+    try:
+        tell(how)
+    except BaseException:  # the others are told all the same; SystemExit has no meaning here
+        LOGGER.exception("what waited for a transform raised")
+
+
 def _tell_all(ended: Iterable[tuple[Tell, End]]) -> None:
     for tell, how in ended:
-        try:
-            tell(how)
-        except BaseException:  # the others are told all the same; SystemExit has no meaning here
-            LOGGER.exception("what waited for a transform raised")
+        _tell(tell, how)
 
 
 class _Teller:
@@ -69,26 +75,28 @@ class _Teller:
 
     def run(self) -> None:
         while True:
+            ended: Mapping[int, End]
             try:
-                # In the order in which they were begun.
-                ended: list[tuple[int, End]] = sorted(self.buffer._ended_waits(LINGERS))
+                ended = self.buffer._ended_waits(LINGERS)
             except MemoryError as error:
-                ended = [(number, error) for number in [*self.waits]]
-                for number, _ in ended:
+                ended = dict.fromkeys(list(self.waits), error)
+                for number in ended:
                     self.buffer._cancel_wait(number)
-            told: defaultdict[Loop | None, list[tuple[Tell, End]]] = defaultdict(list)
             with _lock:
                 if not ended and not self.waits:
                     del _tellers[id(self.buffer)]
                     return
-                for number, how in ended:
-                    if waiting := self.waits.pop(number, None):
-                        loop, tell = waiting
-                        told[loop].append((tell, how))
-            for loop, members in told.items():
-                if loop is None:
-                    _tell_all(members)
+            told: defaultdict[Loop, list[tuple[Tell, End]]] = defaultdict(list)
+            for number, how in ended.items():
+                with _lock:
+                    loop, tell = self.waits.pop(number, CANCELLED)
+                if tell is None:
                     continue
+                if loop is None:
+                    _tell(tell, how)
+                else:
+                    told[loop].append((tell, how))
+            for loop, members in told.items():
                 with suppress(RuntimeError):  # a loop that was closed: nobody waits there any more
                     loop.call_soon_threadsafe(_tell_all, members)
 

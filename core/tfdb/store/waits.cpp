@@ -11,6 +11,14 @@ namespace tfdb::store {
 using history::Topology;
 using txn::FeedNote;
 
+/// That a wait looks at a frame, in the list of those who do.
+struct Waits::Look {
+    FrameId frame;
+    Wait* wait;
+    Look* next = nullptr;
+    Look** from = nullptr;  // what points to this one
+};
+
 /// One wait: for an answer, or for a commit.
 /// Threads: as Waits. Guarantee: none.
 struct Waits::Wait {
@@ -31,7 +39,8 @@ struct Waits::Wait {
     Question question{};
     std::optional<CommitNumber> after{};  // instead of the question
     std::array<std::string, 3> names{};
-    std::vector<FrameId> looked_at{};  // in order
+    std::vector<Look> looks{};  // each frame once
+    std::uint64_t touched = 0;  // the round that found it touched last
     Lookout::Waiter waiter{};
     std::uint64_t number = 0;  // of one that was begun
     WaitEnd how = WaitEnd::kTimedOut;
@@ -139,6 +148,8 @@ std::vector<EndedWait> Waits::ended(Patience patience) {
     }
     std::vector<EndedWait> taken = ended_;
     ended_.clear();
+    std::sort(taken.begin(), taken.end(),
+              [](const EndedWait& a, const EndedWait& b) { return a.number < b.number; });
     return taken;
 }
 
@@ -164,36 +175,58 @@ bool Waits::add(Wait& wait) {
         wait.how = WaitEnd::kClosed;
     else
         look_at(wait, frames_of(wait));
-    return !wait.looked_at.empty();
+    return !wait.looks.empty();
 }
 
 void Waits::remove(Wait& wait) noexcept {
-    for (const FrameId frame : wait.looked_at)
-        looks_.erase({frame, &wait});
-    wait.looked_at.clear();
+    unlink(wait.looks);
+    wait.looks.clear();
 }
 
 /// All or nothing, if it throws.
-void Waits::look_at(Wait& wait, std::vector<FrameId> frames) {
-    const auto had = [&](FrameId frame) {
-        return std::binary_search(wait.looked_at.begin(), wait.looked_at.end(), frame);
-    };
-    for (std::size_t i = 0; i < frames.size(); ++i) {
-        try {
-            looks_.emplace(frames[i], &wait);
-        } catch (...) {
-            for (; i > 0; --i) {
-                if (!had(frames[i - 1]))
-                    looks_.erase({frames[i - 1], &wait});
-            }
-            throw;
+void Waits::look_at(Wait& wait, const std::vector<FrameId>& frames) {
+    const auto is_of = [](const Look& look, FrameId frame) { return look.frame == frame; };
+    if (std::equal(wait.looks.begin(), wait.looks.end(), frames.begin(), frames.end(), is_of))
+        return;
+    std::vector<Look> looks;
+    try {
+        for (const FrameId frame : frames) {
+            looks_.try_emplace(frame, nullptr);
+            looks.push_back({frame, &wait});
         }
+    } catch (...) {
+        forget(frames);
+        throw;
     }
-    for (const FrameId frame : wait.looked_at) {
-        if (!std::binary_search(frames.begin(), frames.end(), frame))
-            looks_.erase({frame, &wait});
+    for (Look& look : looks) {
+        Look*& first = looks_.find(look.frame)->second;
+        look.next = first;
+        look.from = &first;
+        if (first != nullptr)
+            first->from = &look.next;
+        first = &look;
     }
-    wait.looked_at = std::move(frames);
+    wait.looks.swap(looks);
+    unlink(looks);
+}
+
+/// Of these frames, those that nobody looks at.
+void Waits::forget(const std::vector<FrameId>& frames) noexcept {
+    for (const FrameId frame : frames) {
+        const auto found = looks_.find(frame);
+        if (found != looks_.end() && found->second == nullptr)
+            looks_.erase(found);
+    }
+}
+
+void Waits::unlink(std::vector<Look>& looks) noexcept {
+    for (Look& look : looks) {
+        *look.from = look.next;
+        if (look.next != nullptr)
+            look.next->from = look.from;
+        else if (const auto found = looks_.find(look.frame); found->second == nullptr)
+            looks_.erase(found);
+    }
 }
 
 void Waits::end(Wait& wait, WaitEnd how) noexcept {
@@ -211,7 +244,7 @@ void Waits::end(Wait& wait, WaitEnd how) noexcept {
 
 void Waits::end_all(WaitEnd how) noexcept {
     while (!looks_.empty())
-        end(*looks_.begin()->second, how);
+        end(*looks_.begin()->second->wait, how);
 }
 
 bool Waits::is_answered(Wait& wait) {
@@ -278,18 +311,24 @@ void Waits::look() {
 
 void Waits::collect_touched(CommitNumber newest) {
     touched_.clear();
+    ++round_;
+    const auto collect = [this](const Look* look) {
+        for (; look != nullptr; look = look->next) {
+            if (look->wait->touched == round_)
+                continue;
+            look->wait->touched = round_;
+            touched_.push_back(look->wait);
+        }
+    };
     if (StoreFeed(store_.frames).read(seen_ + 1, newest, words_, ends_)) {
         for (const FrameId frame : noted_frames()) {
-            for (auto at = looks_.lower_bound({frame, nullptr});
-                 at != looks_.end() && at->first == frame; ++at)
-                touched_.push_back(at->second);
+            if (const auto found = looks_.find(frame); found != looks_.end())
+                collect(found->second);
         }
     } else {
-        for (const auto& [frame, wait] : looks_)
-            touched_.push_back(wait);
+        for (const auto& [frame, first] : looks_)
+            collect(first);
     }
-    std::sort(touched_.begin(), touched_.end());
-    touched_.erase(std::unique(touched_.begin(), touched_.end()), touched_.end());
 }
 
 /// Those that the notes name, each once however often it is noted, and what stands for more.

@@ -5,10 +5,8 @@
 #include <limits>
 #include <memory>
 #include <optional>
-#include <set>
 #include <string>
 #include <unordered_map>
-#include <utility>
 #include <vector>
 
 #include "tfdb/base/interruption.hpp"
@@ -61,8 +59,8 @@ public:
     [[nodiscard]] std::uint64_t begin(CommitNumber after);
     /// It is told of no more. False: it has been already.
     bool cancel(std::uint64_t number);
-    /// Waits for some of those to end, and takes them. None: they were all cancelled, or the
-    /// patience was at an end.
+    /// Waits for some of those to end, and takes them, as they were begun. None: they were all
+    /// cancelled, or the patience was at an end.
     [[nodiscard]] std::vector<EndedWait> ended(Patience patience);
 
     /// All waits end now, as kClosed, and so do those that come.
@@ -70,6 +68,7 @@ public:
 
 private:
     struct Wait;
+    struct Look;
     using Lookout = sync::Lookout;
     // What a wait looks at beside frames. No frame has these numbers.
     static constexpr FrameId kBirths = kNoFrame;       // frames that are not there yet
@@ -80,7 +79,9 @@ private:
     [[nodiscard]] bool is_answered(Wait& wait);
     bool add(Wait& wait);
     void remove(Wait& wait) noexcept;
-    void look_at(Wait& wait, std::vector<FrameId> frames);
+    void look_at(Wait& wait, const std::vector<FrameId>& frames);
+    void forget(const std::vector<FrameId>& frames) noexcept;
+    void unlink(std::vector<Look>& looks) noexcept;
     void end(Wait& wait, WaitEnd how) noexcept;
     void end_all(WaitEnd how) noexcept;
     void look();
@@ -94,8 +95,8 @@ private:
     std::uint64_t forks_;
     Lookout lookout_;
     // All of these: the lookout is locked.
-    std::set<std::pair<FrameId, Wait*>> looks_;  // which wait looks at which frame
-    CommitNumber seen_ = 0;                      // what was changed until then has been looked at
+    std::unordered_map<FrameId, Look*> looks_;  // who looks at a frame: the first; none is empty
+    CommitNumber seen_ = 0;                     // what was changed until then has been looked at
     std::uint64_t seen_removals_ = 0;
     bool closed_ = false;
     std::uint64_t last_number_ = 0;
@@ -106,6 +107,7 @@ private:
     std::vector<std::size_t> ends_;
     std::vector<FrameId> noted_;
     std::vector<Wait*> touched_;
+    std::uint64_t round_ = 0;
     Answer answer_;
 };
 
