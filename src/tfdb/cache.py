@@ -35,11 +35,15 @@ class Cache:
         The recordings.
     topics, salvage
         As in `load`: what is loaded otherwise is kept apart.
+    choice
+        What else was asked for, in words; empty: nothing.
 
     Raises OSError where a recording cannot be read.
     """
 
-    def __init__(self, paths: Sequence[Path], topics: Any, *, salvage: bool) -> None:
+    def __init__(
+        self, paths: Sequence[Path], topics: Any, choice: str = "", *, salvage: bool
+    ) -> None:
         self._files = [file for path in paths for file in _files_of(path)]
         found = [file.stat() for file in self._files]
         self._times = [status.st_mtime_ns for status in found]
@@ -50,14 +54,15 @@ class Cache:
         self._wanted = {
             "tfdb": __version__,
             "topics": asked,
+            "choice": choice,
             "salvage": salvage,
             "files": [
                 [f.name, status.st_size] for f, status in zip(self._files, found, strict=True)
             ],
         }
-        plain = len(paths) == 1 and asked is None and not salvage
+        plain = len(paths) == 1 and asked is None and not choice and not salvage
         first, *_ = whole = [path.absolute() for path in paths]
-        short = _short([[path.name for path in whole], asked, salvage])
+        short = _short([[path.name for path in whole], asked, choice, salvage])
         beside = first.with_name(first.name + (SUFFIX if plain else f".{short}{SUFFIX}"))
         home = _home()
         elsewhere = f"{_short([str(path) for path in whole])}-{beside.name}"

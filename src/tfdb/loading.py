@@ -13,9 +13,12 @@ from .summary import clocks, describe_clocks
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Mapping, Sequence
     from pathlib import Path
+    from typing import Unpack
 
     from ._core import Buffer
     from .io import LoadReport
+    from .io.choice import LoadOptions
+    from .stamps import StampLike
     from .types import FrameInfo
 
     Paths: TypeAlias = str | os.PathLike[str] | Sequence[str | os.PathLike[str]]
@@ -32,13 +35,16 @@ def load_into(
     topics: Topics | None,
     progress: Progress | None,
     salvage: bool,
+    **options: Unpack[LoadOptions],
 ) -> LoadReport:
     """Do what `Buffer.load` says."""
     from .io import load_recordings  # noqa: PLC0415 - recordings need optional packages
 
     paths = _each_once(path)
     before = self.tree()
-    report = load_recordings(self, paths, topics=topics, progress=progress, salvage=salvage)
+    report = load_recordings(
+        self, paths, topics=topics, progress=progress, salvage=salvage, **options
+    )
     _warn(report.files, before, self.tree(), 4)
     return report
 
@@ -81,21 +87,28 @@ def load(
     topics: Topics | None = None,
     progress: Progress | None = None,
     salvage: bool = False,
+    start: StampLike | str | None = None,
+    end: StampLike | str | None = None,
+    frames: str | Iterable[str] | None = None,
+    exclude: str | Iterable[str] = (),
+    keep: float | None = None,
+    rename: Mapping[str, str] | None = None,
+    prefix: str = "",
     cache: bool = False,
 ) -> Buffer:
     """Load recordings into a new buffer that keeps everything.
 
     Parameters
     ----------
-    path, topics, progress, salvage
+    path, topics, progress, salvage, start, end, frames, exclude, keep, rename, prefix
         As in `Buffer.load`.
     cache
         Keep what was loaded as a frozen store, and open that the next time: it takes as long as to
         read the file once. It lies beside the recording, as `drive.mcap.tfdb`, or in
         `$XDG_CACHE_HOME/tfdb` (`~/.cache/tfdb`) where that folder cannot be written. It is used as
         long as the recording has the same size and time, or the same content; it is made anew where
-        it is stale, damaged, or of another version of tfdb. What is loaded with `topics` or
-        `salvage`, and what from several files, is kept apart.
+        it is stale, damaged, or of another version of tfdb. What is loaded with other options,
+        and what from several files, is kept apart.
 
     Returns
     -------
@@ -117,18 +130,29 @@ def load(
     """
     from ._core import Buffer  # noqa: PLC0415 - the extension imports this module
 
+    options: LoadOptions = {
+        "start": start,
+        "end": end,
+        "frames": frames,
+        "exclude": exclude,
+        "keep": keep,
+        "rename": rename,
+        "prefix": prefix,
+    }
     paths = _each_once(path)
     if not cache or not paths:
         buffer = Buffer(history=None)
-        load_into(buffer, paths, topics=topics, progress=progress, salvage=salvage)
+        load_into(buffer, paths, topics=topics, progress=progress, salvage=salvage, **options)
         return buffer
     from .cache import Cache  # noqa: PLC0415 - most programs need none
+    from .io.choice import Choice  # noqa: PLC0415
 
-    cached = Cache(paths, topics, salvage=salvage)
+    choice = Choice(**options)
+    cached = Cache(paths, topics, choice.key, salvage=salvage)
     found = cached.open()
     if found is not None:
         _warn([str(each) for each in paths], (), found.tree(), 3)
         return found
     buffer = Buffer(history=None)
-    load_into(buffer, paths, topics=cached.topics, progress=progress, salvage=salvage)
+    load_into(buffer, paths, topics=cached.topics, progress=progress, salvage=salvage, **options)
     return cached.keep(buffer)

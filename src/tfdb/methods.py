@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     import os
-    from collections.abc import Callable, Coroutine
+    from collections.abc import Callable, Coroutine, Iterable, Mapping
     from typing import Any, Literal
 
     from ._core import Buffer, Policy, Reads, Transaction, Transform
@@ -143,6 +143,13 @@ def load(
     topics: Topics | None = None,
     progress: Progress | None = None,
     salvage: bool = False,
+    start: StampLike | str | None = None,
+    end: StampLike | str | None = None,
+    frames: str | Iterable[str] | None = None,
+    exclude: str | Iterable[str] = (),
+    keep: float | None = None,
+    rename: Mapping[str, str] | None = None,
+    prefix: str = "",
 ) -> LoadReport:
     """Load the transforms of recordings: `.bag`, `.db3`, `.mcap`, folders of ROS 2 bags.
 
@@ -165,31 +172,66 @@ def load(
     salvage
         Read damaged, cut and unindexed files as far as they go, and bag folders without the files
         that are missing; the report says what was lost.
+    start, end
+        The first and the last stamp of the moving transforms that are kept: nanoseconds, or text as
+        the command line takes it, in seconds: `"1700000012.5"`, `"+12.5"` after the first moving
+        stamp of what is read, `"-0.5"` before the last. Static transforms are kept always.
+    frames
+        Only the edges on the paths between these frames. Where one tree holds only one of them:
+        those on its path to the root.
+    exclude
+        Names of frames, topics or publishing nodes, where `*` stands for any letters and `?` for
+        one: no edge from or to such a frame, and nothing that came so. What hung below such a frame
+        is a tree of its own then; `frames` counts paths without it.
+    keep
+        Only so many seconds before `end`, or before the last moving stamp.
+    rename
+        New names of frames by their old ones, as in `{"map": "world"}`. `frames` and `exclude` are
+        about the old ones.
+    prefix
+        What is put before the name of each frame, after `rename`: `"robot1/"`.
 
     Returns
     -------
     LoadReport
-        What was read, stored, refused, forgotten and lost.
+        What was read, stored, refused, left out, forgotten and lost.
 
     Raises
     ------
     RecordingError
-        A file is no recording, damaged or cut short; a topic is missing or holds no transforms.
-        Nothing was stored.
+        A file is no recording, damaged or cut short; a topic is missing or holds no transforms;
+        nothing is left. Nothing was stored.
+    UnknownFrame
+        One of `frames` is not there.
     InvalidArgument
-        No path, an empty one, a file that is given twice, or topics that are no names.
+        No path, an empty one, a file that is given twice, or topics that are no names; options that
+        are none, or by which two frames would have one name, or `end` lies before `start`.
     OSError
         A file cannot be opened.
 
     Warns
     -----
     TfdbWarning
-        All of it was in the store before; or its stamps and those of the rest are more than a year
+        Nothing is called as `exclude` or `rename` say, or nothing moves from `start` to `end`. All
+        of it was in the store before; or its stamps and those of the rest are more than a year
         apart, as those of a simulated and of a real clock; or samples were forgotten.
     """
     from .loading import load_into  # noqa: PLC0415 - see above
 
-    return load_into(self, path, topics=topics, progress=progress, salvage=salvage)
+    return load_into(
+        self,
+        path,
+        topics=topics,
+        progress=progress,
+        salvage=salvage,
+        start=start,
+        end=end,
+        frames=frames,
+        exclude=exclude,
+        keep=keep,
+        rename=rename,
+        prefix=prefix,
+    )
 
 
 def run(

@@ -17,12 +17,13 @@ import tfdb
 from tfdb.frozen import is_frozen
 from tfdb.given_path import given_path
 from tfdb.io import Recording
+from tfdb.io.decimal_time import parse_stamp
 from tfdb.io.loading import absolute, role_of
 from tfdb.new_file import is_one_of, refuse_existing
 from tfdb.summary import Forest, span
 
 from .graph import STORE, is_graph, listen_once
-from .times import format_ns, parse_stamp
+from .times import NS, duration_option, format_ns, time_option
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -32,6 +33,7 @@ if TYPE_CHECKING:
 
     from tfdb import Buffer, Reads, Snapshot
     from tfdb.io import Loss, Source
+    from tfdb.io.choice import LoadOptions
     from tfdb.io.loading import LoadReport
 
 _COMPLETION_MESSAGES = 200
@@ -71,9 +73,90 @@ _salvage_option = click.option(
 )
 
 
-def topic_option(command: Any) -> Any:
-    """Give a command that reads recordings the options that say what to read of them."""
-    return _topic_option(_salvage_option(command))
+_CHOSEN = "tfdb.chosen"
+
+
+def _choose(ctx: click.Context, param: click.Parameter, value: Any) -> None:
+    """Keep what was given of an option for `chosen`."""
+    if value not in (None, ()) and param.name is not None:
+        # `convert` and others have a parameter `frames` of their own.
+        ctx.meta.setdefault(_CHOSEN, {})[param.name.removeprefix("chosen_")] = value
+
+
+def _choose_time(ctx: click.Context, param: click.Parameter, value: str | None) -> None:
+    time = time_option(ctx, param, value)
+    if time is not None and time.ns is None:
+        raise click.BadParameter("'latest' is no bound", ctx, param)
+    _choose(ctx, param, None if time is None else time.text)
+
+
+def _choose_seconds(ctx: click.Context, param: click.Parameter, value: str | None) -> None:
+    length = duration_option(ctx, param, value)
+    _choose(ctx, param, None if length is None else length / NS)
+
+
+def _choose_names(ctx: click.Context, param: click.Parameter, value: tuple[str, ...]) -> None:
+    pairs: dict[str, str] = {}
+    for text in value:
+        old, colon, new = text.partition(":=")
+        if not (old and colon and new):
+            raise click.BadParameter(f"{text!r} is not FROM:=TO", ctx, param)
+        pairs[old] = new
+    _choose(ctx, param, pairs or None)
+
+
+def _chooses(
+    flag: str, metavar: str, help_: str, keep: Callable[..., None] = _choose, **more: Any
+) -> Any:
+    return click.option(
+        flag, metavar=metavar, help=help_, callback=keep, expose_value=False, **more
+    )
+
+
+_time_options = (
+    _chooses("--start", "TIME", "Read no moving transform before this time.", _choose_time),
+    _chooses("--end", "TIME", "Read no moving transform after this time.", _choose_time),
+)
+_choice_options = (
+    _chooses("--keep", "SECONDS", "Read only the last seconds.", _choose_seconds),
+    click.option(
+        "--frame",
+        "chosen_frames",
+        multiple=True,
+        metavar="NAME",
+        callback=_choose,
+        expose_value=False,
+        help="Read only the edges between the frames so named; repeatable.",
+    ),
+    _chooses(
+        "--exclude",
+        "NAME",
+        "Leave out this frame, topic or node (* and ? as in a shell); repeatable.",
+        multiple=True,
+    ),
+    _chooses(
+        "--rename", "FROM:=TO", "Call the frame FROM TO; repeatable.", _choose_names, multiple=True
+    ),
+    _chooses("--prefix", "TEXT", "Put TEXT before the name of each frame."),
+)
+
+
+def topic_option(command: Any, *, times: bool = True) -> Any:
+    """Give a command that reads recordings the options that say what to read of them.
+
+    Without `times` it has a start and an end of its own.
+    """
+    chosen = (*(_time_options if times else ()), *_choice_options)
+    for option in reversed((_topic_option, *chosen, _salvage_option)):
+        command = option(command)
+    return command
+
+
+def chosen() -> LoadOptions:
+    """What the command was told to read, as `Buffer.load` takes it."""
+    context = click.get_current_context(silent=True)
+    found: LoadOptions = {} if context is None else context.meta.get(_CHOSEN, {})
+    return found
 
 
 def salvages() -> bool:
@@ -211,7 +294,11 @@ def load(
     store = tfdb.Buffer(history=None)
     with progress_bar("reading") as update:
         report = store.load(
-            list(paths), topics=parse_topics(topics), progress=update, salvage=salvages()
+            list(paths),
+            topics=parse_topics(topics),
+            progress=update,
+            salvage=salvages(),
+            **chosen(),
         )
     report_losses(report.lost)
     return Loaded(store, report, tuple(str(path) for path in paths))
@@ -228,6 +315,9 @@ def refuse_parts(names: Sequence[str], topics: Sequence[str], what: str, how: st
         raise click.UsageError(f"{what} is read alone: give {how} without other files")
     if topics or salvages():
         raise click.UsageError(f"{names[0]} is {what}: it has no topics, nothing to salvage")
+    given = ", ".join(sorted(f"--{name.removesuffix('s')}" for name in chosen()))
+    if given:
+        raise click.UsageError(f"{names[0]} is {what}, read as it is: {given} goes with recordings")
 
 
 @contextmanager

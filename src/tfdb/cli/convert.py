@@ -11,15 +11,16 @@ import click
 import tfdb
 from tfdb.given_path import given_path
 from tfdb.io import Recording, RecordingWriter, write_trajectory
-from tfdb.io.loading import absolute
+from tfdb.io.choice import Choice
+from tfdb.io.loading import Selection, absolute
 
 from . import common, output
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Mapping, Sequence
+    from collections.abc import Iterator, Mapping, Sequence
     from pathlib import Path
 
-    from tfdb.io import Source
+    from tfdb.io.choice import Rewriter
 
 RECORDINGS = (".bag", ".mcap", ".db3")
 TRAJECTORIES = (".tum", ".csv", ".npz")
@@ -27,11 +28,17 @@ TRAJECTORIES = (".tum", ".csv", ".npz")
 
 @dataclass
 class Written:
-    """What came of it: `skipped` messages were no TFMessages."""
+    """What came of it: `skipped` messages were no TFMessages, of `left_out` nothing was wanted."""
 
     messages: int = 0
     transforms: int = 0
     skipped: int = 0
+    left_out: int = 0
+
+    @property
+    def read(self) -> int:
+        """How many messages there were."""
+        return self.messages + self.skipped + self.left_out
 
 
 @click.command("convert")
@@ -111,10 +118,10 @@ def _recording(
         common.report_losses(loss for recording in recordings for loss in recording.losses)
         recordings.sort(key=lambda recording: recording.start)
 
-        def wanted(source: Source) -> bool:
-            return renamed is None or absolute(source.topic) in renamed
-
-        sources = [s for recording in recordings for s in recording.sources if wanted(s)]
+        selection = Selection(renamed)
+        choice = Choice(**common.chosen())
+        rewriter = choice.resolve(recordings, selection.wants, selection.kind)
+        sources = [s for recording in recordings for s in recording.sources if selection.wants(s)]
         if not sources:
             found = {topic.name for recording in recordings for topic in recording.topics}
             listed = ", ".join(sorted(found)) or "none at all"
@@ -123,27 +130,36 @@ def _recording(
         stack.enter_context(writer)
         update = stack.enter_context(common.progress_bar("converting"))
         for recording in recordings:
-            for done in _copy(recording, writer, wanted, renamed or {}, written):
+            for done in _copy(recording, writer, rewriter, selection, renamed or {}, written):
                 if update is not None and (done % 1000 == 0 or done == total):
                     update(done, total)
+        rewriter.warn(", ".join(map(str, inputs)), 2)
+        if not written.messages and rewriter.left_out:
+            raise click.ClickException(f"nothing to convert: {rewriter.reason()}")
     return written
 
 
 def _copy(
     recording: Recording,
     writer: RecordingWriter,
-    wanted: Callable[[Source], bool],
+    rewriter: Rewriter,
+    selection: Selection,
     renamed: Mapping[str, str],
     written: Written,
 ) -> Iterator[int]:
     """Copy message by message; gives how many there were of all recordings so far."""
-    for source, received, data in recording.messages(wanted):
+    for source, received, data in recording.messages(selection.wants):
         try:
-            transforms = tfdb.decode_tf_message(data, source.encoding)
+            given = tfdb.decode_tf_message(data, source.encoding)
+            transforms = rewriter.transforms(given, source, static=selection.is_static(source))
+            if given and not transforms:
+                written.left_out += 1
+                yield written.read
+                continue
             made = tfdb.encode_tf_message(transforms, writer.encoding)
         except (tfdb.CorruptMessage, tfdb.InvalidName, tfdb.InvalidStamp):
             written.skipped += 1
-            yield written.messages + written.skipped
+            yield written.read
             continue
         topic = absolute(source.topic)
         topic = renamed.get(topic, topic)
@@ -156,4 +172,4 @@ def _copy(
         )
         written.messages += 1
         written.transforms += len(transforms)
-        yield written.messages + written.skipped
+        yield written.read

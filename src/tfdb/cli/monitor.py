@@ -11,6 +11,7 @@ import click
 import tfdb
 from tfdb.frozen import is_frozen
 from tfdb.io import Recording
+from tfdb.io.choice import Choice
 from tfdb.io.loading import Selection
 from tfdb.tf2.listings import frames_passed
 from tfdb.waiting import NO_ANSWER_YET
@@ -184,17 +185,23 @@ def _tell_recording(
     with Recording(path, salvage=common.salvages()) as recording:
         selection = Selection(common.parse_topics(topics))
         selection.check([recording])
+        choice = Choice(**common.chosen())
+        rewriter = choice.resolve([recording], selection.wants, selection.kind)
         watch: Watch | None = None
         follower = Follower(Live(store))
         arrival = 0
         for source, arrival, data in recording.messages(selection.wants):
+            static = selection.is_static(source)
+            left = rewriter.message(data, source, static=static)
+            if left is None:
+                continue
             if watch is None:
                 watch = Watch(store, chain, Rates(arrival, 1))
             try:
                 store.ingest(
-                    data,
+                    left,
                     encoding=source.encoding,
-                    static=selection.is_static(source),
+                    static=static,
                     authority=source.authority,
                 )
             except tfdb.TfdbError:
@@ -202,6 +209,7 @@ def _tell_recording(
             watch.take(follower.changes(0.0), arrival, source.authority)
         if watch is None:
             watch = Watch(store, chain, Rates(0, 1))
+        rewriter.warn(str(path), 2)
         screen.show(watch, arrival, 0)
 
 

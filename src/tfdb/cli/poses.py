@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 from dataclasses import dataclass
+from functools import partial
 from typing import TYPE_CHECKING, Any, Literal
 
 import click
@@ -69,7 +70,7 @@ class Poses:
 @common.policy_option
 @common.more_option
 @listen_option
-@common.topic_option
+@partial(common.topic_option, times=False)
 @common.json_option
 def command(
     *,

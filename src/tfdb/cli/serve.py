@@ -12,6 +12,7 @@ import click
 
 import tfdb
 from tfdb.io import Recording
+from tfdb.io.choice import Choice
 from tfdb.io.loading import Selection
 from tfdb.summary import span
 
@@ -24,6 +25,7 @@ if TYPE_CHECKING:
 
     from tfdb import Buffer, TransformStamped
     from tfdb.io import Source
+    from tfdb.io.choice import Rewriter
 
     from .graph import Live
 
@@ -90,7 +92,9 @@ def bag(
         selection.check(recordings)
         recordings.sort(key=lambda recording: recording.start)
         store = tfdb.Buffer.open(name, history=None if history is None else history / NS)
-        player = Player(store, recordings, selection, speed)
+        choice = Choice(**common.chosen())
+        rewriter = choice.resolve(recordings, selection.wants, selection.kind)
+        player = Player(store, recordings, selection, rewriter, speed)
         if not as_json:
             names = ", ".join(str(path) for path in paths)
             click.echo(f"{names} into shm:{name}; Ctrl-C ends it")
@@ -104,6 +108,7 @@ def bag(
 
         try:
             player.play()
+            rewriter.warn(", ".join(map(str, paths)), 2)
             while loop and player.transforms:
                 player.play()
         except KeyboardInterrupt:
@@ -201,6 +206,7 @@ class Player:
     store: Buffer
     recordings: Sequence[Recording]
     selection: Selection
+    rewriter: Rewriter
     speed: float
     messages: int = 0
     transforms: int = 0
@@ -241,10 +247,15 @@ class Player:
         self.messages += 1
         is_static = self.selection.is_static(source)
         try:
-            transforms: Iterable[TransformStamped] = tfdb.decode_tf_message(data, source.encoding)
+            decoded = tfdb.decode_tf_message(data, source.encoding)
+            transforms: Iterable[TransformStamped] = self.rewriter.transforms(
+                decoded, source, static=is_static
+            )
             if not is_static:
                 transforms = self._shifted(transforms)
             transforms = list(transforms)
+            if decoded and not transforms:
+                return
             self.store.set_transforms(transforms, static=is_static, authority=source.authority)
         except (tfdb.ReadOnly, tfdb.LockTimeout):
             raise

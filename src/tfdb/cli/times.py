@@ -10,7 +10,7 @@ from typing import Literal
 import click
 
 import tfdb
-from tfdb.io.decimal_time import NS_PER_SECOND, integer_ns, ns_to_seconds, seconds_to_ns
+from tfdb.io.decimal_time import NS_PER_SECOND, ns_to_seconds, parse_stamp
 
 NS = NS_PER_SECOND
 
@@ -19,11 +19,6 @@ HINT = (
     "the end (-0.5), or 'latest'"
 )
 _NEGATIVE = re.compile(r"-\.?[0-9]")
-
-
-def parse_stamp(text: str) -> int:
-    """Nanoseconds of ``12.5`` (seconds) or ``12500000000ns``; ``ValueError`` for anything else."""
-    return integer_ns(text[:-2]) if text.endswith("ns") else seconds_to_ns(text)
 
 
 @dataclass(frozen=True)

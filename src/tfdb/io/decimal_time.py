@@ -40,6 +40,11 @@ def integer_ns(text: str) -> int:
     return _checked(int(text), text)
 
 
+def parse_stamp(text: str) -> int:
+    """Nanoseconds of ``12.5`` (seconds) or ``12500000000ns``; ``ValueError`` for anything else."""
+    return integer_ns(text[:-2]) if text.endswith("ns") else seconds_to_ns(text)
+
+
 def ns_to_seconds(stamp: int) -> str:
     """Seconds with nine decimals, exact: ``12500000000`` gives ``12.500000000``."""
     whole, rest = divmod(stamp, NS_PER_SECOND)

@@ -14,16 +14,19 @@ from tfdb import _core
 from tfdb.errors import InvalidArgument, RecordingError, TfdbWarning
 from tfdb.given_path import given_paths
 
+from .choice import Choice
 from .recordings import Recording
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
+    from typing import Unpack
 
     import numpy as np
     import numpy.typing as npt
 
     from tfdb import Buffer
 
+    from .choice import LoadOptions, Rewriter
     from .containers import Loss, Source
     from .recordings import PathLike, Run
 
@@ -72,6 +75,8 @@ class LoadReport:
         `history` allows; those of refused messages (`TooOld`) included.
     lost
         What `salvage` could not save of damaged files; empty where nothing was lost.
+    left_out
+        Transforms that were read and not wanted, by `start`, `end`, `keep`, `frames` and `exclude`.
     """
 
     files: tuple[str, ...]
@@ -88,6 +93,7 @@ class LoadReport:
     seconds_reading_container: float
     forgotten: int = 0
     lost: tuple[Loss, ...] = ()
+    left_out: int = 0
 
 
 def load_recordings(
@@ -97,6 +103,7 @@ def load_recordings(
     progress: Progress | None = None,
     *,
     salvage: bool = False,
+    **options: Unpack[LoadOptions],
 ) -> LoadReport:
     """Load the transforms of recordings into a store.
 
@@ -122,6 +129,8 @@ def load_recordings(
     salvage
         Read damaged and cut files as far as they go, and folders of which files are missing; the
         report counts what was lost.
+    **options
+        `start`, `end`, `frames`, `exclude`, `keep`, `rename` and `prefix`, as in `Buffer.load`.
 
     Raises
     ------
@@ -139,20 +148,23 @@ def load_recordings(
     if not files:
         raise InvalidArgument("no recording to load: paths is empty")
     selection = Selection(topics)
+    choice = Choice(**options)
     with ExitStack() as stack:
         recordings = [stack.enter_context(Recording(path, salvage=salvage)) for path in files]
         selection.check(recordings)
         recordings.sort(key=lambda recording: recording.start)
         names = tuple(str(recording.path) for recording in recordings)
-        meter = _Meter(selection.count(recordings), progress)
+        meter = _Meter(selection.count(recordings), progress, 3 if choice.needs_survey else 2)
+        rewriter = choice.resolve(recordings, selection.wants, selection.kind, meter.step)
         readings: deque[Iterator[Run]] = deque()
         for recording in recordings:
             readings.append(recording.read(selection.wants, selection.kind, meter.step))
             tally.count(recording, selection)
         while readings:
             for run in readings.popleft():
-                tally.store(run, selection, meter)
-    report = tally.report(names, time.perf_counter() - started)
+                tally.store(run, selection, rewriter, meter)
+    report = tally.report(names, time.perf_counter() - started, rewriter)
+    rewriter.warn(", ".join(names), 5)
     if report.forgotten:
         warn_of_forgotten(buffer, report.forgotten, 5)
     return report
@@ -223,10 +235,10 @@ class Selection:
 
 
 class _Meter:
-    """Counts the work done: each message once when read and once when stored."""
+    """Counts the work done: each message each time that it is read, and once when stored."""
 
-    def __init__(self, messages: int, progress: Progress | None) -> None:
-        self._total = 2 * messages
+    def __init__(self, messages: int, progress: Progress | None, times: int) -> None:
+        self._total = times * messages
         self._done = 0
         self._progress = progress
 
@@ -272,10 +284,19 @@ class _Tally:
             self.topics[source.topic] = TopicReport(source.topic, messages, static)
         self.lost += recording.losses
 
-    def store(self, run: Run, selection: Selection, meter: _Meter) -> None:
+    def store(self, read: Run, selection: Selection, rewriter: Rewriter, meter: _Meter) -> None:
         """Commit the messages of a run."""
         started = time.perf_counter()
-        encoding, static = selection.kind(run.source)
+        encoding, static = selection.kind(read.source)
+        self.messages += read.last - read.first
+        self.start, self.end = min(self.start, read.start), max(self.end, read.end)
+        run = rewriter.run(read, static=static)
+        if run is not None:
+            self._ingest(run, encoding, static=static)
+        self.seconds += time.perf_counter() - started
+        meter.step(read.last - read.first)
+
+    def _ingest(self, run: Run, encoding: str, *, static: bool) -> None:
         authorities = {id_: source.authority for id_, source in run.sources.items()}
         part = run.messages, run.first, run.last
         result = _core.ingest_recorded(
@@ -285,16 +306,12 @@ class _Tally:
             _core.ingest_recorded(
                 self.everything, *part, encoding=encoding, static=static, authorities={}
             )
-        self.messages += result.messages
         self.transforms += result.transforms
         self.commits += result.commits
         self.refused += result.refused
         for name, refusal in result.reasons.items():
             self.reasons[name] += refusal.count
             self.first_refusals.setdefault(name, refusal.first)
-        self.start, self.end = min(self.start, run.start), max(self.end, run.end)
-        self.seconds += time.perf_counter() - started
-        meter.step(result.messages)
 
     def forgotten(self) -> int:
         """How many samples that were read are not in the store."""
@@ -306,9 +323,11 @@ class _Tally:
             if info.oldest is not None
         )
 
-    def report(self, files: tuple[str, ...], seconds: float) -> LoadReport:
+    def report(self, files: tuple[str, ...], seconds: float, rewriter: Rewriter) -> LoadReport:
         if not self.transforms:
             path = ", ".join(files)
+            if not self.refused and rewriter.left_out:
+                raise RecordingError(path, rewriter.reason())
             if not self.refused:
                 raise RecordingError(path, "its topics of transforms hold no transform")
             name, count = self.reasons.most_common(1)[0]
@@ -329,6 +348,7 @@ class _Tally:
             seconds_reading_container=seconds - self.seconds,
             forgotten=self.forgotten(),
             lost=tuple(self.lost),
+            left_out=rewriter.left_out,
         )
 
 

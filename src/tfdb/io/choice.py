@@ -1,0 +1,421 @@
+"""What of recordings is loaded, and under which names: the options of `Buffer.load`.
+
+A `Choice` is what was asked for; `resolve` looks at the recordings where it must and makes the
+`Rewriter`, through which every message goes on its way into the store.
+"""
+
+from __future__ import annotations
+
+import difflib
+import re
+import warnings
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any, TypeAlias, TypedDict
+
+from tfdb import _core
+from tfdb.errors import InvalidArgument, TfdbError, TfdbWarning, UnknownFrame
+from tfdb.stamps import format_seconds, shown
+from tfdb.summary import span
+
+from .decimal_time import parse_stamp
+from .recordings import Run
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+
+    from tfdb import Buffer, TransformStamped
+    from tfdb.stamps import StampLike
+
+    from .containers import Source
+    from .recordings import Recording
+
+    Window: TypeAlias = tuple[int | None, int | None]
+
+TIMES = (
+    "write seconds ('12.5'), nanoseconds ('12500000000ns'), or an offset from the first ('+1.5') "
+    "or to the last moving stamp ('-0.5')"
+)
+
+
+class LoadOptions(TypedDict, total=False):
+    """The options of `Buffer.load` that say what of a recording is loaded, and how it is called."""
+
+    start: StampLike | str | None
+    end: StampLike | str | None
+    frames: str | Iterable[str] | None
+    exclude: str | Iterable[str]
+    keep: float | None
+    rename: Mapping[str, str] | None
+    prefix: str
+
+
+@dataclass(frozen=True)
+class Time:
+    """A stamp, or an offset: since the first moving stamp (`since` 1) or to the last (-1)."""
+
+    text: str
+    ns: int
+    since: int = 0
+
+    def resolve(self, found: tuple[int, int] | None) -> int:
+        """The stamp, where moving stamps run over `found`."""
+        if not self.since:
+            return self.ns
+        if found is None:
+            raise InvalidArgument(
+                f"{self.text!r} counts from the first or to the last moving stamp, and nothing "
+                "moves in what is read; give an absolute time",
+                value=self.text,
+            )
+        return found[0] + self.ns if self.since > 0 else found[1] - self.ns
+
+
+class Choice:
+    """Which part of recordings is loaded, and how its frames are called; see `Buffer.load`.
+
+    Raises InvalidArgument and InvalidStamp for what none of it can be.
+    """
+
+    def __init__(
+        self,
+        *,
+        start: StampLike | str | None = None,
+        end: StampLike | str | None = None,
+        frames: str | Iterable[str] | None = None,
+        exclude: str | Iterable[str] = (),
+        keep: float | None = None,
+        rename: Mapping[str, str] | None = None,
+        prefix: Any = "",
+    ) -> None:
+        self.start, self.end = _time("start", start), _time("end", end)
+        self.frames = None if frames is None else _names("frames", frames)
+        if self.frames is not None and not self.frames:
+            raise InvalidArgument("frames is empty: name some, or give None for all", value=())
+        self.exclude = _names("exclude", exclude)
+        self.keep = _seconds(keep)
+        self.rename = _mapping(rename)
+        if not isinstance(prefix, str):
+            kind = type(prefix).__name__
+            raise InvalidArgument(f"prefix is what to put before names, got a {kind}", value=prefix)
+        self.prefix: str = prefix.removeprefix("/")
+
+    @property
+    def key(self) -> str:
+        """What was chosen, in words that are the same for the same choice; empty: everything."""
+        given = {
+            "start": self.start,
+            "end": self.end,
+            "frames": self.frames and sorted(self.frames),
+            "exclude": sorted(self.exclude),
+            "keep": self.keep,
+            "rename": sorted(self.rename.items()),
+            "prefix": self.prefix,
+        }
+        return ", ".join(f"{name}={value!r}" for name, value in given.items() if value)
+
+    @property
+    def needs_survey(self) -> bool:
+        """Whether the recordings are looked through before."""
+        offsets = any(time is not None and time.since for time in (self.start, self.end))
+        return bool(offsets or self.keep or self.frames or self.rename)
+
+    def resolve(
+        self,
+        recordings: Sequence[Recording],
+        wants: Callable[[Source], bool],
+        kind: Callable[[Source], tuple[str, bool]],
+        step: Callable[[int], None] | None = None,
+    ) -> Rewriter:
+        """Look through the recordings where need be.
+
+        `wants` and `kind` (encoding, whether static) are those of a `Selection`; `step` as in
+        `Recording.read`.
+
+        Raises
+        ------
+        UnknownFrame
+            A frame of `frames` is not there.
+        InvalidArgument
+            `end` before `start`; an offset where nothing moves; two frames would have one name.
+        RecordingError
+        """
+        if not self.needs_survey:
+            return Rewriter(self, _window(self, None), None)
+        first = Rewriter(Choice(exclude=self.exclude), (None, None), None)
+        everything: Buffer = _core.Buffer(history=None)
+        for recording in recordings:
+            for run in recording.read(wants, kind, step):
+                encoding, static = kind(run.source)
+                left = first.run(run, static=static)
+                if left is not None:
+                    part = left.messages, left.first, left.last
+                    _core.ingest_recorded(
+                        everything, *part, encoding=encoding, static=static, authorities={}
+                    )
+        self._check_names(everything.frames())
+        children = None if self.frames is None else _between(everything, self.frames)
+        return Rewriter(self, _window(self, span(everything.tree())), children)
+
+    def _check_names(self, frames: Sequence[str]) -> None:
+        """Refuse frames that are not there, and new names that others have."""
+        for frame in sorted(set(self.frames or ()) - set(frames)):
+            near = difflib.get_close_matches(frame, frames, n=3, cutoff=0.5)
+            hint = f"there are {_few(frames)}"
+            if near:
+                hint = f"did you mean {', '.join(map(repr, near))}?"
+            raise UnknownFrame(f"frames: there is no frame {frame!r}; {hint}", frame=frame)
+        found: dict[str, str] = {}
+        for frame in frames:
+            new = self.rename.get(frame, frame)
+            other = found.setdefault(new, frame)
+            if other != frame:
+                raise InvalidArgument(
+                    f"rename: {other!r} and {frame!r} would both be called {new!r}", value=new
+                )
+
+
+class Rewriter:
+    """Leaves out of messages what was not chosen, and gives frames their names.
+
+    Parameters
+    ----------
+    choice
+        What was asked for.
+    window
+        First and last stamp of moving transforms that are kept.
+    children
+        The child frames of the edges that are kept; None: all.
+    """
+
+    def __init__(self, choice: Choice, window: Window, children: frozenset[str] | None) -> None:
+        self._choice = choice
+        self.window = window
+        self._children = children
+        self._excluded = [(entry, _pattern(entry)) for entry in choice.exclude]
+        self._is_out: dict[str, bool] = {}
+        self._used: set[str] = set()
+        self._names: dict[str, str] = {}
+        self.is_idle = not choice.key
+        self.left_out = 0
+        self._moving = 0
+        self._outside: tuple[int, int] | None = None
+
+    def run(self, run: Run, *, static: bool) -> Run | None:
+        """The messages of a run of which something is left; None where nothing is."""
+        if self.is_idle:
+            return run
+        made = _core.Recorded()
+        for index in range(run.first, run.last):
+            received, id_, data = run.messages[index]
+            left = self.message(data, run.sources[id_], static=static)
+            if left is not None:
+                made.add(received, id_, left)
+        return Run(made, 0, len(made), run.sources) if len(made) else None
+
+    def message(self, data: bytes, source: Source, *, static: bool) -> bytes | None:
+        """The bytes of a TFMessage; None where nothing of it is left.
+
+        What is damaged is left as it is, for the store to refuse it.
+        """
+        if self.is_idle:
+            return data
+        try:
+            given = _core.decode_tf_message(data, source.encoding)
+        except TfdbError:
+            return data
+        left = self.transforms(given, source, static=static)
+        if not left:
+            return None if given else data
+        if len(left) == len(given) and not self._choice.rename and not self._choice.prefix:
+            return data
+        return _core.encode_tf_message(left, source.encoding)
+
+    def transforms(
+        self, given: Sequence[TransformStamped], source: Source, *, static: bool
+    ) -> list[TransformStamped]:
+        """What is left of the transforms of one message."""
+        if self.is_idle:
+            return list(given)
+        left = []
+        if not (self._excludes(source.topic) or self._excludes(source.authority)):
+            for each in given:
+                parent, child = each.parent.removeprefix("/"), each.child.removeprefix("/")
+                if self._takes(parent, child) and (static or self._is_inside(each)):
+                    left.append(self._renamed(each, parent, child))
+        self.left_out += len(given) - len(left)
+        self._moving += 0 if static else len(left)
+        return left
+
+    def warn(self, what: str, depth: int) -> None:
+        """Say which options did nothing, or too much; `depth` frames up is who asked for it."""
+        choice = self._choice
+        unused = [entry for entry in choice.exclude if entry not in self._used]
+        if unused:
+            message = f"exclude: no frame, topic or node of {what} is called {_few(unused)}"
+            warnings.warn(message, TfdbWarning, stacklevel=depth)
+        unknown = sorted(set(choice.rename) - self._names.keys())
+        if unknown:
+            message = f"rename: nothing was loaded of {what} that is called {_few(unknown)}"
+            warnings.warn(message, TfdbWarning, stacklevel=depth)
+        if self._outside and not self._moving:
+            message = f"{what}: nothing moves {self._described()}"
+            warnings.warn(message, TfdbWarning, stacklevel=depth)
+
+    def reason(self) -> str:
+        """Why nothing is left."""
+        count = f"all {self.left_out:,} transforms are left out by {self._choice.key}"
+        return f"{count}: nothing moves {self._described()}" if self._outside else count
+
+    def _described(self) -> str:
+        first, last = self.window
+        since = "" if first is None else f" from {format_seconds(first)}"
+        until = "" if last is None else f" to {format_seconds(last)}"
+        there = " to ".join(map(format_seconds, self._outside or ()))
+        return f"{since}{until}, its stamps run from {there}".lstrip()
+
+    def _takes(self, parent: str, child: str) -> bool:
+        if self._children is not None and child not in self._children:
+            return False
+        return not (self._excludes(parent) or self._excludes(child))
+
+    def _is_inside(self, transform: TransformStamped) -> bool:
+        first, last = self.window
+        stamp: int = transform.stamp  # type: ignore[assignment]  # as it was decoded
+        if (first is None or stamp >= first) and (last is None or stamp <= last):
+            return True
+        low, high = self._outside or (stamp, stamp)
+        self._outside = min(low, stamp), max(high, stamp)
+        return False
+
+    def _excludes(self, name: str) -> bool:
+        if not self._excluded:
+            return False
+        known = self._is_out.get(name)
+        if known is None:
+            plain = name.removeprefix("/")
+            used = {entry for entry, pattern in self._excluded if pattern.fullmatch(plain)}
+            self._used |= used
+            known = self._is_out[name] = bool(used)
+        return known
+
+    def _renamed(self, transform: TransformStamped, parent: str, child: str) -> TransformStamped:
+        if not self._choice.rename and not self._choice.prefix:
+            return transform
+        return replace(transform, parent=self._name(parent), child=self._name(child))
+
+    def _name(self, frame: str) -> str:
+        name = self._names.get(frame)
+        if name is None:
+            name = self._choice.prefix + self._choice.rename.get(frame, frame)
+            self._names[frame] = name
+        return name
+
+
+def _between(store: Buffer, frames: Iterable[str]) -> frozenset[str]:
+    """The children of the edges on the paths between frames, at any time.
+
+    Of a tree in which only one of them lies: those on its path to the root.
+    """
+    parents: dict[str, set[str]] = {}
+    for info in store.tree():
+        if info.is_static and info.parent is not None:
+            parents[info.name] = {info.parent}
+        elif info.oldest is not None:
+            parents[info.name] = set(store.samples(info.name)[2])
+    above = {frame: _up(frame, parents) for frame in frames}
+    kept: set[str] = set()
+    for ours in above.values():
+        together = [up for up in above.values() if not up.isdisjoint(ours)]
+        for child in ours & parents.keys():
+            joint = all(child in up for up in together)
+            if len(together) == 1 or not joint or _is_unsure(child, ours, parents):
+                kept.add(child)
+    return frozenset(kept)
+
+
+def _is_unsure(child: str, ours: set[str], parents: Mapping[str, set[str]]) -> bool:
+    """Whether a frame below had several parents, so that paths may have gone over this edge."""
+    below = (each for each in ours if len(parents.get(each, ())) > 1)
+    return any(child in _up(each, parents) for each in below)
+
+
+def _up(frame: str, parents: Mapping[str, set[str]]) -> set[str]:
+    """A frame and all that were ever above it."""
+    found, waiting = {frame}, [frame]
+    while waiting:
+        fresh = parents.get(waiting.pop(), set()) - found
+        found |= fresh
+        waiting += fresh
+    return found
+
+
+def _window(choice: Choice, found: tuple[int, int] | None) -> Window:
+    """The first and the last stamp that are wanted."""
+    first = None if choice.start is None else choice.start.resolve(found)
+    last = None if choice.end is None else choice.end.resolve(found)
+    if choice.keep is not None:
+        if found is None:
+            raise InvalidArgument("keep counts back from the last moving stamp, and nothing moves")
+        newest = found[1] if last is None else min(last, found[1])
+        first = max(newest - choice.keep, 0 if first is None else first)
+    if first is not None and last is not None and first > last:
+        ends = f"{format_seconds(last)} lies before start, {format_seconds(first)}"
+        raise InvalidArgument(f"end, {ends}", value=last)
+    return first, last
+
+
+def _time(name: str, given: Any) -> Time | None:
+    if given is None:
+        return None
+    if not isinstance(given, str):
+        return Time(shown(given), _core.to_nanoseconds(given))
+    text = given.strip()
+    since = {"+": 1, "-": -1}.get(text[:1], 0)
+    try:
+        return Time(text, parse_stamp(text[1:] if since else text), since)
+    except ValueError as error:
+        raise InvalidArgument(f"{name}: {error}: {TIMES}", value=given) from None
+
+
+def _seconds(keep: Any) -> int | None:
+    """Nanoseconds of a positive number of seconds."""
+    if keep is None:
+        return None
+    is_number = isinstance(keep, int | float) and not isinstance(keep, bool)
+    if not is_number or not 0 < keep < 2**31:
+        raise InvalidArgument(
+            f"keep is how many seconds before the last moving stamp are kept, not {shown(keep)}",
+            value=keep,
+        )
+    nanoseconds: int = round(keep * 10**9)
+    return nanoseconds
+
+
+def _names(option: str, given: Any) -> tuple[str, ...]:
+    """Names of frames and others, without their leading slash."""
+    several = [given] if isinstance(given, str) or not isinstance(given, Iterable) else list(given)
+    for name in several:
+        if not isinstance(name, str) or not name.strip("/"):
+            raise InvalidArgument(f"{option} are names, got {shown(name)}", value=name)
+    return tuple(name.removeprefix("/") for name in several)
+
+
+def _mapping(given: Any) -> dict[str, str]:
+    if given is None:
+        return {}
+    if not isinstance(given, Mapping):
+        raise InvalidArgument(f"rename maps names to names, got {shown(given)}", value=given)
+    old, new = _names("rename", given.keys()), _names("rename", given.values())
+    return dict(zip(old, new, strict=True))
+
+
+def _pattern(entry: str) -> re.Pattern[str]:
+    """What a name is matched against: `*` stands for anything, `?` for one letter."""
+    parts = {"*": ".*", "?": "."}
+    return re.compile("".join(parts.get(each, re.escape(each)) for each in entry), re.DOTALL)
+
+
+def _few(names: Sequence[str]) -> str:
+    more = f" and {len(names) - 10} more" if len(names) > 10 else ""
+    return ", ".join(map(repr, sorted(names)[:10])) + more

@@ -1,0 +1,121 @@
+"""What commands read of recordings: every one takes the same options."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import pytest
+
+import tfdb
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+OPTIONS = (
+    *("--start", "+2", "--end", "-1.5", "--frame", "map", "--frame", "base_link"),
+    *("--exclude", "/tf_stati?", "--rename", "map:=world", "--prefix", "r1/"),
+)
+NAMES = ["r1/base_footprint", "r1/odom", "r1/world"]
+
+
+@pytest.fixture
+def chosen(bag: Path) -> tfdb.Buffer:
+    return tfdb.load(
+        bag,
+        start="+2",
+        end="-1.5",
+        frames={"map", "base_footprint"},
+        rename={"map": "world"},
+        prefix="r1/",
+    )
+
+
+def arguments(bag: Path, *others: object) -> tuple[object, ...]:
+    fitting = tuple("base_footprint" if each == "base_link" else each for each in OPTIONS)
+    return (bag, *others, *fitting)
+
+
+def test_info_and_check(tool: Any, bag: Path, chosen: tfdb.Buffer) -> None:
+    found = tool("info", *arguments(bag), "--json").json
+    assert sorted(edge["frame"] for edge in found["edges"]) == NAMES[:2]
+    infos = {info.name: info for info in chosen.tree()}
+    for edge in found["edges"]:
+        assert edge["samples"] == infos[edge["frame"]].samples
+    assert "r1/odom" in tool("tree", *arguments(bag)).out
+    assert tool("check", *arguments(bag), "--json").json["findings"] == []
+
+
+def test_lookup_and_view_frames(tool: Any, bag: Path, chosen: tfdb.Buffer, tmp_path: Path) -> None:
+    names = "r1/world", "r1/base_footprint"
+    found = tool("lookup", *arguments(bag, *names), "--json").json
+    assert found["translation"] == list(chosen.lookup_transform(*names).translation)
+    out = tmp_path / "tree.dot"
+    tool("view-frames", *arguments(bag), "-o", out)
+    assert "r1/world" in out.read_text()
+
+
+def test_poses_have_a_start_of_their_own(tool: Any, bag: Path, chosen: tfdb.Buffer) -> None:
+    options = ("--rename", "map:=world", "--prefix", "r1/")
+    times = ("--start", "+2", "--end", "+3", "--rate", "10")
+    lines = tool("poses", bag, "r1/world", "r1/odom", *times, *options).out.splitlines()
+    assert len(lines) == 11
+
+
+@pytest.mark.parametrize("suffix", [".mcap", ".bag", ".db3"])
+def test_convert(tool: Any, bag: Path, chosen: tfdb.Buffer, tmp_path: Path, suffix: str) -> None:
+    out = tmp_path / f"part{suffix}"
+    written = tool("convert", *arguments(bag, out), "--json").json
+    made = tfdb.load(out)
+    assert made.frames() == chosen.frames() == NAMES
+    for frame in NAMES[:2]:
+        ours, theirs = made.samples(frame), chosen.samples(frame)
+        assert (ours[0] == theirs[0]).all()
+        assert abs(ours[1] - theirs[1]).max() < 1e-12
+    assert written["transforms"] == sum(len(made.samples(frame)[0]) for frame in NAMES[:2])
+
+
+def test_freeze_monitor_and_serve(
+    tool: Any, bag: Path, chosen: tfdb.Buffer, tmp_path: Path
+) -> None:
+    tool("freeze", *arguments(bag), "-o", tmp_path / "part.tfdb")
+    assert tfdb.open(tmp_path / "part.tfdb").frames() == chosen.frames()
+    shown = tool("monitor", *arguments(bag)).out
+    assert "r1/odom" in shown
+    assert "base_link" not in shown
+    store = f"choice-{tmp_path.name}"
+    try:
+        tool("serve", "bag", *arguments(bag), "--into", store, "--speed", "inf", "--history", 100)
+        assert tfdb.Buffer.open(store, mode="r").frames() == chosen.frames()
+    finally:
+        tfdb.Buffer.unlink(store)
+
+
+def test_echo_and_change_notifier(tool: Any, bag: Path) -> None:
+    names = ("r1/world", "r1/base_footprint")
+    assert "r1/" in tool("echo", *arguments(bag, *names), "--json").out
+    tool("change-notifier", *arguments(bag), "--pair", *names)
+
+
+def test_what_is_no_recording_takes_none(tool: Any, bag: Path, tmp_path: Path) -> None:
+    frozen = tmp_path / "all.tfdb"
+    tfdb.load(bag).freeze(frozen)
+    words = "is a frozen store, read as it is: --frame, --prefix goes with recordings"
+    given = ("--prefix", "r/", "--frame", "map")
+    assert words in tool("tree", frozen, *given, code=2).error
+    assert "is a graph, read as it is" in tool("tree", "ros1:", "--keep", "3", code=2).error
+
+
+@pytest.mark.parametrize(
+    ("given", "words"),
+    [
+        (("--start", "soon"), "'soon' is not a number of seconds"),
+        (("--start", "latest"), "'latest' is no bound"),
+        (("--rename", "map=world"), "'map=world' is not FROM:=TO"),
+        (("--keep", "-3"), "negative"),
+        (("--keep", "0"), "keep is how many seconds"),
+        (("--frame", "base_lnk"), "did you mean 'base_link'"),
+        (("--exclude", "*"), "all 7,180 transforms are left out by exclude="),
+    ],
+)
+def test_bad_options(tool: Any, bag: Path, given: tuple[str, ...], words: str) -> None:
+    assert words in tool("tree", bag, *given, code=2).error

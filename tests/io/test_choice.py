@@ -1,0 +1,318 @@
+"""What is loaded of recordings: each option against a filter over the messages, written anew."""
+
+from __future__ import annotations
+
+import fnmatch
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+import pytest
+
+import tfdb
+from tfdb.io import Recording
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+BAG = Path(__file__).resolve().parents[2] / "examples" / "data" / "pr2.bag"
+MCAP = BAG.with_suffix(".mcap")
+
+
+class Sample(NamedTuple):
+    parent: str
+    child: str
+    stamp: int
+    pose: tuple[float, ...]
+    static: bool
+    topic: str
+    authority: str
+
+
+def samples_of(path: Path) -> list[Sample]:
+    """Every transform of a recording, message by message."""
+    found = []
+    with Recording(path) as recording:
+        for source, _, data in recording.messages():
+            static = source.topic.endswith("tf_static")
+            for each in tfdb.decode_tf_message(data, source.encoding):
+                pose = (*each.translation, *each.rotation)
+                names = each.parent.lstrip("/"), each.child.lstrip("/")
+                found.append(
+                    Sample(*names, each.stamp, pose, static, source.topic, source.authority)
+                )
+    return found
+
+
+@pytest.fixture(scope="module")
+def samples() -> list[Sample]:
+    return samples_of(BAG)
+
+
+def check(buffer: tfdb.Buffer, expected: list[Sample]) -> None:
+    """The store holds these samples and no others; of those with the same stamp, the last."""
+    edges: dict[str, dict[int, tuple[str, tuple[float, ...]]]] = {}
+    for each in expected:
+        stamp = 0 if each.static else each.stamp
+        edges.setdefault(each.child, {})[stamp] = each.parent, each.pose
+    assert set(buffer.frames()) == {each.parent for each in expected} | edges.keys()
+    for child, by_stamp in edges.items():
+        stamps, poses, parents = buffer.samples(child)
+        order = sorted(by_stamp)
+        assert stamps.tolist() == order
+        assert parents == [by_stamp[stamp][0] for stamp in order]
+        assert np.abs(poses - [by_stamp[stamp][1] for stamp in order]).max() < 1e-12
+
+
+S = 1_000_000_000
+FIRST = 1795240381220679283
+
+
+def first_and_last(samples: list[Sample]) -> tuple[int, int]:
+    moving = [each.stamp for each in samples if not each.static]
+    return min(moving), max(moving)
+
+
+def between(first: int, last: int) -> Callable[[Sample], bool]:
+    return lambda each: each.static or first <= each.stamp <= last
+
+
+@pytest.mark.parametrize(
+    ("options", "window"),
+    [
+        ({"start": "+3"}, lambda a, b: (a + 3 * S, b)),
+        ({"end": "+2.5"}, lambda a, b: (a, a + 5 * S // 2)),
+        ({"start": "-1.25"}, lambda a, b: (b - 5 * S // 4, b)),
+        ({"start": FIRST + S, "end": FIRST + 2 * S}, lambda a, b: (FIRST + S, FIRST + 2 * S)),
+        ({"start": f"{FIRST + S}ns"}, lambda a, b: (FIRST + S, b)),
+        ({"end": np.datetime64(FIRST + S, "ns")}, lambda a, b: (a, FIRST + S)),
+        ({"keep": 2}, lambda a, b: (b - 2 * S, b)),
+        ({"keep": 2.5, "end": "-1"}, lambda a, b: (b - 7 * S // 2, b - S)),
+        ({"keep": 100.0, "start": "+1"}, lambda a, b: (a + S, b)),
+    ],
+)
+def test_times(options: dict[str, Any], window: Any, samples: list[Sample]) -> None:
+    expected = list(filter(between(*window(*first_and_last(samples))), samples))
+    assert 0 < len(expected) < len(samples)
+    check(tfdb.load(BAG, **options), expected)
+    buffer = tfdb.Buffer(history=None)
+    report = buffer.load(BAG, **options)
+    assert (report.transforms, report.left_out) == (len(expected), len(samples) - len(expected))
+    assert report.messages == 750
+    assert report.commits < 750
+
+
+def test_bounds_are_inclusive(samples: list[Sample]) -> None:
+    stamp = sorted(each.stamp for each in samples if not each.static)[1000]
+    expected = [each for each in samples if each.static or each.stamp == stamp]
+    assert any(not each.static for each in expected)
+    check(tfdb.load(BAG, start=stamp, end=stamp), expected)
+
+
+def path_between(parents: dict[str, str], a: str, b: str) -> set[str]:
+    """The children of the edges on the path, by walking up from both."""
+
+    def up(frame: str) -> list[str]:
+        found = [frame]
+        while found[-1] in parents:
+            found.append(parents[found[-1]])
+        return found
+
+    return set(up(a)[:-1]) ^ set(up(b)[:-1])
+
+
+def test_frames(samples: list[Sample]) -> None:
+    parents = {each.child: each.parent for each in samples}
+    wanted = {"map", "l_gripper_tool_frame", "r_elbow_flex_link"}
+    names = sorted(wanted)
+    edges = set().union(*(path_between(parents, a, b) for a in names for b in names))
+    assert 10 < len(edges) < 40
+    expected = [each for each in samples if each.child in edges]
+    check(tfdb.load(BAG, frames=wanted), expected)
+    arm = {"l_gripper_tool_frame", "r_elbow_flex_link"}
+    edges = path_between(parents, *arm)
+    assert "base_footprint" not in edges
+    check(tfdb.load(BAG, frames=arm), [each for each in samples if each.child in edges])
+
+
+def test_one_frame_is_loaded_with_its_way_to_the_root(samples: list[Sample]) -> None:
+    parents = {each.child: each.parent for each in samples}
+    edges = path_between(parents, "/base_link".strip("/"), "map")
+    assert len(edges) == 3
+    check(tfdb.load(BAG, frames="/base_link"), [each for each in samples if each.child in edges])
+
+
+@pytest.mark.parametrize(
+    "exclude",
+    [
+        "l_*",
+        ["/l_?houlder_*", "odom"],
+        "/localization",
+        "tf_static",
+        ["*_link", "/tf_static"],
+    ],
+)
+def test_exclude(exclude: str | list[str], samples: list[Sample]) -> None:
+    entries = [exclude] if isinstance(exclude, str) else exclude
+
+    def is_out(name: str) -> bool:
+        return any(fnmatch.fnmatchcase(name.lstrip("/"), entry.lstrip("/")) for entry in entries)
+
+    expected = [
+        each
+        for each in samples
+        if not any(map(is_out, (each.parent, each.child, each.topic, each.authority)))
+    ]
+    assert 0 < len(expected) < len(samples)
+    check(tfdb.load(BAG, exclude=exclude), expected)
+
+
+def test_names(samples: list[Sample]) -> None:
+    new = {"map": "world", "odom": "map", "/base_link": "base"}
+    plain = {old.lstrip("/"): name for old, name in new.items()}
+
+    def name(frame: str) -> str:
+        return "robot1/" + plain.get(frame, frame)
+
+    expected = [each._replace(parent=name(each.parent), child=name(each.child)) for each in samples]
+    check(tfdb.load(BAG, rename=new, prefix="robot1/"), expected)
+
+
+def test_all_together(samples: list[Sample]) -> None:
+    first, last = first_and_last([each for each in samples if each.child == "odom"])
+    expected = [
+        each._replace(parent="a/w", child=f"a/{each.child}")
+        for each in samples
+        if each.child == "odom" and first + S <= each.stamp <= last - S
+    ]
+    made = tfdb.load(
+        MCAP,
+        start=first + S,
+        end=last - S,
+        frames=["map", "odom"],
+        exclude="/tf_static",
+        rename={"map": "w"},
+        prefix="a/",
+    )
+    check(made, expected)
+
+
+def test_two_robots_in_one_store(samples: list[Sample]) -> None:
+    buffer = tfdb.Buffer(history=None)
+    for robot in ("a", "b"):
+        buffer.load(BAG, prefix=f"{robot}/", keep=1)
+    assert len(buffer.frames()) == 2 * 85
+    a, b = (buffer.lookup_transform(f"{each}/map", f"{each}/base_link") for each in "ab")
+    assert np.array_equal(a.translation, b.translation)
+
+
+def test_parents_that_change_are_kept_on_every_way(tmp_path: Path) -> None:
+    """A box that is picked up hangs on the table first, then on the hand."""
+    path = tmp_path / "box.mcap"
+    still = (0.0, 0.0, 0.0, 1.0)
+    tfdb.io.write_transforms(
+        path,
+        [
+            tfdb.TransformStamped("table", "box", S, (1, 2, 3), still),
+            tfdb.TransformStamped("map", "hand", 2 * S, (3, 2, 1), still),
+            tfdb.TransformStamped("hand", "box", 3 * S, (1, 1, 1), still),
+        ],
+        [tfdb.TransformStamped("map", "table", 0, (5, 0, 0), still)],
+    )
+    assert set(tfdb.load(path, frames={"table", "box"}).frames()) == {"table", "box", "hand", "map"}
+    assert set(tfdb.load(path, frames={"hand", "map"}).frames()) == {"hand", "map"}
+
+
+def test_a_limited_history_counts_what_was_asked_for() -> None:
+    buffer = tfdb.Buffer(history=1.0)
+    with pytest.warns(tfdb.TfdbWarning, match="samples are not kept"):
+        all_of_it = buffer.load(BAG).forgotten
+    buffer = tfdb.Buffer(history=1.0)
+    assert buffer.load(BAG, keep=0.9).forgotten == 0
+    assert all_of_it > 1000
+
+
+def test_damaged_messages_are_refused_as_without_options(tmp_path: Path) -> None:
+    path = tmp_path / "bad.bag"
+    good = tfdb.TransformStamped("a", "b", S, (1, 2, 3), (0, 0, 0, 1))
+    bad = tfdb.TransformStamped("a", "b", 2 * S, (1, 2, 3), (0, 0, 0, 2))
+    with tfdb.io.RecordingWriter(path) as writer:
+        for number, each in enumerate((good, bad)):
+            data = tfdb.encode_tf_message([each], "ros1")
+            writer.write(data, number + 1, topic="/tf")
+        writer.write(b"\x05\0\0\0broken", 3, topic="/tf")
+    plain = tfdb.Buffer(history=None).load(path)
+    chosen = tfdb.Buffer(history=None).load(path, prefix="r/", start=0)
+    assert dict(chosen.reasons) == dict(plain.reasons)
+    assert set(plain.reasons) == {"InvalidTransform", "CorruptMessage"}
+
+
+def test_the_cache_keeps_choices_apart(tmp_path: Path) -> None:
+    path = tmp_path / "run.mcap"
+    path.write_bytes(MCAP.read_bytes())
+    whole = tfdb.load(path, cache=True)
+    part = tfdb.load(path, cache=True, frames={"map", "base_link"}, prefix="r/")
+    again = tfdb.load(path, cache=True, frames=["base_link", "map"], prefix="r/")
+    assert (len(whole.frames()), len(part.frames()), len(again.frames())) == (85, 4, 4)
+    assert len(list(tmp_path.glob("*.tfdb"))) == 2
+
+
+@pytest.mark.parametrize(
+    ("options", "error", "words"),
+    [
+        (
+            {"start": "soon"},
+            tfdb.InvalidArgument,
+            "start: 'soon' is not .*: write",
+        ),
+        ({"end": "latest"}, tfdb.InvalidArgument, "end: 'latest' is not"),
+        ({"start": -1}, tfdb.InvalidStamp, "stamp -1"),
+        ({"start": 1.5}, tfdb.InvalidStamp, "1.5"),
+        ({"start": 20, "end": 10}, tfdb.InvalidArgument, "end, 0.00000001 s lies before start"),
+        ({"frames": []}, tfdb.InvalidArgument, "frames is empty: name some"),
+        ({"frames": {"map", "base_lnk"}}, tfdb.UnknownFrame, "did you mean 'base_link'"),
+        ({"frames": "nothing like it"}, tfdb.UnknownFrame, "there are 'base_footprint'"),
+        ({"frames": 3}, tfdb.InvalidArgument, "frames are names, got 3"),
+        ({"exclude": [b"map"]}, tfdb.InvalidArgument, "exclude are names, got b'map'"),
+        ({"exclude": ""}, tfdb.InvalidArgument, "exclude are names, got ''"),
+        ({"exclude": "*"}, tfdb.RecordingError, "all 7,180 transforms are left out by exclude="),
+        ({"keep": 0}, tfdb.InvalidArgument, "keep is how many seconds .* not 0"),
+        ({"keep": float("nan")}, tfdb.InvalidArgument, "not nan"),
+        ({"keep": True}, tfdb.InvalidArgument, "not True"),
+        ({"rename": "map"}, tfdb.InvalidArgument, "rename maps names to names, got 'map'"),
+        ({"rename": {"map": 1}}, tfdb.InvalidArgument, "rename are names, got 1"),
+        ({"rename": {"map": "odom"}}, tfdb.InvalidArgument, "would both be called 'odom'"),
+        ({"prefix": 1}, tfdb.InvalidArgument, "prefix is what to put before names, got a int"),
+    ],
+)
+def test_bad_options_leave_nothing(
+    options: dict[str, Any], error: type[tfdb.TfdbError], words: str
+) -> None:
+    buffer = tfdb.Buffer(history=None)
+    with pytest.raises(error, match=words):
+        buffer.load(BAG, **options)
+    assert buffer.commit == 0
+
+
+def test_an_offset_where_nothing_moves(tmp_path: Path) -> None:
+    path = tmp_path / "still.mcap"
+    still = tfdb.TransformStamped("a", "b", 0, (1, 2, 3), (0, 0, 0, 1))
+    tfdb.io.write_transforms(path, [], [still])
+    for options in ({"start": "+1"}, {"keep": 1}):
+        with pytest.raises(tfdb.InvalidArgument, match="nothing moves"):
+            tfdb.load(path, **options)
+    assert tfdb.load(path, start=5).frames() == ["a", "b"]
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ({"exclude": ["maap", "odom"]}, "exclude: no frame, topic or node of .* is called 'maap'"),
+        ({"rename": {"maap": "world"}}, "rename: nothing was loaded of .* that is called 'maap'"),
+        ({"start": "+60"}, r"nothing moves from \S+ s, its stamps run from \S+ s to"),
+    ],
+)
+def test_options_that_do_nothing_warn(options: dict[str, Any], words: str) -> None:
+    with pytest.warns(tfdb.TfdbWarning, match=words) as caught:
+        tfdb.load(BAG, **options)
+    assert [Path(each.filename).name for each in caught] == ["test_choice.py"]
