@@ -16,7 +16,7 @@ import click
 from rich.progress import MofNCompleteColumn, TimeRemainingColumn
 
 import tfdb
-from tfdb.cli import common, output
+from tfdb.cli import common, layout, output
 
 from . import machine, points, programs, report, session
 from .results import Results, number
@@ -315,11 +315,10 @@ def _say(
         }
         output.emit_json("bench", body)
         return
-    console = output.console()
+    console = layout.console()
     for sweep in results.sweeps():
         columns = [title for title, _, _ in report.COLUMNS.get(sweep, report.USUAL)]
         console.print(points.SWEEPS[sweep].title, style="bold")
-        made = output.table("", "engine", *columns, right=columns)
         lines = [
             [
                 label,
@@ -328,7 +327,9 @@ def _say(
             ]
             for label, engine, cells in report.rows(results, sweep)
         ]
-        console.print(output.add_rows(made, lines))
+        shown = [layout.Column("sweep"), layout.Column("engine")]
+        shown += [layout.Column(title, rank, right=True) for rank, title in enumerate(columns, 1)]
+        console.print(layout.table(shown, lines))
         console.print()
     for name, path in files.items():
         if path is not None and results.rows:

@@ -93,6 +93,12 @@ class Tool:
         return Outcome(done.returncode, done.stdout, done.stderr)
 
 
+@pytest.fixture(autouse=True)
+def unlimited(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Whatever the machine's terminal, commands print all columns into pipes."""
+    monkeypatch.delenv("COLUMNS", raising=False)
+
+
 @pytest.fixture(scope="session")
 def tool() -> Tool:
     return Tool()

@@ -28,6 +28,7 @@ COMMANDS = {
     "view-frames": "A picture of the frame tree: PDF, SVG or DOT.",
     "poses": "Many poses of SOURCE in TARGET, to a .tum, .csv or .npz file.",
     "check": "A doctor for recordings: gaps, late data, two publishers, jumps in time ...",
+    "gaps": "List the gaps of each edge: since when, how long, who published before and after.",
     "shm": "The stores that processes of this machine share: list, look into, remove them.",
     "serve": "Fill a shared store from a recording at its own pace, or from a live graph.",
     "static-publisher": "Publish static transforms, given or from a URDF or recording.",

@@ -9,7 +9,7 @@ import click
 
 import tfdb
 
-from . import common, output
+from . import common, layout, output
 from .graph import STORE, Live, listening, node_option, open_graph
 from .times import duration_option
 
@@ -60,6 +60,7 @@ def command(*, where: str, store: str | None, action: str, cache_time: int, as_j
             output.emit_json("buffer-server", body)
         else:
             origin = "" if store is None else f" from {STORE}{store.removeprefix(STORE)}"
-            click.echo(f"{where} as {live.node_name}, {action}{origin}; Ctrl-C ends it")
+            text = f"{where} as {live.node_name}, {action}{origin}; Ctrl-C ends it"
+            click.echo(layout.wrap(layout.words(text)))
         live.sleep(math.inf)
         live.check()

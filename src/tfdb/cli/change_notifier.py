@@ -12,7 +12,7 @@ import click
 import tfdb
 from tfdb.waiting import NO_ANSWER_YET
 
-from . import common, output
+from . import common, layout, output
 from .graph import live_source, node_option
 from .times import NS, format_ns
 
@@ -174,8 +174,9 @@ class Told:
             how = "is at" if first else f"moved {moved:.3f} m, {turned:.3f} rad, to"
             place = ", ".join(f"{float(value):.3f}" for value in found.translation)
             turn = ", ".join(f"{float(value):.3f}" for value in found.rotation)
-            name = f"T[{found.target}<-{found.source}]"
-            click.echo(f"{format_ns(found.stamp)} {name} {how} [{place}] [{turn}]")
+            into, of = layout.transform_name(found.target, found.source)
+            chunks = [format_ns(found.stamp), f" {into}", of, *layout.words(f" {how}")]
+            click.echo(layout.wrap([*chunks, f" [{place}]", f" [{turn}]"]))
         return found
 
     def _body(self, found: Transform, moved: float, turned: float) -> dict[str, Any]:

@@ -4,18 +4,21 @@ from __future__ import annotations
 
 import warnings
 from collections import Counter
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
 import tfdb
 from tfdb.summary import Forest
 
-from . import common, output
+from . import common, layout, output
 from .arrivals import Arrivals, read_arrivals
 from .doctor import KINDS, Finding, Limits, disconnected, examine, leading_slashes, sort_key
 from .graph import LISTENS, Live, is_graph, listening, node_option
-from .times import NS, duration_option, format_ns, watch_option
+from .times import NS, duration_option, format_date, format_ns, format_when, watch_option
+
+if TYPE_CHECKING:
+    from rich.console import Console
 
 
 @click.command("check")
@@ -58,6 +61,7 @@ from .times import NS, duration_option, format_ns, watch_option
 )
 @node_option
 @common.topic_option
+@layout.wide_option
 @common.json_option
 def command(
     *,
@@ -79,9 +83,7 @@ def command(
     limits = Limits(max_gap, NS if jump is None else jump, NS if coverage is None else coverage)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", tfdb.TfdbWarning)  # they are findings
-        if length is not None and not common.is_live(files[0]):
-            raise click.UsageError("--for watches what is live: give shm:NAME, ros1: or ros2:")
-        loaded, arrivals = _examined(files, topics, length)
+        loaded, arrivals = examined(files, topics, length)
     found = [
         *_refused(loaded),
         *_lost(loaded),
@@ -98,10 +100,12 @@ def command(
         click.get_current_context().exit(1)
 
 
-def _examined(
+def examined(
     names: tuple[str, ...], topics: tuple[str, ...], length: int | None
 ) -> tuple[common.Loaded, Arrivals]:
     """Load what is to be examined, and say what arrived how."""
+    if length is not None and not common.is_live(names[0]):
+        raise click.UsageError("--for watches what is live: give shm:NAME, ros1: or ros2:")
     from .watch import stored_arrivals, watch_arrivals  # noqa: PLC0415 - for what is live alone
 
     if any(is_graph(name) for name in names):
@@ -179,22 +183,31 @@ def _body(loaded: common.Loaded, arrivals: Arrivals, found: list[Finding]) -> di
     }
 
 
+_COLUMNS = tuple(
+    layout.Column(name) for name in ("", "finding", "frames", "since", "date (UTC)", "what")
+)
+
+
 def _show(loaded: common.Loaded, arrivals: Arrivals, found: list[Finding]) -> None:
-    out = output.console()
-    out.print(", ".join(loaded.names), style="bold")
-    if found:
-        made = output.table("", "finding", "frames", "since", "what")
-        out.print(output.add_rows(made, (_row(finding) for finding in found)))
-    count = Counter(finding.severity for finding in found)
+    out = layout.console()
+    out.print(layout.wrap(layout.words(", ".join(loaded.names), *loaded.names)), style="bold")
+    rows = [_row(finding) for finding in found]
+    made = layout.table(_COLUMNS, rows)
+    if rows and layout.fits(made):
+        out.print(made)
+    else:
+        for finding in found:
+            _show_narrow(out, finding)
     if not arrivals.publishers_known:
-        out.print(
-            "the recording does not say who published: two publishers go unnoticed", style="dim"
-        )
+        text = "the recording does not say who published: two publishers go unnoticed"
+        out.print(layout.wrap(layout.words(text)), style="dim")
     if arrivals.missed:
-        out.print(
+        text = (
             f"{arrivals.missed:,} commits went by unseen: the store is written to faster than it "
             "can be watched here, and gaps may come of that"
         )
+        out.print(layout.wrap(layout.words(text)))
+    count = Counter(finding.severity for finding in found)
     if found:
         out.print(
             f"{count['error']} error{'s'[: count['error'] != 1]}, "
@@ -202,15 +215,33 @@ def _show(loaded: common.Loaded, arrivals: Arrivals, found: list[Finding]) -> No
         )
     else:
         transforms = loaded.report.transforms if loaded.report else arrivals.log.count
-        out.print(
-            f"nothing wrong with {transforms:,} transforms of {len(loaded.store.frames())} frames"
-        )
+        frames = len(loaded.store.frames())
+        text = f"nothing wrong with {transforms:,} transforms of {frames} frames"
+        out.print(layout.wrap(layout.words(text)))
+
+
+def _show_narrow(out: Console, finding: Finding) -> None:
+    """Print a finding in lines of its own, where there is no room for all of it in one."""
+    frames = "".join(f" {name}," for name in _frames(finding)).rstrip(",")
+    names = [layout.safe(name) for name in finding.frames]
+    heading = [finding.severity, f" {finding.kind}:", *layout.words(frames, *names)]
+    style = "bold red" if finding.severity == "error" else "bold"
+    out.print(layout.wrap(heading), style=style)
+    since = "" if finding.stamp is None else f", since {format_when(finding.stamp)}"
+    out.print(layout.wrap([" ", *layout.words(f" {finding.message}{since}", *names)]))
+
+
+def _frames(finding: Finding) -> list[str]:
+    """The frames of a finding as they are shown; of many, the first."""
+    frames = [layout.safe(name) for name in finding.frames[:3]]
+    if len(finding.frames) > 3:
+        frames[-1] += f" and {len(finding.frames) - 3} more"
+    return frames
 
 
 def _row(finding: Finding) -> tuple[Any, ...]:
-    mark = output.loud("error") if finding.severity == "error" else "warning"
-    frames = ", ".join(finding.frames[:3])
-    if len(finding.frames) > 3:
-        frames += f" and {len(finding.frames) - 3} more"
-    since = "" if finding.stamp is None else format_ns(finding.stamp)
-    return (mark, finding.kind, frames, since, finding.message)
+    stamp = finding.stamp
+    times = ("", "") if stamp is None else (format_ns(stamp), format_date(stamp))
+    frames = ", ".join(_frames(finding))
+    mark = layout.loud("error") if finding.severity == "error" else "warning"
+    return (mark, finding.kind, frames, *times, finding.message)

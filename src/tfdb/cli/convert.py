@@ -14,7 +14,7 @@ from tfdb.io import Recording, RecordingWriter, write_trajectory
 from tfdb.io.choice import Choice
 from tfdb.io.loading import Selection, absolute
 
-from . import common, output
+from . import common, layout, output
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
@@ -95,7 +95,8 @@ def command(
     what = f"{written.transforms:,} transforms in {written.messages:,} messages"
     if frames is not None:
         what = f"{written.transforms:,} poses of {frames[1]} in {frames[0]}"
-    click.echo(f"{out}: {what}" + (f", {written.skipped:,} broken" if written.skipped else ""))
+    what += f", {written.skipped:,} broken" if written.skipped else ""
+    click.echo(layout.wrap(layout.words(f"{out}: {what}", out, *(frames or ()))))
 
 
 def _body(inputs: Sequence[Path], out: str, written: Written) -> dict[str, Any]:

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
-from tfdb.summary import YEAR_NS, Clock, describe_clocks, find_gaps
+from tfdb.summary import YEAR_NS, Clock, Gap, describe_clocks, find_gaps
 
 from .times import NS, format_duration, format_ns
 
@@ -57,6 +57,21 @@ class Finding:
     def severity(self) -> str:
         """``error`` or ``warning``."""
         return KINDS[self.kind][0]
+
+
+@dataclass(frozen=True)
+class Hole:
+    """One gap of an edge, the edge's usual period, and who published right before and after it.
+
+    Times are nanoseconds; the names are empty where the container does not say who published.
+    """
+
+    frame: str
+    parent: str
+    gap: Gap
+    period: int
+    publisher_before: str
+    publisher_after: str
 
 
 @dataclass(frozen=True)
@@ -401,6 +416,35 @@ def _late(edge: Edge, pieces: npt.NDArray[np.int64]) -> Iterator[Finding]:
         )
         details = {"worst_ns": int(behind.max())}
         yield Finding("late", (edge.name,), message, stamp, count, details)
+
+
+def holes(log: Log, limit: int | None = None) -> list[Hole]:
+    """Find every gap of every edge, by frame and time, as `examine` counts them."""
+    found: list[Hole] = []
+    for part in _by_clock([moving for edge in log.edges() if len((moving := edge.moving).stamps)]):
+        for edge in part:
+            jumps = jump_rows(edge, NS)
+            for rows in np.split(np.arange(len(edge.stamps)), jumps + 1):
+                found += _holes_of(edge, rows, limit, log.names)
+    return sorted(found, key=lambda hole: (hole.frame, hole.gap.before))
+
+
+def _holes_of(
+    edge: Edge, rows: npt.NDArray[np.int64], limit: int | None, names: Sequence[str]
+) -> Iterator[Hole]:
+    """Find the gaps among some rows of an edge."""
+    stamps, first = np.unique(edge.stamps[rows], return_index=True)
+    period, _, gaps = find_gaps(stamps, limit)
+    for gap in gaps:
+        before, after = rows[first[np.searchsorted(stamps, [gap.before, gap.after])]]
+        yield Hole(
+            edge.name,
+            names[edge.parents[before]],
+            gap,
+            period or 0,
+            names[edge.publishers[before]],
+            names[edge.publishers[after]],
+        )
 
 
 def _gaps(edge: Edge, pieces: npt.NDArray[np.int64], limit: int | None) -> Iterator[Finding]:

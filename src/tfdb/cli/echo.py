@@ -13,7 +13,7 @@ import click
 import tfdb
 from tfdb.waiting import NO_ANSWER_YET
 
-from . import common, output
+from . import common, layout, output
 from .angles import roll_pitch_yaw
 from .graph import Live, live_source, node_option
 from .times import (
@@ -206,6 +206,10 @@ def _steps(
         count += 1
 
 
+def _children(found: Transform) -> list[str]:
+    return [edge.child for edge in found.report.edges]
+
+
 @dataclass
 class Printer:
     """Prints answers and, once each, what keeps them away."""
@@ -258,7 +262,9 @@ class Printer:
 
     def _lines(self, found: Transform, now: int) -> Iterator[str]:
         degrees = roll_pitch_yaw(found.rotation)
-        yield f"At time {format_ns(found.stamp)}, (current time {format_ns(now)})"
+        yield layout.wrap(
+            [f"At time {format_ns(found.stamp)},", f" (current time {format_ns(now)})"]
+        )
         yield f"- Translation: {self._list(found.translation)}"
         yield f"- Rotation: in Quaternion {self._list(found.rotation)}"
         yield f"            in RPY (radian) {self._list(map(math.radians, degrees))}"
@@ -267,7 +273,7 @@ class Printer:
         digits = self.precision
         for row in found.matrix:
             yield "  " + " ".join(f"{value:{digits + 6}.{digits}f}" for value in row)
-        yield f"- Age: {self._age(found, now)}"
+        yield layout.wrap(layout.words(f"- Age: {self._age(found, now)}", *_children(found)))
 
     def _list(self, values: Any) -> str:
         return f"[{', '.join(f'{value:.{self.precision}f}' for value in values)}]"

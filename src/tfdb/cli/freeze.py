@@ -10,7 +10,7 @@ import tfdb
 from tfdb.frozen import SUFFIX
 from tfdb.given_path import given_path
 
-from . import common, output
+from . import common, layout, output
 from .graph import listen_option
 
 
@@ -58,10 +58,9 @@ def command(
     if as_json:
         output.emit_json("freeze", body)
         return
-    click.echo(
-        f"{out}: {body['samples']:,} samples of {body['frames']} frames, "
-        f"{body['bytes'] / (1 << 20):,.1f} MiB"
-    )
+    text = f"{out}: {body['samples']:,} samples of {body['frames']} frames, "
+    text += f"{body['bytes'] / (1 << 20):,.1f} MiB"
+    click.echo(layout.wrap(layout.words(text, out)))
 
 
 def _body(loaded: common.Loaded, out: str) -> dict[str, Any]:

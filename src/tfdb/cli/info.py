@@ -6,17 +6,18 @@ from typing import Any
 
 import click
 
-from tfdb.summary import EdgeSummary, edge_summaries, span
+from tfdb.summary import EdgeSummary, Forest, edge_summaries, span
 
-from . import common, output
+from . import common, layout, output
 from .graph import listen_option
-from .times import format_duration, format_ns
+from .times import format_dates, format_duration, format_ns
 
 
 @click.command("info")
 @common.files_argument
 @listen_option
 @common.topic_option
+@layout.wide_option
 @common.json_option
 def command(*, files: tuple[str, ...], topics: tuple[str, ...], as_json: bool) -> None:
     """Topics, frames, edges with rates and gaps, and the time span.
@@ -72,43 +73,60 @@ def edge_body(edge: EdgeSummary) -> dict[str, Any]:
 
 
 def _show(loaded: common.Loaded, edges: list[EdgeSummary]) -> None:
-    out = output.console()
+    out = layout.console()
     report = loaded.report
-    whole = span(loaded.store.tree())
-    out.print(", ".join(loaded.names), style="bold")
+    infos = loaded.store.tree()
+    whole = span(infos)
+    out.print(layout.wrap(layout.words(", ".join(loaded.names), *loaded.names)), style="bold")
     if whole is not None:
-        out.print(
-            f"{format_ns(whole[0])} to {format_ns(whole[1])} "
-            f"({format_duration(whole[1] - whole[0])})"
-        )
+        text = f"{format_ns(whole[0])} to {format_ns(whole[1])}"
+        out.print(layout.wrap([text, f" ({format_duration(whole[1] - whole[0])})"]))
+        dates = format_dates(*whole)
+        if dates:
+            out.print(dates)
     moving = sum(1 for edge in edges if not edge.info.is_static)
     given = f"{report.messages:,} messages, {report.transforms:,} transforms, " if report else ""
-    out.print(
-        f"{given}{len(loaded.store.frames())} frames, {moving} moving and "
-        f"{len(edges) - moving} static edges"
-    )
+    counts = f"{given}{len(infos)} frames, {moving} moving and {len(edges) - moving} static edges"
+    out.print(layout.wrap(layout.words(counts)))
     if report:
         if report.refused:
-            out.print(f"{report.refused:,} messages refused; 'tfdb check' says why", style="red")
-        topics = output.table("topic", "messages", "kind", right=("messages",))
+            refused = f"{report.refused:,} messages refused; 'tfdb check' says why"
+            out.print(layout.wrap(layout.words(refused)), style="red")
         kinds = ("moving", "static")
         rows = [(t.name, f"{t.messages:,}", kinds[t.static]) for t in report.topics]
-        out.print(output.add_rows(topics, rows))
-    out.print(output.add_rows(_edge_table(), (_edge_row(edge) for edge in edges)))
+        out.print(layout.table(_TOPIC_COLUMNS, rows))
+    by_name = {edge.info.name: edge for edge in edges}
+    tree = Forest(infos).rows()
+    lines = [_edge_row(row.info.name, by_name.get(row.info.name)) for row in tree]
+    if lines:
+        out.print(layout.table(_EDGE_COLUMNS, lines, [row.depth for row in tree]))
 
 
-def _edge_table() -> Any:
-    columns = ("frame", "parent", "rate", "samples", "longest gap", "late", "authority")
-    return output.table(*columns, right=("rate", "samples", "longest gap", "late"))
+_TOPIC_COLUMNS = (
+    layout.Column("topic"),
+    layout.Column("messages", 1, right=True),
+    layout.Column("kind", 2),
+)
+_EDGE_COLUMNS = (
+    layout.Column("frame"),
+    layout.Column("parent", 6),
+    layout.Column("rate", 1, right=True),
+    layout.Column("samples", 4, right=True),
+    layout.Column("longest gap", 2, right=True),
+    layout.Column("late", 3, right=True),
+    layout.Column("authority", 5),
+)
 
 
-def _edge_row(edge: EdgeSummary) -> tuple[Any, ...]:
+def _edge_row(name: str, edge: EdgeSummary | None) -> tuple[Any, ...]:
+    if edge is None:
+        return (name, "", layout.quiet("root"), "", "", "", "")
     info = edge.info
-    names = (info.name, info.parent or "")
+    names = (name, info.parent or "")
     if info.is_static:
-        return (*names, output.quiet("static"), "", "", "", info.authority)
+        return (*names, layout.quiet("static"), "", "", "", info.authority)
     gap: Any = "" if edge.longest is None else format_duration(edge.longest.length)
     if edge.gaps:
-        gap = output.loud(gap)
+        gap = layout.loud(gap)
     rate = "" if info.rate is None else f"{info.rate:.4g} Hz"
     return (*names, rate, f"{info.samples:,}", gap, str(info.late or ""), info.authority)

@@ -7,11 +7,19 @@ from typing import TYPE_CHECKING, Any
 import click
 
 import tfdb
+from tfdb.tf2.listings import frames_passed
 
-from . import common, output
+from . import common, layout, output
 from .angles import roll_pitch_yaw
 from .graph import listen_option
-from .times import TimedCommand, TimeSpec, format_duration, format_ns, time_option
+from .times import (
+    TimedCommand,
+    TimeSpec,
+    format_date,
+    format_duration,
+    format_ns,
+    time_option,
+)
 
 if TYPE_CHECKING:
     from tfdb import Buffer, Transform
@@ -26,6 +34,7 @@ if TYPE_CHECKING:
 @common.more_option
 @listen_option
 @common.topic_option
+@layout.wide_option
 @common.json_option
 def command(
     *,
@@ -96,12 +105,31 @@ def _body(loaded: common.Loaded, found: Transform, asked: str) -> dict[str, Any]
     }
 
 
+_COLUMNS = (
+    layout.Column("frame"),
+    layout.Column("parent", 5),
+    layout.Column("made from", 1),
+    layout.Column("before", 4, right=True),
+    layout.Column("after", 4, right=True),
+    layout.Column("gap", 2, right=True),
+    layout.Column("age", 3, right=True),
+)
+
+
 def _show(found: Transform, span: tuple[int, int] | None) -> None:
-    out = output.console()
-    out.print(f"T[{found.target}<-{found.source}]", style="bold")
-    out.print("stamp           " + _when(found, span))
+    out = layout.console()
+    out.print(layout.wrap(layout.transform_name(found.target, found.source)), style="bold")
+    if found.report.timeless:
+        text = "none: nothing moves between the two, it holds at all times"
+        out.print(layout.wrap(["stamp           ", *layout.words(text)], " " * 16))
+    else:
+        since = "" if span is None else f"  ({format_ns(found.stamp - span[0])} from the start)"
+        out.print(layout.wrap(["stamp           " + format_ns(found.stamp), since], " " * 16))
+        if date := format_date(found.stamp):
+            out.print(f"date            {date} UTC")
     out.print("translation     " + _numbers(found.translation) + "  m")
-    out.print("quaternion      " + _numbers(found.rotation) + "  x y z w")
+    rotation = ["quaternion      " + _numbers(found.rotation), "  x y z w"]
+    out.print(layout.wrap(rotation, " " * 16))
     import numpy as np
 
     angles = np.array(roll_pitch_yaw(found.rotation))
@@ -109,35 +137,29 @@ def _show(found: Transform, span: tuple[int, int] | None) -> None:
     out.print("matrix")
     for row in found.matrix:
         out.print("  " + _numbers(row))
-    made = output.table(
-        *("edge", "made from", "before", "after", "gap", "age"),
-        right=("before", "after", "gap", "age"),
-    )
-    limiting = found.report.limiting_edge
-    rows = [_row(edge, found.stamp) for edge in found.report.edges]
-    if rows:
+    edges = {edge.child: edge for edge in found.report.edges}
+    if edges:
+        names = reversed(frames_passed(found))
         out.print()
-        out.print(output.add_rows(made, rows))
+        out.print(layout.table(_COLUMNS, [_row(n, edges.get(n), found.stamp) for n in names]))
+    limiting = found.report.limiting_edge
     if limiting is not None:
-        out.print(f"limited by {limiting.child}", style="dim")
+        out.print(layout.wrap(layout.words(f"limited by {limiting.child}")), style="dim")
 
 
-def _when(found: Transform, span: tuple[int, int] | None) -> str:
-    if found.report.timeless:
-        return "none: nothing moves between the two, it holds at all times"
-    since = "" if span is None else f"  ({format_ns(found.stamp - span[0])} from the start)"
-    return format_ns(found.stamp) + since
+def _row(name: str, edge: Any, stamp: int) -> tuple[Any, ...]:
+    """One frame on the way from target to source, and how the edge to its parent was used.
 
-
-def _row(edge: Any, stamp: int) -> tuple[Any, ...]:
-    name = f"{edge.parent} <- {edge.child}"
-    shown = output.quiet(name) if edge.used == "static" else name
+    The one that all others hang below has no such edge.
+    """
+    if edge is None:
+        return (name, "", "", "", "", "", "")
     if edge.used == "static":
-        return (shown, output.quiet("static"), "", "", "", "")
+        return (name, edge.parent, layout.quiet("static"), "", "", "", "")
     before = "" if edge.before is None else _offset(edge.before - stamp)
     after = "" if edge.after is None else _offset(edge.after - stamp)
     gap = format_duration(edge.gap) if edge.gap else ""
-    return (shown, edge.used, before, after, gap, format_duration(edge.age))
+    return (name, edge.parent, edge.used, before, after, gap, format_duration(edge.age))
 
 
 def _offset(ns: int) -> str:
@@ -145,4 +167,5 @@ def _offset(ns: int) -> str:
 
 
 def _numbers(values: Any, digits: int = 6) -> str:
-    return " ".join(f"{float(value):>{digits + 6}.{digits}f}" for value in values)
+    size = digits + (6 if layout.width() >= 70 else 4)
+    return " ".join(f"{float(value):>{size}.{digits}f}" for value in values)

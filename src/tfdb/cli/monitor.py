@@ -13,10 +13,11 @@ from tfdb.frozen import is_frozen
 from tfdb.io import Recording
 from tfdb.io.choice import Choice
 from tfdb.io.loading import Selection
+from tfdb.summary import Forest
 from tfdb.tf2.listings import frames_passed
 from tfdb.waiting import NO_ANSWER_YET
 
-from . import common, output
+from . import common, layout, output
 from .graph import Live, live_source, node_option
 from .rates import Delays, Frame, Rates, joined
 from .times import NS, duration_option, format_duration, watch_option
@@ -58,6 +59,7 @@ _KEPT = 10 * NS
 )
 @node_option
 @common.topic_option
+@layout.wide_option
 @common.json_lines_option
 def command(
     *,
@@ -112,6 +114,10 @@ class Watch:
         for info in self._store.tree():
             if info.is_static and info.parent is not None:
                 self.rates.add((info.parent, info.name), 0, 0, info.authority, static=True)
+
+    def depths(self) -> dict[str, int]:
+        """How deep each frame is in the tree, in its order."""
+        return {row.info.name: row.depth for row in Forest(self._store.tree()).rows()}
 
     def take(self, changes: Sequence[Changes], arrival: int, author: str | None = None) -> None:
         """Take what came; `author`: of all of it, None: as the store says."""
@@ -224,7 +230,7 @@ class Screen:
         if sys.stdout.isatty() and not self._as_json:
             from rich.live import Live as Place  # noqa: PLC0415 - see `output`
 
-            self._place = Place(console=output.console(), auto_refresh=False)
+            self._place = Place(auto_refresh=False)
             self._place.start()
         return self
 
@@ -243,7 +249,7 @@ class Screen:
         if self._place is not None:
             self._place.update(shown, refresh=True)
         else:
-            output.console().print(shown)
+            layout.console().print(shown)
 
     def _body(self, watch: Watch, now: int, missed: int) -> dict[str, Any]:
         rates = watch.rates
@@ -284,42 +290,60 @@ class Screen:
     def _parts(self, watch: Watch, now: int, missed: int) -> Iterator[RenderableType]:
         rates = watch.rates
         seconds = rates.seconds(now)
-        yield f"{self._file}, over {format_duration(round(seconds * NS))}"
+        over = f" over {format_duration(round(seconds * NS))}"
+        yield layout.literal(layout.wrap([f"{layout.safe(self._file)},", over]))
         if self._chain is not None:
-            yield self._chain_line(watch)
-        made = output.table(
-            *("frame", "parent", "rate", "delay", "longest", "longest gap", "publisher"),
-            right=("rate", "delay", "longest", "longest gap"),
-        )
-        yield output.add_rows(
-            made,
-            (
-                _row(name, frame, delays, seconds)
-                for name, frame, delays in rates.of_frames()
-                if watch.shows(name)
-            ),
+            yield layout.literal(self._chain_line(watch))
+        frames = {
+            name: (frame, delays) for name, frame, delays in rates.of_frames() if watch.shows(name)
+        }
+        depths = watch.depths()
+        names = sorted(frames, key=lambda name: list(depths).index(name) if name in depths else -1)
+        yield layout.table(
+            _FRAMES,
+            [_row(name, *frames[name], seconds) for name in names],
+            [depths.get(name, 0) for name in names],
         )
         yield ""
-        made = output.table(
-            "publisher", "rate", "delay", "longest", right=("rate", "delay", "longest")
-        )
-        yield output.add_rows(
-            made,
-            (
+        yield layout.table(
+            _PUBLISHERS,
+            [
                 (name or "unknown", _rate(delays, seconds), *_delays(delays))
                 for name, delays in rates.of_authors()
-            ),
+            ],
         )
         if missed:
-            yield f"{missed:,} commits went by unseen: more than can be watched here"
+            text = f"{missed:,} commits went by unseen: more than can be watched here"
+            yield layout.literal(layout.wrap(layout.words(text)))
 
     def _chain_line(self, watch: Watch) -> str:
         target, source = self._chain or ("", "")
         if watch.broken:
-            return f"no T[{target}<-{source}]: {watch.broken}"
+            why = layout.words(f": {watch.broken}", target, source)
+            into, of = layout.transform_name(target, source)
+            return layout.wrap(["no", f" {into}", of, *why])
         mean, longest = _delays(joined(watch.rates.net))
-        way = " <- ".join(watch.passed[::-1])
-        return f"{way}: net delay {mean or 'none'}, longest {longest or 'none'}"
+        first, *way = watch.passed[::-1] or [target]
+        chunks = [layout.safe(first), *(f" <- {layout.safe(name)}" for name in way)]
+        text = f": net delay {mean or 'none'}, longest {longest or 'none'}"
+        return layout.wrap([*chunks, *layout.words(text)])
+
+
+_FRAMES = (
+    layout.Column("frame"),
+    layout.Column("parent", 6),
+    layout.Column("rate", 1, right=True),
+    layout.Column("delay", 2, right=True),
+    layout.Column("longest", 5, right=True),
+    layout.Column("longest gap", 3, right=True),
+    layout.Column("publisher", 4),
+)
+_PUBLISHERS = (
+    layout.Column("publisher"),
+    layout.Column("rate", 1, right=True),
+    layout.Column("delay", 2, right=True),
+    layout.Column("longest", 3, right=True),
+)
 
 
 def _figures(delays: Delays, seconds: float) -> dict[str, Any]:
@@ -334,9 +358,9 @@ def _figures(delays: Delays, seconds: float) -> dict[str, Any]:
 def _row(name: str, frame: Frame, delays: Delays, seconds: float) -> tuple[Any, ...]:
     who: Any = ", ".join(each or "unknown" for each in sorted(frame.authors))
     if len(frame.authors) > 1:
-        who = output.loud(who)
+        who = layout.loud(who)
     if frame.static:
-        return (name, frame.parent, output.quiet("static"), "", "", "", who)
+        return (name, frame.parent, layout.quiet("static"), "", "", "", who)
     gap = format_duration(delays.gap) if delays.gap else ""
     return (name, frame.parent, _rate(delays, seconds), *_delays(delays), gap, who)
 

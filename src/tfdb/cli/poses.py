@@ -12,7 +12,7 @@ import click
 import tfdb
 from tfdb.given_path import errors_name
 
-from . import common, output
+from . import common, layout, output
 from .graph import listen_option
 from .times import TimeSpec, format_duration, format_ns, read_stamps, time_option
 
@@ -130,7 +130,8 @@ def command(
     if as_json:
         output.emit_json("poses", _body(loaded, made, out))
     elif out is not None:
-        click.echo(f"{out}: {_describe(made)}")
+        text = f"{out}: {_describe(made)}"
+        click.echo(layout.wrap(layout.words(text, out, target, source)))
 
 
 def _stamps(name: str) -> npt.NDArray[np.int64]:

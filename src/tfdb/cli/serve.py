@@ -16,7 +16,7 @@ from tfdb.io.choice import Choice
 from tfdb.io.loading import Selection
 from tfdb.summary import span
 
-from . import common, output
+from . import common, layout, output
 from .graph import STORE, listening, node_option
 from .times import NS, duration_option, format_duration
 
@@ -96,15 +96,16 @@ def bag(
         rewriter = choice.resolve(recordings, selection.wants, selection.kind)
         player = Player(store, recordings, selection, rewriter, speed)
         if not as_json:
-            names = ", ".join(str(path) for path in paths)
-            click.echo(f"{names} into shm:{name}; Ctrl-C ends it")
+            names = [str(path) for path in paths]
+            text = f"{', '.join(names)} into shm:{name}; Ctrl-C ends it"
+            click.echo(layout.wrap(layout.words(text, *names)))
 
         def show() -> None:
             if as_json:
                 shown = {"files": [str(path) for path in paths], "store": name}
                 output.emit_json("serve", {**shown, **player.body()})
             else:
-                click.echo(player.describe())
+                click.echo(layout.wrap(layout.words(player.describe())))
 
         try:
             player.play()
@@ -168,7 +169,8 @@ def _serve_graph(graph: str, into: str, history: int | None, *, as_json: bool) -
     began = time.monotonic()
     with listening(graph, history=history, into=name) as live:
         if not as_json:
-            click.echo(f"{graph} as {live.node_name} into shm:{name}; Ctrl-C ends it")
+            text = f"{graph} as {live.node_name} into shm:{name}; Ctrl-C ends it"
+            click.echo(layout.wrap(layout.words(text)))
         try:
             live.sleep(math.inf)
             live.check()

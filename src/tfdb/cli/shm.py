@@ -12,9 +12,9 @@ import tfdb
 from tfdb.shared import find_stores, path_of
 from tfdb.summary import span
 
-from . import common, output
+from . import common, layout, output
 from .graph import STORE
-from .times import format_duration, format_ns
+from .times import format_dates, format_duration, format_ns
 
 if TYPE_CHECKING:
     import os
@@ -33,6 +33,7 @@ def command() -> None:
 
 
 @command.command("ls")
+@layout.wide_option
 @common.json_option
 def list_stores(*, as_json: bool) -> None:
     """List the stores, also those that this version or user cannot open."""
@@ -43,9 +44,22 @@ def list_stores(*, as_json: bool) -> None:
     if not found:
         click.echo("no stores; tfdb.Buffer.open(NAME) or 'tfdb serve' makes one")
         return
-    columns = ("store", "frames", "commit", "memory", "processes", "history", "")
-    made = output.table(*columns, right=columns[1:6])
-    output.console().print(output.add_rows(made, (_row(body) for body in found)))
+    layout.console().print(layout.table(_COLUMNS, [_row(body) for body in found]))
+    for body in found:
+        if body["error"] is not None:
+            layout.console().print(
+                layout.wrap(layout.words(f"{body['name']}: {body['error']}")), style="bold red"
+            )
+
+
+_COLUMNS = (
+    layout.Column("store"),
+    layout.Column("frames", 1, right=True),
+    layout.Column("commit", 4, right=True),
+    layout.Column("memory", 3, right=True),
+    layout.Column("processes", 2, right=True),
+    layout.Column("history", 5, right=True),
+)
 
 
 def _look(name: str) -> dict[str, Any]:
@@ -84,7 +98,7 @@ def _memory_of(status: os.stat_result) -> int:
 
 def _row(body: dict[str, Any]) -> tuple[Any, ...]:
     if body["error"] is not None:
-        return (body["name"], "", "", "", "", "", output.loud(body["error"]))
+        return (body["name"], layout.loud("?"), "", "", "", "")
     return (
         body["name"],
         f"{body['frames']:,}",
@@ -92,7 +106,6 @@ def _row(body: dict[str, Any]) -> tuple[Any, ...]:
         _mebi(body["memory_bytes"]),
         _known(body["processes"]),
         _history(body["history_s"]),
-        "",
     )
 
 
@@ -108,7 +121,7 @@ def describe(*, name: str, as_json: bool) -> None:
     if as_json:
         output.emit_json("shm", body)
         return
-    out = output.console()
+    out = layout.console()
     out.print(body["name"], style="bold")
     repairs = "never" if not body["repairs"] else f"after {body['repairs']:,} deaths of writers"
     for what, text in (
@@ -118,11 +131,12 @@ def describe(*, name: str, as_json: bool) -> None:
         ("samples", f"{body['samples']:,}"),
         ("history", _history(body["history_s"])),
         ("data", "none" if covered is None else " to ".join(map(format_ns, covered))),
+        *([("dates", dates)] if covered and (dates := format_dates(*covered)) else []),
         ("memory", f"{_mebi(body['memory_bytes'])} of at most {_mebi(body['size_bytes'])}"),
         ("processes", f"{_known(body['processes'])} beside this one"),
         ("repaired", repairs),
     ):
-        out.print(f"{what:<10}{text}")
+        out.print(layout.wrap([f"{what:<10}", *layout.words(text)], " " * 10))
 
 
 @command.command("compact")

@@ -13,7 +13,7 @@ import tfdb
 from tfdb.given_path import errors_name
 from tfdb.io import load_urdf
 
-from . import common, output
+from . import common, layout, output
 from .angles import quaternion_of
 from .graph import STORE, is_graph, node_option, open_graph, wait_for_end
 from .times import TimedCommand
@@ -125,7 +125,8 @@ def _say(
     listed = ", ".join(f"{one.parent} -> {one.child}" for one in transforms[:5])
     more = f" and {len(transforms) - 5} more" if len(transforms) > 5 else ""
     by = f" as {node}; Ctrl-C ends it" if node else ""
-    click.echo(f"{where}{by}: {listed}{more}")
+    names = [name for one in transforms[:5] for name in (one.parent, one.child)]
+    click.echo(layout.wrap(layout.words(f"{where}{by}: {listed}{more}", *names)))
 
 
 def _by_place(values: Sequence[str]) -> tfdb.TransformStamped:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from dataclasses import dataclass
+from datetime import UTC, datetime
 from decimal import Decimal
 from typing import Literal
 
@@ -18,6 +19,9 @@ HINT = (
     "write seconds (12.5), nanoseconds (12500000000ns), an offset from the start (+1.5) or from "
     "the end (-0.5), or 'latest'"
 )
+_EPOCH_NS = 946_684_800 * NS
+"""The year 2000: stamps before it were not made by a clock that tells the date."""
+
 _NEGATIVE = re.compile(r"-\.?[0-9]")
 
 
@@ -116,6 +120,33 @@ def watch_option(ctx: click.Context, param: click.Parameter, value: str | None) 
 def format_ns(ns: int) -> str:
     """Seconds with nine decimals, exact: ``12.500000000``; a sign where negative."""
     return f"-{ns_to_seconds(-ns)}" if ns < 0 else ns_to_seconds(ns)
+
+
+def format_date(ns: int, *, day: bool = True) -> str:
+    """UTC of a stamp that is a time since 1970, to a millisecond; empty for another clock's.
+
+    `day` off: the time of the day alone.
+    """
+    if ns < _EPOCH_NS:
+        return ""
+    when = datetime.fromtimestamp(ns // NS, UTC)
+    form = "%Y-%m-%d %H:%M:%S" if day else "%H:%M:%S"
+    return f"{when:{form}}.{ns % NS // 1_000_000:03}"
+
+
+def format_when(ns: int) -> str:
+    """Seconds, and the date in UTC where it is known: ``12.500000000``."""
+    date = format_date(ns)
+    return f"{format_ns(ns)} ({date} UTC)" if date else format_ns(ns)
+
+
+def format_dates(first: int, last: int) -> str:
+    """Dates of a span; empty where one is none."""
+    start, end = format_date(first), format_date(last)
+    if not start or not end:
+        return ""
+    same = start[:10] == end[:10]
+    return f"{start} to {format_date(last, day=not same)} UTC"
 
 
 def format_duration(ns: int) -> str:

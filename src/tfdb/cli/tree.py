@@ -2,18 +2,20 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 from rich.text import Text
-from rich.tree import Tree
 
-from tfdb.summary import EdgeSummary, Forest, edge_summaries
+from tfdb.summary import EdgeSummary, Forest, TreeRow, edge_summaries
 
-from . import common, output
+from . import common, layout, output
 from .graph import listen_option
 from .info import edge_body
-from .times import TimeSpec, format_duration, format_ns, time_option
+from .times import TimeSpec, format_duration, format_when, time_option
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
 
 
 @click.command("tree")
@@ -23,6 +25,7 @@ from .times import TimeSpec, format_duration, format_ns, time_option
 )
 @listen_option
 @common.topic_option
+@layout.wide_option
 @common.json_option
 def command(
     *, files: tuple[str, ...], at: TimeSpec | None, topics: tuple[str, ...], as_json: bool
@@ -40,11 +43,12 @@ def command(
     if as_json:
         output.emit_json("tree", _body(loaded, forest, edges, time))
         return
-    out = output.console()
+    out = layout.console()
     if time is not None:
-        out.print(f"at {format_ns(time)}", style="dim")
+        out.print(f"at {format_when(time)}", style="dim")
     for root in forest.roots:
-        out.print(_draw(forest, edges, root))
+        for line in _draw(forest, edges, root):
+            out.print(line)
 
 
 def _body(
@@ -63,29 +67,51 @@ def _body(
     }
 
 
-def _draw(forest: Forest, edges: dict[str, EdgeSummary], root: str) -> Tree:
-    top = Tree(Text(root, style="bold"), guide_style="dim")
-    branches = {root: top}
-    for row in forest.walk(root):
-        name, parent = row.info.name, row.info.parent
-        if row.depth and parent is not None:
-            branches[name] = branches[parent].add(describe(edges[name]))
-    return top
+def _draw(forest: Forest, edges: dict[str, EdgeSummary], root: str) -> Iterator[Text]:
+    """Lines of one tree. Its guides are as wide as leaves each name in its place."""
+    rows = list(forest.walk(root))
+    width = layout.width()
+    step = next((s for s in (4, 2) if all(_fits(r, s, width) for r in rows)), 1)
+    last: list[bool] = []
+    for row in rows:
+        name = layout.safe(row.info.name)
+        if row.depth == 0:
+            yield Text(name, style="bold")
+            continue
+        last[row.depth - 1 :] = [row.last]
+        ends = [
+            *("    " if ended else "│   " for ended in last[:-1]),
+            "└── " if row.last else "├── ",
+        ]
+        guides = "".join(end[: step - 1] + " " for end in ends)
+        if step == 1:  # blanks, fewer where the name would not fit
+            guides = guides[: max(width - layout.cells(name), 0)]
+        line = Text(guides, style="dim")
+        line.append(name, style="not dim")
+        room = width - line.cell_len
+        for note in _notes(edges[row.info.name]):
+            room -= 2 + note.cell_len
+            if room < 0:
+                break  # the rest is less important
+            line.append("  ").append_text(note)
+        yield line
 
 
-def describe(edge: EdgeSummary) -> Text:
-    """Write a frame's line in the tree: name, rate, longest gap, late samples, authority."""
+def _fits(row: TreeRow, step: int, width: int) -> bool:
+    return step * row.depth + layout.cells(layout.safe(row.info.name)) <= width
+
+
+def _notes(edge: EdgeSummary) -> Iterator[Text]:
+    """What there is to say of an edge, the most important first."""
     info = edge.info
-    text = Text(info.name)
     notes = ["static"] if info.is_static else []
     if not info.is_static:
         notes.append(f"{info.samples:,} samples" if info.rate is None else f"{info.rate:.4g} Hz")
     if info.late:
         notes.append(f"{info.late} late")
-    text.append("  " + ", ".join(notes), style="dim" if info.is_static else "cyan")
+    yield Text(", ".join(notes), style="dim" if info.is_static else "cyan")
     if edge.gaps and edge.longest is not None:
         count = f"{len(edge.gaps)} gap{'s' if len(edge.gaps) > 1 else ''}"
-        text.append(f"  {count}, longest {format_duration(edge.longest.length)}", style="bold red")
+        yield layout.loud(f"{count}, longest {format_duration(edge.longest.length)}")
     if info.authority:
-        text.append(f"  {info.authority}", style="dim")
-    return text
+        yield layout.quiet(info.authority)

@@ -9,7 +9,7 @@ import click
 from tfdb.verify import check, load_history
 from tfdb.verify.check import STEPS
 
-from . import common, output
+from . import common, layout, output
 
 if TYPE_CHECKING:
     from tfdb.verify import History, Verdict
@@ -62,10 +62,10 @@ def _body(history: History, verdict: Verdict) -> dict[str, Any]:
 
 
 def _show(history: History, verdict: Verdict) -> None:
-    out = output.console()
+    out = layout.console()
     out.print(history.path, style="bold")
     for anomaly in verdict.anomalies:
-        out.print(output.loud(anomaly.name), f"({anomaly.count:,}):", anomaly.meaning)
+        out.print(layout.loud(anomaly.name), f"({anomaly.count:,}):", anomaly.meaning)
         for step in anomaly.steps:
             out.print(f"    {step}")
     counts = verdict.counts

@@ -1,0 +1,113 @@
+"""``tfdb gaps``: each gap of each edge, with its time and who published around it."""
+
+from __future__ import annotations
+
+import warnings
+from typing import TYPE_CHECKING, Any
+
+import click
+
+import tfdb
+from tfdb.summary import Forest
+
+from . import common, layout, output
+from .check import examined
+from .doctor import holes
+from .graph import node_option
+from .times import duration_option, format_date, format_duration, format_ns, watch_option
+
+if TYPE_CHECKING:
+    from .doctor import Hole
+
+
+@click.command("gaps")
+@common.files_argument
+@click.option(
+    "--max-gap",
+    metavar="SECONDS",
+    callback=duration_option,
+    help="The longest hole that is fine.  [default: five median periods of each edge]",
+)
+@click.option(
+    "--for",
+    "length",
+    metavar="SECONDS",
+    callback=watch_option,
+    help="Watch a live store (shm:NAME) or graph (ros1:, ros2:) for so long.  "
+    "[default of a graph: 5]",
+)
+@node_option
+@common.topic_option
+@layout.wide_option
+@common.json_option
+def command(
+    *,
+    files: tuple[str, ...],
+    max_gap: int | None,
+    length: int | None,
+    topics: tuple[str, ...],
+    as_json: bool,
+) -> None:
+    """List the gaps of each edge: since when, how long, who published before and after.
+
+    \b
+    Example: tfdb gaps drive.mcap --max-gap 0.5
+
+    In the order of the tree, then of time. A gap is a hole of more than five median periods of its
+    edge, or of more than --max-gap. Publishers are known in ROS 1 bags and in live graphs.
+    """  # noqa: D301, click wants the character
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", tfdb.TfdbWarning)  # 'tfdb check' tells them
+        loaded, arrivals = examined(files, topics, length)
+    order = {row.info.name: i for i, row in enumerate(Forest(loaded.store.tree()).rows())}
+    found = holes(arrivals.log, max_gap)
+    found.sort(key=lambda hole: (order.get(hole.frame, len(order)), hole.gap.before))
+    if as_json:
+        output.emit_json("gaps", {"files": list(loaded.names), "gaps": [_body(h) for h in found]})
+        return
+    out = layout.console()
+    if found:
+        out.print(layout.table(_COLUMNS, [_row(hole) for hole in found]))
+    else:
+        frames = len(loaded.store.frames())
+        text = f"no gaps in {arrivals.log.count:,} transforms of {frames} frames"
+        out.print(layout.wrap(layout.words(text)))
+
+
+def _body(hole: Hole) -> dict[str, Any]:
+    return {
+        "frame": hole.frame,
+        "parent": hole.parent,
+        "before_ns": hole.gap.before,
+        "after_ns": hole.gap.after,
+        "length_ns": hole.gap.length,
+        "period_ns": hole.period,
+        "publisher_before": hole.publisher_before,
+        "publisher_after": hole.publisher_after,
+    }
+
+
+_COLUMNS = (
+    layout.Column("frame"),
+    layout.Column("parent", 7),
+    layout.Column("since", 2, right=True),
+    layout.Column("date (UTC)", 4),
+    layout.Column("length", 1, right=True),
+    layout.Column("usual", 5, right=True),
+    layout.Column("published before", 3),
+    layout.Column("and after", 6),
+)
+
+
+def _row(hole: Hole) -> tuple[Any, ...]:
+    before, after = hole.publisher_before, hole.publisher_after
+    return (
+        hole.frame,
+        hole.parent,
+        format_ns(hole.gap.before),
+        format_date(hole.gap.before),
+        layout.loud(format_duration(hole.gap.length)),
+        format_duration(hole.period),
+        before,
+        layout.loud(after) if after != before else after,
+    )

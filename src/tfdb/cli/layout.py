@@ -1,0 +1,226 @@
+"""Text for people in the columns that a terminal has: no name of a frame is ever broken or cut.
+
+Where a table is too wide its least important columns are left out, down to the names alone;
+``--wide`` shows all. In a pipe everything is shown.
+
+`rich` is imported where it is used: a shell that completes a name waits for every import.
+"""
+
+# ruff: noqa: PLC0415
+
+from __future__ import annotations
+
+import os
+import re
+import shutil
+import sys
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, TypeAlias
+
+import click
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Sequence
+
+    from rich.console import Console
+    from rich.table import Table
+    from rich.text import Text
+
+    Cell: TypeAlias = str | Text
+
+UNLIMITED = 100_000
+"""Columns where nothing limits them: more than any name is long."""
+_GAP = 2
+_WIDE = "tfdb.wide"
+# What ends a line, drives a terminal or turns its writing about; names may hold it.
+_HOSTILE = re.compile("[\x00-\x1f\x7f-\x9f\u2028-\u202e\u2066-\u2069\ufeff]")
+
+
+def _wide(ctx: click.Context, _param: click.Parameter, value: bool) -> None:
+    ctx.meta[_WIDE] = value
+
+
+wide_option = click.option(
+    "--wide",
+    is_flag=True,
+    expose_value=False,
+    callback=_wide,
+    help="Show every column, in lines as long as need be.",
+)
+
+
+def width() -> int:
+    """Columns that a line may take: COLUMNS, or what the terminal has, or as many as it likes."""
+    context = click.get_current_context(silent=True)
+    if context is not None and context.meta.get(_WIDE):
+        return UNLIMITED
+    given = os.environ.get("COLUMNS", "")
+    if given.isdecimal() and int(given) > 0:
+        return int(given)
+    return shutil.get_terminal_size().columns if sys.stdout.isatty() else UNLIMITED
+
+
+def console() -> Console:
+    """Return standard output; it breaks no line by itself."""
+    from rich.console import Console
+
+    return Console(width=UNLIMITED, highlight=False, emoji=False, markup=False)
+
+
+def safe(text: str) -> str:
+    """Write out what would end a line or drive the terminal; a name may hold it."""
+    return _HOSTILE.sub(lambda found: f"\\u{ord(found[0]):04x}", text)
+
+
+def words(text: str, *names: str) -> list[str]:
+    """Split prose where its line may break: before words and the arrow of T[a<-b], in no name."""
+    odd = sorted((safe(name) for name in names if " " in name or "<-" in name), key=len)
+    unbroken = "|".join([*map(re.escape, reversed(odd)), r"(?!<-)\S"])
+    return re.findall(rf"\s*(?:<-)?(?:{unbroken})+|\s*<-", safe(text))
+
+
+def transform_name(target: str, source: str) -> list[str]:
+    """T[target<-source], which may break at its arrow."""
+    return [f"T[{safe(target)}", f"<-{safe(source)}]"]
+
+
+def wrap(chunks: Iterable[str], indent: str = "  ") -> str:
+    """Put chunks, none of which is ever broken, into lines of the width.
+
+    Lines after the first are indented.
+    """
+    limit = width()
+    lines = [""]
+    for chunk in chunks:
+        if lines[-1].strip() and cells(lines[-1]) + cells(chunk) > limit:
+            lines.append(indent + chunk.lstrip())
+        else:
+            lines[-1] += chunk
+    return "\n".join(lines)
+
+
+def cells(text: str) -> int:
+    """Columns that a text takes; some characters take two."""
+    from rich.cells import cell_len
+
+    return cell_len(text)
+
+
+@dataclass(frozen=True)
+class Column:
+    """A column of a table.
+
+    `rank` says how soon it is left out where the table is too wide: the highest first, 0 never.
+    """
+
+    name: str
+    rank: int = 0
+    right: bool = False
+
+
+def table(
+    columns: Sequence[Column], rows: Iterable[Sequence[Cell]], depths: Sequence[int] | None = None
+) -> Table:
+    """Make a table of as many of the columns as there is room for, and say which it lacks.
+
+    Parameters
+    ----------
+    columns
+        Those that there are; the first is always shown.
+    rows
+        One cell for each column; text is taken literally.
+    depths
+        Of each row, how deep its frame is in the tree: where the column `parent` is left out, the
+        names are indented by it, as far as there is room.
+    """
+    from rich.box import SIMPLE_HEAD
+    from rich.table import Table
+    from rich.text import Text
+
+    cleaned = [[_text(cell) for cell in row] for row in rows]
+    shown = _fitting(columns, cleaned)
+    if depths and "parent" not in [columns[i].name for i in shown]:
+        shown = _indent(columns, cleaned, depths)
+    lacks = [column.name for i, column in enumerate(columns) if i not in shown and column.name]
+    made = Table(box=SIMPLE_HEAD, padding=(0, _GAP - 1, 0, 0), pad_edge=False, show_edge=False)
+    made.header_style = "bold"
+    for i in shown:
+        justify = "right" if columns[i].right else "left"
+        made.add_column(columns[i].name, justify=justify, overflow="fold")  # type: ignore[arg-type]
+    for row in cleaned:
+        made.add_row(*(row[i] for i in shown))
+    if lacks and cleaned:
+        made.caption = Text(wrap(words(f"--wide shows also: {', '.join(lacks)}")), style="dim")
+        made.caption_justify = "left"
+    return made
+
+
+def _text(cell: Cell) -> Text:
+    from rich.text import Text
+
+    return Text(safe(cell)) if isinstance(cell, str) else cell
+
+
+def _fitting(columns: Sequence[Column], rows: Sequence[Sequence[Text]]) -> list[int]:
+    """Find the columns that fit beside one another, the most important first."""
+    sizes = [
+        max([cells(column.name), *(row[i].cell_len for row in rows)])
+        for i, column in enumerate(columns)
+    ]
+    used = {i: any(row[i].plain for row in rows) for i in range(len(columns))}
+    left = width()
+    shown: list[int] = []
+    for i in sorted(used, key=lambda i: (not used[i] and columns[i].rank > 0, columns[i].rank, i)):
+        if not shown or columns[i].rank == 0 or sizes[i] + _GAP <= left:
+            left -= sizes[i] + (_GAP if shown else 0)
+            shown.append(i)
+    return sorted(shown)
+
+
+def _indent(
+    columns: Sequence[Column], rows: Sequence[list[Text]], depths: Sequence[int]
+) -> list[int]:
+    """Indent the names as deeply as leaves what is next in importance in its place."""
+    from rich.text import Text
+
+    others = [column for column in columns if column.name != "parent"]
+    places = [i for i, column in enumerate(columns) if column.name != "parent"]
+    plain = [row[0] for row in rows]
+    top = min(depths)
+    shown: list[int] = []
+    for step in (2, 1, 0):
+        for row, name, depth in zip(rows, plain, depths, strict=True):
+            row[0] = Text(" " * (step * (depth - top))) + name
+        shown = _fitting(others, [[row[i] for i in places] for row in rows])
+        widest = max((row[0].cell_len for row in rows), default=0)
+        if widest <= width() and all(
+            i in shown for i, column in enumerate(others) if column.rank <= 1
+        ):
+            break
+    return [places[i] for i in shown]
+
+
+def literal(text: str) -> Text:
+    """Give a text to be printed as it is."""
+    return _styled(text, "", clean=False)
+
+
+def fits(made: Table) -> bool:
+    """Whether a table has room for all that it shows."""
+    return console().measure(made).maximum <= width()
+
+
+def quiet(text: str) -> Text:
+    """Give the text less weight."""
+    return _styled(text, "dim")
+
+
+def loud(text: str) -> Text:
+    """Make the text ask for attention."""
+    return _styled(text, "bold red")
+
+
+def _styled(text: str, style: str, *, clean: bool = True) -> Text:
+    from rich.text import Text
+
+    return Text(safe(text) if clean else text, style=style)
