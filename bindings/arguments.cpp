@@ -39,9 +39,9 @@ void ParameterList::bind_slowly(PyObject* const* args, std::size_t count, PyObje
     for (std::size_t i = 0; i < count; ++i) {
         out[i] = args[i];
     }
-    const Py_ssize_t named = keywords == nullptr ? 0 : PyTuple_GET_SIZE(keywords);
+    const Py_ssize_t named = keywords == nullptr ? 0 : NB_TUPLE_GET_SIZE(keywords);
     for (Py_ssize_t k = 0; k < named; ++k) {
-        const std::size_t i = find_parameter(*this, PyTuple_GET_ITEM(keywords, k));
+        const std::size_t i = find_parameter(*this, NB_TUPLE_GET_ITEM(keywords, k));
         if (out[i] != nullptr) {
             throw_type_error(std::string(function) + "() got multiple values for argument '" +
                              std::string(names[i]) + "'");

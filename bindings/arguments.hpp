@@ -64,10 +64,12 @@ inline std::string_view name_of(PyObject* object, const char* role) {
     if (!PyUnicode_Check(object)) {
         throw_not_a_name(object, role);
     }
+#ifndef Py_LIMITED_API
     if (PyUnicode_IS_COMPACT_ASCII(object)) {
         return {static_cast<const char*>(PyUnicode_DATA(object)),
                 static_cast<std::size_t>(PyUnicode_GET_LENGTH(object))};
     }
+#endif
     return other_name(object, role);
 }
 

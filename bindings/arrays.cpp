@@ -214,11 +214,11 @@ void Stamps::read_sequence(nb::handle object) {
     if (!items.is_valid()) {
         throw nb::python_error();
     }
-    const auto count = static_cast<std::size_t>(PyTuple_GET_SIZE(items.ptr()));
+    const auto count = static_cast<std::size_t>(NB_TUPLE_GET_SIZE(items.ptr()));
     copy_.resize(count);
     for (std::size_t i = 0; i < count; ++i) {
         look_for_signals(i);
-        PyObject* const item = PyTuple_GET_ITEM(items.ptr(), static_cast<Py_ssize_t>(i));
+        PyObject* const item = NB_TUPLE_GET_ITEM(items.ptr(), static_cast<Py_ssize_t>(i));
         at_index(i, [&] { copy_[i] = stamp_of(item); });
     }
     values_ = copy_;

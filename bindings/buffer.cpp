@@ -71,7 +71,7 @@ std::string path_of(nb::handle path) {
         throw nb::python_error();
     }
     const nb::object held = nb::steal(bytes);
-    return {PyBytes_AS_STRING(bytes), static_cast<std::size_t>(PyBytes_GET_SIZE(bytes))};
+    return {PyBytes_AsString(bytes), static_cast<std::size_t>(PyBytes_Size(bytes))};
 }
 
 void create_shared(nb::handle path, nb::handle history, nb::handle max_frames,
@@ -226,11 +226,11 @@ CommitNumber remove_frames(BufferObject& self, nb::handle names, bool recursive)
     if (!items.is_valid()) {
         throw nb::python_error();
     }
-    const auto count = static_cast<std::size_t>(PyTuple_GET_SIZE(items.ptr()));
+    const auto count = static_cast<std::size_t>(NB_TUPLE_GET_SIZE(items.ptr()));
     std::vector<std::string_view> all(count);
     for (std::size_t i = 0; i < count; ++i) {
         look_for_signals(i);
-        PyObject* const item = PyTuple_GET_ITEM(items.ptr(), static_cast<Py_ssize_t>(i));
+        PyObject* const item = NB_TUPLE_GET_ITEM(items.ptr(), static_cast<Py_ssize_t>(i));
         at_index(i, [&] { all[i] = name_of(item, "names"); });
     }
     const LongWork work(true);

@@ -82,7 +82,8 @@ void set_fields(nb::handle error, const ErrorDetail& detail) {
 nb::object new_error(nb::handle type, const std::string& message) {
     const nb::tuple arguments = nb::make_tuple(escaped(message));
     auto* kind = reinterpret_cast<PyTypeObject*>(type.ptr());
-    PyObject* value = kind->tp_new(kind, arguments.ptr(), nullptr);
+    const auto make = reinterpret_cast<newfunc>(PyType_GetSlot(kind, Py_tp_new));
+    PyObject* value = make(kind, arguments.ptr(), nullptr);
     if (value == nullptr) {
         throw nb::python_error();
     }
@@ -232,6 +233,21 @@ std::string short_repr(nb::handle object) {
     return result;
 }
 
+std::string type_name_of(nb::handle object) {
+#ifndef Py_LIMITED_API
+    return Py_TYPE(object.ptr())->tp_name;
+#else
+    // The same words: a type of C has the name of its module in its own.
+    const nb::handle type = object.type();
+    const auto name = nb::cast<std::string>(type.attr("__name__"));
+    if ((PyType_GetFlags(Py_TYPE(object.ptr())) & Py_TPFLAGS_HEAPTYPE) != 0) {
+        return name;
+    }
+    const auto module = nb::cast<std::string>(type.attr("__module__"));
+    return module == "builtins" ? name : module + "." + name;
+#endif
+}
+
 std::string text_of(nb::handle object) {
     const nb::object text = nb::steal(PyObject_Str(object.ptr()));
     if (!text.is_valid()) {
@@ -243,8 +259,7 @@ std::string text_of(nb::handle object) {
     if (!bytes.is_valid()) {
         throw nb::python_error();
     }
-    return {PyBytes_AS_STRING(bytes.ptr()),
-            static_cast<std::size_t>(PyBytes_GET_SIZE(bytes.ptr()))};
+    return {PyBytes_AsString(bytes.ptr()), static_cast<std::size_t>(PyBytes_Size(bytes.ptr()))};
 }
 
 void forget_error() {

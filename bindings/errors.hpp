@@ -86,9 +86,7 @@ PyObject* guarded(Function&& function) noexcept {
 }
 
 /// Name of an object's type, for messages.
-inline std::string type_name_of(nb::handle object) {
-    return Py_TYPE(object.ptr())->tp_name;
-}
+std::string type_name_of(nb::handle object);
 
 /// repr() cut to what fits into a message.
 std::string short_repr(nb::handle object);

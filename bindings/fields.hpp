@@ -35,7 +35,13 @@ inline nb::object get(PyObject* object, PyObject* name) {
 /// An attribute, or nothing where the object does not have it.
 inline nb::object find(PyObject* object, PyObject* name) {
     PyObject* value = nullptr;
-#if PY_VERSION_HEX >= 0x030D0000
+#if defined(Py_LIMITED_API)
+    value = PyObject_GetAttr(object, name);
+    const int found = value != nullptr ? 1 : PyErr_ExceptionMatches(PyExc_AttributeError) - 1;
+    if (found == 0) {
+        PyErr_Clear();
+    }
+#elif PY_VERSION_HEX >= 0x030D0000
     const int found = PyObject_GetOptionalAttr(object, name, &value);
 #else
     const int found = _PyObject_LookupAttr(object, name, &value);

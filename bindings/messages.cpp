@@ -74,7 +74,7 @@ PyObject*& place_of(PyObject* object, Py_ssize_t offset) {
 /// Takes the values; null with MemoryError.
 PyObject* make_part(const Part& part, Values& values) {
     auto* const type = reinterpret_cast<PyTypeObject*>(part.type.ptr());
-    PyObject* const made = type->tp_alloc(type, 0);
+    PyObject* const made = PyType_GenericAlloc(type, 0);
     if (made == nullptr) {
         return nullptr;
     }
@@ -98,29 +98,31 @@ PyObject* make_part(const Part& part, Values& values) {
 
 /// Where the instances of a class have their `__slots__`; nothing if they hold anything else.
 std::optional<std::vector<Py_ssize_t>> slots_of(PyTypeObject* type) {
-    if (type->tp_alloc != PyType_GenericAlloc || type->tp_new != PyBaseObject_Type.tp_new ||
-        type->tp_itemsize != 0) {
+    const nb::handle of_type(reinterpret_cast<PyObject*>(type));
+    const auto size = [of_type](const char* name) {
+        return nb::cast<Py_ssize_t>(of_type.attr(name));
+    };
+    if (PyType_GetSlot(type, Py_tp_alloc) != reinterpret_cast<void*>(PyType_GenericAlloc) ||
+        PyType_GetSlot(type, Py_tp_new) != PyType_GetSlot(&PyBaseObject_Type, Py_tp_new) ||
+        size("__itemsize__") != 0) {
         return std::nullopt;
     }
     std::vector<Py_ssize_t> offsets;
-    for (const nb::handle base : nb::handle(reinterpret_cast<PyObject*>(type)).attr("__mro__")) {
-        for (const nb::handle member : nb::object(base.attr("__dict__").attr("values")())) {
-            if (Py_IS_TYPE(member.ptr(), &PyMemberDescr_Type) == 0) {
-                continue;
-            }
-            const PyMemberDef* const definition =
-                reinterpret_cast<PyMemberDescrObject*>(member.ptr())->d_member;
-            if (definition->type != T_OBJECT_EX || definition->flags != 0) {
+    for (const nb::handle base : of_type.attr("__mro__")) {
+        const auto* member = static_cast<const PyMemberDef*>(
+            PyType_GetSlot(reinterpret_cast<PyTypeObject*>(base.ptr()), Py_tp_members));
+        for (; member != nullptr && member->name != nullptr; ++member) {
+            if (member->type != T_OBJECT_EX || member->flags != 0) {
                 return std::nullopt;
             }
-            offsets.push_back(definition->offset);
+            offsets.push_back(member->offset);
         }
     }
     std::sort(offsets.begin(), offsets.end());
     offsets.erase(std::unique(offsets.begin(), offsets.end()), offsets.end());
-    const std::size_t others = (type->tp_dictoffset > 0 ? 1 : 0) +  // of __dict__ and __weakref__
-                               (type->tp_weaklistoffset > 0 ? 1 : 0);
-    if (static_cast<std::size_t>(type->tp_basicsize) !=
+    const std::size_t others =
+        (size("__dictoffset__") > 0 ? 1 : 0) + (size("__weakrefoffset__") > 0 ? 1 : 0);
+    if (static_cast<std::size_t>(size("__basicsize__")) !=
         sizeof(PyObject) + (offsets.size() + others) * sizeof(PyObject*)) {
         return std::nullopt;
     }

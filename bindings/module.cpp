@@ -33,7 +33,7 @@ NB_MODULE(_core, module) {
 // NOLINTBEGIN(bugprone-reserved-identifier,readability-identifier-naming): Python chose the name.
 // What this module keeps of Python (types, interned names, numpy's parts) is of one interpreter.
 extern "C" NB_EXPORT PyObject* PyInit__core() {
-    if (PyInterpreterState_Get() != PyInterpreterState_Main()) {
+    if (PyInterpreterState_GetID(PyInterpreterState_Get()) != 0) {
         PyErr_SetString(PyExc_ImportError,
                         "tfdb can be imported in the main interpreter only: no sub-interpreter is "
                         "supported; use threads, or processes");

@@ -19,10 +19,6 @@ template <std::size_t N>
 }
 
 bool read_number(PyObject* object, double& out) {
-    if (PyFloat_CheckExact(object)) {
-        out = PyFloat_AS_DOUBLE(object);
-        return true;
-    }
     out = PyFloat_AsDouble(object);
     if (out == -1.0 && PyErr_Occurred() != nullptr) {
         forget_error();
@@ -32,9 +28,12 @@ bool read_number(PyObject* object, double& out) {
 }
 
 template <std::size_t N>
-bool read_items(PyObject* const* items, std::array<double, N>& out) {
+bool read_tuple(PyObject* items, std::array<double, N>& out) {
+    if (NB_TUPLE_GET_SIZE(items) != N) {
+        return false;
+    }
     for (std::size_t i = 0; i < N; ++i) {
-        if (!read_number(items[i], out[i])) {
+        if (!read_number(NB_TUPLE_GET_ITEM(items, static_cast<Py_ssize_t>(i)), out[i])) {
             return false;
         }
     }
@@ -79,12 +78,11 @@ std::array<double, N> numbers_of(PyObject* object, const char* role) {
     std::array<double, N> out{};
     bool read = false;
     if (PyTuple_CheckExact(object)) {
-        read = PyTuple_GET_SIZE(object) == N && read_items<N>(&PyTuple_GET_ITEM(object, 0), out);
+        read = read_tuple<N>(object, out);
     } else if (PyList_CheckExact(object)) {
         // __float__ of an item may change the list: read from a copy of its items.
         const nb::object items = nb::steal(PyList_AsTuple(object));
-        read = items.is_valid() && PyTuple_GET_SIZE(items.ptr()) == N &&
-               read_items<N>(&PyTuple_GET_ITEM(items.ptr(), 0), out);
+        read = items.is_valid() && read_tuple<N>(items.ptr(), out);
     } else if (PyObject_CheckBuffer(object) != 0) {
         read = read_array<N>(object, out);
     } else if (PySequence_Check(object) != 0 && !PyUnicode_Check(object)) {
@@ -92,8 +90,7 @@ std::array<double, N> numbers_of(PyObject* object, const char* role) {
         if (!items.is_valid()) {
             throw nb::python_error();
         }
-        read = PyTuple_GET_SIZE(items.ptr()) == N &&
-               read_items<N>(&PyTuple_GET_ITEM(items.ptr(), 0), out);
+        read = read_tuple<N>(items.ptr(), out);
     } else {
         read = read_fields<N>(object, out);
     }

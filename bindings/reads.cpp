@@ -324,11 +324,11 @@ void check_not_in_transaction(const ReadsObject& object) {
 }
 
 void throw_not_made(nb::handle self, const char* expected) {
-    const char* const type = Py_TYPE(self.ptr())->tp_name;
+    const std::string type = type_name_of(self);
     if (expected == nullptr) {
-        PyErr_Format(PyExc_TypeError, "%s.__init__() was never called", type);
+        PyErr_Format(PyExc_TypeError, "%s.__init__() was never called", type.c_str());
     } else {
-        PyErr_Format(PyExc_TypeError, "self must be a %s, got %s", expected, type);
+        PyErr_Format(PyExc_TypeError, "self must be a %s, got %s", expected, type.c_str());
     }
     throw nb::python_error();
 }
@@ -369,7 +369,7 @@ void add_python_methods(nb::module_& module) {
     buffer.attr("wait_for_transform_async") = methods.attr("wait_for_transform_async");
     buffer.attr("wait_for_commit_async") = methods.attr("wait_for_commit_async");
     buffer.attr("__reduce__") = methods.attr("reduce");
-    const nb::handle static_method{reinterpret_cast<PyObject*>(&PyStaticMethod_Type)};
+    const nb::object static_method = nb::module_::import_("builtins").attr("staticmethod");
     buffer.attr("open") = static_method(methods.attr("open_store"));
     buffer.attr("unlink") = static_method(methods.attr("unlink_store"));
 }

@@ -29,12 +29,14 @@ struct Chunk {
 
     explicit Chunk(nb::handle given) : owner(nb::borrow(given)) {
         if (PyMemoryView_Check(given.ptr())) {
-            const Py_buffer& view = *PyMemoryView_GET_BUFFER(given.ptr());
-            PyObject* const base = PyMemoryView_GET_BASE(given.ptr());
-            if (base != nullptr && PyBuffer_IsContiguous(&view, 'C') != 0) {
-                owner = nb::borrow(base);
+            Py_buffer view;
+            if (PyObject_GetBuffer(given.ptr(), &view, PyBUF_SIMPLE) == 0) {
+                owner = given.attr("obj");
                 bytes = {static_cast<const std::byte*>(view.buf),
                          static_cast<std::size_t>(view.len)};
+                PyBuffer_Release(&view);
+            } else {
+                forget_error();
             }
         } else if (PyBytes_Check(given.ptr())) {
             bytes = bytes_of(nb::borrow<nb::bytes>(given));

@@ -37,8 +37,8 @@ nb::tuple edge_rows(TransformObject& self) {
     nb::list rows;
     Py_ssize_t name = 0;
     for (const EdgeUse& edge : self.edges()) {
-        const nb::handle child = PyTuple_GET_ITEM(self.names, name++);
-        const nb::handle parent = PyTuple_GET_ITEM(self.names, name++);
+        const nb::handle child = NB_TUPLE_GET_ITEM(self.names, name++);
+        const nb::handle parent = NB_TUPLE_GET_ITEM(self.names, name++);
         rows.append(nb::make_tuple(child, parent, kUsedNames[static_cast<std::size_t>(edge.used)],
                                    edge.before, edge.after, edge.inverted));
     }
@@ -388,9 +388,7 @@ PyType_Slot g_slots[] = {
 };
 
 PyType_Spec g_spec = {
-    "tfdb.Transform", sizeof(TransformObject),
-    sizeof(EdgeUse),  Py_TPFLAGS_DEFAULT | Py_TPFLAGS_IMMUTABLETYPE,
-    g_slots,
+    "tfdb.Transform", sizeof(TransformObject), sizeof(EdgeUse), Py_TPFLAGS_DEFAULT, g_slots,
 };
 
 }  // namespace
@@ -428,12 +426,9 @@ void bind_transform(nb::module_& module) {
         throw nb::python_error();
     }
     g_type = reinterpret_cast<PyTypeObject*>(type);
-    // numpy leaves `array @ T` to us. No slot is made for this, and the type cannot be written to.
-    if (PyDict_SetItemString(g_type->tp_dict, "__array_ufunc__", Py_None) != 0) {
-        throw nb::python_error();
-    }
-    PyType_Modified(g_type);
-    module.attr("Transform") = nb::borrow(type);
+    const nb::handle made(type);
+    made.attr("__array_ufunc__") = nb::none();  // numpy leaves `array @ T` to us
+    module.attr("Transform") = made;
     module.def("_restore_transform", &restore);
 }
 

@@ -28,7 +28,8 @@ struct TransformObject {
     PyObject* names;  // of the edges: (child, parent, child, parent, ...); null without edges
 
     [[nodiscard]] std::span<EdgeUse> edges() {
-        return {reinterpret_cast<EdgeUse*>(this + 1), static_cast<std::size_t>(Py_SIZE(this))};
+        const Py_ssize_t count = Py_SIZE(reinterpret_cast<PyObject*>(this));
+        return {reinterpret_cast<EdgeUse*>(this + 1), static_cast<std::size_t>(count)};
     }
 };
 static_assert(sizeof(TransformObject) % alignof(EdgeUse) == 0);

@@ -70,9 +70,9 @@ nb::object apply_rows(TransformObject& transform, const ArrayView& points, NewAr
 /// The names of the edges in reverse order.
 nb::object reversed_names(PyObject* names) {
     nb::list pairs;
-    for (Py_ssize_t i = names == nullptr ? 0 : PyTuple_GET_SIZE(names); i > 0; i -= 2) {
-        pairs.append(nb::handle(PyTuple_GET_ITEM(names, i - 2)));
-        pairs.append(nb::handle(PyTuple_GET_ITEM(names, i - 1)));
+    for (Py_ssize_t i = names == nullptr ? 0 : NB_TUPLE_GET_SIZE(names); i > 0; i -= 2) {
+        pairs.append(nb::handle(NB_TUPLE_GET_ITEM(names, i - 2)));
+        pairs.append(nb::handle(NB_TUPLE_GET_ITEM(names, i - 1)));
     }
     return nb::tuple(pairs);
 }
@@ -85,7 +85,7 @@ PyObject* no_chain(PyObject* other) {
     PyErr_Format(PyExc_TypeError,
                  "'@' chains two transforms, the other is a %s: T.apply(points) maps points, "
                  "T.matrix @ array multiplies numbers",
-                 Py_TYPE(other)->tp_name);
+                 type_name_of(other).c_str());
     return nullptr;
 }
 

@@ -168,7 +168,7 @@ void Transforms::read_object(PyObject* item) {
         PyErr_Format(PyExc_TypeError,
                      "transforms must be tfdb.TransformStamped, or messages with header, "
                      "child_frame_id and transform; item %zu is of type %s",
-                     views.size(), Py_TYPE(item)->tp_name);
+                     views.size(), type_name_of(item).c_str());
         throw nb::python_error();
     }
     TransformView view;
@@ -182,12 +182,12 @@ void Transforms::read_object(PyObject* item) {
 
 void Transforms::read_objects(nb::handle batch, bool collect) {
     const nb::object items = tuple_of(batch);
-    const auto count = static_cast<std::size_t>(PyTuple_GET_SIZE(items.ptr()));
+    const auto count = static_cast<std::size_t>(NB_TUPLE_GET_SIZE(items.ptr()));
     views.reserve(count);
     kept_.reserve(2 * count);
     for (std::size_t i = 0; i < count; ++i) {
         look_for_signals(i);
-        PyObject* const item = PyTuple_GET_ITEM(items.ptr(), static_cast<Py_ssize_t>(i));
+        PyObject* const item = NB_TUPLE_GET_ITEM(items.ptr(), static_cast<Py_ssize_t>(i));
         if (collect) {
             collecting(i, [&] { read_object(item); });
             views.resize(i + 1);
@@ -208,11 +208,11 @@ void Transforms::read_names(const nb::object& names, std::string_view TransformV
         return;
     }
     const nb::object items = tuple_of(names);
-    const auto count = static_cast<std::size_t>(PyTuple_GET_SIZE(items.ptr()));
+    const auto count = static_cast<std::size_t>(NB_TUPLE_GET_SIZE(items.ptr()));
     check_rows(count, views.size(), role);
     for (std::size_t i = 0; i < count; ++i) {
         look_for_signals(i);
-        PyObject* const item = PyTuple_GET_ITEM(items.ptr(), static_cast<Py_ssize_t>(i));
+        PyObject* const item = NB_TUPLE_GET_ITEM(items.ptr(), static_cast<Py_ssize_t>(i));
         collecting(i, [&] { views[i].*field = name_of(item, role); });
     }
     kept_.push_back(items);
@@ -231,11 +231,11 @@ void Transforms::read_stamps(const nb::object& given) {
             throw;  // the column as a whole
         }
         const nb::object items = tuple_of(given);
-        const auto count = static_cast<std::size_t>(PyTuple_GET_SIZE(items.ptr()));
+        const auto count = static_cast<std::size_t>(NB_TUPLE_GET_SIZE(items.ptr()));
         check_rows(count, views.size(), "stamps");
         for (std::size_t i = 0; i < count; ++i) {
             look_for_signals(i);
-            PyObject* const item = PyTuple_GET_ITEM(items.ptr(), static_cast<Py_ssize_t>(i));
+            PyObject* const item = NB_TUPLE_GET_ITEM(items.ptr(), static_cast<Py_ssize_t>(i));
             collecting(i, [&] { views[i].stamp = stamp_of(item); });
         }
     }

@@ -50,11 +50,11 @@ public:
         if (!object_.is_valid()) {
             forget_error();
             PyErr_Format(PyExc_TypeError, "a message must be bytes-like, got %s",
-                         Py_TYPE(object.ptr())->tp_name);
+                         type_name_of(object).c_str());
             throw nb::python_error();
         }
-        bytes_ = {reinterpret_cast<const std::byte*>(PyBytes_AS_STRING(object_.ptr())),
-                  static_cast<std::size_t>(PyBytes_GET_SIZE(object_.ptr()))};
+        bytes_ = {reinterpret_cast<const std::byte*>(PyBytes_AsString(object_.ptr())),
+                  static_cast<std::size_t>(PyBytes_Size(object_.ptr()))};
     }
 
     [[nodiscard]] Bytes bytes() const { return bytes_; }
@@ -87,13 +87,13 @@ public:
         }
         const Py_ssize_t count = PyObject_Length(messages.ptr());
         forget_error();
-        if (count != PyTuple_GET_SIZE(names_.ptr())) {
+        if (count != NB_TUPLE_GET_SIZE(names_.ptr())) {
             throw_error("InvalidArgument",
                         "authority must be one name, or one for each of a sequence of messages",
                         {{"value", nb::borrow(authority)}});
         }
         for (Py_ssize_t i = 0; i < count; ++i) {
-            each_.push_back(name_of(PyTuple_GET_ITEM(names_.ptr(), i), "authority"));
+            each_.push_back(name_of(NB_TUPLE_GET_ITEM(names_.ptr(), i), "authority"));
         }
     }
 

@@ -22,7 +22,8 @@ std::string_view authority_of(PyObject* authority) {
 
 bool flag_of(PyObject* flag, const char* role) {
     if (flag != nullptr && !PyBool_Check(flag)) {
-        PyErr_Format(PyExc_TypeError, "%s must be a bool, got %s", role, Py_TYPE(flag)->tp_name);
+        PyErr_Format(PyExc_TypeError, "%s must be a bool, got %s", role,
+                     type_name_of(flag).c_str());
         throw nb::python_error();
     }
     return flag == Py_True;
