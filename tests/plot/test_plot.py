@@ -48,48 +48,6 @@ def robot(arms: int = 6, joints: int = 12) -> tfdb.Buffer:
     return buf
 
 
-def test_trajectory_has_one_scale_in_both_directions() -> None:
-    figure = plot.trajectory(path())
-    top, side = figure.axes
-    assert top.get_aspect() == 1.0
-    box = top.get_position()
-    width, height = figure.get_size_inches()
-    span_x, span_y = np.diff(top.get_xlim())[0], np.diff(top.get_ylim())[0]
-    assert span_x / (box.width * width) == pytest.approx(span_y / (box.height * height))
-    assert "map" in top.get_xlabel()
-    assert "5.000" in side.get_xlabel()
-
-
-def test_trajectory_marks_start_and_end() -> None:
-    labels = [text.get_text() for text in plot.trajectory(path()).axes[0].get_legend().get_texts()]
-    assert {"start", "end"} <= set(labels)
-
-
-def test_trajectory_with_holes() -> None:
-    holed = path()
-    holed.poses[10:20] = np.nan
-    figure = plot.trajectory(holed)
-    assert any("40 poses" in text for text in texts(figure))
-
-
-def test_trajectory_that_stands_still() -> None:
-    still = path()
-    still.poses[:, :3] = 7.0
-    plot.trajectory(still).canvas.draw()
-
-
-def test_trajectory_of_one_pose() -> None:
-    plot.trajectory(path(1)).canvas.draw()
-
-
-@pytest.mark.parametrize("count", [0, 3])
-def test_trajectory_without_poses_is_refused(count: int) -> None:
-    empty = path(count)
-    empty.poses[:] = np.nan
-    with pytest.raises(ValueError, match="no pose"):
-        plot.trajectory(empty)
-
-
 def test_labels_of_a_large_tree_do_not_overlap() -> None:
     buf = robot()
     figure = plot.frame_tree(buf)

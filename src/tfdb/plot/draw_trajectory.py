@@ -1,104 +1,415 @@
-"""A trajectory from above, and its height over time."""
+"""Trajectories: their path in a plane or in space, and each coordinate over time."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from dataclasses import dataclass
+from itertools import pairwise
+from math import ceil
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 import numpy.typing as npt
+from matplotlib import colormaps
+from matplotlib.cm import ScalarMappable
+from matplotlib.collections import LineCollection
+from matplotlib.colors import Normalize
+from matplotlib.lines import Line2D
 
-from . import style
+from ..errors import InvalidArgument
+from . import lettering, style
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-    from .. import Trajectory
+    from ..types import Trajectory
+
+    Floats = npt.NDArray[np.float64]
+
+PLANES = ("xy", "xz", "yz", "xyz")
+COLORS = ("time", "speed")
 
 _HEADINGS = 14
-_SIZE = (9.6, 5.0)
-_TOP = (0.075, 0.115, 0.45, 0.715)
-_SIDE = (0.605, 0.115, 0.37, 0.715)
+_SIZE = (9.6, 5.4)
+_SMALLEST = (5.0, 4.0)
+_PARTS = 1500
+"""So many pieces at most has a path whose colour changes."""
+_LINES: tuple[Literal["-", "--", "-.", ":"], ...] = ("-", "--", "-.", ":")
 
 
-def trajectory(path: Trajectory, *, title: str | None = None) -> Figure:
-    """Draw the translations of ``T[target<-source]``: top view (x, y) and height (z) over time.
+@dataclass(frozen=True)
+class _Path:
+    """One trajectory as it is drawn: NaN where it has no pose."""
 
-    Both axes of the top view have one scale. Start and end are marked, small arrows show the
-    heading (the source's x axis); rows with NaN leave a hole in the line. Lengths in metres,
-    times in seconds from the first stamp. Raises ``ValueError`` for a trajectory without poses.
+    label: str
+    source: str
+    color: str
+    line: Literal["-", "--", "-.", ":"]
+    stamps: npt.NDArray[np.int64]
+    seconds: Floats
+    points: Floats
+    rotations: Floats
+    good: npt.NDArray[np.intp]
+
+    @property
+    def length(self) -> float:
+        """Metres."""
+        return float(np.linalg.norm(np.diff(self.points[self.good], axis=0), axis=1).sum())
+
+
+def trajectory(
+    *paths: Trajectory,
+    axes: Literal["xy", "xz", "yz", "xyz"] | None = None,
+    color: Literal["time", "speed"] | None = None,
+    labels: Sequence[str] | None = None,
+    title: str | None = None,
+    size: tuple[float, float] = _SIZE,
+) -> Figure:
+    """Draw the translations of one or several ``T[target<-source]``.
+
+    At the left the path, both axes in one scale; at the right x, y and z over time. Start (a disc)
+    and end (a square) are marked; of a single path small arrows show the heading, which is the
+    source's x axis. Rows with NaN leave a hole. Lengths are in metres, times in seconds from the
+    first stamp of all.
+
+    Parameters
+    ----------
+    *paths
+        What `Buffer.trajectory` and `tfdb.io.read_trajectory` return.
+    axes
+        The plane that is looked at, or `"xyz"` for three dimensions. None: the two axes along which
+        the paths reach furthest.
+    color
+        `"time"` or `"speed"` (m/s): the path's colour tells it, one scale for all paths. None: one
+        colour for each path.
+    labels
+        A name for each path. None: its frames.
+    title
+        Instead of the frames.
+    size
+        Width and height in inches, at least 5 and 4; a long legend adds to the height.
+
+    Raises
+    ------
+    InvalidArgument
+        No path, a path without a pose, labels that are not one for each, or an option that is none
+        of those above.
     """
-    poses = np.asarray(path.poses, dtype=np.float64)
-    stamps = np.asarray(path.stamps, dtype=np.int64)
-    good: npt.NDArray[np.bool_] = np.asarray(np.isfinite(poses.reshape(-1, 7)).all(axis=1))
-    if not good.any():
-        raise ValueError("the trajectory holds no pose to draw")
-    seconds = (stamps - stamps[0]) / 1e9
-    figure = style.new_figure(*_SIZE)
-    style.title(
-        figure,
-        title or f"{path.source} in {path.target}",
-        f"{int(good.sum()):,} poses over {seconds[-1]:.1f} s, "
-        f"{_length(poses[good, :3]):.2f} m travelled",
-    )
-    top = figure.add_axes(_TOP)
-    side = figure.add_axes(_SIDE)
-    _draw_top(top, poses, good)
-    _draw_height(side, seconds, poses[:, 2], good)
-    style.label(top, f"x in {path.target} [m]", f"y in {path.target} [m]")
-    style.label(side, f"time since {_seconds(int(stamps[0]))} [s]", "z [m]")
+    _check(paths, axes, color, labels, size)
+    drawn = _prepare(paths, labels)
+    plane = _widest(drawn) if axes is None else axes
+    room = size[0] * 72 - 2 * style.MARGIN
+    marks = _legend_handles(drawn, room, several=len(drawn) > 1, plane=plane)
+    names = [str(handle.get_label()) for handle in marks]
+    rows = ceil(len(marks) / style.legend_columns(names, room))
+    head = 50.0
+    foot = head + rows * style.LEGEND_ROW + 8
+    figure = style.new_figure(size[0], size[1] + max(0, rows - 1) * style.LEGEND_ROW / 72)
+    style.title(figure, title or _title(drawn, paths), _under(drawn), x=style.MARGIN / 72 / size[0])
+    style.legend(figure, marks, (style.MARGIN, head), room)
+    _draw(figure, drawn, paths[0].target, plane, color, foot)
     return figure
 
 
-def _length(points: npt.NDArray[np.float64]) -> float:
-    return float(np.linalg.norm(np.diff(points, axis=0), axis=1).sum())
+def _check(paths: Sequence[Any], axes: object, color: object, labels: Any, size: Any) -> None:
+    if not paths:
+        raise InvalidArgument("there is no trajectory to draw: give one or more")
+    for path in paths:
+        if not all(hasattr(path, name) for name in ("target", "source", "stamps", "poses")):
+            got = type(path).__name__
+            raise InvalidArgument(
+                f"draw tfdb.Trajectory, as Buffer.trajectory returns it; got {got}", value=path
+            )
+    if axes is not None and axes not in PLANES:
+        raise InvalidArgument(f"axes must be one of {', '.join(PLANES)}, got {axes!r}", value=axes)
+    if color is not None and color not in COLORS:
+        raise InvalidArgument(f"color must be time or speed, got {color!r}", value=color)
+    if labels is not None:
+        count = len(labels) if isinstance(labels, list | tuple) else -1
+        if count != len(paths) or not all(isinstance(label, str) for label in labels):
+            raise InvalidArgument(f"labels must be {len(paths)} names, one for each", value=labels)
+    right = isinstance(size, list | tuple) and len(size) == 2
+    for side, least in zip(size, _SMALLEST, strict=True) if right else ():
+        right &= isinstance(side, int | float) and least <= side <= 100
+    if not right:
+        raise InvalidArgument(
+            f"size must be a width from 5 and a height from 4 to 100 inches, got {size!r}",
+            value=size,
+        )
 
 
-def _seconds(ns: int) -> str:
-    return f"{ns // 10**9}.{ns % 10**9 // 10**6:03d}"
+def _prepare(paths: Sequence[Trajectory], labels: Sequence[str] | None) -> list[_Path]:
+    one_target = len({path.target for path in paths}) == 1
+    origin = min((int(path.stamps[0]) for path in paths if len(path.stamps)), default=0)
+    found = []
+    for i, path in enumerate(paths):
+        poses = np.asarray(path.poses, dtype=np.float64).reshape(-1, 7)
+        stamps = np.asarray(path.stamps, dtype=np.int64)
+        good = np.flatnonzero(np.isfinite(poses).all(axis=1))
+        named = f"{path.source} in {path.target}"
+        if not len(good):
+            raise InvalidArgument(f"the trajectory of {named} holds no pose to draw", value=path)
+        points = np.full((len(poses), 3), np.nan)
+        points[good] = poses[good, :3]
+        found.append(
+            _Path(
+                labels[i] if labels is not None else path.source if one_target else named,
+                path.source,
+                style.SERIES[i % len(style.SERIES)],
+                _LINES[i // len(style.SERIES) % len(_LINES)],
+                stamps,
+                (stamps - origin) / 1e9,
+                points,
+                poses[:, 3:],
+                good,
+            )
+        )
+    return found
 
 
-def _draw_top(axes: Axes, poses: npt.NDArray[np.float64], good: npt.NDArray[np.bool_]) -> None:
-    style.tidy(axes)
-    axes.plot(poses[:, 0], poses[:, 1], color=style.MOVING, linewidth=1.5, solid_capstyle="round")
-    rows = np.flatnonzero(good)
-    _arrows(axes, poses[rows])
-    _ends(axes, poses[rows, 0], poses[rows, 1])
-    low = poses[rows, :2].min(axis=0)
-    high = poses[rows, :2].max(axis=0)
-    # One metre is as long in x as in y: limits in the shape of the axes' box.
-    shape = np.array([_TOP[2] * _SIZE[0], _TOP[3] * _SIZE[1]])
-    scale = max(float(((high - low) / shape).max()) * 1.14, 1e-3)
-    near, far = (low + high - scale * shape) / 2, (low + high + scale * shape) / 2
-    axes.set_xlim(near[0], far[0])
-    axes.set_ylim(near[1], far[1])
-    axes.set_aspect("equal", adjustable="box")
-    axes.legend(
-        loc="best",
-        fontsize=style.SMALL_SIZE,
-        frameon=True,
-        framealpha=0.85,
-        edgecolor=style.FAINT,
-        labelcolor=style.INK,
+def _widest(drawn: Sequence[_Path]) -> str:
+    """Name the two axes along which the paths reach furthest, in the order of the alphabet."""
+    points = np.concatenate([path.points[path.good] for path in drawn])
+    reach = points.max(axis=0) - points.min(axis=0)
+    widest = sorted(np.argsort(-reach, kind="stable")[:2].tolist())
+    return "".join("xyz"[axis] for axis in widest)
+
+
+def _title(drawn: Sequence[_Path], paths: Sequence[Trajectory]) -> str:
+    if len(drawn) == 1:
+        return f"{paths[0].source} in {paths[0].target}"
+    targets = {path.target for path in paths}
+    names = {path.source for path in paths}
+    what = next(iter(names)) if len(names) == 1 else f"{len(names)} frames"
+    return f"{what} in {next(iter(targets)) if len(targets) == 1 else f'{len(targets)} frames'}"
+
+
+def _under(drawn: Sequence[_Path]) -> str:
+    poses = sum(len(path.good) for path in drawn)
+    seconds = max(float(path.seconds[-1]) for path in drawn)
+    text = f"{poses:,} pose{'s' if poses != 1 else ''} over {seconds:.1f} s"
+    if len(drawn) == 1:
+        return f"{text}, {drawn[0].length:.2f} m travelled"
+    return text
+
+
+def _legend_handles(
+    drawn: Sequence[_Path], room: float, *, several: bool, plane: str
+) -> list[Line2D]:
+    marks = []
+    if several:
+        labels = [f"{path.label}  {path.length:.2f} m" for path in drawn]
+        marks = [
+            Line2D([], [], color=path.color, linestyle=path.line, linewidth=1.8, label=label)
+            for path, label in zip(drawn, style.legend_labels(labels, room), strict=True)
+        ]
+    start, end = ((style.MUTED,) * 2) if several else (style.START, style.END)
+    for name, marker, colour in (("start", "o", start), ("end", "s", end)):
+        marks.append(
+            Line2D([], [], color=colour, linestyle="", marker=marker, markersize=6, label=name)
+        )
+    if not several and plane != "xyz":
+        look: dict[str, Any] = {"color": style.MUTED, "linestyle": "", "markersize": 8}
+        marks.append(Line2D([], [], marker=r"$\rightarrow$", label="heading (x axis)", **look))
+    return marks
+
+
+def _draw(
+    figure: Figure,
+    drawn: Sequence[_Path],
+    target: str,
+    plane: str,
+    color: Literal["time", "speed"] | None,
+    top: float,
+) -> None:
+    """Put the path at the left and x, y and z over time at the right, below `top` points."""
+    width, height = figure.get_size_inches() * 72
+    figure.set_layout_engine(
+        "constrained",
+        rect=(0.5 * style.MARGIN / width, 0.01, 1 - style.MARGIN / width, 1 - top / height - 0.01),
+        w_pad=0.08,
+        h_pad=0.04,
+        # The name of a third axis hangs over the edge.
+        wspace=0.1 if plane == "xyz" else 0.02,
     )
+    grid = figure.add_gridspec(3, 2, width_ratios=(1.25, 1))
+    main = figure.add_subplot(grid[:, 0], projection="3d" if plane == "xyz" else None)
+    scale = None if color is None else _scale(drawn, color)
+    if plane == "xyz":
+        _draw_space(main, drawn, scale, color)
+    else:
+        _draw_plane(main, drawn, plane, scale, color)
+    _name_axes(figure, main, plane, target)
+    over_time: list[Axes] = []
+    for axis in range(3):
+        made = figure.add_subplot(grid[axis, 1], sharex=over_time[0] if over_time else None)
+        _draw_over_time(made, drawn, axis)
+        over_time.append(made)
+        style.label(made, "", f"{'xyz'[axis]} [m]")
+    for upper in over_time[:2]:
+        upper.tick_params(axis="x", labelbottom=False)
+    first = min(int(path.stamps[0]) for path in drawn)
+    style.label(over_time[2], style.since(first), "z [m]")
+    if scale is not None and color is not None:
+        _draw_scale(figure, main, scale, color)
+    figure.align_ylabels(over_time)
+    # Once laid out it stays so, whatever it is saved as.
+    figure.draw_without_rendering()
+    figure.set_layout_engine("none")
 
 
-def _arrows(axes: Axes, poses: npt.NDArray[np.float64]) -> None:
+def _name_axes(figure: Figure, main: Axes, plane: str, target: str) -> None:
+    if plane == "xyz":
+        # Along slanted axes there is no room for a frame's name.
+        space: Any = main
+        for axis in (space.xaxis, space.yaxis, space.zaxis):
+            axis.set_rotate_label(False)
+            text = f"{axis.axis_name} [m]"
+            axis.set_label_text(text, color=style.INK, fontsize=style.TEXT_SIZE)
+            axis.labelpad = 8
+        return
+    width, height = figure.get_size_inches() * 72
+    room = min(0.55 * width - 130, 0.8 * (height - 150))
+    frame = lettering.fitted(target, style.TEXT_SIZE, room)
+    style.label(main, f"{plane[0]} in {frame} [m]", f"{plane[1]} in {frame} [m]")
+
+
+def _values(path: _Path, color: str) -> Floats:
+    """Return what the colour of each piece between neighbouring poses tells."""
+    good = path.good
+    if color == "time":
+        return (path.seconds[good][1:] + path.seconds[good][:-1]) / 2
+    way = np.linalg.norm(np.diff(path.points[good], axis=0), axis=1)
+    return np.asarray(way / np.diff(path.seconds[good]), dtype=np.float64)
+
+
+def _scale(drawn: Sequence[_Path], color: str) -> ScalarMappable:
+    values = np.concatenate([_values(path, color) for path in drawn])
+    low = high = 0.0
+    if len(values):
+        low = 0.0 if color == "speed" else float(values.min())
+        # A jump between two poses is no speed that the rest should be compared with.
+        high = float(np.quantile(values, 0.99)) if color == "speed" else float(values.max())
+    norm = Normalize(low, high if high > low else low + 1e-3)
+    return ScalarMappable(norm, colormaps["viridis"])
+
+
+def _draw_scale(figure: Figure, main: Axes, scale: ScalarMappable, color: str) -> None:
+    bar = figure.colorbar(
+        scale,
+        ax=main,
+        location="bottom",
+        aspect=40,
+        pad=0.03,
+        extend="max" if color == "speed" else "neither",
+    )
+    outline: Any = bar.outline
+    outline.set_visible(False)
+    bar.ax.tick_params(colors=style.MUTED, labelsize=style.SMALL_SIZE, length=3)
+    name = "speed [m/s]" if color == "speed" else "time [s]"
+    bar.set_label(name, color=style.INK, fontsize=style.TEXT_SIZE)
+
+
+def _pieces(path: _Path, columns: list[int], color: str) -> tuple[list[Floats], Floats]:
+    """Cut a path into pieces of one colour each, which meet; none bridges a hole."""
+    good, points = path.good, path.points[:, columns]
+    cuts = np.unique(np.linspace(0, len(good) - 1, _PARTS + 1).astype(int))
+    values = _values(path, color)
+    pieces, tells = [], []
+    for first, last in pairwise(cuts.tolist()):
+        pieces.append(points[good[first] : good[last] + 1])
+        tells.append(float(values[first:last].mean()))
+    return pieces, np.array(tells)
+
+
+def _draw_plane(
+    axes: Axes, drawn: Sequence[_Path], plane: str, scale: ScalarMappable | None, color: str | None
+) -> None:
+    style.tidy(axes)
+    columns = ["xyz".index(name) for name in plane]
+    for path in drawn:
+        if scale is None or color is None:
+            axes.plot(
+                path.points[:, columns[0]],
+                path.points[:, columns[1]],
+                color=path.color,
+                linestyle=path.line,
+                linewidth=1.5,
+            )
+        else:
+            pieces, tells = _pieces(path, columns, color)
+            lines = LineCollection(pieces, cmap=scale.get_cmap(), norm=scale.norm, linewidths=2.0)
+            lines.set_array(tells)
+            axes.add_collection(lines)
+    if len(drawn) == 1:
+        _arrows(axes, drawn[0], columns)
+    for path in drawn:
+        _ends(axes, path, path.points[path.good][:, columns], several=len(drawn) > 1)
+    points = np.concatenate([path.points[path.good][:, columns] for path in drawn])
+    low, high = points.min(axis=0), points.max(axis=0)
+    half = np.maximum((high - low) * 0.57, 0.05 * max(float((high - low).max()), 1e-2))
+    middle = (low + high) / 2
+    axes.update_datalim([middle - half, middle + half])
+    axes.margins(0)
+    axes.autoscale_view()
+    axes.set_aspect("equal", adjustable="datalim")
+    axes.ticklabel_format(useOffset=False, style="plain")
+
+
+def _draw_space(
+    axes: Any, drawn: Sequence[_Path], scale: ScalarMappable | None, color: str | None
+) -> None:
+    from mpl_toolkits.mplot3d.art3d import Line3DCollection  # noqa: PLC0415 - slow to import
+
+    for path in drawn:
+        if scale is None or color is None:
+            axes.plot(*path.points.T, color=path.color, linestyle=path.line, linewidth=1.4)
+        elif len(path.good) > 1:
+            pieces, tells = _pieces(path, [0, 1, 2], color)
+            lines = Line3DCollection(pieces, cmap=scale.get_cmap(), norm=scale.norm, linewidths=1.8)
+            lines.set_array(tells)
+            axes.add_collection3d(lines)
+        _ends(axes, path, path.points[path.good], several=len(drawn) > 1)
+    points = np.concatenate([path.points[path.good] for path in drawn])
+    middle = (points.min(axis=0) + points.max(axis=0)) / 2
+    half = np.maximum((points.max(axis=0) - points.min(axis=0)) * 0.55, 1e-3)
+    half = np.maximum(half, half.max() * 0.15)
+    axes.set_xlim(middle[0] - half[0], middle[0] + half[0])
+    axes.set_ylim(middle[1] - half[1], middle[1] + half[1])
+    axes.set_zlim(middle[2] - half[2], middle[2] + half[2])
+    axes.set_aspect("equal", adjustable="box")
+    axes.tick_params(colors=style.MUTED, labelsize=style.SMALL_SIZE - 1, pad=0)
+    for each in (axes.xaxis, axes.yaxis, axes.zaxis):
+        each.set_pane_color((1, 1, 1, 0))
+        each.line.set_color(style.FAINT)
+        each.set_major_locator(_few_ticks())
+
+
+def _few_ticks() -> Any:
+    from matplotlib.ticker import MaxNLocator  # noqa: PLC0415
+
+    return MaxNLocator(4, min_n_ticks=2)
+
+
+def _arrows(axes: Axes, path: _Path, columns: list[int]) -> None:
     """Headings at even distances along the way; none where the source hardly moves."""
-    steps = np.linalg.norm(np.diff(poses[:, :2], axis=0), axis=1)
-    way = np.concatenate([[0.0], np.cumsum(steps)])
+    points = path.points[path.good][:, columns]
+    way = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
     if way[-1] < 1e-6:
         return
     rows = np.unique(np.searchsorted(way, np.linspace(0, way[-1], _HEADINGS)[1:-1]))
-    rows = rows[rows < len(poses)]
-    x, y, z, w = (poses[rows, i] for i in range(3, 7))
-    forward = np.stack([1 - 2 * (y * y + z * z), 2 * (x * y + z * w)], axis=1)
+    rows = rows[rows < len(points)]
+    x, y, z, w = path.rotations[path.good[rows]].T
+    forward = np.stack([1 - 2 * (y * y + z * z), 2 * (x * y + z * w), 2 * (x * z - y * w)], axis=1)
+    forward = forward[:, columns]
     size = np.linalg.norm(forward, axis=1, keepdims=True)
-    seen = size[:, 0] > 0.2  # pointing up or down, it has no heading in a top view
+    seen = size[:, 0] > 0.2  # towards the eye it has no heading
     forward = forward[seen] / size[seen]
     axes.quiver(
-        poses[rows[seen], 0],
-        poses[rows[seen], 1],
+        points[rows[seen], 0],
+        points[rows[seen], 1],
         forward[:, 0],
         forward[:, 1],
         color=style.MUTED,
@@ -108,30 +419,31 @@ def _arrows(axes: Axes, poses: npt.NDArray[np.float64]) -> None:
         headwidth=4,
         zorder=3,
     )
-    axes.scatter([], [], marker=r"$\rightarrow$", color=style.MUTED, s=60, label="heading (x axis)")
 
 
-def _ends(axes: Axes, x: npt.NDArray[np.float64], y: npt.NDArray[np.float64]) -> None:
-    marks: list[tuple[int, str, dict[str, Any]]] = [
-        (0, "start", {"marker": "o", "color": style.START, "s": 48}),
-        (-1, "end", {"marker": "s", "color": style.END, "s": 40}),
-    ]
-    for row, name, look in marks:
-        axes.scatter(x[row], y[row], label=name, zorder=4, edgecolors=style.PAPER, **look)
+def _ends(axes: Any, path: _Path, points: Floats, *, several: bool) -> None:
+    look: dict[str, Any] = {"zorder": 4, "edgecolors": style.PAPER, "linewidths": 0.8}
+    start, end = (path.color, path.color) if several else (style.START, style.END)
+    axes.scatter(*points[0], marker="o", s=48, color=start, **look)
+    axes.scatter(*points[-1], marker="s", s=40, color=end, **look)
 
 
-def _draw_height(
-    axes: Axes,
-    seconds: npt.NDArray[np.float64],
-    height: npt.NDArray[np.float64],
-    good: npt.NDArray[np.bool_],
-) -> None:
+def _draw_over_time(axes: Axes, drawn: Sequence[_Path], axis: int) -> None:
     style.tidy(axes)
-    axes.plot(seconds, height, color=style.MOVING, linewidth=1.2)
-    rows = np.flatnonzero(good)
-    _ends(axes, seconds[rows], height[rows])
-    low, high = float(height[rows].min()), float(height[rows].max())
+    for path in drawn:
+        axes.plot(
+            path.seconds,
+            path.points[:, axis],
+            color=path.color,
+            linestyle=path.line,
+            linewidth=1.2,
+        )
+    if all(len(path.good) == 1 for path in drawn):
+        for path in drawn:
+            axes.plot(path.seconds, path.points[:, axis], color=path.color, marker="o")
+    heights = np.concatenate([path.points[path.good, axis] for path in drawn])
+    low, high = float(heights.min()), float(heights.max())
     # A flat drive stays flat: noise of millimetres is not blown up to the picture's height.
     half = max((high - low) * 0.58, 0.05)
     axes.set_ylim((low + high) / 2 - half, (low + high) / 2 + half)
-    axes.ticklabel_format(useOffset=False)
+    axes.ticklabel_format(useOffset=False, style="plain")

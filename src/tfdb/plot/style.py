@@ -2,27 +2,50 @@
 
 from __future__ import annotations
 
+from datetime import UTC, datetime
 from typing import TYPE_CHECKING, Any
 
 from matplotlib.figure import Figure
 
+from ..stamps import format_seconds
+from . import lettering
+
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from matplotlib.artist import Artist
     from matplotlib.axes import Axes
 
 INK = "#22303c"
-MUTED = "#74818d"
+MUTED = "#5f6c78"
 FAINT = "#d9dfe4"
 PAPER = "#ffffff"
 MOVING = "#1f6fb2"
 STATIC = "#9aa5ae"
 WARNING = "#cf3d2e"
+LATE = "#d9730d"
 START = "#2c8c4b"
 END = "#cf3d2e"
+SERIES = (
+    MOVING,
+    "#d9730d",
+    "#2c8c4b",
+    "#8b5fbf",
+    "#cf3d2e",
+    "#8a5a3b",
+    "#d4589b",
+    "#5f6c78",
+    "#a68a00",
+    "#1597a5",
+)
+"""Colours of things that are told apart."""
 
 TITLE_SIZE = 12.0
 TEXT_SIZE = 9.0
-SMALL_SIZE = 7.5
+SMALL_SIZE = 8.0
 DPI = 120
+MARGIN = 14.0
+"""Points that stay free at each side."""
 
 
 def new_figure(width: float, height: float) -> Figure:
@@ -45,17 +68,82 @@ def tidy(axes: Axes) -> None:
 
 
 def label(axes: Axes, x: str, y: str) -> None:
-    """Name both axes."""
-    axes.set_xlabel(x, color=INK, fontsize=TEXT_SIZE)
-    axes.set_ylabel(y, color=INK, fontsize=TEXT_SIZE)
+    """Name both axes; nothing in the names is a formula."""
+    axes.set_xlabel(x, color=INK, fontsize=TEXT_SIZE, parse_math=False, **font())
+    axes.set_ylabel(y, color=INK, fontsize=TEXT_SIZE, parse_math=False, **font())
+
+
+def font() -> dict[str, Any]:
+    """Return what makes a text be drawn in our fonts."""
+    return {"fontfamily": lettering.families()}
 
 
 def title(figure: Figure, text: str, under: str = "", **where: Any) -> None:
-    """Write a left-aligned title with a quieter line under it; `where` places the first line."""
+    """Write a left-aligned title with a quieter line under it; `where` places the first line.
+
+    What is wider than the figure loses its middle.
+    """
+    width, height = figure.get_size_inches()
     x = float(where.get("x", 0.02))
-    height = figure.get_figheight()
-    y = 1.0 - 0.30 / height
-    figure.text(x, y, text, color=INK, fontsize=TITLE_SIZE, fontweight="bold", va="center")
-    if under:
-        y = 1.0 - 0.53 / height
-        figure.text(x, y, under, color=MUTED, fontsize=TEXT_SIZE, va="center")
+    room = (1 - x) * width * 72 - MARGIN
+    lines: tuple[tuple[float, str, dict[str, Any]], ...] = (
+        (0.30, text, {"color": INK, "fontsize": TITLE_SIZE, "fontweight": "bold"}),
+        (0.53, under, {"color": MUTED, "fontsize": TEXT_SIZE, "fontweight": "normal"}),
+    )
+    for down, line, look in lines:
+        if not line:
+            continue
+        shown = lettering.fitted(line, look["fontsize"], room, look["fontweight"])
+        y = 1.0 - down / height
+        figure.text(x, y, shown, va="center", parse_math=False, **look, **font())
+
+
+def since(stamp: int) -> str:
+    """Name a time axis that begins at a stamp: by its date where it is one, else in seconds."""
+    if stamp < _YEAR_2000:
+        return f"time since {format_seconds(stamp)} [s]"
+    date = datetime.fromtimestamp(stamp // 10**9, UTC).strftime("%Y-%m-%d %H:%M:%S")
+    return f"time since {date}.{stamp % 10**9 // 10**6:03d} UTC [s]"
+
+
+_YEAR_2000 = 946_684_800 * 10**9
+
+LEGEND_ROW = 13.0
+_HANDLE = 30.0
+_GAP = 16.0
+
+
+def legend_columns(labels: Sequence[str], room: float) -> int:
+    """Return how many columns of a legend fit into so many points."""
+    widest = max((lettering.width(text, SMALL_SIZE) for text in labels), default=0.0)
+    columns = int((room + _GAP) // (widest + _HANDLE + _GAP))
+    return max(1, min(columns, len(labels)))
+
+
+def legend_labels(names: Sequence[str], room: float) -> list[str]:
+    """Return names as a legend of so many points shows them."""
+    return [lettering.fitted(name, SMALL_SIZE, room - _HANDLE) for name in names]
+
+
+def legend(figure: Figure, handles: Sequence[Artist], at: tuple[float, float], room: float) -> None:
+    """Put a legend with its upper left corner `at` (points from the figure's upper left)."""
+    width, height = figure.get_size_inches() * 72
+    columns = legend_columns([str(handle.get_label()) for handle in handles], room)
+    made = figure.legend(
+        handles=list(handles),
+        loc="upper left",
+        bbox_to_anchor=(at[0] / width, 1 - at[1] / height),
+        ncols=columns,
+        borderaxespad=0,
+        borderpad=0,
+        labelspacing=0.35,
+        columnspacing=_GAP / SMALL_SIZE,
+        handlelength=2.2,
+        handletextpad=0.6,
+        fontsize=SMALL_SIZE,
+        frameon=False,
+        labelcolor=INK,
+    )
+    for text in made.get_texts():
+        text.set_parse_math(False)
+        text.set_fontfamily(lettering.families())
