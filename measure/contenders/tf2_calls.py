@@ -20,12 +20,21 @@ def message(kind: type[Any], parent: str, child: str, time: Any, pose: Any) -> A
 
 
 class Tf2Calls:
-    """Holds one chain; `operations` are the loops that are timed."""
+    """Holds one chain; `operations` are the loops that are timed.
+
+    `encode` makes the bytes of a message on /tf; `receive` stores such bytes in a buffer.
+    """
 
     def __init__(
-        self, empty: Callable[[], Any], time: Callable[[int], Any], message_kind: type[Any]
+        self,
+        empty: Callable[[], Any],
+        time: Callable[[int], Any],
+        message_kind: type[Any],
+        encode: Callable[[list[Any]], bytes],
+        receive: Callable[[Any, bytes], object],
     ) -> None:
         self.empty, self.time, self.kind = empty, time, message_kind
+        self.encode, self.receive = encode, receive
 
     def setup(self, chain: int, samples: int) -> None:
         self.names = scenario.names(chain)
@@ -38,12 +47,25 @@ class Tf2Calls:
                 self.buffer.set_transform(moved, "bench")
         self.mid = [self.time(stamp) for stamp in scenario.mid_stamps(samples)]
         self.next = scenario.START + samples * scenario.PERIOD
+        edges = [*zip(range(chain), self.names, self.names[1:], strict=False)]
+        self.messages = [
+            self.encode(
+                [
+                    message(
+                        self.kind, parent, child, self.time(stamp), scenario.moving_pose(edge, 0.5)
+                    )
+                    for edge, parent, child in edges
+                ]
+            )
+            for stamp in scenario.samples(1_024)
+        ]
         self.operations = {
             "lookup mid": self.lookup_mid,
             "lookup latest": self.lookup_latest,
             "can_transform": self.can_transform,
             "can_transform, no answer": self.can_transform_never,
             "set_transform": self.set_transform,
+            "message of all edges from bytes": self.receive_all,
         }
 
     def pose(self, stamp: int) -> tuple[float, ...]:
@@ -81,3 +103,9 @@ class Tf2Calls:
         for _ in range(count):
             store(message(self.kind, parent, child, self.time(self.next), pose), "bench")
             self.next += scenario.PERIOD
+
+    def receive_all(self, count: int) -> None:
+        for _ in range(count // len(self.messages)):
+            buffer, receive = self.empty(), self.receive  # stamps of one buffer only grow
+            for data in self.messages:
+                receive(buffer, data)

@@ -22,7 +22,11 @@ class Contender(Listens):
         """Subscribe; return when lookups are answered."""
         self.buffer = tf2_ros.Buffer(rospy.Duration(10), debug=False)
         self.listener = Listener(self.buffer, tcp_nodelay=True)
-        wait_for("transform", lambda: self.buffer.can_transform(target, source, LATEST))
+        self.ends = target, source
+        wait_for("transform", lambda: self.buffer.can_transform(*self.ends, LATEST))
+
+    def look_up(self) -> None:
+        self.buffer.lookup_transform(*self.ends, LATEST)
 
     def received(self) -> int:
         """Messages since it listens."""

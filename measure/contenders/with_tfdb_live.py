@@ -7,6 +7,7 @@ import time
 
 from live import Listens
 
+import tfdb
 from tfdb import tf2
 from tfdb.ros.tcpros_node import TcprosNode
 from tfdb.tf2 import msgs
@@ -26,6 +27,25 @@ class Contender(Listens):
         self.listener = tf2.TransformListener(self.buffer, self.node)
         while not self.buffer.can_transform(target, source, 0):
             time.sleep(0.01)
+
+    def listen_into(self, store: str, target: str, source: str) -> None:
+        """Subscribe for all processes that share a store; return when lookups are answered."""
+        self.attach(store, target, source)
+        self.listener = tf2.TransformListener(self.buffer, self.node)
+        while not self.buffer.can_transform(target, source, 0):
+            time.sleep(0.01)
+
+    def attach(self, store: str, target: str, source: str) -> None:
+        """Use the store that another process fills."""
+        self.buffer = tf2.Buffer(store=store, flavor="ros1", debug=False)
+        self.ends = target, source
+
+    def detach(self, store: str) -> None:
+        """Remove the store."""
+        tfdb.Buffer.unlink(store)
+
+    def look_up(self) -> None:
+        self.buffer.lookup_transform(*self.ends, 0)
 
     def received(self) -> int:
         """Messages since it listens."""

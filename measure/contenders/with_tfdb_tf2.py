@@ -2,10 +2,23 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 from tf2_calls import Tf2Calls
 
+import tfdb
 from tfdb import tf2
 from tfdb.tf2 import msgs
+
+
+def encode(transforms: list[Any]) -> bytes:
+    """Make the bytes of a message on /tf."""
+    return tfdb.encode_tf_message(transforms, "ros1")
+
+
+def receive(buffer: tf2.Buffer, data: bytes) -> None:
+    """Store such bytes, as the listener does."""
+    buffer.buffer.ingest(data, encoding="ros1", only_new=True, authority="bench")
 
 
 class Contender(Tf2Calls):
@@ -16,4 +29,6 @@ class Contender(Tf2Calls):
             lambda: tf2.Buffer(msgs.Duration(10), flavor="ros1"),
             msgs.Time.from_nanoseconds,
             msgs.TransformStamped,
+            encode,
+            receive,
         )

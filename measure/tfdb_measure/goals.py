@@ -186,6 +186,12 @@ def _calls_of_tf2() -> Iterator[Goal]:
     ):
         ours, theirs = python(row, 4, "tfdb.tf2"), python(row, 4, "tf2_ros")
         yield faster(f"`tfdb.tf2.Buffer`: {call}, chain of 4", TF2_ROS, goal, ours, theirs)
+    row = "message of all edges from bytes"
+    text = (
+        "a message on /tf of 10 transforms, from bytes into the store, against rospy and `tf2_ros`"
+    )
+    ours, theirs = python(row, 10, "tfdb.tf2"), python(row, 10, "tf2_ros")
+    yield faster(text, TF2_ROS, 50, ours, theirs)
 
 
 def _writes() -> Iterator[Goal]:
@@ -401,6 +407,12 @@ def _live() -> Iterator[Goal]:
         ("a write that ends 10,000 futures, until all have their results", 20.0, "ms"),
     ):
         yield at_most(row, most, Cell("live", row, "tfdb"), unit=unit)
+    nodes = "20 nodes with 100 lookups/s each, 50 messages/s of 10 transforms"
+    for what, goal in (("CPU", 1 / 30), ("memory", 1 / 10)):
+        row = f"{what} of {nodes}"
+        text = f"{row}: one listens for all, against a `tf2_ros` listener in each"
+        ours, theirs = Cell("live", row, "tfdb"), Cell("live", row, "tf2_ros")
+        yield Goal(text, TF2_ROS, ours, theirs, goal, at_least=False)
 
 
 ROWS = [

@@ -56,6 +56,7 @@ LIVE_CHAIN, MESSAGES = 10, 500.0
 READERS, LOOKUPS = 16, 100.0  # lookups of each per second
 # What is published on /tf: edges of a message, messages per second.
 STREAMS = ((10, 500.0), (100, 50.0))
+MANY_NODES, SLOW_MESSAGES = 20, 50.0
 NODES = {"tf2_ros": "tf2_listening", "tfdb": "tfdb_live", "tfdb in rospy": "tfdb_in_rospy"}
 # Of each: who, and how.
 NODES_OF_ROS2 = {
@@ -251,6 +252,10 @@ def _python_turns(workers: dict[str, Worker]) -> Iterator[tuple[str, list[Turn]]
             ("tfdb.tf2", "tfdb_tf2", "set_transform"),
             ("tf2_ros", "tf2", "set_transform"),
             ("transform-tree push", "transform_tree", "set_transform"),
+        ],
+        "message of all edges from bytes": [
+            ("tfdb.tf2", "tfdb_tf2", "message of all edges from bytes"),
+            ("tf2_ros", "tf2", "message of all edges from bytes"),
         ],
         "samples of one edge from arrays": [
             ("tfdb", "tfdb", "columns"),
@@ -583,6 +588,7 @@ def live(results: Results, effort: Effort) -> None:
         _add(results, "live", f"CPU of a node of ROS 1 that listens to {row}", 0, "%", used)
         _add(results, "live", f"messages per second that it received of {row}", 0, "1/s", heard)
     _delays(results, effort, interpreters)
+    _many_nodes(results, effort, interpreters)
 
 
 def live_in_ros2(results: Results, effort: Effort) -> None:
@@ -659,6 +665,43 @@ def _delays(results: Results, effort: Effort, interpreters: dict[str, Path]) -> 
                 _add(results, "live", row, 0, "ms", {"tfdb": waits["ended"]})
             node.call("leave")
         publisher.end()
+
+
+def _many_nodes(results: Results, effort: Effort, interpreters: dict[str, Path]) -> None:
+    """Measure what many nodes cost: one that listens for all, against one listener each."""
+    if "tf2_listening" not in interpreters:
+        return
+    seconds = 5.0 if effort.samples >= Effort.samples else 0.5
+    name, ends = f"measure-nodes-{os.getpid()}", ("frame_0", f"frame_{LIVE_CHAIN}")
+    used: Rounds = {"tfdb": [], "tf2_ros": []}
+    memory: Rounds = {"tfdb": [], "tf2_ros": []}
+    with ExitStack() as stack:
+        (publisher,) = _workers(stack, "tf2_live", interpreters["tf2_live"], 1)
+        uri = publisher.call("make", LIVE_CHAIN)
+        publisher.begin("write_each", SLOW_MESSAGES)
+        ours = _workers(stack, "tfdb_live", interpreters["tfdb_live"], 1 + MANY_NODES)
+        theirs = _workers(stack, "tf2_listening", interpreters["tf2_listening"], MANY_NODES)
+        for node in (*ours, *theirs):
+            node.call("join", uri)
+        for _ in range(min(effort.rounds, 5)):
+            listener, *readers = ours
+            listener.call("listen_into", name, *ends)
+            for reader in readers:
+                reader.call("attach", name, *ends)
+            used["tfdb"].append(len(ours) * _cpu_of_each(ours, "look_up", seconds))
+            memory["tfdb"].append(sum(node.call("memory") for node in ours))
+            listener.call("leave")
+            listener.call("detach", name)
+            for node in theirs:
+                node.call("listen", *ends)
+            used["tf2_ros"].append(len(theirs) * _cpu_of_each(theirs, "look_up", seconds))
+            memory["tf2_ros"].append(sum(node.call("memory") for node in theirs))
+            for node in theirs:
+                node.call("leave")
+        publisher.end()
+    what = f"{MANY_NODES} nodes with 100 lookups/s each, 50 messages/s of 10 transforms"
+    _add(results, "live", f"CPU of {what}", 0, "%", used)
+    _add(results, "live", f"memory of {what}", 0, "MiB", memory)
 
 
 def start(results: Results, effort: Effort) -> None:
