@@ -46,8 +46,8 @@ def test_version(tool: Tool) -> None:
 def test_help_names_every_command(tool: Tool) -> None:
     shown = tool("--help").out
     names = "info tree lookup echo monitor view-frames poses check gaps shm serve"
-    names += " static-publisher change-notifier buffer-server freeze convert bench verify"
-    names += " completion"
+    names += " static-publisher change-notifier buffer-server freeze convert merge rename"
+    names += " bench verify completion"
     assert re.findall(r"^  ([a-z][\w-]*)  ", shown, re.MULTILINE) == names.split()
     groups = {"shm": ("ls", "info", "compact", "rm"), "serve": ("bag", "ros1", "ros2")}
     for name in names.split():

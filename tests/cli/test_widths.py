@@ -109,6 +109,14 @@ RUNS: dict[str, list[tuple[tuple[str, ...], tuple[str, ...], int]]] = {
         (("good.bag", "c.bag", "--overwrite"), (), 0),
         (("good.bag", "c.tum", "--frames", MAP, HAND, "--overwrite"), (MAP, HAND), 0),
     ],
+    "merge": [
+        (
+            ("good.bag", "bad.bag", "-o", "m.bag", "--prefix", "", "--prefix", "b/", "--overwrite"),
+            (),
+            0,
+        )
+    ],
+    "rename": [(("good.bag", "-o", "r.bag", "--rename", f"{MAP}:=map", "--overwrite"), (), 0)],
     "verify": [(("history.jsonl",), (), 0)],
 }
 WITHOUT = {"bench", "buffer-server", "completion"}

@@ -36,6 +36,8 @@ COMMANDS = {
     "buffer-server": "Answer lookups of other nodes, as tf2's buffer_server.",
     "freeze": "Write what a recording holds into a .tfdb, which opens at once.",
     "convert": "Rewrite the transforms of a recording as .mcap, .bag or .tum.",
+    "merge": "Write several recordings into one, in the order of time.",
+    "rename": "Write a recording again with other names for its frames.",
     "bench": "The paper's evaluation on this machine: engines and tf2, CSV and a report.",
     "verify": "Was a recorded history of a store strictly serializable? Anomalies by name.",
     "completion": "The script that makes a shell complete tfdb's commands and options.",

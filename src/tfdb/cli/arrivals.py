@@ -7,12 +7,16 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, TypeAlias, cast
 
 import tfdb
+from tfdb.io.choice import Choice
 from tfdb.io.recordings import Recording
 
 from .doctor import Log
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
+
+    from tfdb.io import Source
+    from tfdb.io.choice import LoadOptions
 
 
 Numbers: TypeAlias = tuple[float, ...]
@@ -61,9 +65,11 @@ def read_arrivals(
     progress: Callable[[int, int], None] | None = None,
     *,
     salvage: bool = False,
+    options: LoadOptions | None = None,
 ) -> Arrivals:
     """Read the topics in `static`, which says of each whether its transforms are static.
 
+    `options` are those with which they were loaded.
     Messages that are no TFMessage are passed over: loading them counts them as refused.
     """
     log = Log()
@@ -72,36 +78,39 @@ def read_arrivals(
     done = 0
     with ExitStack() as stack:
         recordings = [stack.enter_context(Recording(path, salvage=salvage)) for path in paths]
-        total = sum(s.messages for r in recordings for s in r.sources if s.topic in static)
+
+        def wants(source: Source) -> bool:
+            return source.topic in static
+
+        def kind(source: Source) -> tuple[str, bool]:
+            return source.encoding, static[source.topic]
+
+        rewriter = Choice(**options or {}).resolve(recordings, wants, kind)
+        total = sum(s.messages for r in recordings for s in r.sources if wants(s))
         for recording in recordings:
-            for source, arrival, data in recording.messages(lambda s: s.topic in static):
+            for source, arrival, data in recording.messages(wants):
                 done += 1
                 if progress is not None and (done % 1000 == 0 or done == total):
                     progress(done, total)
                 named = source.authority != source.topic
                 known = known or named
-                rows = _rows(data, source.encoding)
-                slashes.look(data, {name for row in rows for name in row[:2]}, source.encoding)
+                is_static = static[source.topic]
+                try:
+                    given = tfdb.decode_tf_message(data, source.encoding)
+                except (tfdb.CorruptMessage, tfdb.InvalidName):
+                    continue
+                names = {name for one in given for name in (one.parent, one.child)}
+                slashes.look(data, names, source.encoding)
+                left = rewriter.transforms(given, source, static=is_static)
                 log.add(
-                    rows,
+                    map(_row, left),
                     arrival=arrival,
                     publisher=source.authority if named else "",
-                    static=static[source.topic],
+                    static=is_static,
                 )
     return Arrivals(log, known, slashes.mixed())
 
 
-def _rows(data: bytes, encoding: str) -> list[tuple[str, str, int, Sequence[float]]]:
-    try:
-        transforms = tfdb.decode_tf_message(data, encoding)
-    except (tfdb.CorruptMessage, tfdb.InvalidName):
-        return []
-    return [
-        (
-            t.parent,
-            t.child,
-            cast("int", t.stamp),
-            (*cast("Numbers", t.translation), *cast("Numbers", t.rotation)),
-        )
-        for t in transforms
-    ]
+def _row(one: tfdb.TransformStamped) -> tuple[str, str, int, Sequence[float]]:
+    pose = (*cast("Numbers", one.translation), *cast("Numbers", one.rotation))
+    return one.parent, one.child, cast("int", one.stamp), pose

@@ -119,7 +119,13 @@ def examined(
     if report is not None:
         with common.progress_bar("checking") as update:
             static = {topic.name: topic.static for topic in report.topics}
-            found = read_arrivals(report.files, static, update, salvage=common.salvages())
+            found = read_arrivals(
+                report.files,
+                static,
+                update,
+                salvage=common.salvages(),
+                options=common.chosen(),
+            )
     elif length is None:
         found = stored_arrivals(loaded.store)
     else:

@@ -137,16 +137,17 @@ _choice_options = (
     _chooses(
         "--rename", "FROM:=TO", "Call the frame FROM TO; repeatable.", _choose_names, multiple=True
     ),
-    _chooses("--prefix", "TEXT", "Put TEXT before the name of each frame."),
 )
+_prefix_option = _chooses("--prefix", "TEXT", "Put TEXT before the name of each frame.")
 
 
-def topic_option(command: Any, *, times: bool = True) -> Any:
+def topic_option(command: Any, *, times: bool = True, prefix: bool = True) -> Any:
     """Give a command that reads recordings the options that say what to read of them.
 
-    Without `times` it has a start and an end of its own.
+    Without `times` it has a start and an end of its own, without `prefix` prefixes of its own.
     """
     chosen = (*(_time_options if times else ()), *_choice_options)
+    chosen += (_prefix_option,) if prefix else ()
     for option in reversed((_topic_option, *chosen, _salvage_option)):
         command = option(command)
     return command
@@ -178,6 +179,15 @@ more_option = click.option(
     type=click.Path(),
     metavar="FILE",
     help="A further file of the same recording; repeatable.",
+)
+out_option = click.option(
+    "-o",
+    "--output",
+    "out",
+    required=True,
+    type=click.Path(),
+    metavar="OUT",
+    help="The .bag, .mcap or .db3 to be written.",
 )
 overwrite_option = click.option("--overwrite", is_flag=True, help="Replace OUT if it exists.")
 

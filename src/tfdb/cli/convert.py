@@ -17,9 +17,10 @@ from tfdb.io.loading import Selection, absolute
 from . import common, layout, output
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping, Sequence
+    from collections.abc import Iterable, Iterator, Mapping, Sequence
     from pathlib import Path
 
+    from tfdb.io import Source
     from tfdb.io.choice import Rewriter
 
 RECORDINGS = (".bag", ".mcap", ".db3")
@@ -88,18 +89,33 @@ def command(
     else:
         renamed = common.parse_topics(topics)
         writer = RecordingWriter(path, compress=compress, overwrite=overwrite)
-        written = _recording(inputs, writer, renamed)
+        written = rewrite(inputs, writer, renamed)
     if as_json:
-        output.emit_json("convert", _body(inputs, out, written))
+        output.emit_json("convert", body(inputs, out, written))
         return
-    what = f"{written.transforms:,} transforms in {written.messages:,} messages"
+    what = describe(written)
     if frames is not None:
         what = f"{written.transforms:,} poses of {frames[1]} in {frames[0]}"
-    what += f", {written.skipped:,} broken" if written.skipped else ""
     click.echo(layout.wrap(layout.words(f"{out}: {what}", out, *(frames or ()))))
 
 
-def _body(inputs: Sequence[Path], out: str, written: Written) -> dict[str, Any]:
+def recording_path(out: str, inputs: Sequence[Path], *, overwrite: bool) -> Path:
+    """Check where a recording is to be written."""
+    path = given_path(out)
+    if path.suffix.lower() not in RECORDINGS:
+        raise click.UsageError(f"{out!r} ends in none of {', '.join(RECORDINGS)}")
+    common.check_output(out, inputs, overwrite=overwrite)
+    return path
+
+
+def describe(written: Written) -> str:
+    """Say what was written."""
+    text = f"{written.transforms:,} transforms in {written.messages:,} messages"
+    return text + (f", {written.skipped:,} broken" if written.skipped else "")
+
+
+def body(inputs: Sequence[Path], out: str, written: Written) -> dict[str, Any]:
+    """Return it as JSON."""
     return {
         "files": [str(path) for path in inputs],
         "output": out,
@@ -109,9 +125,14 @@ def _body(inputs: Sequence[Path], out: str, written: Written) -> dict[str, Any]:
     }
 
 
-def _recording(
-    inputs: Sequence[Path], writer: RecordingWriter, renamed: Mapping[str, str] | None
+def rewrite(
+    inputs: Sequence[Path],
+    writer: RecordingWriter,
+    renamed: Mapping[str, str] | None,
+    *,
+    strict: bool = False,
 ) -> Written:
+    """Write what was chosen of the recordings; `strict`: every frame to be renamed is there."""
     written = Written()
     with ExitStack() as stack:
         salvage = common.salvages()
@@ -130,26 +151,31 @@ def _recording(
         total = sum(source.messages for source in sources)
         stack.enter_context(writer)
         update = stack.enter_context(common.progress_bar("converting"))
-        for recording in recordings:
-            for done in _copy(recording, writer, rewriter, selection, renamed or {}, written):
-                if update is not None and (done % 1000 == 0 or done == total):
-                    update(done, total)
+        messages = (
+            (rewriter, *message)
+            for recording in recordings
+            for message in recording.messages(selection.wants)
+        )
+        for done in copy(messages, writer, selection, renamed or {}, written):
+            if update is not None and (done % 1000 == 0 or done == total):
+                update(done, total)
+        if strict:
+            rewriter.check_renamed()
         rewriter.warn(", ".join(map(str, inputs)), 2)
         if not written.messages and rewriter.left_out:
             raise click.ClickException(f"nothing to convert: {rewriter.reason()}")
     return written
 
 
-def _copy(
-    recording: Recording,
+def copy(
+    messages: Iterable[tuple[Rewriter, Source, int, bytes]],
     writer: RecordingWriter,
-    rewriter: Rewriter,
     selection: Selection,
     renamed: Mapping[str, str],
     written: Written,
 ) -> Iterator[int]:
-    """Copy message by message; gives how many there were of all recordings so far."""
-    for source, received, data in recording.messages(selection.wants):
+    """Copy messages, each by its own rewriter; gives how many there were so far."""
+    for rewriter, source, received, data in messages:
         try:
             given = tfdb.decode_tf_message(data, source.encoding)
             transforms = rewriter.transforms(given, source, static=selection.is_static(source))

@@ -160,11 +160,7 @@ class Choice:
     def _check_names(self, frames: Sequence[str]) -> None:
         """Refuse frames that are not there, and new names that others have."""
         for frame in sorted(set(self.frames or ()) - set(frames)):
-            near = difflib.get_close_matches(frame, frames, n=3, cutoff=0.5)
-            hint = f"there are {_few(frames)}"
-            if near:
-                hint = f"did you mean {', '.join(map(repr, near))}?"
-            raise UnknownFrame(f"frames: there is no frame {frame!r}; {hint}", frame=frame)
+            raise _no_frame("frames", frame, frames)
         found: dict[str, str] = {}
         for frame in frames:
             new = self.rename.get(frame, frame)
@@ -261,6 +257,11 @@ class Rewriter:
         if self._outside and not self._moving:
             message = f"{what}: nothing moves {self._described()}"
             warnings.warn(message, TfdbWarning, stacklevel=depth)
+
+    def check_renamed(self) -> None:
+        """Raise UnknownFrame for a frame to be renamed of which no message spoke."""
+        for frame in sorted(set(self._choice.rename) - self._names.keys()):
+            raise _no_frame("rename", frame, sorted(self._names))
 
     def reason(self) -> str:
         """Why nothing is left."""
@@ -414,6 +415,14 @@ def _pattern(entry: str) -> re.Pattern[str]:
     """What a name is matched against: `*` stands for anything, `?` for one letter."""
     parts = {"*": ".*", "?": "."}
     return re.compile("".join(parts.get(each, re.escape(each)) for each in entry), re.DOTALL)
+
+
+def _no_frame(option: str, frame: str, frames: Sequence[str]) -> UnknownFrame:
+    near = difflib.get_close_matches(frame, frames, n=3, cutoff=0.5)
+    hint = f"there are {_few(frames)}"
+    if near:
+        hint = f"did you mean {', '.join(map(repr, near))}?"
+    return UnknownFrame(f"{option}: there is no frame {frame!r}; {hint}", frame=frame)
 
 
 def _few(names: Sequence[str]) -> str:

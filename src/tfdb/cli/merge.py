@@ -1,0 +1,183 @@
+"""``tfdb merge``: several recordings in one."""
+
+from __future__ import annotations
+
+import heapq
+from contextlib import ExitStack
+from functools import partial
+from itertools import combinations
+from typing import TYPE_CHECKING
+
+import click
+
+import tfdb
+from tfdb.io import Recording, RecordingWriter
+from tfdb.io.choice import Choice
+from tfdb.io.loading import Selection
+from tfdb.summary import span
+
+from . import common, layout, output
+from .convert import Written, body, copy, describe, recording_path
+from .times import format_when
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Mapping, Sequence
+    from pathlib import Path
+
+    from tfdb import Buffer
+    from tfdb.io import Source
+    from tfdb.io.choice import LoadOptions, Rewriter
+    from tfdb.types import FrameInfo
+
+
+@click.command("merge")
+@common.files_argument
+@common.out_option
+@click.option(
+    "--prefix",
+    "prefixes",
+    multiple=True,
+    metavar="TEXT",
+    help="Put TEXT before the names of the frames of one FILE: once for each, in their order; "
+    "'' for none.",
+)
+@click.option("--compress", is_flag=True, help="zstd for .mcap, bz2 for .bag.")
+@common.overwrite_option
+@partial(common.topic_option, prefix=False)
+@common.json_option
+def command(
+    *,
+    files: tuple[str, ...],
+    out: str,
+    prefixes: tuple[str, ...],
+    compress: bool,
+    overwrite: bool,
+    topics: tuple[str, ...],
+    as_json: bool,
+) -> None:
+    """Write several recordings into one, in the order of time.
+
+    \b
+    Example: tfdb merge left.bag right.bag -o both.mcap --prefix left/ --prefix right/
+
+    Each message keeps its topic, its time of reception and its publisher (where OUT, a .bag, .mcap
+    or .db3, can hold it). Files that write one edge at the same time are refused: --prefix keeps
+    them apart, 'tfdb rename' gives one other names. Parts that follow one another are none such.
+    """  # noqa: D301, click wants the character
+    if len(files) < 2:
+        raise click.UsageError("one file is nothing to merge: give two or more")
+    if prefixes and len(prefixes) != len(files):
+        raise click.UsageError(
+            f"--prefix is given once for each FILE: {len(files)} files, {len(prefixes)} prefixes"
+        )
+    inputs = common.find_paths(files)
+    path = recording_path(out, inputs, overwrite=overwrite)
+    options: list[LoadOptions] = [
+        {**common.chosen(), "prefix": prefix} for prefix in prefixes or [""] * len(files)
+    ]
+    renamed = common.parse_topics(topics)
+    _refuse_conflicts(inputs, options, renamed)
+    writer = RecordingWriter(path, compress=compress, overwrite=overwrite)
+    written = _merge(inputs, options, writer, renamed)
+    if as_json:
+        output.emit_json("merge", body(inputs, out, written))
+    else:
+        click.echo(layout.wrap(layout.words(f"{out}: {describe(written)}", out)))
+
+
+def _merge(
+    inputs: Sequence[Path],
+    options: Sequence[LoadOptions],
+    writer: RecordingWriter,
+    renamed: Mapping[str, str] | None,
+) -> Written:
+    written = Written()
+    selection = Selection(renamed)
+    with ExitStack() as stack:
+        salvage = common.salvages()
+        recordings = [stack.enter_context(Recording(path, salvage=salvage)) for path in inputs]
+        common.report_losses(loss for recording in recordings for loss in recording.losses)
+        total = selection.count(recordings)
+        rewriters = [
+            Choice(**given).resolve([recording], selection.wants, selection.kind)
+            for recording, given in zip(recordings, options, strict=True)
+        ]
+        stack.enter_context(writer)
+        update = stack.enter_context(common.progress_bar("merging"))
+        messages = heapq.merge(
+            *(
+                _messages(recording, rewriter, selection)
+                for recording, rewriter in zip(recordings, rewriters, strict=True)
+            ),
+            key=lambda message: message[2],
+        )
+        for done in copy(messages, writer, selection, renamed or {}, written):
+            if update is not None and (done % 1000 == 0 or done == total):
+                update(done, total)
+    return written
+
+
+def _messages(
+    recording: Recording, rewriter: Rewriter, selection: Selection
+) -> Iterator[tuple[Rewriter, Source, int, bytes]]:
+    for source, received, data in recording.messages(selection.wants):
+        yield rewriter, source, received, data
+
+
+def _refuse_conflicts(
+    inputs: Sequence[Path], options: Sequence[LoadOptions], renamed: Mapping[str, str] | None
+) -> None:
+    """Refuse files that write one edge at the same time, or whose edges make a cycle."""
+    stores = []
+    for path, given in zip(inputs, options, strict=True):
+        store = tfdb.Buffer(history=None)
+        store.load(path, topics=renamed, salvage=common.salvages(), **given)
+        stores.append(store)
+    for (one, ours), (other, theirs) in combinations(zip(inputs, stores, strict=True), 2):
+        found = list(_conflicts(ours, theirs))
+        if found:
+            more = f", and {len(found) - 1} more edges" if len(found) > 1 else ""
+            raise click.ClickException(
+                f"{one} and {other} {found[0]}{more}: --prefix keeps their frames apart, "
+                "'tfdb rename' gives one of them other names, --exclude leaves frames out"
+            )
+    edges = {}
+    for store in sorted(stores, key=lambda store: span(store.tree()) or (0, 0)):
+        for info in store.tree():
+            if info.parent is not None:
+                edges[info.name] = tfdb.TransformStamped(
+                    info.parent, info.name, 0, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0)
+                )
+    try:
+        tfdb.Buffer().set_transforms(list(edges.values()), static=True)
+    except tfdb.CycleError as error:
+        frames = " <- ".join(layout.safe(name) for name in error.frames or ())
+        raise click.ClickException(
+            f"{', '.join(map(str, inputs))} together make a cycle, {frames}: --prefix keeps their "
+            "frames apart, --exclude leaves frames out"
+        ) from None
+
+
+def _conflicts(one: Buffer, other: Buffer) -> Iterator[str]:
+    """Say of each edge that both stores have how they contradict each other, if they do."""
+    theirs = {info.name: info for info in other.tree() if info.parent is not None}
+    for info in one.tree():
+        edge = theirs.get(info.name)
+        if info.parent is None or edge is None:
+            continue
+        name = "".join(layout.transform_name(info.parent, info.name))
+        if info.is_static != edge.is_static:
+            yield f"write {name} as static and as moving"
+        elif info.is_static:
+            if _static(one, info) != _static(other, edge):
+                yield f"have another static {name}"
+        elif info.oldest is not None and edge.oldest is not None:
+            first = max(info.oldest, edge.oldest)
+            last = min(info.newest or 0, edge.newest or 0)
+            if first <= last:
+                times = f"from {format_when(first)} to {format_when(last)}"
+                yield f"both write {name} {times}"
+
+
+def _static(store: Buffer, info: FrameInfo) -> tuple[str | None, list[float]]:
+    return info.parent, store.samples(info.name)[1][0].tolist()

@@ -1,0 +1,46 @@
+"""``tfdb rename``: a recording again, with other names for its frames."""
+
+from __future__ import annotations
+
+import click
+
+from tfdb.io import RecordingWriter
+
+from . import common, layout, output
+from .convert import body, describe, recording_path, rewrite
+
+
+@click.command("rename")
+@common.file_argument
+@common.out_option
+@click.option("--compress", is_flag=True, help="zstd for .mcap, bz2 for .bag.")
+@common.overwrite_option
+@common.topic_option
+@common.json_option
+def command(
+    *,
+    file: str,
+    out: str,
+    compress: bool,
+    overwrite: bool,
+    topics: tuple[str, ...],
+    as_json: bool,
+) -> None:
+    """Write a recording again with other names for its frames.
+
+    \b
+    Example: tfdb rename drive.mcap -o robot1.mcap --rename map:=world --prefix robot1/
+
+    FILE stays as it is; OUT is a .bag, .mcap or .db3. --rename comes before --prefix. A frame that
+    is not there is refused, and so are two frames that would have one name.
+    """  # noqa: D301, click wants the character
+    if not common.chosen().keys() & {"rename", "prefix"}:
+        raise click.UsageError("nothing to rename: give --rename FROM:=TO, or --prefix TEXT")
+    inputs = common.find_paths((file,))
+    path = recording_path(out, inputs, overwrite=overwrite)
+    writer = RecordingWriter(path, compress=compress, overwrite=overwrite)
+    written = rewrite(inputs, writer, common.parse_topics(topics), strict=True)
+    if as_json:
+        output.emit_json("rename", body(inputs, out, written))
+    else:
+        click.echo(layout.wrap(layout.words(f"{out}: {describe(written)}", out)))
