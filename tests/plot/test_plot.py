@@ -2,28 +2,18 @@
 
 from __future__ import annotations
 
-from itertools import combinations
-from types import SimpleNamespace
+from itertools import pairwise
 
-import numpy as np
 import pytest
 
 import tfdb
 
 matplotlib = pytest.importorskip("matplotlib")
-agg = pytest.importorskip("matplotlib.backends.backend_agg")
 plot = pytest.importorskip("tfdb.plot")
+from .legible import assert_legible  # noqa: E402
 
 MS = 1_000_000
 UNIT = (0.0, 0.0, 0.0, 1.0)
-
-
-def path(count: int = 50) -> SimpleNamespace:
-    angle = np.linspace(0, 3, count)
-    poses = np.zeros((count, 7))
-    poses[:, 0], poses[:, 1], poses[:, 6] = 3 * np.cos(angle), np.sin(angle), 1
-    stamps = 5_000_000_000 + np.arange(count) * 100 * MS
-    return SimpleNamespace(target="map", source="base_link", stamps=stamps, poses=poses)
 
 
 def texts(figure: object) -> list[str]:
@@ -48,22 +38,84 @@ def robot(arms: int = 6, joints: int = 12) -> tfdb.Buffer:
     return buf
 
 
-def test_labels_of_a_large_tree_do_not_overlap() -> None:
+def big_robot(frames: int = 300) -> tfdb.Buffer:
+    """A robot of many arms: every third joint moves, and each has a static part."""
+    buf = tfdb.Buffer(history=None)
+    moving, static = [], []
+    for i in range(frames // 2):
+        parent = "base" if i % 10 == 0 else f"arm_{i // 10}/joint_{i % 10 - 1}"
+        child = f"arm_{i // 10}/joint_{i % 10}"
+        (moving if i % 3 else static).append((parent, child))
+        static.append((child, f"{child}/mesh_$x^2$"))
+    for tick in range(30):
+        buf.set_transforms(
+            [
+                tfdb.TransformStamped(parent, child, tick * 100 * MS, (0.1, 0, 0), UNIT)
+                for parent, child in moving
+            ]
+        )
+    for parent, child in static:
+        buf.set_static_transform(parent, child, (0.0, 0.1, 0.0))
+    return buf
+
+
+def test_every_frame_of_a_tree_is_there(monkeypatch: pytest.MonkeyPatch) -> None:
     buf = robot()
-    figure = plot.frame_tree(buf)
-    canvas = agg.FigureCanvasAgg(figure)
-    canvas.draw()
-    renderer = canvas.get_renderer()
-    names = set(buf.frames())
-    axes = figure.axes[0]
-    shown = [text for text in axes.texts if text.get_text()]
-    assert names <= {text.get_text() for text in shown}
-    assert len(names) > 60
-    boxes = [text.get_window_extent(renderer) for text in shown]
-    for (one, a), (other, b) in combinations(zip(shown, boxes, strict=True), 2):
-        apart = a.x1 <= b.x0 or b.x1 <= a.x0 or a.y1 <= b.y0 or b.y1 <= a.y0
-        assert apart, f"{one.get_text()} and {other.get_text()} overlap"
-    assert all(box.x0 >= 0 and box.x1 <= figure.bbox.x1 and box.y0 >= 0 for box in boxes)
+    shown = assert_legible(plot.frame_tree(buf), monkeypatch)
+    assert set(buf.frames()) <= set(shown)
+    assert shown.count("10 Hz") == 1 + 6 * 12
+
+
+def test_a_child_stands_below_and_right_of_its_parent() -> None:
+    buf = robot(2, 3)
+    at = {text.get_text(): text.get_position() for text in plot.frame_tree(buf).axes[0].texts}
+    for info in buf.tree():
+        if info.parent is not None:
+            assert at[info.name][0] > at[info.parent][0]
+            assert at[info.name][1] > at[info.parent][1]
+
+
+@pytest.mark.parametrize("rows", [4, 20, 60, 100])
+def test_big_trees_are_folded(rows: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    buf = big_robot()
+    frames = len(buf.frames())
+    assert frames > 300
+    shown = assert_legible(plot.frame_tree(buf, rows=rows), monkeypatch)
+    folds = [text for text in shown if text.startswith("+ ")]
+    drawn = [text for text in shown if text in set(buf.frames())]
+    assert folds
+    assert len(drawn) + len(folds) <= rows
+    # Every frame is drawn or counted, none twice.
+    folded = sum(int(text.split()[1]) for text in folds)
+    assert len(drawn) + folded == frames
+    assert any(f"{folded} frames are folded" in text for text in shown)
+
+
+def test_static_subtrees_are_folded_first() -> None:
+    buf = robot()
+    shown = texts(plot.frame_tree(buf, rows=80))
+    assert set(buf.frames()) - set(shown) == {f"wall_${i}$" for i in range(8)}
+    assert "+ 8 static frames" in shown
+
+
+def test_nothing_is_folded_unless_need_be() -> None:
+    buf = big_robot()
+    assert set(buf.frames()) <= set(texts(plot.frame_tree(buf, rows=None)))
+    assert not [text for text in texts(plot.frame_tree(robot(1, 3))) if text.startswith("+ ")]
+
+
+@pytest.mark.parametrize("rows", [0, -3, 2.5, "10", True])
+def test_bad_numbers_of_rows(rows: object) -> None:
+    with pytest.raises(tfdb.InvalidArgument, match="rows must be a number from 1 on"):
+        plot.frame_tree([], rows=rows)
+
+
+@pytest.mark.parametrize("given", [None, 7, ["map"], "map"])
+def test_what_has_no_frames_is_refused(given: object) -> None:
+    with pytest.raises(tfdb.InvalidArgument, match="draw a store"):
+        plot.frame_tree(given)
+    with pytest.raises(tfdb.InvalidArgument, match="draw a store"):
+        plot.timeline(given)
 
 
 def test_tree_takes_a_store_a_snapshot_or_a_list() -> None:
@@ -79,12 +131,25 @@ def test_tree_of_nothing() -> None:
     assert any("0 frames" in text for text in texts(figure))
 
 
-def test_timeline_has_a_row_for_each_edge() -> None:
+def test_deep_chains_stay_in_the_picture(monkeypatch: pytest.MonkeyPatch) -> None:
+    buf = tfdb.Buffer(history=None)
+    for i in range(120):
+        buf.set_static_transform(f"link_{i}", f"link_{i + 1}", (0.1, 0, 0))
+    figure = plot.frame_tree(buf, rows=None)
+    assert_legible(figure, monkeypatch)
+    assert figure.get_figwidth() < 10
+
+
+def test_timeline_is_sorted_as_the_tree_and_folds_statics() -> None:
     buf = robot(2, 3)
-    figure = plot.timeline(buf)
-    rows = [label.get_text() for label in figure.axes[0].get_yticklabels()]
-    assert sorted(rows) == sorted(info.name for info in buf.tree() if info.parent is not None)
-    assert rows[-1].startswith("wall_")
+    buf.set_transform("map", "zebra", 100 * MS, (1, 0, 0), UNIT)
+    shown = texts(plot.timeline(buf))
+    rows = [text for text in shown if text in set(buf.frames())]
+    long = "a frame with a long name"
+    arms = [name for arm in range(2) for name in sorted(n for n in rows if n[:5] == f"arm_{arm}")]
+    assert rows == [long, *arms, "zebra"]
+    assert "8 static edges" in shown
+    assert not [text for text in shown if text.startswith("wall_")]
 
 
 def test_timeline_counts_gaps() -> None:
@@ -93,7 +158,68 @@ def test_timeline_counts_gaps() -> None:
         buf.set_transform("odom", "base", i * 10 * MS, (i, 0, 0), UNIT)
     figure = plot.timeline(buf)
     assert any("1 gap" in text for text in texts(figure))
+    # In seconds, as of Interpolate.
     assert any("no gaps" in text for text in texts(plot.timeline(buf, max_gap=1.0)))
+    assert any("1 gap" in text for text in texts(plot.timeline(buf, max_gap=0.4)))
+    with pytest.raises(tfdb.InvalidArgument, match="max_gap"):
+        plot.timeline(buf, max_gap=-1.0)
+
+
+def test_timeline_marks_late_data_and_publishers(monkeypatch: pytest.MonkeyPatch) -> None:
+    buf = tfdb.Buffer(history=None)
+    order = [0, 1, 2, 5, 3, 4, 6, 7, 8, 9]
+    for i in order:
+        buf.set_transform("odom", "base_$x$", i * 100 * MS, (i, 0, 0), UNIT)
+    buf.set_static_transform("base_$x$", "camera", (1, 0, 0))
+    assert "10 Hz, 2 late" in texts(plot.timeline(buf))  # the store knows so much
+    who = ["/amcl", "/ekf"] * 5
+    came = plot.Arrivals([i * 100 * MS for i in order], who)
+    figure = plot.timeline(buf, arrivals={"base_$x$": came})
+    shown = assert_legible(figure, monkeypatch)
+    assert {"10 Hz, 2 late, 2 publishers", "by /amcl", "by /ekf", "came late"} <= set(shown)
+    axes = figure.axes[0]
+    (marks,) = [line for line in axes.get_lines() if line.get_marker() == "v"]
+    assert marks.get_xdata().tolist() == pytest.approx([0.3, 0.4])
+    strokes = [
+        {round(float(piece[0][0]), 6) for piece in lines.get_segments()}
+        for lines in axes.collections
+        if len(lines.get_segments())
+    ]
+    for name in ("/amcl", "/ekf"):
+        sent = {i / 10 for i, by in zip(order, who, strict=True) if by == name}
+        assert sent in strokes
+
+
+def test_bad_arrivals_are_refused() -> None:
+    buf = robot(1, 1)
+    for given in ([1], {"a": 3}, 7, {"a": plot.Arrivals(["x"], ["y"])}):
+        with pytest.raises(tfdb.InvalidArgument, match=r"must map child frames"):
+            plot.timeline(buf, arrivals=given)
+    with pytest.raises(tfdb.InvalidArgument, match="1 publishers for 2 stamps"):
+        plot.timeline(buf, arrivals={"a": plot.Arrivals([1, 2], ["y"])})
+    for width in (1, 1000, "wide", None):
+        with pytest.raises(tfdb.InvalidArgument, match="width must be 5 to 100"):
+            plot.timeline(buf, width=width)
+
+
+@pytest.mark.parametrize("width", [5, 10, 24])
+def test_timeline_of_many_edges_at_every_width(
+    width: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    shown = assert_legible(plot.timeline(big_robot(), width=width), monkeypatch)
+    assert sum(text.startswith("arm_") for text in shown) == 100
+
+
+def test_long_and_hostile_names(monkeypatch: pytest.MonkeyPatch) -> None:
+    buf = tfdb.Buffer(history=None)
+    names = ["$\\alpha$", "_" * 100, "x" * 1000, "größe_机器人", "<&>", "a b  c"]
+    for parent, child in pairwise(["map", *names]):
+        for i in range(3):
+            buf.set_transform(parent, child, i * 100 * MS, (i, 0, 0), UNIT, authority="$%")
+    for figure in (plot.frame_tree(buf), plot.timeline(buf), plot.timeline(buf, width=5)):
+        shown = assert_legible(figure, monkeypatch)
+        assert {"$\\alpha$", "<&>", "a b  c"} <= set(shown)
+        assert any(text.startswith("xxx") and "…" in text for text in shown)
 
 
 def test_timeline_of_nothing() -> None:
@@ -104,7 +230,7 @@ def test_pictures_open_no_window_and_leave_no_state() -> None:
     import sys
 
     before = "matplotlib.pyplot" in sys.modules
-    plot.trajectory(path())
+    plot.frame_tree(robot(1, 1))
     assert ("matplotlib.pyplot" in sys.modules) == before
 
 

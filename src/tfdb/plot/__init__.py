@@ -6,8 +6,8 @@ to show: ``tfdb.plot.trajectory(buf.trajectory("map", "base")).savefig("trajecto
 
 from __future__ import annotations
 
-from .draw_timeline import timeline
+from .draw_timeline import Arrivals, timeline
 from .draw_trajectory import trajectory
 from .draw_tree import frame_tree
 
-__all__ = ["frame_tree", "timeline", "trajectory"]
+__all__ = ["Arrivals", "frame_tree", "timeline", "trajectory"]

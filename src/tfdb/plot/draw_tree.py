@@ -1,87 +1,230 @@
-"""The frame tree, root at the left, one row for each leaf so that no label meets another."""
+"""The frame tree, one row for each frame under its parent; what is too much is folded."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from matplotlib.font_manager import FontProperties
 from matplotlib.lines import Line2D
 from matplotlib.patches import FancyBboxPatch
-from matplotlib.textpath import text_to_path
 
+from ..errors import InvalidArgument
 from ..summary import Forest
-from . import style
+from . import lettering, style
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
+    from collections.abc import Iterable, Iterator, Sequence
 
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-    from .. import Buffer, FrameInfo, Snapshot
+    from .. import Reads
+    from ..types import FrameInfo
 
 # All in points (1/72 inch): the axes cover the figure and count in points, so text fits by measure.
 _ROW = 15.0
 _BOX = 11.5
 _PAD = 4.0
-_STEP = 22.0
-_MARGIN = 16.0
-_HEAD = 62.0
-_TREE_GAP = 1.0
+_STEP = 18.0
+_DEEPEST = 400.0
+_HEAD = 50.0
+_TREE_GAP = 0.6
 _MIN_WIDTH = 430.0
+_WIDEST_NAME = 420.0
 
 
 @dataclass
 class _Node:
-    info: FrameInfo
-    note: str
-    width: float
-    x: float = 0.0
+    """A frame, or (without `info`) frames that are folded away under `parent`."""
+
+    text: str
+    parent: str | None
+    depth: int
+    info: FrameInfo | None = None
+    note: str = ""
+    static: bool = True
     row: float = 0.0
 
 
 def frame_tree(
-    frames: Buffer | Snapshot | Iterable[FrameInfo], *, title: str | None = None
+    frames: Reads | Iterable[FrameInfo], *, title: str | None = None, rows: int | None = 100
 ) -> Figure:
-    """Draw all frames from left (roots) to right, moving edges in colour with their rate in Hz.
+    """Draw all frames, each in a row under its parent, moving edges in colour with their rate.
 
-    Takes a store or what its ``tree()`` returned. The picture grows with the number of frames, so
-    that labels stay readable and apart.
+    Parameters
+    ----------
+    frames
+        A store or a snapshot, or what its `tree()` returned.
+    title
+        Instead of "Frame tree".
+    rows
+        So many frames at most are drawn, if need be: of more, subtrees are folded into one row that
+        says how many frames it stands for; first those of static edges alone, the largest first,
+        then the deepest. Roots are always drawn. None: all are drawn, however many.
+
+    Raises
+    ------
+    InvalidArgument
+        `rows` is no positive number, or `frames` is no store and no frames.
     """
-    # Only the store has a tree(); an iterable of FrameInfo is taken as it is.
-    infos = list(frames.tree()) if hasattr(frames, "tree") else list(frames)
+    given: Any = rows
+    if given is not None and (type(given) is not int or given < 1):
+        raise InvalidArgument(f"rows must be a number from 1 on, or None, got {rows!r}", value=rows)
+    infos = _infos(frames)
     forest = Forest(infos)
-    nodes = _place(forest)
-    rows = max((node.row for node in nodes.values()), default=0.0) + 1
-    right = max((node.x + node.width for node in nodes.values()), default=0.0)
-    width = max(_MIN_WIDTH, _MARGIN * 2 + right)
-    height = _HEAD + rows * _ROW + _MARGIN
+    folded = _Folds(forest)
+    if rows is not None:
+        folded.fold(rows)
+    nodes = list(_nodes(forest, folded))
+    deepest = max((node.depth for node in nodes), default=0)
+    step = min(_STEP, _DEEPEST / max(deepest, 1))
+    right = max((node.depth * step + _width(node) for node in nodes), default=0.0)
+    width = max(_MIN_WIDTH, style.MARGIN * 2 + right)
+    legend = _handles()
+    names = [str(handle.get_label()) for handle in legend]
+    room = width - 2 * style.MARGIN
+    head = _HEAD + -(-len(names) // style.legend_columns(names, room)) * style.LEGEND_ROW + 8
+    height = head + (nodes[-1].row + 1 if nodes else 1) * _ROW + style.MARGIN
     figure = style.new_figure(width / 72, height / 72)
-    moving = sum(1 for i in infos if i.parent is not None and not i.is_static)
-    static = sum(1 for i in infos if i.is_static)
     style.title(
-        figure,
-        title or "Frame tree",
-        f"{len(infos)} frames, {moving} moving edges, {static} static, "
-        f"{len(forest.roots)} {'tree' if len(forest.roots) == 1 else 'trees'}",
-        x=_MARGIN / width,
+        figure, title or "Frame tree", _under(infos, forest, folded), x=style.MARGIN / width
     )
+    style.legend(figure, legend, (style.MARGIN, _HEAD), room)
     axes = figure.add_axes((0, 0, 1, 1))
     axes.set_xlim(0, width)
-    axes.set_ylim(0, height)
+    axes.set_ylim(height, 0)
     axes.axis("off")
-    _draw(axes, nodes, height)
-    _legend(axes, width, height)
+    _draw(axes, nodes, step, head)
     return figure
 
 
-def _text_width(text: str, size: float) -> float:
-    """Points, with a little to spare: on the screen's grid letters come out wider."""
-    width, _, _ = text_to_path.get_text_width_height_descent(
-        text, FontProperties(size=size), ismath=False
-    )
-    return float(width) * 1.06
+def _infos(frames: Any) -> list[FrameInfo]:
+    # Only the store has a tree(); frames themselves are taken as they are.
+    try:
+        infos = list(frames.tree() if hasattr(frames, "tree") else frames)
+    except TypeError:
+        infos = [None]
+    if not all(hasattr(info, "is_static") and hasattr(info, "parent") for info in infos):
+        raise InvalidArgument(
+            f"draw a store, a snapshot or what tree() returns; got {type(frames).__name__}",
+            value=frames,
+        )
+    return infos
+
+
+class _Folds:
+    """Which children of which frames are folded into one row each."""
+
+    def __init__(self, forest: Forest) -> None:
+        self.forest = forest
+        self.away: dict[str, list[str]] = {}
+        """By parent, the children that its one folded row stands for."""
+        self.sizes: dict[str, int] = {}
+        """Frames of a subtree, its top included."""
+        self._still: dict[str, bool] = {}
+        self._depths: dict[str, int] = {}
+        self._shown: dict[str, int] = {}
+        rows = forest.rows()
+        for row in rows:
+            self._depths[row.info.name] = row.depth
+        for row in reversed(rows):
+            name = row.info.name
+            below = forest.children[name]
+            self.sizes[name] = 1 + sum(self.sizes[child] for child in below)
+            self._still[name] = row.info.is_static and all(self._still[child] for child in below)
+            self._shown[name] = self.sizes[name]
+
+    @property
+    def frames(self) -> int:
+        """How many frames are folded away."""
+        return sum(self.sizes[child] for below in self.away.values() for child in below)
+
+    def fold(self, rows: int) -> None:
+        """Fold until at most so many rows are left, if that can be."""
+        shown = sum(self._shown[root] for root in self.forest.roots)
+        names = sorted(self.forest.by_name)
+        still = {
+            name: [child for child in self.forest.children[name] if self._still[child]]
+            for name in names
+        }
+        # What hangs in a subtree of static edges goes with it.
+        tops = [name for name in names if not self._still[name] and still[name]]
+        for name in sorted(tops, key=lambda top: -self._rows(still[top])):
+            if shown <= rows:
+                return
+            shown -= self._hide(name, still[name])
+        inner = [name for name in names if self.forest.children[name]]
+        for name in sorted(inner, key=lambda top: (-self._depths[top], -self.sizes[top], top)):
+            if shown <= rows:
+                return
+            shown -= self._hide(name, self.forest.children[name])
+
+    def _rows(self, children: Sequence[str]) -> int:
+        return sum(self._shown[child] for child in children)
+
+    def _hide(self, parent: str, children: list[str]) -> int:
+        """Fold these children; return how many rows that saves."""
+        before = self._shown[parent]
+        others = [child for child in self.forest.children[parent] if child not in set(children)]
+        after = 2 + self._rows(others)
+        if before - after < 1:
+            return 0
+        self.away[parent] = children
+        name: str | None = parent
+        while name in self._shown:
+            self._shown[name] -= before - after
+            name = self.forest.by_name[name].parent
+        self._forget(children)
+        return before - after
+
+    def _forget(self, children: Sequence[str]) -> None:
+        """Drop the folds inside of what is folded now."""
+        stack = list(children)
+        while stack:
+            name = stack.pop()
+            self.away.pop(name, None)
+            stack.extend(self.forest.children[name])
+
+
+def _nodes(forest: Forest, folded: _Folds) -> Iterator[_Node]:
+    """Give what is drawn, from top to bottom."""
+    row = 0.0
+    for root in forest.roots:
+        stack: list[_Node] = [_frame(forest.by_name[root], 0)]
+        while stack:
+            node = stack.pop()
+            node.row = row
+            row += 1
+            yield node
+            if node.info is None:
+                continue
+            name = node.info.name
+            hidden = folded.away.get(name, [])
+            below = [
+                _frame(forest.by_name[child], node.depth + 1)
+                for child in forest.children[name]
+                if child not in set(hidden)
+            ]
+            if hidden:
+                below.append(_fold(forest, folded, name, hidden, node.depth + 1))
+            stack.extend(reversed(below))
+        row += _TREE_GAP
+
+
+def _frame(info: FrameInfo, depth: int) -> _Node:
+    text = lettering.fitted(info.name, style.SMALL_SIZE, _WIDEST_NAME)
+    return _Node(text, info.parent, depth, info, _note(info), info.is_static)
+
+
+def _fold(forest: Forest, folded: _Folds, parent: str, hidden: Sequence[str], depth: int) -> _Node:
+    frames = sum(folded.sizes[child] for child in hidden)
+    infos = [row.info for child in hidden for row in forest.walk(child)]
+    moving = sum(not info.is_static for info in infos)
+    plural = "s" if frames != 1 else ""
+    text = f"+ {frames} static frame{plural}"
+    if moving:
+        text = f"+ {frames} frame{plural}, {moving} of them moving"
+    return _Node(text, parent, depth, static=not moving)
 
 
 def _note(info: FrameInfo) -> str:
@@ -92,109 +235,76 @@ def _note(info: FrameInfo) -> str:
     return f"{info.rate:.3g} Hz"
 
 
-def _place(forest: Forest) -> dict[str, _Node]:
-    """Leaves get the rows in reading order, a parent the middle of its children.
-
-    No two subtrees share a row, so each frame may stand right behind its own parent.
-    """
-    nodes: dict[str, _Node] = {}
-    next_row = 0.0
-    for root in forest.roots:
-        order = [row.info for row in forest.walk(root)]
-        for info in order:
-            node = nodes[info.name] = _Node(info, _note(info), 2 * _PAD)
-            node.width += _text_width(info.name, style.SMALL_SIZE)
-            if node.note:
-                node.width += _text_width(node.note, style.SMALL_SIZE - 1) + _PAD
-            parent = nodes.get(info.parent) if info.parent is not None else None
-            if parent is not None:
-                node.x = parent.x + parent.width + _STEP
-            if not forest.children[info.name]:
-                node.row = next_row
-                next_row += 1
-        for info in reversed(order):
-            below = forest.children[info.name]
-            if below:
-                nodes[info.name].row = (nodes[below[0]].row + nodes[below[-1]].row) / 2
-        next_row += _TREE_GAP
-    return nodes
+def _width(node: _Node) -> float:
+    wide = 2 * _PAD + lettering.width(node.text, style.SMALL_SIZE)
+    return wide + (lettering.width(node.note, style.SMALL_SIZE) + 2 * _PAD if node.note else 0)
 
 
-def _draw(axes: Axes, nodes: dict[str, _Node], height: float) -> None:
-    def place(node: _Node) -> tuple[float, float]:
-        return _MARGIN + node.x, height - _HEAD - (node.row + 0.5) * _ROW
+def _under(infos: Sequence[FrameInfo], forest: Forest, folded: _Folds) -> str:
+    moving = sum(1 for i in infos if i.parent is not None and not i.is_static)
+    static = sum(1 for i in infos if i.is_static)
+    trees = len(forest.roots)
+    text = (
+        f"{len(infos)} frames, {moving} moving edges, {static} static, "
+        f"{trees} tree{'' if trees == 1 else 's'}"
+    )
+    return text + (f"; {folded.frames} frames are folded" if folded.away else "")
 
-    for node in nodes.values():
-        x, y = place(node)
-        parent = nodes.get(node.info.parent) if node.info.parent is not None else None
+
+def _handles() -> list[Line2D]:
+    return [
+        Line2D([], [], color=style.MOVING, linewidth=1.4, label="moving, with its mean rate"),
+        Line2D([], [], color=style.STATIC, linewidth=0.8, label="static"),
+    ]
+
+
+def _draw(axes: Axes, nodes: Sequence[_Node], step: float, head: float) -> None:
+    places = {
+        node.info.name: (style.MARGIN + node.depth * step, head + (node.row + 0.5) * _ROW)
+        for node in nodes
+        if node.info is not None
+    }
+    for node in nodes:
+        x = style.MARGIN + node.depth * step
+        y = head + (node.row + 0.5) * _ROW
+        parent = places.get(node.parent) if node.parent is not None else None
         if parent is not None:
-            from_x, from_y = place(parent)
-            bend = x - _STEP * 0.5
+            down = parent[0] + min(7.0, step * 0.4)
             axes.plot(
-                [from_x + parent.width, bend, bend, x],
-                [from_y, from_y, y, y],
-                zorder=1.5 if not node.info.is_static else 1,
+                [down, down, x],
+                [parent[1] + _BOX / 2, y, y],
+                zorder=1 if node.static else 1.5,
                 solid_joinstyle="round",
-                **_line(node.info),
+                **_line(node),
             )
         _draw_box(axes, node, x, y)
 
 
-def _line(info: FrameInfo) -> dict[str, Any]:
-    if info.is_static:
+def _line(node: _Node) -> dict[str, Any]:
+    if node.static:
         return {"color": style.STATIC, "linewidth": 0.8}
     return {"color": style.MOVING, "linewidth": 1.4}
 
 
 def _draw_box(axes: Axes, node: _Node, x: float, y: float) -> None:
-    root = node.info.parent is None
-    colour = style.INK if root else _line(node.info)["color"]
+    root = node.depth == 0
+    name = lettering.width(node.text, style.SMALL_SIZE)
     axes.add_patch(
         FancyBboxPatch(
             (x, y - _BOX / 2),
-            node.width,
+            name + 2 * _PAD,
             _BOX,
             boxstyle="round,pad=0,rounding_size=3",
             facecolor=style.INK if root else style.PAPER,
-            edgecolor=colour,
+            edgecolor=style.INK if root else _line(node)["color"],
+            linestyle="-" if node.info is not None else (0, (3, 2)),
             linewidth=0.9,
             zorder=2,
         )
     )
-    axes.text(
-        x + _PAD,
-        y,
-        node.info.name,
-        fontsize=style.SMALL_SIZE,
-        va="center_baseline",
-        zorder=3,
-        color=style.PAPER if root else style.INK,
-        parse_math=False,
-    )
+    look: dict[str, Any] = {"fontsize": style.SMALL_SIZE, "va": "center_baseline", "zorder": 3}
+    colour = style.PAPER if root else style.INK if node.info is not None else style.MUTED
+    axes.text(x + _PAD, y, node.text, color=colour, parse_math=False, **look, **style.font())
     if node.note:
-        axes.text(
-            x + node.width - _PAD,
-            y,
-            node.note,
-            fontsize=style.SMALL_SIZE - 1,
-            ha="right",
-            va="center_baseline",
-            color=style.MOVING,
-            zorder=3,
-            parse_math=False,
-        )
-
-
-def _legend(axes: Axes, width: float, height: float) -> None:
-    axes.legend(
-        handles=[
-            Line2D([], [], color=style.MOVING, linewidth=1.4, label="moving, with its mean rate"),
-            Line2D([], [], color=style.STATIC, linewidth=0.8, label="static"),
-        ],
-        loc="upper right",
-        bbox_to_anchor=(1 - _MARGIN / width, 1 - 8 / height),
-        borderaxespad=0,
-        fontsize=style.SMALL_SIZE,
-        frameon=False,
-        labelcolor=style.INK,
-    )
+        x += name + 4 * _PAD
+        axes.text(x, y, node.note, color=style.MOVING, parse_math=False, **look, **style.font())
