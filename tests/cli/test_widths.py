@@ -94,6 +94,10 @@ RUNS: dict[str, list[tuple[tuple[str, ...], tuple[str, ...], int]]] = {
         (("bad.bag", MAP, TABLE), (), 0),
     ],
     "view-frames": [(("good.bag", "-o", "tree.dot", "--overwrite"), (), 0)],
+    "plot": [
+        (("good.bag", "--save", "t.png", "--overwrite"), (), 0),
+        (("good.bag", "trajectory", MAP, HAND, "--save", "p.svg", "--overwrite"), (), 0),
+    ],
     "poses": [(("good.bag", MAP, HAND, "-o", "p.tum", "--overwrite"), (MAP, HAND), 0)],
     "check": [(("bad.bag",), (BASE, ARM, ODOM, TABLE), 1), (("good.bag",), (), 0)],
     "gaps": [(("bad.bag",), (BASE, ARM), 0), (("good.bag",), (), 0)],

@@ -239,3 +239,23 @@ def test_pictures_can_be_saved(tmp_path: object) -> None:
         target = tmp_path / f"tree.{suffix}"
         plot.frame_tree(robot(1, 3)).savefig(target)
         assert target.stat().st_size > 1000
+
+
+def test_a_window_shows_the_picture_and_is_closed(monkeypatch: pytest.MonkeyPatch) -> None:
+    from matplotlib import pyplot as plt
+
+    from . import fake_window
+
+    for name in ("DISPLAY", "WAYLAND_DISPLAY"):
+        monkeypatch.delenv(name, raising=False)
+    before = matplotlib.get_backend()
+    plt.switch_backend(f"module://{fake_window.__name__}")
+    try:
+        figure = plot.frame_tree(robot(1, 2))
+        plot.show(figure)
+    finally:
+        plt.switch_backend(before)
+    ((shown, size),) = fake_window.seen
+    assert shown is figure
+    assert size == tuple(int(side) for side in figure.get_size_inches() * figure.dpi)
+    assert not plt.get_fignums()

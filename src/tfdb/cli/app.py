@@ -26,6 +26,7 @@ COMMANDS = {
     "echo": "One transform again and again, with its age, as tf2_echo prints it.",
     "monitor": "Rates, delays, gaps and publishers of frames, in place; a chain's net delay.",
     "view-frames": "A picture of the frame tree: PDF, SVG or DOT.",
+    "plot": "A picture: the frame tree, the samples of each edge, or trajectories.",
     "poses": "Many poses of SOURCE in TARGET, to a .tum, .csv or .npz file.",
     "check": "A doctor for recordings: gaps, late data, two publishers, jumps in time ...",
     "gaps": "List the gaps of each edge: since when, how long, who published before and after.",

@@ -9,5 +9,6 @@ from __future__ import annotations
 from .draw_timeline import Arrivals, timeline
 from .draw_trajectory import trajectory
 from .draw_tree import frame_tree
+from .window import show
 
-__all__ = ["Arrivals", "frame_tree", "timeline", "trajectory"]
+__all__ = ["Arrivals", "frame_tree", "show", "timeline", "trajectory"]

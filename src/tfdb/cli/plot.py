@@ -1,0 +1,208 @@
+"""``tfdb plot``: pictures of a recording's frame tree, samples and trajectories."""
+
+from __future__ import annotations
+
+import re
+from typing import TYPE_CHECKING, Any
+
+import click
+
+import tfdb
+from tfdb.given_path import given_path
+from tfdb.new_file import new_file
+
+from . import common, output
+from .graph import listen_option
+from .times import NS, duration_option
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+    from pathlib import Path
+
+KINDS = ("tree", "timeline", "trajectory")
+FORMATS = ("png", "svg", "pdf")
+
+
+def _complete(ctx: click.Context, param: click.Parameter, incomplete: str) -> list[str]:
+    """Offer frames where frames are wanted."""
+    if ctx.params.get("kind") != "trajectory":
+        return []
+    return common.complete_frames(ctx, param, incomplete)
+
+
+@click.command("plot")
+@common.file_argument
+@click.argument("kind", type=click.Choice(KINDS), default="tree")
+@click.argument("frames", nargs=-1, metavar="[TARGET SOURCE...]", shell_complete=_complete)
+@click.option(
+    "--save",
+    "saved",
+    multiple=True,
+    metavar="FORMAT|PATH",
+    help="png, svg, pdf: write FILE_KIND.FORMAT here; or a path with such an ending. Repeatable.  "
+    "[default: png, without --show]",
+)
+@click.option("--show", is_flag=True, help="Open a window with the picture.")
+@click.option(
+    "--axes",
+    type=click.Choice(("xy", "xz", "yz", "xyz")),
+    help="Of a trajectory: this plane, or three dimensions.  [default: its two widest axes]",
+)
+@click.option(
+    "--color",
+    type=click.Choice(("time", "speed")),
+    help="Of a trajectory: what its colour tells.",
+)
+@click.option(
+    "--max-gap",
+    metavar="SECONDS",
+    callback=duration_option,
+    help="Of a timeline: the longest hole that is fine.  [default: five median periods]",
+)
+@click.option(
+    "--rows",
+    type=click.IntRange(min=0),
+    default=100,
+    show_default=True,
+    help="Of a tree: fold subtrees until no more rows are left; 0 draws all.",
+)
+@click.option("--title", help="Instead of the picture's own.")
+@common.more_option
+@common.overwrite_option
+@listen_option
+@common.topic_option
+@common.json_option
+def command(
+    *,
+    file: str,
+    kind: str,
+    frames: tuple[str, ...],
+    saved: tuple[str, ...],
+    show: bool,
+    axes: Any,
+    color: Any,
+    max_gap: int | None,
+    rows: int,
+    title: str | None,
+    more: tuple[str, ...],
+    overwrite: bool,
+    topics: tuple[str, ...],
+    as_json: bool,
+) -> None:
+    """Draw FILE: its frame tree, the samples of each edge over time, or trajectories.
+
+    \b
+      tfdb plot drive.mcap tree
+      tfdb plot drive.mcap timeline --save svg
+      tfdb plot drive.mcap trajectory map base_link camera --color speed --show
+
+    A trajectory is T[TARGET<-SOURCE] at each stored stamp; several SOURCEs share one picture.
+    """  # noqa: D301, click wants the character
+    if kind == "trajectory" and len(frames) < 2:
+        raise click.UsageError(
+            "a trajectory is that of SOURCE in TARGET: tfdb plot FILE trajectory TARGET SOURCE..."
+        )
+    if kind != "trajectory" and frames:
+        raise click.UsageError(f"a {kind} takes no frames; got {' '.join(frames)}")
+    names = (file, *more)
+    outs = _outputs(saved or (() if show else ("png",)), file, kind)
+    read = common.find_paths([name for name in names if not common.is_live(name)])
+    for path in outs:
+        common.check_output(str(path), read, overwrite=overwrite)
+    _need_matplotlib()
+    loaded = common.load(names, topics)
+    if kind == "trajectory":
+        figure = _trajectory(loaded, frames, axes, color, title)
+    elif kind == "timeline":
+        figure = _timeline(loaded, max_gap, title)
+    else:
+        from tfdb import plot  # noqa: PLC0415 - an extra
+
+        figure = plot.frame_tree(loaded.store, title=title, rows=rows or None)
+    for path in outs:
+        with new_file(path, overwrite=overwrite) as made:
+            figure.savefig(made, format=path.suffix[1:].lower())
+    if as_json:
+        body = {"files": list(loaded.names), "kind": kind, "outputs": [str(path) for path in outs]}
+        output.emit_json("plot", body)
+    elif outs:
+        click.echo(f"{', '.join(map(str, outs))}: the {kind} of {file}")
+    if show:
+        _show(figure)
+
+
+def _outputs(saved: Sequence[str], file: str, kind: str) -> list[Path]:
+    """Name the files: a format means FILE_KIND.FORMAT in the current folder."""
+    found: list[Path] = []
+    for text in saved:
+        form = text.lower()
+        if form in FORMATS:
+            stem = file if common.is_live(file) else given_path(file).stem
+            stem = re.sub(r"[^\w.-]+", "_", stem).strip("_.") or "tfdb"
+            path = given_path(f"{stem}_{kind}.{form}")
+        else:
+            path = given_path(text)
+            if path.suffix.lower()[1:] not in FORMATS:
+                raise click.UsageError(
+                    f"--save {text!r} is neither {', '.join(FORMATS)} nor a path that ends so"
+                )
+        if path in found:
+            raise click.UsageError(f"--save names {path} twice")
+        found.append(path)
+    return found
+
+
+def _need_matplotlib() -> None:
+    try:
+        import tfdb.plot  # noqa: F401, PLC0415 - an extra
+    except ImportError as error:
+        raise click.ClickException(
+            f"{error}: pictures need matplotlib (pip install 'tfdb[plot]')"
+        ) from error
+
+
+def _trajectory(
+    loaded: common.Loaded, frames: tuple[str, ...], axes: Any, color: Any, title: str | None
+) -> Any:
+    from tfdb import plot  # noqa: PLC0415 - an extra
+
+    target, *sources = common.find_frames(loaded.store, *frames)
+    paths = [
+        loaded.store.trajectory(target, source, missing="nan") for source in dict.fromkeys(sources)
+    ]
+    return plot.trajectory(*paths, axes=axes, color=color, title=title)
+
+
+def _timeline(loaded: common.Loaded, max_gap: int | None, title: str | None) -> Any:
+    from tfdb import plot  # noqa: PLC0415 - an extra
+
+    arrivals = None
+    if loaded.report is not None:
+        from .arrivals import read_arrivals  # noqa: PLC0415 - reads the file once more
+
+        static = {topic.name: topic.static for topic in loaded.report.topics}
+        with common.progress_bar("reading arrivals") as update:
+            came = read_arrivals(
+                loaded.report.files,
+                static,
+                update,
+                salvage=common.salvages(),
+                options=common.chosen(),
+            )
+        names, edges = came.log.names, came.log.edges()
+        arrivals = {
+            edge.name: plot.Arrivals(edge.stamps, [names[who] for who in edge.publishers])
+            for edge in (each.moving if len(each.moving.stamps) else each for each in edges)
+        }
+    seconds = None if max_gap is None else max_gap / NS
+    return plot.timeline(loaded.store, title=title, max_gap=seconds, arrivals=arrivals)
+
+
+def _show(figure: Any) -> None:
+    """Open a window and wait until it is closed."""
+    from tfdb import plot  # noqa: PLC0415 - an extra
+
+    try:
+        plot.show(figure)
+    except tfdb.NotSupported as error:
+        raise click.ClickException(f"{error}; --save png writes a file") from error

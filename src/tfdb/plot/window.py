@@ -1,0 +1,47 @@
+"""A picture in a window of its own."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from ..errors import InvalidArgument, NotSupported
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+
+def show(figure: Figure) -> None:
+    """Show a picture in a window, and wait until it is closed.
+
+    In a notebook the figure itself, as the last line of a cell, does the same.
+
+    Raises
+    ------
+    NotSupported
+        There is no screen, or matplotlib finds none of the libraries that make windows (Tk, Qt,
+        GTK).
+    InvalidArgument
+        It is no Figure of matplotlib.
+    """
+    from matplotlib import pyplot as plt  # noqa: PLC0415 - it chooses what makes windows
+    from matplotlib.figure import Figure  # noqa: PLC0415
+
+    given: object = figure
+    if not isinstance(given, Figure):
+        got = type(given).__name__
+        raise InvalidArgument(f"show what tfdb.plot drew, a Figure; got {got}", value=given)
+    window = plt.figure()
+    canvas: Any = window.canvas
+    manager = canvas.manager
+    try:
+        if canvas.required_interactive_framework is None:
+            raise NotSupported(
+                "no window can be opened: there is no screen, or matplotlib has no library for it "
+                "(pip install PyQt6)"
+            )
+        manager.resize(*(int(side) for side in figure.get_size_inches() * figure.dpi))
+        canvas.figure = figure
+        figure.set_canvas(canvas)
+        plt.show()
+    finally:
+        plt.close(manager.num)
