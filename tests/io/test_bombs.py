@@ -22,7 +22,7 @@ lz4 = pytest.importorskip("lz4.frame")
 
 Drive = list[Any]
 # No child may take more than this; a bomb unpacked takes it many times over.
-BOUND = 1_200_000_000
+BOUND = 1_400_000_000
 ZEROS = bytes(2**20)
 
 
@@ -171,7 +171,7 @@ def test_frames_of_zstd() -> None:
         (half, "holds 5120"),
         (frame[:-1], "zstd|holds"),
         (frame + b"junk", "zstd|holds"),
-        (b"", "holds 0"),
+        (b"", "zstd|holds"),
     ):
         with pytest.raises(raw_file.BadDataError, match=reason):
             raw_file.unpack("zstd", bad, len(data))

@@ -1,6 +1,6 @@
 """Files in and out: recordings, trajectories, robot models.
 
-Recordings need `pip install 'tfdb[recordings]'`; the rest needs nothing but numpy.
+Writing recordings needs `pip install 'tfdb[recordings]'`; all else comes with tfdb.
 """
 
 from __future__ import annotations

@@ -36,7 +36,6 @@ Survey: TypeAlias = (
     "Callable[[Collection[int], Callable[[int], None]], tuple[dict[int, int], Iterator[Recorded]]]"
 )
 
-NEEDS_EXTRA = "needs a library that is not installed: pip install 'tfdb[recordings]'"
 SALVAGE = "salvage=True (--salvage) reads as far as it goes"
 NO_START = 2**63 - 1
 
@@ -306,7 +305,8 @@ def typed_errors(path: Path, hint: str = SALVAGE) -> Iterator[None]:
         with errors_name(path):
             yield
     except ModuleNotFoundError as error:
-        raise RecordingError(path, f"{NEEDS_EXTRA} ({error.name})") from error
+        reason = f"needs {error.name}, which comes with tfdb and is missing: pip install tfdb"
+        raise RecordingError(path, reason) from error
     except (BadDataError, struct.error, UnicodeDecodeError) as error:
         raise RecordingError(path, f"damaged or cut short: {error}; {hint}") from error
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 import bz2
 import io
 import os
+import sys
 from typing import IO, TYPE_CHECKING, Any, TypeAlias, overload
 
 if TYPE_CHECKING:
@@ -99,15 +100,15 @@ def _one_frame(packed: Packed, size: int) -> bytes | None:
 
     None for anything else, be it good or bad.
     """
-    import zstandard  # noqa: PLC0415 - an extra
-
+    zstd = _zstd()
+    unpacker = zstd.ZstdDecompressor()
     try:
-        if zstandard.frame_content_size(packed) != size:
+        if zstd.get_frame_info(packed).decompressed_size != size:
             return None
-        raw: bytes = zstandard.ZstdDecompressor().decompress(packed, allow_extra_data=False)
-    except zstandard.ZstdError:
+        raw: bytes = unpacker.decompress(packed, size)
+    except zstd.ZstdError:
         return None
-    return raw
+    return raw if unpacker.eof and not unpacker.unused_data else None
 
 
 @overload
@@ -131,13 +132,17 @@ def unpack_the_start(packing: str, packed: Packed, size: int) -> Packed:
 
 def unpack_message(packed: bytes) -> bytes:
     """Give the bytes of one message that is a zstd frame."""
-    reader, broken = _open("zstd", packed)
+    zstd = _zstd()
+    unpacker = zstd.ZstdDecompressor()
     try:
-        raw: bytes = reader.read(MAX_MESSAGE + 1)
-    except broken as error:
+        raw: bytes = unpacker.decompress(packed, MAX_MESSAGE + 1)
+    except zstd.ZstdError as error:
         raise BadDataError(f"its zstd does not unpack: {_words(error)}") from error
     if len(raw) > MAX_MESSAGE:
+        del raw  # errors that are kept keep the variables of where they were raised
         raise BadDataError(f"a message unpacks to more than the limit of {MAX_MESSAGE} bytes")
+    if not unpacker.eof or unpacker.unused_data:
+        raise BadDataError("its zstd does not unpack: it is not one whole frame")
     return raw
 
 
@@ -165,15 +170,22 @@ def _open(packing: str, packed: Packed | IO[bytes]) -> tuple[Any, tuple[type[Exc
     if packing == "bz2":
         return bz2.open(stream), (OSError, EOFError, ValueError)
     if packing == "lz4":
-        import lz4.frame  # noqa: PLC0415 - an extra
+        import lz4.frame  # noqa: PLC0415 - only what is packed needs it
 
         return lz4.frame.open(stream), (OSError, EOFError, RuntimeError)
     if packing == "zstd":
-        import zstandard  # noqa: PLC0415 - an extra
-
-        reader = zstandard.ZstdDecompressor().stream_reader(stream, read_across_frames=True)
-        return reader, (zstandard.ZstdError,)
+        zstd = _zstd()
+        return zstd.ZstdFile(stream), (zstd.ZstdError, EOFError)
     raise BadDataError(f"packed as {packing[:40]!r}, which is none of bz2, lz4 and zstd")
+
+
+def _zstd() -> Any:
+    """The module of the standard library, or what brings it to those before 3.14."""
+    if sys.version_info >= (3, 14):
+        from compression import zstd  # noqa: PLC0415 - only what is packed needs it
+    else:
+        from backports import zstd  # noqa: PLC0415
+    return zstd
 
 
 def _words(error: Exception) -> str:

@@ -1,6 +1,6 @@
 """Open recordings: ROS 1 bags, ROS 2 databases and bag folders, MCAP files.
 
-Chunks packed with lz4 or zstd and the metadata of folders need `pip install 'tfdb[recordings]'`.
+Nothing that is imported for it before it is used: lz4, zstd, YAML.
 """
 
 from __future__ import annotations

@@ -12,8 +12,6 @@ from tfdb.errors import InvalidArgument, RecordingError
 from tfdb.given_path import given_path
 from tfdb.new_file import new_file, refuse_existing
 
-from .containers import NEEDS_EXTRA, Encoding
-
 if TYPE_CHECKING:
     from collections.abc import Iterator
     from contextlib import AbstractContextManager
@@ -21,6 +19,7 @@ if TYPE_CHECKING:
     from types import TracebackType
     from typing import Self
 
+    from .containers import Encoding
     from .recordings import PathLike
 
 TF_MESSAGE = "tf2_msgs/msg/TFMessage"
@@ -94,7 +93,8 @@ class RecordingWriter:
             try:
                 target = self._make(made)
             except ModuleNotFoundError as error:
-                raise RecordingError(self._path, f"{NEEDS_EXTRA} ({error.name})") from error
+                reason = f"to write it needs {error.name}: pip install 'tfdb[recordings]'"
+                raise RecordingError(self._path, reason) from error
             stack.push(lambda kind, *_: target.deliver() if kind is None else None)
             stack.enter_context(target.writer)
             self._target = target
