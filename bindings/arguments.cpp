@@ -62,6 +62,22 @@ void add_raw_method(nb::handle type, PyMethodDef& method) {
     nb::setattr(type, method.ml_name, descriptor);
 }
 
+void add_raw_function(nb::module_& module, PyMethodDef& function) {
+    const nb::str owner("tfdb");
+    const nb::object made = nb::steal(PyCFunction_NewEx(&function, nullptr, owner.ptr()));
+    if (!made.is_valid()) {
+        throw nb::python_error();
+    }
+    module.attr(function.ml_name) = made;
+}
+
+bool flag_of(PyObject* flag, const char* role) {
+    if (flag != nullptr && !PyBool_Check(flag)) {
+        throw_type_error(std::string(role) + " must be a bool, got " + type_name_of(flag));
+    }
+    return flag == Py_True;
+}
+
 void throw_not_a_name(PyObject* object, const char* role) {
     throw_type_error(std::string(role) + " must be a str, got " + type_name_of(object));
 }

@@ -26,6 +26,9 @@ inline PyCFunction as_function(RawMethod method) {
 /// Makes it one of the type's methods. The definition must stay.
 void add_raw_method(nb::handle type, PyMethodDef& method);
 
+/// Makes it one of the functions that `tfdb` offers. The definition must stay.
+void add_raw_function(nb::module_& module, PyMethodDef& function);
+
 /// A parameter list as `def` would write it: the first `required` must be given, those from
 /// `positional` on only by keyword.
 struct ParameterList {
@@ -80,6 +83,9 @@ inline std::string_view name_of(nb::handle object, const char* role) {
 /// The word given for an option that takes one of a few: no word is refused here, and one without
 /// UTF-8 becomes its repr, which is none of them. Throws TypeError for anything but a str.
 std::string option_of(nb::handle object, const char* role);
+
+/// True or False; omitted: False. Throws TypeError for anything else.
+bool flag_of(PyObject* flag, const char* role);
 
 /// An integer from `least` to `most`. Throws InvalidArgument for anything else.
 std::uint64_t count_of(nb::handle number, const char* name, std::uint64_t least,

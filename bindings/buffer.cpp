@@ -6,6 +6,7 @@
 
 #include <unistd.h>
 
+#include <array>
 #include <cstdint>
 #include <cstdlib>
 #include <limits>
@@ -21,6 +22,7 @@
 #include "errors.hpp"
 #include "pose.hpp"
 #include "records.hpp"
+#include "signatures.hpp"
 #include "stamp.hpp"
 #include "writes.hpp"
 
@@ -131,13 +133,21 @@ std::string absolute_path_of(nb::handle path) {
     return file;
 }
 
-nb::object open_frozen(nb::handle path, bool verify, nb::handle clock) {
-    const std::string file = absolute_path_of(path);
-    const auto open = [&] {
-        const LongWork work(verify);
-        return Buffer::open_frozen(file, verify);
-    };
-    return made_of(open(), clock);
+constexpr std::array<std::string_view, 3> kOpenNames = {"path", "verify", "clock"};
+
+PyObject* open_frozen(PyObject* /*self*/, PyObject* const* args, Py_ssize_t count,
+                      PyObject* keywords) {
+    return guarded([&]() -> PyObject* {
+        constexpr ParameterList kList{"open", kOpenNames, 1, 1};
+        const auto [path, verify, clock] = bind<3>(kList, args, count, keywords);
+        const bool whole = flag_of(verify, "verify");
+        const std::string file = absolute_path_of(path);
+        const auto open = [&] {
+            const LongWork work(whole);
+            return Buffer::open_frozen(file, whole);
+        };
+        return made_of(open(), clock == nullptr ? Py_None : clock).release().ptr();
+    });
 }
 
 nb::object frozen(const BufferObject& self) {
@@ -440,7 +450,10 @@ The commit itself takes a little memory for each moving edge. Raises CapacityExc
 }
 
 constexpr const char* kOpenDoc =
-    R"(Open a frozen store: what `freeze` or `tfdb freeze` wrote.
+    R"(open(path, *, verify=False, clock=None)
+--
+
+Open a frozen store: what `freeze` or `tfdb freeze` wrote.
 
 It is a `Buffer` that answers as the state that was frozen, to the last bit, at once, whatever its
 size: the file is mapped, and its pages come as they are used. All processes that have it open share
@@ -471,15 +484,13 @@ CorruptStore
     damaged. Freeze what it was made from again.
 ReadOnly, CapacityExceeded)";
 
+PyMethodDef g_open = {"open", as_function(open_frozen), METH_FASTCALL | METH_KEYWORDS, kOpenDoc};
+
 /// What `freeze` is made of: see frozen.py.
 void bind_frozen(nb::module_& module, BufferClass& type) {
     type.def_prop_ro("frozen", &frozen, nb::sig("def frozen(self) -> tfdb.types.Frozen | None"),
                      "What is known of a frozen store; None: it is another one.");
-    module.def("open_frozen", &open_frozen, nb::arg("path"), nb::kw_only(),
-               nb::arg("verify") = false, nb::arg("clock") = nb::none(),
-               nb::sig("def open_frozen(path: str | os.PathLike[str], *, verify: bool = False, "
-                       "clock: collections.abc.Callable[[], int] | None = None) -> Buffer"),
-               kOpenDoc);
+    add_raw_function(module, g_open);
     module.def("freeze_store", &freeze_store, nb::arg("reads"), nb::arg("path"), nb::arg("origin"),
                nb::sig("def freeze_store(reads: Reads, path: os.PathLike[str], origin: str) -> "
                        "None"),
@@ -509,7 +520,7 @@ void bind_shared(nb::module_& module) {
 }  // namespace
 
 void bind_buffer(nb::module_& module) {
-    BufferClass type(module, "Buffer", kBufferDoc, nb::type_slots(g_slots));
+    auto type = offered_class<BufferClass>(module, "Buffer", kBufferDoc, nb::type_slots(g_slots));
     type.def("__init__", &init, nb::arg("history").none() = 10.0, nb::kw_only(),
              nb::arg("max_frames").none() = kMaxFrames, nb::arg("memory_limit").none() = nb::none(),
              nb::arg("snapshot_memory").none() = BufferOptions{}.snapshot_memory,

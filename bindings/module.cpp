@@ -5,6 +5,7 @@
 #include "fields.hpp"
 #include "messages.hpp"
 #include "reads.hpp"
+#include "signatures.hpp"
 #include "tf2_calls.hpp"
 #include "transform.hpp"
 
@@ -26,6 +27,7 @@ NB_MODULE(_core, module) {
     tfdb::python::bind_buffer(module);
     tfdb::python::bind_messages(module);
     tfdb::python::bind_tf2_calls(module);
+    tfdb::python::add_signatures(module);
     tfdb::python::add_python_methods(module);
 }
 #undef PyInit__core

@@ -1,4 +1,4 @@
-// tfdb._core.Policy: the base of the policies, read without a call into Python.
+// tfdb.Policy: the base of the policies, read without a call into Python.
 #include <nanobind/nanobind.h>
 #include <nanobind/stl/optional.h>
 #include <nanobind/stl/string.h>
@@ -9,6 +9,7 @@
 
 #include "errors.hpp"
 #include "reads.hpp"
+#include "signatures.hpp"
 
 namespace tfdb::python {
 namespace {
@@ -48,14 +49,15 @@ Policy policy_of(PyObject* object) {
 }
 
 void bind_policy(nb::module_& module) {
-    nb::class_<Policy> type(module, "Policy",
-                            "How a stamp picks a pose from an edge's samples. Use a subclass.");
+    auto type = offered_class<nb::class_<Policy>>(
+        module, "Policy", "How a stamp picks a pose from an edge's samples. Use a subclass.");
     type.def(
         "__init__",
         [](Policy* self, const std::string& kind, std::optional<StampNs> limit) {
             new (self) Policy(make(kind, limit));
         },
-        nb::arg("kind"), nb::arg("limit_ns").none() = nb::none());
+        nb::arg("kind"), nb::arg("limit_ns").none() = nb::none(),
+        nb::sig("def __init__(self, kind: str, limit_ns: int | None = None) -> None"));
     type.def_prop_ro(
         "kind",
         [](nb::handle self) {

@@ -9,6 +9,7 @@
 #include "arrays.hpp"
 #include "errors.hpp"
 #include "pose.hpp"
+#include "signatures.hpp"
 #include "stamp.hpp"
 #include "transform.hpp"
 
@@ -257,12 +258,16 @@ PyType_Slot g_snapshot_slots[] = {
 };
 
 void bind_snapshot(nb::module_& module) {
-    nb::class_<SnapshotObject, ReadsObject> type(module, "Snapshot", R"(One committed state.
+    auto type =
+        offered_class<nb::class_<SnapshotObject, ReadsObject>>(module, "Snapshot", R"(Snapshot()
+--
+
+One committed state.
 
 `Buffer.snapshot()` makes it. Every read through it sees exactly that commit, whatever is written
 meanwhile. Use it as a context manager, or close() it: while open it keeps old samples in memory.
 Reads raise SnapshotClosed afterwards, and SnapshotTooOld if the writers needed the memory.)",
-                                                 nb::type_slots(g_snapshot_slots));
+                                                               nb::type_slots(g_snapshot_slots));
     type.def("close", &close, nb::sig("def close(self) -> None"),
              "Let the samples go that only this snapshot needs. Closing twice does nothing.");
     type.def_prop_ro(
@@ -334,7 +339,10 @@ void throw_not_made(nb::handle self, const char* expected) {
 }
 
 void bind_reads(nb::module_& module) {
-    nb::class_<ReadsObject> type(module, "Reads", R"(What Buffer and Snapshot can be asked.
+    auto type = offered_class<nb::class_<ReadsObject>>(module, "Reads", R"(Reads()
+--
+
+What Buffer and Snapshot can be asked.
 
 Each call on a Buffer is answered from one fresh snapshot; each call on a Snapshot from its own.)");
     bind_full_lookups(type);
@@ -358,20 +366,13 @@ void add_python_methods(nb::module_& module) {
         nb::arg("seconds").none(), nb::arg("name"),
         nb::sig("def duration_to_nanoseconds(seconds: float, name: str) -> int"),
         "Nanoseconds of what is taken for a duration. Raises InvalidArgument, which names it.");
-    const nb::module_ methods = nb::module_::import_("tfdb.methods");
-    const nb::object reads = module.attr("Reads");
-    reads.attr("explain") = methods.attr("explain");
-    reads.attr("trajectory") = methods.attr("trajectory");
-    reads.attr("freeze") = methods.attr("freeze");
-    const nb::object buffer = module.attr("Buffer");
-    buffer.attr("load") = methods.attr("load");
-    buffer.attr("run") = methods.attr("run");
-    buffer.attr("wait_for_transform_async") = methods.attr("wait_for_transform_async");
-    buffer.attr("wait_for_commit_async") = methods.attr("wait_for_commit_async");
-    buffer.attr("__reduce__") = methods.attr("reduce");
-    const nb::object static_method = nb::module_::import_("builtins").attr("staticmethod");
-    buffer.attr("open") = static_method(methods.attr("open_store"));
-    buffer.attr("unlink") = static_method(methods.attr("unlink_store"));
+    const nb::object methods = nb::module_::import_("tfdb.methods").attr("METHODS");
+    for (const auto [owner, named] : nb::cast<nb::dict>(methods)) {
+        const nb::object type = module.attr(owner);
+        for (const auto [name, method] : nb::cast<nb::dict>(named)) {
+            type.attr(name) = method;
+        }
+    }
 }
 
 }  // namespace tfdb::python

@@ -429,9 +429,8 @@ PyType_Slot g_buffer_slots[] = {
 
 constexpr unsigned kFlags =
     Py_TPFLAGS_DEFAULT | Py_TPFLAGS_BASETYPE | Py_TPFLAGS_HAVE_GC | Py_TPFLAGS_IMMUTABLETYPE;
-PyType_Spec g_core_spec = {"tfdb._core.CoreCalls", sizeof(CoreObject), 0, kFlags, g_core_slots};
-PyType_Spec g_buffer_spec = {"tfdb._core.BufferCalls", sizeof(CoreObject), 0, kFlags,
-                             g_buffer_slots};
+PyType_Spec g_core_spec = {"tfdb.tf2.CoreCalls", sizeof(CoreObject), 0, kFlags, g_core_slots};
+PyType_Spec g_buffer_spec = {"tfdb.tf2.BufferCalls", sizeof(CoreObject), 0, kFlags, g_buffer_slots};
 
 PyObject* interned(const char* name) {
     PyObject* const made = PyUnicode_InternFromString(name);

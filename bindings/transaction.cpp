@@ -12,6 +12,7 @@
 #include "batch.hpp"
 #include "errors.hpp"
 #include "pose.hpp"
+#include "signatures.hpp"
 #include "stamp.hpp"
 #include "transform.hpp"
 #include "writes.hpp"
@@ -307,7 +308,10 @@ nb::object attempt(nb::handle self, nb::handle priority, bool alone, std::uint64
     return made;
 }
 
-constexpr const char* kDoc = R"(Read, decide, write: as if nobody else did meanwhile.
+constexpr const char* kDoc = R"(Transaction()
+--
+
+Read, decide, write: as if nobody else did meanwhile.
 
 `Buffer.transaction()` makes it, a `with` statement begins it. Reads see one state of the store and,
 over it, what the transaction itself has written. Leaving the block commits: all writes become
@@ -501,7 +505,8 @@ Aborting twice does nothing. Raises TransactionClosed if it was committed, or ne
 }  // namespace
 
 void bind_transaction(nb::module_& module, nb::class_<BufferObject, ReadsObject>& type) {
-    TransactionClass transaction(module, "Transaction", kDoc, nb::type_slots(g_slots));
+    auto transaction =
+        offered_class<TransactionClass>(module, "Transaction", kDoc, nb::type_slots(g_slots));
     bind_lookups(transaction);
     bind_transaction_writes(transaction);
     bind_life(transaction);

@@ -23,14 +23,14 @@ namespace {
 
 using Bytes = std::span<const std::byte>;
 
-wire::Encoding encoding_of(const nb::str& name) {
+wire::Encoding encoding_of(nb::handle name) {
     const auto encoding = wire::encoding_from_name(option_of(name, "encoding"));
     if (!encoding) {
         throw_error("InvalidArgument",
                     "encoding must be 'ros1', 'cdr', 'cdr_le', 'cdr_be', 'cdr2_le', 'cdr2_be', "
                     "'cdr_bare_le' or 'cdr_bare_be', got " +
                         short_repr(name),
-                    {{"value", name}});
+                    {{"value", nb::borrow(name)}});
     }
     return *encoding;
 }
@@ -234,11 +234,22 @@ nb::object ingest_recorded(BufferObject& self, const Recorded& messages, std::si
     return result_of(tally);
 }
 
-nb::bytes encode(nb::handle transforms, const nb::str& encoding) {
-    const Transforms read = Transforms::from_objects(transforms);
-    std::vector<std::byte> out;
-    wire::encode_tf_message(read.views, encoding_of(encoding), out);
-    return nb::bytes(out.data(), out.size());
+wire::Encoding encoding_or_cdr(PyObject* given) {
+    return given == nullptr ? encoding_of(nb::str("cdr")) : encoding_of(given);
+}
+
+constexpr std::array<std::string_view, 2> kEncodeNames = {"transforms", "encoding"};
+constexpr std::array<std::string_view, 2> kDecodeNames = {"data", "encoding"};
+
+PyObject* encode(PyObject* /*self*/, PyObject* const* args, Py_ssize_t count, PyObject* keywords) {
+    return guarded([&]() -> PyObject* {
+        constexpr ParameterList kList{"encode_tf_message", kEncodeNames, 1, 2};
+        const auto [transforms, encoding] = bind<2>(kList, args, count, keywords);
+        const Transforms read = Transforms::from_objects(transforms);
+        std::vector<std::byte> out;
+        wire::encode_tf_message(read.views, encoding_or_cdr(encoding), out);
+        return nb::bytes(out.data(), out.size()).release().ptr();
+    });
 }
 
 nb::object text_of(std::string_view name) {
@@ -253,10 +264,9 @@ nb::object text_of(std::string_view name) {
     return text;
 }
 
-nb::list decode(nb::handle data, const nb::str& encoding) {
-    const Message message(data);
+nb::list decoded(const Message& message, wire::Encoding encoding) {
     std::vector<TransformView> transforms;
-    wire::decode_tf_message(message.bytes(), encoding_of(encoding), transforms);
+    wire::decode_tf_message(message.bytes(), encoding, transforms);
     const nb::object type = record_type("TransformStamped");
     nb::list result;
     for (std::size_t i = 0; i < transforms.size(); ++i) {
@@ -270,6 +280,24 @@ nb::list decode(nb::handle data, const nb::str& encoding) {
     }
     return result;
 }
+
+PyObject* decode(PyObject* /*self*/, PyObject* const* args, Py_ssize_t count, PyObject* keywords) {
+    return guarded([&]() -> PyObject* {
+        constexpr ParameterList kList{"decode_tf_message", kDecodeNames, 1, 2};
+        const auto [data, encoding] = bind<2>(kList, args, count, keywords);
+        return decoded(Message(data), encoding_or_cdr(encoding)).release().ptr();
+    });
+}
+
+PyMethodDef g_encode = {
+    "encode_tf_message", as_function(encode), METH_FASTCALL | METH_KEYWORDS,
+    "encode_tf_message(transforms, encoding='cdr')\n--\n\n"
+    "Bytes of one tf2_msgs/TFMessage. Raises InvalidStamp, InvalidName, with `index`."};
+
+PyMethodDef g_decode = {
+    "decode_tf_message", as_function(decode), METH_FASTCALL | METH_KEYWORDS,
+    "decode_tf_message(data, encoding='cdr')\n--\n\n"
+    "Transforms of one tf2_msgs/TFMessage. Raises CorruptMessage, InvalidName."};
 
 constexpr const char* kIngestDoc =
     R"(Store one tf2_msgs/TFMessage, straight from its bytes, as one commit.
@@ -328,15 +356,8 @@ void bind_wire(nb::module_& module, nb::class_<BufferObject, ReadsObject>& type)
                        "last: int, *, encoding: str, static: bool, authorities: dict[int, str]) "
                        "-> tfdb.types.IngestResult"),
                "As `ingest_many`, of the messages at [first, last); `authorities` by source.");
-    module.def("encode_tf_message", &encode, nb::arg("transforms").none(),
-               nb::arg("encoding") = "cdr",
-               nb::sig("def encode_tf_message(transforms: collections.abc.Iterable["
-                       "tfdb.types.TransformStampedLike], encoding: str = 'cdr') -> bytes"),
-               "Bytes of one tf2_msgs/TFMessage. Raises InvalidStamp, InvalidName, with `index`.");
-    module.def("decode_tf_message", &decode, nb::arg("data").none(), nb::arg("encoding") = "cdr",
-               nb::sig("def decode_tf_message(data: tfdb.types.BytesLike, encoding: str = 'cdr') "
-                       "-> list[tfdb.types.TransformStamped]"),
-               "Transforms of one tf2_msgs/TFMessage. Raises CorruptMessage, InvalidName.");
+    add_raw_function(module, g_encode);
+    add_raw_function(module, g_decode);
 }
 
 }  // namespace tfdb::python

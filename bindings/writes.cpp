@@ -20,15 +20,6 @@ std::string_view authority_of(PyObject* authority) {
     return authority == nullptr ? std::string_view() : name_of(authority, "authority");
 }
 
-bool flag_of(PyObject* flag, const char* role) {
-    if (flag != nullptr && !PyBool_Check(flag)) {
-        PyErr_Format(PyExc_TypeError, "%s must be a bool, got %s", role,
-                     type_name_of(flag).c_str());
-        throw nb::python_error();
-    }
-    return flag == Py_True;
-}
-
 BufferObject& buffer_of(PyObject* self) {
     return static_cast<BufferObject&>(made_reads(self));
 }

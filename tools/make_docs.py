@@ -6,6 +6,7 @@ import re
 import shutil
 import sys
 import tempfile
+from importlib import import_module
 from pathlib import Path
 from types import FunctionType
 from typing import TYPE_CHECKING, Any
@@ -54,6 +55,8 @@ def main() -> int:
     """Write the pages; the folder is emptied first."""
     out = Path(sys.argv[1]) if len(sys.argv) > 1 else ROOT / "build" / "docs"
     shutil.rmtree(out, ignore_errors=True)
+    # pdoc looks for the names of an annotation where a class says that it is.
+    vars(import_module("tfdb.on_demand"))["belong_to"] = lambda *_: None
     for name in tfdb.__all__:
         value = getattr(tfdb, name)
         if callable(value) and not isinstance(value, type | FunctionType):

@@ -13,13 +13,29 @@ ROOT = Path(__file__).resolve().parent.parent
 STUB = ROOT / "src" / "tfdb" / "_core.pyi"
 # Signatures of the methods that bypass nanobind, which stubgen cannot see.
 PATTERNS = ROOT / "bindings" / "stubs.pattern"
+# stubgen takes what says that it is of `tfdb` for an import from there.
+PROGRAM = """
+from nanobind import stubgen
+import tfdb._core
+for kind in vars(tfdb._core).values():
+    if isinstance(kind, type) and kind.__module__ == "tfdb" and kind is not tfdb._core.Transform:
+        kind.__module__ = "tfdb._core"
+        for name, method in list(vars(kind).items()):
+            if type(method).__name__ == "Method":
+                setattr(kind, name, method.__wrapped__)
+def get(thing, name, *default):
+    found = getattr(thing, name, *default)
+    return "tfdb._core" if name == "__module__" and found == "tfdb" else found
+stubgen.getattr = get
+stubgen.main()
+"""
 
 
 def generated() -> str:
     """Return the stub of the installed `tfdb._core`."""
     with tempfile.TemporaryDirectory() as folder:
         output = Path(folder) / "_core.pyi"
-        command = [sys.executable, "-m", "nanobind.stubgen", "-q", "-m", "tfdb._core"]
+        command = [sys.executable, "-c", PROGRAM, "-q", "-m", "tfdb._core"]
         command += ["-o", str(output)]
         if PATTERNS.is_file():
             command += ["-p", str(PATTERNS)]

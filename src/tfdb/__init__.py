@@ -24,8 +24,8 @@ from ._core import (
     __version__,
     decode_tf_message,
     encode_tf_message,
+    open,  # noqa: A004 - tfdb.open, as gzip.open
 )
-from ._core import open_frozen as open  # noqa: A004 - tfdb.open, as gzip.open
 from .errors import (
     BufferClosed,
     CapacityExceeded,

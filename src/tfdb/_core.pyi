@@ -1449,7 +1449,12 @@ def open_store(path: os.PathLike[str], writable: bool, lock_timeout: float | Non
 def unlink_store(path: os.PathLike[str]) -> None:
     """Remove the files of a store. Raises as `Buffer.unlink`."""
 
-def open_frozen(path: str | os.PathLike[str], *, verify: bool = False, clock: Callable[[], int] | None = None) -> Buffer:
+def open(
+    path: str | os.PathLike[str],
+    *,
+    verify: bool = False,
+    clock: Callable[[], int] | None = None,
+) -> Buffer:
     """
     Open a frozen store: what `freeze` or `tfdb freeze` wrote.
 

@@ -11,7 +11,8 @@ from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ._core import __version__, open_frozen
+from ._core import __version__
+from ._core import open as open_frozen
 from .errors import StoreExists, TfdbError, TfdbWarning
 from .frozen import MAGIC, SUFFIX, freeze_into
 

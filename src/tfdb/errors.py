@@ -10,6 +10,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
+from .on_demand import belong_to
+
 if TYPE_CHECKING:
     from .refused import Refused
 
@@ -146,6 +148,9 @@ class TfdbWarning(UserWarning):
 
     `warnings.simplefilter("error", tfdb.TfdbWarning)` makes errors of them.
     """
+
+    def __init__(self, message: str = "") -> None:
+        super().__init__(message)
 
 
 class UnknownFrame(TfdbError, LookupError):
@@ -382,5 +387,4 @@ class HistoryError(_FileError):
         super().__init__(path, reason, line=line)
 
 
-for _name in __all__:
-    globals()[_name].__module__ = "tfdb"
+belong_to("tfdb", globals(), __all__)

@@ -17,6 +17,7 @@ from .errors import (
     TfdbError,
     UnknownFrame,
 )
+from .on_demand import belong_to
 from .stamps import format_seconds
 from .summary import clocks, describe_clocks
 
@@ -268,3 +269,6 @@ def _covered(edges: list[FrameInfo]) -> str:
         f"The whole path has data from {format_seconds(first)} ({_arrow(oldest)}) to "
         f"{format_seconds(last)} ({_arrow(newest)})."
     )
+
+
+belong_to("tfdb", globals(), __all__)

@@ -6,7 +6,8 @@ import os
 from contextlib import suppress
 from typing import TYPE_CHECKING
 
-from ._core import freeze_store, open_frozen
+from ._core import freeze_store
+from ._core import open as open_frozen
 from .errors import CapacityExceeded, ReadOnly
 from .new_file import new_file
 

@@ -5,12 +5,12 @@ What does their work is imported when they are called: `import tfdb` does not wa
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     import os
     from collections.abc import Callable, Coroutine, Iterable, Mapping
-    from typing import Any, Literal
+    from typing import Literal
 
     from ._core import Buffer, Policy, Reads, Transaction, Transform
     from .explain import Explanation
@@ -466,3 +466,24 @@ def reduce(self: Buffer) -> tuple[object, ...]:
     from .shared import reopen  # noqa: PLC0415 - see above
 
     return reopen, (self.shared.path, self.shared.mode, self.shared.lock_timeout)
+
+
+METHODS: dict[str, dict[str, Any]] = {
+    "Reads": {"explain": explain, "trajectory": trajectory, "freeze": freeze},
+    "Buffer": {
+        "load": load,
+        "run": run,
+        "wait_for_transform_async": wait_for_transform_async,
+        "wait_for_commit_async": wait_for_commit_async,
+        "__reduce__": reduce,
+        "open": staticmethod(open_store),
+        "unlink": staticmethod(unlink_store),
+    },
+}
+"""What the extension adds to its classes."""
+
+for _owner, _methods in METHODS.items():
+    for _name, _method in _methods.items():
+        _function = getattr(_method, "__func__", _method)
+        _function.__module__ = "tfdb"
+        _function.__name__, _function.__qualname__ = _name, f"{_owner}.{_name}"

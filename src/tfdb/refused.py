@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from .on_demand import belong_to
+
 __all__ = ["Refusal", "Refused"]
 
 
@@ -31,3 +33,6 @@ class Refusal:
     """Position of the first."""
     first: str
     """The error message of the first."""
+
+
+belong_to("tfdb", globals(), __all__)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal, TypeAlias
 
+from .on_demand import belong_to
 from .stamps import format_seconds
 
 if TYPE_CHECKING:
@@ -172,3 +173,6 @@ def restore_transform(*state: object) -> Transform:
     from ._core import _restore_transform  # noqa: PLC0415 - the extension imports this module
 
     return _restore_transform(*state)
+
+
+belong_to("tfdb", globals(), __all__)

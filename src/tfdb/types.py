@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Literal, Protocol, TypeAlias
 
 from .errors import InvalidArray
+from .on_demand import belong_to
 from .refused import Refusal, Refused
 from .stamps import StampLike, StampsLike, format_seconds
 
@@ -462,3 +463,6 @@ class Trajectory:
     def duration(self) -> float:
         """Seconds from the first to the last pose."""
         return float(self.stamps[-1] - self.stamps[0]) / 1e9
+
+
+belong_to("tfdb", globals(), __all__)

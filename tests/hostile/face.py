@@ -66,9 +66,10 @@ def _methods(stub: ast.Module) -> list[Call]:
     return [call for call in found.values() if hasattr(tfdb, call.owner or call.name)]
 
 
-def _plain() -> list[Call]:
+def _plain(stub: ast.Module) -> list[Call]:
     """Everything that is written in Python, and the constructors."""
     calls = []
+    compiled = {node.name for node in stub.body if isinstance(node, ast.ClassDef)}
     for name in tfdb.__all__:
         thing = getattr(tfdb, name)
         if name in ELSEWHERE or not callable(thing) or thing in (tfdb.Buffer, tfdb.Transform):
@@ -82,7 +83,7 @@ def _plain() -> list[Call]:
         if name not in ANSWERS:
             names = [n for n in names if n not in ("args", "kwargs")]
             calls.append(Call(None, name, tuple(names)))
-        if isinstance(thing, type) and thing.__module__ != tfdb.Buffer.__module__:
+        if isinstance(thing, type) and name not in compiled:
             for attribute in vars(thing):
                 if not attribute.startswith("_"):
                     is_property = not callable(getattr(thing, attribute))
@@ -97,9 +98,11 @@ def everything() -> list[Call]:
     functions = [
         Call(None, node.name, *_function(node))
         for node in stub.body
-        if isinstance(node, ast.FunctionDef) and hasattr(tfdb, node.name)
+        if isinstance(node, ast.FunctionDef)
+        and hasattr(tfdb, node.name)
+        and node.name not in ELSEWHERE
     ]
-    found = dict.fromkeys(functions + _methods(stub) + _plain())
+    found = dict.fromkeys(functions + _methods(stub) + _plain(stub))
     return sorted(found, key=lambda call: (call.owner or "", call.name, call.positional))
 
 

@@ -6,9 +6,13 @@ to show: ``tfdb.plot.trajectory(buf.trajectory("map", "base")).savefig("trajecto
 
 from __future__ import annotations
 
+from tfdb.on_demand import belong_to
+
 from .draw_timeline import Arrivals, timeline
 from .draw_trajectory import trajectory
 from .draw_tree import frame_tree
 from .window import show
 
 __all__ = ["Arrivals", "frame_tree", "show", "timeline", "trajectory"]
+
+belong_to(__name__, globals(), __all__)

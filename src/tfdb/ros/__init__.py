@@ -6,8 +6,9 @@ node of ROS 1 without any package of ROS, `RospyNode` one within rospy, `RclpyNo
 
 from __future__ import annotations
 
-from importlib import import_module
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
+
+from tfdb.on_demand import belong_to, on_demand
 
 from .node import Encoding, Flavor, Node, Publisher, Service, Subscription
 from .which import node_for
@@ -30,11 +31,15 @@ __all__ = [
     "node_for",
 ]
 
-_FILES = {"TcprosNode": "tcpros_node", "RospyNode": "rospy_node", "RclpyNode": "rclpy_node"}
+belong_to(__name__, globals(), ("Node", "Publisher", "Service", "Subscription", "node_for"))
 
-
-def __getattr__(name: str) -> Any:
+if not TYPE_CHECKING:  # or every name would be there for type checkers
     # Two of them need a ROS, and each takes its time to import.
-    if name not in _FILES:
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    return getattr(import_module(f".{_FILES[name]}", __name__), name)
+    __getattr__, __dir__ = on_demand(
+        __name__,
+        {
+            "rclpy_node": ("RclpyNode",),
+            "rospy_node": ("RospyNode",),
+            "tcpros_node": ("TcprosNode",),
+        },
+    )

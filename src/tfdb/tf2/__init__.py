@@ -16,6 +16,8 @@ on purpose is listed in `tfdb.tf2.differences`.
 
 from __future__ import annotations
 
+from tfdb.on_demand import belong_to
+
 # Clouds and geometry register what they transform.
 from . import clouds, geometry, msgs
 from .buffer import Buffer
@@ -82,3 +84,5 @@ __all__ = [
     "install",
     "msgs",
 ]
+
+belong_to(__name__, globals(), __all__)

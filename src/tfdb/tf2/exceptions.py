@@ -15,6 +15,7 @@ from tfdb.errors import (
     UnknownFrame,
     WaitTimeout,
 )
+from tfdb.on_demand import belong_to
 
 __all__ = [
     "BackwardExtrapolationException",
@@ -74,5 +75,4 @@ def with_fields_of(
     return kind(text, **{**kept, **fields})
 
 
-for _name in __all__:
-    globals()[_name].__module__ = "tfdb.tf2"
+belong_to("tfdb.tf2", globals(), __all__)

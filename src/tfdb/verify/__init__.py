@@ -5,6 +5,8 @@ who must come before whom; a history is strictly serializable exactly if the gra
 the order of real time, has no cycle.
 """
 
+from tfdb.on_demand import belong_to
+
 from .anomalies import MEANINGS, Anomaly
 from .check import Verdict, check
 from .history import FORMAT, History, Read, Transaction, Unseen, Write, load_history, parse_history
@@ -23,3 +25,5 @@ __all__ = [
     "load_history",
     "parse_history",
 ]
+
+belong_to(__name__, globals(), __all__)

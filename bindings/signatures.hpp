@@ -1,0 +1,26 @@
+// What classes and methods that nanobind makes say of themselves.
+#pragma once
+
+#include <nanobind/nanobind.h>
+
+#include <utility>
+
+namespace nb = nanobind;
+
+namespace tfdb::python {
+
+/// Gives the methods of the classes that `tfdb` offers a `__signature__`, and a docstring without
+/// one, both from what their bindings say, of which the stub is made too.
+void add_signatures(nb::module_& module);
+
+/// A class that `tfdb` offers, and that says so.
+template <class Class, class... Rest>
+Class offered_class(nb::module_& module, const char* name, const char* doc, Rest&&... rest) {
+    const nb::object own = module.attr("__name__");
+    module.attr("__name__") = "tfdb";
+    Class made(module, name, doc, std::forward<Rest>(rest)...);
+    module.attr("__name__") = own;
+    return made;
+}
+
+}  // namespace tfdb::python
