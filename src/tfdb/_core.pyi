@@ -985,6 +985,9 @@ class Buffer(Reads):
         keep: float | None = None,
         rename: Mapping[str, str] | None = None,
         prefix: str = "",
+        pose_topics: tfdb.loading.PoseTopics | None = None,
+        urdf: str | os.PathLike[str] | tfdb.io.RobotModel | None = None,
+        joint_topic: str | None = None,
     ) -> tfdb.io.LoadReport:
         """
         Load the transforms of recordings: `.bag`, `.db3`, `.mcap`, folders of ROS 2 bags.
@@ -1026,6 +1029,18 @@ class Buffer(Reads):
                 about the old ones.
             prefix
                 What is put before the name of each frame, after `rename`: `"robot1/"`.
+            pose_topics
+                Topics whose poses become moving edges, too: Odometry, TransformStamped, PoseStamped,
+                PoseWithCovarianceStamped, Path, and Foxglove's FrameTransform, FrameTransforms and
+                PoseInFrame. The edge goes from the frame of the header to the child that the message names;
+                a mapping names it where the message does not, or not well: `{"/pose": "base_link"}`. With
+                `topics=()` they are all that is read.
+            urdf
+                The model of the robot, or its file: joint states become moving edges, fixed joints static
+                ones. Of a frame whose parent the recording's own transforms say, the model is silent. The
+                report's `joints` tells of joints that are missing, unknown or beyond their limits.
+            joint_topic
+                The topic of the joint states; None: `/joint_states`, or the only one.
 
             Returns
             -------
@@ -1039,6 +1054,8 @@ class Buffer(Reads):
                 nothing is left. Nothing was stored.
             UnknownFrame
                 One of `frames` is not there.
+            ModelError
+                `urdf` is no model of a robot.
             InvalidArgument
                 No path, an empty one, a file that is given twice, or topics that are no names; options that
                 are none, or by which two frames would have one name, or `end` lies before `start`.
@@ -1048,9 +1065,10 @@ class Buffer(Reads):
             Warns
             -----
             TfdbWarning
-                Nothing is called as `exclude` or `rename` say, or nothing moves from `start` to `end`. All
-                of it was in the store before; or its stamps and those of the rest are more than a year
-                apart, as those of a simulated and of a real clock; or samples were forgotten.
+                Nothing is called as `exclude` or `rename` say; nothing moves from `start` to `end`; joints
+                are missing, unknown or beyond their limits; all of it was in the store before; its stamps
+                and those of the rest are more than a year apart, as those of a simulated and of a real
+                clock; samples were forgotten.
         """
 
     def run(

@@ -16,13 +16,14 @@ if TYPE_CHECKING:
     from typing import Unpack
 
     from ._core import Buffer
-    from .io import LoadReport
+    from .io import LoadReport, RobotModel
     from .io.choice import LoadOptions
     from .stamps import StampLike
     from .types import FrameInfo
 
     Paths: TypeAlias = str | os.PathLike[str] | Sequence[str | os.PathLike[str]]
     Topics: TypeAlias = str | Iterable[str] | Mapping[str, str]
+    PoseTopics: TypeAlias = str | Iterable[str] | Mapping[str, str | None]
     Progress: TypeAlias = Callable[[int, int], None]
 
 __all__ = ["load"]
@@ -94,13 +95,17 @@ def load(
     keep: float | None = None,
     rename: Mapping[str, str] | None = None,
     prefix: str = "",
+    pose_topics: PoseTopics | None = None,
+    urdf: str | os.PathLike[str] | RobotModel | None = None,
+    joint_topic: str | None = None,
     cache: bool = False,
 ) -> Buffer:
     """Load recordings into a new buffer that keeps everything.
 
     Parameters
     ----------
-    path, topics, progress, salvage, start, end, frames, exclude, keep, rename, prefix
+    path, topics, progress, salvage, start, end, frames, exclude, keep, rename, prefix,
+    pose_topics, urdf, joint_topic
         As in `Buffer.load`.
     cache
         Keep what was loaded as a frozen store, and open that the next time: it takes as long as to
@@ -138,6 +143,9 @@ def load(
         "keep": keep,
         "rename": rename,
         "prefix": prefix,
+        "pose_topics": pose_topics,
+        "urdf": urdf,
+        "joint_topic": joint_topic,
     }
     paths = _each_once(path)
     if not cache or not paths:

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import json
+import struct
 from typing import TYPE_CHECKING, Any
 
 import pytest
+from mcap.writer import Writer as McapWriter
 
 import tfdb
 
@@ -119,3 +122,72 @@ def test_what_is_no_recording_takes_none(tool: Any, bag: Path, tmp_path: Path) -
 )
 def test_bad_options(tool: Any, bag: Path, given: tuple[str, ...], words: str) -> None:
     assert words in tool("tree", bag, *given, code=2).error
+
+
+@pytest.fixture
+def arm(tmp_path: Path) -> Path:
+    """Odometry as Foxglove's JSON, joint states as ROS 1 has them, and no /tf."""
+    path = tmp_path / "arm.mcap"
+    with path.open("wb") as file:
+        writer = McapWriter(file)
+        writer.start()
+        frames = writer.register_schema("foxglove.PoseInFrame", "jsonschema", b"{}")
+        joints = writer.register_schema("sensor_msgs/JointState", "ros1msg", b"")
+        where = writer.register_channel("/where", "json", frames)
+        states = writer.register_channel("/joint_states", "ros1", joints)
+        for second in range(1, 6):
+            at = second * 10**9
+            move, turn = {"x": second, "y": 0, "z": 0}, {"x": 0, "y": 0, "z": 0.6, "w": 0.8}
+            pose = {"position": move, "orientation": turn}
+            said = {"timestamp": {"sec": second, "nsec": 0}, "frame_id": "map", "pose": pose}
+            writer.add_message(where, at, json.dumps(said).encode(), at)
+            state = struct.pack(
+                "<IIIIII4sIdII", 0, second, 0, 0, 1, 4, b"lift", 1, second / 10, 0, 0
+            )
+            writer.add_message(states, at, state, at)
+        writer.finish()
+    (tmp_path / "arm.urdf").write_text(
+        """<robot name="arm"><link name="base"/><link name="hand"/><link name="eye"/>
+        <joint name="lift" type="prismatic"><parent link="base"/><child link="hand"/>
+        <axis xyz="0 0 1"/><limit lower="0" upper="1" velocity="1" effort="1"/></joint>
+        <joint name="look" type="fixed"><parent link="hand"/><child link="eye"/>
+        <origin xyz="0 0 0.5"/></joint></robot>"""
+    )
+    return path
+
+
+def test_poses_and_joint_states(tool: Any, arm: Path, tmp_path: Path) -> None:
+    """The eye is at T[map<-base] (0, 0, lift + 0.5), as every command says."""
+    given = ("--pose-topic", "/where=base", "--urdf", arm.with_suffix(".urdf"))
+    found = tool("lookup", arm, "map", "eye", "3", *given, "--json").json
+    assert found["translation"] == pytest.approx([3, 0, 0.8])
+    assert found["rotation_xyzw"] == pytest.approx([0, 0, 0.6, 0.8])
+    assert "no topic with transforms; pose_topics='/where'" in tool("tree", arm, code=2).error
+    for out in (tmp_path / "out.bag", tmp_path / "both.mcap"):
+        if out.suffix == ".bag":
+            tool("convert", arm, out, *given)
+        else:
+            two = ("--prefix", "a/", "--prefix", "b/")
+            copy = tmp_path / "copy.mcap"
+            copy.write_bytes(arm.read_bytes())
+            tool("merge", arm, copy, "-o", out, *two, *given)
+        made = tfdb.load(out)
+        prefix = "" if out.suffix == ".bag" else "b/"
+        pose = made.lookup_transform(f"{prefix}map", f"{prefix}eye", 3 * 10**9)
+        assert list(pose.translation) == pytest.approx([3, 0, 0.8])
+    assert tool("check", arm, *given, "--json").json["transforms"] == 11
+    assert "eye" in tool("monitor", arm, *given).out
+    store = f"arm-{tmp_path.name}"
+    try:
+        tool("serve", "bag", arm, "--into", store, "--speed", "inf", *given)
+        with tfdb.Buffer.open(store, mode="r") as live:
+            assert live.frames() == ["base", "eye", "hand", "map"]
+    finally:
+        tfdb.Buffer.unlink(store)
+    for wrong, words in (
+        (("--pose-topic", "/where"), "--pose-topic /where=base_link"),
+        (("--pose-topic", "/where="), "is not TOPIC or TOPIC=CHILD"),
+        (("--joint-topic", "/a"), "joint_topic goes with urdf"),
+        (("--urdf", tmp_path / "none.urdf"), "none.urdf"),
+    ):
+        assert words in tool("tree", arm, *wrong, code=2).error

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, TypeAlias, cast
 
 import tfdb
-from tfdb.io.choice import Choice
+from tfdb.io.choice import OTHERS, Choice
 from tfdb.io.recordings import Recording
 
 from .doctor import Log
@@ -83,10 +83,12 @@ def read_arrivals(
             return source.topic in static
 
         def kind(source: Source) -> tuple[str, bool]:
-            return source.encoding, static[source.topic]
+            return source.encoding if source.is_tf else OTHERS, static[source.topic]
 
-        rewriter = Choice(**options or {}).resolve(recordings, wants, kind)
-        total = sum(s.messages for r in recordings for s in r.sources if wants(s))
+        choice = Choice(**options or {})
+        choice.check_topics(recordings)
+        rewriter = choice.resolve(recordings, wants, kind)
+        total = sum(s.messages for r in recordings for s in r.all_sources if wants(s))
         for recording in recordings:
             for source, arrival, data in recording.messages(wants):
                 done += 1
@@ -96,11 +98,12 @@ def read_arrivals(
                 known = known or named
                 is_static = static[source.topic]
                 try:
-                    given = tfdb.decode_tf_message(data, source.encoding)
-                except (tfdb.CorruptMessage, tfdb.InvalidName):
+                    given = rewriter.decoded(data, source)
+                except (tfdb.CorruptMessage, tfdb.InvalidName, tfdb.InvalidStamp):
                     continue
                 names = {name for one in given for name in (one.parent, one.child)}
-                slashes.look(data, names, source.encoding)
+                if source.is_tf:
+                    slashes.look(data, names, source.encoding)
                 left = rewriter.transforms(given, source, static=is_static)
                 log.add(
                     map(_row, left),

@@ -17,8 +17,9 @@ import tfdb
 from tfdb.frozen import is_frozen
 from tfdb.given_path import given_path
 from tfdb.io import Recording
+from tfdb.io.choice import absolute
 from tfdb.io.decimal_time import parse_stamp
-from tfdb.io.loading import absolute, role_of
+from tfdb.io.loading import role_of
 from tfdb.new_file import is_one_of, refuse_existing
 from tfdb.summary import Forest, span
 
@@ -105,6 +106,16 @@ def _choose_names(ctx: click.Context, param: click.Parameter, value: tuple[str, 
     _choose(ctx, param, pairs or None)
 
 
+def _choose_poses(ctx: click.Context, param: click.Parameter, value: tuple[str, ...]) -> None:
+    topics: dict[str, str | None] = {}
+    for text in value:
+        topic, equals, child = text.partition("=")
+        if not topic or (equals and not child):
+            raise click.BadParameter(f"{text!r} is not TOPIC or TOPIC=CHILD", ctx, param)
+        topics[topic] = child or None
+    _choose(ctx, param, topics or None)
+
+
 def _chooses(
     flag: str, metavar: str, help_: str, keep: Callable[..., None] = _choose, **more: Any
 ) -> Any:
@@ -137,6 +148,23 @@ _choice_options = (
     _chooses(
         "--rename", "FROM:=TO", "Call the frame FROM TO; repeatable.", _choose_names, multiple=True
     ),
+    click.option(
+        "--pose-topic",
+        "pose_topics",
+        multiple=True,
+        metavar="TOPIC[=CHILD]",
+        callback=_choose_poses,
+        expose_value=False,
+        help="Read the poses of TOPIC, too (Odometry, PoseStamped, Path ...), as those of the "
+        "frame CHILD; repeatable.",
+    ),
+    _chooses(
+        "--urdf",
+        "FILE",
+        "Make transforms of joint states and this model of the robot.",
+        type=click.Path(),
+    ),
+    _chooses("--joint-topic", "TOPIC", "The joint states for --urdf.  [default: /joint_states]"),
 )
 _prefix_option = _chooses("--prefix", "TEXT", "Put TEXT before the name of each frame.")
 
@@ -471,7 +499,7 @@ def _some_frames(path: str) -> set[str]:
     with Recording(path) as recording:
         messages = chain.from_iterable(
             islice(recording.messages(wanted), _COMPLETION_MESSAGES)
-            for wanted in (_is_static, lambda source: not _is_static(source))
+            for wanted in (_is_static, lambda source: source.is_tf and not _is_static(source))
         )
         for source, _, data in messages:
             for transform in tfdb.decode_tf_message(data, source.encoding):
@@ -480,7 +508,7 @@ def _some_frames(path: str) -> set[str]:
 
 
 def _is_static(source: Source) -> bool:
-    return source.topic.rsplit("/", 1)[-1] == "tf_static"
+    return source.is_tf and source.topic.rsplit("/", 1)[-1] == "tf_static"
 
 
 target_argument = click.argument("target", shell_complete=complete_frames)

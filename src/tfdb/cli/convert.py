@@ -11,8 +11,8 @@ import click
 import tfdb
 from tfdb.given_path import given_path
 from tfdb.io import Recording, RecordingWriter, write_trajectory
-from tfdb.io.choice import Choice
-from tfdb.io.loading import Selection, absolute
+from tfdb.io.choice import Choice, absolute
+from tfdb.io.loading import Selection
 
 from . import common, layout, output
 
@@ -139,18 +139,19 @@ def rewrite(
         recordings = [stack.enter_context(Recording(path, salvage=salvage)) for path in inputs]
         common.report_losses(loss for recording in recordings for loss in recording.losses)
         recordings.sort(key=lambda recording: recording.start)
-
-        selection = Selection(renamed)
         choice = Choice(**common.chosen())
+        selection = Selection(renamed, choice)
+        choice.check_topics(recordings)
         rewriter = choice.resolve(recordings, selection.wants, selection.kind)
-        sources = [s for recording in recordings for s in recording.sources if selection.wants(s)]
-        if not sources:
+        total = selection.count(recordings)
+        if not total:
             found = {topic.name for recording in recordings for topic in recording.topics}
             listed = ", ".join(sorted(found)) or "none at all"
             raise click.ClickException(f"none of the topics is there to convert; found: {listed}")
-        total = sum(source.messages for source in sources)
         stack.enter_context(writer)
         update = stack.enter_context(common.progress_bar("converting"))
+        write_fixed_joints([rewriter], writer, recordings[0].start, written)
+        total += written.messages
         messages = (
             (rewriter, *message)
             for recording in recordings
@@ -167,6 +168,19 @@ def rewrite(
     return written
 
 
+def write_fixed_joints(
+    rewriters: Sequence[Rewriter], writer: RecordingWriter, at: int, written: Written
+) -> None:
+    """Write the static transforms of robots' models, if there are any, as received at a time."""
+    for rewriter in rewriters:
+        fixed = rewriter.fixed_joints()
+        if fixed:
+            data = tfdb.encode_tf_message(fixed, writer.encoding)
+            writer.write(data, at, topic="/tf_static", static=True, authority=rewriter.model_name)
+            written.messages += 1
+            written.transforms += len(fixed)
+
+
 def copy(
     messages: Iterable[tuple[Rewriter, Source, int, bytes]],
     writer: RecordingWriter,
@@ -177,7 +191,7 @@ def copy(
     """Copy messages, each by its own rewriter; gives how many there were so far."""
     for rewriter, source, received, data in messages:
         try:
-            given = tfdb.decode_tf_message(data, source.encoding)
+            given = rewriter.decoded(data, source)
             transforms = rewriter.transforms(given, source, static=selection.is_static(source))
             if given and not transforms:
                 written.left_out += 1
@@ -188,7 +202,7 @@ def copy(
             written.skipped += 1
             yield written.read
             continue
-        topic = absolute(source.topic)
+        topic = absolute(source.topic) if source.is_tf else "/tf"
         topic = renamed.get(topic, topic)
         writer.write(
             made,

@@ -17,7 +17,7 @@ from tfdb.io.loading import Selection
 from tfdb.summary import span
 
 from . import common, layout, output
-from .convert import Written, body, copy, describe, recording_path
+from .convert import Written, body, copy, describe, recording_path, write_fixed_joints
 from .times import format_when
 
 if TYPE_CHECKING:
@@ -92,26 +92,36 @@ def _merge(
     renamed: Mapping[str, str] | None,
 ) -> Written:
     written = Written()
-    selection = Selection(renamed)
     with ExitStack() as stack:
         salvage = common.salvages()
         recordings = [stack.enter_context(Recording(path, salvage=salvage)) for path in inputs]
         common.report_losses(loss for recording in recordings for loss in recording.losses)
-        total = selection.count(recordings)
+        choices = [Choice(**given) for given in options]
+        selections = [Selection(renamed, choice) for choice in choices]
+        for recording, choice in zip(recordings, choices, strict=True):
+            choice.check_topics([recording])
         rewriters = [
-            Choice(**given).resolve([recording], selection.wants, selection.kind)
-            for recording, given in zip(recordings, options, strict=True)
+            choice.resolve([recording], selection.wants, selection.kind)
+            for recording, choice, selection in zip(recordings, choices, selections, strict=True)
         ]
+        total = sum(
+            selection.count([recording])
+            for recording, selection in zip(recordings, selections, strict=True)
+        )
         stack.enter_context(writer)
         update = stack.enter_context(common.progress_bar("merging"))
         messages = heapq.merge(
             *(
                 _messages(recording, rewriter, selection)
-                for recording, rewriter in zip(recordings, rewriters, strict=True)
+                for recording, rewriter, selection in zip(
+                    recordings, rewriters, selections, strict=True
+                )
             ),
             key=lambda message: message[2],
         )
-        for done in copy(messages, writer, selection, renamed or {}, written):
+        write_fixed_joints(rewriters, writer, recordings[0].start, written)
+        total += written.messages
+        for done in copy(messages, writer, selections[0], renamed or {}, written):
             if update is not None and (done % 1000 == 0 or done == total):
                 update(done, total)
     return written

@@ -189,15 +189,18 @@ def _tell_recording(
         raise click.UsageError(f"{file} is a frozen store: it does not say what arrived when")
     store = tfdb.Buffer(history=_KEPT / NS)
     with Recording(path, salvage=common.salvages()) as recording:
-        selection = Selection(common.parse_topics(topics))
-        selection.check([recording])
         choice = Choice(**common.chosen())
+        selection = Selection(common.parse_topics(topics), choice)
+        selection.check([recording])
         rewriter = choice.resolve([recording], selection.wants, selection.kind)
+        fixed = rewriter.fixed_joints()
+        if fixed:
+            store.set_transforms(fixed, static=True, authority=rewriter.model_name)
         watch: Watch | None = None
         follower = Follower(Live(store))
         arrival = 0
         for source, arrival, data in recording.messages(selection.wants):
-            static = selection.is_static(source)
+            encoding, static = selection.kind(source)
             left = rewriter.message(data, source, static=static)
             if left is None:
                 continue
@@ -206,7 +209,7 @@ def _tell_recording(
             try:
                 store.ingest(
                     left,
-                    encoding=source.encoding,
+                    encoding=encoding,
                     static=static,
                     authority=source.authority,
                 )

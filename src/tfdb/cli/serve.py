@@ -88,11 +88,11 @@ def bag(
     with ExitStack() as stack:
         salvage = common.salvages()
         recordings = [stack.enter_context(Recording(path, salvage=salvage)) for path in paths]
-        selection = Selection(common.parse_topics(topics))
+        choice = Choice(**common.chosen())
+        selection = Selection(common.parse_topics(topics), choice)
         selection.check(recordings)
         recordings.sort(key=lambda recording: recording.start)
         store = tfdb.Buffer.open(name, history=None if history is None else history / NS)
-        choice = Choice(**common.chosen())
         rewriter = choice.resolve(recordings, selection.wants, selection.kind)
         player = Player(store, recordings, selection, rewriter, speed)
         if not as_json:
@@ -108,6 +108,7 @@ def bag(
                 click.echo(layout.wrap(layout.words(player.describe())))
 
         try:
+            player.begin()
             player.play()
             rewriter.warn(", ".join(map(str, paths)), 2)
             while loop and player.transforms:
@@ -224,6 +225,14 @@ class Player:
         found = span(self.store.tree())
         self._newest = None if found is None else found[1]
 
+    def begin(self) -> None:
+        """Store what stays: the fixed joints of the model."""
+        fixed = self.rewriter.fixed_joints()
+        if fixed:
+            who = self.rewriter.model_name
+            self.store.set_transforms(fixed, static=True, authority=who)
+            self.transforms += len(fixed)
+
     def play(self) -> None:
         """Play them once, one step behind the round before."""
         if self.rounds:
@@ -249,7 +258,7 @@ class Player:
         self.messages += 1
         is_static = self.selection.is_static(source)
         try:
-            decoded = tfdb.decode_tf_message(data, source.encoding)
+            decoded = self.rewriter.decoded(data, source)
             transforms: Iterable[TransformStamped] = self.rewriter.transforms(
                 decoded, source, static=is_static
             )

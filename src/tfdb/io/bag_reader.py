@@ -21,7 +21,8 @@ from .containers import (
     Source,
     Topic,
     in_order,
-    is_tf_type,
+    is_read_type,
+    plain_type,
     typed_errors,
 )
 from .raw_file import BadDataError, BrokenChunkError, RawFile, unpack, unpack_the_start
@@ -155,9 +156,15 @@ def _salvaged(path: Path, file: RawFile) -> Container:
 
 def _sources(connections: dict[int, _Connection], counts: dict[int, int]) -> dict[int, Source]:
     return {
-        id_: Source(each.topic, "ros1", each.caller or each.topic, counts.get(id_, 0))
+        id_: Source(
+            each.topic,
+            "ros1",
+            each.caller or each.topic,
+            counts.get(id_, 0),
+            plain_type(each.type),
+        )
         for id_, each in connections.items()
-        if is_tf_type(each.type)
+        if is_read_type(each.type)
     }
 
 
@@ -261,7 +268,7 @@ def _gather(file: RawFile, connections: dict[int, _Connection], chunks: list[int
         walked.add(id_)
 
     def wanted(id_: int) -> bool:
-        return id_ in connections and is_tf_type(connections[id_].type)
+        return id_ in connections and is_read_type(connections[id_].type)
 
     starts = sorted(chunks)
     at = _FIRST_RECORD

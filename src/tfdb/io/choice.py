@@ -11,14 +11,16 @@ import re
 import warnings
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any, TypeAlias, TypedDict
+from typing import TYPE_CHECKING, Any, Literal, TypeAlias, TypedDict
 
 from tfdb import _core
-from tfdb.errors import InvalidArgument, TfdbError, TfdbWarning, UnknownFrame
+from tfdb.errors import InvalidArgument, RecordingError, TfdbError, TfdbWarning, UnknownFrame
 from tfdb.stamps import format_seconds, shown
 from tfdb.summary import span
 
+from .containers import JOINT_STATE, POSE_TYPES, POSES_WITHOUT_CHILD, Source
 from .decimal_time import parse_stamp
+from .pose_messages import decode_joint_state, decode_poses, encodings_of
 from .recordings import Run
 
 if TYPE_CHECKING:
@@ -27,15 +29,20 @@ if TYPE_CHECKING:
     from tfdb import Buffer, TransformStamped
     from tfdb.stamps import StampLike
 
-    from .containers import Source
-    from .recordings import Recording
+    from .joint_states import JointReport, JointStates
+    from .recordings import PathLike, Recording
+    from .robot_model import RobotModel
 
     Window: TypeAlias = tuple[int | None, int | None]
+    PoseTopics: TypeAlias = str | Iterable[str] | Mapping[str, str | None]
 
 TIMES = (
     "write seconds ('12.5'), nanoseconds ('12500000000ns'), or an offset from the first ('+1.5') "
     "or to the last moving stamp ('-0.5')"
 )
+
+OTHERS: Literal["ros1"] = "ros1"
+"""How transforms are encoded that come from messages of other kinds."""
 
 
 class LoadOptions(TypedDict, total=False):
@@ -48,6 +55,9 @@ class LoadOptions(TypedDict, total=False):
     keep: float | None
     rename: Mapping[str, str] | None
     prefix: str
+    pose_topics: PoseTopics | None
+    urdf: PathLike | RobotModel | None
+    joint_topic: str | None
 
 
 @dataclass(frozen=True)
@@ -87,6 +97,9 @@ class Choice:
         keep: float | None = None,
         rename: Mapping[str, str] | None = None,
         prefix: Any = "",
+        pose_topics: PoseTopics | None = None,
+        urdf: PathLike | RobotModel | None = None,
+        joint_topic: str | None = None,
     ) -> None:
         self.start, self.end = _time("start", start), _time("end", end)
         self.frames = None if frames is None else _names("frames", frames)
@@ -99,10 +112,76 @@ class Choice:
             kind = type(prefix).__name__
             raise InvalidArgument(f"prefix is what to put before names, got a {kind}", value=prefix)
         self.prefix: str = prefix.removeprefix("/")
+        self.pose_topics = _pose_topics(pose_topics)
+        self.model = _model(urdf)
+        if joint_topic is not None and self.model is None:
+            raise InvalidArgument("joint_topic goes with urdf, the model of the robot")
+        self.joint_topic = None if joint_topic is None else absolute(joint_topic)
 
     @property
-    def key(self) -> str:
-        """What was chosen, in words that are the same for the same choice; empty: everything."""
+    def reads_others(self) -> bool:
+        """Whether anything is read beside transforms."""
+        return bool(self.pose_topics or self.model)
+
+    def wants_other(self, source: Source) -> bool:
+        """Whether a source that is none of transforms is read."""
+        topic = absolute(source.topic)
+        if source.type == JOINT_STATE:
+            return self.model is not None and topic == self.joint_topic
+        return topic in self.pose_topics
+
+    def check_topics(self, recordings: Sequence[Recording]) -> None:
+        """Refuse topics of poses that are not there, or hold none; find that of joint states."""
+        path, types, held = held_by(recordings)
+        sources = [source for recording in recordings for source in recording.all_sources]
+        by_topic = {absolute(source.topic): source for source in sources}
+        for topic, child in self.pose_topics.items():
+            source = by_topic.get(topic)
+            if topic not in types:
+                raise RecordingError(path, f"no topic {topic!r}; its topics: {held}")
+            if source is None or source.type not in POSE_TYPES:
+                kinds = ", ".join(sorted(POSE_TYPES))
+                raise RecordingError(
+                    path, f"topic {topic!r} holds {types[topic]}, not poses: those are {kinds}"
+                )
+            if source.encoding not in encodings_of(source.type):
+                listed = ", ".join(encodings_of(source.type))
+                how = f"is encoded as {source.encoding[:40]!r}, which is not read: {listed} are"
+                raise RecordingError(path, f"topic {topic!r} {how}")
+            if child is None and source.type in POSES_WITHOUT_CHILD:
+                raise RecordingError(
+                    path,
+                    f"topic {topic!r} holds {types[topic]}, which does not say of which frame its "
+                    f"poses are: name it, pose_topics={{{topic!r}: 'base_link'}} "
+                    f"(--pose-topic {topic}=base_link)",
+                )
+        if self.model is not None:
+            self._find_joint_topic(path, by_topic, held)
+
+    def _find_joint_topic(self, path: str, sources: Mapping[str, Source], held: str) -> None:
+        found = {
+            topic: source
+            for topic, source in sources.items()
+            if source.type == JOINT_STATE and source.encoding in ("ros1", "cdr")
+        }
+        wanted = self.joint_topic
+        if wanted is None:
+            usual = "/joint_states"
+            if len(found) > 1 and usual not in found:
+                listed = ", ".join(sorted(found))
+                raise RecordingError(
+                    path, f"several topics of joint states, name one by joint_topic: {listed}"
+                )
+            wanted = usual if usual in found else next(iter(found), usual)
+        if wanted not in found:
+            raise RecordingError(
+                path, f"no topic {wanted!r} with joint states for the model; its topics: {held}"
+            )
+        self.joint_topic = wanted
+
+    @property
+    def limits(self) -> str:
+        """What is left out and renamed, in words; empty: nothing."""
         given = {
             "start": self.start,
             "end": self.end,
@@ -115,10 +194,19 @@ class Choice:
         return ", ".join(f"{name}={value!r}" for name, value in given.items() if value)
 
     @property
+    def key(self) -> str:
+        """The choice in words that are the same for the same choice; empty: that of everything."""
+        if not self.reads_others:
+            return self.limits
+        joints = None if self.model is None else sorted(self.model.joints.items())
+        poses = sorted(self.pose_topics.items(), key=str)
+        return f"{self.limits}; {poses}, {joints}, {self.joint_topic}"
+
+    @property
     def needs_survey(self) -> bool:
         """Whether the recordings are looked through before."""
         offsets = any(time is not None and time.since for time in (self.start, self.end))
-        return bool(offsets or self.keep or self.frames or self.rename)
+        return bool(offsets or self.keep or self.frames or self.rename or self.model)
 
     def resolve(
         self,
@@ -142,20 +230,32 @@ class Choice:
         """
         if not self.needs_survey:
             return Rewriter(self, _window(self, None), None)
-        first = Rewriter(Choice(exclude=self.exclude), (None, None), None)
         everything: Buffer = _core.Buffer(history=None)
-        for recording in recordings:
-            for run in recording.read(wants, kind, step):
-                encoding, static = kind(run.source)
-                left = first.run(run, static=static)
-                if left is not None:
-                    part = left.messages, left.first, left.last
-                    _core.ingest_recorded(
-                        everything, *part, encoding=encoding, static=static, authorities={}
-                    )
+        first = Rewriter(self._without_names(), (None, None), None)
+
+        def survey(wanted: Callable[[Source], bool]) -> None:
+            for recording in recordings:
+                for run in recording.read(wanted, kind, step):
+                    first.ingest(run, everything, *kind(run.source))
+
+        joints = None
+        survey(lambda source: wants(source) and source.type != JOINT_STATE)
+        if self.model is not None:
+            # What the recording says itself of a frame is taken from there.
+            taken = [info.name for info in everything.tree() if info.parent is not None]
+            joints = _joint_states(self.model, taken)
+            first.joints = _joint_states(self.model, taken)
+            fixed = first.fixed_joints()
+            if fixed:
+                everything.set_transforms(fixed, static=True)
+            survey(lambda source: wants(source) and source.type == JOINT_STATE)
         self._check_names(everything.frames())
         children = None if self.frames is None else _between(everything, self.frames)
-        return Rewriter(self, _window(self, span(everything.tree())), children)
+        return Rewriter(self, _window(self, span(everything.tree())), children, joints)
+
+    def _without_names(self) -> Choice:
+        """What decides where a transform comes from."""
+        return Choice(exclude=self.exclude, pose_topics=self.pose_topics or None)
 
     def _check_names(self, frames: Sequence[str]) -> None:
         """Refuse frames that are not there, and new names that others have."""
@@ -182,24 +282,34 @@ class Rewriter:
         First and last stamp of moving transforms that are kept.
     children
         The child frames of the edges that are kept; None: all.
+    joints
+        What makes transforms of joint states.
     """
 
-    def __init__(self, choice: Choice, window: Window, children: frozenset[str] | None) -> None:
+    def __init__(
+        self,
+        choice: Choice,
+        window: Window,
+        children: frozenset[str] | None,
+        joints: JointStates | None = None,
+    ) -> None:
         self._choice = choice
         self.window = window
+        self.joints = joints
+        self.refusals: list[TfdbError] = []
         self._children = children
         self._excluded = [(entry, _pattern(entry)) for entry in choice.exclude]
         self._is_out: dict[str, bool] = {}
         self._used: set[str] = set()
         self._names: dict[str, str] = {}
-        self.is_idle = not choice.key
+        self.is_idle = not choice.limits
         self.left_out = 0
         self._moving = 0
         self._outside: tuple[int, int] | None = None
 
     def run(self, run: Run, *, static: bool) -> Run | None:
         """The messages of a run of which something is left; None where nothing is."""
-        if self.is_idle:
+        if self.is_idle and run.source.is_tf:
             return run
         made = _core.Recorded()
         for index in range(run.first, run.last):
@@ -212,20 +322,62 @@ class Rewriter:
     def message(self, data: bytes, source: Source, *, static: bool) -> bytes | None:
         """The bytes of a TFMessage; None where nothing of it is left.
 
-        What is damaged is left as it is, for the store to refuse it.
+        A damaged one is left as it is, for the store to refuse it; what makes no transforms is
+        added to `refusals`.
         """
-        if self.is_idle:
+        if self.is_idle and source.is_tf:
             return data
         try:
-            given = _core.decode_tf_message(data, source.encoding)
-        except TfdbError:
-            return data
+            given = self.decoded(data, source)
+        except TfdbError as error:
+            if source.is_tf:
+                return data
+            self.refusals.append(error)
+            return None
         left = self.transforms(given, source, static=static)
         if not left:
-            return None if given else data
+            return None if given or not source.is_tf else data
+        if not source.is_tf:
+            try:
+                return _core.encode_tf_message(left, OTHERS)
+            except TfdbError as error:
+                self.refusals.append(error)
+                return None
         if len(left) == len(given) and not self._choice.rename and not self._choice.prefix:
             return data
         return _core.encode_tf_message(left, source.encoding)
+
+    def decoded(self, data: bytes, source: Source) -> list[TransformStamped]:
+        """All transforms of one message; raises CorruptMessage and its kin."""
+        if source.is_tf:
+            return _core.decode_tf_message(data, source.encoding)
+        if source.type == JOINT_STATE:
+            state = decode_joint_state(data, source)
+            return [] if self.joints is None else self.joints.transforms(state)
+        return decode_poses(data, source, self._choice.pose_topics[absolute(source.topic)])
+
+    def ingest(self, run: Run, store: Buffer, encoding: str, static: bool) -> None:
+        """Store what is left of a run."""
+        left = self.run(run, static=static)
+        if left is not None:
+            part = left.messages, left.first, left.last
+            _core.ingest_recorded(store, *part, encoding=encoding, static=static, authorities={})
+
+    @property
+    def model_name(self) -> str:
+        """Who says where the fixed joints are."""
+        return "urdf"
+
+    def fixed_joints(self) -> list[TransformStamped]:
+        """The static transforms of the robot's model that are wanted."""
+        if self.joints is None:
+            return []
+        source = Source(self.model_name, OTHERS, self.model_name, 0)
+        return self.transforms(self.joints.fixed, source, static=True)
+
+    def joints_report(self) -> JointReport | None:
+        """What became of the joint states; None without a model."""
+        return None if self.joints is None else self.joints.report()
 
     def transforms(
         self, given: Sequence[TransformStamped], source: Source, *, static: bool
@@ -233,18 +385,20 @@ class Rewriter:
         """What is left of the transforms of one message."""
         if self.is_idle:
             return list(given)
-        left = []
-        if not (self._excludes(source.topic) or self._excludes(source.authority)):
-            for each in given:
-                parent, child = each.parent.removeprefix("/"), each.child.removeprefix("/")
-                if self._takes(parent, child) and (static or self._is_inside(each)):
-                    left.append(self._renamed(each, parent, child))
+        is_out = self._excludes(source.topic) or self._excludes(source.authority)
+        left = [
+            self._renamed(each)
+            for each in given
+            if not is_out and self._takes(each) and (static or self._is_inside(each))
+        ]
         self.left_out += len(given) - len(left)
         self._moving += 0 if static else len(left)
         return left
 
     def warn(self, what: str, depth: int) -> None:
         """Say which options did nothing, or too much; `depth` frames up is who asked for it."""
+        for message in () if self.joints is None else self.joints.report().complaints():
+            warnings.warn(f"{what}: {message}", TfdbWarning, stacklevel=depth)
         choice = self._choice
         unused = [entry for entry in choice.exclude if entry not in self._used]
         if unused:
@@ -265,7 +419,7 @@ class Rewriter:
 
     def reason(self) -> str:
         """Why nothing is left."""
-        count = f"all {self.left_out:,} transforms are left out by {self._choice.key}"
+        count = f"all {self.left_out:,} transforms are left out by {self._choice.limits}"
         return f"{count}: nothing moves {self._described()}" if self._outside else count
 
     def _described(self) -> str:
@@ -275,10 +429,10 @@ class Rewriter:
         there = " to ".join(map(format_seconds, self._outside or ()))
         return f"{since}{until}, its stamps run from {there}".lstrip()
 
-    def _takes(self, parent: str, child: str) -> bool:
-        if self._children is not None and child not in self._children:
+    def _takes(self, transform: TransformStamped) -> bool:
+        if self._children is not None and transform.child not in self._children:
             return False
-        return not (self._excludes(parent) or self._excludes(child))
+        return not (self._excludes(transform.parent) or self._excludes(transform.child))
 
     def _is_inside(self, transform: TransformStamped) -> bool:
         first, last = self.window
@@ -300,10 +454,11 @@ class Rewriter:
             known = self._is_out[name] = bool(used)
         return known
 
-    def _renamed(self, transform: TransformStamped, parent: str, child: str) -> TransformStamped:
+    def _renamed(self, transform: TransformStamped) -> TransformStamped:
         if not self._choice.rename and not self._choice.prefix:
             return transform
-        return replace(transform, parent=self._name(parent), child=self._name(child))
+        parent, child = self._name(transform.parent), self._name(transform.child)
+        return replace(transform, parent=parent, child=child)
 
     def _name(self, frame: str) -> str:
         name = self._names.get(frame)
@@ -409,6 +564,58 @@ def _mapping(given: Any) -> dict[str, str]:
         raise InvalidArgument(f"rename maps names to names, got {shown(given)}", value=given)
     old, new = _names("rename", given.keys()), _names("rename", given.values())
     return dict(zip(old, new, strict=True))
+
+
+def held_by(recordings: Sequence[Recording]) -> tuple[str, dict[str, str], str]:
+    """The names of the files, their topics with types, and these in words."""
+    path = ", ".join(str(recording.path) for recording in recordings)
+    types = {absolute(t.name): t.type for recording in recordings for t in recording.topics}
+    listed = ", ".join(f"{name} ({types[name]})" for name in sorted(types)[:20])
+    return path, types, listed or "none at all"
+
+
+def _pose_topics(given: Any) -> dict[str, str | None]:
+    """Child frames, or None, by topic."""
+    if given is None:
+        return {}
+    if isinstance(given, Mapping):
+        return {
+            absolute(topic): None if child is None else _names("pose_topics", child)[0]
+            for topic, child in given.items()
+        }
+    if isinstance(given, str):
+        return {absolute(given): None}
+    if isinstance(given, Iterable):
+        return {absolute(topic): None for topic in given}
+    raise no_name(given)
+
+
+def _model(urdf: Any) -> RobotModel | None:
+    if urdf is None:
+        return None
+    from .robot_model import RobotModel  # noqa: PLC0415 - needs numpy
+    from .urdf import load_urdf  # noqa: PLC0415
+
+    return urdf if isinstance(urdf, RobotModel) else load_urdf(urdf)
+
+
+def _joint_states(model: RobotModel, taken: Iterable[str]) -> JointStates:
+    from .joint_states import JointStates  # noqa: PLC0415 - needs numpy
+
+    return JointStates(model, taken)
+
+
+def absolute(topic: Any) -> str:
+    """The name of a topic with its leading slash."""
+    if not isinstance(topic, str):
+        raise no_name(topic)
+    return "/" + topic.strip("/")
+
+
+def no_name(topic: Any) -> InvalidArgument:
+    """What is raised for a topic that is none."""
+    kind = type(topic).__name__
+    return InvalidArgument(f"topics are names or map names to names, got a {kind}", value=topic)
 
 
 def _pattern(entry: str) -> re.Pattern[str]:

@@ -28,7 +28,8 @@ if TYPE_CHECKING:
 
 T = TypeVar("T")
 
-Encoding: TypeAlias = Literal["ros1", "cdr"]
+Encoding: TypeAlias = Literal["ros1", "cdr", "protobuf", "json"]
+"""Messages of transforms are of the first two."""
 Kind: TypeAlias = Literal["bag", "db3", "mcap", "folder"]
 Payload: TypeAlias = "tuple[int, int, bytes]"
 """Time of reception (ns), id of the source, bytes."""
@@ -40,6 +41,23 @@ SALVAGE = "salvage=True (--salvage) reads as far as it goes"
 NO_START = 2**63 - 1
 
 _TF_TYPES = frozenset({"tf2_msgs/TFMessage", "tf/tfMessage"})
+POSES_WITHOUT_CHILD = frozenset(
+    {
+        "geometry_msgs/PoseStamped",
+        "geometry_msgs/PoseWithCovarianceStamped",
+        "nav_msgs/Path",
+        "foxglove.PoseInFrame",
+    }
+)
+"""Types of messages that say where something is, and not what."""
+POSE_TYPES = POSES_WITHOUT_CHILD | {
+    "nav_msgs/Odometry",
+    "geometry_msgs/TransformStamped",
+    "foxglove.FrameTransform",
+    "foxglove.FrameTransforms",
+}
+"""Types of messages whose poses are read where they are asked for by topic."""
+JOINT_STATE = "sensor_msgs/JointState"
 _MAGICS: tuple[tuple[bytes, Kind], ...] = (
     (b"#ROSBAG V2.0", "bag"),
     (b"\x89MCAP0\r\n", "mcap"),
@@ -70,16 +88,22 @@ class Topic:
 
 @dataclass(frozen=True)
 class Source:
-    """One stream of TFMessages: a ROS 1 connection, a ROS 2 topic or an MCAP channel.
+    """One stream of messages: a ROS 1 connection, a ROS 2 topic or an MCAP channel.
 
     `authority` is who published: the node's name where the container knows it (ROS 1), else the
-    topic.
+    topic. `type` is that of the messages, as ROS 1 spells it.
     """
 
     topic: str
     encoding: Encoding
     authority: str
     messages: int
+    type: str = "tf2_msgs/TFMessage"
+
+    @property
+    def is_tf(self) -> bool:
+        """Whether its messages are of transforms, as /tf has them."""
+        return self.type in _TF_TYPES
 
 
 @dataclass(frozen=True)
@@ -109,7 +133,7 @@ class Container:
     topics
         All topics, also those without transforms.
     sources
-        The streams of transforms, by id.
+        The streams of transforms, poses and joint states, by id.
     start
         When the first message was received, nanoseconds; `NO_START` without messages.
     payloads
@@ -241,8 +265,9 @@ class Gathered:
         self.messages.sort(key=_time)
         return [message for message in self.messages if message[1] in ids]
 
-    def losses(self, path: Path, ids: Collection[int]) -> list[Loss]:
+    def losses(self, path: Path, sources: Mapping[int, Source]) -> list[Loss]:
         """What was lost of the sources of transforms; nothing where nothing was."""
+        ids = [id_ for id_, source in sources.items() if source.is_tf]
         found = self.found()
         lost = sum(max(0, self.promised[id_] - found[id_]) for id_ in ids)
         if not lost and not self.reasons:
@@ -281,17 +306,30 @@ def in_order(
         yield from ready
 
 
+def plain_type(name: str) -> str:
+    """A message type as ROS 1 spells it, or Foxglove, whichever spelling it has."""
+    return name.replace("/msg/", "/").replace("foxglove_msgs/", "foxglove.")
+
+
 def is_tf_type(name: str) -> bool:
     """Whether a message type, as ROS 1 or ROS 2 spells it, is one of transforms."""
-    return name.replace("/msg/", "/") in _TF_TYPES
+    return plain_type(name) in _TF_TYPES
 
 
-def encoding_of(path: Path, topic: str, name: str) -> Encoding:
-    """The store's word for a container's; refuses encodings that transforms never have."""
-    if name == "cdr":
-        return "cdr"
+def is_read_type(name: str) -> bool:
+    """Whether messages of a type can become transforms."""
+    return plain_type(name) in _TF_TYPES | POSE_TYPES | {JOINT_STATE}
+
+
+def encoding_of(path: Path, topic: str, type_: str, name: str) -> Encoding:
+    """The store's word for a container's; refuses encodings that transforms never have.
+
+    What is read on demand only may be encoded otherwise: who asks for it is told.
+    """
     if name in ("ros1", "ros1msg"):
         return "ros1"
+    if name == "cdr" or not is_tf_type(type_):
+        return name  # type: ignore[return-value]  # any word, until it is read
     raise RecordingError(path, f"topic {topic!r} is encoded as {name[:40]!r}, not as cdr or ros1")
 
 

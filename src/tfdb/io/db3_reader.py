@@ -16,7 +16,8 @@ from .containers import (
     Source,
     Topic,
     encoding_of,
-    is_tf_type,
+    is_read_type,
+    plain_type,
     typed_errors,
 )
 from .raw_file import MAX_CHUNK, BadDataError
@@ -70,9 +71,15 @@ def _open(path: Path, database: sqlite3.Connection) -> Container:
     start = min((first for _, _, first in found), default=NO_START)
     rows = [Topic(name, type_, counts.get(id_, 0)) for id_, name, type_, _ in topics]
     sources = {
-        id_: Source(name, encoding_of(path, name, format_), name, counts.get(id_, 0))
+        id_: Source(
+            name,
+            encoding_of(path, name, type_, format_),
+            name,
+            counts.get(id_, 0),
+            plain_type(type_),
+        )
         for id_, name, type_, format_ in topics
-        if is_tf_type(type_)
+        if is_read_type(type_)
     }
     payloads = partial(_messages, database)
     return Container(path, rows, sources, start, payloads, database.close, hint=_hint(path))

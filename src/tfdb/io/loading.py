@@ -14,7 +14,8 @@ from tfdb import _core
 from tfdb.errors import InvalidArgument, RecordingError, TfdbWarning
 from tfdb.given_path import given_paths
 
-from .choice import Choice
+from .choice import OTHERS, Choice, absolute, held_by, no_name
+from .containers import POSE_TYPES
 from .recordings import Recording
 
 if TYPE_CHECKING:
@@ -28,6 +29,7 @@ if TYPE_CHECKING:
 
     from .choice import LoadOptions, Rewriter
     from .containers import Loss, Source
+    from .joint_states import JointReport
     from .recordings import PathLike, Run
 
     Progress: TypeAlias = Callable[[int, int], None]
@@ -77,6 +79,8 @@ class LoadReport:
         What `salvage` could not save of damaged files; empty where nothing was lost.
     left_out
         Transforms that were read and not wanted, by `start`, `end`, `keep`, `frames` and `exclude`.
+    joints
+        What the joint states made of the robot's model; None without `urdf`.
     """
 
     files: tuple[str, ...]
@@ -94,6 +98,7 @@ class LoadReport:
     forgotten: int = 0
     lost: tuple[Loss, ...] = ()
     left_out: int = 0
+    joints: JointReport | None = None
 
 
 def load_recordings(
@@ -130,7 +135,8 @@ def load_recordings(
         Read damaged and cut files as far as they go, and folders of which files are missing; the
         report counts what was lost.
     **options
-        `start`, `end`, `frames`, `exclude`, `keep`, `rename` and `prefix`, as in `Buffer.load`.
+        `start`, `end`, `frames`, `exclude`, `keep`, `rename`, `prefix`, `pose_topics`, `urdf` and
+        `joint_topic`, as in `Buffer.load`.
 
     Raises
     ------
@@ -147,8 +153,8 @@ def load_recordings(
     files = given_paths(paths, RecordingError)
     if not files:
         raise InvalidArgument("no recording to load: paths is empty")
-    selection = Selection(topics)
     choice = Choice(**options)
+    selection = Selection(topics, choice)
     with ExitStack() as stack:
         recordings = [stack.enter_context(Recording(path, salvage=salvage)) for path in files]
         selection.check(recordings)
@@ -156,6 +162,7 @@ def load_recordings(
         names = tuple(str(recording.path) for recording in recordings)
         meter = _Meter(selection.count(recordings), progress, 3 if choice.needs_survey else 2)
         rewriter = choice.resolve(recordings, selection.wants, selection.kind, meter.step)
+        tally.store_model(rewriter)
         readings: deque[Iterator[Run]] = deque()
         for recording in recordings:
             readings.append(recording.read(selection.wants, selection.kind, meter.step))
@@ -180,9 +187,10 @@ def warn_of_forgotten(buffer: Buffer, samples: int, depth: int) -> None:
 
 
 class Selection:
-    """Which topics are read, and which of them are static."""
+    """Which topics are read, what of, and which of them are static."""
 
-    def __init__(self, topics: Topics | None) -> None:
+    def __init__(self, topics: Topics | None, choice: Choice | None = None) -> None:
+        self._choice = choice or Choice()
         if topics is None:
             self._roles: dict[str, str] | None = None
         elif isinstance(topics, Mapping):
@@ -192,36 +200,40 @@ class Selection:
         elif isinstance(topics, Iterable):
             self._roles = {absolute(name): absolute(name) for name in topics}
         else:
-            raise _no_name(topics)
+            raise no_name(topics)
 
     def wants(self, source: Source) -> bool:
         """Whether it is to be read."""
+        if not source.is_tf:
+            return self._choice.wants_other(source)
         return self._roles is None or absolute(source.topic) in self._roles
 
     def is_static(self, source: Source) -> bool:
         """Whether its transforms are."""
         name = absolute(source.topic)
-        role = name if self._roles is None else self._roles[name]
-        return role.rsplit("/", 1)[-1] == "tf_static"
+        role = name if self._roles is None or not source.is_tf else self._roles[name]
+        return source.is_tf and role.rsplit("/", 1)[-1] == "tf_static"
 
     def kind(self, source: Source) -> tuple[str, bool]:
-        """What all messages of one run have in common."""
-        return source.encoding, self.is_static(source)
+        """What all messages of one run have in common: the encoding to store, and if static."""
+        return source.encoding if source.is_tf else OTHERS, self.is_static(source)
 
     def count(self, recordings: Sequence[Recording]) -> int:
         """Messages to be read."""
-        sources = [source for recording in recordings for source in recording.sources]
+        sources = [source for recording in recordings for source in recording.all_sources]
         return sum(source.messages for source in sources if self.wants(source))
 
     def check(self, recordings: Sequence[Recording]) -> None:
         """Refuse recordings without any of the topics, topics that no recording has, and none."""
-        path = ", ".join(str(recording.path) for recording in recordings)
+        path, types, held = held_by(recordings)
         sources = {absolute(s.topic) for recording in recordings for s in recording.sources}
-        types = {absolute(t.name): t.type for recording in recordings for t in recording.topics}
-        held = ", ".join(f"{name} ({types[name]})" for name in sorted(types)[:20]) or "none at all"
-        if self._roles is None and not sources:
-            raise RecordingError(path, f"no topic with transforms; its topics: {held}")
-        if self._roles is not None and not self._roles:
+        self._choice.check_topics(recordings)
+        if self._roles is None and not sources and not self._choice.reads_others:
+            others = [source for recording in recordings for source in recording.all_sources]
+            hint = next((s.topic for s in others if s.type in POSE_TYPES), None)
+            more = f"; pose_topics={hint!r} (--pose-topic {hint}) reads its poses" if hint else ""
+            raise RecordingError(path, f"no topic with transforms{more}; its topics: {held}")
+        if self._roles is not None and not self._roles and not self._choice.reads_others:
             raise InvalidArgument(
                 f"topics is empty: name some of {path}, or give None to read all that hold "
                 f"transforms; its topics: {held}",
@@ -277,12 +289,22 @@ class _Tally:
 
     def count(self, recording: Recording, selection: Selection) -> None:
         """Add the topics of a recording; its reader has checked their numbers of messages."""
-        for source in filter(selection.wants, recording.sources):
+        for source in filter(selection.wants, recording.all_sources):
             before = self.topics.get(source.topic)
             messages = source.messages + (before.messages if before else 0)
             static = selection.is_static(source)
             self.topics[source.topic] = TopicReport(source.topic, messages, static)
         self.lost += recording.losses
+
+    def store_model(self, rewriter: Rewriter) -> None:
+        """Commit the fixed joints of a robot's model."""
+        fixed = rewriter.fixed_joints()
+        if fixed:
+            stores = [self.buffer] if self.everything is None else [self.buffer, self.everything]
+            for store in stores:
+                store.set_transforms(fixed, static=True, authority=rewriter.model_name)
+            self.transforms += len(fixed)
+            self.commits += 1
 
     def store(self, read: Run, selection: Selection, rewriter: Rewriter, meter: _Meter) -> None:
         """Commit the messages of a run."""
@@ -324,6 +346,10 @@ class _Tally:
         )
 
     def report(self, files: tuple[str, ...], seconds: float, rewriter: Rewriter) -> LoadReport:
+        for error in rewriter.refusals:
+            self.refused += 1
+            self.reasons[type(error).__name__] += 1
+            self.first_refusals.setdefault(type(error).__name__, str(error))
         if not self.transforms:
             path = ", ".join(files)
             if not self.refused and rewriter.left_out:
@@ -349,6 +375,7 @@ class _Tally:
             forgotten=self.forgotten(),
             lost=tuple(self.lost),
             left_out=rewriter.left_out,
+            joints=rewriter.joints_report(),
         )
 
 
@@ -361,13 +388,6 @@ def missing_samples(buffer: Buffer, frame: str, stamps: npt.NDArray[np.int64]) -
     return len(np.setdiff1d(stamps, buffer.samples(frame)[0]))
 
 
-def absolute(topic: Any) -> str:
-    """The name of a topic with its leading slash."""
-    if not isinstance(topic, str):
-        raise _no_name(topic)
-    return "/" + topic.strip("/")
-
-
 def role_of(topic: str, name: Any) -> str:
     """What a topic is read as; raises InvalidArgument for what says neither moving nor static."""
     role = absolute(name)
@@ -375,8 +395,3 @@ def role_of(topic: str, name: Any) -> str:
         return role
     reason = f"topic {topic!r} cannot be read as {name!r}, only as {' or '.join(ROLES)}"
     raise InvalidArgument(reason, value=name)
-
-
-def _no_name(topic: Any) -> InvalidArgument:
-    kind = type(topic).__name__
-    return InvalidArgument(f"topics are names or map names to names, got a {kind}", value=topic)

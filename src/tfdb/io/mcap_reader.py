@@ -36,7 +36,8 @@ from .containers import (
     Topic,
     encoding_of,
     in_order,
-    is_tf_type,
+    is_read_type,
+    plain_type,
     typed_errors,
 )
 from .raw_file import BadDataError, BrokenChunkError, RawFile, unpack, unpack_the_start
@@ -180,12 +181,12 @@ class _Index:
         known = self.channels.get(channel)
         return known is not None and (known.schema == 0 or known.schema in self.schemas)
 
-    def is_tf(self, channel: int) -> bool:
-        """Whether messages of a channel are of transforms; a flaw where nobody can know."""
+    def is_read(self, channel: int) -> bool:
+        """Whether messages of a channel can be read; a flaw where nobody can know."""
         if not self.is_declared(channel):
             self.flaws[f"messages of channel {channel}, declared without a schema or nowhere"] += 0
             return False
-        return is_tf_type(self.type_of(channel))
+        return is_read_type(self.type_of(channel))
 
     def refuse_flaws(self) -> None:
         """Raise where there are any."""
@@ -290,7 +291,7 @@ def _indexed(path: Path, file: RawFile, index: _Index) -> Container:
         found: Recorded, chunk: _Chunk, ids: Collection[int], *, is_checked: bool = False
     ) -> None:
         raw = _raw(file, chunk, is_checked=is_checked)
-        _add_chunk(found, raw, lambda id_: index.is_tf(id_) and id_ in ids, index.learn_in_chunk)
+        _add_chunk(found, raw, lambda id_: index.is_read(id_) and id_ in ids, index.learn_in_chunk)
         index.refuse_flaws()
 
     def messages_of(chunk: _Chunk, ids: Collection[int]) -> Iterable[Payload]:
@@ -359,7 +360,7 @@ def _parts(spans: list[_Span]) -> Iterator[list[_Span]]:
     earliest = [*accumulate(firsts, min)][::-1]  # of each and of all behind it
     part: list[_Span] = []
     latest = messages = 0
-    for span, following in zip(spans, [*earliest[1:], _LATEST], strict=True):
+    for span, following in zip(spans, [*earliest, _LATEST][1:], strict=True):
         part.append(span)
         latest, messages = max(latest, span.last), messages + span.messages
         if latest <= following and (messages >= _PART or span is spans[-1]):
@@ -405,12 +406,13 @@ def _sources(path: Path, index: _Index, counts: dict[int, int]) -> dict[int, Sou
     return {
         id_: Source(
             channel.topic,
-            encoding_of(path, channel.topic, channel.encoding),
+            encoding_of(path, channel.topic, index.type_of(id_), channel.encoding),
             channel.topic,
             counts.get(id_, 0),
+            plain_type(index.type_of(id_)),
         )
         for id_, channel in index.channels.items()
-        if index.is_tf(id_)
+        if index.is_read(id_)
     }
 
 
@@ -679,7 +681,7 @@ class _Walk:
 
     def _take(self, raw: Packed) -> int:
         """Add the messages of a chunk; says how many bytes of it were good."""
-        messages = _messages_in(raw, self._index.is_tf, self._index.learn_in_chunk)
+        messages = _messages_in(raw, self._index.is_read, self._index.learn_in_chunk)
         before = len(self._found.messages)
         read = len(raw)
         if self._strict:

@@ -98,6 +98,11 @@ class Recording:
     @property
     def sources(self) -> tuple[Source, ...]:
         """The streams of transforms: topic, encoding, who published, number of messages."""
+        return tuple(filter(_is_tf, self._container.sources))
+
+    @property
+    def all_sources(self) -> tuple[Source, ...]:
+        """These, and the streams of poses and joint states, which are read where wanted."""
         return self._container.sources
 
     @property
@@ -115,10 +120,10 @@ class Recording:
     ) -> Iterator[tuple[Source, int, bytes]]:
         """Source, time of reception (ns) and raw bytes of each TFMessage, in order of reception.
 
-        `wanted` chooses the sources, None takes all. Raises `RecordingError` where the file is
-        damaged, which may be after some messages.
+        `wanted` chooses among all sources, None takes those of transforms. Raises `RecordingError`
+        where the file is damaged, which may be after some messages.
         """
-        return self._container.messages(wanted or _all)
+        return self._container.messages(wanted or _is_tf)
 
     def read(
         self,
@@ -129,12 +134,12 @@ class Recording:
         """All messages, or none: `RecordingError` at once where the file is damaged.
 
         The runs are read while they are asked for: keep the recording open, and the file as it is.
-        A run ends where `kind` of the source changes; by default, that is its topic. `step` is
-        called with the number of messages since the last call.
+        A run ends where `kind` of the source changes, by default its topic, and between transforms
+        and others. `step` is called with the number of messages since the last call.
         """
-        wanted = wanted or _all
+        wanted, kind = wanted or _is_tf, kind or _topic
         parts = self._container.read(wanted, step or _ignore)
-        return (run for part in parts for run in _runs(*part, wanted, kind or _topic))
+        return (run for part in parts for run in _runs(*part, wanted, kind))
 
     def close(self) -> None:
         """Close the file."""
@@ -149,7 +154,7 @@ def _runs(
 ) -> Iterator[Run]:
     numbers: dict[object, int] = {}
     kinds = {
-        id_: numbers.setdefault(kind(source), len(numbers))
+        id_: numbers.setdefault((source.is_tf, kind(source)), len(numbers))
         for id_, source in sources.items()
         if wanted(source)
     }
@@ -157,8 +162,8 @@ def _runs(
         yield Run(messages, first, last, sources)
 
 
-def _all(_: Source) -> bool:
-    return True
+def _is_tf(source: Source) -> bool:
+    return source.is_tf
 
 
 def _topic(source: Source) -> str:

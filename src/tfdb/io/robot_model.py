@@ -7,20 +7,24 @@ into the parent link, as the store's edges do.
 from __future__ import annotations
 
 import math
+import warnings
 from dataclasses import dataclass
 from types import MappingProxyType
-from typing import TYPE_CHECKING, TypeAlias
+from typing import TYPE_CHECKING, Literal, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
 
-from tfdb.errors import InvalidArgument
+from tfdb import _core
+from tfdb.errors import InvalidArgument, RecordingError, TfdbWarning
+from tfdb.loading import load_into
 from tfdb.types import Columns, TransformStamped
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping
+    from collections.abc import Iterable, Mapping, Sequence
 
     from tfdb import Buffer
+    from tfdb.io.recordings import PathLike
     from tfdb.stamps import StampLike, StampsLike
 
 Array: TypeAlias = npt.NDArray[np.float64]
@@ -228,6 +232,71 @@ class RobotModel:
             poses,
         )
         return buffer.set_transforms(batch, authority=authority)
+
+    def load_joint_states(
+        self,
+        recording: PathLike | Sequence[PathLike],
+        *,
+        topic: str | None = None,
+        limits: Literal["warn", "raise", "ignore"] = "warn",
+    ) -> Buffer:
+        """Make a store of the joint states of a recording: where each link is in its parent.
+
+        Each message (sensor_msgs/JointState) is one commit, at its stamp, the fixed joints another.
+        The recording's own transforms are not read: `tfdb.load(recording, urdf=model)` joins both.
+
+        Parameters
+        ----------
+        recording
+            One or several, as in `tfdb.load`.
+        topic
+            That of the joint states; None: `/joint_states`, or the only one.
+        limits
+            What positions beyond a joint's limits are: a TfdbWarning, an error, or nothing.
+
+        Returns
+        -------
+        Buffer
+            It keeps everything.
+
+        Raises
+        ------
+        RecordingError
+            No such topic; nothing of it could be stored; with `limits="raise"`, a joint beyond its
+            limits: all of them are named, with the furthest position and its stamp.
+        InvalidArgument
+            Another word for `limits`.
+
+        And as `tfdb.load`.
+
+        Warns
+        -----
+        TfdbWarning
+            Joints of the model that no state names, joints that it does not have, positions that
+            are not finite (they are left out) or beyond their limits.
+        """
+        if limits not in ("warn", "raise", "ignore"):
+            choices = "'warn', 'raise' or 'ignore'"
+            raise InvalidArgument(f"limits is {choices}, not {limits!r}", value=limits)
+        buffer = _core.Buffer(history=None)
+        with warnings.catch_warnings(record=True) as caught:
+            warnings.simplefilter("always", TfdbWarning)
+            report = load_into(
+                buffer,
+                recording,
+                topics=(),
+                progress=None,
+                salvage=False,
+                urdf=self,
+                joint_topic=topic,
+            )
+        beyond = () if report.joints is None else report.joints.beyond
+        if beyond and limits == "raise":
+            raise RecordingError(", ".join(report.files), "joint " + "; ".join(map(str, beyond)))
+        for each in caught:
+            if limits == "warn" or "beyond its limits" not in str(each.message):
+                warnings.warn(str(each.message), each.category, stacklevel=2)
+        return buffer
 
     def _moving(self, positions: Mapping[str, npt.ArrayLike]) -> dict[str, Array]:
         """Poses (7,) or (N, 7) of the joints that a state determines, in the model's order."""

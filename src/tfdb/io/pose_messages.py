@@ -1,0 +1,321 @@
+"""Messages that hold poses, and are no TFMessages, as transforms; and those of joint states.
+
+Odometry, TransformStamped, PoseStamped, PoseWithCovarianceStamped and Path of ROS 1 and ROS 2;
+FrameTransform, FrameTransforms and PoseInFrame of Foxglove, in protobuf, JSON, and as messages of
+ROS (https://docs.foxglove.dev/docs/visualization/message-schemas/introduction). Fields are read as
+far as they are needed: covariances, twists and efforts are not looked at.
+"""
+
+from __future__ import annotations
+
+import json
+import struct
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, TypeAlias
+
+from tfdb.errors import CorruptMessage, InvalidStamp, TfdbError
+from tfdb.stamps import MAX_STAMP
+from tfdb.types import TransformStamped
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator, Mapping
+
+    from .containers import Source
+
+    Floats: TypeAlias = tuple[float, ...]
+
+_NS = 1_000_000_000
+_FOXGLOVE = "foxglove."
+_BROKEN = (
+    *(struct.error, ValueError, TypeError, KeyError),
+    *(IndexError, OverflowError, RecursionError),
+)
+"""What bytes raise that are no such message."""
+
+
+@dataclass(frozen=True)
+class JointState:
+    """One message of joint states: the stamp, and positions by the joints' names."""
+
+    stamp: int
+    positions: dict[str, float]
+
+
+def encodings_of(type_: str) -> tuple[str, ...]:
+    """In which encodings messages of a type are read."""
+    return ("ros1", "cdr", "protobuf", "json") if type_.startswith(_FOXGLOVE) else ("ros1", "cdr")
+
+
+def decode_poses(data: bytes, source: Source, child: str | None) -> list[TransformStamped]:
+    """The transforms of one message; `child` is what its poses are of, None: it says so itself.
+
+    Raises CorruptMessage and InvalidStamp.
+    """
+    try:
+        if source.encoding in ("ros1", "cdr"):
+            found = list(_ROS[source.type](_Fields(data, cdr=source.encoding == "cdr")))
+        elif source.encoding == "json":
+            found = list(_of_foxglove(source.type, _Json(json.loads(data))))
+        else:
+            found = list(_of_foxglove(source.type, _Protobuf(data)))
+    except TfdbError:
+        raise
+    except _BROKEN as error:
+        reason = f"no {source.type} in {source.encoding}: {error}"
+        raise CorruptMessage(f"topic {source.topic!r}: {reason}", reason=reason) from None
+    made = []
+    for stamp, above, named, pose in found:
+        # One leading slash, as of every message.
+        parent, of = above.removeprefix("/"), child or named.removeprefix("/")
+        if not parent or not of:
+            reason = f"it names no {'parent' if not parent else 'child'} frame"
+            raise CorruptMessage(f"topic {source.topic!r}: {reason}", reason=reason)
+        made.append(TransformStamped(parent, of, stamp, pose[:3], pose[3:]))
+    return made
+
+
+def decode_joint_state(data: bytes, source: Source) -> JointState:
+    """The positions of one sensor_msgs/JointState; raises CorruptMessage and InvalidStamp."""
+    try:
+        fields = _Fields(data, cdr=source.encoding == "cdr")
+        stamp, _ = fields.header()
+        names = [fields.text() for _ in range(fields.count(4))]
+        positions = fields.doubles(fields.count(8))
+    except TfdbError:
+        raise
+    except (struct.error, ValueError) as error:
+        reason = f"no {source.type} in {source.encoding}: {error}"
+        raise CorruptMessage(f"topic {source.topic!r}: {reason}", reason=reason) from None
+    if positions and len(positions) != len(names):
+        reason = f"{len(names)} joints and {len(positions)} positions"
+        raise CorruptMessage(f"topic {source.topic!r}: {reason}", reason=reason)
+    return JointState(stamp, dict(zip(names, positions, strict=False)))
+
+
+# -- messages of ROS ------------------------------------------------------------------------------
+
+
+class _Fields:
+    """Takes the fields of a message of ROS one after the other."""
+
+    def __init__(self, data: bytes, *, cdr: bool) -> None:
+        self._data = data
+        self._cdr = cdr
+        self._at = self._start = 4 if cdr else 0
+        self._order = "<"
+        if cdr:
+            if data[:2] not in (b"\0\0", b"\0\1"):
+                raise ValueError(f"the encapsulation {data[:2].hex()} is not that of plain CDR")
+            self._order = "<" if data[1] else ">"
+
+    def _take(self, kind: str, width: int, count: int = 1) -> tuple[Any, ...]:
+        if self._cdr and count:
+            self._at += -(self._at - self._start) % width
+        found = struct.unpack_from(f"{self._order}{count}{kind}", self._data, self._at)
+        self._at += width * count
+        return found
+
+    def doubles(self, count: int) -> Floats:
+        return self._take("d", 8, count)
+
+    def count(self, width: int) -> int:
+        """The length of a sequence whose members have so many bytes at least."""
+        (count,) = self._take("I", 4)
+        left = len(self._data) - self._at
+        if count * width > left:
+            raise ValueError(f"{count} members in the last {left} bytes")
+        return int(count)
+
+    def text(self) -> str:
+        size = self.count(1)
+        raw = self._data[self._at : self._at + size]
+        self._at += size
+        return (raw.removesuffix(b"\0") if self._cdr else raw).decode()
+
+    def stamp(self) -> int:
+        seconds, nanoseconds = self._take("i" if self._cdr else "I", 4) + self._take("I", 4)
+        return _stamp(seconds, nanoseconds)
+
+    def header(self) -> tuple[int, str]:
+        if not self._cdr:
+            self._take("I", 4)  # the sequence number
+        return self.stamp(), self.text()
+
+    def pose(self) -> Floats:
+        return self.doubles(7)
+
+
+def _stamp(seconds: int, nanoseconds: int) -> int:
+    stamp = seconds * _NS + nanoseconds
+    if not 0 <= stamp <= MAX_STAMP or nanoseconds >= _NS:
+        what = f"{seconds} s and {nanoseconds} ns are no stamp"
+        raise InvalidStamp(what, value=(seconds, nanoseconds))
+    return stamp
+
+
+_Found: TypeAlias = "Iterator[tuple[int, str, str, Floats]]"
+"""Stamp, parent, child (empty: the message does not say) and pose."""
+
+
+def _with_child(fields: _Fields) -> _Found:
+    stamp, parent = fields.header()
+    child = fields.text()
+    yield stamp, parent, child, fields.pose()
+
+
+def _without_child(fields: _Fields) -> _Found:
+    stamp, parent = fields.header()
+    yield stamp, parent, "", fields.pose()
+
+
+def _path(fields: _Fields) -> _Found:
+    """The poses of a path: what their own headers leave open, that of the path says."""
+    of_all, parent = fields.header()
+    stamps = set()
+    # A header and a pose take so much at least.
+    count = fields.count(68)
+    for _ in range(count):
+        stamp, own = fields.header()
+        stamps.add(stamp)
+        yield stamp or of_all, own or parent, "", fields.pose()
+    if count > 1 and len(stamps) == 1:
+        raise InvalidStamp(f"a path of {count} poses with one stamp: a plan, and no motion")
+
+
+def _frame_transform(fields: _Fields) -> _Found:
+    stamp, parent, child = fields.stamp(), fields.text(), fields.text()
+    yield stamp, parent, child, fields.pose()
+
+
+def _frame_transforms(fields: _Fields) -> _Found:
+    for _ in range(fields.count(72)):
+        yield from _frame_transform(fields)
+
+
+def _pose_in_frame(fields: _Fields) -> _Found:
+    stamp, parent = fields.stamp(), fields.text()
+    yield stamp, parent, "", fields.pose()
+
+
+_ROS: Mapping[str, Callable[[_Fields], _Found]] = {
+    "nav_msgs/Odometry": _with_child,
+    "geometry_msgs/TransformStamped": _with_child,
+    "geometry_msgs/PoseStamped": _without_child,
+    "geometry_msgs/PoseWithCovarianceStamped": _without_child,
+    "nav_msgs/Path": _path,
+    "foxglove.FrameTransform": _frame_transform,
+    "foxglove.FrameTransforms": _frame_transforms,
+    "foxglove.PoseInFrame": _pose_in_frame,
+}
+
+
+# -- messages of Foxglove -------------------------------------------------------------------------
+
+
+class _Json:
+    """A message of JSON: its fields by name."""
+
+    def __init__(self, found: Any) -> None:
+        if not isinstance(found, dict):
+            raise TypeError("an object was expected")
+        self._found = found
+
+    def stamp(self, _number: int, name: str) -> int:
+        time = self.part(0, name)._found
+        return _stamp(_integer(time["sec"]), _integer(time["nsec"]))
+
+    def text(self, _number: int, name: str) -> str:
+        value = self._found[name]
+        if not isinstance(value, str):
+            raise TypeError(f"{name} is no text")
+        return value
+
+    def part(self, _number: int, name: str) -> _Json:
+        return _Json(self._found[name])
+
+    def parts(self, _number: int, name: str) -> list[_Json]:
+        return [_Json(each) for each in self._found[name]]
+
+    def doubles(self, names: str) -> Floats:
+        return tuple(float(self._found[name]) for name in names)
+
+
+def _integer(value: Any) -> int:
+    if not isinstance(value, int) or isinstance(value, bool):
+        raise TypeError(f"{value!r} is no integer")
+    return value
+
+
+class _Protobuf:
+    """A message of protobuf: its fields by number (https://protobuf.dev/programming-guides/encoding)."""
+
+    def __init__(self, data: bytes) -> None:
+        self._data = data
+        self._found: dict[int, list[Any]] = {}
+        at = 0
+        while at < len(data):
+            key, at = self._varint(at)
+            value: Any
+            if key & 7 == 0:
+                value, at = self._varint(at)
+            elif key & 7 in (1, 5):
+                width = 8 if key & 7 == 1 else 4
+                (value,) = struct.unpack_from("<d" if width == 8 else "<f", data, at)
+                at += width
+            elif key & 7 == 2:
+                size, at = self._varint(at)
+                if at + size > len(data):
+                    raise ValueError("a field goes beyond its end")
+                value, at = data[at : at + size], at + size
+            else:
+                raise ValueError(f"a field of the unknown kind {key & 7}")
+            self._found.setdefault(key >> 3, []).append(value)
+
+    def _varint(self, at: int) -> tuple[int, int]:
+        value = shift = 0
+        while shift < 70:
+            byte = self._data[at]
+            value |= (byte & 0x7F) << shift
+            at, shift = at + 1, shift + 7
+            if byte < 0x80:
+                return value, at
+        raise ValueError("a number of more than 10 bytes")
+
+    def _last(self, number: int, default: Any, kind: type) -> Any:
+        value = self._found.get(number, [default])[-1]
+        if not isinstance(value, kind):
+            raise TypeError(f"field {number} is of another kind")
+        return value
+
+    def stamp(self, number: int, name: str) -> int:
+        time = self.part(number, name)
+        seconds = time._last(1, 0, int)
+        return _stamp(seconds - (seconds >> 63 << 64), time._last(2, 0, int))
+
+    def text(self, number: int, _name: str) -> str:
+        return str(self._last(number, b"", bytes), "utf-8")
+
+    def part(self, number: int, _name: str) -> _Protobuf:
+        return _Protobuf(self._last(number, b"", bytes))
+
+    def parts(self, number: int, _name: str) -> list[_Protobuf]:
+        return [_Protobuf(each) for each in self._found.get(number, [])]
+
+    def doubles(self, names: str) -> Floats:
+        return tuple(self._last(number, 0.0, float) for number in range(1, len(names) + 1))
+
+
+def _of_foxglove(type_: str, message: _Json | _Protobuf) -> _Found:
+    if type_ == "foxglove.FrameTransforms":
+        for part in message.parts(1, "transforms"):
+            yield from _of_foxglove("foxglove.FrameTransform", part)
+        return
+    stamp = message.stamp(1, "timestamp")
+    if type_ == "foxglove.PoseInFrame":
+        pose = message.part(3, "pose")
+        move, turn = pose.part(1, "position"), pose.part(2, "orientation")
+        yield stamp, message.text(2, "frame_id"), "", move.doubles("xyz") + turn.doubles("xyzw")
+        return
+    parent, child = message.text(2, "parent_frame_id"), message.text(3, "child_frame_id")
+    move, turn = message.part(4, "translation"), message.part(5, "rotation")
+    yield stamp, parent, child, move.doubles("xyz") + turn.doubles("xyzw")
