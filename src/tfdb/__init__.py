@@ -77,6 +77,7 @@ if TYPE_CHECKING:
     from . import io as io
     from . import tf2 as tf2
     from .explain import EdgeExplanation, Explanation
+    from .exporting import to_foxglove, to_rerun
     from .loading import load
     from .policies import Exact, Extrapolate, Interpolate, Nearest, Policy, Previous
     from .report import EdgeUse, Report
@@ -173,6 +174,8 @@ __all__ = [
     "load",
     "open",
     "stamp",
+    "to_foxglove",
+    "to_rerun",
 ]
 
 if not TYPE_CHECKING:  # or every name would be there for type checkers
@@ -181,6 +184,7 @@ if not TYPE_CHECKING:  # or every name would be there for type checkers
         __name__,
         {
             "explain": ("EdgeExplanation", "Explanation"),
+            "exporting": ("to_foxglove", "to_rerun"),
             "io": (),
             "loading": ("load",),
             "policies": ("Exact", "Extrapolate", "Interpolate", "Nearest", "Policy", "Previous"),

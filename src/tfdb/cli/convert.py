@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from tfdb.io.choice import Rewriter
 
 RECORDINGS = (".bag", ".mcap", ".db3")
+RERUN = ".rrd"
 TRAJECTORIES = (".tum", ".csv", ".npz")
 
 
@@ -51,6 +52,7 @@ class Written:
     metavar="TARGET SOURCE",
     help="For .tum, .csv and .npz: write T[TARGET<-SOURCE] at each stored stamp.",
 )
+@click.option("--foxglove", is_flag=True, help="Of .mcap: messages that Foxglove draws.")
 @click.option("--compress", is_flag=True, help="zstd for .mcap, bz2 for .bag.")
 @common.overwrite_option
 @common.topic_option
@@ -60,6 +62,7 @@ def command(
     files: tuple[str, ...],
     out: str,
     frames: tuple[str, str] | None,
+    foxglove: bool,
     compress: bool,
     overwrite: bool,
     topics: tuple[str, ...],
@@ -67,14 +70,20 @@ def command(
 ) -> None:
     """Write the transforms of IN to OUT: .bag, .mcap, .db3, or a trajectory (.tum, .csv, .npz).
 
+    For viewers: .rrd is Rerun's, .mcap with --foxglove that of Foxglove.
+
     Between recordings each message keeps its topic, its time of reception and its publisher (where
     OUT can hold it); everything that is no transform is left out. Several INs become one OUT.
     """
     path = given_path(out)
     suffix = path.suffix.lower()
-    if suffix not in RECORDINGS + TRAJECTORIES:
-        listed = ", ".join(RECORDINGS + TRAJECTORIES)
-        raise click.UsageError(f"{out!r} ends in none of {listed}")
+    known = (*RECORDINGS, RERUN, *TRAJECTORIES)
+    if suffix not in known:
+        raise click.UsageError(f"{out!r} ends in none of {', '.join(known)}")
+    if foxglove and suffix != ".mcap":
+        raise click.UsageError(f"--foxglove writes .mcap, not {out!r}")
+    if compress and (foxglove or suffix == RERUN):
+        raise click.UsageError("--compress goes with recordings, not with what a viewer is given")
     if (frames is not None) != (suffix in TRAJECTORIES):
         raise click.UsageError(f"--frames TARGET SOURCE goes with {', '.join(TRAJECTORIES)}")
     inputs = common.find_paths(files)
@@ -86,6 +95,11 @@ def command(
         write_trajectory(out, poses, overwrite=overwrite)
         messages = loaded.report.messages if loaded.report else 0
         written = Written(messages, len(poses.stamps))
+    elif foxglove or suffix == RERUN:
+        loaded = common.load(files, topics)
+        export = tfdb.to_foxglove if foxglove else tfdb.to_rerun
+        messages = loaded.report.messages if loaded.report else 0
+        written = Written(messages, export(loaded.store, out, overwrite=overwrite))
     else:
         renamed = common.parse_topics(topics)
         writer = RecordingWriter(path, compress=compress, overwrite=overwrite)
