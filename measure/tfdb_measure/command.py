@@ -182,7 +182,9 @@ def command(
     as_json: bool,
     **parameters: Any,
 ) -> None:
-    """Measure the engines and the real tf2 on this machine: CSV, pictures, one page.
+    """The paper's evaluation on this machine: engines and tf2, CSV and a report.
+
+    Example: tfdb bench --quick
 
     Engines take turns in each round; figures are medians of the rounds. Ctrl-C ends the run and
     reports what was finished.

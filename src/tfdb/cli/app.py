@@ -14,29 +14,30 @@ import tfdb
 
 from . import output
 from .graph import without_ros_arguments
+from .groups import SuggestingGroup
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
 # name -> (module, one line of help); a command's module is imported when the command is used.
 COMMANDS = {
-    "info": "Topics, frames, edges with rates and gaps, and the time span of a recording.",
-    "tree": "The frame tree, at its newest state or at a time.",
+    "info": "What a recording holds: topics, frames, edges with rates and gaps, the span.",
+    "tree": "The frame tree with rates, gaps and publishers, now or at a time.",
     "lookup": "One transform T[TARGET<-SOURCE], and how it was found.",
     "echo": "One transform again and again, with its age, as tf2_echo prints it.",
-    "monitor": "Rates, delays, gaps and publishers of frames, in place; a chain's net delay.",
+    "monitor": "How often each frame comes, how late, with which gaps, and from whom.",
     "view-frames": "A picture of the frame tree: PDF, SVG or DOT.",
     "plot": "A picture: the frame tree, the samples of each edge, or trajectories.",
     "poses": "Many poses of SOURCE in TARGET, to a .tum, .csv or .npz file.",
-    "check": "A doctor for recordings: gaps, late data, two publishers, jumps in time ...",
-    "gaps": "List the gaps of each edge: since when, how long, who published before and after.",
+    "check": "What is wrong with a recording: gaps, late data, two publishers, time jumps.",
+    "gaps": "The gaps of each edge: since when, how long, who published before and after.",
     "shm": "The stores that processes of this machine share: list, look into, remove them.",
     "serve": "Fill a shared store from a recording at its own pace, or from a live graph.",
     "static-publisher": "Publish static transforms, given or from a URDF or recording.",
     "change-notifier": "Tell, and publish, when one frame has moved in another.",
     "buffer-server": "Answer lookups of other nodes, as tf2's buffer_server.",
     "freeze": "Write what a recording holds into a .tfdb, which opens at once.",
-    "convert": "Rewrite the transforms of a recording as .mcap, .bag or .tum.",
+    "convert": "Rewrite the transforms of a recording as .bag, .mcap, .db3 or a trajectory.",
     "merge": "Write several recordings into one, in the order of time.",
     "rename": "Write a recording again with other names for its frames.",
     "bench": "The paper's evaluation on this machine: engines and tf2, CSV and a report.",
@@ -45,7 +46,7 @@ COMMANDS = {
 }
 
 
-class TfdbGroup(click.Group):
+class TfdbGroup(SuggestingGroup):
     """A group that imports commands lazily and prints every error in one line."""
 
     def list_commands(self, ctx: click.Context) -> list[str]:  # noqa: ARG002

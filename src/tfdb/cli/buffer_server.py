@@ -40,7 +40,9 @@ from .times import duration_option
 @node_option
 @common.json_option
 def command(*, where: str, store: str | None, action: str, cache_time: int, as_json: bool) -> None:
-    """Answer the lookups of BufferClients, tf2's and ours, in GRAPH, ros1: or ros2:.
+    """Answer lookups of other nodes, as tf2's buffer_server.
+
+    Example: tfdb buffer-server ros1: --store robot1
 
     A goal that waits is answered by the commit that brings its transform. Until Ctrl-C.
     """

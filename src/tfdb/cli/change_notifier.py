@@ -84,11 +84,13 @@ def command(
     topics: tuple[str, ...],
     as_json: bool,
 ) -> None:
-    """Tell when one frame has moved in another by more than a distance or an angle.
+    """Tell, and publish, when one frame has moved in another.
 
-    As tf's change_notifier: of a live graph, ros1: or ros2:, each change is published, too. FILE
-    may also be a live store, shm:NAME, or a recording. What is there first is told; nothing is
-    polled: a commit wakes it.
+    Example: tfdb change-notifier ros1: --pair map base_link --distance 0.5
+
+    By more than a distance or an angle, as tf's change_notifier: of a live graph, ros1: or ros2:,
+    each change is published, too. FILE may also be a live store, shm:NAME, or a recording. What is
+    there first is told; nothing is polled: a commit wakes it.
     """
     watched = [Pair(*pair) for pair in pairs or (("map", "base_link"),)]
     told = Told(file, distance, angle, as_json=as_json)

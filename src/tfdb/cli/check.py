@@ -74,7 +74,11 @@ def command(
     topics: tuple[str, ...],
     as_json: bool,
 ) -> None:
-    """Examine a recording: exit code 0 nothing found, 1 findings, 2 unreadable.
+    """What is wrong with a recording: gaps, late data, two publishers, time jumps.
+
+    Example: tfdb check drive.mcap --ignore coverage
+
+    Exit code: 0 nothing found, 1 findings, 2 unreadable.
 
     Several FILEs are parts of one recording. Of a live store, shm:NAME, what it holds is examined,
     or what comes while it is watched; of a live graph, ros1: or ros2:, what comes; of a frozen

@@ -24,7 +24,7 @@ from tfdb.new_file import is_one_of, refuse_existing
 from tfdb.summary import Forest, span
 
 from .graph import STORE, is_graph, listen_once
-from .times import NS, duration_option, format_ns, time_option
+from .times import NS, duration_option, format_dates, format_ns, time_option, warn_of_bounds
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -75,6 +75,7 @@ _salvage_option = click.option(
 
 
 _CHOSEN = "tfdb.chosen"
+_BOUNDS = "tfdb.bounds"
 
 
 def _choose(ctx: click.Context, param: click.Parameter, value: Any) -> None:
@@ -88,6 +89,8 @@ def _choose_time(ctx: click.Context, param: click.Parameter, value: str | None) 
     time = time_option(ctx, param, value)
     if time is not None and time.ns is None:
         raise click.BadParameter("'latest' is no bound", ctx, param)
+    if time is not None:
+        ctx.meta.setdefault(_BOUNDS, {})[param.name] = time
     _choose(ctx, param, None if time is None else time.text)
 
 
@@ -339,6 +342,9 @@ def load(
             **chosen(),
         )
     report_losses(report.lost)
+    context = click.get_current_context(silent=True)
+    bounds = {} if context is None else context.meta.get(_BOUNDS, {})
+    warn_of_bounds(span(store.tree()), **bounds)
     return Loaded(store, report, tuple(str(path) for path in paths))
 
 
@@ -423,7 +429,9 @@ def explain_range(store: Reads, target: str, source: str) -> str:
     first, last = common
     if first > last:
         return "the moving edges between them have no time in common"
-    return f"the path is valid from {format_ns(first)} to {format_ns(last)}"
+    dates = format_dates(first, last)
+    text = f"the path is valid from {format_ns(first)} to {format_ns(last)}"
+    return f"{text} ({dates})" if dates else text
 
 
 def common_range(store: Reads, target: str, source: str) -> tuple[int, int] | None:

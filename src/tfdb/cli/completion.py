@@ -18,7 +18,9 @@ WHERE = {
 @click.argument("shell", type=click.Choice(list(WHERE)))
 @common.json_option
 def command(*, shell: str, as_json: bool) -> None:
-    """Print the completion script of SHELL; save it where the shell looks for it.
+    """The script that makes a shell complete tfdb's commands and options.
+
+    Example: tfdb completion bash
 
     \b
     bash  tfdb completion bash > ~/.local/share/bash-completion/completions/tfdb

@@ -68,7 +68,9 @@ def command(
     topics: tuple[str, ...],
     as_json: bool,
 ) -> None:
-    """Write the transforms of IN to OUT: .bag, .mcap, .db3, or a trajectory (.tum, .csv, .npz).
+    """Rewrite the transforms of a recording as .bag, .mcap, .db3 or a trajectory.
+
+    Example: tfdb convert drive.bag drive.mcap
 
     For viewers: .rrd is Rerun's, .mcap with --foxglove that of Foxglove.
 

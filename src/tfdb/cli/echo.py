@@ -25,6 +25,7 @@ from .times import (
     format_ns,
     offset_option,
     time_option,
+    warn_of_bounds,
 )
 
 if TYPE_CHECKING:
@@ -97,10 +98,13 @@ def command(
     topics: tuple[str, ...],
     as_json: bool,
 ) -> None:
-    """Print T[TARGET<-SOURCE], which maps a point of SOURCE into TARGET, until Ctrl-C.
+    """One transform again and again, with its age, as tf2_echo prints it.
 
-    The newest answer, once a second; why there is none goes to stderr, and the first one is printed
-    as soon as it is there. FILE is a live graph, ros1: or ros2:, a live store, shm:NAME, or a
+    Example: tfdb echo ros1: map base_link
+
+    Prints T[TARGET<-SOURCE], which maps a point of SOURCE into TARGET, until Ctrl-C: the newest
+    answer, once a second. Why there is none goes to stderr, and the first one is printed as soon
+    as it is there. FILE is a live graph, ros1: or ros2:, a live store, shm:NAME, or a
     recording, through which it walks at the rate.
 
     The arguments are in the order of tf2_echo, whose 'source_frame' is our TARGET: 'tf2_echo map
@@ -143,6 +147,7 @@ class Question:
         """The same with the recording's names and span. Raises UnknownFrame."""
         self.target, self.source = common.find_frames(loaded.store, self.target, self.source)
         stamp = self.time.resolve(loaded.span)
+        warn_of_bounds(loaded.span, time=self.time)
         if stamp is None and self.offset is None:
             self.offset = 0  # the newest that there was then
         self.time = TimeSpec(self.time.text, stamp)

@@ -36,7 +36,9 @@ def command(
     topics: tuple[str, ...],
     as_json: bool,
 ) -> None:
-    """Write what FILE holds into OUT.tfdb, a frozen store: it opens at once, whatever its size.
+    """Write what a recording holds into a .tfdb, which opens at once.
+
+    Example: tfdb freeze drive.mcap -o drive.tfdb
 
     'tfdb info', 'tree', 'lookup', 'poses' and 'check' read it, and tfdb.open does. Several FILEs
     are parts of one recording; of a live store, shm:NAME, its newest state is written, of a live

@@ -48,14 +48,13 @@ def command(
     topics: tuple[str, ...],
     as_json: bool,
 ) -> None:
-    """List the gaps of each edge: since when, how long, who published before and after.
+    """The gaps of each edge: since when, how long, who published before and after.
 
-    \b
-    Example: tfdb gaps drive.mcap --max-gap 0.5
+    Example: tfdb gaps drive.bag --max-gap 0.5
 
     In the order of the tree, then of time. A gap is a hole of more than five median periods of its
     edge, or of more than --max-gap. Publishers are known in ROS 1 bags and in live graphs.
-    """  # noqa: D301, click wants the character
+    """
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", tfdb.TfdbWarning)  # 'tfdb check' tells them
         loaded, arrivals = examined(files, topics, length)

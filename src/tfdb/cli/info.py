@@ -20,7 +20,9 @@ from .times import format_dates, format_duration, format_ns
 @layout.wide_option
 @common.json_option
 def command(*, files: tuple[str, ...], topics: tuple[str, ...], as_json: bool) -> None:
-    """Topics, frames, edges with rates and gaps, and the time span.
+    """What a recording holds: topics, frames, edges with rates and gaps, the span.
+
+    Example: tfdb info drive.mcap
 
     Several FILEs are parts of one recording; shm:NAME is a live store, ros1: or ros2: a live graph
     and FILE.tfdb a frozen store, which have no topics.

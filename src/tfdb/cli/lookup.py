@@ -47,7 +47,11 @@ def command(
     topics: tuple[str, ...],
     as_json: bool,
 ) -> None:
-    """T[TARGET<-SOURCE] at TIME: it maps a point of SOURCE into TARGET.
+    """One transform T[TARGET<-SOURCE], and how it was found.
+
+    Example: tfdb lookup drive.mcap map camera +12.5
+
+    It maps a point of SOURCE into TARGET.
 
     TIME: seconds (12.5), nanoseconds (12500000000ns), an offset from the start (+1.5) or from the
     end (-0.5), or 'latest', the newest stamp at which every edge has data. A graph, ros1: or ros2:,
@@ -60,9 +64,8 @@ def command(
     try:
         found = store.lookup_transform(target, source, stamp, policy)
     except (tfdb.Extrapolation, tfdb.NoSampleNear) as error:
-        valid = common.explain_range(store, target, source)
-        if valid:
-            error.args = (f"{error}; {valid}",)
+        parts = str(error), common.explain_range(store, target, source), time.meant(loaded.span)
+        error.args = ("; ".join(filter(None, parts)),)
         raise
     if as_json:
         output.emit_json("lookup", _body(loaded, found, time.text))

@@ -57,13 +57,12 @@ def command(
 ) -> None:
     """Write several recordings into one, in the order of time.
 
-    \b
-    Example: tfdb merge left.bag right.bag -o both.mcap --prefix left/ --prefix right/
+    Example: tfdb merge a.bag b.bag -o both.mcap --prefix a/ --prefix b/
 
     Each message keeps its topic, its time of reception and its publisher (where OUT, a .bag, .mcap
     or .db3, can hold it). Files that write one edge at the same time are refused: --prefix keeps
     them apart, 'tfdb rename' gives one other names. Parts that follow one another are none such.
-    """  # noqa: D301, click wants the character
+    """
     if len(files) < 2:
         raise click.UsageError("one file is nothing to merge: give two or more")
     if prefixes and len(prefixes) != len(files):

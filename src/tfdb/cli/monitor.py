@@ -72,11 +72,13 @@ def command(
     topics: tuple[str, ...],
     as_json: bool,
 ) -> None:
-    """Show how often each frame comes, how late, with which gaps and from whom, until Ctrl-C.
+    """How often each frame comes, how late, with which gaps, and from whom.
 
-    FILE is a live graph, ros1: or ros2:, a live store, shm:NAME, or a recording, of which all is
-    told once. With TARGET and SOURCE: the frames between the two, and the net delay, which is how
-    old the newest transform T[TARGET<-SOURCE] is whenever something comes.
+    Example: tfdb monitor ros2: map base_link
+
+    Until Ctrl-C. FILE is a live graph, ros1: or ros2:, a live store, shm:NAME, or a recording, of
+    which all is told once. With TARGET and SOURCE: the frames between the two, and the net delay,
+    which is how old the newest transform T[TARGET<-SOURCE] is whenever something comes.
 
     Delays are times from the stamp to the arrival, by the clock of the graph, of this machine, or
     of who recorded; there are none where the stamps are of another clock. On a terminal the table
@@ -218,6 +220,8 @@ def _tell_recording(
             watch.take(follower.changes(0.0), arrival, source.authority)
         if watch is None:
             watch = Watch(store, chain, Rates(0, 1))
+        if chain is not None:
+            common.find_frames(store, *chain)
         rewriter.warn(str(path), 2)
         screen.show(watch, arrival, 0)
 

@@ -14,7 +14,7 @@ from tfdb.given_path import errors_name
 
 from . import common, layout, output
 from .graph import listen_option
-from .times import TimeSpec, format_duration, format_ns, read_stamps, time_option
+from .times import TimeSpec, format_duration, format_ns, read_stamps, time_option, warn_of_bounds
 
 if TYPE_CHECKING:
     import numpy as np
@@ -89,9 +89,12 @@ def command(
     topics: tuple[str, ...],
     as_json: bool,
 ) -> None:
-    """Poses of SOURCE in TARGET, T[TARGET<-SOURCE], all from one snapshot.
+    """Many poses of SOURCE in TARGET, to a .tum, .csv or .npz file.
 
-    Without --at and --rate: one pose at each stored stamp of the edges between the two frames.
+    Example: tfdb poses drive.mcap map camera --rate 100 -o camera.tum
+
+    Each is T[TARGET<-SOURCE], all from one snapshot. Without --at and --rate: one pose at each
+    stored stamp of the edges between the two frames.
     """
     if stamps_file is not None and rate is not None:
         raise click.UsageError("--at and --rate exclude each other")
@@ -120,8 +123,10 @@ def command(
     except (tfdb.Extrapolation, tfdb.NoSampleNear, tfdb.GapTooLarge, tfdb.Stale) as error:
         valid = common.explain_range(store, target, source)
         parts = [str(error), valid, "--skip-missing leaves such stamps out"]
+        parts += [time.meant(loaded.span) for time in (start, end) if time is not None]
         error.args = ("; ".join(filter(None, parts)),)
         raise
+    warn_of_bounds(loaded.span, start=start, end=end)
     import numpy as np
 
     kept: npt.NDArray[np.bool_] = np.asarray(np.isfinite(poses).all(axis=1))

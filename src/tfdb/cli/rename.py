@@ -28,12 +28,11 @@ def command(
 ) -> None:
     """Write a recording again with other names for its frames.
 
-    \b
-    Example: tfdb rename drive.mcap -o robot1.mcap --rename map:=world --prefix robot1/
+    Example: tfdb rename drive.mcap -o robot1.mcap --rename map:=world
 
     FILE stays as it is; OUT is a .bag, .mcap or .db3. --rename comes before --prefix. A frame that
     is not there is refused, and so are two frames that would have one name.
-    """  # noqa: D301, click wants the character
+    """
     if not common.chosen().keys() & {"rename", "prefix"}:
         raise click.UsageError("nothing to rename: give --rename FROM:=TO, or --prefix TEXT")
     inputs = common.find_paths((file,))

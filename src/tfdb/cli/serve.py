@@ -18,6 +18,7 @@ from tfdb.summary import span
 
 from . import common, layout, output
 from .graph import STORE, listening, node_option
+from .groups import SuggestingGroup
 from .times import NS, duration_option, format_duration
 
 if TYPE_CHECKING:
@@ -40,9 +41,12 @@ def speed_option(_context: click.Context, _option: click.Parameter, value: float
     return value
 
 
-@click.group("serve")
+@click.group("serve", cls=SuggestingGroup)
 def command() -> None:
-    """Fill a store that other processes read meanwhile (Buffer.open)."""
+    """Fill a shared store from a recording at its own pace, or from a live graph.
+
+    Example: tfdb serve bag drive.mcap --into robot1
+    """
 
 
 @command.command("bag")
@@ -78,6 +82,8 @@ def bag(
     as_json: bool,
 ) -> None:
     """Play recordings into the store NAME at their own pace.
+
+    Example: tfdb serve bag drive.mcap --into robot1 --loop
 
     Stamps are those of the recording. Where the store has newer ones, and when a loop begins
     again, they go on from there, so that they always grow. The store stays when this ends, by
@@ -144,7 +150,9 @@ def _serves_graph(function: Any) -> Any:
 @click.option("--master", metavar="URI", default="", help="The master.  [default: ROS_MASTER_URI]")
 @_serves_graph
 def ros1(*, master: str, into: str, history: int | None, as_json: bool) -> None:
-    """Listen to /tf and /tf_static of a ROS 1 graph, into the store NAME, until Ctrl-C.
+    """Fill the store NAME from /tf and /tf_static of a ROS 1 graph, until Ctrl-C.
+
+    Example: tfdb serve ros1 --into robot1
 
     One process listens, and all others look up by tfdb.Buffer.open("NAME") or
     tfdb.tf2.Buffer(store="NAME"). No package of ROS is needed; from:=to and __name:=NAME are
@@ -157,7 +165,9 @@ def ros1(*, master: str, into: str, history: int | None, as_json: bool) -> None:
 @click.option("--domain", metavar="ID", default="", help="The domain.  [default: ROS_DOMAIN_ID]")
 @_serves_graph
 def ros2(*, domain: str, into: str, history: int | None, as_json: bool) -> None:
-    """Listen to /tf and /tf_static of a ROS 2 graph, into the store NAME, until Ctrl-C.
+    """Fill the store NAME from /tf and /tf_static of a ROS 2 graph, until Ctrl-C.
+
+    Example: tfdb serve ros2 --domain 7 --into robot1
 
     As 'tfdb serve ros1'. It needs rclpy and tf2_msgs: source the setup.bash of a ROS 2 first;
     --ros-args is understood. The store stays when this ends.

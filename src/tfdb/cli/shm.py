@@ -14,6 +14,7 @@ from tfdb.summary import span
 
 from . import common, layout, output
 from .graph import STORE
+from .groups import SuggestingGroup
 from .times import format_dates, format_duration, format_ns
 
 if TYPE_CHECKING:
@@ -24,9 +25,11 @@ if TYPE_CHECKING:
 name_argument = click.argument("name")
 
 
-@click.group("shm")
+@click.group("shm", cls=SuggestingGroup)
 def command() -> None:
-    """Look after the stores that processes of this machine share (Buffer.open).
+    """The stores that processes of this machine share: list, look into, remove them.
+
+    Example: tfdb shm ls
 
     Their contents are read by the other commands, as in 'tfdb tree shm:NAME'.
     """
@@ -36,7 +39,10 @@ def command() -> None:
 @layout.wide_option
 @common.json_option
 def list_stores(*, as_json: bool) -> None:
-    """List the stores, also those that this version or user cannot open."""
+    """List the stores, also those that this version or user cannot open.
+
+    Example: tfdb shm ls
+    """
     found = [_look(name) for name in find_stores()]
     if as_json:
         output.emit_json("shm", {"stores": found})
@@ -113,7 +119,10 @@ def _row(body: dict[str, Any]) -> tuple[Any, ...]:
 @name_argument
 @common.json_option
 def describe(*, name: str, as_json: bool) -> None:
-    """Who may use the store NAME, how large it is, and how it fares."""
+    """Who may use the store NAME, how large it is, and how it fares.
+
+    Example: tfdb shm info robot1
+    """
     store = common.open_live(name)
     body = {"name": name.removeprefix(STORE), **_body(store)}
     covered = span(store.tree())
@@ -143,7 +152,10 @@ def describe(*, name: str, as_json: bool) -> None:
 @name_argument
 @common.json_option
 def compact(*, name: str, as_json: bool) -> None:
-    """Give memory that the store NAME does not need any more back to the file system."""
+    """Give memory that the store NAME needs no more back to the file system.
+
+    Example: tfdb shm compact robot1
+    """
     given = name.removeprefix(STORE)
     with tfdb.Buffer.open(given, create=False) as store:
         path = Path(cast("tfdb.Shared", store.shared).path)
@@ -166,7 +178,10 @@ def compact(*, name: str, as_json: bool) -> None:
 @click.argument("names", nargs=-1, required=True, metavar="NAME...")
 @common.json_option
 def remove(*, names: tuple[str, ...], as_json: bool) -> None:
-    """Remove stores; who has one open goes on with it, alone."""
+    """Remove stores; who has one open goes on with it, alone.
+
+    Example: tfdb shm rm robot1
+    """
     given = [name.removeprefix(STORE) for name in names]
     for name in given:  # all, or none where one is not there
         if not path_of(name).exists():

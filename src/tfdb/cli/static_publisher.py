@@ -74,7 +74,11 @@ def command(
     as_json: bool,
     **numbers: float | None,
 ) -> None:
-    """Publish T[FRAME<-CHILD] on /tf_static, also to who comes later, until Ctrl-C.
+    """Publish static transforms, given or from a URDF or recording.
+
+    Example: tfdb static-publisher ros1: 0.1 0 0.3 0 0 0 1 base_link camera
+
+    T[FRAME<-CHILD] is on /tf_static until Ctrl-C, also for who comes later.
 
     WHERE is a live graph, ros1: or ros2:, or a live store, shm:NAME, where they stay without a
     process. The transform is given in any of the ways of ROS 1's and ROS 2's

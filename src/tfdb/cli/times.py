@@ -12,6 +12,7 @@ import click
 
 import tfdb
 from tfdb.io.decimal_time import NS_PER_SECOND, ns_to_seconds, parse_stamp
+from tfdb.stamps import MAX_STAMP
 
 NS = NS_PER_SECOND
 
@@ -56,8 +57,28 @@ class TimeSpec:
             )
         return stamp
 
+    def meant(self, span: tuple[int, int] | None) -> str:
+        """Ask whether an offset was meant: by a time far before the recording, and no longer.
+
+        Empty where it was not.
+        """
+        if self.ns is None or self.since or span is None:
+            return ""
+        length = span[1] - span[0]
+        if self.ns > length or span[0] - self.ns <= length:
+            return ""
+        return f"did you mean +{self.text}, from the start?"
+
 
 LATEST = TimeSpec("latest", None)
+
+
+def warn_of_bounds(span: tuple[int, int] | None, **bounds: TimeSpec | None) -> None:
+    """Warn of times, by the names of their options, by which an offset was meant."""
+    for name, time in bounds.items():
+        if time is not None and (meant := time.meant(span)):
+            text = f"--{name} {time.text} lies before all that moves; {meant}"
+            click.echo(f"tfdb: warning: {text}", err=True)
 
 
 class TimedCommand(click.Command):
@@ -89,7 +110,13 @@ def time_option(ctx: click.Context, param: click.Parameter, value: str | None) -
             return TimeSpec(text, parse_stamp(text[1:]), -1)
         return TimeSpec(text, parse_stamp(text))
     except ValueError as error:
-        raise click.BadParameter(f"{error}: {HINT}", ctx, param) from None
+        hint = f"did you mean {text}ns?" if _looks_like_ns(text) else HINT
+        raise click.BadParameter(f"{error}: {hint}", ctx, param) from None
+
+
+def _looks_like_ns(text: str) -> bool:
+    """Whether a time is written as nanoseconds since 1970 are, without their unit."""
+    return text.isascii() and text.isdigit() and _EPOCH_NS <= int(text) <= MAX_STAMP
 
 
 def duration_option(ctx: click.Context, param: click.Parameter, value: str | None) -> int | None:

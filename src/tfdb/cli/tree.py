@@ -12,7 +12,7 @@ from tfdb.summary import EdgeSummary, Forest, TreeRow, edge_summaries
 from . import common, layout, output
 from .graph import listen_option
 from .info import edge_body
-from .times import TimeSpec, format_duration, format_when, time_option
+from .times import TimeSpec, format_duration, format_when, time_option, warn_of_bounds
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -30,13 +30,16 @@ if TYPE_CHECKING:
 def command(
     *, files: tuple[str, ...], at: TimeSpec | None, topics: tuple[str, ...], as_json: bool
 ) -> None:
-    """Draw the frame tree with rates, gaps and who published.
+    """The frame tree with rates, gaps and publishers, now or at a time.
+
+    Example: tfdb tree drive.mcap --at +12.5
 
     TIME: seconds (12.5), nanoseconds (12500000000ns), or an offset from the start (+1.5) or from
     the end (-0.5).
     """
     loaded = common.load(files, topics)
     time = None if at is None else at.resolve(loaded.span)
+    warn_of_bounds(loaded.span, at=at)
     infos = loaded.store.tree(time)
     forest = Forest(infos)
     edges = {edge.info.name: edge for edge in edge_summaries(loaded.store)}

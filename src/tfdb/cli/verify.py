@@ -26,7 +26,11 @@ if TYPE_CHECKING:
 )
 @common.json_option
 def command(*, history: str, steps: int, as_json: bool) -> None:
-    """Was this history strictly serializable? Exit code 0 yes, 1 no or undecided, 2 unreadable.
+    """Was a recorded history of a store strictly serializable? Anomalies by name.
+
+    Example: tfdb verify history.jsonl --steps 20
+
+    Exit code: 0 yes, 1 no or undecided, 2 unreadable.
 
     HISTORY holds one JSON object a line; docs/howto/verify_a_history.md describes it.
     """

@@ -52,7 +52,9 @@ def command(
     topics: tuple[str, ...],
     as_json: bool,
 ) -> None:
-    """Draw the frame tree of FILE: who publishes which frame, how often, how old the newest is.
+    """A picture of the frame tree: PDF, SVG or DOT.
+
+    Example: tfdb view-frames drive.mcap -o tree.svg
 
     A live graph, ros1: or ros2:, is listened to for five seconds, as by tf2's view_frames; a live
     store, shm:NAME, and a recording are drawn as they are. Graphviz draws it where it is installed,

@@ -1,0 +1,29 @@
+"""Groups of commands: one that is mistyped is told the nearest."""
+
+from __future__ import annotations
+
+from difflib import get_close_matches
+
+import click
+
+
+class SuggestingGroup(click.Group):
+    """A group that says which command may have been meant."""
+
+    def resolve_command(
+        self, ctx: click.Context, args: list[str]
+    ) -> tuple[str | None, click.Command | None, list[str]]:
+        """Find the command that the first argument names."""
+        name, known = args[0], self.list_commands(ctx)
+        if name not in known and not name.startswith("-") and not ctx.resilient_parsing:
+            raise click.UsageError(f"No such command {name!r}: {suggest(name, known)}", ctx)
+        return super().resolve_command(ctx, args)
+
+
+def suggest(name: str, known: list[str]) -> str:
+    """Name what is near, by its letters or as a part of a name; else all that there is."""
+    near = [each for each in known if name.lower() in each.split("-")]
+    near = near or get_close_matches(name.lower(), known, n=2)
+    if near:
+        return f"did you mean {' or '.join(map(repr, near))}?"
+    return f"there are {', '.join(known)}"

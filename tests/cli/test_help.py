@@ -1,0 +1,112 @@
+"""What people are told who ask, or who mistype."""
+
+from __future__ import annotations
+
+import re
+import shlex
+from typing import TYPE_CHECKING
+
+import click
+import pytest
+
+from tfdb.cli.app import COMMANDS, cli
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+    from pathlib import Path
+
+    from conftest import Tool
+
+
+def every_command() -> Iterator[tuple[str, click.Command]]:
+    context = click.Context(cli)
+    for name in cli.list_commands(context):
+        command = cli.get_command(context, name)
+        assert command is not None
+        yield name, command
+        if isinstance(command, click.Group):
+            for part, below in command.commands.items():
+                yield f"{name} {part}", below
+
+
+EVERY = dict(every_command())
+
+
+@pytest.mark.parametrize("name", EVERY)
+def test_help_says_what_for_and_gives_an_example(tool: Tool, name: str) -> None:
+    usage, text = tool(*name.split(), "--help").out.split("\n\n", 1)
+    assert usage.startswith("Usage: ")
+    line, example, *_ = text.split("\n\n")
+    assert line.startswith("  ")
+    assert "\n" not in line
+    assert len(line) <= 80
+    assert line[-1] in ".?"
+    assert COMMANDS.get(name, line.strip()) == line.strip()
+    match = re.fullmatch(rf"  Example: (tfdb {name}(?: .*)?)", example)
+    assert match, example
+    # It is a command that is taken as it stands.
+    words = shlex.split(match[1])[1 + len(name.split()) :]
+    command = EVERY[name]
+    if isinstance(command, click.Group):
+        assert words[0] in command.commands
+        command, words = command.commands[words[0]], words[1:]
+    with command.make_context(name, words) as context:
+        assert context.args == []
+
+
+@pytest.mark.parametrize(
+    ("given", "meant"),
+    [
+        (("lokup",), "did you mean 'lookup'?"),
+        (("frames",), "did you mean 'view-frames'?"),
+        (("publisher",), "'static-publisher'"),
+        (("Info",), "did you mean 'info'?"),
+        (("shm", "list"), "did you mean 'ls'?"),
+        (("shm", "inf"), "did you mean 'info'?"),
+        (("serve", "ros3"), "'ros2' or 'ros1'?"),
+        (("serve", "zzzz"), "there are bag, ros1, ros2"),
+        (("info", "--topc", "x"), "--topic"),
+    ],
+)
+def test_a_mistyped_command_is_told_the_nearest(
+    tool: Tool, given: tuple[str, ...], meant: str
+) -> None:
+    said = tool(*given, code=2).error
+    assert "No such" in said
+    assert meant in said
+
+
+def test_an_offset_without_its_sign(tool: Tool, bag: Path, tmp_path: Path) -> None:
+    said = tool("lookup", bag, "map", "base_link", "2.5", code=2).error
+    assert said.endswith("; did you mean +2.5, from the start?")
+    # Not of a time within the recording's reach, or too large an offset.
+    for time in ("1795240000", "12.5", "+12.5"):
+        assert "did you mean" not in tool("lookup", bag, "map", "base_link", time, code=2).error
+    out = tmp_path / "a.tum"
+    for arguments, name in (
+        (("poses", bag, "map", "base_link", "-o", out, "--start", "2.5"), "start"),
+        (("tree", bag, "--at", "2.5"), "at"),
+        (("info", bag, "--start", "2.5"), "start"),
+        (("echo", bag, "map", "base_link", "-t", "2.5"), "time"),
+    ):
+        warned = tool(*arguments).err.splitlines()[0]
+        assert warned == (
+            f"tfdb: warning: --{name} 2.5 lies before all that moves; "
+            "did you mean +2.5, from the start?"
+        )
+
+
+def test_nanoseconds_without_their_unit(tool: Tool, bag: Path) -> None:
+    said = tool("lookup", bag, "map", "base_link", "1795240383720679283", code=2).error
+    assert "did you mean 1795240383720679283ns?" in said
+    assert "write seconds" in tool("lookup", bag, "map", "base_link", "9" * 40, code=2).error
+
+
+def test_errors_tell_the_dates_of_what_is_valid(tool: Tool, bag: Path) -> None:
+    said = tool("lookup", bag, "map", "base_link", "+1000", code=2).error
+    assert "(2026-11-21 05:53:01.252 to 05:53:09.952 UTC)" in said
+
+
+def test_a_chain_of_frames_that_are_not_there(tool: Tool, bag: Path) -> None:
+    said = tool("monitor", bag, "map", "base_lnk", code=2).error
+    assert "did you mean 'base_link'" in said
