@@ -11,7 +11,7 @@ import tfdb
 from tfdb.given_path import given_path
 from tfdb.new_file import new_file
 
-from . import common, output
+from . import common, layout, output
 from .graph import listen_option
 from .times import NS, duration_option
 
@@ -89,15 +89,13 @@ def command(
     topics: tuple[str, ...],
     as_json: bool,
 ) -> None:
-    """Draw FILE: its frame tree, the samples of each edge over time, or trajectories.
+    """A picture: the frame tree, the samples of each edge, or trajectories.
 
-    \b
-      tfdb plot drive.mcap tree
-      tfdb plot drive.mcap timeline --save svg
-      tfdb plot drive.mcap trajectory map base_link camera --color speed --show
+    Example: tfdb plot drive.mcap trajectory map base_link camera --color speed
 
+    The kind is one of tree, timeline and trajectory.
     A trajectory is T[TARGET<-SOURCE] at each stored stamp; several SOURCEs share one picture.
-    """  # noqa: D301, click wants the character
+    """
     if kind == "trajectory" and len(frames) < 2:
         raise click.UsageError(
             "a trajectory is that of SOURCE in TARGET: tfdb plot FILE trajectory TARGET SOURCE..."
@@ -126,7 +124,8 @@ def command(
         body = {"files": list(loaded.names), "kind": kind, "outputs": [str(path) for path in outs]}
         output.emit_json("plot", body)
     elif outs:
-        click.echo(f"{', '.join(map(str, outs))}: the {kind} of {file}")
+        text = f"{', '.join(map(str, outs))}: the {kind} of {file}"
+        click.echo(layout.wrap(layout.words(text)))
     if show:
         _show(figure)
 
