@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import os
+import tempfile
 from contextlib import suppress
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from ._core import freeze_store
@@ -12,15 +14,24 @@ from .errors import CapacityExceeded, ReadOnly
 from .new_file import new_file
 
 if TYPE_CHECKING:
-    from pathlib import Path
-
     from ._core import Buffer, Reads
 
-__all__ = ["MAGIC", "SUFFIX", "freeze_into", "is_frozen", "reopen"]
+__all__ = [
+    "MAGIC",
+    "PICKLED",
+    "SUFFIX",
+    "freeze_into",
+    "is_frozen",
+    "reopen",
+    "state_of",
+    "thaw",
+]
 
 SUFFIX = ".tfdb"
 MAGIC = b"TFDBFRZ1"
 """How the file of a frozen store begins."""
+PICKLED = "pickled"
+"""The origin of a frozen store that came out of a pickle: it has no file."""
 
 
 def freeze_into(
@@ -52,3 +63,19 @@ def is_frozen(path: Path) -> bool:
 def reopen(path: str) -> Buffer:
     """Open a frozen store that was pickled."""
     return open_frozen(path)
+
+
+def state_of(buffer: Buffer) -> bytes:
+    """Return the newest state of a store as the bytes of a frozen one."""
+    with tempfile.TemporaryDirectory(prefix="tfdb-") as folder:
+        path = Path(folder) / f"pickled{SUFFIX}"
+        freeze_store(buffer, path, PICKLED)
+        return path.read_bytes()
+
+
+def thaw(state: bytes) -> Buffer:
+    """Open such bytes in a process that has no file of them."""
+    with tempfile.TemporaryDirectory(prefix="tfdb-") as folder:
+        path = Path(folder) / f"pickled{SUFFIX}"
+        path.write_bytes(state)
+        return open_frozen(path)  # its memory stays when its name goes

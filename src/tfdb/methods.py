@@ -470,20 +470,22 @@ def wait_for_commit_async(
 
 
 def reduce(self: Buffer) -> tuple[object, ...]:
-    """Pickle a store that processes share, by its name, or a frozen one; others stay here."""
+    """Pickle a store that processes share by its name, a frozen one by its file, others whole.
+
+    The whole state of the latter is in the pickle. It arrives as a frozen store, which is read as
+    the original was when it was pickled, and cannot be written.
+    """
     from ._core import Buffer  # noqa: PLC0415 - the extension imports this module
 
     if not isinstance(self, Buffer):
         raise TypeError(f"__reduce__ of a Buffer was called on a {type(self).__name__}")
-    if self.frozen is not None:
-        from .frozen import reopen as reopen_frozen  # noqa: PLC0415 - see above
-
-        return reopen_frozen, (self.frozen.path,)
     if self.shared is None:
-        raise TypeError(
-            "this Buffer is of its process alone and cannot be pickled: pass a store that "
-            "processes share, made by Buffer.open(name), or a frozen one"
-        )
+        from .frozen import PICKLED, state_of, thaw  # noqa: PLC0415 - see above
+        from .frozen import reopen as reopen_frozen  # noqa: PLC0415
+
+        if self.frozen is not None and self.frozen.origin != PICKLED:
+            return reopen_frozen, (self.frozen.path,)
+        return thaw, (state_of(self),)
     from .shared import reopen  # noqa: PLC0415 - see above
 
     return reopen, (self.shared.path, self.shared.mode, self.shared.lock_timeout)
