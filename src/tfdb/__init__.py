@@ -75,6 +75,7 @@ from .on_demand import on_demand
 
 if TYPE_CHECKING:
     from . import io as io
+    from . import plot as plot
     from . import tf2 as tf2
     from .explain import EdgeExplanation, Explanation
     from .exporting import to_foxglove, to_rerun
@@ -187,6 +188,7 @@ if not TYPE_CHECKING:  # or every name would be there for type checkers
             "exporting": ("to_foxglove", "to_rerun"),
             "io": (),
             "loading": ("load",),
+            "plot": (),
             "policies": ("Exact", "Extrapolate", "Interpolate", "Nearest", "Policy", "Previous"),
             "report": ("EdgeUse", "Report"),
             "cache": (),

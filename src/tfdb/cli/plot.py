@@ -155,9 +155,7 @@ def _need_matplotlib() -> None:
     try:
         import tfdb.plot  # noqa: F401, PLC0415 - an extra
     except ImportError as error:
-        raise click.ClickException(
-            f"{error}: pictures need matplotlib (pip install 'tfdb[plot]')"
-        ) from error
+        raise click.ClickException(str(error)) from error
 
 
 def _trajectory(

@@ -111,8 +111,7 @@ def _draw(path: Path, dot: str, infos: Sequence[FrameInfo]) -> None:
             from tfdb import plot  # noqa: PLC0415 - it is an extra
         except ImportError as error:
             raise click.ClickException(
-                f"{error}: install graphviz, or matplotlib (pip install 'tfdb[plot]'), or write "
-                "DOT with -o OUT.dot"
+                f"{error}; or install graphviz, or write DOT with -o OUT.dot"
             ) from error
         plot.frame_tree(infos).savefig(path)
         return

@@ -8,6 +8,11 @@ from __future__ import annotations
 
 from tfdb.on_demand import belong_to
 
+try:
+    import matplotlib as mpl  # noqa: F401
+except ImportError as error:
+    raise ImportError(f"tfdb.plot needs matplotlib: pip install 'tfdb[plot]' ({error})") from error
+
 from .draw_timeline import Arrivals, timeline
 from .draw_trajectory import trajectory
 from .draw_tree import frame_tree

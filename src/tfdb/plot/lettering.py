@@ -62,7 +62,7 @@ def width(text: str, size: float, weight: str = "normal") -> float:
     known = "".join(letter for letter in text if ord(letter) in own)
     font = FontProperties(family=families()[0], size=size, weight=weight)
     wide, _, _ = text_to_path.get_text_width_height_descent(known, font, ismath=False)
-    return float(wide) * 1.06 + (len(text) - len(known)) * size * 1.06
+    return float(wide) * 1.09 + (len(text) - len(known)) * size * 1.09
 
 
 @cache
