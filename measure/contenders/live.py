@@ -3,31 +3,16 @@
 from __future__ import annotations
 
 import time
+from abc import ABC, abstractmethod
 from pathlib import Path
 
 
-class Listens:
+class Listens(ABC):
     """A contender that listens, and does nothing else."""
 
+    @abstractmethod
     def received(self) -> int:
         """Messages since it listens."""
-        raise NotImplementedError
-
-    def wait_at(self, stamp: int) -> None:
-        """Wait for the first edge's transform at a stamp."""
-        raise NotImplementedError
-
-    def newest(self) -> int:
-        """Newest stamp of the first edge."""
-        raise NotImplementedError
-
-    def delays(self, count: int) -> list[float]:
-        """Milliseconds from publishing to the return of a lookup that waited for it."""
-        found = []
-        for _ in range(count):
-            self.wait_at(time.monotonic_ns())
-            found.append(1e-6 * (time.monotonic_ns() - self.newest()))
-        return found
 
     def memory(self) -> float:
         """MiB of the process: its share of what it has together with others."""
@@ -44,3 +29,23 @@ class Listens:
         used = time.process_time() - used
         took = time.perf_counter() - began
         return {"cpu": 100 * used / took, "per_s": received / took}
+
+
+class Waits(Listens):
+    """One that also waits for what it hears of."""
+
+    @abstractmethod
+    def wait_at(self, stamp: int) -> None:
+        """Wait for the first edge's transform at a stamp."""
+
+    @abstractmethod
+    def newest(self) -> int:
+        """Newest stamp of the first edge."""
+
+    def delays(self, count: int) -> list[float]:
+        """Milliseconds from publishing to the return of a lookup that waited for it."""
+        found = []
+        for _ in range(count):
+            self.wait_at(time.monotonic_ns())
+            found.append(1e-6 * (time.monotonic_ns() - self.newest()))
+        return found

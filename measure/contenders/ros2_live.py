@@ -6,6 +6,7 @@ import atexit
 import statistics
 import threading
 import time
+from abc import abstractmethod
 
 import rclpy
 from live import Listens
@@ -51,9 +52,9 @@ class ListensInRos2(Listens):
         while not self.late:
             time.sleep(0.01)
 
+    @abstractmethod
     def begin(self) -> None:
         """Subscribe."""
-        raise NotImplementedError
 
     def received(self) -> int:
         """Messages since it listens."""

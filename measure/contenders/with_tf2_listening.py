@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import rospy
 import tf2_ros
-from live import Listens
+from live import Waits
 from with_tf2_live import Contender as Node
 from with_tf2_live import Listener, ros_time, wait_for
 
 LATEST = rospy.Time(0)
 
 
-class Contender(Listens):
+class Contender(Waits):
     """A node that listens."""
 
     def join(self, uri: str) -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import time
 
-from live import Listens
+from live import Waits
 
 import tfdb
 from tfdb import tf2
@@ -13,7 +13,7 @@ from tfdb.ros.tcpros_node import TcprosNode
 from tfdb.tf2 import msgs
 
 
-class Contender(Listens):
+class Contender(Waits):
     """A node that listens."""
 
     def join(self, uri: str) -> None:
