@@ -1,4 +1,4 @@
-"""A recording from end to end: tree, one lookup, a trajectory, a scan, three pictures.
+"""A recording from end to end: tree, one lookup, a trajectory, a scan, pictures.
 
     python examples/demo.py [RECORDING] [--target FRAME] [--source FRAME] [--out FOLDER]
 
@@ -14,6 +14,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.image import imsave
 
 import tfdb
 import tfdb.plot
@@ -22,10 +24,13 @@ from tfdb.summary import EdgeSummary, Forest, edge_summaries, longest_moving_cha
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
+    from matplotlib.figure import Figure
+
 HERE = Path(__file__).resolve().parent
 STAMPS = 10_000
 SCAN_POINTS = 20_000
 SWEEP_NS = 100_000_000
+FEW_FRAMES = 32  # in the tree beside the trajectory
 
 took: list[tuple[str, float]] = []
 
@@ -180,6 +185,30 @@ def draw(buf: tfdb.Buffer, path: tfdb.Trajectory, folder: Path) -> None:
     for name, make in pictures.items():
         with clock(str(folder / name)):
             make().savefig(folder / name)
+    with clock(str(folder / "robot.png")):
+        few = tfdb.plot.frame_tree(buf, rows=FEW_FRAMES)
+        imsave(folder / "robot.png", side_by_side(few, tfdb.plot.trajectory(path)))
+
+
+def side_by_side(*figures: Figure) -> np.ndarray:
+    """Pixels of several figures in one picture."""
+    pictures = []
+    for figure in figures:
+        canvas = FigureCanvasAgg(figure)
+        canvas.draw()
+        pictures.append(np.asarray(canvas.buffer_rgba()))
+    tallest = max(len(picture) for picture in pictures)
+    middle = [(tallest - len(picture)) // 2 for picture in pictures]
+    return np.hstack(
+        [
+            np.pad(
+                picture,
+                ((above, tallest - len(picture) - above), (0, 0), (0, 0)),
+                constant_values=255,
+            )
+            for picture, above in zip(pictures, middle, strict=True)
+        ]
+    )
 
 
 if __name__ == "__main__":

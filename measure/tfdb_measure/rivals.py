@@ -206,6 +206,27 @@ def _whether() -> dict[str, list[tuple[str, str, str]]]:
     }
 
 
+def _writes() -> dict[str, list[tuple[str, str, str]]]:
+    """Return the rows of writes: title, contender, operation."""
+    return {
+        "set_transform": [
+            ("tfdb", "tfdb", "set_transform"),
+            ("tfdb, numpy arrays", "tfdb", "set_transform, numpy"),
+            ("tfdb.tf2", "tfdb_tf2", "set_transform"),
+            ("tf2_ros", "tf2", "set_transform"),
+            ("transform-tree push", "transform_tree", "set_transform"),
+        ],
+        "message of all edges from bytes": [
+            ("tfdb.tf2", "tfdb_tf2", "message of all edges from bytes"),
+            ("tf2_ros", "tf2", "message of all edges from bytes"),
+        ],
+        "samples of one edge from arrays": [
+            ("tfdb", "tfdb", "columns"),
+            ("transform-tree push_many", "transform_tree", "columns"),
+        ],
+    }
+
+
 def _python_turns(workers: dict[str, Worker]) -> Iterator[tuple[str, list[Turn]]]:
     """Return which operation of which contender belongs to which row."""
     batches = [
@@ -245,22 +266,7 @@ def _python_turns(workers: dict[str, Worker]) -> Iterator[tuple[str, list[Turn]]
             ]
             for row in few
         },
-        # Writes come last: they move the history on.
-        "set_transform": [
-            ("tfdb", "tfdb", "set_transform"),
-            ("tfdb, numpy arrays", "tfdb", "set_transform, numpy"),
-            ("tfdb.tf2", "tfdb_tf2", "set_transform"),
-            ("tf2_ros", "tf2", "set_transform"),
-            ("transform-tree push", "transform_tree", "set_transform"),
-        ],
-        "message of all edges from bytes": [
-            ("tfdb.tf2", "tfdb_tf2", "message of all edges from bytes"),
-            ("tf2_ros", "tf2", "message of all edges from bytes"),
-        ],
-        "samples of one edge from arrays": [
-            ("tfdb", "tfdb", "columns"),
-            ("transform-tree push_many", "transform_tree", "columns"),
-        ],
+        **_writes(),  # last: they move the history on
     }
     rows["batch sorted"].append(("pytransform3d, 1,000 stamps", "pytransform3d", "batch sorted"))
     for row, turns in rows.items():

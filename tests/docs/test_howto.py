@@ -47,15 +47,17 @@ def test_page_runs(page: Path, workplace: Path) -> None:
 def test_readme_runs(workplace: Path, capsys: pytest.CaptureFixture[str]) -> None:
     run(ROOT / "README.md")
     printed = capsys.readouterr().out
-    assert "0.325" in printed
-    assert "1.1" in printed
+    assert "[1.2 2.  1.1]" in printed
+    assert "T[base<-camera]: static" in printed
 
 
 def test_programs_of_the_readme_are_short() -> None:
-    programs = blocks(ROOT / "README.md")
-    assert len(programs) == 2
-    for program in programs:
-        assert len(program.strip().splitlines()) <= 20
+    programs = [program.split("\n") for program in blocks(ROOT / "README.md")]
+    lines = [sum(line.strip() != "" for line in program) for program in programs]
+    assert len(lines) == 3
+    assert lines[0] <= 5
+    assert lines[1] <= 5
+    assert lines[2] <= 10
 
 
 def test_index_names_every_page() -> None:
