@@ -52,6 +52,7 @@ from .errors import (
     NoMaster,
     NoSampleNear,
     NoSuchStore,
+    NotComparable,
     NotSupported,
     ReadOnly,
     RecordingError,
@@ -77,6 +78,7 @@ if TYPE_CHECKING:
     from . import io as io
     from . import plot as plot
     from . import tf2 as tf2
+    from .comparing import Comparison, compare
     from .explain import EdgeExplanation, Explanation
     from .exporting import to_foxglove, to_rerun
     from .loading import load
@@ -104,6 +106,7 @@ __all__ = [
     "CapacityExceeded",
     "Changes",
     "Columns",
+    "Comparison",
     "Conflict",
     "CorruptMessage",
     "CorruptStore",
@@ -138,6 +141,7 @@ __all__ = [
     "NoSampleNear",
     "NoSuchStore",
     "NodeClosed",
+    "NotComparable",
     "NotSupported",
     "Policy",
     "Previous",
@@ -170,6 +174,7 @@ __all__ = [
     "WaitTimeout",
     "WrongThread",
     "__version__",
+    "compare",
     "decode_tf_message",
     "encode_tf_message",
     "load",
@@ -184,6 +189,7 @@ if not TYPE_CHECKING:  # or every name would be there for type checkers
     __getattr__, __dir__ = on_demand(
         __name__,
         {
+            "comparing": ("Comparison", "compare"),
             "explain": ("EdgeExplanation", "Explanation"),
             "exporting": ("to_foxglove", "to_rerun"),
             "io": (),

@@ -41,6 +41,7 @@ __all__ = [
     "NoSampleNear",
     "NoSuchStore",
     "NodeClosed",
+    "NotComparable",
     "NotSupported",
     "ReadOnly",
     "RecordingError",
@@ -294,6 +295,14 @@ class FeedLapped(TfdbError):
     That of a frozen store is empty.
 
     Fields: since, oldest, newest (commits that would have been valid for `since`).
+    """
+
+
+class NotComparable(TfdbError):
+    """Two trajectories that do not tell how far one is off the other; the message says what would.
+
+    No time in common, too few poses that match, positions that leave the alignment open, no pair
+    for a relative error, a motion that does not tell the offset. Fields: reason, limit (max_diff).
     """
 
 

@@ -11,7 +11,7 @@ from pathlib import Path
 import tfdb
 
 STUB = Path(tfdb.__file__).with_name("_core.pyi")
-ELSEWHERE = {"freeze", "load", "open", "unlink"}
+ELSEWHERE = {"compare", "freeze", "load", "open", "unlink"}
 """What reads files, or makes and removes them: it has fuzzers and tests of its own."""
 WAITING = {"wait_for_transform", "wait_for_commit", "_ended_waits"}
 """What may wait for ever; the parameter `timeout` is left out elsewhere."""

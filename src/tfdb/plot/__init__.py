@@ -1,4 +1,6 @@
-"""Pictures of trajectories, frame trees and samples; needs matplotlib (``pip install tfdb[plot]``).
+"""Pictures of trajectories, comparisons, frame trees and samples; needs matplotlib.
+
+Install it with ``pip install tfdb[plot]``.
 
 Each function takes data, draws nothing on a screen and returns a matplotlib ``Figure`` to save or
 to show: ``tfdb.plot.trajectory(buf.trajectory("map", "base")).savefig("trajectory.png")``.
@@ -13,11 +15,12 @@ try:
 except ImportError as error:
     raise ImportError(f"tfdb.plot needs matplotlib: pip install 'tfdb[plot]' ({error})") from error
 
+from .draw_compare import comparison
 from .draw_timeline import Arrivals, timeline
 from .draw_trajectory import trajectory
 from .draw_tree import frame_tree
 from .window import show
 
-__all__ = ["Arrivals", "frame_tree", "show", "timeline", "trajectory"]
+__all__ = ["Arrivals", "comparison", "frame_tree", "show", "timeline", "trajectory"]
 
 belong_to(__name__, globals(), __all__)

@@ -1,0 +1,127 @@
+"""Which poses of two trajectories belong together, by their stamps."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ..errors import NotComparable
+from ..stamps import format_seconds
+from ..summary import GAP_FACTOR, find_gaps
+from ..types import Trajectory
+from .poses import poses_at, there
+
+if TYPE_CHECKING:
+    import numpy.typing as npt
+
+    from .poses import Array, Rows, Stamps
+
+NEAREST_MAX_DIFF = 10_000_000
+"""Nanoseconds: evo's limit, and that of the tools of the TUM RGB-D benchmark."""
+
+
+@dataclass(frozen=True)
+class Matched:
+    """Poses that belong together: row by row, at `stamps` of the reference's clock."""
+
+    stamps: Stamps
+    reference: Array
+    estimate: Array
+    max_diff: int
+    """How far, in nanoseconds, the nearest pose could be."""
+
+
+def associate(
+    reference: Trajectory,
+    estimate: Trajectory,
+    *,
+    interpolated: bool,
+    max_diff: int | None,
+    offset: int,
+) -> Matched:
+    """Match poses by time; `offset` is added to the stamps of the estimate, both in nanoseconds.
+
+    Raises NotComparable where no two belong together.
+    """
+    stamps = estimate.stamps + offset
+    moved = Trajectory(estimate.target, estimate.source, stamps, estimate.poses)
+    by_estimate = _decides(reference, moved, common=interpolated)
+    few, many = (moved, reference) if by_estimate else (reference, moved)
+    limit = _default(many, interpolated=interpolated) if max_diff is None else max_diff
+    nearest, away = _nearest(few.stamps, many.stamps[there(many)])
+    rows = np.flatnonzero(there(few) & (interpolated | (away <= limit)))
+    # Stores know no stamps below 0, and an offset may lead there: each is asked by its own clock.
+    own = many is moved
+    searched = estimate if own else reference
+    if interpolated:
+        found = poses_at(searched, few.stamps[rows] - (offset if own else 0), 2 * limit)
+        rows, found = _known(rows, found)
+    else:
+        found = searched.poses[there(searched)][nearest[rows]]
+    if len(rows) == 0:
+        raise _nothing_matches(reference, moved, int(away[there(few)].min()), limit, interpolated)
+    first = few.poses[rows]
+    sides = (found, first) if by_estimate else (first, found)
+    return Matched(few.stamps[rows], *sides, limit)
+
+
+def _known(rows: Rows, found: Array) -> tuple[Rows, Array]:
+    known = np.isfinite(found).all(axis=1)
+    return rows[known], found[known]
+
+
+def _decides(reference: Trajectory, estimate: Trajectory, *, common: bool) -> bool:
+    """Whether the reference has no fewer poses: then the estimate's stamps count, else its own.
+
+    With `common`, only the time counts that both have.
+    """
+    ours, theirs = reference.stamps[there(reference)], estimate.stamps[there(estimate)]
+    if common:
+        start, end = max(ours[0], theirs[0]), min(ours[-1], theirs[-1])
+        ours = ours[(ours >= start) & (ours <= end)]
+        theirs = theirs[(theirs >= start) & (theirs <= end)]
+    return len(theirs) <= len(ours)
+
+
+def _default(searched: Trajectory, *, interpolated: bool) -> int:
+    """The limit where none is given; a gap is no shorter than anywhere else in tfdb."""
+    period = find_gaps(searched.stamps[there(searched)])[0]
+    if not interpolated or period is None:
+        return NEAREST_MAX_DIFF
+    return GAP_FACTOR * period // 2
+
+
+def _nearest(stamps: Stamps, others: Stamps) -> tuple[Rows, npt.NDArray[np.int64]]:
+    """For each stamp the row of the nearest other, the first of two, and how far it is away."""
+    after = np.clip(np.searchsorted(others, stamps), 1, max(len(others) - 1, 1))
+    after = np.minimum(after, len(others) - 1)
+    before = np.maximum(after - 1, 0)
+    nearer = np.abs(stamps - others[before]) <= np.abs(others[after] - stamps)
+    nearest = np.where(nearer, before, after)
+    return nearest, np.abs(others[nearest] - stamps)
+
+
+def _nothing_matches(
+    reference: Trajectory, estimate: Trajectory, nearest: int, limit: int, interpolated: bool
+) -> NotComparable:
+    def span(trajectory: Trajectory) -> str:
+        first, last = int(trajectory.stamps[0]), int(trajectory.stamps[-1])
+        return f"from {format_seconds(first)} to {format_seconds(last)}"
+
+    spans = f"the reference reaches {span(reference)}, the estimate {span(estimate)}"
+    apart = reference.stamps[-1] < estimate.stamps[0] or estimate.stamps[-1] < reference.stamps[0]
+    if apart:
+        what = f"the trajectories have no time in common: {spans}"
+        reason, remedy = "no time in common", "give offset, in seconds, or offset='estimate'"
+    else:
+        what = f"no two poses lie within max_diff, {format_seconds(limit)}"
+        if interpolated:
+            what = (
+                "no pose of one lies between two of the other that are at most twice max_diff, "
+                f"{format_seconds(2 * limit)}, apart"
+            )
+        what += f": the nearest two are {format_seconds(nearest)} apart; {spans}"
+        reason, remedy = "no match", "give a larger max_diff, or offset='estimate'"
+    return NotComparable(f"{what}; {remedy}", reason=reason, limit=limit)

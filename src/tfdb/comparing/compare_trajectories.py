@@ -1,0 +1,245 @@
+"""`tfdb.compare`."""
+
+from __future__ import annotations
+
+import math
+from operator import index
+from typing import TYPE_CHECKING, Any, Literal
+
+from .._core import Transform
+from ..errors import InvalidArgument, NotComparable
+from ..stamps import MAX_STAMP, shown
+from ..types import Trajectory
+from .alignment import MODES, NEEDED, align
+from .association import associate
+from .comparison import Comparison, Errors
+from .given import given_trajectory
+from .pairs import UNITS, check_delta, find_pairs
+from .poses import angles, distances, relative
+from .time_offset import estimate_offset
+
+if TYPE_CHECKING:
+    from .alignment import Align
+    from .association import Matched
+    from .given import Frames, TrajectoryLike
+    from .pairs import DeltaUnit
+
+_ASSOCIATIONS = ("interpolate", "nearest")
+_PAIRS_FROM = ("estimate", "reference")
+
+
+def compare(
+    reference: TrajectoryLike,
+    estimate: TrajectoryLike,
+    *,
+    frames: Frames | None = None,
+    estimate_frames: Frames | None = None,
+    association: Literal["interpolate", "nearest"] = "interpolate",
+    max_diff: float | None = None,
+    offset: float | Literal["estimate"] = 0.0,
+    align: Align = "se3",
+    align_poses: int | None = None,
+    delta: float = 1.0,
+    delta_unit: DeltaUnit = "frames",
+    all_pairs: bool = False,
+    delta_tolerance: float = 0.1,
+    pairs_from: Literal["estimate", "reference"] = "estimate",
+) -> Comparison:
+    """How far an estimated trajectory is off a reference: APE (ATE) and RPE, as evo computes them.
+
+    Parameters
+    ----------
+    reference, estimate
+        A Trajectory; or the path of a TUM, KITTI, EuRoC, CSV or NPZ file; or a Buffer, a Snapshot
+        or the path of a recording or frozen store, each with its `frames`. Rows with NaN hold no
+        pose and match nothing.
+    frames, estimate_frames
+        Target and source: T[target<-source] at each stored stamp is the trajectory. Those of the
+        estimate are by default those of the reference.
+    association
+        `interpolate`: the trajectory with more poses in the time that both cover is interpolated at
+        the stamps of the other (of equally many: at those of the estimate). `nearest`: each pose
+        of the one with fewer poses is matched with the nearest of the other, as evo does by
+        default; the motion between their stamps then counts as error.
+    max_diff
+        Seconds by which a stamp may be off the nearest pose of the other trajectory, or it is left
+        out; nothing is interpolated where two poses are more than twice as far apart. None: 0.01
+        for `nearest`, 2.5 median periods of the interpolated one for `interpolate`.
+    offset
+        Seconds to add to the estimate's stamps, or `estimate`: found from how both move; half of
+        the shorter trajectory must then lie in the longer one.
+    align
+        What is fitted to lay the estimate over the reference: `se3` (rotation and translation),
+        `sim3` (and a scale), `scale` alone, `yaw` (a turn about z and a translation: for estimates
+        that know where down is), `origin` (the first poses coincide), `none`. By Umeyama's method
+        (IEEE TPAMI 13(4), 1991).
+    align_poses
+        Fit only the first so many matched poses. None: all.
+    delta, delta_unit
+        Of the relative error: so many `frames` (matched poses), metres (`m`) of the way, seconds
+        (`s`), `deg` or `rad` of the turns.
+    all_pairs
+        From every pose on, not only from where the one before ends.
+    delta_tolerance
+        With `all_pairs`, but not of frames: the part of `delta` by which a pair may be off it.
+    pairs_from
+        Whose way is measured to find the pairs.
+
+    Returns
+    -------
+    Comparison
+        The errors with their stamps, in metres and radians, their statistics, the matched and
+        aligned trajectories, the alignment.
+
+    Raises
+    ------
+    NotComparable
+        No time in common, too few poses that match, positions that leave the alignment open (all in
+        one place, on a straight line), no pair that is `delta` apart, a motion that does not tell
+        the offset. Field: reason.
+    InvalidArgument
+        An option outside its range, or frames that are missing.
+    InvalidTransform
+        A row that is no pose. Field: index.
+
+    And what reading the files and looking up the frames raises.
+    """
+    _choice("association", association, _ASSOCIATIONS)
+    _choice("align", align, tuple(MODES))
+    _choice("delta_unit", delta_unit, UNITS)
+    _choice("pairs_from", pairs_from, _PAIRS_FROM)
+    limit = None if max_diff is None else _nanoseconds("max_diff", max_diff)
+    guessed = isinstance(offset, str) and offset == "estimate"
+    given_offset = None if guessed else _nanoseconds("offset", offset, signed=True)
+    _number("delta", delta, above=0.0)
+    _number("delta_tolerance", delta_tolerance)
+    check_delta(delta, delta_unit)
+    fitted = _fitted(align_poses, align)
+    ours = given_trajectory(reference, frames, "reference", "frames")
+    theirs = given_trajectory(
+        estimate,
+        frames if estimate_frames is None else estimate_frames,
+        "estimate",
+        "estimate_frames",
+    )
+    if given_offset is None:
+        given_offset = estimate_offset(ours, theirs, scaled=align in ("sim3", "scale"))
+    matched = associate(
+        ours, theirs, interpolated=association == "interpolate", max_diff=limit, offset=given_offset
+    )
+    options: dict[str, Any] = {
+        "offset": given_offset,
+        "offset_estimated": guessed,
+        "given": (len(ours), len(theirs)),
+        "association": association,
+        "align": align,
+        "delta": float(delta),
+        "delta_unit": delta_unit,
+        "all_pairs": bool(all_pairs),
+    }
+    return _judge(
+        matched,
+        (ours, theirs),
+        fitted,
+        options,
+        tolerance=delta_tolerance,
+        by_reference=pairs_from == "reference",
+    )
+
+
+def _judge(
+    matched: Matched,
+    given: tuple[Trajectory, Trajectory],
+    fitted: int | None,
+    options: dict[str, Any],
+    *,
+    tolerance: float,
+    by_reference: bool,
+) -> Comparison:
+    """Align, and measure what is left."""
+    ours, theirs = given
+    how = options["align"]
+    if len(matched.stamps) < NEEDED[how]:
+        raise NotComparable(
+            f"only {len(matched.stamps)} of {min(options['given'])} poses match in time, within "
+            f"{matched.max_diff / 1e9:g} s: align={how!r} needs {NEEDED[how]}; give a larger "
+            "max_diff, or an offset",
+            reason="too few matches",
+            limit=matched.max_diff,
+        )
+    fit = align(matched.reference[:fitted], matched.estimate[:fitted], how)
+    moved = fit.apply(matched.estimate)
+    stamps = matched.stamps
+    pairs = find_pairs(
+        stamps,
+        matched.reference if by_reference else moved,
+        options["delta"],
+        options["delta_unit"],
+        all_pairs=options["all_pairs"],
+        tolerance=tolerance,
+    )
+    absolute = relative(matched.reference, moved)
+    first, second = pairs.T
+    over = relative(
+        relative(matched.reference[first], matched.reference[second]),
+        relative(moved[first], moved[second]),
+    )
+    return Comparison(
+        reference=Trajectory(ours.target, ours.source, stamps, matched.reference),
+        estimate=Trajectory(ours.target, theirs.source, stamps, moved),
+        ape_translation=Errors("APE translation", "m", stamps, distances(absolute)),
+        ape_rotation=Errors("APE rotation", "rad", stamps, angles(absolute)),
+        rpe_translation=Errors("RPE translation", "m", stamps[second], distances(over)),
+        rpe_rotation=Errors("RPE rotation", "rad", stamps[second], angles(over)),
+        pairs=pairs,
+        alignment=Transform(ours.target, theirs.target, fit.translation, fit.quaternion),
+        scale=fit.scale,
+        max_diff=matched.max_diff,
+        **options,
+    )
+
+
+def _choice(name: str, value: object, valid: tuple[str, ...]) -> None:
+    if value not in valid or not isinstance(value, str):
+        listed = ", ".join(map(repr, valid))
+        raise InvalidArgument(f"{name} must be one of {listed}, got {shown(value)}", value=value)
+
+
+def _number(name: str, value: Any, *, above: float | None = None, least: float = 0.0) -> None:
+    """Refuse what is not a finite number above or at least so much."""
+    wanted = f"above {above:g}" if above is not None else f"of at least {least:g}"
+    try:
+        fine = not isinstance(value, bool | str) and math.isfinite(value)
+        if fine and (value > above if above is not None else value >= least):
+            return
+    except (TypeError, ValueError, OverflowError):
+        pass
+    raise InvalidArgument(f"{name} must be a number {wanted}, got {shown(value)}", value=value)
+
+
+def _nanoseconds(name: str, seconds: Any, *, signed: bool = False) -> int:
+    most = MAX_STAMP / 1e9
+    try:
+        size = abs(seconds) if signed else seconds
+        if not isinstance(seconds, bool | str) and 0 <= size <= most:
+            return round(float(seconds) * 1e9)
+    except (TypeError, ValueError, OverflowError):
+        pass
+    low = f"{-most:.0f}" if signed else "0"
+    also = " or 'estimate'" if name == "offset" else ""
+    raise InvalidArgument(
+        f"{name} must be a number of seconds from {low} to {most:.0f}{also}, got {shown(seconds)}",
+        value=seconds,
+    )
+
+
+def _fitted(count: Any, how: Align) -> int | None:
+    if count is None:
+        return None
+    try:
+        if not isinstance(count, bool) and index(count) >= NEEDED[how]:
+            return index(count)
+    except TypeError:
+        pass
+    message = f"align_poses must be None or a whole number from {NEEDED[how]} on"
+    raise InvalidArgument(f"{message}, got {shown(count)}", value=count)

@@ -1,0 +1,221 @@
+"""What a comparison found: errors with their stamps, statistics, the alignment."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from html import escape
+from typing import TYPE_CHECKING, Literal
+
+import numpy as np
+
+from .alignment import MODES
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from .._core import Transform
+    from ..types import Trajectory
+    from .alignment import Align
+    from .pairs import DeltaUnit
+    from .poses import Array, Rows, Stamps
+
+STATISTICS = ("rmse", "mean", "median", "std", "min", "max", "sse")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Errors:
+    """Errors of one kind over time, and their statistics, in `unit` (the sse in its square)."""
+
+    name: str
+    """What they are, such as `APE translation`."""
+    unit: Literal["m", "rad"]
+    """Metres, or radians from 0 to pi."""
+    stamps: Stamps
+    """(N,) nanoseconds on the reference's clock; of RPE that of the second pose of each pair."""
+    values: Array
+    """(N,) each at least 0."""
+
+    def __len__(self) -> int:
+        return len(self.values)
+
+    def __repr__(self) -> str:
+        return (
+            f"<tfdb.comparing.Errors {self.name}: {len(self)} from {self.min:.6g} to "
+            f"{self.max:.6g} {self.unit}, rmse {self.rmse:.6g} {self.unit}>"
+        )
+
+    @property
+    def rmse(self) -> float:
+        """Root of the mean square."""
+        return float(np.sqrt(np.mean(self.values**2)))
+
+    @property
+    def mean(self) -> float:
+        """Mean."""
+        return float(np.mean(self.values))
+
+    @property
+    def median(self) -> float:
+        """Median."""
+        return float(np.median(self.values))
+
+    @property
+    def std(self) -> float:
+        """Standard deviation of all of them, not of a sample of more."""
+        return float(np.std(self.values))
+
+    @property
+    def min(self) -> float:
+        """The least."""
+        return float(np.min(self.values))
+
+    @property
+    def max(self) -> float:
+        """The greatest."""
+        return float(np.max(self.values))
+
+    @property
+    def sse(self) -> float:
+        """Sum of the squares."""
+        return float(np.sum(self.values**2))
+
+    @property
+    def statistics(self) -> dict[str, float]:
+        """All of them by name."""
+        return {name: getattr(self, name) for name in STATISTICS}
+
+    def in_degrees(self) -> dict[str, float]:
+        """The statistics, those of radians in degrees."""
+        factor = 180.0 / np.pi if self.unit == "rad" else 1.0
+        return {
+            name: value * (factor**2 if name == "sse" else factor)
+            for name, value in self.statistics.items()
+        }
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Comparison:
+    """How far an estimated trajectory is off a reference. `print` shows the table.
+
+    The absolute pose error (APE, also ATE) of two poses that belong together is reference^-1 *
+    estimate; the relative one (RPE) is that of the motions from one pose to another: J. Sturm et
+    al., "A benchmark for the evaluation of RGB-D SLAM systems", IROS 2012. Each has a translation
+    and a rotation.
+    """
+
+    reference: Trajectory
+    """The matched poses T[target<-source] of the reference."""
+    estimate: Trajectory
+    """Those of the estimate, aligned, row by row at the same stamps."""
+    ape_translation: Errors
+    """Distances of positions, metres."""
+    ape_rotation: Errors
+    """Angles between orientations, radians."""
+    rpe_translation: Errors
+    """How far the estimated motion over `delta` ends from the true one, metres."""
+    rpe_rotation: Errors
+    """By how much it is turned against it, radians."""
+    pairs: Rows
+    """(M, 2) rows of the matched poses that each relative error is of."""
+    alignment: Transform
+    """T[reference.target<-estimate.target], for positions that were multiplied with `scale`."""
+    scale: float
+    """What the estimate's positions were multiplied with."""
+    offset: int
+    """Nanoseconds that were added to the estimate's stamps."""
+    offset_estimated: bool
+    """Whether they were estimated."""
+    given: tuple[int, int]
+    """Poses of the reference and of the estimate."""
+    association: Literal["interpolate", "nearest"]
+    """How poses were matched by time."""
+    max_diff: int
+    """How far, in nanoseconds, the nearest pose was allowed to be."""
+    align: Align
+    """What was fitted."""
+    delta: float
+    """The way or time of a relative error, in `delta_unit`."""
+    delta_unit: DeltaUnit
+    """Its unit."""
+    all_pairs: bool
+    """Whether a relative error begins at every pose, not only where the one before ends."""
+
+    def __len__(self) -> int:
+        """How many poses were matched."""
+        return len(self.reference)
+
+    def __repr__(self) -> str:
+        return (
+            f"<tfdb.Comparison of {len(self)} poses: APE {self.ape_translation.rmse:.6g} m, "
+            f"{np.rad2deg(self.ape_rotation.rmse):.4g} deg rmse; RPE "
+            f"{self.rpe_translation.rmse:.6g} m, {np.rad2deg(self.rpe_rotation.rmse):.4g} deg "
+            f"per {self._per}>"
+        )
+
+    def __str__(self) -> str:
+        facts = [f"{name:<10} {text}" for name, text in self._facts()]
+        columns = self._columns()
+        over = "APE (absolute)".rjust(26) + f"RPE (per {self._per})".rjust(26)
+        heads = (("translation", "rotation") * 2, ("m", "deg") * 2)
+        lines = [" " * 6 + over]
+        lines += [" " * 6 + "".join(cell.rjust(13) for cell in head) for head in heads]
+        for name in STATISTICS:
+            cells = [_number(column[name]) for column in columns]
+            lines.append(name.ljust(6) + "".join(cell.rjust(13) for cell in cells))
+        return "\n".join([*facts, "", *lines])
+
+    def _repr_html_(self) -> str:
+        facts = "".join(
+            f"<tr><td>{escape(name)}</td><td colspan=4>{escape(text)}</td></tr>"
+            for name, text in self._facts()
+        )
+        heads = "<th>translation [m]</th><th>rotation [deg]</th>" * 2
+        rows = "".join(
+            f"<tr><th>{name}</th>"
+            + "".join(f"<td>{_number(column[name])}</td>" for column in self._columns())
+            + "</tr>"
+            for name in STATISTICS
+        )
+        return (
+            f"<table>{facts}<tr><th></th><th colspan=2>APE (absolute)</th>"
+            f"<th colspan=2>RPE (per {escape(self._per)})</th></tr>"
+            f"<tr><th></th>{heads}</tr>{rows}</table>"
+        )
+
+    def plot(self, *, title: str | None = None) -> Figure:
+        """Draw both trajectories and the errors over time: `tfdb.plot.comparison`.
+
+        Needs matplotlib (`pip install 'tfdb[plot]'`).
+        """
+        from ..plot import comparison  # noqa: PLC0415 - it is an extra
+
+        return comparison(self, title=title)
+
+    @property
+    def _per(self) -> str:
+        if self.delta_unit == "frames":
+            return f"{self.delta:.0f} frame{'' if self.delta == 1 else 's'}"
+        return f"{self.delta:g} {self.delta_unit}"
+
+    def _columns(self) -> list[dict[str, float]]:
+        kinds = (self.ape_translation, self.ape_rotation, self.rpe_translation, self.rpe_rotation)
+        return [errors.in_degrees() for errors in kinds]
+
+    def _facts(self) -> list[tuple[str, str]]:
+        """What people must know to read the numbers."""
+        ways = {"interpolate": "interpolated", "nearest": "the nearest"}
+        within = f"{ways[self.association]} within {self.max_diff / 1e6:g} ms"
+        facts = [("matched", f"{len(self):,} poses, {within}")]
+        if self.offset or self.offset_estimated:
+            how = ", estimated" if self.offset_estimated else ""
+            facts.append(("offset", f"{self.offset / 1e9:+.9f} s{how}"))
+        facts.append(("aligned", MODES[self.align]))
+        if self.align in ("sim3", "scale"):
+            facts.append(("scale", f"{self.scale:.9g}"))
+        facts.append(("pairs", f"{len(self.pairs):,}{' (all)' if self.all_pairs else ''}"))
+        return facts
+
+
+def _number(value: float) -> str:
+    """Six decimals, as evo prints; what they cannot show, by its exponent."""
+    return f"{value:.6f}" if value == 0 or 1e-6 <= value < 1e6 else f"{value:.4e}"

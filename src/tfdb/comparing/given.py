@@ -1,0 +1,99 @@
+"""What is given for a trajectory: one, a file of one, or what it can be looked up in."""
+
+from __future__ import annotations
+
+import os
+from contextlib import suppress
+from typing import TYPE_CHECKING, Any, TypeAlias
+
+import numpy as np
+
+from .._core import Reads, open_frozen
+from ..errors import InvalidArgument, InvalidTransform, NotComparable, RecordingError
+from ..frozen import is_frozen
+from ..given_path import given_path
+from ..io.containers import kind_of
+from ..io.trajectories import MAX_NORM_ERROR, read_trajectory
+from ..loading import load
+from ..summary import longest_moving_chain
+from ..types import Trajectory
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+TrajectoryLike: TypeAlias = Trajectory | Reads | str | os.PathLike[str]
+"""What `compare` takes."""
+
+Frames: TypeAlias = tuple[str, str]
+"""Target and source."""
+
+_TOO_FAR = 1e100
+
+
+def given_trajectory(given: Any, frames: Frames | None, role: str, parameter: str) -> Trajectory:
+    """Make a trajectory with unit quaternions of what a caller gave.
+
+    `role` names it in errors, `parameter` the frames. Raises what loading and looking up raise,
+    InvalidArgument, InvalidTransform and NotComparable.
+    """
+    if isinstance(given, Trajectory):
+        return checked(given, role)
+    if isinstance(given, Reads):
+        return looked_up(given, frames, role, parameter)
+    if not isinstance(given, str | os.PathLike):
+        raise InvalidArgument(
+            f"the {role} must be a Trajectory, a Buffer, a Snapshot or a path, "
+            f"got {type(given).__name__}",
+            value=given,
+        )
+    path = given_path(given)
+    if is_frozen(path):
+        return looked_up(open_frozen(path), frames, role, parameter)
+    if is_recording(path):
+        return looked_up(load(path), frames, role, parameter)
+    return checked(read_trajectory(path), role)
+
+
+def is_recording(path: Path) -> bool:
+    """Whether a file is a recording; what is none is left to `read_trajectory`."""
+    with suppress(RecordingError):
+        return bool(kind_of(path))
+    return False
+
+
+def looked_up(reads: Reads, frames: Any, role: str, parameter: str) -> Trajectory:
+    """T[target<-source] at each stamp that is stored of it and has an answer."""
+    if frames is None:
+        chain = longest_moving_chain(reads.tree())
+        hint = f", such as {chain!r}" if chain else ""
+        raise InvalidArgument(
+            f"the {role} is no trajectory but holds frames: give {parameter}=(target, source){hint}"
+        )
+    names = tuple(frames) if isinstance(frames, list | tuple) else ()
+    if len(names) != 2 or not all(isinstance(name, str) for name in names):
+        message = f"{parameter} must be the names (target, source), got {frames!r}"
+        raise InvalidArgument(message, value=frames)
+    return checked(reads.trajectory(names[0], names[1], missing="skip"), role)
+
+
+def checked(trajectory: Trajectory, role: str) -> Trajectory:
+    """The same with unit quaternions; rows with NaN hold no pose and stay."""
+    poses = trajectory.poses
+    good = np.isfinite(poses).all(axis=1)
+    if not good.any():
+        raise NotComparable(
+            f"the {role} holds no pose: none of its {len(poses)} rows is finite", reason="no pose"
+        )
+    with np.errstate(all="ignore"):
+        norms = np.linalg.norm(poses[:, 3:], axis=1)
+        far = np.abs(poses[:, :3]).max(axis=1)
+        bad = np.flatnonzero(good & ~((np.abs(norms - 1.0) <= MAX_NORM_ERROR) & (far < _TOO_FAR)))
+    if len(bad):
+        row = int(bad[0])
+        what = f"the quaternion is not of unit length: {norms[row]:.6g}"
+        if far[row] >= _TOO_FAR:
+            what = f"the position is {far[row]:.3g} m off, at most {_TOO_FAR:g} m can be compared"
+        raise InvalidTransform(f"pose {row} of the {role}: {what}", index=row, reason=what)
+    made = poses.copy()
+    made[good, 3:] /= norms[good, np.newaxis]
+    return Trajectory(trajectory.target, trajectory.source, trajectory.stamps, made)

@@ -1,0 +1,107 @@
+"""Which two poses a relative error is of, as evo chooses them."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Literal, TypeAlias
+
+import numpy as np
+
+from ..errors import InvalidArgument, NotComparable
+from .poses import angles, distances, relative
+
+if TYPE_CHECKING:
+    from .poses import Array, Rows, Stamps
+
+DeltaUnit: TypeAlias = Literal["frames", "m", "s", "deg", "rad"]
+UNITS: tuple[DeltaUnit, ...] = ("frames", "m", "s", "deg", "rad")
+
+
+def find_pairs(
+    stamps: Stamps,
+    poses: Array,
+    delta: float,
+    unit: DeltaUnit,
+    *,
+    all_pairs: bool,
+    tolerance: float,
+) -> Rows:
+    """Rows (M, 2) of the poses that lie `delta` apart.
+
+    Consecutive pairs: the second of each is the first pose at which the way from the first reaches
+    `delta`, and begins the next. All pairs: from every pose to the one whose way comes nearest to
+    `delta`, if within `tolerance` (a part of it); of angles, to every one that is turned by it.
+    Raises NotComparable where there is none.
+    """
+    count = len(poses)
+    if unit == "frames":
+        starts = np.arange(0, count - int(delta), 1 if all_pairs else int(delta))
+        pairs = np.stack((starts, starts + int(delta)), axis=1)
+        if len(pairs) == 0:
+            raise _too_short(delta, unit, f"only {count} poses are matched")
+        return pairs
+    wanted = np.deg2rad(delta) if unit == "deg" else delta
+    turns = unit in ("deg", "rad")
+    if unit == "s":
+        steps = np.diff(stamps) / 1e9
+    else:
+        steps = (angles if turns else distances)(relative(poses[:-1], poses[1:]))
+    if not all_pairs:
+        pairs = _consecutive(steps, wanted)
+    elif turns:
+        pairs = _by_angle(poses, wanted, wanted * tolerance)
+    else:
+        pairs = _nearest(steps, wanted, wanted * tolerance)
+    if len(pairs) == 0:
+        whole = np.rad2deg(steps.sum()) if unit == "deg" else steps.sum()
+        raise _too_short(delta, unit, f"the whole way of the matched poses is {whole:.6g} {unit}")
+    return pairs
+
+
+def _too_short(delta: float, unit: DeltaUnit, found: str) -> NotComparable:
+    return NotComparable(
+        f"no two poses lie {delta:g} {unit} apart, so there is no relative error: {found}; give a "
+        "smaller delta, or with all_pairs a larger delta_tolerance",
+        reason="no pairs",
+    )
+
+
+def _consecutive(steps: Array, wanted: float) -> Rows:
+    ends, way = [0], 0.0
+    for row, step in enumerate(steps.tolist(), start=1):
+        way += step
+        if way >= wanted:
+            ends.append(row)
+            way = 0.0
+    return np.stack((ends[:-1], ends[1:]), axis=1).astype(np.intp)
+
+
+def _nearest(steps: Array, wanted: float, tolerance: float) -> Rows:
+    way = np.concatenate(([0.0], np.cumsum(steps)))
+    first = np.arange(len(way) - 1)
+    reached = np.searchsorted(way, way[:-1] + wanted)
+    # Where it stands still several poses are as near: the first of them counts.
+    short = np.searchsorted(way, way[reached - 1])
+    ends = np.stack((short, np.minimum(reached, len(way) - 1)), axis=1)
+    ends = np.maximum(ends, first[:, np.newaxis] + 1)
+    off = np.abs(way[ends] - way[:-1, np.newaxis] - wanted)
+    best = np.argmin(off, axis=1)
+    near = off[first, best] <= tolerance
+    pairs: Rows = np.stack((first, ends[first, best]), axis=1)[near]
+    return pairs
+
+
+def _by_angle(poses: Array, wanted: float, tolerance: float) -> Rows:
+    found = []
+    for first in range(len(poses) - 1):
+        rest = poses[first + 1 :]
+        turned = angles(relative(np.broadcast_to(poses[first], rest.shape), rest))
+        ends = np.flatnonzero(np.abs(turned - wanted) <= tolerance) + first + 1
+        found.append(np.stack((np.full_like(ends, first), ends), axis=1))
+    return np.concatenate(found) if found else np.empty((0, 2), np.intp)
+
+
+def check_delta(delta: float, unit: DeltaUnit) -> None:
+    """Raise InvalidArgument unless `delta` can be one of that unit."""
+    if unit == "frames" and delta != int(delta):
+        message = f"delta must be a whole number of frames, got {delta!r}"
+        raise InvalidArgument(message, value=delta)

@@ -1,0 +1,124 @@
+"""Two trajectories over each other, coloured by the error, and the errors over time."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import numpy.typing as npt
+from matplotlib.collections import LineCollection
+
+from ..summary import find_gaps
+from . import style
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+    from .. import Comparison
+    from ..comparing import Errors
+
+_SIZE = (10.0, 5.2)
+_PATHS = (0.07, 0.115, 0.40, 0.715)
+_BAR = (0.48, 0.115, 0.011, 0.715)
+_ABOVE = (0.615, 0.505, 0.365, 0.325)
+_BELOW = (0.615, 0.115, 0.365, 0.325)
+_COLOURS = "viridis"
+_LEGEND: dict[str, Any] = {
+    "fontsize": style.SMALL_SIZE,
+    "framealpha": 0.85,
+    "edgecolor": style.FAINT,
+    "labelcolor": style.INK,
+}
+
+
+def comparison(result: Comparison, *, title: str | None = None) -> Figure:
+    """Draw what `tfdb.compare` found.
+
+    Left, over the two axes along which the reference reaches farthest: the reference grey, the
+    aligned estimate coloured by its APE in metres, both in one scale. Right: the errors over time,
+    translations in metres above rotations in degrees, the APE with its rmse (dashed), the RPE
+    thinner. Holes in time stay holes. Seconds count from the first matched pose.
+    """
+    figure = style.new_figure(*_SIZE)
+    absolute, relative = result.ape_translation, result.rpe_translation
+    style.title(
+        figure,
+        title or f"{result.estimate.source} against {result.reference.source}",
+        f"{len(result):,} poses; APE {absolute.rmse:.4g} m rmse, {absolute.max:.4g} m at most; "
+        f"RPE {relative.rmse:.4g} m rmse",
+    )
+    _draw_paths(figure, result)
+    start = int(result.reference.stamps[0])
+    above, below = figure.add_axes(_ABOVE), figure.add_axes(_BELOW)
+    _draw_errors(above, result.ape_translation, result.rpe_translation, start, 1.0)
+    _draw_errors(below, result.ape_rotation, result.rpe_rotation, start, 180.0 / np.pi)
+    style.label(above, "", "translation [m]")
+    style.label(below, style.since(start), "rotation [deg]")
+    above.tick_params(labelbottom=False)
+    return figure
+
+
+def _joined(stamps: npt.NDArray[np.int64]) -> npt.NDArray[np.bool_]:
+    """Between which neighbours there is no hole."""
+    holes = [gap.before for gap in find_gaps(stamps)[2]]
+    return np.isin(stamps[:-1], holes, invert=True)
+
+
+def _draw_paths(figure: Figure, result: Comparison) -> None:
+    axes = figure.add_axes(_PATHS)
+    style.tidy(axes)
+    ours, theirs = result.reference.poses[:, :3], result.estimate.poses[:, :3]
+    wide = np.sort(np.argsort(-np.ptp(ours, axis=0), kind="stable")[:2])
+    joined = _joined(result.reference.stamps)
+    a, b = ours[:, wide], theirs[:, wide]
+    axes.add_collection(
+        LineCollection(_strokes(a, joined), colors=style.MUTED, linewidths=1.3, label="reference")
+    )
+    values = result.ape_translation.values
+    coloured = LineCollection(_strokes(b, joined), cmap=_COLOURS, linewidths=1.9, label="estimate")
+    coloured.set_array((values[:-1] + values[1:])[joined] / 2)
+    coloured.set_clim(float(values.min()), max(float(values.max()), float(values.min()) + 1e-12))
+    axes.add_collection(coloured)
+    low = np.minimum(a.min(axis=0), b.min(axis=0))
+    high = np.maximum(a.max(axis=0), b.max(axis=0))
+    shape = np.array([_PATHS[2] * _SIZE[0], _PATHS[3] * _SIZE[1]])
+    scale = max(float(((high - low) / shape).max()) * 1.1, 1e-3)
+    near, far = (low + high - scale * shape) / 2, (low + high + scale * shape) / 2
+    axes.set_xlim(near[0], far[0])
+    axes.set_ylim(near[1], far[1])
+    axes.set_aspect("equal", adjustable="box")
+    names = [f"{'xyz'[axis]} in {result.reference.target} [m]" for axis in wide]
+    style.label(axes, names[0], names[1])
+    axes.legend(loc="best", **_LEGEND)
+    bar = figure.colorbar(coloured, cax=figure.add_axes(_BAR))
+    bar.outline.set_edgecolor(style.FAINT)
+    bar.ax.tick_params(colors=style.MUTED, labelsize=style.SMALL_SIZE, length=3)
+    bar.set_label("APE [m]", color=style.INK, fontsize=style.TEXT_SIZE)
+
+
+def _strokes(
+    points: npt.NDArray[np.float64], joined: npt.NDArray[np.bool_]
+) -> list[npt.NDArray[np.float64]]:
+    return list(np.stack((points[:-1], points[1:]), axis=1)[joined])
+
+
+def _draw_errors(axes: Axes, absolute: Errors, relative: Errors, start: int, factor: float) -> None:
+    style.tidy(axes)
+    looks = ((absolute, "APE", style.MOVING, 1.3), (relative, "RPE", style.END, 0.7))
+    for errors, name, colour, width in looks:
+        seconds = (errors.stamps - start) / 1e9
+        values = errors.values * factor
+        cuts = np.flatnonzero(~_joined(errors.stamps)) + 1
+        axes.plot(
+            np.insert(seconds, cuts, np.nan),
+            np.insert(values, cuts, np.nan),
+            color=colour,
+            linewidth=width,
+            label=name,
+        )
+    rmse = absolute.rmse * factor
+    axes.axhline(rmse, color=style.MOVING, linewidth=0.9, dashes=(4, 3), label=f"rmse {rmse:.4g}")
+    top = max(float(absolute.max), float(relative.max)) * factor
+    axes.set_ylim(0, max(top * 1.3, 1e-12))
+    axes.legend(ncols=3, loc="upper right", **_LEGEND)

@@ -1,0 +1,445 @@
+"""What `tfdb.compare` says beyond evo's numbers, and what it refuses."""
+
+from __future__ import annotations
+
+import math
+import pickle
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import tfdb
+from tfdb.comparing.alignment import align
+from tfdb.io import write_trajectory
+
+from .motions import S, motion, rotated, times, tracked
+
+ROOT = Path(__file__).resolve().parents[2]
+UNIT = (0.0, 0.0, 0.0, 1.0)
+
+
+def straight(count: int = 10, *, step: float = 1.0, rows: Any = None) -> tfdb.Trajectory:
+    poses = np.zeros((count, 7))
+    poses[:, 6] = 1
+    poses[:, :3] = np.arange(count)[:, None] * step * np.array([1.0, 2.0, -0.5])
+    return tfdb.Trajectory("map", "base", np.arange(count) * S, poses if rows is None else rows)
+
+
+def test_a_trajectory_against_itself() -> None:
+    path = motion(1, times(1, 100, 10))
+    found = tfdb.compare(path, path)
+    assert len(found) == 100
+    assert found.ape_translation.max < 1e-12
+    assert found.rpe_rotation.max < 1e-7
+    assert found.scale == 1.0
+    assert found.offset == 0
+    np.testing.assert_allclose(found.alignment.matrix, np.eye(4), atol=1e-12)
+
+
+def test_what_moved_a_trajectory_is_found() -> None:
+    path = motion(1, times(1, 100, 10))
+    turn = rotated(np.array([[0.3, -0.8, 1.1]]))[0]
+    move = tfdb.Transform("odom", "map", (4.0, -3.0, 9.0), turn)
+    # By the composition of the core, which the comparison does not use.
+    chained = [(move @ tfdb.Transform("map", "base", p[:3], p[3:])).pose for p in path.poses]
+    moved = tfdb.Trajectory("odom", "imu", path.stamps, np.array(chained))
+    moved.poses[:, :3] *= 0.25
+    found = tfdb.compare(path, moved, align="sim3")
+    assert found.scale == pytest.approx(4.0)
+    assert (found.alignment.target, found.alignment.source) == ("map", "odom")
+    # scale * R * (x / 4) + t = move^-1 x
+    np.testing.assert_allclose(found.alignment.matrix, move.inverse().matrix, atol=1e-9)
+    np.testing.assert_allclose(found.estimate.poses[:, :3], path.poses[:, :3], atol=1e-9)
+    assert (found.estimate.target, found.estimate.source) == ("map", "imu")
+    assert found.ape_rotation.max < 1e-9
+    only = tfdb.compare(path, moved, align="scale")
+    assert only.scale == pytest.approx(4.0)
+    np.testing.assert_allclose(only.alignment.matrix, np.eye(4))
+
+
+def test_yaw_is_what_a_search_finds() -> None:
+    path = motion(3, times(3, 80, 10))
+    other = tracked(path, 3, noise=0.3)
+    found = tfdb.compare(path, other, align="yaw")
+    a = path.poses[:, :3] - path.poses[:, :3].mean(axis=0)
+    b = other.poses[:, :3] - other.poses[:, :3].mean(axis=0)
+
+    def cost(angle: float) -> float:
+        c, s = math.cos(angle), math.sin(angle)
+        turn = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]])
+        return float(np.sum((a - b @ turn.T) ** 2))
+
+    best = min(np.linspace(-math.pi, math.pi, 20_001), key=cost)
+    np.testing.assert_allclose(found.alignment.rotation[:2], 0, atol=1e-12)
+    angle = 2 * math.atan2(found.alignment.rotation[2], found.alignment.rotation[3])
+    assert math.remainder(angle - best, 2 * math.pi) == pytest.approx(0, abs=4e-4)
+    assert found.ape_translation.sse == pytest.approx(cost(angle))
+    assert found.ape_translation.sse <= cost(best)
+    assert found.ape_translation.sse > tfdb.compare(path, other).ape_translation.sse
+
+
+def test_alignments_are_the_best_of_their_kind() -> None:
+    """No small change of what was fitted makes the sum of squares less."""
+    rng = np.random.default_rng(4)
+    path = motion(4, times(4, 60, 10))
+    other = tracked(path, 4, noise=0.2, scale=1.7)
+    for how in ("se3", "sim3", "yaw"):
+        fit = align(path.poses, other.poses, how)  # type: ignore[arg-type]
+        least = np.sum((fit.apply(other.poses) - path.poses)[:, :3] ** 2)
+        for _ in range(30):
+            axis = rng.normal(0, 1e-3, (1, 3)) * ((0, 0, 1) if how == "yaw" else 1)
+            x, y, z, w = rotated(axis)[0]
+            small = np.array(
+                [
+                    [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
+                    [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
+                    [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
+                ]
+            )
+            scale = fit.scale * (1 + (rng.normal(0, 1e-3) if how == "sim3" else 0))
+            points = scale * other.poses[:, :3] @ (small @ fit.rotation).T
+            points += fit.translation + rng.normal(0, 1e-3, 3)
+            assert np.sum((points - path.poses[:, :3]) ** 2) > least
+
+
+def test_interpolated_poses_are_those_of_a_store() -> None:
+    path = motion(6, times(6, 500, 50))
+    other = motion(6, times(7, 80, 9))
+    store = tfdb.Buffer(history=None)
+    store.set_transforms(tfdb.Columns("map", "base", path.stamps, path.poses))
+    for a, b in ((path, other), (other, path)):
+        found = tfdb.compare(a, b, align="none")
+        assert set(found.reference.stamps) <= set(other.stamps)
+        expected = store.lookup_transforms("map", "base", found.reference.stamps)
+        side = found.reference if a is path else found.estimate
+        np.testing.assert_allclose(side.poses, expected, rtol=0, atol=1e-14)
+        assert found.max_diff == 5 * int(np.sort(np.diff(path.stamps))[249]) // 2
+        inside = set()
+        for before, after in pairwise(path.stamps.tolist()):
+            if after - before <= 2 * found.max_diff:
+                inside |= {s for s in other.stamps.tolist() if before <= s <= after}
+        assert inside == set(found.reference.stamps.tolist())
+        assert 0 < np.sum(other.stamps <= path.stamps[-1]) - len(inside) < 20
+
+
+def test_poses_that_are_not_there() -> None:
+    path = motion(6, np.arange(100) / 10.0)
+    holed = motion(6, np.arange(1000) / 100.0)
+    holed.poses[200:300] = np.nan
+    holed.poses[500, 4] = np.inf
+    for association, limit in (("interpolate", None), ("nearest", None), ("nearest", 0.001)):
+        found = tfdb.compare(
+            path,
+            holed,
+            association=association,  # type: ignore[arg-type]
+            max_diff=limit,
+        )
+        stamps = found.reference.stamps
+        if association == "interpolate" or limit is not None:
+            assert len(found) == 89
+            assert not ((stamps >= 2 * S) & (stamps < 3 * S)).any()
+            assert 5 * S not in stamps
+        else:
+            assert len(found) == 91  # within 10 ms of the edges of the holes
+        assert np.isfinite(found.ape_translation.values).all()
+        again = tfdb.compare(
+            holed,
+            path,
+            association=association,  # type: ignore[arg-type]
+            max_diff=limit,
+        )
+        assert np.array_equal(again.reference.stamps, stamps)
+
+
+def test_seconds() -> None:
+    path = motion(2, times(2, 200, 10))
+    other = tracked(path, 2)
+    found = tfdb.compare(path, other, delta=1.5, delta_unit="s")
+    stamps = path.stamps.tolist()
+    expected = [0]
+    for row, stamp in enumerate(stamps):
+        if stamp - stamps[expected[-1]] >= 1_500_000_000:
+            expected.append(row)
+    assert found.pairs.tolist() == [list(pair) for pair in pairwise(expected)]
+    found = tfdb.compare(
+        path, other, delta=1.5, delta_unit="s", all_pairs=True, delta_tolerance=0.02
+    )
+    pairs = []
+    for row, stamp in enumerate(stamps[:-1]):
+        off = [abs((later - stamp) / S - 1.5) for later in stamps[row + 1 :]]
+        if min(off) <= 0.03:
+            pairs.append([row, row + 1 + off.index(min(off))])
+    assert found.pairs.tolist() == pairs
+    assert 50 < len(pairs) < 200
+    i, j = found.pairs[3]
+    a, b = (
+        np.linalg.inv(matrix(p.poses[i])) @ matrix(p.poses[j])
+        for p in (found.reference, found.estimate)
+    )
+    error = np.linalg.inv(a) @ b
+    assert found.rpe_translation.values[3] == pytest.approx(np.linalg.norm(error[:3, 3]))
+    angle = math.acos((np.trace(error[:3, :3]) - 1) / 2)
+    assert found.rpe_rotation.values[3] == pytest.approx(angle, abs=1e-7)
+
+
+def matrix(pose: np.ndarray) -> np.ndarray:
+    return tfdb.Transform("a", "b", pose[:3], pose[3:]).matrix
+
+
+@pytest.mark.parametrize("noise", [0.0, 0.003, 0.02])
+@pytest.mark.parametrize("shift", [0, 123_456_789, -2_345_678_901, 1_700_000_000_000_000_000])
+def test_the_offset_is_found(shift: int, noise: float) -> None:
+    path = motion(11, times(1, 1500, 50), shift=10 * S)
+    other = tracked(motion(11, 4 + times(2, 500, 30), shift=10 * S + shift), 7, noise=noise)
+    for a, b, sign in ((path, other, -1), (other, path, 1)):
+        found = tfdb.compare(a, b, offset="estimate", align="sim3")
+        assert found.offset_estimated
+        assert found.offset == pytest.approx(sign * shift, abs=100_000 + noise * 1e8)
+        assert len(found) > 450
+        assert "estimated" in str(found)
+        assert found.ape_translation.rmse < 0.004 + noise * 4
+
+
+def test_the_offset_of_what_only_turns() -> None:
+    path, other = motion(11, times(1, 900, 50)), motion(11, times(2, 500, 30), shift=3 * S)
+    for each in (path, other):
+        each.poses[:, :3] = (1.0, 2.0, 3.0)
+    found = tfdb.compare(path, other, offset="estimate", align="none")
+    assert found.offset == pytest.approx(-3 * S, abs=0.02 * S)
+
+
+def test_even_motion_tells_no_offset() -> None:
+    with pytest.raises(tfdb.NotComparable, match="changes of speed are needed") as caught:
+        tfdb.compare(straight(100), straight(100), offset="estimate")
+    assert caught.value.reason == "even motion"
+    with pytest.raises(tfdb.NotComparable, match="has 5 poses: to estimate the offset, 8 are"):
+        tfdb.compare(straight(100), straight(5), offset="estimate")
+    with pytest.raises(tfdb.NotComparable, match=r"correlate by 0\.\d\d only, 0\.5 is needed"):
+        tfdb.compare(motion(1, times(1, 900, 30)), motion(5, times(1, 900, 30)), offset="estimate")
+
+
+def shifted(path: tfdb.Trajectory, by: int) -> tfdb.Trajectory:
+    return tfdb.Trajectory(path.target, path.source, path.stamps + by, path.poses)
+
+
+def placed(count: int, *points: tuple[float, float, float]) -> tfdb.Trajectory:
+    """So many poses, one after the other at these points."""
+    rows = np.zeros((count, 7))
+    rows[:, 6] = 1
+    rows[:, :3] = [points[i % len(points)] for i in range(count)]
+    return straight(count, rows=rows)
+
+
+GOOD = motion(1, np.arange(10) * 1.0)
+NOT_COMPARABLE = [
+    (GOOD, shifted(GOOD, 100 * S), {}, "no time in common", "from 0 s to 9 s.*100 s to 109 s"),
+    (
+        GOOD,
+        shifted(GOOD, S // 2),
+        {"max_diff": 0.1},
+        "no match",
+        "at most twice max_diff, 0.2 s",
+    ),
+    (
+        GOOD,
+        shifted(GOOD, S // 2),
+        {"max_diff": 0.1, "association": "nearest"},
+        "no match",
+        "within max_diff, 0.1 s: the nearest two are 0.5 s apart",
+    ),
+    (GOOD, straight(1), {}, "too few matches", "only 1 of 1 poses match in time.*needs 3"),
+    (GOOD, straight(2), {}, "too few matches", "only 2 of 2 poses match.*align='se3' needs 3"),
+    (straight(1), straight(1), {"align": "none"}, "too few matches", "align='none' needs 2"),
+    (straight(), GOOD, {}, "straight line", "the reference moves on a straight line"),
+    (GOOD, straight(), {"align": "sim3"}, "straight line", "the estimate moves on a straight line"),
+    (GOOD, straight(), {"align": "scale"}, "straight line", "align='yaw' or 'origin' does not"),
+    (straight(step=0), GOOD, {}, "standing still", "reference stands still, all 10 matched poses"),
+    (GOOD, placed(10, (1e6, 3.3, 0.1)), {}, "standing still", "the estimate stands still"),
+    (GOOD, placed(9, (1, 2, 3), (1, 2, 4)), {"align": "yaw"}, "standing still", "not move horiz"),
+    (GOOD, straight(rows=np.full((10, 7), np.nan)), {}, "no pose", "none of its 10 rows is finite"),
+    (
+        GOOD,
+        GOOD,
+        {"delta": 1e3, "delta_unit": "m"},
+        "no pairs",
+        "lie 1000 m apart.*way",
+    ),
+    (GOOD, GOOD, {"delta": 10}, "no pairs", "10 frames apart.*only 10 poses are matched"),
+    (
+        GOOD,
+        GOOD,
+        {"delta": 400, "delta_unit": "deg", "all_pairs": True},
+        "no pairs",
+        "400 deg",
+    ),
+    (GOOD, GOOD, {"delta": 60, "delta_unit": "s"}, "no pairs", "way of the matched poses is 9 s"),
+]
+
+
+@pytest.mark.parametrize(("reference", "estimate", "options", "reason", "text"), NOT_COMPARABLE)
+def test_what_cannot_be_compared(
+    reference: Any, estimate: Any, options: dict[str, Any], reason: str, text: str
+) -> None:
+    with pytest.raises(tfdb.NotComparable, match=text) as caught:
+        tfdb.compare(reference, estimate, **options)
+    assert caught.value.reason == reason
+    assert pickle.loads(pickle.dumps(caught.value)).reason == reason
+
+
+@pytest.mark.parametrize("how", ["yaw", "origin", "none"])
+def test_a_straight_line_is_enough_for_the_rest(how: Any) -> None:
+    found = tfdb.compare(straight(), straight(), align=how)
+    assert found.ape_translation.max < 1e-12
+
+
+def test_standing_still_is_enough_where_nothing_is_fitted() -> None:
+    still = straight(step=0)
+    for how in ("origin", "none"):
+        assert tfdb.compare(still, still, align=how).ape_translation.max == 0
+
+
+BAD_OPTIONS: list[tuple[dict[str, Any], str]] = [
+    ({"association": "evo"}, "association must be one of 'interpolate', 'nearest', got 'evo'"),
+    ({"association": ["nearest"]}, "association must be one of"),
+    ({"align": "SE3"}, "align must be one of 'se3', 'sim3', 'scale', 'yaw', 'origin', 'none'"),
+    ({"align": None}, "align must be one of"),
+    ({"delta_unit": "metres"}, "delta_unit must be one of 'frames', 'm', 's', 'deg', 'rad'"),
+    ({"pairs_from": 1}, "pairs_from must be one of"),
+    ({"max_diff": -0.1}, "max_diff must be a number of seconds from 0 to 2305843009, got -0.1"),
+    ({"max_diff": math.nan}, "max_diff must be a number of seconds"),
+    ({"max_diff": "1"}, "max_diff must be a number of seconds"),
+    ({"offset": "guess"}, "offset must be a number of seconds from -2305843009 .*or 'estimate'"),
+    ({"offset": 1e300}, "offset must be a number"),
+    ({"offset": True}, "offset must be a number"),
+    ({"offset": np.array([1.0, 2.0])}, "offset must be a number"),
+    ({"delta": 0}, "delta must be a number above 0, got 0"),
+    ({"delta": math.inf}, "delta must be a number above 0"),
+    ({"delta": [1]}, "delta must be a number above 0"),
+    ({"delta": 10**400}, "delta must be a number above 0"),
+    ({"delta": 1.5}, "delta must be a whole number of frames, got 1.5"),
+    ({"delta_tolerance": -1}, "delta_tolerance must be a number of at least 0, got -1"),
+    ({"align_poses": 2}, "align_poses must be None or a whole number from 3 on, got 2"),
+    ({"align_poses": 5.5}, "align_poses must be"),
+]
+
+
+@pytest.mark.parametrize(("options", "text"), BAD_OPTIONS)
+def test_bad_options(options: dict[str, Any], text: str) -> None:
+    with pytest.raises(tfdb.InvalidArgument, match=text):
+        tfdb.compare(GOOD, GOOD, **options)
+
+
+def test_bad_poses() -> None:
+    bad = straight()
+    bad.poses[4, 6] = 1.5
+    with pytest.raises(
+        tfdb.InvalidTransform, match=r"pose 4 of the estimate: .*length: 1.5"
+    ) as how:
+        tfdb.compare(GOOD, bad)
+    assert how.value.index == 4
+    bad = straight()
+    bad.poses[7, 0] = 1e200
+    with pytest.raises(tfdb.InvalidTransform, match=r"pose 7 of the reference: .* 1e\+200 m off"):
+        tfdb.compare(bad, GOOD)
+    with pytest.raises(tfdb.InvalidStamp):
+        tfdb.compare(shifted(GOOD, -2 * S), shifted(straight(300), -2 * S))
+
+
+@pytest.mark.parametrize("value", [None, 5, [1, 2], np.zeros((3, 7)), b"a.tum", object()])
+def test_what_is_no_trajectory(value: Any) -> None:
+    with pytest.raises(tfdb.InvalidArgument, match="the reference must be a Trajectory, a Buffer"):
+        tfdb.compare(value, GOOD)
+    with pytest.raises(tfdb.InvalidArgument, match="the estimate must be a Trajectory"):
+        tfdb.compare(GOOD, value)
+
+
+@pytest.mark.parametrize("kind", ["tum", "csv", "npz", "euroc", "kitti"])
+def test_files(tmp_path: Path, kind: str) -> None:
+    path = motion(1, times(1, 60, 10))
+    other = tracked(path, 1)
+    write_trajectory(tmp_path / "a", path, kind)
+    write_trajectory(tmp_path / "b", other, kind)
+    found = tfdb.compare(tmp_path / "a", str(tmp_path / "b"))
+    expected = tfdb.compare(path, other)
+    np.testing.assert_allclose(
+        found.ape_translation.values, expected.ape_translation.values, atol=1e-12
+    )
+
+
+def test_recordings_and_stores(tmp_path: Path) -> None:
+    bag, mcap = (ROOT / "examples" / "data" / f"pr2.{kind}" for kind in ("bag", "mcap"))
+    buf = tfdb.load(mcap)
+    frozen = tmp_path / "pr2.tfdb"
+    buf.freeze(frozen)
+    truth, odometry = buf.trajectory("map", "base_link"), buf.trajectory("odom", "base_link")
+    expected = tfdb.compare(truth, odometry)
+    assert expected.ape_translation.rmse > 1e-4
+    for one, other in ((bag, mcap), (mcap, buf), (frozen, buf.snapshot()), (truth, bag)):
+        found = tfdb.compare(
+            one, other, frames=("map", "base_link"), estimate_frames=("odom", "base_link")
+        )
+        assert np.array_equal(found.ape_translation.values, expected.ape_translation.values)
+    same = tfdb.compare(bag, mcap, frames=("odom", "base_link"))
+    assert same.ape_translation.max < 1e-12
+    with pytest.raises(tfdb.InvalidArgument, match=r"give frames=\(target, source\), such as \('m"):
+        tfdb.compare(bag, truth)
+    with pytest.raises(tfdb.InvalidArgument, match=r"give estimate_frames=\(target, source\)"):
+        tfdb.compare(truth, buf)
+    with pytest.raises(tfdb.InvalidArgument, match=r"frames must be the names \(target, source\)"):
+        tfdb.compare(bag, truth, frames="map")  # type: ignore[arg-type]
+    with pytest.raises(tfdb.UnknownFrame):
+        tfdb.compare(bag, truth, frames=("map", "base_lonk"))
+    with pytest.raises(FileNotFoundError):
+        tfdb.compare(tmp_path / "none", truth)
+
+
+def test_what_is_given_stays_as_it_is() -> None:
+    path, other = motion(1, times(1, 60, 10)), tracked(motion(1, times(1, 60, 10)), 1)
+    before = path.poses.copy(), other.poses.copy()
+    found = tfdb.compare(path, other, align="sim3")
+    found.reference.poses[:] = 0
+    assert np.array_equal(path.poses, before[0])
+    assert np.array_equal(other.poses, before[1])
+
+
+def test_what_people_see(capsys: pytest.CaptureFixture[str]) -> None:
+    path = motion(1, times(1, 60, 10))
+    other = tracked(path, 1, scale=1.5)
+    found = tfdb.compare(path, other, align="sim3", delta=0.5, delta_unit="m", all_pairs=True)
+    shown = str(found)
+    assert max(map(len, shown.splitlines())) <= 60
+    lines = {line.split()[0]: line.split()[1:] for line in shown.splitlines() if line}
+    for name in ("rmse", "mean", "median", "std", "min", "max", "sse"):
+        cells = [float(cell) for cell in lines[name]]
+        radians = [errors.in_degrees()[name] for errors in (found.ape_rotation, found.rpe_rotation)]
+        expected = [
+            found.ape_translation.statistics[name],
+            radians[0],
+            found.rpe_translation.statistics[name],
+            radians[1],
+        ]
+        assert cells == pytest.approx(expected, rel=1e-3)
+    assert found.ape_rotation.in_degrees()["max"] == math.degrees(found.ape_rotation.max)
+    assert "Sim(3), Umeyama" in shown
+    assert "per 0.5 m" in shown
+    assert repr(found).startswith("<tfdb.Comparison of 60 poses: APE ")
+    assert repr(found.ape_rotation).startswith("<tfdb.comparing.Errors APE rotation: 60 from ")
+    html = found._repr_html_()
+    assert html.count("<tr>") == html.count("</tr>") == 13
+    assert lines["rmse"][0] in html
+    assert capsys.readouterr().out == ""
+
+
+def test_it_comes_when_it_is_used() -> None:
+    import subprocess
+    import sys
+
+    code = (
+        "import sys, tfdb; print('tfdb.comparing' in sys.modules); tfdb.compare; "
+        "import tfdb.comparing; print(callable(tfdb.compare), 'matplotlib' in sys.modules)"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.split() == ["False", "True", "False"]
