@@ -103,11 +103,11 @@ def command(
     if kind != "trajectory" and frames:
         raise click.UsageError(f"a {kind} takes no frames; got {' '.join(frames)}")
     names = (file, *more)
-    outs = _outputs(saved or (() if show else ("png",)), file, kind)
+    outs = picture_files(saved or (() if show else ("png",)), file, kind)
     read = common.find_paths([name for name in names if not common.is_live(name)])
     for path in outs:
         common.check_output(str(path), read, overwrite=overwrite)
-    _need_matplotlib()
+    need_matplotlib()
     loaded = common.load(names, topics)
     if kind == "trajectory":
         figure = _trajectory(loaded, frames, axes, color, title)
@@ -130,7 +130,7 @@ def command(
         _show(figure)
 
 
-def _outputs(saved: Sequence[str], file: str, kind: str) -> list[Path]:
+def picture_files(saved: Sequence[str], file: str, kind: str) -> list[Path]:
     """Name the files: a format means FILE_KIND.FORMAT in the current folder."""
     found: list[Path] = []
     for text in saved:
@@ -151,7 +151,8 @@ def _outputs(saved: Sequence[str], file: str, kind: str) -> list[Path]:
     return found
 
 
-def _need_matplotlib() -> None:
+def need_matplotlib() -> None:
+    """Say how to get it where it is missing."""
     try:
         import tfdb.plot  # noqa: F401, PLC0415 - an extra
     except ImportError as error:

@@ -6,7 +6,11 @@ evaluation of odometry and SLAM"), with which the tests compare them.
 
 from __future__ import annotations
 
+from ..on_demand import belong_to
 from .compare_trajectories import compare
 from .comparison import Comparison, Errors
 
 __all__ = ["Comparison", "Errors", "compare"]
+
+belong_to("tfdb", globals(), ("Comparison", "compare"))
+belong_to(__name__, globals(), ("Errors",))

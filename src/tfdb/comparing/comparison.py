@@ -204,7 +204,7 @@ class Comparison:
     def _facts(self) -> list[tuple[str, str]]:
         """What people must know to read the numbers."""
         ways = {"interpolate": "interpolated", "nearest": "the nearest"}
-        within = f"{ways[self.association]} within {self.max_diff / 1e6:g} ms"
+        within = f"{ways[self.association]} within {self.max_diff / 1e6:.4g} ms"
         facts = [("matched", f"{len(self):,} poses, {within}")]
         if self.offset or self.offset_estimated:
             how = ", estimated" if self.offset_estimated else ""

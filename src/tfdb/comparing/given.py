@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 
-from .._core import Reads, open_frozen
+from .._core import Reads
+from .._core import open as open_frozen
 from ..errors import InvalidArgument, InvalidTransform, NotComparable, RecordingError
 from ..frozen import is_frozen
 from ..given_path import given_path

@@ -9,7 +9,7 @@ import numpy.typing as npt
 from matplotlib.collections import LineCollection
 
 from ..summary import find_gaps
-from . import style
+from . import lettering, style
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -88,7 +88,9 @@ def _draw_paths(figure: Figure, result: Comparison) -> None:
     axes.set_xlim(near[0], far[0])
     axes.set_ylim(near[1], far[1])
     axes.set_aspect("equal", adjustable="box")
-    names = [f"{'xyz'[axis]} in {result.reference.target} [m]" for axis in wide]
+    room = _PATHS[3] * _SIZE[1] * 72 - 60.0
+    target = lettering.fitted(result.reference.target, style.TEXT_SIZE, room)
+    names = [f"{'xyz'[axis]} in {target} [m]" for axis in wide]
     style.label(axes, names[0], names[1])
     axes.legend(loc="best", **_LEGEND)
     bar = figure.colorbar(coloured, cax=figure.add_axes(_BAR))

@@ -1,0 +1,241 @@
+"""``tfdb compare``: how far an estimated trajectory is off a reference."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import click
+
+import tfdb
+from tfdb.frozen import is_frozen
+from tfdb.given_path import given_path
+from tfdb.io import read_trajectory
+from tfdb.new_file import new_file
+
+from . import common, layout, output
+from .plot import need_matplotlib, picture_files
+from .times import NS, duration_option, offset_option
+
+if TYPE_CHECKING:
+    from tfdb import Comparison, Trajectory
+    from tfdb.comparing import Errors
+
+_ALIGN = ("se3", "sim3", "scale", "yaw", "origin", "none")
+_UNITS = ("frames", "m", "s", "deg", "rad")
+
+
+def _offset(ctx: click.Context, param: click.Parameter, value: str | None) -> Any:
+    """Click's callback for a length of time with a sign, or for `estimate`."""
+    if value == "estimate":
+        return value
+    found = offset_option(ctx, param, value)
+    return None if found is None else found / NS
+
+
+@click.command("compare")
+@click.argument("reference", type=click.Path())
+@click.argument("estimate", type=click.Path())
+@click.option(
+    "--frames",
+    nargs=2,
+    metavar="TARGET SOURCE",
+    help="Of recordings and stores: compare T[TARGET<-SOURCE].",
+)
+@click.option(
+    "--estimate-frames",
+    nargs=2,
+    metavar="TARGET SOURCE",
+    help="The same of ESTIMATE, where it has other frames.",
+)
+@click.option(
+    "--association",
+    type=click.Choice(("interpolate", "nearest")),
+    default="interpolate",
+    show_default=True,
+    help="Interpolate the trajectory with more poses at the stamps of the other, or take the "
+    "nearest pose as evo does by default.",
+)
+@click.option(
+    "--max-diff",
+    metavar="SECONDS",
+    callback=duration_option,
+    help="How far the nearest pose may be.  [default: 0.01, to interpolate 2.5 median periods]",
+)
+@click.option(
+    "--offset",
+    metavar="SECONDS|estimate",
+    callback=_offset,
+    default="0",
+    show_default=True,
+    help="Add this to the stamps of ESTIMATE; 'estimate' finds it from how both move.",
+)
+@click.option(
+    "--align",
+    type=click.Choice(_ALIGN),
+    default="se3",
+    show_default=True,
+    help="What is fitted before: rotation and translation, a scale too, the scale alone, yaw and "
+    "translation, the first poses, nothing.",
+)
+@click.option(
+    "--align-poses",
+    type=click.IntRange(min=1),
+    metavar="N",
+    help="Fit the first N matched poses only.",
+)
+@click.option(
+    "--delta",
+    type=click.FloatRange(min=0, min_open=True),
+    default=1.0,
+    show_default=True,
+    help="Over how much the relative error (RPE) is taken.",
+)
+@click.option(
+    "--delta-unit",
+    type=click.Choice(_UNITS),
+    default="frames",
+    show_default=True,
+    help="Of --delta: matched poses, metres, seconds, degrees, radians.",
+)
+@click.option("--all-pairs", is_flag=True, help="Begin a relative error at every pose.")
+@click.option(
+    "--delta-tolerance",
+    type=click.FloatRange(min=0),
+    default=0.1,
+    show_default=True,
+    help="With --all-pairs: by which part of --delta a pair may be off it.",
+)
+@click.option(
+    "--pairs-from",
+    type=click.Choice(("estimate", "reference")),
+    default="estimate",
+    show_default=True,
+    help="Whose way is measured.",
+)
+@click.option(
+    "--save",
+    "saved",
+    multiple=True,
+    metavar="FORMAT|PATH",
+    help="Draw both, and the errors over time: png, svg, pdf write ESTIMATE_compare.FORMAT here; "
+    "or a path with such an ending. Repeatable.",
+)
+@common.overwrite_option
+@common.topic_option
+@common.json_option
+def command(
+    *,
+    reference: str,
+    estimate: str,
+    frames: tuple[str, str] | None,
+    estimate_frames: tuple[str, str] | None,
+    max_diff: int | None,
+    saved: tuple[str, ...],
+    overwrite: bool,
+    topics: tuple[str, ...],
+    as_json: bool,
+    **options: Any,
+) -> None:
+    """How far ESTIMATE is off REFERENCE: APE (ATE) and RPE, the numbers of evo.
+
+    \b
+      tfdb compare truth.tum slam.tum
+      tfdb compare truth.txt drive.mcap --estimate-frames odom base_link
+      tfdb compare truth.tum slam.tum --align sim3 --delta 1 --delta-unit m --save png
+
+    Each is a TUM, KITTI, EuRoC, CSV or NPZ file, or a recording, FILE.tfdb or shm:NAME with
+    --frames. Translations in metres, rotations in degrees.
+    """  # noqa: D301, click wants the character
+    files = [name for name in (reference, estimate) if not common.is_live(name)]
+    read = common.find_paths(files)
+    if (topics or common.salvages() or common.chosen()) and not any(
+        _has_frames(name) for name in (reference, estimate)
+    ):
+        raise click.UsageError("what is read of a recording can be chosen; these are trajectories")
+    outs = picture_files(saved, estimate, "compare")
+    for path in outs:
+        common.check_output(str(path), read, overwrite=overwrite)
+    if outs:
+        need_matplotlib()
+    ours = _trajectory(reference, frames, topics, "--frames")
+    theirs = _trajectory(estimate, estimate_frames or frames, topics, "--estimate-frames")
+    found = tfdb.compare(
+        ours, theirs, max_diff=None if max_diff is None else max_diff / NS, **options
+    )
+    for path in outs:
+        with new_file(path, overwrite=overwrite) as made:
+            found.plot().savefig(made, format=path.suffix[1:].lower())
+    if as_json:
+        body = _body(found, [str(path) for path in outs])
+        output.emit_json("compare", {"files": [reference, estimate], **body})
+        return
+    for role, name, trajectory in (("reference", reference, ours), ("estimate", estimate, theirs)):
+        click.echo(_given(role, name, trajectory, named=_has_frames(name)))
+    click.echo(str(found))
+    if outs:
+        click.echo()
+    for path in outs:
+        click.echo(layout.wrap(layout.words(f"{path}: the picture", str(path))))
+
+
+def _has_frames(name: str) -> bool:
+    """Whether a name is that of a store or a recording, not that of a trajectory."""
+    from tfdb.comparing.given import is_recording  # noqa: PLC0415 - brings numpy
+
+    if common.is_live(name):
+        return True
+    path = given_path(name)
+    return is_frozen(path) or is_recording(path)
+
+
+def _trajectory(
+    name: str, frames: tuple[str, str] | None, topics: tuple[str, ...], option: str
+) -> Trajectory:
+    """Read one of the two."""
+    if not _has_frames(name):
+        return read_trajectory(given_path(name))
+    if frames is None:
+        raise click.UsageError(f"{name} holds frames: name two with {option} TARGET SOURCE")
+    store = common.load((name,), topics).store
+    target, source = common.find_frames(store, *frames)
+    return store.trajectory(target, source, missing="skip")
+
+
+def _given(role: str, name: str, trajectory: Trajectory, *, named: bool) -> str:
+    """One of the two in words."""
+    chunks = layout.words(f"{role:<10} {name}", name)
+    if named:
+        first, *rest = layout.transform_name(trajectory.target, trajectory.source)
+        chunks += [f" {first}", *rest]
+    return layout.wrap([*chunks, *layout.words(f", {len(trajectory):,} poses")], " " * 11)
+
+
+def _body(found: Comparison, outputs: list[str]) -> dict[str, Any]:
+    stamps = found.reference.stamps
+    return {
+        "poses": list(found.given),
+        "matched": len(found),
+        "start_ns": int(stamps[0]),
+        "end_ns": int(stamps[-1]),
+        "association": found.association,
+        "max_diff_ns": found.max_diff,
+        "offset_ns": found.offset,
+        "offset_estimated": found.offset_estimated,
+        "align": found.align,
+        "scale": found.scale,
+        "translation": found.alignment.translation.tolist(),
+        "rotation_xyzw": found.alignment.rotation.tolist(),
+        "ape": _errors(found.ape_translation, found.ape_rotation),
+        "rpe": {
+            "delta": found.delta,
+            "delta_unit": found.delta_unit,
+            "all_pairs": found.all_pairs,
+            "pairs": len(found.pairs),
+            **_errors(found.rpe_translation, found.rpe_rotation),
+        },
+        "outputs": outputs,
+    }
+
+
+def _errors(translation: Errors, rotation: Errors) -> dict[str, Any]:
+    return {"translation_m": translation.in_degrees(), "rotation_deg": rotation.in_degrees()}
