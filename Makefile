@@ -26,7 +26,7 @@ ONE_SEED := TFDB_MODEL_SEEDS=1
 
 .DELETE_ON_ERROR:
 .PHONY: help demo test test-cpp test-python check measure bench-rooms tsan asan asan-python fuzz \
-        torture histories relacy ros2 docs wheel stubs format clean distclean
+        torture histories relacy ros2 docs wheel wheels stubs format clean distclean
 
 help:
 	@echo 'make demo [BAG=file]  the main job on a recording, pictures in out/'
@@ -42,7 +42,8 @@ help:
 	@echo 'make relacy           model checks of the protocol (package relacy-dev)'
 	@echo 'make ros2             a real rclpy in .ros2, for the tests of live nodes of ROS 2'
 	@echo 'make docs             API reference in build/docs'
-	@echo 'make wheel            sdist and wheel in dist/'
+	@echo 'make wheel            sdist and wheel for this machine in dist/, checked'
+	@echo 'make wheels           all packages of a release in dist/, checked (WHEELS="--only aarch64")'
 	@echo 'make stubs | format   rewrite src/tfdb/_core.pyi | all sources'
 	@echo 'make clean            remove what was built; distclean: .venv too'
 
@@ -180,7 +181,15 @@ docs: $(STAMPS)/dev
 	$(BIN)/python tools/make_docs.py build/docs
 
 wheel: $(STAMPS)/dev
-	$(BIN)/python -m build
+	$(BIN)/python tools/make_wheels.py --native
+
+# docs/packaging.md says which Pythons it looks for.
+$(STAMPS)/release: pyproject.toml | $(STAMPS)/dev
+	$(PIP) install --no-build-isolation -e '.[release]'
+	@touch $@
+
+wheels: $(STAMPS)/release
+	$(BIN)/python tools/make_wheels.py $(WHEELS)
 
 stubs: $(STAMPS)/dev
 	$(BIN)/python tools/make_stubs.py

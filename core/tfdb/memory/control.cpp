@@ -31,6 +31,35 @@ constexpr unsigned kSlotsWord = 5;
 constexpr std::size_t kMutexByte = 256;
 constexpr std::size_t kSlotsByte = 4096;
 constexpr int kSpins = 400;
+constexpr std::int64_t kSecond = 1'000'000'000;
+
+#ifdef __GLIBC_PREREQ
+#if __GLIBC_PREREQ(2, 30)
+#define TFDB_HAS_CLOCKLOCK
+#endif
+#endif
+
+/// Takes the mutex, or gives up at a time of the steady clock.
+int lock_until(pthread_mutex_t* mutex, std::int64_t until) noexcept {
+#ifdef TFDB_HAS_CLOCKLOCK
+    const timespec at{until / kSecond, until % kSecond};
+    return ::pthread_mutex_clocklock(mutex, CLOCK_MONOTONIC, &at);
+#else
+    // Older libraries wait by the clock that may be set: in short steps that matters little.
+    constexpr std::int64_t kStep = 10'000'000;
+    for (;;) {
+        const std::int64_t left = until - sync::steady_now();
+        timespec at{};
+        ::clock_gettime(CLOCK_REALTIME, &at);
+        const std::int64_t ends = at.tv_nsec + std::clamp(left, std::int64_t{0}, kStep);
+        at.tv_sec += ends / kSecond;
+        at.tv_nsec = ends % kSecond;
+        if (const int result = ::pthread_mutex_timedlock(mutex, &at);
+            result != ETIMEDOUT || left <= kStep)
+            return result;
+    }
+#endif
+}
 
 /// A lock on a slot's byte: it belongs to the open file, so it ends with the last process that has
 /// it open.
@@ -53,8 +82,6 @@ std::uint64_t this_process() {
     ::stat("/proc/self/ns/pid", &space);
     return static_cast<std::uint64_t>(::getpid()) << 32 | (space.st_ino & 0xFFFFFFFFU);
 }
-
-constexpr std::int64_t kSecond = 1'000'000'000;
 
 [[noreturn]] void throw_damaged(const std::string& name) {
     ErrorDetail detail;
@@ -246,10 +273,9 @@ Control::Taken Control::lock(std::int64_t longest_ns) noexcept {
         sync::spin_pause();
     }
     const std::int64_t until = sync::steady_now() + longest_ns;
-    const timespec at{until / kSecond, until % kSecond};
     if (!is_mutex())
         return Taken::kBroken;
-    return took(::pthread_mutex_clocklock(mutex(), CLOCK_MONOTONIC, &at));
+    return took(lock_until(mutex(), until));
 }
 
 void Control::consistent() noexcept {

@@ -2,8 +2,8 @@
 
 #include <dirent.h>
 #include <fcntl.h>
-#include <sys/random.h>
 #include <sys/stat.h>
+#include <sys/syscall.h>
 #include <unistd.h>
 
 #include <array>
@@ -58,7 +58,7 @@ std::string control_name(const std::string& path, std::uint64_t id) {
 
 std::uint64_t random_id() {
     std::uint64_t id = 0;
-    while (::getrandom(&id, sizeof id, 0) != sizeof id) {
+    while (::syscall(SYS_getrandom, &id, sizeof id, 0) != sizeof id) {  // glibc has it from 2.25 on
     }
     return id;
 }
