@@ -156,6 +156,10 @@ def load(
 ) -> LoadReport:
     """Load the transforms of recordings: `.bag`, `.db3`, `.mcap`, folders of ROS 2 bags.
 
+    Trajectories are taken as well, by the ends of their names (`.tum`, `.txt`, `.csv`, `.npz`,
+    `.parquet`): TUM, KITTI and EuRoC files among them. They are one moving edge, from `world` to
+    `body` where the file names no frames; `rename` names them.
+
     The files are looked through before the first commit, so that damage leaves the buffer as it
     was, and must not change until the end. Each message is one commit, in the order of its
     reception; one that is refused is counted and skipped. A buffer with a limited history
@@ -216,6 +220,8 @@ def load(
     RecordingError
         A file is no recording, damaged or cut short; a topic is missing or holds no transforms;
         nothing is left. Nothing was stored.
+    TrajectoryError
+        A line of a trajectory that is not what its format wants, and the like.
     UnknownFrame
         One of `frames` is not there.
     ModelError

@@ -220,6 +220,12 @@ out_option = click.option(
     metavar="OUT",
     help="The .bag, .mcap or .db3 to be written.",
 )
+format_option = click.option(
+    "--format",
+    "kind",
+    type=click.Choice(["tum", "kitti", "euroc", "csv", "npz", "parquet"]),
+    help="Of a trajectory, whatever OUT is called.  [default: by the end of OUT; .txt is TUM]",
+)
 overwrite_option = click.option("--overwrite", is_flag=True, help="Replace OUT if it exists.")
 
 

@@ -12,6 +12,7 @@ import tfdb
 from tfdb.given_path import given_path
 from tfdb.io import Recording, RecordingWriter, write_trajectory
 from tfdb.io.choice import Choice, absolute
+from tfdb.io.containers import TRAJECTORIES
 from tfdb.io.loading import Selection
 
 from . import common, layout, output
@@ -25,7 +26,6 @@ if TYPE_CHECKING:
 
 RECORDINGS = (".bag", ".mcap", ".db3")
 RERUN = ".rrd"
-TRAJECTORIES = (".tum", ".csv", ".npz")
 
 
 @dataclass
@@ -50,10 +50,11 @@ class Written:
     "--frames",
     nargs=2,
     metavar="TARGET SOURCE",
-    help="For .tum, .csv and .npz: write T[TARGET<-SOURCE] at each stored stamp.",
+    help="For trajectories: write T[TARGET<-SOURCE] at each stored stamp.",
 )
 @click.option("--foxglove", is_flag=True, help="Of .mcap: messages that Foxglove draws.")
 @click.option("--compress", is_flag=True, help="zstd for .mcap, bz2 for .bag.")
+@common.format_option
 @common.overwrite_option
 @common.topic_option
 @common.json_option
@@ -64,6 +65,7 @@ def command(
     frames: tuple[str, str] | None,
     foxglove: bool,
     compress: bool,
+    kind: str | None,
     overwrite: bool,
     topics: tuple[str, ...],
     as_json: bool,
@@ -80,21 +82,25 @@ def command(
     path = given_path(out)
     suffix = path.suffix.lower()
     known = (*RECORDINGS, RERUN, *TRAJECTORIES)
-    if suffix not in known:
+    is_trajectory = kind is not None or suffix in TRAJECTORIES
+    if suffix not in known and not is_trajectory:
         raise click.UsageError(f"{out!r} ends in none of {', '.join(known)}")
+    if kind is not None and suffix in (*RECORDINGS, RERUN):
+        raise click.UsageError(f"--format goes with trajectories, and {out!r} is none by its name")
     if foxglove and suffix != ".mcap":
         raise click.UsageError(f"--foxglove writes .mcap, not {out!r}")
     if compress and (foxglove or suffix == RERUN):
         raise click.UsageError("--compress goes with recordings, not with what a viewer is given")
-    if (frames is not None) != (suffix in TRAJECTORIES):
-        raise click.UsageError(f"--frames TARGET SOURCE goes with {', '.join(TRAJECTORIES)}")
+    if (frames is not None) != is_trajectory:
+        endings = ", ".join(TRAJECTORIES)
+        raise click.UsageError(f"--frames TARGET SOURCE goes with trajectories: {endings}")
     inputs = common.find_paths(files)
     common.check_output(out, inputs, overwrite=overwrite)
     if frames is not None:
         loaded = common.load(files, topics)
         target, source = common.find_frames(loaded.store, *frames)
         poses = loaded.store.trajectory(target, source)
-        write_trajectory(out, poses, overwrite=overwrite)
+        write_trajectory(out, poses, kind, overwrite=overwrite)
         messages = loaded.report.messages if loaded.report else 0
         written = Written(messages, len(poses.stamps))
     elif foxglove or suffix == RERUN:

@@ -11,6 +11,7 @@ import click
 
 import tfdb
 from tfdb.given_path import errors_name
+from tfdb.io.containers import TRAJECTORIES
 
 from . import common, layout, output
 from .graph import listen_option
@@ -19,8 +20,6 @@ from .times import TimeSpec, format_duration, format_ns, read_stamps, time_optio
 if TYPE_CHECKING:
     import numpy as np
     import numpy.typing as npt
-
-FORMATS = (".tum", ".csv", ".npz")
 
 
 @dataclass(frozen=True)
@@ -59,13 +58,14 @@ class Poses:
     "out",
     type=click.Path(),
     metavar="OUT",
-    help="A .tum, .csv or .npz file. [default: TUM lines to stdout]",
+    help="A .tum, .csv, .npz or .parquet file, or see --format. [default: TUM lines to stdout]",
 )
 @click.option(
     "--skip-missing",
     is_flag=True,
     help="Leave out stamps without a pose instead of ending with an error.",
 )
+@common.format_option
 @common.overwrite_option
 @common.policy_option
 @common.more_option
@@ -82,6 +82,7 @@ def command(
     start: TimeSpec | None,
     end: TimeSpec | None,
     out: str | None,
+    kind: str | None,
     skip_missing: bool,
     overwrite: bool,
     policy: Any,
@@ -89,7 +90,7 @@ def command(
     topics: tuple[str, ...],
     as_json: bool,
 ) -> None:
-    """Many poses of SOURCE in TARGET, to a .tum, .csv or .npz file.
+    """Many poses of SOURCE in TARGET, to a .tum, .csv, .npz or .parquet file.
 
     Example: tfdb poses drive.mcap map camera --rate 100 -o camera.tum
 
@@ -98,8 +99,7 @@ def command(
     """
     if stamps_file is not None and rate is not None:
         raise click.UsageError("--at and --rate exclude each other")
-    if out is not None and not out.lower().endswith(FORMATS):
-        raise click.UsageError(f"{out!r} ends in none of {', '.join(FORMATS)}")
+    _check_format(out, kind)
     if as_json and out is None:
         raise click.UsageError("--json describes what was written: give it -o OUT")
     wanted = None if stamps_file is None else _stamps(stamps_file)
@@ -131,12 +131,21 @@ def command(
 
     kept: npt.NDArray[np.bool_] = np.asarray(np.isfinite(poses).all(axis=1))
     made = Poses(target, source, stamps[kept], poses[kept], int(len(kept) - kept.sum()))
-    _write(out, made, overwrite=overwrite)
+    _write(out, made, kind, overwrite=overwrite)
     if as_json:
         output.emit_json("poses", _body(loaded, made, out))
     elif out is not None:
         text = f"{out}: {_describe(made)}"
         click.echo(layout.wrap(layout.words(text, out, target, source)))
+
+
+def _check_format(out: str | None, kind: str | None) -> None:
+    """Refuse a file of which nobody knows how it is to be written."""
+    if out is not None and kind is None and not out.lower().endswith(TRAJECTORIES):
+        endings = ", ".join(TRAJECTORIES)
+        raise click.UsageError(f"{out!r} ends in none of {endings}: --format says what it is to be")
+    if kind is not None and out is None:
+        raise click.UsageError("--format says how OUT is written: give it -o OUT")
 
 
 def _stamps(name: str) -> npt.NDArray[np.int64]:
@@ -164,9 +173,9 @@ def _between(
     return stamps[inside]
 
 
-def _write(out: str | None, made: Poses, *, overwrite: bool) -> None:
+def _write(out: str | None, made: Poses, kind: str | None, *, overwrite: bool) -> None:
     if out is not None:
-        tfdb.io.write_trajectory(out, made, overwrite=overwrite)
+        tfdb.io.write_trajectory(out, made, kind, overwrite=overwrite)
         return
     for stamp, pose in zip(made.stamps.tolist(), made.poses.tolist(), strict=True):
         click.echo(f"{format_ns(stamp)} {' '.join(map(repr, pose))}")

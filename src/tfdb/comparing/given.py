@@ -58,7 +58,7 @@ def given_trajectory(given: Any, frames: Frames | None, role: str, parameter: st
 def is_recording(path: Path) -> bool:
     """Whether a file is a recording; what is none is left to `read_trajectory`."""
     with suppress(RecordingError):
-        return bool(kind_of(path))
+        return kind_of(path) != "trajectory"
     return False
 
 

@@ -30,7 +30,7 @@ T = TypeVar("T")
 
 Encoding: TypeAlias = Literal["ros1", "cdr", "protobuf", "json"]
 """Messages of transforms are of the first two."""
-Kind: TypeAlias = Literal["bag", "db3", "mcap", "folder"]
+Kind: TypeAlias = Literal["bag", "db3", "mcap", "folder", "trajectory"]
 Payload: TypeAlias = "tuple[int, int, bytes]"
 """Time of reception (ns), id of the source, bytes."""
 Survey: TypeAlias = (
@@ -41,6 +41,8 @@ SALVAGE = "salvage=True (--salvage) reads as far as it goes"
 NO_START = 2**63 - 1
 
 _TF_TYPES = frozenset({"tf2_msgs/TFMessage", "tf/tfMessage"})
+TRAJECTORIES = (".tum", ".txt", ".csv", ".npz", ".parquet")
+"""How the names of trajectory files end."""
 POSES_WITHOUT_CHILD = frozenset(
     {
         "geometry_msgs/PoseStamped",
@@ -350,7 +352,7 @@ def typed_errors(path: Path, hint: str = SALVAGE) -> Iterator[None]:
 
 
 def kind_of(path: Path) -> Kind:
-    """What a file is, by its first bytes; the name does not matter.
+    """What a file is, by its first bytes; of trajectories alone the name's end tells.
 
     Raises `RecordingError` for anything that is no recording, `OSError` where it cannot be opened.
     """
@@ -369,4 +371,6 @@ def kind_of(path: Path) -> Kind:
     for magic, reason in _OTHERS:
         if start.startswith(magic):
             raise RecordingError(path, reason.format(name=path.name))
+    if path.suffix.lower() in TRAJECTORIES:
+        return "trajectory"
     raise RecordingError(path, "neither a ROS 1 bag, nor a ROS 2 database (.db3), nor an MCAP file")

@@ -1,4 +1,4 @@
-"""Open recordings: ROS 1 bags, ROS 2 databases and bag folders, MCAP files.
+"""Open recordings: ROS 1 bags, ROS 2 databases and bag folders, MCAP files; trajectory files.
 
 Nothing that is imported for it before it is used: lz4, zstd, YAML.
 """
@@ -16,6 +16,7 @@ from .bag_reader import open_bag
 from .containers import Loss, Source, Topic, kind_of
 from .db3_reader import open_db3
 from .mcap_reader import open_mcap
+from .trajectory_reader import open_trajectory
 
 if TYPE_CHECKING:
     import os
@@ -65,8 +66,8 @@ class Recording:
     Parameters
     ----------
     path
-        A ROS 1 `.bag` (also compressed), a ROS 2 `.db3`, an `.mcap`, or a ROS 2 bag folder. What it
-        is, its first bytes tell.
+        A ROS 1 `.bag` (also compressed), a ROS 2 `.db3`, an `.mcap`, or a ROS 2 bag folder: what it
+        is, its first bytes tell. Or a trajectory, `.tum`, `.txt`, `.csv`, `.npz` or `.parquet`.
     salvage
         Read damaged, cut and unindexed files as far as they go; `losses` says what is missing.
 
@@ -74,6 +75,8 @@ class Recording:
     ------
     RecordingError
         No recording, damaged, cut short, or the libraries are not installed. Fields: path, reason.
+    TrajectoryError
+        A file whose name is that of a trajectory holds none.
     InvalidArgument
         What is no path, or an empty one.
     OSError
@@ -174,4 +177,10 @@ def _ignore(_: int) -> None:
     """Nobody counts."""
 
 
-_OPENERS = {"bag": open_bag, "db3": open_db3, "mcap": open_mcap, "folder": open_folder}
+_OPENERS = {
+    "bag": open_bag,
+    "db3": open_db3,
+    "mcap": open_mcap,
+    "folder": open_folder,
+    "trajectory": open_trajectory,
+}
