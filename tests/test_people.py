@@ -593,3 +593,27 @@ def test_a_path_may_be_text(buffer: tfdb.Buffer, tmp_path: Path) -> None:
     with RecordingWriter(str(tmp_path / "drive.mcap")) as writer:
         writer.write(data, START, topic="/tf")
     assert tfdb.load(str(tmp_path / "drive.mcap")).frames() == ["base", "map"]
+
+
+def test_unknown_frames_are_told_the_nearest() -> None:
+    """In every way of reading, escaped, and of the state that was read."""
+    buffer = tfdb.Buffer()
+    buffer.set_transform("map", "base_link", START, (1, 2, 3), (0, 0.6, 0, 0.8))
+    state = buffer.snapshot()
+    buffer.set_static_transform("map", "bose_link", (1, 2, 3))
+    hint = r"; did you mean 'base_link' or 'bose_link'\?$"
+    for read in (
+        lambda name: buffer.lookup_transform("map", name),
+        lambda name: buffer.lookup_transform(name, "map", START),
+        lambda name: buffer.lookup_transforms("map", name, [START]),
+        buffer.frame_info,
+        buffer.samples,
+        buffer.parent_of,
+    ):
+        with pytest.raises(tfdb.UnknownFrame, match=hint) as caught:
+            read("bse_link")
+        assert caught.value.frame == "bse_link"
+    with pytest.raises(tfdb.UnknownFrame, match=r"; did you mean 'base_link'\?$"):
+        state.frame_info("bse_link")
+    with pytest.raises(tfdb.UnknownFrame, match=r"commit \d+$"):
+        buffer.frame_info("zzzzzz")

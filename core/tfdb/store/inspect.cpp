@@ -2,6 +2,7 @@
 #include <algorithm>
 
 #include "tfdb/store/collect.hpp"
+#include "tfdb/store/nearest.hpp"
 #include "tfdb/store/raise.hpp"
 #include "tfdb/store/store.hpp"
 
@@ -138,7 +139,7 @@ FrameInfo Reads::frame_info(std::string_view name) const {
         return id == kNoFrame ? Outcome::kFailed : fill_info(*store_, view, id, info);
     });
     if (outcome == Outcome::kFailed)
-        store::throw_unknown_frame(name, at);
+        store::throw_unknown_frame(name, at, store::did_you_mean(*store_, at, name));
     if (outcome == Outcome::kLapped)
         store::throw_unreadable(*store_, held_);
     return info;
@@ -203,7 +204,7 @@ Samples Reads::samples(std::string_view name) const {
         return view.alive(id) ? Outcome::kOk : Outcome::kLapped;
     });
     if (outcome == Outcome::kFailed)
-        store::throw_unknown_frame(name, at);
+        store::throw_unknown_frame(name, at, store::did_you_mean(*store_, at, name));
     if (outcome == Outcome::kLapped)
         store::throw_unreadable(*store_, held_);
     return out;
@@ -258,7 +259,7 @@ std::optional<std::string> Reads::parent_of(std::string_view name,
         return read_name(*store_, view, parent, found.emplace()) ? read : Outcome::kLapped;
     });
     if (outcome == Outcome::kFailed)
-        store::throw_unknown_frame(name, at);
+        store::throw_unknown_frame(name, at, store::did_you_mean(*store_, at, name));
     if (outcome == Outcome::kLapped)
         store::throw_unreadable(*store_, held_);
     return found;

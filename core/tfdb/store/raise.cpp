@@ -1,6 +1,7 @@
 // From a Failure to the typed error: names looked up, and a message that a person can act on.
 #include <string>
 
+#include "tfdb/store/nearest.hpp"
 #include "tfdb/store/raise.hpp"
 #include "tfdb/store/store.hpp"
 #include "tfdb/store/validate.hpp"
@@ -44,14 +45,19 @@ std::string span_of(const Failure& f) {
     return seconds(f.oldest) + " to " + seconds(f.newest);
 }
 
-[[noreturn]] void raise_unknown(Context& c, const Question& question) {
+const FrameRef& unknown_of(const Failure& failure, const Question& question) {
+    const int argument = failure.argument;
+    return argument == 0 ? question.target : (argument == 1 ? question.source : question.fixed);
+}
+
+[[noreturn]] void raise_unknown(Context& c, const Question& question, const std::string& hint) {
     const int argument = c.failure.argument;
-    const FrameRef& asked =
-        argument == 0 ? question.target : (argument == 1 ? question.source : question.fixed);
+    const FrameRef& asked = unknown_of(c.failure, question);
     const std::string role = argument == 0 ? "target" : (argument == 1 ? "source" : "fixed");
     c.detail.frame = asked.name;
     const std::string message = role + " frame " + quoted(asked.name) +
-                                " does not exist in commit " + std::to_string(c.failure.commit);
+                                " does not exist in commit " + std::to_string(c.failure.commit) +
+                                hint;
     throw UnknownFrame(message, std::move(c.detail));
 }
 
@@ -150,17 +156,18 @@ std::string out_of_range(Context& c, const std::string& child, const std::string
 
 }  // namespace
 
-void store::throw_unknown_frame(std::string_view name, CommitNumber commit) {
+void store::throw_unknown_frame(std::string_view name, CommitNumber commit,
+                                const std::string& hint) {
     ErrorDetail detail;
     detail.frame = name;
     detail.commit = commit;
     throw UnknownFrame(
-        "frame " + quoted(name) + " does not exist in commit " + std::to_string(commit),
+        "frame " + quoted(name) + " does not exist in commit " + std::to_string(commit) + hint,
         std::move(detail));
 }
 
 void store::raise_failure(const Failure& failure, const Question& question,
-                          const NameOfHandle& name) {
+                          const NameOfHandle& name, const std::string& hint) {
     using lookup::Half;
     Context c{failure, question.target.name, question.source.name, {}, {}, {}, {}};
     c.detail.target = c.target;
@@ -180,7 +187,7 @@ void store::raise_failure(const Failure& failure, const Question& question,
         c.detail.limit = known(failure.limit);
     c.detail.commit = failure.commit;
     if (failure.code == ErrorCode::kUnknownFrame)
-        raise_unknown(c, question);
+        raise_unknown(c, question, hint);
     if (failure.code == ErrorCode::kDisconnected)
         raise_disconnected(c, name(failure.edge), name(failure.parent));
     if (failure.code == ErrorCode::kInvalidTransform)
@@ -199,10 +206,14 @@ void store::raise_failure(const Failure& failure, const Question& question,
 void Reads::raise(const Failure& failure, const Question& question) const {
     if (failure.code == ErrorCode::kSnapshotTooOld)
         store::throw_unreadable(*store_, failure.commit);
-    store::raise_failure(failure, question, [this](FrameHandle frame) {
+    const auto name_of = [this](FrameHandle frame) {
         return frame.id == kNoFrame ? std::string()
                                     : store::name_of_frame(*store_, frame.id, frame.generation);
-    });
+    };
+    std::string hint;
+    if (failure.code == ErrorCode::kUnknownFrame)
+        hint = store::did_you_mean(*store_, failure.commit, unknown_of(failure, question).name);
+    store::raise_failure(failure, question, name_of, hint);
 }
 
 }  // namespace tfdb

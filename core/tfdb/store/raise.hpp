@@ -26,13 +26,14 @@ using NameOf = std::function<std::string(FrameId)>;
 [[noreturn]] void throw_frame_in_use(std::string_view name, std::span<const FrameId> children,
                                      const NameOf& name_of);
 
-/// Of a read that names one frame.
-[[noreturn]] void throw_unknown_frame(std::string_view name, CommitNumber commit);
+/// Of a read that names one frame; `hint` ends the message.
+[[noreturn]] void throw_unknown_frame(std::string_view name, CommitNumber commit,
+                                      const std::string& hint = {});
 
 /// Name of a frame of a failure.
 using NameOfHandle = std::function<std::string(FrameHandle)>;
-/// The typed error of a failed lookup that was not overtaken.
+/// The typed error of a failed lookup that was not overtaken; `hint` ends that of an unknown frame.
 [[noreturn]] void raise_failure(const Failure& failure, const Question& question,
-                                const NameOfHandle& name);
+                                const NameOfHandle& name, const std::string& hint = {});
 
 }  // namespace tfdb::store

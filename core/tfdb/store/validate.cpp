@@ -170,6 +170,9 @@ std::string likely_meant(StampNs stamp, StampNs oldest, StampNs newest) {
     if (stamp < oldest && stamp <= kMostSeconds && (stamp + 1) * kSecond > oldest &&
         stamp * kSecond <= newest + kDay * kSecond)
         return "; stamps are nanoseconds, " + std::to_string(stamp) + " looks like seconds";
+    if (stamp > 0 && stamp <= newest - oldest && oldest - stamp > newest - oldest)
+        return "; stamps are absolute: " + seconds(stamp) + " after its first sample is " +
+               seconds(oldest + stamp);
     const StampNs whole = stamp / kSecond;
     if (stamp > newest && newest > 0 && whole > 0 && std::abs(whole - newest) <= kDay)
         return "; stamps are nanoseconds, those of this edge look like seconds";

@@ -100,8 +100,8 @@ private:
 };
 
 /// What to add to a message where a stamp lies outside an edge's data and is hardly meant as it is:
-/// one that would lie inside if it were seconds, one that would lie near the newest sample if that
-/// were seconds, and, in a lookup, 0. Empty for all others.
+/// one that would lie inside if it were seconds or counted from the first sample, one that would
+/// lie near the newest sample if that were seconds, and, in a lookup, 0. Empty for all others.
 std::string likely_meant(StampNs stamp, StampNs oldest, StampNs newest);
 
 /// A frame name as it may stand in a message: quoted, cut when long, control characters escaped.
