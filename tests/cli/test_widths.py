@@ -120,6 +120,10 @@ RUNS: dict[str, list[tuple[tuple[str, ...], tuple[str, ...], int]]] = {
             0,
         )
     ],
+    "compare": [
+        (("good.bag", "bad.bag", "--frames", MAP, BASE, "--align", "none"), (MAP, BASE), 0),
+        (("good.bag", "good.bag", "--frames", MAP, ARM, "--align", "origin"), (MAP, ARM), 0),
+    ],
     "rename": [(("good.bag", "-o", "r.bag", "--rename", f"{MAP}:=map", "--overwrite"), (), 0)],
     "verify": [(("history.jsonl",), (), 0)],
 }

@@ -136,16 +136,13 @@ def command(
     as_json: bool,
     **options: Any,
 ) -> None:
-    """How far ESTIMATE is off REFERENCE: APE (ATE) and RPE, the numbers of evo.
+    """How far one trajectory is off another: APE (ATE) and RPE, the numbers of evo.
 
-    \b
-      tfdb compare truth.tum slam.tum
-      tfdb compare truth.txt drive.mcap --estimate-frames odom base_link
-      tfdb compare truth.tum slam.tum --align sim3 --delta 1 --delta-unit m --save png
+    Example: tfdb compare truth.tum drive.mcap --frames map base_link --save png
 
     Each is a TUM, KITTI, EuRoC, CSV or NPZ file, or a recording, FILE.tfdb or shm:NAME with
     --frames. Translations in metres, rotations in degrees.
-    """  # noqa: D301, click wants the character
+    """
     files = [name for name in (reference, estimate) if not common.is_live(name)]
     read = common.find_paths(files)
     if (topics or common.salvages() or common.chosen()) and not any(
