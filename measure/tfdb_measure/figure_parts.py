@@ -7,7 +7,13 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from matplotlib.lines import Line2D
-from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
+from matplotlib.ticker import (
+    FixedLocator,
+    FuncFormatter,
+    LogLocator,
+    NullFormatter,
+    NullLocator,
+)
 
 from tfdb.plot import style
 
@@ -39,14 +45,19 @@ COLOURS = dict(
 )
 MARKERS = dict(zip(ENGINES, "osD^v<>X", strict=True))
 
-_PANEL_INCHES = 4.1
-_NARROW_INCHES = 3.2
+# As wide as a page shows pictures: what is wider would be shrunk, its letters with it.
+TEXT_SIZE = 9.0
+_PANEL_INCHES = 3.3
+_NARROW_INCHES = 2.4
 _LABEL_INCHES = 1.4
+_NARROW_LABEL_INCHES = 0.5
 _HEAD_INCHES = 0.86
-_PLOT_INCHES = 2.75
-_FOOT_INCHES = 0.55
+_PLOT_INCHES = 3.0
+_FOOT_INCHES = 0.62
 _LEFT_INCHES = 0.72
-_LABEL_GAP = 0.058  # of the axes' height
+_LEGEND_INCHES = 0.25
+_VALUE_POINTS = 17.0  # between two names on an axis
+_LABEL_GAP = 0.062  # of the axes' height
 
 
 @dataclass(frozen=True)
@@ -60,13 +71,16 @@ class Panel:
 
 
 def frame(
-    panels: int, title: str, under: str, *, narrow: bool = False
+    panels: int, title: str, under: str, *, narrow: bool = False, legend: bool = False
 ) -> tuple[Figure, list[Axes]]:
-    """Make a figure with a title and so many panels, room for names at the right of each."""
+    """Make a figure with a title and so many panels, room for names at the right of each.
+
+    With `legend` there is room for one above them.
+    """
     panel_inches = _NARROW_INCHES if narrow else _PANEL_INCHES
-    label_inches = 0.45 if narrow else _LABEL_INCHES
+    label_inches = _NARROW_LABEL_INCHES if narrow else _LABEL_INCHES
     width = _LEFT_INCHES + panels * (panel_inches + label_inches)
-    height = _HEAD_INCHES + _PLOT_INCHES + _FOOT_INCHES
+    height = _HEAD_INCHES + legend * _LEGEND_INCHES + _PLOT_INCHES + _FOOT_INCHES
     figure = style.new_figure(width, height)
     style.title(figure, title, under, x=0.15 / width)
     axes = []
@@ -80,6 +94,7 @@ def frame(
         )
         made = figure.add_axes(box)
         style.tidy(made)
+        made.tick_params(labelsize=TEXT_SIZE)
         axes.append(made)
     return figure, axes
 
@@ -107,6 +122,23 @@ def line(axes: Axes, engine: str, known: list[tuple[float, Spread]], panel: Pane
         linestyle="--" if engine == TF2 else "-",
         zorder=4 if engine == "snapshot" else 3,
     )
+
+
+def name_values(axes: Axes, values: Sequence[float]) -> None:
+    """Mark each value on the x axis, and name those that are not too close to another."""
+    axes.xaxis.set_major_locator(FixedLocator(list(values)))
+    axes.xaxis.set_minor_locator(NullLocator())
+    room = _VALUE_POINTS / (axes.bbox.width / axes.figure.dpi * 72)
+    to_axes = axes.transData + axes.transAxes.inverted()
+    low = axes.get_ylim()[0]
+    named: list[float] = []
+    last = -math.inf
+    for value in values:
+        place = float(to_axes.transform((value, low))[0])
+        if place - last >= room:
+            named.append(value)
+            last = place
+    axes.xaxis.set_major_formatter(FuncFormatter(lambda x, _: short(x) if x in named else ""))
 
 
 def scale(axes: Axes, *, log: bool) -> None:
@@ -157,7 +189,7 @@ def direct_labels(axes: Axes, ends: list[tuple[str, float, float]]) -> None:
             engine,
             transform=axes.transAxes,
             color=COLOURS[engine],
-            fontsize=style.SMALL_SIZE,
+            fontsize=TEXT_SIZE,
             fontweight="bold" if engine in ("snapshot", TF2) else "normal",
             va="center",
         )
@@ -177,7 +209,7 @@ def spread_out(heights: Sequence[float], gap: float) -> list[float]:
 
 
 def legend(figure: Figure, engines: Sequence[str]) -> None:
-    """Explain the engines' marks at the top right."""
+    """Explain the engines' marks below the title, where `frame` made room."""
     figure.legend(
         handles=[
             Line2D(
@@ -191,10 +223,12 @@ def legend(figure: Figure, engines: Sequence[str]) -> None:
             )
             for engine in engines
         ],
-        loc="upper right",
-        bbox_to_anchor=(0.995, 1 - 0.12 / figure.get_figheight()),
-        ncols=4,
-        fontsize=style.SMALL_SIZE,
+        loc="upper left",
+        bbox_to_anchor=(0.15 / figure.get_figwidth(), 1 - 0.72 / figure.get_figheight()),
+        borderpad=0,
+        borderaxespad=0,
+        ncols=len(engines),
+        fontsize=TEXT_SIZE,
         frameon=False,
         labelcolor=style.INK,
         columnspacing=1.0,

@@ -131,9 +131,7 @@ def _line_panel(axes: Axes, results: Results, sweep: str, panel: parts.Panel) ->
     if not ends:
         parts.nothing(axes)
         return
-    axes.xaxis.set_major_locator(FixedLocator(values))
-    axes.xaxis.set_minor_locator(NullLocator())
-    axes.xaxis.set_major_formatter(FuncFormatter(lambda x, _: parts.short(x)))
+    parts.name_values(axes, values)
     parts.scale(axes, log=panel.log)
     parts.direct_labels(axes, ends)
 
@@ -207,7 +205,7 @@ def _dot(axes: Axes, row: int, engine: str, spread: Spread, scale: float) -> Non
         parts.short(spread.median * scale),
         (1.02, row),
         xycoords=("axes fraction", "data"),
-        fontsize=style.SMALL_SIZE,
+        fontsize=parts.TEXT_SIZE,
         color=colour,
         va="center",
     )
@@ -226,14 +224,14 @@ def _make_room(figure: Figure, all_axes: list[Axes]) -> None:
     """Move axes to the right: engines' names stand at their left."""
     for axes in all_axes:
         box = axes.get_position()
-        shift = 0.32 / figure.get_figwidth()
+        shift = 0.4 / figure.get_figwidth()
         axes.set_position((box.x0 + shift, box.y0, box.width - shift, box.height))
 
 
 def _categories(results: Results, sweep: str) -> Figure:
     """Values without an order: dots side by side in each."""
     what = SWEEPS[sweep]
-    figure, all_axes = parts.frame(2, what.title, _under(results, sweep))
+    figure, all_axes = parts.frame(2, what.title, _under(results, sweep), legend=True)
     labels = results.labels(sweep)
     engines = results.engines(sweep)
     for axes, panel in zip(all_axes, (_READS, _WRITES), strict=True):
@@ -298,9 +296,7 @@ def _abort_lines(axes: Axes, results: Results, sweep: str) -> list[tuple[str, fl
         )
         if known:
             ends.append((engine, *known[-1]))
-    axes.xaxis.set_major_locator(FixedLocator(sorted(names)))
-    axes.xaxis.set_minor_locator(NullLocator())
-    axes.xaxis.set_major_formatter(FuncFormatter(lambda x, _: parts.short(x)))
+    parts.name_values(axes, sorted(names))
     return ends
 
 

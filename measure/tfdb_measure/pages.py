@@ -25,6 +25,7 @@ if TYPE_CHECKING:
 
 BENCHMARKS, EVALUATION, SWEPT = "benchmarks.md", "evaluation.md", "sweeps.md"
 PICTURES = "evaluation"
+DPI = 130  # more than a page shows, so that screens of many pixels have them
 SHADES = (1.0, 0.6, 0.3, 0.1)  # of a colour on white, as smooth edges and bands have
 
 
@@ -111,7 +112,7 @@ def _sweep(results: Results, name: str) -> Iterator[str]:
 def _picture(figure: Figure, path: Path) -> None:
     """Draw a small PNG."""
     file = io.BytesIO()
-    figure.savefig(file, format="png", dpi=80)
+    figure.savefig(file, format="png", dpi=DPI)
     whole = Image.open(file).convert("RGB")
     path.parent.mkdir(exist_ok=True)
     whole.quantize(palette=_palette(), dither=Image.Dither.NONE).save(path, optimize=True)
