@@ -98,10 +98,6 @@ RUNS: dict[str, list[tuple[tuple[str, ...], tuple[str, ...], int]]] = {
         (("good.bag", "--save", "t.png", "--overwrite"), (), 0),
         (("good.bag", "trajectory", MAP, HAND, "--save", "p.svg", "--overwrite"), (), 0),
     ],
-    "compare": [
-        (("good.bag", "bad.bag", "--frames", MAP, HAND, "--align", "none"), (MAP, HAND), 0),
-        (("good.bag", "good.bag", "--frames", MAP, SPACED, "--align", "yaw"), (SPACED,), 0),
-    ],
     "poses": [(("good.bag", MAP, HAND, "-o", "p.tum", "--overwrite"), (MAP, HAND), 0)],
     "check": [(("bad.bag",), (BASE, ARM, ODOM, TABLE), 1), (("good.bag",), (), 0)],
     "gaps": [(("bad.bag",), (BASE, ARM), 0), (("good.bag",), (), 0)],

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import pickle
+import re
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -443,3 +444,18 @@ def test_it_comes_when_it_is_used() -> None:
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.split() == ["False", "True", "False"]
+
+
+PAGE = (ROOT / "docs" / "howto" / "compare_trajectories.md").read_text("utf-8")
+
+
+def test_the_page_shows_what_is_printed(monkeypatch: pytest.MonkeyPatch) -> None:
+    from click.testing import CliRunner
+
+    from tfdb.cli.app import cli
+
+    ((command, shown),) = re.findall(r"```\n\$ tfdb ([^\n]*)\n(.*?)```", PAGE, re.DOTALL)
+    monkeypatch.chdir(ROOT)
+    monkeypatch.setenv("COLUMNS", "80")
+    printed = CliRunner().invoke(cli, command.split()).output
+    assert printed.splitlines() == shown.splitlines()

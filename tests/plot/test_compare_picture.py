@@ -37,7 +37,7 @@ NAMES = ("base", "$x^2$ and $", "機器人_робот", "-" * 200, "é" * 120)
 @pytest.mark.parametrize("name", NAMES)
 def test_texts_lie_apart_and_inside(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     shown = assert_legible(compared(name=name, target=name).plot(), monkeypatch)
-    assert {"APE", "RPE", "reference", "estimate", "rotation [deg]"} <= set(shown)
+    assert {"APE", "RPE", "reference", "estimate, aligned", "rotation [deg]"} <= set(shown)
 
 
 @pytest.mark.parametrize(("turn", "axes"), [(0, "xy"), (1, "yz"), (2, "xz")])

@@ -159,9 +159,12 @@ def command(
     found = tfdb.compare(
         ours, theirs, max_diff=None if max_diff is None else max_diff / NS, **options
     )
+    title = None
+    if not any(map(_has_frames, (reference, estimate))):
+        title = f"{given_path(estimate).name} against {given_path(reference).name}"
     for path in outs:
         with new_file(path, overwrite=overwrite) as made:
-            found.plot().savefig(made, format=path.suffix[1:].lower())
+            found.plot(title=title).savefig(made, format=path.suffix[1:].lower())
     if as_json:
         body = _body(found, [str(path) for path in outs])
         output.emit_json("compare", {"files": [reference, estimate], **body})

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 from matplotlib.collections import LineCollection
+from matplotlib.lines import Line2D
 
 from ..summary import find_gaps
 from . import lettering, style
@@ -44,7 +45,9 @@ def comparison(result: Comparison, *, title: str | None = None) -> Figure:
     absolute, relative = result.ape_translation, result.rpe_translation
     style.title(
         figure,
-        title or f"{result.estimate.source} against {result.reference.source}",
+        title
+        or f"{result.estimate.source} in {result.alignment.source} against "
+        f"{result.reference.source} in {result.reference.target}",
         f"{len(result):,} poses; APE {absolute.rmse:.4g} m rmse, {absolute.max:.4g} m at most; "
         f"RPE {relative.rmse:.4g} m rmse",
     )
@@ -73,10 +76,10 @@ def _draw_paths(figure: Figure, result: Comparison) -> None:
     joined = _joined(result.reference.stamps)
     a, b = ours[:, wide], theirs[:, wide]
     axes.add_collection(
-        LineCollection(_strokes(a, joined), colors=style.MUTED, linewidths=1.3, label="reference")
+        LineCollection(_strokes(a, joined), colors=style.MUTED, linewidths=1.3)
     )
     values = result.ape_translation.values
-    coloured = LineCollection(_strokes(b, joined), cmap=_COLOURS, linewidths=1.9, label="estimate")
+    coloured = LineCollection(_strokes(b, joined), cmap=_COLOURS, linewidths=1.9)
     coloured.set_array((values[:-1] + values[1:])[joined] / 2)
     coloured.set_clim(float(values.min()), max(float(values.max()), float(values.min()) + 1e-12))
     axes.add_collection(coloured)
@@ -92,7 +95,11 @@ def _draw_paths(figure: Figure, result: Comparison) -> None:
     target = lettering.fitted(result.reference.target, style.TEXT_SIZE, room)
     names = [f"{'xyz'[axis]} in {target} [m]" for axis in wide]
     style.label(axes, names[0], names[1])
-    axes.legend(loc="best", **_LEGEND)
+    marks = [
+        Line2D([], [], color=style.MUTED, linewidth=1.3, label="reference"),
+        Line2D([], [], color=coloured.get_cmap()(0.5), linewidth=1.9, label="estimate, aligned"),
+    ]
+    style.legend(figure, marks, (_PATHS[0] * _SIZE[0] * 72, 48.0), _PATHS[2] * _SIZE[0] * 72)
     bar = figure.colorbar(coloured, cax=figure.add_axes(_BAR))
     bar.outline.set_edgecolor(style.FAINT)
     bar.ax.tick_params(colors=style.MUTED, labelsize=style.SMALL_SIZE, length=3)
