@@ -75,9 +75,7 @@ def _draw_paths(figure: Figure, result: Comparison) -> None:
     wide = np.sort(np.argsort(-np.ptp(ours, axis=0), kind="stable")[:2])
     joined = _joined(result.reference.stamps)
     a, b = ours[:, wide], theirs[:, wide]
-    axes.add_collection(
-        LineCollection(_strokes(a, joined), colors=style.MUTED, linewidths=1.3)
-    )
+    axes.add_collection(LineCollection(_strokes(a, joined), colors=style.MUTED, linewidths=1.3))
     values = result.ape_translation.values
     coloured = LineCollection(_strokes(b, joined), cmap=_COLOURS, linewidths=1.9)
     coloured.set_array((values[:-1] + values[1:])[joined] / 2)
