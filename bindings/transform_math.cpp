@@ -79,7 +79,9 @@ nb::object reversed_names(PyObject* names) {
 
 /// For `T @ other`, where `other` is no transform.
 PyObject* no_chain(PyObject* other) {
-    if (PyList_Check(other) == 0 && PyTuple_Check(other) == 0 && !nb::hasattr(other, "__array__")) {
+    const bool numbers =
+        PyList_Check(other) != 0 || PyTuple_Check(other) != 0 || nb::hasattr(other, "__array__");
+    if (!numbers || nb::hasattr(other, "target")) {  // a Trajectory has frames, too
         Py_RETURN_NOTIMPLEMENTED;  // it may know how
     }
     PyErr_Format(PyExc_TypeError,

@@ -204,7 +204,7 @@ def test_batches_of_other_things(robot: Robot, item: object) -> None:
 
 @pytest.mark.parametrize(
     ("stamps", "rows"),
-    [([], 0), ([1, 3, 2], 3), ([1, 1], 2), ([1, 2], 3), ([1.0, 2.0], 2)],
+    [([], 1), ([1, 3, 2], 3), ([1, 1], 2), ([1, 2], 3), ([1.0, 2.0], 2)],
 )
 def test_trajectories_with_bad_stamps(stamps: list[int], rows: int) -> None:
     with pytest.raises(tfdb.InvalidArray):

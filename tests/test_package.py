@@ -58,7 +58,7 @@ print(loaded())
 assert isinstance(tfdb.Exact(), tfdb.Policy) and tfdb.summary.GAP_FACTOR and tfdb.stamp("1")
 print("tfdb.types" in loaded(), "tfdb.stamps" in loaded())
 from tfdb import *
-print(Trajectory is tfdb.types.Trajectory)
+print(Trajectory is tfdb.trajectory.Trajectory)
 """
     before, some, everything = run_python(code).splitlines()
     assert before == "['tfdb._core', 'tfdb.errors', 'tfdb.methods', 'tfdb.on_demand']"

@@ -42,6 +42,7 @@ from .errors import (
     HistoryError,
     InvalidArgument,
     InvalidArray,
+    InvalidIndex,
     InvalidName,
     InvalidStamp,
     InvalidTransform,
@@ -85,6 +86,7 @@ if TYPE_CHECKING:
     from .policies import Exact, Extrapolate, Interpolate, Nearest, Policy, Previous
     from .report import EdgeUse, Report
     from .stamps import stamp
+    from .trajectory import Trajectory
     from .types import (
         Changes,
         Columns,
@@ -95,7 +97,6 @@ if TYPE_CHECKING:
         Refusal,
         Refused,
         Shared,
-        Trajectory,
         TransformStamped,
         Twist,
     )
@@ -129,6 +130,7 @@ __all__ = [
     "Interpolate",
     "InvalidArgument",
     "InvalidArray",
+    "InvalidIndex",
     "InvalidName",
     "InvalidStamp",
     "InvalidTransform",
@@ -203,6 +205,7 @@ if not TYPE_CHECKING:  # or every name would be there for type checkers
             "stamps": ("stamp",),
             "summary": (),
             "tf2": (),
+            "trajectory": ("Trajectory",),
             "types": (
                 "Changes",
                 "Columns",
@@ -214,7 +217,6 @@ if not TYPE_CHECKING:  # or every name would be there for type checkers
                 "Refusal",
                 "Refused",
                 "Shared",
-                "Trajectory",
                 "TransformStamped",
                 "Twist",
             ),

@@ -463,7 +463,7 @@ class Reads:
         policy: Policy | None = None,
         *,
         missing: Literal['raise', 'nan', 'skip'] = 'raise',
-    ) -> tfdb.types.Trajectory:
+    ) -> tfdb.trajectory.Trajectory:
         """
         Sample T[target<-source] over time, all from one snapshot.
 

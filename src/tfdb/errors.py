@@ -31,6 +31,7 @@ __all__ = [
     "HistoryError",
     "InvalidArgument",
     "InvalidArray",
+    "InvalidIndex",
     "InvalidName",
     "InvalidStamp",
     "InvalidTransform",
@@ -239,6 +240,10 @@ class InvalidArray(TfdbError, ValueError):
 
 class InvalidArgument(TfdbError, ValueError):
     """An option outside its valid range."""
+
+
+class InvalidIndex(InvalidArgument, IndexError):
+    """There is no pose of that number in the trajectory. Field: index."""
 
 
 class CorruptMessage(TfdbError):

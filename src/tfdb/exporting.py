@@ -11,7 +11,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from ._core import Buffer, Snapshot
-    from .types import Trajectory
+    from .trajectory import Trajectory
 
 __all__ = ["to_foxglove", "to_rerun"]
 

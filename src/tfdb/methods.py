@@ -18,8 +18,8 @@ if TYPE_CHECKING:
     from .loading import Paths, PoseTopics, Progress, Topics
     from .shared import Name
     from .stamps import StampLike
+    from .trajectory import Trajectory
     from .transactions import Result
-    from .types import Trajectory
 
 __all__: list[str] = []
 
@@ -102,8 +102,10 @@ def trajectory(
         With `index`, the position of the stamp.
     """
     from .sampling import sample  # noqa: PLC0415 - see above
+    from .trajectory import Trajectory  # noqa: PLC0415 - see above
 
-    return sample(self, target, source, rate, start, end, policy, missing=missing)
+    made = sample(self, target, source, rate, start, end, policy, missing)
+    return Trajectory._made(target, source, *made)
 
 
 def freeze(self: Reads, path: str | os.PathLike[str], *, overwrite: bool = False) -> None:

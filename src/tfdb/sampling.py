@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Any, Literal
 
 from .errors import InvalidArgument
 from .explain import from_one_state
+from .poses import found
 from .stamps import MAX_STAMP, shown
-from .types import Trajectory
 
 if TYPE_CHECKING:
     import numpy as np
@@ -16,6 +16,8 @@ if TYPE_CHECKING:
 
     from ._core import Policy, Reads, Snapshot
     from .stamps import StampLike
+
+    Samples = tuple[npt.NDArray[np.int64], npt.NDArray[np.float64]]
 
 __all__: list[str] = []
 
@@ -32,18 +34,12 @@ def sample(
     start: StampLike | None,
     end: StampLike | None,
     policy: Policy | None,
-    *,
     missing: Literal["raise", "nan", "skip"],
-) -> Trajectory:
-    """Do what `Buffer.trajectory` says."""
-    if missing not in _MISSING:
-        message = f"missing must be 'raise', 'nan' or 'skip', got {missing!r}"
-        raise InvalidArgument(message, value=missing)
-    import numpy as np
+) -> Samples:
+    """Do what `Buffer.trajectory` says: stamps (N,) and poses (N, 7)."""
+    _check(missing)
 
-    absent: Literal["raise", "nan"] = "raise" if missing == "raise" else "nan"
-
-    def read(snapshot: Snapshot) -> Trajectory:
+    def read(snapshot: Snapshot) -> Samples:
         if rate is None:
             stamps = _stored_stamps(snapshot, target, source, start, end)
         else:
@@ -52,15 +48,48 @@ def sample(
             if missing == "raise":  # before much is made of a time that is far off
                 snapshot.lookup_transforms(target, source, [first], policy)
             stamps = _even_stamps(first, last, rate)
-        poses = snapshot.lookup_transforms(target, source, stamps, policy, missing=absent)
-        if missing == "skip":
-            found = np.isfinite(poses).all(axis=1)
-            if not found.any():
-                snapshot.lookup_transforms(target, source, stamps, policy)  # raises
-            stamps, poses = stamps[found], poses[found]
-        return Trajectory(target, source, stamps, poses)
+        return _sample_at(snapshot, target, source, stamps, policy, missing)
 
     return from_one_state(self, read)
+
+
+def sample_at(
+    self: Reads,
+    target: str,
+    source: str,
+    stamps: npt.NDArray[np.int64],
+    policy: Policy | None,
+    missing: Literal["raise", "nan", "skip"],
+) -> Samples:
+    """Do the same at given stamps, which increase."""
+    _check(missing)
+    return from_one_state(
+        self, lambda snapshot: _sample_at(snapshot, target, source, stamps, policy, missing)
+    )
+
+
+def _check(missing: str) -> None:
+    if missing not in _MISSING:
+        message = f"missing must be 'raise', 'nan' or 'skip', got {missing!r}"
+        raise InvalidArgument(message, value=missing)
+
+
+def _sample_at(
+    snapshot: Snapshot,
+    target: str,
+    source: str,
+    stamps: npt.NDArray[np.int64],
+    policy: Policy | None,
+    missing: Literal["raise", "nan", "skip"],
+) -> Samples:
+    absent: Literal["raise", "nan"] = "raise" if missing == "raise" else "nan"
+    poses = snapshot.lookup_transforms(target, source, stamps, policy, missing=absent)
+    if missing == "skip":
+        here = found(poses)
+        if len(here) and not here.any():
+            snapshot.lookup_transforms(target, source, stamps, policy)  # raises
+        stamps, poses = stamps[here], poses[here]
+    return stamps, poses
 
 
 def _nanoseconds(stamp: StampLike) -> int:

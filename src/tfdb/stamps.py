@@ -274,6 +274,42 @@ def as_nanoseconds(values: Any) -> npt.NDArray[np.int64]:
     return made
 
 
+def increasing_stamps(stamps: Any) -> npt.NDArray[np.int64]:
+    """Stamps (N,) that increase, copied; raises InvalidArray, InvalidStamp."""
+    import numpy as np
+
+    try:
+        given = stamps if hasattr(stamps, "shape") else list(stamps)
+        made = np.array(as_nanoseconds(given))
+    except (TypeError, ValueError) as error:
+        if isinstance(error, InvalidArray | InvalidStamp):
+            raise
+        reason = f"expected an array (N,) of integer nanoseconds, got {shown(stamps)}"
+        raise InvalidArray(f"stamps: {reason}", reason=reason) from None
+    wrong = np.flatnonzero((made < 0) | (made > MAX_STAMP))
+    if len(wrong):
+        index, value = int(wrong[0]), int(made[wrong[0]])
+        message = f"stamps[{index}] = {value} is no stamp: valid are 0 to {MAX_STAMP} ns"
+        raise InvalidStamp(message, value=value, index=index)
+    check_increasing(made)
+    return made
+
+
+def check_increasing(stamps: npt.NDArray[np.int64]) -> None:
+    """Raise InvalidArray, with `index`, unless each is greater than the one before."""
+    import numpy as np
+
+    falling = np.flatnonzero(np.diff(stamps) <= 0)
+    if len(falling):
+        index = int(falling[0]) + 1
+        raise InvalidArray(
+            f"stamps must increase, but stamps[{index}] = {stamps[index]} follows "
+            f"{stamps[index - 1]}: sort the rows first, and keep one of each stamp",
+            index=index,
+            stamp=int(stamps[index]),
+        )
+
+
 def format_seconds(nanoseconds: int) -> str:
     """Write nanoseconds as seconds, exactly: `12.5 s`."""
     sign = "-" if nanoseconds < 0 else ""

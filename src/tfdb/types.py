@@ -9,13 +9,14 @@ from typing import TYPE_CHECKING, Any, Literal, Protocol, TypeAlias
 from .errors import InvalidArray
 from .on_demand import belong_to
 from .refused import Refusal, Refused
-from .stamps import StampLike, StampsLike, format_seconds
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     import numpy as np
     import numpy.typing as npt
+
+    from .stamps import StampLike, StampsLike
 
 __all__ = [
     "Changes",
@@ -28,7 +29,6 @@ __all__ = [
     "Refusal",
     "Refused",
     "Shared",
-    "Trajectory",
     "TransformStamped",
     "Twist",
 ]
@@ -341,12 +341,12 @@ class Frozen:
 
 @dataclass(frozen=True, slots=True)
 class Twist:
-    """A velocity."""
+    """A velocity; of a trajectory one for each of its N poses."""
 
     linear: npt.NDArray[np.float64]
-    """(3,) in m/s."""
+    """(3,) or (N, 3) in m/s."""
     angular: npt.NDArray[np.float64]
-    """(3,) in rad/s."""
+    """(3,) or (N, 3) in rad/s."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -365,104 +365,6 @@ class IngestResult:
     """Number of the newest commit."""
     reasons: dict[str, Refusal] = field(default_factory=dict)
     """By the name of the error class, why messages were refused."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Trajectory:
-    """T[target<-source] over time.
-
-    Raises InvalidArray if there is no pose, the shapes do not fit, or the stamps do not increase
-    (with `index`).
-    """
-
-    target: str
-    """Frame into which the poses map."""
-    source: str
-    """Frame from which they map."""
-    stamps: npt.NDArray[np.int64]
-    """(N,) nanoseconds, increasing."""
-    poses: npt.NDArray[np.float64]
-    """(N, 7) x y z qx qy qz qw."""
-    repeated: int = 0
-    """Poses of the file that it was read from which a later one with the same stamp replaced."""
-
-    def __post_init__(self) -> None:
-        import numpy as np
-
-        columns: dict[str, Any] = {"stamps": self.stamps, "poses": self.poses}
-        for name, array in columns.items():
-            if not isinstance(array, np.ndarray) or array.ndim == 0:
-                raise InvalidArray(f"{name}: expected an array, got {type(array).__name__}")
-        count = len(self.stamps)
-        if count == 0:
-            raise InvalidArray("a trajectory needs at least one stamp, got none")
-        if self.stamps.shape != (count,) or self.stamps.dtype != np.int64:
-            raise InvalidArray(
-                f"stamps: expected int64 (N,), got {self.stamps.dtype} {self.stamps.shape}"
-            )
-        if self.poses.shape != (count, 7) or self.poses.dtype != np.float64:
-            raise InvalidArray(
-                f"poses: expected float64 ({count}, 7), got {self.poses.dtype} {self.poses.shape}"
-            )
-        falling = np.flatnonzero(np.diff(self.stamps) <= 0)
-        if len(falling):
-            index = int(falling[0]) + 1
-            raise InvalidArray(
-                f"stamps must increase, but stamps[{index}] = {self.stamps[index]} follows "
-                f"{self.stamps[index - 1]}",
-                index=index,
-                stamp=int(self.stamps[index]),
-            )
-
-    def __len__(self) -> int:
-        return len(self.stamps)
-
-    def __array__(
-        self, dtype: npt.DTypeLike | None = None, copy: bool | None = None
-    ) -> npt.NDArray[Any]:
-        """Return the poses: `np.asarray(trajectory)` is (N, 7)."""
-        import numpy as np
-
-        wanted = np.dtype(self.poses.dtype if dtype is None else dtype)
-        if copy is False and wanted != self.poses.dtype:
-            raise ValueError(f"the poses are {self.poses.dtype}: {wanted} needs a copy")
-        return self.poses.astype(wanted, copy=bool(copy))
-
-    __hash__ = None  # type: ignore[assignment]
-
-    def __eq__(self, other: object) -> bool:
-        """Compare frames, stamps and poses, all exactly; a missing pose equals a missing one."""
-        import numpy as np
-
-        if not isinstance(other, Trajectory):
-            return NotImplemented
-        return (
-            (self.target, self.source) == (other.target, other.source)
-            and np.array_equal(self.stamps, other.stamps)
-            and np.array_equal(self.poses, other.poses, equal_nan=True)
-        )
-
-    def __repr__(self) -> str:
-        first, last = int(self.stamps[0]), int(self.stamps[-1])
-        return (
-            f"<tfdb.Trajectory T[{self.target}<-{self.source}], {len(self)} poses from "
-            f"{format_seconds(first)} to {format_seconds(last)}>"
-        )
-
-    @property
-    def translations(self) -> npt.NDArray[np.float64]:
-        """(N, 3) view of the poses, in metres."""
-        return self.poses[:, :3]
-
-    @property
-    def rotations(self) -> npt.NDArray[np.float64]:
-        """(N, 4) view of the poses: unit quaternions x y z w."""
-        return self.poses[:, 3:]
-
-    @property
-    def duration(self) -> float:
-        """Seconds from the first to the last pose."""
-        return float(self.stamps[-1] - self.stamps[0]) / 1e9
 
 
 belong_to("tfdb", globals(), __all__)

@@ -12,7 +12,8 @@ import tfdb
 
 STUB = Path(tfdb.__file__).with_name("_core.pyi")
 ELSEWHERE = {"compare", "freeze", "load", "open", "unlink"}
-"""What reads files, or makes and removes them: it has fuzzers and tests of its own."""
+ELSEWHERE |= {"from_parquet", "to_parquet", "plot"}
+"""What reads files, or makes and removes them, or draws: it has fuzzers and tests of its own."""
 WAITING = {"wait_for_transform", "wait_for_commit", "_ended_waits"}
 """What may wait for ever; the parameter `timeout` is left out elsewhere."""
 ENDING = {("Buffer", "close"), ("Buffer", "__exit__")}
@@ -85,9 +86,13 @@ def _plain(stub: ast.Module) -> list[Call]:
             calls.append(Call(None, name, tuple(names)))
         if isinstance(thing, type) and name not in compiled:
             for attribute in vars(thing):
-                if not attribute.startswith("_"):
-                    is_property = not callable(getattr(thing, attribute))
-                    calls.append(Call(name, attribute, (), (), is_property))
+                if attribute.startswith("_") or attribute in ELSEWHERE:
+                    continue
+                member = getattr(thing, attribute)
+                is_property = not callable(member)
+                given = [] if is_property else [*inspect.signature(member).parameters]
+                wanted = tuple(each for each in given if each not in ("self", "others"))
+                calls.append(Call(name, attribute, wanted, (), is_property))
     return calls
 
 

@@ -18,8 +18,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 import yourdfpy
 
-from tfdb.io.trajectory_writers import matrices_from_quaternions
 from tfdb.io.urdf import load_urdf
+from tfdb.poses import rotation_matrices
 
 if TYPE_CHECKING:
     from tfdb.io.robot_model import RobotModel
@@ -50,7 +50,7 @@ def our_links(model: RobotModel, states: dict[str, np.ndarray]) -> dict[str, np.
     joints = {}
     for name, poses in model.forward_kinematics(states).items():
         matrices = np.zeros((STATES, 4, 4))
-        matrices[:, :3, :3] = matrices_from_quaternions(poses[:, 3:])
+        matrices[:, :3, :3] = rotation_matrices(poses[:, 3:])
         matrices[:, :3, 3] = poses[:, :3]
         matrices[:, 3, 3] = 1
         joints[model.joints[name].child] = (model.joints[name].parent, matrices)

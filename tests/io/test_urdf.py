@@ -9,7 +9,7 @@ import pytest
 
 import tfdb
 from tfdb.io import RobotModel, load_urdf, parse_urdf
-from tfdb.io.trajectory_writers import matrices_from_quaternions
+from tfdb.poses import rotation_matrices
 
 HALF = math.sqrt(0.5)
 
@@ -90,7 +90,7 @@ def test_roll_pitch_yaw_turn_about_fixed_axes() -> None:
         return matrix
 
     expected = turn(yaw, 0, 1) @ turn(pitch, 2, 0) @ turn(roll, 1, 2)
-    assert np.allclose(matrices_from_quaternions(quaternion[np.newaxis])[0], expected, atol=1e-15)
+    assert np.allclose(rotation_matrices(quaternion[np.newaxis])[0], expected, atol=1e-15)
 
 
 def test_only_what_the_state_determines() -> None:

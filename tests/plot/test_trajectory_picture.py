@@ -26,6 +26,10 @@ HOSTILE = (
 )
 
 
+# Frames cannot have the others, titles can.
+NAMES = [name for name in HOSTILE if name.isprintable()]
+
+
 def path(
     count: int = 50, reach: tuple[float, float, float] = (3, 1, 0.1), source: str = "base_link"
 ) -> tfdb.Trajectory:
@@ -78,7 +82,9 @@ def test_every_coordinate_over_time() -> None:
 
 def test_several_paths_share_scale_origin_and_legend() -> None:
     late = path(source="camera")
-    late = tfdb.Trajectory("map", "camera", late.stamps + 1000 * MS, late.poses + 0.5)
+    late = tfdb.Trajectory(
+        "map", "camera", late.stamps + 1000 * MS, late.poses + 0.5 * (np.arange(7) < 3)
+    )
     figure = plot.trajectory(path(), late)
     first, second = figure.axes[0].get_lines()
     assert first.get_color() != second.get_color()
@@ -144,10 +150,9 @@ def test_what_hardly_moves_is_drawn(axes: str | None, color: str | None) -> None
 def test_labels_stay_apart_at_every_size(
     size: tuple[float, float], color: str | None, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    paths = [path(source=name) for name in HOSTILE]
+    paths = [path(source=name) for name in NAMES]
     shown = assert_legible(plot.trajectory(*paths, size=size, color=color), monkeypatch)
     assert any(text.startswith("$x^2$ and $") for text in shown)
-    assert any("two\\nlines\\tand\\n" in text for text in shown)
 
 
 def test_many_frames_at_large_coordinates(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -161,7 +166,7 @@ def test_many_frames_at_large_coordinates(monkeypatch: pytest.MonkeyPatch) -> No
 
 
 def test_hostile_target_and_title(monkeypatch: pytest.MonkeyPatch) -> None:
-    for name in HOSTILE[:4] + HOSTILE[-2:]:
+    for name in NAMES:
         made = tfdb.Trajectory(name, name, path().stamps, path().poses)
         assert_legible(plot.trajectory(made), monkeypatch)
     assert_legible(plot.trajectory(made, title=HOSTILE[2], axes="xyz"), monkeypatch)

@@ -14,8 +14,7 @@ from typing import TYPE_CHECKING, Literal, TypeAlias
 import numpy as np
 
 from ..errors import NotComparable
-from ..io.trajectories import quaternions_from_matrices
-from ..io.trajectory_writers import matrices_from_quaternions
+from ..poses import quaternions, rotation_matrices
 from .poses import rotations_product
 
 if TYPE_CHECKING:
@@ -50,7 +49,7 @@ class Similarity:
     @property
     def quaternion(self) -> Array:
         """The rotation (4,) as x y z w."""
-        found: Array = quaternions_from_matrices(self.rotation[np.newaxis])[0]
+        found: Array = quaternions(self.rotation[np.newaxis])[0]
         return found
 
     def apply(self, poses: Array) -> Array:
@@ -68,7 +67,7 @@ def align(reference: Array, estimate: Array, how: Align) -> Similarity:
     if how == "none":
         return Similarity(np.eye(3), np.zeros(3), 1.0)
     if how == "origin":
-        turns = matrices_from_quaternions(np.stack((reference[0, 3:], estimate[0, 3:])))
+        turns = rotation_matrices(np.stack((reference[0, 3:], estimate[0, 3:])))
         turn = turns[0] @ turns[1].T
         return Similarity(turn, reference[0, :3] - turn @ estimate[0, :3], 1.0)
     target, source = reference[:, :3], estimate[:, :3]

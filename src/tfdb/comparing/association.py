@@ -10,7 +10,7 @@ import numpy as np
 from ..errors import NotComparable
 from ..stamps import format_seconds
 from ..summary import GAP_FACTOR, find_gaps
-from ..types import Trajectory
+from ..trajectory import Trajectory
 from .poses import poses_at, there
 
 if TYPE_CHECKING:
@@ -46,7 +46,7 @@ def associate(
     Raises NotComparable where no two belong together.
     """
     stamps = estimate.stamps + offset
-    moved = Trajectory(estimate.target, estimate.source, stamps, estimate.poses)
+    moved = Trajectory._made(estimate.target, estimate.source, stamps, estimate.poses)
     by_estimate = _decides(reference, moved, common=interpolated)
     few, many = (moved, reference) if by_estimate else (reference, moved)
     limit = _default(many, interpolated=interpolated) if max_diff is None else max_diff

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, Literal
 from .._core import Transform
 from ..errors import InvalidArgument, NotComparable
 from ..stamps import MAX_STAMP, shown
-from ..types import Trajectory
+from ..trajectory import Trajectory
 from .alignment import MODES, NEEDED, align
 from .association import associate
 from .comparison import Comparison, Errors
@@ -185,8 +185,8 @@ def _judge(
         relative(moved[first], moved[second]),
     )
     return Comparison(
-        reference=Trajectory(ours.target, ours.source, stamps, matched.reference),
-        estimate=Trajectory(ours.target, theirs.source, stamps, moved),
+        reference=Trajectory._made(ours.target, ours.source, stamps, matched.reference),
+        estimate=Trajectory._made(ours.target, theirs.source, stamps, moved),
         ape_translation=Errors("APE translation", "m", stamps, distances(absolute)),
         ape_rotation=Errors("APE rotation", "rad", stamps, angles(absolute)),
         rpe_translation=Errors("RPE translation", "m", stamps[second], distances(over)),

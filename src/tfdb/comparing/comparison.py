@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from .._core import Transform
-    from ..types import Trajectory
+    from ..trajectory import Trajectory
     from .alignment import Align
     from .pairs import DeltaUnit
     from .poses import Array, Rows, Stamps

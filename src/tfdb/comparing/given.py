@@ -14,10 +14,11 @@ from ..errors import InvalidArgument, InvalidTransform, NotComparable, Recording
 from ..frozen import is_frozen
 from ..given_path import given_path
 from ..io.containers import kind_of
-from ..io.trajectories import MAX_NORM_ERROR, read_trajectory
+from ..io.trajectories import read_trajectory
 from ..loading import load
+from ..poses import MAX_NORM_ERROR
 from ..summary import longest_moving_chain
-from ..types import Trajectory
+from ..trajectory import Trajectory
 
 if TYPE_CHECKING:
     from pathlib import Path

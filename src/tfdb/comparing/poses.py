@@ -11,7 +11,7 @@ from .._core import Buffer
 from ..types import Columns
 
 if TYPE_CHECKING:
-    from ..types import Trajectory
+    from ..trajectory import Trajectory
 
 Array: TypeAlias = npt.NDArray[np.float64]
 Stamps: TypeAlias = npt.NDArray[np.int64]

@@ -20,7 +20,7 @@ from .poses import angles, distances, poses_at, relative, there
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from ..types import Trajectory
+    from ..trajectory import Trajectory
     from .poses import Array
 
 NEEDED = 8

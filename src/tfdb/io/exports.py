@@ -12,7 +12,7 @@ from tfdb.errors import InvalidArgument
 if TYPE_CHECKING:
     import numpy.typing as npt
 
-    from tfdb.types import Trajectory
+    from tfdb.trajectory import Trajectory
 
 
 @dataclass(frozen=True)

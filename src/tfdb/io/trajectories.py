@@ -17,9 +17,12 @@ from typing import TYPE_CHECKING, Literal, Protocol, TypeAlias
 import numpy as np
 import numpy.typing as npt
 
-from tfdb.errors import InvalidArray, TrajectoryError
+from tfdb.errors import InvalidArray, InvalidStamp, InvalidTransform, TrajectoryError
 from tfdb.given_path import errors_name, given_path
-from tfdb.types import Columns, Trajectory
+from tfdb.poses import MAX_MATRIX_ERROR, MAX_NORM_ERROR, quaternions
+from tfdb.tables import COLUMNS
+from tfdb.trajectory import Trajectory
+from tfdb.types import Columns
 
 from .decimal_time import integer_ns, seconds_to_ns
 from .loading import missing_samples, warn_of_forgotten
@@ -38,13 +41,7 @@ Stamps: TypeAlias = npt.NDArray[np.int64]
 Poses: TypeAlias = npt.NDArray[np.float64]
 Format: TypeAlias = Literal["tum", "kitti", "euroc", "csv", "npz"]
 
-CSV_COLUMNS = ("stamp_ns", "x", "y", "z", "qx", "qy", "qz", "qw")
 FORMATS: tuple[Format, ...] = ("tum", "kitti", "euroc", "csv", "npz")
-
-# tf2's rule, and that of the store: further off is no rotation, nearer is rounding.
-MAX_NORM_ERROR = 0.01
-# Rotation matrices are printed with few digits; KITTI's own are good to 1e-6.
-MAX_MATRIX_ERROR = 1e-2
 
 
 class TrajectoryLike(Protocol):
@@ -165,7 +162,7 @@ class _Lines:
 
     def trajectory(self, stamps: list[int], poses: Poses, repeated: int = 0) -> Trajectory:
         """The result of reading them."""
-        return Trajectory(*self._frames, np.array(stamps, dtype=np.int64), poses, repeated)
+        return Trajectory(*self._frames, np.array(stamps, dtype=np.int64), poses, repeated=repeated)
 
     def error(self, line: int | None, reason: str) -> TrajectoryError:
         """An error about one of the lines."""
@@ -187,7 +184,7 @@ _ROWS: dict[str, _Row] = {
     "tum": _Row("seconds x y z qx qy qz qw", None, (8,), seconds_to_ns),
     # 8 columns with poses alone, 17 with velocity and biases as the dataset ships them.
     "euroc": _Row("nanoseconds,x,y,z,qw,qx,qy,qz", ",", (8, 17), integer_ns, w_first=True),
-    "csv": _Row(",".join(CSV_COLUMNS), ",", (8,), integer_ns),
+    "csv": _Row(",".join(COLUMNS), ",", (8,), integer_ns),
 }
 
 
@@ -196,7 +193,7 @@ def _guess(lines: _Lines) -> Format:
     number, first = next(iter(lines), (None, ""))
     if number is None:
         raise lines.error(None, "no pose in it")
-    if first.replace(" ", "") == ",".join(CSV_COLUMNS):
+    if first.replace(" ", "") == ",".join(COLUMNS):
         return "csv"
     columns = len(first.split(",")) if "," in first else len(first.split())
     if "," in first and columns in _ROWS["euroc"].columns:
@@ -243,14 +240,7 @@ def _read_rows(lines: _Lines, row: _Row) -> Trajectory:
         poses.append(pose)
     if not stamps:
         raise lines.error(None, "no pose in it")
-    return lines.trajectory(stamps, _normalised(np.array(poses, dtype=np.float64)), repeated)
-
-
-def _normalised(poses: Poses) -> Poses:
-    """Unit quaternions; those that are it up to rounding stay bit for bit, for round trips."""
-    norms = np.linalg.norm(poses[:, 3:], axis=1, keepdims=True)
-    poses[:, 3:] /= np.where(np.abs(norms - 1.0) > 1e-15, norms, 1.0)
-    return poses
+    return lines.trajectory(stamps, np.array(poses, dtype=np.float64), repeated)
 
 
 def _read_npz(path: Path, raw: bytes, target: str, source: str) -> Trajectory:
@@ -267,15 +257,14 @@ def _read_npz(path: Path, raw: bytes, target: str, source: str) -> Trajectory:
         raise TrajectoryError(path, None, f"damaged or cut short: {error}") from error
     try:
         made = Trajectory(target, source, stamps, poses)
-    except InvalidArray as error:
+    except (InvalidArray, InvalidTransform, InvalidStamp) as error:
         raise TrajectoryError(path, None, str(error)) from None
-    with np.errstate(over="ignore", invalid="ignore"):
-        off = np.abs(np.sum(poses[:, 3:] ** 2, axis=1) - 1.0)
-        bad = np.flatnonzero(~(off <= MAX_NORM_ERROR) | ~np.isfinite(poses).all(axis=1))
-    if stamps[0] < 0 or len(bad):
-        row = int(bad[0]) if len(bad) else 0
-        raise TrajectoryError(path, None, f"row {row} holds no pose, or a negative stamp")
-    return Trajectory(target, source, made.stamps, _normalised(poses.copy()))
+    if not len(made):
+        raise TrajectoryError(path, None, "no pose in it")
+    missing = np.flatnonzero(~made.found)
+    if len(missing):
+        raise TrajectoryError(path, None, f"row {missing[0]} holds no pose")
+    return made
 
 
 def _is_heading(fields: list[str]) -> bool:
@@ -336,7 +325,7 @@ def _read_kitti(lines: _Lines, times: Path) -> Trajectory:
         bad = np.flatnonzero(~(off <= MAX_MATRIX_ERROR) | ~(np.linalg.det(rotations) > 0))
     if len(bad):
         raise lines.error(numbers[bad[0]], "the left 3x3 part is not a rotation matrix")
-    poses = np.hstack((matrices[:, :, 3], quaternions_from_matrices(rotations)))
+    poses = np.hstack((matrices[:, :, 3], quaternions(rotations)))
     return lines.trajectory(stamps, poses)
 
 
@@ -352,25 +341,3 @@ def _read_times(path: Path) -> list[int]:
             raise lines.error(number, _backwards(stamp, stamps[-1]))
         stamps.append(stamp)
     return stamps
-
-
-def quaternions_from_matrices(rotations: Poses) -> Poses:
-    """Unit quaternions `[x y z w]`, w >= 0, nearest to rotation matrices of shape (N, 3, 3).
-
-    The eigenvector of Bar-Itzhack's matrix: the rotation that fits best in the sense of least
-    squares, with no branch on the angle.
-    """
-    m = rotations
-    k = np.empty((len(m), 4, 4))
-    k[:, 0, 0] = m[:, 0, 0] - m[:, 1, 1] - m[:, 2, 2]
-    k[:, 1, 1] = m[:, 1, 1] - m[:, 0, 0] - m[:, 2, 2]
-    k[:, 2, 2] = m[:, 2, 2] - m[:, 0, 0] - m[:, 1, 1]
-    k[:, 3, 3] = m[:, 0, 0] + m[:, 1, 1] + m[:, 2, 2]
-    k[:, 1, 0] = m[:, 1, 0] + m[:, 0, 1]
-    k[:, 2, 0] = m[:, 2, 0] + m[:, 0, 2]
-    k[:, 2, 1] = m[:, 2, 1] + m[:, 1, 2]
-    k[:, 3, 0] = m[:, 2, 1] - m[:, 1, 2]
-    k[:, 3, 1] = m[:, 0, 2] - m[:, 2, 0]
-    k[:, 3, 2] = m[:, 1, 0] - m[:, 0, 1]
-    vectors: Poses = np.linalg.eigh(k, UPLO="L")[1][:, :, 3]
-    return np.where(vectors[:, 3:] < 0, -vectors, vectors)

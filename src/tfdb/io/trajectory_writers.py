@@ -15,15 +15,16 @@ import numpy as np
 from tfdb.errors import TrajectoryError
 from tfdb.given_path import given_path
 from tfdb.new_file import new_file
+from tfdb.poses import matrices
+from tfdb.tables import COLUMNS
 
 from .decimal_time import ns_to_seconds
-from .trajectories import CSV_COLUMNS, Poses, TrajectoryLike
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
     from pathlib import Path
 
-    from .trajectories import PathLike
+    from .trajectories import PathLike, TrajectoryLike
 
 _EUROC_HEADING = (
     "#timestamp [ns],p_RS_R_x [m],p_RS_R_y [m],p_RS_R_z [m],q_RS_w [],q_RS_x [],q_RS_y [],q_RS_z []"
@@ -54,7 +55,7 @@ def write_euroc(path: PathLike, trajectory: TrajectoryLike, *, overwrite: bool =
 def write_csv(path: PathLike, trajectory: TrajectoryLike, *, overwrite: bool = False) -> None:
     """Write `stamp_ns,x,y,z,qx,qy,qz,qw` lines with that heading; stamps in nanoseconds."""
     rows = _comma_rows(trajectory.stamps.tolist(), trajectory.poses.tolist())
-    _write_lines(path, ",".join(CSV_COLUMNS), rows, overwrite=overwrite)
+    _write_lines(path, ",".join(COLUMNS), rows, overwrite=overwrite)
 
 
 def write_kitti(
@@ -68,11 +69,7 @@ def write_kitti(
 
     `times` is by default `NAME_times.txt` beside `path`, where `read_trajectory` looks for it.
     """
-    poses = trajectory.poses
-    matrices = np.concatenate(
-        (matrices_from_quaternions(poses[:, 3:]), poses[:, :3, np.newaxis]), axis=2
-    )
-    rows = matrices.reshape(-1, 12).tolist()
+    rows = matrices(trajectory.poses)[:, :3].reshape(-1, 12).tolist()
     where = given_path(path, _refusal)
     beside = where.with_name(f"{where.stem}_times.txt")
     if times is not None:
@@ -130,17 +127,6 @@ def write_trajectory(
     if writer is None:
         raise TrajectoryError(path, None, f"no trajectory format {name!r}: one of {_names()}")
     writer(path, trajectory, overwrite=overwrite)
-
-
-def matrices_from_quaternions(quaternions: Poses) -> Poses:
-    """Rotation matrices (N, 3, 3) of unit quaternions `[x y z w]` (N, 4)."""
-    x, y, z, w = quaternions.T
-    rows = (
-        (1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)),
-        (2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)),
-        (2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)),
-    )
-    return np.stack([np.stack(row, axis=-1) for row in rows], axis=1)
 
 
 def _names() -> str:

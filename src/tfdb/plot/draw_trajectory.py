@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-    from ..types import Trajectory
+    from ..trajectory import Trajectory
 
     Floats = npt.NDArray[np.float64]
 

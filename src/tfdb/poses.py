@@ -1,0 +1,224 @@
+"""Arrays of poses, rows x y z qx qy qz qw: what `core/tfdb/geometry/pose.hpp` computes for one.
+
+The same operations in the same order give the same bits. One pose (7,) goes with many (N, 7).
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, TypeAlias
+
+from .errors import InvalidArray, InvalidTransform
+
+if TYPE_CHECKING:
+    import numpy as np
+    import numpy.typing as npt
+
+    Array: TypeAlias = npt.NDArray[np.float64]
+
+__all__: list[str] = []
+
+MAX_NORM_ERROR = 0.01
+"""Of a quaternion's squared length: tf2's rule, and that of the store. Nearer to 1 is rounding."""
+MAX_MATRIX_ERROR = 1e-2
+"""Rotation matrices are printed with few digits; KITTI's own are good to 1e-6."""
+
+
+def found(poses: Array) -> npt.NDArray[np.bool_]:
+    """Say of each row whether all its numbers are finite."""
+    import numpy as np
+
+    return np.asarray(np.isfinite(poses).all(axis=1))
+
+
+def checked(rows: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+    """Poses (N, 7), copied, each a rigid transform or missing."""
+    import numpy as np
+
+    made = np.array(rows, order="C")
+    with np.errstate(over="ignore", invalid="ignore"):
+        off = np.abs((made[:, 3:] ** 2).sum(axis=1) - 1.0)
+    fine = found(made) & (off <= MAX_NORM_ERROR)
+    wrong = np.flatnonzero(~fine & ~np.isnan(made).all(axis=1))
+    if len(wrong):
+        index = int(wrong[0])
+        numbers = ", ".join(f"{number:g}" for number in made[index])
+        raise InvalidTransform(
+            f"poses[{index}] = ({numbers}) is no rigid transform: it must be finite, with a unit "
+            "quaternion (x, y, z, w); a missing pose is NaN as a whole",
+            index=index,
+            reason="no rigid transform",
+        )
+    return normalised(made)
+
+
+def normalised(poses: Array) -> Array:
+    """Unit quaternions; those that are it up to rounding stay bit for bit, for round trips."""
+    import numpy as np
+
+    norms = np.linalg.norm(poses[:, 3:], axis=1, keepdims=True)
+    off = np.abs(norms - 1.0) > 1e-15
+    if off.any():
+        poses = poses.copy()
+        poses[:, 3:] /= np.where(off, norms, 1.0)
+    return poses
+
+
+def multiply(a: Array, b: Array) -> Array:
+    """Turn by the quaternions b first, then by a."""
+    import numpy as np
+
+    ax, ay, az, aw = (a[..., i] for i in range(4))
+    bx, by, bz, bw = (b[..., i] for i in range(4))
+    return np.stack(
+        [
+            (aw * bx + ax * bw) + (ay * bz - az * by),
+            (aw * by + ay * bw) + (az * bx - ax * bz),
+            (aw * bz + az * bw) + (ax * by - ay * bx),
+            (aw * bw - ax * bx) - (ay * by + az * bz),
+        ],
+        axis=-1,
+    )
+
+
+def conjugate(q: Array) -> Array:
+    """Turn back."""
+    import numpy as np
+
+    back: Array = q * np.array([-1.0, -1.0, -1.0, 1.0])
+    return back
+
+
+def rotate(q: Array, v: Array) -> Array:
+    """Turn points by quaternions."""
+    import numpy as np
+
+    qx, qy, qz, qw = (q[..., i] for i in range(4))
+    vx, vy, vz = (v[..., i] for i in range(3))
+    cx = 2.0 * (qy * vz - qz * vy)
+    cy = 2.0 * (qz * vx - qx * vz)
+    cz = 2.0 * (qx * vy - qy * vx)
+    return np.stack(
+        [
+            (vx + qw * cx) + (qy * cz - qz * cy),
+            (vy + qw * cy) + (qz * cx - qx * cz),
+            (vz + qw * cz) + (qx * cy - qy * cx),
+        ],
+        axis=-1,
+    )
+
+
+def compose(a: Array, b: Array) -> Array:
+    """T[c<-a] from T[c<-b] and T[b<-a]."""
+    import numpy as np
+
+    moved = a[..., :3] + rotate(a[..., 3:], b[..., :3])
+    return np.concatenate([moved, multiply(a[..., 3:], b[..., 3:])], axis=-1)
+
+
+def inverse(poses: Array) -> Array:
+    """T[a<-b] from T[b<-a]."""
+    import numpy as np
+
+    back = conjugate(poses[..., 3:])
+    return np.concatenate([-rotate(back, poses[..., :3]), back], axis=-1)
+
+
+def rotation_matrices(q: Array, out: Array | None = None) -> Array:
+    """Matrices (N, 3, 3) of unit quaternions (N, 4)."""
+    import numpy as np
+
+    made = np.empty((len(q), 3, 3)) if out is None else out
+    x, y, z, w = q.T
+    x2, y2, z2 = x + x, y + y, z + z
+    rows = (
+        (1.0 - (y * y2 + z * z2), x * y2 - w * z2, x * z2 + w * y2),
+        (x * y2 + w * z2, 1.0 - (x * x2 + z * z2), y * z2 - w * x2),
+        (x * z2 - w * y2, y * z2 + w * x2, 1.0 - (x * x2 + y * y2)),
+    )
+    for i, row in enumerate(rows):
+        for j, column in enumerate(row):
+            made[:, i, j] = column
+    return made
+
+
+def matrices(poses: Array) -> Array:
+    """Homogeneous matrices (N, 4, 4); those of missing poses are NaN."""
+    import numpy as np
+
+    made = np.zeros((len(poses), 4, 4))
+    rotation_matrices(poses[:, 3:], out=made[:, :3, :3])
+    made[:, :3, 3] = poses[:, :3]
+    made[:, 3, 3] = 1.0
+    made[np.isnan(poses[:, 3])] = np.nan
+    return made
+
+
+def from_matrices(values: npt.ArrayLike) -> Array:
+    """Poses of matrices (N, 4, 4), rigid or NaN; raises InvalidArray, InvalidTransform."""
+    import numpy as np
+
+    try:
+        given = np.asarray(values, dtype=np.float64)
+    except (TypeError, ValueError):
+        given = np.empty(0)
+    if given.ndim != 3 or given.shape[1:] != (4, 4):
+        got = given.shape if isinstance(values, np.ndarray) else type(values).__name__
+        reason = f"expected an array (N, 4, 4) of float64, got {got}"
+        raise InvalidArray(f"matrices: {reason}", reason=reason)
+    missing = np.isnan(given).all(axis=(1, 2))
+    turns = given[:, :3, :3]
+    with np.errstate(over="ignore", invalid="ignore"):
+        off = np.abs(turns @ turns.transpose(0, 2, 1) - np.eye(3)).max(axis=(1, 2), initial=0.0)
+        rigid = (off <= MAX_MATRIX_ERROR) & (np.linalg.det(turns) > 0)
+        rigid &= np.isfinite(given).all(axis=(1, 2)) & (given[:, 3] == [0, 0, 0, 1]).all(axis=1)
+    wrong = np.flatnonzero(~rigid & ~missing)
+    if len(wrong):
+        index = int(wrong[0])
+        raise InvalidTransform(
+            f"matrices[{index}] is no rigid transform: a rotation matrix and a finite translation "
+            "above the row 0 0 0 1; a missing one is NaN as a whole",
+            index=index,
+            reason="no rigid transform",
+        )
+    made = np.full((len(given), 7), np.nan)
+    made[rigid, :3] = given[rigid, :3, 3]
+    made[rigid, 3:] = quaternions(turns[rigid])
+    return made
+
+
+def quaternions(turns: Array) -> Array:
+    """Unit quaternions `[x y z w]`, w >= 0, nearest to rotation matrices of shape (N, 3, 3).
+
+    The eigenvector of Bar-Itzhack's matrix: the rotation that fits best in the sense of least
+    squares, with no branch on the angle.
+    """
+    import numpy as np
+
+    m = turns
+    k = np.empty((len(m), 4, 4))
+    k[:, 0, 0] = m[:, 0, 0] - m[:, 1, 1] - m[:, 2, 2]
+    k[:, 1, 1] = m[:, 1, 1] - m[:, 0, 0] - m[:, 2, 2]
+    k[:, 2, 2] = m[:, 2, 2] - m[:, 0, 0] - m[:, 1, 1]
+    k[:, 3, 3] = m[:, 0, 0] + m[:, 1, 1] + m[:, 2, 2]
+    k[:, 1, 0] = m[:, 1, 0] + m[:, 0, 1]
+    k[:, 2, 0] = m[:, 2, 0] + m[:, 0, 2]
+    k[:, 2, 1] = m[:, 2, 1] + m[:, 1, 2]
+    k[:, 3, 0] = m[:, 2, 1] - m[:, 1, 2]
+    k[:, 3, 1] = m[:, 0, 2] - m[:, 2, 0]
+    k[:, 3, 2] = m[:, 1, 0] - m[:, 0, 1]
+    vectors: Array = np.linalg.eigh(k, UPLO="L")[1][:, :, 3]
+    return np.where(vectors[:, 3:] < 0, -vectors, vectors)
+
+
+def rotation_vectors(first: Array, last: Array) -> Array:
+    """Axis times angle of the turn from one rotation to the other, in the axes of both."""
+    import numpy as np
+
+    turn = multiply(last, conjugate(first))
+    turn = np.where(turn[:, 3:] < 0.0, -turn, turn)
+    sine = np.sqrt((turn[:, :3] ** 2).sum(axis=1))
+    # Near zero angle / sin(angle / 2) tends to 2.
+    small = sine < 1e-12
+    scale = np.where(small, 2.0, 2.0 * np.arctan2(sine, turn[:, 3]) / np.where(small, 1.0, sine))
+    vectors: Array = turn[:, :3] * scale[:, np.newaxis]
+    return vectors
