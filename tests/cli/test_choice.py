@@ -191,3 +191,20 @@ def test_poses_and_joint_states(tool: Any, arm: Path, tmp_path: Path) -> None:
         (("--urdf", tmp_path / "none.urdf"), "none.urdf"),
     ):
         assert words in tool("tree", arm, *wrong, code=2).error
+
+
+def test_serve_follow(tool: Any, mcap: Path, tmp_path: Path) -> None:
+    store = f"follow-{tmp_path.name}"
+    try:
+        given = ("--into", store, "--history", "100", "--prefix", "a/")
+        made = tool("serve", "follow", mcap, *given, "--json").json
+        assert (made["messages"], made["store"]) == (750, store)
+        with tfdb.Buffer.open(store, mode="r") as live:
+            assert live.frames() == tfdb.load(mcap, prefix="a/").frames()
+        cut = tmp_path / "cut.mcap"
+        cut.write_bytes(mcap.read_bytes()[:-100])
+        error = tool("serve", "follow", cut, *given, "--timeout", "0.01", code=2).error
+        assert "has no end: its writer stopped" in error
+        assert "keep: these need" in tool("serve", "follow", cut, *given, "--keep", 1, code=2).error
+    finally:
+        tfdb.Buffer.unlink(store)

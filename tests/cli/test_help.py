@@ -64,7 +64,7 @@ def test_help_says_what_for_and_gives_an_example(tool: Tool, name: str) -> None:
         (("shm", "list"), "did you mean 'ls'?"),
         (("shm", "inf"), "did you mean 'info'?"),
         (("serve", "ros3"), "'ros2' or 'ros1'?"),
-        (("serve", "zzzz"), "there are bag, ros1, ros2"),
+        (("serve", "zzzz"), "there are bag, follow, ros1, ros2"),
         (("info", "--topc", "x"), "--topic"),
     ],
 )

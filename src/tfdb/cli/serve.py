@@ -125,6 +125,62 @@ def bag(
         show()
 
 
+@command.command("follow")
+@common.file_argument
+@click.option("--into", metavar="NAME", required=True, help="The store; it is made if need be.")
+@click.option(
+    "--timeout",
+    type=click.FloatRange(min=0, min_open=True),
+    metavar="SECONDS",
+    help="Take the writer for dead when FILE has not grown for so long.  [default: wait]",
+)
+@click.option(
+    "--history",
+    metavar="SECONDS",
+    default="10",
+    show_default=True,
+    callback=duration_option,
+    help="How much a store that is made keeps.",
+)
+@common.topic_option
+@common.json_option
+def follow(
+    *,
+    file: str,
+    into: str,
+    timeout: float | None,
+    history: int | None,
+    topics: tuple[str, ...],
+    as_json: bool,
+) -> None:
+    """Load an MCAP file into the store NAME while it is written.
+
+    Example: tfdb serve follow running.mcap --into robot1
+
+    Messages come as the recorder writes them, chunk by chunk. The store stays when this ends, by
+    Ctrl-C too. --frame, --keep, --urdf and offsets from the first or last stamp need a whole file.
+    """
+    (path,) = common.find_paths([file])
+    if common.salvages():
+        raise click.UsageError("--salvage goes with files that nobody writes any more")
+    name = into.removeprefix(STORE)
+    store = tfdb.Buffer.open(name, history=None if history is None else history / NS)
+    if not as_json:
+        text = f"{file} into shm:{name}, as it grows; Ctrl-C ends it"
+        click.echo(layout.wrap(layout.words(text, file)))
+    report = tfdb.io.follow_recording(
+        store, path, common.parse_topics(topics), timeout=timeout, **common.chosen()
+    )
+    if as_json:
+        shown = {"messages": report.messages, "transforms": report.transforms}
+        more = {"refused": report.refused, "seconds": round(report.seconds, 3)}
+        output.emit_json("serve", {"files": [file], "store": name, **shown, **more})
+        return
+    passed = format_duration(round(report.seconds * NS))
+    text = f"{report.transforms:,} transforms in {report.messages:,} messages, in {passed}"
+    click.echo(layout.wrap(layout.words(text)))
+
+
 _graph_options = (
     click.option("--into", metavar="NAME", required=True, help="The store; made if need be."),
     click.option(

@@ -11,7 +11,8 @@ from tfdb.on_demand import on_demand
 
 if TYPE_CHECKING:
     from .containers import Loss, Source, Topic
-    from .loading import LoadReport, TopicReport, load_recordings
+    from .joint_states import BeyondLimits, JointReport
+    from .loading import LoadReport, TopicReport, follow_recording, load_recordings
     from .recordings import Recording, Run
     from .robot_model import Joint, JointLimits, Mimic, RobotModel
     from .rosbags_writer import RecordingWriter
@@ -28,8 +29,10 @@ if TYPE_CHECKING:
     from .writers import write_recording, write_transforms
 
 __all__ = [
+    "BeyondLimits",
     "Joint",
     "JointLimits",
+    "JointReport",
     "LoadReport",
     "Loss",
     "Mimic",
@@ -40,6 +43,7 @@ __all__ = [
     "Source",
     "Topic",
     "TopicReport",
+    "follow_recording",
     "into_buffer",
     "load_recordings",
     "load_urdf",
@@ -61,7 +65,8 @@ if not TYPE_CHECKING:  # or every name would be there for type checkers
         __name__,
         {
             "containers": ("Loss", "Source", "Topic"),
-            "loading": ("LoadReport", "TopicReport", "load_recordings"),
+            "joint_states": ("BeyondLimits", "JointReport"),
+            "loading": ("LoadReport", "TopicReport", "follow_recording", "load_recordings"),
             "recordings": ("Recording", "Run"),
             "robot_model": ("Joint", "JointLimits", "Mimic", "RobotModel"),
             "rosbags_writer": ("RecordingWriter",),

@@ -253,6 +253,20 @@ class Choice:
         children = None if self.frames is None else _between(everything, self.frames)
         return Rewriter(self, _window(self, span(everything.tree())), children, joints)
 
+    def without_survey(self) -> Rewriter:
+        """The rewriter where nothing can be looked through; InvalidArgument where it must be."""
+        needed = {
+            "frames": self.frames,
+            "keep": self.keep,
+            "urdf": self.model,
+            "start as an offset": self.start is not None and self.start.since,
+            "end as an offset": self.end is not None and self.end.since,
+        }
+        given = ", ".join(name for name, value in needed.items() if value)
+        if given:
+            raise InvalidArgument(f"{given}: these need the whole file, which is still written")
+        return Rewriter(self, _window(self, None), None)
+
     def _without_names(self) -> Choice:
         """What decides where a transform comes from."""
         return Choice(exclude=self.exclude, pose_topics=self.pose_topics or None)

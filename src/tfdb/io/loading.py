@@ -12,11 +12,12 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 
 from tfdb import _core
 from tfdb.errors import InvalidArgument, RecordingError, TfdbWarning
-from tfdb.given_path import given_paths
+from tfdb.given_path import given_path, given_paths
 
 from .choice import OTHERS, Choice, absolute, held_by, no_name
 from .containers import POSE_TYPES
-from .recordings import Recording
+from .mcap_reader import GrowingMcap
+from .recordings import Recording, runs_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
@@ -26,6 +27,7 @@ if TYPE_CHECKING:
     import numpy.typing as npt
 
     from tfdb import Buffer
+    from tfdb._core import Recorded
 
     from .choice import LoadOptions, Rewriter
     from .containers import Loss, Source
@@ -177,6 +179,86 @@ def load_recordings(
     return report
 
 
+def follow_recording(
+    buffer: Buffer,
+    path: PathLike,
+    topics: Topics | None = None,
+    *,
+    timeout: float | None = None,
+    interval: float = 0.2,
+    **options: Unpack[LoadOptions],
+) -> LoadReport:
+    """Load an MCAP file while it is written, chunk by chunk, until its end is there.
+
+    Each message is one commit, as soon as its chunk is in the file: how soon that is, the recorder
+    decides (`--max-cache-size` of `ros2 bag record`). Meanwhile others read the store, in other
+    threads, or processes where it is shared. Ctrl-C ends it; what came until then is stored.
+
+    Parameters
+    ----------
+    buffer
+        Where to store. Its `history` limits what it keeps.
+    path
+        The file; it may still be empty. Damaged messages are refused and counted, as by `load`.
+    topics
+        As in `Buffer.load`; a topic may come later than the file.
+    timeout
+        Seconds without growth after which the writer is taken for dead; None: it is waited for.
+    interval
+        Seconds between two looks at the file's size.
+    **options
+        `start` and `end` as stamps, `exclude`, `rename`, `prefix` and `pose_topics`, as in
+        `Buffer.load`. The others need the whole file.
+
+    Raises
+    ------
+    RecordingError
+        No MCAP file, damaged, or it shrank; its writer stopped: it has no end and has not grown for
+        `timeout` (what was whole is stored; `load(salvage=True)` reads the rest); it ended without
+        transforms.
+    InvalidArgument
+        Options that need the whole file, and a timeout or interval that is none.
+    OSError
+        The file cannot be opened or read.
+    """
+    started = time.perf_counter()
+    given = given_path(path, RecordingError)
+    _check_seconds("interval", interval)
+    if timeout is not None:
+        _check_seconds("timeout", timeout)
+    choice = Choice(**options)
+    rewriter = choice.without_survey()
+    selection = Selection(topics, choice)
+    tally = _Tally(buffer)
+    tally.everything = None  # it would grow as the file does
+    file = GrowingMcap(given)
+    try:
+        grown, size = time.monotonic(), file.size
+        while True:
+            for messages, sources in file.read():
+                tally.take(messages, sources, selection, rewriter)
+            if file.is_complete:
+                break
+            now = time.monotonic()
+            if file.size != size:
+                grown, size = now, file.size
+            elif timeout is not None and now - grown > timeout:
+                reason = f"it has not grown for {timeout:g} s and has no end: its writer stopped"
+                raise RecordingError(given, f"{reason}; salvage=True (--salvage) reads what it has")
+            time.sleep(interval)
+    finally:
+        file.close()
+    report = tally.report((str(given),), time.perf_counter() - started, rewriter)
+    rewriter.warn(str(given), 3)
+    return report
+
+
+def _check_seconds(name: str, value: Any) -> None:
+    is_number = isinstance(value, int | float) and not isinstance(value, bool)
+    if not is_number or not 0 < value < 10**9:
+        raise InvalidArgument(f"{name} is a positive number of seconds, not {value!r}", value=value)
+
+
 def warn_of_forgotten(buffer: Buffer, samples: int, depth: int) -> None:
     """Say how to keep what a store's history dropped; `depth` frames up is who asked for it."""
     message = (
@@ -317,6 +399,29 @@ class _Tally:
             self._ingest(run, encoding, static=static)
         self.seconds += time.perf_counter() - started
         meter.step(read.last - read.first)
+
+    def take(
+        self,
+        messages: Recorded,
+        sources: Mapping[int, Source],
+        selection: Selection,
+        rewriter: Rewriter,
+    ) -> None:
+        """Commit what is wanted of messages that just came, and count their topics."""
+        counts = messages.counts()
+        wanted = {id_: s for id_, s in sources.items() if selection.wants(s)}
+        for id_, source in wanted.items():
+            before = self.topics.get(source.topic)
+            count = counts.get(id_, 0) + (before.messages if before else 0)
+            static = selection.is_static(source)
+            self.topics[source.topic] = TopicReport(source.topic, count, static)
+        picked = _core.Recorded()
+        for index in range(len(messages)):
+            received, id_, data = messages[index]
+            if id_ in wanted:
+                picked.add(received, id_, data)
+        for run in runs_of(picked, sources, selection.wants, selection.kind):
+            self.store(run, selection, rewriter, _Meter(0, None, 1))
 
     def _ingest(self, run: Run, encoding: str, *, static: bool) -> None:
         authorities = {id_: source.authority for id_, source in run.sources.items()}

@@ -423,6 +423,81 @@ def _topics(index: _Index, counts: dict[int, int]) -> Iterator[Topic]:
     )
 
 
+class GrowingMcap:
+    """An MCAP file that is still being written: its messages, as they come.
+
+    Whatever is whole is taken, once: chunks, and messages outside of chunks. Checksums of chunks
+    are checked, that of all data is not. Raises `RecordingError` where the file is damaged, is no
+    MCAP file or shrinks; OSError.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self._file = RawFile(path)
+        self._index = _Index()
+        self._at = 0
+        self.is_complete = False
+
+    @property
+    def size(self) -> int:
+        """Bytes that were there when it was last looked at."""
+        return self._file.size
+
+    def close(self) -> None:
+        """Close the file."""
+        self._file.close()
+
+    def read(self) -> Iterator[tuple[Recorded, dict[int, Source]]]:
+        """The messages that came since the last call, chunk by chunk, with their sources.
+
+        `is_complete` afterwards: the file has its end, and no more will come.
+        """
+        with typed_errors(self.path, "a file that is still written has only whole chunks"):
+            self._file.look_again()
+            while not self.is_complete and (end := self._next()) is not None:
+                found = Recorded()
+                self._take(end, found)
+                self._at = end
+                if len(found):
+                    found.sort()
+                    yield found, _sources(self.path, self._index, found.counts())
+
+    def _next(self) -> int | None:
+        """Where the record ends that begins here; None: it is not all there."""
+        head = len(_MAGIC) if self._at == 0 else _HEAD
+        if self._at + head > self.size:
+            return None
+        raw = self._file.read(self._at, head)
+        if self._at == 0:
+            if raw != _MAGIC:
+                raise BadDataError("it is no MCAP file")
+            return head
+        kind, size = _RECORD.unpack(raw)
+        if kind == 0:
+            raise BadDataError(f"no record at {self._at}")
+        end: int = self._at + _HEAD + size + (len(_MAGIC) if kind == _FOOTER else 0)
+        return end if end <= self.size else None
+
+    def _take(self, end: int, found: Recorded) -> None:
+        """Take in the record that lies there."""
+        if self._at == 0:
+            return
+        kind, size = _RECORD.unpack(self._file.read(self._at, _HEAD))
+        index, at = self._index, self._at + _HEAD
+        if kind == _FOOTER:
+            self.is_complete = True
+        elif kind in (_SCHEMA, _CHANNEL):
+            index.learn(kind, self._file.read(at, size))
+        elif kind == _CHUNK:
+            packing, packed, unpacked, crc = _chunk(self._file.read(at, size))
+            raw = _checked(unpack(packing, packed, unpacked), crc)
+            _add_chunk(found, raw, index.is_read, index.learn_in_chunk)
+        elif kind == _MESSAGE:
+            raw = self._file.read(self._at, end - self._at)
+            _add_chunk(found, raw, index.is_read, index.learn_in_chunk)
+        index.refuse_flaws()
+
+
 # -- the top of the file --------------------------------------------------------------------------
 
 

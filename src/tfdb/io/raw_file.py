@@ -46,6 +46,13 @@ class RawFile:
         self._descriptor = os.open(path, os.O_RDONLY | os.O_CLOEXEC)
         self.size = os.fstat(self._descriptor).st_size
 
+    def look_again(self) -> None:
+        """Take in how much the file has grown; raises `BadDataError` where it has shrunk."""
+        size = os.fstat(self._descriptor).st_size
+        if size < self.size:
+            raise BadDataError(f"it shrank from {self.size} to {size} bytes while it was followed")
+        self.size = size
+
     def read(self, at: int, count: int) -> bytes:
         """Give the bytes from a position on; raises `BadDataError` where the file has fewer."""
         check_size(count)

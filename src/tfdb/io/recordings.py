@@ -142,19 +142,20 @@ class Recording:
         """
         wanted, kind = wanted or _is_tf, kind or _topic
         parts = self._container.read(wanted, step or _ignore)
-        return (run for part in parts for run in _runs(*part, wanted, kind))
+        return (run for part in parts for run in runs_of(*part, wanted, kind))
 
     def close(self) -> None:
         """Close the file."""
         self._container.close()
 
 
-def _runs(
+def runs_of(
     messages: Recorded,
     sources: Mapping[int, Source],
     wanted: Callable[[Source], bool],
     kind: Callable[[Source], object],
 ) -> Iterator[Run]:
+    """Divide messages as `Recording.read` says."""
     numbers: dict[object, int] = {}
     kinds = {
         id_: numbers.setdefault((source.is_tf, kind(source)), len(numbers))
