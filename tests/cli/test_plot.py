@@ -83,10 +83,24 @@ def test_folds_and_titles(tool: Tool, bag: Path, here: Path) -> None:
     assert any("frames are folded" in text for text in shown)
 
 
+def test_trajectory_files_and_comparisons(tool: Tool, bag: Path, here: Path) -> None:
+    tool("poses", bag, "map", "base_link", "--rate", "20", "-o", "a.tum")
+    tool("poses", bag, "map", "base_link", "--rate", "13", "-o", "b.tum")
+    assert "a_trajectory.svg" in tool("plot", "a.tum", "trajectory", "--save", "svg").out
+    drawn_length = next(text for text in drawn(here / "a_trajectory.svg") if "travelled" in text)
+    assert drawn_length.startswith("175 poses over 8.7 s, 4.1")
+    assert "the comparison of a.tum" in tool("plot", "a.tum", "compare", "b.tum").out
+    assert (here / "a_compare.png").exists()
+    tool("plot", "a.tum", "compare", bag, "map", "base_link", "--save", "svg")
+    assert any("APE" in text for text in drawn(here / "a_compare.svg"))
+
+
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        (("trajectory", "map"), "tfdb plot FILE trajectory TARGET SOURCE"),
+        (("trajectory", "map"), "tfdb plot FILE trajectory TARGET SOURCE [SOURCE ...]"),
+        (("trajectory",), "has 32 moving edges: name TARGET and SOURCE"),
+        (("compare",), "tfdb plot FILE compare ESTIMATE"),
         (("tree", "map"), "a tree takes no frames; got map"),
         (("--save", "gif"), "--save 'gif' is neither png, svg, pdf nor a path"),
         (("--save", "png", "--save", "png"), "twice"),

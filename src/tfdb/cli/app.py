@@ -27,7 +27,7 @@ COMMANDS = {
     "echo": "One transform again and again, with its age, as tf2_echo prints it.",
     "monitor": "How often each frame comes, how late, with which gaps, and from whom.",
     "view-frames": "A picture of the frame tree: PDF, SVG or DOT.",
-    "plot": "A picture: the frame tree, the samples of each edge, or trajectories.",
+    "plot": "A picture: the frame tree, samples of each edge, trajectories, a comparison.",
     "compare": "How far one trajectory is off another: APE (ATE) and RPE, the numbers of evo.",
     "poses": "Many poses of SOURCE in TARGET, to a .tum, .csv or .npz file.",
     "check": "What is wrong with a recording: gaps, late data, two publishers, time jumps.",

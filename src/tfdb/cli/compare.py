@@ -17,6 +17,8 @@ from .plot import need_matplotlib, picture_files
 from .times import NS, duration_option, offset_option
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from tfdb import Comparison, Trajectory
     from tfdb.comparing import Errors
 
@@ -154,8 +156,8 @@ def command(
         common.check_output(str(path), read, overwrite=overwrite)
     if outs:
         need_matplotlib()
-    ours = _trajectory(reference, frames, topics, "--frames")
-    theirs = _trajectory(estimate, estimate_frames or frames, topics, "--estimate-frames")
+    ours = read_one(reference, frames, topics, "--frames")
+    theirs = read_one(estimate, estimate_frames or frames, topics, "--estimate-frames")
     found = tfdb.compare(
         ours, theirs, max_diff=None if max_diff is None else max_diff / NS, **options
     )
@@ -188,8 +190,8 @@ def _has_frames(name: str) -> bool:
     return is_frozen(path) or is_recording(path)
 
 
-def _trajectory(
-    name: str, frames: tuple[str, str] | None, topics: tuple[str, ...], option: str
+def read_one(
+    name: str, frames: Sequence[str] | None, topics: tuple[str, ...], option: str
 ) -> Trajectory:
     """Read one of the two."""
     if not _has_frames(name):

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
     from pathlib import Path
 
-KINDS = ("tree", "timeline", "trajectory")
+KINDS = ("tree", "timeline", "trajectory", "compare")
 FORMATS = ("png", "svg", "pdf")
 
 
@@ -33,7 +33,9 @@ def _complete(ctx: click.Context, param: click.Parameter, incomplete: str) -> li
 @click.command("plot")
 @common.file_argument
 @click.argument("kind", type=click.Choice(KINDS), default="tree")
-@click.argument("frames", nargs=-1, metavar="[TARGET SOURCE...]", shell_complete=_complete)
+@click.argument(
+    "frames", nargs=-1, metavar="[TARGET SOURCE... | ESTIMATE]", shell_complete=_complete
+)
 @click.option(
     "--save",
     "saved",
@@ -89,45 +91,66 @@ def command(
     topics: tuple[str, ...],
     as_json: bool,
 ) -> None:
-    """A picture: the frame tree, the samples of each edge, or trajectories.
+    """A picture: the frame tree, samples of each edge, trajectories, a comparison.
 
     Example: tfdb plot drive.mcap trajectory map base_link camera --color speed
 
-    The kind is one of tree, timeline and trajectory.
-    A trajectory is T[TARGET<-SOURCE] at each stored stamp; several SOURCEs share one picture.
+    The kind is tree, timeline, trajectory or compare. A trajectory is T[TARGET<-SOURCE] at each
+    stored stamp; several SOURCEs share one picture. Where FILE holds but one moving edge, as a .tum
+    file does, they may be left out. 'compare' draws what 'tfdb compare FILE ESTIMATE' finds by its
+    defaults.
     """
-    if kind == "trajectory" and len(frames) < 2:
-        raise click.UsageError(
-            "a trajectory is that of SOURCE in TARGET: tfdb plot FILE trajectory TARGET SOURCE..."
-        )
-    if kind != "trajectory" and frames:
-        raise click.UsageError(f"a {kind} takes no frames; got {' '.join(frames)}")
-    names = (file, *more)
+    _check_frames(kind, frames, more)
+    names = (file, *more, *(frames[:1] if kind == "compare" else ()))
     outs = picture_files(saved or (() if show else ("png",)), file, kind)
     read = common.find_paths([name for name in names if not common.is_live(name)])
     for path in outs:
         common.check_output(str(path), read, overwrite=overwrite)
     need_matplotlib()
-    loaded = common.load(names, topics)
-    if kind == "trajectory":
-        figure = _trajectory(loaded, frames, axes, color, title)
-    elif kind == "timeline":
-        figure = _timeline(loaded, max_gap, title)
-    else:
-        from tfdb import plot  # noqa: PLC0415 - an extra
+    from tfdb import plot  # noqa: PLC0415 - an extra
 
-        figure = plot.frame_tree(loaded.store, title=title, rows=rows or None)
+    if kind == "compare":
+        figure = _comparison(file, frames, topics, title)
+    else:
+        loaded = common.load(names, topics)
+        if kind == "trajectory":
+            figure = _trajectory(loaded, frames, axes, color, title)
+        elif kind == "timeline":
+            figure = _timeline(loaded, max_gap, title)
+        else:
+            figure = plot.frame_tree(loaded.store, title=title, rows=rows or None)
     for path in outs:
         with new_file(path, overwrite=overwrite) as made:
             figure.savefig(made, format=path.suffix[1:].lower())
     if as_json:
-        body = {"files": list(loaded.names), "kind": kind, "outputs": [str(path) for path in outs]}
+        body = {"files": list(names), "kind": kind, "outputs": [str(path) for path in outs]}
         output.emit_json("plot", body)
     elif outs:
-        text = f"{', '.join(map(str, outs))}: the {kind} of {file}"
+        said = "comparison" if kind == "compare" else kind
+        text = f"{', '.join(map(str, outs))}: the {said} of {file}"
         click.echo(layout.wrap(layout.words(text)))
     if show:
         _show(figure)
+
+
+def _check_frames(kind: str, frames: Sequence[str], more: Sequence[str]) -> None:
+    """Refuse what does not fit the kind of picture."""
+    if kind == "trajectory":
+        if len(frames) == 1:
+            raise click.UsageError(
+                "a trajectory is that of SOURCE in TARGET: tfdb plot FILE trajectory TARGET "
+                "SOURCE [SOURCE ...]"
+            )
+    elif kind == "compare":
+        if len(frames) not in (1, 3):
+            raise click.UsageError(
+                "what is compared is FILE with another: tfdb plot FILE compare ESTIMATE "
+                "[TARGET SOURCE]"
+            )
+        if more:
+            raise click.UsageError("--with goes with pictures of one recording")
+    elif frames:
+        raise click.UsageError(f"a {kind} takes no frames; got {' '.join(frames)}")
 
 
 def picture_files(saved: Sequence[str], file: str, kind: str) -> list[Path]:
@@ -164,11 +187,31 @@ def _trajectory(
 ) -> Any:
     from tfdb import plot  # noqa: PLC0415 - an extra
 
+    moving = [info for info in loaded.store.tree() if info.parent and not info.is_static]
+    if not frames and len(moving) == 1:
+        frames = (str(moving[0].parent), moving[0].name)
+    if not frames:
+        raise click.UsageError(
+            f"{loaded.names[0]} has {len(moving)} moving edges: name TARGET and SOURCE"
+        )
     target, *sources = common.find_frames(loaded.store, *frames)
     paths = [
         loaded.store.trajectory(target, source, missing="nan") for source in dict.fromkeys(sources)
     ]
     return plot.trajectory(*paths, axes=axes, color=color, title=title)
+
+
+def _comparison(
+    file: str, given: tuple[str, ...], topics: tuple[str, ...], title: str | None
+) -> Any:
+    from tfdb import plot  # noqa: PLC0415 - an extra
+
+    from .compare import read_one  # noqa: PLC0415 - it imports this module
+
+    estimate, frames = given[0], given[1:] or None
+    hint = "after ESTIMATE:"
+    ours, theirs = (read_one(name, frames, topics, hint) for name in (file, estimate))
+    return plot.comparison(tfdb.compare(ours, theirs), title=title)
 
 
 def _timeline(loaded: common.Loaded, max_gap: int | None, title: str | None) -> Any:
