@@ -58,9 +58,15 @@ def write_parquet(
 
 
 def read_parquet(
-    path: str | os.PathLike[str], target: str | None, source: str | None
+    path: str | os.PathLike[str],
+    target: str | None,
+    source: str | None,
+    otherwise: tuple[str, str] | None = None,
 ) -> tuple[str, str, Any]:
-    """Read a Parquet file: target and source, from its metadata if not given, and the table."""
+    """Read a Parquet file: target and source, from its metadata if not given, and the table.
+
+    `otherwise` are their names where neither says them.
+    """
     pl = _polars("from_parquet")
     where = given_path(path, trajectory_error)
     with where.open("rb") as file:
@@ -70,6 +76,8 @@ def read_parquet(
             table = pl.read_parquet(file)
         except (pl.exceptions.PolarsError, ValueError) as error:
             raise trajectory_error(where, f"no Parquet file, or damaged: {error}") from error
+    if otherwise is not None:
+        names = {**dict(zip(_NAMES, otherwise, strict=True)), **names}
     target = names.get(_NAMES[0]) if target is None else target
     source = names.get(_NAMES[1]) if source is None else source
     if target is None or source is None:

@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
 KINDS = {"tum": "a.tum", "kitti": "a.txt", "euroc": "e.csv", "csv": "a.csv", "npz": "a.npz"}
+KINDS["parquet"] = "a.parquet"
 
 
 @pytest.fixture
@@ -67,6 +68,31 @@ def test_they_are_written(
     else:
         tool("convert", given, out, "--frames", "world", "body", "--format", kind)
     check(read_trajectory(out, kind), path)
+
+
+def test_parquet_keeps_the_names_of_frames(
+    tool: Any, path: tfdb.Trajectory, tmp_path: Path
+) -> None:
+    import polars as pl
+
+    named, nameless = tmp_path / "named.parquet", tmp_path / "nameless.parquet"
+    tfdb.Trajectory("map", "base", path.stamps, path.poses).to_parquet(named)
+    path.to_polars().write_parquet(nameless)
+    assert tfdb.load(named).frames() == ["base", "map"]
+    assert tfdb.load(nameless).frames() == ["body", "world"]
+    check(read_trajectory(named), path)
+    assert read_trajectory(nameless, target="a").target == "a"
+    out = tmp_path / "out.parquet"
+    tool("poses", named, "map", "base", "-o", out)
+    assert tfdb.Trajectory.from_parquet(out).source == "base"
+    assert "exists already" in tool("poses", named, "map", "base", "-o", out, code=2).error
+    with pytest.raises(tfdb.TrajectoryError, match="exists already"):
+        write_trajectory(out, path)
+    pl.DataFrame({"x": [1.0]}).write_parquet(nameless)
+    out.write_bytes(named.read_bytes()[:-50])
+    for bad, words in ((nameless, "no column 'stamp_ns'"), (out, "no Parquet file, or damaged")):
+        with pytest.raises(tfdb.TrajectoryError, match=words):
+            tfdb.load(bad)
 
 
 def test_what_is_no_trajectory(tool: Any, path: tfdb.Trajectory, tmp_path: Path) -> None:

@@ -29,7 +29,7 @@ COMMANDS = {
     "view-frames": "A picture of the frame tree: PDF, SVG or DOT.",
     "plot": "A picture: the frame tree, samples of each edge, trajectories, a comparison.",
     "compare": "How far one trajectory is off another: APE (ATE) and RPE, the numbers of evo.",
-    "poses": "Many poses of SOURCE in TARGET, to a .tum, .csv or .npz file.",
+    "poses": "Many poses of SOURCE in TARGET, to a .tum, .csv, .npz or Parquet file.",
     "check": "What is wrong with a recording: gaps, late data, two publishers, time jumps.",
     "gaps": "The gaps of each edge: since when, how long, who published before and after.",
     "shm": "The stores that processes of this machine share: list, look into, remove them.",

@@ -90,7 +90,7 @@ def command(
     topics: tuple[str, ...],
     as_json: bool,
 ) -> None:
-    """Many poses of SOURCE in TARGET, to a .tum, .csv or .npz file.
+    """Many poses of SOURCE in TARGET, to a .tum, .csv, .npz or Parquet file.
 
     Example: tfdb poses drive.mcap map camera --rate 100 -o camera.tum
 

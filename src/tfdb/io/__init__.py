@@ -22,6 +22,7 @@ if TYPE_CHECKING:
         write_euroc,
         write_kitti,
         write_npz,
+        write_parquet,
         write_trajectory,
         write_tum,
     )
@@ -53,6 +54,7 @@ __all__ = [
     "write_euroc",
     "write_kitti",
     "write_npz",
+    "write_parquet",
     "write_recording",
     "write_trajectory",
     "write_transforms",
@@ -76,6 +78,7 @@ if not TYPE_CHECKING:  # or every name would be there for type checkers
                 "write_euroc",
                 "write_kitti",
                 "write_npz",
+                "write_parquet",
                 "write_trajectory",
                 "write_tum",
             ),

@@ -20,7 +20,7 @@ import numpy.typing as npt
 from tfdb.errors import InvalidArray, InvalidStamp, InvalidTransform, TrajectoryError
 from tfdb.given_path import errors_name, given_path
 from tfdb.poses import MAX_MATRIX_ERROR, MAX_NORM_ERROR, quaternions
-from tfdb.tables import COLUMNS
+from tfdb.tables import COLUMNS, read_parquet
 from tfdb.trajectory import Trajectory
 from tfdb.types import Columns
 
@@ -39,9 +39,11 @@ if TYPE_CHECKING:
 
 Stamps: TypeAlias = npt.NDArray[np.int64]
 Poses: TypeAlias = npt.NDArray[np.float64]
-Format: TypeAlias = Literal["tum", "kitti", "euroc", "csv", "npz"]
+Format: TypeAlias = Literal["tum", "kitti", "euroc", "csv", "npz", "parquet"]
 
-FORMATS: tuple[Format, ...] = ("tum", "kitti", "euroc", "csv", "npz")
+_NAMES = ("world", "body")
+"""The frames of files that name none."""
+FORMATS: tuple[Format, ...] = ("tum", "kitti", "euroc", "csv", "npz", "parquet")
 
 
 class TrajectoryLike(Protocol):
@@ -61,8 +63,8 @@ def read_trajectory(
     format: Format | None = None,  # noqa: A002 - numpy and pandas call it so, too
     *,
     times: PathLike | None = None,
-    target: str = "world",
-    source: str = "body",
+    target: str | None = None,
+    source: str | None = None,
 ) -> Trajectory:
     """Read a trajectory file.
 
@@ -74,20 +76,23 @@ def read_trajectory(
         the result counts such lines.
     format
         `"tum"` (`seconds x y z qx qy qz qw`), `"kitti"` (the 12 numbers of a 3x4 matrix, stamps in
-        a file of their own), `"euroc"` (`nanoseconds,x,y,z,qw,qx,qy,qz,...`), `"csv"` or `"npz"`
-        (as written by :func:`tfdb.io.write_csv` and :func:`tfdb.io.write_npz`); None looks at the
-        beginning of the file.
+        a file of their own), `"euroc"` (`nanoseconds,x,y,z,qw,qx,qy,qz,...`), `"csv"`, `"npz"` or
+        `"parquet"` (as written by :func:`tfdb.io.write_csv`, :func:`tfdb.io.write_npz` and
+        `Trajectory.to_parquet`); None looks at the beginning of the file.
     times
         KITTI only: the file with one stamp in seconds per pose. By default `NAME_times.txt` or
         `times.txt` beside the poses.
     target, source
-        Names for the frames, which the file does not say: the poses are `T[target<-source]`.
+        Names for the frames: the poses are `T[target<-source]`. None: those that a Parquet file
+        says, else `world` and `body`.
 
     Raises
     ------
     TrajectoryError
         A line that is not what the format wants, a rotation that is none, stamps that run
         backwards, no pose at all. Fields: path, line, reason.
+    NotSupported
+        Parquet, where polars is not installed.
     OSError
         The file cannot be opened.
     """
@@ -95,6 +100,12 @@ def read_trajectory(
         raise TrajectoryError(path, None, f"unknown format {format!r}; one of {', '.join(FORMATS)}")
     path = given_path(path, _refusal)
     raw = _read(path)
+    if format == "parquet" or (format is None and raw.startswith(b"PAR1")):
+        if times is not None:
+            reason = "a file of times belongs to KITTI poses, not to parquet"
+            raise TrajectoryError(path, None, reason)
+        return _read_parquet(path, target, source)
+    target, source = target or _NAMES[0], source or _NAMES[1]
     if format == "npz" or (format is None and raw.startswith(b"PK\x03\x04")):
         if times is not None:
             raise TrajectoryError(path, None, "a file of times belongs to KITTI poses, not to npz")
@@ -265,6 +276,14 @@ def _read_npz(path: Path, raw: bytes, target: str, source: str) -> Trajectory:
     if len(missing):
         raise TrajectoryError(path, None, f"row {missing[0]} holds no pose")
     return made
+
+
+def _read_parquet(path: Path, target: str | None, source: str | None) -> Trajectory:
+    target, source, table = read_parquet(path, target, source, _NAMES)
+    try:
+        return Trajectory.from_table(target, source, table)
+    except (InvalidArray, InvalidTransform, InvalidStamp) as error:
+        raise TrajectoryError(path, None, str(error)) from None
 
 
 def _is_heading(fields: list[str]) -> bool:

@@ -12,9 +12,10 @@ from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
+from tfdb import tables
 from tfdb.errors import TrajectoryError
 from tfdb.given_path import given_path
-from tfdb.new_file import new_file
+from tfdb.new_file import new_file, refuse_existing
 from tfdb.poses import matrices
 from tfdb.tables import COLUMNS
 
@@ -91,6 +92,17 @@ def write_npz(path: PathLike, trajectory: TrajectoryLike, *, overwrite: bool = F
         np.savez_compressed(file, stamps=trajectory.stamps, poses=trajectory.poses)
 
 
+def write_parquet(path: PathLike, trajectory: TrajectoryLike, *, overwrite: bool = False) -> None:
+    """Write a Parquet file as `Trajectory.to_parquet` does, with the names of its frames.
+
+    Raises NotSupported where polars is not installed.
+    """
+    where = given_path(path, _refusal)
+    refuse_existing(where, overwrite=overwrite, refusal=_refusal)
+    named = getattr(trajectory, "target", "world"), getattr(trajectory, "source", "body")
+    tables.write_parquet(where, named, trajectory.stamps, trajectory.poses, overwrite=overwrite)
+
+
 class _Writer(Protocol):
     """One of the functions above."""
 
@@ -104,6 +116,7 @@ _WRITERS: dict[str, _Writer] = {
     "euroc": write_euroc,
     "csv": write_csv,
     "npz": write_npz,
+    "parquet": write_parquet,
     "kitti": write_kitti,
 }
 
@@ -117,9 +130,9 @@ def write_trajectory(
 ) -> None:
     """Write a trajectory; the format is that of the name's end where `format` is None.
 
-    `.tum` and `.txt` are TUM, `.csv` and `.npz` themselves; `"euroc"` and `"kitti"` are asked for
-    by name. Raises `TrajectoryError` for any other and where a file of that name exists, unless
-    `overwrite`; `OSError` where the file cannot be written. Then what the name had is still there.
+    `.tum` and `.txt` are TUM, `.csv`, `.npz` and `.parquet` themselves; `"euroc"` and `"kitti"` are
+    asked for by name. Raises `TrajectoryError` for any other and where a file of that name exists,
+    unless `overwrite`; `OSError` where the file cannot be written. Then what the name had is still there.
     """
     suffix = given_path(path, _refusal).suffix.lower()
     name = format or {".txt": "tum"}.get(suffix, suffix.removeprefix("."))
