@@ -132,7 +132,8 @@ def write_trajectory(
 
     `.tum` and `.txt` are TUM, `.csv`, `.npz` and `.parquet` themselves; `"euroc"` and `"kitti"` are
     asked for by name. Raises `TrajectoryError` for any other and where a file of that name exists,
-    unless `overwrite`; `OSError` where the file cannot be written. Then what the name had is still there.
+    unless `overwrite`; `OSError` where the file cannot be written. Then what the name had is still
+    there.
     """
     suffix = given_path(path, _refusal).suffix.lower()
     name = format or {".txt": "tum"}.get(suffix, suffix.removeprefix("."))
