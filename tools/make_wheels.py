@@ -6,7 +6,7 @@ without containers. `--native` makes the sdist and one wheel, for this Python an
 its own compiler and from the objects that are there: quick enough for CI.
 
 Every package is looked into (`check`), and the wheels for this machine are installed where there is
-no compiler and nothing else: there the README's first program runs, and recordings are read.
+no compiler and nothing else: there the README's programs run, and recordings are read.
 """
 
 from __future__ import annotations
@@ -21,6 +21,7 @@ import subprocess
 import sys
 import sysconfig
 import tempfile
+import tomllib
 import zipfile
 from dataclasses import dataclass
 from pathlib import Path
@@ -166,6 +167,18 @@ def debian_headers(interpreter: Interpreter) -> Path | None:
     return folder
 
 
+def build_environment(interpreter: Interpreter) -> Path:
+    """The interpreter with what a build requires, always at the same place, as the source is."""
+    folder = WORK / f"python-{interpreter.tag}"
+    python = folder / "bin" / "python"
+    if not python.exists():
+        run(interpreter.program, "-m", "venv", folder)
+        project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
+        needed = project["build-system"]["requires"]
+        run(python, "-m", "pip", "install", *needed, "cmake>=3.19", "ninja>=1.11")
+    return python
+
+
 def make_wheel(source: Path, interpreter: Interpreter, target: Target, into: Path) -> Path:
     """One wheel."""
     env = os.environ | {
@@ -177,12 +190,14 @@ def make_wheel(source: Path, interpreter: Interpreter, target: Target, into: Pat
     if (headers := debian_headers(interpreter)) is not None:
         env["CPATH"] = str(headers)
     with tempfile.TemporaryDirectory(dir=WORK) as made:
-        pip = [sys.executable, "-m", "pip", "--python", interpreter.program]
         folder = WORK / f"{interpreter.tag}-{target.zig}"
-        run(*pip, "wheel", "--no-deps", "--no-cache-dir", "-w", made, "-C", f"build-dir={folder}",
-            *interpreter.settings, source, env=env)  # fmt: skip
+        options = ["--no-deps", "--no-build-isolation", "--no-cache-dir", "-w", made]
+        options += ["-C", f"build-dir={folder}", *interpreter.settings, str(source)]
+        run(build_environment(interpreter), "-m", "pip", "wheel", *options, env=env)
         (plain,) = Path(made).glob("*.whl")
-        run(sys.executable, "-m", "auditwheel", "repair", "--plat", target.tag, "-w", into, plain)
+        tools = os.environ | {"PATH": f"{Path(sys.executable).parent}:{os.environ['PATH']}"}
+        repair = ["auditwheel", "repair", "--plat", target.tag, "-w", str(into), str(plain)]
+        run(sys.executable, "-m", *repair, env=tools)
     (wheel,) = into.glob(f"*-{interpreter.tag}-*{target.tag}*.whl")
     return wheel
 
@@ -231,26 +246,25 @@ def check(packages: list[Path]) -> None:
         print(f"  {package.name}: {size}")
 
 
-def first_program() -> str:
-    """The first program of the README."""
+def programs() -> str:
+    """What the README says in Python, one after the other."""
     text = (ROOT / "README.md").read_text(encoding="utf-8")
-    found = re.search(r"^```python\n(.*?)^```$", text, re.MULTILINE | re.DOTALL)
-    assert found is not None
-    return found[1]
+    return "\n".join(re.findall(r"^```python\n(.*?)^```$", text, re.MULTILINE | re.DOTALL))
 
 
 def try_out(wheel: Path, program: str) -> None:
-    """Install a wheel where nothing else is, run the README's program and read recordings."""
+    """Install a wheel where nothing else is, run the README's programs and read recordings."""
     with tempfile.TemporaryDirectory() as folder:
         bare = Path(folder)
         run(program, "-m", "venv", bare / "env")
         python = bare / "env" / "bin" / "python"
-        env = {"PATH": str(python.parent), "HOME": str(bare), "LANG": "C.UTF-8"}
         run(python, "-m", "pip", "install", "--only-binary", ":all:", wheel)
-        run(python, "-I", "-c", first_program(), env=env, cwd=bare)
-        for recording in sorted((ROOT / "examples" / "data").glob("*.*")):
-            if recording.suffix in (".bag", ".mcap", ".db3"):
-                run(python.parent / "tfdb", "info", recording, env=env, cwd=bare)
+        env = {"PATH": str(python.parent), "HOME": str(bare), "LANG": "C.UTF-8"}
+        data = Path("examples", "data")
+        shutil.copytree(ROOT / data, bare / data)
+        run(python, "-I", "-c", programs(), env=env, cwd=bare)
+        for recording in ("pr2.bag", "pr2.mcap"):
+            run(python.parent / "tfdb", "info", data / recording, env=env, cwd=bare)
     print(f"  {wheel.name}: installed with nothing else, it runs")
 
 
