@@ -114,7 +114,9 @@ def test_foxglove_has_every_pose(store: tfdb.Buffer, tmp_path: Path) -> None:
 def test_trajectories(store: tfdb.Buffer, tmp_path: Path, name: str, end: str) -> None:
     pytest.importorskip("rerun" if end == "rrd" else "foxglove")
     paths = [store.trajectory("map", frame, missing="nan") for frame in ("arm", "cup")]
-    paths[0].poses[3] = np.nan
+    holed = paths[0].poses.copy()
+    holed[3] = np.nan
+    paths[0] = tfdb.Trajectory("map", "arm", paths[0].stamps, holed)
     target = tmp_path / f"path.{end}"
     count = sum(int(np.isfinite(path.poses).all(axis=1).sum()) for path in paths)
     assert getattr(tfdb, name)(paths, target) == count
