@@ -14,8 +14,7 @@ from typing import TYPE_CHECKING, Literal, TypeAlias
 import numpy as np
 
 from ..errors import NotComparable
-from ..poses import quaternions, rotation_matrices
-from .poses import rotations_product
+from ..poses import multiply, quaternions, rotation_matrices
 
 if TYPE_CHECKING:
     from .poses import Array
@@ -56,7 +55,7 @@ class Similarity:
         """Move poses: positions are scaled as well, orientations turned only."""
         positions = self.scale * poses[:, :3] @ self.rotation.T + self.translation
         turn = np.broadcast_to(self.quaternion, (len(poses), 4))
-        return np.hstack((positions, rotations_product(turn, poses[:, 3:])))
+        return np.hstack((positions, multiply(turn, poses[:, 3:])))
 
 
 def align(reference: Array, estimate: Array, how: Align) -> Similarity:

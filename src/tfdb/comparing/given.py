@@ -16,7 +16,7 @@ from ..given_path import given_path
 from ..io.containers import kind_of
 from ..io.trajectories import read_trajectory
 from ..loading import load
-from ..poses import MAX_NORM_ERROR
+from ..poses import found
 from ..summary import longest_moving_chain
 from ..trajectory import Trajectory
 
@@ -33,7 +33,7 @@ _TOO_FAR = 1e100
 
 
 def given_trajectory(given: Any, frames: Frames | None, role: str, parameter: str) -> Trajectory:
-    """Make a trajectory with unit quaternions of what a caller gave.
+    """Make a trajectory of what a caller gave.
 
     `role` names it in errors, `parameter` the frames. Raises what loading and looking up raise,
     InvalidArgument, InvalidTransform and NotComparable.
@@ -79,23 +79,13 @@ def looked_up(reads: Reads, frames: Any, role: str, parameter: str) -> Trajector
 
 
 def checked(trajectory: Trajectory, role: str) -> Trajectory:
-    """The same with unit quaternions; rows with NaN hold no pose and stay."""
-    poses = trajectory.poses
-    good = np.isfinite(poses).all(axis=1)
+    """The same, if it can be compared."""
+    good = found(trajectory.poses)
     if not good.any():
-        raise NotComparable(
-            f"the {role} holds no pose: none of its {len(poses)} rows is finite", reason="no pose"
-        )
-    with np.errstate(all="ignore"):
-        norms = np.linalg.norm(poses[:, 3:], axis=1)
-        far = np.abs(poses[:, :3]).max(axis=1)
-        bad = np.flatnonzero(good & ~((np.abs(norms - 1.0) <= MAX_NORM_ERROR) & (far < _TOO_FAR)))
-    if len(bad):
-        row = int(bad[0])
-        what = f"the quaternion is not of unit length: {norms[row]:.6g}"
-        if far[row] >= _TOO_FAR:
-            what = f"the position is {far[row]:.3g} m off, at most {_TOO_FAR:g} m can be compared"
-        raise InvalidTransform(f"pose {row} of the {role}: {what}", index=row, reason=what)
-    made = poses.copy()
-    made[good, 3:] /= norms[good, np.newaxis]
-    return Trajectory(trajectory.target, trajectory.source, trajectory.stamps, made)
+        raise NotComparable(f"the {role} holds no pose: all its rows are NaN", reason="no pose")
+    far = np.abs(trajectory.poses[good, :3]).max(axis=1)
+    if far.max() >= _TOO_FAR:
+        row = int(np.flatnonzero(good)[np.argmax(far)])
+        reason = f"the position is {far.max():.3g} m off, at most {_TOO_FAR:g} m can be compared"
+        raise InvalidTransform(f"pose {row} of the {role}: {reason}", index=row, reason=reason)
+    return trajectory
