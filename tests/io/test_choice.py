@@ -219,7 +219,12 @@ def test_parents_that_change_are_kept_on_every_way(tmp_path: Path) -> None:
         ],
         [tfdb.TransformStamped("map", "table", 0, (5, 0, 0), still)],
     )
-    assert set(tfdb.load(path, frames={"table", "box"}).frames()) == {"table", "box", "hand", "map"}
+    part = tfdb.load(path, frames={"table", "box"})
+    assert set(part.frames()) == {"table", "box", "hand", "map"}
+    # By then its way to the table goes over the map.
+    at, policy = 3 * S, tfdb.Previous()
+    found = part.lookup_transform("table", "box", at, policy)
+    assert found == tfdb.load(path).lookup_transform("table", "box", at, policy)
     assert set(tfdb.load(path, frames={"hand", "map"}).frames()) == {"hand", "map"}
 
 
