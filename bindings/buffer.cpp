@@ -185,10 +185,11 @@ nb::object shared(const BufferObject& self) {
 }
 
 CommitNumber set_static_transform(BufferObject& self, const nb::str& parent, const nb::str& child,
-                                  nb::handle translation, nb::handle rotation,
-                                  const nb::str& authority, bool change_kind) {
-    const TransformView view =
-        view_of(parent.ptr(), child.ptr(), nullptr, translation.ptr(), rotation.ptr());
+                                  nb::handle translation, nb::handle rotation, nb::handle rpy,
+                                  nb::handle wxyz, const nb::str& authority, bool change_kind) {
+    const TransformView view = view_of(
+        parent.ptr(), child.ptr(), nullptr,
+        {translation.ptr(), rotation.ptr(), rpy.ptr(), wxyz.ptr(), parent.ptr(), child.ptr()});
     return commit_transforms(self, {&view, 1}, true, name_of(authority, "authority"),
                              {change_kind, false});
 }
@@ -292,10 +293,11 @@ std::string_view concurrency(const BufferObject& self) {
     return concurrency_name(self.store.concurrency());
 }
 
-nb::str represent(const BufferObject& self) {
+nb::str represent(nb::handle object) {
+    const BufferObject& self = object_of<BufferObject>(object);
     const bool closed = self.closed.load();
     return nb::str(nb::module_::import_("tfdb.report")
-                       .attr("buffer_repr")(closed ? self.closed_commit : self.store.commit(),
+                       .attr("buffer_repr")(object, closed ? self.closed_commit : self.store.commit(),
                                             history(self), concurrency(self), frozen(self),
                                             closed));
 }
@@ -407,11 +409,14 @@ keeps the lock, CorruptStore where the file was damaged.)";
 void bind_writes(BufferClass& type) {
     add_raw_writes(type);
     type.def("set_static_transform", &set_static_transform, nb::arg("parent"), nb::arg("child"),
-             nb::arg("translation").none(), nb::arg("rotation").none() = nb::make_tuple(0, 0, 0, 1),
-             nb::kw_only(), nb::arg("authority") = "", nb::arg("change_kind") = false,
+             nb::arg("translation").none(), nb::arg("rotation") = nb::none(), nb::kw_only(),
+             nb::arg("rpy") = nb::none(), nb::arg("wxyz") = nb::none(), nb::arg("authority") = "",
+             nb::arg("change_kind") = false,
              nb::sig("def set_static_transform(self, parent: str, child: str, translation: "
-                     "tfdb.types.VectorLike, rotation: tfdb.types.QuaternionLike = (0, 0, 0, 1), "
-                     "*, authority: str = '', change_kind: bool = False) -> int"),
+                     "tfdb.types.VectorLike | tfdb.types.PoseLike, rotation: "
+                     "tfdb.types.QuaternionLike | None = None, *, rpy: tfdb.types.VectorLike | "
+                     "None = None, wxyz: tfdb.types.WxyzLike | None = None, "
+                     "authority: str = '', change_kind: bool = False) -> int"),
              R"(Store T[parent<-child] for every stamp, until a later commit replaces it.
 
 Arguments, result and errors as in `set_transform`; with `change_kind` a moving edge becomes static

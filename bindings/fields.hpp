@@ -11,7 +11,7 @@ namespace tfdb::python {
     name(x) name(y) name(z) name(w) name(sec) name(nanosec) name(secs) name(nsecs) name(to_nsec) \
         name(nanoseconds) name(parent) name(child) name(stamp) name(translation) name(rotation)  \
             name(header) name(frame_id) name(child_frame_id) name(transform) name(dtype)         \
-                name(kind) name(total_seconds)
+                name(kind) name(total_seconds) name(as_quat)
 
 /// Strong references for the life of the process, set by bind_fields.
 struct Fields {

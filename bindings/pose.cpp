@@ -2,20 +2,30 @@
 
 #include <array>
 #include <cstddef>
+#include <cstdio>
 #include <cstring>
+#include <optional>
+#include <span>
 #include <string>
+#include <string_view>
+#include <utility>
 
 #include "arrays.hpp"
 #include "errors.hpp"
 #include "fields.hpp"
+#include "tfdb/geometry/from_matrix.hpp"
+#include "transform.hpp"
 
 namespace tfdb::python {
 namespace {
 
 template <std::size_t N>
 [[noreturn]] void refuse(PyObject* object, const char* role) {
-    constexpr const char* kExpected = N == 3 ? "3 numbers (x, y, z)" : "4 numbers (x, y, z, w)";
-    throw_bad_array(role, kExpected, short_repr(object));
+    constexpr const char* kExpected = N == 3   ? "3 numbers (x, y, z)"
+                                      : N == 4 ? "4 numbers (x, y, z, w)"
+                                               : "7 numbers (x, y, z, qx, qy, qz, qw)";
+    const bool real_first = std::string_view(role) == "wxyz";
+    throw_bad_array(role, real_first ? "4 numbers (w, x, y, z)" : kExpected, short_repr(object));
 }
 
 bool read_number(PyObject* object, double& out) {
@@ -64,6 +74,9 @@ bool read_array(PyObject* object, std::array<double, N>& out) {
 template <std::size_t N>
 bool read_fields(PyObject* object, std::array<double, N>& out) {
     const std::array<PyObject*, 4> names = {g_fields.x, g_fields.y, g_fields.z, g_fields.w};
+    if (N > names.size()) {
+        return false;
+    }
     for (std::size_t i = 0; i < N; ++i) {
         const nb::object value = find(object, names[i]);
         if (!value.is_valid() || !read_number(value.ptr(), out[i])) {
@@ -71,6 +84,20 @@ bool read_fields(PyObject* object, std::array<double, N>& out) {
         }
     }
     return true;
+}
+
+/// x, y, z, w of a Rotation of scipy, or of what behaves like it; nothing: it is something else.
+nb::object as_quat(PyObject* object) {
+    const nb::object method = find(object, g_fields.as_quat);
+    if (!method.is_valid()) {
+        return {};
+    }
+    PyObject* const made = PyObject_CallNoArgs(method.ptr());
+    if (made == nullptr) {
+        forget_error();
+        return nb::none();  // refused as what it is
+    }
+    return nb::steal(made);
 }
 
 template <std::size_t N>
@@ -85,6 +112,8 @@ std::array<double, N> numbers_of(PyObject* object, const char* role) {
         read = items.is_valid() && read_tuple<N>(items.ptr(), out);
     } else if (PyObject_CheckBuffer(object) != 0) {
         read = read_array<N>(object, out);
+    } else if (const nb::object turned = as_quat(object); turned.is_valid()) {
+        read = N == 4 && read_array<N>(turned.ptr(), out);
     } else if (PySequence_Check(object) != 0 && !PyUnicode_Check(object)) {
         const nb::object items = nb::steal(PySequence_Tuple(object));
         if (!items.is_valid()) {
@@ -100,7 +129,171 @@ std::array<double, N> numbers_of(PyObject* object, const char* role) {
     return out;
 }
 
+using geometry::RigidFault;
+
+std::string described(const RigidFault& fault, std::span<const double, 16> matrix) {
+    std::array<char, 32> number{};
+    std::snprintf(number.data(), number.size(), "%.6g", fault.amount);
+    const std::string by(number.data());
+    switch (fault.kind) {
+        case RigidFault::kNotFinite:
+            return "it holds " + by;
+        case RigidFault::kLastRow:
+            return "its last row is off 0 0 0 1 by " + by +
+                   (matrix[3] == 0.0 && matrix[7] == 0.0 && matrix[11] == 0.0
+                        ? "; the matrix of another convention has to be transposed"
+                        : "");
+        case RigidFault::kReflection:
+            return "its determinant is " + by +
+                   ", and that of a rotation is 1: an axis is mirrored";
+        case RigidFault::kScale:
+            return "it scales by " + by + ", and a rotation by 1";
+        default:
+            return "its axes are off right angles or the same length by " + by + ", at most 0.001";
+    }
+}
+
+Pose rigid_pose(const double* rows, std::optional<std::size_t> index) {
+    const std::span<const double, 16> matrix(rows, 16);
+    const RigidFault fault = geometry::rigid_fault(matrix);
+    if (fault.kind == RigidFault::kNone) {
+        return geometry::pose_of_matrix(matrix);
+    }
+    const std::string reason = described(fault, matrix);
+    const std::string place = index ? " " + std::to_string(*index) : std::string();
+    throw_error("InvalidTransform", "matrix" + place + " is no rigid transform: " + reason,
+                {{"reason", nb::str(reason.c_str())},
+                 {"index", index ? nb::object(nb::int_(*index)) : nb::none()}});
+}
+
+/// The lengths of an array's axes, up to two; of nested lists what their first members tell.
+std::pair<Py_ssize_t, Py_ssize_t> shape_of(PyObject* object) {
+    constexpr std::pair<Py_ssize_t, Py_ssize_t> kNone{-1, -1};
+    if (PyTuple_CheckExact(object) || PyList_CheckExact(object)) {
+        const Py_ssize_t length = PySequence_Size(object);
+        if (length < 1) {
+            return kNone;
+        }
+        const nb::object first = nb::steal(PySequence_GetItem(object, 0));
+        if (!first.is_valid()) {
+            throw nb::python_error();
+        }
+        const bool nested = PySequence_Check(first.ptr()) != 0 && !PyUnicode_Check(first.ptr());
+        return {length, nested ? PySequence_Size(first.ptr()) : 0};
+    }
+    if (PyObject_CheckBuffer(object) == 0) {
+        return kNone;
+    }
+    const std::optional<ArrayView> view = ArrayView::of(object, false);
+    if (!view || view->dimensions() < 1 || view->dimensions() > 2) {
+        return kNone;
+    }
+    return {static_cast<Py_ssize_t>(view->extent(0)),
+            view->dimensions() == 1 ? 0 : static_cast<Py_ssize_t>(view->extent(1))};
+}
+
+Pose pose_of_transform(const PoseArguments& given) {
+    const TransformObject& whole = *reinterpret_cast<TransformObject*>(given.translation);
+    const auto same = [](PyObject* a, PyObject* b) {
+        return b == nullptr || PyUnicode_Compare(a, b) == 0;
+    };
+    if (!same(whole.target, given.target) || !same(whole.source, given.source)) {
+        const auto name = [](PyObject* target, PyObject* source) {
+            return "T[" + text_of(target) + "<-" + text_of(source) + "]";
+        };
+        throw_error("InvalidArgument",
+                    name(whole.target, whole.source) + " was given for " +
+                        name(given.target, given.source) +
+                        ": give its inverse() for the other direction, or its pose if the frames "
+                        "have other names",
+                    {{"value", nb::borrow(given.translation)}});
+    }
+    return whole.pose;
+}
+
+/// What holds a translation and a rotation at once; nothing: it is something else.
+std::optional<Pose> whole_pose_of(const PoseArguments& given) {
+    PyObject* const object = given.translation;
+    if (is_transform(object)) {
+        return pose_of_transform(given);
+    }
+    const auto [rows, columns] = shape_of(object);
+    if (rows == 7 && columns == 0) {
+        const auto [x, y, z, qx, qy, qz, qw] = numbers_of<7>(object, "pose");
+        return Pose{{x, y, z}, {qx, qy, qz, qw}};
+    }
+    if (columns > 0) {
+        return pose_of_matrix(object);
+    }
+    if (rows >= 0) {
+        return std::nullopt;
+    }
+    const nb::object translation = find(object, g_fields.translation);
+    const nb::object rotation =
+        translation.is_valid() ? find(object, g_fields.rotation) : nb::object();
+    if (!rotation.is_valid()) {
+        return std::nullopt;
+    }
+    return Pose{vector_of(translation.ptr(), "translation"),
+                quaternion_of(rotation.ptr(), "rotation")};
+}
+
+geometry::Quat rotation_of(const PoseArguments& given) {
+    if (is_given(given.rpy)) {
+        return geometry::quaternion_of_rpy(vector_of(given.rpy, "rpy"));
+    }
+    if (is_given(given.wxyz)) {
+        // What names its parts, or has them in another order, is no argument for this one.
+        if (PySequence_Check(given.wxyz) == 0 || find(given.wxyz, g_fields.as_quat).is_valid()) {
+            refuse<4>(given.wxyz, "wxyz");
+        }
+        const auto [w, x, y, z] = numbers_of<4>(given.wxyz, "wxyz");
+        return {x, y, z, w};
+    }
+    return quaternion_of(given.rotation, "rotation");
+}
+
 }  // namespace
+
+geometry::Pose other_pose_of(const PoseArguments& given) {
+    const int rotations =
+        int{is_given(given.rotation)} + int{is_given(given.rpy)} + int{is_given(given.wxyz)};
+    if (rotations > 1) {
+        throw_error("InvalidArgument",
+                    "give one of rotation (x, y, z, w), rpy (radians) and wxyz, not more", {});
+    }
+    if (rotations == 1) {
+        return {vector_of(given.translation, "translation"), rotation_of(given)};
+    }
+    if (const std::optional<Pose> whole = whole_pose_of(given)) {
+        return *whole;
+    }
+    return {vector_of(given.translation, "translation"), geometry::identity().rotation};
+}
+
+geometry::Pose pose_of_matrix(PyObject* matrix) {
+    nb::object keep;
+    const ArrayView view = as_doubles(matrix, "matrix", keep);
+    if (view.dimensions() != 2 || view.extent(0) != 4 || view.extent(1) != 4) {
+        throw_bad_array("matrix", "an array (4, 4) of float64", describe(keep));
+    }
+    return rigid_pose(view.data<const double>(), std::nullopt);
+}
+
+nb::object poses_of_matrices(nb::handle matrices) {
+    nb::object keep;
+    const ArrayView view = as_doubles(matrices, "matrices", keep);
+    if (view.dimensions() != 3 || view.extent(1) != 4 || view.extent(2) != 4) {
+        throw_bad_array("matrices", "an array (N, 4, 4) of float64", describe(keep));
+    }
+    NewArray<double> made = new_doubles({view.extent(0), 7});
+    for (std::size_t i = 0; i < view.extent(0); ++i) {
+        look_for_signals(i);
+        const Pose pose = rigid_pose(view.data<const double>() + 16 * i, i);
+        std::memcpy(made.data + 7 * i, &pose, sizeof pose);
+    }
+    return std::move(made.array);
+}
 
 geometry::Vec3 vector_of(PyObject* object, const char* role) {
     const auto [x, y, z] = numbers_of<3>(object, role);

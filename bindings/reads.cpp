@@ -366,6 +366,11 @@ void add_python_methods(nb::module_& module) {
         nb::arg("seconds").none(), nb::arg("name"),
         nb::sig("def duration_to_nanoseconds(seconds: float, name: str) -> int"),
         "Nanoseconds of what is taken for a duration. Raises InvalidArgument, which names it.");
+    module.def("poses_of_matrices", &poses_of_matrices, nb::arg("matrices").none(),
+               nb::sig("def poses_of_matrices(matrices: numpy.typing.ArrayLike) -> "
+                       "numpy.typing.NDArray[numpy.float64]"),
+               "Poses (N, 7) of matrices (N, 4, 4). Raises InvalidArray, InvalidTransform with "
+               "`index`.");
     const nb::object methods = nb::module_::import_("tfdb.methods").attr("METHODS");
     for (const auto [owner, named] : nb::cast<nb::dict>(methods)) {
         const nb::object type = module.attr(owner);

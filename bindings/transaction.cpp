@@ -155,14 +155,22 @@ void store(TransactionObject& self, const TransformView& view, bool is_static,
 }
 
 void set_transform(TransactionObject& self, nb::handle parent, nb::handle child, nb::handle stamp,
-                   nb::handle translation, nb::handle rotation, nb::handle authority) {
-    store(self, view_of(parent.ptr(), child.ptr(), stamp.ptr(), translation.ptr(), rotation.ptr()),
+                   nb::handle translation, nb::handle rotation, nb::handle rpy, nb::handle wxyz,
+                   nb::handle authority) {
+    store(self,
+          view_of(parent.ptr(), child.ptr(), stamp.ptr(),
+                  {translation.ptr(), rotation.ptr(), rpy.ptr(), wxyz.ptr(), parent.ptr(),
+                   child.ptr()}),
           false, authority);
 }
 
 void set_static_transform(TransactionObject& self, nb::handle parent, nb::handle child,
-                          nb::handle translation, nb::handle rotation, nb::handle authority) {
-    store(self, view_of(parent.ptr(), child.ptr(), nullptr, translation.ptr(), rotation.ptr()),
+                          nb::handle translation, nb::handle rotation, nb::handle rpy,
+                          nb::handle wxyz, nb::handle authority) {
+    store(self,
+          view_of(parent.ptr(), child.ptr(), nullptr,
+                  {translation.ptr(), rotation.ptr(), rpy.ptr(), wxyz.ptr(), parent.ptr(),
+                   child.ptr()}),
           true, authority);
 }
 
@@ -181,30 +189,30 @@ void remove_frame(TransactionObject& self, nb::handle name, bool recursive) {
     self.run([&](Transaction& transaction) { transaction.remove_frame(bytes, recursive); });
 }
 
-std::optional<Pose> optional_pose_of(nb::handle translation, nb::handle rotation) {
-    if (translation.is_none()) {
-        if (!rotation.is_none()) {
+std::optional<Pose> optional_pose_of(const PoseArguments& given) {
+    if (given.translation == Py_None) {
+        PyObject* const turned = is_given(given.rotation) ? given.rotation
+                                 : is_given(given.rpy)    ? given.rpy
+                                                          : given.wxyz;
+        if (is_given(turned)) {
             throw_error("InvalidArgument",
                         "a rotation without a translation: give both, or neither, which leaves "
                         "the frame where it is",
-                        {{"value", nb::borrow(rotation)}});
+                        {{"value", nb::borrow(turned)}});
         }
         return std::nullopt;
     }
-    Pose pose = geometry::identity();
-    pose.translation = vector_of(translation.ptr(), "translation");
-    if (!rotation.is_none()) {
-        pose.rotation = quaternion_of(rotation.ptr(), "rotation");
-    }
-    return pose;
+    return pose_of(given);
 }
 
 void reparent(TransactionObject& self, nb::handle child, nb::handle parent, nb::handle stamp,
-              nb::handle translation, nb::handle rotation, nb::handle authority) {
+              nb::handle translation, nb::handle rotation, nb::handle rpy, nb::handle wxyz,
+              nb::handle authority) {
     const std::string_view of = name_of(child, "child");
     const std::string_view to = name_of(parent, "parent");
     const std::optional<StampNs> from = optional_stamp_of(stamp.ptr());
-    const std::optional<Pose> pose = optional_pose_of(translation, rotation);
+    const std::optional<Pose> pose = optional_pose_of(
+        {translation.ptr(), rotation.ptr(), rpy.ptr(), wxyz.ptr(), parent.ptr(), child.ptr()});
     const std::string_view who = name_of(authority, "authority");
     self.run([&](Transaction& transaction) { transaction.reparent(of, to, from, pose, who); });
 }
@@ -337,8 +345,8 @@ child, parent
     Frame names.
 stamp
     Nanoseconds: before it the child hangs where it did. None: a static edge, at every stamp.
-translation, rotation
-    T[parent<-child], metres and unit quaternion x y z w. Without both the child stays where it is:
+translation, rotation, rpy, wxyz
+    T[parent<-child], as in `Buffer.set_transform`. Without all of them the child stays where it is:
     T[parent<-child] at `stamp`, as this transaction sees it, where there is data at that stamp.
     Without a rotation: not rotated.
 authority
@@ -434,22 +442,29 @@ A 'no' is something read, too: a commit that makes it a 'yes' is a Conflict.)");
 
 void bind_transaction_writes(TransactionClass& type) {
     type.def("set_transform", &set_transform, nb::arg("parent").none(), nb::arg("child").none(),
-             nb::arg("stamp").none(), nb::arg("translation").none(), nb::arg("rotation").none(),
-             nb::kw_only(), nb::arg("authority").none() = "",
+             nb::arg("stamp").none(), nb::arg("translation").none(),
+             nb::arg("rotation") = nb::none(), nb::kw_only(), nb::arg("rpy") = nb::none(),
+             nb::arg("wxyz") = nb::none(), nb::arg("authority").none() = "",
              nb::sig("def set_transform(self, parent: str, child: str, stamp: "
-                     "tfdb.stamps.StampLike, translation: tfdb.types.VectorLike, rotation: "
-                     "tfdb.types.QuaternionLike, *, authority: str = '') -> None"),
+                     "tfdb.stamps.StampLike, translation: tfdb.types.VectorLike | "
+                     "tfdb.types.PoseLike, rotation: tfdb.types.QuaternionLike | None = None, *, "
+                     "rpy: tfdb.types.VectorLike | None = None, wxyz: "
+                     "tfdb.types.WxyzLike | None = None, "
+                     "authority: str = '') -> None"),
              R"(Store T[parent<-child] at a stamp, at the commit; this transaction sees it at once.
 
 Arguments and errors as in `Buffer.set_transform`, but CycleError only at the commit.)");
-    type.def("set_static_transform", &set_static_transform, nb::arg("parent").none(),
-             nb::arg("child").none(), nb::arg("translation").none(),
-             nb::arg("rotation").none() = nb::make_tuple(0, 0, 0, 1), nb::kw_only(),
-             nb::arg("authority").none() = "",
-             nb::sig("def set_static_transform(self, parent: str, child: str, translation: "
-                     "tfdb.types.VectorLike, rotation: tfdb.types.QuaternionLike = (0, 0, 0, 1), "
-                     "*, authority: str = '') -> None"),
-             R"(Store T[parent<-child] for every stamp, at the commit.
+    type.def(
+        "set_static_transform", &set_static_transform, nb::arg("parent").none(),
+        nb::arg("child").none(), nb::arg("translation").none(), nb::arg("rotation") = nb::none(),
+        nb::kw_only(), nb::arg("rpy") = nb::none(), nb::arg("wxyz") = nb::none(),
+        nb::arg("authority").none() = "",
+        nb::sig(
+            "def set_static_transform(self, parent: str, child: str, translation: "
+            "tfdb.types.VectorLike | tfdb.types.PoseLike, rotation: "
+            "tfdb.types.QuaternionLike | None = None, *, rpy: tfdb.types.VectorLike | "
+            "None = None, wxyz: tfdb.types.WxyzLike | None = None, authority: str = '') -> None"),
+        R"(Store T[parent<-child] for every stamp, at the commit.
 
 Arguments and errors as in `Buffer.set_static_transform`, but CycleError only at the commit.)");
     type.def("set_transforms", &set_transforms, nb::arg("batch").none(), nb::kw_only(),
@@ -467,13 +482,17 @@ is refused leaves the transaction as it was, and open.)");
              R"(Remove a frame, with `recursive` also all below it, at the commit.
 
 Raises UnknownFrame, FrameInUse (naming the children).)");
-    type.def("reparent", &reparent, nb::arg("child").none(), nb::arg("parent").none(),
-             nb::arg("stamp") = nb::none(), nb::arg("translation") = nb::none(),
-             nb::arg("rotation") = nb::none(), nb::kw_only(), nb::arg("authority").none() = "",
-             nb::sig("def reparent(self, child: str, parent: str, stamp: tfdb.stamps.StampLike | "
-                     "None = None, translation: tfdb.types.VectorLike | None = None, rotation: "
-                     "tfdb.types.QuaternionLike | None = None, *, authority: str = '') -> None"),
-             kReparentDoc);
+    type.def(
+        "reparent", &reparent, nb::arg("child").none(), nb::arg("parent").none(),
+        nb::arg("stamp") = nb::none(), nb::arg("translation") = nb::none(),
+        nb::arg("rotation") = nb::none(), nb::kw_only(), nb::arg("rpy") = nb::none(),
+        nb::arg("wxyz") = nb::none(), nb::arg("authority").none() = "",
+        nb::sig(
+            "def reparent(self, child: str, parent: str, stamp: tfdb.stamps.StampLike | "
+            "None = None, translation: tfdb.types.VectorLike | tfdb.types.PoseLike | None "
+            "= None, rotation: tfdb.types.QuaternionLike | None = None, *, rpy: "
+            "tfdb.types.VectorLike | None = None, wxyz: tfdb.types.WxyzLike | None = None, authority: str = '') -> None"),
+        kReparentDoc);
 }
 
 void bind_life(TransactionClass& type) {

@@ -17,6 +17,7 @@
 #include "errors.hpp"
 #include "pose.hpp"
 #include "stamp.hpp"
+#include "tfdb/geometry/from_matrix.hpp"
 #include "tfdb/store/buffer.hpp"
 
 namespace tfdb::python {
@@ -136,39 +137,82 @@ nb::object exact_text(PyObject* text) {
     return exact;
 }
 
+/// The pose of a transform that is made from Python. Throws InvalidTransform.
+Pose checked(Pose pose, PyObject* target, PyObject* source, const PoseArguments& given) {
+    const double norm = geometry::norm_squared(pose.rotation);
+    if (!(std::abs(norm - 1.0) <= 0.01) || !geometry::is_finite(pose)) {
+        PyObject* turned = given.rotation;
+        turned = is_given(turned) ? turned : is_given(given.rpy) ? given.rpy : given.wxyz;
+        throw_error("InvalidTransform",
+                    "the translation must be finite and the rotation a unit quaternion "
+                    "(x, y, z, w), got " +
+                        short_repr(given.translation) + " and " +
+                        (is_given(turned) ? short_repr(turned) : "none"),
+                    {{"target", nb::borrow(target)}, {"source", nb::borrow(source)}});
+    }
+    pose.rotation = geometry::normalized(pose.rotation);
+    return pose;
+}
+
+PyObject* made(PyObject* target, PyObject* source, const PoseArguments& given, PyObject* stamp) {
+    check_name(target, "target");
+    check_name(source, "source");
+    const Pose pose = checked(pose_of(given), target, source, given);
+    const StampNs when = is_given(stamp) ? stamp_of(stamp) : 0;
+    return new_transform(pose, when, 0, {}, target, source, nullptr);
+}
+
 PyObject* new_from_python(PyTypeObject* /*type*/, PyObject* args, PyObject* keywords) {
     return guarded([&]() -> PyObject* {
-        static const char* names[] = {"target",   "source", "translation",
-                                      "rotation", "stamp",  nullptr};
+        static const char* names[] = {"target", "source", "translation", "rotation",
+                                      "stamp",  "rpy",    "wxyz",        nullptr};
         PyObject* target = nullptr;
         PyObject* source = nullptr;
-        PyObject* translation = nullptr;
-        PyObject* rotation = nullptr;
         PyObject* stamp = nullptr;
-        if (PyArg_ParseTupleAndKeywords(args, keywords, "UUO|OO:Transform",
-                                        const_cast<char**>(names), &target, &source, &translation,
-                                        &rotation, &stamp) == 0) {
+        PoseArguments given{};
+        if (PyArg_ParseTupleAndKeywords(
+                args, keywords, "UUO|OO$OO:Transform", const_cast<char**>(names), &target, &source,
+                &given.translation, &given.rotation, &stamp, &given.rpy, &given.wxyz) == 0) {
             return nullptr;
         }
+        given.target = target;
+        given.source = source;
+        return made(target, source, given, stamp);
+    });
+}
+
+constexpr std::array<std::string_view, 4> kMatrixNames = {"matrix", "target", "source", "stamp"};
+
+PyObject* from_matrix(PyObject* /*type*/, PyObject* const* args, Py_ssize_t count,
+                      PyObject* keywords) {
+    return guarded([&]() -> PyObject* {
+        constexpr ParameterList kList{"from_matrix", kMatrixNames, 3, 4};
+        const auto [matrix, target, source, stamp] = bind<4>(kList, args, count, keywords);
         check_name(target, "target");
         check_name(source, "source");
-        Pose pose = geometry::identity();
-        pose.translation = vector_of(translation, "translation");
-        if (is_given(rotation)) {
-            pose.rotation = quaternion_of(rotation, "rotation");
-        }
-        const double norm = geometry::norm_squared(pose.rotation);
-        if (!(std::abs(norm - 1.0) <= 0.01) || !geometry::is_finite(pose)) {
-            throw_error("InvalidTransform",
-                        "the translation must be finite and the rotation a unit quaternion "
-                        "(x, y, z, w), got " +
-                            short_repr(translation) + " and " +
-                            (rotation == nullptr ? "none" : short_repr(rotation)),
-                        {{"target", nb::borrow(target)}, {"source", nb::borrow(source)}});
-        }
-        pose.rotation = geometry::normalized(pose.rotation);
-        const StampNs when = is_given(stamp) ? stamp_of(stamp) : 0;
-        return new_transform(pose, when, 0, {}, target, source, nullptr);
+        const PoseArguments given{.translation = matrix, .rotation = nullptr};
+        const Pose pose = checked(pose_of_matrix(matrix), target, source, given);
+        return new_transform(pose, is_given(stamp) ? stamp_of(stamp) : 0, 0, {}, target, source,
+                             nullptr);
+    });
+}
+
+PyObject* get_rpy(PyObject* self, void* /*closure*/) {
+    const geometry::Vec3 rpy = geometry::rpy_of_quaternion(as_transform(self).pose.rotation);
+    return doubles(&rpy.x, 3);
+}
+
+PyObject* to_msg(PyObject* self, PyObject* /*unused*/) {
+    return guarded([&]() -> PyObject* {
+        const nb::object make = nb::module_::import_("tfdb.report").attr("transform_message");
+        return make(nb::handle(self)).release().ptr();
+    });
+}
+
+PyObject* represent_html(PyObject* self, PyObject* /*unused*/) {
+    return guarded([&]() -> PyObject* {
+        const nb::object make = nb::module_::import_("tfdb.notebooks").attr("of_transform");
+        return make(nb::handle(self)).release().ptr();
     });
 }
 
@@ -332,6 +376,10 @@ PyGetSetDef g_attributes[] = {
     {"pose", get_pose, nullptr, "x y z qx qy qz qw: float64 array (7,), read-only.", nullptr},
     {"matrix", get_matrix, nullptr, "Homogeneous matrix: float64 array (4, 4), read-only.",
      nullptr},
+    {"rpy", get_rpy, nullptr,
+     "Roll, pitch, yaw in radians about fixed axes x, y, z, as in URDF: float64 array (3,),\n"
+     "read-only. At a pitch of 90 degrees, where only their sum tells, roll is 0.",
+     nullptr},
     {"stamp", get_stamp, nullptr, "The stamp it holds at, in nanoseconds.", nullptr},
     {"commit", get_commit, nullptr,
      "Number of the snapshot it was read from; 0 if it was not looked up.", nullptr},
@@ -345,6 +393,17 @@ PyGetSetDef g_attributes[] = {
 };
 
 PyMethodDef g_methods[] = {
+    {"from_matrix", as_function(from_matrix), METH_FASTCALL | METH_KEYWORDS | METH_CLASS,
+     "from_matrix($type, matrix, target, source, stamp=0)\n--\n\n"
+     "T[target<-source] from a homogeneous matrix (4, 4): p_target = matrix p_source.\n\n"
+     "Raises InvalidArray, and InvalidTransform, which says by how much, where it is not rigid: a\n"
+     "last row other than 0 0 0 1, a reflection, a scale, a shear, numbers that are not finite."},
+    {"to_msg", to_msg, METH_NOARGS,
+     "to_msg($self, /)\n--\n\n"
+     "A geometry_msgs/TransformStamped: the installed ROS's, or where there is none the one of\n"
+     "`tfdb.tf2.msgs`. Its header.frame_id is the target, its child_frame_id the source."},
+    {"_repr_html_", represent_html, METH_NOARGS,
+     "_repr_html_($self, /)\n--\n\nA table for notebooks."},
     {"inverse", transform_inverse, METH_NOARGS,
      "inverse($self, /)\n--\n\nT[source<-target]: the same in the other direction.\n\n"
      "Raises InvalidTransform where a translation is too large for the result to be finite."},
@@ -366,10 +425,11 @@ PyMethodDef g_methods[] = {
 };
 
 constexpr const char* kDoc =
-    "Transform(target, source, translation, rotation=(0, 0, 0, 1), stamp=0)\n--\n\n"
+    "Transform(target, source, translation, rotation=None, stamp=0, *, rpy=None, wxyz=None)\n--\n\n"
     "A rigid transform T[target<-source] at a stamp: p_target = T p_source. Immutable.\n\n"
     "Lookups return it; it can also be made from a translation (metres) and a unit quaternion\n"
-    "(x, y, z, w). `A @ B` chains T[a<-b] and T[b<-c] to T[a<-c] and raises InvalidArgument if\n"
+    "(x, y, z, w) or a Rotation of scipy, `rpy` or `wxyz`, or from a whole pose in place of the\n"
+    "translation: see `Buffer.set_transform`. `A @ B` chains T[a<-b] and T[b<-c] to T[a<-c] and raises InvalidArgument if\n"
     "A.source is not B.target, and InvalidTransform if the result is not finite; the result has\n"
     "the older of the two stamps (0: at all times).\n"
     "Equal ones (frames, stamp and pose) have the same hash. Its arrays are read-only.";

@@ -149,8 +149,13 @@ void Transforms::read_message(PyObject* item, nb::object child) {
     const nb::object transform = get(item, g_fields.transform);
     const auto part = [&](PyObject* name) { return get(transform.ptr(), name); };
     TransformView view;
-    view.parent = keep_name(get(header.ptr(), g_fields.frame_id), "header.frame_id");
-    view.child = keep_name(std::move(child), "child_frame_id");
+    // One leading '/' is dropped, as where messages come as bytes.
+    const auto keep = [this](nb::object name, const char* role) {
+        const std::string_view bytes = keep_name(std::move(name), role);
+        return bytes.starts_with('/') ? bytes.substr(1) : bytes;
+    };
+    view.parent = keep(get(header.ptr(), g_fields.frame_id), "header.frame_id");
+    view.child = keep(std::move(child), "child_frame_id");
     view.stamp = stamp_of(get(header.ptr(), g_fields.stamp).ptr());
     view.pose = {vector_of(part(g_fields.translation).ptr(), "transform.translation"),
                  quaternion_of(part(g_fields.rotation).ptr(), "transform.rotation")};

@@ -13,8 +13,9 @@ namespace {
 /// Above this a commit takes longer than handing the GIL over and back.
 constexpr std::size_t kReleaseFrom = 1024;
 
-constexpr std::array<std::string_view, 8> kSetNames = {
-    "parent", "child", "stamp", "translation", "rotation", "authority", "change_kind", "only_new"};
+constexpr std::array<std::string_view, 10> kSetNames = {
+    "parent", "child", "stamp",     "translation", "rotation",
+    "rpy",    "wxyz",  "authority", "change_kind", "only_new"};
 
 std::string_view authority_of(PyObject* authority) {
     return authority == nullptr ? std::string_view() : name_of(authority, "authority");
@@ -27,11 +28,12 @@ BufferObject& buffer_of(PyObject* self) {
 PyObject* set_transform(PyObject* self, PyObject* const* args, Py_ssize_t count,
                         PyObject* keywords) {
     return guarded([&]() -> PyObject* {
-        constexpr ParameterList kList{"set_transform", kSetNames, 5, 5};
-        const auto [parent, child, stamp, translation, rotation, authority, change_kind, only_new] =
-            bind<8>(kList, args, count, keywords);
+        constexpr ParameterList kList{"set_transform", kSetNames, 4, 5};
+        const auto [parent, child, stamp, translation, rotation, rpy, wxyz, authority, change_kind,
+                    only_new] = bind<10>(kList, args, count, keywords);
         const WriteRules rules{flag_of(change_kind, "change_kind"), flag_of(only_new, "only_new")};
-        const TransformView view = view_of(parent, child, stamp, translation, rotation);
+        const TransformView view =
+            view_of(parent, child, stamp, {translation, rotation, rpy, wxyz, parent, child});
         return PyLong_FromUnsignedLongLong(
             commit_transforms(buffer_of(self), {&view, 1}, false, authority_of(authority), rules));
     });
@@ -51,14 +53,19 @@ CommitNumber commit_soon(BufferObject& buffer, std::size_t samples, Try&& try_co
 
 PyMethodDef g_set_transform = {
     "set_transform", as_function(set_transform), METH_FASTCALL | METH_KEYWORDS,
-    "set_transform($self, parent, child, stamp, translation, rotation, *, authority='', "
-    "change_kind=False, only_new=False)\n--\n\n"
+    "set_transform($self, parent, child, stamp, translation, rotation=None, *, rpy=None, "
+    "wxyz=None, authority='', change_kind=False, only_new=False)\n--\n\n"
     "Store where `child` was in `parent` at a stamp: T[parent<-child].\n\n"
     "Parameters\n----------\n"
     "parent, child\n    Frame names; new ones become frames.\n"
     "stamp\n    Nanoseconds (or an object that holds a stamp).\n"
-    "translation\n    Metres, x y z: a sequence, an array, or an object with x, y, z.\n"
-    "rotation\n    Unit quaternion, x y z w, likewise. Normalised if slightly off.\n"
+    "translation\n    Metres, x y z: a sequence, an array, or an object with x, y, z. Or the whole\n"
+    "    pose: a 4x4 matrix, 7 numbers x y z qx qy qz qw, a `Transform` T[parent<-child], or an\n"
+    "    object with translation and rotation.\n"
+    "rotation\n    Unit quaternion, x y z w, likewise, or a Rotation of scipy. Normalised if\n"
+    "    slightly off. None, without the next two: not rotated.\n"
+    "rpy\n    Instead: roll, pitch, yaw in radians about fixed axes x, y, z, as in URDF.\n"
+    "wxyz\n    Instead: unit quaternion w x y z.\n"
     "authority\n    Who writes.\n"
     "change_kind\n    A static edge becomes moving: its pose is dropped in the same commit, the\n"
     "    frames below it stay.\n"
@@ -90,13 +97,13 @@ CommitNumber commit_transforms(BufferObject& buffer, const EdgeColumns& columns,
         [&] { return buffer.open_store().set_transforms(columns, authority, rules); });
 }
 
-TransformView view_of(PyObject* parent, PyObject* child, PyObject* stamp, PyObject* translation,
-                      PyObject* rotation) {
+TransformView view_of(PyObject* parent, PyObject* child, PyObject* stamp,
+                      const PoseArguments& pose) {
     TransformView view;
     view.parent = name_of(parent, "parent");
     view.child = name_of(child, "child");
     view.stamp = stamp == nullptr ? 0 : stamp_of(stamp);
-    view.pose = {vector_of(translation, "translation"), quaternion_of(rotation, "rotation")};
+    view.pose = pose_of(pose);
     return view;
 }
 

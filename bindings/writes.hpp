@@ -10,6 +10,7 @@
 #include <vector>
 
 #include "arrays.hpp"
+#include "pose.hpp"
 #include "reads.hpp"
 #include "tfdb/store/buffer.hpp"
 
@@ -92,7 +93,7 @@ private:
 };
 
 /// T[parent<-child] from the arguments of `set_transform`; null for `stamp`: a static one.
-TransformView view_of(PyObject* parent, PyObject* child, PyObject* stamp, PyObject* translation,
-                      PyObject* rotation);
+TransformView view_of(PyObject* parent, PyObject* child, PyObject* stamp,
+                      const PoseArguments& pose);
 
 }  // namespace tfdb::python

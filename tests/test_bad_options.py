@@ -179,7 +179,7 @@ def test_intervals_that_are_none(robot: Robot, interval: Any) -> None:
         lambda b: b.lookup_transform("map", "odom", 5, None, None),
         lambda b: b.lookup_transform("map", "odom", when=5),
         lambda b: b.lookup_transform("map", "odom", target="map"),
-        lambda b: b.set_transform("map", "odom", 5, (1, 2, 3)),
+        lambda b: b.set_transform("map", "odom", 5),
         lambda b: b.set_transform("map", "odom", 5, (1, 2, 3), TURN, "ekf"),
         lambda b: b.can_transform(),
     ],

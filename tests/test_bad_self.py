@@ -44,6 +44,8 @@ ARGUMENTS: dict[str, tuple[Any, ...]] = {
     "_path_stamps": ("map", "base", None, None),
     "frame_exists": ("map",),
     "frame_info": ("map",),
+    "children": ("map",),
+    "descendants": ("map",),
     "parent_of": ("map",),
     "samples": ("map",),
     "set_transform": ("map", "base", 5, (1, 2, 3), (0, 0, 0, 1)),
@@ -59,7 +61,7 @@ ARGUMENTS: dict[str, tuple[Any, ...]] = {
     "__exit__": (None, None, None),
 }
 NONE = {"frames", "tree", "snapshot", "memory", "counters", "clear", "close", "abort"}
-NONE |= {"transaction", "__enter__"}
+NONE |= {"transaction", "__enter__", "_repr_html_"}
 
 
 def call(method: Callable[..., Any], name: str, obj: Any) -> Any:

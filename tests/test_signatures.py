@@ -120,7 +120,8 @@ def test_the_methods_are_as_the_stub_says(name: str) -> None:
     for method, node in methods.items():
         if method.startswith("__") or method == "_answer_by":
             continue
-        assert told(inspect.signature(getattr(kind, method))) == written(node), method
+        own = any(getattr(mark, "id", "") == "classmethod" for mark in node.decorator_list)
+        assert told(inspect.signature(getattr(kind, method))) == written(node)[own:], method
 
 
 @pytest.mark.parametrize("name", ["open", "encode_tf_message", "decode_tf_message"])

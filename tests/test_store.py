@@ -302,7 +302,7 @@ def test_memory_and_counters_add_up() -> None:
 
 def test_the_buffer_prints_its_state() -> None:
     buffer = make_robot(history=60).buffer
-    assert repr(buffer) == f"<tfdb.Buffer at commit {buffer.commit}, history 60 s>"
+    assert repr(buffer).startswith(f"<tfdb.Buffer at commit {buffer.commit}, history 60 s: ")
     snapshot = buffer.snapshot()
     assert repr(snapshot) == f"<tfdb.Snapshot of commit {buffer.commit}>"
     snapshot.close()

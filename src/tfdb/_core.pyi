@@ -37,7 +37,8 @@ class Transform:
     A rigid transform T[target<-source] at a stamp: p_target = T p_source. Immutable.
 
     Lookups return it; it can also be made from a translation (metres) and a unit quaternion
-    (x, y, z, w). `A @ B` chains T[a<-b] and T[b<-c] to T[a<-c] and raises InvalidArgument if
+    (x, y, z, w) or a Rotation of scipy, `rpy` or `wxyz`, or from a whole pose in place of the
+    translation: see `Buffer.set_transform`. `A @ B` chains T[a<-b] and T[b<-c] to T[a<-c] and raises InvalidArgument if
     A.source is not B.target, and InvalidTransform if the result is not finite; the result has
     the older of the two stamps (0: at all times).
     """
@@ -46,10 +47,29 @@ class Transform:
         cls,
         target: str,
         source: str,
-        translation: tfdb.types.VectorLike,
-        rotation: tfdb.types.QuaternionLike = (0, 0, 0, 1),
+        translation: tfdb.types.VectorLike | tfdb.types.PoseLike,
+        rotation: tfdb.types.QuaternionLike | None = None,
         stamp: tfdb.stamps.StampLike = 0,
+        *,
+        rpy: tfdb.types.VectorLike | None = None,
+        wxyz: tfdb.types.WxyzLike | None = None,
     ) -> Self: ...
+
+    @classmethod
+    def from_matrix(
+        cls,
+        matrix: numpy.typing.ArrayLike,
+        target: str,
+        source: str,
+        stamp: tfdb.stamps.StampLike = 0,
+    ) -> Self:
+        """
+        T[target<-source] from a homogeneous matrix (4, 4): p_target = matrix p_source.
+
+        Raises InvalidArray, and InvalidTransform, which says by how much, where it is not
+        rigid: a last row other than 0 0 0 1, a reflection, a scale, a shear, numbers that are
+        not finite.
+        """
 
     @property
     def translation(self) -> numpy.typing.NDArray[numpy.float64]:
@@ -66,6 +86,14 @@ class Transform:
     @property
     def matrix(self) -> numpy.typing.NDArray[numpy.float64]:
         """Homogeneous matrix: float64 array (4, 4)."""
+
+    @property
+    def rpy(self) -> numpy.typing.NDArray[numpy.float64]:
+        """
+        Roll, pitch, yaw in radians about fixed axes x, y, z, as in URDF: float64 array (3,).
+
+        At a pitch of 90 degrees, where only their sum tells, roll is 0.
+        """
 
     @property
     def stamp(self) -> int:
@@ -89,6 +117,14 @@ class Transform:
         What it was made from, edge by edge. Without edges if it was not looked up, or was
         multiplied.
         """
+
+    def to_msg(self) -> Any:
+        """
+        A geometry_msgs/TransformStamped: the installed ROS's, or where there is none the one of
+        `tfdb.tf2.msgs`. Its header.frame_id is the target, its child_frame_id the source.
+        """
+
+    def _repr_html_(self) -> str: ...
 
     def inverse(self) -> Transform:
         """
@@ -524,6 +560,60 @@ class Reads:
                 The file cannot be written.
         """
 
+    def children(self, name: str, stamp: tfdb.stamps.StampLike | None = None) -> list[str]:
+        """
+        Find the frames that hang directly under a frame, sorted.
+
+            Parameters
+            ----------
+            name
+                The frame.
+            stamp
+                Nanoseconds: whose `parent_of` it is then. None: in the newest tree.
+
+            Raises
+            ------
+            UnknownFrame, InvalidStamp, SnapshotTooOld, SnapshotClosed
+        """
+
+    def descendants(self, name: str, stamp: tfdb.stamps.StampLike | None = None) -> list[str]:
+        """
+        Find all frames below a frame, each followed by those below it, siblings sorted.
+
+            Parameters
+            ----------
+            name, stamp
+                As in `children`.
+
+            Raises
+            ------
+            What `children` raises
+        """
+
+    def path(self, target: str, source: str, stamp: tfdb.stamps.StampLike | None = None) -> list[str]:
+        """
+        List the frames from one to another, through the one under which both hang.
+
+            Parameters
+            ----------
+            target, source
+                The first and the last of the list; the same one twice gives it once.
+            stamp
+                As in `children`. Whether the path's edges have data then is not asked.
+
+            Raises
+            ------
+            UnknownFrame, Disconnected (naming both roots), InvalidStamp, SnapshotTooOld, SnapshotClosed
+        """
+
+    def __len__(self) -> int: ...
+
+    def __contains__(self, name: object, /) -> bool: ...
+
+    def __bool__(self) -> Literal[True]: ...
+
+    def _repr_html_(self) -> str: ...
+
 class Snapshot(Reads):
     """
     One committed state.
@@ -592,9 +682,11 @@ class Buffer(Reads):
         parent: str,
         child: str,
         stamp: tfdb.stamps.StampLike,
-        translation: tfdb.types.VectorLike,
-        rotation: tfdb.types.QuaternionLike,
+        translation: tfdb.types.VectorLike | tfdb.types.PoseLike,
+        rotation: tfdb.types.QuaternionLike | None = None,
         *,
+        rpy: tfdb.types.VectorLike | None = None,
+        wxyz: tfdb.types.WxyzLike | None = None,
         authority: str = "",
         change_kind: bool = False,
         only_new: bool = False,
@@ -609,9 +701,16 @@ class Buffer(Reads):
         stamp
             Nanoseconds (or an object that holds a stamp).
         translation
-            Metres, x y z: a sequence, an array, or an object with x, y, z.
+            Metres, x y z: a sequence, an array, or an object with x, y, z. Or the whole
+            pose: a 4x4 matrix, 7 numbers x y z qx qy qz qw, a `Transform` T[parent<-child], or an
+            object with translation and rotation.
         rotation
-            Unit quaternion, x y z w, likewise. Normalised if slightly off.
+            Unit quaternion, x y z w, likewise, or a Rotation of scipy. Normalised if
+            slightly off. None, without the next two: not rotated.
+        rpy
+            Instead: roll, pitch, yaw in radians about fixed axes x, y, z, as in URDF.
+        wxyz
+            Instead: unit quaternion w x y z.
         authority
             Who writes.
         change_kind
@@ -631,7 +730,7 @@ class Buffer(Reads):
         StaticConflict, RepeatedStamp, CycleError, CapacityExceeded. Then nothing was stored.
         """
 
-    def set_static_transform(self, parent: str, child: str, translation: tfdb.types.VectorLike, rotation: tfdb.types.QuaternionLike = (0, 0, 0, 1), *, authority: str = '', change_kind: bool = False) -> int:
+    def set_static_transform(self, parent: str, child: str, translation: tfdb.types.VectorLike | tfdb.types.PoseLike, rotation: tfdb.types.QuaternionLike | None = None, *, rpy: tfdb.types.VectorLike | None = None, wxyz: tfdb.types.WxyzLike | None = None, authority: str = '', change_kind: bool = False) -> int:
         """
         Store T[parent<-child] for every stamp, until a later commit replaces it.
 
@@ -1381,14 +1480,14 @@ class Transaction:
     def frame_exists(self, name: str) -> bool:
         """Whether there is a frame of that name."""
 
-    def set_transform(self, parent: str, child: str, stamp: tfdb.stamps.StampLike, translation: tfdb.types.VectorLike, rotation: tfdb.types.QuaternionLike, *, authority: str = '') -> None:
+    def set_transform(self, parent: str, child: str, stamp: tfdb.stamps.StampLike, translation: tfdb.types.VectorLike | tfdb.types.PoseLike, rotation: tfdb.types.QuaternionLike | None = None, *, rpy: tfdb.types.VectorLike | None = None, wxyz: tfdb.types.WxyzLike | None = None, authority: str = '') -> None:
         """
         Store T[parent<-child] at a stamp, at the commit; this transaction sees it at once.
 
         Arguments and errors as in `Buffer.set_transform`, but CycleError only at the commit.
         """
 
-    def set_static_transform(self, parent: str, child: str, translation: tfdb.types.VectorLike, rotation: tfdb.types.QuaternionLike = (0, 0, 0, 1), *, authority: str = '') -> None:
+    def set_static_transform(self, parent: str, child: str, translation: tfdb.types.VectorLike | tfdb.types.PoseLike, rotation: tfdb.types.QuaternionLike | None = None, *, rpy: tfdb.types.VectorLike | None = None, wxyz: tfdb.types.WxyzLike | None = None, authority: str = '') -> None:
         """
         Store T[parent<-child] for every stamp, at the commit.
 
@@ -1410,7 +1509,7 @@ class Transaction:
         Raises UnknownFrame, FrameInUse (naming the children).
         """
 
-    def reparent(self, child: str, parent: str, stamp: tfdb.stamps.StampLike | None = None, translation: tfdb.types.VectorLike | None = None, rotation: tfdb.types.QuaternionLike | None = None, *, authority: str = '') -> None:
+    def reparent(self, child: str, parent: str, stamp: tfdb.stamps.StampLike | None = None, translation: tfdb.types.VectorLike | tfdb.types.PoseLike | None = None, rotation: tfdb.types.QuaternionLike | None = None, *, rpy: tfdb.types.VectorLike | None = None, wxyz: tfdb.types.WxyzLike | None = None, authority: str = '') -> None:
         """
         Give `child` another parent, from a stamp on.
 
@@ -1420,8 +1519,8 @@ class Transaction:
             Frame names.
         stamp
             Nanoseconds: before it the child hangs where it did. None: a static edge, at every stamp.
-        translation, rotation
-            T[parent<-child], metres and unit quaternion x y z w. Without both the child stays where it is:
+        translation, rotation, rpy, wxyz
+            T[parent<-child], as in `Buffer.set_transform`. Without all of them the child stays where it is:
             T[parent<-child] at `stamp`, as this transaction sees it, where there is data at that stamp.
             Without a rotation: not rotated.
         authority
@@ -1677,4 +1776,9 @@ def to_nanoseconds(stamp: tfdb.stamps.StampLike) -> int:
 def duration_to_nanoseconds(seconds: float, name: str) -> int:
     """
     Nanoseconds of what is taken for a duration. Raises InvalidArgument, which names it.
+    """
+
+def poses_of_matrices(matrices: numpy.typing.ArrayLike) -> numpy.typing.NDArray[numpy.float64]:
+    """
+    Poses (N, 7) of matrices (N, 4, 4). Raises InvalidArray, InvalidTransform with `index`.
     """

@@ -108,6 +108,92 @@ def trajectory(
     return Trajectory._made(target, source, *made)
 
 
+def _reads(self: Reads) -> Reads:
+    """Refuse what is neither a Buffer nor a Snapshot."""
+    from ._core import Reads  # noqa: PLC0415 - the extension imports this module
+
+    if not isinstance(self, Reads):
+        raise TypeError(f"a method of Reads was called on a {type(self).__name__}")
+    return self
+
+
+def children(self: Reads, name: str, stamp: StampLike | None = None) -> list[str]:
+    """Find the frames that hang directly under a frame, sorted.
+
+    Parameters
+    ----------
+    name
+        The frame.
+    stamp
+        Nanoseconds: whose `parent_of` it is then. None: in the newest tree.
+
+    Raises
+    ------
+    UnknownFrame, InvalidStamp, SnapshotTooOld, SnapshotClosed
+    """
+    from .forest import children as find  # noqa: PLC0415 - see above
+
+    return find(_reads(self), name, stamp)
+
+
+def descendants(self: Reads, name: str, stamp: StampLike | None = None) -> list[str]:
+    """Find all frames below a frame, each followed by those below it, siblings sorted.
+
+    Parameters
+    ----------
+    name, stamp
+        As in `children`.
+
+    Raises
+    ------
+    What `children` raises
+    """
+    from .forest import descendants as find  # noqa: PLC0415 - see above
+
+    return find(_reads(self), name, stamp)
+
+
+def path(self: Reads, target: str, source: str, stamp: StampLike | None = None) -> list[str]:
+    """List the frames from one to another, through the one under which both hang.
+
+    Parameters
+    ----------
+    target, source
+        The first and the last of the list; the same one twice gives it once.
+    stamp
+        As in `children`. Whether the path's edges have data then is not asked.
+
+    Raises
+    ------
+    UnknownFrame, Disconnected (naming both roots), InvalidStamp, SnapshotTooOld, SnapshotClosed
+    """
+    from .forest import path as find  # noqa: PLC0415 - see above
+
+    return find(_reads(self), target, source, stamp)
+
+
+def length(self: Reads) -> int:
+    """Count the frames."""
+    return len(_reads(self).frames())
+
+
+def contains(self: Reads, name: object) -> bool:
+    """Tell whether there is a frame of that name."""
+    return _reads(self).frame_exists(name) if isinstance(name, str) else False
+
+
+def truth(self: Reads) -> bool:
+    """Be true, also without frames: `if buffer:` asks whether there is one."""
+    return _reads(self) is self
+
+
+def represent_html(self: Reads) -> str:
+    """Write a table of the frames, for notebooks."""
+    from .notebooks import of_store  # noqa: PLC0415 - see above
+
+    return of_store(_reads(self))
+
+
 def freeze(self: Reads, path: str | os.PathLike[str], *, overwrite: bool = False) -> None:
     """Write one committed state into a file, which `tfdb.open` opens at once, whatever its size.
 
@@ -500,7 +586,18 @@ def reduce(self: Buffer) -> tuple[object, ...]:
 
 
 METHODS: dict[str, dict[str, Any]] = {
-    "Reads": {"explain": explain, "trajectory": trajectory, "freeze": freeze},
+    "Reads": {
+        "explain": explain,
+        "trajectory": trajectory,
+        "freeze": freeze,
+        "children": children,
+        "descendants": descendants,
+        "path": path,
+        "__len__": length,
+        "__contains__": contains,
+        "__bool__": truth,
+        "_repr_html_": represent_html,
+    },
     "Buffer": {
         "load": load,
         "run": run,

@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal, TypeAlias
+from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 
+from .errors import TfdbError
 from .on_demand import belong_to
 from .stamps import format_seconds
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from ._core import Transform
+    from ._core import Buffer, Transform
     from .types import Frozen
 
 __all__ = ["EdgeUse", "Report"]
@@ -110,6 +111,23 @@ class Report:
         moving = [edge for edge in self.edges if edge.before is not None]
         return max(moving, key=lambda edge: max(edge.gap, abs(edge.age)), default=None)
 
+    def _repr_html_(self) -> str:
+        """Write a table for notebooks."""
+        from .notebooks import table  # noqa: PLC0415 - needed by few
+
+        rows = [
+            (
+                f"T[{edge.parent}<-{edge.child}]",
+                edge.used,
+                "" if edge.before is None else format_seconds(edge.before),
+                format_seconds(edge.gap),
+                format_seconds(edge.age),
+            )
+            for edge in self.edges
+        ]
+        caption = f"T[{self.target}<-{self.source}] at {format_seconds(self.stamp)}"
+        return table(caption, ("edge", "used", "sample", "gap", "age"), rows)
+
     def __str__(self) -> str:
         when = "all times" if self.timeless else format_seconds(self.stamp)
         lines = [f"T[{self.target}<-{self.source}] at {when}"]
@@ -157,15 +175,47 @@ def transform_repr(transform: Transform) -> str:
     )
 
 
+def transform_message(transform: Transform) -> Any:
+    """Make the message of `Transform.to_msg`."""
+    from .tf2.ros_messages import installed, makers  # noqa: PLC0415 - ROS takes long to import
+
+    make, _ = makers(installed() or "ros2")
+    pose = transform.pose.tolist()
+    return make(transform.target, transform.source, transform.stamp, pose)
+
+
 def buffer_repr(
-    commit: int, history: float | None, concurrency: str, frozen: Frozen | None, closed: bool
+    buffer: Buffer,
+    commit: int,
+    history: float | None,
+    concurrency: str,
+    frozen: Frozen | None,
+    closed: bool,
 ) -> str:
-    """Write `<tfdb.Buffer at commit 7, history 10 s>`, the engine where it is another, its file."""
+    """Write `<tfdb.Buffer at commit 7, history 10 s: ...>`: what it is, and what is in it."""
     kept = "unlimited" if history is None else f"{history:g} s"
     engine = "" if concurrency == "snapshot" else f", concurrency {concurrency}"
     file = "" if frozen is None else f", frozen in {frozen.path}"
-    end = ", closed" if closed else ""
+    end = ", closed" if closed else _extent(buffer)
     return f"<tfdb.Buffer at commit {commit}, history {kept}{engine}{file}{end}>"
+
+
+def _extent(buffer: Buffer) -> str:
+    """Count frames and edges, and say from when to when; nothing where that cannot be asked now."""
+    from .summary import span  # noqa: PLC0415 - it knows this module
+
+    try:
+        infos = buffer.tree()
+    except TfdbError:
+        return ""
+    edges = [info for info in infos if info.parent is not None]
+    static = sum(info.is_static for info in edges)
+    text = f": {len(infos)} frames, {len(edges)} edges ({static} static)"
+    known = span(infos)
+    if known is None:
+        return text
+    start, end = known
+    return f"{text}, {format_seconds(end - start)} from {format_seconds(start)}"
 
 
 def restore_transform(*state: object) -> Transform:

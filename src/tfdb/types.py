@@ -58,11 +58,38 @@ class Xyzw(Xyz, Protocol):
         """The real part."""
 
 
+class AsQuat(Protocol):
+    """A `scipy.spatial.transform.Rotation`, of one rotation."""
+
+    def as_quat(self) -> npt.NDArray[np.floating[Any]]:
+        """Return its unit quaternion x y z w."""
+
+
+class Posed(Protocol):
+    """A `Transform`, a `geometry_msgs/Transform`."""
+
+    @property
+    def translation(self) -> VectorLike:
+        """Metres."""
+
+    @property
+    def rotation(self) -> QuaternionLike:
+        """Unit quaternion."""
+
+
 VectorLike: TypeAlias = "Sequence[float] | npt.NDArray[np.floating[Any]] | Xyz"
 """Three numbers x, y, z in metres."""
 
-QuaternionLike: TypeAlias = "Sequence[float] | npt.NDArray[np.floating[Any]] | Xyzw"
-"""Four numbers x, y, z, w of length one."""
+QuaternionLike: TypeAlias = "Sequence[float] | npt.NDArray[np.floating[Any]] | Xyzw | AsQuat"
+"""Four numbers x, y, z, w of length one, or a Rotation of scipy."""
+
+WxyzLike: TypeAlias = "Sequence[float] | npt.NDArray[np.floating[Any]]"
+"""Four numbers w, x, y, z of length one."""
+
+PoseLike: TypeAlias = (
+    "Sequence[Sequence[float]] | Sequence[float] | npt.NDArray[np.floating[Any]] | Posed"
+)
+"""A 4x4 matrix, seven numbers x y z qx qy qz qw, or an object with translation and rotation."""
 
 BytesLike: TypeAlias = bytes | bytearray | memoryview
 """Bytes of a message."""
@@ -145,12 +172,16 @@ class Columns:
     poses
         (N, 7) float64: x y z in metres, unit quaternion x y z w.
     translations, rotations
-        Instead of `poses`: (N, 3) and (N, 4).
+        Instead of `poses`: (N, 3), and (N, 4) or a Rotation of scipy that holds N.
+    matrices
+        Instead of `poses`: homogeneous matrices (N, 4, 4).
 
     Raises
     ------
     InvalidArray
-        Neither `poses` nor both of the others, or a shape that is not as above.
+        None of these or more than one, or a shape that is not as above.
+    InvalidTransform
+        A matrix is no rigid transform; the error has its `index` and says by how much.
     """
 
     __slots__ = ("children", "parents", "poses", "stamps")
@@ -163,19 +194,30 @@ class Columns:
         poses: npt.ArrayLike | None = None,
         *,
         translations: npt.ArrayLike | None = None,
-        rotations: npt.ArrayLike | None = None,
+        rotations: npt.ArrayLike | AsQuat | None = None,
+        matrices: npt.ArrayLike | None = None,
     ) -> None:
         self.parents = parents
         self.children = children
         # What can be read only once is kept.
         self.stamps = list(stamps) if isinstance(stamps, Iterator) else stamps
-        if poses is None:
+        if matrices is not None:
+            if not (poses is None and translations is None and rotations is None):
+                raise InvalidArray("give matrices, or poses, or translations and rotations")
+            from ._core import poses_of_matrices  # noqa: PLC0415 - the extension imports this module
+
+            poses = poses_of_matrices(matrices)
+        elif poses is None:
             if translations is None or rotations is None:
                 raise InvalidArray("give poses, or both translations and rotations")
             import numpy as np
 
             poses = np.concatenate(
-                [_rows(translations, 3, "translations"), _rows(rotations, 4, "rotations")], axis=1
+                [
+                    _rows(translations, 3, "translations"),
+                    _rows(_quaternions(rotations), 4, "rotations"),
+                ],
+                axis=1,
             )
         elif translations is not None or rotations is not None:
             raise InvalidArray("give poses, or translations and rotations, not both")
@@ -186,6 +228,12 @@ class Columns:
 
     def __repr__(self) -> str:
         return f"<tfdb.Columns of {len(self)} transforms>"
+
+
+def _quaternions(rotations: Any) -> Any:
+    """Return (N, 4) of a Rotation of scipy; what else there is stays as it is."""
+    as_quat = getattr(rotations, "as_quat", None)
+    return as_quat() if callable(as_quat) else rotations
 
 
 def _rows(values: npt.ArrayLike, width: int, role: str) -> npt.NDArray[np.float64]:

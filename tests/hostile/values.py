@@ -139,14 +139,16 @@ class Values:
             ("stamp", "now", "target_stamp", "source_stamp", "start", "end"), self.stamp
         )
         makers |= dict.fromkeys(("kind", "error", "traceback"), nothing)
+        makers |= dict.fromkeys(("translation", "rpy", "point"), self.vector)
         makers |= dict.fromkeys(
             ("static", "partial", "recursive", "alone"), lambda: pick([False, True])
         )
         makers |= {
             "stamps": self.stamps,
-            "translation": self.vector,
             "rotation": lambda: self.vector(4),
-            "point": self.vector,
+            "wxyz": lambda: self.vector(4),
+            "matrix": lambda: np.eye(4)[:, rng.choice([[0, 1, 2, 3], [1, 2, 0, 3], [1, 0, 2, 3]])],
+            "matrices": lambda: np.tile(np.eye(4), (rng.randrange(3), 1, 1)),
             "points": lambda: pick([np.ones((4, 3)), np.ones((4, 3), np.float32), [[1, 2, 3]]]),
             "policy": lambda: pick(
                 [None, tfdb.Interpolate(), tfdb.Exact(), tfdb.Nearest(), tfdb.Extrapolate(9.0)]

@@ -8,7 +8,7 @@ buffer = tfdb.Buffer()
 buffer.lookup_transform("map", "base", 1.5)  # error
 buffer.lookup_transform("map", 7)  # error
 buffer.lookup_transform("map", "base", 5, "linear")  # error
-buffer.set_transform("map", "base", 5, (1, 2, 3))  # error
+buffer.set_transform("map", "base", 5)  # error
 buffer.set_transform("map", "base", 5, (1, 2, 3), (0, 0, 0, 1), "ekf")  # error
 buffer.lookup_transforms("map", "base", [5], layout="euler")  # error
 buffer.lookup_transform("map", "base").stamp = 5  # error

@@ -76,7 +76,10 @@ class Write:
         if not isinstance(parent, str) or not isinstance(child, str):
             raise TypeError("header.frame_id and child_frame_id must be str")
         names = (parent.removeprefix("/"), child.removeprefix("/"))
-        return cls(*names, nanoseconds(stamp), translation, rotation, authority)
+        write = cls(*names, nanoseconds(stamp), translation, rotation, authority)
+        if rotation is None:  # a store takes none for not rotated
+            write.check_members()
+        return write
 
 
 def phrase(write: Write, error: errors.TfdbError, flavor: Flavor) -> str | None:

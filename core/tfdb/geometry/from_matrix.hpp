@@ -1,0 +1,115 @@
+// Rotations written in other ways: as a matrix, as roll, pitch and yaw.
+#pragma once
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <span>
+
+#include "tfdb/geometry/pose.hpp"
+
+namespace tfdb::geometry {
+
+/// How far a 4x4 matrix may be from a rigid transform: matrices are printed with few digits.
+inline constexpr double kRigidTolerance = 1e-3;
+
+/// What keeps a 4x4 matrix from being a rigid transform, and by how much.
+struct RigidFault {
+    enum Kind : unsigned char { kNone, kNotFinite, kLastRow, kReflection, kScale, kShear };
+    Kind kind = kNone;
+    double amount = 0.0;
+};
+
+namespace detail {
+
+using Rows = std::span<const double, 16>;
+
+inline double product(Rows m, std::size_t a, std::size_t b) noexcept {
+    return m[a] * m[b] + m[4 + a] * m[4 + b] + m[8 + a] * m[8 + b];
+}
+
+inline double determinant(Rows m) noexcept {
+    return m[0] * (m[5] * m[10] - m[6] * m[9]) - m[1] * (m[4] * m[10] - m[6] * m[8]) +
+           m[2] * (m[4] * m[9] - m[5] * m[8]);
+}
+
+}  // namespace detail
+
+/// Of a matrix row by row. A last row's amount is how far it is from 0 0 0 1, a reflection's the
+/// determinant, a scale the factor, a shear the largest sine between two axes, or by how much the
+/// lengths of two axes differ.
+inline RigidFault rigid_fault(std::span<const double, 16> m) noexcept {
+    for (const double value : m) {
+        if (!std::isfinite(value)) {
+            return {RigidFault::kNotFinite, value};
+        }
+    }
+    const double row =
+        std::max({std::abs(m[12]), std::abs(m[13]), std::abs(m[14]), std::abs(m[15] - 1.0)});
+    if (row > kRigidTolerance) {
+        return {RigidFault::kLastRow, row};
+    }
+    const double determinant = detail::determinant(m);
+    if (determinant <= 0.0) {
+        return {RigidFault::kReflection, determinant};
+    }
+    const double scale = std::cbrt(determinant);
+    const auto length = [&](std::size_t axis) { return std::sqrt(detail::product(m, axis, axis)); };
+    const std::array lengths = {length(0), length(1), length(2)};
+    const auto sine = [&](std::size_t a, std::size_t b) {
+        return std::abs(detail::product(m, a, b)) / (lengths[a] * lengths[b]);
+    };
+    const auto [least, most] = std::minmax_element(lengths.begin(), lengths.end());
+    const double shear = std::max({sine(0, 1), sine(0, 2), sine(1, 2), (*most - *least) / scale});
+    if (!(shear <= kRigidTolerance)) {
+        return {RigidFault::kShear, shear};
+    }
+    if (!(std::abs(scale - 1.0) <= kRigidTolerance)) {
+        return {RigidFault::kScale, scale};
+    }
+    return {};
+}
+
+/// The pose of a rigid matrix, row by row. The largest of the four parts is found first (Shepperd,
+/// Quaternion from rotation matrix, 1978), so that nothing cancels.
+inline Pose pose_of_matrix(std::span<const double, 16> m) noexcept {
+    const double trace = m[0] + m[5] + m[10];
+    Quat q{};
+    if (trace >= std::max({m[0], m[5], m[10]})) {
+        q = {m[9] - m[6], m[2] - m[8], m[4] - m[1], 1.0 + trace};
+    } else if (m[0] >= std::max(m[5], m[10])) {
+        q = {1.0 + m[0] - m[5] - m[10], m[1] + m[4], m[2] + m[8], m[9] - m[6]};
+    } else if (m[5] >= m[10]) {
+        q = {m[1] + m[4], 1.0 - m[0] + m[5] - m[10], m[6] + m[9], m[2] - m[8]};
+    } else {
+        q = {m[2] + m[8], m[6] + m[9], 1.0 - m[0] - m[5] + m[10], m[4] - m[1]};
+    }
+    return {{m[3], m[7], m[11]}, normalized(q)};
+}
+
+/// Turned by roll about x, then by pitch about y, then by yaw about z, the axes staying where they
+/// are: Rz(yaw) Ry(pitch) Rx(roll), as URDF writes it. Radians.
+inline Quat quaternion_of_rpy(const Vec3& rpy) noexcept {
+    const double cr = std::cos(rpy.x / 2);
+    const double sr = std::sin(rpy.x / 2);
+    const double cp = std::cos(rpy.y / 2);
+    const double sp = std::sin(rpy.y / 2);
+    const double cy = std::cos(rpy.z / 2);
+    const double sy = std::sin(rpy.z / 2);
+    return {sr * cp * cy - cr * sp * sy, cr * sp * cy + sr * cp * sy, cr * cp * sy - sr * sp * cy,
+            cr * cp * cy + sr * sp * sy};
+}
+
+/// The other way; at a pitch of 90 degrees, where roll and yaw turn about one axis, roll is 0.
+inline Vec3 rpy_of_quaternion(const Quat& q) noexcept {
+    const auto& [m] = matrix(q);
+    const double across = std::hypot(m[0], m[3]);
+    const double pitch = std::atan2(-m[6], across);
+    constexpr double kLocked = 1e-9;
+    if (across < kLocked) {
+        return {0.0, pitch, std::atan2(-m[1], m[4])};
+    }
+    return {std::atan2(m[7], m[8]), pitch, std::atan2(m[3], m[0])};
+}
+
+}  // namespace tfdb::geometry

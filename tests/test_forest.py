@@ -1,0 +1,178 @@
+"""Children, descendants and paths, against a dictionary of parents; what objects show of it."""
+
+from __future__ import annotations
+
+import itertools
+import random
+from typing import Any
+
+import pytest
+
+import tfdb
+
+TURNED = (0.0, 0.0, 0.6, 0.8)
+STEPS = (1000, 2000, 3000)
+
+
+def grown(seed: int) -> tuple[tfdb.Buffer, dict[int, dict[str, str]]]:
+    """Make a store whose moving frames change their parents; the parents at each step."""
+    rng = random.Random(seed)
+    names = [f"f{i:02}" for i in range(24)]
+    rng.shuffle(names)
+    buf = tfdb.Buffer(history=None)
+    static: dict[str, str] = {}
+    for i, name in enumerate(names[4:12], 4):
+        static[name] = names[rng.randrange(2, i)]
+        buf.set_static_transform(static[name], name, (1, 2, 3), TURNED)
+    at = {}
+    for step in STEPS:
+        at[step] = dict(static)
+        for i, name in enumerate(names[12:], 12):
+            at[step][name] = names[rng.randrange(i)]
+            buf.set_transform(at[step][name], name, step, (1, 2, 3), TURNED)
+    return buf, at
+
+
+def below(parents: dict[str, str], name: str) -> list[str]:
+    found = []
+    for child in sorted(each for each, parent in parents.items() if parent == name):
+        found += [child, *below(parents, child)]
+    return found
+
+
+def chain(parents: dict[str, str], name: str) -> list[str]:
+    return [name, *(chain(parents, parents[name]) if name in parents else [])]
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_the_forest_is_that_of_the_parents(seed: int) -> None:
+    buf, at = grown(seed)
+    frames = buf.frames()
+    with buf.snapshot() as snapshot:
+        for reads in (buf, snapshot):
+            assert len(reads) == len(frames) == len(list(frames))
+            assert all(name in reads for name in frames)
+            for stamp in (*STEPS, None):
+                parents = at[STEPS[-1] if stamp is None else stamp]
+                for name in frames:
+                    assert reads.parent_of(name, stamp) == parents.get(name)
+                    expected = sorted(each for each, up in parents.items() if up == name)
+                    assert reads.children(name, stamp) == expected
+                    assert reads.descendants(name, stamp) == below(parents, name)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_a_path_goes_through_the_lowest_common_ancestor(seed: int) -> None:
+    buf, at = grown(seed)
+    frames, joined, apart = buf.frames(), 0, 0
+    for stamp in (*STEPS, None):
+        parents = at[STEPS[-1] if stamp is None else stamp]
+        for target in frames:
+            for source in frames:
+                up, down = chain(parents, target), chain(parents, source)
+                if up[-1] != down[-1]:
+                    apart += 1
+                    with pytest.raises(tfdb.Disconnected) as error:
+                        buf.path(target, source, stamp)
+                    assert error.value.frames == (up[-1], down[-1])
+                    continue
+                joined += 1
+                found = buf.path(target, source, stamp)
+                assert (found[0], found[-1]) == (target, source)
+                assert len(set(found)) == len(found)
+                for a, b in itertools.pairwise(found):
+                    assert parents.get(a) == b or parents.get(b) == a
+                common = len([each for each in up if each in down])
+                assert len(found) == len(up) + len(down) - 2 * common + 1
+                assert buf.path(source, target, stamp) == found[::-1]
+    assert joined > 100
+    assert apart > 0
+
+
+def test_the_path_of_a_lookup_is_the_one_that_is_told() -> None:
+    buf, _ = grown(1)
+    for source in buf.frames():
+        try:
+            report = buf.lookup_transform("f00", source, STEPS[1]).report
+        except (tfdb.Disconnected, tfdb.Extrapolation):
+            continue
+        told = buf.path("f00", source, STEPS[1])
+        edges = {frozenset((edge.child, edge.parent)) for edge in report.edges}
+        assert edges == {frozenset(pair) for pair in itertools.pairwise(told)}
+
+
+def test_a_snapshot_keeps_its_forest() -> None:
+    buf = tfdb.Buffer()
+    buf.set_transform("map", "base", 5, (1, 2, 3), TURNED)
+    with buf.snapshot() as snapshot:
+        buf.set_transform("odom", "base", 6, (1, 2, 3), TURNED)
+        assert snapshot.children("map") == ["base"]
+        assert (len(snapshot), "odom" in snapshot) == (2, False)
+        assert buf.children("map") == []
+        assert buf.children("map", 5) == buf.children("odom", 6) == ["base"]
+        assert (len(buf), "odom" in buf) == (3, True)
+    with pytest.raises(tfdb.SnapshotClosed):
+        snapshot.children("map")
+
+
+def test_unknown_frames_and_wrong_types() -> None:
+    buf = tfdb.Buffer()
+    buf.set_transform("map", "base", 5, (1, 2, 3), TURNED)
+    wrong: Any = 5
+    for call in (buf.children, buf.descendants):
+        with pytest.raises(tfdb.UnknownFrame, match="'nowhere'") as error:
+            call("nowhere")
+        assert error.value.frame == "nowhere"
+        with pytest.raises(TypeError):
+            call(wrong)
+        with pytest.raises(tfdb.InvalidStamp):
+            call("map", -5)
+    with pytest.raises(tfdb.UnknownFrame, match="'nowhere'"):
+        buf.path("map", "nowhere")
+    with pytest.raises(tfdb.UnknownFrame, match="'nowhere'"):
+        buf.path("nowhere", "map", 5)
+    assert wrong not in buf
+    assert None not in buf
+    with buf.transaction(), pytest.raises(tfdb.TransactionActive):
+        buf.children("map")
+
+
+def test_an_empty_buffer_is_true() -> None:
+    buf = tfdb.Buffer()
+    assert (len(buf), bool(buf), bool(buf.snapshot())) == (0, True, True)
+
+
+def test_repr_says_what_is_in_it() -> None:
+    buf = tfdb.Buffer(history=None)
+    assert repr(buf) == "<tfdb.Buffer at commit 0, history unlimited: 0 frames, 0 edges (0 static)>"
+    buf.set_transform("map", "base", 2_000_000_000, (1, 2, 3), TURNED)
+    buf.set_transform("map", "base", 3_500_000_000, (1, 2, 3), TURNED)
+    buf.set_static_transform("base", "lidar", (1, 2, 3))
+    told = "3 frames, 2 edges (1 static), 1.5 s from 2 s"
+    assert repr(buf) == f"<tfdb.Buffer at commit 3, history unlimited: {told}>"
+    with buf.transaction():
+        assert repr(buf) == "<tfdb.Buffer at commit 3, history unlimited>"
+    buf.close()
+    assert repr(buf) == "<tfdb.Buffer at commit 3, history unlimited, closed>"
+
+
+def test_notebooks_show_tables_of_escaped_names() -> None:
+    buf = tfdb.Buffer(history=None)
+    hostile = "</td><script>alert('&\")</script>"
+    buf.set_transform(hostile, "base", 5, (1, 2, 3), TURNED)
+    buf.set_transform("elsewhere", "<b>", 5, (1, 2, 3), TURNED)
+    explained = buf.explain(hostile, "<b>")
+    found = buf.lookup_transform(hostile, "base")
+    for shown in (buf, buf.snapshot(), found, found.report, explained):
+        html = shown._repr_html_()  # type: ignore[attr-defined]
+        assert "<script" not in html
+        assert "<b>" not in html
+        assert "&lt;script&gt;" in html
+        for tag in ("table", "tr", "td", "pre", "caption"):
+            assert html.count(f"<{tag}>") == html.count(f"</{tag}>")
+    for i in range(200):
+        buf.set_static_transform("base", f"part{i}", (1, 2, 3))
+    assert buf._repr_html_().count("<tr>") == 62
+    assert "and 144 more" in buf._repr_html_()
+    buf.close()
+    assert "closed" in buf._repr_html_()
