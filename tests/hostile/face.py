@@ -16,12 +16,25 @@ ELSEWHERE |= {"from_parquet", "to_parquet", "plot"}
 """What reads files, or makes and removes them, or draws: it has fuzzers and tests of its own."""
 WAITING = {"wait_for_transform", "wait_for_commit", "_ended_waits"}
 """What may wait for ever; the parameter `timeout` is left out elsewhere."""
-ENDING = {("Buffer", "close"), ("Buffer", "__exit__")}
+OTHERS = {("Transform", "to_msg")}
+"""What returns objects of another face, some under names of this one."""
+ENDING = OTHERS | {("Buffer", "close"), ("Buffer", "__exit__")}
 """What would leave nothing to call."""
 
 
 ANSWERS = {"EdgeExplanation", "EdgeUse", "Explanation", "FrameInfo", "IngestResult", "MemoryUse"}
-ANSWERS |= {"Changes", "Counters", "Frozen", "Refusal", "Refused", "Report", "Shared", "Twist"}
+ANSWERS |= {
+    "Changes",
+    "Comparison",
+    "Counters",
+    "Errors",
+    "Frozen",
+    "Refusal",
+    "Refused",
+    "Report",
+    "Shared",
+    "Twist",
+}
 """Plain records that only we make: what is written into them by hand is not checked."""
 
 
