@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 ROOT = Path(__file__).resolve().parent.parent
 STUB = ROOT / "src" / "tfdb" / "_core.pyi"
-MODULES = ("tfdb", "tfdb.io", "tfdb.plot", "tfdb.summary")
+MODULES = ("tfdb", "tfdb.comparing", "tfdb.io", "tfdb.plot", "tfdb.summary")
 # Unions that would take half a page where a name says it.
 ALIAS = re.compile(r"\btfdb\.(?:stamps|types|loading)\.(\w+Like|Paths|(?:Pose)?Topics|Progress)\b")
 CONSTRUCTOR = re.compile(r"^(    def __init__\(.*\) -> None): \.\.\.$", re.MULTILINE)

@@ -269,3 +269,27 @@ def test_real_trajectories(shared_data: Path, name: str, how: str) -> None:
         expected = evo.metric(kind, relation, **more).get_all_statistics()
         for statistic, value in ours.statistics.items():
             assert value == pytest.approx(expected[statistic], rel=1e-8, abs=1e-8)
+
+
+def test_real_recordings(shared_data: Path) -> None:
+    folder = shared_data / "turtlebot_nav"
+    frames = ("odom", "base_footprint")
+    path = tfdb.load(folder / "tf_example.bag").trajectory(*frames)
+    again = tfdb.compare(path, folder / "tf_example", estimate_frames=frames, align="none")
+    assert len(again) == len(path)
+    assert again.ape_translation.max < 1e-12
+    other = tracked(again.estimate, 1)
+    evo = Evo(for_evo(path), for_evo(other))
+    evo.associate(0.01)
+    evo.align("se3")
+    found = tfdb.compare(path, other, association="nearest", max_diff=0.01)
+    assert len(found) == evo.reference.num_poses > 100
+    for ours, kind, relation in (
+        (found.ape_translation, metrics.APE, "translation_part"),
+        (found.ape_rotation, metrics.APE, "rotation_angle_rad"),
+        (found.rpe_translation, metrics.RPE, "translation_part"),
+        (found.rpe_rotation, metrics.RPE, "rotation_angle_rad"),
+    ):
+        expected = evo.metric(kind, relation).get_all_statistics()
+        for statistic, value in ours.statistics.items():
+            assert value == pytest.approx(expected[statistic], rel=1e-7, abs=1e-7)

@@ -48,6 +48,17 @@ def everything(buffer: tfdb.Buffer, stamps: npt.NDArray[np.int64]) -> None:
     assert_type(tfdb.encode_tf_message([]), bytes)
 
 
+def comparisons(buffer: tfdb.Buffer, truth: tfdb.Trajectory) -> None:
+    found = tfdb.compare(truth, "slam.tum", offset="estimate", align="sim3", delta_unit="m")
+    assert_type(found, tfdb.Comparison)
+    assert_type(found.ape_translation.rmse, float)
+    assert_type(found.rpe_rotation.values, npt.NDArray[np.float64])
+    assert_type(found.reference, tfdb.Trajectory)
+    assert_type(found.alignment, tfdb.Transform)
+    other = ("odom", "base")
+    tfdb.compare(buffer, buffer.snapshot(), frames=("map", "base"), estimate_frames=other)
+
+
 def transactions(buffer: tfdb.Buffer, stamps: npt.NDArray[np.int64]) -> None:
     with buffer.transaction(priority=3) as tx:
         assert_type(tx, tfdb.Transaction)
