@@ -7,6 +7,7 @@ import warnings
 from typing import TYPE_CHECKING, TypeAlias
 
 from .errors import InvalidArgument, RecordingError, TfdbWarning
+from .given_objects import given_flag
 from .given_path import given_paths
 from .summary import clocks, describe_clocks
 
@@ -148,6 +149,7 @@ def load(
         "joint_topic": joint_topic,
     }
     paths = _each_once(path)
+    cache, salvage = given_flag("cache", cache), given_flag("salvage", salvage)
     if not cache or not paths:
         buffer = Buffer(history=None)
         load_into(buffer, paths, topics=topics, progress=progress, salvage=salvage, **options)

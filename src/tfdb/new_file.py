@@ -14,6 +14,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from .given_objects import given_flag
 from .given_path import given_path, invalid
 
 if TYPE_CHECKING:
@@ -69,7 +70,7 @@ def refuse_existing(
     """Raise what `refusal` makes of (path, reason) unless a file may be written under that name."""
     if not os.path.lexists(path):
         return
-    if not overwrite:
+    if not given_flag("overwrite", overwrite):
         raise refusal(path, hint)
     # A device or a pipe would be replaced by a file.
     if path.exists() and not stat.S_ISREG(path.stat().st_mode):

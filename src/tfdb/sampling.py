@@ -68,8 +68,8 @@ def sample_at(
     )
 
 
-def _check(missing: str) -> None:
-    if missing not in _MISSING:
+def _check(missing: object) -> None:
+    if not isinstance(missing, str) or missing not in _MISSING:
         message = f"missing must be 'raise', 'nan' or 'skip', got {missing!r}"
         raise InvalidArgument(message, value=missing)
 

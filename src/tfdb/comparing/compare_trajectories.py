@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 from .._core import Transform
 from ..errors import InvalidArgument, NotComparable
+from ..given_objects import given_flag
 from ..stamps import MAX_STAMP, shown
 from ..trajectory import Trajectory
 from .alignment import MODES, NEEDED, align
@@ -135,7 +136,7 @@ def compare(
         "align": align,
         "delta": float(delta),
         "delta_unit": delta_unit,
-        "all_pairs": bool(all_pairs),
+        "all_pairs": given_flag("all_pairs", all_pairs),
     }
     return _judge(
         matched,
@@ -200,7 +201,7 @@ def _judge(
 
 
 def _choice(name: str, value: object, valid: tuple[str, ...]) -> None:
-    if value not in valid or not isinstance(value, str):
+    if not isinstance(value, str) or value not in valid:
         listed = ", ".join(map(repr, valid))
         raise InvalidArgument(f"{name} must be one of {listed}, got {shown(value)}", value=value)
 

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 
 from tfdb import _core
 from tfdb.errors import InvalidArgument, RecordingError, TfdbWarning
+from tfdb.given_objects import given_flag, refuse_without
 from tfdb.given_path import given_path, given_paths
 
 from .choice import OTHERS, Choice, absolute, held_by, no_name
@@ -151,6 +152,8 @@ def load_recordings(
         A file cannot be opened.
     """
     started = time.perf_counter()
+    refuse_without(buffer, "buffer", "a Buffer", "set_transforms", "history")
+    salvage = given_flag("salvage", salvage)
     tally = _Tally(buffer)
     files = given_paths(paths, RecordingError)
     if not files:

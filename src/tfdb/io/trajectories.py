@@ -18,8 +18,10 @@ import numpy as np
 import numpy.typing as npt
 
 from tfdb.errors import InvalidArray, InvalidStamp, InvalidTransform, TrajectoryError
+from tfdb.given_objects import refuse_without
 from tfdb.given_path import errors_name, given_path
 from tfdb.poses import MAX_MATRIX_ERROR, MAX_NORM_ERROR, quaternions
+from tfdb.stamps import shown
 from tfdb.tables import COLUMNS, read_parquet
 from tfdb.trajectory import Trajectory
 from tfdb.types import Columns
@@ -96,8 +98,11 @@ def read_trajectory(
     OSError
         The file cannot be opened.
     """
-    if format is not None and format not in FORMATS:
-        raise TrajectoryError(path, None, f"unknown format {format!r}; one of {', '.join(FORMATS)}")
+    given: object = format
+    if given is not None and not (isinstance(given, str) and given in FORMATS):
+        raise TrajectoryError(
+            path, None, f"unknown format {shown(format)}; one of {', '.join(FORMATS)}"
+        )
     path = given_path(path, _refusal)
     raw = _read(path)
     if format == "parquet" or (format is None and raw.startswith(b"PAR1")):
@@ -130,6 +135,8 @@ def into_buffer(
     by default) drops what is older: a TfdbWarning counts the poses. Store whole trajectories in
     `Buffer(history=None)`.
     """
+    refuse_without(buffer, "buffer", "a Buffer", "set_transforms", "history")
+    refuse_without(trajectory, "trajectory", "one with stamps and poses", "stamps", "poses")
     columns = Columns(parent, child, trajectory.stamps, trajectory.poses)
     commit = buffer.set_transforms(columns, authority=authority)
     if buffer.history is not None:

@@ -14,9 +14,11 @@ import numpy as np
 
 from tfdb import tables
 from tfdb.errors import TrajectoryError
+from tfdb.given_objects import refuse_without
 from tfdb.given_path import given_path
 from tfdb.new_file import new_file, refuse_existing
 from tfdb.poses import matrices
+from tfdb.stamps import shown
 from tfdb.tables import COLUMNS
 
 from .decimal_time import ns_to_seconds
@@ -32,8 +34,16 @@ _EUROC_HEADING = (
 )
 
 
+def _refuse_others(trajectory: object) -> None:
+    what = "a trajectory, with stamps and poses"
+    refuse_without(trajectory, "trajectory", what, "stamps", "poses")
+    for each in (trajectory.stamps, trajectory.poses):  # type: ignore[attr-defined]
+        refuse_without(each, "trajectory", f"{what} that are arrays", "tolist", "shape")
+
+
 def write_tum(path: PathLike, trajectory: TrajectoryLike, *, overwrite: bool = False) -> None:
     """Write `seconds x y z qx qy qz qw` lines, seconds with nine decimals."""
+    _refuse_others(trajectory)
     stamps, poses = trajectory.stamps.tolist(), trajectory.poses.tolist()
     _write_lines(
         path,
@@ -48,6 +58,7 @@ def write_tum(path: PathLike, trajectory: TrajectoryLike, *, overwrite: bool = F
 
 def write_euroc(path: PathLike, trajectory: TrajectoryLike, *, overwrite: bool = False) -> None:
     """Write `nanoseconds,x,y,z,qw,qx,qy,qz` lines under EuRoC's heading."""
+    _refuse_others(trajectory)
     stamps = trajectory.stamps.tolist()
     poses = trajectory.poses[:, (0, 1, 2, 6, 3, 4, 5)].tolist()
     _write_lines(path, _EUROC_HEADING, _comma_rows(stamps, poses), overwrite=overwrite)
@@ -55,6 +66,7 @@ def write_euroc(path: PathLike, trajectory: TrajectoryLike, *, overwrite: bool =
 
 def write_csv(path: PathLike, trajectory: TrajectoryLike, *, overwrite: bool = False) -> None:
     """Write `stamp_ns,x,y,z,qx,qy,qz,qw` lines with that heading; stamps in nanoseconds."""
+    _refuse_others(trajectory)
     rows = _comma_rows(trajectory.stamps.tolist(), trajectory.poses.tolist())
     _write_lines(path, ",".join(COLUMNS), rows, overwrite=overwrite)
 
@@ -70,6 +82,7 @@ def write_kitti(
 
     `times` is by default `NAME_times.txt` beside `path`, where `read_trajectory` looks for it.
     """
+    _refuse_others(trajectory)
     rows = matrices(trajectory.poses)[:, :3].reshape(-1, 12).tolist()
     where = given_path(path, _refusal)
     beside = where.with_name(f"{where.stem}_times.txt")
@@ -85,6 +98,7 @@ def write_kitti(
 
 def write_npz(path: PathLike, trajectory: TrajectoryLike, *, overwrite: bool = False) -> None:
     """Write a compressed NPZ with the arrays `stamps` (N,) int64 and `poses` (N, 7) float64."""
+    _refuse_others(trajectory)
     with (
         new_file(path, overwrite=overwrite, refusal=_refusal) as made,
         made.open("wb") as file,
@@ -136,10 +150,12 @@ def write_trajectory(
     there.
     """
     suffix = given_path(path, _refusal).suffix.lower()
-    name = format or {".txt": "tum"}.get(suffix, suffix.removeprefix("."))
-    writer = _WRITERS.get(name)
+    name: object = format
+    if name is None:
+        name = {".txt": "tum"}.get(suffix, suffix.removeprefix("."))
+    writer = _WRITERS.get(name) if isinstance(name, str) else None
     if writer is None:
-        raise TrajectoryError(path, None, f"no trajectory format {name!r}: one of {_names()}")
+        raise TrajectoryError(path, None, f"no trajectory format {shown(name)}: one of {_names()}")
     writer(path, trajectory, overwrite=overwrite)
 
 

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, NoReturn
 
 from tfdb.errors import ModelError
 from tfdb.given_path import errors_name, given_path
+from tfdb.stamps import shown
 
 from .robot_model import Joint, JointLimits, Mimic, RobotModel
 from .xml_tree import Element, XmlError, parse_xml
@@ -42,7 +43,11 @@ def load_urdf(path: str | os.PathLike[str]) -> RobotModel:
 
 def parse_urdf(text: str | bytes, name: str = "<robot_description>") -> RobotModel:
     """The same from text, such as ROS's parameter `robot_description`; `name` is for messages."""
-    return _read(text.encode() if isinstance(text, str) else text, name)
+    if isinstance(text, str):
+        text = text.encode(errors="surrogatepass")  # what is no Unicode is no XML either
+    if not isinstance(text, bytes | bytearray | memoryview):
+        raise TypeError(f"text is that of a URDF, as str or bytes, got {shown(text)}")
+    return _read(bytes(text), name)
 
 
 def _read(raw: bytes, path: str) -> RobotModel:

@@ -10,6 +10,7 @@ import numpy as np
 
 from tfdb import _core
 from tfdb.errors import InvalidStamp, RecordingError
+from tfdb.given_objects import refuse_without
 from tfdb.types import TransformStamped
 
 from .rosbags_writer import RecordingWriter
@@ -116,6 +117,8 @@ def write_transforms(
     other with the same stamp in one message, received at that stamp. Stamps are integer
     nanoseconds. Other parameters and errors as in `write_recording`.
     """
+    for name, given in (("transforms", transforms), ("static", static)):
+        refuse_without(given, name, "an iterable of TransformStamped", "__iter__")
     fixed = list(static)
     messages = 0
     with RecordingWriter(path, compress=compress, overwrite=overwrite) as writer:
@@ -139,6 +142,7 @@ def write_transforms(
 
 
 def _integer_stamp(transform: TransformStamped) -> int:
+    refuse_without(transform, "each of transforms", "a TransformStamped", "stamp")
     try:
         return operator.index(transform.stamp)  # type: ignore[arg-type]
     except TypeError:
@@ -149,6 +153,7 @@ def _integer_stamp(transform: TransformStamped) -> int:
 def _static_transforms(store: Reads) -> dict[str, list[TransformStamped]]:
     """The static edges by authority."""
     found: dict[str, list[TransformStamped]] = {}
+    refuse_without(store, "store", "a Buffer or Snapshot", "tree", "samples")
     for info in store.tree():
         if info.is_static and info.parent is not None:
             pose = store.samples(info.name)[1][0].tolist()

@@ -9,6 +9,7 @@ import numpy.typing as npt
 from matplotlib.collections import LineCollection
 from matplotlib.lines import Line2D
 
+from ..given_objects import refuse_without
 from ..summary import find_gaps
 from . import lettering, style
 
@@ -41,12 +42,16 @@ def comparison(result: Comparison, *, title: str | None = None) -> Figure:
     translations in metres above rotations in degrees, the APE with its rmse (dashed), the RPE
     thinner. Holes in time stay holes. Seconds count from the first matched pose.
     """
+    refuse_without(
+        result, "result", "what tfdb.compare found", "ape_translation", "rpe_translation"
+    )
     figure = style.new_figure(*_SIZE)
     absolute, relative = result.ape_translation, result.rpe_translation
     style.title(
         figure,
         title
-        or f"{result.estimate.source} in {result.alignment.source} against "
+        if title is not None
+        else f"{result.estimate.source} in {result.alignment.source} against "
         f"{result.reference.source} in {result.reference.target}",
         f"{len(result):,} poses; APE {absolute.rmse:.4g} m rmse, {absolute.max:.4g} m at most; "
         f"RPE {relative.rmse:.4g} m rmse",

@@ -110,7 +110,10 @@ def timeline(
     height = head + _FOOT + max(len(rows), 1) * _ROW
     figure = style.new_figure(width, height / 72)
     style.title(
-        figure, title or "Samples of each edge", _under(edges, whole), x=style.MARGIN / 72 / width
+        figure,
+        title if title is not None else "Samples of each edge",
+        _under(edges, whole),
+        x=style.MARGIN / 72 / width,
     )
     style.legend(figure, marks, (style.MARGIN, head - lines * style.LEGEND_ROW - 8), room)
     axes = figure.add_axes(

@@ -107,7 +107,12 @@ def trajectory(
     head = 50.0
     foot = head + rows * style.LEGEND_ROW + 8
     figure = style.new_figure(size[0], size[1] + max(0, rows - 1) * style.LEGEND_ROW / 72)
-    style.title(figure, title or _title(drawn, paths), _under(drawn), x=style.MARGIN / 72 / size[0])
+    style.title(
+        figure,
+        title if title is not None else _title(drawn, paths),
+        _under(drawn),
+        x=style.MARGIN / 72 / size[0],
+    )
     style.legend(figure, marks, (style.MARGIN, head), room)
     _draw(figure, drawn, paths[0].target, plane, color, foot)
     return figure
@@ -122,9 +127,9 @@ def _check(paths: Sequence[Any], axes: object, color: object, labels: Any, size:
             raise InvalidArgument(
                 f"draw tfdb.Trajectory, as Buffer.trajectory returns it; got {got}", value=path
             )
-    if axes is not None and axes not in PLANES:
+    if axes is not None and not (isinstance(axes, str) and axes in PLANES):
         raise InvalidArgument(f"axes must be one of {', '.join(PLANES)}, got {axes!r}", value=axes)
-    if color is not None and color not in COLORS:
+    if color is not None and not (isinstance(color, str) and color in COLORS):
         raise InvalidArgument(f"color must be time or speed, got {color!r}", value=color)
     if labels is not None:
         count = len(labels) if isinstance(labels, list | tuple) else -1

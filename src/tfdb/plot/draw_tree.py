@@ -87,7 +87,10 @@ def frame_tree(
     height = head + (nodes[-1].row + 1 if nodes else 1) * _ROW + style.MARGIN
     figure = style.new_figure(width / 72, height / 72)
     style.title(
-        figure, title or "Frame tree", _under(infos, forest, folded), x=style.MARGIN / width
+        figure,
+        title if title is not None else "Frame tree",
+        _under(infos, forest, folded),
+        x=style.MARGIN / width,
     )
     style.legend(figure, legend, (style.MARGIN, _HEAD), room)
     axes = figure.add_axes((0, 0, 1, 1))

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from matplotlib.figure import Figure
 
+from ..given_objects import refuse_without
 from ..stamps import format_seconds
 from . import lettering
 
@@ -83,6 +84,7 @@ def title(figure: Figure, text: str, under: str = "", **where: Any) -> None:
 
     What is wider than the figure loses its middle.
     """
+    refuse_without(text, "title", "a str", "isascii", "isprintable")
     width, height = figure.get_size_inches()
     x = float(where.get("x", 0.02))
     room = (1 - x) * width * 72 - MARGIN
