@@ -42,7 +42,7 @@ if TYPE_CHECKING:
 __all__ = ["Trajectory"]
 
 
-class Trajectory:
+class Trajectory:  # noqa: PLW1641 - as arrays, it has no hash
     """T[target<-source] over time: N poses at stamps that increase. Immutable.
 
     `Buffer.trajectory` and `tfdb.io.read_trajectory` make it; so do arrays. A pose may be missing:
@@ -331,8 +331,6 @@ class Trajectory:
         """Go through the poses as Transforms; raises NoSampleNear at one that is missing."""
         for row in range(len(self)):
             yield self._one(row)
-
-    __hash__ = None  # type: ignore[assignment]
 
     def __eq__(self, other: object) -> bool:
         """Compare frames, stamps and poses, all exactly; a missing pose equals a missing one."""

@@ -185,6 +185,10 @@ class Columns:
     """
 
     __slots__ = ("children", "parents", "poses", "stamps")
+    children: str | Sequence[str]
+    parents: str | Sequence[str]
+    poses: npt.NDArray[np.float64]
+    stamps: StampsLike | None
 
     def __init__(
         self,
