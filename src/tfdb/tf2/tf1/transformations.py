@@ -18,42 +18,44 @@ except ImportError as error:
     raise ImportError(text) from error
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
+    from collections.abc import Callable, Iterable
+    from typing import Any
 
     import numpy.typing as npt
 
     Array = npt.NDArray[np.float64]
+    Function = Callable[..., Any]
 
-identity_matrix = wxyz.identity_matrix
-translation_matrix = wxyz.translation_matrix
-translation_from_matrix = wxyz.translation_from_matrix
-reflection_matrix = wxyz.reflection_matrix
-reflection_from_matrix = wxyz.reflection_from_matrix
-rotation_matrix = wxyz.rotation_matrix
-rotation_from_matrix = wxyz.rotation_from_matrix
-scale_from_matrix = wxyz.scale_from_matrix
-projection_matrix = wxyz.projection_matrix
-clip_matrix = wxyz.clip_matrix
-shear_matrix = wxyz.shear_matrix
-shear_from_matrix = wxyz.shear_from_matrix
-decompose_matrix = wxyz.decompose_matrix
-compose_matrix = wxyz.compose_matrix
-orthogonalization_matrix = wxyz.orthogonalization_matrix
-superimposition_matrix = wxyz.superimposition_matrix
-euler_matrix = wxyz.euler_matrix
-euler_from_matrix = wxyz.euler_from_matrix
-random_rotation_matrix = wxyz.random_rotation_matrix
+identity_matrix: Function = wxyz.identity_matrix
+translation_matrix: Function = wxyz.translation_matrix
+translation_from_matrix: Function = wxyz.translation_from_matrix
+reflection_matrix: Function = wxyz.reflection_matrix
+reflection_from_matrix: Function = wxyz.reflection_from_matrix
+rotation_matrix: Function = wxyz.rotation_matrix
+rotation_from_matrix: Function = wxyz.rotation_from_matrix
+scale_from_matrix: Function = wxyz.scale_from_matrix
+projection_matrix: Function = wxyz.projection_matrix
+clip_matrix: Function = wxyz.clip_matrix
+shear_matrix: Function = wxyz.shear_matrix
+shear_from_matrix: Function = wxyz.shear_from_matrix
+decompose_matrix: Function = wxyz.decompose_matrix
+compose_matrix: Function = wxyz.compose_matrix
+orthogonalization_matrix: Function = wxyz.orthogonalization_matrix
+superimposition_matrix: Function = wxyz.superimposition_matrix
+euler_matrix: Function = wxyz.euler_matrix
+euler_from_matrix: Function = wxyz.euler_from_matrix
+random_rotation_matrix: Function = wxyz.random_rotation_matrix
 # The package's compiled function leaves out which of the two points is in front.
-arcball_constrain_to_axis = getattr(
+arcball_constrain_to_axis: Function = getattr(
     wxyz, "arcball_constrain_to_axis_py", wxyz.arcball_constrain_to_axis
 )
-arcball_map_to_sphere = wxyz.arcball_map_to_sphere
-vector_norm = wxyz.vector_norm
-unit_vector = wxyz.unit_vector
-random_vector = wxyz.random_vector
-inverse_matrix = wxyz.inverse_matrix
-concatenate_matrices = wxyz.concatenate_matrices
-is_same_transform = wxyz.is_same_transform
+arcball_map_to_sphere: Function = wxyz.arcball_map_to_sphere
+vector_norm: Function = wxyz.vector_norm
+unit_vector: Function = wxyz.unit_vector
+random_vector: Function = wxyz.random_vector
+inverse_matrix: Function = wxyz.inverse_matrix
+concatenate_matrices: Function = wxyz.concatenate_matrices
+is_same_transform: Function = wxyz.is_same_transform
 
 
 def _wxyz(quaternion: npt.ArrayLike) -> Array:
