@@ -196,7 +196,7 @@ def make_wheel(source: Path, interpreter: Interpreter, target: Target, into: Pat
         run(build_environment(interpreter), "-m", "pip", "wheel", *options, env=env)
         (plain,) = Path(made).glob("*.whl")
         tools = os.environ | {"PATH": f"{Path(sys.executable).parent}:{os.environ['PATH']}"}
-        repair = ["auditwheel", "repair", "--plat", target.tag, "-w", str(into), str(plain)]
+        repair = ["auditwheel", "repair", "--plat", "auto", "-w", str(into), str(plain)]
         run(sys.executable, "-m", *repair, env=tools)
     (wheel,) = into.glob(f"*-{interpreter.tag}-*{target.tag}*.whl")
     return wheel
