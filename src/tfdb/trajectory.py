@@ -508,7 +508,7 @@ class Trajectory:  # noqa: PLW1641 - as arrays, it has no hash
         At every time, not only at the stamps, the new trajectory is at most `metres` and `radians`
         away from this one. The first and the last pose stay; missing ones are left out. From each
         pose that stays it goes to the farthest that one interpolation can reach: to find the very
-        fewest would take far longer, and spare a few percent of them.
+        fewest would take far longer, and spare up to a fifth of them.
 
         Parameters
         ----------

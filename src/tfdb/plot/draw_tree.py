@@ -25,6 +25,7 @@ if TYPE_CHECKING:
 _ROW = 15.0
 _BOX = 11.5
 _PAD = 4.0
+_RISE = 0.8  # letters stand a little above the middle, for what hangs below them
 _STEP = 18.0
 _DEEPEST = 400.0
 _HEAD = 50.0
@@ -306,6 +307,7 @@ def _draw_box(axes: Axes, node: _Node, x: float, y: float) -> None:
         )
     )
     look: dict[str, Any] = {"fontsize": style.SMALL_SIZE, "va": "center_baseline", "zorder": 3}
+    y -= _RISE
     colour = style.PAPER if root else style.INK if node.info is not None else style.MUTED
     axes.text(x + _PAD, y, node.text, color=colour, parse_math=False, **look, **style.font())
     if node.note:
