@@ -296,10 +296,10 @@ std::string_view concurrency(const BufferObject& self) {
 nb::str represent(nb::handle object) {
     const BufferObject& self = object_of<BufferObject>(object);
     const bool closed = self.closed.load();
-    return nb::str(nb::module_::import_("tfdb.report")
-                       .attr("buffer_repr")(object, closed ? self.closed_commit : self.store.commit(),
-                                            history(self), concurrency(self), frozen(self),
-                                            closed));
+    return nb::str(
+        nb::module_::import_("tfdb.report")
+            .attr("buffer_repr")(object, closed ? self.closed_commit : self.store.commit(),
+                                 history(self), concurrency(self), frozen(self), closed));
 }
 
 // A clock may refer to the buffer: let the garbage collector see it.

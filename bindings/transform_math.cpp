@@ -82,7 +82,7 @@ PyObject* no_chain(PyObject* other) {
     const bool numbers =
         PyList_Check(other) != 0 || PyTuple_Check(other) != 0 || nb::hasattr(other, "__array__");
     if (!numbers || nb::hasattr(other, "target")) {  // a Trajectory has frames, too
-        Py_RETURN_NOTIMPLEMENTED;  // it may know how
+        Py_RETURN_NOTIMPLEMENTED;                    // it may know how
     }
     PyErr_Format(PyExc_TypeError,
                  "'@' chains two transforms, the other is a %s: T.apply(points) maps points, "
