@@ -104,10 +104,10 @@ inline Quat quaternion_of_rpy(const Vec3& rpy) noexcept {
 inline Vec3 rpy_of_quaternion(const Quat& q) noexcept {
     const auto& [m] = matrix(q);
     const double across = std::hypot(m[0], m[3]);
-    const double pitch = std::atan2(-m[6], across);
+    const double pitch = std::atan2(0.0 - m[6], across);  // 0, never -0, of no pitch
     constexpr double kLocked = 1e-9;
     if (across < kLocked) {
-        return {0.0, pitch, std::atan2(-m[1], m[4])};
+        return {0.0, pitch, std::atan2(0.0 - m[1], m[4])};
     }
     return {std::atan2(m[7], m[8]), pitch, std::atan2(m[3], m[0])};
 }
