@@ -23,12 +23,7 @@ if TYPE_CHECKING:
 
 @click.command("check")
 @common.files_argument
-@click.option(
-    "--max-gap",
-    metavar="SECONDS",
-    callback=duration_option,
-    help="The longest hole that is fine. [default: five median periods of each edge]",
-)
+@common.max_gap_option
 @click.option(
     "--jump",
     metavar="SECONDS",

@@ -28,6 +28,7 @@ from .times import NS, duration_option, format_dates, format_ns, time_option, wa
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator, Sequence
+    from contextlib import ExitStack
     from pathlib import Path
 
     from rich.progress import Progress, ProgressColumn
@@ -197,12 +198,24 @@ def salvages() -> bool:
     return bool(context is not None and context.meta.get(_SALVAGE))
 
 
+def opened(stack: ExitStack, paths: Iterable[Path]) -> list[Recording]:
+    """Open recordings, as `--salvage` says, until the stack ends."""
+    salvage = salvages()
+    return [stack.enter_context(Recording(path, salvage=salvage)) for path in paths]
+
+
 def report_losses(losses: Iterable[Loss]) -> None:
     """Say on stderr what salvaging could not save."""
     for loss in losses:
         click.echo(f"tfdb: salvaged {loss}", err=True)
 
 
+max_gap_option = click.option(
+    "--max-gap",
+    metavar="SECONDS",
+    callback=duration_option,
+    help="The longest hole that is fine.  [default: five median periods of each edge]",
+)
 more_option = click.option(
     "--with",
     "more",

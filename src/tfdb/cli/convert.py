@@ -10,7 +10,7 @@ import click
 
 import tfdb
 from tfdb.given_path import given_path
-from tfdb.io import Recording, RecordingWriter, write_trajectory
+from tfdb.io import RecordingWriter, write_trajectory
 from tfdb.io.choice import Choice, absolute
 from tfdb.io.containers import TRAJECTORIES
 from tfdb.io.loading import Selection
@@ -157,8 +157,7 @@ def rewrite(
     """Write what was chosen of the recordings; `strict`: every frame to be renamed is there."""
     written = Written()
     with ExitStack() as stack:
-        salvage = common.salvages()
-        recordings = [stack.enter_context(Recording(path, salvage=salvage)) for path in inputs]
+        recordings = common.opened(stack, inputs)
         common.report_losses(loss for recording in recordings for loss in recording.losses)
         recordings.sort(key=lambda recording: recording.start)
         choice = Choice(**common.chosen())

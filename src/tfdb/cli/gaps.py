@@ -14,7 +14,7 @@ from . import common, layout, output
 from .check import examined
 from .doctor import holes
 from .graph import node_option
-from .times import duration_option, format_date, format_duration, format_ns, watch_option
+from .times import format_date, format_duration, format_ns, watch_option
 
 if TYPE_CHECKING:
     from .doctor import Hole
@@ -22,12 +22,7 @@ if TYPE_CHECKING:
 
 @click.command("gaps")
 @common.files_argument
-@click.option(
-    "--max-gap",
-    metavar="SECONDS",
-    callback=duration_option,
-    help="The longest hole that is fine.  [default: five median periods of each edge]",
-)
+@common.max_gap_option
 @click.option(
     "--for",
     "length",

@@ -92,8 +92,7 @@ def _merge(
 ) -> Written:
     written = Written()
     with ExitStack() as stack:
-        salvage = common.salvages()
-        recordings = [stack.enter_context(Recording(path, salvage=salvage)) for path in inputs]
+        recordings = common.opened(stack, inputs)
         common.report_losses(loss for recording in recordings for loss in recording.losses)
         choices = [Choice(**given) for given in options]
         selections = [Selection(renamed, choice) for choice in choices]

@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING, Any, cast
 import click
 
 import tfdb
-from tfdb.io import Recording
 from tfdb.io.choice import Choice
 from tfdb.io.loading import Selection
 from tfdb.summary import span
@@ -25,7 +24,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Sequence
 
     from tfdb import Buffer, TransformStamped
-    from tfdb.io import Source
+    from tfdb.io import Recording, Source
     from tfdb.io.choice import Rewriter
 
     from .graph import Live
@@ -41,6 +40,19 @@ def speed_option(_context: click.Context, _option: click.Parameter, value: float
     return value
 
 
+into_option = click.option(
+    "--into", metavar="NAME", required=True, help="The store; it is made if need be."
+)
+history_option = click.option(
+    "--history",
+    metavar="SECONDS",
+    default="10",
+    show_default=True,
+    callback=duration_option,
+    help="How much a store that is made keeps.",
+)
+
+
 @click.group("serve", cls=SuggestingGroup)
 def command() -> None:
     """Fill a shared store from a recording at its own pace, or from a live graph.
@@ -49,9 +61,13 @@ def command() -> None:
     """
 
 
+def _open(name: str, history: int | None) -> Buffer:
+    return tfdb.Buffer.open(name, history=None if history is None else history / NS)
+
+
 @command.command("bag")
 @common.files_argument
-@click.option("--into", metavar="NAME", required=True, help="The store; it is made if need be.")
+@into_option
 @click.option(
     "--speed",
     type=click.FloatRange(min=0, min_open=True),
@@ -61,14 +77,7 @@ def command() -> None:
     help="How many seconds of the recording pass in one; 'inf': without waiting.",
 )
 @click.option("--loop", is_flag=True, help="Begin again at the end, until Ctrl-C.")
-@click.option(
-    "--history",
-    metavar="SECONDS",
-    default="10",
-    show_default=True,
-    callback=duration_option,
-    help="How much a store that is made keeps.",
-)
+@history_option
 @common.topic_option
 @common.json_option
 def bag(
@@ -92,13 +101,12 @@ def bag(
     paths = common.find_paths(files)
     name = into.removeprefix(STORE)
     with ExitStack() as stack:
-        salvage = common.salvages()
-        recordings = [stack.enter_context(Recording(path, salvage=salvage)) for path in paths]
+        recordings = common.opened(stack, paths)
         choice = Choice(**common.chosen())
         selection = Selection(common.parse_topics(topics), choice)
         selection.check(recordings)
         recordings.sort(key=lambda recording: recording.start)
-        store = tfdb.Buffer.open(name, history=None if history is None else history / NS)
+        store = _open(name, history)
         rewriter = choice.resolve(recordings, selection.wants, selection.kind)
         player = Player(store, recordings, selection, rewriter, speed)
         if not as_json:
@@ -127,21 +135,14 @@ def bag(
 
 @command.command("follow")
 @common.file_argument
-@click.option("--into", metavar="NAME", required=True, help="The store; it is made if need be.")
+@into_option
 @click.option(
     "--timeout",
     type=click.FloatRange(min=0, min_open=True),
     metavar="SECONDS",
     help="Take the writer for dead when FILE has not grown for so long.  [default: wait]",
 )
-@click.option(
-    "--history",
-    metavar="SECONDS",
-    default="10",
-    show_default=True,
-    callback=duration_option,
-    help="How much a store that is made keeps.",
-)
+@history_option
 @common.topic_option
 @common.json_option
 def follow(
@@ -164,7 +165,7 @@ def follow(
     if common.salvages():
         raise click.UsageError("--salvage goes with files that nobody writes any more")
     name = into.removeprefix(STORE)
-    store = tfdb.Buffer.open(name, history=None if history is None else history / NS)
+    store = _open(name, history)
     if not as_json:
         text = f"{file} into shm:{name}, as it grows; Ctrl-C ends it"
         click.echo(layout.wrap(layout.words(text, file)))
@@ -182,15 +183,8 @@ def follow(
 
 
 _graph_options = (
-    click.option("--into", metavar="NAME", required=True, help="The store; made if need be."),
-    click.option(
-        "--history",
-        metavar="SECONDS",
-        default="10",
-        show_default=True,
-        callback=duration_option,
-        help="How much a store that is made keeps.",
-    ),
+    into_option,
+    history_option,
     node_option,
     common.json_option,
 )
