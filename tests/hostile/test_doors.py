@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import inspect
 import operator
+import shutil
 import traceback
 import warnings
 from pathlib import Path
@@ -89,14 +90,15 @@ def test_a_wrong_type_is_refused_in_our_words(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.chdir(tmp_path)
+    bag = Path(shutil.copy(BAG, tmp_path))  # what is true as `cache` writes beside it
     good: dict[str, list[Any]] = {
-        "load": [BAG],
+        "load": [bag],
         "compare": [path, path],
         "io.read_trajectory": ["none.tum"],
         "io.write_recording": ["out.mcap", tfdb.Buffer()],
         "io.write_transforms": ["out.mcap", [tfdb.TransformStamped("a", "b", 5, (1, 2, 3))]],
         "io.parse_urdf": ["<robot name='x'><link name='a'/></robot>"],
-        "io.load_recordings": [tfdb.Buffer(history=None), [BAG]],
+        "io.load_recordings": [tfdb.Buffer(history=None), [bag]],
         "Extrapolate": [1.0],
         "Nearest": [1.0],
     }
