@@ -23,6 +23,7 @@ NB_MODULE(_core, module) {
     tfdb::python::bind_signals();
     tfdb::python::bind_policy(module);
     tfdb::python::bind_transform(module);
+    tfdb::python::bind_adaptive(module);
     tfdb::python::bind_reads(module);
     tfdb::python::bind_buffer(module);
     tfdb::python::bind_messages(module);

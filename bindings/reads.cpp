@@ -366,11 +366,18 @@ void add_python_methods(nb::module_& module) {
         nb::arg("seconds").none(), nb::arg("name"),
         nb::sig("def duration_to_nanoseconds(seconds: float, name: str) -> int"),
         "Nanoseconds of what is taken for a duration. Raises InvalidArgument, which names it.");
-    module.def("poses_of_matrices", &poses_of_matrices, nb::arg("matrices").none(),
-               nb::sig("def poses_of_matrices(matrices: numpy.typing.ArrayLike) -> "
-                       "numpy.typing.NDArray[numpy.float64]"),
-               "Poses (N, 7) of matrices (N, 4, 4). Raises InvalidArray, InvalidTransform with "
-               "`index`.");
+    module.def("pose_parts", &pose_parts, nb::arg("parent").none(), nb::arg("child").none(),
+               nb::arg("translation").none(), nb::arg("rpy").none(), nb::arg("wxyz").none(),
+               nb::sig("def pose_parts(parent: str, child: str, translation: Any, rpy: Any, "
+                       "wxyz: Any) -> tuple[tuple[float, ...], tuple[float, ...]] | None"),
+               "Translation and rotation of a pose T[parent<-child]; None: it has no rotation.");
+    module.def(
+        "poses_of_matrices", &poses_of_matrices, nb::arg("matrices").none(),
+        nb::arg("missing") = false,
+        nb::sig("def poses_of_matrices(matrices: numpy.typing.ArrayLike, "
+                "missing: bool = False) -> numpy.typing.NDArray[numpy.float64]"),
+        "Poses (N, 7) of matrices (N, 4, 4), w not below 0; NaN of those that are NaN as a "
+        "whole, if they may be missing. Raises InvalidArray, InvalidTransform with `index`.");
     const nb::object methods = nb::module_::import_("tfdb.methods").attr("METHODS");
     for (const auto [owner, named] : nb::cast<nb::dict>(methods)) {
         const nb::object type = module.attr(owner);

@@ -208,6 +208,7 @@ void add_raw_writes(nb::handle type);
 /// The methods that are written in Python.
 void add_python_methods(nb::module_& module);
 void bind_policy(nb::module_& module);
+void bind_adaptive(nb::module_& module);
 void bind_wire(nb::module_& module, nb::class_<BufferObject, ReadsObject>& type);
 void bind_transaction(nb::module_& module, nb::class_<BufferObject, ReadsObject>& type);
 

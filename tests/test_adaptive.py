@@ -131,6 +131,22 @@ def test_a_turn_all_the_way_round_is_kept() -> None:
     assert farthest(path, found)[1] <= 1e-3
 
 
+def test_a_turn_may_be_farther_off_between_poses_than_at_them() -> None:
+    """Two poses to one side of a turn: the way from one to the other bulges away from it."""
+    side, along = 0.05, 0.5  # half angles
+    turns = [np.array([0, 0, math.sin(i * along), math.cos(i * along)]) for i in range(4)]
+    for i in (1, 2):
+        turns[i] = math.cos(side) * turns[i] + math.sin(side) * np.array([1.0, 0, 0, 0])
+    path = tfdb.Trajectory(
+        "map", "base", np.arange(4) * STEP, translations=np.zeros((4, 3)), rotations=turns
+    )
+    bulge = math.atan(math.tan(side) / math.cos(along / 2))
+    straight = path[[0, 3]]
+    assert farthest(path, straight, 2)[1] == pytest.approx(2 * bulge, rel=1e-9)
+    assert len(path.adaptive(0.0, side + bulge)) == 3
+    assert path.adaptive(0.0, 2 * bulge * 1.01) == straight
+
+
 def test_huge_numbers() -> None:
     poses = np.tile([1e308, -1e308, 0, 0, 0, 0.6, 0.8], (5, 1))
     poses[::2, :2] *= -1.0

@@ -75,6 +75,52 @@ def test_arrays_of_every_kind_make_the_same_trajectory(path: Any) -> None:
     apart = Rotation.from_quat(again.rotations).inv() * Rotation.from_quat(path.rotations)
     assert apart.magnitude().max() < 1e-14
 
+    turns = Rotation.from_quat(path.rotations)
+    of_scipy = tfdb.Trajectory(
+        "map", "base", stamps, translations=path.translations, rotations=turns
+    )
+    np.testing.assert_allclose(of_scipy.matrices, path.matrices, atol=1e-15)
+    assert len(tfdb.Trajectory("map", "base", [], [])) == 0
+
+
+def test_poses_between_other_frames_are_refused(path: Any) -> None:
+    back = path.inverse()
+    for wrong in (back, list(back), [*list(path)[:-1], back[-1]]):
+        with pytest.raises(
+            tfdb.InvalidArgument, match=r"T\[base<-map\] was given for T\[map<-base\]"
+        ):
+            tfdb.Trajectory("map", "base", path.stamps, wrong)
+        with pytest.raises(tfdb.InvalidArgument, match="was given for"):
+            tfdb.Columns("map", "base", path.stamps, wrong)
+    for right in (path, list(path), path.poses, (path @ B).poses):
+        assert len(tfdb.Columns("map", "base", path.stamps, right)) == len(path)
+        made = tfdb.Trajectory("map", "base", path.stamps, right)
+        assert (made.poses == np.asarray(right)).all()
+
+
+def test_where_all_poses_are_missing(path: Any) -> None:
+    for frames in (("map", "base"), ("a", "b"), ("a", "a")):
+        gone = tfdb.Trajectory(*frames, path.stamps, np.full((len(path), 7), np.nan))
+        asked = path.stamps[3:7]
+        assert np.isnan(gone.at(asked, missing="nan")).all()
+        assert gone.at([], missing="nan").shape == (0, 7)
+        assert gone.resample(stamps=asked, missing="nan").found.tolist() == [False] * 4
+        with pytest.raises(tfdb.InvalidStamp):
+            gone.at([-5], missing="nan")
+        for missing in ("raise", "skip"):
+            with pytest.raises(tfdb.Extrapolation, match="has no pose to interpolate"):
+                gone.resample(stamps=asked, missing=missing)
+        with pytest.raises(tfdb.Extrapolation, match="has no pose to interpolate"):
+            gone.at(asked)
+
+
+@pytest.mark.parametrize("size", [3e-300, 1.0, 3e200])
+def test_length_of_any_size(size: float) -> None:
+    poses = np.array([[0, 0, 0, 0, 0, 0.6, 0.8], [3, 4, 12, 0, 0, 0, 1], [3, 4, 0, 0, 0, 0, 1.0]])
+    poses[:, :3] *= size
+    made = tfdb.Trajectory("map", "base", [1, 2, 3], poses)
+    assert made.length == pytest.approx(25 * size, rel=1e-15, abs=0.0)
+
 
 def test_it_keeps_copies_that_nobody_can_write_to(path: Any) -> None:
     poses = path.poses.copy()
@@ -138,7 +184,8 @@ BAD: list[tuple[dict[str, Any], type[Exception], str]] = [
     ),
     ({"target": ""}, tfdb.InvalidName, "empty"),
     ({"source": "a\0b"}, tfdb.InvalidName, "control"),
-    ({"target": 5}, TypeError, "must be str"),
+    ({"target": 5}, TypeError, "target must be str, the name of a frame, got 5"),
+    ({"source": None}, TypeError, "source must be str"),
 ]  # fmt: skip
 
 

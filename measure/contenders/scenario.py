@@ -42,6 +42,9 @@ def samples(count: int) -> list[int]:
     return [START + i * PERIOD for i in range(count)]
 
 
+NEAR = 1e-3
+"""Metres and radians by which a path of few poses may be off."""
+
 FEW = (1, 4, 16, 64)
 """Stamps in one call, where a call has few."""
 SPANS = (("", 10_000), (", 0.1 s scan", 100))

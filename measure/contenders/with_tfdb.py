@@ -76,6 +76,7 @@ class Contender:
                 self.operations[f"{row}, one by one"] = self.one_by_one(stamps.ravel().tolist())
         self.columns_of = np.array(scenario.poses(0, samples, COLUMNS))
         self.operations["columns"] = self.columns
+        self.operations["adaptive"] = self.adaptive
 
     def empty_buffer(self) -> tfdb.Buffer:
         return tfdb.Buffer(history=10.0)
@@ -172,6 +173,16 @@ class Contender:
             self.buffer.set_transforms(tfdb.Columns(parent, child, stamps, self.columns_of))
             self.next += COLUMNS * scenario.PERIOD
         return calls * COLUMNS
+
+    def adaptive(self, count: int) -> int:
+        """As few poses as do, of 1,000 samples."""
+        newest = self.mid[0] // scenario.PERIOD * scenario.PERIOD
+        oldest = newest - 1_000 * scenario.PERIOD
+        calls = max(1, count // 1_000)
+        for _ in range(calls):
+            path = self.buffer.trajectory(self.names[0], self.names[-1], start=oldest, end=newest)
+            path.adaptive(scenario.NEAR, scenario.NEAR)
+        return calls * 1_000
 
     def near_the_newest(self, samples: int) -> list[int]:
         """Stamps at which contenders are compared."""

@@ -67,6 +67,7 @@ class Contender:
                 self.operations[f"{count} stamps in one call{title}"] = self.few(list(few))
         self.columns_of = self._rows(scenario.poses(0, samples, COLUMNS))
         self.operations["columns"] = self.columns
+        self.operations["adaptive"] = self.adaptive
 
     def empty_tree(self, edges: list[tuple[str, str]], samples: int) -> tf_tree.Tree:
         # "lerpslerp" is the interpolation of tf2 and of tfdb.
@@ -126,6 +127,15 @@ class Contender:
             self.publishers[0].push_many(stamps, self.columns_of)
             self.next += COLUMNS * scenario.PERIOD
         return calls * COLUMNS
+
+    def adaptive(self, count: int) -> int:
+        """As few poses as do, of 1,000 samples."""
+        newest = self.mid[0] // scenario.PERIOD * scenario.PERIOD
+        oldest = newest - 1_000 * scenario.PERIOD
+        calls = max(1, count // 1_000)
+        for _ in range(calls):
+            self.plan.adaptive(oldest, newest, lin=scenario.NEAR, ang=scenario.NEAR)
+        return calls * 1_000
 
     def resident(self, samples: int) -> float:
         """Bytes of memory a sample, of ten edges that hold so many together."""

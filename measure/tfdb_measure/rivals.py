@@ -266,6 +266,10 @@ def _python_turns(workers: dict[str, Worker]) -> Iterator[tuple[str, list[Turn]]
             ]
             for row in few
         },
+        "adaptive": [
+            ("tfdb", "tfdb", "adaptive"),
+            ("transform-tree", "transform_tree", "adaptive"),
+        ],
         **_writes(),  # last: they move the history on
     }
     rows["batch sorted"].append(("pytransform3d, 1,000 stamps", "pytransform3d", "batch sorted"))

@@ -179,7 +179,12 @@ def length(self: Reads) -> int:
 
 def contains(self: Reads, name: object) -> bool:
     """Tell whether there is a frame of that name."""
-    return _reads(self).frame_exists(name) if isinstance(name, str) else False
+    from .errors import InvalidName  # noqa: PLC0415 - see above
+
+    try:
+        return _reads(self).frame_exists(name) if isinstance(name, str) else False
+    except InvalidName:  # no frame can have it
+        return False
 
 
 def truth(self: Reads) -> bool:
@@ -270,7 +275,8 @@ def load(
     start, end
         The first and the last stamp of the moving transforms that are kept: nanoseconds, or text as
         the command line takes it, in seconds: `"1700000012.5"`, `"+12.5"` after the first moving
-        stamp of what is read, `"-0.5"` before the last. Static transforms are kept always.
+        stamp of what is read, `"-0.5"` before the last: `exclude` leaves stamps out of that,
+        `frames` does not. Static transforms are kept always.
     frames
         Only the edges on the paths between these frames. Where one tree holds only one of them:
         those on its path to the root.
@@ -324,9 +330,9 @@ def load(
     -----
     TfdbWarning
         Nothing is called as `exclude` or `rename` say; nothing moves from `start` to `end`; joints
-        are missing, unknown or beyond their limits; all of it was in the store before; its stamps
-        and those of the rest are more than a year apart, as those of a simulated and of a real
-        clock; samples were forgotten.
+        are missing, unknown or beyond their limits; messages were refused; all of it was in the
+        store before; its stamps and those of the rest are more than a year apart, as those of a
+        simulated and of a real clock; samples were forgotten.
     """
     from .loading import load_into  # noqa: PLC0415 - see above
 

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 from .errors import InvalidArgument
 from .explain import from_one_state
+from .given_objects import given_name
 from .poses import found
 from .stamps import MAX_STAMP, shown
 
@@ -38,6 +39,8 @@ def sample(
 ) -> Samples:
     """Do what `Buffer.trajectory` says: stamps (N,) and poses (N, 7)."""
     _check(missing)
+    for name, frame in (("target", target), ("source", source)):
+        given_name(name, frame)
 
     def read(snapshot: Snapshot) -> Samples:
         if rate is None:
@@ -104,9 +107,11 @@ def _stored_stamps(
 ) -> npt.NDArray[np.int64]:
     stamps = snapshot._path_stamps(target, source, start, end)
     if len(stamps) == 0:
+        if start is not None and end is not None:
+            _check_order(_nanoseconds(start), _nanoseconds(end))
         raise InvalidArgument(
             f"there is no stored stamp on the path T[{target}<-{source}] in that time: give a "
-            "rate, start and end, or ask explain()",
+            "rate, a start and an end for poses between stored ones",
             target=target,
             source=source,
         )
@@ -121,9 +126,13 @@ def _range(
         stored = _stored_stamps(snapshot, target, source, start, end)
     first = int(stored[0]) if start is None else _nanoseconds(start)
     last = int(stored[-1]) if end is None else _nanoseconds(end)
+    _check_order(first, last)
+    return first, last
+
+
+def _check_order(first: int, last: int) -> None:
     if last < first:
         raise InvalidArgument(f"end {last} lies before start {first}", value=last)
-    return first, last
 
 
 def _even_stamps(first: int, last: int, rate: float) -> npt.NDArray[np.int64]:

@@ -25,7 +25,6 @@ from .types import Columns, Twist
 if TYPE_CHECKING:
     import os
     from collections.abc import Callable, Iterator, Sequence
-    from typing import SupportsIndex
 
     import numpy as np
     import numpy.typing as npt
@@ -35,6 +34,7 @@ if TYPE_CHECKING:
 
     from ._core import Buffer, Policy, Transform
     from .stamps import StampLike, StampsLike
+    from .types import AsQuat
 
     Missing = Literal["raise", "nan", "skip"]
     Rows = slice | npt.NDArray[np.bool_ | np.integer[Any]] | Sequence[int] | Sequence[bool]
@@ -60,9 +60,9 @@ class Trajectory:  # noqa: PLW1641 - as arrays, it has no hash
     poses
         (N, 7) float64: x y z in metres, unit quaternion x y z w.
     translations, rotations
-        Instead of `poses`: (N, 3) and (N, 4).
+        Instead of `poses`: (N, 3), and (N, 4) or a Rotation of scipy that holds N.
     matrices
-        Instead of both: (N, 4, 4) rigid transforms.
+        Instead of both: (N, 4, 4) rigid transforms, up to rounding, as `Transform.from_matrix`.
     repeated
         What `repeated` says.
 
@@ -72,6 +72,8 @@ class Trajectory:  # noqa: PLW1641 - as arrays, it has no hash
         Shapes that do not fit, or stamps that do not increase (with `index`).
     InvalidTransform
         A row that is neither a rigid transform nor NaN as a whole (with `index`).
+    InvalidArgument
+        Another Trajectory, or a Transform among the poses, of other frames.
     InvalidStamp, InvalidName
 
     Examples
@@ -108,18 +110,24 @@ class Trajectory:  # noqa: PLW1641 - as arrays, it has no hash
         poses: npt.ArrayLike | None = None,
         *,
         translations: npt.ArrayLike | None = None,
-        rotations: npt.ArrayLike | None = None,
+        rotations: npt.ArrayLike | AsQuat | None = None,
         matrices: npt.ArrayLike | None = None,
         repeated: int = 0,
     ) -> None:
-        from ._core import Transform  # noqa: PLC0415 - the extension imports this module
+        # The extension imports this module.
+        from ._core import Transform, poses_of_matrices  # noqa: PLC0415
 
+        for role, name in (("target", target), ("source", source)):
+            if not isinstance(name, str):
+                raise TypeError(f"{role} must be str, the name of a frame, got {shown(name)}")
         Transform(target, source, (0, 0, 0))  # or raises
         if matrices is not None:
             if not (poses is None and translations is None and rotations is None):
                 raise InvalidArray("give matrices, or poses, or translations and rotations")
-            poses = geometry.from_matrices(matrices)
-        rows = Columns("", "", None, poses, translations=translations, rotations=rotations).poses
+            poses = poses_of_matrices(matrices, missing=True)
+        rows = Columns(
+            target, source, None, poses, translations=translations, rotations=rotations
+        ).poses
         checked = increasing_stamps(stamps)
         if len(checked) != len(rows):
             counts = f"{len(checked)} stamps, but {len(rows)} poses"
@@ -266,8 +274,9 @@ class Trajectory:  # noqa: PLW1641 - as arrays, it has no hash
         """
         import numpy as np
 
-        steps = np.diff(self.translations[self.found], axis=0)
-        return float(np.linalg.norm(steps, axis=1).sum())
+        with np.errstate(over="ignore"):
+            x, y, z = np.diff(self.translations[self.found], axis=0).T
+            return float(np.hypot(np.hypot(x, y), z).sum())  # of any size, down to denormal
 
     def __len__(self) -> int:
         return len(self._stamps)
@@ -284,7 +293,7 @@ class Trajectory:  # noqa: PLW1641 - as arrays, it has no hash
         return self._poses.astype(wanted, copy=bool(copy))
 
     @overload
-    def __getitem__(self, rows: SupportsIndex) -> Transform: ...  # type: ignore[overload-overlap]
+    def __getitem__(self, rows: int | np.integer[Any]) -> Transform: ...
     @overload
     def __getitem__(self, rows: Rows) -> Trajectory: ...
     def __getitem__(self, rows: Any) -> Transform | Trajectory:
@@ -314,7 +323,7 @@ class Trajectory:  # noqa: PLW1641 - as arrays, it has no hash
             picked = picked.astype(np.int64)
         if picked.ndim == 0 and picked.dtype.kind in "iu":
             return self._one(int(picked))
-        if picked.ndim != 1 or picked.dtype.kind not in "iub":
+        if picked.ndim != 1 or picked.dtype.kind not in "iub" or np.ma.is_masked(rows):
             reason = f"a trajectory is indexed by rows, a slice or a mask, not by {shown(rows)}"
             raise InvalidArray(reason, reason=reason)
         if picked.dtype.kind == "b":
@@ -376,9 +385,7 @@ class Trajectory:  # noqa: PLW1641 - as arrays, it has no hash
     # -- between the poses -------------------------------------------------------------------------
 
     @overload
-    def at(  # type: ignore[overload-overlap]
-        self, stamps: StampLike, policy: Policy | None = None
-    ) -> Transform: ...
+    def at(self, stamps: StampLike, policy: Policy | None = None) -> Transform: ...
     @overload
     def at(
         self,
@@ -433,9 +440,10 @@ class Trajectory:  # noqa: PLW1641 - as arrays, it has no hash
         >>> t.at(11, tfdb.Extrapolate(max=1.0)).translation
         array([4.4, 0. , 0. ])
         """
-        store, child = self._stored()
         if _are_many(stamps):
+            store, child = self._stored(missing)
             return store.lookup_transforms(self._target, child, stamps, policy, missing=missing)
+        store, child = self._stored()
         answer = store.lookup_transform(self._target, child, _nanoseconds(stamps), policy)
         return answer if answer.source == self._source else self._as(answer.stamp, answer.pose)
 
@@ -494,7 +502,7 @@ class Trajectory:  # noqa: PLW1641 - as arrays, it has no hash
 
         if (rate is None) == (stamps is None):
             raise InvalidArgument("give a rate or stamps: resample(100.0), resample(stamps=...)")
-        store, child = self._stored()
+        store, child = self._stored(missing if rate is None else "raise")
         if rate is not None:
             made = sample(store, self._target, child, rate, None, None, policy, missing)
         else:
@@ -507,8 +515,8 @@ class Trajectory:  # noqa: PLW1641 - as arrays, it has no hash
 
         At every time, not only at the stamps, the new trajectory is at most `metres` and `radians`
         away from this one. The first and the last pose stay; missing ones are left out. From each
-        pose that stays it goes to the farthest that one interpolation can reach: to find the very
-        fewest would take far longer, and spare up to a fifth of them.
+        pose that stays it goes as far as one interpolation reaches, as far ahead as it looks: the
+        very fewest would be about one in twenty less.
 
         Parameters
         ----------
@@ -529,11 +537,11 @@ class Trajectory:  # noqa: PLW1641 - as arrays, it has no hash
         >>> t.adaptive(0.01, 0.01).translations[:, 0]
         array([50.,  0., 50.])
         """
-        from .adaptive import enough_rows  # noqa: PLC0415 - most programs do without
+        from ._core import _enough_rows  # noqa: PLC0415 - the extension imports this module
 
         limits = [_tolerance(metres, "metres"), _tolerance(radians, "radians")]
         path = self if bool(self.found.all()) else self._some(self.found)
-        return path._some(enough_rows(path._stamps, path._poses, *limits))
+        return path._some(_enough_rows(path._stamps, path._poses, *limits))
 
     def velocities(self, interval: float = 0.1) -> Twist:
         """Velocity of `source` seen from `target` at each pose, as `lookup_velocity` defines it.
@@ -808,9 +816,6 @@ class Trajectory:  # noqa: PLW1641 - as arrays, it has no hash
         NotSupported
             matplotlib is not installed: `pip install 'tfdb[plot]'`.
         """
-        for each in (self, *others):
-            if not each.found.any():
-                raise InvalidArgument(f"{each!r} holds no pose to draw")
         try:
             from .plot import trajectory  # noqa: PLC0415 - most programs do without
         except ImportError as error:
@@ -820,13 +825,16 @@ class Trajectory:  # noqa: PLW1641 - as arrays, it has no hash
 
     # -- inside ------------------------------------------------------------------------------------
 
-    def _stored(self) -> tuple[Buffer, str]:
-        """Return a store that holds the poses which are there, and its name for the source."""
+    def _stored(self, missing: Missing = "raise") -> tuple[Buffer, str]:
+        """Return a store that holds the poses which are there, and its name for the source.
+
+        Where there is none it holds the frames alone, for who takes NaN for an answer.
+        """
         if self._store is None:
             from ._core import Buffer  # noqa: PLC0415 - the extension imports this module
 
             here = self.found
-            if not here.any():
+            if not here.any() and missing != "nan":
                 raise Extrapolation(
                     f"T[{self._target}<-{self._source}] has no pose to interpolate",
                     target=self._target,
@@ -837,6 +845,11 @@ class Trajectory:  # noqa: PLW1641 - as arrays, it has no hash
             if child == self._target:  # a store has no such edge
                 child = "moving" if child != "moving" else "moved"
             store = Buffer(history=None)
+            if not here.any():
+                others = [name for name in "abcd" if name not in (self._target, child)]
+                store.set_static_transform(others[0], self._target, (0, 0, 0))
+                store.set_static_transform(others[1], child, (0, 0, 0))
+                return store, child
             store.set_transforms(
                 Columns(self._target, child, self._stamps[here], self._poses[here])
             )
@@ -957,7 +970,7 @@ def _nanoseconds_of(interval: float) -> int:
     number = _number(interval) * 1e9
     if not 1.0 <= number <= MAX_STAMP:
         most = format_seconds(MAX_STAMP)
-        message = f"interval must be a number of seconds above 0, up to {most}, got "
+        message = f"interval must be a number of seconds, from {format_seconds(1)} to {most}, got "
         raise InvalidArgument(message + shown(interval), value=interval)
     return round(number)
 
