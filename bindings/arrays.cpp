@@ -55,6 +55,20 @@ const char* name_of_kind(const Py_buffer& view, Kind kind) {
     }
 }
 
+/// numpy.ma lends the numbers that its mask hides, too; and so do classes derived from its own.
+bool is_masked(nb::handle object) {
+    if (is_plain_array(object)) {
+        return false;
+    }
+    for (const nb::handle type : object.type().attr("__mro__")) {
+        const nb::object name = type.attr("__name__");
+        if (PyUnicode_CompareWithASCIIString(name.ptr(), "MaskedArray") == 0) {
+            return true;
+        }
+    }
+    return false;
+}
+
 }  // namespace
 
 bool are_in_range(std::span<const StampNs> stamps) {
@@ -105,7 +119,7 @@ void ArrayView::give_back() {
 std::optional<ArrayView> ArrayView::of(nb::handle object, bool writable) {
     ArrayView result;
     const int flags = PyBUF_FORMAT | PyBUF_STRIDES | (writable ? PyBUF_WRITABLE : 0);
-    if (PyObject_CheckBuffer(object.ptr()) == 0 ||
+    if (PyObject_CheckBuffer(object.ptr()) == 0 || is_masked(object) ||
         PyObject_GetBuffer(object.ptr(), &result.view_, flags) != 0) {
         result.view_.obj = nullptr;
         forget_error();
@@ -225,7 +239,13 @@ void Stamps::read_sequence(nb::handle object) {
 }
 
 ArrayView as_doubles(nb::handle object, const std::string& role, nb::object& keep) {
-    keep = contiguous_doubles(object);
+    const std::optional<ArrayView> view = ArrayView::of(object, false);
+    if (view && (view->kind() == Kind::kFloat32 || view->kind() == Kind::kFloat64)) {
+        keep = contiguous_doubles(object);
+    } else {  // what may hold no numbers, or hide some
+        const nb::object doubles = nb::module_::import_("tfdb.poses").attr("doubles");
+        keep = nb::steal(PyObject_CallFunctionObjArgs(doubles.ptr(), object.ptr(), nullptr));
+    }
     if (!keep.is_valid()) {
         if (PyErr_ExceptionMatches(PyExc_ValueError) == 0 &&
             PyErr_ExceptionMatches(PyExc_TypeError) == 0) {

@@ -141,7 +141,8 @@ PyObject* open_frozen(PyObject* /*self*/, PyObject* const* args, Py_ssize_t coun
         constexpr ParameterList kList{"open", kOpenNames, 1, 1};
         const auto [path, verify, clock] = bind<3>(kList, args, count, keywords);
         const bool whole = flag_of(verify, "verify");
-        const std::string file = absolute_path_of(path);
+        const nb::object given = nb::module_::import_("tfdb.given_path").attr("given_path");
+        const std::string file = absolute_path_of(given(nb::handle(path)));
         const auto open = [&] {
             const LongWork work(whole);
             return Buffer::open_frozen(file, whole);
@@ -487,6 +488,8 @@ NoSuchStore
 CorruptStore
     The file is no frozen store, or one of another version of tfdb or kind of machine, or cut, or
     damaged. Freeze what it was made from again.
+InvalidArgument
+    The path is empty, or no name that a file can have.
 ReadOnly, CapacityExceeded)";
 
 PyMethodDef g_open = {"open", as_function(open_frozen), METH_FASTCALL | METH_KEYWORDS, kOpenDoc};

@@ -163,6 +163,11 @@ nb::object read_only(nb::object array) {
     return array;
 }
 
+bool is_plain_array(nb::handle object) {
+    const Numpy* const known = g_numpy.load();
+    return known != nullptr && Py_TYPE(object.ptr()) == known->array_type;
+}
+
 nb::object contiguous_doubles(nb::handle object) {
     const Numpy& known = numpy();
     const std::array<PyObject*, 2> arguments = {object.ptr(), known.float64};

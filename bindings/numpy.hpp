@@ -35,6 +35,9 @@ nb::object read_only(nb::object array);
 std::optional<std::span<const clock::StampNs>> plain_stamps(nb::handle object);
 double* plain_doubles(nb::handle object, std::span<const std::size_t> shape);
 
+/// Whether it is known to be numpy's own array, and none of a class that is derived from it.
+bool is_plain_array(nb::handle object);
+
 /// numpy.ascontiguousarray(object, float64); null with the error that it raised.
 nb::object contiguous_doubles(nb::handle object);
 

@@ -1,9 +1,12 @@
 #include "pose.hpp"
 
+#include <algorithm>
 #include <array>
+#include <cmath>
 #include <cstddef>
 #include <cstdio>
 #include <cstring>
+#include <limits>
 #include <optional>
 #include <span>
 #include <string>
@@ -24,8 +27,13 @@ template <std::size_t N>
     constexpr const char* kExpected = N == 3   ? "3 numbers (x, y, z)"
                                       : N == 4 ? "4 numbers (x, y, z, w)"
                                                : "7 numbers (x, y, z, qx, qy, qz, qw)";
-    const bool real_first = std::string_view(role) == "wxyz";
-    throw_bad_array(role, real_first ? "4 numbers (w, x, y, z)" : kExpected, short_repr(object));
+    std::string expected = kExpected;
+    if (std::string_view(role) == "wxyz") {
+        expected = "4 numbers (w, x, y, z)";
+    } else if (std::string_view(role) == "translation") {
+        expected += ", or a whole pose without a rotation beside it";
+    }
+    throw_bad_array(role, expected, short_repr(object));
 }
 
 bool read_number(PyObject* object, double& out) {
@@ -51,22 +59,18 @@ bool read_tuple(PyObject* items, std::array<double, N>& out) {
 }
 
 template <std::size_t N>
-bool read_array(PyObject* object, std::array<double, N>& out) {
+bool read_array(PyObject* object, const char* role, std::array<double, N>& out) {
     nb::object keep;
     std::optional<ArrayView> view = ArrayView::of(object, false);
-    if (!view || view->dimensions() != 1 || view->extent(0) != N) {
+    if (!view || view->kind() != Kind::kFloat64) {
+        view.emplace(as_doubles(object, role, keep));
+    }
+    if (view->dimensions() != 1 || view->extent(0) != N) {
         return false;
     }
-    if (view->kind() == Kind::kFloat64) {
-        for (std::size_t i = 0; i < N; ++i) {
-            const auto step = static_cast<Py_ssize_t>(i) * view->stride(0);
-            std::memcpy(&out[i], view->data<const char>() + step, sizeof(double));
-        }
-        return true;
-    }
-    const ArrayView converted = as_doubles(object, "array", keep);
     for (std::size_t i = 0; i < N; ++i) {
-        out[i] = converted.data<const double>()[i];
+        const auto step = static_cast<Py_ssize_t>(i) * view->stride(0);
+        std::memcpy(&out[i], view->data<const char>() + step, sizeof(double));
     }
     return true;
 }
@@ -111,9 +115,9 @@ std::array<double, N> numbers_of(PyObject* object, const char* role) {
         const nb::object items = nb::steal(PyList_AsTuple(object));
         read = items.is_valid() && read_tuple<N>(items.ptr(), out);
     } else if (PyObject_CheckBuffer(object) != 0) {
-        read = read_array<N>(object, out);
+        read = read_array<N>(object, role, out);
     } else if (const nb::object turned = as_quat(object); turned.is_valid()) {
-        read = N == 4 && read_array<N>(turned.ptr(), out);
+        read = N == 4 && read_array<N>(turned.ptr(), role, out);
     } else if (PySequence_Check(object) != 0 && !PyUnicode_Check(object)) {
         const nb::object items = nb::steal(PySequence_Tuple(object));
         if (!items.is_valid()) {
@@ -149,7 +153,7 @@ std::string described(const RigidFault& fault, std::span<const double, 16> matri
         case RigidFault::kScale:
             return "it scales by " + by + ", and a rotation by 1";
         default:
-            return "its axes are off right angles or the same length by " + by + ", at most 0.001";
+            return "its axes are off right angles or the same length by " + by + ", at most 0.005";
     }
 }
 
@@ -160,8 +164,8 @@ Pose rigid_pose(const double* rows, std::optional<std::size_t> index) {
         return geometry::pose_of_matrix(matrix);
     }
     const std::string reason = described(fault, matrix);
-    const std::string place = index ? " " + std::to_string(*index) : std::string();
-    throw_error("InvalidTransform", "matrix" + place + " is no rigid transform: " + reason,
+    const std::string which = index ? "matrices[" + std::to_string(*index) + "]" : "matrix";
+    throw_error("InvalidTransform", which + " is no rigid transform: " + reason,
                 {{"reason", nb::str(reason.c_str())},
                  {"index", index ? nb::object(nb::int_(*index)) : nb::none()}});
 }
@@ -192,22 +196,29 @@ std::pair<Py_ssize_t, Py_ssize_t> shape_of(PyObject* object) {
             view->dimensions() == 1 ? 0 : static_cast<Py_ssize_t>(view->extent(1))};
 }
 
+/// Throws InvalidArgument where a pose that names its frames goes between others than were given.
+void check_frames(const PoseArguments& given, PyObject* target, PyObject* source,
+                  const char* remedy) {
+    const auto same = [](PyObject* a, PyObject* b) {
+        return b == nullptr || nb::handle(a).equal(nb::handle(b));
+    };
+    if (same(target, given.target) && same(source, given.source)) {
+        return;
+    }
+    const auto name = [](PyObject* into, PyObject* from) {
+        return "T[" + text_of(into) + "<-" + text_of(from) + "]";
+    };
+    throw_error(
+        "InvalidArgument",
+        name(target, source) + " was given for " + name(given.target, given.source) + remedy,
+        {{"value", nb::borrow(given.translation)}});
+}
+
 Pose pose_of_transform(const PoseArguments& given) {
     const TransformObject& whole = *reinterpret_cast<TransformObject*>(given.translation);
-    const auto same = [](PyObject* a, PyObject* b) {
-        return b == nullptr || PyUnicode_Compare(a, b) == 0;
-    };
-    if (!same(whole.target, given.target) || !same(whole.source, given.source)) {
-        const auto name = [](PyObject* target, PyObject* source) {
-            return "T[" + text_of(target) + "<-" + text_of(source) + "]";
-        };
-        throw_error("InvalidArgument",
-                    name(whole.target, whole.source) + " was given for " +
-                        name(given.target, given.source) +
-                        ": give its inverse() for the other direction, or its pose if the frames "
-                        "have other names",
-                    {{"value", nb::borrow(given.translation)}});
-    }
+    check_frames(given, whole.target, whole.source,
+                 ": give its inverse() for the other direction, or its pose if the frames have "
+                 "other names");
     return whole.pose;
 }
 
@@ -233,6 +244,12 @@ std::optional<Pose> whole_pose_of(const PoseArguments& given) {
         translation.is_valid() ? find(object, g_fields.rotation) : nb::object();
     if (!rotation.is_valid()) {
         return std::nullopt;
+    }
+    const nb::object parent = find(object, g_fields.parent);
+    const nb::object child = find(object, g_fields.child);
+    if (parent.is_valid() && child.is_valid()) {  // a TransformStamped
+        check_frames(given, parent.ptr(), child.ptr(),
+                     ": give its translation and its rotation if the frames have other names");
     }
     return Pose{vector_of(translation.ptr(), "translation"),
                 quaternion_of(rotation.ptr(), "rotation")};
@@ -280,7 +297,20 @@ geometry::Pose pose_of_matrix(PyObject* matrix) {
     return rigid_pose(view.data<const double>(), std::nullopt);
 }
 
-nb::object poses_of_matrices(nb::handle matrices) {
+nb::object pose_parts(nb::handle parent, nb::handle child, nb::handle translation, nb::handle rpy,
+                      nb::handle wxyz) {
+    const PoseArguments given{translation.ptr(), nullptr,      rpy.ptr(),
+                              wxyz.ptr(),        parent.ptr(), child.ptr()};
+    const bool turned = is_given(given.rpy) || is_given(given.wxyz);
+    const std::optional<Pose> pose = turned ? other_pose_of(given) : whole_pose_of(given);
+    if (!pose) {
+        return nb::none();
+    }
+    const auto& [t, q] = *pose;
+    return nb::make_tuple(nb::make_tuple(t.x, t.y, t.z), nb::make_tuple(q.x, q.y, q.z, q.w));
+}
+
+nb::object poses_of_matrices(nb::handle matrices, bool missing) {
     nb::object keep;
     const ArrayView view = as_doubles(matrices, "matrices", keep);
     if (view.dimensions() != 3 || view.extent(1) != 4 || view.extent(2) != 4) {
@@ -289,7 +319,12 @@ nb::object poses_of_matrices(nb::handle matrices) {
     NewArray<double> made = new_doubles({view.extent(0), 7});
     for (std::size_t i = 0; i < view.extent(0); ++i) {
         look_for_signals(i);
-        const Pose pose = rigid_pose(view.data<const double>() + 16 * i, i);
+        const double* const rows = view.data<const double>() + 16 * i;
+        if (missing && std::all_of(rows, rows + 16, [](double each) { return std::isnan(each); })) {
+            std::fill_n(made.data + 7 * i, 7, std::numeric_limits<double>::quiet_NaN());
+            continue;
+        }
+        const Pose pose = rigid_pose(rows, i);
         std::memcpy(made.data + 7 * i, &pose, sizeof pose);
     }
     return std::move(made.array);

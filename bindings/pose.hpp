@@ -46,7 +46,13 @@ inline geometry::Pose pose_of(const PoseArguments& given) {
 /// Throws InvalidArray, InvalidTransform.
 geometry::Pose pose_of_matrix(PyObject* matrix);
 
-/// (N, 7) of (N, 4, 4). Throws InvalidArray, InvalidTransform with `index`.
-nb::object poses_of_matrices(nb::handle matrices);
+/// ((x, y, z), (x, y, z, w)) where a rotation is given, or a whole pose; else None.
+/// Throws InvalidArray, InvalidTransform, InvalidArgument.
+nb::object pose_parts(nb::handle parent, nb::handle child, nb::handle translation, nb::handle rpy,
+                      nb::handle wxyz);
+
+/// (N, 7) of (N, 4, 4), NaN of NaN if they may be missing. Throws InvalidArray, InvalidTransform
+/// with `index`.
+nb::object poses_of_matrices(nb::handle matrices, bool missing);
 
 }  // namespace tfdb::python

@@ -8,12 +8,18 @@ import itertools
 import pickle
 import sys
 import weakref
+from typing import TYPE_CHECKING
 
+import numpy as np
 import pytest
 
 import tfdb
+import tfdb.io
 from oracle import quaternion
 from robot import make_robot, stamp_of
+
+if TYPE_CHECKING:
+    from pathlib import Path
 
 TURN = quaternion((1, -2, 0.5), 0.9)
 BACK = quaternion((0, 1, 3), -1.4)
@@ -148,3 +154,27 @@ def test_a_transform_in_the_memory_of_one_that_was_dropped() -> None:
             kept.append(found)
     for turn, found in zip(range(1, 64, 2), kept, strict=True):
         assert found == buf.lookup_transform("f0", names[turn % 5], 5)
+
+
+def test_twists_compare() -> None:
+    ahead, turning = np.array([1.0, 2.0, np.nan]), np.array([0.1, 0.0, -0.2])
+    twist = tfdb.Twist(ahead, turning)
+    assert twist == tfdb.Twist(ahead.copy(), turning.copy())
+    assert twist != tfdb.Twist(turning, ahead)
+    assert twist != "a twist"
+    with pytest.raises(TypeError):
+        hash(twist)
+
+
+def test_a_load_report_is_a_table_in_notebooks(tmp_path: Path) -> None:
+    name = tmp_path / "a&b.mcap"
+    bad = tfdb.TransformStamped("map", "map", 5, (1, 2, 3))
+    with tfdb.io.RecordingWriter(name) as writer:
+        good = tfdb.TransformStamped("map", "base", 5, (1, 2, 3))
+        for stamp, one in enumerate((good, bad)):
+            writer.write(tfdb.encode_tf_message([one]), stamp, topic="/tf", static=False)
+    with pytest.warns(tfdb.TfdbWarning, match="1 of 2 messages were refused"):
+        shown = tfdb.Buffer().load(name)._repr_html_()
+    assert "a&amp;b.mcap: 2 messages, 1 transforms, 1 commits, 1 refused" in shown
+    assert "<td>/tf</td><td>2</td><td>moving</td>" in shown
+    assert "<td>InvalidTransform</td><td>1</td>" in shown

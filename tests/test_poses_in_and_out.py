@@ -107,8 +107,15 @@ def by_constructor(*args: Any, **named: Any) -> tfdb.Transform:
     return tfdb.Transform("map", "base", *args, stamp=STAMP, **named)
 
 
+def by_batch(*args: Any, **named: Any) -> tfdb.Transform:
+    buf = tfdb.Buffer()
+    buf.set_transforms([tfdb.TransformStamped("map", "base", STAMP, *args, **named)])
+    return buf.lookup_transform("map", "base", STAMP)
+
+
 DOORS: list[Callable[..., tfdb.Transform]] = [
     by_set, by_set_static, by_transaction, by_static_transaction, by_reparent, by_constructor,
+    by_batch,
 ]  # fmt: skip
 
 
@@ -206,6 +213,91 @@ def test_rounded_matrices_are_taken() -> None:
         found = tfdb.Transform.from_matrix(printed, "map", "base")
         assert np.abs(found.matrix - matrix).max() < 2e-4
         assert np.linalg.norm(found.rotation) == pytest.approx(1.0, abs=1e-15)
+
+
+def rigid(matrix: Matrix) -> list[Callable[[], Any]]:
+    """Every way in for a matrix."""
+    return [
+        lambda: tfdb.Transform.from_matrix(matrix, "map", "base").rotation,
+        lambda: by_set(matrix).rotation,
+        lambda: tfdb.Columns("map", "base", [5], matrices=[matrix]).poses[0, 3:],
+        lambda: tfdb.Trajectory("map", "base", [5], matrices=[matrix]).rotations[0],
+    ]
+
+
+def test_one_rule_for_every_matrix_and_the_nearest_rotation() -> None:
+    rng = np.random.default_rng(12)
+    for _, _, matrix in POSES[::8]:
+        off = matrix.copy()
+        off[:3, :3] @= np.eye(3) + rng.uniform(-1, 1, (3, 3)) * 0.0012
+        left, _, right = np.linalg.svd(off[:3, :3])
+        nearest = Rotation.from_matrix(left @ right)
+        for way in rigid(off):
+            found = way()
+            assert (Rotation.from_quat(found).inv() * nearest).magnitude() < 1e-14
+            assert found[3] >= 0
+        stretched, tilted, moved = matrix.copy(), matrix.copy(), matrix.copy()
+        stretched[:3, :3] *= 1.0051
+        tilted[:3, 0] += 0.0055 * tilted[:3, 1]
+        moved[3, 0] = 2e-6
+        for wrong in (stretched, tilted, moved):
+            for way in rigid(wrong):
+                with pytest.raises(tfdb.InvalidTransform, match="is no rigid transform: it"):
+                    way()
+
+
+def test_a_matrix_that_is_missing() -> None:
+    holes = np.stack([GOOD, np.full((4, 4), np.nan), GOOD])
+    made = tfdb.Trajectory("map", "base", [1, 2, 3], matrices=holes)
+    assert made.found.tolist() == [True, False, True]
+    with pytest.raises(tfdb.InvalidTransform, match=r"matrices\[1\] .*: it holds nan") as error:
+        tfdb.Columns("map", "base", [1, 2, 3], matrices=holes)
+    assert error.value.index == 1
+
+
+def test_what_a_mask_hides_is_no_number() -> None:
+    poses = np.array([[1.0, 2, 3, 0, 0, 0.6, 0.8]] * 2)
+    hidden = np.ma.array(poses, mask=[[False] * 7, [True] * 7])
+    assert tfdb.Trajectory("map", "base", [1, 2], hidden).found.tolist() == [True, False]
+    assert np.isnan(tfdb.Columns("map", "base", [1, 2], hidden).poses[1]).all()
+    buf = tfdb.Buffer(history=None)
+    buf.set_transforms(tfdb.Columns("map", "base", [1, 2], poses))
+    points = np.ma.array([[1.0, 0, 0], [2, 0, 0]], mask=[[True] * 3, [False] * 3])
+    for moved in (
+        buf.transform_points("map", "base", points, [1, 2]),
+        buf.lookup_transform("map", "base", 2).apply(points),
+    ):
+        assert np.isnan(moved[0]).all()
+        assert moved[1].tolist() == pytest.approx([1.56, 3.92, 3.0])
+    stamps = np.ma.array([1, 2], mask=[True, False])
+    for call in (
+        lambda: tfdb.Trajectory("map", "base", stamps, poses),
+        lambda: buf.lookup_transforms("map", "base", stamps),
+        lambda: buf.set_transforms(tfdb.Columns("map", "base", stamps, poses)),
+        lambda: buf.transform_points("map", "base", poses[:, :3], stamps),
+    ):
+        with pytest.raises(tfdb.InvalidArray, match=r"masked: give values\[~values.mask\]"):
+            call()
+    with pytest.raises(tfdb.TfdbError):
+        by_constructor(np.ma.array([1.0, 2, 3], mask=[True, False, False]))
+    bare = np.ma.array([1, 2])
+    assert len(buf.lookup_transforms("map", "base", bare)) == 2
+
+
+@pytest.mark.parametrize("kind", [complex, str, bytes, "M8[s]"])
+def test_what_is_no_real_number(kind: Any) -> None:
+    values = np.array([[1, 2, 3, 0, 0, 0, 1]]).astype(kind)
+    matrices = np.eye(4, dtype=int)[np.newaxis].astype(kind)
+    for call in (
+        lambda: tfdb.Trajectory("map", "base", [1], values),
+        lambda: tfdb.Columns("map", "base", [1], values),
+        lambda: tfdb.Columns("map", "base", [1], translations=values[:, :3], rotations=[[0] * 4]),
+        lambda: tfdb.Trajectory("map", "base", [1], matrices=matrices),
+        lambda: tfdb.Columns("map", "base", [1], matrices=matrices),
+        lambda: tfdb.Transform.from_matrix(matrices[0], "map", "base"),
+    ):
+        with pytest.raises(tfdb.InvalidArray, match="float64"):
+            call()
 
 
 REFUSED: list[tuple[tuple[Any, ...], dict[str, Any]]] = [
@@ -308,3 +400,105 @@ def test_a_notebook_shows_a_transform_and_escapes_its_names() -> None:
     assert "&lt;script&gt;" in shown
     assert "0.5" in shown
     assert shown.count("<table>") == shown.count("</table>") == 2
+
+
+@pytest.mark.parametrize("door", DOORS, ids=lambda door: door.__name__)
+def test_numbers_that_are_none_are_refused_by_every_door(
+    door: Callable[..., tfdb.Transform],
+) -> None:
+    dates = np.array([1, 2, 3], "datetime64[s]")
+    others = (dates, np.array([1, 2, 3j]), np.array(["1", "2", "3"]), np.full(3, 10**400, object))
+    for wrong in (b"123", b"1234567", np.eye(4) * 1j, *others):
+        with pytest.raises(tfdb.InvalidArray):
+            door(wrong)
+        with pytest.raises(tfdb.InvalidArray):
+            door((0, 0, 0), rpy=wrong)
+    whole = np.ma.array([1.0, 2.0, 3.0], mask=False)
+    np.testing.assert_array_equal(door(whole).translation, [1, 2, 3])
+    with pytest.raises(tfdb.InvalidTransform):
+        door(np.ma.array([1.0, 2.0, 3.0], mask=[False, True, False]))
+
+
+@pytest.mark.parametrize("door", DOORS, ids=lambda door: door.__name__)
+def test_what_names_its_frames_goes_between_them_only(door: Callable[..., tfdb.Transform]) -> None:
+    there = tfdb.TransformStamped("map", "base", 0, (1, 2, 3), (0, 0, 0.6, 0.8))
+    np.testing.assert_allclose(door(there).pose, (1, 2, 3, 0, 0, 0.6, 0.8))
+    for wrong in (("base", "map"), ("map", "tool")):
+        with pytest.raises(tfdb.InvalidArgument, match="was given for T"):
+            door(tfdb.TransformStamped(*wrong, 0, (1, 2, 3)))
+        with pytest.raises(tfdb.InvalidArgument, match="was given for T"):
+            door(tfdb.Transform(*wrong, (1, 2, 3)))
+
+
+def test_a_whole_pose_has_no_rotation_beside_it() -> None:
+    with pytest.raises(tfdb.InvalidArray, match="a whole pose without a rotation beside it"):
+        tfdb.Transform("map", "base", np.eye(4), (0, 0, 0, 1))
+
+
+def test_a_stamped_transform_of_any_form_has_translation_and_rotation() -> None:
+    for move, turn, matrix in POSES[:5]:
+        made = tfdb.TransformStamped("map", "base", STAMP, matrix)
+        np.testing.assert_allclose(made.translation, move)
+        assert (Rotation.from_quat(made.rotation).inv() * turn).magnitude() < 1e-14
+        for again in (copy.copy(made), pickle.loads(pickle.dumps(made))):
+            assert again == made
+            assert hash(again) == hash(made)
+        message = tfdb.encode_tf_message([made])
+        assert tfdb.decode_tf_message(message)[0].translation == pytest.approx(move)
+    with pytest.raises(tfdb.InvalidArgument, match="not more"):
+        tfdb.TransformStamped("a", "b", 0, (1, 2, 3), (0, 0, 0, 1), rpy=(0, 0, 0))
+
+
+ARRAY_DOORS: list[Callable[[Any], object]] = [
+    tfdb.Transform("a", "b", (1, 2, 3)).apply,
+    lambda rows: tfdb.Transform.from_matrix(rows, "a", "b"),
+    lambda rows: tfdb.Columns("a", "b", [0], rows),
+    lambda rows: tfdb.Columns("a", "b", [0], matrices=rows),
+    lambda rows: tfdb.Columns("a", "b", [0], translations=rows, rotations=[(0, 0, 0, 1)]),
+    lambda rows: tfdb.Trajectory("a", "b", [0], rows),
+    lambda rows: tfdb.Trajectory("a", "b", [0], matrices=rows),
+]
+SHAPES = [(3,), (4, 4), (1, 7), (1, 4, 4), (1, 3), (1, 7), (1, 4, 4)]
+
+
+@pytest.mark.parametrize(("door", "shape"), list(zip(ARRAY_DOORS, SHAPES, strict=True)))
+def test_integers_beyond_all_floats(door: Callable[[Any], object], shape: tuple[int, ...]) -> None:
+    with pytest.raises(tfdb.InvalidArray):
+        door(np.full(shape, 10**400, object))
+
+
+def test_masked_stamps_and_rows_are_refused() -> None:
+    stamps = np.ma.array([1, 2], mask=[False, True])
+    poses = np.tile([1, 2, 3, 0, 0, 0, 1.0], (2, 1))
+    buf = tfdb.Buffer(history=None)
+    buf.set_transforms(tfdb.Columns("a", "b", [1, 2], poses))
+    path = tfdb.Trajectory("a", "b", [1, 2], poses)
+    for call in (
+        lambda: buf.set_transforms(tfdb.Columns("a", "c", stamps, poses)),
+        lambda: buf.lookup_transforms("a", "b", stamps),
+        lambda: tfdb.Trajectory("a", "b", stamps, poses),
+        lambda: path[np.ma.array([0, 1], mask=[True, False])],
+    ):
+        with pytest.raises(tfdb.InvalidArray, match="masked"):
+            call()
+    assert not buf.frame_exists("c")
+
+
+def test_masks_of_derived_classes_hide_too() -> None:
+    class Hiding(np.ma.MaskedArray):  # type: ignore[type-arg]
+        pass
+
+    poses = np.tile([1, 2, 3, 0, 0, 0, 1.0], (2, 1))
+    hidden = np.ma.array(poses, mask=[[True] * 7, [False] * 7]).view(Hiding)
+    assert type(hidden) is Hiding
+    assert np.isnan(tfdb.Columns("a", "b", [1, 2], hidden).poses[0]).all()
+    with pytest.raises(tfdb.TfdbError):
+        tfdb.Transform("a", "b", hidden[0])
+    moved = tfdb.Transform("a", "b", (1, 2, 3)).apply(hidden[:, :3])
+    assert np.isnan(moved[0]).all()
+    assert moved[1].tolist() == [2, 4, 6]
+
+
+def test_columns_of_two_lengths() -> None:
+    with pytest.raises(tfdb.InvalidArray, match="2 translations, but 1 rotations"):
+        tfdb.Columns("a", "b", [0, 1], translations=np.zeros((2, 3)), rotations=[(0, 0, 0, 1)])

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 import os
-from typing import Any, Literal, Self, overload
+from typing import Any, Literal, Self, final, overload
 
 import numpy
 import numpy.typing
@@ -32,6 +32,7 @@ class Policy:
     def limit_ns(self) -> int | None:
         """Its limit in nanoseconds; None: no limit."""
 
+@final
 class Transform:
     """
     A rigid transform T[target<-source] at a stamp: p_target = T p_source. Immutable.
@@ -133,7 +134,10 @@ class Transform:
         Raises InvalidTransform where a translation is too large for the result to be finite.
         """
 
-    def apply(self, points: numpy.typing.ArrayLike, /) -> numpy.typing.NDArray[Any]:
+    @overload
+    def apply(
+        self, points: numpy.typing.NDArray[tfdb.types.Float], /
+    ) -> numpy.typing.NDArray[tfdb.types.Float]:
         """
         Map points of the source frame into the target frame.
 
@@ -142,6 +146,12 @@ class Transform:
         same shape and dtype. Raises InvalidArray, and InvalidTransform, with `index`, where a
         finite point has no finite place in that dtype.
         """
+    @overload
+    def apply(
+        self, points: tfdb.types.ListsOrIntegers, /
+    ) -> numpy.typing.NDArray[numpy.float64]: ...
+    @overload
+    def apply(self, points: numpy.typing.ArrayLike, /) -> numpy.typing.NDArray[Any]: ...
 
     def __matmul__(self, other: Transform, /) -> Transform: ...
 
@@ -149,7 +159,18 @@ class Transform:
 
     def __hash__(self) -> int: ...
 
+    def __copy__(self) -> Self: ...
+
+    def __deepcopy__(self, memo: object, /) -> Self: ...
+
 def _restore_transform(*state: object) -> Transform: ...
+
+def _enough_rows(
+    stamps: numpy.typing.NDArray[numpy.int64],
+    poses: numpy.typing.NDArray[numpy.float64],
+    metres: float,
+    radians: float,
+) -> numpy.typing.NDArray[numpy.int64]: ...
 
 class Reads:
     """
@@ -254,7 +275,18 @@ class Reads:
         Number of the newest commit, or of the snapshot's. The empty store is 0. Raises BufferClosed.
         """
 
-    def transform_points(self, target: str, source: str, points: numpy.typing.ArrayLike, stamps: tfdb.stamps.StampsLike | tfdb.stamps.StampLike, policy: Policy | None = None, *, out: numpy.typing.NDArray[Any] | None = None, missing: Literal['raise', 'nan'] = 'raise') -> numpy.typing.NDArray[Any]:
+    @overload
+    def transform_points(
+        self,
+        target: str,
+        source: str,
+        points: numpy.typing.NDArray[tfdb.types.Float],
+        stamps: tfdb.stamps.StampsLike | tfdb.stamps.StampLike,
+        policy: Policy | None = None,
+        *,
+        out: numpy.typing.NDArray[tfdb.types.Float] | None = None,
+        missing: Literal['raise', 'nan'] = 'raise',
+    ) -> numpy.typing.NDArray[tfdb.types.Float]:
         """
         Map points of `source` into `target`, each at its own stamp.
 
@@ -288,6 +320,30 @@ class Reads:
         Raises InvalidArray, InvalidStamp, InvalidArgument, and what `lookup_transform` raises, with
         `index`.
         """
+    @overload
+    def transform_points(
+        self,
+        target: str,
+        source: str,
+        points: tfdb.types.ListsOrIntegers,
+        stamps: tfdb.stamps.StampsLike | tfdb.stamps.StampLike,
+        policy: Policy | None = None,
+        *,
+        out: numpy.typing.NDArray[numpy.float64] | None = None,
+        missing: Literal['raise', 'nan'] = 'raise',
+    ) -> numpy.typing.NDArray[numpy.float64]: ...
+    @overload
+    def transform_points(
+        self,
+        target: str,
+        source: str,
+        points: numpy.typing.ArrayLike,
+        stamps: tfdb.stamps.StampsLike | tfdb.stamps.StampLike,
+        policy: Policy | None = None,
+        *,
+        out: numpy.typing.NDArray[numpy.floating[Any]] | None = None,
+        missing: Literal['raise', 'nan'] = 'raise',
+    ) -> numpy.typing.NDArray[Any]: ...
 
     def frames(self) -> list[str]:
         """Names of all frames, sorted."""
@@ -1117,7 +1173,8 @@ class Buffer(Reads):
             start, end
                 The first and the last stamp of the moving transforms that are kept: nanoseconds, or text as
                 the command line takes it, in seconds: `"1700000012.5"`, `"+12.5"` after the first moving
-                stamp of what is read, `"-0.5"` before the last. Static transforms are kept always.
+                stamp of what is read, `"-0.5"` before the last: `exclude` leaves stamps out of that,
+                `frames` does not. Static transforms are kept always.
             frames
                 Only the edges on the paths between these frames. Where one tree holds only one of them:
                 those on its path to the root.
@@ -1171,9 +1228,9 @@ class Buffer(Reads):
             -----
             TfdbWarning
                 Nothing is called as `exclude` or `rename` say; nothing moves from `start` to `end`; joints
-                are missing, unknown or beyond their limits; all of it was in the store before; its stamps
-                and those of the rest are more than a year apart, as those of a simulated and of a real
-                clock; samples were forgotten.
+                are missing, unknown or beyond their limits; messages were refused; all of it was in the
+                store before; its stamps and those of the rest are more than a year apart, as those of a
+                simulated and of a real clock; samples were forgotten.
         """
 
     def run(
@@ -1608,6 +1665,8 @@ def open(
     CorruptStore
         The file is no frozen store, or one of another version of tfdb or kind of machine, or cut, or
         damaged. Freeze what it was made from again.
+    InvalidArgument
+        The path is empty, or no name that a file can have.
     ReadOnly, CapacityExceeded
     """
 
@@ -1754,6 +1813,31 @@ class BufferCalls(CoreCalls):
         InvalidArgumentException at once.
         """
 
+    @overload
+    def can_transform(
+        self,
+        target_frame: str,
+        source_frame: str,
+        time: Any,
+        timeout: Any = None,
+        return_debug_tuple: Literal[False] = False,
+    ) -> bool:
+        """
+        Whether `lookup_transform` has an answer, or has one in time.
+
+        `return_debug_tuple`: return (whether, why not). Arguments as in `lookup_transform`.
+        """
+    @overload
+    def can_transform(
+        self,
+        target_frame: str,
+        source_frame: str,
+        time: Any,
+        timeout: Any = None,
+        *,
+        return_debug_tuple: Literal[True],
+    ) -> tuple[bool, str]: ...
+    @overload
     def can_transform(
         self,
         target_frame: str,
@@ -1761,12 +1845,7 @@ class BufferCalls(CoreCalls):
         time: Any,
         timeout: Any = None,
         return_debug_tuple: bool = False,
-    ) -> Any:
-        """
-        Whether `lookup_transform` has an answer, or has one in time.
-
-        `return_debug_tuple`: return (whether, why not). Arguments as in `lookup_transform`.
-        """
+    ) -> bool | tuple[bool, str]: ...
 
 def to_nanoseconds(stamp: tfdb.stamps.StampLike) -> int:
     """
@@ -1778,7 +1857,12 @@ def duration_to_nanoseconds(seconds: float, name: str) -> int:
     Nanoseconds of what is taken for a duration. Raises InvalidArgument, which names it.
     """
 
-def poses_of_matrices(matrices: numpy.typing.ArrayLike) -> numpy.typing.NDArray[numpy.float64]:
+def pose_parts(parent: str, child: str, translation: Any, rpy: Any, wxyz: Any) -> tuple[tuple[float, ...], tuple[float, ...]] | None:
     """
-    Poses (N, 7) of matrices (N, 4, 4). Raises InvalidArray, InvalidTransform with `index`.
+    Translation and rotation of a pose T[parent<-child]; None: it has no rotation.
+    """
+
+def poses_of_matrices(matrices: numpy.typing.ArrayLike, missing: bool = False) -> numpy.typing.NDArray[numpy.float64]:
+    """
+    Poses (N, 7) of matrices (N, 4, 4), w not below 0; NaN of those that are NaN as a whole, if they may be missing. Raises InvalidArray, InvalidTransform with `index`.
     """

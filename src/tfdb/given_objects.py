@@ -19,6 +19,13 @@ def given_flag(name: str, value: Any) -> bool:
         ) from error
 
 
+def given_name(name: str, value: Any) -> str:
+    """Return a name. Raises TypeError for anything but a str."""
+    if not isinstance(value, str):
+        raise TypeError(f"{name} must be a str, got {type(value).__name__}")
+    return value
+
+
 def refuse_without(value: Any, name: str, what: str, *attributes: str) -> None:
     """Raise TypeError for an object without these attributes: it is not `what` was asked for."""
     if isinstance(value, ModuleType) or not all(hasattr(value, each) for each in attributes):

@@ -5,9 +5,9 @@ The same operations in the same order give the same bits. One pose (7,) goes wit
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, TypeAlias
+from typing import TYPE_CHECKING, Any, TypeAlias
 
-from .errors import InvalidArray, InvalidTransform
+from .errors import InvalidTransform
 
 if TYPE_CHECKING:
     import numpy as np
@@ -19,8 +19,28 @@ __all__: list[str] = []
 
 MAX_NORM_ERROR = 0.01
 """Of a quaternion's squared length: tf2's rule, and that of the store. Nearer to 1 is rounding."""
-MAX_MATRIX_ERROR = 1e-2
-"""Rotation matrices are printed with few digits; KITTI's own are good to 1e-6."""
+TOO_FAR = 1e100
+"""Metres from which on lengths are not compared and drawn: their squares leave float64."""
+
+
+def doubles(values: Any) -> Array:
+    """Any array of real numbers as float64, C-contiguous; NaN where a mask hides them.
+
+    The extension calls it. Raises TypeError, ValueError for anything else, such as text, times and
+    complex numbers, of which numpy would take the real part.
+    """
+    import numpy as np
+
+    array = np.asarray(values)
+    if array.dtype.kind not in "biufO":
+        raise TypeError(f"{array.dtype} holds no real numbers")
+    if array.dtype.kind == "O":  # of libraries that have a null of their own
+        try:
+            array = np.asarray(values, np.float64)
+        except OverflowError as error:
+            raise ValueError(str(error)) from error
+    made = np.ascontiguousarray(array, np.float64)
+    return np.where(values.mask, np.nan, made) if np.ma.is_masked(values) else made
 
 
 def found(poses: Array) -> npt.NDArray[np.bool_]:
@@ -28,6 +48,13 @@ def found(poses: Array) -> npt.NDArray[np.bool_]:
     import numpy as np
 
     return np.asarray(np.isfinite(poses).all(axis=1))
+
+
+def missing(poses: Array) -> npt.NDArray[np.bool_]:
+    """Say of each row whether it is NaN as a whole, which means that there is no pose."""
+    import numpy as np
+
+    return np.asarray(np.isnan(poses).all(axis=1))
 
 
 def checked(rows: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
@@ -38,7 +65,7 @@ def checked(rows: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
     with np.errstate(over="ignore", invalid="ignore"):
         off = np.abs((made[:, 3:] ** 2).sum(axis=1) - 1.0)
     fine = found(made) & (off <= MAX_NORM_ERROR)
-    wrong = np.flatnonzero(~fine & ~np.isnan(made).all(axis=1))
+    wrong = np.flatnonzero(~fine & ~missing(made))
     if len(wrong):
         index = int(wrong[0])
         numbers = ", ".join(f"{number:g}" for number in made[index])
@@ -151,63 +178,6 @@ def matrices(poses: Array) -> Array:
     made[:, 3, 3] = 1.0
     made[np.isnan(poses[:, 3])] = np.nan
     return made
-
-
-def from_matrices(values: npt.ArrayLike) -> Array:
-    """Poses of matrices (N, 4, 4), rigid or NaN; raises InvalidArray, InvalidTransform."""
-    import numpy as np
-
-    try:
-        given = np.asarray(values, dtype=np.float64)
-    except (TypeError, ValueError):
-        given = np.empty(0)
-    if given.ndim != 3 or given.shape[1:] != (4, 4):
-        got = given.shape if isinstance(values, np.ndarray) else type(values).__name__
-        reason = f"expected an array (N, 4, 4) of float64, got {got}"
-        raise InvalidArray(f"matrices: {reason}", reason=reason)
-    missing = np.isnan(given).all(axis=(1, 2))
-    turns = given[:, :3, :3]
-    with np.errstate(over="ignore", invalid="ignore"):
-        off = np.abs(turns @ turns.transpose(0, 2, 1) - np.eye(3)).max(axis=(1, 2), initial=0.0)
-        rigid = (off <= MAX_MATRIX_ERROR) & (np.linalg.det(turns) > 0)
-        rigid &= np.isfinite(given).all(axis=(1, 2)) & (given[:, 3] == [0, 0, 0, 1]).all(axis=1)
-    wrong = np.flatnonzero(~rigid & ~missing)
-    if len(wrong):
-        index = int(wrong[0])
-        raise InvalidTransform(
-            f"matrices[{index}] is no rigid transform: a rotation matrix and a finite translation "
-            "above the row 0 0 0 1; a missing one is NaN as a whole",
-            index=index,
-            reason="no rigid transform",
-        )
-    made = np.full((len(given), 7), np.nan)
-    made[rigid, :3] = given[rigid, :3, 3]
-    made[rigid, 3:] = quaternions(turns[rigid])
-    return made
-
-
-def quaternions(turns: Array) -> Array:
-    """Unit quaternions `[x y z w]`, w >= 0, nearest to rotation matrices of shape (N, 3, 3).
-
-    The eigenvector of Bar-Itzhack's matrix: the rotation that fits best in the sense of least
-    squares, with no branch on the angle.
-    """
-    import numpy as np
-
-    m = turns
-    k = np.empty((len(m), 4, 4))
-    k[:, 0, 0] = m[:, 0, 0] - m[:, 1, 1] - m[:, 2, 2]
-    k[:, 1, 1] = m[:, 1, 1] - m[:, 0, 0] - m[:, 2, 2]
-    k[:, 2, 2] = m[:, 2, 2] - m[:, 0, 0] - m[:, 1, 1]
-    k[:, 3, 3] = m[:, 0, 0] + m[:, 1, 1] + m[:, 2, 2]
-    k[:, 1, 0] = m[:, 1, 0] + m[:, 0, 1]
-    k[:, 2, 0] = m[:, 2, 0] + m[:, 0, 2]
-    k[:, 2, 1] = m[:, 2, 1] + m[:, 1, 2]
-    k[:, 3, 0] = m[:, 2, 1] - m[:, 1, 2]
-    k[:, 3, 1] = m[:, 0, 2] - m[:, 2, 0]
-    k[:, 3, 2] = m[:, 1, 0] - m[:, 0, 1]
-    vectors: Array = np.linalg.eigh(k, UPLO="L")[1][:, :, 3]
-    return np.where(vectors[:, 3:] < 0, -vectors, vectors)
 
 
 def rotation_vectors(first: Array, last: Array) -> Array:

@@ -6,7 +6,7 @@ import re
 from datetime import UTC, datetime
 from decimal import ROUND_HALF_EVEN, Context, Decimal, InvalidOperation
 from functools import partial
-from typing import TYPE_CHECKING, Any, Protocol, SupportsIndex, TypeAlias, overload
+from typing import TYPE_CHECKING, Any, Protocol, TypeAlias, overload
 
 from .errors import InvalidArray, InvalidStamp
 
@@ -67,9 +67,10 @@ class SupportsArray(Protocol):
         """Return it as an array of numpy."""
 
 
-StampLike: TypeAlias = (
-    "SupportsIndex | np.datetime64 | datetime | SecNanosec | SecsNsecs | ToNsec | Nanoseconds"
-)
+RosTime: TypeAlias = SecNanosec | SecsNsecs | ToNsec | Nanoseconds
+"""A time of ROS, of any library."""
+
+StampLike: TypeAlias = "int | np.integer[Any] | np.datetime64 | datetime | RosTime"
 """What every parameter that is a stamp takes; integers are nanoseconds."""
 
 StampsLike: TypeAlias = (
@@ -248,6 +249,9 @@ def as_nanoseconds(values: Any) -> npt.NDArray[np.int64]:
     """
     import numpy as np
 
+    if np.ma.is_masked(values):
+        reason = "some of them are masked: give values[~values.mask]"
+        raise InvalidArray(f"stamps: {reason}", reason=reason)
     array = _as_array(values)
     kind = array.dtype.kind
     if array.shape == (0,):

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import io
 from typing import TYPE_CHECKING, Any
 
 from .errors import InvalidArray, NotSupported, TrajectoryError
 from .given_path import given_path
 from .new_file import new_file
+from .poses import doubles
 
 if TYPE_CHECKING:
     import os
@@ -62,20 +64,21 @@ def read_parquet(
     target: str | None,
     source: str | None,
     otherwise: tuple[str, str] | None = None,
+    raw: bytes | None = None,
 ) -> tuple[str, str, Any]:
     """Read a Parquet file: target and source, from its metadata if not given, and the table.
 
-    `otherwise` are their names where neither says them.
+    `otherwise` are their names where neither says them; `raw` its bytes, where they are read: those
+    of a pipe come only once.
     """
     pl = _polars("from_parquet")
     where = given_path(path, trajectory_error)
-    with where.open("rb") as file:
-        try:
-            names = pl.read_parquet_metadata(file)
-            file.seek(0)
-            table = pl.read_parquet(file)
-        except (pl.exceptions.PolarsError, ValueError) as error:
-            raise trajectory_error(where, f"no Parquet file, or damaged: {error}") from error
+    raw = where.read_bytes() if raw is None else raw
+    try:
+        names = pl.read_parquet_metadata(io.BytesIO(raw))
+        table = pl.read_parquet(raw)
+    except (pl.exceptions.PolarsError, ValueError) as error:
+        raise trajectory_error(where, f"no Parquet file, or damaged: {error}") from error
     if otherwise is not None:
         names = {**dict(zip(_NAMES, otherwise, strict=True)), **names}
     target = names.get(_NAMES[0]) if target is None else target
@@ -108,7 +111,7 @@ def columns_of(table: Any) -> tuple[Any, Any]:
             reason = f"no column {name!r} in a {type(table).__name__}; a trajectory has {wanted}"
             raise InvalidArray(reason, reason=reason) from error
     try:
-        poses = np.stack([np.asarray(column, dtype=np.float64) for column in taken[1:]], axis=1)
+        poses = np.stack([doubles(column) for column in taken[1:]], axis=1)
     except (TypeError, ValueError) as error:
         reason = f"columns {', '.join(COLUMNS[1:])}: expected float64, all of one length ({error})"
         raise InvalidArray(reason, reason=reason) from error

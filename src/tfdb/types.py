@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, Literal, Protocol, TypeAlias
+from typing import TYPE_CHECKING, Any, ClassVar, Literal, Protocol, TypeAlias, TypeVar
 
-from .errors import InvalidArray
+from .errors import InvalidArgument, InvalidArray
+from .given_objects import refuse_without
 from .on_demand import belong_to
 from .refused import Refusal, Refused
 
@@ -17,6 +18,8 @@ if TYPE_CHECKING:
     import numpy.typing as npt
 
     from .stamps import StampLike, StampsLike
+
+    Float = TypeVar("Float", np.float32, np.float64)
 
 __all__ = [
     "Changes",
@@ -77,19 +80,25 @@ class Posed(Protocol):
         """Unit quaternion."""
 
 
-VectorLike: TypeAlias = "Sequence[float] | npt.NDArray[np.floating[Any]] | Xyz"
+Numbers: TypeAlias = "Sequence[float] | npt.NDArray[np.floating[Any] | np.integer[Any]]"
+"""Numbers in a row."""
+
+VectorLike: TypeAlias = "Numbers | Xyz"
 """Three numbers x, y, z in metres."""
 
-QuaternionLike: TypeAlias = "Sequence[float] | npt.NDArray[np.floating[Any]] | Xyzw | AsQuat"
+QuaternionLike: TypeAlias = "Numbers | Xyzw | AsQuat"
 """Four numbers x, y, z, w of length one, or a Rotation of scipy."""
 
-WxyzLike: TypeAlias = "Sequence[float] | npt.NDArray[np.floating[Any]]"
+WxyzLike: TypeAlias = "Numbers"
 """Four numbers w, x, y, z of length one."""
 
-PoseLike: TypeAlias = (
-    "Sequence[Sequence[float]] | Sequence[float] | npt.NDArray[np.floating[Any]] | Posed"
-)
+PoseLike: TypeAlias = "Sequence[Sequence[float]] | Numbers | Posed"
 """A 4x4 matrix, seven numbers x y z qx qy qz qw, or an object with translation and rotation."""
+
+ListsOrIntegers: TypeAlias = (
+    "Sequence[Sequence[float]] | Sequence[float] | npt.NDArray[np.integer[Any]]"
+)
+"""Numbers of which float64 is made."""
 
 BytesLike: TypeAlias = bytes | bytearray | memoryview
 """Bytes of a message."""
@@ -100,9 +109,20 @@ Concurrency: TypeAlias = Literal[
 """How lookups, writes and transactions that run at once are kept apart: see `Buffer`."""
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, init=False)
 class TransformStamped:
-    """A transform T[parent<-child] at a stamp: p_parent = T p_child."""
+    """A transform T[parent<-child] at a stamp: p_parent = T p_child.
+
+    Parameters
+    ----------
+    parent, child, stamp, translation, rotation, rpy, wxyz
+        As in `Buffer.set_transform`: `translation` may be a whole pose.
+
+    Raises
+    ------
+    InvalidArray, InvalidTransform, InvalidArgument
+        Of a whole pose, `rpy` or `wxyz`. All else is judged where it is stored.
+    """
 
     parent: str
     """Frame into which it maps."""
@@ -111,9 +131,31 @@ class TransformStamped:
     stamp: StampLike
     """Nanoseconds, or an object that holds a stamp."""
     translation: VectorLike
-    """Metres, x y z: a sequence, an array, or an object with x, y, z."""
-    rotation: QuaternionLike = (0.0, 0.0, 0.0, 1.0)
+    """Metres, x y z: a sequence, an array, or an object with x, y, z; of a whole pose a tuple."""
+    rotation: QuaternionLike
     """Unit quaternion, x y z w, likewise."""
+
+    def __init__(
+        self,
+        parent: str,
+        child: str,
+        stamp: StampLike,
+        translation: VectorLike | PoseLike,
+        rotation: QuaternionLike | None = None,
+        *,
+        rpy: VectorLike | None = None,
+        wxyz: WxyzLike | None = None,
+    ) -> None:
+        if rotation is None:
+            from ._core import pose_parts  # noqa: PLC0415 - the extension imports this module
+
+            parts = pose_parts(parent, child, translation, rpy, wxyz)
+            translation, rotation = parts or (translation, (0.0, 0.0, 0.0, 1.0))
+        elif rpy is not None or wxyz is not None:
+            raise InvalidArgument("give one of rotation, rpy and wxyz, not more")
+        values = (parent, child, stamp, translation, rotation)
+        for name, value in zip(TransformStamped.__slots__, values, strict=True):
+            object.__setattr__(self, name, value)
 
 
 class RosHeader(Protocol):
@@ -182,6 +224,8 @@ class Columns:
         None of these or more than one, or a shape that is not as above.
     InvalidTransform
         A matrix is no rigid transform; the error has its `index` and says by how much.
+    InvalidArgument
+        A Trajectory, or a Transform among the poses, of other frames.
     """
 
     __slots__ = ("children", "parents", "poses", "stamps")
@@ -201,6 +245,8 @@ class Columns:
         rotations: npt.ArrayLike | AsQuat | None = None,
         matrices: npt.ArrayLike | None = None,
     ) -> None:
+        for name, given in (("parents", parents), ("children", children)):
+            refuse_without(given, name, "a name, or N names", "__iter__")
         self.parents = parents
         self.children = children
         # What can be read only once is kept.
@@ -216,15 +262,15 @@ class Columns:
                 raise InvalidArray("give poses, or both translations and rotations")
             import numpy as np
 
-            poses = np.concatenate(
-                [
-                    _rows(translations, 3, "translations"),
-                    _rows(_quaternions(rotations), 4, "rotations"),
-                ],
-                axis=1,
-            )
+            places = _rows(translations, 3, "translations")
+            turns = _rows(_quaternions(rotations), 4, "rotations")
+            if len(places) != len(turns):
+                raise InvalidArray(f"{len(places)} translations, but {len(turns)} rotations")
+            poses = np.concatenate([places, turns], axis=1)
         elif translations is not None or rotations is not None:
             raise InvalidArray("give poses, or translations and rotations, not both")
+        else:
+            _refuse_other_frames(poses, parents, children)
         self.poses = _rows(poses, 7, "poses")
 
     def __len__(self) -> int:
@@ -232,6 +278,22 @@ class Columns:
 
     def __repr__(self) -> str:
         return f"<tfdb.Columns of {len(self)} transforms>"
+
+
+def _refuse_other_frames(poses: Any, target: object, source: object) -> None:
+    """A Transform or a Trajectory goes between its own frames only: it may be the inverse."""
+    rows = poses if isinstance(poses, list | tuple) else [poses]
+    if not (rows and isinstance(target, str) and isinstance(source, str)):
+        return
+    for each in rows if hasattr(rows[0], "target") else ():
+        frames = getattr(each, "target", target), getattr(each, "source", source)
+        if frames != (target, source):
+            raise InvalidArgument(
+                f"T[{frames[0]}<-{frames[1]}] was given for T[{target}<-{source}]: give its "
+                "inverse() for the other direction, or its numbers (.pose, .poses) if the frames "
+                "have other names",
+                value=each,
+            )
 
 
 def _quaternions(rotations: Any) -> Any:
@@ -242,15 +304,19 @@ def _quaternions(rotations: Any) -> Any:
 
 def _rows(values: npt.ArrayLike, width: int, role: str) -> npt.NDArray[np.float64]:
     """Return an array (N, width) of float64; raise InvalidArray for anything else."""
-    import numpy as np
+    from .poses import doubles  # noqa: PLC0415 - numpy is not needed before
 
     try:
-        array = np.asarray(values, dtype=np.float64)
+        array = doubles(values)
+        got = f"{array.shape}"
     except (TypeError, ValueError):
-        array = np.empty(0)
-    if array.ndim != 2 or array.shape[1] != width:
-        given = np.shape(values) if isinstance(values, np.ndarray) else type(values).__name__
-        reason = f"expected an array (N, {width}) of float64, got {given}"
+        array, got = None, type(values).__name__
+        if hasattr(values, "dtype"):
+            got = f"{values.dtype} {getattr(values, 'shape', '')}"
+    if array is not None and array.shape == (0,):
+        return array.reshape(0, width)
+    if array is None or array.ndim != 2 or array.shape[1] != width:
+        reason = f"expected an array (N, {width}) of float64, got {got}"
         raise InvalidArray(f"{role}: {reason}", reason=reason)
     return array
 
@@ -391,14 +457,24 @@ class Frozen:
     """Of what `load(cache=True)` keeps: what it was made from, as JSON. Else empty."""
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class Twist:
-    """A velocity; of a trajectory one for each of its N poses."""
+    """A velocity; of a trajectory one for each of its N poses. `==` compares all exactly."""
 
     linear: npt.NDArray[np.float64]
     """(3,) or (N, 3) in m/s."""
     angular: npt.NDArray[np.float64]
     """(3,) or (N, 3) in rad/s."""
+
+    def __eq__(self, other: object) -> bool:
+        if not isinstance(other, Twist):
+            return NotImplemented
+        import numpy as np
+
+        pairs = ((self.linear, other.linear), (self.angular, other.angular))
+        return all(np.array_equal(a, b, equal_nan=True) for a, b in pairs)
+
+    __hash__: ClassVar[None] = None  # type: ignore[assignment]
 
 
 @dataclass(frozen=True, slots=True)

@@ -79,7 +79,8 @@ def leaks(call: Callable[..., object], good: list[Any]) -> list[str]:
         *("Interpolate", "Previous", "Nearest", "Extrapolate", "Exact", "load", "compare"),
         *("io.read_trajectory", "io.write_trajectory", "io.write_tum", "io.write_csv"),
         *("io.write_euroc", "io.write_kitti", "io.write_npz", "io.write_recording"),
-        *("io.write_transforms", "io.parse_urdf", "io.load_recordings"),
+        *("io.write_transforms", "io.parse_urdf", "io.load_recordings", "io.write_parquet"),
+        *("io.RobotModel", "open"),
     ],
 )
 def test_a_wrong_type_is_refused_in_our_words(
@@ -99,6 +100,8 @@ def test_a_wrong_type_is_refused_in_our_words(
         "io.write_transforms": ["out.mcap", [tfdb.TransformStamped("a", "b", 5, (1, 2, 3))]],
         "io.parse_urdf": ["<robot name='x'><link name='a'/></robot>"],
         "io.load_recordings": [tfdb.Buffer(history=None), [bag]],
+        "io.RobotModel": ["arm", ("base",), {}, "base"],
+        "open": ["none.tfdb"],
         "Extrapolate": [1.0],
         "Nearest": [1.0],
     }
@@ -136,3 +139,28 @@ def test_pictures_refuse_wrong_types(buffer: tfdb.Buffer, path: tfdb.Trajectory)
             assert leak(call, good, {"title": title}) is None
     for wrong in WRONG:
         assert leak(plot.comparison, [wrong], {}) is None
+
+
+def test_paths_that_no_store_can_have() -> None:
+    for wrong in ("\ud800", "a\0b", "", None, b"x"):
+        with pytest.raises(tfdb.InvalidArgument):
+            tfdb.open(wrong)  # type: ignore[arg-type]
+    assert "\ud800" not in tfdb.Buffer()
+
+
+def test_type_errors_name_what_was_called(buffer: tfdb.Buffer) -> None:
+    for call in (
+        lambda: buffer.children(1),  # type: ignore[arg-type]
+        lambda: buffer.path("map", None),  # type: ignore[arg-type]
+        lambda: buffer.trajectory(1, "map"),  # type: ignore[arg-type]
+    ):
+        with pytest.raises(TypeError, match="must be a str, got"):
+            call()
+    core = tfdb.tf2.BufferCore(flavor="ros1")
+    for wrong in (1, [1], np.zeros(3)):
+        with pytest.raises(TypeError, match="must be a str, got"):
+            core._frameExists(wrong)  # type: ignore[arg-type]
+        with pytest.raises(TypeError, match="must be a str, got"):
+            core.can_transform_full_core("a", 0, wrong, 0, "b")  # type: ignore[arg-type]
+        with pytest.raises(TypeError, match="must be a str, got"):
+            core._chain(wrong, 0, "a", 0, "b")  # type: ignore[arg-type]

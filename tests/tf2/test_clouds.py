@@ -392,6 +392,11 @@ def test_times_that_are_none() -> None:
     ):
         with pytest.raises(tf2.InvalidArgumentException, match=text):
             clouds.deskew_cloud(cloud, buffer, "odom", **more)
+    for kind in (8, 6):
+        days, _ = timed(kind, TIMES + 1.7e9)
+        days.header.stamp = msgs.Time.from_nanoseconds(1_700_000_000 * SECOND)
+        with pytest.raises(tf2.InvalidArgumentException, match=r"'t' of point 0.*since='epoch'"):
+            clouds.deskew_cloud(days, buffer, "odom", time_field="t", unit="s")
     values["t"][5] = 1e300
     cloud.data = values.tobytes()
     with pytest.raises(tf2.InvalidArgumentException, match="point 5 is no time"):

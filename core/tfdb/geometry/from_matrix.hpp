@@ -10,8 +10,13 @@
 
 namespace tfdb::geometry {
 
-/// How far a 4x4 matrix may be from a rigid transform: matrices are printed with few digits.
-inline constexpr double kRigidTolerance = 1e-3;
+/// How far the axes of a 4x4 matrix may be from a rotation's, which are printed with few digits: as
+/// far as a quaternion from length one.
+inline constexpr double kRigidTolerance = 5e-3;
+
+/// Of the last row, which holds no measured number: the small translation of a transposed matrix
+/// is not taken for rounding.
+inline constexpr double kLastRowTolerance = 1e-6;
 
 /// What keeps a 4x4 matrix from being a rigid transform, and by how much.
 struct RigidFault {
@@ -46,7 +51,7 @@ inline RigidFault rigid_fault(std::span<const double, 16> m) noexcept {
     }
     const double row =
         std::max({std::abs(m[12]), std::abs(m[13]), std::abs(m[14]), std::abs(m[15] - 1.0)});
-    if (row > kRigidTolerance) {
+    if (row > kLastRowTolerance) {
         return {RigidFault::kLastRow, row};
     }
     const double determinant = detail::determinant(m);
@@ -70,19 +75,41 @@ inline RigidFault rigid_fault(std::span<const double, 16> m) noexcept {
     return {};
 }
 
-/// The pose of a rigid matrix, row by row. The largest of the four parts is found first (Shepperd,
-/// Quaternion from rotation matrix, 1978), so that nothing cancels.
+/// The rotation that is nearest to a rigid matrix's, least squares: its orthogonal polar factor, by
+/// Newton's method (Higham, Computing the polar decomposition, 1986). Each step squares the error:
+/// three lead from the tolerance to rounding.
+inline std::array<double, 9> nearest_rotation(std::span<const double, 16> m) noexcept {
+    std::array r = {m[0], m[1], m[2], m[4], m[5], m[6], m[8], m[9], m[10]};
+    for (int step = 0; step < 3; ++step) {
+        const std::array cofactors = {
+            r[4] * r[8] - r[5] * r[7], r[5] * r[6] - r[3] * r[8], r[3] * r[7] - r[4] * r[6],
+            r[2] * r[7] - r[1] * r[8], r[0] * r[8] - r[2] * r[6], r[1] * r[6] - r[0] * r[7],
+            r[1] * r[5] - r[2] * r[4], r[2] * r[3] - r[0] * r[5], r[0] * r[4] - r[1] * r[3]};
+        const double determinant = r[0] * cofactors[0] + r[1] * cofactors[1] + r[2] * cofactors[2];
+        for (std::size_t i = 0; i < r.size(); ++i) {
+            r[i] = 0.5 * (r[i] + cofactors[i] / determinant);
+        }
+    }
+    return r;
+}
+
+/// The pose of a rigid matrix, row by row, its w not below 0. The largest of the four parts is
+/// found first (Shepperd, Quaternion from rotation matrix, 1978), so that nothing cancels.
 inline Pose pose_of_matrix(std::span<const double, 16> m) noexcept {
-    const double trace = m[0] + m[5] + m[10];
+    const std::array r = nearest_rotation(m);
+    const double trace = r[0] + r[4] + r[8];
     Quat q{};
-    if (trace >= std::max({m[0], m[5], m[10]})) {
-        q = {m[9] - m[6], m[2] - m[8], m[4] - m[1], 1.0 + trace};
-    } else if (m[0] >= std::max(m[5], m[10])) {
-        q = {1.0 + m[0] - m[5] - m[10], m[1] + m[4], m[2] + m[8], m[9] - m[6]};
-    } else if (m[5] >= m[10]) {
-        q = {m[1] + m[4], 1.0 - m[0] + m[5] - m[10], m[6] + m[9], m[2] - m[8]};
+    if (trace >= std::max({r[0], r[4], r[8]})) {
+        q = {r[7] - r[5], r[2] - r[6], r[3] - r[1], 1.0 + trace};
+    } else if (r[0] >= std::max(r[4], r[8])) {
+        q = {1.0 + r[0] - r[4] - r[8], r[1] + r[3], r[2] + r[6], r[7] - r[5]};
+    } else if (r[4] >= r[8]) {
+        q = {r[1] + r[3], 1.0 - r[0] + r[4] - r[8], r[5] + r[7], r[2] - r[6]};
     } else {
-        q = {m[2] + m[8], m[6] + m[9], 1.0 - m[0] - m[5] + m[10], m[4] - m[1]};
+        q = {r[2] + r[6], r[5] + r[7], 1.0 - r[0] - r[4] + r[8], r[3] - r[1]};
+    }
+    if (q.w < 0.0) {
+        q = {-q.x, -q.y, -q.z, -q.w};
     }
     return {{m[3], m[7], m[11]}, normalized(q)};
 }

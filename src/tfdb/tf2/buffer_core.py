@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any, NoReturn
 import tfdb
 from tfdb._core import CoreCalls
 from tfdb.errors import Disconnected, InvalidArgument, TfdbError, UnknownFrame
+from tfdb.given_objects import given_name
 
 from . import listings, msgs, phrases, refusals
 from .exceptions import (
@@ -390,7 +391,7 @@ class BufferCore(CoreCalls):
 
     def _frameExists(self, frame_id: str) -> bool:  # noqa: N802 - tf2's name
         """Whether there is a frame of that name."""
-        return self._buffer.frame_exists(frame_id)
+        return self._buffer.frame_exists(given_name("frame_id", frame_id))
 
     def _getFrameStrings(self) -> list[str]:  # noqa: N802 - tf2's name
         """Return the names of all frames, sorted."""
@@ -463,6 +464,8 @@ class BufferCore(CoreCalls):
         self, snapshot: Snapshot, names: dict[str, str], function: str
     ) -> tuple[str, str] | None:
         """Tell the first of some names, by role, that names no frame, and what tf2 says of it."""
+        for role, name in names.items():
+            given_name(role, name)
         for role, name in names.items():
             if not name or name.startswith("/"):
                 return name, phrases.bad_name(self.flavor, function, role, name)

@@ -134,7 +134,7 @@ class BufferInterface:
     """What can look up can also transform: `Buffer` and `BufferClient` are of this kind."""
 
     def __init__(self) -> None:
-        self.registration = TransformRegistration()
+        self.registration: TransformRegistration = TransformRegistration()
         """The table of functions that transform."""
 
     def transform(

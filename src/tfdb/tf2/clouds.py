@@ -15,6 +15,7 @@ from itertools import pairwise
 from typing import TYPE_CHECKING, Any, Literal
 
 import tfdb
+from tfdb.stamps import MAX_STAMP
 
 from .buffer_interface import ConvertRegistration, TransformRegistration
 from .exceptions import InvalidArgumentException
@@ -302,7 +303,7 @@ def _stamps(
     numbers = np.where(wanted, numbers, numbers[wanted.argmax()])
     first = nanoseconds(points.cloud.header.stamp) if since == "header" else 0
     if whole:
-        return first + numbers.astype(np.int64) * scale
+        return _within(first + numbers.astype(np.int64) * scale, name, since)
     with np.errstate(over="ignore"):
         spans = np.rint(numbers.astype(np.float64) * scale)
     # A comparison with NaN is false.
@@ -311,7 +312,20 @@ def _stamps(
         index = int(bad.argmax())
         text = f"field {name!r} of point {index} is no time: {numbers[index]}"
         raise InvalidArgumentException(text, index=index, value=float(numbers[index]))
-    return first + spans.astype(np.int64)
+    return _within(first + spans.astype(np.int64), name, since)
+
+
+def _within(stamps: npt.NDArray[np.int64], name: str, since: str) -> npt.NDArray[np.int64]:
+    """Return the stamps; raise where they count from another moment than was said."""
+    late = stamps > MAX_STAMP
+    if since == "header" and late.any():
+        index = int(late.argmax())
+        text = (
+            f"field {name!r} of point {index}, counted from the header's stamp, is beyond the "
+            "greatest stamp: since='epoch' takes it for a stamp by itself"
+        )
+        raise InvalidArgumentException(text, index=index, value=int(stamps[index]))
+    return stamps
 
 
 TransformRegistration().add("sensor_msgs/PointCloud2", do_transform_cloud)

@@ -63,8 +63,8 @@ class _ServerGoal:
 
     def __init__(self, server: Ros1Server, goal_id: GoalId, question: LookupGoal) -> None:
         self.question = question
-        self.status = Status(goal_id, ACTIVE)
-        self.taken = time.monotonic_ns()
+        self.status: Status = Status(goal_id, ACTIVE)
+        self.taken: int = time.monotonic_ns()
         """When it came, on the steady clock."""
         self.ended: float | None = None
         """When it ended, on the steady clock."""

@@ -6,9 +6,9 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from .. import transform_broadcaster
 from ..ros_messages import makers
 from ..times import nanoseconds
+from ..transform_broadcaster import TransformBroadcaster as Broadcaster
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -28,7 +28,7 @@ class TransformBroadcaster:
     """
 
     def __init__(self, queue_size: int = 100, *, node: Any = None) -> None:  # noqa: ARG002 - tf's
-        self.tf2_broadcaster = transform_broadcaster.TransformBroadcaster(node)
+        self.tf2_broadcaster: Broadcaster = Broadcaster(node)
         """What does the work."""
 
     def sendTransform(

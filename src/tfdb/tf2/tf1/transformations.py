@@ -13,9 +13,9 @@ import numpy as np
 
 try:
     from transformations import transformations as wxyz
-except ImportError as error:
+except ImportError as _error:
     text = "tf.transformations needs the package transformations: pip install 'tfdb[tf1]'"
-    raise ImportError(text) from error
+    raise ImportError(text) from _error
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable
@@ -25,6 +25,20 @@ if TYPE_CHECKING:
 
     Array = npt.NDArray[np.float64]
     Function = Callable[..., Any]
+
+    class _Arcball:  # the package is not typed
+        constrain: bool
+
+        def __init__(self, initial: npt.ArrayLike | None = None) -> None: ...
+        def place(self, center: npt.ArrayLike, radius: float) -> None: ...
+        def setaxes(self, *axes: npt.ArrayLike) -> None: ...
+        def down(self, point: npt.ArrayLike) -> None: ...
+        def drag(self, point: npt.ArrayLike) -> None: ...
+        def next(self, acceleration: float = 0.0) -> None: ...
+        def matrix(self) -> Array: ...
+
+else:
+    _Arcball = wxyz.Arcball
 
 identity_matrix: Function = wxyz.identity_matrix
 translation_matrix: Function = wxyz.translation_matrix
@@ -150,7 +164,7 @@ def arcball_nearest_axis(point: npt.ArrayLike, axes: Iterable[npt.ArrayLike]) ->
     return max(axes, key=lambda axis: np.dot(arcball_constrain_to_axis(point, axis), point))
 
 
-class Arcball(wxyz.Arcball):  # type: ignore[misc]
+class Arcball(_Arcball):
     """Virtual trackball; `initial` is a matrix (4, 4) or a quaternion x, y, z, w.
 
     Where rotations are constrained to axes it is the package's, which differs from tf's.
@@ -160,7 +174,7 @@ class Arcball(wxyz.Arcball):  # type: ignore[misc]
         given = None if initial is None else np.asarray(initial, dtype=np.float64)
         super().__init__(_wxyz(given) if given is not None and given.shape == (4,) else given)
 
-    def setconstrain(self, constrain: Any) -> None:
+    def setconstrain(self, constrain: bool) -> None:
         """Set whether it turns about the chosen axes alone."""
         self.constrain = constrain
 
