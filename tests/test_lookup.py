@@ -327,7 +327,7 @@ def test_explain_walks_the_path(robot: Robot) -> None:
 
 
 def test_explain_has_advice(robot: Robot) -> None:
-    assert "Did you mean 'camera'" in str(robot.buffer.explain("map", "camrea"))
+    assert "did you mean 'camera'" in str(robot.buffer.explain("map", "camrea"))
     assert "no frames at all" in str(tfdb.Buffer().explain("map", "base"))
     buffer = tfdb.Buffer(history=None)
     buffer.set_transform("map", "odom", 10 * SECOND, (1, 2, 3), TURN)

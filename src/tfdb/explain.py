@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 from contextlib import suppress
 from dataclasses import dataclass
 from html import escape
@@ -128,7 +127,7 @@ class _Case:
                 self.target, self.source, self.stamp, self.policy
             )
         except UnknownFrame as error:
-            return self._because(error, [], self._similar(error.frame or ""))
+            return self._because(error, [], self._others(error))
         except Disconnected as error:
             return self._disconnected(error)
         except _EXPLAINED as error:
@@ -163,11 +162,11 @@ class _Case:
             error=error,
         )
 
-    def _similar(self, name: str) -> list[str]:
+    def _others(self, error: UnknownFrame) -> list[str]:
+        """Which frames there are, unless the error names some that are near."""
+        if "did you mean" in str(error):
+            return []
         known = self.snapshot.frames()
-        close = difflib.get_close_matches(name, known, 3)
-        if close:
-            return [f"Did you mean {' or '.join(map(repr, close))}?"]
         if not known:
             return ["The store has no frames at all."]
         shown = ", ".join(map(repr, known[:8]))

@@ -58,7 +58,7 @@ def to_rerun(
         rerun-sdk is not installed; the message says how.
     InvalidArgument
         `what` is none of these, or a path without a pose; the file exists; neither a path nor a
-        recording; both of them.
+        recording; both of them; a pose farther away than single precision reaches.
     """
     if not _is_name(entity):
         raise InvalidArgument(f"entity must be a path, got {entity!r}", value=entity)

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from .errors import Disconnected, UnknownFrame
+from .errors import Disconnected
 from .explain import from_one_state
+from .given_objects import given_name
 from .stamps import format_seconds
 
 if TYPE_CHECKING:
@@ -76,9 +77,7 @@ def _nanoseconds(stamp: StampLike) -> int:
 def _parents(snapshot: Snapshot, stamp: StampLike | None, *names: str) -> Parents:
     """Parents of all frames at a stamp; raise UnknownFrame for names that are none."""
     for name in names:
-        if not snapshot.frame_exists(name):
-            message = f"frame {name!r} does not exist in commit {snapshot.commit}"
-            raise UnknownFrame(message, frame=name, commit=snapshot.commit)
+        snapshot.parent_of(given_name("a frame's name", name))
     return {info.name: info.parent for info in snapshot.tree(stamp)}
 
 

@@ -7,7 +7,7 @@ kept in nanoseconds.
 from __future__ import annotations
 
 from operator import index
-from typing import Any
+from typing import Any, overload
 
 from ._core import Policy, duration_to_nanoseconds
 from .errors import InvalidArgument
@@ -138,6 +138,10 @@ class Extrapolate(_Limited):
     __slots__ = ()
     _limit_name = "max"
 
+    @overload
+    def __init__(self, max: float) -> None: ...
+    @overload
+    def __init__(self, *, max_ns: int) -> None: ...
     def __init__(self, max: float | None = None, *, max_ns: int | None = None) -> None:  # noqa: A002
         limit = _nanoseconds("max", max, max_ns)
         if limit is None:

@@ -164,9 +164,9 @@ class Forest:
     """Frames sorted into trees: roots with the most frames first, children by name."""
 
     def __init__(self, infos: Iterable[FrameInfo]) -> None:
-        self.by_name = {info.name: info for info in infos}
+        self.by_name: dict[str, FrameInfo] = {info.name: info for info in infos}
         self.children: dict[str, list[str]] = {name: [] for name in self.by_name}
-        roots = []
+        roots: list[str] = []
         for info in self.by_name.values():
             if info.parent in self.children:
                 self.children[info.parent].append(info.name)
@@ -175,7 +175,7 @@ class Forest:
         for names in self.children.values():
             names.sort()
         sizes = {root: sum(1 for _ in self.walk(root)) for root in roots}
-        self.roots = sorted(roots, key=lambda root: (-sizes[root], root))
+        self.roots: list[str] = sorted(roots, key=lambda root: (-sizes[root], root))
 
     def walk(self, root: str) -> Iterator[TreeRow]:
         """Give the frames of one tree, each before its children."""

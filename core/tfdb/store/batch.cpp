@@ -526,7 +526,7 @@ std::vector<StampNs> Reads::path_stamps(std::string_view target, std::string_vie
                 if (edge.is_static())
                     continue;
                 const std::size_t before = stamps.size();
-                const bool whole = edge.visit(0, history::kForever, 0, [&](const auto& sample) {
+                const bool whole = edge.visit(first, last, 0, [&](const auto& sample) {
                     stamps.push_back(sample.stamp);
                     return true;
                 });

@@ -33,6 +33,9 @@ public:
     /// The commit whose state is read.
     [[nodiscard]] virtual CommitNumber read_as_of() = 0;
     [[nodiscard]] virtual std::string frame_name(FrameId id, std::uint32_t generation) const = 0;
+    /// As store::did_you_mean, of the frames that it sees; `commit`: whose state is read.
+    [[nodiscard]] virtual std::string did_you_mean(std::string_view name,
+                                                   CommitNumber commit) const = 0;
 
     virtual void write(std::span<const TransformView> batch, bool is_static,
                        std::string_view authority) = 0;

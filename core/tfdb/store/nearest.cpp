@@ -19,16 +19,24 @@ char lower(char c) {
     return c >= 'A' && c <= 'Z' ? static_cast<char>(c - 'A' + 'a') : c;
 }
 
-/// Levenshtein's distance: how many letters one would have to insert, remove or replace.
+/// How many letters one would have to insert, remove, replace or swap with the next: the distance
+/// of optimal string alignment, Levenshtein's with swaps.
 std::size_t distance(std::string_view one, std::string_view other) {
     std::vector<std::size_t> row(other.size() + 1);
+    std::vector<std::size_t> last = row;
+    std::vector<std::size_t> before = row;
+    const auto same = [&](std::size_t i, std::size_t j) {
+        return lower(one[i]) == lower(other[j]);
+    };
     std::iota(row.begin(), row.end(), std::size_t{0});
     for (std::size_t i = 0; i < one.size(); ++i) {
-        std::size_t diagonal = std::exchange(row[0], i + 1);
+        std::swap(before, last);
+        std::swap(last, row);
+        row[0] = i + 1;
         for (std::size_t j = 0; j < other.size(); ++j) {
-            const std::size_t replaced = diagonal + (lower(one[i]) == lower(other[j]) ? 0 : 1);
-            diagonal = row[j + 1];
-            row[j + 1] = std::min({replaced, row[j] + 1, row[j + 1] + 1});
+            row[j + 1] = std::min({last[j] + (same(i, j) ? 0 : 1), row[j] + 1, last[j + 1] + 1});
+            if (i > 0 && j > 0 && same(i, j - 1) && same(i - 1, j))
+                row[j + 1] = std::min(row[j + 1], before[j - 1] + 1);
         }
     }
     return row.back();
@@ -70,15 +78,18 @@ std::vector<std::string> store::nearest(std::string_view name, std::vector<std::
     return names;
 }
 
-std::string store::did_you_mean(const Store& store, CommitNumber commit, std::string_view name) {
+std::string store::did_you_mean(const Store& store, CommitNumber commit, std::string_view name,
+                                const std::unordered_set<FrameId>& removed,
+                                std::vector<std::string> made) {
     const auto view = store.view(commit);
-    if (view.frame_count() > kMostFrames)
+    if (view.frame_count() + made.size() > kMostFrames)
         return {};
-    std::vector<std::string> known;
+    std::vector<std::string> known = std::move(made);
     for (FrameId id = 0; id < view.frame_count(); ++id) {
         std::string other(store.names.name(id));
         sync::fence_acquire();
-        if (view.alive(id))  // else its slot may have been reused before its name was read
+        if (view.alive(id) &&
+            !removed.contains(id))  // else its slot may have been reused before its name was read
             known.push_back(std::move(other));
     }
     std::string text;

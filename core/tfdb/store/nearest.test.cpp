@@ -55,6 +55,43 @@ TFDB_TEST(errors_name_the_nearest_frames_of_their_state) {
     CHECK(says(evil, "did you mean 'evil"));
 }
 
+TFDB_TEST(nearest_takes_swapped_letters_for_one_mistake) {
+    CHECK(store::nearest("mpa", {"map", "arm"}) == Names({"map"}));
+    CHECK(store::nearest("bsae", {"base", "bas"}) == Names({"base"}));
+}
+
+TFDB_TEST(errors_of_a_transaction_name_the_frames_that_it_sees) {
+    Buffer buffer(keeping(10 * kSecond));
+    set(buffer, "map", "base_link", kSecond, pose_of(1));
+    set(buffer, "base_link", "camera", kSecond, pose_of(2));
+    const auto says = [](const auto& error, std::string_view text) {
+        return error && std::string_view(error->what()).find(text) != std::string_view::npos;
+    };
+    Transaction tx(buffer);
+    const TransformView own{"map", "gripper", kSecond, pose_of(3)};
+    tx.set_transforms({&own, 1}, false, "");
+    const auto unknown = [&](std::string_view name) {
+        return THROWN(UnknownFrame, tx.lookup_transform("map", name, kSecond));
+    };
+    CHECK(says(unknown("base_lnk"), "; did you mean 'base_link'?"));
+    CHECK(says(unknown("griper"), "; did you mean 'gripper'?"));
+    CHECK(says(THROWN(UnknownFrame, tx.parent_of("camrea", {})), "; did you mean 'camera'?"));
+    tx.remove_frame("camera", false);
+    CHECK(!says(unknown("camra"), "did you mean"));
+    const auto gone = THROWN(UnknownFrame, tx.remove_frame("griper", false));
+    CHECK(says(gone, "nothing was removed; did you mean 'gripper'?"));
+}
+
+TFDB_TEST(errors_of_a_removal_name_the_nearest_frame_of_the_first) {
+    Buffer buffer(keeping(10 * kSecond));
+    set(buffer, "map", "base_link", kSecond, pose_of(1));
+    const std::vector<std::string_view> names{"base_lnk", "mapp"};
+    const auto error = THROWN(UnknownFrame, buffer.remove_frames(names, false));
+    CHECK(error && error->detail().refused.size() == 2);
+    CHECK(error && std::string_view(error->what()).find("; did you mean 'base_link'?") !=
+                       std::string_view::npos);
+}
+
 TFDB_TEST(errors_of_a_large_store_are_not_slow) {
     Buffer buffer(keeping(10 * kSecond));
     for (int i = 0; i < 2001; ++i)

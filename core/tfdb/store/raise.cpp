@@ -45,14 +45,9 @@ std::string span_of(const Failure& f) {
     return seconds(f.oldest) + " to " + seconds(f.newest);
 }
 
-const FrameRef& unknown_of(const Failure& failure, const Question& question) {
-    const int argument = failure.argument;
-    return argument == 0 ? question.target : (argument == 1 ? question.source : question.fixed);
-}
-
 [[noreturn]] void raise_unknown(Context& c, const Question& question, const std::string& hint) {
     const int argument = c.failure.argument;
-    const FrameRef& asked = unknown_of(c.failure, question);
+    const FrameRef& asked = store::unknown_of(c.failure, question);
     const std::string role = argument == 0 ? "target" : (argument == 1 ? "source" : "fixed");
     c.detail.frame = asked.name;
     const std::string message = role + " frame " + quoted(asked.name) +
@@ -156,6 +151,11 @@ std::string out_of_range(Context& c, const std::string& child, const std::string
 
 }  // namespace
 
+const FrameRef& store::unknown_of(const Failure& failure, const Question& question) {
+    const int argument = failure.argument;
+    return argument == 0 ? question.target : (argument == 1 ? question.source : question.fixed);
+}
+
 void store::throw_unknown_frame(std::string_view name, CommitNumber commit,
                                 const std::string& hint) {
     ErrorDetail detail;
@@ -212,7 +212,8 @@ void Reads::raise(const Failure& failure, const Question& question) const {
     };
     std::string hint;
     if (failure.code == ErrorCode::kUnknownFrame)
-        hint = store::did_you_mean(*store_, failure.commit, unknown_of(failure, question).name);
+        hint =
+            store::did_you_mean(*store_, failure.commit, store::unknown_of(failure, question).name);
     store::raise_failure(failure, question, name_of, hint);
 }
 

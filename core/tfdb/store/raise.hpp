@@ -22,18 +22,21 @@ using NameOf = std::function<std::string(FrameId)>;
 [[noreturn]] void throw_cycle_of(const txn::CommitOutcome& settled, std::string_view authority,
                                  const NameOf& name);
 
-[[noreturn]] void throw_frame_unknown(std::string_view name);
+[[noreturn]] void throw_frame_unknown(std::string_view name, const std::string& hint);
 [[noreturn]] void throw_frame_in_use(std::string_view name, std::span<const FrameId> children,
                                      const NameOf& name_of);
 
 /// Of a read that names one frame; `hint` ends the message.
 [[noreturn]] void throw_unknown_frame(std::string_view name, CommitNumber commit,
-                                      const std::string& hint = {});
+                                      const std::string& hint);
+
+/// The frame that a lookup did not find.
+[[nodiscard]] const FrameRef& unknown_of(const Failure& failure, const Question& question);
 
 /// Name of a frame of a failure.
 using NameOfHandle = std::function<std::string(FrameHandle)>;
 /// The typed error of a failed lookup that was not overtaken; `hint` ends that of an unknown frame.
 [[noreturn]] void raise_failure(const Failure& failure, const Question& question,
-                                const NameOfHandle& name, const std::string& hint = {});
+                                const NameOfHandle& name, const std::string& hint);
 
 }  // namespace tfdb::store

@@ -86,8 +86,8 @@ void throw_cycle_of(const txn::CommitOutcome& settled, std::string_view authorit
     throw CycleError(fault.what(), std::move(fault.detail()));
 }
 
-void throw_frame_unknown(std::string_view name) {
-    refuse(unknown_frame(name, 0));
+void throw_frame_unknown(std::string_view name, const std::string& hint) {
+    refuse(unknown_frame(name, 0, hint));
 }
 
 void throw_frame_in_use(std::string_view name, std::span<const FrameId> children,

@@ -2,6 +2,7 @@
 #include <algorithm>
 #include <mutex>
 
+#include "tfdb/store/nearest.hpp"
 #include "tfdb/store/writes.hpp"
 
 namespace tfdb::store {
@@ -18,10 +19,10 @@ public:
         for (std::size_t i = 0; i < names.size(); ++i) {
             const FrameId id = commit_.find_frame(names[i]);
             ids_.push_back(id);
-            if (id >= store.frames.count())
-                refusals_.add(unknown_frame(names[i], i));
-            else
+            if (id < store.frames.count())
                 add(id);
+            else
+                refusals_.add(unknown_frame(names[i], i, hint(names[i])));
         }
     }
 
@@ -82,6 +83,11 @@ private:
             for (const FrameId child : below[gone_[i]])
                 add(child);
         }
+    }
+
+    /// Of the first that is unknown: others would take too long under the commit lock.
+    [[nodiscard]] std::string hint(std::string_view name) const {
+        return refusals_.empty() ? did_you_mean(store_, store_.committed(), name) : std::string();
     }
 
     void refuse_used() {

@@ -88,10 +88,15 @@ bool Transaction::has_frame(std::string_view name) {
 }
 
 void Transaction::raise(const Failure& failure, const Question& question) const {
-    store::raise_failure(failure, question, [this](FrameHandle frame) {
+    const auto name_of = [this](FrameHandle frame) {
         return frame.id == kNoFrame ? std::string()
                                     : life_->transaction().frame_name(frame.id, frame.generation);
-    });
+    };
+    std::string hint;
+    if (failure.code == ErrorCode::kUnknownFrame)
+        hint = life_->transaction().did_you_mean(store::unknown_of(failure, question).name,
+                                                 failure.commit);
+    store::raise_failure(failure, question, name_of, hint);
 }
 
 std::string Transaction::frame_name(FrameId id, std::uint32_t generation) const {

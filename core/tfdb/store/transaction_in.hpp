@@ -8,6 +8,7 @@
 
 #include "tfdb/store/asking.hpp"
 #include "tfdb/store/engine_transaction.hpp"
+#include "tfdb/store/nearest.hpp"
 #include "tfdb/store/raise.hpp"
 #include "tfdb/store/validate.hpp"
 #include "tfdb/store/writes.hpp"
@@ -57,7 +58,7 @@ public:
             return view.alive(parent) ? read : Outcome::kLapped;
         }));
         if (outcome == Outcome::kFailed)
-            throw_unknown_frame(name, read_as_of());
+            throw_unknown_frame(name, read_as_of(), did_you_mean(name, read_as_of()));
         return found;
     }
     [[nodiscard]] CommitNumber read_as_of() override { return this->session().read_as_of(); }
@@ -65,6 +66,11 @@ public:
         if (this->writes().is_own(id) && generation == txn::kOwnGeneration)
             return this->writes().name(id);
         return name_of_frame(store_, id, generation);
+    }
+    [[nodiscard]] std::string did_you_mean(std::string_view name,
+                                           CommitNumber commit) const override {
+        return store::did_you_mean(store_, commit, name, this->writes().removed(),
+                                   this->writes().names());
     }
 
     void write(std::span<const TransformView> batch, bool is_static,
@@ -90,7 +96,7 @@ public:
     void remove_frame(std::string_view name, bool recursive) override {
         const FrameId id = find(name);
         if (id == kNoFrame)
-            throw_frame_unknown(name);
+            throw_frame_unknown(name, did_you_mean(name, read_as_of()));
         std::vector<FrameId> gone{id};
         std::unordered_set<FrameId> seen{id};
         std::vector<FrameId> children;

@@ -267,11 +267,11 @@ Error too_old(const TransformView& transform, std::size_t index, StampNs newest,
         std::move(detail));
 }
 
-Error unknown_frame(std::string_view name, std::size_t index) {
+Error unknown_frame(std::string_view name, std::size_t index, const std::string& hint) {
     ErrorDetail detail;
     detail.frame = name;
     detail.index = index;
-    return UnknownFrame("frame " + quoted(name) + " does not exist: nothing was removed",
+    return UnknownFrame("frame " + quoted(name) + " does not exist: nothing was removed" + hint,
                         std::move(detail));
 }
 

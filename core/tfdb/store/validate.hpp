@@ -69,7 +69,9 @@ using Fault = std::optional<Error>;
 [[nodiscard]] Error too_old(const TransformView& transform, std::size_t index, StampNs newest,
                             StampNs history, std::string_view authority);
 /// Of a frame that was to be removed, at `index` of the call's names.
-[[nodiscard]] Error unknown_frame(std::string_view name, std::size_t index);
+/// `hint` ends the message.
+[[nodiscard]] Error unknown_frame(std::string_view name, std::size_t index,
+                                  const std::string& hint);
 [[nodiscard]] Error frame_in_use(std::string_view name, std::size_t index,
                                  std::vector<std::string> children);
 [[nodiscard]] Error cycle_fault(const TransformView& transform, std::size_t index,

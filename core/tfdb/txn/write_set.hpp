@@ -126,6 +126,13 @@ public:
         return found == names_.end() ? kNoFrame : found->second;
     }
     [[nodiscard]] const std::string& name(FrameId own) const { return made_[place_of(own)]; }
+    /// Of the frames that this transaction has made and not removed again.
+    [[nodiscard]] std::vector<std::string> names() const {
+        std::vector<std::string> names;
+        for (const auto& [name, id] : names_)
+            names.push_back(name);
+        return names;
+    }
     /// The id that the next frame gets.
     [[nodiscard]] FrameId next_id() const {
         return kNoFrame - 1 - static_cast<FrameId>(made_.size());
