@@ -43,14 +43,19 @@ class Cache:
     """
 
     def __init__(
-        self, paths: Sequence[Path], topics: Any, choice: str = "", *, salvage: bool
+        self,
+        paths: Sequence[Path],
+        topics: str | Iterable[str] | Mapping[str, str] | None,
+        choice: str = "",
+        *,
+        salvage: bool,
     ) -> None:
         self._files = [file for path in paths for file in _files_of(path)]
         found = [file.stat() for file in self._files]
         self._times = [status.st_mtime_ns for status in found]
         if isinstance(topics, Iterable) and not isinstance(topics, str | Mapping):
-            topics = list(topics)
-        self.topics = topics  # an iterator can be asked once
+            topics = list(topics)  # an iterator can be asked once
+        self.topics: str | Iterable[str] | Mapping[str, str] | None = topics
         asked = None if topics is None else _in_order(topics)
         self._wanted = {
             "tfdb": __version__,

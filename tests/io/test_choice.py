@@ -87,6 +87,7 @@ def between(first: int, last: int) -> Callable[[Sample], bool]:
         ({"start": f"{FIRST + S}ns"}, lambda a, b: (FIRST + S, b)),
         ({"end": np.datetime64(FIRST + S, "ns")}, lambda a, b: (a, FIRST + S)),
         ({"keep": 2}, lambda a, b: (b - 2 * S, b)),
+        ({"keep": np.float32(2)}, lambda a, b: (b - 2 * S, b)),
         ({"keep": 2.5, "end": "-1"}, lambda a, b: (b - 7 * S // 2, b - S)),
         ({"keep": 100.0, "start": "+1"}, lambda a, b: (a + S, b)),
     ],
@@ -246,8 +247,10 @@ def test_damaged_messages_are_refused_as_without_options(tmp_path: Path) -> None
             data = tfdb.encode_tf_message([each], "ros1")
             writer.write(data, number + 1, topic="/tf")
         writer.write(b"\x05\0\0\0broken", 3, topic="/tf")
-    plain = tfdb.Buffer(history=None).load(path)
-    chosen = tfdb.Buffer(history=None).load(path, prefix="r/", start=0)
+    with pytest.warns(tfdb.TfdbWarning, match="2 of 3 messages were refused, 1 of them with"):
+        plain = tfdb.Buffer(history=None).load(path)
+    with pytest.warns(tfdb.TfdbWarning, match="2 of 3 messages were refused, 1 of them with"):
+        chosen = tfdb.Buffer(history=None).load(path, prefix="r/", start=0)
     assert dict(chosen.reasons) == dict(plain.reasons)
     assert set(plain.reasons) == {"InvalidTransform", "CorruptMessage"}
 
@@ -284,6 +287,15 @@ def test_the_cache_keeps_choices_apart(tmp_path: Path) -> None:
         ({"keep": 0}, tfdb.InvalidArgument, "keep is how many seconds .* not 0"),
         ({"keep": float("nan")}, tfdb.InvalidArgument, "not nan"),
         ({"keep": True}, tfdb.InvalidArgument, "not True"),
+        ({"keep": 1e-12}, tfdb.InvalidArgument, "keep is how many seconds .* not 1e-12"),
+        (
+            {"start": "+99", "frames": ["map", "odom"]},
+            tfdb.RecordingError,
+            r"by start=\+99, frames",
+        ),
+        ({"pose_topics": b"/odom"}, tfdb.InvalidArgument, "got a bytes"),
+        ({"topics": b"/tf"}, tfdb.InvalidArgument, "got a bytes"),
+        ({"exclude": b"map"}, tfdb.InvalidArgument, "exclude are names, got b'map'"),
         ({"rename": "map"}, tfdb.InvalidArgument, "rename maps names to names, got 'map'"),
         ({"rename": {"map": 1}}, tfdb.InvalidArgument, "rename are names, got 1"),
         ({"rename": {"map": "odom"}}, tfdb.InvalidArgument, "would both be called 'odom'"),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import os
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -169,6 +170,12 @@ def test_what_cannot_be_followed(grow: Any, tmp_path: Path) -> None:
         tfdb.io.follow_recording(buffer, path)
     with pytest.raises(FileNotFoundError):
         tfdb.io.follow_recording(buffer, tmp_path / "none.mcap")
+    os.mkfifo(tmp_path / "pipe.mcap")
+    for what in (tmp_path / "pipe.mcap", tmp_path):
+        with pytest.raises(tfdb.RecordingError, match="no regular file"):
+            tfdb.io.follow_recording(buffer, what, timeout=1)
+    with pytest.raises(TypeError, match="buffer is a Buffer"):
+        tfdb.io.follow_recording(None, path)  # type: ignore[arg-type]
     path.write_bytes(whole)
     for options, words in (
         ({"frames": "map"}, "frames: these need the whole file"),
@@ -178,3 +185,14 @@ def test_what_cannot_be_followed(grow: Any, tmp_path: Path) -> None:
     ):
         with pytest.raises(tfdb.InvalidArgument, match=words):
             tfdb.io.follow_recording(buffer, path, **options)
+
+
+def test_topics_that_never_came_are_named(grow: Any, tmp_path: Path) -> None:
+    path = tmp_path / "run.mcap"
+    path.write_bytes(written())
+    buffer = tfdb.Buffer(history=None)
+    for options in ({"topics": "/nope"}, {"pose_topics": "/nope"}):
+        with pytest.raises(tfdb.RecordingError, match="no topic '/nope'; its topics: /tf "):
+            tfdb.io.follow_recording(buffer, path, **options)
+    with pytest.raises(tfdb.RecordingError, match=r"'/tf' holds .*, not poses"):
+        tfdb.io.follow_recording(tfdb.Buffer(), path, topics=(), pose_topics="/tf")

@@ -238,7 +238,8 @@ def test_what_cannot_be_read_is_refused(ros: Messages, tmp_path: Path) -> None:
     messages.append(("/twist", "geometry_msgs/msg/Point", 9, ros.pose(poses(1)[0]).position))
     path = ros.write(tmp_path, messages)
     buffer = tfdb.Buffer(history=None)
-    report = buffer.load(path, pose_topics="/odom")
+    with pytest.warns(tfdb.TfdbWarning, match="3 of 4 messages were refused, 2 of them with Corr"):
+        report = buffer.load(path, pose_topics="/odom")
     assert (report.messages, report.commits, report.refused) == (4, 1, 3)
     assert dict(report.reasons) == {"CorruptMessage": 2, "InvalidTransform": 1}
     assert "names no parent frame" in report.first_refusals["CorruptMessage"]
@@ -394,6 +395,20 @@ def test_damaged_foxglove_is_typed(tmp_path: Path) -> None:
         tfdb.load(path, pose_topics="/poses")
 
 
+def test_poses_that_salvage_lost_are_counted(tmp_path: Path) -> None:
+    ros, type_ = Messages("bag"), "nav_msgs/msg/Odometry"
+    given = [("/odom", type_, i * S, ros.of(type_, i * S, p)) for i, p in enumerate(poses(5), 1)]
+    path = ros.write(tmp_path, given)
+    data = bytearray(path.read_bytes())
+    header = data.index(b"op=\x02")
+    data[data.index(b"conn=", header - 40) + 5] = 9  # a connection that nothing declares
+    path.write_bytes(data)
+    with pytest.raises(tfdb.RecordingError, match=r"promises 5 messages on '/odom', .* holds 4"):
+        tfdb.load(path, pose_topics="/odom")
+    report = tfdb.Buffer(history=None).load(path, pose_topics="/odom", salvage=True)
+    assert (report.commits, [loss.messages for loss in report.lost]) == (4, [1])
+
+
 # -- joint states ---------------------------------------------------------------------------------
 
 URDF = """<robot name="arm">
@@ -459,6 +474,20 @@ def test_joint_states(ros: Messages, tmp_path: Path) -> None:
     part = tfdb.load(path, urdf=model, frames={"foot", "slide"}, keep=1, prefix="a/")
     assert part.frames() == ["a/foot", "a/slide", "a/upper"]
     assert part.samples("a/upper")[0].tolist() == [2 * S, 3 * S]
+
+
+def test_joints_that_mimic_have_limits_too(ros: Messages, tmp_path: Path) -> None:
+    path = joint_run(ros, tmp_path)
+    before, mimic, after = URDF.partition("<mimic")
+    model = tfdb.io.parse_urdf("-0.5".join(before.rsplit("-1", 1)) + mimic + after)
+    with pytest.warns(tfdb.TfdbWarning, match=r"joint 'grip' is beyond its limits, -0\.5 to 1, in"):
+        report = tfdb.Buffer(history=None).load(path, urdf=model)
+    assert report.joints is not None
+    (grip,) = report.joints.beyond
+    assert (grip.joint, grip.stamp, grip.count) == ("grip", 3 * S, 1)
+    assert grip.position == pytest.approx(0.1 - 2 * 0.4)
+    with pytest.raises(tfdb.RecordingError, match="'grip' is beyond"):
+        model.load_joint_states(path, limits="raise")
 
 
 def test_what_is_wrong_with_joint_states_is_said(ros: Messages, tmp_path: Path) -> None:

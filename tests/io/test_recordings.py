@@ -333,7 +333,9 @@ def test_refused_messages_are_counted(recorder: Any, messages: list[Any], tmp_pa
     conflict = [("base", "camera", 9, (0, 0, 0, 0, 0, 0, 1))]
     broken += [type(messages[0])("/tf", messages[-1].received + n, conflict) for n in range(3)]
     buffer = tfdb.Buffer(history=None)
-    report = buffer.load(recorder.bag(tmp_path / "a.bag", broken))
+    path = recorder.bag(tmp_path / "a.bag", broken)
+    with pytest.warns(tfdb.TfdbWarning, match="4 of 605 messages .* 3 of them with StaticConflict"):
+        report = buffer.load(path)
     assert report.messages == len(broken)
     assert (report.commits, report.refused) == (len(messages), 4)
     assert report.reasons == {"InvalidTransform": 1, "StaticConflict": 3}

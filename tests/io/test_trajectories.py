@@ -1,13 +1,16 @@
 """Trajectory files: what is read, what is refused, and that files survive a round trip."""
 
+import os
+import threading
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
 import tfdb
 from tfdb.io import into_buffer, read_trajectory, write_npz, write_trajectory
-from tfdb.poses import quaternions, rotation_matrices
+from tfdb.poses import rotation_matrices
 
 HALF = np.sqrt(0.5)
 
@@ -138,12 +141,12 @@ def test_npz_is_read_again(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("arrays", "reason"),
     [
-        ({"stamps": np.array([1, 2])}, "without the array 'poses"),
+        ({"stamps": np.array([1, 2])}, "without the array 'poses'"),
         ({"stamps": np.array([1.5]), "poses": np.ones((1, 7))}, "integer nanoseconds"),
         ({"stamps": np.array([1]), "poses": np.eye(7)[5:]}, "1 stamps, but 2 poses"),
         ({"stamps": np.array([2, 1]), "poses": np.ones((2, 7))}, "must increase"),
         ({"stamps": np.array([1]), "poses": np.ones((1, 7))}, r"poses\[0\] = .* no rigid"),
-        ({"stamps": np.array([1]), "poses": np.full((1, 7), np.nan)}, "row 0 holds no pose"),
+        ({"stamps": np.array([1]), "poses": np.full((1, 7), np.nan)}, "no pose in it"),
         ({"stamps": np.array([-1]), "poses": np.eye(7)[6:]}, r"stamps\[0\] = -1 is no stamp"),
         ({"stamps": np.array([1]), "poses": np.array([{}])}, "damaged or cut short"),
         ({"stamps": np.empty(0), "poses": np.empty((0, 7))}, "no pose in it"),
@@ -180,14 +183,125 @@ def test_unknown_format_by_name(tmp_path: Path) -> None:
     assert not (tmp_path / "a.xyz").exists()
 
 
-def test_quaternions_of_matrices() -> None:
-    wanted = random_trajectory(2000).poses[:, 3:]
-    # Half turns are where formulas with branches go wrong.
-    turns = np.array([[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0], [HALF, HALF, 0, 0], [0, 0, 0, 1]])
-    wanted = np.vstack((wanted, turns))
-    found = quaternions(rotation_matrices(wanted))
-    assert np.abs(np.abs(np.sum(found * wanted, axis=1)) - 1).max() < 1e-14
-    assert (found[:, 3] >= 0).all()
+def test_kitti_with_three_digits(tmp_path: Path) -> None:
+    matrices = random_trajectory(50).matrices
+    (tmp_path / "a_times.txt").write_text("".join(f"{second}\n" for second in range(50)))
+    rows = (" ".join(f"{number:.3f}" for number in each[:3].flat) for each in matrices)
+    (tmp_path / "a.txt").write_text("\n".join(rows))
+    found = read_trajectory(tmp_path / "a.txt")
+    assert np.abs(found.matrices - matrices).max() < 1.5e-3
+
+
+TURN = "5,1,2,3,0,0,0.6,0.8"  # a stamp in ns, x y z, and a quaternion x y z w
+NAMED = [
+    ("stamp_ns,x,y,z,qx,qy,qz,qw", TURN),
+    ("# stamp_ns, x, y, z, qx, qy, qz, qw", TURN),
+    ("stamp_ns,x,y,z,qw,qx,qy,qz", "5,1,2,3,0.8,0,0,0.6"),
+    ("x,y,z,stamp_ns,qw,qz,qy,qx", "1,2,3,5,0.8,0.6,0,0"),
+    (",stamp_ns,x,y,z,qx,qy,qz,qw,speed", f"0,{TURN},7.5"),
+    ('"stamp_ns","x","y","z","qx","qy","qz","qw"', TURN),
+]
+
+
+@pytest.mark.parametrize(("heading", "row"), NAMED)
+@pytest.mark.parametrize("format_", [None, "csv"])
+def test_a_heading_says_which_column_is_which(
+    tmp_path: Path, heading: str, row: str, format_: Any
+) -> None:
+    path = tmp_path / "a.csv"
+    path.write_text(f"{heading}\n{row}\n")
+    found = read_trajectory(path, format_)
+    assert found.stamps.tolist() == [5]
+    assert found.poses.tolist() == [[1, 2, 3, 0, 0, 0.6, 0.8]]
+
+
+def test_a_comment_is_no_heading(tmp_path: Path) -> None:
+    path = tmp_path / "a.csv"
+    path.write_text(
+        "# of stamp_ns, made by x\n#timestamp,p_x,p_y,p_z,q_w,q_x,q_y,q_z\n5,1,2,3,0.8,0,0,0.6\n"
+    )
+    assert read_trajectory(path).poses.tolist() == [[1, 2, 3, 0, 0, 0.6, 0.8]]
+    path.write_text("# qx qy qz qw, not qw qx qy qz\n1 1 2 3 0 0 0.6 0.8\n")
+    assert read_trajectory(path).poses.tolist() == [[1, 2, 3, 0, 0, 0.6, 0.8]]
+
+
+@pytest.mark.parametrize(
+    ("text", "format_", "reason"),
+    [
+        (f"timestamp,tx,ty,tz,qx,qy,qz,qw\n{TURN}\n", None, "order x y z w, but euroc has w x"),
+        (f"#timestamp, x, y, z, q_x, q_y, q_z, q_w\n{TURN}\n", None, "order x y z w, but euroc"),
+        (f"stamp_ns,x,y,z,qx,qy,qz,qw\n{TURN}\n", "euroc", "order x y z w, but euroc"),
+        (f"#time,q_RS_w [],q_RS_x [],q_RS_y [],q_RS_z []\n{TURN}\n", "csv", "but csv has x y z w"),
+        ("# a\n# timestamp x y z qw qx qy qz\n5 1 2 3 .8 0 0 .6\n", None, "but tum has x y z w"),
+        ("stamp_ns,x,y,z,qx,qy,qz\n5,1,2,3,0,0,0\n", None, "must name each of stamp_ns, x, y"),
+        ("stamp_ns,x,y,z,qx,qy,qz,qw,x\n5,1,2,3,0,0,0,1,2\n", None, "must name each of"),
+        (f"a,b\nc,d\n{TURN}\n", "csv", "2 columns instead of"),
+        (f"{TURN}\nnan,1,2,3,0,0,0.6,0.8\n", "csv", "'nan' is not an integer"),
+    ],
+)
+def test_a_heading_that_says_something_else(
+    tmp_path: Path, text: str, format_: Any, reason: str
+) -> None:
+    path = tmp_path / "a.txt"
+    path.write_text(text)
+    with pytest.raises(tfdb.TrajectoryError, match=reason):
+        read_trajectory(path, format_)
+
+
+FORMATS = ["tum", "euroc", "kitti", "csv", "npz", "parquet"]
+
+
+def with_holes() -> tfdb.Trajectory:
+    whole = random_trajectory(9)
+    poses = whole.poses.copy()
+    poses[[0, 3, 4, 8]] = np.nan
+    return tfdb.Trajectory("map", "base", whole.stamps, poses)
+
+
+@pytest.mark.parametrize("format_", FORMATS)
+def test_missing_poses_in_a_file(tmp_path: Path, format_: Any) -> None:
+    path, there = with_holes(), with_holes()[with_holes().found]
+    file = (
+        tmp_path / f"a.{'txt' if format_ == 'kitti' else 'csv' if format_ == 'euroc' else format_}"
+    )
+    write_trajectory(file, path, format_)
+    found = read_trajectory(file, target="map", source="base")
+    if format_ == "kitti":  # by way of matrices: up to the sign of the quaternions
+        assert np.array_equal(found.stamps, there.stamps)
+        assert np.abs(found.matrices - there.matrices).max() < 1e-14
+    else:
+        assert found == (path if format_ in ("csv", "npz", "parquet") else there)
+    loaded = tfdb.load(file)
+    names = (path.target, path.source) if format_ == "parquet" else ("world", "body")
+    assert np.array_equal(loaded.trajectory(*names).stamps, there.stamps)
+
+
+def test_empty_fields_are_a_missing_pose(tmp_path: Path) -> None:
+    path = tmp_path / "a.csv"
+    path.write_text(f"stamp_ns,x,y,z,qx,qy,qz,qw\n4,,,,,,,\n{TURN}\n6{',NaN' * 7}\n")
+    assert read_trajectory(path).found.tolist() == [False, True, False]
+    path.write_text(f"stamp_ns,x,y,z,qx,qy,qz,qw\n4,1,,,,,,\n{TURN}\n")
+    with pytest.raises(tfdb.TrajectoryError, match="'' is not a number") as caught:
+        read_trajectory(path)
+    assert caught.value.line == 2
+
+
+@pytest.mark.parametrize("format_", FORMATS)
+def test_from_a_pipe(tmp_path: Path, format_: Any) -> None:
+    path = random_trajectory(9)
+    write_trajectory(tmp_path / "a", path, format_)
+    os.mkfifo(tmp_path / "pipe")
+    found: list[tfdb.Trajectory] = []
+    times = tmp_path / "a_times.txt" if format_ == "kitti" else None
+
+    def read() -> None:
+        found.append(read_trajectory(tmp_path / "pipe", format_, times=times))
+
+    reader = threading.Thread(target=read, daemon=True)
+    reader.start()
+    (tmp_path / "pipe").write_bytes((tmp_path / "a").read_bytes())
+    reader.join(30)
+    assert np.array_equal(found[0].stamps, path.stamps)
 
 
 UNIT = "0 0 0 0 0 0 1"
@@ -298,6 +412,12 @@ def test_into_buffer() -> None:
     assert np.abs(poses - trajectory.poses).max() < 1e-15
     assert set(parents) == {"map"}
     assert buffer.frame_info("base").authority == "file"
+
+
+def test_into_buffer_leaves_missing_poses_out() -> None:
+    path, buffer = with_holes(), tfdb.Buffer(history=None)
+    into_buffer(buffer, "map", "base", path)
+    assert buffer.trajectory("map", "base") == path[path.found]
 
 
 def test_into_a_buffer_that_forgets() -> None:

@@ -1,6 +1,8 @@
 """Robot models: hand-computed poses, real robots, and files that must be refused."""
 
+import copy
 import math
+import pickle
 from pathlib import Path
 
 import numpy as np
@@ -353,3 +355,34 @@ def test_models_are_immutable() -> None:
     model: RobotModel = parse_urdf(ARM.encode())
     with pytest.raises(TypeError):
         model.joints["new"] = model.joints["lift"]  # type: ignore[index]
+
+
+def test_a_model_goes_to_other_processes() -> None:
+    model = parse_urdf(ARM)
+    for again in (pickle.loads(pickle.dumps(model)), copy.deepcopy(model)):
+        assert (again.name, again.links, again.root) == (model.name, model.links, model.root)
+        assert dict(again.joints) == dict(model.joints)
+        ours = model.forward_kinematics({"shoulder": 0.3, "lift": 0.2})
+        theirs = again.forward_kinematics({"shoulder": 0.3, "lift": 0.2})
+        assert ours.keys() == theirs.keys()
+        assert all(np.array_equal(ours[name], theirs[name]) for name in ours)
+
+
+def test_a_model_is_a_tree_of_its_links() -> None:
+    model = parse_urdf(ARM.encode())
+    same = RobotModel(model.name, model.links, model.joints, model.root)
+    assert same.movable == model.movable
+    names = list(model.joints)
+    fewer = {name: model.joints[name] for name in names[1:]}
+    for links, joints, root in (
+        (model.links, fewer, model.root),
+        (model.links[:-1], model.joints, model.root),
+        (model.links, model.joints, model.links[-1]),
+        (model.links, model.joints, "nowhere"),
+        ((*model.links, "alone"), model.joints, model.root),
+        ((*model.links, model.root), model.joints, model.root),
+        ("base", {}, "base"),
+        (("base",), {"a": 1}, "base"),
+    ):
+        with pytest.raises(tfdb.InvalidArgument):
+            RobotModel("arm", links, joints, root)  # type: ignore[arg-type]

@@ -230,3 +230,11 @@ def test_convert_refuses(arguments: tuple[str, ...], words: str, tmp_path: Path)
     done = subprocess.run(command, check=False, cwd=tmp_path, capture_output=True, text=True)
     assert done.returncode == 2
     assert words in done.stderr
+
+
+def test_rerun_refuses_what_single_precision_cannot_hold(tmp_path: Path) -> None:
+    pytest.importorskip("rerun")
+    far = tfdb.Trajectory("map", "comet", [5], [[1e39, 2, 3, 0, 0.6, 0, 0.8]])
+    with pytest.raises(tfdb.InvalidArgument, match="frame 'comet' is 1e\\+39 m away"):
+        tfdb.to_rerun(far, tmp_path / "far.rrd")
+    assert not list(tmp_path.iterdir())

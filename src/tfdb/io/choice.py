@@ -6,15 +6,17 @@ A `Choice` is what was asked for; `resolve` looks at the recordings where it mus
 
 from __future__ import annotations
 
-import difflib
 import re
 import warnings
 from collections.abc import Iterable, Mapping
+from copy import copy
 from dataclasses import dataclass, replace
+from numbers import Real
 from typing import TYPE_CHECKING, Any, Literal, TypeAlias, TypedDict
 
 from tfdb import _core
 from tfdb.errors import InvalidArgument, RecordingError, TfdbError, TfdbWarning, UnknownFrame
+from tfdb.near_names import near_names
 from tfdb.stamps import format_seconds, shown
 from tfdb.summary import span
 
@@ -68,6 +70,9 @@ class Time:
     ns: int
     since: int = 0
 
+    def __repr__(self) -> str:
+        return self.text if self.since else f"{self.ns}ns"
+
     def resolve(self, found: tuple[int, int] | None) -> int:
         """The stamp, where moving stamps run over `found`."""
         if not self.since:
@@ -79,6 +84,13 @@ class Time:
                 value=self.text,
             )
         return found[0] + self.ns if self.since > 0 else found[1] - self.ns
+
+    def may_be_offset(self, found: tuple[int, int] | None) -> bool:
+        """Whether an absolute time lies far before `found`, and within its length of 0."""
+        if self.since or found is None:
+            return False
+        length = found[1] - found[0]
+        return self.ns <= length < found[0] - self.ns
 
 
 class Choice:
@@ -101,19 +113,20 @@ class Choice:
         urdf: PathLike | RobotModel | None = None,
         joint_topic: str | None = None,
     ) -> None:
-        self.start, self.end = _time("start", start), _time("end", end)
-        self.frames = None if frames is None else _names("frames", frames)
+        self.start: Time | None = _time("start", start)
+        self.end: Time | None = _time("end", end)
+        self.frames: tuple[str, ...] | None = None if frames is None else _names("frames", frames)
         if self.frames is not None and not self.frames:
             raise InvalidArgument("frames is empty: name some, or give None for all", value=())
-        self.exclude = _names("exclude", exclude)
-        self.keep = _seconds(keep)
-        self.rename = _mapping(rename)
+        self.exclude: tuple[str, ...] = _names("exclude", exclude)
+        self.keep: int | None = _seconds(keep)
+        self.rename: dict[str, str] = _mapping(rename)
         if not isinstance(prefix, str):
             kind = type(prefix).__name__
             raise InvalidArgument(f"prefix is what to put before names, got a {kind}", value=prefix)
         self.prefix: str = prefix.removeprefix("/")
-        self.pose_topics = _pose_topics(pose_topics)
-        self.model = _model(urdf)
+        self.pose_topics: dict[str, str | None] = _pose_topics(pose_topics)
+        self.model: RobotModel | None = _model(urdf)
         if joint_topic is not None and self.model is None:
             raise InvalidArgument("joint_topic goes with urdf, the model of the robot")
         self.joint_topic = None if joint_topic is None else absolute(joint_topic)
@@ -228,8 +241,48 @@ class Choice:
             `end` before `start`; an offset where nothing moves; two frames would have one name.
         RecordingError
         """
+        return self.resolve_apart([(self.prefix, recordings)], wants, kind, step)[0]
+
+    def resolve_apart(
+        self,
+        robots: Sequence[tuple[str, Sequence[Recording]]],
+        wants: Callable[[Source], bool],
+        kind: Callable[[Source], tuple[str, bool]],
+        step: Callable[[int], None] | None = None,
+    ) -> list[Rewriter]:
+        """Look through recordings whose frames are kept apart by prefixes; each has a tree.
+
+        Offsets count from the first and to the last stamp of all. Else as `resolve`.
+        """
+        chosen = [self._prefixed(prefix) for prefix, _ in robots]
         if not self.needs_survey:
-            return Rewriter(self, _window(self, None), None)
+            return [Rewriter(each, _window(each, None), None) for each in chosen]
+        found = [self._survey(recordings, wants, kind, step) for _, recordings in robots]
+        stores = [store for store, _ in found]
+        frames = sorted({frame for store in stores for frame in store.frames()})
+        for frame in sorted(set(self.frames or ()) - set(frames)):
+            raise _no_frame("frames", frame, frames)
+        window = _window(self, span([info for store in stores for info in store.tree()]))
+        made = []
+        for each, (store, joints) in zip(chosen, found, strict=True):
+            each._check_names(store.frames())
+            children = None if self.frames is None else _between(store, self.frames)
+            made.append(Rewriter(each, window, children, joints))
+        return made
+
+    def _prefixed(self, prefix: str) -> Choice:
+        made = copy(self)
+        made.prefix = prefix.removeprefix("/")
+        return made
+
+    def _survey(
+        self,
+        recordings: Sequence[Recording],
+        wants: Callable[[Source], bool],
+        kind: Callable[[Source], tuple[str, bool]],
+        step: Callable[[int], None] | None,
+    ) -> tuple[Buffer, JointStates | None]:
+        """All that recordings hold, under old names; what makes transforms of joint states."""
         everything: Buffer = _core.Buffer(history=None)
         first = Rewriter(self._without_names(), (None, None), None)
 
@@ -249,9 +302,7 @@ class Choice:
             if fixed:
                 everything.set_transforms(fixed, static=True)
             survey(lambda source: wants(source) and source.type == JOINT_STATE)
-        self._check_names(everything.frames())
-        children = None if self.frames is None else _between(everything, self.frames)
-        return Rewriter(self, _window(self, span(everything.tree())), children, joints)
+        return everything, joints
 
     def without_survey(self) -> Rewriter:
         """The rewriter where nothing can be looked through; InvalidArgument where it must be."""
@@ -272,9 +323,7 @@ class Choice:
         return Choice(exclude=self.exclude, pose_topics=self.pose_topics or None)
 
     def _check_names(self, frames: Sequence[str]) -> None:
-        """Refuse frames that are not there, and new names that others have."""
-        for frame in sorted(set(self.frames or ()) - set(frames)):
-            raise _no_frame("frames", frame, frames)
+        """Refuse new names that others have."""
         found: dict[str, str] = {}
         for frame in frames:
             new = self.rename.get(frame, frame)
@@ -316,8 +365,8 @@ class Rewriter:
         self._is_out: dict[str, bool] = {}
         self._used: set[str] = set()
         self._names: dict[str, str] = {}
-        self.is_idle = not choice.limits
-        self.left_out = 0
+        self.is_idle: bool = not choice.limits
+        self.left_out: int = 0
         self._moving = 0
         self._outside: tuple[int, int] | None = None
 
@@ -441,7 +490,11 @@ class Rewriter:
         since = "" if first is None else f" from {format_seconds(first)}"
         until = "" if last is None else f" to {format_seconds(last)}"
         there = " to ".join(map(format_seconds, self._outside or ()))
-        return f"{since}{until}, its stamps run from {there}".lstrip()
+        given = [time for time in (self._choice.start, self._choice.end) if time is not None]
+        meant = [time for time in given if time.may_be_offset(self._outside)]
+        offsets = " and ".join(f"'+{format_seconds(each.ns)}'".replace(" s", "") for each in meant)
+        hint = f"; did you mean {offsets}, from the start?" if meant else ""
+        return f"{since}{until}, its stamps run from {there}{hint}".lstrip()
 
     def _takes(self, transform: TransformStamped) -> bool:
         if self._children is not None and transform.child not in self._children:
@@ -493,7 +546,7 @@ def _between(store: Buffer, frames: Iterable[str]) -> frozenset[str]:
             parents[info.name] = {info.parent}
         elif info.oldest is not None:
             parents[info.name] = set(store.samples(info.name)[2])
-    above = {frame: _up(frame, parents) for frame in frames}
+    above = {frame: _up(frame, parents) for frame in frames if store.frame_exists(frame)}
     kept: set[str] = set()
     for ours in above.values():
         together = [up for up in above.values() if not up.isdisjoint(ours)]
@@ -552,19 +605,19 @@ def _seconds(keep: Any) -> int | None:
     """Nanoseconds of a positive number of seconds."""
     if keep is None:
         return None
-    is_number = isinstance(keep, int | float) and not isinstance(keep, bool)
-    if not is_number or not 0 < keep < 2**31:
+    is_number = isinstance(keep, Real) and not isinstance(keep, bool)
+    if not is_number or not 5e-10 < keep < 2**31:
         raise InvalidArgument(
             f"keep is how many seconds before the last moving stamp are kept, not {shown(keep)}",
             value=keep,
         )
-    nanoseconds: int = round(keep * 10**9)
-    return nanoseconds
+    return round(float(keep) * 10**9)
 
 
 def _names(option: str, given: Any) -> tuple[str, ...]:
     """Names of frames and others, without their leading slash."""
-    several = [given] if isinstance(given, str) or not isinstance(given, Iterable) else list(given)
+    one = isinstance(given, str | bytes) or not isinstance(given, Iterable)
+    several = [given] if one else list(given)
     for name in several:
         if not isinstance(name, str) or not name.strip("/"):
             raise InvalidArgument(f"{option} are names, got {shown(name)}", value=name)
@@ -577,6 +630,9 @@ def _mapping(given: Any) -> dict[str, str]:
     if not isinstance(given, Mapping):
         raise InvalidArgument(f"rename maps names to names, got {shown(given)}", value=given)
     old, new = _names("rename", given.keys()), _names("rename", given.values())
+    for name in old:
+        if old.count(name) > 1:
+            raise InvalidArgument(f"rename: {name!r} is given two names", value=given)
     return dict(zip(old, new, strict=True))
 
 
@@ -597,7 +653,7 @@ def _pose_topics(given: Any) -> dict[str, str | None]:
             absolute(topic): None if child is None else _names("pose_topics", child)[0]
             for topic, child in given.items()
         }
-    if isinstance(given, str):
+    if isinstance(given, str | bytes):
         return {absolute(given): None}
     if isinstance(given, Iterable):
         return {absolute(topic): None for topic in given}
@@ -639,7 +695,7 @@ def _pattern(entry: str) -> re.Pattern[str]:
 
 
 def _no_frame(option: str, frame: str, frames: Sequence[str]) -> UnknownFrame:
-    near = difflib.get_close_matches(frame, frames, n=3, cutoff=0.5)
+    near = near_names(frame, frames)
     hint = f"there are {_few(frames)}"
     if near:
         hint = f"did you mean {', '.join(map(repr, near))}?"

@@ -172,11 +172,11 @@ class Container:
         self.path = path
         self._sources = sources
         self._payloads = payloads
-        self.topics = tuple(topics)
-        self.sources = tuple(sources.values())
+        self.topics: tuple[Topic, ...] = tuple(topics)
+        self.sources: tuple[Source, ...] = tuple(sources.values())
         self.start = start
         self.close = close
-        self.losses = tuple(losses)
+        self.losses: tuple[Loss, ...] = tuple(losses)
         self._hint = hint
         self._survey = survey
 
@@ -268,10 +268,9 @@ class Gathered:
         return [message for message in self.messages if message[1] in ids]
 
     def losses(self, path: Path, sources: Mapping[int, Source]) -> list[Loss]:
-        """What was lost of the sources of transforms; nothing where nothing was."""
-        ids = [id_ for id_, source in sources.items() if source.is_tf]
+        """What was lost of the sources that can be read; nothing where nothing was."""
         found = self.found()
-        lost = sum(max(0, self.promised[id_] - found[id_]) for id_ in ids)
+        lost = sum(max(0, self.promised[id_] - found[id_]) for id_ in sources)
         if not lost and not self.reasons:
             return []
         first = self.reasons[0] if self.reasons else "messages are missing"

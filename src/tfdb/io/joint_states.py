@@ -51,8 +51,8 @@ class JointReport:
     unknown
         Joints in the messages that the model does not have.
     beyond
-        Joints that were beyond their limits (radians, metres); their transforms are stored all the
-        same.
+        Joints, those that mimic others too, that were beyond their limits (radians, metres); their
+        transforms are stored all the same.
     not_finite
         Joints whose position was infinite or no number, and in how many messages; such positions
         are left out.
@@ -90,7 +90,10 @@ class JointStates:
     def __init__(self, model: RobotModel, taken: Iterable[str] = ()) -> None:
         self._model = model
         self._taken = frozenset(taken)
-        self.fixed = [each for each in model.static_transforms() if each.child not in self._taken]
+        self.fixed: list[TransformStamped] = [
+            each for each in model.static_transforms() if each.child not in self._taken
+        ]
+        self._mimics = {each.name: each.limits for each in model.joints.values() if each.mimic}
         self._states = 0
         self._named: set[str] = set()
         self._unknown: set[str] = set()
@@ -111,6 +114,9 @@ class JointStates:
                 positions[name] = position
                 self._check(name, joint.limits, position, state.stamp)
         self._named |= positions.keys()
+        for name, limits in self._mimics.items():
+            if name not in positions and (led := self._model.follow(name, positions)) is not None:
+                self._check(name, limits, led, state.stamp)
         made = self._model.transforms(positions, state.stamp)
         return [each for each in made if each.child not in self._taken]
 

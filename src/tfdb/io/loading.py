@@ -8,6 +8,7 @@ from collections import Counter, deque
 from collections.abc import Iterable, Mapping
 from contextlib import ExitStack
 from dataclasses import dataclass, field
+from numbers import Real
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 from tfdb import _core
@@ -103,6 +104,20 @@ class LoadReport:
     left_out: int = 0
     joints: JointReport | None = None
 
+    def _repr_html_(self) -> str:
+        """Write tables for notebooks: the topics, and what was refused."""
+        from tfdb.notebooks import table  # noqa: PLC0415 - needed by few
+
+        counts = ("transforms", "commits", "refused", "forgotten", "left_out")
+        told = ", ".join(f"{getattr(self, name)} {name.replace('_', ' ')}" for name in counts)
+        caption = f"{', '.join(self.files)}: {self.messages} messages, {told}"
+        topics = [(t.name, t.messages, "static" if t.static else "moving") for t in self.topics]
+        shown = table(caption, ("topic", "messages", "kind"), topics)
+        if not self.reasons:
+            return shown
+        rows = [(name, n, self.first_refusals.get(name, "")) for name, n in self.reasons.items()]
+        return shown + table("refused", ("error", "messages", "the first"), rows)
+
 
 def load_recordings(
     buffer: Buffer,
@@ -177,6 +192,7 @@ def load_recordings(
                 tally.store(run, selection, rewriter, meter)
     report = tally.report(names, time.perf_counter() - started, rewriter)
     rewriter.warn(", ".join(names), 5)
+    warn_of_refused(report, 5)
     if report.forgotten:
         warn_of_forgotten(buffer, report.forgotten, 5)
     return report
@@ -218,13 +234,14 @@ def follow_recording(
     RecordingError
         No MCAP file, damaged, or it shrank; its writer stopped: it has no end and has not grown for
         `timeout` (what was whole is stored; `load(salvage=True)` reads the rest); it ended without
-        transforms.
+        transforms, or without one of the topics (what came of the others is stored).
     InvalidArgument
         Options that need the whole file, and a timeout or interval that is none.
     OSError
         The file cannot be opened or read.
     """
     started = time.perf_counter()
+    refuse_without(buffer, "buffer", "a Buffer", "set_transforms", "history")
     given = given_path(path, RecordingError)
     _check_seconds("interval", interval)
     if timeout is not None:
@@ -249,17 +266,33 @@ def follow_recording(
                 reason = f"it has not grown for {timeout:g} s and has no end: its writer stopped"
                 raise RecordingError(given, f"{reason}; salvage=True (--salvage) reads what it has")
             time.sleep(interval)
+        if not tally.transforms or selection.names - {absolute(name) for name in tally.topics}:
+            with Recording(given) as whole:
+                selection.check([whole])
     finally:
         file.close()
     report = tally.report((str(given),), time.perf_counter() - started, rewriter)
     rewriter.warn(str(given), 3)
+    warn_of_refused(report, 3)
     return report
 
 
 def _check_seconds(name: str, value: Any) -> None:
-    is_number = isinstance(value, int | float) and not isinstance(value, bool)
+    is_number = isinstance(value, Real) and not isinstance(value, bool)
     if not is_number or not 0 < value < 10**9:
         raise InvalidArgument(f"{name} is a positive number of seconds, not {value!r}", value=value)
+
+
+def warn_of_refused(report: LoadReport, depth: int) -> None:
+    """Say what was not taken, but for what is forgotten; `depth` frames up is who asked."""
+    counts = Counter(report.reasons)
+    del counts["TooOld"]
+    for name, count in counts.most_common(1):
+        message = (
+            f"{', '.join(report.files)}: {counts.total():,} of {report.messages:,} messages were "
+            f"refused, {count:,} of them with {name}: {report.first_refusals[name]}"
+        )
+        warnings.warn(message, TfdbWarning, stacklevel=depth)
 
 
 def warn_of_forgotten(buffer: Buffer, samples: int, depth: int) -> None:
@@ -280,12 +313,17 @@ class Selection:
             self._roles: dict[str, str] | None = None
         elif isinstance(topics, Mapping):
             self._roles = {absolute(name): role_of(name, role) for name, role in topics.items()}
-        elif isinstance(topics, str):
+        elif isinstance(topics, str | bytes):
             self._roles = {absolute(topics): absolute(topics)}
         elif isinstance(topics, Iterable):
             self._roles = {absolute(name): absolute(name) for name in topics}
         else:
             raise no_name(topics)
+
+    @property
+    def names(self) -> set[str]:
+        """The topics that were asked for by name."""
+        return {*(self._roles or ()), *self._choice.pose_topics}
 
     def wants(self, source: Source) -> bool:
         """Whether it is to be read."""

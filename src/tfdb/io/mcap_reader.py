@@ -432,11 +432,13 @@ class GrowingMcap:
     """
 
     def __init__(self, path: Path) -> None:
+        if path.exists() and not path.is_file():
+            raise RecordingError(path, "no regular file")
         self.path = path
         self._file = RawFile(path)
         self._index = _Index()
         self._at = 0
-        self.is_complete = False
+        self.is_complete: bool = False
 
     @property
     def size(self) -> int:

@@ -44,7 +44,7 @@ class RawFile:
 
     def __init__(self, path: Path) -> None:
         self._descriptor = os.open(path, os.O_RDONLY | os.O_CLOEXEC)
-        self.size = os.fstat(self._descriptor).st_size
+        self.size: int = os.fstat(self._descriptor).st_size
 
     def look_again(self) -> None:
         """Take in how much the file has grown; raises `BadDataError` where it has shrunk."""

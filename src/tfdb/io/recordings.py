@@ -21,6 +21,7 @@ from .trajectory_reader import open_trajectory
 if TYPE_CHECKING:
     import os
     from collections.abc import Callable, Iterator, Mapping
+    from pathlib import Path
     from typing import Self
 
     from tfdb._core import Recorded
@@ -84,7 +85,7 @@ class Recording:
     """
 
     def __init__(self, path: PathLike, *, salvage: bool = False) -> None:
-        self.path = given_path(path, RecordingError)
+        self.path: Path = given_path(path, RecordingError)
         self._container = _OPENERS[kind_of(self.path)](self.path, salvage=salvage)
 
     def __enter__(self) -> Self:

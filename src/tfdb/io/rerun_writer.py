@@ -18,6 +18,8 @@ if TYPE_CHECKING:
 TIMELINE = "stamp"
 """On which all is logged: nanoseconds since 1970, as the stamps are."""
 
+_FARTHEST = float(np.finfo(np.float32).max)
+
 
 def write(
     drawn: Drawn,
@@ -29,6 +31,8 @@ def write(
     overwrite: bool,
 ) -> None:
     """Do what `tfdb.to_rerun` says."""
+    for edge in drawn.edges:
+        _refuse_far(edge)
     if path is None:
         into = recording if recording is not None else rr.get_data_recording()
         if not isinstance(into, rr.RecordingStream):
@@ -47,6 +51,17 @@ def write(
         _log(drawn, into, root, axes)
         into.flush()
         into.disconnect()
+
+
+def _refuse_far(edge: Edge) -> None:
+    """Refuse what would be infinite in single precision."""
+    far = float(np.abs(edge.poses[:, :3]).max())
+    if far > _FARTHEST:
+        raise InvalidArgument(
+            f"frame {edge.child!r} is {far:.3g} m away from its parent: Rerun keeps single "
+            f"precision, which reaches to {_FARTHEST:.3g} m",
+            value=far,
+        )
 
 
 def _log(drawn: Drawn, into: rr.RecordingStream, root: str, axes: float) -> None:

@@ -8,20 +8,23 @@ from __future__ import annotations
 
 import math
 import warnings
+from collections.abc import Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Literal, TypeAlias
+from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
 
 from tfdb import _core
 from tfdb.errors import InvalidArgument, RecordingError, TfdbWarning
+from tfdb.given_objects import given_name
 from tfdb.loading import load_into
+from tfdb.stamps import shown
 from tfdb.types import Columns, TransformStamped
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping, Sequence
+    from collections.abc import Iterable, Sequence
 
     from tfdb import Buffer
     from tfdb.io.recordings import PathLike
@@ -84,6 +87,27 @@ class Joint:
         return _WIDTHS.get(self.kind, 1)
 
 
+def _checked_links(links: Any, joints: Any, root: str) -> tuple[str, ...]:
+    """Return the links of a tree; raise InvalidArgument where they and the joints make none."""
+    if not isinstance(links, tuple | list) or not all(isinstance(link, str) for link in links):
+        raise InvalidArgument(f"links are names of links, got {shown(links)}", value=links)
+    if not isinstance(joints, Mapping) or not all(isinstance(j, Joint) for j in joints.values()):
+        raise InvalidArgument(f"joints are Joint by their names, got {shown(joints)}", value=joints)
+    below: dict[str, list[str]] = {}
+    for joint in joints.values():
+        below.setdefault(joint.parent, []).append(joint.child)
+    reached = [root]
+    for link in reached:
+        reached += below.pop(link, [])
+    if below or len(reached) != len(links) or set(reached) != set(links):
+        raise InvalidArgument(
+            f"the joints make no tree of the links {shown(links)} below {root!r}: from there they "
+            f"reach {shown(reached)}",
+            value=root,
+        )
+    return tuple(links)
+
+
 class RobotModel:
     """A tree of links, made by `load_urdf`. Immutable, so any thread may use it.
 
@@ -103,16 +127,24 @@ class RobotModel:
         The joints by name; together with the links they make one tree (`load_urdf` checks it).
     root
         The link without a parent.
+
+    Raises
+    ------
+    InvalidArgument
+        Links that are no names, joints that are none, or that make no tree of the links.
     """
 
     def __init__(
         self, name: str, links: tuple[str, ...], joints: Mapping[str, Joint], root: str
     ) -> None:
-        self.name = name
-        self.links = links
+        self.name: str = given_name("name", name)
+        self.links: tuple[str, ...] = _checked_links(links, joints, given_name("root", root))
         self.joints: Mapping[str, Joint] = MappingProxyType(dict(joints))
         self.root = root
         self._single = _SingleJoints(joint for joint in joints.values() if joint.width == 1)
+
+    def __reduce__(self) -> tuple[type[RobotModel], tuple[object, ...]]:
+        return RobotModel, (self.name, self.links, dict(self.joints), self.root)
 
     def __repr__(self) -> str:
         return (
@@ -273,7 +305,7 @@ class RobotModel:
         -----
         TfdbWarning
             Joints of the model that no state names, joints that it does not have, positions that
-            are not finite (they are left out) or beyond their limits.
+            are not finite (they are left out) or beyond their limits, messages that were refused.
         """
         if limits not in ("warn", "raise", "ignore"):
             choices = "'warn', 'raise' or 'ignore'"
@@ -308,7 +340,7 @@ class RobotModel:
             given[name] = _checked(joint, position)
         single = {n: value for n, value in given.items() if self.joints[n].width == 1}
         single |= {
-            n: value for n in self._single.names if (value := self._follow(n, given)) is not None
+            n: value for n in self._single.names if (value := self.follow(n, given)) is not None
         }
         try:
             poses = self._single.poses(single)
@@ -321,7 +353,7 @@ class RobotModel:
             raise InvalidArgument(f"positions of different lengths: {shapes}") from None
         return {name: poses[name] for name in self.joints if name in poses}
 
-    def _follow(self, name: str, given: Mapping[str, Array]) -> Array | None:
+    def follow(self, name: str, given: Mapping[str, Any]) -> Any:
         """The position of a joint: its own, or what its leaders make of it; None if unknown."""
         scale, offset = 1.0, 0.0
         while name not in given:

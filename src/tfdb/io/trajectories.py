@@ -8,19 +8,21 @@ from __future__ import annotations
 
 import io
 import math
+import re
 import stat
 import zipfile
 import zlib
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Literal, Protocol, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
 
+from tfdb._core import poses_of_matrices
 from tfdb.errors import InvalidArray, InvalidStamp, InvalidTransform, TrajectoryError
 from tfdb.given_objects import refuse_without
 from tfdb.given_path import errors_name, given_path
-from tfdb.poses import MAX_MATRIX_ERROR, MAX_NORM_ERROR, quaternions
+from tfdb.poses import MAX_NORM_ERROR, missing
 from tfdb.stamps import shown
 from tfdb.tables import COLUMNS, read_parquet
 from tfdb.trajectory import Trajectory
@@ -78,9 +80,11 @@ def read_trajectory(
         the result counts such lines.
     format
         `"tum"` (`seconds x y z qx qy qz qw`), `"kitti"` (the 12 numbers of a 3x4 matrix, stamps in
-        a file of their own), `"euroc"` (`nanoseconds,x,y,z,qw,qx,qy,qz,...`), `"csv"`, `"npz"` or
-        `"parquet"` (as written by :func:`tfdb.io.write_csv`, :func:`tfdb.io.write_npz` and
-        `Trajectory.to_parquet`); None looks at the beginning of the file.
+        a file of their own), `"euroc"` (`nanoseconds,x,y,z,qw,qx,qy,qz,...`), `"csv"` (columns
+        `stamp_ns,x,y,z,qx,qy,qz,qw`, in any order and among others where a heading names them),
+        `"npz"` or `"parquet"` (as written by :func:`tfdb.io.write_npz` and
+        `Trajectory.to_parquet`); None looks at the beginning of the file. In the last three a pose
+        may be missing: all its numbers are NaN, or in a CSV empty.
     times
         KITTI only: the file with one stamp in seconds per pose. By default `NAME_times.txt` or
         `times.txt` beside the poses.
@@ -91,8 +95,9 @@ def read_trajectory(
     Raises
     ------
     TrajectoryError
-        A line that is not what the format wants, a rotation that is none, stamps that run
-        backwards, no pose at all. Fields: path, line, reason.
+        A line that is not what the format wants, a heading that has the quaternion in another
+        order, a rotation that is none, stamps that run backwards, no pose at all. Fields: path,
+        line, reason.
     NotSupported
         Parquet, where polars is not installed.
     OSError
@@ -109,7 +114,7 @@ def read_trajectory(
         if times is not None:
             reason = "a file of times belongs to KITTI poses, not to parquet"
             raise TrajectoryError(path, None, reason)
-        return _read_parquet(path, target, source)
+        return _read_parquet(path, raw, target, source)
     target, source = target or _NAMES[0], source or _NAMES[1]
     if format == "npz" or (format is None and raw.startswith(b"PK\x03\x04")):
         if times is not None:
@@ -122,7 +127,7 @@ def read_trajectory(
         return _read_kitti(lines, beside)
     if times is not None:
         raise lines.error(None, f"a file of times belongs to KITTI poses, not to {kind}")
-    return _read_rows(lines, _ROWS[kind])
+    return _read_rows(lines, _row_of(lines, kind))
 
 
 def into_buffer(
@@ -130,17 +135,23 @@ def into_buffer(
 ) -> int:
     """Store a trajectory as the edge from `parent` to `child`, in one commit.
 
-    The poses are `T[parent<-child]`. Returns the number of the commit. Raises what
-    `Buffer.set_transforms` raises; then nothing was stored. A buffer with a limited history (10 s
+    The poses are `T[parent<-child]`; rows that are NaN as a whole hold none and are left out.
+    Returns the number of the commit. Raises what `Buffer.set_transforms` raises; then nothing was
+    stored. A buffer with a limited history (10 s
     by default) drops what is older: a TfdbWarning counts the poses. Store whole trajectories in
     `Buffer(history=None)`.
     """
     refuse_without(buffer, "buffer", "a Buffer", "set_transforms", "history")
     refuse_without(trajectory, "trajectory", "one with stamps and poses", "stamps", "poses")
-    columns = Columns(parent, child, trajectory.stamps, trajectory.poses)
+    stamps = trajectory.stamps
+    columns = Columns(parent, child, stamps, trajectory.poses)
+    there = ~missing(columns.poses)
+    if len(stamps) == len(columns) and not there.all():
+        stamps = np.asarray(stamps)[there]
+        columns = Columns(parent, child, stamps, columns.poses[there])
     commit = buffer.set_transforms(columns, authority=authority)
     if buffer.history is not None:
-        forgotten = missing_samples(buffer, child, trajectory.stamps)
+        forgotten = missing_samples(buffer, child, stamps)
         if forgotten:
             warn_of_forgotten(buffer, forgotten, 3)
     return commit
@@ -165,18 +176,26 @@ class _Lines:
         self.path = path
         self._frames = target, source
         if b"\0" in raw[:4096]:
-            raise TrajectoryError(path, None, "this is a binary file, not a trajectory in text")
+            what = "a binary file, neither NPZ nor Parquet, and no trajectory in text"
+            raise TrajectoryError(path, None, what)
         try:
-            self.text = raw.decode("utf-8-sig")
+            self._all = raw.decode("utf-8-sig").split("\n")
         except UnicodeDecodeError as error:
             line = raw.count(b"\n", 0, error.start) + 1
             raise TrajectoryError(path, line, "not UTF-8 text") from None
 
     def __iter__(self) -> Iterator[tuple[int, str]]:
-        for number, line in enumerate(self.text.split("\n"), start=1):
+        for number, line in enumerate(self._all, start=1):
             stripped = line.strip()
             if stripped and not stripped.startswith("#"):
                 yield number, stripped
+
+    def headings(self) -> Iterator[tuple[int, str]]:
+        """The lines before the first that begins with a number: comments, names of columns."""
+        for number, line in enumerate(self._all, start=1):
+            if _NUMBER_FIRST.match(line):
+                return
+            yield number, line.strip().lstrip("#").strip()
 
     def trajectory(self, stamps: list[int], poses: Poses, repeated: int = 0) -> Trajectory:
         """The result of reading them."""
@@ -189,29 +208,67 @@ class _Lines:
 
 @dataclass(frozen=True)
 class _Row:
-    """How one line of a format is read: columns, stamp, and where the quaternion's w stands."""
+    """How one line of a format is read: how many columns, and where each of `COLUMNS` stands."""
 
     layout: str
     separator: str | None
     columns: tuple[int, ...]
     stamp: Callable[[str], int]
-    w_first: bool = False
+    order: tuple[int, ...] = tuple(range(8))
+    holes: bool = False
 
 
 _ROWS: dict[str, _Row] = {
     "tum": _Row("seconds x y z qx qy qz qw", None, (8,), seconds_to_ns),
     # 8 columns with poses alone, 17 with velocity and biases as the dataset ships them.
-    "euroc": _Row("nanoseconds,x,y,z,qw,qx,qy,qz", ",", (8, 17), integer_ns, w_first=True),
-    "csv": _Row(",".join(COLUMNS), ",", (8,), integer_ns),
+    "euroc": _Row(
+        "nanoseconds,x,y,z,qw,qx,qy,qz", ",", (8, 17), integer_ns, order=(0, 1, 2, 3, 5, 6, 7, 4)
+    ),
+    "csv": _Row(",".join(COLUMNS), ",", (8,), integer_ns, holes=True),
 }
+_NUMBER_FIRST = re.compile(r"[\s,;\"']*[-+.]?\d")
+_QUATERNION = re.compile(r"\bq(?:\w*_)?([wxyz])\b", re.IGNORECASE)
+"""The names that a heading has for the parts of a quaternion: `qx`, `q_x`, `q_RS_x []`."""
+
+
+def _columns_named(lines: _Lines) -> tuple[str, ...]:
+    """The names of columns in the heading of a CSV file; none where there is no such heading."""
+    for _number, heading in lines.headings():
+        names = tuple(name.strip().strip("\"'") for name in heading.split(","))
+        if COLUMNS[0] in names:
+            return names
+    return ()
+
+
+def _row_of(lines: _Lines, kind: str) -> _Row:
+    """How the lines of a file are read; raises where its heading says something else."""
+    row = _ROWS[kind]
+    names = _columns_named(lines) if kind == "csv" else ()
+    if names:
+        if any(names.count(name) != 1 for name in COLUMNS):
+            wanted = ", ".join(COLUMNS)
+            raise lines.error(None, f"its heading must name each of {wanted} once")
+        order = tuple(names.index(name) for name in COLUMNS)
+        return replace(row, layout=",".join(names), columns=(len(names),), order=order)
+    found = sorted((place, part) for part, place in zip("xyzw", row.order[4:], strict=True))
+    expected = "".join(part for _, part in found)
+    for number, heading in lines.headings():
+        said = "".join(_QUATERNION.findall(heading)).lower()
+        if sorted(said) == sorted(expected) and said != expected:
+            raise lines.error(
+                number,
+                f"this heading has the quaternion in the order {' '.join(said)}, but {kind} has "
+                f"{' '.join(expected)}; a CSV file may have any: {','.join(COLUMNS)}",
+            )
+    return row
 
 
 def _guess(lines: _Lines) -> Format:
-    """The format by the first line with data."""
+    """The format by the heading, or the first line with data."""
     number, first = next(iter(lines), (None, ""))
     if number is None:
         raise lines.error(None, "no pose in it")
-    if first.replace(" ", "") == ",".join(COLUMNS):
+    if "," in first and _columns_named(lines):
         return "csv"
     columns = len(first.split(",")) if "," in first else len(first.split())
     if "," in first and columns in _ROWS["euroc"].columns:
@@ -230,21 +287,21 @@ def _read_rows(lines: _Lines, row: _Row) -> Trajectory:
     stamps: list[int] = []
     poses: list[list[float]] = []
     repeated = 0
-    for number, line in lines:
+    for at, (number, line) in enumerate(lines):
+        if at == 0 and row.separator and not _NUMBER_FIRST.match(line):
+            continue  # names of columns
         fields = line.split(row.separator)
-        if not stamps and row.separator and _is_heading(fields):
-            continue
         if len(fields) not in row.columns:
             raise lines.error(number, f"{len(fields)} columns instead of `{row.layout}`")
+        fields = [fields[place] for place in row.order]
         try:
             stamp = row.stamp(fields[0].strip())
-            pose = _floats(fields[1:8])
+            missing = row.holes and all(each.strip().lower() in _NOTHING for each in fields[1:])
+            pose = [math.nan] * 7 if missing else _floats(fields[1:])
         except ValueError as error:
             raise lines.error(number, str(error)) from None
-        if row.w_first:
-            pose.append(pose.pop(3))
         norm_squared = sum(value * value for value in pose[3:])
-        if not abs(norm_squared - 1.0) <= MAX_NORM_ERROR:
+        if abs(norm_squared - 1.0) > MAX_NORM_ERROR:
             raise lines.error(
                 number, f"the quaternion is not of unit length: {math.sqrt(norm_squared):.6g}"
             )
@@ -256,9 +313,19 @@ def _read_rows(lines: _Lines, row: _Row) -> Trajectory:
             continue
         stamps.append(stamp)
         poses.append(pose)
-    if not stamps:
-        raise lines.error(None, "no pose in it")
-    return lines.trajectory(stamps, np.array(poses, dtype=np.float64), repeated)
+    return _with_a_pose(
+        lines.path, lines.trajectory(stamps, np.array(poses).reshape(-1, 7), repeated)
+    )
+
+
+_NOTHING = ("", "nan")
+"""What a CSV file has for a number of a pose that is missing."""
+
+
+def _with_a_pose(path: Path, made: Trajectory) -> Trajectory:
+    if not made.found.any():
+        raise TrajectoryError(path, None, "no pose in it")
+    return made
 
 
 def _read_npz(path: Path, raw: bytes, target: str, source: str) -> Trajectory:
@@ -268,33 +335,27 @@ def _read_npz(path: Path, raw: bytes, target: str, source: str) -> Trajectory:
         if size > MAX_CHUNK:
             raise TrajectoryError(path, None, f"its arrays take {size} bytes, above {MAX_CHUNK}")
         with np.load(io.BytesIO(raw), allow_pickle=False) as arrays:
+            absent = {"stamps", "poses"} - set(arrays.files)
+            if absent:
+                reason = f"an NPZ without the array {' and '.join(map(repr, sorted(absent)))}"
+                raise TrajectoryError(path, None, reason)
             stamps, poses = arrays["stamps"], arrays["poses"]
-    except KeyError as error:
-        raise TrajectoryError(path, None, f"an NPZ without the array {error}") from None
     except (zipfile.BadZipFile, zlib.error, ValueError, EOFError, NotImplementedError) as error:
         raise TrajectoryError(path, None, f"damaged or cut short: {error}") from error
     try:
         made = Trajectory(target, source, stamps, poses)
     except (InvalidArray, InvalidTransform, InvalidStamp) as error:
         raise TrajectoryError(path, None, str(error)) from None
-    if not len(made):
-        raise TrajectoryError(path, None, "no pose in it")
-    missing = np.flatnonzero(~made.found)
-    if len(missing):
-        raise TrajectoryError(path, None, f"row {missing[0]} holds no pose")
-    return made
+    return _with_a_pose(path, made)
 
 
-def _read_parquet(path: Path, target: str | None, source: str | None) -> Trajectory:
-    target, source, table = read_parquet(path, target, source, _NAMES)
+def _read_parquet(path: Path, raw: bytes, target: str | None, source: str | None) -> Trajectory:
+    target, source, table = read_parquet(path, target, source, _NAMES, raw)
     try:
-        return Trajectory.from_table(target, source, table)
+        made = Trajectory.from_table(target, source, table)
     except (InvalidArray, InvalidTransform, InvalidStamp) as error:
         raise TrajectoryError(path, None, str(error)) from None
-
-
-def _is_heading(fields: list[str]) -> bool:
-    return fields[0].strip()[:1].isalpha()
+    return _with_a_pose(path, made)
 
 
 def _floats(fields: list[str]) -> list[float]:
@@ -305,7 +366,7 @@ def _floats(fields: list[str]) -> list[float]:
             value = float(field)
         except ValueError:
             raise ValueError(f"{field.strip()[:40]!r} is not a number") from None
-        if not math.isfinite(value) or "_" in field:
+        if not math.isfinite(value) or "_" in field or not field.isascii():
             raise ValueError(f"{field.strip()[:40]!r} is not a finite number")
         values.append(value)
     return values
@@ -343,16 +404,13 @@ def _read_kitti(lines: _Lines, times: Path) -> Trajectory:
     stamps = _read_times(times)
     if len(stamps) != len(rows):
         raise lines.error(None, f"{len(rows)} poses, but {len(stamps)} stamps in {times}")
-    matrices = np.array(rows, dtype=np.float64).reshape(-1, 3, 4)
-    rotations = matrices[:, :, :3]
-    with np.errstate(over="ignore", invalid="ignore"):
-        product = rotations @ rotations.transpose(0, 2, 1)
-        off = np.abs(product - np.eye(3)).max(axis=(1, 2))
-        bad = np.flatnonzero(~(off <= MAX_MATRIX_ERROR) | ~(np.linalg.det(rotations) > 0))
-    if len(bad):
-        raise lines.error(numbers[bad[0]], "the left 3x3 part is not a rotation matrix")
-    poses = np.hstack((matrices[:, :, 3], quaternions(rotations)))
-    return lines.trajectory(stamps, poses)
+    matrices = np.tile(np.eye(4), (len(rows), 1, 1))
+    matrices[:, :3] = np.array(rows, dtype=np.float64).reshape(-1, 3, 4)
+    try:
+        return lines.trajectory(stamps, poses_of_matrices(matrices))
+    except InvalidTransform as error:
+        reason = f"the left 3x3 part is not a rotation matrix: {error.reason}"
+        raise lines.error(numbers[error.index or 0], reason) from None
 
 
 def _read_times(path: Path) -> list[int]:

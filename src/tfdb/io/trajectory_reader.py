@@ -28,10 +28,11 @@ def open_trajectory(path: Path, *, salvage: bool = False) -> Container:
     from .trajectories import read_trajectory  # noqa: PLC0415 - needs numpy
 
     trajectory = read_trajectory(path)
-    count = len(trajectory.stamps)
+    there = trajectory.found
+    count = int(there.sum())
 
     def payloads(ids: Collection[int]) -> Iterator[Payload]:
-        poses, stamps = trajectory.poses.tolist(), trajectory.stamps.tolist()
+        poses, stamps = trajectory.poses[there].tolist(), trajectory.stamps[there].tolist()
         names = trajectory.target, trajectory.source
         for stamp, pose in zip(stamps, poses, strict=True) if ids else ():
             transform = TransformStamped(*names, stamp, pose[:3], pose[3:])
@@ -41,7 +42,7 @@ def open_trajectory(path: Path, *, salvage: bool = False) -> Container:
         path,
         [Topic(_TOPIC, "tf2_msgs/msg/TFMessage", count)],
         {0: Source(_TOPIC, "ros1", _TOPIC, count)},
-        int(trajectory.stamps[0]),
+        int(trajectory.stamps[there][0]),
         payloads,
         _nothing,
     )

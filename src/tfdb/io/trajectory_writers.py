@@ -1,8 +1,9 @@
 """Trajectories to files: TUM, KITTI, EuRoC, CSV and NPZ.
 
 Numbers are written with as many digits as it takes to read the same float64 again, stamps as exact
-decimals. A file appears under its name when it is complete (`tfdb.new_file`), and takes that of
-another only with `overwrite=True`.
+decimals. A pose that is missing is left out of TUM, KITTI and EuRoC files, which have no word for
+it, and NaN in the others. A file appears under its name when it is complete (`tfdb.new_file`), and
+takes that of another only with `overwrite=True`.
 """
 
 from __future__ import annotations
@@ -17,7 +18,7 @@ from tfdb.errors import TrajectoryError
 from tfdb.given_objects import refuse_without
 from tfdb.given_path import given_path
 from tfdb.new_file import new_file, refuse_existing
-from tfdb.poses import matrices
+from tfdb.poses import matrices, missing
 from tfdb.stamps import shown
 from tfdb.tables import COLUMNS
 
@@ -27,7 +28,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterable
     from pathlib import Path
 
-    from .trajectories import PathLike, TrajectoryLike
+    from .trajectories import Format, PathLike, Poses, Stamps, TrajectoryLike
 
 _EUROC_HEADING = (
     "#timestamp [ns],p_RS_R_x [m],p_RS_R_y [m],p_RS_R_z [m],q_RS_w [],q_RS_x [],q_RS_y [],q_RS_z []"
@@ -41,16 +42,22 @@ def _refuse_others(trajectory: object) -> None:
         refuse_without(each, "trajectory", f"{what} that are arrays", "tolist", "shape")
 
 
+def _there(trajectory: TrajectoryLike) -> tuple[Stamps, Poses]:
+    """Return the stamps and poses that are not missing."""
+    _refuse_others(trajectory)
+    there = ~missing(trajectory.poses)
+    return trajectory.stamps[there], trajectory.poses[there]
+
+
 def write_tum(path: PathLike, trajectory: TrajectoryLike, *, overwrite: bool = False) -> None:
     """Write `seconds x y z qx qy qz qw` lines, seconds with nine decimals."""
-    _refuse_others(trajectory)
-    stamps, poses = trajectory.stamps.tolist(), trajectory.poses.tolist()
+    stamps, poses = _there(trajectory)
     _write_lines(
         path,
         "# timestamp tx ty tz qx qy qz qw",
         (
             f"{ns_to_seconds(stamp)} {' '.join(map(repr, pose))}"
-            for stamp, pose in zip(stamps, poses, strict=True)
+            for stamp, pose in zip(stamps.tolist(), poses.tolist(), strict=True)
         ),
         overwrite=overwrite,
     )
@@ -58,10 +65,9 @@ def write_tum(path: PathLike, trajectory: TrajectoryLike, *, overwrite: bool = F
 
 def write_euroc(path: PathLike, trajectory: TrajectoryLike, *, overwrite: bool = False) -> None:
     """Write `nanoseconds,x,y,z,qw,qx,qy,qz` lines under EuRoC's heading."""
-    _refuse_others(trajectory)
-    stamps = trajectory.stamps.tolist()
-    poses = trajectory.poses[:, (0, 1, 2, 6, 3, 4, 5)].tolist()
-    _write_lines(path, _EUROC_HEADING, _comma_rows(stamps, poses), overwrite=overwrite)
+    stamps, poses = _there(trajectory)
+    rows = _comma_rows(stamps.tolist(), poses[:, (0, 1, 2, 6, 3, 4, 5)].tolist())
+    _write_lines(path, _EUROC_HEADING, rows, overwrite=overwrite)
 
 
 def write_csv(path: PathLike, trajectory: TrajectoryLike, *, overwrite: bool = False) -> None:
@@ -82,8 +88,8 @@ def write_kitti(
 
     `times` is by default `NAME_times.txt` beside `path`, where `read_trajectory` looks for it.
     """
-    _refuse_others(trajectory)
-    rows = matrices(trajectory.poses)[:, :3].reshape(-1, 12).tolist()
+    stamps, poses = _there(trajectory)
+    rows = matrices(poses)[:, :3].reshape(-1, 12).tolist()
     where = given_path(path, _refusal)
     beside = where.with_name(f"{where.stem}_times.txt")
     if times is not None:
@@ -92,8 +98,8 @@ def write_kitti(
         raise _refusal(where, "the stamps need a file of their own")
     with new_file(where, overwrite=overwrite, refusal=_refusal) as made:
         made.write_text("".join(" ".join(map(repr, row)) + "\n" for row in rows))
-        stamps = map(ns_to_seconds, trajectory.stamps.tolist())
-        _write_lines(beside, None, stamps, overwrite=overwrite)
+        seconds = map(ns_to_seconds, stamps.tolist())
+        _write_lines(beside, None, seconds, overwrite=overwrite)
 
 
 def write_npz(path: PathLike, trajectory: TrajectoryLike, *, overwrite: bool = False) -> None:
@@ -111,6 +117,7 @@ def write_parquet(path: PathLike, trajectory: TrajectoryLike, *, overwrite: bool
 
     Raises NotSupported where polars is not installed.
     """
+    _refuse_others(trajectory)
     where = given_path(path, _refusal)
     refuse_existing(where, overwrite=overwrite, refusal=_refusal)
     named = getattr(trajectory, "target", "world"), getattr(trajectory, "source", "body")
@@ -138,7 +145,7 @@ _WRITERS: dict[str, _Writer] = {
 def write_trajectory(
     path: PathLike,
     trajectory: TrajectoryLike,
-    format: str | None = None,  # noqa: A002 - as in read_trajectory
+    format: Format | None = None,  # noqa: A002 - as in read_trajectory
     *,
     overwrite: bool = False,
 ) -> None:
