@@ -1,4 +1,4 @@
-"""Draw the pictures of docs/howto/plots.md from examples/data.
+"""Draw the pictures of docs/howto/plots.md and compare_trajectories.md from examples/data.
 
 Run it after a change of src/tfdb/plot: ``python tools/draw_howto_pictures.py [FOLDER]``.
 """
@@ -59,6 +59,14 @@ def pictures() -> dict[str, Figure]:
         "speed": plot.trajectory(
             buf.trajectory("map", "l_gripper_tool_frame"), axes="xyz", color="speed"
         ),
+        "compare": tfdb.compare(
+            buf,
+            buf,
+            frames=("map", "base_link"),
+            estimate_frames=("odom", "base_link"),
+            delta=0.5,
+            delta_unit="m",
+        ).plot(),
     }
 
 

@@ -267,7 +267,7 @@ NOT_COMPARABLE = [
     (straight(1), straight(1), {"align": "none"}, "too few matches", "align='none' needs 2"),
     (straight(), GOOD, {}, "straight line", "the reference moves on a straight line"),
     (GOOD, straight(), {"align": "sim3"}, "straight line", "the estimate moves on a straight line"),
-    (GOOD, straight(), {"align": "scale"}, "straight line", "align='yaw' or 'origin' does not"),
+    (GOOD, straight(), {"align": "se3"}, "straight line", "align='yaw' or 'origin' does not"),
     (straight(step=0), GOOD, {}, "standing still", "reference stands still, all 10 matched poses"),
     (GOOD, placed(10, (1e6, 3.3, 0.1)), {}, "standing still", "the estimate stands still"),
     (GOOD, placed(9, (1, 2, 3), (1, 2, 4)), {"align": "yaw"}, "standing still", "not move horiz"),
@@ -305,6 +305,56 @@ def test_what_cannot_be_compared(
 def test_a_straight_line_is_enough_for_the_rest(how: Any) -> None:
     found = tfdb.compare(straight(), straight(), align=how)
     assert found.ape_translation.max < 1e-12
+
+
+@pytest.mark.parametrize("count", [2, 30])
+def test_a_straight_line_has_a_scale(count: int) -> None:
+    ours = straight(count)
+    theirs = ours.poses.copy()
+    theirs[:, :3] *= 2.5
+    found = tfdb.compare(ours, straight(rows=theirs, stamps=ours.stamps), align="scale")
+    assert found.scale == pytest.approx(0.4, rel=1e-12)
+    assert found.ape_translation.max < 1e-9
+
+
+@pytest.mark.parametrize("period_ms", [100, 10, 7, 33])
+@pytest.mark.parametrize("delta", [1.0, 2.1, 0.9])
+def test_seconds_are_exact(period_ms: int, delta: float) -> None:
+    """Ten steps of 100 ms are a second, whatever floats make of their sum."""
+    path = motion(3, np.arange(600.0))
+    stamps = 1_700_000_000 * 10**9 + np.arange(600) * period_ms * 1_000_000
+    path = straight(rows=path.poses, stamps=stamps)
+    wanted = round(delta * 1000)
+    pairs = tfdb.compare(path, path, delta=delta, delta_unit="s").pairs
+    rows = -(-wanted // period_ms)
+    assert pairs.tolist() == [[i, i + rows] for i in range(0, 600 - rows, rows)]
+    every = tfdb.compare(
+        path, path, delta=delta, delta_unit="s", all_pairs=True, delta_tolerance=0.01
+    ).pairs
+    nearest = {
+        i: min(range(i + 1, 600), key=lambda j: abs((j - i) * period_ms - wanted))
+        for i in range(599)
+    }
+    assert every.tolist() == [
+        [i, j] for i, j in nearest.items() if abs((j - i) * period_ms - wanted) <= 0.01 * wanted
+    ]
+
+
+def test_the_shortest_and_the_longest_time() -> None:
+    assert len(tfdb.compare(GOOD, GOOD, delta=1e-15, delta_unit="s").pairs) == len(GOOD) - 1
+    for all_pairs in (False, True):
+        with pytest.raises(tfdb.NotComparable, match="the whole way of the matched poses is 9 s"):
+            tfdb.compare(GOOD, GOOD, delta=1e300, delta_unit="s", all_pairs=all_pairs)
+
+
+def test_what_is_empty_and_frames_that_are_none() -> None:
+    with pytest.raises(tfdb.NotComparable, match=r"the reference holds no pose$"):
+        tfdb.compare(GOOD[:0], GOOD)
+    for frames in (5, "ab", ("map",), ("map", 3)):
+        with pytest.raises(
+            tfdb.InvalidArgument, match=r"frames must be the names \(target, source"
+        ):
+            tfdb.compare(GOOD, GOOD, frames=frames)
 
 
 def test_standing_still_is_enough_where_nothing_is_fitted() -> None:

@@ -61,6 +61,7 @@ def test_colours_are_the_errors_and_holes_stay() -> None:
     assert set(estimate.get_array()) <= set(middle)
     above = next(axes for axes in figure.axes if axes.get_ylabel() == "translation [m]")
     ape, rpe, rmse = above.get_lines()
+    assert rmse.get_zorder() > ape.get_zorder() > rpe.get_zorder()
     assert np.isnan(ape.get_ydata()).sum() == np.isnan(rpe.get_ydata()).sum() == 1
     assert np.nanmax(ape.get_ydata()) == found.ape_translation.max
     assert rmse.get_ydata()[0] == found.ape_translation.rmse
@@ -74,3 +75,44 @@ def test_what_is_all_the_same() -> None:
     tfdb.plot.comparison(tfdb.compare(still, still, align="none")).canvas.draw()
     two = tfdb.Trajectory("map", "base", path.stamps[:2], path.poses[:2])
     tfdb.compare(two, two, align="none").plot().canvas.draw()
+
+
+@pytest.mark.parametrize("scale", [1e-9, 1.0, 1e60])
+@pytest.mark.parametrize("away", [0.0, 5_400_000.0])
+def test_numbers_of_all_sizes_lie_apart(
+    scale: float, away: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    found = compared()
+    paths = []
+    for one in (found.reference, found.estimate):
+        poses = one.poses.copy()
+        poses[:, :3] = poses[:, :3] * scale + away
+        paths.append(tfdb.Trajectory("map", "base", one.stamps, poses))
+    assert_legible(tfdb.compare(*paths, align="none").plot(), monkeypatch)
+
+
+def test_errors_that_are_the_same_have_one_colour(monkeypatch: pytest.MonkeyPatch) -> None:
+    one = compared().reference
+    other = tfdb.Transform("odom", "map", (0.1, 0.1, 0.1)) @ one
+    figure = tfdb.compare(one, other, align="none").plot()
+    assert_legible(figure, monkeypatch)
+    _, estimate = figure.axes[0].findobj(collections.LineCollection)
+    low, high = estimate.get_clim()
+    assert low == 0
+    assert high == pytest.approx(0.03**0.5)
+
+
+def test_numbers_are_whole_and_tell_apart() -> None:
+    from tfdb.plot.numbers import Numbers, number
+
+    for given, texts in (
+        ([5_400_000.0, 5_400_002.5], ["5400000.0", "5400002.5"]),
+        ([-0.0, 0.25, -0.5], ["0.00", "0.25", "\N{MINUS SIGN}0.50"]),
+        ([0, 5e7, 1e8], ["0", "5e7", "1e8"]),
+        ([1e-10, 1.5e-10], ["1.0e-10".replace("-", "\N{MINUS SIGN}"), "1.5e\N{MINUS SIGN}10"]),
+        ([3.0], ["3"]),
+        ([], []),
+    ):
+        assert Numbers().format_ticks(given) == texts
+    assert number(1234.567) == "1,234.57"
+    assert number(7.66e51) == "7.66e+51"

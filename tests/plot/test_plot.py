@@ -108,6 +108,8 @@ def test_nothing_is_folded_unless_need_be() -> None:
 def test_bad_numbers_of_rows(rows: object) -> None:
     with pytest.raises(tfdb.InvalidArgument, match="rows must be a number from 1 on"):
         plot.frame_tree([], rows=rows)
+    with pytest.raises(tfdb.InvalidArgument, match="rows must be a number from 1 on"):
+        plot.timeline(tfdb.Buffer(), rows=rows)
 
 
 @pytest.mark.parametrize("given", [None, 7, ["map"], "map"])
@@ -190,6 +192,53 @@ def test_timeline_marks_late_data_and_publishers(monkeypatch: pytest.MonkeyPatch
         assert sent in strokes
 
 
+@pytest.mark.parametrize("rows", [1, 7, 40, 100])
+def test_timelines_of_many_edges_are_folded(rows: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    buf = big_robot()
+    shown = assert_legible(plot.timeline(buf, rows=rows), monkeypatch)
+    moving = {info.name for info in buf.tree() if info.parent and not info.is_static}
+    folds = [int(text.split()[1]) for text in shown if text.startswith("+ ")]
+    drawn = [text for text in shown if text in moving]
+    assert folds
+    assert len(drawn) + len(folds) + 1 <= max(rows, 2)
+    # Every edge is drawn or counted, none twice.
+    assert len(drawn) + sum(folds) == len(moving) == 100
+    assert any(f"{sum(folds)} are folded" in text for text in shown)
+    assert f"{sum(info.is_static for info in buf.tree())} static edges" in shown
+
+
+def test_a_folded_row_has_the_samples_gaps_and_late_data_of_all() -> None:
+    buf = tfdb.Buffer(history=None)
+    # Two edges that take turns: together without a hole, but for 500 to 900 ms.
+    ticks = {"left": [0, 200, 400, 1000, 1200], "right": [100, 300, 500, 900, 1100]}
+    for child, order in ticks.items():
+        for ms in [*order[:2], order[3], order[2], order[4]]:
+            buf.set_transform("base", child, ms * MS, (1, 0, 0), (0.0, 0.6, 0.0, 0.8))
+    sent = [ms * MS for ms in (0, 200, 1000, 400, 1200)]
+    came = {"left": plot.Arrivals(sent, ["/a", "/b", "/a", "/b", "/a"])}
+    figure = plot.timeline(buf, rows=1, max_gap=0.35, arrivals=came)
+    shown = texts(figure)
+    assert "+ 2 moving edges" in shown
+    assert "2 gaps, 2 late, 1 with several publishers" in shown
+    strokes, holes = (lines.get_segments() for lines in figure.axes[0].collections)
+    assert [round(float(piece[0][0]), 6) for piece in strokes] == [
+        ms / 1000 for ms in sorted(ticks["left"] + ticks["right"])
+    ]
+    assert [piece[:, 0].round(6).tolist() for piece in holes] == [[0.5, 0.9]]
+
+
+def test_publishers_count_as_rows() -> None:
+    buf = robot(2, 3)
+    who = [f"/node_{i}" for i in range(20)]
+    came = {"arm_0_joint_2_link_link": plot.Arrivals([i * 100 * MS for i in range(20)], who)}
+    assert (
+        sum(text.startswith("by /node") for text in texts(plot.timeline(buf, arrivals=came))) == 20
+    )
+    shown = texts(plot.timeline(buf, arrivals=came, rows=10))
+    assert not [text for text in shown if text.startswith("by ")]
+    assert "1 with several publishers" in shown
+
+
 def test_bad_arrivals_are_refused() -> None:
     buf = robot(1, 1)
     for given in ([1], {"a": 3}, 7, {"a": plot.Arrivals(["x"], ["y"])}):
@@ -206,7 +255,7 @@ def test_bad_arrivals_are_refused() -> None:
 def test_timeline_of_many_edges_at_every_width(
     width: float, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    shown = assert_legible(plot.timeline(big_robot(), width=width), monkeypatch)
+    shown = assert_legible(plot.timeline(big_robot(), width=width, rows=None), monkeypatch)
     assert sum(text.startswith("arm_") for text in shown) == 100
 
 

@@ -205,3 +205,34 @@ def test_bad_options_are_refused(options: dict[str, object], words: str) -> None
 def test_what_is_no_trajectory_is_refused(given: object) -> None:
     with pytest.raises(tfdb.InvalidArgument, match=r"draw tfdb\.Trajectory"):
         plot.trajectory(given)
+
+
+@pytest.mark.parametrize("period", [1, 10**15])
+def test_times_of_all_lengths_lie_apart(period: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    made = path()
+    stamps = 2**60 + np.arange(len(made)) * period
+    made = tfdb.Trajectory("a", "b", stamps, made.poses)
+    assert_legible(plot.trajectory(made), monkeypatch)
+
+
+@pytest.mark.parametrize(
+    ("reach", "away"), [((30, 0, 0.3), 0.0), ((0, 30, 0.3), 400_000.0), ((1, 0.2, 30), 400_000.0)]
+)
+def test_flat_boxes_in_three_dimensions(
+    reach: tuple[float, ...], away: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    turns = np.linspace(0, 18, 200)
+    poses = np.tile([0.0, 0, 0, 0, 0.6, 0, 0.8], (200, 1))
+    poses[:, :3] = (
+        np.stack((np.cos(turns), np.sin(turns), np.cos(turns / 3)), axis=1) * reach + away
+    )
+    made = tfdb.Trajectory("map", "base", np.arange(200) * 10**8, poses)
+    assert_legible(plot.trajectory(made, made, axes="xyz", color="speed"), monkeypatch)
+
+
+def test_what_is_too_far_to_draw_is_refused() -> None:
+    poses = [[1e90, 0, 0, 0, 0, 0, 1], [-1e90, 3, 0, 0, 0, 0, 1]]
+    plot.trajectory(tfdb.Trajectory("map", "base", [0, 1], poses)).canvas.draw()
+    poses[0][0] = 1e307
+    with pytest.raises(tfdb.InvalidArgument, match="base in map leads 1e\\+307 m away"):
+        plot.trajectory(tfdb.Trajectory("map", "base", [0, 1], poses))

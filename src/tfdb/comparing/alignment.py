@@ -13,8 +13,9 @@ from typing import TYPE_CHECKING, Literal, TypeAlias
 
 import numpy as np
 
+from .._core import poses_of_matrices
 from ..errors import NotComparable
-from ..poses import multiply, quaternions, rotation_matrices
+from ..poses import multiply, rotation_matrices
 
 if TYPE_CHECKING:
     from .poses import Array
@@ -31,7 +32,7 @@ MODES: dict[Align, str] = {
 }
 """What is fitted, and how people call it."""
 
-NEEDED: dict[Align, int] = {"se3": 3, "sim3": 3, "scale": 3, "yaw": 2, "origin": 2, "none": 2}
+NEEDED: dict[Align, int] = {"se3": 3, "sim3": 3, "scale": 2, "yaw": 2, "origin": 2, "none": 2}
 """Matched poses without which there is no answer; errors over a way need two in any case."""
 
 _EPSILON = float(np.finfo(np.float64).eps)
@@ -48,8 +49,9 @@ class Similarity:
     @property
     def quaternion(self) -> Array:
         """The rotation (4,) as x y z w."""
-        found: Array = quaternions(self.rotation[np.newaxis])[0]
-        return found
+        turn = np.eye(4)
+        turn[:3, :3] = self.rotation
+        return poses_of_matrices(turn[np.newaxis])[0, 3:]
 
     def apply(self, poses: Array) -> Array:
         """Move poses: positions are scaled as well, orientations turned only."""
@@ -117,7 +119,7 @@ def _rounding(points: Array) -> float:
 
 
 def _refuse_degenerate(target: Array, source: Array, how: Align) -> None:
-    """Refuse positions that leave the rotation open."""
+    """Refuse positions that leave the rotation or the scale open."""
     for name, points in (("reference", target), ("estimate", source)):
         # Root mean squares along the principal axes.
         extents = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)
@@ -125,11 +127,11 @@ def _refuse_degenerate(target: Array, source: Array, how: Align) -> None:
         if extents[0] <= _rounding(points):
             raise NotComparable(
                 f"the {name} stands still, all {len(points)} matched poses in one place: "
-                f"align={how!r} needs positions that lie on no straight line; align='origin' or "
-                "'none' needs no motion",
+                f"align={how!r} needs motion; align='origin' or 'none' does not",
                 reason="standing still",
             )
-        if extents[1] <= max(1e-9 * extents[0], _rounding(points)):
+        # The scale is that of the lengths.
+        if how != "scale" and extents[1] <= max(1e-9 * extents[0], _rounding(points)):
             raise NotComparable(
                 f"the {name} moves on a straight line (within {extents[1]:.2g} m over "
                 f"{len(points)} matched poses), which leaves the rotation about it open: "

@@ -16,7 +16,7 @@ from ..given_path import given_path
 from ..io.containers import kind_of
 from ..io.trajectories import read_trajectory
 from ..loading import load
-from ..poses import found
+from ..poses import TOO_FAR, found
 from ..summary import longest_moving_chain
 from ..trajectory import Trajectory
 
@@ -29,8 +29,6 @@ TrajectoryLike: TypeAlias = Trajectory | Reads | str | os.PathLike[str]
 Frames: TypeAlias = tuple[str, str]
 """Target and source."""
 
-_TOO_FAR = 1e100
-
 
 def given_trajectory(given: Any, frames: Frames | None, role: str, parameter: str) -> Trajectory:
     """Make a trajectory of what a caller gave.
@@ -38,6 +36,11 @@ def given_trajectory(given: Any, frames: Frames | None, role: str, parameter: st
     `role` names it in errors, `parameter` the frames. Raises what loading and looking up raise,
     InvalidArgument, InvalidTransform and NotComparable.
     """
+    names: Any = () if frames is None else frames
+    fine = frames is None or (isinstance(names, list | tuple) and len(names) == 2)
+    if not fine or not all(isinstance(name, str) for name in names):
+        message = f"{parameter} must be the names (target, source), got {frames!r}"
+        raise InvalidArgument(message, value=frames)
     if isinstance(given, Trajectory):
         return checked(given, role)
     if isinstance(given, Reads):
@@ -63,7 +66,7 @@ def is_recording(path: Path) -> bool:
     return False
 
 
-def looked_up(reads: Reads, frames: Any, role: str, parameter: str) -> Trajectory:
+def looked_up(reads: Reads, frames: Frames | None, role: str, parameter: str) -> Trajectory:
     """T[target<-source] at each stamp that is stored of it and has an answer."""
     if frames is None:
         chain = longest_moving_chain(reads.tree())
@@ -71,21 +74,18 @@ def looked_up(reads: Reads, frames: Any, role: str, parameter: str) -> Trajector
         raise InvalidArgument(
             f"the {role} is no trajectory but holds frames: give {parameter}=(target, source){hint}"
         )
-    names = tuple(frames) if isinstance(frames, list | tuple) else ()
-    if len(names) != 2 or not all(isinstance(name, str) for name in names):
-        message = f"{parameter} must be the names (target, source), got {frames!r}"
-        raise InvalidArgument(message, value=frames)
-    return checked(reads.trajectory(names[0], names[1], missing="skip"), role)
+    return checked(reads.trajectory(frames[0], frames[1], missing="skip"), role)
 
 
 def checked(trajectory: Trajectory, role: str) -> Trajectory:
     """The same, if it can be compared."""
     good = found(trajectory.poses)
     if not good.any():
-        raise NotComparable(f"the {role} holds no pose: all its rows are NaN", reason="no pose")
+        rows = ": all its rows are NaN" if len(good) else ""
+        raise NotComparable(f"the {role} holds no pose{rows}", reason="no pose")
     far = np.abs(trajectory.poses[good, :3]).max(axis=1)
-    if far.max() >= _TOO_FAR:
+    if far.max() >= TOO_FAR:
         row = int(np.flatnonzero(good)[np.argmax(far)])
-        reason = f"the position is {far.max():.3g} m off, at most {_TOO_FAR:g} m can be compared"
+        reason = f"the position is {far.max():.3g} m off, at most {TOO_FAR:g} m can be compared"
         raise InvalidTransform(f"pose {row} of the {role}: {reason}", index=row, reason=reason)
     return trajectory

@@ -15,6 +15,10 @@ if TYPE_CHECKING:
 DeltaUnit: TypeAlias = Literal["frames", "m", "s", "deg", "rad"]
 UNITS: tuple[DeltaUnit, ...] = ("frames", "m", "s", "deg", "rad")
 
+_LONGEST = 4e9
+"""Seconds; no two stamps are so far apart."""
+_IN_UNITS = {"s": 1e-9, "deg": np.rad2deg(1.0)}
+
 
 def find_pairs(
     stamps: Stamps,
@@ -39,10 +43,12 @@ def find_pairs(
         if len(pairs) == 0:
             raise _too_short(delta, unit, f"only {count} poses are matched")
         return pairs
-    wanted = np.deg2rad(delta) if unit == "deg" else delta
     turns = unit in ("deg", "rad")
-    if unit == "s":
-        steps = np.diff(stamps) / 1e9
+    wanted = float(np.deg2rad(delta)) if unit == "deg" else delta
+    steps: Array | Stamps
+    if unit == "s":  # in nanoseconds: the sum of ten tenths is less than one
+        wanted = max(round(min(delta, _LONGEST) * 1e9), 1)
+        steps = np.diff(stamps)
     else:
         steps = (angles if turns else distances)(relative(poses[:-1], poses[1:]))
     if not all_pairs:
@@ -52,7 +58,7 @@ def find_pairs(
     else:
         pairs = _nearest(steps, wanted, wanted * tolerance)
     if len(pairs) == 0:
-        whole = np.rad2deg(steps.sum()) if unit == "deg" else steps.sum()
+        whole = steps.sum() * _IN_UNITS.get(unit, 1.0)
         raise _too_short(delta, unit, f"the whole way of the matched poses is {whole:.6g} {unit}")
     return pairs
 
@@ -65,18 +71,18 @@ def _too_short(delta: float, unit: DeltaUnit, found: str) -> NotComparable:
     )
 
 
-def _consecutive(steps: Array, wanted: float) -> Rows:
-    ends, way = [0], 0.0
+def _consecutive(steps: Array | Stamps, wanted: float) -> Rows:
+    ends, way = [0], 0
     for row, step in enumerate(steps.tolist(), start=1):
         way += step
         if way >= wanted:
             ends.append(row)
-            way = 0.0
+            way = 0
     return np.stack((ends[:-1], ends[1:]), axis=1).astype(np.intp)
 
 
-def _nearest(steps: Array, wanted: float, tolerance: float) -> Rows:
-    way = np.concatenate(([0.0], np.cumsum(steps)))
+def _nearest(steps: Array | Stamps, wanted: float, tolerance: float) -> Rows:
+    way = np.insert(np.cumsum(steps), 0, 0)
     first = np.arange(len(way) - 1)
     reached = np.searchsorted(way, way[:-1] + wanted)
     # Where it stands still several poses are as near: the first of them counts.

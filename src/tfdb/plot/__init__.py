@@ -12,8 +12,10 @@ from tfdb.on_demand import belong_to
 
 try:
     import matplotlib as mpl  # noqa: F401
-except ImportError as error:
-    raise ImportError(f"tfdb.plot needs matplotlib: pip install 'tfdb[plot]' ({error})") from error
+except ImportError as _error:
+    raise ImportError(
+        f"tfdb.plot needs matplotlib: pip install 'tfdb[plot]' ({_error})"
+    ) from _error
 
 from .draw_compare import comparison
 from .draw_timeline import Arrivals, timeline

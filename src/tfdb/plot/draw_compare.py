@@ -12,6 +12,7 @@ from matplotlib.lines import Line2D
 from ..given_objects import refuse_without
 from ..summary import find_gaps
 from . import lettering, style
+from .numbers import Numbers
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -21,10 +22,7 @@ if TYPE_CHECKING:
     from ..comparing import Errors
 
 _SIZE = (10.0, 5.2)
-_PATHS = (0.07, 0.115, 0.40, 0.715)
-_BAR = (0.48, 0.115, 0.011, 0.715)
-_ABOVE = (0.615, 0.505, 0.365, 0.325)
-_BELOW = (0.615, 0.115, 0.365, 0.325)
+_TOP = 66.0
 _COLOURS = "viridis"
 _LEGEND: dict[str, Any] = {
     "fontsize": style.SMALL_SIZE,
@@ -55,15 +53,21 @@ def comparison(result: Comparison, *, title: str | None = None) -> Figure:
         f"{result.reference.source} in {result.reference.target}",
         f"{len(result):,} poses; APE {absolute.rmse:.4g} m rmse, {absolute.max:.4g} m at most; "
         f"RPE {relative.rmse:.4g} m rmse",
+        x=style.MARGIN / 72 / _SIZE[0],
     )
-    _draw_paths(figure, result)
+    style.lay_out(figure, _TOP)
+    grid = figure.add_gridspec(2, 2, width_ratios=(1.25, 1))
+    _draw_paths(figure, figure.add_subplot(grid[:, 0]), result)
     start = int(result.reference.stamps[0])
-    above, below = figure.add_axes(_ABOVE), figure.add_axes(_BELOW)
+    above = figure.add_subplot(grid[0, 1])
+    below = figure.add_subplot(grid[1, 1], sharex=above)
     _draw_errors(above, result.ape_translation, result.rpe_translation, start, 1.0)
     _draw_errors(below, result.ape_rotation, result.rpe_rotation, start, 180.0 / np.pi)
     style.label(above, "", "translation [m]")
     style.label(below, style.since(start), "rotation [deg]")
     above.tick_params(labelbottom=False)
+    figure.align_ylabels([above, below])
+    style.settle(figure)
     return figure
 
 
@@ -73,8 +77,7 @@ def _joined(stamps: npt.NDArray[np.int64]) -> npt.NDArray[np.bool_]:
     return np.isin(stamps[:-1], holes, invert=True)
 
 
-def _draw_paths(figure: Figure, result: Comparison) -> None:
-    axes = figure.add_axes(_PATHS)
+def _draw_paths(figure: Figure, axes: Axes, result: Comparison) -> None:
     style.tidy(axes)
     ours, theirs = result.reference.poses[:, :3], result.estimate.poses[:, :3]
     wide = np.sort(np.argsort(-np.ptp(ours, axis=0), kind="stable")[:2])
@@ -84,17 +87,15 @@ def _draw_paths(figure: Figure, result: Comparison) -> None:
     values = result.ape_translation.values
     coloured = LineCollection(_strokes(b, joined), cmap=_COLOURS, linewidths=1.9)
     coloured.set_array((values[:-1] + values[1:])[joined] / 2)
-    coloured.set_clim(float(values.min()), max(float(values.max()), float(values.min()) + 1e-12))
+    low, high = float(values.min()), float(values.max())
+    # Errors that are all the same differ by rounding, which no colour should tell.
+    same = high - low <= 1e-9 * high
+    coloured.set_clim(0.0 if same else low, max(high, 1e-12))
     axes.add_collection(coloured)
     low = np.minimum(a.min(axis=0), b.min(axis=0))
     high = np.maximum(a.max(axis=0), b.max(axis=0))
-    shape = np.array([_PATHS[2] * _SIZE[0], _PATHS[3] * _SIZE[1]])
-    scale = max(float(((high - low) / shape).max()) * 1.1, 1e-3)
-    near, far = (low + high - scale * shape) / 2, (low + high + scale * shape) / 2
-    axes.set_xlim(near[0], far[0])
-    axes.set_ylim(near[1], far[1])
-    axes.set_aspect("equal", adjustable="box")
-    room = _PATHS[3] * _SIZE[1] * 72 - 60.0
+    style.frame_all(axes, low, high)
+    room = _SIZE[1] * 72 - 190.0
     target = lettering.fitted(result.reference.target, style.TEXT_SIZE, room)
     names = [f"{'xyz'[axis]} in {target} [m]" for axis in wide]
     style.label(axes, names[0], names[1])
@@ -102,8 +103,8 @@ def _draw_paths(figure: Figure, result: Comparison) -> None:
         Line2D([], [], color=style.MUTED, linewidth=1.3, label="reference"),
         Line2D([], [], color=coloured.get_cmap()(0.5), linewidth=1.9, label="estimate, aligned"),
     ]
-    style.legend(figure, marks, (_PATHS[0] * _SIZE[0] * 72, 48.0), _PATHS[2] * _SIZE[0] * 72)
-    bar = figure.colorbar(coloured, cax=figure.add_axes(_BAR))
+    style.legend(figure, marks, (style.MARGIN, 48.0), _SIZE[0] * 72)
+    bar = figure.colorbar(coloured, ax=axes, aspect=50, pad=0.02, format=Numbers())
     bar.outline.set_edgecolor(style.FAINT)
     bar.ax.tick_params(colors=style.MUTED, labelsize=style.SMALL_SIZE, length=3)
     bar.set_label("APE [m]", color=style.INK, fontsize=style.TEXT_SIZE)
@@ -117,8 +118,9 @@ def _strokes(
 
 def _draw_errors(axes: Axes, absolute: Errors, relative: Errors, start: int, factor: float) -> None:
     style.tidy(axes)
-    looks = ((absolute, "APE", style.MOVING, 1.3), (relative, "RPE", style.END, 0.7))
-    for errors, name, colour, width in looks:
+    # The RPE of many poses is a broad band: the APE lies upon it.
+    looks = ((absolute, "APE", style.MOVING, 1.3, 3.0), (relative, "RPE", style.END, 0.7, 2.0))
+    for errors, name, colour, width, order in looks:
         seconds = (errors.stamps - start) / 1e9
         values = errors.values * factor
         cuts = np.flatnonzero(~_joined(errors.stamps)) + 1
@@ -128,9 +130,12 @@ def _draw_errors(axes: Axes, absolute: Errors, relative: Errors, start: int, fac
             color=colour,
             linewidth=width,
             label=name,
+            zorder=order,
         )
     rmse = absolute.rmse * factor
-    axes.axhline(rmse, color=style.MOVING, linewidth=0.9, dashes=(4, 3), label=f"rmse {rmse:.4g}")
+    axes.axhline(
+        rmse, color=style.MOVING, linewidth=0.9, dashes=(4, 3), label=f"rmse {rmse:.4g}", zorder=4
+    )
     top = max(float(absolute.max), float(relative.max)) * factor
     axes.set_ylim(0, max(top * 1.3, 1e-12))
     axes.legend(ncols=3, loc="upper right", **_LEGEND)

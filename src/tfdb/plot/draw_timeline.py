@@ -12,16 +12,19 @@ from matplotlib.lines import Line2D
 
 from ..errors import InvalidArgument
 from ..policies import Interpolate
-from ..summary import EdgeSummary, Forest, clocks, edge_summaries, find_gaps, span
+from ..summary import GAP_FACTOR, EdgeSummary, Forest, clocks, edge_summaries, find_gaps, span
 from . import lettering, style
+from .folding import Folds, check_rows
+from .numbers import number
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Iterator, Mapping, Sequence
 
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
     from .. import Buffer, Snapshot
+    from ..types import FrameInfo
 
     Stamps = npt.NDArray[np.int64]
 
@@ -46,7 +49,7 @@ class Arrivals:
 
 @dataclass(frozen=True)
 class _Row:
-    """A moving edge, what one of its publishers sent, or (without stamps) static edges."""
+    """One or many moving edges, what a publisher of one sent, or (without stamps) static ones."""
 
     text: str
     depth: int
@@ -65,6 +68,7 @@ def timeline(
     max_gap: float | None = None,
     arrivals: Mapping[str, Arrivals] | None = None,
     width: float = 10.0,
+    rows: int | None = 100,
 ) -> Figure:
     """Draw one row per moving edge over time, sorted as the tree; all static edges are one row.
 
@@ -85,13 +89,16 @@ def timeline(
         one that came before) are marked where they lie, and an edge that several publishers write
         has a row for each of them. `tfdb plot` has them from the recording.
     width
-        Of the picture, in inches, from 5 to 100. Its height comes from the number of edges.
+        Of the picture, in inches, from 5 to 100. Its height comes from the number of rows.
+    rows
+        So many rows at most are drawn, if need be: of more, subtrees are folded, the deepest first,
+        into one row with the samples of all their edges. None: all are drawn, however many.
 
     Raises
     ------
     InvalidArgument
-        `max_gap` or `width` is outside its range, `arrivals` is no mapping to `Arrivals`, or one of
-        them has not as many publishers as stamps.
+        `max_gap`, `width` or `rows` is outside its range, `arrivals` is no mapping to `Arrivals`,
+        or one of them has not as many publishers as stamps.
     """
     if not hasattr(store, "samples"):
         got = type(store).__name__
@@ -99,20 +106,22 @@ def timeline(
     limit = None if max_gap is None else Interpolate(max_gap).limit_ns
     if not _is_width(width):
         raise InvalidArgument(f"width must be 5 to 100 inches, got {width!r}", value=width)
+    check_rows(rows)
     edges = edge_summaries(store, limit)
     whole = span(edge.info for edge in edges) or (0, 0)
-    rows = list(_rows(store, edges, _checked(arrivals), limit))
-    names, notes, left, right = _columns(rows, width * 72)
-    marks = _handles(rows, edges)
+    made = _Rows(store, edges, _checked(arrivals), limit)
+    drawn = made.listed(rows)
+    names, notes, left, right = _columns(drawn, width * 72)
+    marks = _handles(drawn, edges)
     room = width * 72 - 2 * style.MARGIN
     lines = -(-len(marks) // style.legend_columns([str(m.get_label()) for m in marks], room))
     head = _HEAD + lines * style.LEGEND_ROW + 8
-    height = head + _FOOT + max(len(rows), 1) * _ROW
+    height = head + _FOOT + max(len(drawn), 1) * _ROW
     figure = style.new_figure(width, height / 72)
     style.title(
         figure,
         title if title is not None else "Samples of each edge",
-        _under(edges, whole),
+        _under(edges, whole, made.folded),
         x=style.MARGIN / 72 / width,
     )
     style.legend(figure, marks, (style.MARGIN, head - lines * style.LEGEND_ROW - 8), room)
@@ -124,10 +133,10 @@ def timeline(
             1 - (head + _FOOT) / height,
         )
     )
-    _axes_look(axes, len(rows), whole, (width * 72 - left - right))
-    for at, row in enumerate(rows):
+    _axes_look(axes, len(drawn), whole, (width * 72 - left - right))
+    for at, row in enumerate(drawn):
         _draw(axes, at, row, whole)
-    _names(figure, rows, names, notes, (head, width * 72 - right))
+    _names(figure, drawn, names, notes, (head, width * 72 - right))
     return figure
 
 
@@ -157,45 +166,122 @@ def _checked(arrivals: Any) -> dict[str, tuple[Stamps, list[str]]]:
     return found
 
 
-def _rows(
-    store: Buffer | Snapshot,
-    edges: Sequence[EdgeSummary],
-    arrivals: Mapping[str, tuple[Stamps, list[str]]],
-    max_gap: int | None,
-) -> list[_Row]:
-    found: list[_Row] = []
-    by_name = {edge.info.name: edge for edge in edges}
-    still: list[str] = []
-    depths: dict[str | None, int] = {}
-    for row in Forest(edge.info for edge in edges).rows():
-        info = row.info
-        sent, by = arrivals.get(info.name, (np.empty(0, np.int64), []))
-        publishers = sorted(set(filter(None, by)))
-        depth = depths[info.name] = depths.get(info.parent, 0) + (not info.is_static)
-        several = len(publishers) > 1
-        said = f"{len(publishers)} publishers" if several else ""
+class _Rows:
+    """What the rows are made of."""
+
+    def __init__(
+        self,
+        store: Buffer | Snapshot,
+        edges: Sequence[EdgeSummary],
+        arrivals: Mapping[str, tuple[Stamps, list[str]]],
+        max_gap: int | None,
+    ) -> None:
+        self.store = store
+        self.edges = {edge.info.name: edge for edge in edges}
+        self.arrivals = arrivals
+        self.max_gap = max_gap
+        self.folded = 0
+        """How many moving edges are in rows of several."""
+        self.publishers = {
+            name: sorted(set(filter(None, by))) for name, (_, by) in arrivals.items()
+        }
+
+    def listed(self, rows: int | None) -> list[_Row]:
+        """Give at most so many, if that can be: edges as the tree has them, then static ones."""
+        infos = self.store.tree()
+        folds = Folds(Forest(infos), {info.name: self._height(info) for info in infos})
+        still = [info for info in infos if info.is_static and not self._height(info)]
+        if rows is not None:
+            folds.fold(max(rows - bool(still), 1))
+        found: list[_Row] = []
+        depths: dict[str | None, int] = {}
+        for row in folds.rows():
+            above = depths.get(row.parent, 0)
+            if row.info is None:
+                found += self._folded(row.hidden, above)
+                continue
+            moving = row.info.name in self.edges and not row.info.is_static
+            depths[row.info.name] = above + moving
+            if self._height(row.info):
+                found += self._edge(row.info, above)
+        if still:
+            text = f"{len(still)} static edge{'s' if len(still) != 1 else ''}"
+            found.append(_Row(text, 0, "static", style.STATIC))
+        return found
+
+    def _several(self, name: str) -> int:
+        """How many publishers an edge has, if it has several."""
+        count = len(self.publishers.get(name, ()))
+        return count if count > 1 else 0
+
+    def _height(self, info: FrameInfo) -> int:
+        """How many rows an edge takes."""
+        several = self._several(info.name)
         if info.is_static:
-            if several:
-                found.append(_Row(info.name, depth, said, style.STATIC, loud=True))
-            else:
-                still.append(info.name)
-            continue
-        stamps = np.asarray(store.samples(info.name)[0])
-        late = _late(sent) if len(sent) else None
-        count = len(late) if late is not None else by_name[info.name].info.late
+            return int(several > 0)
+        return 1 + several if info.name in self.edges else 0
+
+    def _edge(self, info: FrameInfo, depth: int) -> Iterator[_Row]:
+        """An edge, then what each of several publishers sent."""
+        several = self._several(info.name)
+        said = f"{several} publishers" if several else ""
+        if info.is_static:
+            yield _Row(info.name, depth + 1, said, style.STATIC, loud=True)
+            return
+        late = self._late(info)
+        count = info.late if late is None else len(late)
         rate = "" if info.rate is None else f"{info.rate:.3g} Hz"
         note = ", ".join(filter(None, (rate, f"{count:,} late" if count else "", said)))
         color = style.STATIC if several else style.MOVING
-        loud = several or count > 0
-        found.append(_Row(info.name, depth - 1, note, color, loud, stamps, late, max_gap))
-        for i, publisher in enumerate(publishers if several else ()):
+        loud = several > 0 or count > 0
+        yield _Row(info.name, depth, note, color, loud, self._stamps(info), late, self.max_gap)
+        if not several:
+            return
+        sent, by = self.arrivals[info.name]
+        for i, publisher in enumerate(self.publishers[info.name]):
             own = np.unique(sent[np.array([name == publisher for name in by])])
             color = style.SERIES[i % len(style.SERIES)]
-            found.append(_Row(f"by {publisher}", depth + 1, _rate(own), color, stamps=own))
-    if still:
-        text = f"{len(still)} static edge{'s' if len(still) != 1 else ''}"
-        found.append(_Row(text, 0, "static", style.STATIC))
-    return found
+            yield _Row(f"by {publisher}", depth + 2, _rate(own), color, stamps=own)
+
+    def _folded(self, infos: Sequence[FrameInfo], depth: int) -> Iterator[_Row]:
+        """One row for many edges: the samples of all, and holes in which none of them has any."""
+        moving = [info for info in infos if info.name in self.edges and not info.is_static]
+        if not moving:
+            return
+        stamps = np.unique(np.concatenate([self._stamps(info) for info in moving]))
+        marks = [self._late(info) for info in moving]
+        known = [late for late in marks if late is not None]
+        count = sum(
+            info.late if late is None else len(late)
+            for info, late in zip(moving, marks, strict=True)
+        )
+        gaps = sum(len(self.edges[info.name].gaps) for info in moving)
+        several = sum(self._several(info.name) > 0 for info in moving)
+        said = (
+            f"{gaps:,} gap{'s' if gaps != 1 else ''}" if gaps else "",
+            f"{count:,} late" if count else "",
+            f"{several} with several publishers" if several else "",
+        )
+        periods = [self.edges[info.name].period or 0 for info in moving]
+        self.folded += len(moving)
+        yield _Row(
+            f"+ {len(moving)} moving edge{'s' if len(moving) != 1 else ''}",
+            depth,
+            ", ".join(filter(None, said)),
+            style.MOVING,
+            count > 0 or several > 0,
+            stamps,
+            np.unique(np.concatenate(known)) if known else None,
+            GAP_FACTOR * max(periods) if self.max_gap is None else self.max_gap,
+        )
+
+    def _stamps(self, info: FrameInfo) -> Stamps:
+        return np.asarray(self.store.samples(info.name)[0])
+
+    def _late(self, info: FrameInfo) -> Stamps | None:
+        """The late samples, where arrivals say which."""
+        sent = self.arrivals.get(info.name, (np.empty(0, np.int64),))[0]
+        return _late(sent) if len(sent) else None
 
 
 def _late(sent: Stamps) -> Stamps:
@@ -231,32 +317,37 @@ def _indent(row: _Row) -> float:
     return min(row.depth, 8) * _INDENT
 
 
-def _under(edges: Sequence[EdgeSummary], whole: tuple[int, int]) -> str:
+def _under(edges: Sequence[EdgeSummary], whole: tuple[int, int], folded: int) -> str:
     moving = [edge for edge in edges if not edge.info.is_static]
     gaps = sum(len(edge.gaps) for edge in moving)
     text = (
         f"{len(moving)} moving and {len(edges) - len(moving)} static edges over "
-        f"{(whole[1] - whole[0]) / 1e9:.1f} s, {gaps or 'no'} gap{'' if gaps == 1 else 's'}"
+        f"{number((whole[1] - whole[0]) / 1e9, 1)} s, {gaps or 'no'} gap{'' if gaps == 1 else 's'}"
     )
     several = len(clocks(edge.info for edge in edges))
+    text += f"; {folded} are folded" if folded else ""
     return text + (f"; stamps of {several} clocks" if several > 1 else "")
 
 
 def _axes_look(axes: Axes, rows: int, whole: tuple[int, int], room: float) -> None:
     style.tidy(axes)
-    length = max((whole[1] - whole[0]) / 1e9, 1e-3)
+    length = _length(whole)
     axes.set_xlim(-0.01 * length, 1.01 * length)
     axes.set_ylim(max(rows, 1) - 0.4, -0.6)
     axes.set_yticks([])
     axes.grid(visible=False, axis="y")
-    axes.ticklabel_format(axis="x", useOffset=False, style="plain")
     style.label(axes, lettering.fitted(style.since(whole[0]), style.TEXT_SIZE, room), "")
+
+
+def _length(whole: tuple[int, int]) -> float:
+    """Seconds that the picture covers; one sample needs some, too."""
+    return (whole[1] - whole[0]) / 1e9 or 1e-3
 
 
 def _draw(axes: Axes, at: int, row: _Row, whole: tuple[int, int]) -> None:
     start = whole[0]
     if row.stamps is None:
-        ends = [0, max((whole[1] - start) / 1e9, 1e-3)]
+        ends = [0, _length(whole)]
         axes.plot(ends, [at, at], color=row.color, linewidth=0.8, dashes=(4, 3))
         return
     seconds = (row.stamps - start) / 1e9

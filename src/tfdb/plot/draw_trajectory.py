@@ -14,9 +14,12 @@ from matplotlib.cm import ScalarMappable
 from matplotlib.collections import LineCollection
 from matplotlib.colors import Normalize
 from matplotlib.lines import Line2D
+from matplotlib.ticker import MaxNLocator
 
 from ..errors import InvalidArgument
+from ..poses import TOO_FAR
 from . import lettering, style
+from .numbers import Numbers, number
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -94,8 +97,8 @@ def trajectory(
     Raises
     ------
     InvalidArgument
-        No path, a path without a pose, labels that are not one for each, or an option that is none
-        of those above.
+        No path, a path without a pose or with one 1e100 m away, labels that are not one for each,
+        or an option that is none of those above.
     """
     _check(paths, axes, color, labels, size)
     drawn = _prepare(paths, labels)
@@ -156,6 +159,12 @@ def _prepare(paths: Sequence[Trajectory], labels: Sequence[str] | None) -> list[
         named = f"{path.source} in {path.target}"
         if not len(good):
             raise InvalidArgument(f"the trajectory of {named} holds no pose to draw", value=path)
+        if np.abs(poses[good, :3]).max() >= TOO_FAR:
+            raise InvalidArgument(
+                f"the trajectory of {named} leads {np.abs(poses[good, :3]).max():.3g} m away: at "
+                f"most {TOO_FAR:g} m can be drawn",
+                value=path,
+            )
         points = np.full((len(poses), 3), np.nan)
         points[good] = poses[good, :3]
         found.append(
@@ -194,9 +203,9 @@ def _title(drawn: Sequence[_Path], paths: Sequence[Trajectory]) -> str:
 def _under(drawn: Sequence[_Path]) -> str:
     poses = sum(len(path.good) for path in drawn)
     seconds = max(float(path.seconds[-1]) for path in drawn)
-    text = f"{poses:,} pose{'s' if poses != 1 else ''} over {seconds:.1f} s"
+    text = f"{poses:,} pose{'s' if poses != 1 else ''} over {number(seconds, 1)} s"
     if len(drawn) == 1:
-        return f"{text}, {drawn[0].length:.2f} m travelled"
+        return f"{text}, {number(drawn[0].length)} m travelled"
     return text
 
 
@@ -205,7 +214,7 @@ def _legend_handles(
 ) -> list[Line2D]:
     marks = []
     if several:
-        labels = [f"{path.label}  {path.length:.2f} m" for path in drawn]
+        labels = [f"{path.label}  {number(path.length)} m" for path in drawn]
         marks = [
             Line2D([], [], color=path.color, linestyle=path.line, linewidth=1.8, label=label)
             for path, label in zip(drawn, style.legend_labels(labels, room), strict=True)
@@ -230,15 +239,8 @@ def _draw(
     top: float,
 ) -> None:
     """Put the path at the left and x, y and z over time at the right, below `top` points."""
-    width, height = figure.get_size_inches() * 72
-    figure.set_layout_engine(
-        "constrained",
-        rect=(0.5 * style.MARGIN / width, 0.01, 1 - style.MARGIN / width, 1 - top / height - 0.01),
-        w_pad=0.08,
-        h_pad=0.04,
-        # The name of a third axis hangs over the edge.
-        wspace=0.1 if plane == "xyz" else 0.02,
-    )
+    # The name of a third axis hangs over the edge.
+    style.lay_out(figure, top, 0.1 if plane == "xyz" else 0.02)
     grid = figure.add_gridspec(3, 2, width_ratios=(1.25, 1))
     main = figure.add_subplot(grid[:, 0], projection="3d" if plane == "xyz" else None)
     scale = None if color is None else _scale(drawn, color)
@@ -260,9 +262,7 @@ def _draw(
     if scale is not None and color is not None:
         _draw_scale(figure, main, scale, color)
     figure.align_ylabels(over_time)
-    # Once laid out it stays so, whatever it is saved as.
-    figure.draw_without_rendering()
-    figure.set_layout_engine("none")
+    style.settle(figure)
 
 
 def _name_axes(figure: Figure, main: Axes, plane: str, target: str) -> None:
@@ -273,7 +273,11 @@ def _name_axes(figure: Figure, main: Axes, plane: str, target: str) -> None:
             axis.set_rotate_label(False)
             text = f"{axis.axis_name} [m]"
             axis.set_label_text(text, color=style.INK, fontsize=style.TEXT_SIZE)
-            axis.labelpad = 8
+            axis.labelpad = 11
+        # The numbers of the third stand between it and its name.
+        numbers = Numbers().format_ticks(space.zaxis.get_majorticklocs())
+        wide = max((lettering.width(text, style.SMALL_SIZE) for text in numbers), default=0.0)
+        space.zaxis.labelpad = max(11, wide)
         return
     width, height = figure.get_size_inches() * 72
     room = min(0.55 * width - 130, 0.8 * (height - 150))
@@ -309,6 +313,7 @@ def _draw_scale(figure: Figure, main: Axes, scale: ScalarMappable, color: str) -
         aspect=40,
         pad=0.03,
         extend="max" if color == "speed" else "neither",
+        format=Numbers(),
     )
     outline: Any = bar.outline
     outline.set_visible(False)
@@ -353,14 +358,7 @@ def _draw_plane(
     for path in drawn:
         _ends(axes, path, path.points[path.good][:, columns], several=len(drawn) > 1)
     points = np.concatenate([path.points[path.good][:, columns] for path in drawn])
-    low, high = points.min(axis=0), points.max(axis=0)
-    half = np.maximum((high - low) * 0.57, 0.05 * max(float((high - low).max()), 1e-2))
-    middle = (low + high) / 2
-    axes.update_datalim([middle - half, middle + half])
-    axes.margins(0)
-    axes.autoscale_view()
-    axes.set_aspect("equal", adjustable="datalim")
-    axes.ticklabel_format(useOffset=False, style="plain")
+    style.frame_all(axes, points.min(axis=0), points.max(axis=0))
 
 
 def _draw_space(
@@ -380,22 +378,18 @@ def _draw_space(
     points = np.concatenate([path.points[path.good] for path in drawn])
     middle = (points.min(axis=0) + points.max(axis=0)) / 2
     half = np.maximum((points.max(axis=0) - points.min(axis=0)) * 0.55, 1e-3)
-    half = np.maximum(half, half.max() * 0.15)
+    half = np.maximum(half, half.max() * 0.3)
     axes.set_xlim(middle[0] - half[0], middle[0] + half[0])
     axes.set_ylim(middle[1] - half[1], middle[1] + half[1])
     axes.set_zlim(middle[2] - half[2], middle[2] + half[2])
-    axes.set_aspect("equal", adjustable="box")
+    # One scale, and smaller than the room: the names of the axes hang over the edge.
+    axes.set_box_aspect(half, zoom=0.85)
     axes.tick_params(colors=style.MUTED, labelsize=style.SMALL_SIZE - 1, pad=0)
-    for each in (axes.xaxis, axes.yaxis, axes.zaxis):
+    for each, part in zip((axes.xaxis, axes.yaxis, axes.zaxis), half / half.max(), strict=True):
         each.set_pane_color((1, 1, 1, 0))
         each.line.set_color(style.FAINT)
-        each.set_major_locator(_few_ticks())
-
-
-def _few_ticks() -> Any:
-    from matplotlib.ticker import MaxNLocator  # noqa: PLC0415
-
-    return MaxNLocator(4, min_n_ticks=2)
+        each.set_major_locator(MaxNLocator(ceil(4 * part), min_n_ticks=1))
+        each.set_major_formatter(Numbers())
 
 
 def _arrows(axes: Axes, path: _Path, columns: list[int]) -> None:
@@ -451,4 +445,3 @@ def _draw_over_time(axes: Axes, drawn: Sequence[_Path], axis: int) -> None:
     # A flat drive stays flat: noise of millimetres is not blown up to the picture's height.
     half = max((high - low) * 0.58, 0.05)
     axes.set_ylim((low + high) / 2 - half, (low + high) / 2 + half)
-    axes.ticklabel_format(useOffset=False, style="plain")

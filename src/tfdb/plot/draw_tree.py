@@ -11,6 +11,7 @@ from matplotlib.patches import FancyBboxPatch
 from ..errors import InvalidArgument
 from ..summary import Forest
 from . import lettering, style
+from .folding import FoldedRow, Folds, check_rows
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Sequence
@@ -68,15 +69,13 @@ def frame_tree(
     InvalidArgument
         `rows` is no positive number, or `frames` is no store and no frames.
     """
-    given: Any = rows
-    if given is not None and (type(given) is not int or given < 1):
-        raise InvalidArgument(f"rows must be a number from 1 on, or None, got {rows!r}", value=rows)
+    check_rows(rows)
     infos = _infos(frames)
     forest = Forest(infos)
-    folded = _Folds(forest)
+    folded = Folds(forest)
     if rows is not None:
         folded.fold(rows)
-    nodes = list(_nodes(forest, folded))
+    nodes = list(_nodes(folded))
     deepest = max((node.depth for node in nodes), default=0)
     step = min(_STEP, _DEEPEST / max(deepest, 1))
     right = max((node.depth * step + _width(node) for node in nodes), default=0.0)
@@ -116,103 +115,15 @@ def _infos(frames: Any) -> list[FrameInfo]:
     return infos
 
 
-class _Folds:
-    """Which children of which frames are folded into one row each."""
-
-    def __init__(self, forest: Forest) -> None:
-        self.forest = forest
-        self.away: dict[str, list[str]] = {}
-        """By parent, the children that its one folded row stands for."""
-        self.sizes: dict[str, int] = {}
-        """Frames of a subtree, its top included."""
-        self._still: dict[str, bool] = {}
-        self._depths: dict[str, int] = {}
-        self._shown: dict[str, int] = {}
-        rows = forest.rows()
-        for row in rows:
-            self._depths[row.info.name] = row.depth
-        for row in reversed(rows):
-            name = row.info.name
-            below = forest.children[name]
-            self.sizes[name] = 1 + sum(self.sizes[child] for child in below)
-            self._still[name] = row.info.is_static and all(self._still[child] for child in below)
-            self._shown[name] = self.sizes[name]
-
-    @property
-    def frames(self) -> int:
-        """How many frames are folded away."""
-        return sum(self.sizes[child] for below in self.away.values() for child in below)
-
-    def fold(self, rows: int) -> None:
-        """Fold until at most so many rows are left, if that can be."""
-        shown = sum(self._shown[root] for root in self.forest.roots)
-        names = sorted(self.forest.by_name)
-        still = {
-            name: [child for child in self.forest.children[name] if self._still[child]]
-            for name in names
-        }
-        # What hangs in a subtree of static edges goes with it.
-        tops = [name for name in names if not self._still[name] and still[name]]
-        for name in sorted(tops, key=lambda top: -self._rows(still[top])):
-            if shown <= rows:
-                return
-            shown -= self._hide(name, still[name])
-        inner = [name for name in names if self.forest.children[name]]
-        for name in sorted(inner, key=lambda top: (-self._depths[top], -self.sizes[top], top)):
-            if shown <= rows:
-                return
-            shown -= self._hide(name, self.forest.children[name])
-
-    def _rows(self, children: Sequence[str]) -> int:
-        return sum(self._shown[child] for child in children)
-
-    def _hide(self, parent: str, children: list[str]) -> int:
-        """Fold these children; return how many rows that saves."""
-        before = self._shown[parent]
-        others = [child for child in self.forest.children[parent] if child not in set(children)]
-        after = 2 + self._rows(others)
-        if before - after < 1:
-            return 0
-        self.away[parent] = children
-        name: str | None = parent
-        while name in self._shown:
-            self._shown[name] -= before - after
-            name = self.forest.by_name[name].parent
-        self._forget(children)
-        return before - after
-
-    def _forget(self, children: Sequence[str]) -> None:
-        """Drop the folds inside of what is folded now."""
-        stack = list(children)
-        while stack:
-            name = stack.pop()
-            self.away.pop(name, None)
-            stack.extend(self.forest.children[name])
-
-
-def _nodes(forest: Forest, folded: _Folds) -> Iterator[_Node]:
+def _nodes(folded: Folds) -> Iterator[_Node]:
     """Give what is drawn, from top to bottom."""
-    row = 0.0
-    for root in forest.roots:
-        stack: list[_Node] = [_frame(forest.by_name[root], 0)]
-        while stack:
-            node = stack.pop()
-            node.row = row
-            row += 1
-            yield node
-            if node.info is None:
-                continue
-            name = node.info.name
-            hidden = folded.away.get(name, [])
-            below = [
-                _frame(forest.by_name[child], node.depth + 1)
-                for child in forest.children[name]
-                if child not in set(hidden)
-            ]
-            if hidden:
-                below.append(_fold(forest, folded, name, hidden, node.depth + 1))
-            stack.extend(reversed(below))
-        row += _TREE_GAP
+    down = 0.0
+    for at, row in enumerate(folded.rows()):
+        if at and row.depth == 0:
+            down += _TREE_GAP
+        node = _fold(row) if row.info is None else _frame(row.info, row.depth)
+        node.row = at + down
+        yield node
 
 
 def _frame(info: FrameInfo, depth: int) -> _Node:
@@ -220,15 +131,14 @@ def _frame(info: FrameInfo, depth: int) -> _Node:
     return _Node(text, info.parent, depth, info, _note(info), info.is_static)
 
 
-def _fold(forest: Forest, folded: _Folds, parent: str, hidden: Sequence[str], depth: int) -> _Node:
-    frames = sum(folded.sizes[child] for child in hidden)
-    infos = [row.info for child in hidden for row in forest.walk(child)]
-    moving = sum(not info.is_static for info in infos)
+def _fold(row: FoldedRow) -> _Node:
+    frames = len(row.hidden)
+    moving = sum(not info.is_static for info in row.hidden)
     plural = "s" if frames != 1 else ""
     text = f"+ {frames} static frame{plural}"
     if moving:
         text = f"+ {frames} frame{plural}, {moving} of them moving"
-    return _Node(text, parent, depth, static=not moving)
+    return _Node(text, row.parent, row.depth, static=not moving)
 
 
 def _note(info: FrameInfo) -> str:
@@ -244,7 +154,7 @@ def _width(node: _Node) -> float:
     return wide + (lettering.width(node.note, style.SMALL_SIZE) + 2 * _PAD if node.note else 0)
 
 
-def _under(infos: Sequence[FrameInfo], forest: Forest, folded: _Folds) -> str:
+def _under(infos: Sequence[FrameInfo], forest: Forest, folded: Folds) -> str:
     moving = sum(1 for i in infos if i.parent is not None and not i.is_static)
     static = sum(1 for i in infos if i.is_static)
     trees = len(forest.roots)

@@ -5,15 +5,18 @@ from __future__ import annotations
 from datetime import UTC, datetime
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
 from matplotlib.figure import Figure
 
 from ..given_objects import refuse_without
 from ..stamps import format_seconds
 from . import lettering
+from .numbers import Apart, Numbers
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    import numpy.typing as npt
     from matplotlib.artist import Artist
     from matplotlib.axes import Axes
 
@@ -56,6 +59,34 @@ def new_figure(width: float, height: float) -> Figure:
     return figure
 
 
+def lay_out(figure: Figure, top: float, between: float = 0.02) -> None:
+    """Let what is added from now on find its place by itself, below `top` points."""
+    width, height = figure.get_size_inches() * 72
+    figure.set_layout_engine(
+        "constrained",
+        rect=(0.5 * MARGIN / width, 0.01, 1 - MARGIN / width, 1 - top / height - 0.01),
+        w_pad=0.08,
+        h_pad=0.04,
+        wspace=between,
+    )
+
+
+def settle(figure: Figure) -> None:
+    """Lay all out that was added since `lay_out`: so it stays, whatever it is saved as."""
+    figure.draw_without_rendering()
+    figure.set_layout_engine("none")
+
+
+def frame_all(axes: Axes, low: npt.NDArray[np.float64], high: npt.NDArray[np.float64]) -> None:
+    """Show a rectangle of a plane with some room around it, both axes in one scale."""
+    half = np.maximum((high - low) * 0.57, 0.05 * max(float((high - low).max()), 1e-2))
+    middle = (low + high) / 2
+    axes.update_datalim([middle - half, middle + half])
+    axes.margins(0)
+    axes.autoscale_view()
+    axes.set_aspect("equal", adjustable="datalim")
+
+
 def tidy(axes: Axes) -> None:
     """Thin grey frame, faint grid, small labels."""
     axes.set_facecolor(PAPER)
@@ -64,6 +95,9 @@ def tidy(axes: Axes) -> None:
     for side in ("left", "bottom"):
         axes.spines[side].set_color(FAINT)
     axes.tick_params(colors=MUTED, labelsize=SMALL_SIZE, length=3)
+    axes.xaxis.set_major_locator(Apart())
+    for axis in (axes.xaxis, axes.yaxis):
+        axis.set_major_formatter(Numbers())
     axes.grid(visible=True, color=FAINT, linewidth=0.6)
     axes.set_axisbelow(True)
 
