@@ -2,8 +2,27 @@
 
 from __future__ import annotations
 
+import io
+import os
 import signal
 import sys
+
+
+def _ready_streams() -> None:
+    """Have the three standard streams, and let none of them refuse a character.
+
+    What whoever started this has closed leads nowhere, and no file that is opened takes its place.
+    """
+    while (number := os.open(os.devnull, os.O_RDWR)) <= 2:
+        pass
+    os.close(number)
+    for number, name in enumerate(("stdin", "stdout", "stderr")):
+        if getattr(sys, name) is None:
+            mode = "w" if number else "r"
+            setattr(sys, name, open(number, mode, encoding="utf-8", closefd=False))  # noqa: SIM115
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="backslashreplace")
 
 
 def main() -> None:
@@ -14,6 +33,7 @@ def main() -> None:
     """
     signal.signal(signal.SIGPIPE, signal.SIG_DFL)
     signal.signal(signal.SIGINT, signal.SIG_DFL)
+    _ready_streams()
     from tfdb.cli.app import cli  # noqa: PLC0415 - what takes long
 
     try:

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import os
 from typing import TYPE_CHECKING
 
 import pytest
+
+import tfdb
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -149,6 +152,14 @@ def test_errors_as_json(tool: Tool, bag: Path) -> None:
         (("poses", "f", "a", "b", "--json"), "-o OUT"),
         (("info", "f", "--topic", ":x"), "FROM"),
         (("check", "f", "--max-gap", "long"), "write seconds"),
+        (("check", "f", "--max-gap", "-1"), "'-1' is negative"),
+        (("info", "f", "--rename", "a:=b", "--rename", "a:=c"), "given two names"),
+        (("info", "f", "--pose-topic", "/a=b", "--pose-topic", "/a=c"), "given two frames"),
+        (("poses", "f", "a", "b", "-o", "-", "--format", "tum"), "go to stdout"),
+        (("lookup", "f", "a", "b", "++2"), "has a sign"),
+        (("lookup", "f", "a", "b", "2026-13-01"), "such as 2026"),
+        (("tree", "ros1:http://localhost:1", "--rename", "map:=world"), "goes with recordings"),
+        (("rename", "f", "-o"), "see 'tfdb rename --help'"),
         (("completion", "tcsh"), "tcsh"),
     ],
 )
@@ -169,3 +180,54 @@ def test_stamps_file_is_missing(tool: Tool, bag: Path, tmp_path: Path) -> None:
 def test_output_folder_is_missing(tool: Tool, bag: Path, tmp_path: Path) -> None:
     out = tmp_path / "none" / "a.tum"
     assert str(out.parent) in tool("poses", bag, "map", "odom", "-o", out, code=2).error
+
+
+def test_a_link_to_nothing_is_not_what_was_meant(tool: Tool, tmp_path: Path) -> None:
+    link = tmp_path / "loop.bag"
+    link.symlink_to(link)
+    assert "did you mean" not in tool("info", link, code=2).error
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        (b"\xff\xd8\xff\xe0", "line 1"),
+        (b"+2\n", "'+2' has a sign"),
+        (b"-2 0 0 0 0 0 0 1\n", "'-2' is negative"),
+    ],
+)
+def test_what_holds_no_stamps(
+    tool: Tool, bag: Path, tmp_path: Path, text: bytes, words: str
+) -> None:
+    file = tmp_path / "stamps.txt"
+    file.write_bytes(text)
+    assert words in tool("poses", bag, "map", "odom", "--at", file, code=2).error
+
+
+def test_stamps_after_a_byte_order_mark(tool: Tool, bag: Path, tmp_path: Path) -> None:
+    file = tmp_path / "stamps.txt"
+    file.write_bytes(b"\xef\xbb\xbf1795240383.5\r\n1795240384\r\n")
+    rows = tool("poses", bag, "map", "odom", "--at", file).out.splitlines()
+    assert [row.split()[0] for row in rows] == ["1795240383.500000000", "1795240384.000000000"]
+
+
+def test_offsets_without_their_plus_are_asked_about(tool: Tool, bag: Path) -> None:
+    bounds = ("--start", "2", "--end", "5")
+    assert "did you mean '+2' and '+5', from the start?" in tool("info", bag, *bounds).err
+    said = tool("poses", bag, "map", "odom", *bounds, code=2).error
+    assert "did you mean +2, from the start?" in said
+    assert "valid from 1795240381.252825021" in said
+    with pytest.warns(tfdb.TfdbWarning, match=r"did you mean '\+2' and '\+4.5', from"):
+        tfdb.load(bag, start="2", end=4_500_000_000)
+
+
+def test_names_are_near_in_whatever_case(tool: Tool, bag: Path) -> None:
+    assert "did you mean 'map'?" in tool("lookup", bag, "MAP", "odom", code=2).error
+    assert "did you mean 'map'?" in tool("info", bag, "--frame", "MAP", code=2).error
+
+
+def test_a_store_is_not_made_for_what_is_refused(tool: Tool, bag: Path) -> None:
+    name = f"test-errors-{os.getpid()}"
+    tool("serve", "bag", bag, "--into", name, "--frame", "nowhere", code=2)
+    with pytest.raises(tfdb.NoSuchStore):
+        tfdb.Buffer.open(name, create=False)

@@ -173,3 +173,76 @@ def test_check_and_gaps_look_at_what_was_chosen(tool: Tool, tmp_path: Path) -> N
     assert finding["frames"] == ["r1/base"]
     assert tool("gaps", path, "--start", "3", "--json").json["gaps"] == []
     assert tool("check", path, "--start", "3", "--json").json["findings"] == []
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        ["--start", "+0.5"],
+        ["--end", "-0.5"],
+        ["--keep", "0.3"],
+        ["--frame", "cup"],
+        ["--frame", "base", "--frame", "cup"],
+        ["--exclude", "cup"],
+        ["--topic", "/robot/tf"],
+        ["--rename", "cup:=mug"],
+    ],
+)
+def test_options_see_all_files_as_one_recording(
+    tool: Tool, tmp_path: Path, options: list[str]
+) -> None:
+    one = record(tmp_path / "a.bag", {("map", "base"): range(9)}, {("base", "cam"): 1})
+    other = tmp_path / "b.mcap"
+    with RecordingWriter(other) as writer:
+        for i in range(5, 14):
+            stamp = S + i * S // 10
+            cup = tfdb.TransformStamped("table", "cup", stamp, (i, 1, 2), TURN)
+            data = tfdb.encode_tf_message([cup], writer.encoding)
+            writer.write(data, stamp, topic="/robot/tf", static=False)
+    merged, converted = tmp_path / "merged.mcap", tmp_path / "converted.mcap"
+    tool("merge", one, other, "-o", merged, *options)
+    tool("convert", one, other, converted, *options)
+    found, expected = tfdb.load(merged), tfdb.load(converted)
+    assert found.tree() == expected.tree()
+    for frame in expected.frames():
+        assert np.array_equal(found.samples(frame)[1], expected.samples(frame)[1])
+    if options[0] in ("--start", "--end", "--keep"):
+        out = tmp_path / "apart.mcap"
+        tool("merge", one, other, "-o", out, "--prefix", "l/", "--prefix", "r/", *options)
+        apart = {info.name.partition("/")[2]: info for info in tfdb.load(out).tree()}
+        for info in expected.tree():
+            assert apart[info.name].oldest == info.oldest
+            assert apart[info.name].samples == info.samples
+
+
+def test_poses_and_joints_may_be_in_one_of_the_files(tool: Tool, tmp_path: Path) -> None:
+    moving = record(tmp_path / "a.mcap", {("map", "base"): range(9)})
+    track = tmp_path / "track.tum"
+    track.write_text("1.05 1 2 3 0 0.6 0 0.8\n1.15 2 2 3 0 0.6 0 0.8\n")
+    said = tool("merge", moving, track, "-o", tmp_path / "o.bag", "--frame", "lost", code=2).error
+    assert "there is no frame 'lost'" in said
+    said = tool("merge", moving, track, "-o", tmp_path / "o.bag", "--topic", "/no", code=2).error
+    assert f"{moving}, {track}: no topic '/no'" in said
+    said = tool("merge", moving, track, "-o", tmp_path / "o.bag", "--start", "9", code=2).error
+    assert "nothing to merge" in said
+    assert not (tmp_path / "o.bag").exists()
+
+
+def test_a_file_of_which_nothing_is_merged_is_named(tool: Tool, tmp_path: Path) -> None:
+    one = record(tmp_path / "a.mcap", {("map", "base"): range(9)})
+    other = record(tmp_path / "b.mcap", {("table", "cup"): range(9)})
+    ran = tool("merge", one, other, "-o", tmp_path / "both.mcap", "--exclude", "cup")
+    assert f"tfdb: warning: {other}: nothing of it is merged" in ran.err
+
+
+def test_one_frame_is_not_given_two_names(tool: Tool, tmp_path: Path) -> None:
+    one = record(tmp_path / "a.mcap", {("map", "base"): range(9)})
+    names = "--rename", "map:=a", "--rename", "map:=b"
+    assert (
+        "'map' is given two names"
+        in tool("rename", one, "-o", tmp_path / "b.mcap", *names, code=2).error
+    )
+    topics = "--pose-topic", "/odom=a", "--pose-topic", "/odom=b"
+    assert "'/odom' is given two frames" in tool("info", one, *topics, code=2).error
+    with pytest.raises(tfdb.InvalidArgument, match="'map' is given two names"):
+        tfdb.load(one, rename={"map": "a", "/map": "b"})

@@ -95,9 +95,50 @@ def test_trajectory_files_and_comparisons(tool: Tool, bag: Path, here: Path) -> 
     assert any("APE" in text for text in drawn(here / "a_compare.svg"))
 
 
+def test_comparisons_have_the_options_of_compare(tool: Tool, bag: Path, here: Path) -> None:
+    frames = ("map", "base_link", "--estimate-frames", "odom", "base_link")
+    more = ("--delta", "0.5", "--delta-unit", "m", "--align", "yaw", "--association", "nearest")
+    tool("plot", bag, "compare", bag, *frames, *more, "--max-diff", "0.02", "--save", "svg")
+    found = tfdb.compare(
+        bag,
+        bag,
+        frames=("map", "base_link"),
+        estimate_frames=("odom", "base_link"),
+        delta=0.5,
+        delta_unit="m",
+        align="yaw",
+        association="nearest",
+        max_diff=0.02,
+    )
+    errors = f"APE {found.ape_translation.rmse:.4g} m rmse, {found.ape_translation.max:.4g} m"
+    rest = f" at most; RPE {found.rpe_translation.rmse:.4g} m rmse"
+    shown = drawn(here / "pr2_compare.svg")
+    assert f"{len(found):,} poses; {errors}{rest}" in shown
+    assert "base_link in odom against base_link in map" in shown
+    said = tool("plot", bag, "compare", bag, "--overwrite", code=2).error
+    assert "holds frames: name two after ESTIMATE: TARGET SOURCE" in said
+    tool("poses", bag, "map", "base_link", "--rate", "20", "-o", "a.tum")
+    tool("poses", bag, "map", "base_link", "--rate", "13", "-o", "b.tum")
+    tool("plot", "a.tum", "compare", "b.tum", "--offset", "0.1", "--save", "svg")
+    assert "b.tum against a.tum" in drawn(here / "a_compare.svg")
+    said = tool("plot", "a.tum", "compare", "b.tum", "--keep", "5", code=2).error
+    assert "these are trajectories" in said
+
+
+def test_timelines_fold(tool: Tool, bag: Path, here: Path) -> None:
+    tool("plot", bag, "timeline", "--rows", "8", "--save", "svg")
+    folds = [text for text in drawn(here / "pr2_timeline.svg") if text.startswith("+ ")]
+    assert folds
+    assert all(re.fullmatch(r"\+ \d+ moving edges?", text) for text in folds)
+
+
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
+        (("timeline", "--color", "speed"), "--color goes with trajectory, not with timeline"),
+        (("tree", "--max-gap", "3"), "--max-gap goes with timeline, not with tree"),
+        (("--align", "sim3"), "--align goes with compare, not with tree"),
+        (("trajectory", "a", "b", "--rows", "9"), "--rows goes with tree and timeline, not with"),
         (("trajectory", "map"), "tfdb plot FILE trajectory TARGET SOURCE [SOURCE ...]"),
         (("trajectory",), "has 32 moving edges: name TARGET and SOURCE"),
         (("compare",), "tfdb plot FILE compare ESTIMATE"),

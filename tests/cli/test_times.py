@@ -11,6 +11,7 @@ import tfdb
 from tfdb.cli.times import (
     LATEST,
     TimeSpec,
+    duration_option,
     format_duration,
     format_ns,
     parse_stamp,
@@ -115,3 +116,28 @@ def test_stamps_of_a_trajectory() -> None:
 def test_stamps_refused(text: str, words: str) -> None:
     with pytest.raises(tfdb.InvalidStamp, match=words):
         read_stamps(text, "stamps.txt")
+
+
+@pytest.mark.parametrize(
+    ("text", "ns"),
+    [
+        ("2026-11-21 05:53:03.720 UTC", 1_795_240_383_720_000_000),
+        ("2026-11-21T05:53:03.720679283Z", 1_795_240_383_720_679_283),
+        ("2026-11-21T06:53:03+01:00", 1_795_240_383_000_000_000),
+        ("2026-11-21T05:53:03", 1_795_240_383_000_000_000),
+        ("2026-11-21", 1_795_219_200_000_000_000),
+    ],
+)
+def test_dates_as_they_are_printed(text: str, ns: int) -> None:
+    assert parse(text).resolve(None) == ns
+
+
+@pytest.mark.parametrize("text", ["2", "2s", "2.0s", "2000000000ns", " 2s "])
+def test_lengths_may_have_their_unit(text: str) -> None:
+    assert duration_option(CONTEXT, PARAMETER, text) == 2_000_000_000
+
+
+@pytest.mark.parametrize("text", ["s", "2ms", "2 s", "2m", "-2", "+2"])
+def test_what_is_no_length(text: str) -> None:
+    with pytest.raises(click.BadParameter):
+        duration_option(CONTEXT, PARAMETER, text)

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import fcntl
 import json
 import math
 import os
 import pty
+import struct
 import subprocess
 import sys
+import termios
 import threading
 import time
 from contextlib import suppress
@@ -194,11 +197,11 @@ def test_monitor_follows_a_store(tool: Tool, name: str) -> None:
     assert told[-1]["chain"]["delay_ns"] >= S
 
 
-def test_monitor_stays_in_place_on_a_terminal(name: str) -> None:
-    tfdb.Buffer.open(name).set_static_transform("map", "base", (1, 2, 3), TURN)
+def on_a_terminal(*arguments: str, columns: int = 80) -> bytes:
+    """What a command writes to a terminal of so many columns, until it ends well."""
     ours, theirs = pty.openpty()
-    command = [sys.executable, "-m", "tfdb.cli", "monitor", f"shm:{name}"]
-    process = subprocess.Popen([*command, "--every", "0.1", "--for", "0.3"], stdout=theirs)
+    fcntl.ioctl(theirs, termios.TIOCSWINSZ, struct.pack("HHHH", 24, columns, 0, 0))
+    process = subprocess.Popen([sys.executable, "-m", "tfdb.cli", *arguments], stdout=theirs)
     os.close(theirs)
     said = b""
     with suppress(OSError):  # the terminal's end
@@ -206,10 +209,25 @@ def test_monitor_stays_in_place_on_a_terminal(name: str) -> None:
             said += part
     os.close(ours)
     assert process.wait() == 0
+    return said
+
+
+def test_monitor_stays_in_place_on_a_terminal(name: str) -> None:
+    tfdb.Buffer.open(name).set_static_transform("map", "base", (1, 2, 3), TURN)
+    said = on_a_terminal("monitor", f"shm:{name}", "--every", "0.1", "--for", "0.3")
     upwards, hidden, shown = b"\x1b[1A", b"\x1b[?25l", b"\x1b[?25h"
     assert upwards in said
     assert said.count(b"map") >= 3
     assert said.rindex(shown) > said.rindex(hidden)
+
+
+def test_monitor_breaks_no_name_on_a_terminal(name: str) -> None:
+    """Twenty columns are too few for it: what does not fit goes on below, as in a pipe."""
+    long = "warehouse_7/robot_042/base_footprint"
+    tfdb.Buffer.open(name).set_static_transform("map", long, (1, 2, 3), TURN)
+    arguments = ("monitor", f"shm:{name}", "--every", "0.1", "--for", "0.3")
+    said = on_a_terminal(*arguments, columns=20)
+    assert said.count(long.encode()) >= 3
 
 
 def test_monitor_begins_anew_where_time_jumps_back() -> None:

@@ -97,12 +97,12 @@ class TfdbGroup(SuggestingGroup):
         except (tfdb.TfdbError, OSError, click.ClickException) as error:
             if not standalone_mode:
                 raise
+            command = next((name for name in given if name in COMMANDS), None)
             if "--json" in given:
-                command = next((name for name in given if name in COMMANDS), None)
                 # The error may be that the output takes no more.
                 with contextlib.suppress(OSError):
-                    output.emit_json(command, output.error_body(error))
-            click.echo(f"tfdb: error: {output.describe_error(error)}", err=True)
+                    output.emit_json(command, output.error_body(error, command))
+            click.echo(f"tfdb: error: {output.describe_error(error, command)}", err=True)
             sys.exit(2)
         except (click.Abort, KeyboardInterrupt):
             if not standalone_mode:

@@ -27,8 +27,10 @@ def _missing() -> None:
 
 
 if importlib.util.find_spec("tfdb_measure") is None:
-    command = _missing
+    command: click.Command = _missing
 else:
-    from tfdb_measure.command import command
+    import tfdb_measure.command as measuring
+
+    command = measuring.command
 
 __all__ = ["command"]

@@ -15,7 +15,7 @@ from . import common, layout, output
 from .arrivals import Arrivals, read_arrivals
 from .doctor import KINDS, Finding, Limits, disconnected, examine, leading_slashes, sort_key
 from .graph import LISTENS, Live, is_graph, listening, node_option
-from .times import NS, duration_option, format_date, format_ns, format_when, watch_option
+from .times import NS, duration_option, format_date, format_ns, format_when
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -50,7 +50,7 @@ if TYPE_CHECKING:
     "--for",
     "length",
     metavar="SECONDS",
-    callback=watch_option,
+    callback=duration_option,
     help="Watch a live store (shm:NAME) or graph (ros1:, ros2:) for so long, and examine what "
     "comes: 10, or 10s.  [default of a graph: 5]",
 )

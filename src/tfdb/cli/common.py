@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 import errno
 import sys
 import time
@@ -20,6 +19,7 @@ from tfdb.io import Recording
 from tfdb.io.choice import absolute
 from tfdb.io.decimal_time import parse_stamp
 from tfdb.io.loading import role_of
+from tfdb.near_names import near_names
 from tfdb.new_file import is_one_of, refuse_existing
 from tfdb.summary import Forest, span
 
@@ -31,6 +31,7 @@ if TYPE_CHECKING:
     from contextlib import ExitStack
     from pathlib import Path
 
+    from click.decorators import FC
     from rich.progress import Progress, ProgressColumn
 
     from tfdb import Buffer, Reads, Snapshot
@@ -41,14 +42,14 @@ if TYPE_CHECKING:
 _COMPLETION_MESSAGES = 200
 """So many messages of each kind does completion read: a shell must not seem to hang."""
 
-files_argument = click.argument(
+files_argument: Callable[[FC], FC] = click.argument(
     "files", nargs=-1, required=True, metavar="FILE...", type=click.Path()
 )
-file_argument = click.argument("file", type=click.Path())
-json_option = click.option(
+file_argument: Callable[[FC], FC] = click.argument("file", type=click.Path())
+json_option: Callable[[FC], FC] = click.option(
     "--json", "as_json", is_flag=True, help="Print one JSON object instead of text."
 )
-json_lines_option = click.option(
+json_lines_option: Callable[[FC], FC] = click.option(
     "--json", "as_json", is_flag=True, help="Print JSON objects instead of text, one a line."
 )
 _topic_option = click.option(
@@ -106,7 +107,8 @@ def _choose_names(ctx: click.Context, param: click.Parameter, value: tuple[str, 
         old, colon, new = text.partition(":=")
         if not (old and colon and new):
             raise click.BadParameter(f"{text!r} is not FROM:=TO", ctx, param)
-        pairs[old] = new
+        if pairs.setdefault(old, new) != new:
+            raise click.BadParameter(f"{old!r} is given two names", ctx, param)
     _choose(ctx, param, pairs or None)
 
 
@@ -116,7 +118,8 @@ def _choose_poses(ctx: click.Context, param: click.Parameter, value: tuple[str, 
         topic, equals, child = text.partition("=")
         if not topic or (equals and not child):
             raise click.BadParameter(f"{text!r} is not TOPIC or TOPIC=CHILD", ctx, param)
-        topics[topic] = child or None
+        if topics.setdefault(topic, child or None) != (child or None):
+            raise click.BadParameter(f"{topic!r} is given two frames", ctx, param)
     _choose(ctx, param, topics or None)
 
 
@@ -210,13 +213,13 @@ def report_losses(losses: Iterable[Loss]) -> None:
         click.echo(f"tfdb: salvaged {loss}", err=True)
 
 
-max_gap_option = click.option(
+max_gap_option: Callable[[FC], FC] = click.option(
     "--max-gap",
     metavar="SECONDS",
     callback=duration_option,
     help="The longest hole that is fine.  [default: five median periods of each edge]",
 )
-more_option = click.option(
+more_option: Callable[[FC], FC] = click.option(
     "--with",
     "more",
     multiple=True,
@@ -224,7 +227,7 @@ more_option = click.option(
     metavar="FILE",
     help="A further file of the same recording; repeatable.",
 )
-out_option = click.option(
+out_option: Callable[[FC], FC] = click.option(
     "-o",
     "--output",
     "out",
@@ -233,13 +236,15 @@ out_option = click.option(
     metavar="OUT",
     help="The .bag, .mcap or .db3 to be written.",
 )
-format_option = click.option(
+format_option: Callable[[FC], FC] = click.option(
     "--format",
     "kind",
     type=click.Choice(["tum", "kitti", "euroc", "csv", "npz", "parquet"]),
     help="Of a trajectory, whatever OUT is called.  [default: by the end of OUT; .txt is TUM]",
 )
-overwrite_option = click.option("--overwrite", is_flag=True, help="Replace OUT if it exists.")
+overwrite_option: Callable[[FC], FC] = click.option(
+    "--overwrite", is_flag=True, help="Replace OUT if it exists."
+)
 
 
 @dataclass(frozen=True)
@@ -283,8 +288,10 @@ def find_paths(names: Sequence[str]) -> tuple[Path, ...]:
         if path.exists():
             continue
         folder = path.parent
-        beside = [other.name for other in folder.iterdir()] if folder.is_dir() else []
-        near = difflib.get_close_matches(path.name, beside, n=1)
+        beside = (
+            [other.name for other in folder.iterdir() if other.exists()] if folder.is_dir() else []
+        )
+        near = near_names(path.name, beside, most=1, cutoff=0.6)
         hint = f"did you mean {folder / near[0]}?" if near else "check the path"
         missing = _nearest_missing(path)
         what = "no such file" if missing == path else f"there is no folder {missing}"
@@ -432,7 +439,7 @@ def _find_frame(name: str, known: Sequence[str]) -> str:
     for written in (name, name.removeprefix("/")):
         if written in known:
             return written
-    near = difflib.get_close_matches(name, known, n=3, cutoff=0.5)
+    near = near_names(name, known)
     near += [other for other in known if name.strip("/") in other and other not in near]
     listed = ", ".join(repr(other) for other in near[:3])
     hint = f"did you mean {listed}?" if listed else "'tfdb tree FILE' lists all frames"
@@ -497,7 +504,7 @@ def parse_policy(ctx: click.Context, param: click.Parameter, value: str | None) 
         raise click.BadParameter(str(error), ctx, param) from None
 
 
-policy_option = click.option(
+policy_option: Callable[[FC], FC] = click.option(
     "--policy",
     metavar="POLICY",
     callback=parse_policy,
@@ -538,5 +545,5 @@ def _is_static(source: Source) -> bool:
     return source.is_tf and source.topic.rsplit("/", 1)[-1] == "tf_static"
 
 
-target_argument = click.argument("target", shell_complete=complete_frames)
-source_argument = click.argument("source", shell_complete=complete_frames)
+target_argument: Callable[[FC], FC] = click.argument("target", shell_complete=complete_frames)
+source_argument: Callable[[FC], FC] = click.argument("source", shell_complete=complete_frames)

@@ -9,15 +9,15 @@ import click
 import tfdb
 from tfdb.frozen import is_frozen
 from tfdb.given_path import given_path
-from tfdb.io import read_trajectory
-from tfdb.new_file import new_file
 
 from . import common, layout, output
-from .plot import need_matplotlib, picture_files
+from .pictures import need_matplotlib, picture_files, write_pictures
 from .times import NS, duration_option, offset_option
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
+
+    from click.decorators import FC
 
     from tfdb import Comparison, Trajectory
     from tfdb.comparing import Errors
@@ -34,6 +34,88 @@ def _offset(ctx: click.Context, param: click.Parameter, value: str | None) -> An
     return None if found is None else found / NS
 
 
+_OPTIONS = (
+    click.option(
+        "--estimate-frames",
+        nargs=2,
+        metavar="TARGET SOURCE",
+        help="The same of ESTIMATE, where it has other frames.",
+    ),
+    click.option(
+        "--association",
+        type=click.Choice(("interpolate", "nearest")),
+        default="interpolate",
+        show_default=True,
+        help="Interpolate the trajectory with more poses at the stamps of the other, or take the "
+        "nearest pose as evo does by default.",
+    ),
+    click.option(
+        "--max-diff",
+        metavar="SECONDS",
+        callback=duration_option,
+        help="How far the nearest pose may be.  [default: 0.01, to interpolate 2.5 median periods]",
+    ),
+    click.option(
+        "--offset",
+        metavar="SECONDS|estimate",
+        callback=_offset,
+        default="0",
+        show_default=True,
+        help="Add this to the stamps of ESTIMATE; 'estimate' finds it from how both move.",
+    ),
+    click.option(
+        "--align",
+        type=click.Choice(_ALIGN),
+        default="se3",
+        show_default=True,
+        help="What is fitted before: rotation and translation, a scale too, the scale alone, yaw "
+        "and translation, the first poses, nothing.",
+    ),
+    click.option(
+        "--align-poses",
+        type=click.IntRange(min=1),
+        metavar="N",
+        help="Fit the first N matched poses only.",
+    ),
+    click.option(
+        "--delta",
+        type=click.FloatRange(min=0, min_open=True),
+        default=1.0,
+        show_default=True,
+        help="Over how much the relative error (RPE) is taken.",
+    ),
+    click.option(
+        "--delta-unit",
+        type=click.Choice(_UNITS),
+        default="frames",
+        show_default=True,
+        help="Of --delta: matched poses, metres, seconds, degrees, radians.",
+    ),
+    click.option("--all-pairs", is_flag=True, help="Begin a relative error at every pose."),
+    click.option(
+        "--delta-tolerance",
+        type=click.FloatRange(min=0),
+        default=0.1,
+        show_default=True,
+        help="With --all-pairs: by which part of --delta a pair may be off it.",
+    ),
+    click.option(
+        "--pairs-from",
+        type=click.Choice(("estimate", "reference")),
+        default="estimate",
+        show_default=True,
+        help="Whose way is measured.",
+    ),
+)
+
+
+def comparison_options(command: FC) -> FC:
+    """Give a command all options of a comparison."""
+    for option in reversed(_OPTIONS):
+        command = option(command)
+    return command
+
+
 @click.command("compare")
 @click.argument("reference", type=click.Path())
 @click.argument("estimate", type=click.Path())
@@ -43,77 +125,7 @@ def _offset(ctx: click.Context, param: click.Parameter, value: str | None) -> An
     metavar="TARGET SOURCE",
     help="Of recordings and stores: compare T[TARGET<-SOURCE].",
 )
-@click.option(
-    "--estimate-frames",
-    nargs=2,
-    metavar="TARGET SOURCE",
-    help="The same of ESTIMATE, where it has other frames.",
-)
-@click.option(
-    "--association",
-    type=click.Choice(("interpolate", "nearest")),
-    default="interpolate",
-    show_default=True,
-    help="Interpolate the trajectory with more poses at the stamps of the other, or take the "
-    "nearest pose as evo does by default.",
-)
-@click.option(
-    "--max-diff",
-    metavar="SECONDS",
-    callback=duration_option,
-    help="How far the nearest pose may be.  [default: 0.01, to interpolate 2.5 median periods]",
-)
-@click.option(
-    "--offset",
-    metavar="SECONDS|estimate",
-    callback=_offset,
-    default="0",
-    show_default=True,
-    help="Add this to the stamps of ESTIMATE; 'estimate' finds it from how both move.",
-)
-@click.option(
-    "--align",
-    type=click.Choice(_ALIGN),
-    default="se3",
-    show_default=True,
-    help="What is fitted before: rotation and translation, a scale too, the scale alone, yaw and "
-    "translation, the first poses, nothing.",
-)
-@click.option(
-    "--align-poses",
-    type=click.IntRange(min=1),
-    metavar="N",
-    help="Fit the first N matched poses only.",
-)
-@click.option(
-    "--delta",
-    type=click.FloatRange(min=0, min_open=True),
-    default=1.0,
-    show_default=True,
-    help="Over how much the relative error (RPE) is taken.",
-)
-@click.option(
-    "--delta-unit",
-    type=click.Choice(_UNITS),
-    default="frames",
-    show_default=True,
-    help="Of --delta: matched poses, metres, seconds, degrees, radians.",
-)
-@click.option("--all-pairs", is_flag=True, help="Begin a relative error at every pose.")
-@click.option(
-    "--delta-tolerance",
-    type=click.FloatRange(min=0),
-    default=0.1,
-    show_default=True,
-    help="With --all-pairs: by which part of --delta a pair may be off it.",
-)
-@click.option(
-    "--pairs-from",
-    type=click.Choice(("estimate", "reference")),
-    default="estimate",
-    show_default=True,
-    help="Whose way is measured.",
-)
+@comparison_options
 @click.option(
     "--save",
     "saved",
@@ -130,8 +142,6 @@ def command(
     reference: str,
     estimate: str,
     frames: tuple[str, str] | None,
-    estimate_frames: tuple[str, str] | None,
-    max_diff: int | None,
     saved: tuple[str, ...],
     overwrite: bool,
     topics: tuple[str, ...],
@@ -145,28 +155,16 @@ def command(
     Each is a TUM, KITTI, EuRoC, CSV or NPZ file, or a recording, FILE.tfdb or shm:NAME with
     --frames. Translations in metres, rotations in degrees.
     """
-    files = [name for name in (reference, estimate) if not common.is_live(name)]
-    read = common.find_paths(files)
-    if (topics or common.salvages() or common.chosen()) and not any(
-        _has_frames(name) for name in (reference, estimate)
-    ):
-        raise click.UsageError("what is read of a recording can be chosen; these are trajectories")
+    read = common.find_paths([name for name in (reference, estimate) if not common.is_live(name)])
     outs = picture_files(saved, estimate, "compare")
     for path in outs:
         common.check_output(str(path), read, overwrite=overwrite)
     if outs:
         need_matplotlib()
-    ours = read_one(reference, frames, topics, "--frames")
-    theirs = read_one(estimate, estimate_frames or frames, topics, "--estimate-frames")
-    found = tfdb.compare(
-        ours, theirs, max_diff=None if max_diff is None else max_diff / NS, **options
-    )
-    title = None
-    if not any(map(_has_frames, (reference, estimate))):
-        title = f"{given_path(estimate).name} against {given_path(reference).name}"
-    for path in outs:
-        with new_file(path, overwrite=overwrite) as made:
-            found.plot(title=title).savefig(made, format=path.suffix[1:].lower())
+    found, ours, theirs = find(reference, estimate, frames, topics, "with --frames", options)
+    if outs:
+        figure = found.plot(title=title_of(reference, estimate))
+        write_pictures(figure, outs, overwrite=overwrite)
     if as_json:
         body = _body(found, [str(path) for path in outs])
         output.emit_json("compare", {"files": [reference, estimate], **body})
@@ -190,14 +188,46 @@ def _has_frames(name: str) -> bool:
     return is_frozen(path) or is_recording(path)
 
 
-def read_one(
-    name: str, frames: Sequence[str] | None, topics: tuple[str, ...], option: str
-) -> Trajectory:
+def title_of(reference: str, estimate: str) -> str | None:
+    """Name files of trajectories, whose frames have no names; None: by the frames."""
+    if any(map(_has_frames, (reference, estimate))):
+        return None
+    return f"{given_path(estimate).name} against {given_path(reference).name}"
+
+
+def find(
+    reference: str,
+    estimate: str,
+    frames: Sequence[str] | None,
+    topics: tuple[str, ...],
+    how: str,
+    options: dict[str, Any],
+) -> tuple[Comparison, Trajectory, Trajectory]:
+    """Read both and compare them, by the options that `comparison_options` gives.
+
+    `how` says where the frames are named.
+    """
+    if (topics or common.salvages() or common.chosen()) and not any(
+        _has_frames(name) for name in (reference, estimate)
+    ):
+        raise click.UsageError("what is read of a recording can be chosen; these are trajectories")
+    options = dict(options)
+    others = options.pop("estimate_frames") or frames
+    limit = options.pop("max_diff")
+    ours = _read(reference, frames, topics, how)
+    theirs = _read(estimate, others, topics, "with --estimate-frames")
+    found = tfdb.compare(ours, theirs, max_diff=None if limit is None else limit / NS, **options)
+    return found, ours, theirs
+
+
+def _read(name: str, frames: Sequence[str] | None, topics: tuple[str, ...], how: str) -> Trajectory:
     """Read one of the two."""
     if not _has_frames(name):
+        from tfdb.io import read_trajectory  # noqa: PLC0415 - brings numpy
+
         return read_trajectory(given_path(name))
     if frames is None:
-        raise click.UsageError(f"{name} holds frames: name two with {option} TARGET SOURCE")
+        raise click.UsageError(f"{name} holds frames: name two {how} TARGET SOURCE")
     store = common.load((name,), topics).store
     target, source = common.find_frames(store, *frames)
     return store.trajectory(target, source, missing="skip")

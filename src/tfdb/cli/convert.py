@@ -23,6 +23,7 @@ if TYPE_CHECKING:
 
     from tfdb.io import Source
     from tfdb.io.choice import Rewriter
+    from tfdb.io.trajectories import Format
 
 RECORDINGS = (".bag", ".mcap", ".db3")
 RERUN = ".rrd"
@@ -65,7 +66,7 @@ def command(
     frames: tuple[str, str] | None,
     foxglove: bool,
     compress: bool,
-    kind: str | None,
+    kind: Format | None,
     overwrite: bool,
     topics: tuple[str, ...],
     as_json: bool,
@@ -190,7 +191,7 @@ def rewrite(
 
 
 def write_fixed_joints(
-    rewriters: Sequence[Rewriter], writer: RecordingWriter, at: int, written: Written
+    rewriters: Iterable[Rewriter], writer: RecordingWriter, at: int, written: Written
 ) -> None:
     """Write the static transforms of robots' models, if there are any, as received at a time."""
     for rewriter in rewriters:

@@ -14,7 +14,7 @@ from . import common, layout, output
 from .check import examined
 from .doctor import holes
 from .graph import node_option
-from .times import format_date, format_duration, format_ns, watch_option
+from .times import duration_option, format_date, format_duration, format_ns
 
 if TYPE_CHECKING:
     from .doctor import Hole
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     "--for",
     "length",
     metavar="SECONDS",
-    callback=watch_option,
+    callback=duration_option,
     help="Watch a live store (shm:NAME) or graph (ros1:, ros2:) for so long.  "
     "[default of a graph: 5]",
 )

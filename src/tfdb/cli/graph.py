@@ -22,10 +22,12 @@ import click
 import tfdb
 from tfdb.ros.open_node import open_node
 
-from .times import NS, format_duration, watch_option
+from .times import NS, duration_option, format_duration
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
+
+    from click.decorators import FC
 
     from tfdb.ros import Flavor, Node
     from tfdb.tf2 import TransformListener
@@ -56,7 +58,8 @@ def without_ros_arguments(ctx: click.Context, arguments: list[str]) -> list[str]
     """
     if not any(_GRAPH.fullmatch(argument) for argument in arguments):
         return arguments
-    ours, theirs, to_ros = [], [], False
+    ours: list[str] = []
+    theirs, to_ros = [], False
     for argument in arguments:
         if to_ros:
             theirs.append(argument)
@@ -64,7 +67,7 @@ def without_ros_arguments(ctx: click.Context, arguments: list[str]) -> list[str]
         elif argument == "--ros-args":
             theirs.append(argument)
             to_ros = True
-        elif _REMAPPING.fullmatch(argument):
+        elif _REMAPPING.fullmatch(argument) and ours[-1:] != ["--rename"]:
             theirs.append(argument)
         else:
             ours.append(argument)
@@ -79,7 +82,7 @@ def _kept(key: str) -> Callable[[click.Context, click.Parameter, Any], None]:
     return keep
 
 
-node_option = click.option(
+node_option: Callable[[FC], FC] = click.option(
     "--node-name",
     metavar="NAME",
     expose_value=False,
@@ -92,7 +95,7 @@ def listen_option(command: Any) -> Any:
     """Give a command that reads once the options of listening to a graph."""
 
     def keep(ctx: click.Context, param: click.Parameter, value: str | None) -> None:
-        ctx.meta[_SECONDS] = watch_option(ctx, param, value)
+        ctx.meta[_SECONDS] = duration_option(ctx, param, value)
 
     option = click.option(
         "--for",

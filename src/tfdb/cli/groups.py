@@ -2,13 +2,20 @@
 
 from __future__ import annotations
 
-from difflib import get_close_matches
-
 import click
+
+from tfdb.near_names import near_names
 
 
 class SuggestingGroup(click.Group):
-    """A group that says which command may have been meant."""
+    """A group that says which command may have been meant; alone it says what there is."""
+
+    def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
+        """Print the help where nothing is asked for."""
+        if not args and self.no_args_is_help and not ctx.resilient_parsing:
+            click.echo(ctx.get_help())
+            ctx.exit()
+        return super().parse_args(ctx, args)
 
     def resolve_command(
         self, ctx: click.Context, args: list[str]
@@ -23,7 +30,7 @@ class SuggestingGroup(click.Group):
 def suggest(name: str, known: list[str]) -> str:
     """Name what is near, by its letters or as a part of a name; else all that there is."""
     near = [each for each in known if name.lower() in each.split("-")]
-    near = near or get_close_matches(name.lower(), known, n=2)
+    near = near or near_names(name, known, most=2, cutoff=0.6)
     if near:
         return f"did you mean {' or '.join(map(repr, near))}?"
     return f"there are {', '.join(known)}"

@@ -20,8 +20,9 @@ from typing import TYPE_CHECKING, TypeAlias
 import click
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Sequence
+    from collections.abc import Callable, Iterable, Sequence
 
+    from click.decorators import FC
     from rich.console import Console
     from rich.table import Table
     from rich.text import Text
@@ -35,12 +36,14 @@ _WIDE = "tfdb.wide"
 # What ends a line, drives a terminal or turns its writing about; names may hold it.
 _HOSTILE = re.compile("[\x00-\x1f\x7f-\x9f\u2028-\u202e\u2066-\u2069\ufeff]")
 
+_PLAIN_LINES = str.maketrans("│├└─", "||`-")
+
 
 def _wide(ctx: click.Context, _param: click.Parameter, value: bool) -> None:
     ctx.meta[_WIDE] = value
 
 
-wide_option = click.option(
+wide_option: Callable[[FC], FC] = click.option(
     "--wide",
     is_flag=True,
     expose_value=False,
@@ -70,6 +73,12 @@ def console() -> Console:
 def safe(text: str) -> str:
     """Write out what would end a line or drive the terminal; a name may hold it."""
     return _HOSTILE.sub(lambda found: f"\\u{ord(found[0]):04x}", text)
+
+
+def drawing(lines: str) -> str:
+    """Lines of a picture, in ASCII where the output has no others."""
+    encoding = getattr(sys.stdout, "encoding", None) or "utf-8"
+    return lines if encoding.lower().startswith("utf") else lines.translate(_PLAIN_LINES)
 
 
 def words(text: str, *names: str) -> list[str]:

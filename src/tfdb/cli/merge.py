@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import heapq
+import warnings
 from contextlib import ExitStack
 from functools import partial
 from itertools import combinations
@@ -26,7 +27,7 @@ if TYPE_CHECKING:
 
     from tfdb import Buffer
     from tfdb.io import Source
-    from tfdb.io.choice import LoadOptions, Rewriter
+    from tfdb.io.choice import Rewriter
     from tfdb.types import FrameInfo
 
 
@@ -71,13 +72,8 @@ def command(
         )
     inputs = common.find_paths(files)
     path = recording_path(out, inputs, overwrite=overwrite)
-    options: list[LoadOptions] = [
-        {**common.chosen(), "prefix": prefix} for prefix in prefixes or [""] * len(files)
-    ]
-    renamed = common.parse_topics(topics)
-    _refuse_conflicts(inputs, options, renamed)
     writer = RecordingWriter(path, compress=compress, overwrite=overwrite)
-    written = _merge(inputs, options, writer, renamed)
+    written = _merge(inputs, prefixes, writer, common.parse_topics(topics))
     if as_json:
         output.emit_json("merge", body(inputs, out, written))
     else:
@@ -86,7 +82,7 @@ def command(
 
 def _merge(
     inputs: Sequence[Path],
-    options: Sequence[LoadOptions],
+    prefixes: Sequence[str],
     writer: RecordingWriter,
     renamed: Mapping[str, str] | None,
 ) -> Written:
@@ -94,32 +90,34 @@ def _merge(
     with ExitStack() as stack:
         recordings = common.opened(stack, inputs)
         common.report_losses(loss for recording in recordings for loss in recording.losses)
-        choices = [Choice(**given) for given in options]
-        selections = [Selection(renamed, choice) for choice in choices]
-        for recording, choice in zip(recordings, choices, strict=True):
-            choice.check_topics([recording])
-        rewriters = [
-            choice.resolve([recording], selection.wants, selection.kind)
-            for recording, choice, selection in zip(recordings, choices, selections, strict=True)
-        ]
-        total = sum(
-            selection.count([recording])
-            for recording, selection in zip(recordings, selections, strict=True)
-        )
+        choice = Choice(**common.chosen())
+        selection = Selection(renamed, choice)
+        selection.check(recordings)
+
+        def resolve() -> list[Rewriter]:
+            """The rewriter of each file; without prefixes they are parts of one recording."""
+            if not prefixes:
+                one = choice.resolve(recordings, selection.wants, selection.kind)
+                return [one] * len(recordings)
+            robots = [(prefix, [each]) for prefix, each in zip(prefixes, recordings, strict=True)]
+            return choice.resolve_apart(robots, selection.wants, selection.kind)
+
+        _refuse_conflicts(recordings, resolve(), selection)
+        rewriters = resolve()
+        total = selection.count(recordings)
         stack.enter_context(writer)
         update = stack.enter_context(common.progress_bar("merging"))
         messages = heapq.merge(
             *(
                 _messages(recording, rewriter, selection)
-                for recording, rewriter, selection in zip(
-                    recordings, rewriters, selections, strict=True
-                )
+                for recording, rewriter in zip(recordings, rewriters, strict=True)
             ),
             key=lambda message: message[2],
         )
-        write_fixed_joints(rewriters, writer, recordings[0].start, written)
+        start = min(recording.start for recording in recordings)
+        write_fixed_joints(dict.fromkeys(rewriters), writer, start, written)
         total += written.messages
-        for done in copy(messages, writer, selections[0], renamed or {}, written):
+        for done in copy(messages, writer, selection, renamed or {}, written):
             if update is not None and (done % 1000 == 0 or done == total):
                 update(done, total)
     return written
@@ -133,14 +131,26 @@ def _messages(
 
 
 def _refuse_conflicts(
-    inputs: Sequence[Path], options: Sequence[LoadOptions], renamed: Mapping[str, str] | None
+    recordings: Sequence[Recording], rewriters: Sequence[Rewriter], selection: Selection
 ) -> None:
     """Refuse files that write one edge at the same time, or whose edges make a cycle."""
+    inputs = [recording.path for recording in recordings]
     stores = []
-    for path, given in zip(inputs, options, strict=True):
+    for recording, rewriter in zip(recordings, rewriters, strict=True):
         store = tfdb.Buffer(history=None)
-        store.load(path, topics=renamed, salvage=common.salvages(), **given)
+        store.set_transforms(rewriter.fixed_joints(), static=True)
+        for run in recording.read(selection.wants, selection.kind):
+            rewriter.ingest(run, store, *selection.kind(run.source))
         stores.append(store)
+    if not any(store.frames() for store in stores):
+        reasons = [rewriter.reason() for rewriter in rewriters if rewriter.left_out]
+        raise click.ClickException(": ".join(["nothing to merge", *reasons[:1]]))
+    for path, store in zip(inputs, stores, strict=True):
+        if not store.frames():
+            warnings.warn(f"{path}: nothing of it is merged", tfdb.TfdbWarning, 2)
+    for rewriter in dict.fromkeys(rewriters):
+        named = [path for path, each in zip(inputs, rewriters, strict=True) if each is rewriter]
+        rewriter.warn(", ".join(map(str, named)), 2)
     for (one, ours), (other, theirs) in combinations(zip(inputs, stores, strict=True), 2):
         found = list(_conflicts(ours, theirs))
         if found:

@@ -20,7 +20,7 @@ from tfdb.waiting import NO_ANSWER_YET
 from . import common, layout, output
 from .graph import Live, live_source, node_option
 from .rates import Delays, Frame, Rates, joined
-from .times import NS, duration_option, format_duration, watch_option
+from .times import NS, duration_option, format_duration
 from .watch import Follower, author_of
 
 if TYPE_CHECKING:
@@ -55,7 +55,7 @@ _KEPT = 10 * NS
     help="The figures are those of so long.",
 )
 @click.option(
-    "--for", "length", metavar="SECONDS", callback=watch_option, help="End after so long."
+    "--for", "length", metavar="SECONDS", callback=duration_option, help="End after so long."
 )
 @node_option
 @common.topic_option
@@ -108,7 +108,7 @@ class Watch:
         self.rates = rates
         self.passed: list[str] = []
         """Frames from the chain's source to its target, as far as they are known."""
-        self.broken = ""
+        self.broken: str = ""
         """Why there is no chain now."""
 
     def take_held(self) -> None:
@@ -238,7 +238,6 @@ class Screen:
             from rich.live import Live as Place  # noqa: PLC0415 - see `output`
 
             self._place = Place(auto_refresh=False)
-            self._place.start()
         return self
 
     def __exit__(self, *_: object) -> None:
@@ -253,10 +252,15 @@ class Screen:
         from rich.console import Group  # noqa: PLC0415 - see `output`
 
         shown = Group(*self._parts(watch, now, missed))
-        if self._place is not None:
-            self._place.update(shown, refresh=True)
-        else:
-            layout.console().print(shown)
+        out = layout.console()
+        if self._place is not None and out.measure(shown).maximum > self._place.console.width:
+            self.__exit__()  # in place, long names would be broken
+            self._place = None
+        if self._place is None:
+            out.print(shown)
+            return
+        self._place.start()
+        self._place.update(shown, refresh=True)
 
     def _body(self, watch: Watch, now: int, missed: int) -> dict[str, Any]:
         rates = watch.rates

@@ -5,6 +5,7 @@ Text for people is laid out by `layout`.
 
 from __future__ import annotations
 
+import errno
 import json
 from typing import Any
 
@@ -26,22 +27,31 @@ def emit_json_line(command: str, body: dict[str, Any]) -> None:
     click.echo(json.dumps({"tfdb": SCHEMA, "command": command, **body}))
 
 
-def describe_error(error: Exception) -> str:
-    """Return the message of an error in one line; for a misuse, with where to read the usage."""
+def describe_error(error: Exception, command: str | None = None) -> str:
+    """Return the message of an error in one line; for a misuse, with where to read the usage.
+
+    That is of `command` where the error does not say itself.
+    """
     if isinstance(error, click.ClickException):
         text = error.format_message()
     elif isinstance(error, OSError) and error.filename is not None:
         text = f"{error.filename}: {error.strerror or error}"
+    elif isinstance(error, OSError) and error.errno == errno.ENOSPC:
+        text = "the output takes no more: no space is left"
+    elif isinstance(error, OSError) and error.strerror:
+        text = error.strerror
     else:
         text = str(error)
     text = safe(" ".join(text.split()))
     if isinstance(error, click.UsageError):
-        path = error.ctx.command_path if error.ctx is not None else "tfdb"
+        path = f"tfdb {command or ''}".rstrip()
+        if error.ctx is not None:
+            path = error.ctx.command_path
         text = f"{text.rstrip('.')}; see '{path} --help'"
     return text
 
 
-def error_body(error: Exception) -> dict[str, Any]:
+def error_body(error: Exception, command: str | None = None) -> dict[str, Any]:
     """Return what ``--json`` prints for an error: its class, its message and its fields.
 
     A misuse of the command line is an `InvalidArgument`.
@@ -54,4 +64,4 @@ def error_body(error: Exception) -> dict[str, Any]:
         for key, value in sorted(fields.items())
         if isinstance(value, str | int | float | list | tuple) and not key.startswith("_")
     }
-    return {"error": {"type": name, "message": describe_error(error), "fields": shown}}
+    return {"error": {"type": name, "message": describe_error(error, command), "fields": shown}}

@@ -2,25 +2,30 @@
 
 from __future__ import annotations
 
-import re
 from typing import TYPE_CHECKING, Any
 
 import click
+from click.core import ParameterSource
 
 import tfdb
-from tfdb.given_path import given_path
-from tfdb.new_file import new_file
 
 from . import common, layout, output
+from .compare import comparison_options, find, title_of
 from .graph import listen_option
+from .pictures import need_matplotlib, picture_files, write_pictures
 from .times import NS, duration_option
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-    from pathlib import Path
+    from collections.abc import Iterable, Sequence
 
 KINDS = ("tree", "timeline", "trajectory", "compare")
-FORMATS = ("png", "svg", "pdf")
+_KINDS_OF = {
+    "axes": ("trajectory",),
+    "color": ("trajectory",),
+    "max_gap": ("timeline",),
+    "rows": ("tree", "timeline"),
+}
+"""Options that not all pictures have; besides those of a comparison."""
 
 
 def _complete(ctx: click.Context, param: click.Parameter, incomplete: str) -> list[str]:
@@ -66,8 +71,9 @@ def _complete(ctx: click.Context, param: click.Parameter, incomplete: str) -> li
     type=click.IntRange(min=0),
     default=100,
     show_default=True,
-    help="Of a tree: fold subtrees until no more rows are left; 0 draws all.",
+    help="Of a tree and a timeline: fold subtrees until no more rows are left; 0 draws all.",
 )
+@comparison_options
 @click.option("--title", help="Instead of the picture's own.")
 @common.more_option
 @common.overwrite_option
@@ -90,6 +96,7 @@ def command(
     overwrite: bool,
     topics: tuple[str, ...],
     as_json: bool,
+    **comparing: Any,
 ) -> None:
     """A picture: the frame tree, samples of each edge, trajectories, a comparison.
 
@@ -97,9 +104,10 @@ def command(
 
     The kind is tree, timeline, trajectory or compare. A trajectory is T[TARGET<-SOURCE] at each
     stored stamp; several SOURCEs share one picture. Where FILE holds but one moving edge, as a .tum
-    file does, they may be left out. 'compare' draws what 'tfdb compare FILE ESTIMATE' finds by its
-    defaults.
+    file does, they may be left out. 'compare' draws what 'tfdb compare FILE ESTIMATE' finds, and
+    takes the same options.
     """
+    _check_options(kind, comparing)
     _check_frames(kind, frames, more)
     names = (file, *more, *(frames[:1] if kind == "compare" else ()))
     outs = picture_files(saved or (() if show else ("png",)), file, kind)
@@ -110,18 +118,19 @@ def command(
     from tfdb import plot  # noqa: PLC0415 - an extra
 
     if kind == "compare":
-        figure = _comparison(file, frames, topics, title)
+        found, _, _ = find(
+            file, frames[0], frames[1:] or None, topics, "after ESTIMATE:", comparing
+        )
+        figure = found.plot(title=title or title_of(file, frames[0]))
     else:
         loaded = common.load(names, topics)
         if kind == "trajectory":
             figure = _trajectory(loaded, frames, axes, color, title)
         elif kind == "timeline":
-            figure = _timeline(loaded, max_gap, title)
+            figure = _timeline(loaded, max_gap, rows, title)
         else:
             figure = plot.frame_tree(loaded.store, title=title, rows=rows or None)
-    for path in outs:
-        with new_file(path, overwrite=overwrite) as made:
-            figure.savefig(made, format=path.suffix[1:].lower())
+    write_pictures(figure, outs, overwrite=overwrite)
     if as_json:
         body = {"files": list(names), "kind": kind, "outputs": [str(path) for path in outs]}
         output.emit_json("plot", body)
@@ -131,6 +140,19 @@ def command(
         click.echo(layout.wrap(layout.words(text)))
     if show:
         _show(figure)
+
+
+def _check_options(kind: str, comparing: Iterable[str]) -> None:
+    """Refuse options that say nothing of this kind of picture."""
+    ctx = click.get_current_context()
+    kinds = _KINDS_OF | dict.fromkeys(comparing, ("compare",))
+    for param in ctx.command.params:
+        given = ctx.get_parameter_source(str(param.name)) is ParameterSource.COMMANDLINE
+        fits = kinds.get(str(param.name), KINDS)
+        if given and kind not in fits:
+            raise click.UsageError(
+                f"{param.opts[0]} goes with {' and '.join(fits)}, not with {kind}"
+            )
 
 
 def _check_frames(kind: str, frames: Sequence[str], more: Sequence[str]) -> None:
@@ -153,35 +175,6 @@ def _check_frames(kind: str, frames: Sequence[str], more: Sequence[str]) -> None
         raise click.UsageError(f"a {kind} takes no frames; got {' '.join(frames)}")
 
 
-def picture_files(saved: Sequence[str], file: str, kind: str) -> list[Path]:
-    """Name the files: a format means FILE_KIND.FORMAT in the current folder."""
-    found: list[Path] = []
-    for text in saved:
-        form = text.lower()
-        if form in FORMATS:
-            stem = file if common.is_live(file) else given_path(file).stem
-            stem = re.sub(r"[^\w.-]+", "_", stem).strip("_.") or "tfdb"
-            path = given_path(f"{stem}_{kind}.{form}")
-        else:
-            path = given_path(text)
-            if path.suffix.lower()[1:] not in FORMATS:
-                raise click.UsageError(
-                    f"--save {text!r} is neither {', '.join(FORMATS)} nor a path that ends so"
-                )
-        if path in found:
-            raise click.UsageError(f"--save names {path} twice")
-        found.append(path)
-    return found
-
-
-def need_matplotlib() -> None:
-    """Say how to get it where it is missing."""
-    try:
-        import tfdb.plot  # noqa: F401, PLC0415 - an extra
-    except ImportError as error:
-        raise click.ClickException(str(error)) from error
-
-
 def _trajectory(
     loaded: common.Loaded, frames: tuple[str, ...], axes: Any, color: Any, title: str | None
 ) -> Any:
@@ -201,20 +194,7 @@ def _trajectory(
     return plot.trajectory(*paths, axes=axes, color=color, title=title)
 
 
-def _comparison(
-    file: str, given: tuple[str, ...], topics: tuple[str, ...], title: str | None
-) -> Any:
-    from tfdb import plot  # noqa: PLC0415 - an extra
-
-    from .compare import read_one  # noqa: PLC0415 - it imports this module
-
-    estimate, frames = given[0], given[1:] or None
-    hint = "after ESTIMATE:"
-    ours, theirs = (read_one(name, frames, topics, hint) for name in (file, estimate))
-    return plot.comparison(tfdb.compare(ours, theirs), title=title)
-
-
-def _timeline(loaded: common.Loaded, max_gap: int | None, title: str | None) -> Any:
+def _timeline(loaded: common.Loaded, max_gap: int | None, rows: int, title: str | None) -> Any:
     from tfdb import plot  # noqa: PLC0415 - an extra
 
     arrivals = None
@@ -236,7 +216,9 @@ def _timeline(loaded: common.Loaded, max_gap: int | None, title: str | None) -> 
             for edge in (each.moving if len(each.moving.stamps) else each for each in edges)
         }
     seconds = None if max_gap is None else max_gap / NS
-    return plot.timeline(loaded.store, title=title, max_gap=seconds, arrivals=arrivals)
+    return plot.timeline(
+        loaded.store, title=title, max_gap=seconds, arrivals=arrivals, rows=rows or None
+    )
 
 
 def _show(figure: Any) -> None:

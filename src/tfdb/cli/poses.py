@@ -21,6 +21,11 @@ if TYPE_CHECKING:
     import numpy as np
     import numpy.typing as npt
 
+    from tfdb.io.trajectories import Format
+
+
+_NO_POSE = (tfdb.Extrapolation, tfdb.NoSampleNear, tfdb.GapTooLarge, tfdb.Stale)
+
 
 @dataclass(frozen=True)
 class Poses:
@@ -82,7 +87,7 @@ def command(
     start: TimeSpec | None,
     end: TimeSpec | None,
     out: str | None,
-    kind: str | None,
+    kind: Format | None,
     skip_missing: bool,
     overwrite: bool,
     policy: Any,
@@ -120,9 +125,9 @@ def command(
         else:
             stamps = _between(wanted, first, last)
             poses = store.lookup_transforms(target, source, stamps, policy, missing=missing)
-    except (tfdb.Extrapolation, tfdb.NoSampleNear, tfdb.GapTooLarge, tfdb.Stale) as error:
-        valid = common.explain_range(store, target, source)
-        parts = [str(error), valid, "--skip-missing leaves such stamps out"]
+    except (*_NO_POSE, tfdb.InvalidArgument) as error:
+        parts = [str(error), common.explain_range(store, target, source)]
+        parts += ["--skip-missing leaves such stamps out"] if isinstance(error, _NO_POSE) else []
         parts += [time.meant(loaded.span) for time in (start, end) if time is not None]
         error.args = ("; ".join(filter(None, parts)),)
         raise
@@ -139,8 +144,10 @@ def command(
         click.echo(layout.wrap(layout.words(text, out, target, source)))
 
 
-def _check_format(out: str | None, kind: str | None) -> None:
+def _check_format(out: str | None, kind: Format | None) -> None:
     """Refuse a file of which nobody knows how it is to be written."""
+    if out == "-":
+        raise click.UsageError("'-' is no file: without -o, TUM lines go to stdout")
     if out is not None and kind is None and not out.lower().endswith(TRAJECTORIES):
         endings = ", ".join(TRAJECTORIES)
         raise click.UsageError(f"{out!r} ends in none of {endings}: --format says what it is to be")
@@ -154,10 +161,10 @@ def _stamps(name: str) -> npt.NDArray[np.int64]:
     else:
         (path,) = common.find_paths([name])
         with errors_name(path):
-            text = path.read_text("utf-8")
+            text = path.read_text("utf-8", errors="replace")
     import numpy as np
 
-    return np.array(read_stamps(text, name), dtype=np.int64)
+    return np.array(read_stamps(text.removeprefix("\ufeff"), name), dtype=np.int64)
 
 
 def _between(
@@ -173,7 +180,7 @@ def _between(
     return stamps[inside]
 
 
-def _write(out: str | None, made: Poses, kind: str | None, *, overwrite: bool) -> None:
+def _write(out: str | None, made: Poses, kind: Format | None, *, overwrite: bool) -> None:
     if out is not None:
         tfdb.io.write_trajectory(out, made, kind, overwrite=overwrite)
         return

@@ -21,7 +21,9 @@ from .groups import SuggestingGroup
 from .times import NS, duration_option, format_duration
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator, Sequence
+    from collections.abc import Callable, Iterable, Iterator, Sequence
+
+    from click.decorators import FC
 
     from tfdb import Buffer, TransformStamped
     from tfdb.io import Recording, Source
@@ -40,10 +42,10 @@ def speed_option(_context: click.Context, _option: click.Parameter, value: float
     return value
 
 
-into_option = click.option(
+into_option: Callable[[FC], FC] = click.option(
     "--into", metavar="NAME", required=True, help="The store; it is made if need be."
 )
-history_option = click.option(
+history_option: Callable[[FC], FC] = click.option(
     "--history",
     metavar="SECONDS",
     default="10",
@@ -106,8 +108,8 @@ def bag(
         selection = Selection(common.parse_topics(topics), choice)
         selection.check(recordings)
         recordings.sort(key=lambda recording: recording.start)
-        store = _open(name, history)
         rewriter = choice.resolve(recordings, selection.wants, selection.kind)
+        store = _open(name, history)  # after what may be refused
         player = Player(store, recordings, selection, rewriter, speed)
         if not as_json:
             names = [str(path) for path in paths]

@@ -19,10 +19,13 @@ from .times import format_dates, format_duration, format_ns
 
 if TYPE_CHECKING:
     import os
+    from collections.abc import Callable
+
+    from click.decorators import FC
 
     from tfdb import Buffer
 
-name_argument = click.argument("name")
+name_argument: Callable[[FC], FC] = click.argument("name")
 
 
 @click.group("shm", cls=SuggestingGroup)

@@ -11,19 +11,23 @@ from typing import Literal
 import click
 
 import tfdb
+from tfdb.io.choice import Time
 from tfdb.io.decimal_time import NS_PER_SECOND, ns_to_seconds, parse_stamp
 from tfdb.stamps import MAX_STAMP
 
 NS = NS_PER_SECOND
 
 HINT = (
-    "write seconds (12.5), nanoseconds (12500000000ns), an offset from the start (+1.5) or from "
-    "the end (-0.5), or 'latest'"
+    "write seconds (12.5), nanoseconds (12500000000ns), a date (2026-05-17T12:00:00.25), an offset "
+    "from the start (+1.5) or from the end (-0.5), or 'latest'"
 )
 _EPOCH_NS = 946_684_800 * NS
 """The year 2000: stamps before it were not made by a clock that tells the date."""
 
 _NEGATIVE = re.compile(r"-\.?[0-9]")
+_DATE = re.compile(r"\d{4}-\d\d-\d\d", re.ASCII)
+_UNIT = re.compile(r"(?<=[0-9.])s$")
+_ZONE = re.compile(r"(Z|[+-]\d\d(:?\d\d)?)", re.ASCII)
 
 
 @dataclass(frozen=True)
@@ -62,10 +66,7 @@ class TimeSpec:
 
         Empty where it was not.
         """
-        if self.ns is None or self.since or span is None:
-            return ""
-        length = span[1] - span[0]
-        if self.ns > length or span[0] - self.ns <= length:
+        if self.ns is None or not Time(self.text, self.ns, self.since).may_be_offset(span):
             return ""
         return f"did you mean +{self.text}, from the start?"
 
@@ -103,15 +104,31 @@ def time_option(ctx: click.Context, param: click.Parameter, value: str | None) -
         return None
     if text == "latest":
         return LATEST
+    since: Literal[0, 1, -1] = 1 if text.startswith("+") else -1 if text.startswith("-") else 0
     try:
-        if text.startswith("+"):
-            return TimeSpec(text, parse_stamp(text[1:]), 1)
-        if text.startswith("-"):
-            return TimeSpec(text, parse_stamp(text[1:]), -1)
-        return TimeSpec(text, parse_stamp(text))
+        if _DATE.match(text):
+            ns = _parse_date(text)
+            return TimeSpec(f"{ns}ns", ns)
+        return TimeSpec(text, _parse_unsigned(text[1:] if since else text), since)
     except ValueError as error:
         hint = f"did you mean {text}ns?" if _looks_like_ns(text) else HINT
         raise click.BadParameter(f"{error}: {hint}", ctx, param) from None
+
+
+def _parse_date(text: str) -> int:
+    """Nanoseconds of a date as it is printed, in UTC where it names no zone."""
+    date = text.removesuffix("UTC").rstrip()
+    day, time = date[:10], date[11:]
+    zone = "" if _ZONE.search(time) else "Z"
+    return tfdb.stamp(f"{day}T{time or '00:00:00'}{zone}")
+
+
+def _parse_unsigned(text: str) -> int:
+    """Nanoseconds of a text without a sign. Raises ValueError."""
+    if text.startswith(("+", "-")):
+        why = "is negative" if text.startswith("-") else "has a sign too many"
+        raise ValueError(f"{text[:40]!r} {why}")
+    return parse_stamp(text)
 
 
 def _looks_like_ns(text: str) -> bool:
@@ -120,11 +137,12 @@ def _looks_like_ns(text: str) -> bool:
 
 
 def duration_option(ctx: click.Context, param: click.Parameter, value: str | None) -> int | None:
-    """Click's callback for a length of time: seconds with decimals, or nanoseconds with ``ns``."""
+    """Click's callback for a length of time: `10`, `10s`, `0.5`, or nanoseconds with `ns`."""
     if value is None or ctx.resilient_parsing:
         return None
+    text = value.strip()
     try:
-        return parse_stamp(value.strip())
+        return _parse_unsigned(_UNIT.sub("", text))
     except ValueError as error:
         hint = "write seconds (0.5) or nanoseconds (500000000ns)"
         raise click.BadParameter(f"{error}: {hint}", ctx, param) from None
@@ -135,13 +153,6 @@ def offset_option(ctx: click.Context, param: click.Parameter, value: str | None)
     text = (value or "").strip()
     size = duration_option(ctx, param, text.lstrip("+-") if text else None)
     return -size if size is not None and text.startswith("-") else size
-
-
-def watch_option(ctx: click.Context, param: click.Parameter, value: str | None) -> int | None:
-    """Click's callback for a length of time that may be written with its unit, as in `10s`."""
-    if value is not None and not value.endswith("ns"):
-        value = value.strip().removesuffix("s")
-    return duration_option(ctx, param, value)
 
 
 def format_ns(ns: int) -> str:
@@ -212,9 +223,9 @@ def read_stamps(text: str, name: str) -> list[int]:
         first = fields[0]
         try:
             bare_ns = first.isdigit() and len(first) > 14
-            stamps.append(parse_stamp(first + "ns" if bare_ns else first))
+            stamps.append(_parse_unsigned(first + "ns" if bare_ns else first))
         except ValueError as error:
-            if not stamps and not first[0].isdigit() and len(fields) > 1:
+            if not stamps and not first[0].isdigit() and first[0] not in "+-" and len(fields) > 1:
                 continue
             raise tfdb.InvalidStamp(
                 f"{name}, line {number}: {error}; write one stamp per line in seconds, "

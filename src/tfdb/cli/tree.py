@@ -86,7 +86,7 @@ def _draw(forest: Forest, edges: dict[str, EdgeSummary], root: str) -> Iterator[
             *("    " if ended else "│   " for ended in last[:-1]),
             "└── " if row.last else "├── ",
         ]
-        guides = "".join(end[: step - 1] + " " for end in ends)
+        guides = layout.drawing("".join(end[: step - 1] + " " for end in ends))
         if step == 1:  # blanks, fewer where the name would not fit
             guides = guides[: max(width - layout.cells(name), 0)]
         line = Text(guides, style="dim")

@@ -118,7 +118,7 @@ def _draw(path: Path, dot: str, infos: Sequence[FrameInfo]) -> None:
     command = [program, f"-T{kind[1:]}", "-o", str(path)]
     # A fixed command: names of frames are in its input alone.
     done = subprocess.run(  # noqa: S603
-        command, input=dot, capture_output=True, text=True, check=False
+        command, input=dot, capture_output=True, encoding="utf-8", errors="replace", check=False
     )
     if done.returncode != 0:
         raise click.ClickException(f"{program} failed: {done.stderr.strip()}")

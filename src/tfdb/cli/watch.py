@@ -47,7 +47,7 @@ class Follower:
     def __init__(self, live: Live) -> None:
         self._live = live
         self._told = live.commit
-        self.missed = 0
+        self.missed: int = 0
         """How many commits went by unseen."""
 
     def changes(self, until: float) -> list[Changes]:

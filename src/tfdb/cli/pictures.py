@@ -1,0 +1,55 @@
+"""Files of pictures: how they are named, and that they are whole when they are there."""
+
+from __future__ import annotations
+
+import re
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from tfdb.given_path import given_path
+from tfdb.new_file import new_file
+
+from . import common
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+    from pathlib import Path
+
+FORMATS = ("png", "svg", "pdf")
+
+
+def picture_files(saved: Sequence[str], file: str, kind: str) -> list[Path]:
+    """Name the files: a format means FILE_KIND.FORMAT in the current folder."""
+    found: list[Path] = []
+    for text in saved:
+        form = text.lower()
+        if form in FORMATS:
+            stem = file if common.is_live(file) else given_path(file).stem
+            stem = re.sub(r"[^\w.-]+", "_", stem).strip("_.") or "tfdb"
+            path = given_path(f"{stem}_{kind}.{form}")
+        else:
+            path = given_path(text)
+            if path.suffix.lower()[1:] not in FORMATS:
+                raise click.UsageError(
+                    f"--save {text!r} is neither {', '.join(FORMATS)} nor a path that ends so"
+                )
+        if path in found:
+            raise click.UsageError(f"--save names {path} twice")
+        found.append(path)
+    return found
+
+
+def need_matplotlib() -> None:
+    """Say how to get it where it is missing."""
+    try:
+        import tfdb.plot  # noqa: F401, PLC0415 - an extra
+    except ImportError as error:
+        raise click.ClickException(str(error)) from error
+
+
+def write_pictures(figure: Any, outs: Sequence[Path], *, overwrite: bool) -> None:
+    """Write a figure to all its files."""
+    for path in outs:
+        with new_file(path, overwrite=overwrite) as made:
+            figure.savefig(made, format=path.suffix[1:].lower())
