@@ -87,11 +87,13 @@ test-python: $(STAMPS)/dev
 	$(BIN)/python -m pytest
 
 # Every program there is, with warnings as errors; `make test` then finds them built.
+# Every public name has a type that each checker takes for the same.
 # clang-tidy is not on PyPI for every platform: without it the rest is still checked, except in CI.
 check: $(STAMPS)/dev
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
+	PYTHONPATH=src $(BIN)/basedpyright --verifytypes tfdb --ignoreexternal
 	$(BIN)/clang-format --dry-run -Werror $(CPP)
 	$(CMAKE) --preset dev -DTFDB_WERROR=ON -DTFDB_BENCH=ON >/dev/null
 	$(CMAKE) --build --preset dev -j $(JOBS)

@@ -15,17 +15,29 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from ._core import (
-    Buffer,
-    Reads,
-    Snapshot,
-    Transaction,
-    Transform,
-    __version__,
-    decode_tf_message,
-    encode_tf_message,
-    open,  # noqa: A004 - tfdb.open, as gzip.open
-)
+try:
+    from ._core import (
+        Buffer,
+        Reads,
+        Snapshot,
+        Transaction,
+        Transform,
+        __version__,
+        decode_tf_message,
+        encode_tf_message,
+        open,  # noqa: A004 - tfdb.open, as gzip.open
+    )
+except ModuleNotFoundError as _error:
+    if _error.name != f"{__name__}._core":
+        raise
+    import sys
+
+    raise ImportError(
+        f"{__path__[0]} holds no extension for Python {sys.version.split()[0]} on this machine: it "
+        "was installed for another, or lies in a zip file; use 'python -m pip install tfdb'",
+        name=_error.name,
+        path=__path__[0],
+    ) from _error
 from .errors import (
     BufferClosed,
     CapacityExceeded,

@@ -19,7 +19,9 @@ from .errors import (
     StoreExists,
     TfdbError,
 )
+from .given_objects import given_name
 from .given_path import given_path
+from .stamps import shown
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -94,8 +96,8 @@ def open_or_make(
     **made_with: Any,
 ) -> Buffer:
     """Do what `Buffer.open` says."""
-    if mode not in ("r", "rw"):
-        raise InvalidArgument(f"mode is 'r' or 'rw', not {mode!r}")
+    if given_name("mode", mode) not in ("r", "rw"):
+        raise InvalidArgument(f"mode is 'r' or 'rw', not {shown(mode)}")
     if create is not None and not isinstance(create, bool):
         raise InvalidArgument(f"create is True, False or None, not {create!r}")
     if create and mode == "r":

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import numpy as np
+
 import tfdb
 
 buffer = tfdb.Buffer()
@@ -26,3 +28,32 @@ buffer.run(lambda tx: tx.is_open).upper()  # error
 buffer.run(print, 3)  # error
 buffer.set_transforms([], partial=True) + 1  # error
 buffer.remove_frames(["a", 7])  # error
+stamps = np.zeros(5, np.int64)
+doubles = np.zeros((5, 3))
+found = buffer.lookup_transform("map", "base")
+path = buffer.trajectory("map", "base")
+buffer.lookup_transform("map", "base", "12.5")  # error
+buffer.lookup_transform("map", "base", stamps)  # error
+buffer.lookup_transform("map", ("base",))  # error
+buffer.lookup_transforms("map", "base", 5)  # error
+buffer.transform_points("map", "base", doubles, stamps, out=stamps)  # error
+buffer.set_transforms([found])  # error
+doubles @ found  # error
+found @ doubles  # error
+path.at(5.5)  # error
+print(path.at(stamps).stamp)  # error
+print(path[stamps].stamp)  # error
+path @ path  # error
+tfdb.stamp(stamps).bit_length()  # error
+tfdb.stamp("5").tolist()  # error
+tfdb.load("drive.bag", start=5.0)  # error
+print(tfdb.load("drive.bag").messages)  # error
+tfdb.compare(path, found)  # error
+tfdb.compare(path, path, align="SE3")  # error
+tfdb.compare(buffer, buffer, frames="map")  # error
+tfdb.io.write_trajectory("path.tum", path, format="bag")  # error
+tfdb.Extrapolate()  # error
+
+
+class Mine(tfdb.Transform):  # error
+    pass

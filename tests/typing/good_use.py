@@ -113,3 +113,52 @@ def errors(buffer: tfdb.Buffer) -> int | None:
     except tfdb.TfdbError as error:
         return error.index
     return None
+
+
+def one_or_many(path: tfdb.Trajectory, stamps: npt.NDArray[np.int64]) -> None:
+    assert_type(tfdb.stamp(5), int)
+    assert_type(tfdb.stamp(np.float64(5)), int)
+    assert_type(tfdb.stamp(["0.5", "1.5"]), npt.NDArray[np.int64])
+    assert_type(tfdb.stamp(stamps), npt.NDArray[np.int64])
+    assert_type(path.at(np.int64(5)), tfdb.Transform)
+    assert_type(path.at(stamps + 1), npt.NDArray[np.float64])
+    assert_type(path.at([1, 2], missing="nan"), npt.NDArray[np.float64])
+    assert_type(path[-1], tfdb.Transform)
+    assert_type(path[np.int64(3)], tfdb.Transform)
+    assert_type(path[3:5], tfdb.Trajectory)
+    assert_type(path[path.found], tfdb.Trajectory)
+    assert_type(path[np.array([1, 2])], tfdb.Trajectory)
+    assert_type(path[0] @ path @ path[0], tfdb.Trajectory)
+
+
+def dtypes(
+    buffer: tfdb.Buffer, cloud: npt.NDArray[np.float32], doubles: npt.NDArray[np.float64]
+) -> None:
+    found = buffer.lookup_transform("map", "base")
+    assert_type(found.apply(cloud), npt.NDArray[np.float32])
+    assert_type(found.apply(doubles), npt.NDArray[np.float64])
+    assert_type(found.apply([[1, 2, 3]]), npt.NDArray[np.float64])
+    assert_type(buffer.transform_points("map", "base", cloud, 5), npt.NDArray[np.float32])
+    assert_type(
+        buffer.transform_points("map", "base", doubles, [5], out=doubles), npt.NDArray[np.float64]
+    )
+
+
+class Turned:
+    """A Rotation of scipy, for all that is asked of it."""
+
+    def as_quat(self) -> npt.NDArray[np.float64]:
+        return np.array([[0.0, 0.0, 0.0, 1.0]])
+
+
+def numbers(buffer: tfdb.Buffer, integers: npt.NDArray[np.int64]) -> None:
+    buffer.set_transform("map", "base", np.int64(5), np.array([1, 2, 3]), np.array([0, 0, 0, 1]))
+    buffer.set_transform("map", "base", 5, integers, Turned())
+    tfdb.Trajectory("map", "base", [5], translations=[[1, 2, 3]], rotations=Turned())
+    tfdb.Extrapolate(max_ns=5)
+
+
+def tf2(buffer: tfdb.tf2.Buffer) -> None:
+    assert_type(buffer.can_transform("map", "base", 0), bool)
+    answer = buffer.can_transform("map", "base", 0, return_debug_tuple=True)
+    assert_type(answer, tuple[bool, str])

@@ -1,4 +1,4 @@
-"""What users write passes mypy --strict, and what they must not write does not."""
+"""What users write passes strict checkers of types, and what they must not write does not."""
 
 from __future__ import annotations
 
@@ -11,26 +11,31 @@ from pathlib import Path
 import pytest
 
 pytest.importorskip("mypy", reason="types are judged by mypy")
+pytest.importorskip("basedpyright", reason="types are judged by Pyright, too")
 
 HERE = Path(__file__).resolve().parent
+GOOD, BAD = "good_use.py", "bad_use.py"
+COMMANDS = {
+    "mypy": ["mypy", "--strict", "--config-file=", "--cache-dir", os.devnull, GOOD, BAD],
+    "pyright": ["basedpyright", "--pythonpath", sys.executable, "--project", "pyright.json"],
+}
 
 
-def mypy(name: str) -> subprocess.CompletedProcess[str]:
-    command = [sys.executable, "-m", "mypy", "--strict", "--no-error-summary", "--config-file="]
-    command += ["--cache-dir", os.devnull]
-    return subprocess.run(
-        [*command, str(HERE / name)], capture_output=True, text=True, check=False, cwd=HERE
-    )
+@pytest.fixture(scope="module", params=list(COMMANDS))
+def found(request: pytest.FixtureRequest) -> dict[str, dict[int, str]]:
+    """What a checker complains of: by file, by line."""
+    command = [sys.executable, "-m", *COMMANDS[request.param]]
+    done = subprocess.run(command, capture_output=True, text=True, check=False, cwd=HERE)
+    assert done.returncode == 1, done.stdout + done.stderr
+    lines = re.findall(r"(\w+_use\.py):(\d+):.*?error: (.*)", done.stdout)
+    return {file: {int(n): text for name, n, text in lines if name == file} for file in (GOOD, BAD)}
 
 
-def test_good_use_has_no_type_errors() -> None:
-    done = mypy("good_use.py")
-    assert done.returncode == 0, done.stdout + done.stderr
+def test_good_use_has_no_type_errors(found: dict[str, dict[int, str]]) -> None:
+    assert found[GOOD] == {}
 
 
-def test_every_line_of_bad_use_is_an_error() -> None:
-    done = mypy("bad_use.py")
-    source = (HERE / "bad_use.py").read_text(encoding="utf-8").splitlines()
+def test_every_line_of_bad_use_is_an_error(found: dict[str, dict[int, str]]) -> None:
+    source = (HERE / BAD).read_text(encoding="utf-8").splitlines()
     expected = {i for i, line in enumerate(source, start=1) if line.endswith("# error")}
-    found = {int(line) for line in re.findall(r"bad_use\.py:(\d+): error", done.stdout)}
-    assert found == expected, done.stdout + done.stderr
+    assert set(found[BAD]) == expected, found[BAD]

@@ -77,13 +77,15 @@ class Names:
                 value=name,
             )
         namespace = special.get("__ns", environment.get("ROS_NAMESPACE", "/")) or "/"
-        self.namespace = canonical(f"/{namespace}")
+        self.namespace: str = canonical(f"/{namespace}")
         """Where relative names are resolved."""
-        self.node = canonical(f"{self.namespace}/{name}")
+        self.node: str = canonical(f"{self.namespace}/{name}")
         """The node's full name."""
-        self.master = special.get("__master", environment.get("ROS_MASTER_URI", DEFAULT_MASTER))
+        self.master: str = special.get(
+            "__master", environment.get("ROS_MASTER_URI", DEFAULT_MASTER)
+        )
         """URI of the master."""
-        self.host = own_host(
+        self.host: str = own_host(
             special.get("__hostname", environment.get("ROS_HOSTNAME", "")),
             special.get("__ip", environment.get("ROS_IP", "")),
         )

@@ -16,7 +16,6 @@ from typing import TYPE_CHECKING, Any, Final, Protocol, TypeAlias
 from uuid import uuid4
 
 import rclpy
-from rclpy.callback_groups import CallbackGroup
 from rclpy.exceptions import InvalidHandle
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.qos import qos_policy_name_from_kind
@@ -27,6 +26,9 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     Deliver: TypeAlias = Callable[[bytes, dict[str, Any]], None]
+    CallbackGroup = object  # rclpy is not typed
+else:
+    from rclpy.callback_groups import CallbackGroup
 
 __all__ = ["InExecutor", "InTurn", "Made", "Opened", "OwnThread", "Taker", "is_up"]
 
@@ -45,7 +47,7 @@ class Opened:
     """
 
     def __init__(self, take_back: Callable[[], object]) -> None:
-        self.is_open = True
+        self.is_open: bool = True
         self._take_back = take_back
         self._lock = threading.Lock()
 
@@ -501,7 +503,7 @@ class _OwnExecutor(_Thread):
             self._ended()
 
 
-class InTurn(CallbackGroup):  # type: ignore[misc]  # rclpy is not typed
+class InTurn(CallbackGroup):
     """One callback after the other, for less than rclpy's MutuallyExclusiveCallbackGroup.
 
     Threads: any may ask.

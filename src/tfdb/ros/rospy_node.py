@@ -8,7 +8,6 @@ import threading
 from functools import cache
 from typing import TYPE_CHECKING, Any, TypeVar
 
-import genpy
 import rospy
 from rospy.impl.tcpros_base import DEFAULT_BUFF_SIZE
 
@@ -22,6 +21,10 @@ if TYPE_CHECKING:
 
     from .node import Encoding, Flavor, Publisher, Service, Subscription
     from .tcpros_subscription import OnMessage
+
+    Message = object  # genpy is not typed
+else:
+    from genpy import Message
 
 __all__ = ["RospyNode"]
 
@@ -350,7 +353,7 @@ def raw_class(kind: str) -> Any:
             return whole
         whole = type(
             kind.rpartition("/")[2],
-            (genpy.Message,),
+            (Message,),
             {
                 "_type": known.name,
                 "_md5sum": known.md5sum,
@@ -374,24 +377,24 @@ def bytes_of(message: Any) -> bytes:
     return out.getvalue()
 
 
-class RawRequest(genpy.Message):  # type: ignore[misc]
+class RawRequest(Message):
     """A request in bytes."""
 
     __slots__ = ["data"]
 
     def deserialize(self, data: bytes) -> RawRequest:
         """Keep the bytes."""
-        self.data = data
+        self.data: bytes = data
         return self
 
 
-class RawResponse(genpy.Message):  # type: ignore[misc]
+class RawResponse(Message):
     """A response in bytes."""
 
     __slots__ = ["data"]
 
     def __init__(self, data: bytes = b"") -> None:
-        self.data = data
+        self.data: bytes = data
 
     def serialize(self, out: Any) -> None:
         """Write the bytes."""

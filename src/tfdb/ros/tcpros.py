@@ -31,7 +31,7 @@ MESSAGE_LIMIT = 256 << 20
 """Bytes of a message; a length beyond it is taken for damage."""
 FIRST_SIZE = 1 << 20  # of the buffer: what lies in the connection is taken in one call
 LENGTH = struct.Struct("<I")
-measure = LENGTH.unpack_from
+_measure = LENGTH.unpack_from
 
 
 def frame(data: bytes) -> bytes:
@@ -133,7 +133,7 @@ class Frames:
         beyond the limit.
         """
         while self._end - self._begin >= LENGTH.size:
-            (length,) = measure(self._buffer, self._begin)
+            (length,) = _measure(self._buffer, self._begin)
             if length > self.limit:
                 raise _too_long(length, self.limit)
             begin = self._begin + LENGTH.size

@@ -67,7 +67,7 @@ class TcprosNode:
         arguments: Sequence[str] | None = None,
     ) -> None:
         names = Names(anonymous("tfdb") if name is None else name, arguments, os.environ)
-        self.name = names.node
+        self.name: str = names.node
         """Its full name in the graph."""
         self._names = names
         self._master = Master(names.master if master is None else master, self.name)
@@ -86,7 +86,7 @@ class TcprosNode:
         interface = "127.0.0.1" if is_loopback(names.host) else ""
         self._server = TcprosServer(self._loop, interface, self._accept)
         self._slave = SlaveServer(self._loop, interface, _Slave(self))
-        self.uri = f"http://{names.host}:{self._slave.port}/"
+        self.uri: str = f"http://{names.host}:{self._slave.port}/"
         """Where the master and other nodes call it."""
         self._service_uri = f"rosrpc://{names.host}:{self._server.port}"
         self._loop.start()

@@ -35,9 +35,9 @@ class Peer:
     """
 
     def __init__(self, loop: Loop, connection: socket.socket) -> None:
-        self.name = ""
+        self.name: str = ""
         """The node that connected, once it has said so."""
-        self.dropped = 0
+        self.dropped: int = 0
         """Frames that were not sent, as it was too slow."""
         self._loop, self._connection = loop, connection
         self._lock = threading.Lock()
@@ -170,10 +170,14 @@ class AdvertisedTopic:
     """
 
     def __init__(self, name: str, kind: Kind, node: str, *, latched: bool, depth: int) -> None:
-        self.name, self.kind = name, kind
-        """Full name of the topic, type of its messages."""
-        self.latched, self.depth = latched, max(1, depth)
-        """Whether late joiners get the last message; how many messages may wait for each."""
+        self.name = name
+        """Full name of the topic."""
+        self.kind = kind
+        """Type of its messages."""
+        self.latched = latched
+        """Whether late joiners get the last message."""
+        self.depth: int = max(1, depth)
+        """How many messages may wait for each."""
         self._header = encode_header(
             {
                 "callerid": node,

@@ -41,9 +41,9 @@ class Link:
     """
 
     def __init__(self, topic: SubscribedTopic, uri: str) -> None:
-        self.publisher = ""
+        self.publisher: str = ""
         """Name of the publisher's node, once it has said so."""
-        self.connected = False
+        self.connected: bool = False
         """Whether messages can come."""
         self.last: bytes | None = None
         """The last message of a publisher that latches."""
@@ -156,11 +156,15 @@ class SubscribedTopic:
     """
 
     def __init__(self, name: str, kind: Kind, node: str, callback: OnMessage) -> None:
-        self.name, self.kind, self.node = name, kind, node
-        """Full name of the topic, type of its messages, full name of the node."""
+        self.name = name
+        """Full name of the topic."""
+        self.kind = kind
+        """Type of its messages."""
+        self.node = node
+        """Full name of the node."""
         self.users = 1
         """How many listen, or are about to; the node counts them."""
-        self.header = encode_header(
+        self.header: bytes = encode_header(
             {
                 "callerid": node,
                 "md5sum": kind.md5sum,

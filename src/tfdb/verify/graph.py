@@ -122,7 +122,7 @@ class Graph:
     ) -> None:
         self.transactions = transactions
         self.out: list[list[Dependency]] = [[] for _ in transactions]
-        self.guesses = bool(guessed)
+        self.guesses: bool = bool(guessed)
         self._versions = versions
         self._guessed = guessed
         self._unsure = unsure
@@ -132,7 +132,7 @@ class Graph:
         for number, one in enumerate(transactions):
             for position, read in enumerate(one.reads):
                 self._add_read(number, position, read)
-        self.later = _real_time(transactions)
+        self.later: list[list[int]] = _real_time(transactions)
 
     def _add_replacements(self, edge: str, of_edge: EdgeVersions) -> None:
         if self._definite and edge in self._guessed:

@@ -124,7 +124,7 @@ class Search:
 
     def __init__(self, transactions: Sequence[Transaction], steps: int, optional: int = 0) -> None:
         self.order: list[int] | None = None
-        self.exhausted = False
+        self.exhausted: bool = False
         self.deepest: list[int] = []
         self.stuck: list[int] = []
         self._needed = len(transactions) - optional
