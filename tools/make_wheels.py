@@ -20,6 +20,7 @@ import shutil
 import subprocess
 import sys
 import sysconfig
+import tarfile
 import tempfile
 import tomllib
 import zipfile
@@ -62,6 +63,8 @@ class Interpreter:
 
     tag: str
     program: str
+    users: tuple[str, ...]
+    """All Pythons on this machine that can install such a wheel."""
 
     @property
     def settings(self) -> list[str]:
@@ -69,12 +72,13 @@ class Interpreter:
         return ["-C", "wheel.py-api=cp312"] if self.tag == "cp312-abi3" else []
 
 
-# Which programs may make which wheels. The first that is there does.
-NEEDED = {
+# Which programs may make which wheels. The first that is there does; all try out what was made.
+MAKERS = {
     "cp311-cp311": ["python3.11"],
     "cp312-abi3": ["python3.12", "python3.13", "python3.14"],
+    "cp313-cp313t": ["python3.13t"],
+    "cp314-cp314t": ["python3.14t"],
 }
-IF_THERE = {"cp313-cp313t": ["python3.13t"], "cp314-cp314t": ["python3.14t"]}
 
 
 def run(*command: str | Path, env: dict[str, str] | None = None, cwd: Path = ROOT) -> str:
@@ -88,26 +92,21 @@ def run(*command: str | Path, env: dict[str, str] | None = None, cwd: Path = ROO
     return done.stdout
 
 
-def interpreters(given: list[str]) -> list[Interpreter]:
-    """The Pythons on this machine, of those given first."""
+def interpreters(given: list[str]) -> dict[str, Interpreter]:
+    """The Pythons on this machine by tag, of those given first."""
     code = "import sys, sysconfig; v = sys.version_info; print(f'python{v[0]}.{v[1]}', end='');"
     code += "print('t' if sysconfig.get_config_var('Py_GIL_DISABLED') else '')"
     known: dict[str, str] = {}
-    names = [name for options in (NEEDED | IF_THERE).values() for name in options]
+    names = [name for options in MAKERS.values() for name in options]
     for program in [*given, sys.executable, *filter(None, map(shutil.which, names))]:
         # A shim may stand for a Python that is not there.
         told = subprocess.run([program, "-c", code], capture_output=True, text=True, check=False)
         if told.returncode == 0:
             known.setdefault(told.stdout.strip(), program)
-    found = []
-    for tag, options in (NEEDED | IF_THERE).items():
-        there = [known[name] for name in options if name in known]
-        if there:
-            found.append(Interpreter(tag, there[0]))
-        elif tag in NEEDED:
-            sys.exit(f"{tag} needs {' or '.join(options)}: put it on the PATH or give --python")
-        else:
-            print(f"not made: {tag}, for which {' or '.join(options)} is missing")
+    found = {}
+    for tag, options in MAKERS.items():
+        if there := tuple(known[name] for name in options if name in known):
+            found[tag] = Interpreter(tag, there[0], there)
     return found
 
 
@@ -119,12 +118,23 @@ def make_sdist(into: Path) -> Path:
 
 
 def unpack(sdist: Path) -> Path:
-    """The tree that is in it, always at the same place: compiler caches compare paths."""
+    """The tree that is in it, always at the same place: compiler caches compare paths.
+
+    All times in the archive are one and the same: a file that is as it was keeps its time, another
+    is new. Otherwise what was compiled of other sources would be taken for theirs.
+    """
     folder = WORK / "source"
-    shutil.rmtree(folder, ignore_errors=True)
-    shutil.unpack_archive(sdist, folder)
-    (tree,) = folder.iterdir()
-    return tree
+    with tempfile.TemporaryDirectory(dir=WORK) as made:
+        shutil.unpack_archive(sdist, made)
+        (tree,) = Path(made).iterdir()
+        for path in filter(Path.is_file, tree.rglob("*")):
+            before = folder / path.relative_to(tree)
+            if before.is_file() and before.read_bytes() == path.read_bytes():
+                shutil.copystat(before, path)
+            else:
+                path.touch()
+        shutil.rmtree(folder, ignore_errors=True)
+        return tree.rename(folder)
 
 
 def compiler_for(target: Target) -> Path:
@@ -195,11 +205,16 @@ def make_wheel(source: Path, interpreter: Interpreter, target: Target, into: Pat
         options += ["-C", f"build-dir={folder}", *interpreter.settings, str(source)]
         run(build_environment(interpreter), "-m", "pip", "wheel", *options, env=env)
         (plain,) = Path(made).glob("*.whl")
+        if target.libc == "musl":  # auditwheel cannot tell it from the name of an abi3 extension
+            plain = plain.rename(plain.with_name(plain.name.replace("-linux_", "-musllinux_1_2_")))
         tools = os.environ | {"PATH": f"{Path(sys.executable).parent}:{os.environ['PATH']}"}
-        repair = ["auditwheel", "repair", "--plat", "auto", "-w", str(into), str(plain)]
+        # musl's own name; auditwheel only knows the one that Alpine gives it.
+        repair = ["auditwheel", "repair", "--plat", "auto", "--exclude", "libc.so"]
+        repair += ["-w", str(into), str(plain)]
         run(sys.executable, "-m", *repair, env=tools)
-    (wheel,) = into.glob(f"*-{interpreter.tag}-*{target.tag}*.whl")
-    return wheel
+    for wheel in into.glob(f"*-{interpreter.tag}-*{target.tag}*.whl"):
+        return wheel
+    sys.exit(f"no wheel for {interpreter.tag}-{target.tag}, but {[w.name for w in into.iterdir()]}")
 
 
 def suffix_of(interpreter: Interpreter, target: Target) -> str:
@@ -265,7 +280,7 @@ def try_out(wheel: Path, program: str) -> None:
         run(python, "-I", "-c", programs(), env=env, cwd=bare)
         for recording in ("pr2.bag", "pr2.mcap"):
             run(python.parent / "tfdb", "info", data / recording, env=env, cwd=bare)
-    print(f"  {wheel.name}: installed with nothing else, it runs")
+    print(f"  {wheel.name}: installed with nothing else into {program}, it runs")
 
 
 def main() -> None:
@@ -276,6 +291,16 @@ def main() -> None:
     parser.add_argument("--python", action="append", default=[], help="a Python off the PATH")
     parser.add_argument("--only", default="", help="a part of a tag: cp312, aarch64, musllinux ...")
     options = parser.parse_args()
+    found = interpreters(options.python)
+    wanted = [
+        (tag, target)
+        for tag in MAKERS
+        for target in TARGETS
+        if options.only in f"{tag}-{target.tag}"
+    ]
+    missing = list(dict.fromkeys(tag for tag, _ in wanted if tag not in found))
+    if not wanted:
+        parser.error(f"no wheel has {options.only!r} in its tag")
     WORK.mkdir(parents=True, exist_ok=True)
     options.into.mkdir(parents=True, exist_ok=True)
     for old in options.into.glob("tfdb-*"):
@@ -287,19 +312,27 @@ def main() -> None:
         try_out(wheel, sys.executable)
         return
     source = unpack(sdist)
+    # What was made twice of the same sources is the same, byte for byte.
+    with tarfile.open(sdist) as archive:
+        os.environ.setdefault("SOURCE_DATE_EPOCH", str(int(archive.getmembers()[0].mtime)))
     wheels = []
     here = Target(platform.machine(), "gnu.2.17" if platform.libc_ver()[0] == "glibc" else "musl")
-    for interpreter in interpreters(options.python):
-        for target in TARGETS:
-            if options.only not in f"{interpreter.tag}-{target.tag}":
-                continue
-            wheel = make_wheel(source, interpreter, target, options.into)
-            check([wheel])
-            if target == here:
-                try_out(wheel, interpreter.program)
-            wheels.append(wheel)
+    for tag, target in wanted:
+        if (interpreter := found.get(tag)) is None:
+            continue
+        wheel = make_wheel(source, interpreter, target, options.into)
+        check([wheel])
+        if target == here:
+            for program in interpreter.users:
+                try_out(wheel, program)
+        else:
+            print(f"  {wheel.name}: not tried out, this machine is {here.tag}")
+        wheels.append(wheel)
     check([sdist])
     print(f"{1 + len(wheels)} packages in {options.into}")
+    for tag in missing:
+        print(f"NOT MADE: {tag}, which needs {' or '.join(MAKERS[tag])} on the PATH or by --python")
+    sys.exit(1 if missing else 0)
 
 
 if __name__ == "__main__":
