@@ -168,7 +168,11 @@ void move_points(const Pinned& pinned, std::string_view target, std::string_view
                                   out.stride);
 }
 
+/// Arrays of no dimension are iterable by their names only.
 bool is_one_stamp(nb::handle stamps) {
+    if (nb::hasattr(stamps, "ndim")) {
+        return nb::object(stamps.attr("ndim")).equal(nb::int_(0));
+    }
     return !PySequence_Check(stamps.ptr()) && !nb::hasattr(stamps, "__iter__");
 }
 

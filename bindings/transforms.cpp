@@ -186,6 +186,13 @@ void Transforms::read_object(PyObject* item) {
 }
 
 void Transforms::read_objects(nb::handle batch, bool collect) {
+    if (!PySequence_Check(batch.ptr()) && !nb::hasattr(batch, "__iter__")) {
+        const std::string message =
+            "batch must be an iterable of transforms, or Columns; got a "
+            "single " +
+            type_name_of(batch.ptr()) + ": for one transform write [transform]";
+        throw nb::type_error(message.c_str());
+    }
     const nb::object items = tuple_of(batch);
     const auto count = static_cast<std::size_t>(NB_TUPLE_GET_SIZE(items.ptr()));
     views.reserve(count);

@@ -314,6 +314,10 @@ def test_one_stamp_for_all_points(robot: Robot) -> None:
     np.testing.assert_array_equal(found, expected)
     many = robot.buffer.transform_points("map", "lidar", points, [stamp] * 100)
     np.testing.assert_array_equal(many, found)
+    for one in (np.array(stamp), np.array(stamp, "datetime64[ns]"), np.datetime64(stamp, "ns")):
+        np.testing.assert_array_equal(
+            robot.buffer.transform_points("map", "lidar", points, one), found
+        )
 
 
 def test_points_may_be_lists_or_none(robot: Robot) -> None:

@@ -449,6 +449,30 @@ def test_a_stamped_transform_of_any_form_has_translation_and_rotation() -> None:
         tfdb.TransformStamped("a", "b", 0, (1, 2, 3), (0, 0, 0, 1), rpy=(0, 0, 0))
 
 
+def test_transforms_with_arrays_are_compared_number_by_number() -> None:
+    def made(*move: float, turn: Any = (0, 0, 0.6, 0.8)) -> tfdb.TransformStamped:
+        return tfdb.TransformStamped("a", "b", 5, np.array(move), turn)
+
+    assert made(1, 2, 3) == made(1, 2, 3)
+    assert made(1, 2, 3) == tfdb.TransformStamped("a", "b", 5, [1, 2, 3], (0, 0, 0.6, 0.8))
+    assert made(1, 2, 3) == made(1, 2, 3, turn=np.array([0, 0, 0.6, 0.8]))
+    assert made(1, 2, 3) != made(1, 2, 4)
+    assert made(1, 2, 3) != made(1, 2, 3, turn=(0, 0, 0.8, 0.6))
+    assert made(1, 2, 3) != "a"
+    plain = tfdb.TransformStamped("a", "b", 5, (1, 2, 3), (0, 0, 0.6, 0.8))
+    assert len({plain, tfdb.TransformStamped("a", "b", 5, (1, 2, 3), (0, 0, 0.6, 0.8))}) == 1
+
+
+def test_one_transform_is_no_batch() -> None:
+    one = tfdb.TransformStamped("a", "b", 0, (1, 2, 3))
+    buf = tfdb.Buffer()
+    with pytest.raises(TypeError, match=r"single TransformStamped.*write \[transform\]"):
+        buf.set_transforms(one)  # type: ignore[arg-type]
+    with buf.transaction() as tx, pytest.raises(TypeError, match="single TransformStamped"):
+        tx.set_transforms(one)  # type: ignore[arg-type]
+    assert len(buf) == 0
+
+
 ARRAY_DOORS: list[Callable[[Any], object]] = [
     tfdb.Transform("a", "b", (1, 2, 3)).apply,
     lambda rows: tfdb.Transform.from_matrix(rows, "a", "b"),

@@ -110,7 +110,7 @@ Concurrency: TypeAlias = Literal[
 
 
 @dataclass(frozen=True, slots=True, init=False)
-class TransformStamped:
+class TransformStamped:  # noqa: PLW1641 - dataclass makes __hash__
     """A transform T[parent<-child] at a stamp: p_parent = T p_child.
 
     Parameters
@@ -156,6 +156,22 @@ class TransformStamped:
         values = (parent, child, stamp, translation, rotation)
         for name, value in zip(TransformStamped.__slots__, values, strict=True):
             object.__setattr__(self, name, value)
+
+    def __eq__(self, other: object) -> bool:
+        """Whether all fields are equal; arrays are where all their numbers are."""
+        if type(other) is not TransformStamped:
+            return NotImplemented
+        return all(
+            _equal(getattr(self, name), getattr(other, name)) for name in TransformStamped.__slots__
+        )
+
+
+def _equal(a: object, b: object) -> bool:
+    if hasattr(a, "__array__") or hasattr(b, "__array__"):
+        import numpy as np
+
+        return np.array_equal(np.asarray(a), np.asarray(b))
+    return a == b
 
 
 class RosHeader(Protocol):

@@ -154,11 +154,14 @@ def test_refused_messages(tool: Tool, maker: BagMaker) -> None:
     maker.add(2.01, [moved("odom", "base", 2.01, float("nan"))])
     maker.add(2.02, [moved("odom", "base", 2.02, 1, (0, 0, 0, 0))])
     maker.add(2.03, b"\x05\x00\x00\x00 cut short")
-    body = tool("check", maker.write(), "--json", code=1).json
+    path = maker.write()
+    body = tool("check", path, "--json", code=1).json
     refused = {f["details"]["error"]: f for f in body["findings"] if f["kind"] == "refused"}
     assert set(refused) == {"InvalidTransform", "CorruptMessage"}
     assert refused["InvalidTransform"]["count"] == 2
     assert "quaternion" in [finding["kind"] for finding in body["findings"]]
+    for command in ("info", "gaps"):
+        assert "3 messages refused; 'tfdb check' says why" in tool(command, path).out
 
 
 def test_looped_bag(tool: Tool, maker: BagMaker) -> None:

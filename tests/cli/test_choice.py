@@ -206,5 +206,8 @@ def test_serve_follow(tool: Any, mcap: Path, tmp_path: Path) -> None:
         error = tool("serve", "follow", cut, *given, "--timeout", "0.01", code=2).error
         assert "has no end: its writer stopped" in error
         assert "keep: these need" in tool("serve", "follow", cut, *given, "--keep", 1, code=2).error
+        cut.write_bytes(b"")
+        error = tool("serve", "follow", cut, *given, "--timeout", "0.01", code=2).error
+        assert "has no end: its writer stopped" in error
     finally:
         tfdb.Buffer.unlink(store)

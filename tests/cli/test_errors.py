@@ -226,8 +226,10 @@ def test_names_are_near_in_whatever_case(tool: Tool, bag: Path) -> None:
     assert "did you mean 'map'?" in tool("info", bag, "--frame", "MAP", code=2).error
 
 
-def test_a_store_is_not_made_for_what_is_refused(tool: Tool, bag: Path) -> None:
+def test_a_store_is_not_made_for_what_is_refused(tool: Tool, bag: Path, tmp_path: Path) -> None:
     name = f"test-errors-{os.getpid()}"
     tool("serve", "bag", bag, "--into", name, "--frame", "nowhere", code=2)
+    tool("serve", "follow", bag, "--into", name, code=2)
+    tool("serve", "follow", tmp_path, "--into", name, code=2)
     with pytest.raises(tfdb.NoSuchStore):
         tfdb.Buffer.open(name, create=False)

@@ -66,6 +66,7 @@ def command(
         frames = len(loaded.store.frames())
         text = f"no gaps in {arrivals.log.count:,} transforms of {frames} frames"
         out.print(layout.wrap(layout.words(text)))
+    layout.say_refused(out, loaded.report)
 
 
 def _body(hole: Hole) -> dict[str, Any]:

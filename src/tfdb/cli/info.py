@@ -91,9 +91,7 @@ def _show(loaded: common.Loaded, edges: list[EdgeSummary]) -> None:
     counts = f"{given}{len(infos)} frames, {moving} moving and {len(edges) - moving} static edges"
     out.print(layout.wrap(layout.words(counts)))
     if report:
-        if report.refused:
-            refused = f"{report.refused:,} messages refused; 'tfdb check' says why"
-            out.print(layout.wrap(layout.words(refused)), style="red")
+        layout.say_refused(out, report)
         kinds = ("moving", "static")
         rows = [(t.name, f"{t.messages:,}", kinds[t.static]) for t in report.topics]
         out.print(layout.table(_TOPIC_COLUMNS, rows))

@@ -27,6 +27,8 @@ if TYPE_CHECKING:
     from rich.table import Table
     from rich.text import Text
 
+    from tfdb.io.loading import LoadReport
+
     Cell: TypeAlias = str | Text
 
 UNLIMITED = 100_000
@@ -207,6 +209,14 @@ def _indent(
         ):
             break
     return [places[i] for i in shown]
+
+
+def say_refused(out: Console, report: LoadReport | None) -> None:
+    """Say how many messages of recordings were refused, if any."""
+    if report and report.refused:
+        messages = "message" if report.refused == 1 else "messages"
+        text = f"{report.refused:,} {messages} refused; 'tfdb check' says why"
+        out.print(wrap(words(text)), style="red")
 
 
 def literal(text: str) -> Text:

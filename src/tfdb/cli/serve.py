@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import time
-from contextlib import ExitStack
+from contextlib import ExitStack, closing
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, cast
 
@@ -13,6 +13,7 @@ import click
 import tfdb
 from tfdb.io.choice import Choice
 from tfdb.io.loading import Selection
+from tfdb.io.mcap_reader import GrowingMcap
 from tfdb.summary import span
 
 from . import common, layout, output
@@ -167,6 +168,10 @@ def follow(
     if common.salvages():
         raise click.UsageError("--salvage goes with files that nobody writes any more")
     name = into.removeprefix(STORE)
+    # What cannot be followed is refused before there is a store.
+    Choice(**common.chosen()).without_survey()
+    with closing(GrowingMcap(path)) as growing:
+        next(growing.read(), None)
     store = _open(name, history)
     if not as_json:
         text = f"{file} into shm:{name}, as it grows; Ctrl-C ends it"

@@ -617,6 +617,8 @@ def _seconds(keep: Any) -> int | None:
 def _names(option: str, given: Any) -> tuple[str, ...]:
     """Names of frames and others, without their leading slash."""
     one = isinstance(given, str | bytes) or not isinstance(given, Iterable)
+    if getattr(given, "ndim", 1) == 0:  # an array of no dimension
+        given, one = given.item(), True
     several = [given] if one else list(given)
     for name in several:
         if not isinstance(name, str) or not name.strip("/"):
