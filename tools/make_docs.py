@@ -6,12 +6,14 @@ import re
 import shutil
 import sys
 import tempfile
+import textwrap
 from importlib import import_module
 from pathlib import Path
 from types import FunctionType
 from typing import TYPE_CHECKING, Any
 
 import pdoc
+import pdoc.docstrings
 import pdoc.render
 
 import tfdb
@@ -24,6 +26,10 @@ STUB = ROOT / "src" / "tfdb" / "_core.pyi"
 MODULES = ("tfdb", "tfdb.comparing", "tfdb.io", "tfdb.plot", "tfdb.summary")
 # Unions that would take half a page where a name says it.
 ALIAS = re.compile(r"\btfdb\.(?:stamps|types|loading)\.(\w+Like|Paths|(?:Pose)?Topics|Progress)\b")
+HEADING = re.compile(r"^([A-Z][A-Za-z ]+)\n---+\n+", re.MULTILINE)
+# Lines from the margin, and what is written below them, further in.
+ENTRY = re.compile(r"((?:^\S.*\n?)+)((?:^(?:[ ]+.*)?\n|^[ ]+.*\Z)*)", re.MULTILINE)
+ERROR = re.compile(rf"\b({'|'.join(tfdb.errors.__all__)})\b(?!\()")
 CONSTRUCTOR = re.compile(r"^(    def __init__\(.*\) -> None): \.\.\.$", re.MULTILINE)
 
 
@@ -51,6 +57,23 @@ def as_function(original: Any) -> Callable[..., Any]:
     return function
 
 
+def as_markdown(docstring: str) -> str:
+    """Write sections of numpydoc as lists; lines that explain no name are a paragraph."""
+    made, *rest = HEADING.split(docstring)
+    for heading, content in zip(rest[::2], rest[1::2], strict=True):
+        made += f"\n###### {heading}\n\n"
+        for head, body in ENTRY.findall(content):
+            name, text = " ".join(head.split()), textwrap.dedent(body).strip()
+            if heading == "Raises":
+                name = ERROR.sub(r"`\1`", name)
+            elif text:
+                name = f"**{name}**"
+            made += (
+                f" - {name}: {textwrap.indent(text, '   ').lstrip()}\n" if text else f"\n{name}\n\n"
+            )
+    return made
+
+
 def main() -> int:
     """Write the pages; the folder is emptied first."""
     out = Path(sys.argv[1]) if len(sys.argv) > 1 else ROOT / "build" / "docs"
@@ -73,6 +96,7 @@ def main() -> int:
         # signatures in a stub of that name.
         (Path(folder) / "tfdb.pyi").write_text(readable_stub(), encoding="utf-8")
         sys.path.insert(0, folder)
+        pdoc.docstrings.numpy = as_markdown
         pdoc.render.configure(docformat="numpy", show_source=False, footer_text="tfdb")
         pdoc.pdoc(*MODULES, output_directory=out)
     print(f"{out}/index.html")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -31,4 +32,9 @@ def test_reference(tmp_path: Path) -> None:
     for name in ("Buffer.lookup_transform", "Snapshot", "UnknownFrame", "decode_tf_message"):
         assert f'id="{name}"' in page
     assert "(unknown)" not in page
+    # Sections stand apart, and errors without a description are a sentence with links.
+    assert page.count(">Raises</h6>\n\n") == page.count(">Raises</h6>") > 20
+    raised = re.search(r">Raises</h6>\s*(.*?)</code>", page, re.DOTALL)
+    assert raised is not None
+    assert raised[1] == '<p><code><a href="#UnknownFrame">UnknownFrame</a>'
     assert (tmp_path / "api" / "index.html").is_file()
