@@ -172,7 +172,8 @@ void bind_records(nb::class_<ReadsObject>& type) {
         R"(The parent that a frame has at a stamp (None: in its newest sample); None for a root.
 
 A sample's parent holds from its stamp to the next sample's; before the first sample and after the
-last one the nearest one's counts. A static edge has its parent at every stamp. Raises UnknownFrame.)");
+last one the nearest one's counts; but a frame that would so hang under itself before its first
+sample is a root there. A static edge has its parent at every stamp. Raises UnknownFrame.)");
     type.def(
         "_reach", &reach, nb::arg("target"), nb::arg("source"), nb::arg("stamp").none(),
         nb::sig("def _reach(self, target: str, source: str, stamp: int | None) -> tuple[str | "

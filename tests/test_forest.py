@@ -101,6 +101,71 @@ def test_the_path_of_a_lookup_is_the_one_that_is_told() -> None:
         assert edges == {frozenset(pair) for pair in itertools.pairwise(told)}
 
 
+def test_no_frame_hangs_under_itself_before_its_first_sample() -> None:
+    buf = tfdb.Buffer(history=None)
+    buf.set_static_transform("map", "odom", (1, 2, 3), TURNED)
+    buf.set_transform("base", "map", 1872, (1, 2, 3), TURNED)
+    buf.set_transform("hand", "map", 2063, (1, 2, 3), TURNED)
+    buf.set_transform("odom", "base", 2208, (1, 2, 3), TURNED)
+    with buf.snapshot() as snapshot:
+        for reads in (buf, snapshot):
+            assert reads.descendants("base", 2036) == ["map", "odom"]
+            assert reads.path("odom", "base", 2036) == ["odom", "map", "base"]
+            assert reads.descendants("map", 2036) == ["odom"]
+            assert reads.children("odom", 2036) == []
+            assert reads.path("map", "base", 2208) == ["map", "odom", "base"]
+            with pytest.raises(tfdb.Disconnected) as error:
+                reads.path("map", "hand", 2036)
+            assert error.value.frames == ("base", "hand")
+            told = [(edge.parent, edge.child) for edge in reads.explain("map", "hand", 2036).edges]
+            assert told == [("base", "map")]
+
+
+def agrees_with_itself(buf: tfdb.Buffer, stamp: int) -> tuple[int, int]:
+    """Check one tree; count the lookups that went its way and the roots before their samples."""
+    parents = {info.name: info.parent for info in buf.tree(stamp)}
+    answered = early = 0
+    for name, parent in parents.items():
+        assert buf.parent_of(name, stamp) == parent
+        up = [name]
+        while (above := parents[up[-1]]) is not None:
+            assert above not in up, f"{up} hangs under {above!r} at {stamp}"
+            up.append(above)
+        oldest = buf.frame_info(name).oldest
+        early += oldest is not None and stamp < oldest and parent is None
+    for target, source in itertools.permutations(parents, 2):
+        try:
+            report = buf.lookup_transform(target, source, stamp).report
+        except (tfdb.Disconnected, tfdb.Extrapolation):
+            continue
+        answered += 1
+        told = itertools.pairwise(buf.path(target, source, stamp))
+        edges = {frozenset((edge.child, edge.parent)) for edge in report.edges}
+        assert edges == {frozenset(pair) for pair in told}
+    return answered, early
+
+
+def test_every_stamp_has_one_tree_and_lookups_go_its_way() -> None:
+    """Frames come at different times, often under what they will carry later."""
+    names = ["map", "odom", "base", "arm", "hand", "cup"]
+    answered = early = 0
+    for seed in range(8):
+        rng = random.Random(seed)
+        buf, taken = tfdb.Buffer(history=3000), 0
+        while taken < 60:
+            parent, child = rng.sample(names, 2)
+            try:
+                buf.set_transform(parent, child, rng.randrange(50) * 100, (1, 2, 3), TURNED)
+            except (tfdb.CycleError, tfdb.TooOld):
+                continue
+            taken += 1
+            found = agrees_with_itself(buf, rng.randrange(5000))
+            answered += found[0]
+            early += found[1]
+    assert answered > 1000
+    assert early > 20
+
+
 def test_a_snapshot_keeps_its_forest() -> None:
     buf = tfdb.Buffer()
     buf.set_transform("map", "base", 5, (1, 2, 3), TURNED)

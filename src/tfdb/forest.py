@@ -36,12 +36,14 @@ def descendants(reads: Reads, name: str, stamp: StampLike | None) -> list[str]:
         for child, parent in _parents(snapshot, stamp, name).items():
             if parent is not None:
                 below.setdefault(parent, []).append(child)
-        found, open_ = [], below.get(name, [])[::-1]
+        found: dict[str, None] = {}  # in order; a damaged store's parents may run in a circle
+        open_ = below.get(name, [])[::-1]
         while open_:
             frame = open_.pop()
-            found.append(frame)
-            open_ += below.get(frame, [])[::-1]
-        return found
+            if frame not in found:
+                found[frame] = None
+                open_ += below.get(frame, [])[::-1]
+        return list(found)
 
     return from_one_state(reads, read)
 
@@ -83,9 +85,9 @@ def _parents(snapshot: Snapshot, stamp: StampLike | None, *names: str) -> Parent
 
 def _chain(parents: Parents, name: str) -> list[str]:
     """Return a frame and what it hangs under, up to the root."""
-    chain: list[str] = []
+    chain: dict[str, None] = {}  # in order; a damaged store's parents may run in a circle
     at: str | None = name
-    while at is not None:
-        chain.append(at)
+    while at is not None and at not in chain:
+        chain[at] = None
         at = parents[at]
-    return chain
+    return list(chain)

@@ -41,12 +41,32 @@ template <View V>
     return Outcome::kOk;
 }
 
-/// The parent at a stamp, or of the newest sample: outside the samples that of the nearest one.
+/// The parent at a stamp, or of the newest sample: outside the samples that of the nearest one. But
+/// a frame before its first sample is a root if by these parents it would hang under itself: no
+/// state has a cycle in what its samples hold, and so these parents have none either.
 template <View V>
 [[nodiscard]] Outcome parent_at(const V& view, FrameId id, std::optional<StampNs> stamp,
                                 FrameId& parent) {
-    const Policy policy{stamp ? PolicyKind::kInterpolate : PolicyKind::kLatest, kNoLimit};
-    return exact_parent(view, id, stamp.value_or(0), policy, Edges::kAll, parent);
+    const auto read = [&](FrameId frame, PolicyKind kind, Edges edges, FrameId& found) {
+        return exact_parent(view, frame, stamp.value_or(0), {kind, kNoLimit}, edges, found);
+    };
+    if (!stamp)
+        return read(id, PolicyKind::kLatest, Edges::kAll, parent);
+    Outcome outcome = read(id, PolicyKind::kPrevious, Edges::kAnswering, parent);
+    if (outcome != Outcome::kOk || parent != kNoFrame)
+        return outcome;
+    outcome = read(id, PolicyKind::kPrevious, Edges::kAll, parent);
+    FrameId above = parent;
+    for (FrameId steps = view.frame_count(); steps > 0 && above != kNoFrame; --steps) {
+        if (above == id) {
+            parent = kNoFrame;
+            return outcome;
+        }
+        outcome = read(above, PolicyKind::kPrevious, Edges::kAll, above);
+        if (outcome != Outcome::kOk)
+            return outcome;
+    }
+    return outcome;
 }
 
 /// For errors to name.

@@ -239,7 +239,8 @@ public:
     /// the newest tree's path has data and the parent that it has there. Both 0 if none moves.
     [[nodiscard]] CommonTimes common_times(std::string_view target, std::string_view source) const;
     /// The frame's parent at a stamp (none: of its newest sample); outside the edge's data that of
-    /// its nearest sample. None for a root. Throws UnknownFrame.
+    /// its nearest sample, unless it would then hang under itself. None for a root. Throws
+    /// UnknownFrame.
     [[nodiscard]] std::optional<std::string> parent_of(
         std::string_view name, std::optional<StampNs> stamp = std::nullopt) const;
 

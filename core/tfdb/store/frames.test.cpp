@@ -2,6 +2,7 @@
 #include <algorithm>
 
 #include "tfdb/store/fixture.hpp"
+#include "tfdb/store/transaction.hpp"
 
 namespace tfdb {
 namespace {
@@ -226,6 +227,39 @@ TFDB_TEST(frames_inspection_tells_what_is_stored) {
     CHECK(!buffer.frame_info("eye").cleared && !buffer.frame_info("map").cleared);
     set(buffer, "map", "base", 40, pose_of(5));
     CHECK(!buffer.frame_info("base").cleared);
+}
+
+TFDB_TEST(frames_before_their_first_sample_never_hang_under_themselves) {
+    Buffer buffer(keeping(std::nullopt));
+    set_static(buffer, "map", "odom", pose_of(1));
+    set(buffer, "base", "map", 10, pose_of(2));  // map hangs under base, then under hand
+    set(buffer, "hand", "map", 20, pose_of(3));
+    set(buffer, "odom", "base", 30, pose_of(4));  // what base hangs under now, but not before
+    const auto parents = [](const auto& reads, std::optional<StampNs> stamp) {
+        std::string all;
+        for (const FrameInfo& info : reads.tree(stamp)) {
+            CHECK(reads.parent_of(info.name, stamp) == info.parent);
+            all += info.name + "<" + info.parent.value_or("-") + " ";
+        }
+        return all;
+    };
+    const Snapshot held = buffer.snapshot();
+    for (const Reads* reads :
+         {static_cast<const Reads*>(&buffer), static_cast<const Reads*>(&held)}) {
+        for (const StampNs stamp : {5, 10, 19}) {
+            const char* const expected =
+                stamp < 10 ? "base<- hand<- map<- odom<map " : "base<- hand<- map<base odom<map ";
+            CHECK_EQ(parents(*reads, stamp), expected);
+        }
+        for (const StampNs stamp : {20, 29, 30, 99})
+            CHECK_EQ(parents(*reads, stamp), "base<odom hand<- map<hand odom<map ");
+        CHECK_EQ(parents(*reads, std::nullopt), "base<odom hand<- map<hand odom<map ");
+    }
+    set(buffer, "base", "tip", 30, pose_of(5));  // below the circle, not in it
+    CHECK_EQ(buffer.parent_of("tip", 10).value_or(""), "base");
+    Transaction tx(buffer);
+    CHECK(!tx.parent_of("base", 10) && tx.parent_of("base", 30) == "odom");
+    CHECK(tx.parent_of("map", 10) == "base" && tx.parent_of("tip", 10) == "base");
 }
 
 TFDB_TEST(frames_reach_tells_which_edge_has_no_data) {

@@ -462,6 +462,12 @@ inline std::optional<std::string> Model::parent_of(std::size_t state, const std:
         return std::nullopt;
     const Policy policy{stamp ? PolicyKind::kInterpolate : PolicyKind::kLatest, lookup::kNoLimit};
     const int parent = parent_at(frame, stamp.value_or(0), policy, state);
+    const Choice own = choose(frame, stamp.value_or(0), policy, state);
+    if (parent != kNone && own.refused && *stamp < own.anchor->stamp) {
+        const std::vector<int> above = chain(parent, *stamp, policy, state);
+        if (std::find(above.begin(), above.end(), frame) != above.end())
+            return std::string();
+    }
     return parent == kNone ? std::string() : name_of(parent);
 }
 
