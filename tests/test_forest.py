@@ -6,6 +6,7 @@ import itertools
 import random
 from typing import Any
 
+import numpy as np
 import pytest
 
 import tfdb
@@ -142,7 +143,26 @@ def agrees_with_itself(buf: tfdb.Buffer, stamp: int) -> tuple[int, int]:
         told = itertools.pairwise(buf.path(target, source, stamp))
         edges = {frozenset((edge.child, edge.parent)) for edge in report.edges}
         assert edges == {frozenset(pair) for pair in told}
+    for policy in (tfdb.Interpolate(), tfdb.Previous(), tfdb.Nearest(), tfdb.Extrapolate(1e-5)):
+        for target, source in itertools.combinations(parents, 2):
+            there, back = (
+                matrix_or_error(buf, *ends, stamp, policy)
+                for ends in ((target, source), (source, target))
+            )
+            if isinstance(there, str) or isinstance(back, str):
+                assert there == back
+            else:
+                np.testing.assert_allclose(there @ back, np.eye(4), atol=1e-9)
     return answered, early
+
+
+def matrix_or_error(
+    buf: tfdb.Buffer, target: str, source: str, stamp: int, policy: tfdb.Policy
+) -> np.ndarray | str:
+    try:
+        return buf.lookup_transform(target, source, stamp, policy).matrix
+    except (tfdb.Disconnected, tfdb.Extrapolation) as error:
+        return type(error).__name__
 
 
 def test_every_stamp_has_one_tree_and_lookups_go_its_way() -> None:
@@ -155,7 +175,8 @@ def test_every_stamp_has_one_tree_and_lookups_go_its_way() -> None:
         while taken < 60:
             parent, child = rng.sample(names, 2)
             try:
-                buf.set_transform(parent, child, rng.randrange(50) * 100, (1, 2, 3), TURNED)
+                where = (rng.random(), 2, 3)
+                buf.set_transform(parent, child, rng.randrange(50) * 100, where, TURNED)
             except (tfdb.CycleError, tfdb.TooOld):
                 continue
             taken += 1

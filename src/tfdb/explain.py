@@ -174,12 +174,12 @@ class _Case:
 
     def _chain(self, tree: dict[str, FrameInfo], name: str) -> list[FrameInfo]:
         """Frames with a parent, from `name` up to the root."""
-        chain = []
+        chain: dict[str, FrameInfo] = {}  # a damaged store's parents may run in a circle
         info = tree.get(name)
-        while info is not None and info.parent is not None and info not in chain:
-            chain.append(info)
+        while info is not None and info.parent is not None and info.name not in chain:
+            chain[info.name] = info
             info = tree.get(info.parent)
-        return chain
+        return list(chain.values())
 
     def _disconnected(self, error: Disconnected) -> Explanation:
         tree = {info.name: info for info in self.snapshot.tree(self.stamp)}

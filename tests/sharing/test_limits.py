@@ -80,7 +80,7 @@ def test_bad_options(name: str, options: dict[str, Any], said: str) -> None:
     assert not list(SHM.glob(f"tfdb.{name}*"))
 
 
-def test_what_is_no_file(name: str) -> None:
+def test_what_is_no_file(name: str, tmp_path: Path) -> None:
     path = SHM / f"tfdb.{name}"
     try:
         os.mkfifo(path)
@@ -90,7 +90,7 @@ def test_what_is_no_file(name: str) -> None:
         with pytest.raises(tfdb.CorruptStore, match="no store of tfdb"):
             tfdb.Buffer.unlink(name)
         path.unlink()
-        path.symlink_to("/nonexistent")
+        path.symlink_to(tmp_path / "nowhere")
         with pytest.raises(tfdb.CorruptStore, match="leads nowhere"):
             tfdb.Buffer.open(name)
     finally:

@@ -15,11 +15,17 @@ namespace tfdb::lookup {
 /// its samples an edge then has the parent of the nearest one, and the error can name it.
 enum class Edges : std::uint8_t { kAnswering, kAll };
 
-/// The parent that the view's samples give a frame at a stamp; kNoFrame for a root.
+/// What a frame hangs under.
+struct Hang {
+    FrameId parent = kNoFrame;  // kNoFrame: a root
+    bool later = false;         // by a sample that came later than the stamp
+};
+
+/// What the view's samples say that a frame hangs under at a stamp.
 template <View V>
-[[nodiscard]] Outcome exact_parent(const V& view, FrameId id, StampNs stamp, const Policy& policy,
-                                   Edges edges, FrameId& parent) {
-    parent = kNoFrame;
+[[nodiscard]] Outcome exact_hang(const V& view, FrameId id, StampNs stamp, const Policy& policy,
+                                 Edges edges, Hang& hang) {
+    hang = Hang{};
     typename V::Edge edge;
     if (!view.open(id, edge))
         return Outcome::kLapped;
@@ -37,34 +43,36 @@ template <View V>
     const FrameId found = history::SlotWord::parent(slot);
     // A removed frame connects nothing, even if its slot now holds another one.
     if (view.alive_since(found, history::SlotWord::commit(slot)))
-        parent = found;
+        hang = {found, chosen.anchor_stamp > stamp && policy.kind != PolicyKind::kLatest};
     return Outcome::kOk;
 }
 
-/// The parent at a stamp, or of the newest sample: outside the samples that of the nearest one. But
-/// a frame before its first sample is a root if by these parents it would hang under itself: no
-/// state has a cycle in what its samples hold, and so these parents have none either.
+/// What a frame hangs under at a stamp, or by its newest sample; outside the samples by the nearest
+/// one. What frames hang under may run in a circle: no state has a cycle in what its samples hold,
+/// but a frame may hang by a sample that came later. Each such frame of a circle is a root.
+template <View V>
+[[nodiscard]] Outcome hang_at(const V& view, FrameId id, std::optional<StampNs> stamp, Hang& hang) {
+    const Policy policy{stamp ? PolicyKind::kPrevious : PolicyKind::kLatest, kNoLimit};
+    return exact_hang(view, id, stamp.value_or(0), policy, Edges::kAll, hang);
+}
+
+/// The parent that `hang_at` gives a frame, none if it so hangs under itself.
 template <View V>
 [[nodiscard]] Outcome parent_at(const V& view, FrameId id, std::optional<StampNs> stamp,
                                 FrameId& parent) {
-    const auto read = [&](FrameId frame, PolicyKind kind, Edges edges, FrameId& found) {
-        return exact_parent(view, frame, stamp.value_or(0), {kind, kNoLimit}, edges, found);
-    };
-    if (!stamp)
-        return read(id, PolicyKind::kLatest, Edges::kAll, parent);
-    Outcome outcome = read(id, PolicyKind::kPrevious, Edges::kAnswering, parent);
-    if (outcome != Outcome::kOk || parent != kNoFrame)
-        return outcome;
-    outcome = read(id, PolicyKind::kPrevious, Edges::kAll, parent);
-    FrameId above = parent;
-    for (FrameId steps = view.frame_count(); steps > 0 && above != kNoFrame; --steps) {
-        if (above == id) {
+    Hang own;
+    Outcome outcome = hang_at(view, id, stamp, own);
+    parent = own.parent;
+    Hang above = own;
+    const FrameId most = own.later ? view.frame_count() : 0;
+    for (FrameId steps = 0; steps < most && above.parent != kNoFrame; ++steps) {
+        if (above.parent == id) {
             parent = kNoFrame;
-            return outcome;
+            break;
         }
-        outcome = read(above, PolicyKind::kPrevious, Edges::kAll, above);
+        outcome = hang_at(view, above.parent, stamp, above);
         if (outcome != Outcome::kOk)
-            return outcome;
+            break;
     }
     return outcome;
 }

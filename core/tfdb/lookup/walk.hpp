@@ -23,10 +23,8 @@ inline void strip_common(std::vector<FrameId>& a, std::vector<FrameId>& b) {
     }
 }
 
-/// Cuts both chains at the first frame of `up` that `down` has too; false if there is none. No
-/// state has a cycle in what its samples hold from one to the next, but a policy may choose
-/// otherwise for each edge (the nearest sample, or the first one before its time): then a chain may
-/// run in a circle and past the lowest frame that both share.
+/// Cuts both chains at the first frame of `up` that `down` has too; false if there is none. Where a
+/// policy chooses a parent for each edge by itself, chains may run past the lowest one.
 inline bool cut_at_meeting(std::vector<FrameId>& up, std::vector<FrameId>& down) {
     constexpr std::size_t kFewPairs = 4096;
     std::unordered_map<FrameId, std::size_t> index;
@@ -92,6 +90,11 @@ public:
                 return step;
             }
         }
+        for (std::vector<FrameId>* const chain : {&up_, &down_}) {
+            const Outcome cut = branching_ ? cut_circle(*chain, edges) : Outcome::kOk;
+            if (cut != Outcome::kOk)
+                return cut;
+        }
         met = branching_ ? cut_at_meeting(up_, down_) : up_.back() == down_.back();
         if (met) {
             strip_common(up_, down_);
@@ -118,16 +121,39 @@ private:
         branching_ |= (side.topology & (Topology::kMixedParents | Topology::kCleared)) != 0;
         FrameId parent = Topology::parent(side.topology);
         if (mode_ == WalkMode::kSamples || (side.topology & kAskSamples) != 0) {
+            Hang hang;
             const Outcome found =
-                exact_parent(view_, side.chain.back(), stamp_, policy_, edges, parent);
+                exact_hang(view_, side.chain.back(), stamp_, policy_, edges, hang);
             if (found != Outcome::kOk) {
                 return found;
             }
+            parent = hang.parent;
         }
         side.ended = parent == kNoFrame || side.chain.size() > view_.frame_count();
         if (!side.ended) {
             side.chain.push_back(parent);
             side.topology = view_.topology(parent);
+        }
+        return Outcome::kOk;
+    }
+
+    /// Ends a chain that runs in a circle at the first frame there that is a root: see hang_at.
+    [[nodiscard]] Outcome cut_circle(std::vector<FrameId>& chain, Edges edges) {
+        const auto again = std::find(chain.rbegin() + 1, chain.rend(), chain.back());
+        if (again == chain.rend())
+            return Outcome::kOk;
+        const auto around = static_cast<std::size_t>(again - chain.rbegin());
+        std::size_t first = 0;
+        while (chain[first] != chain[first + around])
+            ++first;
+        chain.resize(first + around);
+        for (std::size_t at = first; at < chain.size(); ++at) {
+            Hang hang;
+            const Outcome found = exact_hang(view_, chain[at], stamp_, policy_, edges, hang);
+            if (found != Outcome::kOk)
+                return found;
+            if (hang.later)
+                chain.resize(at + 1);
         }
         return Outcome::kOk;
     }
@@ -142,19 +168,6 @@ private:
     bool branching_ = false;
 };
 
-/// Cuts a chain that runs in a circle where it comes round: what an error names must not hang on
-/// how long it went on.
-inline void cut_circle(std::vector<FrameId>& chain) {
-    const auto again = std::find(chain.rbegin() + 1, chain.rend(), chain.back());
-    if (again == chain.rend())
-        return;
-    const auto around = static_cast<std::size_t>(again - chain.rbegin());
-    std::size_t first = 0;
-    while (chain[first] != chain[first + around])
-        ++first;
-    chain.resize(first + around);
-}
-
 /// A view that notes which samples an answer depends on: hints are no samples.
 template <class V>
 concept NotingView = View<V> && requires {
@@ -166,8 +179,6 @@ concept NotingView = View<V> && requires {
 template <View V>
 [[nodiscard]] Outcome describe_apart(const V& view, StampNs stamp, const Policy& policy,
                                      Answer& chains, Failure& failure) {
-    cut_circle(chains.source_chain);
-    cut_circle(chains.target_chain);
     failure = Failure{};
     failure.code = ErrorCode::kDisconnected;
     failure.frame = handle_of(view, chains.target_chain.back());

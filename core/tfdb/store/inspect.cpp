@@ -112,6 +112,35 @@ Outcome for_each_frame(const StoreView& view, Visit visit) {
     return Outcome::kOk;
 }
 
+/// By id what lookup::parent_at says, of each frame once.
+Outcome all_parents(const StoreView& view, StampNs stamp, std::vector<FrameId>& parents) {
+    std::vector<lookup::Hang> hangs(view.frame_count());
+    const Outcome outcome = for_each_frame(view, [&](FrameId id) {
+        return id < hangs.size() ? lookup::hang_at(view, id, stamp, hangs[id]) : Outcome::kOk;
+    });
+    std::vector<FrameId> first(hangs.size(), kNoFrame);  // whose way up came by here first
+    const auto above = [&](FrameId id) {
+        return hangs[id].parent < hangs.size() ? hangs[id].parent : kNoFrame;
+    };
+    for (FrameId id = 0; id < hangs.size(); ++id) {
+        FrameId at = id;
+        for (; at != kNoFrame && first[at] == kNoFrame; at = above(at))
+            first[at] = id;
+        if (at == kNoFrame || first[at] != id)
+            continue;
+        for (FrameId next = above(at); next != kNoFrame;) {  // a circle: once around
+            const FrameId after = above(next);
+            if (hangs[next].later)
+                hangs[next].parent = kNoFrame;
+            next = next == at ? kNoFrame : after;
+        }
+    }
+    parents.clear();
+    for (const lookup::Hang& hang : hangs)
+        parents.push_back(hang.parent);
+    return outcome;
+}
+
 }  // namespace
 
 std::vector<std::string> Reads::frames() const {
@@ -149,19 +178,20 @@ std::vector<FrameInfo> Reads::tree(std::optional<StampNs> stamp) const {
     std::vector<FrameInfo> infos;
     const Outcome outcome = store::read(*store_, held_, kFresh, [&](const StoreView& view) {
         infos.clear();
+        std::vector<FrameId> parents;
+        const Outcome hung = stamp ? all_parents(view, *stamp, parents) : Outcome::kOk;
         const Outcome all = for_each_frame(view, [&](FrameId id) {
             FrameInfo& info = infos.emplace_back();
             const Outcome filled = fill_info(*store_, view, id, info);
             if (filled != Outcome::kOk || !stamp)
                 return filled;
-            FrameId parent = kNoFrame;
-            const Outcome found = lookup::parent_at(view, id, stamp, parent);
             info.parent.reset();
-            if (parent != kNoFrame && !read_name(*store_, view, parent, info.parent.emplace()))
-                return Outcome::kLapped;
-            return found;
+            const FrameId parent = id < parents.size() ? parents[id] : kNoFrame;
+            const bool named =
+                parent == kNoFrame || read_name(*store_, view, parent, info.parent.emplace());
+            return named ? Outcome::kOk : Outcome::kLapped;
         });
-        return store::unless_reused(*store_, view.commit(), all);
+        return store::unless_reused(*store_, view.commit(), hung == Outcome::kOk ? all : hung);
     });
     if (outcome == Outcome::kLapped)
         store::throw_unreadable(*store_, held_);

@@ -331,8 +331,16 @@ inline int Model::parent_at(int frame, StampNs stamp, Policy policy, std::size_t
 inline std::vector<int> Model::chain(int frame, StampNs stamp, Policy policy, std::size_t state,
                                      bool answering) const {
     std::vector<int> found;
-    for (int at = frame; at != kNone && std::find(found.begin(), found.end(), at) == found.end();
-         at = parent_at(at, stamp, policy, state, answering)) {
+    for (int at = frame; at != kNone; at = parent_at(at, stamp, policy, state, answering)) {
+        const auto again = std::find(found.begin(), found.end(), at);
+        if (again != found.end()) {  // in a circle whoever hangs by a later sample is a root
+            const auto root = std::find_if(again, found.end(), [&](int f) {
+                const Choice c = choose(f, stamp, policy, state);
+                return !c.anchor->is_static && c.anchor->stamp > stamp;
+            });
+            found.erase(root == found.end() ? root : root + 1, found.end());
+            break;
+        }
         found.push_back(at);
     }
     return found;
@@ -461,14 +469,8 @@ inline std::optional<std::string> Model::parent_of(std::size_t state, const std:
     if (frame == kNone)
         return std::nullopt;
     const Policy policy{stamp ? PolicyKind::kInterpolate : PolicyKind::kLatest, lookup::kNoLimit};
-    const int parent = parent_at(frame, stamp.value_or(0), policy, state);
-    const Choice own = choose(frame, stamp.value_or(0), policy, state);
-    if (parent != kNone && own.refused && *stamp < own.anchor->stamp) {
-        const std::vector<int> above = chain(parent, *stamp, policy, state);
-        if (std::find(above.begin(), above.end(), frame) != above.end())
-            return std::string();
-    }
-    return parent == kNone ? std::string() : name_of(parent);
+    const std::vector<int> up = chain(frame, stamp.value_or(0), policy, state);
+    return up.size() < 2 ? std::string() : name_of(up[1]);
 }
 
 inline Reply Model::lookup(std::size_t state, const std::string& target, const std::string& source,
