@@ -82,6 +82,12 @@ void throw_not_a_name(PyObject* object, const char* role) {
     throw_type_error(std::string(role) + " must be a str, got " + type_name_of(object));
 }
 
+void check_many(nb::handle object, const char* role, const char* wanted) {
+    if (!nb::hasattr(object, "__iter__") && PySequence_Check(object.ptr()) == 0)
+        throw_type_error(std::string(role) + " must be " + wanted + ", got " +
+                         type_name_of(object));
+}
+
 std::string option_of(nb::handle object, const char* role) {
     if (!PyUnicode_Check(object.ptr())) {
         throw_not_a_name(object.ptr(), role);

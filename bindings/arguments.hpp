@@ -84,6 +84,9 @@ inline std::string_view name_of(nb::handle object, const char* role) {
 /// UTF-8 becomes its repr, which is none of them. Throws TypeError for anything but a str.
 std::string option_of(nb::handle object, const char* role);
 
+/// Throws TypeError for what cannot be gone through; `wanted` says what it should be.
+void check_many(nb::handle object, const char* role, const char* wanted);
+
 /// True or False; omitted: False. Throws TypeError for anything else.
 bool flag_of(PyObject* flag, const char* role);
 

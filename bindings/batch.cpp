@@ -176,7 +176,7 @@ bool is_one_stamp(nb::handle stamps) {
     return !PySequence_Check(stamps.ptr()) && !nb::hasattr(stamps, "__iter__");
 }
 
-nb::object transform_points(nb::handle self, const nb::str& target, const nb::str& source,
+nb::object transform_points(nb::handle self, nb::handle target, nb::handle source,
                             nb::handle points, nb::handle stamps, nb::handle policy, nb::handle out,
                             nb::handle missing) {
     const Pinned pinned = pin(self, object_of<ReadsObject>(self));
@@ -307,9 +307,10 @@ void add_raw_batch(nb::handle type) {
 }
 
 void bind_batch(nb::class_<ReadsObject>& type) {
-    type.def("transform_points", &transform_points, nb::arg("target"), nb::arg("source"),
-             nb::arg("points").none(), nb::arg("stamps").none(), nb::arg("policy") = nb::none(),
-             nb::kw_only(), nb::arg("out") = nb::none(), nb::arg("missing") = "raise",
+    type.def("transform_points", &transform_points, nb::arg("target").none(),
+             nb::arg("source").none(), nb::arg("points").none(), nb::arg("stamps").none(),
+             nb::arg("policy") = nb::none(), nb::kw_only(), nb::arg("out") = nb::none(),
+             nb::arg("missing") = "raise",
              nb::sig("def transform_points(self, target: str, source: str, points: "
                      "numpy.typing.ArrayLike, stamps: tfdb.stamps.StampsLike | "
                      "tfdb.stamps.StampLike, policy: Policy | None = None, *, out: "

@@ -185,9 +185,9 @@ nb::object shared(const BufferObject& self) {
                                  use->size, use->repairs, use->processes);
 }
 
-CommitNumber set_static_transform(BufferObject& self, const nb::str& parent, const nb::str& child,
+CommitNumber set_static_transform(BufferObject& self, nb::handle parent, nb::handle child,
                                   nb::handle translation, nb::handle rotation, nb::handle rpy,
-                                  nb::handle wxyz, const nb::str& authority, bool change_kind) {
+                                  nb::handle wxyz, nb::handle authority, bool change_kind) {
     const TransformView view = view_of(
         parent.ptr(), child.ptr(), nullptr,
         {translation.ptr(), rotation.ptr(), rpy.ptr(), wxyz.ptr(), parent.ptr(), child.ptr()});
@@ -196,7 +196,7 @@ CommitNumber set_static_transform(BufferObject& self, const nb::str& parent, con
 }
 
 nb::object set_transforms(BufferObject& self, nb::handle batch, bool is_static,
-                          const nb::str& authority, bool partial, bool change_kind, bool only_new) {
+                          nb::handle authority, bool partial, bool change_kind, bool only_new) {
     const WriteRules rules{change_kind, only_new};
     const std::string_view who = name_of(authority, "authority");
     const auto store_partial = [&](const Transforms& transforms, auto&&... given) {
@@ -222,7 +222,7 @@ nb::object set_transforms(BufferObject& self, nb::handle batch, bool is_static,
     }));
 }
 
-CommitNumber remove_frame(BufferObject& self, const nb::str& name, bool recursive) {
+CommitNumber remove_frame(BufferObject& self, nb::handle name, bool recursive) {
     const std::string_view bytes = name_of(name, "name");
     const LongWork work(true);
     return self.open_store().remove_frame(bytes, recursive);
@@ -234,6 +234,7 @@ CommitNumber remove_frames(BufferObject& self, nb::handle names, bool recursive)
             "names must be a sequence of frame names, got a str: remove_frame() "
             "takes a single name");
     }
+    check_many(names, "names", "a sequence of frame names");
     const nb::object items = nb::steal(PySequence_Tuple(names.ptr()));
     if (!items.is_valid()) {
         throw nb::python_error();
@@ -409,9 +410,10 @@ keeps the lock, CorruptStore where the file was damaged.)";
 
 void bind_writes(BufferClass& type) {
     add_raw_writes(type);
-    type.def("set_static_transform", &set_static_transform, nb::arg("parent"), nb::arg("child"),
-             nb::arg("translation").none(), nb::arg("rotation") = nb::none(), nb::kw_only(),
-             nb::arg("rpy") = nb::none(), nb::arg("wxyz") = nb::none(), nb::arg("authority") = "",
+    type.def("set_static_transform", &set_static_transform, nb::arg("parent").none(),
+             nb::arg("child").none(), nb::arg("translation").none(),
+             nb::arg("rotation") = nb::none(), nb::kw_only(), nb::arg("rpy") = nb::none(),
+             nb::arg("wxyz") = nb::none(), nb::arg("authority").none() = "",
              nb::arg("change_kind") = false,
              nb::sig("def set_static_transform(self, parent: str, child: str, translation: "
                      "tfdb.types.VectorLike | tfdb.types.PoseLike, rotation: "
@@ -423,8 +425,9 @@ void bind_writes(BufferClass& type) {
 Arguments, result and errors as in `set_transform`; with `change_kind` a moving edge becomes static
 and its samples are dropped.)");
     type.def("set_transforms", &set_transforms, nb::arg("batch").none(), nb::kw_only(),
-             nb::arg("static") = false, nb::arg("authority") = "", nb::arg("partial") = false,
-             nb::arg("change_kind") = false, nb::arg("only_new") = false,
+             nb::arg("static") = false, nb::arg("authority").none() = "",
+             nb::arg("partial") = false, nb::arg("change_kind") = false,
+             nb::arg("only_new") = false,
              // Its overloads are in stubs.pattern.
              nb::sig("def set_transforms(self, batch: collections.abc.Iterable["
                      "tfdb.types.TransformStampedLike] | tfdb.types.Columns, *, static: bool = "
@@ -432,7 +435,7 @@ and its samples are dropped.)");
                      "False, only_new: bool = False) -> int | "
                      "list[tfdb.types.Refused]"),
              kSetTransformsDoc);
-    type.def("remove_frame", &remove_frame, nb::arg("name"), nb::kw_only(),
+    type.def("remove_frame", &remove_frame, nb::arg("name").none(), nb::kw_only(),
              nb::arg("recursive") = false,
              nb::sig("def remove_frame(self, name: str, *, recursive: bool = False) -> int"),
              R"(Remove a frame and its edge; with `recursive` also all frames below it. One commit.

@@ -24,9 +24,9 @@ std::string_view optional_name_of(nb::handle name, const char* role) {
     return name.is_none() ? std::string_view() : name_of(name, role);
 }
 
-nb::object lookup_transform_full(nb::handle self, const nb::str& target, nb::handle target_stamp,
-                                 const nb::str& source, nb::handle source_stamp,
-                                 const nb::str& fixed, nb::handle policy) {
+nb::object lookup_transform_full(nb::handle self, nb::handle target, nb::handle target_stamp,
+                                 nb::handle source, nb::handle source_stamp, nb::handle fixed,
+                                 nb::handle policy) {
     const ReadsObject& object = object_of<ReadsObject>(self);
     const Question question =
         question_through(fixed, target, target_stamp, source, source_stamp, policy);
@@ -45,8 +45,8 @@ nb::object lookup_transform_full(nb::handle self, const nb::str& target, nb::han
     return nb::steal(made);
 }
 
-bool can_transform_full(nb::handle self, const nb::str& target, nb::handle target_stamp,
-                        const nb::str& source, nb::handle source_stamp, const nb::str& fixed,
+bool can_transform_full(nb::handle self, nb::handle target, nb::handle target_stamp,
+                        nb::handle source, nb::handle source_stamp, nb::handle fixed,
                         nb::handle policy) {
     const Question question =
         question_through(fixed, target, target_stamp, source, source_stamp, policy);
@@ -54,14 +54,14 @@ bool can_transform_full(nb::handle self, const nb::str& target, nb::handle targe
     return pinned.ask([&](const Reads& reads) { return store::can_answer(reads, question); });
 }
 
-StampNs latest_common_time(nb::handle self, const nb::str& target, const nb::str& source) {
+StampNs latest_common_time(nb::handle self, nb::handle target, nb::handle source) {
     const Pinned pinned = pin(self, object_of<ReadsObject>(self));
     const std::string_view to = name_of(target, "target");
     const std::string_view from = name_of(source, "source");
     return pinned.ask([&](const Reads& reads) { return reads.latest_common_time(to, from); });
 }
 
-nb::tuple common_times(nb::handle self, const nb::str& target, const nb::str& source) {
+nb::tuple common_times(nb::handle self, nb::handle target, nb::handle source) {
     const Pinned pinned = pin(self, object_of<ReadsObject>(self));
     const std::string_view to = name_of(target, "target");
     const std::string_view from = name_of(source, "source");
@@ -78,7 +78,7 @@ nb::object array_of(const geometry::Vec3& vector) {
     return made.array;
 }
 
-nb::object lookup_velocity(nb::handle self, const nb::str& tracking, const nb::str& observation,
+nb::object lookup_velocity(nb::handle self, nb::handle tracking, nb::handle observation,
                            nb::handle when, nb::handle interval, nb::handle reference,
                            nb::handle point, nb::handle point_frame) {
     const Pinned pinned = pin(self, object_of<ReadsObject>(self));
@@ -96,8 +96,8 @@ nb::object lookup_velocity(nb::handle self, const nb::str& tracking, const nb::s
         .attr("Twist")(array_of(twist.linear), array_of(twist.angular));
 }
 
-nb::object path_stamps(nb::handle self, const nb::str& target, const nb::str& source,
-                       nb::handle start, nb::handle end) {
+nb::object path_stamps(nb::handle self, nb::handle target, nb::handle source, nb::handle start,
+                       nb::handle end) {
     const Pinned pinned = pin(self, object_of<ReadsObject>(self));
     const std::string_view to = name_of(target, "target");
     const std::string_view from = name_of(source, "source");
@@ -159,17 +159,19 @@ Transform
 Raises what `lookup_transform` raises.)";
 
 void bind_full_lookups(nb::class_<ReadsObject>& type) {
-    type.def("lookup_transform_full", &lookup_transform_full, nb::arg("target"),
-             nb::arg("target_stamp").none(), nb::arg("source"), nb::arg("source_stamp").none(),
-             nb::arg("fixed_frame"), nb::arg("policy") = nb::none(),
+    type.def("lookup_transform_full", &lookup_transform_full, nb::arg("target").none(),
+             nb::arg("target_stamp").none(), nb::arg("source").none(),
+             nb::arg("source_stamp").none(), nb::arg("fixed_frame").none(),
+             nb::arg("policy") = nb::none(),
              nb::sig("def lookup_transform_full(self, target: str, target_stamp: "
                      "tfdb.stamps.StampLike | None, source: str, source_stamp: "
                      "tfdb.stamps.StampLike | None, fixed_frame: str, policy: Policy | None = "
                      "None) -> Transform"),
              kFullDoc);
-    type.def("can_transform_full", &can_transform_full, nb::arg("target"),
-             nb::arg("target_stamp").none(), nb::arg("source"), nb::arg("source_stamp").none(),
-             nb::arg("fixed_frame"), nb::arg("policy") = nb::none(),
+    type.def("can_transform_full", &can_transform_full, nb::arg("target").none(),
+             nb::arg("target_stamp").none(), nb::arg("source").none(),
+             nb::arg("source_stamp").none(), nb::arg("fixed_frame").none(),
+             nb::arg("policy") = nb::none(),
              nb::sig("def can_transform_full(self, target: str, target_stamp: "
                      "tfdb.stamps.StampLike | None, source: str, source_stamp: "
                      "tfdb.stamps.StampLike | None, fixed_frame: str, policy: Policy | None = "
@@ -178,19 +180,20 @@ void bind_full_lookups(nb::class_<ReadsObject>& type) {
 }
 
 void bind_other_reads(nb::class_<ReadsObject>& type) {
-    type.def("latest_common_time", &latest_common_time, nb::arg("target"), nb::arg("source"),
+    type.def("latest_common_time", &latest_common_time, nb::arg("target").none(),
+             nb::arg("source").none(),
              nb::sig("def latest_common_time(self, target: str, source: str) -> int"),
              R"(The newest stamp at which every moving edge between two frames has data.
 
 Nanoseconds; 0 if nothing moves. Of a frame and itself it is that of the frame's newest sample, as
 for tf2. Raises UnknownFrame, Disconnected.)");
-    type.def("common_times", &common_times, nb::arg("target"), nb::arg("source"),
+    type.def("common_times", &common_times, nb::arg("target").none(), nb::arg("source").none(),
              nb::sig("def common_times(self, target: str, source: str) -> tuple[int, int]"),
              kCommonTimesDoc);
-    type.def("lookup_velocity", &lookup_velocity, nb::arg("tracking"), nb::arg("observation"),
-             nb::arg("stamp") = nb::none(), nb::arg("interval").none() = 0.1, nb::kw_only(),
-             nb::arg("reference") = nb::none(), nb::arg("point").none() = nb::make_tuple(0, 0, 0),
-             nb::arg("point_frame") = nb::none(),
+    type.def("lookup_velocity", &lookup_velocity, nb::arg("tracking").none(),
+             nb::arg("observation").none(), nb::arg("stamp") = nb::none(),
+             nb::arg("interval").none() = 0.1, nb::kw_only(), nb::arg("reference") = nb::none(),
+             nb::arg("point").none() = nb::make_tuple(0, 0, 0), nb::arg("point_frame") = nb::none(),
              nb::sig("def lookup_velocity(self, tracking: str, observation: str, stamp: "
                      "tfdb.stamps.StampLike | None = None, interval: float = 0.1, *, reference: "
                      "str | None = None, point: tfdb.types.VectorLike = (0, 0, 0), point_frame: "
@@ -217,7 +220,7 @@ Twist
     `linear` in m/s, `angular` in rad/s, both float64 (3,).
 
 Raises what `lookup_transform` raises; Extrapolation (`no data`) where there is one stamp only.)");
-    type.def("_path_stamps", &path_stamps, nb::arg("target"), nb::arg("source"),
+    type.def("_path_stamps", &path_stamps, nb::arg("target").none(), nb::arg("source").none(),
              nb::arg("start").none(), nb::arg("end").none(),
              nb::sig("def _path_stamps(self, target: str, source: str, start: "
                      "tfdb.stamps.StampLike | None, end: tfdb.stamps.StampLike | None) -> "

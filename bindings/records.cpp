@@ -32,7 +32,7 @@ nb::object frame_info_of(const nb::object& type, const FrameInfo& info) {
                 escaped(info.authority), info.late, info.longest_gap, info.cleared);
 }
 
-nb::object frame_info(nb::handle self, const nb::str& name) {
+nb::object frame_info(nb::handle self, nb::handle name) {
     const Pinned pinned = pin(self, object_of<ReadsObject>(self));
     const std::string_view bytes = name_of(name, "name");
     const FrameInfo info =
@@ -40,7 +40,7 @@ nb::object frame_info(nb::handle self, const nb::str& name) {
     return frame_info_of(record_type("FrameInfo"), info);
 }
 
-nb::object parent_of(nb::handle self, const nb::str& name, nb::handle when) {
+nb::object parent_of(nb::handle self, nb::handle name, nb::handle when) {
     const Pinned pinned = pin(self, object_of<ReadsObject>(self));
     const std::string_view bytes = name_of(name, "name");
     const std::optional<StampNs> stamp = optional_stamp_of(when.ptr());
@@ -50,7 +50,7 @@ nb::object parent_of(nb::handle self, const nb::str& name, nb::handle when) {
 
 /// None: the walks meet, or a frame is missing. Else the edge (None: both end at roots), the stamp,
 /// the edge's data.
-nb::object reach(nb::handle self, const nb::str& target, const nb::str& source, nb::handle when) {
+nb::object reach(nb::handle self, nb::handle target, nb::handle source, nb::handle when) {
     const Pinned pinned = pin(self, object_of<ReadsObject>(self));
     const std::string_view to = name_of(target, "target");
     const std::string_view from = name_of(source, "source");
@@ -103,7 +103,7 @@ nb::list list_of(const std::vector<std::string>& names) {
     return list;
 }
 
-nb::tuple samples(nb::handle self, const nb::str& name) {
+nb::tuple samples(nb::handle self, nb::handle name) {
     const Pinned pinned = pin(self, object_of<ReadsObject>(self));
     const std::string_view bytes = name_of(name, "name");
     const Samples found = pinned.ask_long([&](const Reads& reads) { return reads.samples(bytes); });
@@ -130,7 +130,7 @@ nb::list frames(nb::handle self) {
     return made;
 }
 
-bool frame_exists(nb::handle self, const nb::str& name) {
+bool frame_exists(nb::handle self, nb::handle name) {
     const Pinned pinned = pin(self, object_of<ReadsObject>(self));
     const std::string_view bytes = name_of(name, "name");
     return pinned.ask([&](const Reads& reads) {
@@ -159,14 +159,14 @@ nb::object counters_record(const Counters& counters) {
 void bind_records(nb::class_<ReadsObject>& type) {
     type.def("frames", &frames, nb::sig("def frames(self) -> list[str]"),
              "Names of all frames, sorted.");
-    type.def("frame_exists", &frame_exists, nb::arg("name"),
+    type.def("frame_exists", &frame_exists, nb::arg("name").none(),
              nb::sig("def frame_exists(self, name: str) -> bool"),
              "Whether there is a frame of that name. Raises SnapshotTooOld.");
-    type.def("frame_info", &frame_info, nb::arg("name"),
+    type.def("frame_info", &frame_info, nb::arg("name").none(),
              nb::sig("def frame_info(self, name: str) -> tfdb.types.FrameInfo"),
              "What is known of one frame and the edge to its parent. Raises UnknownFrame.");
     type.def(
-        "parent_of", &parent_of, nb::arg("name"), nb::arg("stamp") = nb::none(),
+        "parent_of", &parent_of, nb::arg("name").none(), nb::arg("stamp") = nb::none(),
         nb::sig("def parent_of(self, name: str, stamp: tfdb.stamps.StampLike | None = None) -> "
                 "str | None"),
         R"(The parent that a frame has at a stamp (None: in its newest sample); None for a root.
@@ -175,7 +175,8 @@ A sample's parent holds from its stamp to the next sample's; before the first sa
 last one the nearest one's counts; but a frame that would so hang under itself before its first
 sample is a root there. A static edge has its parent at every stamp. Raises UnknownFrame.)");
     type.def(
-        "_reach", &reach, nb::arg("target"), nb::arg("source"), nb::arg("stamp").none(),
+        "_reach", &reach, nb::arg("target").none(), nb::arg("source").none(),
+        nb::arg("stamp").none(),
         nb::sig("def _reach(self, target: str, source: str, stamp: int | None) -> tuple[str | "
                 "None, int, int | None, int | None] | None"),
         R"(Where walks up from two frames stop for want of data; None: they meet, or one does not exist.
@@ -187,7 +188,7 @@ ended at roots), the stamp, and the edge's oldest and newest stamp (None: it was
              nb::sig("def tree(self, stamp: tfdb.stamps.StampLike | None = None) -> "
                      "list[tfdb.types.FrameInfo]"),
              "All frames, sorted by name, with the parents they have at a stamp (None: newest).");
-    type.def("samples", &samples, nb::arg("name"),
+    type.def("samples", &samples, nb::arg("name").none(),
              nb::sig("def samples(self, name: str) -> tuple[numpy.typing.NDArray[numpy.int64], "
                      "numpy.typing.NDArray[numpy.float64], list[str]]"),
              R"(All retained samples T[parent<-name] of the edge from `name` to its parents.

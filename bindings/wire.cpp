@@ -64,8 +64,8 @@ private:
     Bytes bytes_;
 };
 
-CommitNumber ingest(BufferObject& self, nb::handle data, const nb::str& encoding, bool is_static,
-                    const nb::str& authority, bool change_kind, bool only_new) {
+CommitNumber ingest(BufferObject& self, nb::handle data, nb::handle encoding, bool is_static,
+                    nb::handle authority, bool change_kind, bool only_new) {
     const Message message(data);
     std::vector<TransformView> transforms;
     wire::decode_tf_message(message.bytes(), encoding_of(encoding), transforms);
@@ -81,6 +81,7 @@ public:
             common_ = name_of(authority.ptr(), "authority");
             return;
         }
+        check_many(authority, "authority", "a str, or one for each message");
         names_ = nb::steal<nb::object>(PySequence_Tuple(authority.ptr()));
         if (!names_.is_valid()) {
             throw nb::python_error();
@@ -163,11 +164,12 @@ nb::object result_of(const Tally& tally) {
                                        tally.refused, tally.commit, reasons);
 }
 
-nb::object ingest_many(BufferObject& self, nb::handle messages, const nb::str& encoding,
-                       bool is_static, nb::handle authority) {
+nb::object ingest_many(BufferObject& self, nb::handle messages, nb::handle encoding, bool is_static,
+                       nb::handle authority) {
     constexpr std::size_t kChunk = 1024;
     const wire::Encoding how = encoding_of(encoding);
     const Senders senders(authority, messages);
+    check_many(messages, "messages", "bytes-like objects, one for each message");
     const nb::object iterator = nb::steal(PyObject_GetIter(messages.ptr()));
     if (!iterator.is_valid()) {
         throw nb::python_error();
@@ -209,7 +211,7 @@ std::map<std::uint32_t, std::string_view> senders_of(const nb::dict& authorities
 }
 
 nb::object ingest_recorded(BufferObject& self, const Recorded& messages, std::size_t first,
-                           std::size_t last, const nb::str& encoding, bool is_static,
+                           std::size_t last, nb::handle encoding, bool is_static,
                            const nb::dict& authorities) {
     constexpr std::size_t kTogether = 1024;
     const wire::Encoding how = encoding_of(encoding);
@@ -335,22 +337,24 @@ Ctrl-C ends it between two messages; those before are stored.)";
 }  // namespace
 
 void bind_wire(nb::module_& module, nb::class_<BufferObject, ReadsObject>& type) {
-    type.def("ingest", &ingest, nb::arg("data").none(), nb::kw_only(), nb::arg("encoding") = "cdr",
-             nb::arg("static") = false, nb::arg("authority") = "", nb::arg("change_kind") = false,
+    type.def("ingest", &ingest, nb::arg("data").none(), nb::kw_only(),
+             nb::arg("encoding").none() = "cdr", nb::arg("static") = false,
+             nb::arg("authority").none() = "", nb::arg("change_kind") = false,
              nb::arg("only_new") = false,
              nb::sig("def ingest(self, data: tfdb.types.BytesLike, *, encoding: str = 'cdr', "
                      "static: bool = False, authority: str = '', change_kind: bool = False, "
                      "only_new: bool = False) -> int"),
              kIngestDoc);
     type.def("ingest_many", &ingest_many, nb::arg("messages").none(), nb::kw_only(),
-             nb::arg("encoding"), nb::arg("static") = false, nb::arg("authority") = "",
+             nb::arg("encoding").none(), nb::arg("static") = false,
+             nb::arg("authority").none() = "",
              nb::sig("def ingest_many(self, messages: collections.abc.Iterable["
                      "tfdb.types.BytesLike], *, encoding: str, static: bool = False, authority: "
                      "str | collections.abc.Sequence[str] = '') -> tfdb.types.IngestResult"),
              kIngestManyDoc);
     bind_recorded(module);
-    module.def("ingest_recorded", &ingest_recorded, nb::arg("buffer"), nb::arg("messages"),
-               nb::arg("first"), nb::arg("last"), nb::kw_only(), nb::arg("encoding"),
+    module.def("ingest_recorded", &ingest_recorded, nb::arg("buffer"), nb::arg("messages").none(),
+               nb::arg("first"), nb::arg("last"), nb::kw_only(), nb::arg("encoding").none(),
                nb::arg("static"), nb::arg("authorities"),
                nb::sig("def ingest_recorded(buffer: Buffer, messages: Recorded, first: int, "
                        "last: int, *, encoding: str, static: bool, authorities: dict[int, str]) "

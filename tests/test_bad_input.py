@@ -26,6 +26,45 @@ def robot() -> Robot:
     return make_robot()
 
 
+# -- what is no text -------------------------------------------------------------------------------
+
+NO_TEXT: list[tuple[str, Callable[[tfdb.Buffer, Any], object]]] = [
+    ("name", lambda buf, x: buf.frame_info(x)),
+    ("name", lambda buf, x: buf.parent_of(x)),
+    ("name", lambda buf, x: buf.frame_exists(x)),
+    ("name", lambda buf, x: buf.samples(x)),
+    ("name", lambda buf, x: buf.remove_frame(x)),
+    ("names", lambda buf, x: buf.remove_frames(x)),
+    ("names", lambda buf, x: buf.remove_frames(["map", x])),
+    ("source", lambda buf, x: buf.common_times("map", x)),
+    ("target", lambda buf, x: buf.latest_common_time(x, "map")),
+    ("target", lambda buf, x: buf.lookup_transform(x, "map")),
+    ("fixed_frame", lambda buf, x: buf.lookup_transform_full("map", 1, "map", 1, x)),
+    ("fixed_frame", lambda buf, x: buf.can_transform_full("map", 1, "map", 1, x)),
+    ("tracking", lambda buf, x: buf.lookup_velocity(x, "map")),
+    ("source", lambda buf, x: buf.transform_points("map", x, [[0, 0, 0]], [1])),
+    ("parent", lambda buf, x: buf.set_static_transform(x, "new", (0, 0, 0))),
+    ("authority", lambda buf, x: buf.set_static_transform("map", "new", (0, 0, 0), authority=x)),
+    ("authority", lambda buf, x: buf.set_transforms([], authority=x)),
+    ("encoding", lambda buf, x: buf.ingest(b"", encoding=x)),
+    ("encoding", lambda buf, x: buf.ingest_many([b""], encoding=x)),
+    ("authority", lambda buf, x: buf.ingest_many([], encoding="ros1", authority=x)),
+    ("messages", lambda buf, x: buf.ingest_many(x, encoding="ros1")),
+]
+
+
+@pytest.mark.parametrize("wrong", [5, None, 1.5])
+@pytest.mark.parametrize(("role", "call"), NO_TEXT)
+def test_what_is_no_text(
+    robot: Robot, role: str, call: Callable[[tfdb.Buffer, Any], object], wrong: object
+) -> None:
+    with refused(robot.buffer, TypeError) as caught:
+        call(robot.buffer, wrong)
+    kind = type(wrong).__name__
+    assert str(caught.value).startswith(f"{role} must be ")
+    assert str(caught.value).endswith(f", got {kind}")
+
+
 # -- transforms ------------------------------------------------------------------------------------
 
 BAD_POSES = [

@@ -5,6 +5,7 @@ from __future__ import annotations
 import copy
 import math
 import pickle
+from decimal import Decimal
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -633,6 +634,36 @@ def test_what_a_store_samples_is_kept_to_the_last_bit() -> None:
         np.testing.assert_array_equal(found[row].pose, wanted[row])
     assert pickle.loads(pickle.dumps(found)) == found
     np.testing.assert_array_equal(found[5:9].poses, wanted[5:9])
+
+
+def test_the_pose_at_stamp_0_is_of_that_stamp() -> None:
+    path = tfdb.Trajectory("map", "base", [0, 9], [A.pose, A.pose])
+    assert repr(path[0]) == repr(path.at(0))
+    assert "at 0 s" in repr(path[0])
+    assert path[1].report.edges == path.at(9).report.edges
+
+
+def test_no_stamps_have_no_poses() -> None:
+    empty = tfdb.Trajectory("map", "base", [], np.zeros((0, 7)))
+    missing = tfdb.Trajectory("map", "base", [5], np.full((1, 7), np.nan))
+    for path in (empty, missing, random_path(5, 1)):
+        assert path.at([]).shape == (0, 7)
+        assert len(path.resample(stamps=[])) == 0
+    for path in (empty, missing):
+        with pytest.raises(tfdb.Extrapolation, match="no pose"):
+            path.at([5])
+
+
+@pytest.mark.parametrize("rate", [1e308, Decimal("sNaN"), Decimal("NaN")])
+def test_rates_that_are_none(rate: Any) -> None:
+    path = tfdb.Trajectory("map", "base", [0, 9 * 10**9], [A.pose, A.pose])
+    store = tfdb.Buffer(history=None)
+    store.set_transforms(tfdb.Columns("map", "base", path.stamps, path.poses))
+    assert len(path.resample(1e-320)) == 1
+    with pytest.raises(tfdb.InvalidArgument, match="rate"):
+        path.resample(rate)
+    with pytest.raises(tfdb.InvalidArgument, match="rate"):
+        store.trajectory("map", "base", rate)
 
 
 def test_many_poses() -> None:

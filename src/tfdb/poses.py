@@ -19,6 +19,8 @@ __all__: list[str] = []
 
 MAX_NORM_ERROR = 0.01
 """Of a quaternion's squared length: tf2's rule, and that of the store. Nearer to 1 is rounding."""
+ROUNDING = 1e-12
+"""So far from unit length may be what is made of unit quaternions: it stays as it is."""
 TOO_FAR = 1e100
 """Metres from which on lengths are not compared and drawn: their squares leave float64."""
 
@@ -83,7 +85,7 @@ def normalised(poses: Array) -> Array:
     import numpy as np
 
     norms = np.linalg.norm(poses[:, 3:], axis=1, keepdims=True)
-    off = np.abs(norms - 1.0) > 1e-15
+    off = np.abs(norms - 1.0) > ROUNDING
     if off.any():
         poses = poses.copy()
         poses[:, 3:] /= np.where(off, norms, 1.0)

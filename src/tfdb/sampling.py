@@ -138,8 +138,8 @@ def _check_order(first: int, last: int) -> None:
 def _even_stamps(first: int, last: int, rate: float) -> npt.NDArray[np.int64]:
     period = _period(rate)
     # The last stamp may miss the end by the rounding of the period.
-    count = math.floor((last - first) / period * (1.0 + 1e-15)) + 1
-    if period < 1.0 or count > _MOST_POSES:
+    periods = (last - first) / period * (1.0 + 1e-15) if period else math.inf
+    if period < 1.0 or periods >= _MOST_POSES:
         raise InvalidArgument(
             f"a rate of {rate!r} Hz over {(last - first) / 1e9} s is too much: at most "
             f"{_MOST_POSES:,} poses can be asked for at once",
@@ -148,6 +148,7 @@ def _even_stamps(first: int, last: int, rate: float) -> npt.NDArray[np.int64]:
         )
     import numpy as np
 
+    count = math.floor(periods) + 1
     offsets = np.rint(np.arange(count, dtype=np.float64) * period).astype(np.int64)
     stamps: npt.NDArray[np.int64] = first + offsets[offsets <= last - first]
     return stamps
@@ -158,6 +159,6 @@ def _period(rate: float) -> float:
     try:
         if not isinstance(rate, bool) and math.isfinite(rate) and rate > 0:
             return min(1e9 / rate, MAX_STAMP + 1.0)
-    except (TypeError, OverflowError):
+    except (TypeError, ValueError, ArithmeticError):
         pass
     raise InvalidArgument(f"rate must be a positive number of Hz, got {shown(rate)}", value=rate)

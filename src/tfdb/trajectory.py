@@ -441,7 +441,7 @@ class Trajectory:  # noqa: PLW1641 - as arrays, it has no hash
         array([4.4, 0. , 0. ])
         """
         if _are_many(stamps):
-            store, child = self._stored(missing)
+            store, child = self._stored("nan" if _are_none(stamps) else missing)
             return store.lookup_transforms(self._target, child, stamps, policy, missing=missing)
         store, child = self._stored()
         answer = store.lookup_transform(self._target, child, _nanoseconds(stamps), policy)
@@ -502,11 +502,12 @@ class Trajectory:  # noqa: PLW1641 - as arrays, it has no hash
 
         if (rate is None) == (stamps is None):
             raise InvalidArgument("give a rate or stamps: resample(100.0), resample(stamps=...)")
-        store, child = self._stored(missing if rate is None else "raise")
         if rate is not None:
+            store, child = self._stored()
             made = sample(store, self._target, child, rate, None, None, policy, missing)
         else:
             wanted = increasing_stamps(stamps)
+            store, child = self._stored(missing if len(wanted) else "nan")
             made = sample_at(store, self._target, child, wanted, policy, missing)
         return self._made(self._target, self._source, *made)
 
@@ -856,10 +857,10 @@ class Trajectory:  # noqa: PLW1641 - as arrays, it has no hash
             self._store = store, child
         return self._store
 
-    def _as(self, stamp: int, pose: npt.NDArray[np.float64]) -> Transform:
+    def _as(self, stamp: int, pose: npt.NDArray[np.float64], *edges: object) -> Transform:
         from .report import restore_transform  # noqa: PLC0415 - it imports the extension
 
-        return restore_transform(self._target, self._source, (pose[:3], pose[3:]), stamp, 0, ())
+        return restore_transform(self._target, self._source, (pose[:3], pose[3:]), stamp, 0, edges)
 
     def _one(self, row: int) -> Transform:
         import numpy as np
@@ -875,7 +876,8 @@ class Trajectory:  # noqa: PLW1641 - as arrays, it has no hash
                 stamp=stamp,
                 index=row,
             )
-        return self._as(stamp, pose)
+        edge = (self._source, self._target, "exact", stamp, stamp, False)
+        return self._as(stamp, pose, edge)
 
     def _no_row(self, row: int) -> InvalidIndex:
         valid = f"valid are {-len(self)} to {len(self) - 1}" if len(self) else "it is empty"
@@ -923,6 +925,10 @@ def _are_many(stamps: Any) -> bool:
     if getattr(stamps, "shape", None) == ():
         return False
     return hasattr(stamps, "__len__") or hasattr(stamps, "__iter__")
+
+
+def _are_none(stamps: Any) -> bool:
+    return hasattr(stamps, "__len__") and len(stamps) == 0
 
 
 def _chains(other: object, written: str, instead: str) -> bool:

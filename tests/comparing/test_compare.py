@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import pickle
 import re
+from decimal import Decimal
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -450,6 +451,21 @@ def test_recordings_and_stores(tmp_path: Path) -> None:
         tfdb.compare(bag, truth, frames=("map", "base_lonk"))
     with pytest.raises(FileNotFoundError):
         tfdb.compare(tmp_path / "none", truth)
+
+
+@pytest.mark.parametrize("option", ["max_diff", "offset", "delta", "delta_tolerance"])
+def test_a_decimal_that_is_no_number_is_refused(option: str) -> None:
+    poses = np.tile([0, 0, 0, 0, 0, 0, 1.0], (4, 1))
+    path = tfdb.Trajectory("map", "base", np.arange(4) * 10**9, poses)
+    wrong: Any = {option: Decimal("NaN")}
+    with pytest.raises(tfdb.InvalidArgument, match=f"{option} must be"):
+        tfdb.compare(path, path, **wrong)
+
+
+def test_poses_that_are_decades_apart() -> None:
+    poses = [[0, 0, 0, 0, 0, 0, 1], [1, 0, 0, 0, 0, 0, 1]]
+    path = tfdb.Trajectory("map", "base", [0, 2**61 - 1], poses)
+    assert tfdb.compare(path, path, align="none").ape_translation.rmse == 0
 
 
 def test_what_is_given_stays_as_it_is() -> None:

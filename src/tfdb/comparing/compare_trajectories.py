@@ -213,7 +213,7 @@ def _number(name: str, value: Any, *, above: float | None = None, least: float =
         fine = not isinstance(value, bool | str) and math.isfinite(value)
         if fine and (value > above if above is not None else value >= least):
             return
-    except (TypeError, ValueError, OverflowError):
+    except (TypeError, ValueError, ArithmeticError):
         pass
     raise InvalidArgument(f"{name} must be a number {wanted}, got {shown(value)}", value=value)
 
@@ -224,7 +224,7 @@ def _nanoseconds(name: str, seconds: Any, *, signed: bool = False) -> int:
         size = abs(seconds) if signed else seconds
         if not isinstance(seconds, bool | str) and 0 <= size <= most:
             return round(float(seconds) * 1e9)
-    except (TypeError, ValueError, OverflowError):
+    except (TypeError, ValueError, ArithmeticError):
         pass
     low = f"{-most:.0f}" if signed else "0"
     also = " or 'estimate'" if name == "offset" else ""

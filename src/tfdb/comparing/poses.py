@@ -9,6 +9,7 @@ import numpy.typing as npt
 
 from .. import poses as geometry
 from ..policies import Interpolate
+from ..stamps import MAX_STAMP
 
 if TYPE_CHECKING:
     from ..trajectory import Trajectory
@@ -51,7 +52,7 @@ def poses_at(trajectory: Trajectory, stamps: Stamps, max_gap: int) -> Array:
     made = np.full((len(stamps), 7), np.nan)
     # An offset may lead to stamps below 0, which nothing can be asked for.
     inside = (stamps >= trajectory.stamps[0]) & (stamps <= trajectory.stamps[-1])
-    policy = Interpolate(max_gap_ns=max_gap)
+    policy = Interpolate(max_gap_ns=min(max_gap, MAX_STAMP))
     if inside.any():
         made[inside] = trajectory.at(stamps[inside], policy, missing="nan")
     return made

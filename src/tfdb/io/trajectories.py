@@ -323,7 +323,7 @@ _NOTHING = ("", "nan")
 
 
 def _with_a_pose(path: Path, made: Trajectory) -> Trajectory:
-    if not made.found.any():
+    if not len(made):
         raise TrajectoryError(path, None, "no pose in it")
     return made
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from tfdb import _core
+from tfdb.errors import TrajectoryError
 from tfdb.types import TransformStamped
 
 from .containers import Container, Source, Topic
@@ -30,6 +31,8 @@ def open_trajectory(path: Path, *, salvage: bool = False) -> Container:
     trajectory = read_trajectory(path)
     there = trajectory.found
     count = int(there.sum())
+    if not count:
+        raise TrajectoryError(path, None, "no pose in it: all its rows are NaN")
 
     def payloads(ids: Collection[int]) -> Iterator[Payload]:
         poses, stamps = trajectory.poses[there].tolist(), trajectory.stamps[there].tolist()
