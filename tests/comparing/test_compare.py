@@ -462,6 +462,14 @@ def test_a_decimal_that_is_no_number_is_refused(option: str) -> None:
         tfdb.compare(path, path, **wrong)
 
 
+@pytest.mark.parametrize("seed", range(4))
+def test_a_trajectory_has_no_offset_from_itself(seed: int) -> None:
+    path = motion(seed, times(seed, 300, 20.0))
+    found = tfdb.compare(path, path, offset="estimate")
+    assert found.offset == 0
+    assert len(found.estimate) == len(path)
+
+
 def test_poses_that_are_decades_apart() -> None:
     poses = [[0, 0, 0, 0, 0, 0, 1], [1, 0, 0, 0, 0, 0, 1]]
     path = tfdb.Trajectory("map", "base", [0, 2**61 - 1], poses)

@@ -31,6 +31,8 @@ _MOST_STEPS = 2**17
 _MOST_POSES = 1_000
 _CANDIDATES = 6
 _WINDOW = 100_000_000
+_ROUNDING = 1e-15
+"""Of a misfit: what fits as well without an offset has none."""
 
 
 def estimate_offset(reference: Trajectory, estimate: Trajectory, *, scaled: bool) -> int:
@@ -56,7 +58,8 @@ def estimate_offset(reference: Trajectory, estimate: Trajectory, *, scaled: bool
     if not fit.moves:
         return offsets[0]
     refined = [fit.refine(each, window) for each in offsets]
-    return min(refined, key=lambda found: found[1])[0]
+    found, left = min(refined, key=lambda each: each[1])
+    return 0 if fit.misfit(0) <= left + _ROUNDING else found
 
 
 def _steps(reference: Trajectory, estimate: Trajectory) -> tuple[int, int]:
