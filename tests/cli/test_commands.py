@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import os
 import re
 from typing import TYPE_CHECKING
 
@@ -11,6 +12,7 @@ import numpy as np
 import pytest
 
 import tfdb
+from tfdb.shared import find_stores
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -361,3 +363,21 @@ def test_output_into_a_closed_pipe_is_no_error(tool: Tool, bag: Path) -> None:
     done = subprocess.run(command, shell=True, capture_output=True, text=True, check=True)
     assert len(done.stdout.splitlines()) == 1
     assert done.stderr == ""
+
+
+def test_parts_of_a_group_print_their_whole_name(tool: Tool, bag: Path, mcap: Path) -> None:
+    name = f"test-names-{os.getpid()}"
+    into = ("--into", name, "--json")
+    try:
+        for arguments in (
+            ("serve", "bag", bag, "--speed", "inf", *into),
+            ("serve", "follow", mcap, *into),
+            ("shm", "ls", "--json"),
+            ("shm", "info", name, "--json"),
+            ("shm", "compact", name, "--json"),
+            ("shm", "rm", name, "--json"),
+        ):
+            assert tool(*arguments).json["command"] == " ".join(map(str, arguments[:2]))
+    finally:
+        for left in set(find_stores()) & {name}:
+            tfdb.Buffer.unlink(left)

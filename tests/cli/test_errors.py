@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 from typing import TYPE_CHECKING
 
@@ -215,10 +216,64 @@ def test_offsets_without_their_plus_are_asked_about(tool: Tool, bag: Path) -> No
     bounds = ("--start", "2", "--end", "5")
     assert "did you mean '+2' and '+5', from the start?" in tool("info", bag, *bounds).err
     said = tool("poses", bag, "map", "odom", *bounds, code=2).error
-    assert "did you mean +2, from the start?" in said
+    assert said.endswith("; did you mean +2 and +5, from the start?")
     assert "valid from 1795240381.252825021" in said
     with pytest.warns(tfdb.TfdbWarning, match=r"did you mean '\+2' and '\+4.5', from"):
         tfdb.load(bag, start="2", end=4_500_000_000)
+
+
+def test_an_echo_without_any_answer_is_an_error(tool: Tool, bag: Path) -> None:
+    asked = ("echo", bag, "map", "base_link", "-t")
+    assert tool(*asked, "+3").out
+    for time in ("12", "+12"):
+        done = tool(*asked, time, code=2)
+        assert done.out == ""
+        assert "would need extrapolation" in done.error
+        (line,) = tool(*asked, time, "--json", code=2).out.splitlines()
+        assert json.loads(line)["error"]["type"] == "Extrapolation"
+
+
+def test_an_echo_that_walks_without_any_answer_is_an_error(tool: Tool, tmp_path: Path) -> None:
+    store = tfdb.Buffer(history=None)
+    for ms in range(0, 5000, 100):
+        store.set_transform("map", "base", ms * 10**6, (1, 0, 0))
+        store.set_transform("base", "arm", (ms + 20_000) * 10**6, (1, 0, 0))
+    store.freeze(tmp_path / "x.tfdb")
+    done = tool("echo", tmp_path / "x.tfdb", "map", "arm", code=2)
+    assert (done.out, done.err.count("tfdb: error: ")) == ("", 1)
+
+
+def test_what_has_no_message_to_salvage(tool: Tool, bag: Path, tmp_path: Path) -> None:
+    cut = tmp_path / "cut.bag"
+    cut.write_bytes(bag.read_bytes()[:6500])
+    with tfdb.io.Recording(cut, salvage=True) as recording:
+        assert [topic.name for topic in recording.topics] == ["/tf_static"]
+    done = tool("convert", cut, tmp_path / "o.bag", "--salvage", code=2)
+    said = done.err.splitlines()[-1]
+    assert said == "tfdb: error: nothing to convert: no message of /tf_static could be read"
+
+
+def test_names_that_begin_with_a_dash_come_after_two(tool: Tool, tmp_path: Path) -> None:
+    store = tfdb.Buffer()
+    for i in range(3):
+        store.set_transform("map", "-dash", i * 10**9, (i, 0, 0))
+    file = tmp_path / "odd.tfdb"
+    store.freeze(file)
+    expected = tool("lookup", file, "--json", "--", "map", "-dash").json
+    assert (expected["source"], expected["stamp_ns"]) == ("-dash", 2 * 10**9)
+    found = tool("lookup", file, "map", "--json", "--", "-dash", "-0.5").json
+    assert found["stamp_ns"] == 15 * 10**8
+    assert "No such option" in tool("lookup", file, "map", "-zz", code=2).error
+    assert "No such option" in tool("lookup", "-zz", file, "--", "map", "map", code=2).error
+    for command in ("poses", "echo", "monitor"):
+        done = tool(command, file, "map", "--", "-dash", code=2 if command == "monitor" else 0)
+        assert "No such option" not in done.err
+    name = f"shm:test-dash-{os.getpid()}"
+    try:
+        tool("static-publisher", name, 0, 0, -1, 0, 0, 0, 1, "map", "--", "-dash")
+        assert "-dash" in tool("tree", name).out
+    finally:
+        tfdb.Buffer.unlink(name.removeprefix("shm:"))
 
 
 def test_names_are_near_in_whatever_case(tool: Tool, bag: Path) -> None:

@@ -63,7 +63,36 @@ def test_what_is_refused(tool: Tool, drive: Path, frozen: Path) -> None:
     assert "has no topics" in tool("info", frozen, "--topic", "/tf", code=2).error
     assert "watches what is live" in tool("check", frozen, "--for", "1", code=2).error
     assert "say where to write" in tool("freeze", "shm:none", code=2).error
-    assert "a frozen store" in tool("convert", frozen, drive.with_name("x.bag"), code=2).error
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ("convert", "FROZEN", "x.bag"),
+        ("merge", "FROZEN", "FROZEN", "-o", "x.bag"),
+        ("rename", "FROZEN", "-o", "x.bag", "--prefix", "a/"),
+        ("serve", "bag", "FROZEN", "--into", "nothing"),
+        ("serve", "follow", "FROZEN", "--into", "nothing"),
+        ("monitor", "FROZEN"),
+    ],
+)
+def test_what_wants_messages_says_what_to_give(
+    tool: Tool, frozen: Path, arguments: tuple[str, ...], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(frozen.parent)
+    given = [str(frozen) if each == "FROZEN" else each for each in arguments]
+    said = tool(*given, code=2).error
+    assert said.startswith(f"{frozen} is a frozen store: ")
+    assert "; give the recording that it was made of; see '" in said
+
+
+def test_the_help_says_what_reads_no_frozen_store(tool: Tool) -> None:
+    said = " ".join(tool("--help").out.split())
+    assert (
+        "reads recordings alone: merge, rename, 'serve bag', 'serve follow' and convert, which "
+        "makes trajectories and files for viewers of a frozen store, too; nor does monitor read "
+        "one."
+    ) in said
 
 
 def test_of_a_live_store(tool: Tool, tmp_path: Path) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 import shlex
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
@@ -13,7 +14,6 @@ from tfdb.cli.app import COMMANDS, cli
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
-    from pathlib import Path
 
     from conftest import Tool
 
@@ -89,7 +89,8 @@ def test_an_offset_without_its_sign(tool: Tool, bag: Path, tmp_path: Path) -> No
         (("info", bag, "--start", "2.5"), "start"),
         (("echo", bag, "map", "base_link", "-t", "2.5"), "time"),
     ):
-        warned = tool(*arguments).err.splitlines()[0]
+        code = 2 if name == "time" else 0  # no answer will come
+        warned = tool(*arguments, code=code).err.splitlines()[0]
         assert warned == (
             f"tfdb: warning: --{name} 2.5 lies before all that moves; "
             "did you mean +2.5, from the start?"
@@ -100,6 +101,71 @@ def test_nanoseconds_without_their_unit(tool: Tool, bag: Path) -> None:
     said = tool("lookup", bag, "map", "base_link", "1795240383720679283", code=2).error
     assert "did you mean 1795240383720679283ns?" in said
     assert "write seconds" in tool("lookup", bag, "map", "base_link", "9" * 40, code=2).error
+
+
+@pytest.mark.parametrize(
+    ("option", "given", "near"),
+    [
+        ("--exclude", "base_lnk", "'base_link'"),
+        ("--exclude", "/tff", "'tf'"),
+        ("--rename", "base_lnk:=x", "'base_link'"),
+    ],
+)
+def test_a_mistyped_choice_is_told_the_nearest(
+    tool: Tool, bag: Path, option: str, given: str, near: str
+) -> None:
+    assert tool("info", bag, option, given).err.strip().endswith(f"; did you mean {near}?")
+
+
+def test_a_name_that_is_like_none_is_told_nothing(tool: Tool, bag: Path) -> None:
+    for given in (("--exclude", "zzzz"), ("--exclude", "base_lnk*"), ("--rename", "zzzz:=x")):
+        said = tool("info", bag, *given).err
+        assert "warning" in said
+        assert "did you mean" not in said
+
+
+def test_a_mistyped_topic_is_told_the_nearest(tool: Tool, bag: Path, tmp_path: Path) -> None:
+    said = tool("info", bag, "--pose-topic", "/tff=x", code=2).error
+    assert "no topic '/tff'; its topics: /tf (" in said
+    assert said.endswith("; did you mean '/tf'?")
+    assert tool("info", bag, "--topic", "/tff", code=2).error.endswith("; did you mean '/tf'?")
+    said = tool("convert", bag, tmp_path / "o.bag", "--topic", "tf_satic", code=2).error
+    assert said.endswith("to convert; found: /tf, /tf_static; did you mean '/tf_static'?")
+
+
+def test_a_mistyped_model_is_told_the_nearest(tool: Tool, bag: Path, tmp_path: Path) -> None:
+    (tmp_path / "robot.urdf").write_text("<robot/>")
+    given = tmp_path / "robt.urdf"
+    for arguments in (("info", bag, "--urdf", given), ("static-publisher", "x", "--from", given)):
+        said = tool(*arguments, code=2).error
+        assert said == f"{given}: no such file; did you mean {tmp_path / 'robot.urdf'}?"
+
+
+def test_what_measures_is_explained_where_it_is_not(
+    tool: Tool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from tfdb.cli import bench
+
+    monkeypatch.setattr(bench, "command", bench._missing)
+    shown = tool("bench", "--help").out
+    assert COMMANDS["bench"] in shown
+    assert "It is run from a checkout" in shown
+    assert "a wheel of tfdb measures nothing" in tool("bench", "--quick", code=2).error
+
+
+PAGE = Path(__file__).parents[2] / "docs" / "howto" / "command_line.md"
+
+
+def test_the_page_lists_the_keys_of_every_command() -> None:
+    table = PAGE.read_text("utf-8").split("## JSON", 1)[1]
+    rows = re.findall(r"^\| ([^|]+) \|", table, re.MULTILINE)
+    listed = {name for row in rows for name in row.split(", ")}
+    takes_json = {
+        name
+        for name, command in EVERY.items()
+        if any("--json" in param.opts for param in command.params)
+    }
+    assert takes_json <= listed
 
 
 def test_errors_tell_the_dates_of_what_is_valid(tool: Tool, bag: Path) -> None:

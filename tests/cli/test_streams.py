@@ -70,6 +70,18 @@ def test_what_an_encoding_lacks_is_written_out(store: Path, encoding: str) -> No
         assert "_\\u6f22\\u5b57_\\U0001f916" in out
 
 
+@pytest.mark.parametrize("encoding", ["ascii", "latin-1"])
+def test_so_it_is_in_errors_and_in_what_is_done(store: Path, tmp_path: Path, encoding: str) -> None:
+    code, _, err = shell("", "lookup", store, "map", NAME[:-2], PYTHONIOENCODING=encoding)
+    assert (code, err.count("_\\u6f22\\u5b57")) == (2, 2)
+    file = tmp_path / "at.txt"
+    file.write_text("1.5")
+    where = ("poses", store, "map", NAME, "--at", file, "-o", tmp_path / "o.tum")
+    code, out, err = shell("", *where, PYTHONIOENCODING=encoding)
+    assert (code, err) == (0, "")
+    assert "_\\u6f22\\u5b57_\\U0001f916 in map" in out
+
+
 def test_graphviz_gets_any_name(store: Path, tmp_path: Path) -> None:
     out = tmp_path / "tree.svg"
     code, _, err = shell(

@@ -165,7 +165,7 @@ def test_a_driver_that_fails_is_named_and_the_rest_is_kept(bench: Bench, tmp_pat
     assert [row["engine"] for row in done.rows] == ["snapshot"]
 
 
-@pytest.mark.parametrize("words", [["--quick"], ["--help"], ["--sweep", "skew", "--json"]])
+@pytest.mark.parametrize("words", [["--quick"], ["--sweep", "skew", "--json"]])
 def test_where_nothing_measures_it_says_how_to_get_what_does(words: list[str]) -> None:
     code = (
         "import sys; sys.modules['tfdb_measure'] = None\n"

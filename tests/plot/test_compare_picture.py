@@ -69,6 +69,13 @@ def test_colours_are_the_errors_and_holes_stay() -> None:
     assert np.nanmax(below.get_lines()[0].get_ydata()) == np.rad2deg(found.ape_rotation.max)
 
 
+def test_an_estimate_that_is_left_where_it_is_is_not_called_aligned() -> None:
+    path = compared().reference
+    for align, name in (("none", "estimate"), ("origin", "estimate, aligned")):
+        (legend,) = tfdb.compare(path, path, align=align).plot().legends
+        assert [t.get_text() for t in legend.get_texts()] == ["reference", name]
+
+
 def test_what_is_all_the_same() -> None:
     path = compared().reference
     still = tfdb.Trajectory("map", "base", path.stamps, np.tile(path.poses[:1], (len(path), 1)))

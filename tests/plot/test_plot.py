@@ -91,6 +91,34 @@ def test_big_trees_are_folded(rows: int, monkeypatch: pytest.MonkeyPatch) -> Non
     assert any(f"{folded} frames are folded" in text for text in shown)
 
 
+def deep_statics() -> tfdb.Buffer:
+    """An arm that moves, and cameras whose static parts hang below one another, two abreast."""
+    buf = tfdb.Buffer(history=None)
+    for joint in range(6):
+        buf.set_transform(f"joint_{joint}", f"joint_{joint + 1}", 0, (1, 0, 0), UNIT)
+    for camera in range(3):
+        parent = f"joint_{2 * camera}"
+        for level in range(4):
+            child = f"camera_{camera}/{level}"
+            buf.set_static_transform(parent, child, (1, 0, 0))
+            buf.set_static_transform(parent, f"{child}_optical", (1, 0, 0))
+            parent = child
+    return buf
+
+
+def test_no_more_rows_than_asked_for_are_drawn() -> None:
+    buf = deep_statics()
+    names = set(buf.frames())
+    for rows in range(1, len(names)):
+        shown = texts(plot.frame_tree(buf, rows=rows))
+        folds = [int(text.split()[1]) for text in shown if text.startswith("+ ")]
+        drawn = len(names.intersection(shown))
+        # Of a root alone all is folded, into one row more.
+        assert drawn + len(folds) <= max(rows, 2)
+        assert drawn + sum(folds) == len(names)
+        assert any(text.endswith(f"; {sum(folds)} frames are folded") for text in shown)
+
+
 def test_static_subtrees_are_folded_first() -> None:
     buf = robot()
     shown = texts(plot.frame_tree(buf, rows=80))
@@ -237,6 +265,33 @@ def test_publishers_count_as_rows() -> None:
     shown = texts(plot.timeline(buf, arrivals=came, rows=10))
     assert not [text for text in shown if text.startswith("by ")]
     assert "1 with several publishers" in shown
+
+
+@pytest.mark.parametrize("rows", [1, 4, 10, 100])
+def test_static_edges_of_several_publishers_are_drawn_or_counted(rows: int) -> None:
+    buf = deep_statics()
+    still = [info.name for info in buf.tree() if info.is_static]
+    came = {name: plot.Arrivals([0, 0], ["/a", "/b"]) for name in still}
+    shown = texts(plot.timeline(buf, arrivals=came, rows=rows))
+    drawn = len(set(still).intersection(shown))
+    assert drawn == (len(still) if rows == 100 else 0)
+    assert (f"{len(still)} static edges" in shown) == (drawn == 0)
+    figure = plot.timeline(buf, arrivals=came, rows=rows)
+    rows_drawn = round(figure.axes[0].get_ylim()[0] + 0.4)
+    assert rows_drawn <= max(rows, 2)
+
+
+def test_a_deep_edge_stands_right_of_the_one_above_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    buf = tfdb.Buffer(history=None)
+    for i in range(40):
+        buf.set_transform(f"link_{i}", f"link_{i + 1}", 0, (1, 0, 0), UNIT)
+    for width in (5, 10):
+        figure = plot.timeline(buf, width=width)
+        assert_legible(figure, monkeypatch)
+        at = {text.get_text(): text.get_position()[0] for text in figure.texts}
+        steps = [at[f"link_{i + 1}"] - at[f"link_{i}"] for i in range(1, 40)]
+        assert steps == pytest.approx([steps[0]] * 39)
+        assert steps[0] > 0
 
 
 def test_bad_arrivals_are_refused() -> None:

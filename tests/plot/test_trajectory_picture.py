@@ -227,7 +227,15 @@ def test_flat_boxes_in_three_dimensions(
         np.stack((np.cos(turns), np.sin(turns), np.cos(turns / 3)), axis=1) * reach + away
     )
     made = tfdb.Trajectory("map", "base", np.arange(200) * 10**8, poses)
-    assert_legible(plot.trajectory(made, made, axes="xyz", color="speed"), monkeypatch)
+    figure = plot.trajectory(made, made, axes="xyz", color="speed")
+    assert_legible(figure, monkeypatch)
+    # The name of the third axis is right beside its numbers.
+    axis = figure.axes[0].zaxis
+    low, high = figure.axes[0].get_zlim()
+    ticks = zip(axis.get_major_ticks(), axis.get_majorticklocs(), strict=True)
+    numbers = max(tick.label1.get_window_extent().x1 for tick, at in ticks if low <= at <= high)
+    between = (axis.label.get_window_extent().x0 - numbers) / figure.dpi * 72
+    assert 3 <= between <= 9
 
 
 def test_what_is_too_far_to_draw_is_refused() -> None:

@@ -97,21 +97,32 @@ class TfdbGroup(SuggestingGroup):
         except (tfdb.TfdbError, OSError, click.ClickException) as error:
             if not standalone_mode:
                 raise
-            command = next((name for name in given if name in COMMANDS), None)
+            command = _command_of(given)
             if "--json" in given:
                 # The error may be that the output takes no more.
                 with contextlib.suppress(OSError):
-                    output.emit_json(command, output.error_body(error, command))
-            click.echo(f"tfdb: error: {output.describe_error(error, command)}", err=True)
+                    output.emit_json_line(command, output.error_body(error, command))
+            output.say(f"tfdb: error: {output.describe_error(error, command)}", err=True)
             sys.exit(2)
         except (click.Abort, KeyboardInterrupt):
             if not standalone_mode:
                 raise
-            click.echo("tfdb: stopped", err=True)
+            output.say("tfdb: stopped", err=True)
             sys.exit(130)
         if standalone_mode:
             sys.exit(result if isinstance(result, int) else 0)
         return result
+
+
+def _command_of(given: Sequence[str]) -> str | None:
+    """Name the command of the arguments, where it is one of a group with the group."""
+    at = next((i for i, word in enumerate(given) if word in COMMANDS), None)
+    if at is None:
+        return None
+    command, part = cli.get_command(click.Context(cli), given[at]), given[at + 1 : at + 2]
+    if isinstance(command, click.Group) and part and part[0] in command.commands:
+        return f"{given[at]} {part[0]}"
+    return given[at]
 
 
 def _show_warning(
@@ -119,7 +130,7 @@ def _show_warning(
 ) -> None:
     """Print a warning of tfdb in one line; others as Python does."""
     if issubclass(category, tfdb.TfdbWarning):
-        click.echo(f"tfdb: warning: {' '.join(str(message).split())}", err=True)
+        output.say(f"tfdb: warning: {' '.join(str(message).split())}", err=True)
     else:
         _show_other_warning(message, category, *where, **more)
 
@@ -129,7 +140,7 @@ _show_other_warning = warnings.showwarning
 
 def _print_version(ctx: click.Context, _param: click.Parameter, value: bool) -> None:
     if value and not ctx.resilient_parsing:
-        click.echo(f"tfdb {tfdb.__version__}")
+        output.say(f"tfdb {tfdb.__version__}")
         ctx.exit()
 
 
@@ -151,9 +162,12 @@ def cli(ctx: click.Context) -> None:
     """Look into recordings of robot transforms: ROS 1 .bag, ROS 2 .db3 folders, .mcap.
 
     Where a FILE is read, shm:NAME is the live store of that name, FILE.tfdb a frozen one, and ros1:
-    or ros2: the live graph (ros1:http://host:port of that master, ros2:7 of that domain).
+    or ros2: the live graph (ros1:http://host:port of that master, ros2:7 of that domain). But what
+    copies or plays messages reads recordings alone: merge, rename, 'serve bag', 'serve follow' and
+    convert, which makes trajectories and files for viewers of a frozen store, too; nor does monitor
+    read one.
 
     Exit codes: 0 fine, 1 'check' or 'verify' has findings, 2 an error (one line on stderr).
     """
     if ctx.invoked_subcommand is None:
-        click.echo(ctx.get_help())
+        output.say(ctx.get_help())

@@ -16,9 +16,14 @@ class BenchMissing(tfdb.TfdbError):
 @click.command(
     "bench",
     context_settings={"ignore_unknown_options": True, "allow_extra_args": True},
-    add_help_option=False,
 )
 def _missing() -> None:
+    """The paper's evaluation on this machine: engines and tf2, CSV and a report.
+
+    Example: tfdb bench --quick
+
+    It is run from a checkout that is installed as editable: a wheel has none of its programs.
+    """
     message = (
         "a wheel of tfdb measures nothing: install a checkout as editable (make .stamps/install "
         "there, or pip install -e .), or with TFDB_MEASURE=1 in the environment"

@@ -63,6 +63,6 @@ def command(*, where: str, store: str | None, action: str, cache_time: int, as_j
         else:
             origin = "" if store is None else f" from {STORE}{store.removeprefix(STORE)}"
             text = f"{where} as {live.node_name}, {action}{origin}; Ctrl-C ends it"
-            click.echo(layout.wrap(layout.words(text)))
+            output.say(layout.wrap(layout.words(text)))
         live.sleep(math.inf)
         live.check()

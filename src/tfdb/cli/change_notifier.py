@@ -178,7 +178,7 @@ class Told:
             turn = ", ".join(f"{float(value):.3f}" for value in found.rotation)
             into, of = layout.transform_name(found.target, found.source)
             chunks = [format_ns(found.stamp), f" {into}", of, *layout.words(f" {how}")]
-            click.echo(layout.wrap([*chunks, f" [{place}]", f" [{turn}]"]))
+            output.say(layout.wrap([*chunks, f" [{place}]", f" [{turn}]"]))
         return found
 
     def _body(self, found: Transform, moved: float, turned: float) -> dict[str, Any]:

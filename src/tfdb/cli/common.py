@@ -23,6 +23,7 @@ from tfdb.near_names import near_names
 from tfdb.new_file import is_one_of, refuse_existing
 from tfdb.summary import Forest, span
 
+from . import output
 from .graph import STORE, is_graph, listen_once
 from .times import NS, duration_option, format_dates, format_ns, time_option, warn_of_bounds
 
@@ -123,6 +124,12 @@ def _choose_poses(ctx: click.Context, param: click.Parameter, value: tuple[str, 
     _choose(ctx, param, topics or None)
 
 
+def _choose_file(ctx: click.Context, param: click.Parameter, value: str | None) -> None:
+    if value is not None and not ctx.resilient_parsing:
+        find_paths([value])
+    _choose(ctx, param, value)
+
+
 def _chooses(
     flag: str, metavar: str, help_: str, keep: Callable[..., None] = _choose, **more: Any
 ) -> Any:
@@ -169,6 +176,7 @@ _choice_options = (
         "--urdf",
         "FILE",
         "Make transforms of joint states and this model of the robot.",
+        _choose_file,
         type=click.Path(),
     ),
     _chooses("--joint-topic", "TOPIC", "The joint states for --urdf.  [default: /joint_states]"),
@@ -201,16 +209,27 @@ def salvages() -> bool:
     return bool(context is not None and context.meta.get(_SALVAGE))
 
 
-def opened(stack: ExitStack, paths: Iterable[Path]) -> list[Recording]:
+def opened(stack: ExitStack, paths: Sequence[Path]) -> list[Recording]:
     """Open recordings, as `--salvage` says, until the stack ends."""
+    refuse_frozen(paths)
     salvage = salvages()
     return [stack.enter_context(Recording(path, salvage=salvage)) for path in paths]
+
+
+def refuse_frozen(paths: Iterable[Path]) -> None:
+    """Refuse frozen stores where messages are wanted."""
+    for path in paths:
+        if is_frozen(path):
+            raise click.UsageError(
+                f"{path} is a frozen store: it holds no messages; give the recording that it was "
+                "made of"
+            )
 
 
 def report_losses(losses: Iterable[Loss]) -> None:
     """Say on stderr what salvaging could not save."""
     for loss in losses:
-        click.echo(f"tfdb: salvaged {loss}", err=True)
+        output.say(f"tfdb: salvaged {loss}", err=True)
 
 
 max_gap_option: Callable[[FC], FC] = click.option(

@@ -170,12 +170,12 @@ def command(
         output.emit_json("compare", {"files": [reference, estimate], **body})
         return
     for role, name, trajectory in (("reference", reference, ours), ("estimate", estimate, theirs)):
-        click.echo(_given(role, name, trajectory, named=_has_frames(name)))
-    click.echo(str(found))
+        output.say(_given(role, name, trajectory, named=_has_frames(name)))
+    output.say(str(found))
     if outs:
-        click.echo()
+        output.say()
     for path in outs:
-        click.echo(layout.wrap(layout.words(f"{path}: the picture", str(path))))
+        output.say(layout.wrap(layout.words(f"{path}: the picture", str(path))))
 
 
 def _has_frames(name: str) -> bool:

@@ -36,4 +36,4 @@ def command(*, shell: str, as_json: bool) -> None:
     if as_json:
         output.emit_json("completion", {"shell": shell, "script": script, "save": WHERE[shell]})
     else:
-        click.echo(script)
+        output.say(script)

@@ -11,7 +11,7 @@ import click
 import tfdb
 from tfdb.given_path import given_path
 from tfdb.io import RecordingWriter, write_trajectory
-from tfdb.io.choice import Choice, absolute
+from tfdb.io.choice import Choice, absolute, did_you_mean
 from tfdb.io.containers import TRAJECTORIES
 from tfdb.io.loading import Selection
 
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Mapping, Sequence
     from pathlib import Path
 
-    from tfdb.io import Source
+    from tfdb.io import Recording, Source
     from tfdb.io.choice import Rewriter
     from tfdb.io.trajectories import Format
 
@@ -119,7 +119,7 @@ def command(
     what = describe(written)
     if frames is not None:
         what = f"{written.transforms:,} poses of {frames[1]} in {frames[0]}"
-    click.echo(layout.wrap(layout.words(f"{out}: {what}", out, *(frames or ()))))
+    output.say(layout.wrap(layout.words(f"{out}: {what}", out, *(frames or ()))))
 
 
 def recording_path(out: str, inputs: Sequence[Path], *, overwrite: bool) -> Path:
@@ -167,9 +167,7 @@ def rewrite(
         rewriter = choice.resolve(recordings, selection.wants, selection.kind)
         total = selection.count(recordings)
         if not total:
-            found = {topic.name for recording in recordings for topic in recording.topics}
-            listed = ", ".join(sorted(found)) or "none at all"
-            raise click.ClickException(f"none of the topics is there to convert; found: {listed}")
+            raise click.ClickException(_why_none(recordings, selection))
         stack.enter_context(writer)
         update = stack.enter_context(common.progress_bar("converting"))
         write_fixed_joints([rewriter], writer, recordings[0].start, written)
@@ -188,6 +186,19 @@ def rewrite(
         if not written.messages and rewriter.left_out:
             raise click.ClickException(f"nothing to convert: {rewriter.reason()}")
     return written
+
+
+def _why_none(recordings: Sequence[Recording], selection: Selection) -> str:
+    """Say why there is no message to convert."""
+    sources = [source for recording in recordings for source in recording.all_sources]
+    empty = sorted({absolute(source.topic) for source in sources if selection.wants(source)})
+    if empty:
+        return f"nothing to convert: no message of {', '.join(empty)} could be read"
+    found = sorted({absolute(topic.name) for each in recordings for topic in each.topics})
+    hint = did_you_mean(sorted(selection.names), found)
+    return (
+        f"none of the topics is there to convert; found: {', '.join(found) or 'none at all'}{hint}"
+    )
 
 
 def write_fixed_joints(

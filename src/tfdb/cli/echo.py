@@ -124,8 +124,14 @@ def command(
     if each:
         raise click.UsageError("--each is for what is live: a recording is walked through at -r")
     loaded = common.load((file,), topics)
+    answered = False
     for now in _steps(loaded, question.found_in(loaded), rate, limit):
-        printer.show(question.ask(loaded.store, now), now)
+        found = question.ask(loaded.store, now)
+        answered |= isinstance(found, tfdb.Transform)
+        if answered or question.time.ns is None:  # why one question has no answer is the error
+            printer.show(found, now)
+    if not answered and isinstance(found, tfdb.TfdbError):
+        raise found
 
 
 @dataclass
@@ -206,9 +212,13 @@ def _steps(
     first, last = common_span or span
     if common_span is not None and question.offset is not None:
         first, last = first - question.offset, last - question.offset
-    while (now := first + round(count * NS / rate)) <= last and (limit is None or count < limit):
+    now = first
+    while True:
         yield now
         count += 1
+        now = first + round(count * NS / rate)
+        if now > last or count == limit:
+            return
 
 
 def _children(found: Transform) -> list[str]:
@@ -233,7 +243,7 @@ class Printer:
             output.emit_json_line("echo", self._body(found, now))
         else:
             self.told = ""
-            click.echo("\n".join(self._lines(found, now)))
+            output.say("\n".join(self._lines(found, now)))
 
     def _complain(self, error: tfdb.TfdbError, now: int) -> None:
         reason = re.sub(r"\d+", "", f"{type(error).__name__}: {error}")  # stamps and commits go on
@@ -244,7 +254,7 @@ class Printer:
             body = {"files": [self.file], "now_ns": now, **output.error_body(error)}
             output.emit_json_line("echo", body)
         else:
-            click.echo(
+            output.say(
                 f"tfdb: (current time {format_ns(now)}) {output.describe_error(error)}", err=True
             )
 

@@ -62,7 +62,7 @@ def command(
         return
     text = f"{out}: {body['samples']:,} samples of {body['frames']} frames, "
     text += f"{body['bytes'] / (1 << 20):,.1f} MiB"
-    click.echo(layout.wrap(layout.words(text, out)))
+    output.say(layout.wrap(layout.words(text, out)))
 
 
 def _body(loaded: common.Loaded, out: str) -> dict[str, Any]:

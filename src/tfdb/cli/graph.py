@@ -22,6 +22,7 @@ import click
 import tfdb
 from tfdb.ros.open_node import open_node
 
+from . import output
 from .times import NS, duration_option, format_duration
 
 if TYPE_CHECKING:
@@ -245,7 +246,7 @@ def listen_once(
         heard = live.store.snapshot(), live.now()
     if live.commit == 0:
         waited = format_duration(listening_time())
-        click.echo(
+        output.say(
             f"tfdb: warning: nothing came on /tf and /tf_static of {name} in {waited}", err=True
         )
     return heard
@@ -276,7 +277,7 @@ class _Lines(logging.Handler):
 
     def emit(self, record: logging.LogRecord) -> None:
         text = " ".join(record.getMessage().split())
-        click.echo(f"tfdb: {record.levelname.lower()}: {text}", err=True)
+        output.say(f"tfdb: {record.levelname.lower()}: {text}", err=True)
 
 
 def _show_log() -> None:

@@ -6,6 +6,8 @@ import click
 
 from tfdb.near_names import near_names
 
+from . import output
+
 
 class SuggestingGroup(click.Group):
     """A group that says which command may have been meant; alone it says what there is."""
@@ -13,7 +15,7 @@ class SuggestingGroup(click.Group):
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
         """Print the help where nothing is asked for."""
         if not args and self.no_args_is_help and not ctx.resilient_parsing:
-            click.echo(ctx.get_help())
+            output.say(ctx.get_help())
             ctx.exit()
         return super().parse_args(ctx, args)
 

@@ -15,6 +15,7 @@ from .graph import listen_option
 from .times import (
     TimedCommand,
     TimeSpec,
+    ask_of_offsets,
     format_date,
     format_duration,
     format_ns,
@@ -64,7 +65,8 @@ def command(
     try:
         found = store.lookup_transform(target, source, stamp, policy)
     except (tfdb.Extrapolation, tfdb.NoSampleNear) as error:
-        parts = str(error), common.explain_range(store, target, source), time.meant(loaded.span)
+        asked = ask_of_offsets(loaded.span, time)
+        parts = str(error), common.explain_range(store, target, source), asked
         error.args = ("; ".join(filter(None, parts)),)
         raise
     if as_json:

@@ -77,7 +77,7 @@ def command(
     if as_json:
         output.emit_json("merge", body(inputs, out, written))
     else:
-        click.echo(layout.wrap(layout.words(f"{out}: {describe(written)}", out)))
+        output.say(layout.wrap(layout.words(f"{out}: {describe(written)}", out)))
 
 
 def _merge(

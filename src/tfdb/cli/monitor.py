@@ -188,7 +188,10 @@ def _tell_recording(
     """Play a recording, as fast as it goes, and say what was in it."""
     (path,) = common.find_paths((file,))
     if is_frozen(path):
-        raise click.UsageError(f"{file} is a frozen store: it does not say what arrived when")
+        raise click.UsageError(
+            f"{file} is a frozen store: it does not say what arrived when; give the recording that "
+            "it was made of"
+        )
     store = tfdb.Buffer(history=_KEPT / NS)
     with Recording(path, salvage=common.salvages()) as recording:
         choice = Choice(**common.chosen())

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import errno
 import json
+import sys
 from typing import Any
 
 import click
@@ -17,14 +18,22 @@ SCHEMA = 1
 """The version of the JSON output: keys are added, never renamed or removed, within one version."""
 
 
+def say(text: str = "", *, err: bool = False, nl: bool = True) -> None:
+    """Print a text, on stderr if asked; what the encoding there lacks is written out.
+
+    Left to itself, `click.echo` takes ASCII for a mistake and writes UTF-8.
+    """
+    click.echo(text, sys.stderr if err else sys.stdout, nl=nl)
+
+
 def emit_json(command: str | None, body: dict[str, Any]) -> None:
     """Print the command's one JSON object."""
-    click.echo(json.dumps({"tfdb": SCHEMA, "command": command, **body}, indent=2))
+    say(json.dumps({"tfdb": SCHEMA, "command": command, **body}, indent=2))
 
 
-def emit_json_line(command: str, body: dict[str, Any]) -> None:
+def emit_json_line(command: str | None, body: dict[str, Any]) -> None:
     """Print one of the JSON objects of a command that goes on, in a line."""
-    click.echo(json.dumps({"tfdb": SCHEMA, "command": command, **body}))
+    say(json.dumps({"tfdb": SCHEMA, "command": command, **body}))
 
 
 def describe_error(error: Exception, command: str | None = None) -> str:

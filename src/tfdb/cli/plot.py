@@ -137,7 +137,7 @@ def command(
     elif outs:
         said = "comparison" if kind == "compare" else kind
         text = f"{', '.join(map(str, outs))}: the {said} of {file}"
-        click.echo(layout.wrap(layout.words(text)))
+        output.say(layout.wrap(layout.words(text)))
     if show:
         _show(figure)
 

@@ -15,7 +15,15 @@ from tfdb.io.containers import TRAJECTORIES
 
 from . import common, layout, output
 from .graph import listen_option
-from .times import TimeSpec, format_duration, format_ns, read_stamps, time_option, warn_of_bounds
+from .times import (
+    TimeSpec,
+    ask_of_offsets,
+    format_duration,
+    format_ns,
+    read_stamps,
+    time_option,
+    warn_of_bounds,
+)
 
 if TYPE_CHECKING:
     import numpy as np
@@ -128,7 +136,7 @@ def command(
     except (*_NO_POSE, tfdb.InvalidArgument) as error:
         parts = [str(error), common.explain_range(store, target, source)]
         parts += ["--skip-missing leaves such stamps out"] if isinstance(error, _NO_POSE) else []
-        parts += [time.meant(loaded.span) for time in (start, end) if time is not None]
+        parts += [ask_of_offsets(loaded.span, start, end)]
         error.args = ("; ".join(filter(None, parts)),)
         raise
     warn_of_bounds(loaded.span, start=start, end=end)
@@ -141,7 +149,7 @@ def command(
         output.emit_json("poses", _body(loaded, made, out))
     elif out is not None:
         text = f"{out}: {_describe(made)}"
-        click.echo(layout.wrap(layout.words(text, out, target, source)))
+        output.say(layout.wrap(layout.words(text, out, target, source)))
 
 
 def _check_format(out: str | None, kind: Format | None) -> None:
@@ -185,7 +193,7 @@ def _write(out: str | None, made: Poses, kind: Format | None, *, overwrite: bool
         tfdb.io.write_trajectory(out, made, kind, overwrite=overwrite)
         return
     for stamp, pose in zip(made.stamps.tolist(), made.poses.tolist(), strict=True):
-        click.echo(f"{format_ns(stamp)} {' '.join(map(repr, pose))}")
+        output.say(f"{format_ns(stamp)} {' '.join(map(repr, pose))}")
 
 
 def _body(loaded: common.Loaded, made: Poses, out: str | None) -> dict[str, Any]:

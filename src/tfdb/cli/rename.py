@@ -42,4 +42,4 @@ def command(
     if as_json:
         output.emit_json("rename", body(inputs, out, written))
     else:
-        click.echo(layout.wrap(layout.words(f"{out}: {describe(written)}", out)))
+        output.say(layout.wrap(layout.words(f"{out}: {describe(written)}", out)))

@@ -115,14 +115,14 @@ def bag(
         if not as_json:
             names = [str(path) for path in paths]
             text = f"{', '.join(names)} into shm:{name}; Ctrl-C ends it"
-            click.echo(layout.wrap(layout.words(text, *names)))
+            output.say(layout.wrap(layout.words(text, *names)))
 
         def show() -> None:
             if as_json:
                 shown = {"files": [str(path) for path in paths], "store": name}
-                output.emit_json("serve", {**shown, **player.body()})
+                output.emit_json("serve bag", {**shown, **player.body()})
             else:
-                click.echo(layout.wrap(layout.words(player.describe())))
+                output.say(layout.wrap(layout.words(player.describe())))
 
         try:
             player.begin()
@@ -165,6 +165,7 @@ def follow(
     Ctrl-C too. --frame, --keep, --urdf and offsets from the first or last stamp need a whole file.
     """
     (path,) = common.find_paths([file])
+    common.refuse_frozen([path])
     if common.salvages():
         raise click.UsageError("--salvage goes with files that nobody writes any more")
     name = into.removeprefix(STORE)
@@ -175,18 +176,18 @@ def follow(
     store = _open(name, history)
     if not as_json:
         text = f"{file} into shm:{name}, as it grows; Ctrl-C ends it"
-        click.echo(layout.wrap(layout.words(text, file)))
+        output.say(layout.wrap(layout.words(text, file)))
     report = tfdb.io.follow_recording(
         store, path, common.parse_topics(topics), timeout=timeout, **common.chosen()
     )
     if as_json:
         shown = {"messages": report.messages, "transforms": report.transforms}
         more = {"refused": report.refused, "seconds": round(report.seconds, 3)}
-        output.emit_json("serve", {"files": [file], "store": name, **shown, **more})
+        output.emit_json("serve follow", {"files": [file], "store": name, **shown, **more})
         return
     passed = format_duration(round(report.seconds * NS))
     text = f"{report.transforms:,} transforms in {report.messages:,} messages, in {passed}"
-    click.echo(layout.wrap(layout.words(text)))
+    output.say(layout.wrap(layout.words(text)))
 
 
 _graph_options = (
@@ -238,7 +239,7 @@ def _serve_graph(graph: str, into: str, history: int | None, *, as_json: bool) -
     with listening(graph, history=history, into=name) as live:
         if not as_json:
             text = f"{graph} as {live.node_name} into shm:{name}; Ctrl-C ends it"
-            click.echo(layout.wrap(layout.words(text)))
+            output.say(layout.wrap(layout.words(text)))
         try:
             live.sleep(math.inf)
             live.check()
@@ -261,12 +262,12 @@ def _say_served(live: Live, graph: str, name: str, began: float, *, as_json: boo
             "newest_ns": None if found is None else found[1],
             "seconds": round(seconds, 3),
         }
-        output.emit_json("serve", body)
+        output.emit_json(f"serve {graph.partition(':')[0]}", body)
         return
     text = f"{commits:,} commits, {len(infos):,} frames, in {format_duration(round(seconds * NS))}"
     if damaged:
         text += f"; {damaged:,} damaged messages left out"
-    click.echo(text)
+    output.say(text)
 
 
 @dataclass

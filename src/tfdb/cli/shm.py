@@ -48,10 +48,10 @@ def list_stores(*, as_json: bool) -> None:
     """
     found = [_look(name) for name in find_stores()]
     if as_json:
-        output.emit_json("shm", {"stores": found})
+        output.emit_json("shm ls", {"stores": found})
         return
     if not found:
-        click.echo("no stores; tfdb.Buffer.open(NAME) or 'tfdb serve' makes one")
+        output.say("no stores; tfdb.Buffer.open(NAME) or 'tfdb serve' makes one")
         return
     layout.console().print(layout.table(_COLUMNS, [_row(body) for body in found]))
     for body in found:
@@ -131,7 +131,7 @@ def describe(*, name: str, as_json: bool) -> None:
     covered = span(store.tree())
     body["start_ns"], body["end_ns"] = covered or (None, None)
     if as_json:
-        output.emit_json("shm", body)
+        output.emit_json("shm info", body)
         return
     out = layout.console()
     out.print(body["name"], style="bold")
@@ -167,11 +167,11 @@ def compact(*, name: str, as_json: bool) -> None:
         after = _memory_of(path.stat())
     if as_json:
         body = {"name": given, "done": done, "before_bytes": before, "after_bytes": after}
-        output.emit_json("shm", body)
+        output.emit_json("shm compact", body)
     elif done:
-        click.echo(f"{_mebi(before)} before, {_mebi(after)} now")
+        output.say(f"{_mebi(before)} before, {_mebi(after)} now")
     else:
-        click.echo(
+        output.say(
             "nothing given back: an older state is held by a snapshot or a transaction, or being "
             "read; try again"
         )
@@ -192,9 +192,9 @@ def remove(*, names: tuple[str, ...], as_json: bool) -> None:
     for name in given:
         tfdb.Buffer.unlink(name)
     if as_json:
-        output.emit_json("shm", {"removed": given})
+        output.emit_json("shm rm", {"removed": given})
     else:
-        click.echo(f"removed {', '.join(given)}")
+        output.say(f"removed {', '.join(given)}")
 
 
 def _history(seconds: float | None) -> str:

@@ -130,7 +130,7 @@ def _say(
     more = f" and {len(transforms) - 5} more" if len(transforms) > 5 else ""
     by = f" as {node}; Ctrl-C ends it" if node else ""
     names = [name for one in transforms[:5] for name in (one.parent, one.child)]
-    click.echo(layout.wrap(layout.words(f"{where}{by}: {listed}{more}", *names)))
+    output.say(layout.wrap(layout.words(f"{where}{by}: {listed}{more}", *names)))
 
 
 def _by_place(values: Sequence[str]) -> tfdb.TransformStamped:
@@ -167,7 +167,8 @@ def _by_flags(
 def _read(name: str) -> Iterator[tfdb.TransformStamped]:
     """Static transforms of a file or store."""
     if name.lower().endswith(_MODELS):
-        yield from load_urdf(name).static_transforms()
+        (path,) = common.find_paths((name,))
+        yield from load_urdf(path).static_transforms()
     elif name.lower().endswith(".json"):
         yield from _of_json(name)
     else:

@@ -15,6 +15,8 @@ from tfdb.io.choice import Time
 from tfdb.io.decimal_time import NS_PER_SECOND, ns_to_seconds, parse_stamp
 from tfdb.stamps import MAX_STAMP
 
+from . import output
+
 NS = NS_PER_SECOND
 
 HINT = (
@@ -61,25 +63,26 @@ class TimeSpec:
             )
         return stamp
 
-    def meant(self, span: tuple[int, int] | None) -> str:
-        """Ask whether an offset was meant: by a time far before the recording, and no longer.
-
-        Empty where it was not.
-        """
-        if self.ns is None or not Time(self.text, self.ns, self.since).may_be_offset(span):
-            return ""
-        return f"did you mean +{self.text}, from the start?"
+    def may_be_offset(self, span: tuple[int, int] | None) -> bool:
+        """Whether it lies far before the recording, and is no longer."""
+        return self.ns is not None and Time(self.text, self.ns, self.since).may_be_offset(span)
 
 
 LATEST = TimeSpec("latest", None)
 
 
+def ask_of_offsets(span: tuple[int, int] | None, *times: TimeSpec | None) -> str:
+    """Ask whether offsets were meant by times; empty where they were not."""
+    given = [f"+{time.text}" for time in times if time is not None and time.may_be_offset(span)]
+    return f"did you mean {' and '.join(given)}, from the start?" if given else ""
+
+
 def warn_of_bounds(span: tuple[int, int] | None, **bounds: TimeSpec | None) -> None:
     """Warn of times, by the names of their options, by which an offset was meant."""
     for name, time in bounds.items():
-        if time is not None and (meant := time.meant(span)):
-            text = f"--{name} {time.text} lies before all that moves; {meant}"
-            click.echo(f"tfdb: warning: {text}", err=True)
+        if time is not None and (question := ask_of_offsets(span, time)):
+            text = f"--{name} {time.text} lies before all that moves; {question}"
+            output.say(f"tfdb: warning: {text}", err=True)
 
 
 class TimedCommand(click.Command):
@@ -89,7 +92,8 @@ class TimedCommand(click.Command):
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
         """Refuse the unknown options that the class lets pass, as other commands do."""
-        found, rest, _ = self.make_parser(ctx).parse_args(args=list(args))
+        ours = args[: args.index("--")] if "--" in args else args
+        found, rest, _ = self.make_parser(ctx).parse_args(args=list(ours))
         names = [param.name for param in self.params if isinstance(param, click.Argument)]
         for text in (*map(found.get, names), *rest):
             if isinstance(text, str) and text.startswith("-") and not _NEGATIVE.match(text):

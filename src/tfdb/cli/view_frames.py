@@ -67,7 +67,7 @@ def command(
     infos = loaded.store.tree()
     dot = "\n".join(_dot(infos, loaded.now)) + "\n"
     if out == "-":
-        click.echo(dot, nl=False)
+        output.say(dot, nl=False)
         return
     for path in outs:
         with new_file(path, overwrite=overwrite) as made:
@@ -80,7 +80,7 @@ def command(
         body["frames"] = len(infos)
         output.emit_json("view-frames", body)
     else:
-        click.echo(f"{', '.join(map(str, outs))}: {len(infos)} frames")
+        output.say(f"{', '.join(map(str, outs))}: {len(infos)} frames")
 
 
 def _outputs(out: str | None, files: Sequence[str], *, overwrite: bool) -> list[Path]:

@@ -151,7 +151,8 @@ class Choice:
         for topic, child in self.pose_topics.items():
             source = by_topic.get(topic)
             if topic not in types:
-                raise RecordingError(path, f"no topic {topic!r}; its topics: {held}")
+                hint = did_you_mean([topic], types)
+                raise RecordingError(path, f"no topic {topic!r}; its topics: {held}{hint}")
             if source is None or source.type not in POSE_TYPES:
                 kinds = ", ".join(sorted(POSE_TYPES))
                 raise RecordingError(
@@ -465,11 +466,14 @@ class Rewriter:
         choice = self._choice
         unused = [entry for entry in choice.exclude if entry not in self._used]
         if unused:
-            message = f"exclude: no frame, topic or node of {what} is called {_few(unused)}"
+            known = {name.removeprefix("/") for name in self._is_out}
+            hint = did_you_mean([entry for entry in unused if not set(entry) & set("*?")], known)
+            message = f"exclude: no frame, topic or node of {what} is called {_few(unused)}{hint}"
             warnings.warn(message, TfdbWarning, stacklevel=depth)
         unknown = sorted(set(choice.rename) - self._names.keys())
         if unknown:
-            message = f"rename: nothing was loaded of {what} that is called {_few(unknown)}"
+            hint = did_you_mean(unknown, self._names)
+            message = f"rename: nothing was loaded of {what} that is called {_few(unknown)}{hint}"
             warnings.warn(message, TfdbWarning, stacklevel=depth)
         if self._outside and not self._moving:
             message = f"{what}: nothing moves {self._described()}"
@@ -702,6 +706,13 @@ def _no_frame(option: str, frame: str, frames: Sequence[str]) -> UnknownFrame:
     if near:
         hint = f"did you mean {', '.join(map(repr, near))}?"
     return UnknownFrame(f"{option}: there is no frame {frame!r}; {hint}", frame=frame)
+
+
+def did_you_mean(names: Iterable[str], known: Iterable[str]) -> str:
+    """Ask whether the names nearest to some that are not there were meant; empty: none is near."""
+    known = sorted(known)
+    near = dict.fromkeys(each for name in names for each in near_names(name, known, most=1))
+    return f"; did you mean {', '.join(map(repr, near))}?" if near else ""
 
 
 def _few(names: Sequence[str]) -> str:

@@ -99,9 +99,10 @@ def _draw_paths(figure: Figure, axes: Axes, result: Comparison) -> None:
     target = lettering.fitted(result.reference.target, style.TEXT_SIZE, room)
     names = [f"{'xyz'[axis]} in {target} [m]" for axis in wide]
     style.label(axes, names[0], names[1])
+    name = "estimate" if result.align == "none" else "estimate, aligned"
     marks = [
         Line2D([], [], color=style.MUTED, linewidth=1.3, label="reference"),
-        Line2D([], [], color=coloured.get_cmap()(0.5), linewidth=1.9, label="estimate, aligned"),
+        Line2D([], [], color=coloured.get_cmap()(0.5), linewidth=1.9, label=name),
     ]
     style.legend(figure, marks, (style.MARGIN, 48.0), _SIZE[0] * 72)
     bar = figure.colorbar(coloured, ax=axes, aspect=50, pad=0.02, format=Numbers())

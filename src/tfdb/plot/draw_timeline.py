@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 _ROW = 12.0
 _HEAD = 50.0
 _FOOT = 40.0
-_INDENT = 8.0
+_INDENT = 8.0  # where there is room
 _BETWEEN = 8.0
 _TICKS_AT_MOST = 250
 
@@ -111,7 +111,9 @@ def timeline(
     whole = span(edge.info for edge in edges) or (0, 0)
     made = _Rows(store, edges, _checked(arrivals), limit)
     drawn = made.listed(rows)
-    names, notes, left, right = _columns(drawn, width * 72)
+    deepest = max((row.depth for row in drawn), default=0)
+    step = min(_INDENT, 0.15 * width * 72 / max(deepest, 1))
+    names, notes, left, right = _columns(drawn, width * 72, step)
     marks = _handles(drawn, edges)
     room = width * 72 - 2 * style.MARGIN
     lines = -(-len(marks) // style.legend_columns([str(m.get_label()) for m in marks], room))
@@ -136,7 +138,7 @@ def timeline(
     _axes_look(axes, len(drawn), whole, (width * 72 - left - right))
     for at, row in enumerate(drawn):
         _draw(axes, at, row, whole)
-    _names(figure, drawn, names, notes, (head, width * 72 - right))
+    _names(figure, drawn, names, notes, (head, width * 72 - right), step)
     return figure
 
 
@@ -190,7 +192,7 @@ class _Rows:
         """Give at most so many, if that can be: edges as the tree has them, then static ones."""
         infos = self.store.tree()
         folds = Folds(Forest(infos), {info.name: self._height(info) for info in infos})
-        still = [info for info in infos if info.is_static and not self._height(info)]
+        still = {info.name for info in infos if info.is_static}
         if rows is not None:
             folds.fold(max(rows - bool(still), 1))
         found: list[_Row] = []
@@ -204,6 +206,7 @@ class _Rows:
             depths[row.info.name] = above + moving
             if self._height(row.info):
                 found += self._edge(row.info, above)
+                still.discard(row.info.name)
         if still:
             text = f"{len(still)} static edge{'s' if len(still) != 1 else ''}"
             found.append(_Row(text, 0, "static", style.STATIC))
@@ -295,26 +298,25 @@ def _rate(stamps: Stamps) -> str:
     return f"{(len(stamps) - 1) / ((stamps[-1] - stamps[0]) / 1e9):.3g} Hz"
 
 
-def _columns(rows: Sequence[_Row], width: float) -> tuple[list[str], list[str], float, float]:
+def _columns(
+    rows: Sequence[_Row], width: float, step: float
+) -> tuple[list[str], list[str], float, float]:
     """Return the names and the notes as they fit, and how wide they are, margins included."""
     notes = [lettering.fitted(row.note, style.SMALL_SIZE, 0.3 * width) for row in rows]
     room = 0.42 * width
     names = [
-        lettering.fitted(row.text, style.SMALL_SIZE, max(room - _indent(row), 60)) for row in rows
+        lettering.fitted(row.text, style.SMALL_SIZE, max(room - row.depth * step, 60))
+        for row in rows
     ]
     left = max(
         (
-            _indent(row) + lettering.width(name, style.SMALL_SIZE)
+            row.depth * step + lettering.width(name, style.SMALL_SIZE)
             for row, name in zip(rows, names, strict=True)
         ),
         default=20.0,
     )
     right = max((lettering.width(note, style.SMALL_SIZE) for note in notes), default=0.0)
     return names, notes, style.MARGIN + left + _BETWEEN, right + _BETWEEN + style.MARGIN
-
-
-def _indent(row: _Row) -> float:
-    return min(row.depth, 8) * _INDENT
 
 
 def _under(edges: Sequence[EdgeSummary], whole: tuple[int, int], folded: int) -> str:
@@ -385,6 +387,7 @@ def _names(
     names: Sequence[str],
     notes: Sequence[str],
     at: tuple[float, float],
+    step: float,
 ) -> None:
     """Write each row's name at its left and its note at its right."""
     head, right = at
@@ -400,7 +403,7 @@ def _names(
         y = 1 - (head + (i + 0.6) * _ROW * len(rows) / (len(rows) + 0.2)) / height
         quiet = row.stamps is None
         color = style.MUTED if quiet else style.INK
-        figure.text((style.MARGIN + _indent(row)) / width, y, name, color=color, **look)
+        figure.text((style.MARGIN + row.depth * step) / width, y, name, color=color, **look)
         loud = style.WARNING if row.loud else style.MUTED
         figure.text((right + _BETWEEN) / width, y, note, color=loud, **look)
 

@@ -39,6 +39,8 @@ _SIZE = (9.6, 5.4)
 _SMALLEST = (5.0, 4.0)
 _PARTS = 1500
 """So many pieces at most has a path whose colour changes."""
+_OWN_PAD = 21.0
+"""What matplotlib adds to the padding of an axis in space."""
 _LINES: tuple[Literal["-", "--", "-.", ":"], ...] = ("-", "--", "-.", ":")
 
 
@@ -263,6 +265,21 @@ def _draw(
         _draw_scale(figure, main, scale, color)
     figure.align_ylabels(over_time)
     style.settle(figure)
+    if plane == "xyz":
+        _bring_name_near(main)
+
+
+def _bring_name_near(space: Any) -> None:
+    """Put the name of the third axis beside its numbers, in a picture that is laid out."""
+    axis = space.zaxis
+    line, name = axis.line.get_window_extent(), axis.label.get_window_extent()
+    low, high = space.get_zlim()
+    ticks = zip(axis.get_major_ticks(), axis.get_majorticklocs(), strict=True)
+    numbers = [tick.label1.get_window_extent().x1 for tick, at in ticks if low <= at <= high]
+    wanted = max([line.x1, *numbers]) + 0.5 * name.width + 6 * space.figure.dpi / 72 - line.x1
+    # How far a point of padding leads depends on the box.
+    led = 0.5 * (name.x0 + name.x1) - line.x1
+    axis.labelpad = (axis.labelpad + _OWN_PAD) * wanted / led - _OWN_PAD
 
 
 def _name_axes(figure: Figure, main: Axes, plane: str, target: str) -> None:
@@ -274,10 +291,6 @@ def _name_axes(figure: Figure, main: Axes, plane: str, target: str) -> None:
             text = f"{axis.axis_name} [m]"
             axis.set_label_text(text, color=style.INK, fontsize=style.TEXT_SIZE)
             axis.labelpad = 11
-        # The numbers of the third stand between it and its name.
-        numbers = Numbers().format_ticks(space.zaxis.get_majorticklocs())
-        wide = max((lettering.width(text, style.SMALL_SIZE) for text in numbers), default=0.0)
-        space.zaxis.labelpad = max(11, wide)
         return
     width, height = figure.get_size_inches() * 72
     room = min(0.55 * width - 130, 0.8 * (height - 150))

@@ -42,6 +42,7 @@ class Folds:
         """By parent, the children that its one folded row stands for."""
         self.sizes: dict[str, int] = {}
         """Frames of a subtree, its top included."""
+        self._hidden: set[str] = set()
         self._still: dict[str, bool] = {}
         self._depths: dict[str, int] = {}
         self._heights: dict[str, int] = {}
@@ -109,6 +110,8 @@ class Folds:
 
     def _hide(self, parent: str, children: list[str]) -> int:
         """Fold these children; return how many rows that saves."""
+        if parent in self._hidden:
+            return 0
         before = self._shown[parent]
         others = [child for child in self.forest.children[parent] if child not in set(children)]
         after = self._heights[parent] + 1 + self._rows(others)
@@ -119,13 +122,11 @@ class Folds:
         while name in self._shown:
             self._shown[name] -= before - after
             name = self.forest.by_name[name].parent
-        self._forget(children)
-        return before - after
-
-    def _forget(self, children: Sequence[str]) -> None:
-        """Drop the folds inside of what is folded now."""
         stack = list(children)
         while stack:
             name = stack.pop()
-            self.away.pop(name, None)
-            stack.extend(self.forest.children[name])
+            if name not in self._hidden:
+                self._hidden.add(name)
+                self.away.pop(name, None)  # of the folds, only the outermost counts
+                stack.extend(self.forest.children[name])
+        return before - after
