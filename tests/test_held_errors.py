@@ -63,7 +63,10 @@ def test_samples_that_were_cleared_before() -> None:
 
 
 def test_policies_that_choose_a_circle() -> None:
-    """`a` is in `c` until 8, and from then on `c` in `a`: nearest to 4 each is in the other."""
+    """`a` is in `c` until 8, and from then on `c` in `a`: nearest to 4 each would be in the other.
+
+    By samples that came later: both are roots.
+    """
     buffer = tfdb.Buffer(history=None)
     write(buffer, "c", "a", 6)
     buffer.set_transforms(
@@ -77,7 +80,7 @@ def test_policies_that_choose_a_circle() -> None:
     error = said(lambda: held.lookup_transform("a", "g", 4, tfdb.Nearest()))
     assert error[0] is tfdb.Disconnected
     assert isinstance(error[2], dict)
-    assert error[2]["frames"] == ("c", "g")
+    assert error[2]["frames"] == ("a", "g")
     for count in range(1, 4):  # another frame makes a walk in a circle one step longer
         write(buffer, "f", f"new{count}", 12)
         assert everything(held) == before
