@@ -138,7 +138,7 @@ def _check_order(first: int, last: int) -> None:
 def _even_stamps(first: int, last: int, rate: float) -> npt.NDArray[np.int64]:
     period = _period(rate)
     # The last stamp may miss the end by the rounding of the period.
-    periods = (last - first) / period * (1.0 + 1e-15) if period else math.inf
+    periods = (last - first) / period * (1.0 + 1e-15)
     if period < 1.0 or periods >= _MOST_POSES:
         raise InvalidArgument(
             f"a rate of {rate!r} Hz over {(last - first) / 1e9} s is too much: at most "

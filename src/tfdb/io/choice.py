@@ -151,8 +151,7 @@ class Choice:
         for topic, child in self.pose_topics.items():
             source = by_topic.get(topic)
             if topic not in types:
-                hint = did_you_mean([topic], types)
-                raise RecordingError(path, f"no topic {topic!r}; its topics: {held}{hint}")
+                raise no_topic(path, topic, held, types)
             if source is None or source.type not in POSE_TYPES:
                 kinds = ", ".join(sorted(POSE_TYPES))
                 raise RecordingError(
@@ -692,6 +691,12 @@ def no_name(topic: Any) -> InvalidArgument:
     """What is raised for a topic that is none."""
     kind = type(topic).__name__
     return InvalidArgument(f"topics are names or map names to names, got a {kind}", value=topic)
+
+
+def no_topic(path: str, topic: str, held: str, known: Iterable[str]) -> RecordingError:
+    """What is raised for a topic that is not there, of which `held` are."""
+    hint = did_you_mean([topic], known)
+    return RecordingError(path, f"no topic {topic!r}; its topics: {held}{hint}")
 
 
 def _pattern(entry: str) -> re.Pattern[str]:

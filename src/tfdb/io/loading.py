@@ -16,7 +16,7 @@ from tfdb.errors import InvalidArgument, RecordingError, TfdbWarning
 from tfdb.given_objects import given_flag, refuse_without
 from tfdb.given_path import given_path, given_paths
 
-from .choice import OTHERS, Choice, absolute, did_you_mean, held_by, no_name
+from .choice import OTHERS, Choice, absolute, held_by, no_name, no_topic
 from .containers import POSE_TYPES
 from .mcap_reader import GrowingMcap
 from .recordings import Recording, runs_of
@@ -366,8 +366,7 @@ class Selection:
         for name in sorted(set(self._roles or ()) - sources):
             if name in types:
                 raise RecordingError(path, f"topic {name!r} holds {types[name]}, not transforms")
-            hint = did_you_mean([name], sources)
-            raise RecordingError(path, f"no topic {name!r}; its topics: {held}{hint}")
+            raise no_topic(path, name, held, sources)
 
 
 class _Meter:
