@@ -263,6 +263,10 @@ def joint(name: str, parent: str, child: str, more: str = "", kind: str = "fixed
     return f'<joint name="{name}" type="{kind}">{links}{more}</joint>'
 
 
+def version(number: str, body: str) -> str:
+    return robot(body).replace("<robot ", f'<robot version="{number}" ')
+
+
 AB = joint("j", "a", "b")
 BOMB = """<!DOCTYPE robot [<!ENTITY a "ha"><!ENTITY b "&a;&a;&a;"><!ENTITY c "&b;&b;&b;">]>
 <robot name="&c;"><link name="a"/></robot>"""
@@ -312,7 +316,16 @@ BAD_MODELS = [
     (robot(joint("j", "a", "b", '<mimic joint="k"/>', "revolute")), 3, "'k', which does not exist"),
     (robot(joint("j", "a", "b", '<mimic joint="j"/>', "revolute")), 3, "mimic joints follow each"),
     (robot(joint("j", "a", "b", "<mimic/>", "revolute")), 3, "mimics no joint by name"),
-    (robot(joint("j", "a", "b", '<mimic joint="k"/>')), 3, "is fixed and cannot mimic"),
+    (robot(joint("j", "a", "b", "<mimic/>")), 3, "mimics no joint by name"),
+    (robot(joint("j", "a", "b", '<mimic joint="k"/>', "planar")), 3, "is planar and cannot mimic"),
+    (
+        version("1.1", joint("j", "a", "b", '<origin rpy="0 0 0" quat_xyzw="0 0 0 1"/>')),
+        3,
+        "both rpy and quat_xyzw",
+    ),
+    (version("1.1", joint("j", "a", "b", '<origin quat_xyzw="0 0 1"/>')), 3, "not four numbers"),
+    (version("1.2", joint("j", "a", "b", '<origin quat_xyzw="0 0 0 0"/>')), 3, "unit length: 0"),
+    (version("1.1", joint("j", "a", "b", '<origin quat_xyzw="0 0 nan 1"/>')), 3, "'nan' is not"),
 ]
 
 
@@ -386,3 +399,137 @@ def test_a_model_is_a_tree_of_its_links() -> None:
     ):
         with pytest.raises(tfdb.InvalidArgument):
             RobotModel("arm", links, joints, root)  # type: ignore[arg-type]
+
+
+TURNED = (0.2, -0.4, 0.1, 0.88881944173)  # not of unit length in its last digits
+
+
+@pytest.mark.parametrize("number", ["1.1", "1.2"])
+def test_quaternions_of_origins(number: str) -> None:
+    origin = f'<origin xyz="3 -2 1" quat_xyzw="{" ".join(map(str, TURNED))}"/>'
+    found = parse_urdf(version(number, joint("j", "a", "b", origin))).joints["j"].origin
+    assert np.allclose(found, (3, -2, 1, *TURNED), atol=1e-9)
+    assert math.isclose(math.hypot(*found[3:]), 1.0, abs_tol=1e-15)
+
+
+def test_quaternion_of_a_file(tmp_path: Path) -> None:
+    path = tmp_path / "quat.urdf"
+    path.write_text(
+        version(
+            "1.1", joint("j", "a", "b", '<origin xyz="0 0 1" quat_xyzw="0 0 .7071068 .7071068"/>')
+        )
+    )
+    buffer = tfdb.Buffer()
+    load_urdf(path).set_static(buffer)
+    found = buffer.lookup_transform("a", "b", 7)
+    assert np.allclose(found.apply(np.array([1.0, 0, 0])), (0, 1, 1), atol=1e-12)
+
+
+@pytest.mark.parametrize("number", ["", "1.0", "1", "2.0", "one"])
+def test_quaternions_need_version_1_1(number: str) -> None:
+    origin = '<origin xyz="1 0 0" rpy="0 0 0.5" quat_xyzw="0 0 1 0"/>'
+    text = (
+        version(number, joint("j", "a", "b", origin))
+        if number
+        else robot(joint("j", "a", "b", origin))
+    )
+    with pytest.warns(tfdb.TfdbWarning, match=r"'quat_xyzw' of <origin>: it needs <robot version="):
+        model = parse_urdf(text)
+    expected = (1, 0, 0, 0, 0, math.sin(0.25), math.cos(0.25))
+    assert np.allclose(model.joints["j"].origin, expected, atol=1e-15)
+
+
+UNKNOWN = [
+    ("<joint", '<joint typ="x"', "line 3: attribute 'typ' of <joint> (known are name, type"),
+    (
+        "<origin",
+        '<origin rpy_deg="0 0 90"',
+        "'rpy_deg' of <origin> (known are xyz, rpy, quat_xyzw)",
+    ),
+    ("<axis", '<axis rpy="0 0 1"', "attribute 'rpy' of <axis> (known are xyz)"),
+    ("<limit", '<limit min="0"', "attribute 'min' of <limit> (known are lower, upper,"),
+    ("<mimic", '<mimic ratio="2"', "attribute 'ratio' of <mimic> (known are joint, multiplier"),
+    ("<parent", '<parent joint="x"', "attribute 'joint' of <parent> (known are link)"),
+    ("<child", '<child frame="x"', "attribute 'frame' of <child> (known are link)"),
+    ('<link name="a"', '<link name="a" parent="b"', "line 2: attribute 'parent' of <link>"),
+    ('name="r"', 'name="r" units="mm"', "line 1: attribute 'units' of <robot>"),
+    ('name="r"', 'name="r" version="3.0"', "line 1: version='3.0' (known are 1.0, 1.1 and 1.2)"),
+    ("<origin", "<orgin", "line 3: <orgin> of <joint> (did you mean <origin>?)"),
+    ("<limit", "<limits", "<limits> of <joint> (did you mean <limit>?)"),
+]
+
+
+@pytest.mark.parametrize(("good", "bad", "message"), UNKNOWN)
+def test_what_is_unknown_is_named(
+    tmp_path: Path, recwarn: pytest.WarningsRecorder, good: str, bad: str, message: str
+) -> None:
+    body = (
+        '<origin xyz="1 2 3" rpy="0.1 0.2 0.3"/><axis xyz="0 0 1"/>'
+        '<limit lower="-1" upper="1" effort="1" velocity="1"/><mimic joint="m"/>'
+    )
+    text = robot(
+        joint("j", "a", "b", body, "revolute")
+        + '<link name="c"/>'
+        + joint("m", "b", "c", "", "prismatic")
+    )
+    path = tmp_path / "unknown.urdf"
+    path.write_text(text)
+    load_urdf(path)
+    assert not recwarn.list
+    path.write_text(text.replace(good, bad, 1))
+    load_urdf(path)
+    (warning,) = recwarn.list
+    assert str(warning.message).startswith(f"{path}: ignored: ")
+    assert message in str(warning.message)
+    assert warning.filename == __file__
+
+
+def test_unknown_attributes_are_named_once_and_not_without_end(
+    recwarn: pytest.WarningsRecorder,
+) -> None:
+    many = " ".join(f'k{n}="{n}"' for n in range(8))
+    parse_urdf(
+        robot(
+            joint("j", "a", "b", f'<origin {many} xmlns:i="x" i:note="fine"/>')
+            + '<link name="c"/>'
+            + joint("k", "b", "c", f"<origin {many}/>")
+        )
+    )
+    (warning,) = recwarn.list
+    assert str(warning.message).count("attribute") == 5
+    assert str(warning.message).endswith("; and 3 more")
+
+
+def test_a_fixed_joint_mimics_nothing() -> None:
+    text = robot(
+        '<link name="c"/>'
+        + joint("j", "a", "b", kind="revolute")
+        + joint("k", "b", "c", '<origin xyz="1 2 3" rpy="0 0 0.5"/><mimic joint="j"/>')
+    )
+    model = parse_urdf(text)
+    assert model.joints["k"].mimic is None
+    assert [each.child for each in model.static_transforms()] == ["c"]
+    expected = (1, 2, 3, 0, 0, math.sin(0.25), math.cos(0.25))
+    assert np.allclose(model.forward_kinematics({"j": 0.7})["k"], expected, atol=1e-15)
+
+
+def test_what_mimics_a_fixed_joint_stands_at_its_offset() -> None:
+    text = robot(
+        '<link name="c"/><link name="d"/><link name="e"/>'
+        + joint("j", "a", "b", '<origin xyz="1 0 0"/>')
+        + joint("k", "b", "c", '<mimic joint="j" multiplier="9" offset="0.25"/>', "prismatic")
+        + joint("l", "c", "d", '<mimic joint="k" multiplier="-2" offset="1"/>', "prismatic")
+        + joint("m", "d", "e", kind="prismatic")
+    )
+    model = parse_urdf(text)
+    assert model.movable == ("m",)
+    found = model.forward_kinematics({})
+    assert [found[name][0] for name in "jkl"] == [1, 0.25, 0.5]
+    many = model.forward_kinematics({"m": [1.0, 2.0]})
+    assert many["l"][:, 0].tolist() == [0.5, 0.5]
+    # What the state names goes before.
+    assert model.forward_kinematics({"k": 3.0})["l"][0] == -5
+    buffer = tfdb.Buffer()
+    model.set_static(buffer)
+    model.set_joint_states(buffer, [5, 6], {"m": [1.0, 2.0]})
+    assert buffer.lookup_transform("a", "e", 6).translation.tolist() == [3.75, 0, 0]

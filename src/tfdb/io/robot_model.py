@@ -114,8 +114,9 @@ class RobotModel:
     A joint state is a mapping from joint names to positions: radians for revolute and continuous
     joints, metres for prismatic ones, `(x, y, angle)` for planar ones (in the plane that the axis
     is normal to, turned there from z by the shortest way), a pose `[x y z qx qy qz qw]` for
-    floating ones. A mimic joint follows its leader unless the state names it, too. Joints that the
-    state does not determine are left out of the answers, as ROS's robot_state_publisher does.
+    floating ones. A mimic joint follows its leader unless the state names it, too. The position of
+    a fixed leader is 0: what mimics it stands at its offset in every state. Joints that the state
+    does not determine are left out of the answers, as ROS's robot_state_publisher does.
 
     Parameters
     ----------
@@ -357,9 +358,10 @@ class RobotModel:
         """The position of a joint: its own, or what its leaders make of it; None if unknown."""
         scale, offset = 1.0, 0.0
         while name not in given:
-            mimic = self.joints[name].mimic
+            joint = self.joints[name]
+            mimic = joint.mimic
             if mimic is None:
-                return None
+                return offset if joint.kind == "fixed" else None
             scale, offset = scale * mimic.multiplier, scale * mimic.offset + offset
             name = mimic.joint
         return scale * given[name] + offset

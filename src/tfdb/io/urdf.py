@@ -7,10 +7,14 @@ alone. A file is hostile until read: no document type, so no entities; nothing e
 from __future__ import annotations
 
 import math
+import re
+import warnings
 from typing import TYPE_CHECKING, NoReturn
 
-from tfdb.errors import ModelError
+from tfdb.errors import ModelError, TfdbWarning
 from tfdb.given_path import errors_name, given_path
+from tfdb.near_names import near_names
+from tfdb.poses import MAX_NORM_ERROR
 from tfdb.stamps import shown
 
 from .robot_model import Joint, JointLimits, Mimic, RobotModel
@@ -21,19 +25,45 @@ if TYPE_CHECKING:
 
 MAX_BYTES = 64 * 1024 * 1024
 JOINT_KINDS = ("fixed", "revolute", "continuous", "prismatic", "planar", "floating")
+_VERSION = re.compile(r"1\.[0-2]")
+_ATTRIBUTES = {
+    "robot": ("name", "version"),
+    "link": ("name", "type"),
+    "joint": ("name", "type", "dont_collapse"),
+    "parent": ("link",),
+    "child": ("link",),
+    "origin": ("xyz", "rpy", "quat_xyzw"),
+    "axis": ("xyz",),
+    "limit": ("lower", "upper", "effort", "velocity", "acceleration", "deceleration", "jerk"),
+    "mimic": ("joint", "multiplier", "offset"),
+}
+"""The attributes that URDF 1.0 to 1.2 have; `type` of a link and `dont_collapse` move nothing."""
+_IN_JOINTS = (*list(_ATTRIBUTES)[3:], "calibration", "dynamics", "safety_controller")
+_MOST_NAMED = 5
 
 
 def load_urdf(path: str | os.PathLike[str]) -> RobotModel:
     """Read a robot model from a URDF file.
 
+    `quat_xyzw` of `<origin>` is read in files of `<robot version="1.1">` and newer. A fixed joint's
+    `<mimic>` is ignored; a joint that mimics a fixed one stands at its offset.
+
     Raises
     ------
     ModelError
         Not XML, a document type in it (entity attacks), larger than 64 MiB, xacro that was not
-        expanded, no link, a joint of unknown links or kind, bad numbers, a link with two parents, a
-        loop, several roots, a mimic joint that follows nothing. Fields: path, line, reason.
+        expanded, no link, a joint of unknown links or kind, bad numbers, `rpy` beside `quat_xyzw`,
+        a link with two parents, a loop, several roots, a mimic joint that follows nothing. Fields:
+        path, line, reason.
     OSError
         The file cannot be opened.
+
+    Warns
+    -----
+    TfdbWarning
+        An attribute of `<robot>`, `<link>`, `<joint>`, `<parent>`, `<child>`, `<origin>`, `<axis>`,
+        `<limit>` or `<mimic>` that URDF does not have, an element of `<joint>` whose name is nearly
+        one of URDF's, an unknown version: each is ignored.
     """
     where = given_path(path, ModelError)
     with errors_name(where), where.open("rb") as file:
@@ -57,7 +87,15 @@ def _read(raw: bytes, path: str) -> RobotModel:
         root = parse_xml(raw)
     except XmlError as error:
         raise ModelError(path, error.reason, line=error.line) from None
-    return _Reader(path).robot(root)
+    reader = _Reader(path)
+    model = reader.robot(root)
+    ignored = reader.ignored
+    if ignored:
+        more = len(ignored) - _MOST_NAMED
+        listed = "; ".join(list(ignored.values())[:_MOST_NAMED])
+        listed += f"; and {more} more" if more > 0 else ""
+        warnings.warn(f"{path}: ignored: {listed}", TfdbWarning, stacklevel=3)
+    return model
 
 
 class _Reader:
@@ -65,15 +103,24 @@ class _Reader:
 
     def __init__(self, path: str) -> None:
         self.path = path
+        self.has_quaternions = False
+        self.ignored: dict[tuple[str, str], str] = {}
 
     def robot(self, root: Element) -> RobotModel:
         if root.tag != "robot":
             self.refuse(root, f"the root element is <{root.tag}>, not <robot>")
+        self.check_attributes(root)
+        version = root.get("version") or "1.0"
+        self.has_quaternions = version != "1.0" and _VERSION.fullmatch(version) is not None
+        if not _VERSION.fullmatch(version):
+            text = f"version={version[:40]!r} (known are 1.0, 1.1 and 1.2), read as 1.0"
+            self.ignored["robot", "version"] = f"line {root.line}: {text}"
         for child in root.children:
             if child.tag.startswith("xacro:"):
                 self.refuse(child, f"<{child.tag}> is xacro: expand the file with xacro first")
         links: dict[str, Element] = {}
         for element in root.all("link"):
+            self.check_attributes(element)
             self.add(links, self.name(element), element)
         if not links:
             self.refuse(root, "no link in it")
@@ -87,12 +134,32 @@ class _Reader:
         self.check_mimics(joints, lines)
         return RobotModel(root.get("name") or "", tuple(links), joints, base)
 
+    def check_attributes(self, element: Element) -> None:
+        """Note the attributes that URDF does not have; those of other namespaces are no mistake."""
+        known = _ATTRIBUTES.get(element.tag, ())
+        for name in element.attributes if known else ():
+            if name not in known and ":" not in name and name != "xmlns":
+                listed = ", ".join(known)
+                text = f"attribute {name[:40]!r} of <{element.tag}> (known are {listed})"
+                self.ignored.setdefault((element.tag, name), f"line {element.line}: {text}")
+
+    def check_joint(self, element: Element) -> None:
+        """Note what is unknown in a joint: attributes, and elements that may be mistyped."""
+        self.check_attributes(element)
+        for child in element.children:
+            self.check_attributes(child)
+            near = near_names(child.tag, _IN_JOINTS, most=1, cutoff=0.8)
+            if near and child.tag not in _IN_JOINTS:
+                text = f"<{child.tag}> of <joint> (did you mean <{near[0]}>?)"
+                self.ignored.setdefault(("joint", child.tag), f"line {child.line}: {text}")
+
     def add(self, known: dict[str, Element], name: str, element: Element) -> None:
         if name in known:
             self.refuse(element, f"{element.tag} {name!r} is there twice")
         known[name] = element
 
     def joint(self, element: Element) -> Joint:
+        self.check_joint(element)
         name = self.name(element)
         kind = element.get("type") or ""
         if kind not in JOINT_KINDS:
@@ -125,6 +192,11 @@ class _Reader:
         if element is None:
             return (*zero, 0.0, 0.0, 0.0, 1.0)
         xyz, rpy = self.numbers(element, "xyz", zero), self.numbers(element, "rpy", zero)
+        if element.get("quat_xyzw") is not None:
+            if self.has_quaternions:
+                return (*xyz, *self.quaternion(element))
+            text = "'quat_xyzw' of <origin>: it needs <robot version=\"1.1\">, as in ROS"
+            self.ignored.setdefault(("origin", "quat_xyzw"), f"line {element.line}: {text}")
         (cr, sr), (cp, sp), (cy, sy) = ((math.cos(a / 2), math.sin(a / 2)) for a in rpy)
         return (
             *xyz,
@@ -133,6 +205,16 @@ class _Reader:
             cr * cp * sy - sr * sp * cy,
             cr * cp * cy + sr * sp * sy,
         )
+
+    def quaternion(self, element: Element) -> tuple[float, ...]:
+        """The unit quaternion `quat_xyzw` of an origin."""
+        if element.get("rpy") is not None:
+            self.refuse(element, "the origin has both rpy and quat_xyzw; one of them must go")
+        values = self.numbers(element, "quat_xyzw", (), count=4)
+        length = math.hypot(*values)
+        if abs(length * length - 1.0) > MAX_NORM_ERROR:
+            self.refuse(element, f"quat_xyzw is not of unit length: {length:.6g}")
+        return tuple(value / length for value in values)
 
     def limits(self, element: Element | None, kind: str) -> JointLimits | None:
         if element is None or kind in ("fixed", "floating", "planar"):
@@ -154,6 +236,8 @@ class _Reader:
         leader = element.get("joint")
         if not leader:
             self.refuse(element, f"joint {joint!r} mimics no joint by name")
+        if kind == "fixed":
+            return None
         if kind not in ("revolute", "continuous", "prismatic"):
             self.refuse(element, f"joint {joint!r} is {kind} and cannot mimic another")
         multiplier = self.number(element, "multiplier", 1.0)
@@ -196,7 +280,7 @@ class _Reader:
             follower = joint
             while follower.mimic is not None:
                 leader = joints.get(follower.mimic.joint)
-                if leader is None or leader.width != 1:
+                if leader is None or leader.width > 1:
                     what = "does not exist" if leader is None else f"is {leader.kind}"
                     reason = f"{follower.name!r} mimics {follower.mimic.joint!r}, which {what}"
                     self.refuse(lines[follower.name], f"joint {reason}")
@@ -221,15 +305,16 @@ class _Reader:
         return x, y, z
 
     def numbers(
-        self, element: Element, attribute: str, default: tuple[float, ...]
+        self, element: Element, attribute: str, default: tuple[float, ...], count: int = 3
     ) -> tuple[float, ...]:
-        """Three finite numbers by spaces."""
+        """So many finite numbers by spaces."""
         text = element.get(attribute)
         if text is None:
             return default
         values = tuple(self.finite(element, attribute, field) for field in text.split())
-        if len(values) != 3:
-            self.refuse(element, f"{attribute}={text[:60]!r} are not three numbers")
+        if len(values) != count:
+            words = {3: "three", 4: "four"}[count]
+            self.refuse(element, f"{attribute}={text[:60]!r} are not {words} numbers")
         return values
 
     def number(self, element: Element, attribute: str, default: float) -> float:
