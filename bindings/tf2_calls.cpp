@@ -262,7 +262,7 @@ PyObject* store_message(const Using& plain, PyObject* message, PyObject* authori
         {vector_of(translation.ptr(), "translation"), quaternion_of(rotation.ptr(), "rotation")}};
     commit_transforms(*nb::inst_ptr<BufferObject>(plain->buffer), {&view, 1}, false,
                       name_of(authority, "authority"), plain->rules);
-    return Py_NewRef(Py_True);
+    return Py_NewRef(Py_None);
 }
 
 PyObject* set_transform(PyObject* self, PyObject* const* args, Py_ssize_t count,
@@ -354,7 +354,6 @@ constexpr const char* kSetDoc =
     "Parameters\n----------\n"
     "transform\n    A `geometry_msgs/TransformStamped` of any library.\n"
     "authority\n    Who writes.\n\n"
-    "Returns\n-------\nbool\n    Whether it was stored.\n\n"
     "Raises TypeError for what is no such message. What is wrong with the store, not with the\n"
     "transform, is raised as `tfdb.Buffer` raises it: CapacityExceeded, ReadOnly, LockTimeout.";
 

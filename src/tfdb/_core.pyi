@@ -1734,7 +1734,7 @@ class CoreCalls:
         Raises TypeError for what is no time or no name.
         """
 
-    def set_transform(self, transform: Any, authority: str) -> bool:
+    def set_transform(self, transform: Any, authority: str) -> None:
         """
         Store T[header.frame_id<-child_frame_id] at header.stamp.
 

@@ -271,7 +271,7 @@ class Looking(tf2.BufferInterface):
     def __init__(self, transform: Any) -> None:
         super().__init__()
         self.core = tf2.BufferCore()
-        assert self.core.set_transform(transform, "me")
+        self.core.set_transform(transform, "me")
         self.known = transform
 
     def lookup_transform(self, target: str, source: str, time: Any, timeout: Any = None) -> Any:

@@ -38,7 +38,7 @@ def seconds(count: float) -> msgs.Time:
 
 
 def store(buffer: tf2.BufferCore, stamp: float, parent: str = "map", child: str = "base") -> None:
-    assert buffer.set_transform(message(parent, child, round(stamp * SECOND), POSE), "test")
+    buffer.set_transform(message(parent, child, round(stamp * SECOND), POSE), "test")
 
 
 @pytest.fixture
@@ -163,7 +163,7 @@ def test_close_ends_a_wait(buffer: tf2.Buffer, thread: ThreadPoolExecutor) -> No
 def simulated(now: float) -> tuple[LoopbackNode, tf2.Buffer]:
     clock = LoopbackNode()
     clock.set_time(round(now * SECOND))
-    buffer = tf2.Buffer(flavor="ros2", clock=clock)
+    buffer = tf2.Buffer(flavor="ros1", clock=clock)
     store(buffer, 1)
     return clock, buffer
 
@@ -217,6 +217,24 @@ def test_close_ends_a_wait_while_the_clock_stands(thread: ThreadPoolExecutor) ->
     buffer.close()
     with pytest.raises(tfdb.BufferClosed):
         waits.result(FOREVER)
+
+
+def test_a_wait_of_ros_2_ends_by_the_wall_clock() -> None:
+    """As upstream: also where simulated time stands still."""
+    clock = LoopbackNode()
+    clock.set_time(100 * SECOND)
+    buffer = tf2.Buffer(flavor="ros2", clock=clock)
+    store(buffer, 1)
+    with pytest.raises(tf2.ExtrapolationException):
+        buffer.lookup_transform("map", "base", seconds(2), 0.001)
+    asked = ("map", seconds(1), "base", seconds(2), "map", 0.001)
+    with pytest.raises(tf2.ExtrapolationException):
+        buffer.lookup_transform_full(*asked)
+    assert not buffer.can_transform("map", "base", seconds(2), 0.001)
+    assert not buffer.can_transform_full(*asked)
+    with pytest.raises(tf2.TimeoutException):
+        buffer.wait_for_transform("map", "base", seconds(2), 0.001)
+    assert not clock.watches
 
 
 def test_a_future_ends_by_the_clock_that_is_named() -> None:

@@ -133,7 +133,7 @@ def test_no_nanosecond_is_lost(time: Any) -> None:
     core = tf2.BufferCore()
     stamped = message("a", "b", 0, TURNED)
     stamped.header.stamp = time
-    assert core.set_transform(stamped, "me")
+    core.set_transform(stamped, "me")
     assert core.lookup_transform_core("a", "b", time).header.stamp.nanoseconds == TODAY
     assert core.get_latest_common_time("a", "b").nanoseconds == TODAY
     assert core.can_transform_core("a", "b", TODAY - 1)[0] == 0
@@ -403,11 +403,11 @@ def test_refused_writes(
     caplog: pytest.LogCaptureFixture,
 ) -> None:
     core = tf2.BufferCore(flavor=flavor)
-    assert core.set_transform(message("a", "b", 50 * SECOND, TURNED), "me")
+    core.set_transform(message("a", "b", 50 * SECOND, TURNED), "me")
     before = core.buffer.commit
     values = {"parent": "a", "child": "b", "stamp": 51 * SECOND, "pose": MOVED, **change}
     with caplog.at_level(logging.WARNING, "tfdb.tf2"):
-        assert not core.set_transform(message(**values), "who")
+        core.set_transform(message(**values), "who")
     (record,) = caplog.records
     assert record.getMessage().startswith(text)
     assert "who" in record.getMessage()
@@ -445,7 +445,7 @@ def test_what_is_no_message(core: tf2.BufferCore) -> None:
 
 def test_one_slash_is_dropped() -> None:
     core = tf2.BufferCore()
-    assert core.set_transform(message("/a", "/b", SECOND, TURNED), "me")
+    core.set_transform(message("/a", "/b", SECOND, TURNED), "me")
     assert core._getFrameStrings() == ["a", "b"]
     assert core._frameExists("a")
     assert not core._frameExists("/a")
@@ -456,12 +456,10 @@ def test_the_same_stamp_again() -> None:
     x = {}
     for flavor in FLAVORS:
         core = tf2.BufferCore(flavor=flavor)
-        stored = [
-            core.set_transform(message("a", "b", SECOND, pose), "me") for pose in (TURNED, MOVED)
-        ]
-        pose = plain(core.lookup_transform_core("a", "b", SECOND))[3]
-        x[flavor] = (stored, pose[0])
-    assert x == {"ros1": ([True, False], 1.0), "ros2": ([True, True], 5.0)}
+        for pose in (TURNED, MOVED):
+            core.set_transform(message("a", "b", SECOND, pose), "me")
+        x[flavor] = plain(core.lookup_transform_core("a", "b", SECOND))[3][0]
+    assert x == {"ros1": 1.0, "ros2": 5.0}
     assert "same_stamp" in DIFFERENCES
 
 
@@ -473,13 +471,13 @@ def test_static_and_moving_switch() -> None:
     ):
         core = tf2.BufferCore(flavor=flavor)
         core.set_transform_static(message("a", "b", 0, TURNED), "me")
-        assert core.set_transform(message("a", "b", 2 * SECOND, MOVED), "me")
+        core.set_transform(message("a", "b", 2 * SECOND, MOVED), "me")
         found = core.can_transform_core("a", "b", 9 * SECOND)[0]
         assert bool(found) == moving_after_static
         assert plain(core.lookup_transform_core("a", "b", 2 * SECOND))[3][0] == 5.0
 
         core.set_transform(message("c", "d", SECOND, TURNED), "me")
-        assert core.set_transform_static(message("c", "d", 2 * SECOND, MOVED), "me")
+        core.set_transform_static(message("c", "d", 2 * SECOND, MOVED), "me")
         assert bool(core.can_transform_core("c", "d", 9 * SECOND)[0]) == static_after_moving
         first = plain(core.lookup_transform_core("c", "d", SECOND))[3]
         assert first == pytest.approx(MOVED if static_after_moving else TURNED)

@@ -92,6 +92,22 @@ def test_what_has_no_header() -> None:
     assert found == whole.pose
 
 
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_poses_of_ros_2_have_a_positive_w(sign: float) -> None:
+    every = of(17)
+    for _ in range(20):
+        turn, pose = every.transform(), every.new("PoseWithCovarianceStamped")
+        every.pose(pose.pose.pose)
+        orientation = pose.pose.pose.orientation
+        for name in "xyzw":
+            setattr(orientation, name, sign * getattr(orientation, name))
+        stamped = msgs.PoseStamped(pose.header, pose.pose.pose)
+        whole = geometry.do_transform_pose_with_covariance_stamped(pose, turn).pose.pose
+        assert whole.orientation.w > 0
+        assert geometry.do_transform_pose_stamped(stamped, turn).pose == whole
+        assert geometry.do_transform_pose(pose.pose.pose, turn) == whole
+
+
 @pytest.mark.parametrize("length", [0.0, 1e-3, 5.0])
 def test_orientations_of_any_length(length: float) -> None:
     every = of(10)

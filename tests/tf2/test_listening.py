@@ -241,9 +241,9 @@ def test_a_subclass_sees_each_transform() -> None:
     class Watching(tf2.Buffer):
         seen: list[str]
 
-        def set_transform(self, transform: Any, authority: str) -> bool:
+        def set_transform(self, transform: Any, authority: str) -> None:
             self.seen.append(transform.child_frame_id)
-            return super().set_transform(transform, authority)
+            super().set_transform(transform, authority)
 
     node = LoopbackNode()
     buffer = Watching()

@@ -109,6 +109,29 @@ def test_geometry_beside_theirs() -> None:
         assert (header["stamp"]["secs"], header["stamp"]["nsecs"]) == (STAMP.sec, STAMP.nanosec)
 
 
+class Ros1Pose(msgs.Pose):
+    """Has what tells a message of ROS 1."""
+
+    _md5sum = "e45d45a5a1ce597b249e23fb30fc871f"
+
+
+def test_signs_beside_theirs() -> None:
+    """Of the two quaternions of a rotation ours is the one that PyKDL gives."""
+    every = conversions.Geometry(msgs, STAMP, np.random.default_rng(29))
+    operations, ours = [], []
+    for _ in range(100):
+        turn, given = every.transform(), every.new("PoseStamped")
+        every.pose(given.pose)
+        operations.append(["do_transform_pose", given, turn])
+        pose = Ros1Pose(given.pose.position, given.pose.orientation)
+        ours.append(geometry.do_transform_pose(pose, turn).orientation)
+    assert any(turned.w < 0 for turned in ours)
+    for mine, answer in zip(ours, theirs(operations), strict=True):
+        found = answer["made"]["pose"]["orientation"]
+        for name in NUMBERS:
+            assert getattr(mine, name) == pytest.approx(found[name], abs=1e-12)
+
+
 def test_clouds_beside_theirs() -> None:
     """Of the one layout that theirs keeps: x, y, z first, nothing between, one row."""
     turn = conversions.Geometry(msgs, STAMP, np.random.default_rng(22)).transform()

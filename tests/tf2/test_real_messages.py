@@ -30,7 +30,7 @@ message.transform.translation.x = 1.5
 message.transform.rotation.y, message.transform.rotation.w = 0.6, 0.8
 core = tf2.BufferCore(rospy.Duration(5))
 assert core.flavor == "ros1" and core.buffer.history == 5.0
-assert core.set_transform(message, "me") and not core.set_transform(message, "again")
+assert core.set_transform(message, "me") is None is core.set_transform(message, "again")
 found = core.lookup_transform_core("b", "a", rospy.Time(0))
 assert type(found) is geometry_msgs.msg.TransformStamped
 assert type(found.header.stamp) is rospy.Time
@@ -80,7 +80,7 @@ made.transform.translation.x = 1.25
 made.header.stamp.sec += 1
 assert expected.transform.translation.x == 1.5 and made != expected
 core = tf2.BufferCore()
-assert core.set_transform(made, "me") and core.set_transform(expected, "me")
+assert core.set_transform(made, "me") is None is core.set_transform(expected, "me")
 for time in (rclpy.time.Time(nanoseconds=STAMP), expected.header.stamp):
     for _ in range(2):
         found = core.lookup_transform_core("a", "b", time)

@@ -73,9 +73,6 @@ class Child:
     def clear(self):
         self.core.clear()
 
-    def returned(self, parent, child, stamp, pose):
-        return self.core.set_transform(message(parent, child, stamp, pose), "me")
-
     def chain(self, target, target_stamp, source, source_stamp, fixed):
         times = time(target_stamp), time(source_stamp)
         return self.core._chain(target, times[0], source, times[1], fixed)

@@ -6,7 +6,6 @@
     >>> stamped = msgs.TransformStamped(msgs.Header(msgs.Time(12, 0), "map"), "base")
     >>> stamped.transform.translation.x = 1.5
     >>> core.set_transform(stamped, "odometry")
-    True
     >>> core.lookup_transform_core("map", "base", msgs.Time()).transform.translation.x
     1.5
 

@@ -47,15 +47,15 @@ class Buffer(BufferCalls, BufferCore, BufferInterface):
 
     Any number of threads may use it at once. Who waits is woken by the transform that was missing;
     nothing is polled, and other threads may fill the buffer in any way, without a dedicated one.
-    Waits end by the clock of `clock`, which may be simulated: they also end when it goes back by
-    more than 3 s, as a bag does that begins anew.
+    In ROS 2 a timeout is wall time, as upstream. In ROS 1 it is time of `clock`, which may be
+    simulated: a wait also ends when that clock goes back by more than 3 s, as when a bag restarts.
 
     Parameters
     ----------
     cache_time
         A duration: how long samples are kept behind each edge's newest one. None: 10 s.
     node
-        A node of rclpy or of `tfdb.ros`: its clock ends waits, and it offers the service
+        A node of rclpy or of `tfdb.ros`: it is the `clock`, and it offers the service
         `tf2_frames`. None: that of rospy, where the process is one; else no node. A bool is
         ROS 1's `debug`.
     debug
@@ -69,8 +69,8 @@ class Buffer(BufferCalls, BufferCore, BufferInterface):
     buffer
         The store, instead of a new or named one.
     clock
-        A node whose clock ends waits; None: that of `node`, or of the listener that fills the
-        buffer, else the system's.
+        The node whose clock ends waits in ROS 1; None: that of `node`, or of the listener that
+        fills the buffer, else the system's.
 
     Raises InvalidArgumentException for arguments that exclude each other.
     """
@@ -92,7 +92,7 @@ class Buffer(BufferCalls, BufferCore, BufferInterface):
             node = node_for(node)
             flavor = flavor or node.flavor
         self.clock: Node | None = clock or node
-        """Node whose clock ends waits; None: the system's, until a listener says its node."""
+        """Node whose clock ends waits in ROS 1; None: the system's, until a listener sets its."""
         if store is not None:
             if buffer is not None:
                 raise InvalidArgumentException("give a store's name or a buffer, not both")
@@ -289,6 +289,10 @@ class Buffer(BufferCalls, BufferCore, BufferInterface):
             return 0
         return duration(timeout, self._flavor, "timeout")
 
+    def _deadline(self, limit: int) -> Deadline:
+        """Give the deadline in so many nanoseconds: by the wall clock in ROS 2, as upstream."""
+        return deadline_in(limit, self.clock if self.flavor == "ros1" else None)
+
     def _full(
         self,
         target_frame: str,
@@ -304,7 +308,7 @@ class Buffer(BufferCalls, BufferCore, BufferInterface):
         self, ask: Callable[[], Any], question: Simple | Full, limit: int | None
     ) -> Any:
         """Ask until there is an answer; its error once the limit, in nanoseconds, is over."""
-        deadline = None if limit is None else deadline_in(limit, self.clock)
+        deadline = None if limit is None else self._deadline(limit)
         while True:
             try:
                 return ask()
@@ -322,7 +326,7 @@ class Buffer(BufferCalls, BufferCore, BufferInterface):
         found = ask()
         if limit <= 0 or not _may_come(question):
             return found
-        deadline = deadline_in(limit, self.clock)
+        deadline = self._deadline(limit)
         while found[0] == 0:
             if not self._block(question, deadline):
                 return ask()
@@ -468,7 +472,7 @@ class Buffer(BufferCalls, BufferCore, BufferInterface):
         def called_in_loop() -> None:
             loop.call_soon_threadsafe(called)
 
-        return deadline_in(limit, self.clock).call(called if loop is None else called_in_loop)
+        return self._deadline(limit).call(called if loop is None else called_in_loop)
 
 
 def _may_come(question: Simple | Full) -> bool:

@@ -87,7 +87,7 @@ class BufferClient(BufferInterface):
         `timeout` is a duration; None or 0: without end.
         """
         limit = self._nanoseconds(timeout)
-        return self._wait_ready(deadline_in(limit, self.node) if limit else None)
+        return self._wait_ready(self._deadline(limit) if limit else None)
 
     def lookup_transform(
         self, target_frame: str, source_frame: str, time: Any, timeout: Any = None
@@ -180,9 +180,13 @@ class BufferClient(BufferInterface):
     def _nanoseconds(self, timeout: Any) -> int:
         return 0 if timeout is None else duration(timeout, self.node.flavor, "timeout")
 
+    def _deadline(self, limit: int) -> Deadline:
+        """Give the deadline in so many nanoseconds: by the wall clock in ROS 2, as upstream."""
+        return deadline_in(limit, self.node if self.node.flavor == "ros1" else None)
+
     def _ask(self, goal: LookupGoal) -> Any:
         limit = goal.timeout + self._padding
-        deadline = deadline_in(limit, self.node) if limit > 0 else None
+        deadline = self._deadline(limit) if limit > 0 else None
         if not self._wait_ready(deadline):
             text = LATE if self.node.flavor == "ros1" else NOT_READY
             raise TimeoutException(text, target=goal.target_frame, source=goal.source_frame)

@@ -120,16 +120,16 @@ class BufferCore(CoreCalls):
 
     # Writes
 
-    def _set_transform(self, transform: Any, authority: str) -> bool:
+    def _set_transform(self, transform: Any, authority: str) -> None:
         """`set_transform`, whatever is given."""
-        return self._set(transform, authority, static=False)
+        self._set(transform, authority, static=False)
 
-    def set_transform_static(self, transform: Any, authority: str) -> bool:
+    def set_transform_static(self, transform: Any, authority: str) -> None:
         """Store T[header.frame_id<-child_frame_id] for all stamps, until the next replaces it.
 
         As `set_transform`. A moving frame stays moving in ROS 1, and loses its samples in ROS 2.
         """
-        return self._set(transform, authority, static=True)
+        self._set(transform, authority, static=True)
 
     def _set(self, transform: Any, authority: str, *, static: bool) -> bool:
         """Store a message; False if it was refused."""

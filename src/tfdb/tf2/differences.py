@@ -20,12 +20,6 @@ class Difference:
 
 
 DIFFERENCES: dict[str, Difference] = {
-    "set_returns": Difference(
-        "set_transform returns None whatever became of the transform",
-        "True if it was stored, False if it was refused; the text of the log is tf2's, and the log "
-        "record has the error as `error`",
-        "who writes can know that a transform was lost",
-    ),
     "same_frame": Difference(
         "target == source gives the identity for any text, also for no frame at all",
         "the name is checked as any other",

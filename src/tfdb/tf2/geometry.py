@@ -45,6 +45,9 @@ __all__ = [
     "transform_to_msg",
 ]
 
+KDL_EPSILON = 1e-12
+"""Trace of a rotation matrix beyond which KDL divides by w."""
+
 
 def _begin(given: Any, member: str, transform: Any) -> tuple[tfdb.Transform, Any, Any, Any]:
     """Begin a result.
@@ -88,7 +91,22 @@ def _turn(transform: tfdb.Transform, given: Any, made: Any) -> None:
 def _move_pose(transform: tfdb.Transform, given: Any, made: Any) -> None:
     """Put the place of one pose into another."""
     _apply(transform, given.position, made.position)
-    _turn(transform, given.orientation, made.orientation)
+    turned = made.orientation
+    _turn(transform, given.orientation, turned)
+    if _leading(turned, ros1=hasattr(type(given), "_md5sum")) < 0:
+        turned.x, turned.y, turned.z, turned.w = -turned.x, -turned.y, -turned.z, -turned.w
+
+
+def _leading(turn: Any, *, ros1: bool) -> float:
+    """Give the member that upstream returns positive: w in ROS 2, as KDL chooses in ROS 1."""
+    x, y, z, w = turn.x, turn.y, turn.z, turn.w
+    if not ros1 or 4 * w * w - 1 > KDL_EPSILON:
+        leading = w
+    elif abs(x) > max(abs(y), abs(z)):
+        leading = x
+    else:
+        leading = y if abs(y) > abs(z) else z
+    return float(leading)
 
 
 def _shift(transform: tfdb.Transform, turned: Any, moved: Any) -> None:
@@ -127,7 +145,8 @@ def do_transform_quaternion(quaternion: Any, transform: Any) -> Any:
 def do_transform_pose(pose: Any, transform: Any) -> Any:
     """Map a PoseStamped (ROS 1), or a Pose (ROS 2), into the target frame.
 
-    The orientation's length is as in `do_transform_quaternion`.
+    The orientation's length is as in `do_transform_quaternion`. Of its two quaternions it is
+    upstream's: w >= 0 in ROS 2, as PyKDL's `GetQuaternion` in ROS 1.
     """
     turn, made, source, target = _begin(pose, "pose", transform)
     _move_pose(turn, source, target)

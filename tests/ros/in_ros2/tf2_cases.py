@@ -97,6 +97,22 @@ def test_a_bag_that_starts_again_clears_the_buffer(graph: Graph, spin_thread: bo
         assert buffer.get_latest_common_time("base", "frame0").nanoseconds == 104 * 10**9
 
 
+def test_a_timeout_is_wall_time_while_simulated_time_stands_still(graph: Graph) -> None:
+    node = graph.node("listener", spin=True)
+    node.set_parameters([Parameter("use_sim_time", value=True)])
+    buffer = tf2.Buffer(node=node)
+    tf2.TransformListener(buffer, node)
+    assert node.get_clock().now().nanoseconds == 0
+    limit = rclpy.time.Duration(nanoseconds=1_000_000)
+    with pytest.raises(tf2.LookupException):
+        buffer.lookup_transform("base", "frame0", NOW, limit)
+    assert not buffer.can_transform_full("base", NOW, "frame0", NOW, "base", limit)
+    client = tf2.BufferClient(node, "no_server", timeout_padding=limit)
+    with pytest.raises(tf2.TimeoutException):
+        client.lookup_transform("base", "frame0", NOW)
+    client.destroy()
+
+
 @both_ways
 def test_damaged_messages_are_counted_and_said_once(
     graph: Graph, spin_thread: bool, caplog: pytest.LogCaptureFixture
