@@ -282,7 +282,7 @@ def test_every_cut_and_every_changed_byte_is_typed(encoding: str) -> None:
                 if type_.endswith("JointState"):
                     decode_joint_state(data, source)
                 else:
-                    decode_poses(data, source, "b")
+                    decode_poses(data, source, "b", 0)
             except tfdb.TfdbError:
                 pass
 
@@ -293,7 +293,7 @@ def test_big_endian_messages() -> None:
     body = struct.pack(">7d", 1, 2, 3, 0.6, 0, 0, 0.8)
     data = head + b"\0" * (-(len(head) - 4) % 8) + body
     source = Source("/pose", "cdr", "", 1, "geometry_msgs/PoseStamped")
-    (made,) = decode_poses(data, source, "base")
+    (made,), _ = decode_poses(data, source, "base", 0)
     assert (made.parent, made.child, made.stamp) == ("map", "base", 5 * S + 6)
     assert (*made.translation, *made.rotation) == (1, 2, 3, 0.6, 0, 0, 0.8)
 
@@ -385,11 +385,11 @@ def test_damaged_foxglove_is_typed(tmp_path: Path) -> None:
                 changed.append(bytes(data))
             for data in changed:
                 with contextlib.suppress(tfdb.TfdbError):
-                    decode_poses(bytes(data), source, "b")
+                    decode_poses(bytes(data), source, "b", 0)
     for text in ("[]", "3", '{"transforms": 3}', "[" * 100_000, '{"timestamp": {"sec": 1e999}}'):
         source = Source("/x", "json", "", 1, "foxglove.FrameTransforms")
         with pytest.raises(tfdb.CorruptMessage, match=r"no foxglove.FrameTransforms in json"):
-            decode_poses(text.encode(), source, None)
+            decode_poses(text.encode(), source, None, 0)
     path = write_mcap(tmp_path / "run.mcap", "foxglove.FrameTransform", "flatbuffer", b"1234")
     with pytest.raises(tfdb.RecordingError, match="encoded as 'flatbuffer', which is not read"):
         tfdb.load(path, pose_topics="/poses")

@@ -98,7 +98,7 @@ def read_arrivals(
                 known = known or named
                 is_static = static[source.topic]
                 try:
-                    given = rewriter.decoded(data, source)
+                    given = rewriter.decoded(data, source, arrival, static=is_static)
                 except (tfdb.CorruptMessage, tfdb.InvalidName, tfdb.InvalidStamp):
                     continue
                 names = {name for one in given for name in (one.parent, one.child)}

@@ -86,6 +86,7 @@ def command(
     found = [
         *_refused(loaded),
         *_lost(loaded),
+        *_untimed(loaded),
         *_trees(loaded),
         *leading_slashes(arrivals.mixed),
         *examine(arrivals.log, limits),
@@ -142,6 +143,19 @@ def _lost(loaded: common.Loaded) -> list[Finding]:
     return [
         Finding("lost", (), str(loss), None, loss.messages, {"bytes": loss.bytes})
         for loss in (loaded.report.lost if loaded.report else ())
+    ]
+
+
+def _untimed(loaded: common.Loaded) -> list[Finding]:
+    return [
+        Finding(
+            "no-time",
+            (),
+            f"{count:,} transforms of topic {topic}: loading takes their log time",
+            None,
+            count,
+        )
+        for topic, count in (loaded.report.untimed if loaded.report else {}).items()
     ]
 
 

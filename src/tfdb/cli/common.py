@@ -16,7 +16,7 @@ import tfdb
 from tfdb.frozen import is_frozen
 from tfdb.given_path import given_path
 from tfdb.io import Recording
-from tfdb.io.choice import absolute
+from tfdb.io.choice import Choice, absolute
 from tfdb.io.decimal_time import parse_stamp
 from tfdb.io.loading import role_of
 from tfdb.near_names import near_names
@@ -549,19 +549,24 @@ def _some_frames(path: str) -> set[str]:
     if is_frozen(given_path(path)):
         return set(tfdb.open(path).frames())
     names: set[str] = set()
+    rewriter = Choice().without_survey()
     with Recording(path) as recording:
         messages = chain.from_iterable(
             islice(recording.messages(wanted), _COMPLETION_MESSAGES)
-            for wanted in (_is_static, lambda source: source.is_tf and not _is_static(source))
+            for wanted in (_is_static, _is_moving)
         )
-        for source, _, data in messages:
-            for transform in tfdb.decode_tf_message(data, source.encoding):
+        for source, received, data in messages:
+            for transform in rewriter.decoded(data, source, received, static=True):
                 names |= {transform.parent, transform.child}
     return names
 
 
 def _is_static(source: Source) -> bool:
-    return source.is_tf and source.topic.rsplit("/", 1)[-1] == "tf_static"
+    return source.is_static
+
+
+def _is_moving(source: Source) -> bool:
+    return source.holds_transforms and not source.is_static
 
 
 target_argument: Callable[[FC], FC] = click.argument("target", shell_complete=complete_frames)

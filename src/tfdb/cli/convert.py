@@ -201,6 +201,17 @@ def _why_none(recordings: Sequence[Recording], selection: Selection) -> str:
     )
 
 
+def _topic_of(source: Source, renamed: Mapping[str, str], *, static: bool) -> str:
+    """The topic on which the transforms of a source are written."""
+    if not source.holds_transforms:
+        return renamed.get("/tf", "/tf")
+    topic = absolute(source.topic)
+    if topic in renamed or source.is_tf:
+        return renamed.get(topic, topic)
+    # As tf names its topics: by these names the transforms are moving or static.
+    return f"{topic.rpartition('/')[0]}/{'tf_static' if static else 'tf'}"
+
+
 def write_fixed_joints(
     rewriters: Iterable[Rewriter], writer: RecordingWriter, at: int, written: Written
 ) -> None:
@@ -224,8 +235,9 @@ def copy(
     """Copy messages, each by its own rewriter; gives how many there were so far."""
     for rewriter, source, received, data in messages:
         try:
-            given = rewriter.decoded(data, source)
-            transforms = rewriter.transforms(given, source, static=selection.is_static(source))
+            static = selection.is_static(source)
+            given = rewriter.decoded(data, source, received, static=static)
+            transforms = rewriter.transforms(given, source, static=static)
             if given and not transforms:
                 written.left_out += 1
                 yield written.read
@@ -235,8 +247,7 @@ def copy(
             written.skipped += 1
             yield written.read
             continue
-        topic = absolute(source.topic) if source.is_tf else "/tf"
-        topic = renamed.get(topic, topic)
+        topic = _topic_of(source, renamed, static=static)
         writer.write(
             made,
             received,

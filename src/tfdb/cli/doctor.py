@@ -29,6 +29,7 @@ KINDS = {
     "static-and-moving": ("error", "one edge written as static and as moving"),
     "disconnected": ("error", "more than one tree"),
     "lost": ("error", "what --salvage could not save of a damaged file"),
+    "no-time": ("warning", "transforms without a timestamp"),
     "leading-slash": ("warning", "a frame that is written with and without a leading slash"),
     "quaternion": ("warning", "quaternions that are not of unit length"),
     "reparented": ("warning", "a frame whose parent changes"),

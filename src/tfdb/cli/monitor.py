@@ -206,7 +206,7 @@ def _tell_recording(
         arrival = 0
         for source, arrival, data in recording.messages(selection.wants):
             encoding, static = selection.kind(source)
-            left = rewriter.message(data, source, static=static)
+            left = rewriter.message(data, source, arrival, static=static)
             if left is None:
                 continue
             if watch is None:

@@ -313,7 +313,7 @@ class Player:
             wait = began + (received - first) / NS / self.speed - time.monotonic()
             if wait > 0:
                 time.sleep(wait)
-            self._store(source, data)
+            self._store(source, received, data)
         if first is not None and played > 1:
             self._step = max((last - first) // (played - 1), 1)
         self.rounds += 1
@@ -322,11 +322,11 @@ class Player:
         for recording in self.recordings:
             yield from recording.messages(self.selection.wants)
 
-    def _store(self, source: Source, data: bytes) -> None:
+    def _store(self, source: Source, received: int, data: bytes) -> None:
         self.messages += 1
         is_static = self.selection.is_static(source)
         try:
-            decoded = self.rewriter.decoded(data, source)
+            decoded = self.rewriter.decoded(data, source, received, static=is_static)
             transforms: Iterable[TransformStamped] = self.rewriter.transforms(
                 decoded, source, static=is_static
             )

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import re
 import warnings
+from collections import Counter
 from collections.abc import Iterable, Mapping
 from copy import copy
 from dataclasses import dataclass, replace
@@ -20,9 +21,9 @@ from tfdb.near_names import near_names
 from tfdb.stamps import format_seconds, shown
 from tfdb.summary import span
 
-from .containers import JOINT_STATE, POSE_TYPES, POSES_WITHOUT_CHILD, Source
+from .containers import JOINT_STATE, POSE_TYPES, POSES_WITHOUT_CHILD, Source, encodings_of
 from .decimal_time import parse_stamp
-from .pose_messages import decode_joint_state, decode_poses, encodings_of
+from .pose_messages import decode_joint_state, decode_poses
 from .recordings import Run
 
 if TYPE_CHECKING:
@@ -158,9 +159,7 @@ class Choice:
                     path, f"topic {topic!r} holds {types[topic]}, not poses: those are {kinds}"
                 )
             if source.encoding not in encodings_of(source.type):
-                listed = ", ".join(encodings_of(source.type))
-                how = f"is encoded as {source.encoding[:40]!r}, which is not read: {listed} are"
-                raise RecordingError(path, f"topic {topic!r} {how}")
+                raise RecordingError(path, f"topic {topic!r} {not_read(source)}")
             if child is None and source.type in POSES_WITHOUT_CHILD:
                 raise RecordingError(
                     path,
@@ -368,6 +367,7 @@ class Rewriter:
         self.is_idle: bool = not choice.limits
         self.left_out: int = 0
         self._moving = 0
+        self.untimed: Counter[str] = Counter()
         self._outside: tuple[int, int] | None = None
 
     def run(self, run: Run, *, static: bool) -> Run | None:
@@ -377,13 +377,15 @@ class Rewriter:
         made = _core.Recorded()
         for index in range(run.first, run.last):
             received, id_, data = run.messages[index]
-            left = self.message(data, run.sources[id_], static=static)
+            left = self.message(data, run.sources[id_], received, static=static)
             if left is not None:
                 made.add(received, id_, left)
         return Run(made, 0, len(made), run.sources) if len(made) else None
 
-    def message(self, data: bytes, source: Source, *, static: bool) -> bytes | None:
+    def message(self, data: bytes, source: Source, received: int, *, static: bool) -> bytes | None:
         """The bytes of a TFMessage; None where nothing of it is left.
+
+        `received` is when the message was, nanoseconds.
 
         A damaged one is left as it is, for the store to refuse it; what makes no transforms is
         added to `refusals`.
@@ -391,7 +393,7 @@ class Rewriter:
         if self.is_idle and source.is_tf:
             return data
         try:
-            given = self.decoded(data, source)
+            given = self.decoded(data, source, received, static=static)
         except TfdbError as error:
             if source.is_tf:
                 return data
@@ -410,14 +412,23 @@ class Rewriter:
             return data
         return _core.encode_tf_message(left, source.encoding)
 
-    def decoded(self, data: bytes, source: Source) -> list[TransformStamped]:
-        """All transforms of one message; raises CorruptMessage and its kin."""
+    def decoded(
+        self, data: bytes, source: Source, received: int, *, static: bool
+    ) -> list[TransformStamped]:
+        """All transforms of one message; raises CorruptMessage and its kin.
+
+        Those without a timestamp have that of the reception, `received`.
+        """
         if source.is_tf:
             return _core.decode_tf_message(data, source.encoding)
         if source.type == JOINT_STATE:
             state = decode_joint_state(data, source)
             return [] if self.joints is None else self.joints.transforms(state)
-        return decode_poses(data, source, self._choice.pose_topics[absolute(source.topic)])
+        topic = absolute(source.topic)
+        found, untimed = decode_poses(data, source, self._choice.pose_topics.get(topic), received)
+        if untimed and not static:
+            self.untimed[topic] += untimed
+        return found
 
     def ingest(self, run: Run, store: Buffer, encoding: str, static: bool) -> None:
         """Store what is left of a run."""
@@ -476,6 +487,12 @@ class Rewriter:
             warnings.warn(message, TfdbWarning, stacklevel=depth)
         if self._outside and not self._moving:
             message = f"{what}: nothing moves {self._described()}"
+            warnings.warn(message, TfdbWarning, stacklevel=depth)
+        for topic, count in self.untimed.items():
+            message = (
+                f"{what}: {count:,} transforms of topic {topic!r} have no timestamp; "
+                "the log time of their message is taken"
+            )
             warnings.warn(message, TfdbWarning, stacklevel=depth)
 
     def check_renamed(self) -> None:
@@ -647,6 +664,12 @@ def held_by(recordings: Sequence[Recording]) -> tuple[str, dict[str, str], str]:
     types = {absolute(t.name): t.type for recording in recordings for t in recording.topics}
     listed = ", ".join(f"{name} ({types[name]})" for name in sorted(types)[:20])
     return path, types, listed or "none at all"
+
+
+def not_read(source: Source) -> str:
+    """What is said of a topic whose messages have an encoding that is not read."""
+    listed = ", ".join(encodings_of(source.type))
+    return f"is encoded as {source.encoding[:40]!r}, which is not read: {listed} are"
 
 
 def _pose_topics(given: Any) -> dict[str, str | None]:

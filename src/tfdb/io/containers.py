@@ -52,13 +52,12 @@ POSES_WITHOUT_CHILD = frozenset(
     }
 )
 """Types of messages that say where something is, and not what."""
-POSE_TYPES = POSES_WITHOUT_CHILD | {
-    "nav_msgs/Odometry",
-    "geometry_msgs/TransformStamped",
-    "foxglove.FrameTransform",
-    "foxglove.FrameTransforms",
-}
-"""Types of messages whose poses are read where they are asked for by topic."""
+FRAME_TRANSFORMS = frozenset({"foxglove.FrameTransform", "foxglove.FrameTransforms"})
+"""Types of Foxglove whose messages are transforms between two frames that they name."""
+POSE_TYPES = (
+    POSES_WITHOUT_CHILD | FRAME_TRANSFORMS | {"nav_msgs/Odometry", "geometry_msgs/TransformStamped"}
+)
+"""Types of messages whose poses are read from the topics that `pose_topics` names."""
 JOINT_STATE = "sensor_msgs/JointState"
 _MAGICS: tuple[tuple[bytes, Kind], ...] = (
     (b"#ROSBAG V2.0", "bag"),
@@ -104,8 +103,24 @@ class Source:
 
     @property
     def is_tf(self) -> bool:
-        """Whether its messages are of transforms, as /tf has them."""
+        """Whether its messages are TFMessages, which the store decodes itself."""
         return self.type in _TF_TYPES
+
+    @property
+    def holds_transforms(self) -> bool:
+        """Whether its messages are transforms: TFMessages, or Foxglove's own."""
+        known = self.type in FRAME_TRANSFORMS and self.encoding in encodings_of(self.type)
+        return self.is_tf or known
+
+    @property
+    def is_static(self) -> bool:
+        """Whether its topic's name says that its transforms are static.
+
+        `tf_static` is the last part of the name; of Foxglove's transforms, it ends in `_static`.
+        """
+        last = self.topic.rstrip("/").rsplit("/", 1)[-1]
+        foxglove = self.type in FRAME_TRANSFORMS and last.endswith("_static")
+        return self.holds_transforms and (last == "tf_static" or foxglove)
 
 
 @dataclass(frozen=True)
@@ -310,6 +325,11 @@ def in_order(
 def plain_type(name: str) -> str:
     """A message type as ROS 1 spells it, or Foxglove, whichever spelling it has."""
     return name.replace("/msg/", "/").replace("foxglove_msgs/", "foxglove.")
+
+
+def encodings_of(type_: str) -> tuple[str, ...]:
+    """In which encodings messages of a type are read."""
+    return ("ros1", "cdr", "protobuf", "json") if type_.startswith("foxglove.") else ("ros1", "cdr")
 
 
 def is_tf_type(name: str) -> bool:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from datetime import date, time
 from decimal import ROUND_HALF_EVEN, Context
 
 from tfdb.stamps import MAX_STAMP
@@ -10,6 +11,11 @@ from tfdb.stamps import MAX_STAMP
 NS_PER_SECOND = 1_000_000_000
 
 _NUMBER = re.compile(r"[+-]?(\d+(\.\d*)?|\.\d+)([eE][+-]?\d+)?", re.ASCII)
+_RFC3339 = re.compile(
+    r"(\d{4})-(\d\d)-(\d\d)[Tt ](\d\d):(\d\d):(\d\d)(\.\d+)?(?:[Zz]|([+-])(\d\d):(\d\d))?",
+    re.ASCII,
+)
+_EPOCH = date(1970, 1, 1).toordinal()
 # Every stamp has at most 19 digits of nanoseconds; 60 leave room for any digits behind them.
 _CONTEXT = Context(prec=60, rounding=ROUND_HALF_EVEN, Emin=-999_999, Emax=999_999, traps=[])
 
@@ -43,6 +49,33 @@ def integer_ns(text: str) -> int:
 def parse_stamp(text: str) -> int:
     """Nanoseconds of ``12.5`` (seconds) or ``12500000000ns``; ``ValueError`` for anything else."""
     return integer_ns(text[:-2]) if text.endswith("ns") else seconds_to_ns(text)
+
+
+def rfc3339_ns(text: str) -> int:
+    """Nanoseconds since 1970 of a time of RFC 3339, such as ``2023-11-14T22:13:20.020Z``.
+
+    Digits beyond the nanosecond are rounded. The result is negative before 1970. Raises
+    ``ValueError`` with a reason for anything else.
+    """
+    found = _RFC3339.fullmatch(text)
+    if found is None:
+        raise ValueError(f"{text[:40]!r} is no time such as '2023-11-14T22:13:20.020Z'")
+    year, month, day, hour, minute, second = map(int, found.group(1, 2, 3, 4, 5, 6))
+    fraction, sign, hours, minutes = found.group(7, 8, 9, 10)
+    if sign is None and text[-1] not in "Zz":
+        raise ValueError(f"{text[:40]!r} has no time zone: it ends in 'Z' or such as '+02:00'")
+    try:
+        days = date(year, month, day).toordinal() - _EPOCH
+        clock, ahead = time(hour, minute, second), time(int(hours or 0), int(minutes or 0))
+    except ValueError as error:
+        raise ValueError(f"{text[:40]!r} is no time: {error}") from None
+    offset = _seconds_of(ahead) * (-1 if sign == "-" else 1)
+    seconds = days * 86_400 + _seconds_of(clock) - offset
+    return seconds * NS_PER_SECOND + (seconds_to_ns(f"0{fraction}") if fraction else 0)
+
+
+def _seconds_of(clock: time) -> int:
+    return (clock.hour * 60 + clock.minute) * 60 + clock.second
 
 
 def ns_to_seconds(stamp: int) -> str:

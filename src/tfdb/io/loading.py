@@ -16,8 +16,8 @@ from tfdb.errors import InvalidArgument, RecordingError, TfdbWarning
 from tfdb.given_objects import given_flag, refuse_without
 from tfdb.given_path import given_path, given_paths
 
-from .choice import OTHERS, Choice, absolute, held_by, no_name, no_topic
-from .containers import POSE_TYPES
+from .choice import OTHERS, Choice, absolute, held_by, no_name, no_topic, not_read
+from .containers import FRAME_TRANSFORMS, POSE_TYPES, encodings_of
 from .mcap_reader import GrowingMcap
 from .recordings import Recording, runs_of
 
@@ -85,6 +85,9 @@ class LoadReport:
         Transforms that were read and not wanted, by `start`, `end`, `keep`, `frames` and `exclude`.
     joints
         What the joint states made of the robot's model; None without `urdf`.
+    untimed
+        Topic to the number of its transforms without a timestamp: Foxglove's messages may leave it
+        out. They have the log time of their message.
     """
 
     files: tuple[str, ...]
@@ -103,6 +106,7 @@ class LoadReport:
     lost: tuple[Loss, ...] = ()
     left_out: int = 0
     joints: JointReport | None = None
+    untimed: Mapping[str, int] = field(default_factory=dict)
 
     def _repr_html_(self) -> str:
         """Write tables for notebooks: the topics, and what was refused."""
@@ -143,10 +147,11 @@ def load_recordings(
         One recording or several, such as the parts of a split one: `.bag`, `.db3`, `.mcap`, ROS 2
         bag folders. They are read in the order of their start.
     topics
-        Which topics to read; None reads all that hold transforms. A mapping renames them, as in
+        Which topics to read; None reads all that hold transforms, TFMessage or Foxglove's
+        FrameTransform and FrameTransforms. A mapping renames them, as in
         `{"/robot1/tf": "tf", "/robot1/tf_static": "tf_static"}`; a new name ends in `tf` or
         `tf_static`. Transforms are static when the last part of the topic's name is `tf_static`,
-        wherever in the file they lie.
+        wherever in the file they lie; Foxglove's, when the name ends in `_static`.
     progress
         Called with (done, total); each message counts once when read and once when stored.
     salvage
@@ -327,15 +332,18 @@ class Selection:
 
     def wants(self, source: Source) -> bool:
         """Whether it is to be read."""
-        if not source.is_tf:
-            return self._choice.wants_other(source)
-        return self._roles is None or absolute(source.topic) in self._roles
+        named = self._roles is None or absolute(source.topic) in self._roles
+        if source.is_tf or (source.holds_transforms and named):
+            return named
+        return self._choice.wants_other(source)
 
     def is_static(self, source: Source) -> bool:
         """Whether its transforms are."""
         name = absolute(source.topic)
-        role = name if self._roles is None or not source.is_tf else self._roles[name]
-        return source.is_tf and role.rsplit("/", 1)[-1] == "tf_static"
+        role = (self._roles or {}).get(name, name)
+        if role == name:
+            return source.is_static
+        return source.holds_transforms and role.rsplit("/", 1)[-1] == "tf_static"
 
     def kind(self, source: Source) -> tuple[str, bool]:
         """What all messages of one run have in common: the encoding to store, and if static."""
@@ -349,12 +357,11 @@ class Selection:
     def check(self, recordings: Sequence[Recording]) -> None:
         """Refuse recordings without any of the topics, topics that no recording has, and none."""
         path, types, held = held_by(recordings)
-        sources = {absolute(s.topic) for recording in recordings for s in recording.sources}
+        others = [source for recording in recordings for source in recording.all_sources]
+        sources = {absolute(source.topic) for source in others if source.holds_transforms}
         self._choice.check_topics(recordings)
         if self._roles is None and not sources and not self._choice.reads_others:
-            others = [source for recording in recordings for source in recording.all_sources]
-            hint = next((s.topic for s in others if s.type in POSE_TYPES), None)
-            more = f"; pose_topics={hint!r} (--pose-topic {hint}) reads its poses" if hint else ""
+            more = next((_way_on(source) for source in others if source.type in POSE_TYPES), "")
             raise RecordingError(path, f"no topic with transforms{more}; its topics: {held}")
         if self._roles is not None and not self._roles and not self._choice.reads_others:
             raise InvalidArgument(
@@ -363,10 +370,20 @@ class Selection:
                 value=[],
                 path=path,
             )
+        unread = {absolute(s.topic): s for s in others if s.type in FRAME_TRANSFORMS}
         for name in sorted(set(self._roles or ()) - sources):
+            if name in unread:
+                raise RecordingError(path, f"topic {name!r} {not_read(unread[name])}")
             if name in types:
                 raise RecordingError(path, f"topic {name!r} holds {types[name]}, not transforms")
             raise no_topic(path, name, held, sources)
+
+
+def _way_on(source: Source) -> str:
+    """How the poses of a topic are read, where no topic has transforms."""
+    if source.encoding in encodings_of(source.type):
+        return f"; pose_topics={source.topic!r} (--pose-topic {source.topic}) reads its poses"
+    return f"; topic {source.topic!r} {not_read(source)}"
 
 
 class _Meter:
@@ -522,6 +539,7 @@ class _Tally:
             lost=tuple(self.lost),
             left_out=rewriter.left_out,
             joints=rewriter.joints_report(),
+            untimed=dict(rewriter.untimed),
         )
 
 

@@ -17,6 +17,8 @@ from tfdb.errors import CorruptMessage, InvalidStamp, TfdbError
 from tfdb.stamps import MAX_STAMP
 from tfdb.types import TransformStamped
 
+from .decimal_time import rfc3339_ns
+
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping
 
@@ -25,7 +27,6 @@ if TYPE_CHECKING:
     Floats: TypeAlias = tuple[float, ...]
 
 _NS = 1_000_000_000
-_FOXGLOVE = "foxglove."
 _BROKEN = (
     *(struct.error, ValueError, TypeError, KeyError),
     *(IndexError, OverflowError, RecursionError),
@@ -41,21 +42,19 @@ class JointState:
     positions: dict[str, float]
 
 
-def encodings_of(type_: str) -> tuple[str, ...]:
-    """In which encodings messages of a type are read."""
-    return ("ros1", "cdr", "protobuf", "json") if type_.startswith(_FOXGLOVE) else ("ros1", "cdr")
+def decode_poses(
+    data: bytes, source: Source, child: str | None, received: int
+) -> tuple[list[TransformStamped], int]:
+    """The transforms of one message, and how many of them have no timestamp of their own.
 
-
-def decode_poses(data: bytes, source: Source, child: str | None) -> list[TransformStamped]:
-    """The transforms of one message; `child` is what its poses are of, None: it says so itself.
-
-    Raises CorruptMessage and InvalidStamp.
+    Those have that of the message's reception. `child` is the frame of the poses, None: the message
+    names it. Raises CorruptMessage and InvalidStamp.
     """
     try:
         if source.encoding in ("ros1", "cdr"):
             found = list(_ROS[source.type](_Fields(data, cdr=source.encoding == "cdr")))
         elif source.encoding == "json":
-            found = list(_of_foxglove(source.type, _Json(json.loads(data))))
+            found = list(_of_foxglove(source.type, _Json(json.loads(data), "")))
         else:
             found = list(_of_foxglove(source.type, _Protobuf(data)))
     except TfdbError:
@@ -70,8 +69,9 @@ def decode_poses(data: bytes, source: Source, child: str | None) -> list[Transfo
         if not parent or not of:
             reason = f"it names no {'parent' if not parent else 'child'} frame"
             raise CorruptMessage(f"topic {source.topic!r}: {reason}", reason=reason)
-        made.append(TransformStamped(parent, of, stamp, pose[:3], pose[3:]))
-    return made
+        at = received if stamp is None else stamp
+        made.append(TransformStamped(parent, of, at, pose[:3], pose[3:]))
+    return made, sum(stamp is None for stamp, *_ in found)
 
 
 def decode_joint_state(data: bytes, source: Source) -> JointState:
@@ -145,16 +145,16 @@ class _Fields:
         return self.doubles(7)
 
 
-def _stamp(seconds: int, nanoseconds: int) -> int:
+def _stamp(seconds: int, nanoseconds: int, field: str = "stamp") -> int:
     stamp = seconds * _NS + nanoseconds
-    if not 0 <= stamp <= MAX_STAMP or nanoseconds >= _NS:
-        what = f"{seconds} s and {nanoseconds} ns are no stamp"
+    if not 0 <= stamp <= MAX_STAMP or not 0 <= nanoseconds < _NS:
+        what = f"{field}: {seconds} s and {nanoseconds} ns are no stamp"
         raise InvalidStamp(what, value=(seconds, nanoseconds))
     return stamp
 
 
-_Found: TypeAlias = "Iterator[tuple[int, str, str, Floats]]"
-"""Stamp, parent, child (empty: the message does not say) and pose."""
+_Found: TypeAlias = "Iterator[tuple[int | None, str, str, Floats]]"
+"""Stamp (None: the message has none), parent, child (empty: the message names none) and pose."""
 
 
 def _with_child(fields: _Fields) -> _Found:
@@ -213,36 +213,74 @@ _ROS: Mapping[str, Callable[[_Fields], _Found]] = {
 
 
 class _Json:
-    """A message of JSON: its fields by name."""
+    """A message of JSON: its fields by name, as Foxglove spells them or protobuf's JSON mapping.
 
-    def __init__(self, found: Any) -> None:
+    Fields that are missing or null have their defaults, as in that mapping. Errors name the field.
+    """
+
+    def __init__(self, found: Any, where: str) -> None:
+        self._prefix = f"{where}." if where else ""
         if not isinstance(found, dict):
-            raise TypeError("an object was expected")
+            raise TypeError(f"{where or 'the message'} is no object")
         self._found = found
 
-    def stamp(self, _number: int, name: str) -> int:
-        time = self.part(0, name)._found
-        return _stamp(_integer(time["sec"]), _integer(time["nsec"]))
+    def _get(self, name: str) -> Any:
+        value = self._found.get(name)
+        first, *others = name.split("_")
+        return self._found.get(first + "".join(map(str.title, others))) if value is None else value
+
+    def stamp(self, _number: int, name: str) -> int | None:
+        value, field = self._get(name), self._prefix + name
+        if value is None:
+            return None
+        if isinstance(value, str):
+            try:
+                stamp = rfc3339_ns(value)
+            except ValueError as error:
+                raise ValueError(f"{field}: {error}") from None
+            return _stamp(*divmod(stamp, _NS), field)
+        if not isinstance(value, dict):
+            raise TypeError(f"{field} is neither sec and nsec nor a text of RFC 3339")
+        seconds = _integer(value.get("sec"), f"{field}.sec")
+        return _stamp(seconds, _integer(value.get("nsec"), f"{field}.nsec"), field)
 
     def text(self, _number: int, name: str) -> str:
-        value = self._found[name]
-        if not isinstance(value, str):
-            raise TypeError(f"{name} is no text")
-        return value
+        value = self._get(name)
+        if not isinstance(value, str | None):
+            raise TypeError(f"{self._prefix}{name} is no text")
+        return value or ""
 
     def part(self, _number: int, name: str) -> _Json:
-        return _Json(self._found[name])
+        value = self._get(name)
+        return _Json({} if value is None else value, self._prefix + name)
 
     def parts(self, _number: int, name: str) -> list[_Json]:
-        return [_Json(each) for each in self._found[name]]
+        value = self._get(name)
+        if value is None and not self._found:
+            return []
+        if not isinstance(value, list):
+            raise TypeError(f"{self._prefix}{name} is no list")
+        return [_Json(each, f"{self._prefix}{name}[{n}]") for n, each in enumerate(value)]
 
     def doubles(self, names: str) -> Floats:
-        return tuple(float(self._found[name]) for name in names)
+        if self._found and self._found.keys().isdisjoint(names):
+            raise TypeError(f"{self._prefix.rstrip('.')} has none of the fields {', '.join(names)}")
+        return tuple(map(self._double, names))
+
+    def _double(self, name: str) -> float:
+        value = self._get(name)
+        # Protobuf's mapping has numbers that JSON lacks as texts, such as "NaN".
+        if not isinstance(value, int | float | str | None) or isinstance(value, bool):
+            raise TypeError(f"{self._prefix}{name} is no number")
+        try:
+            return 0.0 if value is None else float(value)
+        except (ValueError, OverflowError):
+            raise ValueError(f"{self._prefix}{name} is no number: {str(value)[:40]!r}") from None
 
 
-def _integer(value: Any) -> int:
+def _integer(value: Any, field: str) -> int:
     if not isinstance(value, int) or isinstance(value, bool):
-        raise TypeError(f"{value!r} is no integer")
+        raise TypeError(f"{field} is no integer: {str(value)[:40]}")
     return value
 
 
@@ -281,28 +319,38 @@ class _Protobuf:
                 return value, at
         raise ValueError("a number of more than 10 bytes")
 
-    def _last(self, number: int, default: Any, kind: type) -> Any:
+    def _last(self, number: int, name: str, default: Any, kind: type) -> Any:
         value = self._found.get(number, [default])[-1]
         if not isinstance(value, kind):
-            raise TypeError(f"field {number} is of another kind")
+            raise TypeError(f"{name} (field {number}) is of another kind")
         return value
 
-    def stamp(self, number: int, name: str) -> int:
+    def stamp(self, number: int, name: str) -> int | None:
+        if number not in self._found:
+            return None
         time = self.part(number, name)
-        seconds = time._last(1, 0, int)
-        return _stamp(seconds - (seconds >> 63 << 64), time._last(2, 0, int))
+        seconds = time._last(1, f"{name}.seconds", 0, int)
+        nanoseconds = time._last(2, f"{name}.nanos", 0, int)
+        return _stamp(seconds - (seconds >> 63 << 64), nanoseconds, name)
 
-    def text(self, number: int, _name: str) -> str:
-        return str(self._last(number, b"", bytes), "utf-8")
+    def text(self, number: int, name: str) -> str:
+        return str(self._last(number, name, b"", bytes), "utf-8")
 
-    def part(self, number: int, _name: str) -> _Protobuf:
-        return _Protobuf(self._last(number, b"", bytes))
+    def part(self, number: int, name: str) -> _Protobuf:
+        data = self._last(number, name, b"", bytes)
+        try:
+            return _Protobuf(data)
+        except (ValueError, IndexError, struct.error) as error:
+            raise ValueError(f"{name} (field {number}): {error}") from None
 
-    def parts(self, number: int, _name: str) -> list[_Protobuf]:
-        return [_Protobuf(each) for each in self._found.get(number, [])]
+    def parts(self, number: int, name: str) -> list[_Protobuf]:
+        found = self._found.get(number, [])
+        if not all(isinstance(each, bytes) for each in found):
+            raise TypeError(f"{name} (field {number}) is of another kind")
+        return [_Protobuf(each) for each in found]
 
     def doubles(self, names: str) -> Floats:
-        return tuple(self._last(number, 0.0, float) for number in range(1, len(names) + 1))
+        return tuple(self._last(number, name, 0.0, float) for number, name in enumerate(names, 1))
 
 
 def _of_foxglove(type_: str, message: _Json | _Protobuf) -> _Found:
