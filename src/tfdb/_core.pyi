@@ -1163,9 +1163,11 @@ class Buffer(Reads):
             path
                 One recording or several; they are read in the order of their start.
             topics
-                Which topics to read; None: all that hold transforms. A mapping renames them, as in
+                Which topics to read; None: all that hold transforms, TFMessage or Foxglove's
+                FrameTransform and FrameTransforms. A mapping renames them, as in
                 `{"/robot1/tf": "tf", "/robot1/tf_static": "tf_static"}`; a new name ends in `tf` or
-                `tf_static`. Transforms are static when the last part of the topic's name is `tf_static`.
+                `tf_static`. Transforms are static when the last part of the topic's name is `tf_static`;
+                Foxglove's, when the name ends in `_static`.
             progress
                 Called with (done, total); each message counts once when read and once when stored.
             salvage
@@ -1191,11 +1193,10 @@ class Buffer(Reads):
             prefix
                 What is put before the name of each frame, after `rename`: `"robot1/"`.
             pose_topics
-                Topics whose poses become moving edges, too: Odometry, TransformStamped, PoseStamped,
-                PoseWithCovarianceStamped, Path, and Foxglove's FrameTransform, FrameTransforms and
-                PoseInFrame. The edge goes from the frame of the header to the child that the message names;
-                a mapping names it where the message does not, or not well: `{"/pose": "base_link"}`. With
-                `topics=()` they are all that is read.
+                Topics whose poses become moving edges: Odometry, TransformStamped, PoseStamped,
+                PoseWithCovarianceStamped, Path, and Foxglove's PoseInFrame. The edge goes from the frame of
+                the header to the child that the message names; a mapping names it where the message does
+                not, or not well: `{"/pose": "base_link"}`. With `topics=()` they are all that is read.
             urdf
                 The model of the robot, or its file: joint states become moving edges, fixed joints static
                 ones. Of a frame whose parent the recording's own transforms say, the model is silent. The
