@@ -18,10 +18,13 @@ BEGIN = f"""
 import sys
 # After our own, or the system's numpy would be taken.
 sys.path.append({DEBIAN!r})
+from importlib.machinery import PathFinder
 from tfdb import tf2
 tf2.install()
-for name in [each for each in sys.modules if each.split(".")[0] in PACKAGES]:
-    del sys.modules[name]
+class Debian:
+    def find_spec(name, path=None, target=None):
+        return PathFinder.find_spec(name, path) if name.split(".")[0] in PACKAGES else None
+sys.meta_path.insert(0, Debian)
 import tf2_ros, rospy, geometry_msgs.msg, sensor_msgs.msg
 """
 TRANSFORMER = """

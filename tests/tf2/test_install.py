@@ -47,6 +47,8 @@ from tf2_ros.transform_listener import TransformListener
 from tf2_ros.static_transform_broadcaster import StaticTransformBroadcaster
 from tf2_sensor_msgs.tf2_sensor_msgs import do_transform_cloud
 from tf2_geometry_msgs import PoseStamped, do_transform_pose
+assert tf2 is tf2_py  # as the star import has it
+from tfdb import tf2
 assert tf2_ros.Buffer is Buffer is tf2.Buffer is tf2_ros.buffer.Buffer
 assert tf2_py.BufferCore is BufferCore is tf2.BufferCore
 assert issubclass(tf2_py.ExtrapolationException, tf2_ros.TransformException)

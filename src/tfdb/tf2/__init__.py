@@ -15,6 +15,8 @@ on purpose is listed in `tfdb.tf2.differences`.
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING, Any
+
 from tfdb.on_demand import belong_to
 
 # Clouds and geometry register what they transform.
@@ -43,6 +45,7 @@ from .exceptions import (
     TimeoutException,
     TransformException,
 )
+from .exports import find_export
 from .installing import install
 from .message_filter import FilterFailureReason, MessageFilter
 from .static_transform_broadcaster import StaticTransformBroadcaster
@@ -85,3 +88,11 @@ __all__ = [
 ]
 
 belong_to(__name__, globals(), __all__)
+
+if not TYPE_CHECKING:  # or every name would be there for type checkers
+
+    def __getattr__(name: str) -> Any:
+        # What tf2_ros takes from other packages, such as Duration and TFMessage.
+        if name.startswith("__"):
+            raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+        return find_export(name)

@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 from copy import deepcopy
+from functools import cache
 from typing import TYPE_CHECKING, Any, ClassVar
 
 from .exceptions import TransformException
@@ -43,13 +44,14 @@ class NotImplementedException(TransformException, NotImplementedError):  # noqa:
 
 
 def _registered(functions: dict[Any, Callable[..., Any]], key: Any) -> Callable[..., Any]:
-    """Find what is registered for a type, or else for its message's name; or TypeException."""
-    found = functions.get(key)
-    if found is None and isinstance(key, type):
-        found = functions.get(message_name(key))
-    if found is None:
-        raise TypeException(f"Type {key} is not loaded or supported")
-    return found
+    """Find what is registered for a type, a base or its message's name; or TypeException."""
+    for kind in key.__mro__ if isinstance(key, type) else (key,):
+        found = functions.get(kind)
+        if found is None and isinstance(kind, type):
+            found = functions.get(message_name(kind))
+        if found is not None:
+            return found
+    raise TypeException(f"Type {key} is not loaded or supported")
 
 
 class TransformRegistration:
@@ -123,11 +125,30 @@ def convert(a: Any, b_type: Any) -> Any:
 
 
 def Stamped(obj: Any, stamp: Any, frame_id: str) -> Any:  # noqa: N802 - tf2's name
-    """Give an object a header with a stamp and a frame, and return it."""
+    """Give an object a header with a stamp and a frame, and return it.
+
+    Objects that take no attributes, such as PyKDL's vectors, are copied into a subclass of theirs.
+    """
     from .ros_messages import make_header  # noqa: PLC0415 - ROS takes long to import
 
-    obj.header = make_header(stamp, frame_id)
+    return with_header(obj, make_header(stamp, frame_id))
+
+
+def with_header(obj: Any, header: Any) -> Any:
+    """Give an object a header, as `Stamped`."""
+    try:
+        obj.header = header
+    except AttributeError:
+        kind: Any = type(obj)
+        obj = _open_class(kind)(obj)
+        obj.header = header
     return obj
+
+
+@cache
+def _open_class(kind: type) -> type:
+    """Make a subclass whose objects take attributes."""
+    return type(kind.__name__, (kind,), {})
 
 
 class BufferInterface:

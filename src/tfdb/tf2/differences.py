@@ -178,5 +178,13 @@ DIFFERENCES: dict[str, Difference] = {
         "it waits",
         "any thread that brings the transform wakes it",
     ),
+    "exports": Difference(
+        "modules also have private names (`tf.transformations._EPS`) and the features of "
+        "`__future__`",
+        "these are left out; a star import of tf2_ros gives BufferServer, MessageFilter, "
+        "FilterFailureReason, TransformableResult, StaticTransformListener and three kinds of "
+        "ExtrapolationException as well",
+        "private names are not tf2's interface; tfdb offers more",
+    ),
 }
 """By name."""

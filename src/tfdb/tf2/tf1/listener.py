@@ -23,7 +23,14 @@ if TYPE_CHECKING:
 
     from ..buffer_core import Velocity
 
-__all__ = ["TransformListener", "Transformer", "TransformerROS", "strip_leading_slash"]
+__all__ = [
+    "TransformListener",
+    "Transformer",
+    "TransformerROS",
+    "strip_leading_slash",
+    "xyz_to_mat44",
+    "xyzw_to_mat44",
+]
 
 Pose = tuple[list[float], list[float]]
 
@@ -31,6 +38,25 @@ Pose = tuple[list[float], list[float]]
 def strip_leading_slash(s: str) -> str:
     """Drop one '/' before a frame's name."""
     return s.removeprefix("/")
+
+
+def xyz_to_mat44(pos: Any) -> npt.NDArray[np.float64]:
+    """Return the homogeneous matrix, float64 (4, 4), of a translation in metres."""
+    return _matrix((pos.x, pos.y, pos.z), (0.0, 0.0, 0.0, 1.0))
+
+
+def xyzw_to_mat44(ori: Any) -> npt.NDArray[np.float64]:
+    """Return the homogeneous matrix, float64 (4, 4), of a quaternion of any length."""
+    return _matrix((0.0, 0.0, 0.0), (ori.x, ori.y, ori.z, ori.w))
+
+
+def _matrix(translation: Sequence[float], rotation: Sequence[float]) -> npt.NDArray[np.float64]:
+    import numpy as np
+
+    quaternion = np.asarray(rotation, dtype=np.float64)
+    length = float(np.linalg.norm(quaternion))
+    unit = quaternion / length if length else (0.0, 0.0, 0.0, 1.0)
+    return tfdb.Transform("target", "source", translation, unit).matrix
 
 
 def _numbers(found: Any) -> Pose:
@@ -251,12 +277,7 @@ class TransformerROS(Transformer):
 
         The quaternion's length is made one; one of length 0 is the identity.
         """
-        import numpy as np
-
-        quaternion = np.asarray(rotation, dtype=np.float64)
-        length = float(np.linalg.norm(quaternion))
-        unit = quaternion / length if length else (0.0, 0.0, 0.0, 1.0)
-        return tfdb.Transform("target", "source", translation, unit).matrix
+        return _matrix(translation, rotation)
 
     def _transformed(self, function: Any, target_frame: str, message: Any) -> Any:
         header = message.header
