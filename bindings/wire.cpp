@@ -8,6 +8,8 @@
 #include <map>
 #include <span>
 #include <string>
+#include <string_view>
+#include <unordered_set>
 #include <vector>
 
 #include "arguments.hpp"
@@ -236,6 +238,48 @@ nb::object ingest_recorded(BufferObject& self, const Recorded& messages, std::si
     return result_of(tally);
 }
 
+/// The child frames that messages state, by source. Damaged messages state none.
+nb::dict recorded_children(const Recorded& messages, std::size_t first, std::size_t last,
+                           nb::handle encoding) {
+    constexpr std::size_t kTogether = 1024;
+    const wire::Encoding how = encoding_of(encoding);
+    // Views of bytes that stay where they are as long as `messages`.
+    std::map<std::uint32_t, std::unordered_set<std::string_view>> found;
+    std::vector<TransformView> scratch;
+    for (; first < last; first += kTogether) {
+        look_for_signals(0);
+        const std::vector<RecordedMessage> together =
+            messages.between(first, std::min(last, first + kTogether));
+        const LongWork work(true);
+        for (const RecordedMessage& message : together) {
+            auto& children = found[message.source];
+            try {
+                wire::decode_tf_message(message.bytes(), how, scratch);
+            } catch (const CorruptMessage&) {
+                continue;
+            }
+            for (const TransformView& transform : scratch) {
+                children.insert(transform.child);
+            }
+        }
+    }
+    nb::dict result;
+    for (const auto& [source, children] : found) {
+        nb::set names;
+        for (const std::string_view child : children) {
+            const nb::object name = nb::steal(
+                PyUnicode_DecodeUTF8(child.data(), static_cast<Py_ssize_t>(child.size()), nullptr));
+            if (name.is_valid()) {
+                names.add(name);
+            } else {
+                forget_error();  // the store refuses it
+            }
+        }
+        result[nb::int_(source)] = names;
+    }
+    return result;
+}
+
 wire::Encoding encoding_or_cdr(PyObject* given) {
     return given == nullptr ? encoding_of(nb::str("cdr")) : encoding_of(given);
 }
@@ -360,6 +404,11 @@ void bind_wire(nb::module_& module, nb::class_<BufferObject, ReadsObject>& type)
                        "last: int, *, encoding: str, static: bool, authorities: dict[int, str]) "
                        "-> tfdb.types.IngestResult"),
                "As `ingest_many`, of the messages at [first, last); `authorities` by source.");
+    module.def("recorded_children", &recorded_children, nb::arg("messages").none(),
+               nb::arg("first"), nb::arg("last"), nb::kw_only(), nb::arg("encoding").none(),
+               nb::sig("def recorded_children(messages: Recorded, first: int, last: int, *, "
+                       "encoding: str) -> dict[int, set[str]]"),
+               "The child frames of the messages at [first, last), by source.");
     add_raw_function(module, g_encode);
     add_raw_function(module, g_decode);
 }

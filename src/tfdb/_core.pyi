@@ -1144,6 +1144,8 @@ class Buffer(Reads):
         pose_topics: tfdb.loading.PoseTopics | None = None,
         urdf: str | os.PathLike[str] | tfdb.io.RobotModel | None = None,
         joint_topic: str | None = None,
+        by_namespace: bool = False,
+        mix: bool = False,
     ) -> tfdb.io.LoadReport:
         """
         Load the transforms of recordings: `.bag`, `.db3`, `.mcap`, folders of ROS 2 bags.
@@ -1203,6 +1205,14 @@ class Buffer(Reads):
                 report's `joints` tells of joints that are missing, unknown or beyond their limits.
             joint_topic
                 The topic of the joint states; None: `/joint_states`, or the only one.
+            by_namespace
+                Keep groups of topics apart: the frames of `/robot1/tf` and `/robot1/tf_static` get the
+                prefix `robot1/`, those of `/tf_old` the prefix `tf_old/`, those of `/tf` none. Topics of
+                poses get the prefix of their namespace. The other options are about these names. Not with
+                `urdf`.
+            mix
+                Load all topics into one tree, although groups of topics disagree on an edge: of samples
+                with one stamp the last one counts, and lookups interpolate between the sources.
 
             Returns
             -------
@@ -1214,6 +1224,11 @@ class Buffer(Reads):
             RecordingError
                 A file is no recording, damaged or cut short; a topic is missing or holds no transforms;
                 nothing is left. Nothing was stored.
+            MixedSources
+                Without `topics`: groups of topics disagree on the edge of a frame to its parent. `/tf` and
+                `/tf_static` of one namespace are one group, every other topic is a group of its own. Groups
+                agree where one repeats samples of the other. `topics`, `by_namespace` and `mix` are the
+                ways on. Nothing was stored.
             TrajectoryError
                 A line of a trajectory that is not what its format wants, and the like.
             UnknownFrame
@@ -1450,6 +1465,9 @@ def ingest_recorded(buffer: Buffer, messages: Recorded, first: int, last: int, *
     """
     As `ingest_many`, of the messages at [first, last); `authorities` by source.
     """
+
+def recorded_children(messages: Recorded, first: int, last: int, *, encoding: str) -> dict[int, set[str]]:
+    """The child frames of the messages at [first, last), by source."""
 
 def encode_tf_message(transforms: Iterable[tfdb.types.TransformStampedLike], encoding: str = 'cdr') -> bytes:
     """

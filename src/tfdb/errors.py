@@ -37,6 +37,7 @@ __all__ = [
     "InvalidTransform",
     "LockTimeout",
     "MasterRefused",
+    "MixedSources",
     "ModelError",
     "NoMaster",
     "NoSampleNear",
@@ -91,7 +92,7 @@ class TfdbError(Exception):
     authority: str | None = None
     """Who wrote."""
     frames: tuple[str, ...] | None = None
-    """Children that still use a frame, frames of a cycle, or two roots."""
+    """Children that still use a frame, frames of a cycle, two roots, or frames of mixed sources."""
     reason: str | None = None
     """`past`, `future` or `no data`; or what was wrong with the input."""
     stamp: int | None = None
@@ -124,6 +125,8 @@ class TfdbError(Exception):
     """The file."""
     line: int | None = None
     """The line of the file, counted from 1."""
+    groups: dict[str, tuple[str, ...]] | None = None
+    """The topics of each group that disagrees with another, by the namespace of the group."""
     uri: str | None = None
     """Where the master of a ROS graph is, or should be."""
 
@@ -375,6 +378,15 @@ class _FileError(TfdbError):
 
 class RecordingError(_FileError):
     """A recording that cannot be read or written: `RecordingError(path, reason)`."""
+
+
+class MixedSources(RecordingError):
+    """Several groups of topics state different transforms of one edge.
+
+    Two robots in one recording, or `/tf` beside `/tf_old`, are such groups.
+
+    Fields: path, reason, groups, frames (the children of these edges).
+    """
 
 
 class ModelError(_FileError):

@@ -99,6 +99,8 @@ def load(
     pose_topics: PoseTopics | None = None,
     urdf: str | os.PathLike[str] | RobotModel | None = None,
     joint_topic: str | None = None,
+    by_namespace: bool = False,
+    mix: bool = False,
     cache: bool = False,
 ) -> Buffer:
     """Load recordings into a new buffer that keeps everything.
@@ -106,7 +108,7 @@ def load(
     Parameters
     ----------
     path, topics, progress, salvage, start, end, frames, exclude, keep, rename, prefix,
-    pose_topics, urdf, joint_topic
+    pose_topics, urdf, joint_topic, by_namespace, mix
         As in `Buffer.load`.
     cache
         Keep what was loaded as a frozen store, and open that the next time: it takes as long as to
@@ -147,6 +149,8 @@ def load(
         "pose_topics": pose_topics,
         "urdf": urdf,
         "joint_topic": joint_topic,
+        "by_namespace": by_namespace,
+        "mix": mix,
     }
     paths = _each_once(path)
     cache, salvage = given_flag("cache", cache), given_flag("salvage", salvage)

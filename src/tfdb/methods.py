@@ -246,6 +246,8 @@ def load(
     pose_topics: PoseTopics | None = None,
     urdf: str | os.PathLike[str] | RobotModel | None = None,
     joint_topic: str | None = None,
+    by_namespace: bool = False,
+    mix: bool = False,
 ) -> LoadReport:
     """Load the transforms of recordings: `.bag`, `.db3`, `.mcap`, folders of ROS 2 bags.
 
@@ -304,6 +306,14 @@ def load(
         report's `joints` tells of joints that are missing, unknown or beyond their limits.
     joint_topic
         The topic of the joint states; None: `/joint_states`, or the only one.
+    by_namespace
+        Keep groups of topics apart: the frames of `/robot1/tf` and `/robot1/tf_static` get the
+        prefix `robot1/`, those of `/tf_old` the prefix `tf_old/`, those of `/tf` none. Topics of
+        poses get the prefix of their namespace. The other options are about these names. Not with
+        `urdf`.
+    mix
+        Load all topics into one tree, although groups of topics disagree on an edge: of samples
+        with one stamp the last one counts, and lookups interpolate between the sources.
 
     Returns
     -------
@@ -315,6 +325,11 @@ def load(
     RecordingError
         A file is no recording, damaged or cut short; a topic is missing or holds no transforms;
         nothing is left. Nothing was stored.
+    MixedSources
+        Without `topics`: groups of topics disagree on the edge of a frame to its parent. `/tf` and
+        `/tf_static` of one namespace are one group, every other topic is a group of its own. Groups
+        agree where one repeats samples of the other. `topics`, `by_namespace` and `mix` are the
+        ways on. Nothing was stored.
     TrajectoryError
         A line of a trajectory that is not what its format wants, and the like.
     UnknownFrame
@@ -353,6 +368,8 @@ def load(
         pose_topics=pose_topics,
         urdf=urdf,
         joint_topic=joint_topic,
+        by_namespace=by_namespace,
+        mix=mix,
     )
 
 

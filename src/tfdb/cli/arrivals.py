@@ -101,7 +101,8 @@ def read_arrivals(
                     given = rewriter.decoded(data, source, arrival, static=is_static)
                 except (tfdb.CorruptMessage, tfdb.InvalidName, tfdb.InvalidStamp):
                     continue
-                names = {name for one in given for name in (one.parent, one.child)}
+                space = rewriter.space(source)
+                names = {n.removeprefix(space) for one in given for n in (one.parent, one.child)}
                 if source.is_tf:
                     slashes.look(data, names, source.encoding)
                 left = rewriter.transforms(given, source, static=is_static)

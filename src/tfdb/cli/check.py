@@ -3,18 +3,20 @@
 from __future__ import annotations
 
 import warnings
-from collections import Counter
+from collections import Counter, defaultdict
 from typing import TYPE_CHECKING, Any
 
 import click
 
 import tfdb
+from tfdb.io.groups import prefix_of_topic
 from tfdb.summary import Forest
 
 from . import common, layout, output
 from .arrivals import Arrivals, read_arrivals
 from .doctor import KINDS, Finding, Limits, disconnected, examine, leading_slashes, sort_key
 from .graph import LISTENS, Live, is_graph, listening, node_option
+from .info import mixed_body
 from .times import NS, duration_option, format_date, format_ns, format_when
 
 if TYPE_CHECKING:
@@ -87,6 +89,7 @@ def command(
         *_refused(loaded),
         *_lost(loaded),
         *_untimed(loaded),
+        *_mixed(loaded),
         *_trees(loaded),
         *leading_slashes(arrivals.mixed),
         *examine(arrivals.log, limits),
@@ -114,7 +117,7 @@ def examined(
         with listening(names[0], history=None) as live, common.progress_bar("watching") as update:
             arrivals = watch_arrivals(live, seconds, update)
             return common.Loaded(live.store.snapshot(), None, names), arrivals
-    loaded = common.load(names, topics, verify=True)
+    loaded = common.load(names, topics, verify=True, apart=True)
     report = loaded.report
     if report is not None:
         with common.progress_bar("checking") as update:
@@ -136,7 +139,18 @@ def examined(
 
 def _trees(loaded: common.Loaded) -> list[Finding]:
     forest = Forest(loaded.store.tree())
-    return disconnected([(root, sum(1 for _ in forest.walk(root))) for root in forest.roots])
+    sizes = [(root, sum(1 for _ in forest.walk(root))) for root in forest.roots]
+    if loaded.report is None or not common.chosen().get("by_namespace"):
+        return disconnected(sizes)
+    # Groups of topics that are kept apart are trees of their own.
+    topics = [topic.name for topic in loaded.report.topics]
+    before = common.chosen().get("prefix", "")
+    prefixes = {before + prefix_of_topic(name, transforms=True) for name in topics}
+    apart: dict[str, list[tuple[str, int]]] = defaultdict(list)
+    for root, size in sizes:
+        group = max((prefix for prefix in prefixes if root.startswith(prefix)), default="")
+        apart[group].append((root, size))
+    return [finding for each in apart.values() for finding in disconnected(each)]
 
 
 def _lost(loaded: common.Loaded) -> list[Finding]:
@@ -157,6 +171,19 @@ def _untimed(loaded: common.Loaded) -> list[Finding]:
         )
         for topic, count in (loaded.report.untimed if loaded.report else {}).items()
     ]
+
+
+def _mixed(loaded: common.Loaded) -> list[Finding]:
+    error = loaded.mixed
+    if error is None:
+        return []
+    body = mixed_body(error)
+    groups = "; ".join(" with ".join(topics) for topics in body["groups"].values())
+    message = (
+        f"{len(body['groups'])} groups of topics state different transforms: {groups}; examined "
+        "here each under its own prefix, as --by-namespace loads them"
+    )
+    return [Finding("mixed-sources", error.frames or (), message, None, len(body["frames"]), body)]
 
 
 def _refused(loaded: common.Loaded) -> list[Finding]:

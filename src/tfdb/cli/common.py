@@ -5,6 +5,7 @@ from __future__ import annotations
 import errno
 import sys
 import time
+import warnings
 from contextlib import contextmanager
 from dataclasses import dataclass
 from itertools import chain, islice
@@ -184,13 +185,33 @@ _choice_options = (
 _prefix_option = _chooses("--prefix", "TEXT", "Put TEXT before the name of each frame.")
 
 
+def _group_option(flag: str, help_: str) -> Any:
+    """Make a flag that says what becomes of several groups of topics."""
+
+    def keep(ctx: click.Context, param: click.Parameter, value: bool) -> None:
+        _choose(ctx, param, value or None)
+
+    return click.option(flag, is_flag=True, help=help_, callback=keep, expose_value=False)
+
+
+_group_options = (
+    _group_option(
+        "--by-namespace",
+        "Load each group of topics under its own prefix: the frames of /robot1/tf under robot1/.",
+    ),
+    _group_option(
+        "--mix", "Load all topics into one tree, although groups of topics disagree on an edge."
+    ),
+)
+
+
 def topic_option(command: Any, *, times: bool = True, prefix: bool = True) -> Any:
     """Give a command that reads recordings the options that say what to read of them.
 
     Without `times` it has a start and an end of its own, without `prefix` prefixes of its own.
     """
     chosen = (*(_time_options if times else ()), *_choice_options)
-    chosen += (_prefix_option,) if prefix else ()
+    chosen += ((_prefix_option,) if prefix else ()) + _group_options
     for option in reversed((_topic_option, *chosen, _salvage_option)):
         command = option(command)
     return command
@@ -201,6 +222,11 @@ def chosen() -> LoadOptions:
     context = click.get_current_context(silent=True)
     found: LoadOptions = {} if context is None else context.meta.get(_CHOSEN, {})
     return found
+
+
+def choose(**options: Any) -> None:
+    """Read in another way than the command was told to."""
+    click.get_current_context().meta.setdefault(_CHOSEN, {}).update(options)
 
 
 def salvages() -> bool:
@@ -279,6 +305,8 @@ class Loaded:
     names: tuple[str, ...]
     now: int | None = None
     """When what is live was found so, by the clock of the graph or of the machine."""
+    mixed: tfdb.MixedSources | None = None
+    """Why the groups of topics were loaded each under its own prefix."""
 
     @property
     def live(self) -> bool:
@@ -360,8 +388,12 @@ def load(
     *,
     verify: bool = False,
     there: Callable[[Buffer], bool] | None = None,
+    apart: bool = False,
 ) -> Loaded:
     """Load the recordings into one store that keeps everything.
+
+    `apart`: where groups of topics disagree, load each under its own prefix, as `--by-namespace`
+    does, and return the error in `mixed`.
 
     A live or a frozen store is read as it is; `verify`: the latter is compared with its checksum. A
     graph is listened to, until `there` holds of what was heard or the time is over.
@@ -377,20 +409,33 @@ def load(
     if any(is_frozen(path) for path in paths):
         refuse_parts(names, topics, "a frozen store", "FILE.tfdb")
         return Loaded(tfdb.open(paths[0], verify=verify), None, (str(paths[0]),))
-    store = tfdb.Buffer(history=None)
+    store, mixed = tfdb.Buffer(history=None), None
     with progress_bar("reading") as update:
-        report = store.load(
-            list(paths),
-            topics=parse_topics(topics),
-            progress=update,
-            salvage=salvages(),
-            **chosen(),
-        )
+
+        def read() -> LoadReport:
+            return store.load(
+                list(paths),
+                topics=parse_topics(topics),
+                progress=update,
+                salvage=salvages(),
+                **chosen(),
+            )
+
+        try:
+            report = read()
+        except tfdb.MixedSources as error:
+            if not apart or "urdf" in chosen():
+                raise
+            mixed = error
+            text = f"{error}. Shown here: each group under its own prefix"
+            warnings.warn(text, tfdb.TfdbWarning, stacklevel=2)
+            choose(by_namespace=True)
+            report = read()
     report_losses(report.lost)
     context = click.get_current_context(silent=True)
     bounds = {} if context is None else context.meta.get(_BOUNDS, {})
     warn_of_bounds(span(store.tree()), **bounds)
-    return Loaded(store, report, tuple(str(path) for path in paths))
+    return Loaded(store, report, tuple(str(path) for path in paths), mixed=mixed)
 
 
 def open_live(name: str) -> Buffer:
@@ -404,9 +449,14 @@ def refuse_parts(names: Sequence[str], topics: Sequence[str], what: str, how: st
         raise click.UsageError(f"{what} is read alone: give {how} without other files")
     if topics or salvages():
         raise click.UsageError(f"{names[0]} is {what}: it has no topics, nothing to salvage")
-    given = ", ".join(sorted(f"--{name.removesuffix('s')}" for name in chosen()))
+    given = ", ".join(sorted(f"--{flag_of(name)}" for name in chosen()))
     if given:
         raise click.UsageError(f"{names[0]} is {what}, read as it is: {given} goes with recordings")
+
+
+def flag_of(name: str) -> str:
+    """Return the name of the option that chooses `name` of `Buffer.load`."""
+    return name.removesuffix("s").replace("_", "-")
 
 
 @contextmanager

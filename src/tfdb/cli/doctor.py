@@ -25,6 +25,7 @@ KINDS = {
     "refused": ("error", "messages that the store refuses"),
     "two-clocks": ("error", "stamps of two clocks, as of a simulation and of the day"),
     "time-jump": ("error", "stamps that jump against the time of arrival"),
+    "mixed-sources": ("error", "one edge stated differently by several groups of topics"),
     "two-publishers": ("error", "one edge written by several publishers"),
     "static-and-moving": ("error", "one edge written as static and as moving"),
     "disconnected": ("error", "more than one tree"),

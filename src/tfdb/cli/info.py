@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -11,6 +11,9 @@ from tfdb.summary import EdgeSummary, Forest, edge_summaries, span
 from . import common, layout, output
 from .graph import listen_option
 from .times import format_dates, format_duration, format_ns
+
+if TYPE_CHECKING:
+    import tfdb
 
 
 @click.command("info")
@@ -27,7 +30,7 @@ def command(*, files: tuple[str, ...], topics: tuple[str, ...], as_json: bool) -
     Several FILEs are parts of one recording; shm:NAME is a live store, ros1: or ros2: a live graph
     and FILE.tfdb a frozen store, which have no topics.
     """
-    loaded = common.load(files, topics)
+    loaded = common.load(files, topics, apart=True)
     edges = edge_summaries(loaded.store)
     if as_json:
         output.emit_json("info", _body(loaded, edges))
@@ -48,12 +51,19 @@ def _body(loaded: common.Loaded, edges: list[EdgeSummary]) -> dict[str, Any]:
         "transforms": report and report.transforms,
         "refused": report and report.refused,
         **({"lost": [vars(loss) for loss in report.lost]} if report and common.salvages() else {}),
+        "mixed": None if loaded.mixed is None else mixed_body(loaded.mixed),
         "frames": len(loaded.store.frames()),
         "roots": [info.name for info in loaded.store.tree() if info.parent is None],
         "start_ns": None if whole is None else whole[0],
         "end_ns": None if whole is None else whole[1],
         "edges": [edge_body(edge) for edge in edges],
     }
+
+
+def mixed_body(error: tfdb.MixedSources) -> dict[str, Any]:
+    """Return groups of topics that disagree as JSON; `info` and `check` use the same keys."""
+    groups = {name: list(topics) for name, topics in (error.groups or {}).items()}
+    return {"groups": groups, "frames": list(error.frames or ())}
 
 
 def edge_body(edge: EdgeSummary) -> dict[str, Any]:

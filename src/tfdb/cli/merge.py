@@ -97,10 +97,12 @@ def _merge(
         def resolve() -> list[Rewriter]:
             """The rewriter of each file; without prefixes they are parts of one recording."""
             if not prefixes:
-                one = choice.resolve(recordings, selection.wants, selection.kind)
-                return [one] * len(recordings)
+                return [selection.resolve(recordings)] * len(recordings)
             robots = [(prefix, [each]) for prefix, each in zip(prefixes, recordings, strict=True)]
-            return choice.resolve_apart(robots, selection.wants, selection.kind)
+            made = choice.resolve_apart(robots, selection.wants, selection.kind)
+            for rewriter, recording in zip(made, recordings, strict=True):
+                selection.refuse_mixture([recording], rewriter)
+            return made
 
         _refuse_conflicts(recordings, resolve(), selection)
         rewriters = resolve()

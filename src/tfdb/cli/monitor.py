@@ -197,7 +197,7 @@ def _tell_recording(
         choice = Choice(**common.chosen())
         selection = Selection(common.parse_topics(topics), choice)
         selection.check([recording])
-        rewriter = choice.resolve([recording], selection.wants, selection.kind)
+        rewriter = selection.resolve([recording])
         fixed = rewriter.fixed_joints()
         if fixed:
             store.set_transforms(fixed, static=True, authority=rewriter.model_name)

@@ -109,7 +109,7 @@ def bag(
         selection = Selection(common.parse_topics(topics), choice)
         selection.check(recordings)
         recordings.sort(key=lambda recording: recording.start)
-        rewriter = choice.resolve(recordings, selection.wants, selection.kind)
+        rewriter = selection.resolve(recordings)
         store = _open(name, history)  # after what may be refused
         player = Player(store, recordings, selection, rewriter, speed)
         if not as_json:

@@ -37,7 +37,7 @@ def command(
     TIME: seconds (12.5), nanoseconds (12500000000ns), or an offset from the start (+1.5) or from
     the end (-0.5).
     """
-    loaded = common.load(files, topics)
+    loaded = common.load(files, topics, apart=True)
     time = None if at is None else at.resolve(loaded.span)
     warn_of_bounds(loaded.span, at=at)
     infos = loaded.store.tree(time)

@@ -17,12 +17,14 @@ from typing import TYPE_CHECKING, Any, Literal, TypeAlias, TypedDict
 
 from tfdb import _core
 from tfdb.errors import InvalidArgument, RecordingError, TfdbError, TfdbWarning, UnknownFrame
+from tfdb.given_objects import given_flag
 from tfdb.near_names import near_names
 from tfdb.stamps import format_seconds, shown
 from tfdb.summary import span
 
 from .containers import JOINT_STATE, POSE_TYPES, POSES_WITHOUT_CHILD, Source, encodings_of
 from .decimal_time import parse_stamp
+from .groups import prefix_of
 from .pose_messages import decode_joint_state, decode_poses
 from .recordings import Run
 
@@ -61,6 +63,8 @@ class LoadOptions(TypedDict, total=False):
     pose_topics: PoseTopics | None
     urdf: PathLike | RobotModel | None
     joint_topic: str | None
+    by_namespace: bool
+    mix: bool
 
 
 @dataclass(frozen=True)
@@ -113,6 +117,8 @@ class Choice:
         pose_topics: PoseTopics | None = None,
         urdf: PathLike | RobotModel | None = None,
         joint_topic: str | None = None,
+        by_namespace: Any = False,
+        mix: Any = False,
     ) -> None:
         self.start: Time | None = _time("start", start)
         self.end: Time | None = _time("end", end)
@@ -131,6 +137,17 @@ class Choice:
         if joint_topic is not None and self.model is None:
             raise InvalidArgument("joint_topic goes with urdf, the model of the robot")
         self.joint_topic = None if joint_topic is None else absolute(joint_topic)
+        self.by_namespace: bool = given_flag("by_namespace", by_namespace)
+        self.mix: bool = given_flag("mix", mix)
+        if self.mix and self.by_namespace:
+            raise InvalidArgument(
+                "mix puts groups of topics together, by_namespace keeps them apart"
+            )
+        if self.model is not None and self.by_namespace:
+            raise InvalidArgument(
+                "by_namespace keeps robots apart, and urdf is the model of one robot: name the "
+                "topics of that robot"
+            )
 
     @property
     def reads_others(self) -> bool:
@@ -208,11 +225,14 @@ class Choice:
     @property
     def key(self) -> str:
         """The choice in words that are the same for the same choice; empty: that of everything."""
+        limits = self.limits
+        if self.mix or self.by_namespace:
+            limits += ", mix" if self.mix else ", by_namespace"
         if not self.reads_others:
-            return self.limits
+            return limits
         joints = None if self.model is None else sorted(self.model.joints.items())
         poses = sorted(self.pose_topics.items(), key=str)
-        return f"{self.limits}; {poses}, {joints}, {self.joint_topic}"
+        return f"{limits}; {poses}, {joints}, {self.joint_topic}"
 
     @property
     def needs_survey(self) -> bool:
@@ -319,7 +339,11 @@ class Choice:
 
     def _without_names(self) -> Choice:
         """What decides where a transform comes from."""
-        return Choice(exclude=self.exclude, pose_topics=self.pose_topics or None)
+        return Choice(
+            exclude=self.exclude,
+            pose_topics=self.pose_topics or None,
+            by_namespace=self.by_namespace,
+        )
 
     def _check_names(self, frames: Sequence[str]) -> None:
         """Refuse new names that others have."""
@@ -364,7 +388,7 @@ class Rewriter:
         self._is_out: dict[str, bool] = {}
         self._used: set[str] = set()
         self._names: dict[str, str] = {}
-        self.is_idle: bool = not choice.limits
+        self.is_idle: bool = not (choice.limits or choice.by_namespace)
         self.left_out: int = 0
         self._moving = 0
         self.untimed: Counter[str] = Counter()
@@ -408,7 +432,8 @@ class Rewriter:
             except TfdbError as error:
                 self.refusals.append(error)
                 return None
-        if len(left) == len(given) and not self._choice.rename and not self._choice.prefix:
+        renames = self._choice.rename or self._choice.prefix or self.space(source)
+        if len(left) == len(given) and not renames:
             return data
         return _core.encode_tf_message(left, source.encoding)
 
@@ -419,6 +444,25 @@ class Rewriter:
 
         Those without a timestamp have that of the reception, `received`.
         """
+        given = self._decoded(data, source, received, static=static)
+        space = self.space(source)
+        if not space:
+            return given
+        return [replace(one, parent=space + one.parent, child=space + one.child) for one in given]
+
+    def space(self, source: Source) -> str:
+        """The prefix that `by_namespace` gives to the frames of a topic."""
+        return prefix_of(source) if self._choice.by_namespace else ""
+
+    def without_names(self) -> Rewriter:
+        """Make a rewriter that leaves out the same, and keeps all names."""
+        choice = copy(self._choice)
+        choice.prefix, choice.rename = "", {}
+        return Rewriter(choice, self.window, self._children)
+
+    def _decoded(
+        self, data: bytes, source: Source, received: int, *, static: bool
+    ) -> list[TransformStamped]:
         if source.is_tf:
             return _core.decode_tf_message(data, source.encoding)
         if source.type == JOINT_STATE:

@@ -18,6 +18,7 @@ from tfdb.given_path import given_path, given_paths
 
 from .choice import OTHERS, Choice, absolute, held_by, no_name, no_topic, not_read
 from .containers import FRAME_TRANSFORMS, POSE_TYPES, encodings_of
+from .groups import refuse_mixture
 from .mcap_reader import GrowingMcap
 from .recordings import Recording, runs_of
 
@@ -158,14 +159,16 @@ def load_recordings(
         Read damaged and cut files as far as they go, and folders of which files are missing; the
         report counts what was lost.
     **options
-        `start`, `end`, `frames`, `exclude`, `keep`, `rename`, `prefix`, `pose_topics`, `urdf` and
-        `joint_topic`, as in `Buffer.load`.
+        `start`, `end`, `frames`, `exclude`, `keep`, `rename`, `prefix`, `pose_topics`, `urdf`,
+        `joint_topic`, `by_namespace` and `mix`, as in `Buffer.load`.
 
     Raises
     ------
     RecordingError
         A file is no recording, damaged or cut short; a topic is missing or holds no transforms;
         nothing could be stored. The store is unchanged. Fields: path, reason.
+    MixedSources
+        Groups of topics disagree, as in `Buffer.load`. The store is unchanged.
     InvalidArgument
         No path, an empty one, or topics that are none, no names, or renamed to something else.
     OSError
@@ -186,7 +189,7 @@ def load_recordings(
         recordings.sort(key=lambda recording: recording.start)
         names = tuple(str(recording.path) for recording in recordings)
         meter = _Meter(selection.count(recordings), progress, 3 if choice.needs_survey else 2)
-        rewriter = choice.resolve(recordings, selection.wants, selection.kind, meter.step)
+        rewriter = selection.resolve(recordings, meter.step)
         tally.store_model(rewriter)
         readings: deque[Iterator[Run]] = deque()
         for recording in recordings:
@@ -377,6 +380,29 @@ class Selection:
             if name in types:
                 raise RecordingError(path, f"topic {name!r} holds {types[name]}, not transforms")
             raise no_topic(path, name, held, sources)
+
+    def resolve(
+        self, recordings: Sequence[Recording], step: Callable[[int], None] | None = None
+    ) -> Rewriter:
+        """Make the rewriter of recordings that `check` has passed, for one store.
+
+        Raises MixedSources where no topic was named and groups of topics disagree; the others as
+        `Choice.resolve`.
+        """
+        rewriter = self._choice.resolve(recordings, self.wants, self.kind, step)
+        self.refuse_mixture(recordings, rewriter)
+        return rewriter
+
+    def refuse_mixture(self, recordings: Sequence[Recording], rewriter: Rewriter) -> None:
+        """Raise MixedSources where no topic was named and groups of topics disagree."""
+        choice = self._choice
+        if self._roles is None and not choice.mix and not choice.by_namespace:
+            refuse_mixture(recordings, self._is_judged, self.kind, rewriter.without_names())
+
+    def _is_judged(self, source: Source) -> bool:
+        """Whether it holds transforms and was not asked for by name."""
+        is_named = absolute(source.topic) in self._choice.pose_topics
+        return source.holds_transforms and self.wants(source) and not is_named
 
 
 def _way_on(source: Source) -> str:

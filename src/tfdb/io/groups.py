@@ -1,0 +1,174 @@
+"""Which topics belong together, and the edges on which several groups of topics disagree.
+
+`/tf` and `/tf_static` of one namespace are one group. Every other topic is a group of its own, with
+the topic that is called the same and ends in `_static`.
+"""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from typing import TYPE_CHECKING
+
+from tfdb import _core
+from tfdb.errors import MixedSources
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Collection, Mapping, Sequence
+
+    from tfdb import Buffer
+
+    from .choice import Rewriter
+    from .containers import Source
+    from .recordings import Recording, Run
+
+_LISTED = 5
+"""An error lists at most so many groups, and so many frames."""
+
+
+def prefix_of(source: Source) -> str:
+    """Return the prefix of a topic's group: `robot1/` for `/robot1/tf`, empty for `/tf`.
+
+    A topic of poses belongs to its namespace.
+    """
+    return prefix_of_topic(source.topic, transforms=source.holds_transforms)
+
+
+def prefix_of_topic(name: str, *, transforms: bool) -> str:
+    """Do the same for the name of a topic, of transforms or of poses."""
+    topic = name.strip("/").removesuffix("_static")
+    space, _, last = topic.rpartition("/")
+    whole = topic if transforms and last != "tf" else space
+    return f"{whole}/" if whole else ""
+
+
+def refuse_mixture(
+    recordings: Sequence[Recording],
+    judged: Callable[[Source], bool],
+    kind: Callable[[Source], tuple[str, bool]],
+    rewriter: Rewriter,
+) -> None:
+    """Raise MixedSources if groups of topics disagree on an edge.
+
+    One group costs nothing. Of several groups the child frames are compared. Groups that share a
+    child frame are stored apart, and their samples of that frame are compared.
+
+    Sources for which `judged` is true are compared. `kind` is that of a `Selection`. `rewriter`
+    drops what is not wanted and keeps all names.
+    """
+    topics: dict[str, set[str]] = defaultdict(set)
+    for recording in recordings:
+        for source in filter(judged, recording.all_sources):
+            topics[prefix_of(source)].add("/" + source.topic.strip("/"))
+    if len(topics) < 2:
+        return
+
+    def of(groups: Collection[str]) -> Callable[[Source], bool]:
+        return lambda each: judged(each) and prefix_of(each) in groups
+
+    children: dict[str, set[str]] = defaultdict(set)
+    for recording in recordings:
+        for run in recording.read(of(topics), kind):
+            for group, names in _children(run, rewriter, *kind(run.source)).items():
+                children[group] |= names
+    stores: dict[str, Buffer] = {}
+    shared = _shared(children)
+    for group in {group for groups in shared.values() for group in groups}:
+        stores[group] = _core.Buffer(history=None)
+        for recording in recordings:
+            for run in recording.read(of([group]), kind):
+                rewriter.ingest(run, stores[group], *kind(run.source))
+    mixed = {
+        frame: groups
+        for frame, groups in sorted(shared.items())
+        if disagree([stores[group] for group in groups], frame)
+    }
+    if mixed:
+        path = ", ".join(str(recording.path) for recording in recordings)
+        named = sorted({group for groups in mixed.values() for group in groups})
+        raise mixture(path, {group: sorted(topics[group]) for group in named}, tuple(mixed))
+
+
+def mixture(
+    path: str, topics: Mapping[str, Sequence[str]], frames: tuple[str, ...]
+) -> MixedSources:
+    """Return the error that names the groups, by their prefixes, and the frames of the edges."""
+    prefix = max(topics, key=len)
+    reason = (
+        f"{len(topics)} groups of topics state different transforms of {_few(frames, ', ')}: "
+        f"{_few([' with '.join(each) for each in topics.values()], '; ')}. "
+        "Name the topics of one group (topics=, --topic), load each group under its own prefix, "
+        f"such as {prefix} (by_namespace=True, --by-namespace), or mix them (mix=True, --mix)"
+    )
+    groups = {"/" + prefix.rstrip("/"): tuple(each) for prefix, each in topics.items()}
+    return MixedSources(path, reason, frames=frames, groups=groups)
+
+
+def disagree(stores: Sequence[Buffer], frame: str) -> bool:
+    """Return whether stores differ on the edge from a frame to its parent.
+
+    They agree where the samples of all are among the samples of one, as of a topic that relays
+    another or a part of it.
+    """
+    found = [_Edge(store, frame) for store in stores if store.frame_exists(frame)]
+    edges = sorted((edge for edge in found if len(edge.stamps)), key=lambda each: len(each.stamps))
+    return any(not each.repeats(edges[-1]) for each in edges[:-1])
+
+
+class _Edge:
+    """The samples of one edge in one store. Threads: one."""
+
+    def __init__(self, store: Buffer, frame: str) -> None:
+        self._is_static = store.frame_info(frame).is_static
+        self.stamps, self._poses, self._parents = store.samples(frame)
+
+    def repeats(self, other: _Edge) -> bool:
+        """Return whether `other` has all samples of this edge in the time that both cover.
+
+        A static edge agrees with moving samples that are all of its pose.
+        """
+        import numpy as np
+
+        if self._is_static or other._is_static:
+            ours, theirs = self._first(), other._first()
+            return ours == theirs and self._is_constant() and other._is_constant()
+        within = (self.stamps >= other.stamps[0]) & (self.stamps <= other.stamps[-1])
+        rows = np.flatnonzero(within)
+        if not len(rows):
+            return False
+        at = np.searchsorted(other.stamps, self.stamps[rows])
+        return (
+            np.array_equal(other.stamps[at], self.stamps[rows])
+            and np.array_equal(other._poses[at], self._poses[rows])
+            and [other._parents[i] for i in at] == [self._parents[i] for i in rows]
+        )
+
+    def _first(self) -> tuple[str, list[float]]:
+        return self._parents[0], self._poses[0].tolist()
+
+    def _is_constant(self) -> bool:
+        return len(set(self._parents)) == 1 and bool((self._poses == self._poses[0]).all())
+
+
+def _children(read: Run, rewriter: Rewriter, encoding: str, is_static: bool) -> dict[str, set[str]]:
+    """Return the child frames of each group in a run."""
+    found: dict[str, set[str]] = defaultdict(set)
+    run = rewriter.run(read, static=is_static)
+    if run is not None:
+        part = run.messages, run.first, run.last
+        for id_, names in _core.recorded_children(*part, encoding=encoding).items():
+            found[prefix_of(run.sources[id_])] |= names
+    return found
+
+
+def _shared(children: Mapping[str, set[str]]) -> dict[str, list[str]]:
+    """Return the frames that several groups have as a child, with these groups."""
+    groups: dict[str, list[str]] = defaultdict(list)
+    for group, names in sorted(children.items()):
+        for name in names:
+            groups[name].append(group)
+    return {name: owners for name, owners in groups.items() if len(owners) > 1}
+
+
+def _few(names: Sequence[str], separator: str) -> str:
+    more = f" and {len(names) - _LISTED} more" if len(names) > _LISTED else ""
+    return separator.join(names[:_LISTED]) + more
