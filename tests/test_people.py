@@ -561,6 +561,19 @@ def test_two_clocks_in_one_store_are_noticed(buffer: tfdb.Buffer, tmp_path: Path
     tfdb.load(real)  # one clock: no warning
 
 
+def test_the_ranges_of_two_clocks_are_those_of_the_samples(tmp_path: Path) -> None:
+    store = tfdb.Buffer(history=None)
+    later = 1_700_000_000
+    for frame, seconds in (("a", [*range(10), *range(later, later + 20)]), ("b", [later + 5])):
+        for second in seconds:
+            store.set_transform("map", frame, second * 10**9, (second, 2, 3), (0, 0.6, 0, 0.8))
+    path = recorded(tmp_path, store, "both.mcap")
+    with pytest.warns(tfdb.TfdbWarning, match="stamps of 2 clocks") as caught:
+        tfdb.load(path)
+    said = str(caught.pop().message)
+    assert f"a from 0 s to 9 s; a, b from {later} s to {later + 19} s" in said
+
+
 def test_seconds_among_nanoseconds_are_noticed(buffer: tfdb.Buffer, tmp_path: Path) -> None:
     """The edge is named that was written in seconds by somebody."""
     for i in range(5):

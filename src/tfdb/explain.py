@@ -204,7 +204,12 @@ class _Case:
             up.pop()
             down.pop()
         edges = [self._edge(info, stamp) for info in up + down]
-        return self._because(error, edges, [_advice(up + down)])
+        return self._because(error, edges, [self._advice(up + down)])
+
+    def _advice(self, edges: list[FrameInfo]) -> str:
+        """Which stamps every edge of the path covers."""
+        several = describe_clocks(clocks(edges, self.snapshot))
+        return f"{_covered(edges)} There are {several}." if several else _covered(edges)
 
     def _edge(self, info: FrameInfo, stamp: StampLike | None) -> EdgeExplanation:
         parent = str(info.parent)
@@ -248,12 +253,6 @@ def _reason(error: TfdbError) -> str:
     if isinstance(error, NoSampleNear):
         return f"no sample near enough to {asked}{limit}"
     return str(error)
-
-
-def _advice(edges: list[FrameInfo]) -> str:
-    """Which stamps every edge of the path covers."""
-    several = describe_clocks(clocks(edges))
-    return f"{_covered(edges)} There are {several}." if several else _covered(edges)
 
 
 def _covered(edges: list[FrameInfo]) -> str:

@@ -44,10 +44,11 @@ def load_into(
 
     paths = _each_once(path)
     before = self.tree()
+    clocks_before = len(clocks(before, self))
     report = load_recordings(
         self, paths, topics=topics, progress=progress, salvage=salvage, **options
     )
-    _warn(report.files, before, self.tree(), 4)
+    _warn(report.files, before, clocks_before, self, 4)
     return report
 
 
@@ -64,17 +65,23 @@ def _each_once(given: Paths) -> list[Path]:
 
 
 def _warn(
-    files: Sequence[str], before: Sequence[FrameInfo], after: Sequence[FrameInfo], depth: int
+    files: Sequence[str],
+    before: Sequence[FrameInfo],
+    clocks_before: int,
+    store: Buffer,
+    depth: int,
 ) -> None:
     """Warn of what is hardly meant: the same data again, another clock than that of the rest.
 
     `depth` frames up is who asked for it.
     """
+    after = store.tree()
     if any(i.samples for i in before if not i.is_static) and _extent(before) == _extent(after):
         message = f"{', '.join(files)}: every sample was in the store before; loaded twice?"
         warnings.warn(message, TfdbWarning, stacklevel=depth)
-    several = describe_clocks(clocks(after))
-    if several and len(clocks(before)) < len(clocks(after)):
+    found = clocks(after, store)
+    several = describe_clocks(found)
+    if several and clocks_before < len(found):
         warnings.warn(f"{', '.join(files)}: {several}", TfdbWarning, stacklevel=depth)
 
 
@@ -165,7 +172,7 @@ def load(
     cached = Cache(paths, topics, choice.key, salvage=salvage)
     found = cached.open()
     if found is not None:
-        _warn([str(each) for each in paths], (), found.tree(), 3)
+        _warn([str(each) for each in paths], (), 0, found, 3)
         return found
     buffer = Buffer(history=None)
     load_into(buffer, paths, topics=cached.topics, progress=progress, salvage=salvage, **options)

@@ -104,28 +104,37 @@ class Clock:
         return f"{listed}{more} from {format_seconds(self.start)} to {format_seconds(self.end)}"
 
 
-def clocks(infos: Iterable[FrameInfo]) -> list[Clock]:
-    """Sort the moving edges by the clocks that their stamps run on, the earliest first.
+def clocks(infos: Iterable[FrameInfo], store: Buffer | Snapshot) -> list[Clock]:
+    """Sort the moving edges of a store by the clocks of their stamps, the earliest first.
 
     Two clocks, such as a simulated and a real one, lie more than a year apart. An edge with stamps
     of both is named with both.
     """
-    spans = []
-    for info in infos:
-        if info.oldest is None or info.newest is None:
-            continue
-        if info.longest_gap > YEAR_NS:
-            spans += [(info.oldest, info.oldest, info.name), (info.newest, info.newest, info.name)]
-        else:
-            spans.append((info.oldest, info.newest, info.name))
+    spans = [(*ends, info.name) for info in infos for ends in _spans(info, store)]
     found: list[Clock] = []
     for start, end, name in sorted(spans):
         if found and start - found[-1].end <= YEAR_NS:
             last = found[-1]
-            found[-1] = Clock(last.start, max(last.end, end), (*last.frames, name))
+            frames = tuple(dict.fromkeys((*last.frames, name)))
+            found[-1] = Clock(last.start, max(last.end, end), frames)
         else:
             found.append(Clock(start, end, (name,)))
     return found
+
+
+def _spans(info: FrameInfo, store: Buffer | Snapshot) -> Iterator[tuple[int, int]]:
+    """First and last stamp of an edge on each clock that it has stamps of."""
+    if info.oldest is None or info.newest is None:
+        return
+    if info.longest_gap <= YEAR_NS:
+        yield info.oldest, info.newest
+        return
+    import numpy as np
+
+    stamps = store.samples(info.name)[0]
+    for part in np.split(stamps, np.flatnonzero(np.diff(stamps) > YEAR_NS) + 1):
+        if len(part):
+            yield int(part[0]), int(part[-1])
 
 
 def describe_clocks(found: Sequence[Clock]) -> str:

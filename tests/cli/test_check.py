@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import pytest
@@ -10,8 +11,6 @@ import pytest
 import tfdb
 
 if TYPE_CHECKING:
-    from pathlib import Path
-
     from conftest import Tool
 
 rosbag1 = pytest.importorskip("rosbags.rosbag1")
@@ -19,6 +18,7 @@ rosbag1 = pytest.importorskip("rosbags.rosbag1")
 S = 1_000_000_000
 START = 1_700_000_000 * S
 UNIT = (0.0, 0.0, 0.0, 1.0)
+CASES = Path(__file__).resolve().parents[1] / "cases"
 DEFINITION = "geometry_msgs/TransformStamped[] transforms"
 MD5 = "94810edda583a504dfda3829e70d7eec"
 
@@ -307,3 +307,38 @@ def test_salvaged(tool: Tool, maker: BagMaker, tmp_path: Path) -> None:
     saved = tfdb.load(out).samples("base")[0]
     assert 100 < len(saved) < 600
     assert saved.tolist() == whole.samples("base")[0][: len(saved)].tolist()
+
+
+REAL = {
+    "panda/rosbagFrankaPanda.bag": [],
+    "panda/ros2": [],
+    "turtlebot3/rosbag2_turtlebot3_tf": [("disconnected", 2)],
+    "turtlebot_nav/tf_example.bag": [],
+    "turtlebot_nav/tf_example": [],
+    "trajectories/fr2_desk_groundtruth.txt": [("gap", 184)],
+    "trajectories/KITTI_00_gt.txt": [],
+}
+
+
+@pytest.mark.parametrize("name", REAL)
+def test_real_recordings_have_no_other_findings(shared_data: Path, name: str, tool: Tool) -> None:
+    findings = REAL[name]
+    found = tool("check", shared_data / name, "--json", code=1 if findings else 0).json["findings"]
+    assert [(each["kind"], each["count"]) for each in found] == findings
+
+
+@pytest.mark.parametrize(
+    ("case", "kind", "frame", "words"),
+    [
+        ("two_auth", "there-and-back", "base_link", "by up to 2.98 m"),
+        ("future", "ahead", "odom", "usually by 1 s"),
+        ("jump", "pose-jump", "base_link", "999.5 m in 20 ms"),
+    ],
+)
+def test_what_a_public_recording_had(
+    case: str, kind: str, frame: str, words: str, tool: Tool
+) -> None:
+    (found,) = tool("check", CASES / f"{case}.mcap", "--json", code=1).json["findings"]
+    assert (found["kind"], found["frames"]) == (kind, [frame])
+    assert words in found["message"]
+    tool("check", CASES / f"{case}.mcap", "--ignore", kind)

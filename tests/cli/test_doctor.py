@@ -53,6 +53,156 @@ def test_healthy_data_has_no_findings() -> None:
     assert examine(healthy()) == []
 
 
+def test_stamps_ahead_of_their_arrival() -> None:
+    log = healthy()
+    for i in range(100):
+        add(log, i, parent="map", child="odom", shift=S)
+    found = only(log, "ahead", Limits(coverage=10 * S))
+    assert (found.frames, found.count) == (("odom",), 100)
+    assert found.details == {"usual_ns": 995 * MS}
+    assert found.severity == "warning"
+
+
+@pytest.mark.parametrize("shift", [105 * MS, 5 * MS - 3000 * 86400 * S, 5 * MS + 400 * 86400 * S])
+def test_stamps_that_are_late_or_of_another_clock_are_not_ahead(shift: int) -> None:
+    log = Log()
+    for i in range(100):
+        add(log, i, shift=shift + 4000 * 86400 * S, late=4000 * 86400 * S)
+    assert examine(log) == []
+
+
+def test_a_few_stamps_ahead_are_no_habit() -> None:
+    log = Log()
+    for i in range(100):
+        add(log, i, shift=300 * MS if i % 3 == 0 else 0, late=300 * MS)
+    assert "ahead" not in {found.kind for found in examine(log)}
+
+
+def moving(poses: np.ndarray, step: int = 20 * MS, parent: str = "odom") -> Log:
+    """One edge with these poses, evenly spaced."""
+    log = Log()
+    for i, each in enumerate(poses):
+        stamp = START + i * step
+        rows = [(parent, "base", stamp, each)]
+        log.add(rows, arrival=stamp + MS, publisher="", static=False)
+    return log
+
+
+def kinds(poses: np.ndarray, step: int = 20 * MS) -> list[str]:
+    return [found.kind for found in examine(moving(poses, step))]
+
+
+def walk(count: int, speed: float, step: float = 0.02) -> np.ndarray:
+    """Poses of something that drives along x and turns slowly."""
+    poses = np.zeros((count, 7))
+    poses[:, 0] = np.arange(count) * speed * step
+    poses[:, 5] = np.sin(np.arange(count) * 0.001)
+    poses[:, 6] = np.cos(np.arange(count) * 0.001)
+    return poses
+
+
+def turned(poses: np.ndarray, degrees: float) -> np.ndarray:
+    """The same poses, turned about x."""
+    half = np.radians(degrees) / 2
+    made = poses.copy()
+    z, w = poses[:, 5], poses[:, 6]
+    made[:, 3], made[:, 4] = w * np.sin(half), z * np.sin(half)
+    made[:, 5], made[:, 6] = z * np.cos(half), w * np.cos(half)
+    return made
+
+
+@pytest.mark.parametrize("speed", [0.0, 1.0, 90.0])
+def test_a_pose_that_jumps(speed: float) -> None:
+    poses = walk(100, speed)
+    poses[60:, 1] += 1000
+    found = only(moving(poses), "pose-jump")
+    assert (found.count, found.stamp) == (1, START + 59 * 20 * MS)
+    assert found.details["furthest_m"] == pytest.approx(1000, abs=2)
+    assert (found.details["from_ns"], found.details["to_ns"]) == (
+        START + 59 * 20 * MS,
+        START + 60 * 20 * MS,
+    )
+    poses[61:, 1] -= 1000
+    assert only(moving(poses), "pose-jump").count == 2
+
+
+def test_a_jump_of_a_late_sample_is_found_by_its_stamp() -> None:
+    poses = walk(100, 1)
+    poses[60:, 1] += 1000
+    log = Log()
+    for i in [*range(58), 61, 58, 59, 60, *range(62, 100)]:
+        rows = [("odom", "base", START + i * 20 * MS, poses[i])]
+        log.add(rows, arrival=START + max(i, 61) * 20 * MS, publisher="", static=False)
+    assert [f.kind for f in examine(log)].count("pose-jump") == 1
+    (found,) = (f for f in examine(log) if f.kind == "pose-jump")
+    assert found.count == 1
+
+
+@pytest.mark.parametrize(
+    "poses",
+    [
+        walk(200, 2000),
+        np.concatenate([walk(100, 1), walk(100, 1) + np.eye(7)[0] * 5]),
+        np.repeat(walk(50, 1), 4, axis=0),
+    ],
+    ids=["rocket", "correction", "standing"],
+)
+def test_what_moves_fast_or_is_corrected_does_not_jump(poses: np.ndarray) -> None:
+    assert kinds(poses) == []
+
+
+def test_another_parent_is_no_jump() -> None:
+    log = moving(walk(50, 1))
+    for i in range(50, 100):
+        rows = [("map", "base", START + i * 20 * MS, pose(5000 + 0.02 * i))]
+        log.add(rows, arrival=START + i * 20 * MS + MS, publisher="", static=False)
+    assert [found.kind for found in examine(log)] == ["reparented"]
+
+
+@pytest.mark.parametrize("pattern", ["AB", "AAAAAB", "AB" * 10 + "A" * 40])
+@pytest.mark.parametrize("off", [(3.0, 0), (0.2, 0), (0, 20.0)], ids=["3 m", "0.2 m", "20 deg"])
+def test_two_publishers_in_turns(pattern: str, off: tuple[float, float]) -> None:
+    poses = walk(600, 0.2)
+    second = turned(poses, off[1])
+    second[:, 1] += off[0]
+    who = np.array(list(pattern * 600))[:600] == "B"
+    poses[who] = second[who]
+    found = only(moving(poses), "there-and-back")
+    assert found.frames == ("base",)
+    assert found.count >= who.sum() * 0.9
+    assert (f"{off[0]:.3g} m" if off[0] else "20 deg") in found.message
+
+
+def test_two_publishers_of_one_stamp_and_pose_are_none() -> None:
+    assert kinds(np.repeat(walk(200, 1), 2, axis=0), 10 * MS) == []
+
+
+@pytest.mark.parametrize("scale", [0.001, 0.2, 5.0])
+@pytest.mark.parametrize("axes", [1, 2, 3])
+def test_noise_does_not_jump_there_and_back(scale: float, axes: int) -> None:
+    rng = np.random.default_rng(5)
+    poses = walk(5000, 0.5)
+    poses[:, :axes] += rng.normal(scale=scale, size=(5000, axes))
+    angles = rng.normal(scale=0.3, size=5000) / 2
+    poses[:, 5], poses[:, 6] = np.sin(angles), np.cos(angles)
+    assert kinds(poses, 100 * MS) == []
+
+
+@pytest.mark.parametrize("turns", [0.02, 0.24, 0.49, 0.5, 0.51, 0.98])
+def test_a_wheel_does_not_jump_there_and_back(turns: float) -> None:
+    angles = np.cumsum(np.full(2000, 2 * np.pi * turns)) / 2
+    poses = np.zeros((2000, 7))
+    poses[:, 4], poses[:, 6] = np.sin(angles), np.cos(angles)
+    assert kinds(poses) == []
+
+
+def test_a_leg_that_swings_does_not_jump_there_and_back() -> None:
+    poses = walk(3000, 1)
+    for period in np.linspace(2.5, 30, 40):
+        poses[:, 2] = 0.3 * np.sin(2 * np.pi * np.arange(3000) / period)
+        assert kinds(poses, 50 * MS) == [], period
+
+
 def test_nothing_at_all_has_no_findings() -> None:
     assert examine(Log()) == []
 
@@ -156,7 +306,7 @@ def test_late_samples_are_no_jumps() -> None:
     for i in range(0, 100, 2):
         add(log, i, shift=-2 * S + 50 * MS, late=50 * MS)
     log = _by_arrival(log)
-    assert {finding.kind for finding in examine(log)} == {"late"}
+    assert {finding.kind for finding in examine(log)} == {"late", "there-and-back"}
 
 
 def _by_arrival(log: Log) -> Log:

@@ -15,6 +15,7 @@ import numpy.typing as npt
 
 from tfdb.summary import YEAR_NS, Clock, Gap, describe_clocks, find_gaps
 
+from . import motion
 from .times import NS, format_duration, format_ns
 
 if TYPE_CHECKING:
@@ -27,11 +28,14 @@ KINDS = {
     "time-jump": ("error", "stamps that jump against the time of arrival"),
     "mixed-sources": ("error", "one edge stated differently by several groups of topics"),
     "two-publishers": ("error", "one edge written by several publishers"),
+    "there-and-back": ("error", "poses that jump there and back, as of two publishers in turns"),
+    "pose-jump": ("error", "poses that jump further than anything moves"),
     "static-and-moving": ("error", "one edge written as static and as moving"),
     "disconnected": ("error", "more than one tree"),
     "lost": ("error", "what --salvage could not save of a damaged file"),
     "no-time": ("warning", "transforms without a timestamp"),
     "leading-slash": ("warning", "a frame that is written with and without a leading slash"),
+    "ahead": ("warning", "stamps that lie ahead of the time of arrival"),
     "quaternion": ("warning", "quaternions that are not of unit length"),
     "reparented": ("warning", "a frame whose parent changes"),
     "repeated": ("warning", "the same stamp again with another pose"),
@@ -42,6 +46,8 @@ KINDS = {
 }
 QUATERNION_TOLERANCE = 1e-4
 """How far the squared length of a quaternion may be off 1 before it is reported."""
+AHEAD = NS // 10
+"""How far stamps may lie ahead of their arrival: clocks of two machines differ by less."""
 
 
 @dataclass(frozen=True)
@@ -111,7 +117,7 @@ class Edge:
         """Only the transforms with stamps from `first` on and before `beyond`."""
         return self._rows((self.stamps >= first) & (self.stamps < beyond))
 
-    def _rows(self, kept: npt.NDArray[np.bool_]) -> Edge:
+    def _rows(self, kept: npt.NDArray[np.bool_] | npt.NDArray[np.int64]) -> Edge:
         return Edge(
             self.name,
             self.stamps[kept],
@@ -208,7 +214,7 @@ def _examine_clock(whole: Sequence[Edge], names: Sequence[str], limits: Limits) 
     start = min(int(edge.stamps.min()) for edge in whole)
     end = max(int(edge.stamps.max()) for edge in whole)
     jumps = {edge.name: jump_rows(edge, limits.jump) for edge in whole}
-    found: list[Finding] = list(_jumps(whole, jumps))
+    found: list[Finding] = [*_jumps(whole, jumps), *_ahead(whole)]
     for edge in whole:
         # What comes between two jumps is judged by itself: the stamps may come again after one.
         pieces = np.zeros(len(edge.stamps), dtype=np.int64)
@@ -216,6 +222,8 @@ def _examine_clock(whole: Sequence[Edge], names: Sequence[str], limits: Limits) 
         pieces = np.cumsum(pieces)
         found += _reparented(edge, names)
         found += _repeated(edge, pieces)
+        found += _pose_jumps(edge, pieces)
+        found += _turns(edge, pieces)
         found += _late(edge, pieces)
         found += _gaps(edge, pieces, limits.gap)
         found += _coverage(edge, start, end, limits)
@@ -403,6 +411,71 @@ def _repeated(edge: Edge, pieces: npt.NDArray[np.int64]) -> Iterator[Finding]:
         stamp = int(edge.stamps[order[int(np.flatnonzero(other)[0])]])
         message = f"{_count(count, 'sample')} with a stamp that was there with another pose"
         yield Finding("repeated", (edge.name,), message, stamp, count)
+
+
+def _ordered(edge: Edge, pieces: npt.NDArray[np.int64]) -> Iterator[Edge]:
+    """Give each piece in the order of its stamps, without repeated and without broken samples."""
+    order = np.lexsort((edge.stamps, pieces))
+    for rows in np.split(order, np.flatnonzero(np.diff(pieces[order])) + 1):
+        part = edge._rows(rows)
+        same = np.zeros(len(rows), dtype=bool)
+        same[1:] = (np.diff(part.stamps) == 0) & (part.poses[1:] == part.poses[:-1]).all(axis=1)
+        whole = np.isfinite(part.poses).all(axis=1)
+        yield part._rows(whole & ~same)
+
+
+def _pose_jumps(edge: Edge, pieces: npt.NDArray[np.int64]) -> Iterator[Finding]:
+    found = []
+    for part in _ordered(edge, pieces):
+        for row in motion.jump_rows(part.stamps, part.poses[:, :3]).tolist():
+            if part.parents[row] == part.parents[row + 1]:
+                way = float(np.linalg.norm(part.poses[row + 1, :3] - part.poses[row, :3]))
+                found.append((way, int(part.stamps[row]), int(part.stamps[row + 1])))
+    if not found:
+        return
+    way, before, after = max(found)
+    message = f"{_count(len(found), 'jump')}, the furthest {way:,.4g} m "
+    message += f"in {format_duration(after - before)}"
+    details = {"furthest_m": way, "from_ns": before, "to_ns": after}
+    yield Finding("pose-jump", (edge.name,), message, before, len(found), details)
+
+
+def _turns(edge: Edge, pieces: npt.NDArray[np.int64]) -> Iterator[Finding]:
+    parts = [(part, motion.turns(part.poses)) for part in _ordered(edge, pieces)]
+    found = [(part, turns) for part, turns in parts if turns is not None]
+    if not found:
+        return
+    part, turns = max(found, key=lambda each: len(each[1].rows))
+    count = sum(len(each.rows) for _, each in found)
+    far = f"{np.degrees(turns.furthest):.3g} deg" if turns.is_angle else f"{turns.furthest:,.4g} m"
+    message = (
+        f"{_count(count, 'pose')} out of {len(edge.stamps):,} jump there and back, by up to {far}: "
+        "perhaps two publishers in turns"
+    )
+    stamp = int(part.stamps[turns.rows[0]])
+    yield Finding("there-and-back", (edge.name,), message, stamp, count)
+
+
+def _ahead(edges: Sequence[Edge]) -> Iterator[Finding]:
+    """Report the edges most of whose stamps lie ahead of their arrival, all in one finding."""
+    found = []
+    for edge in edges:
+        ahead = edge.stamps - edge.arrivals
+        usual = int(np.median(ahead))
+        samples = int((ahead > AHEAD).sum())
+        if 2 * samples > len(ahead) and usual < YEAR_NS:
+            found.append((usual, samples, edge))
+    if not found:
+        return
+    most = max(usual for usual, _, _ in found)
+    count = sum(samples for _, samples, _ in found)
+    message = (
+        f"{_count(count, 'sample')} of {_count(len(found), 'edge')} stamped ahead of the time of "
+        f"arrival, usually by {format_duration(most)}"
+    )
+    names = tuple(sorted(edge.name for _, _, edge in found))
+    first = min(int(edge.stamps[0]) for _, _, edge in found)
+    yield Finding("ahead", names, message, first, count, {"usual_ns": most})
 
 
 def _late(edge: Edge, pieces: npt.NDArray[np.int64]) -> Iterator[Finding]:

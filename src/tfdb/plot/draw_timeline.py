@@ -123,7 +123,7 @@ def timeline(
     style.title(
         figure,
         title if title is not None else "Samples of each edge",
-        _under(edges, whole, made.folded),
+        _under(edges, whole, made.folded, len(clocks((edge.info for edge in edges), store))),
         x=style.MARGIN / 72 / width,
     )
     style.legend(figure, marks, (style.MARGIN, head - lines * style.LEGEND_ROW - 8), room)
@@ -319,14 +319,13 @@ def _columns(
     return names, notes, style.MARGIN + left + _BETWEEN, right + _BETWEEN + style.MARGIN
 
 
-def _under(edges: Sequence[EdgeSummary], whole: tuple[int, int], folded: int) -> str:
+def _under(edges: Sequence[EdgeSummary], whole: tuple[int, int], folded: int, several: int) -> str:
     moving = [edge for edge in edges if not edge.info.is_static]
     gaps = sum(len(edge.gaps) for edge in moving)
     text = (
         f"{len(moving)} moving and {len(edges) - len(moving)} static edges over "
         f"{number((whole[1] - whole[0]) / 1e9, 1)} s, {gaps or 'no'} gap{'' if gaps == 1 else 's'}"
     )
-    several = len(clocks(edge.info for edge in edges))
     text += f"; {folded} are folded" if folded else ""
     return text + (f"; stamps of {several} clocks" if several > 1 else "")
 
