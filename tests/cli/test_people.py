@@ -15,6 +15,7 @@ import pytest
 
 import tfdb
 from tfdb.cli import arrivals, common, convert
+from tfdb.io.choice import Rewriter
 from tfdb_measure import machine
 from tfdb_measure.results import Results
 
@@ -248,14 +249,14 @@ def test_completion_reads_only_the_beginning(
     for i in range(2000):
         buffer.set_transform("map", f"base_{i}", START + i * 10**7, (0, 1, 2), (0, 0, 0, 1))
     decoded = 0
-    decode = tfdb.decode_tf_message
+    decode = Rewriter.decoded
 
-    def counted(data: bytes, encoding: Any) -> Any:
+    def counted(*message: Any, **kind: Any) -> Any:
         nonlocal decoded
         decoded += 1
-        return decode(data, encoding)
+        return decode(*message, **kind)
 
-    monkeypatch.setattr(common.tfdb, "decode_tf_message", counted)
+    monkeypatch.setattr(Rewriter, "decoded", counted)
     for suffix in ("bag", "mcap"):
         file = tmp_path / f"long.{suffix}"
         tfdb.io.write_recording(file, buffer)
