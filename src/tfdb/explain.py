@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from html import escape
 from typing import TYPE_CHECKING, TypeVar, cast
 
+from .counting import counted
 from .errors import (
     Disconnected,
     Extrapolation,
@@ -170,7 +171,8 @@ class _Case:
         if not known:
             return ["The store has no frames at all."]
         shown = ", ".join(map(repr, known[:8]))
-        return [f"The store has {len(known)} frames: {shown}{', ...' if len(known) > 8 else ''}"]
+        more = ", ..." if len(known) > 8 else ""
+        return [f"The store has {counted(len(known), 'frame')}: {shown}{more}"]
 
     def _chain(self, tree: dict[str, FrameInfo], name: str) -> list[FrameInfo]:
         """Frames with a parent, from `name` up to the root."""
@@ -232,7 +234,7 @@ def _span(info: FrameInfo) -> str:
         return "no samples"
     rate = "" if info.rate is None else f" at {info.rate:.3g} Hz"
     return (
-        f"{info.samples} samples{rate} from {format_seconds(info.oldest)} to "
+        f"{counted(info.samples, 'sample')}{rate} from {format_seconds(info.oldest)} to "
         f"{format_seconds(info.newest)}"
     )
 

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import errno
 import os
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from .errors import InvalidArgument
+from .near_names import near_names
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -50,11 +52,36 @@ def given_paths(paths: Any, refusal: Refusal = invalid) -> list[Path]:
     return [given_path(path, refusal) for path in ([paths] if one else paths)]
 
 
+def missing_file(path: Path) -> FileNotFoundError:
+    """Make the error of a file that does not exist; it names the nearest that does."""
+    folder = path.parent
+    missing = first_missing(path)
+    if missing != path:
+        what = f"there is no folder {missing}"
+        return FileNotFoundError(errno.ENOENT, f"{what}; check the path", str(path))
+    with suppress(OSError):
+        beside = [other.name for other in folder.iterdir() if other.exists()]
+        near = near_names(path.name, beside, most=1, cutoff=0.6)
+        if near:
+            hint = f"did you mean {folder / near[0]}?"
+            return FileNotFoundError(errno.ENOENT, f"no such file; {hint}", str(path))
+    return FileNotFoundError(errno.ENOENT, "no such file; check the path", str(path))
+
+
+def first_missing(path: Path) -> Path:
+    """Return the first part of the path that does not exist."""
+    return next((each for each in (*reversed(path.parents), path) if not each.exists()), path)
+
+
 @contextmanager
 def errors_name(path: Path) -> Iterator[None]:
-    """Let an OSError that names no file name this one."""
+    """Let an OSError that names no file name this one, and a file that is missing the nearest."""
     try:
         yield
+    except FileNotFoundError as error:
+        if error.filename not in (None, str(path)) or path.exists():
+            raise
+        raise missing_file(path) from None
     except OSError as error:
         if error.filename is None and error.errno is not None:
             error.filename = str(path)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 
+from .counting import counted
 from .errors import TfdbError
 from .on_demand import belong_to
 from .stamps import format_seconds
@@ -210,7 +211,7 @@ def _extent(buffer: Buffer) -> str:
         return ""
     edges = [info for info in infos if info.parent is not None]
     static = sum(info.is_static for info in edges)
-    text = f": {len(infos)} frames, {len(edges)} edges ({static} static)"
+    text = f": {counted(len(infos), 'frame')}, {counted(len(edges), 'edge')} ({static} static)"
     known = span(infos)
     if known is None:
         return text

@@ -6,7 +6,7 @@ import io
 from typing import TYPE_CHECKING, Any
 
 from .errors import InvalidArray, NotSupported, TrajectoryError
-from .given_path import given_path
+from .given_path import errors_name, given_path
 from .new_file import new_file
 from .poses import doubles
 
@@ -73,7 +73,9 @@ def read_parquet(
     """
     pl = _polars("from_parquet")
     where = given_path(path, trajectory_error)
-    raw = where.read_bytes() if raw is None else raw
+    if raw is None:
+        with errors_name(where):
+            raw = where.read_bytes()
     try:
         names = pl.read_parquet_metadata(io.BytesIO(raw))
         table = pl.read_parquet(raw)

@@ -150,7 +150,6 @@ def test_errors_as_json(tool: Tool, bag: Path) -> None:
         (("poses", "f", "a", "b", "--rate", "1", "--at", "x"), "exclude each other"),
         (("poses", "f", "a", "b", "--rate", "0"), "range"),
         (("poses", "f", "a", "b", "-o", "x.doc"), "none of .tum"),
-        (("poses", "f", "a", "b", "--json"), "-o OUT"),
         (("info", "f", "--topic", ":x"), "FROM"),
         (("check", "f", "--max-gap", "long"), "write seconds"),
         (("check", "f", "--max-gap", "-1"), "'-1' is negative"),
@@ -253,7 +252,7 @@ def test_what_has_no_message_to_salvage(tool: Tool, bag: Path, tmp_path: Path) -
     assert said == "tfdb: error: nothing to convert: no message of /tf_static could be read"
 
 
-def test_names_that_begin_with_a_dash_come_after_two(tool: Tool, tmp_path: Path) -> None:
+def test_names_that_begin_with_a_dash_may_come_after_two(tool: Tool, tmp_path: Path) -> None:
     store = tfdb.Buffer()
     for i in range(3):
         store.set_transform("map", "-dash", i * 10**9, (i, 0, 0))
@@ -263,7 +262,6 @@ def test_names_that_begin_with_a_dash_come_after_two(tool: Tool, tmp_path: Path)
     assert (expected["source"], expected["stamp_ns"]) == ("-dash", 2 * 10**9)
     found = tool("lookup", file, "map", "--json", "--", "-dash", "-0.5").json
     assert found["stamp_ns"] == 15 * 10**8
-    assert "No such option" in tool("lookup", file, "map", "-zz", code=2).error
     assert "No such option" in tool("lookup", "-zz", file, "--", "map", "map", code=2).error
     for command in ("poses", "echo", "monitor"):
         done = tool(command, file, "map", "--", "-dash", code=2 if command == "monitor" else 0)

@@ -45,7 +45,7 @@ def test_the_bare_command_shows_the_help(tool: Tool) -> None:
         (("--json",), None, "InvalidArgument"),
         (("info", "--frobnicate", "--json", "x"), "info", "InvalidArgument"),
         (("lookup", "BAG", "map", "odom", "noon", "--json"), "lookup", "InvalidArgument"),
-        (("poses", "BAG", "map", "odom", "--json"), "poses", "InvalidArgument"),
+        (("poses", "BAG", "map", "odom", "-o", "-", "--json"), "poses", "InvalidArgument"),
         (("lookup", "BAG", "map", "nowhere", "--json"), "lookup", "UnknownFrame"),
         (("lookup", "BAG", "map", "odom", "5", "--json"), "lookup", "Extrapolation"),
         (("poses", "BAG", "map", "odom", "--start", "5", "--rate", "1", "-o", "OUT", "--json"),

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import contextlib
-import importlib
+import importlib.util
 import sys
 import warnings
 from typing import TYPE_CHECKING, Any
@@ -47,12 +47,19 @@ COMMANDS = {
 }
 
 
+def measures() -> bool:
+    """Whether the programs that measure are installed: a checkout has them, a wheel does not."""
+    return importlib.util.find_spec("tfdb_measure") is not None
+
+
 class TfdbGroup(SuggestingGroup):
     """A group that imports commands lazily and prints every error in one line."""
 
+    words = ("help", "version")
+
     def list_commands(self, ctx: click.Context) -> list[str]:  # noqa: ARG002
-        """Name the commands in the order of the help."""
-        return list(COMMANDS)
+        """Name the commands in the order of the help; one that is not installed is left out."""
+        return [name for name in COMMANDS if name != "bench" or measures()]
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:  # noqa: ARG002
         """Import the command's module and return its command."""
@@ -63,13 +70,17 @@ class TfdbGroup(SuggestingGroup):
         return command
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
-        """Take out what is for ROS."""
+        """Take out what is for ROS; `help` and `version` are words for options."""
+        if args[:1] == ["help"]:
+            args = [*args[1:], "--help"]
+        elif args[:1] == ["version"]:
+            args = ["--version", *args[1:]]
         return super().parse_args(ctx, without_ros_arguments(ctx, args))
 
-    def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:  # noqa: ARG002
+    def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         """List the commands without importing them."""
         with formatter.section("Commands"):
-            formatter.write_dl(list(COMMANDS.items()))
+            formatter.write_dl([(name, COMMANDS[name]) for name in self.list_commands(ctx)])
 
     def main(
         self,

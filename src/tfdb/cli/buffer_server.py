@@ -11,10 +11,11 @@ import tfdb
 
 from . import common, layout, output
 from .graph import STORE, Live, listening, node_option, open_graph
+from .groups import SuggestingCommand
 from .times import duration_option
 
 
-@click.command("buffer-server")
+@click.command("buffer-server", cls=SuggestingCommand)
 @click.argument("where", metavar="GRAPH")
 @click.option(
     "--store",

@@ -14,6 +14,7 @@ from tfdb.waiting import NO_ANSWER_YET
 
 from . import common, layout, output
 from .graph import live_source, node_option
+from .groups import SuggestingCommand
 from .times import NS, format_ns
 
 if TYPE_CHECKING:
@@ -27,7 +28,7 @@ if TYPE_CHECKING:
 _KEPT = 10 * NS
 
 
-@click.command("change-notifier")
+@click.command("change-notifier", cls=SuggestingCommand)
 @common.file_argument
 @click.option(
     "--pair",

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 import tfdb
+from tfdb.counting import counted
 from tfdb.io.groups import prefix_of_topic
 from tfdb.summary import Forest
 
@@ -16,6 +17,7 @@ from . import common, layout, output
 from .arrivals import Arrivals, read_arrivals
 from .doctor import KINDS, Finding, Limits, disconnected, examine, leading_slashes, sort_key
 from .graph import LISTENS, Live, is_graph, listening, node_option
+from .groups import Choice, SuggestingCommand
 from .info import mixed_body
 from .times import NS, duration_option, format_date, format_ns, format_when
 
@@ -23,7 +25,7 @@ if TYPE_CHECKING:
     from rich.console import Console
 
 
-@click.command("check")
+@click.command("check", cls=SuggestingCommand)
 @common.files_argument
 @common.max_gap_option
 @click.option(
@@ -45,7 +47,7 @@ if TYPE_CHECKING:
 @click.option(
     "--ignore",
     multiple=True,
-    type=click.Choice(list(KINDS)),
+    type=Choice(list(KINDS)),
     help="Leave out this kind of finding; repeatable.",
 )
 @click.option(
@@ -249,20 +251,17 @@ def _show(loaded: common.Loaded, arrivals: Arrivals, found: list[Finding]) -> No
         out.print(layout.wrap(layout.words(text)), style="dim")
     if arrivals.missed:
         text = (
-            f"{arrivals.missed:,} commits went by unseen: the store is written to faster than it "
-            "can be watched here, and gaps may come of that"
+            f"{counted(arrivals.missed, 'commit')} went by unseen: the store is written to faster "
+            "than it can be watched here, and gaps may come of that"
         )
         out.print(layout.wrap(layout.words(text)))
     count = Counter(finding.severity for finding in found)
     if found:
-        out.print(
-            f"{count['error']} error{'s'[: count['error'] != 1]}, "
-            f"{count['warning']} warning{'s'[: count['warning'] != 1]}"
-        )
+        out.print(f"{counted(count['error'], 'error')}, {counted(count['warning'], 'warning')}")
     else:
         transforms = loaded.report.transforms if loaded.report else arrivals.log.count
-        frames = len(loaded.store.frames())
-        text = f"nothing wrong with {transforms:,} transforms of {frames} frames"
+        frames = counted(len(loaded.store.frames()), "frame")
+        text = f"nothing wrong with {counted(transforms, 'transform')} of {frames}"
         out.print(layout.wrap(layout.words(text)))
 
 

@@ -15,7 +15,7 @@ import click
 
 import tfdb
 from tfdb.frozen import is_frozen
-from tfdb.given_path import given_path
+from tfdb.given_path import first_missing, given_path, missing_file
 from tfdb.io import Recording
 from tfdb.io.choice import Choice, absolute
 from tfdb.io.decimal_time import parse_stamp
@@ -26,6 +26,7 @@ from tfdb.summary import Forest, span
 
 from . import output
 from .graph import STORE, is_graph, listen_once
+from .groups import Choice
 from .times import NS, duration_option, format_dates, format_ns, time_option, warn_of_bounds
 
 if TYPE_CHECKING:
@@ -284,7 +285,7 @@ out_option: Callable[[FC], FC] = click.option(
 format_option: Callable[[FC], FC] = click.option(
     "--format",
     "kind",
-    type=click.Choice(["tum", "kitti", "euroc", "csv", "npz", "parquet"]),
+    type=Choice(["tum", "kitti", "euroc", "csv", "npz", "parquet"]),
     help="Of a trajectory, whatever OUT is called.  [default: by the end of OUT; .txt is TUM]",
 )
 overwrite_option: Callable[[FC], FC] = click.option(
@@ -332,31 +333,16 @@ def find_paths(names: Sequence[str]) -> tuple[Path, ...]:
             what = "graph" if is_graph(name) else "store"
             raise click.UsageError(f"{name} is a live {what}; here only files can be read")
     for path in paths:
-        if path.exists():
-            continue
-        folder = path.parent
-        beside = (
-            [other.name for other in folder.iterdir() if other.exists()] if folder.is_dir() else []
-        )
-        near = near_names(path.name, beside, most=1, cutoff=0.6)
-        hint = f"did you mean {folder / near[0]}?" if near else "check the path"
-        missing = _nearest_missing(path)
-        what = "no such file" if missing == path else f"there is no folder {missing}"
-        raise FileNotFoundError(errno.ENOENT, f"{what}; {hint}", str(path))
+        if not path.exists():
+            raise missing_file(path)
     return paths
-
-
-def _nearest_missing(path: Path) -> Path:
-    """Return the first part of the path that does not exist."""
-    parents = [parent for parent in (path, *path.parents) if not parent.exists()]
-    return parents[-1] if parents else path
 
 
 def check_output(out: str, inputs: Sequence[Path], *, overwrite: bool) -> None:
     """Refuse an output without a folder, one of the inputs, or one that exists already."""
     path = given_path(out)
     if not path.parent.is_dir():
-        missing = _nearest_missing(path.parent)
+        missing = first_missing(path.parent)
         what = "is no folder" if missing.exists() else "there is no such folder; make it first"
         raise FileNotFoundError(errno.ENOENT, what, str(missing))
     if is_one_of(path, inputs):

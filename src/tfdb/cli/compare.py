@@ -7,10 +7,12 @@ from typing import TYPE_CHECKING, Any
 import click
 
 import tfdb
+from tfdb.counting import counted
 from tfdb.frozen import is_frozen
 from tfdb.given_path import given_path
 
 from . import common, layout, output
+from .groups import Choice, SuggestingCommand
 from .pictures import need_matplotlib, picture_files, write_pictures
 from .times import NS, duration_option, offset_option
 
@@ -43,7 +45,7 @@ _OPTIONS = (
     ),
     click.option(
         "--association",
-        type=click.Choice(("interpolate", "nearest")),
+        type=Choice(("interpolate", "nearest")),
         default="interpolate",
         show_default=True,
         help="Interpolate the trajectory with more poses at the stamps of the other, or take the "
@@ -65,7 +67,7 @@ _OPTIONS = (
     ),
     click.option(
         "--align",
-        type=click.Choice(_ALIGN),
+        type=Choice(_ALIGN),
         default="se3",
         show_default=True,
         help="What is fitted before: rotation and translation, a scale too, the scale alone, yaw "
@@ -86,7 +88,7 @@ _OPTIONS = (
     ),
     click.option(
         "--delta-unit",
-        type=click.Choice(_UNITS),
+        type=Choice(_UNITS),
         default="frames",
         show_default=True,
         help="Of --delta: matched poses, metres, seconds, degrees, radians.",
@@ -101,7 +103,7 @@ _OPTIONS = (
     ),
     click.option(
         "--pairs-from",
-        type=click.Choice(("estimate", "reference")),
+        type=Choice(("estimate", "reference")),
         default="estimate",
         show_default=True,
         help="Whose way is measured.",
@@ -116,7 +118,7 @@ def comparison_options(command: FC) -> FC:
     return command
 
 
-@click.command("compare")
+@click.command("compare", cls=SuggestingCommand)
 @click.argument("reference", type=click.Path())
 @click.argument("estimate", type=click.Path())
 @click.option(
@@ -239,7 +241,7 @@ def _given(role: str, name: str, trajectory: Trajectory, *, named: bool) -> str:
     if named:
         first, *rest = layout.transform_name(trajectory.target, trajectory.source)
         chunks += [f" {first}", *rest]
-    return layout.wrap([*chunks, *layout.words(f", {len(trajectory):,} poses")], " " * 11)
+    return layout.wrap([*chunks, *layout.words(f", {counted(len(trajectory), 'pose')}")], " " * 11)
 
 
 def _body(found: Comparison, outputs: list[str]) -> dict[str, Any]:

@@ -6,6 +6,7 @@ import click
 from click.shell_completion import get_completion_class
 
 from . import common, output
+from .groups import Choice, SuggestingCommand
 
 WHERE = {
     "bash": "tfdb completion bash > ~/.local/share/bash-completion/completions/tfdb",
@@ -14,8 +15,8 @@ WHERE = {
 }
 
 
-@click.command("completion")
-@click.argument("shell", type=click.Choice(list(WHERE)))
+@click.command("completion", cls=SuggestingCommand)
+@click.argument("shell", type=Choice(list(WHERE)))
 @common.json_option
 def command(*, shell: str, as_json: bool) -> None:
     """The script that makes a shell complete tfdb's commands and options.

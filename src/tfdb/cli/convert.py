@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 import tfdb
+from tfdb.counting import counted
 from tfdb.given_path import given_path
 from tfdb.io import RecordingWriter, write_trajectory
 from tfdb.io.choice import Choice, absolute, did_you_mean
@@ -16,6 +17,7 @@ from tfdb.io.containers import TRAJECTORIES
 from tfdb.io.loading import Selection
 
 from . import common, layout, output
+from .groups import SuggestingCommand
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -44,7 +46,7 @@ class Written:
         return self.messages + self.skipped + self.left_out
 
 
-@click.command("convert")
+@click.command("convert", cls=SuggestingCommand)
 @click.argument("files", nargs=-1, required=True, metavar="IN...", type=click.Path())
 @click.argument("out", type=click.Path())
 @click.option(
@@ -118,7 +120,7 @@ def command(
         return
     what = describe(written)
     if frames is not None:
-        what = f"{written.transforms:,} poses of {frames[1]} in {frames[0]}"
+        what = f"{counted(written.transforms, 'pose')} of {frames[1]} in {frames[0]}"
     output.say(layout.wrap(layout.words(f"{out}: {what}", out, *(frames or ()))))
 
 
@@ -133,7 +135,7 @@ def recording_path(out: str, inputs: Sequence[Path], *, overwrite: bool) -> Path
 
 def describe(written: Written) -> str:
     """Say what was written."""
-    text = f"{written.transforms:,} transforms in {written.messages:,} messages"
+    text = f"{counted(written.transforms, 'transform')} in {counted(written.messages, 'message')}"
     return text + (f", {written.skipped:,} broken" if written.skipped else "")
 
 

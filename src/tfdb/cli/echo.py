@@ -16,6 +16,7 @@ from tfdb.waiting import NO_ANSWER_YET
 from . import common, layout, output
 from .angles import roll_pitch_yaw
 from .graph import Live, live_source, node_option
+from .groups import SuggestingCommand
 from .times import (
     LATEST,
     NS,
@@ -34,7 +35,7 @@ if TYPE_CHECKING:
     from tfdb import Reads, Transform
 
 
-@click.command("echo")
+@click.command("echo", cls=SuggestingCommand)
 @common.file_argument
 @common.target_argument
 @common.source_argument

@@ -7,14 +7,16 @@ from typing import Any
 import click
 
 import tfdb
+from tfdb.counting import counted
 from tfdb.frozen import SUFFIX
 from tfdb.given_path import given_path
 
 from . import common, layout, output
 from .graph import listen_option
+from .groups import SuggestingCommand
 
 
-@click.command("freeze")
+@click.command("freeze", cls=SuggestingCommand)
 @common.files_argument
 @click.option(
     "-o",
@@ -60,7 +62,7 @@ def command(
     if as_json:
         output.emit_json("freeze", body)
         return
-    text = f"{out}: {body['samples']:,} samples of {body['frames']} frames, "
+    text = f"{out}: {counted(body['samples'], 'sample')} of {counted(body['frames'], 'frame')}, "
     text += f"{body['bytes'] / (1 << 20):,.1f} MiB"
     output.say(layout.wrap(layout.words(text, out)))
 

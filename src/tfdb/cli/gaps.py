@@ -8,19 +8,21 @@ from typing import TYPE_CHECKING, Any
 import click
 
 import tfdb
+from tfdb.counting import counted
 from tfdb.summary import Forest
 
 from . import common, layout, output
 from .check import examined
 from .doctor import holes
 from .graph import node_option
+from .groups import SuggestingCommand
 from .times import duration_option, format_date, format_duration, format_ns
 
 if TYPE_CHECKING:
     from .doctor import Hole
 
 
-@click.command("gaps")
+@click.command("gaps", cls=SuggestingCommand)
 @common.files_argument
 @common.max_gap_option
 @click.option(
@@ -63,8 +65,8 @@ def command(
     if found:
         out.print(layout.table(_COLUMNS, [_row(hole) for hole in found]))
     else:
-        frames = len(loaded.store.frames())
-        text = f"no gaps in {arrivals.log.count:,} transforms of {frames} frames"
+        frames = counted(len(loaded.store.frames()), "frame")
+        text = f"no gaps in {counted(arrivals.log.count, 'transform')} of {frames}"
         out.print(layout.wrap(layout.words(text)))
     layout.say_refused(out, loaded.report)
 

@@ -1,6 +1,9 @@
-"""Groups of commands: one that is mistyped is told the nearest."""
+"""Commands and groups of commands: a word that is mistyped gets the nearest."""
 
 from __future__ import annotations
+
+import re
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -8,9 +11,94 @@ from tfdb.near_names import near_names
 
 from . import output
 
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Sequence
+
+_NEGATIVE = re.compile(r"-\.?[0-9]")
+
+
+class SuggestingCommand(click.Command):
+    """A command with arguments that may begin with a dash: frames, and numbers below zero.
+
+    A word with a dash that is no option, and like none, is an argument where one is missing. Files
+    are not taken so.
+    """
+
+    def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
+        """Put such arguments behind `--`."""
+        return super().parse_args(ctx, self._sorted(ctx, args))
+
+    def _sorted(self, ctx: click.Context, args: list[str]) -> list[str]:
+        """Sort the options before the other words, if one of those begins with a dash.
+
+        Raises NoSuchOption for a word that cannot be an argument.
+        """
+        options = {
+            name: option
+            for option in self.params
+            if isinstance(option, click.Option)
+            for name in (*option.opts, *option.secondary_opts)
+        } | dict.fromkeys(("-h", "--help"))
+        sorted_, words, dashed = [], [], False
+        left = list(args)
+        while left:
+            word = left.pop(0)
+            if word == "--":
+                words += left
+                break
+            values = _values(word, options)
+            if values is None:
+                words.append(word)
+                if word.startswith("-") and word != "-":
+                    dashed = True
+                    if not self._may_be_argument(word, len(words) - 1, options):
+                        if ctx.resilient_parsing:
+                            return args
+                        raise click.NoSuchOption(word, ctx=ctx)
+            else:
+                sorted_ += [word, *left[:values]]
+                del left[:values]
+        return [*sorted_, "--", *words] if dashed else args
+
+    def _may_be_argument(self, word: str, place: int, options: Iterable[str]) -> bool:
+        """Whether a word with a dash is an argument at this place."""
+        arguments = [each for each in self.params if isinstance(each, click.Argument)]
+        if place >= len(arguments) and (not arguments or arguments[-1].nargs >= 0):
+            return False
+        taken = arguments[min(place, len(arguments) - 1)]
+        if not _may_have_dash(taken) or _NEGATIVE.match(word):
+            return _may_have_dash(taken)
+        is_name = taken.callback is None  # or it makes a time of the word
+        return is_name and len(word) > 2 and not near_options(word, options)
+
+
+def _may_have_dash(param: click.Parameter) -> bool:
+    """Whether it is an argument that takes words with a dash: neither a file nor one of a few."""
+    return isinstance(param, click.Argument) and not isinstance(param.type, click.Path | Choice)
+
+
+def _values(word: str, options: dict[str, Any]) -> int | None:
+    """Count the words that belong to an option behind it; None where it is no option."""
+    name, equals, _ = word.partition("=")
+    option = options.get(name)
+    if name in options:
+        return 0 if equals or option is None or option.is_flag or option.count else option.nargs
+    if word.startswith("--") or not word.startswith("-") or word == "-":
+        return None
+    for place, letter in enumerate(word[1:], 2):
+        if f"-{letter}" not in options:
+            return None
+        option = options[f"-{letter}"]
+        if option is not None and not (option.is_flag or option.count):
+            return 0 if place < len(word) else int(option.nargs)
+    return 0
+
 
 class SuggestingGroup(click.Group):
     """A group that says which command may have been meant; alone it says what there is."""
+
+    words: tuple[str, ...] = ()
+    """What may stand for a command, and is none."""
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
         """Print the help where nothing is asked for."""
@@ -24,15 +112,50 @@ class SuggestingGroup(click.Group):
     ) -> tuple[str | None, click.Command | None, list[str]]:
         """Find the command that the first argument names."""
         name, known = args[0], self.list_commands(ctx)
-        if name not in known and not name.startswith("-") and not ctx.resilient_parsing:
+        there = self.get_command(ctx, name) is not None
+        if not there and not name.startswith("-") and not ctx.resilient_parsing:
+            known = [*known, *self.words]
             raise click.UsageError(f"No such command {name!r}: {suggest(name, known)}", ctx)
         return super().resolve_command(ctx, args)
 
 
-def suggest(name: str, known: list[str]) -> str:
+class Choice(click.Choice[str]):
+    """One of a few words; the nearest is named."""
+
+    def get_invalid_choice_message(self, value: Any, ctx: click.Context | None) -> str:
+        """Say what there is, and what may have been meant."""
+        said = super().get_invalid_choice_message(value, ctx).rstrip(".")
+        near = near_names(str(value), self.choices, most=1, cutoff=0.6)
+        return f"{said}; did you mean {near[0]!r}?" if near else said
+
+
+def suggest(name: str, known: Sequence[str]) -> str:
     """Name what is near, by its letters or as a part of a name; else all that there is."""
     near = [each for each in known if name.lower() in each.split("-")]
     near = near or near_names(name, known, most=2, cutoff=0.6)
     if near:
         return f"did you mean {' or '.join(map(repr, near))}?"
     return f"there are {', '.join(known)}"
+
+
+def near_options(word: str, options: Iterable[str]) -> list[str]:
+    """Find the long options that a mistyped one is like; the nearest first."""
+    long = {name.lstrip("-"): name for name in options if name.startswith("--")}
+    name = word.partition("=")[0].lstrip("-")
+    begun = [each for each in long if len(name) > 1 and each.startswith(name)]
+    near = begun or near_names(name, long, most=2, cutoff=0.7)
+    return [long[each] for each in near]
+
+
+def describe_unknown_option(error: click.NoSuchOption) -> str:
+    """Say which option does not exist, and which may have been meant."""
+    command = None if error.ctx is None else error.ctx.command
+    params = [] if command is None else command.params
+    known = [name for each in params if isinstance(each, click.Option) for name in each.opts]
+    near = near_options(error.option_name, [*known, "--help"])
+    said = f"No such option {error.option_name!r}"
+    if near:
+        return f"{said}; did you mean {' or '.join(near)}?"
+    if isinstance(command, SuggestingCommand) and any(map(_may_have_dash, params)):
+        return f"{said}; a name that begins with a dash goes behind --"
+    return said

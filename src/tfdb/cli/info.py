@@ -6,17 +6,19 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from tfdb.counting import counted
 from tfdb.summary import EdgeSummary, Forest, edge_summaries, span
 
 from . import common, layout, output
 from .graph import listen_option
+from .groups import SuggestingCommand
 from .times import format_dates, format_duration, format_ns
 
 if TYPE_CHECKING:
     import tfdb
 
 
-@click.command("info")
+@click.command("info", cls=SuggestingCommand)
 @common.files_argument
 @listen_option
 @common.topic_option
@@ -97,8 +99,12 @@ def _show(loaded: common.Loaded, edges: list[EdgeSummary]) -> None:
         if dates:
             out.print(dates)
     moving = sum(1 for edge in edges if not edge.info.is_static)
-    given = f"{report.messages:,} messages, {report.transforms:,} transforms, " if report else ""
-    counts = f"{given}{len(infos)} frames, {moving} moving and {len(edges) - moving} static edges"
+    given = ""
+    if report:
+        given = f"{counted(report.messages, 'message')}, "
+        given += f"{counted(report.transforms, 'transform')}, "
+    static = counted(len(edges) - moving, "static edge")
+    counts = f"{given}{counted(len(infos), 'frame')}, {moving} moving and {static}"
     out.print(layout.wrap(layout.words(counts)))
     if report:
         layout.say_refused(out, report)

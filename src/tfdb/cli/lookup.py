@@ -12,8 +12,8 @@ from tfdb.tf2.listings import frames_passed
 from . import common, layout, output
 from .angles import roll_pitch_yaw
 from .graph import listen_option
+from .groups import SuggestingCommand
 from .times import (
-    TimedCommand,
     TimeSpec,
     ask_of_offsets,
     format_date,
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from tfdb import Buffer, Transform
 
 
-@click.command("lookup", cls=TimedCommand)
+@click.command("lookup", cls=SuggestingCommand)
 @common.file_argument
 @common.target_argument
 @common.source_argument

@@ -19,6 +19,7 @@ from tfdb.summary import span
 
 from . import common, layout, output
 from .convert import Written, body, copy, describe, recording_path, write_fixed_joints
+from .groups import SuggestingCommand
 from .times import format_when
 
 if TYPE_CHECKING:
@@ -31,7 +32,7 @@ if TYPE_CHECKING:
     from tfdb.types import FrameInfo
 
 
-@click.command("merge")
+@click.command("merge", cls=SuggestingCommand)
 @common.files_argument
 @common.out_option
 @click.option(

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, Self
 import click
 
 import tfdb
+from tfdb.counting import counted
 from tfdb.frozen import is_frozen
 from tfdb.io import Recording
 from tfdb.io.choice import Choice
@@ -19,6 +20,7 @@ from tfdb.waiting import NO_ANSWER_YET
 
 from . import common, layout, output
 from .graph import Live, live_source, node_option
+from .groups import SuggestingCommand
 from .rates import Delays, Frame, Rates, joined
 from .times import NS, duration_option, format_duration
 from .watch import Follower, author_of
@@ -34,7 +36,7 @@ if TYPE_CHECKING:
 _KEPT = 10 * NS
 
 
-@click.command("monitor")
+@click.command("monitor", cls=SuggestingCommand)
 @common.file_argument
 @click.argument("target", required=False, shell_complete=common.complete_frames)
 @click.argument("source", required=False, shell_complete=common.complete_frames)
@@ -327,7 +329,7 @@ class Screen:
             ],
         )
         if missed:
-            text = f"{missed:,} commits went by unseen: more than can be watched here"
+            text = f"{counted(missed, 'commit')} went by unseen: more than can be watched here"
             yield layout.literal(layout.wrap(layout.words(text)))
 
     def _chain_line(self, watch: Watch) -> str:

@@ -41,7 +41,11 @@ def describe_error(error: Exception, command: str | None = None) -> str:
 
     That is of `command` where the error does not say itself.
     """
-    if isinstance(error, click.ClickException):
+    if isinstance(error, click.NoSuchOption):
+        from .groups import describe_unknown_option  # noqa: PLC0415 - it prints by this module
+
+        text = describe_unknown_option(error)
+    elif isinstance(error, click.ClickException):
         text = error.format_message()
     elif isinstance(error, OSError) and error.filename is not None:
         text = f"{error.filename}: {error.strerror or error}"

@@ -10,11 +10,13 @@ from typing import TYPE_CHECKING, Any, Literal
 import click
 
 import tfdb
+from tfdb.counting import counted
 from tfdb.given_path import errors_name
 from tfdb.io.containers import TRAJECTORIES
 
 from . import common, layout, output
 from .graph import listen_option
+from .groups import SuggestingCommand
 from .times import (
     TimeSpec,
     ask_of_offsets,
@@ -46,7 +48,7 @@ class Poses:
     missing: int
 
 
-@click.command("poses")
+@click.command("poses", cls=SuggestingCommand)
 @common.file_argument
 @common.target_argument
 @common.source_argument
@@ -113,8 +115,6 @@ def command(
     if stamps_file is not None and rate is not None:
         raise click.UsageError("--at and --rate exclude each other")
     _check_format(out, kind)
-    if as_json and out is None:
-        raise click.UsageError("--json describes what was written: give it -o OUT")
     wanted = None if stamps_file is None else _stamps(stamps_file)
     if out is not None:
         read = (file, *more, *([] if stamps_file in (None, "-") else [stamps_file]))
@@ -144,7 +144,8 @@ def command(
 
     kept: npt.NDArray[np.bool_] = np.asarray(np.isfinite(poses).all(axis=1))
     made = Poses(target, source, stamps[kept], poses[kept], int(len(kept) - kept.sum()))
-    _write(out, made, kind, overwrite=overwrite)
+    if out is not None or not as_json:
+        _write(out, made, kind, overwrite=overwrite)
     if as_json:
         output.emit_json("poses", _body(loaded, made, out))
     elif out is not None:
@@ -197,7 +198,7 @@ def _write(out: str | None, made: Poses, kind: Format | None, *, overwrite: bool
 
 
 def _body(loaded: common.Loaded, made: Poses, out: str | None) -> dict[str, Any]:
-    return {
+    body: dict[str, Any] = {
         "files": list(loaded.names),
         "target": made.target,
         "source": made.source,
@@ -207,12 +208,16 @@ def _body(loaded: common.Loaded, made: Poses, out: str | None) -> dict[str, Any]
         "start_ns": int(made.stamps[0]) if len(made.stamps) else None,
         "end_ns": int(made.stamps[-1]) if len(made.stamps) else None,
     }
+    if out is None:
+        body["stamps_ns"] = made.stamps.tolist()
+        body["xyz_xyzw"] = made.poses.tolist()
+    return body
 
 
 def _describe(made: Poses) -> str:
-    text = f"{len(made.stamps):,} poses of {made.source} in {made.target}"
+    text = f"{counted(len(made.stamps), 'pose')} of {made.source} in {made.target}"
     if len(made.stamps) > 1:
         text += f" over {format_duration(int(made.stamps[-1] - made.stamps[0]))}"
     if made.missing:
-        text += f"; {made.missing} stamps without a pose left out"
+        text += f"; {counted(made.missing, 'stamp')} without a pose left out"
     return text

@@ -8,9 +8,10 @@ from tfdb.io import RecordingWriter
 
 from . import common, layout, output
 from .convert import body, describe, recording_path, rewrite
+from .groups import SuggestingCommand
 
 
-@click.command("rename")
+@click.command("rename", cls=SuggestingCommand)
 @common.file_argument
 @common.out_option
 @click.option("--compress", is_flag=True, help="zstd for .mcap, bz2 for .bag.")

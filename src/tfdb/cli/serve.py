@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any, cast
 import click
 
 import tfdb
+from tfdb.counting import counted
 from tfdb.io.choice import Choice
 from tfdb.io.loading import Selection
 from tfdb.io.mcap_reader import GrowingMcap
@@ -18,7 +19,7 @@ from tfdb.summary import span
 
 from . import common, layout, output
 from .graph import STORE, listening, node_option
-from .groups import SuggestingGroup
+from .groups import SuggestingCommand, SuggestingGroup
 from .times import NS, duration_option, format_duration
 
 if TYPE_CHECKING:
@@ -68,7 +69,7 @@ def _open(name: str, history: int | None) -> Buffer:
     return tfdb.Buffer.open(name, history=None if history is None else history / NS)
 
 
-@command.command("bag")
+@command.command("bag", cls=SuggestingCommand)
 @common.files_argument
 @into_option
 @click.option(
@@ -136,7 +137,7 @@ def bag(
         show()
 
 
-@command.command("follow")
+@command.command("follow", cls=SuggestingCommand)
 @common.file_argument
 @into_option
 @click.option(
@@ -186,7 +187,8 @@ def follow(
         output.emit_json("serve follow", {"files": [file], "store": name, **shown, **more})
         return
     passed = format_duration(round(report.seconds * NS))
-    text = f"{report.transforms:,} transforms in {report.messages:,} messages, in {passed}"
+    text = f"{counted(report.transforms, 'transform')} in {counted(report.messages, 'message')}"
+    text += f", in {passed}"
     output.say(layout.wrap(layout.words(text)))
 
 
@@ -204,7 +206,7 @@ def _serves_graph(function: Any) -> Any:
     return function
 
 
-@command.command("ros1")
+@command.command("ros1", cls=SuggestingCommand)
 @click.option("--master", metavar="URI", default="", help="The master.  [default: ROS_MASTER_URI]")
 @_serves_graph
 def ros1(*, master: str, into: str, history: int | None, as_json: bool) -> None:
@@ -219,7 +221,7 @@ def ros1(*, master: str, into: str, history: int | None, as_json: bool) -> None:
     _serve_graph(f"ros1:{master}", into, history, as_json=as_json)
 
 
-@command.command("ros2")
+@command.command("ros2", cls=SuggestingCommand)
 @click.option("--domain", metavar="ID", default="", help="The domain.  [default: ROS_DOMAIN_ID]")
 @_serves_graph
 def ros2(*, domain: str, into: str, history: int | None, as_json: bool) -> None:
@@ -264,9 +266,10 @@ def _say_served(live: Live, graph: str, name: str, began: float, *, as_json: boo
         }
         output.emit_json(f"serve {graph.partition(':')[0]}", body)
         return
-    text = f"{commits:,} commits, {len(infos):,} frames, in {format_duration(round(seconds * NS))}"
+    text = f"{counted(commits, 'commit')}, {counted(len(infos), 'frame')}"
+    text += f", in {format_duration(round(seconds * NS))}"
     if damaged:
-        text += f"; {damaged:,} damaged messages left out"
+        text += f"; {counted(damaged, 'damaged message')} left out"
     output.say(text)
 
 
@@ -370,9 +373,10 @@ class Player:
     def describe(self) -> str:
         """Say what was done."""
         passed = format_duration(round((time.monotonic() - self._began) * NS))
-        text = f"{self.transforms:,} transforms in {self.messages:,} messages, in {passed}"
+        text = f"{counted(self.transforms, 'transform')} in {counted(self.messages, 'message')}"
+        text += f", in {passed}"
         if self._shift:
             text += f"; stamps are {format_duration(self._shift)} later than recorded"
         if self.refused:
-            text += f"; {self.refused:,} messages refused, the first: {self.first_refusal}"
+            text += f"; {counted(self.refused, 'message')} refused, the first: {self.first_refusal}"
         return text

@@ -14,7 +14,7 @@ from tfdb.summary import span
 
 from . import common, layout, output
 from .graph import STORE
-from .groups import SuggestingGroup
+from .groups import SuggestingCommand, SuggestingGroup
 from .times import format_dates, format_duration, format_ns
 
 if TYPE_CHECKING:
@@ -38,7 +38,7 @@ def command() -> None:
     """
 
 
-@command.command("ls")
+@command.command("ls", cls=SuggestingCommand)
 @layout.wide_option
 @common.json_option
 def list_stores(*, as_json: bool) -> None:
@@ -118,7 +118,7 @@ def _row(body: dict[str, Any]) -> tuple[Any, ...]:
     )
 
 
-@command.command("info")
+@command.command("info", cls=SuggestingCommand)
 @name_argument
 @common.json_option
 def describe(*, name: str, as_json: bool) -> None:
@@ -151,7 +151,7 @@ def describe(*, name: str, as_json: bool) -> None:
         out.print(layout.wrap([f"{what:<10}", *layout.words(text)], " " * 10))
 
 
-@command.command("compact")
+@command.command("compact", cls=SuggestingCommand)
 @name_argument
 @common.json_option
 def compact(*, name: str, as_json: bool) -> None:
@@ -177,7 +177,7 @@ def compact(*, name: str, as_json: bool) -> None:
         )
 
 
-@command.command("rm")
+@command.command("rm", cls=SuggestingCommand)
 @click.argument("names", nargs=-1, required=True, metavar="NAME...")
 @common.json_option
 def remove(*, names: tuple[str, ...], as_json: bool) -> None:

@@ -16,7 +16,7 @@ from tfdb.io import load_urdf
 from . import common, layout, output
 from .angles import quaternion_of
 from .graph import STORE, is_graph, node_option, open_graph, wait_for_end
-from .times import TimedCommand
+from .groups import SuggestingCommand
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -47,7 +47,7 @@ def _numbers(command: Any) -> Any:
     return command
 
 
-@click.command("static-publisher", cls=TimedCommand)
+@click.command("static-publisher", cls=SuggestingCommand)
 @click.argument("where")
 @click.argument("values", nargs=-1, metavar="[" + _FORMS.replace(", or ", "] | [") + "]")
 @click.option("--frame-id", "frame", metavar="FRAME", help="The parent.")

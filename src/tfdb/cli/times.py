@@ -26,7 +26,6 @@ HINT = (
 _EPOCH_NS = 946_684_800 * NS
 """The year 2000: stamps before it were not made by a clock that tells the date."""
 
-_NEGATIVE = re.compile(r"-\.?[0-9]")
 _DATE = re.compile(r"\d{4}-\d\d-\d\d", re.ASCII)
 _UNIT = re.compile(r"(?<=[0-9.])s$")
 _ZONE = re.compile(r"(Z|[+-]\d\d(:?\d\d)?)", re.ASCII)
@@ -83,22 +82,6 @@ def warn_of_bounds(span: tuple[int, int] | None, **bounds: TimeSpec | None) -> N
         if time is not None and (question := ask_of_offsets(span, time)):
             text = f"--{name} {time.text} lies before all that moves; {question}"
             output.say(f"tfdb: warning: {text}", err=True)
-
-
-class TimedCommand(click.Command):
-    """A command that takes `-0.5` for a time; everything else with a dash is an option."""
-
-    ignore_unknown_options = True
-
-    def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
-        """Refuse the unknown options that the class lets pass, as other commands do."""
-        ours = args[: args.index("--")] if "--" in args else args
-        found, rest, _ = self.make_parser(ctx).parse_args(args=list(ours))
-        names = [param.name for param in self.params if isinstance(param, click.Argument)]
-        for text in (*map(found.get, names), *rest):
-            if isinstance(text, str) and text.startswith("-") and not _NEGATIVE.match(text):
-                raise click.NoSuchOption(text, ctx=ctx)
-        return super().parse_args(ctx, args)
 
 
 def time_option(ctx: click.Context, param: click.Parameter, value: str | None) -> TimeSpec | None:

@@ -7,10 +7,12 @@ from typing import TYPE_CHECKING, Any
 import click
 from rich.text import Text
 
+from tfdb.counting import counted
 from tfdb.summary import EdgeSummary, Forest, TreeRow, edge_summaries
 
 from . import common, layout, output
 from .graph import listen_option
+from .groups import SuggestingCommand
 from .info import edge_body
 from .times import TimeSpec, format_duration, format_when, time_option, warn_of_bounds
 
@@ -18,7 +20,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
 
 
-@click.command("tree")
+@click.command("tree", cls=SuggestingCommand)
 @common.files_argument
 @click.option(
     "--at", metavar="TIME", callback=time_option, help="The parents at this time, not the newest."
@@ -109,12 +111,14 @@ def _notes(edge: EdgeSummary) -> Iterator[Text]:
     info = edge.info
     notes = ["static"] if info.is_static else []
     if not info.is_static:
-        notes.append(f"{info.samples:,} samples" if info.rate is None else f"{info.rate:.4g} Hz")
+        notes.append(
+            counted(info.samples, "sample") if info.rate is None else f"{info.rate:.4g} Hz"
+        )
     if info.late:
         notes.append(f"{info.late} late")
     yield Text(", ".join(notes), style="dim" if info.is_static else "cyan")
     if edge.gaps and edge.longest is not None:
-        count = f"{len(edge.gaps)} gap{'s' if len(edge.gaps) > 1 else ''}"
+        count = counted(len(edge.gaps), "gap")
         yield layout.loud(f"{count}, longest {format_duration(edge.longest.length)}")
     if info.authority:
         yield layout.quiet(info.authority)

@@ -10,12 +10,13 @@ from tfdb.verify import check, load_history
 from tfdb.verify.check import STEPS
 
 from . import common, layout, output
+from .groups import SuggestingCommand
 
 if TYPE_CHECKING:
     from tfdb.verify import History, Verdict
 
 
-@click.command("verify")
+@click.command("verify", cls=SuggestingCommand)
 @click.argument("history", type=click.Path())
 @click.option(
     "--steps",

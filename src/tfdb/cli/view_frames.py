@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from tfdb.counting import counted
 from tfdb.given_path import given_path
 from tfdb.new_file import new_file
 from tfdb.stamps import format_seconds
@@ -17,6 +18,7 @@ from tfdb.tf2.listings import in_dot
 
 from . import common, output
 from .graph import listen_option
+from .groups import SuggestingCommand
 from .times import format_duration
 
 if TYPE_CHECKING:
@@ -29,7 +31,7 @@ _DOT = (".dot", ".gv")
 _PICTURES = (".svg", ".pdf", ".png")
 
 
-@click.command("view-frames")
+@click.command("view-frames", cls=SuggestingCommand)
 @common.files_argument
 @click.option(
     "-o",
@@ -80,7 +82,7 @@ def command(
         body["frames"] = len(infos)
         output.emit_json("view-frames", body)
     else:
-        output.say(f"{', '.join(map(str, outs))}: {len(infos)} frames")
+        output.say(f"{', '.join(map(str, outs))}: {counted(len(infos), 'frame')}")
 
 
 def _outputs(out: str | None, files: Sequence[str], *, overwrite: bool) -> list[Path]:

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
+from ..counting import counted
 from .alignment import MODES
 
 if TYPE_CHECKING:
@@ -146,7 +147,8 @@ class Comparison:
 
     def __repr__(self) -> str:
         return (
-            f"<tfdb.Comparison of {len(self)} poses: APE {self.ape_translation.rmse:.6g} m, "
+            f"<tfdb.Comparison of {counted(len(self), 'pose')}: "
+            f"APE {self.ape_translation.rmse:.6g} m, "
             f"{np.rad2deg(self.ape_rotation.rmse):.4g} deg rmse; RPE "
             f"{self.rpe_translation.rmse:.6g} m, {np.rad2deg(self.rpe_rotation.rmse):.4g} deg "
             f"per {self._per}>"
@@ -205,7 +207,7 @@ class Comparison:
         """What people must know to read the numbers."""
         ways = {"interpolate": "interpolated", "nearest": "the nearest"}
         within = f"{ways[self.association]} within {self.max_diff / 1e6:.4g} ms"
-        facts = [("matched", f"{len(self):,} poses, {within}")]
+        facts = [("matched", f"{counted(len(self), 'pose')}, {within}")]
         if self.offset or self.offset_estimated:
             how = ", estimated" if self.offset_estimated else ""
             facts.append(("offset", f"{self.offset / 1e9:+.9f} s{how}"))

@@ -375,7 +375,8 @@ def kind_of(path: Path) -> Kind:
 
     Raises `RecordingError` for anything that is no recording, `OSError` where it cannot be opened.
     """
-    mode = path.stat().st_mode
+    with errors_name(path):
+        mode = path.stat().st_mode
     if stat.S_ISDIR(mode):
         return "folder"
     if not stat.S_ISREG(mode):

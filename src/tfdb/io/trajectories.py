@@ -159,9 +159,9 @@ def into_buffer(
 
 def _read(path: Path) -> bytes:
     """The bytes of a file or pipe; a device may have no end."""
-    if stat.S_ISCHR(path.stat().st_mode):
-        raise TrajectoryError(path, None, "no regular file")
     with errors_name(path):
+        if stat.S_ISCHR(path.stat().st_mode):
+            raise TrajectoryError(path, None, "no regular file")
         return path.read_bytes()
 
 

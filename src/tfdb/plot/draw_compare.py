@@ -9,6 +9,7 @@ import numpy.typing as npt
 from matplotlib.collections import LineCollection
 from matplotlib.lines import Line2D
 
+from ..counting import counted
 from ..given_objects import refuse_without
 from ..summary import find_gaps
 from . import lettering, style
@@ -51,7 +52,8 @@ def comparison(result: Comparison, *, title: str | None = None) -> Figure:
         if title is not None
         else f"{result.estimate.source} in {result.alignment.source} against "
         f"{result.reference.source} in {result.reference.target}",
-        f"{len(result):,} poses; APE {absolute.rmse:.4g} m rmse, {absolute.max:.4g} m at most; "
+        f"{counted(len(result), 'pose')}; "
+        f"APE {absolute.rmse:.4g} m rmse, {absolute.max:.4g} m at most; "
         f"RPE {relative.rmse:.4g} m rmse",
         x=style.MARGIN / 72 / _SIZE[0],
     )

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 from matplotlib.lines import Line2D
 from matplotlib.patches import FancyBboxPatch
 
+from ..counting import counted
 from ..errors import InvalidArgument
 from ..summary import Forest
 from . import lettering, style
@@ -159,10 +160,11 @@ def _under(infos: Sequence[FrameInfo], forest: Forest, folded: Folds) -> str:
     static = sum(1 for i in infos if i.is_static)
     trees = len(forest.roots)
     text = (
-        f"{len(infos)} frames, {moving} moving edges, {static} static, "
-        f"{trees} tree{'' if trees == 1 else 's'}"
+        f"{counted(len(infos), 'frame')}, {counted(moving, 'moving edge')}, {static} static, "
+        f"{counted(trees, 'tree')}"
     )
-    return text + (f"; {folded.frames} frames are folded" if folded.away else "")
+    folds = f"{counted(folded.frames, 'frame')} {'is' if folded.frames == 1 else 'are'} folded"
+    return f"{text}; {folds}" if folded.away else text
 
 
 def _handles() -> list[Line2D]:

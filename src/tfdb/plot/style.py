@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from datetime import UTC, datetime
+from io import BytesIO
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -52,9 +53,22 @@ MARGIN = 14.0
 """Points that stay free at each side."""
 
 
+class Picture(Figure):
+    """A figure that a notebook shows as the last line of a cell.
+
+    `%matplotlib inline` shows every Figure so. Without it a notebook calls `_repr_png_`.
+    """
+
+    def _repr_png_(self) -> bytes:
+        """Draw the picture as a PNG."""
+        drawn = BytesIO()
+        self.savefig(drawn, format="png")
+        return drawn.getvalue()
+
+
 def new_figure(width: float, height: float) -> Figure:
     """Make an empty figure of `width` x `height` inches that belongs to no window."""
-    figure = Figure(figsize=(width, height), dpi=DPI, facecolor=PAPER)
+    figure = Picture(figsize=(width, height), dpi=DPI, facecolor=PAPER)
     figure.set_layout_engine("none")
     return figure
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from typing import TYPE_CHECKING, Any
 
 from ..errors import InvalidArgument, NotSupported
@@ -13,7 +14,8 @@ if TYPE_CHECKING:
 def show(figure: Figure) -> None:
     """Show a picture in a window, and wait until it is closed.
 
-    In a notebook the figure itself, as the last line of a cell, does the same.
+    In a notebook without windows the picture appears below the cell. The figure itself, as the last
+    line of a cell, appears there as well.
 
     Raises
     ------
@@ -35,6 +37,9 @@ def show(figure: Figure) -> None:
     manager = canvas.manager
     try:
         if canvas.required_interactive_framework is None:
+            if _in_notebook():
+                sys.modules["IPython"].display.display(figure)
+                return
             raise NotSupported(
                 "no window can be opened: there is no screen, or matplotlib has no library for it "
                 "(pip install PyQt6)"
@@ -45,3 +50,9 @@ def show(figure: Figure) -> None:
         plt.show()
     finally:
         plt.close(manager.num)
+
+
+def _in_notebook() -> bool:
+    """Whether a kernel of Jupyter runs this program; it has imported IPython."""
+    ipython: Any = sys.modules.get("IPython")
+    return getattr(ipython and ipython.get_ipython(), "kernel", None) is not None
