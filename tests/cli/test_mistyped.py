@@ -10,7 +10,7 @@ import pytest
 import tfdb
 from tfdb.cli import app
 from tfdb.cli.app import COMMANDS, cli
-from tfdb.cli.groups import Choice
+from tfdb.cli.groups import OneOf
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -57,7 +57,7 @@ def test_each_option_that_is_mistyped_gets_the_nearest(
 def test_each_choice_suggests(path: tuple[str, ...], command: click.Command) -> None:
     for param in command.params:
         if isinstance(param.type, click.Choice):
-            assert isinstance(param.type, Choice), (path, param.name)
+            assert isinstance(param.type, OneOf), (path, param.name)
 
 
 def test_a_kind_of_plot_that_is_mistyped_gets_the_nearest(tool: Tool, bag: Path) -> None:

@@ -17,7 +17,7 @@ from . import common, layout, output
 from .arrivals import Arrivals, read_arrivals
 from .doctor import KINDS, Finding, Limits, disconnected, examine, leading_slashes, sort_key
 from .graph import LISTENS, Live, is_graph, listening, node_option
-from .groups import Choice, SuggestingCommand
+from .groups import OneOf, SuggestingCommand
 from .info import mixed_body
 from .times import NS, duration_option, format_date, format_ns, format_when
 
@@ -47,7 +47,7 @@ if TYPE_CHECKING:
 @click.option(
     "--ignore",
     multiple=True,
-    type=Choice(list(KINDS)),
+    type=OneOf(list(KINDS)),
     help="Leave out this kind of finding; repeatable.",
 )
 @click.option(

@@ -26,7 +26,7 @@ from tfdb.summary import Forest, span
 
 from . import output
 from .graph import STORE, is_graph, listen_once
-from .groups import Choice
+from .groups import OneOf
 from .times import NS, duration_option, format_dates, format_ns, time_option, warn_of_bounds
 
 if TYPE_CHECKING:
@@ -285,7 +285,7 @@ out_option: Callable[[FC], FC] = click.option(
 format_option: Callable[[FC], FC] = click.option(
     "--format",
     "kind",
-    type=Choice(["tum", "kitti", "euroc", "csv", "npz", "parquet"]),
+    type=OneOf(["tum", "kitti", "euroc", "csv", "npz", "parquet"]),
     help="Of a trajectory, whatever OUT is called.  [default: by the end of OUT; .txt is TUM]",
 )
 overwrite_option: Callable[[FC], FC] = click.option(

@@ -12,7 +12,7 @@ from tfdb.frozen import is_frozen
 from tfdb.given_path import given_path
 
 from . import common, layout, output
-from .groups import Choice, SuggestingCommand
+from .groups import OneOf, SuggestingCommand
 from .pictures import need_matplotlib, picture_files, write_pictures
 from .times import NS, duration_option, offset_option
 
@@ -45,7 +45,7 @@ _OPTIONS = (
     ),
     click.option(
         "--association",
-        type=Choice(("interpolate", "nearest")),
+        type=OneOf(("interpolate", "nearest")),
         default="interpolate",
         show_default=True,
         help="Interpolate the trajectory with more poses at the stamps of the other, or take the "
@@ -67,7 +67,7 @@ _OPTIONS = (
     ),
     click.option(
         "--align",
-        type=Choice(_ALIGN),
+        type=OneOf(_ALIGN),
         default="se3",
         show_default=True,
         help="What is fitted before: rotation and translation, a scale too, the scale alone, yaw "
@@ -88,7 +88,7 @@ _OPTIONS = (
     ),
     click.option(
         "--delta-unit",
-        type=Choice(_UNITS),
+        type=OneOf(_UNITS),
         default="frames",
         show_default=True,
         help="Of --delta: matched poses, metres, seconds, degrees, radians.",
@@ -103,7 +103,7 @@ _OPTIONS = (
     ),
     click.option(
         "--pairs-from",
-        type=Choice(("estimate", "reference")),
+        type=OneOf(("estimate", "reference")),
         default="estimate",
         show_default=True,
         help="Whose way is measured.",

@@ -6,7 +6,7 @@ import click
 from click.shell_completion import get_completion_class
 
 from . import common, output
-from .groups import Choice, SuggestingCommand
+from .groups import OneOf, SuggestingCommand
 
 WHERE = {
     "bash": "tfdb completion bash > ~/.local/share/bash-completion/completions/tfdb",
@@ -16,7 +16,7 @@ WHERE = {
 
 
 @click.command("completion", cls=SuggestingCommand)
-@click.argument("shell", type=Choice(list(WHERE)))
+@click.argument("shell", type=OneOf(list(WHERE)))
 @common.json_option
 def command(*, shell: str, as_json: bool) -> None:
     """The script that makes a shell complete tfdb's commands and options.

@@ -74,7 +74,7 @@ class SuggestingCommand(click.Command):
 
 def _may_have_dash(param: click.Parameter) -> bool:
     """Whether it is an argument that takes words with a dash: neither a file nor one of a few."""
-    return isinstance(param, click.Argument) and not isinstance(param.type, click.Path | Choice)
+    return isinstance(param, click.Argument) and not isinstance(param.type, click.Path | OneOf)
 
 
 def _values(word: str, options: dict[str, Any]) -> int | None:
@@ -119,7 +119,7 @@ class SuggestingGroup(click.Group):
         return super().resolve_command(ctx, args)
 
 
-class Choice(click.Choice[str]):
+class OneOf(click.Choice[str]):
     """One of a few words; the nearest is named."""
 
     def get_invalid_choice_message(self, value: Any, ctx: click.Context | None) -> str:

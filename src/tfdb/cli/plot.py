@@ -12,7 +12,7 @@ import tfdb
 from . import common, layout, output
 from .compare import comparison_options, find, title_of
 from .graph import listen_option
-from .groups import Choice, SuggestingCommand
+from .groups import OneOf, SuggestingCommand
 from .pictures import need_matplotlib, picture_files, write_pictures
 from .times import NS, duration_option
 
@@ -38,7 +38,7 @@ def _complete(ctx: click.Context, param: click.Parameter, incomplete: str) -> li
 
 @click.command("plot", cls=SuggestingCommand)
 @common.file_argument
-@click.argument("kind", type=Choice(KINDS), default="tree")
+@click.argument("kind", type=OneOf(KINDS), default="tree")
 @click.argument(
     "frames", nargs=-1, metavar="[TARGET SOURCE... | ESTIMATE]", shell_complete=_complete
 )
@@ -53,12 +53,12 @@ def _complete(ctx: click.Context, param: click.Parameter, incomplete: str) -> li
 @click.option("--show", is_flag=True, help="Open a window with the picture.")
 @click.option(
     "--axes",
-    type=Choice(("xy", "xz", "yz", "xyz")),
+    type=OneOf(("xy", "xz", "yz", "xyz")),
     help="Of a trajectory: this plane, or three dimensions.  [default: its two widest axes]",
 )
 @click.option(
     "--color",
-    type=Choice(("time", "speed")),
+    type=OneOf(("time", "speed")),
     help="Of a trajectory: what its colour tells.",
 )
 @click.option(
