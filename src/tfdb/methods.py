@@ -288,6 +288,7 @@ def load(
         Names of frames, topics or publishing nodes, where `*` stands for any letters and `?` for
         one: no edge from or to such a frame, and nothing that came so. What hung below such a frame
         is a tree of its own then; `frames` counts paths without it.
+        `"/tf_static:base_link"` names one edge on one topic, by its child frame.
     keep
         Only so many seconds before `end`, or before the last moving stamp.
     rename

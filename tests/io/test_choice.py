@@ -334,3 +334,34 @@ def test_options_that_do_nothing_warn(options: dict[str, Any], words: str) -> No
     with pytest.warns(tfdb.TfdbWarning, match=words) as caught:
         tfdb.load(BAG, **options)
     assert [Path(each.filename).name for each in caught] == ["test_choice.py"]
+
+
+CASES = Path(__file__).resolve().parents[1] / "cases"
+
+
+@pytest.mark.parametrize(
+    "entry", ["/tf_static:base_link", "tf_static:base_*", "*_static:base_link"]
+)
+def test_the_edge_of_one_topic_is_left_out(entry: str) -> None:
+    buffer = tfdb.load(CASES / "static_and_dyn.mcap", exclude=entry)
+    assert buffer.frame_info("base_link").samples == 50
+    found = buffer.lookup_transform("odom", "base_link", 1_700_000_000_500_000_000)
+    assert found.translation[0] == pytest.approx(0.5)
+
+
+def test_the_moving_samples_of_a_static_edge_can_be_left_out() -> None:
+    buffer = tfdb.load(CASES / "static_and_dyn.mcap", exclude="/tf:base_link")
+    assert buffer.frame_info("base_link").is_static
+
+
+def test_an_edge_that_no_topic_has_is_named() -> None:
+    with pytest.warns(tfdb.TfdbWarning, match="'tf_static:base_lin'.*did you mean"):
+        tfdb.load(BAG, exclude="/tf_static:base_lin")
+
+
+def test_an_entry_without_a_topic_is_about_names_alone(samples: list[Sample]) -> None:
+    """`tf*link` is not the edge of a frame that ends in link on a topic that begins with tf."""
+    child = next(each.child for each in samples if each.child.endswith("link"))
+    with pytest.warns(tfdb.TfdbWarning, match="called 'tf\\*link'"):
+        buffer = tfdb.load(BAG, exclude="tf*link")
+    assert buffer.frame_exists(child)

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import tfdb
-from tfdb.io import Recording, groups
+from tfdb.io import Recording, follow_recording, groups
 
 from .conftest import Message
 
@@ -310,3 +310,49 @@ def test_one_group_is_not_read_before(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(Recording, "read", read)
     tfdb.load(CASES / "two_auth.mcap")
     assert len(reads) == 1
+
+
+def followed(path: Path, **options: Any) -> tfdb.Buffer:
+    """What following a whole file stores."""
+    buffer = tfdb.Buffer(history=None)
+    follow_recording(buffer, path, **options)
+    return buffer
+
+
+@pytest.mark.parametrize(
+    ("path", "other"), [(ROBOTS, "/robot2/*"), (OLD, "/tf_old")], ids=["robots", "old"]
+)
+def test_a_growing_recording_is_judged_by_the_same_rule(path: Path, other: str) -> None:
+    buffer = tfdb.Buffer(history=None)
+    with pytest.raises(tfdb.MixedSources) as caught:
+        follow_recording(buffer, path)
+    with pytest.raises(tfdb.MixedSources) as expected:
+        tfdb.load(path)
+    assert set(caught.value.groups or ()) == set(expected.value.groups or ())
+    assert set(caught.value.frames or ()) <= set(expected.value.frames or ())
+    mixed, apart = followed(path, mix=True), followed(path, by_namespace=True)
+    assert mixed.frames() == tfdb.load(path, mix=True).frames()
+    assert apart.frames() == tfdb.load(path, by_namespace=True).frames()
+    assert followed(path, exclude=other).frames() == mixed.frames()
+
+
+@pytest.mark.parametrize("every", [1, 5])
+def test_a_relay_in_a_growing_recording_agrees(
+    every: int, recorder: Recorder, tmp_path: Path
+) -> None:
+    relay = driven("/relay", rows=range(0, 50, every))
+    for message in relay:
+        message.received += 2
+    parts = [*driven("/tf"), *fixed("/tf_static"), *relay, *fixed("/robot/tf_static")]
+    folder = recorder.folder(tmp_path / "bag", sorted(parts, key=lambda each: each.received))
+    (path,) = folder.glob("*.mcap")
+    buffer = followed(path)
+    assert buffer.frames() == ["base", "laser", "odom"]
+    assert buffer.frame_info("base").samples == 50
+    last = driven("/relay", x=0.5, rows=range(49, 50))
+    last[0].received += 2
+    parts = [*driven("/tf"), *relay, *last]
+    folder = recorder.folder(tmp_path / "other", sorted(parts, key=lambda each: each.received))
+    (path,) = folder.glob("*.mcap")
+    with pytest.raises(tfdb.MixedSources, match="/tf; /relay"):
+        followed(path)

@@ -158,7 +158,8 @@ _choice_options = (
     _chooses(
         "--exclude",
         "NAME",
-        "Leave out this frame, topic or node (* and ? as in a shell); repeatable.",
+        "Leave out this frame, topic or node (* and ? as in a shell), or the edge of a frame on a "
+        "topic, TOPIC:FRAME; repeatable.",
         multiple=True,
     ),
     _chooses(

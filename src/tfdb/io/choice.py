@@ -385,6 +385,7 @@ class Rewriter:
         self.refusals: list[TfdbError] = []
         self._children = children
         self._excluded = [(entry, _pattern(entry)) for entry in choice.exclude]
+        self._excluded_edges = [(entry, made) for entry, made in self._excluded if ":" in entry]
         self._is_out: dict[str, bool] = {}
         self._used: set[str] = set()
         self._names: dict[str, str] = {}
@@ -507,7 +508,7 @@ class Rewriter:
         left = [
             self._renamed(each)
             for each in given
-            if not is_out and self._takes(each) and (static or self._is_inside(each))
+            if not is_out and self._takes(each, source) and (static or self._is_inside(each))
         ]
         self.left_out += len(given) - len(left)
         self._moving += 0 if static else len(left)
@@ -560,10 +561,12 @@ class Rewriter:
         hint = f"; did you mean {offsets}, from the start?" if meant else ""
         return f"{since}{until}, its stamps run from {there}{hint}".lstrip()
 
-    def _takes(self, transform: TransformStamped) -> bool:
+    def _takes(self, transform: TransformStamped, source: Source) -> bool:
         if self._children is not None and transform.child not in self._children:
             return False
-        return not (self._excludes(transform.parent) or self._excludes(transform.child))
+        if self._excludes(transform.parent) or self._excludes(transform.child):
+            return False
+        return not self._excludes(f"{source.topic}:{transform.child}", edges=True)
 
     def _is_inside(self, transform: TransformStamped) -> bool:
         first, last = self.window
@@ -574,13 +577,15 @@ class Rewriter:
         self._outside = min(low, stamp), max(high, stamp)
         return False
 
-    def _excludes(self, name: str) -> bool:
-        if not self._excluded:
+    def _excludes(self, name: str, *, edges: bool = False) -> bool:
+        """Whether a name is excluded; `edges`: that of an edge, as only entries with ':' name."""
+        excluded = self._excluded_edges if edges else self._excluded
+        if not excluded:
             return False
         known = self._is_out.get(name)
         if known is None:
             plain = name.removeprefix("/")
-            used = {entry for entry, pattern in self._excluded if pattern.fullmatch(plain)}
+            used = {entry for entry, pattern in excluded if pattern.fullmatch(plain)}
             self._used |= used
             known = self._is_out[name] = bool(used)
         return known

@@ -14,6 +14,10 @@ from tfdb.errors import MixedSources
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Mapping, Sequence
+    from typing import TypeAlias
+
+    import numpy as np
+    import numpy.typing as npt
 
     from tfdb import Buffer
 
@@ -21,6 +25,10 @@ if TYPE_CHECKING:
     from .containers import Source
     from .recordings import Recording, Run
 
+    Rows: TypeAlias = npt.NDArray[np.intp]
+
+_KEPT = 10.0
+"""A relayed sample of a growing recording may come so many seconds after the newest."""
 _LISTED = 5
 """An error lists at most so many groups, and so many frames."""
 
@@ -88,6 +96,37 @@ def refuse_mixture(
         raise mixture(path, {group: sorted(topics[group]) for group in named}, tuple(mixed))
 
 
+class Watch:
+    """Finds groups of topics that disagree while a recording grows.
+
+    The first group that states the parent of a frame owns the edge. Another group agrees if its
+    samples are among those that the owner has sent until then. Threads: one.
+
+    `rewriter` drops what is not wanted and keeps all names.
+    """
+
+    def __init__(self, path: str, rewriter: Rewriter) -> None:
+        self._path = path
+        self._rewriter = rewriter
+        self._owners: dict[str, str] = {}
+        self._topics: dict[str, set[str]] = defaultdict(set)
+        self._owned: Buffer = _core.Buffer(history=_KEPT)
+
+    def look(self, run: Run, encoding: str, is_static: bool) -> None:
+        """Look at messages of one group. Raises MixedSources if they disagree with another."""
+        group = prefix_of(run.source)
+        names = _children(run, self._rewriter, encoding, is_static)[group]
+        self._topics[group].add("/" + run.source.topic.strip("/"))
+        foreign = sorted(each for each in names if self._owners.setdefault(each, group) != group)
+        fresh: Buffer = _core.Buffer(history=None) if foreign else self._owned
+        self._rewriter.ingest(run, fresh, encoding, is_static)
+        others = [each for each in foreign if not _is_part(fresh, self._owned, each)]
+        if others:
+            named = sorted({group, *(self._owners[each] for each in others)})
+            topics = {each: sorted(self._topics[each]) for each in named}
+            raise mixture(self._path, topics, tuple(others))
+
+
 def mixture(
     path: str, topics: Mapping[str, Sequence[str]], frames: tuple[str, ...]
 ) -> MixedSources:
@@ -139,14 +178,31 @@ class _Edge:
         return (
             np.array_equal(other.stamps[at], self.stamps[rows])
             and np.array_equal(other._poses[at], self._poses[rows])
-            and [other._parents[i] for i in at] == [self._parents[i] for i in rows]
+            and self._same_parents(rows, other, at)
         )
+
+    def ends_after(self, other: _Edge) -> bool:
+        """Return whether this edge has samples that are newer than all of `other`."""
+        return bool(self.stamps[-1] > other.stamps[-1])
+
+    def _same_parents(self, rows: Rows, other: _Edge, at: Rows) -> bool:
+        if {*self._parents, *other._parents} == {self._parents[0]}:
+            return True
+        return [other._parents[i] for i in at] == [self._parents[i] for i in rows]
 
     def _first(self) -> tuple[str, list[float]]:
         return self._parents[0], self._poses[0].tolist()
 
     def _is_constant(self) -> bool:
         return len(set(self._parents)) == 1 and bool((self._poses == self._poses[0]).all())
+
+
+def _is_part(store: Buffer, whole: Buffer, frame: str) -> bool:
+    """Return whether all samples of an edge are in another store."""
+    if not store.frame_exists(frame) or not whole.frame_exists(frame):
+        return True  # all of them were refused
+    one, other = _Edge(store, frame), _Edge(whole, frame)
+    return not len(one.stamps) or (one.repeats(other) and not one.ends_after(other))
 
 
 def _children(read: Run, rewriter: Rewriter, encoding: str, is_static: bool) -> dict[str, set[str]]:

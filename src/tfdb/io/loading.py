@@ -18,7 +18,7 @@ from tfdb.given_path import given_path, given_paths
 
 from .choice import OTHERS, Choice, absolute, held_by, no_name, no_topic, not_read
 from .containers import FRAME_TRANSFORMS, POSE_TYPES, encodings_of
-from .groups import refuse_mixture
+from .groups import Watch, prefix_of, refuse_mixture
 from .mcap_reader import GrowingMcap
 from .recordings import Recording, runs_of
 
@@ -234,8 +234,8 @@ def follow_recording(
     interval
         Seconds between two looks at the file's size.
     **options
-        `start` and `end` as stamps, `exclude`, `rename`, `prefix` and `pose_topics`, as in
-        `Buffer.load`. The others need the whole file.
+        `start` and `end` as stamps, `exclude`, `rename`, `prefix`, `pose_topics`, `by_namespace`
+        and `mix`, as in `Buffer.load`. The others need the whole file.
 
     Raises
     ------
@@ -243,6 +243,8 @@ def follow_recording(
         No MCAP file, damaged, or it shrank; its writer stopped: it has no end and has not grown for
         `timeout` (what was whole is stored; `load(salvage=True)` reads the rest); it ended without
         transforms, or without one of the topics (what came of the others is stored).
+    MixedSources
+        Groups of topics disagree, as in `Buffer.load`; the messages before are stored.
     InvalidArgument
         Options that need the whole file, and a timeout or interval that is none.
     OSError
@@ -259,12 +261,13 @@ def follow_recording(
     selection = Selection(topics, choice)
     tally = _Tally(buffer)
     tally.everything = None  # it would grow as the file does
+    watch = selection.watch(str(given), rewriter)
     file = GrowingMcap(given)
     try:
         grown, size = time.monotonic(), file.size
         while True:
             for messages, sources in file.read():
-                tally.take(messages, sources, selection, rewriter)
+                tally.take(messages, sources, selection, rewriter, watch)
             if file.is_complete:
                 break
             now = time.monotonic()
@@ -395,11 +398,19 @@ class Selection:
 
     def refuse_mixture(self, recordings: Sequence[Recording], rewriter: Rewriter) -> None:
         """Raise MixedSources where no topic was named and groups of topics disagree."""
-        choice = self._choice
-        if self._roles is None and not choice.mix and not choice.by_namespace:
-            refuse_mixture(recordings, self._is_judged, self.kind, rewriter.without_names())
+        if self._judges:
+            refuse_mixture(recordings, self.is_judged, self.kind, rewriter.without_names())
 
-    def _is_judged(self, source: Source) -> bool:
+    def watch(self, path: str, rewriter: Rewriter) -> Watch | None:
+        """What finds groups that disagree while a file grows; None where they are not judged."""
+        return Watch(path, rewriter.without_names()) if self._judges else None
+
+    @property
+    def _judges(self) -> bool:
+        choice = self._choice
+        return self._roles is None and not choice.mix and not choice.by_namespace
+
+    def is_judged(self, source: Source) -> bool:
         """Whether it holds transforms and was not asked for by name."""
         is_named = absolute(source.topic) in self._choice.pose_topics
         return source.holds_transforms and self.wants(source) and not is_named
@@ -490,8 +501,13 @@ class _Tally:
         sources: Mapping[int, Source],
         selection: Selection,
         rewriter: Rewriter,
+        watch: Watch | None,
     ) -> None:
         """Commit what is wanted of messages that just came, and count their topics."""
+
+        def kind(source: Source) -> object:
+            return selection.kind(source), "" if watch is None else prefix_of(source)
+
         counts = messages.counts()
         wanted = {id_: s for id_, s in sources.items() if selection.wants(s)}
         for id_, source in wanted.items():
@@ -504,7 +520,9 @@ class _Tally:
             received, id_, data = messages[index]
             if id_ in wanted:
                 picked.add(received, id_, data)
-        for run in runs_of(picked, sources, selection.wants, selection.kind):
+        for run in runs_of(picked, sources, selection.wants, kind):
+            if watch is not None and selection.is_judged(run.source):
+                watch.look(run, *selection.kind(run.source))
             self.store(run, selection, rewriter, _Meter(0, None, 1))
 
     def _ingest(self, run: Run, encoding: str, *, static: bool) -> None:
