@@ -202,7 +202,7 @@ def test_one_bad_file_of_several(recorder: Any, messages: Drive, tmp_path: Path)
 def test_a_recorder_that_did_not_finish(recorder: Any, messages: Drive, tmp_path: Path) -> None:
     path = recorder.folder(tmp_path / "a", messages, "sqlite3") / "a.db3"
     path.with_name("a.db3-wal").write_bytes(b"x" * 100)
-    refuse(path, "left messages in a.db3-wal")
+    refuse(path, "its write-ahead log a.db3-wal is damaged or cut short")
 
 
 def test_payloads_of_another_encoding(recorder: Any, messages: Drive, tmp_path: Path) -> None:
@@ -303,7 +303,7 @@ def test_an_error_of_the_program_is_no_damage(
         "db3": lambda: (
             recorder.folder(tmp_path / "a", messages, "sqlite3") / "a.db3",
             db3_reader,
-            "_typed",
+            "_is",
         ),
         "folder": lambda: (recorder.folder(tmp_path / "a", messages), bag_folder, "_get"),
     }[kind]()

@@ -90,6 +90,10 @@ def command(
     found = [
         *_refused(loaded),
         *_lost(loaded),
+        *(
+            Finding("container", (), note)
+            for note in (loaded.report.notes if loaded.report else ())
+        ),
         *_untimed(loaded),
         *_mixed(loaded),
         *_trees(loaded),

@@ -241,7 +241,10 @@ def opened(stack: ExitStack, paths: Sequence[Path]) -> list[Recording]:
     """Open recordings, as `--salvage` says, until the stack ends."""
     refuse_frozen(paths)
     salvage = salvages()
-    return [stack.enter_context(Recording(path, salvage=salvage)) for path in paths]
+    recordings = [stack.enter_context(Recording(path, salvage=salvage)) for path in paths]
+    for note in (note for recording in recordings for note in recording.notes):
+        warnings.warn(note, tfdb.TfdbWarning, stacklevel=2)
+    return recordings
 
 
 def refuse_frozen(paths: Iterable[Path]) -> None:

@@ -33,6 +33,7 @@ KINDS = {
     "static-and-moving": ("error", "one edge written as static and as moving"),
     "disconnected": ("error", "more than one tree"),
     "lost": ("error", "what --salvage could not save of a damaged file"),
+    "container": ("warning", "files that a recorder did not finish, or that were renamed"),
     "no-time": ("warning", "transforms without a timestamp"),
     "leading-slash": ("warning", "a frame that is written with and without a leading slash"),
     "ahead": ("warning", "stamps that lie ahead of the time of arrival"),

@@ -20,7 +20,7 @@ from tfdb._core import Recorded
 from tfdb.errors import RecordingError
 from tfdb.given_path import errors_name
 
-from .raw_file import BadDataError, BrokenChunkError
+from .raw_file import ZSTD, BadDataError, BrokenChunkError, unpack_message
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
@@ -30,11 +30,12 @@ T = TypeVar("T")
 
 Encoding: TypeAlias = Literal["ros1", "cdr", "protobuf", "json"]
 """Messages of transforms are of the first two."""
-Kind: TypeAlias = Literal["bag", "db3", "mcap", "folder", "trajectory"]
+Kind: TypeAlias = Literal["bag", "db3", "mcap", "packed", "folder", "trajectory"]
 Payload: TypeAlias = "tuple[int, int, bytes]"
 """Time of reception (ns), id of the source, bytes."""
 Survey: TypeAlias = (
-    "Callable[[Collection[int], Callable[[int], None]], tuple[dict[int, int], Iterator[Recorded]]]"
+    "Callable[[Collection[int], Callable[[int], None]], "
+    "tuple[dict[int, int], bool, Iterator[Recorded]]]"
 )
 
 SALVAGE = "salvage=True (--salvage) reads as far as it goes"
@@ -63,7 +64,9 @@ _MAGICS: tuple[tuple[bytes, Kind], ...] = (
     (b"#ROSBAG V2.0", "bag"),
     (b"\x89MCAP0\r\n", "mcap"),
     (b"SQLite format 3\0", "db3"),
+    (ZSTD, "packed"),
 )
+_LOG = "the log beside a .db3: give the .db3, which is read with its log"
 _OTHERS = (
     (b"#ROSBAG V1", "a bag of the old version 1: convert it with `rosbag fix`"),
     (
@@ -71,7 +74,10 @@ _OTHERS = (
         "a Git LFS pointer, not the recording itself: fetch it with `git lfs pull`",
     ),
     (b"TFDBFRZ1", "a frozen store: tfdb.open('{name}') opens it"),
-    (b"\x28\xb5\x2f\xfd", "packed as a whole with zstd: unpack it first, `zstd -d {name}`"),
+    (b"\x37\x7f\x06\x82", _LOG),
+    (b"\x37\x7f\x06\x83", _LOG),
+    (b"\xd9\xd5\x05\xf9\x20\xa1\x63\xd7", _LOG),
+    (b"rosbag2_bagfile_information:", "the metadata of a bag folder: give the folder"),
     (b"\x04\x22\x4d\x18", "packed as a whole with lz4: unpack it first, `lz4 -d {name}`"),
     (b"BZh", "packed as a whole with bzip2: unpack it first, `bunzip2 {name}`"),
     (b"\x1f\x8b", "packed as a whole with gzip: unpack it first, `gunzip {name}`"),
@@ -164,12 +170,13 @@ class Container:
         What may help where the file is damaged.
     survey
         Where the container is read in C++: looks through the whole file, calls its second argument
-        with how many messages came each time, and gives their numbers by id, and the same messages
-        as `payloads`, in parts that are read again when their turn comes.
+        with how many messages came each time, and gives their numbers by id, whether each of them
+        is packed by itself, and the same messages as `payloads`, in parts that are read again when
+        their turn comes.
     """
 
-    unpack: Callable[[bytes], bytes] | None = None
-    """For messages that are packed one by one."""
+    notes: tuple[str, ...] = ()
+    """How the file was read, where it is not as its recorder or its metadata says."""
 
     def __init__(
         self,
@@ -202,11 +209,11 @@ class Container:
         """
         sources = {id_: source for id_, source in self._sources.items() if wanted(source)}
         found = dict.fromkeys(sources, 0)
-        unpack = self.unpack
         with typed_errors(self.path, self._hint):
             for received, id_, data in self._payloads(sources.keys()):
                 found[id_] += 1
-                yield sources[id_], received, data if unpack is None else unpack(data)
+                source = sources[id_]
+                yield source, received, unpack_message(data) if is_packed(source, data) else data
             _check_counts(sources, found)
 
     def read(
@@ -218,12 +225,13 @@ class Container:
         the parts, should the file change meanwhile. `step` is called with the number of messages
         since the last call.
         """
-        if self._survey is not None and self.unpack is None:
+        if self._survey is not None:
             sources = {id_: source for id_, source in self._sources.items() if wanted(source)}
             with typed_errors(self.path, self._hint):
-                counts, parts = self._survey(sources.keys(), step)
+                counts, packed, parts = self._survey(sources.keys(), step)
                 _check_counts(sources, counts)
-            return ((part, sources) for part in self._typed(parts))
+            if not packed:
+                return ((part, sources) for part in self._typed(parts))
         recorded = Recorded()
         # Containers give the same object for the same source.
         numbers = {id(source): number for number, source in enumerate(self.sources)}
@@ -237,6 +245,28 @@ class Container:
     def _typed(self, parts: Iterable[Recorded]) -> Iterator[Recorded]:
         with typed_errors(self.path, self._hint):
             yield from parts
+
+
+def is_packed(source: Source, data: bytes) -> bool:
+    """Whether a message is a zstd frame, as rosbag2 packs them: no CDR begins like that."""
+    return data[:4] == ZSTD and source.encoding == "cdr"
+
+
+def are_packed(messages: Recorded, sources: Mapping[int, Source]) -> bool:
+    """Whether messages, one at least, are packed one by one: a recorder packs all, or none."""
+    _, id_, data = messages[0]
+    return is_packed(sources[id_], data)
+
+
+def unpacked(messages: Recorded, sources: Mapping[int, Source]) -> Recorded:
+    """Messages, one at least, without the packing of single ones."""
+    if not are_packed(messages, sources):
+        return messages
+    made = Recorded()
+    for index in range(len(messages)):
+        received, id_, data = messages[index]
+        made.add(received, id_, unpack_message(data) if is_packed(sources[id_], data) else data)
+    return made
 
 
 def _check_counts(sources: Mapping[int, Source], found: Mapping[int, int]) -> None:

@@ -89,6 +89,8 @@ class LoadReport:
     untimed
         Topic to the number of its transforms without a timestamp: Foxglove's messages may leave it
         out. They have the log time of their message.
+    notes
+        How files were read whose recorder did not finish, or whose metadata names others.
     """
 
     files: tuple[str, ...]
@@ -108,6 +110,7 @@ class LoadReport:
     left_out: int = 0
     joints: JointReport | None = None
     untimed: Mapping[str, int] = field(default_factory=dict)
+    notes: tuple[str, ...] = ()
 
     def _repr_html_(self) -> str:
         """Write tables for notebooks: the topics, and what was refused."""
@@ -199,6 +202,8 @@ def load_recordings(
             for run in readings.popleft():
                 tally.store(run, selection, rewriter, meter)
     report = tally.report(names, time.perf_counter() - started, rewriter)
+    for note in report.notes:
+        warnings.warn(note, TfdbWarning, stacklevel=4)
     rewriter.warn(", ".join(names), 5)
     warn_of_refused(report, 5)
     if report.forgotten:
@@ -457,6 +462,7 @@ class _Tally:
     start: int = 2**63 - 1
     end: int = 0
     lost: list[Loss] = field(default_factory=list)
+    notes: list[str] = field(default_factory=list)
     everything: Buffer | None = None
     seconds: float = 0.0
 
@@ -472,6 +478,7 @@ class _Tally:
             static = selection.is_static(source)
             self.topics[source.topic] = TopicReport(source.topic, messages, static)
         self.lost += recording.losses
+        self.notes += recording.notes
 
     def store_model(self, rewriter: Rewriter) -> None:
         """Commit the fixed joints of a robot's model."""
@@ -584,6 +591,7 @@ class _Tally:
             left_out=rewriter.left_out,
             joints=rewriter.joints_report(),
             untimed=dict(rewriter.untimed),
+            notes=tuple(self.notes),
         )
 
 

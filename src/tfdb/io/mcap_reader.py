@@ -34,11 +34,13 @@ from .containers import (
     Gathered,
     Source,
     Topic,
+    are_packed,
     encoding_of,
     in_order,
     is_read_type,
     plain_type,
     typed_errors,
+    unpacked,
 )
 from .raw_file import BadDataError, BrokenChunkError, RawFile, unpack, unpack_the_start
 
@@ -283,9 +285,8 @@ def _has_end(file: RawFile) -> bool:
 
 
 def _indexed(path: Path, file: RawFile, index: _Index) -> Container:
-    def chunks(ids: Collection[int]) -> list[_Chunk]:
-        # Without message indexes, what is in a chunk shows only when it is read.
-        return [c for c in index.chunks if not c.channels or not c.channels.isdisjoint(ids)]
+    counts = index.counts or {}
+    sources = _sources(path, index, counts)
 
     def add(
         found: Recorded, chunk: _Chunk, ids: Collection[int], *, is_checked: bool = False
@@ -300,28 +301,30 @@ def _indexed(path: Path, file: RawFile, index: _Index) -> Container:
         return map(found.__getitem__, range(len(found)))
 
     def payloads(ids: Collection[int]) -> Iterator[Payload]:
-        wanted = ((each.start, each) for each in chunks(ids))
+        wanted = ((each.start, each) for each in _chunks_of(index, ids))
         yield from in_order(wanted, lambda chunk: messages_of(chunk, ids))
         _check_data(index, _Checksum(file))
 
     def survey(
         ids: Collection[int], step: Callable[[int], None]
-    ) -> tuple[dict[int, int], Iterator[Recorded]]:
-        counts: Counter[int] = Counter()
+    ) -> tuple[dict[int, int], bool, Iterator[Recorded]]:
+        found_by_id: Counter[int] = Counter()
+        packed = False
         spans = []
         checksum = _Checksum(file)
-        for chunk in chunks(ids):
+        for chunk in _chunks_of(index, ids):
             found = Recorded()
             add(found, chunk, ids)
             if len(found):
-                counts.update(found.counts())
+                found_by_id.update(found.counts())
+                packed = packed or are_packed(found, sources)
                 found.sort()
                 spans.append(_Span(chunk, len(found), found[0][0], found[len(found) - 1][0]))
             if index.data_crc:
                 checksum.up_to(chunk.position)  # what was just read need not be fetched again
             step(len(found))
         _check_data(index, checksum)
-        return counts, map(recorded, _parts(spans), repeat(ids))
+        return found_by_id, packed, map(recorded, _parts(spans), repeat(ids))
 
     def recorded(part: list[_Span], ids: Collection[int]) -> Recorded:
         found = Recorded()
@@ -332,16 +335,20 @@ def _indexed(path: Path, file: RawFile, index: _Index) -> Container:
         found.sort()
         return found
 
-    counts = index.counts or {}
     return Container(
         path,
         _topics(index, counts),
-        _sources(path, index, counts),
+        sources,
         index.start,
         payloads,
         file.close,
         survey=survey,
     )
+
+
+def _chunks_of(index: _Index, ids: Collection[int]) -> list[_Chunk]:
+    # Without message indexes, what is in a chunk shows only when it is read.
+    return [c for c in index.chunks if not c.channels or not c.channels.isdisjoint(ids)]
 
 
 @dataclass(frozen=True)
@@ -462,7 +469,8 @@ class GrowingMcap:
                 self._at = end
                 if len(found):
                     found.sort()
-                    yield found, _sources(self.path, self._index, found.counts())
+                    sources = _sources(self.path, self._index, found.counts())
+                    yield unpacked(found, sources), sources
 
     def _next(self) -> int | None:
         """Where the record ends that begins here; None: it is not all there."""

@@ -15,6 +15,8 @@ from typing import IO, TYPE_CHECKING, Any, TypeAlias, overload
 if TYPE_CHECKING:
     from pathlib import Path
 
+ZSTD = b"\x28\xb5\x2f\xfd"
+"""How a zstd frame begins."""
 MAX_CHUNK = 256 * 2**20
 """The most bytes that one record or chunk may hold, packed or unpacked; a program that trusts its
 recordings may raise it."""
@@ -153,22 +155,27 @@ def unpack_message(packed: bytes) -> bytes:
     return raw
 
 
-def unpack_file(path: Path, target: Path) -> None:
-    """Unpack a file that is zstd as a whole.
+def unpack_file(path: Path, target: Path, *, salvage: bool = False) -> str:
+    """Unpack a file that is zstd as a whole; with `salvage`, as far as it goes.
 
-    Raises `BadDataError` if it is none, or grows beyond `MAX_CHUNK` and a hundred times its size.
+    Returns why not all of it was unpacked; empty: it was. Raises `BadDataError` if it is no zstd or
+    grows beyond `MAX_CHUNK` and a hundred times its size.
     """
     room = MAX_CHUNK + 100 * path.stat().st_size
     with path.open("rb") as packed, target.open("wb") as out:
         reader, broken = _open("zstd", packed)
         try:
-            while piece := reader.read(2**20):
+            while piece := reader.read(_PIECE):
                 room -= len(piece)
                 if room < 0:
                     raise BadDataError(f"it grows beyond all measure: `zstd -d {path.name}` first")
                 out.write(piece)
         except broken as error:
-            raise BadDataError(f"its zstd does not unpack: {_words(error)}") from error
+            reason = f"its zstd does not unpack: {_words(error)}"
+            if not salvage or not out.tell():
+                raise BadDataError(reason) from error
+            return reason
+    return ""
 
 
 def _open(packing: str, packed: Packed | IO[bytes]) -> tuple[Any, tuple[type[Exception], ...]]:

@@ -16,6 +16,7 @@ from .bag_reader import open_bag
 from .containers import Loss, Source, Topic, kind_of
 from .db3_reader import open_db3
 from .mcap_reader import open_mcap
+from .packed_file import open_packed
 from .trajectory_reader import open_trajectory
 
 if TYPE_CHECKING:
@@ -67,8 +68,9 @@ class Recording:
     Parameters
     ----------
     path
-        A ROS 1 `.bag` (also compressed), a ROS 2 `.db3`, an `.mcap`, or a ROS 2 bag folder: what it
-        is, its first bytes tell. Or a trajectory, `.tum`, `.txt`, `.csv`, `.npz` or `.parquet`.
+        A ROS 1 `.bag` (also compressed), a ROS 2 `.db3`, an `.mcap`, one of these packed with zstd,
+        or a ROS 2 bag folder: what it is, its first bytes tell. Or a trajectory, `.tum`, `.txt`,
+        `.csv`, `.npz` or `.parquet`.
     salvage
         Read damaged, cut and unindexed files as far as they go; `losses` says what is missing.
 
@@ -113,6 +115,11 @@ class Recording:
     def start(self) -> int:
         """When the first message was received, nanoseconds; 2**63 - 1 without messages."""
         return self._container.start
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """How the files were read, where their recorder did not finish or they were renamed."""
+        return tuple(f"{self.path}: {note}" for note in self._container.notes)
 
     @property
     def losses(self) -> tuple[Loss, ...]:
@@ -183,6 +190,7 @@ _OPENERS = {
     "bag": open_bag,
     "db3": open_db3,
     "mcap": open_mcap,
+    "packed": open_packed,
     "folder": open_folder,
     "trajectory": open_trajectory,
 }

@@ -1,0 +1,54 @@
+"""Recordings in files that are packed with zstd as a whole, as rosbag2's file compression does."""
+
+from __future__ import annotations
+
+import tempfile
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from tfdb.errors import RecordingError
+
+from .bag_reader import open_bag
+from .containers import Container, Loss, kind_of, typed_errors
+from .db3_reader import open_db3
+from .mcap_reader import open_mcap
+from .raw_file import unpack_file
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from .containers import Kind
+
+_INNER: dict[Kind, Callable[..., Container]] = {
+    "bag": open_bag,
+    "db3": open_db3,
+    "mcap": open_mcap,
+}
+
+
+def _opener(file: Path) -> Callable[..., Container]:
+    kind = kind_of(file)
+    if kind not in _INNER:
+        raise RecordingError(file, "packed with zstd, and no recording in it")
+    return _INNER[kind]
+
+
+def open_packed(path: Path, *, salvage: bool = False) -> Container:
+    """Unpack a file and open what is in it; raises `RecordingError`.
+
+    The unpacked file has no name any more and ends with the container.
+    """
+    with tempfile.TemporaryDirectory(prefix="tfdb-") as folder:
+        # Names of packed trajectories would say nothing: only first bytes count.
+        file = Path(folder, path.stem)
+        with typed_errors(path):
+            lost = unpack_file(path, file, salvage=salvage)
+        try:
+            made = _opener(file)(file, salvage=salvage)
+        except RecordingError as error:
+            raise RecordingError(path, str(error.reason)) from error
+    made.path = path
+    losses = [replace(loss, path=str(path)) for loss in made.losses]
+    made.losses = (*losses, Loss(str(path), lost, 0, 0)) if lost else tuple(losses)
+    return made
