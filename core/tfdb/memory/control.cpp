@@ -17,6 +17,7 @@
 #include <vector>
 
 #include "tfdb/base/error.hpp"
+#include "tfdb/memory/file.hpp"
 #include "tfdb/sync/bell.hpp"
 #include "tfdb/sync/fork.hpp"
 
@@ -24,8 +25,8 @@ namespace tfdb::memory {
 namespace {
 
 constexpr std::uint64_t kMagic = 0x314C544342444654;  // "TFDBCTL1" on a little-endian machine
-constexpr unsigned kMagicWord = 0;
-constexpr unsigned kIdWord = 1;
+constexpr unsigned kOwnMagicWord = 0;
+constexpr unsigned kOwnIdWord = 1;
 constexpr unsigned kHolderWord = 2;
 constexpr unsigned kSlotsWord = 5;
 constexpr std::size_t kMutexByte = 256;
@@ -83,11 +84,10 @@ std::uint64_t this_process() {
     return static_cast<std::uint64_t>(::getpid()) << 32 | (space.st_ino & 0xFFFFFFFFU);
 }
 
-[[noreturn]] void throw_damaged(const std::string& name) {
-    ErrorDetail detail;
-    detail.reason = "control file";
-    throw CorruptStore(name + " is not the control file of its store, or was cut: remove the store",
-                       std::move(detail));
+[[noreturn]] void throw_damaged(const std::string& path) {
+    throw CorruptStore("the control file of the store " + named(path) +
+                           " is another store's, or was damaged; remove the store and make it anew",
+                       detail_of(path, "control file"));
 }
 
 void make_mutex(pthread_mutex_t* mutex) {
@@ -113,12 +113,12 @@ MutexWords fresh_mutex() {
 }
 
 /// The whole file, which it closes where it throws.
-Mapping map_whole(int file, const std::string& name) {
+Mapping map_whole(int file, const std::string& path) {
     struct stat status {};
     if (::fstat(file, &status) == 0 && status.st_size == static_cast<off_t>(Control::kBytes))
-        return Mapping::of_file(file, Control::kBytes, true, name);
+        return Mapping::of_file(file, Control::kBytes, true, named(path));
     ::close(file);
-    throw_damaged(name);
+    throw_damaged(path);
 }
 
 }  // namespace
@@ -127,15 +127,15 @@ void Control::prepare(const Mapping& mapping, std::uint64_t id) {
     mapping.back(0, kSlotsByte);
     auto* const words = reinterpret_cast<sync::Word*>(mapping.base());
     make_mutex(reinterpret_cast<pthread_mutex_t*>(mapping.base() + kMutexByte));
-    words[kIdWord].store_relaxed(id);
-    words[kMagicWord].store_release(kMagic);
+    words[kOwnIdWord].store_relaxed(id);
+    words[kOwnMagicWord].store_release(kMagic);
 }
 
-Control::Control(int file, std::uint64_t id, const std::string& name)
-    : mapping_(map_whole(file, name)), file_(file) {
+Control::Control(int file, std::uint64_t id, const std::string& path)
+    : mapping_(map_whole(file, path)), file_(file) {
     if (!is_of(mapping_, id))
-        throw_damaged(name);
-    mine_ = take_slot(name);
+        throw_damaged(path);
+    mine_ = take_slot(path);
 }
 
 Control::~Control() {
@@ -164,8 +164,8 @@ bool Control::take_own_slot() noexcept {
 }
 
 bool Control::is_of(const Mapping& mapping, std::uint64_t id) noexcept {
-    return word_of(mapping, kMagicWord).load_acquire() == kMagic &&
-           word_of(mapping, kIdWord).load_relaxed() == id;
+    return word_of(mapping, kOwnMagicWord).load_acquire() == kMagic &&
+           word_of(mapping, kOwnIdWord).load_relaxed() == id;
 }
 
 void Control::tell_removal(const Mapping& mapping) noexcept {
@@ -173,7 +173,7 @@ void Control::tell_removal(const Mapping& mapping) noexcept {
     sync::Bell(word_of(mapping, kBellWord)).ring();
 }
 
-unsigned Control::take_slot(const std::string& name) {
+unsigned Control::take_slot(const std::string& path) {
     for (unsigned i = 0; i < kSlots; ++i) {
         if (!set_lock(file_, i, F_WRLCK))
             continue;
@@ -186,8 +186,8 @@ unsigned Control::take_slot(const std::string& name) {
         }
         return i;
     }
-    throw CapacityExceeded(name + ": " + std::to_string(kSlots) +
-                           " processes have the store open already");
+    throw CapacityExceeded(std::to_string(kSlots) + " processes have the store " + named(path) +
+                           " open already");
 }
 
 unsigned Control::slots() const noexcept {
@@ -234,6 +234,11 @@ pthread_mutex_t* Control::mutex() const noexcept {
 }
 std::int64_t Control::holder() const noexcept {
     return static_cast<std::int64_t>(word(kHolderWord).load_relaxed());
+}
+
+bool Control::is_held_elsewhere() const noexcept {
+    const std::int64_t pid = holder();
+    return pid != 0 && pid != ::getpid();
 }
 
 /// Any other kind of mutex would not tell of deaths, or might end the process.

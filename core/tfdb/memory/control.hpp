@@ -29,9 +29,9 @@ public:
 
     /// Readies a new file of that many bytes. Throws CapacityExceeded.
     static void prepare(const Mapping& mapping, std::uint64_t id);
-    /// Takes a slot. The file is closed in the end. Throws CapacityExceeded where none is free,
-    /// CorruptStore where it is no such file, was cut, or is another store's.
-    Control(int file, std::uint64_t id, const std::string& name);
+    /// Takes a slot of the store at a path. The file is closed in the end. Throws CapacityExceeded
+    /// where none is free, CorruptStore where it is no such file, was cut, or is another store's.
+    Control(int file, std::uint64_t id, const std::string& path);
     ~Control();
     Control(const Control&) = delete;
     Control& operator=(const Control&) = delete;
@@ -52,6 +52,8 @@ public:
     void unlock() noexcept;
     /// The process that holds the lock, 0 if none does.
     [[nodiscard]] std::int64_t holder() const noexcept;
+    /// Whether another process than this one holds it.
+    [[nodiscard]] bool is_held_elsewhere() const noexcept;
 
     /// Counts of writers' deaths: repaired, and repaired before the last sweep.
     [[nodiscard]] sync::Word& deaths() const noexcept { return word(3); }
@@ -93,7 +95,7 @@ private:
     [[nodiscard]] pthread_mutex_t* mutex() const noexcept;
     [[nodiscard]] bool is_mutex() const noexcept;
     Taken took(int result) noexcept;
-    [[nodiscard]] unsigned take_slot(const std::string& name);
+    [[nodiscard]] unsigned take_slot(const std::string& path);
     void clear(unsigned index) const noexcept;
 
     Mapping mapping_;

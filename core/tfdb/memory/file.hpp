@@ -7,6 +7,7 @@
 #include <cstddef>
 #include <cstdint>
 #include <string>
+#include <string_view>
 #include <system_error>
 #include <utility>
 
@@ -63,12 +64,21 @@ inline ErrorDetail detail_of(const std::string& path, std::string reason) {
     return detail;
 }
 
+/// A store as its users call it: the name of one that is found by name, otherwise the path.
+inline std::string named(const std::string& path) {
+    constexpr std::string_view kByName = "/dev/shm/tfdb.";
+    if (path.compare(0, kByName.size(), kByName) != 0)
+        return path;
+    return "'" + path.substr(kByName.size()) + "'";
+}
+
 inline std::string reason_of(int error) {
     return std::generic_category().message(error);
 }
 
 [[noreturn]] inline void throw_corrupt(const std::string& path, const std::string& reason) {
-    throw CorruptStore(path + " cannot be opened: " + reason, detail_of(path, reason));
+    throw CorruptStore("the store " + named(path) + " cannot be opened: " + reason,
+                       detail_of(path, reason));
 }
 
 }  // namespace tfdb::memory

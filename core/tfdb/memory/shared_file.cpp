@@ -28,21 +28,23 @@ constexpr int kOpened = O_CLOEXEC | O_NONBLOCK;
 
 [[noreturn]] void throw_for(int error, const std::string& path, bool to_write = false) {
     const std::string reason = reason_of(error);
-    if (error == ENOENT || error == ENOTDIR)
-        throw NoSuchStore("there is no store " + path + ": " + reason +
-                              "; make it first, or look which there are with `tfdb shm ls`",
+    if (error == ENOENT || error == ENOTDIR) {
+        const bool by_name = named(path) != path;
+        throw NoSuchStore("no shared store " + named(path) +
+                              (by_name ? "; `tfdb shm ls` lists the existing ones" : ": " + reason),
                           detail_of(path, reason));
+    }
     if (error == EEXIST)
-        throw StoreExists("there is a store " + path + " already", detail_of(path, reason));
+        throw StoreExists("the store " + named(path) + " exists already", detail_of(path, reason));
     if (error == EACCES || error == EPERM || error == EROFS) {
-        throw ReadOnly("the store " + path + " may not be opened so: " + reason +
+        throw ReadOnly("the store " + named(path) + " may not be opened so: " + reason +
                            (to_write ? "; ask for mode \"r\", or its owner for permission"
                                      : "; ask its owner for permission"),
                        detail_of(path, reason));
     }
     if (error == EISDIR || error == ENAMETOOLONG || error == ELOOP)
         throw_corrupt(path, "it is no store of tfdb: " + reason);
-    throw CapacityExceeded("the store " + path + " cannot be had: " + reason,
+    throw CapacityExceeded("the store " + named(path) + " cannot be had: " + reason,
                            detail_of(path, reason));
 }
 
@@ -179,13 +181,12 @@ SharedFile open_shared(const std::string& given, bool writable, std::uint64_t la
     std::unique_ptr<Control> shared;
     const int opened = ::open(control.c_str(), O_RDWR | kOpened);
     if (opened >= 0)
-        shared = std::make_unique<Control>(opened, id, control);
+        shared = std::make_unique<Control>(opened, id, path);
     else if (errno == ENOENT && is_linked(file.get()))
-        throw_corrupt(path,
-                      "its control file " + control + " is missing; remove it and make it anew");
+        throw_corrupt(path, "its control file is missing; remove it and make it anew");
     else if (writable || (errno != EACCES && errno != EROFS))
-        throw_for(errno, control, writable);
-    return {.data = Mapping::of_file(file.release(), header.bytes, writable, path,
+        throw_for(errno, path, writable);
+    return {.data = Mapping::of_file(file.release(), header.bytes, writable, named(path),
                                      reach_of(header.bytes)),
             .control = std::move(shared),
             .path = path,
@@ -197,9 +198,9 @@ int NewSharedFile::open_new(const std::string& name, std::size_t bytes) const {
     if (file.get() < 0) {
         const std::string reason = reason_of(errno);
         if (errno == ENOENT || errno == ENOTDIR)
-            throw NoSuchStore(
-                "the store " + path_ + " cannot be made: " + reason + "; make its folder first",
-                detail_of(path_, reason));
+            throw NoSuchStore("the store " + named(path_) + " cannot be made: " + reason +
+                                  "; make its folder first",
+                              detail_of(path_, reason));
         throw_for(errno, path_);
     }
     const bool done =
@@ -209,7 +210,7 @@ int NewSharedFile::open_new(const std::string& name, std::size_t bytes) const {
     if (!done) {
         const int error = errno;
         ::unlink(name.c_str());
-        throw_for(error, name);
+        throw_for(error, path_);
     }
     return file.release();
 }
@@ -251,8 +252,8 @@ bool NewSharedFile::begin() {
 Mapping NewSharedFile::map() const {
     File file(::open(data_.c_str(), O_RDWR | O_CLOEXEC));
     if (file.get() < 0)
-        throw_for(errno, data_);
-    Mapping mapping = Mapping::of_file(file.release(), bytes_, true, path_);
+        throw_for(errno, path_);
+    Mapping mapping = Mapping::of_file(file.release(), bytes_, true, named(path_));
     mapping.back(0, mapping.step());
     return mapping;
 }
@@ -260,10 +261,10 @@ Mapping NewSharedFile::map() const {
 void NewSharedFile::publish(std::uint64_t layout) {
     File file(::open(data_.c_str(), O_RDWR | O_CLOEXEC));
     if (file.get() < 0)
-        throw_for(errno, data_);
+        throw_for(errno, path_);
     const auto write = [&](off_t word, std::uint64_t value) {
         if (::pwrite(file.get(), &value, sizeof value, 8 * word) != sizeof value)
-            throw_for(errno, data_);
+            throw_for(errno, path_);
     };
     write(kIdWord, id_);
     write(kBytesWord, bytes_);

@@ -1,4 +1,5 @@
 // Lookups of a Buffer or a Snapshot, each from one state.
+#include "tfdb/memory/file.hpp"
 #include "tfdb/store/asking.hpp"
 #include "tfdb/store/store.hpp"
 
@@ -14,7 +15,7 @@ void throw_unreadable(const Store& store, CommitNumber held) {
     if (store.shared != nullptr && store.shared->frozen) {
         detail.path = store.shared->path;
         detail.reason = "damaged";
-        throw CorruptStore("the frozen store " + store.shared->path +
+        throw CorruptStore("the frozen store " + memory::named(store.shared->path) +
                                " is damaged: what is read contradicts itself, and nobody writes "
                                "to it; freeze what it was made from again",
                            std::move(detail));

@@ -4,6 +4,7 @@
 #include <array>
 
 #include "tfdb/base/error.hpp"
+#include "tfdb/memory/file.hpp"
 #include "tfdb/store/store.hpp"
 
 namespace tfdb::store {
@@ -378,9 +379,11 @@ store::Waits& waits_of(const store::Store& store) {
         ErrorDetail detail;
         detail.path = store.shared->path;
         if (store.shared->frozen)
-            throw NotSupported(store.shared->path + " is frozen: no commit will ever come to it",
-                               std::move(detail));
-        throw NotSupported("nobody here can be told of commits to " + store.shared->path +
+            throw NotSupported(
+                memory::named(store.shared->path) + " is frozen: no commit will ever come to it",
+                std::move(detail));
+        throw NotSupported("nobody here can be told of commits to " +
+                               memory::named(store.shared->path) +
                                ": this process may not write to its control file; ask its owner "
                                "for permission, or look again now and then",
                            std::move(detail));
@@ -411,9 +414,9 @@ void raise_ended_wait(const Store& store, WaitEnd end) {
     const std::string path = store.shared == nullptr ? std::string() : store.shared->path;
     detail.path = path;
     detail.reason = "removed";
-    throw NoSuchStore(
-        "the store " + path + " was removed while this waited: what is waited for may never come",
-        std::move(detail));
+    throw NoSuchStore("the store " + memory::named(path) +
+                          " was removed while this waited: what is waited for may never come",
+                      std::move(detail));
 }
 
 }  // namespace store
