@@ -13,8 +13,8 @@ namespace tfdb::memory {
 /// Guarantee: what was backed can be written without fail.
 class Mapping {
 public:
-    /// Addresses of this process alone, which become memory when they are first touched.
-    /// Throws CapacityExceeded if none are to be had.
+    /// Addresses of this process alone, which become memory when they are first touched, in small
+    /// pages where they are not backed. Throws CapacityExceeded if none are to be had.
     static Mapping reserve();
     /// The whole of an open file, which it closes in the end. Throws CapacityExceeded. `reach`:
     /// behind it, up to so many bytes in all, is memory of this process, zeros at first, where

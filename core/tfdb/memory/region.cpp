@@ -84,7 +84,6 @@ Region::Region(Mapping mapping, std::size_t limit_bytes)
       limit_(limit_bytes) {
     if (word(kBumpWord).load_relaxed() != 0 || word(kFileWord).load_relaxed() != 0)
         return;
-    // The first step of a private one is not worth a huge page.
     word(kBackedWord).store_relaxed(mapping_.step());
     word(kBumpWord).store_relaxed(kFirstBlock);
 }
@@ -136,7 +135,12 @@ void Region::back(Offset end) {
     if (end <= backed)
         return;
     const Offset to = std::min(round_up(end, mapping_.step()), reserved_);
-    mapping_.back(backed, to);
+    // A private region takes huge pages once its blocks fill one: most stores are smaller.
+    const Offset first = std::max<Offset>(word(kSparseEndWord).load_relaxed(), mapping_.step());
+    if (mapping_.is_file())
+        mapping_.back(backed, to);
+    else if (to > first + kHugePage)
+        mapping_.back(backed > first + kHugePage ? backed : first, to);
     word(kBackedWord).store_relaxed(to);
 }
 
