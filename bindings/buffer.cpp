@@ -274,7 +274,7 @@ nb::object snapshot(nb::handle self) {
     nb::object made = nb::cast(SnapshotObject{});
     auto* object = nb::inst_ptr<SnapshotObject>(made);
     {
-        const Released released(buffer.reasons.to_wait());
+        const LongWork work(buffer.reasons.to_wait());
         object->held = std::make_shared<Snapshot>(buffer.open_store().snapshot());
     }
     object->reads = object->held.get();

@@ -64,7 +64,7 @@ nb::list changes(nb::handle self, nb::handle since, nb::handle limit) {
         limit.is_none() ? Buffer::kNoLimit : count_of(limit, "limit", 1, Buffer::kNoLimit);
     std::vector<Changes> all;
     {
-        const Released released(true);
+        const LongWork work(true);
         all = buffer.open_store().changes(from, most);
     }
     const nb::object record = record_type("Changes");

@@ -159,7 +159,7 @@ struct Pinned {
     /// The same for what takes long on a large store: always asked without the GIL.
     template <class Question>
     auto ask_long(Question&& question) const {
-        const Released released(true);
+        const LongWork work(true);
         return question(reads);
     }
 };

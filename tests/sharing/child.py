@@ -23,11 +23,11 @@ ROOT = Path(__file__).resolve().parents[2]
 
 
 class Child:
-    """A process that runs `main` of this module with these arguments; it ends with the block."""
+    """A process that runs a module of this folder with these arguments; it ends with the block."""
 
-    def __init__(self, work: str, *arguments: object) -> None:
+    def __init__(self, work: str, *arguments: object, module: str = "child") -> None:
         self._process = subprocess.Popen(
-            [sys.executable, "-m", "tests.sharing.child", work, *map(str, arguments)],
+            [sys.executable, "-m", f"tests.sharing.{module}", work, *map(str, arguments)],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             text=True,

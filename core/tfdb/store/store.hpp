@@ -3,6 +3,7 @@
 
 #include <array>
 #include <memory>
+#include <mutex>
 #include <string>
 #include <vector>
 
@@ -165,25 +166,25 @@ inline constexpr int kTriesShared = 1000;
 
 /// The store to oneself: the commit lock is held and, in engines that let others go beside it,
 /// nobody is under way.
-/// Threads: one. Guarantee: blocks until all that came before are done.
+/// Threads: one. Guarantee: blocks until all that came before are done; the wait for the lock may
+/// end as that lock says, what is done with it may not.
 class Alone {
 public:
-    explicit Alone(const Store& store) : store_(store) {
-        store.lock.lock();
+    explicit Alone(const Store& store) : store_(store), guard_(store.lock) {
         if (store.engine != nullptr)
             store.engine->keep_out();
     }
     ~Alone() {
         if (store_.engine != nullptr)
             store_.engine->let_in();
-        store_.lock.unlock();
     }
     Alone(const Alone&) = delete;
     Alone& operator=(const Alone&) = delete;
 
 private:
-    const NotInterrupted not_interrupted_;
     const Store& store_;
+    const std::lock_guard<WriterLock> guard_;
+    const NotInterrupted not_interrupted_;
 };
 
 /// For what a thread may not do to a store of which it has a transaction open: it would wait for

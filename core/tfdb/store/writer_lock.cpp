@@ -5,6 +5,7 @@
 
 #include "tfdb/base/error.hpp"
 #include "tfdb/base/interruption.hpp"
+#include "tfdb/memory/file.hpp"
 #include "tfdb/store/store.hpp"
 
 namespace tfdb::store {
@@ -17,11 +18,11 @@ void WriterLock::check_writable() const {
     ErrorDetail detail;
     detail.path = shared_->path;
     if (shared_->frozen)
-        throw ReadOnly("the store " + shared_->path +
+        throw ReadOnly("the store " + memory::named(shared_->path) +
                            " is frozen: nothing can be written to it; write to another Buffer, "
                            "and freeze that",
                        std::move(detail));
-    throw ReadOnly("the store " + shared_->path +
+    throw ReadOnly("the store " + memory::named(shared_->path) +
                        " was opened for reading only: open it with mode \"rw\" to write to it",
                    std::move(detail));
 }
@@ -32,7 +33,7 @@ void WriterLock::took(Control::Taken taken) {
         ErrorDetail detail;
         detail.path = shared_->path;
         detail.reason = "lock";
-        throw CorruptStore("the lock of the store " + shared_->path +
+        throw CorruptStore("the lock of the store " + memory::named(shared_->path) +
                                " was damaged: it can be read, but not written to; make it anew",
                            std::move(detail));
     }
@@ -48,13 +49,14 @@ void WriterLock::throw_timeout() const {
     detail.pid = shared_->control->holder();
     detail.limit = shared_->lock_timeout_ns;
     const std::string text = "process " + std::to_string(*detail.pid) + " has held the store " +
-                             shared_->path + " for " + seconds(*detail.limit) +
+                             memory::named(shared_->path) + " for " + seconds(*detail.limit) +
                              ": it may be stopped (SIGSTOP); let it go on, or end it, which frees "
                              "the store";
     throw LockTimeout(text, std::move(detail));
 }
 
-void WriterLock::lock_shared(bool urgently) {
+/// The process's own lock is held; it is given up where this fails.
+bool WriterLock::try_lock_shared(std::int64_t longest_ns) {
     try {
         check_writable();
     } catch (...) {
@@ -62,42 +64,31 @@ void WriterLock::lock_shared(bool urgently) {
         throw;
     }
     // Who finds it free need not look at the clock: that would take longer than the lock.
-    if (const Control::Taken taken = shared_->control->try_lock(); taken != Control::Taken::kNo) {
-        took(taken);
-        return;
-    }
-    const std::int64_t limit = shared_->lock_timeout_ns;
-    for (const std::int64_t began = sync::steady_now();;) {
-        const std::int64_t left = limit - (sync::steady_now() - began);
-        const Control::Taken taken =
-            shared_->control->lock(std::clamp<std::int64_t>(left, 0, kTurnNs));
-        if (taken != Control::Taken::kNo) {
-            took(taken);
-            return;
-        }
-        // The other threads get a turn, and this one's work may end.
-        own_.unlock();
-        if (left <= kTurnNs)
-            throw_timeout();
-        may_end();
-        lock_own(urgently);
-    }
-}
-
-bool WriterLock::try_lock_shared() {
-    try {
-        check_writable();
-    } catch (...) {
-        own_.unlock();
-        throw;
-    }
-    const Control::Taken taken = shared_->control->try_lock();
+    Control::Taken taken = shared_->control->try_lock();
+    if (taken == Control::Taken::kNo && longest_ns > 0)
+        taken = shared_->control->lock(longest_ns);
     if (taken == Control::Taken::kNo) {
         own_.unlock();
         return false;
     }
     took(taken);
     return true;
+}
+
+void WriterLock::await(bool urgently) {
+    const std::int64_t began = sync::steady_now();
+    const std::int64_t limit = shared_ == nullptr ? 0 : shared_->lock_timeout_ns;
+    for (std::int64_t waited = 0;; waited = sync::steady_now() - began) {
+        if (own_.lock_within(kTurnNs, urgently)) {
+            if (shared_ == nullptr ||
+                try_lock_shared(std::clamp<std::int64_t>(limit - waited, 0, kTurnNs)))
+                return;
+        }
+        if (shared_ != nullptr && sync::steady_now() - began >= limit &&
+            shared_->control->is_held_elsewhere())
+            throw_timeout();
+        may_end();
+    }
 }
 
 }  // namespace tfdb::store

@@ -36,15 +36,17 @@ public:
                Repairs& repairs)
         : own_(word), bell_(bell), shared_(shared), repairs_(repairs) {}
 
-    /// Both throw, where the store is shared: ReadOnly, LockTimeout (another process holds the lock
-    /// for so long), CorruptStore (the lock is none any more).
+    /// The only place where a thread waits for other writers. It asks `may_end` a few times a
+    /// second, without the lock: what that throws ends the wait. Where the store is shared, both
+    /// throw ReadOnly, LockTimeout (another process holds the lock for so long), CorruptStore (the
+    /// lock was damaged).
     void lock() { lock_any(false); }
     void lock_urgently() { lock_any(true); }
     /// Throws ReadOnly, CorruptStore.
     bool try_lock() {
         if (!own_.try_lock())
             return false;
-        return shared_ == nullptr || try_lock_shared();
+        return shared_ == nullptr || try_lock_shared(0);
     }
     void unlock() noexcept {
         if (shared_ != nullptr) [[unlikely]]
@@ -56,23 +58,17 @@ public:
     [[nodiscard]] bool in_use() const noexcept { return own_.in_use(); }
 
 private:
-    // How long one waits for another process before others of this one have a turn.
+    // How long one waits at a time: then `may_end` is asked, and, where another process has the
+    // lock, other threads of this one have a turn.
     static constexpr std::int64_t kTurnNs = 50'000'000;
 
-    void lock_own(bool urgently) {
-        if (urgently)
-            own_.lock_urgently();
-        else
-            own_.lock();
-    }
     void lock_any(bool urgently) {
-        lock_own(urgently);
-        if (shared_ != nullptr) [[unlikely]]
-            lock_shared(urgently);
+        if (!try_lock()) [[unlikely]]
+            await(urgently);
     }
-    void lock_shared(bool urgently);
+    void await(bool urgently);
+    [[nodiscard]] bool try_lock_shared(std::int64_t longest_ns);
     [[noreturn]] void throw_timeout() const;
-    bool try_lock_shared();
     void check_writable() const;
     /// Unless it is kNo.
     void took(memory::Control::Taken taken);

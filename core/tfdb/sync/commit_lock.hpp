@@ -1,6 +1,9 @@
 // The lock that lets one writer commit at a time: spins briefly, then sleeps.
 #pragma once
 
+#include <cstdint>
+#include <limits>
+
 #include "tfdb/sync/word.hpp"
 
 namespace tfdb::sync {
@@ -23,13 +26,28 @@ public:
         return word_.compare_exchange(found, kHeld);
     }
 
-    void lock() noexcept { await(kHeld | kAnyUrgent, 0); }
+    void lock() noexcept { (void)await(kHeld | kAnyUrgent, 0, kForever); }
 
     void lock_urgently() noexcept {
         if (try_lock())
             return;
         word_.fetch_add(kOneUrgent);
-        await(kHeld, kOneUrgent);
+        (void)await(kHeld, kOneUrgent, kForever);
+    }
+
+    /// Sleeps once, at most so long. False: another one had the lock then, too; the caller may do
+    /// something else, even with this lock, and come back. An urgent request is not counted
+    /// between two calls.
+    [[nodiscard]] bool lock_within(std::int64_t longest_ns, bool urgently) noexcept {
+        if (try_lock())
+            return true;
+        if (!urgently)
+            return await(kHeld | kAnyUrgent, 0, longest_ns);
+        word_.fetch_add(kOneUrgent);
+        if (await(kHeld, kOneUrgent, longest_ns))
+            return true;
+        withdraw();
+        return false;
     }
 
     void unlock() noexcept {
@@ -40,9 +58,9 @@ public:
             return;
         // One who is woken and may not have it yet would keep it from one who may.
         if ((found & kAnyUrgent) != 0)
-            word_.notify_all();
+            word_.wake_all();
         else
-            word_.notify_one();
+            word_.wake_one();
     }
 
     /// Whether somebody holds it, or asks urgently.
@@ -54,23 +72,42 @@ private:
     static constexpr std::uint64_t kOneUrgent = 4;
     static constexpr std::uint64_t kAnyUrgent = ~(kHeld | kSleepers);
 
+    static constexpr std::int64_t kForever = std::numeric_limits<std::int64_t>::max();
+
     /// Takes it once nothing is `in_the_way`; `counted` is this request's own part of the word.
-    void await(std::uint64_t in_the_way, std::uint64_t counted) noexcept {
+    /// False: something still is after a sleep of `longest_ns`. The word then says that somebody
+    /// may sleep, so a wake-up that ended this sleep is not lost to the others.
+    bool await(std::uint64_t in_the_way, std::uint64_t counted, std::int64_t longest_ns) noexcept {
         std::uint64_t sleepers = 0;
         for (int spin = 0;;) {
             std::uint64_t found = word_.load_relaxed();
             if ((found & in_the_way) == 0) {
                 if (word_.compare_exchange(found, (found - counted) | kHeld | sleepers))
-                    return;
+                    return true;
             } else if (spin < Spins) {
                 ++spin;
                 spin_pause();
             } else if ((found & kSleepers) != 0 ||
                        word_.compare_exchange(found, found | kSleepers)) {
-                word_.wait(found | kSleepers);
+                if (sleepers != 0 && longest_ns != kForever)
+                    return false;
+                (void)word_.sleep(found | kSleepers, longest_ns);
                 sleepers = kSleepers;  // who was woken may not have been the only one
             }
         }
+    }
+
+    /// Takes an urgent request out of the word. Where the lock is free, it kept others from it.
+    void withdraw() noexcept {
+        std::uint64_t found = word_.load_relaxed();
+        std::uint64_t left = 0;
+        do {
+            left = found - kOneUrgent;
+            if ((found & kHeld) == 0)
+                left &= ~kSleepers;
+        } while (!word_.compare_exchange(found, left));
+        if ((found & kHeld) == 0 && (found & kSleepers) != 0)
+            word_.wake_all();
     }
 
     Word& word_;

@@ -59,6 +59,20 @@ Program tried(Lane lane) {
     };
 }
 
+/// Writers that wait as long as need be, beside one that gives up after one sleep.
+template <class W>
+Program left(Lane leaves, std::int64_t longest_ns, const std::vector<Lane>& lanes) {
+    return [=](Run& run) {
+        Scene<W, 0> scene;
+        bool had_a_turn = false;
+        run.thread("leaves", [&] { had_a_turn = scene.thread_that_leaves(leaves, longest_ns); });
+        for (std::size_t i = 0; i < lanes.size(); ++i)
+            run.thread("writer" + std::to_string(i), [&, i] { scene.thread(lanes[i], 1); });
+        run.join();
+        scene.require(lanes.size() + (had_a_turn ? 1 : 0));
+    };
+}
+
 /// Behind a holder: who asks in the ordinary lane, or tries, once an urgent request is counted
 /// comes after it.
 template <class W>
@@ -116,7 +130,21 @@ struct BlindToUrgent : sched::Word {
 
 /// Wakes one where all should be woken.
 struct WakesOne : sched::Word {
-    void notify_all() { notify_one(); }
+    void wake_all() { wake_one(); }
+};
+
+/// Who leaves does not wake those that its request kept from the lock.
+struct LeavesInSilence : sched::Word {
+    bool compare_exchange(std::uint64_t& expected, std::uint64_t desired) {
+        const bool done = sched::Word::compare_exchange(expected, desired);
+        silent = done && (expected & 1) == 0 && (desired & 1) == 0;
+        return done;
+    }
+    void wake_all() {
+        if (!silent)
+            sched::Word::wake_all();
+    }
+    bool silent = false;
 };
 
 }  // namespace
@@ -146,6 +174,27 @@ TFDB_SCHED(commit_lock_of_three) {
     walk.must_hold("three urgent", counted<Sound, 0>({kUrgent, kUrgent, kUrgent}));
     walk.must_hold("urgent before ordinary", overtaken<Sound>(false));
     walk.must_hold("urgent before who tries", overtaken<Sound>(true));
+}
+
+TFDB_SCHED(commit_lock_may_be_left) {
+    constexpr std::int64_t kShort = 1;  // over at once
+    constexpr std::int64_t kLong = 2;   // until somebody wakes
+    sched::Options options;
+    options.preemptions = 4;
+    for (const std::int64_t longest : {kShort, kLong}) {
+        for (const Lane lane : {kOrdinary, kUrgent}) {
+            Walk all;
+            all.must_hold("beside one", left<Sound>(lane, longest, {kOrdinary}));
+            all.must_hold("beside an urgent one", left<Sound>(lane, longest, {kUrgent}));
+            Walk walk(options);
+            walk.must_hold("beside two", left<Sound>(lane, longest, {kOrdinary, kOrdinary}));
+            walk.must_hold("beside one of each", left<Sound>(lane, longest, {kOrdinary, kUrgent}));
+            walk.must_hold("beside two urgent ones",
+                           left<Sound>(lane, longest, {kUrgent, kUrgent}));
+        }
+    }
+    Walk(options).must_fail("leaving in silence", kDeadlock,
+                            left<LeavesInSilence>(kUrgent, kShort, {kOrdinary, kOrdinary}));
 }
 
 TFDB_SCHED(commit_lock_flaws_are_found) {

@@ -32,6 +32,15 @@ struct CountInTurns {
             mine.unlock();
         }
     }
+    /// Sleeps at most once, so long. True if it had a turn.
+    bool thread_that_leaves(Lane lane, std::int64_t longest_ns) {
+        auto mine = lock();
+        if (!mine.lock_within(longest_ns, lane == Lane::kUrgent))
+            return false;
+        count.add_one();
+        mine.unlock();
+        return true;
+    }
     /// True if it had a turn.
     bool thread_that_tries() {
         auto mine = lock();

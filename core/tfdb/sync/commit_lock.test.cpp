@@ -81,6 +81,40 @@ TFDB_TEST(commit_lock_try_lock_fails_while_it_is_held_or_asked_for_urgently) {
     CHECK(!other.in_use());
 }
 
+TFDB_TEST(commit_lock_may_be_left_by_who_waits) {
+    Word word{};
+    CommitLock holder(word);
+    CommitLock other(word);
+    constexpr std::int64_t kMillisecond = 1'000'000;
+    for (const bool urgently : {false, true}) {
+        CHECK(holder.try_lock());
+        CHECK(!other.lock_within(kMillisecond, urgently));
+        CHECK_EQ(word.load_relaxed() / kOneUrgent, 0U);
+        holder.unlock();
+        CHECK_EQ(word.load_relaxed(), 0U);
+        CHECK(other.lock_within(kMillisecond, urgently));
+        other.unlock();
+    }
+}
+
+TFDB_TEST(commit_lock_that_some_leave_loses_no_wakeup) {
+    CountInTurns<Word, 0, Number> turns;
+    std::vector<std::thread> running;
+    for (const Lane lane : {kOrdinary, kOrdinary, kUrgent})
+        running.emplace_back([&, lane] { turns.thread(lane, 3'000); });
+    std::vector<long> had(2);
+    for (const Lane lane : {kOrdinary, kUrgent}) {
+        running.emplace_back([&, lane] {
+            for (int i = 0; i < 3'000; ++i)
+                had[lane == kUrgent] += turns.thread_that_leaves(lane, 1'000) ? 1 : 0;
+        });
+    }
+    for (std::thread& thread : running)
+        thread.join();
+    CHECK_EQ(turns.count.turns, 9'000 + had[0] + had[1]);
+    CHECK_EQ(turns.word.load_relaxed(), 0U);
+}
+
 /// Beside threads that commit as fast as they can, an urgent request waits for the holder alone.
 TFDB_TEST(commit_lock_goes_to_an_urgent_request_next) {
     Word word{};

@@ -50,16 +50,22 @@ struct SplitFetchAdd : sched::Word {
 struct SilentNotify : sched::Word {
     void notify_one() {}
     void notify_all() {}
+    void wake_one() {}
+    void wake_all() {}
 };
 
 /// Wakes one where all should be woken.
 struct NarrowNotify : sched::Word {
     void notify_all() { notify_one(); }
+    void wake_all() { wake_one(); }
 };
 
 /// Sleeps on whatever is there, as a condition variable without its mutex would.
 struct BlindWait : sched::Word {
     void wait(std::uint64_t) const { sched::Word::wait(load_acquire()); }
+    Woken sleep(std::uint64_t, std::int64_t longest_ns) const {
+        return sched::Word::sleep(load_acquire(), longest_ns);
+    }
 };
 
 inline constexpr char kDeadlock[] = "deadlock";

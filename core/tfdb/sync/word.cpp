@@ -38,6 +38,10 @@ Woken Word::sleep(std::uint64_t old, std::int64_t longest_ns) const noexcept {
     }
 }
 
+void Word::wake_one() noexcept {
+    (void)futex(&value_, FUTEX_WAKE, 1, nullptr);
+}
+
 void Word::wake_all() noexcept {
     (void)futex(&value_, FUTEX_WAKE, std::numeric_limits<std::int32_t>::max(), nullptr);
 }

@@ -99,9 +99,10 @@ public:
 #endif
     }
 
-    /// Sleeps until `wake_all`, in whatever process that has the word mapped, or for so long; not
-    /// at all where the lower half of the value differs already.
+    /// Sleeps until `wake_one` or `wake_all`, in whatever process that has the word mapped, or for
+    /// so long; not at all where the lower half of the value differs already.
     Woken sleep(std::uint64_t old, std::int64_t longest_ns) const noexcept;
+    void wake_one() noexcept;
     void wake_all() noexcept;
 
     void wait(std::uint64_t old) const noexcept {

@@ -129,6 +129,7 @@ public:
         wait(old);
         return sync::Woken::kChanged;
     }
+    void wake_one() { notify_one(); }
     void wake_all() { notify_all(); }
 
     void weaken(bool load, bool store) {

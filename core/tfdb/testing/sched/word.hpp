@@ -118,6 +118,7 @@ public:
         wait(old);
         return sync::Woken::kChanged;
     }
+    void wake_one() { notify_one(); }
     void wake_all() { notify_all(); }
 
     /// The value, without being a step of the schedule: for the walker and for final checks.
