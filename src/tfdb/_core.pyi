@@ -1146,6 +1146,7 @@ class Buffer(Reads):
         joint_topic: str | None = None,
         by_namespace: bool = False,
         mix: bool = False,
+        stamp_unit: Literal["s", "ms", "us", "ns"] | None = None,
     ) -> tfdb.io.LoadReport:
         """
         Load the transforms of recordings: `.bag`, `.db3`, `.mcap`, folders of ROS 2 bags.
@@ -1174,7 +1175,8 @@ class Buffer(Reads):
                 Called with (done, total); each message counts once when read and once when stored.
             salvage
                 Read damaged, cut and unindexed files as far as they go, and bag folders without the files
-                that are missing; the report says what was lost.
+                that are missing; the report says what was lost. Rows of trajectories are sorted by their
+                stamps, and skipped where they hold no valid stamp or pose.
             start, end
                 The first and the last stamp of the moving transforms that are kept: nanoseconds, or text as
                 the command line takes it, in seconds: `"1700000012.5"`, `"+12.5"` after the first moving
@@ -1214,6 +1216,9 @@ class Buffer(Reads):
             mix
                 Load all topics into one tree, although groups of topics disagree on an edge: of samples
                 with one stamp the last one counts, and lookups interpolate between the sources.
+            stamp_unit
+                The unit of stamps in the text of trajectories: `"s"`, `"ms"`, `"us"` or `"ns"`. None: the
+                unit that the file names, else found by the size of the stamps, with a warning.
 
             Returns
             -------
@@ -1248,7 +1253,8 @@ class Buffer(Reads):
                 Nothing is called as `exclude` or `rename` say; nothing moves from `start` to `end`; joints
                 are missing, unknown or beyond their limits; messages were refused; all of it was in the
                 store before; its stamps and those of the rest are more than a year apart, as those of a
-                simulated and of a real clock; samples were forgotten.
+                simulated and of a real clock; samples were forgotten; rows of a trajectory repeat a stamp,
+                were sorted, mended or skipped; its unit or columns were guessed.
         """
 
     def run(

@@ -14,7 +14,7 @@ from .summary import clocks, describe_clocks
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Mapping, Sequence
     from pathlib import Path
-    from typing import Unpack
+    from typing import Literal, Unpack
 
     from ._core import Buffer
     from .io import LoadReport, RobotModel
@@ -108,6 +108,7 @@ def load(
     joint_topic: str | None = None,
     by_namespace: bool = False,
     mix: bool = False,
+    stamp_unit: Literal["s", "ms", "us", "ns"] | None = None,
     cache: bool = False,
 ) -> Buffer:
     """Load recordings into a new buffer that keeps everything.
@@ -115,7 +116,7 @@ def load(
     Parameters
     ----------
     path, topics, progress, salvage, start, end, frames, exclude, keep, rename, prefix,
-    pose_topics, urdf, joint_topic, by_namespace, mix
+    pose_topics, urdf, joint_topic, by_namespace, mix, stamp_unit
         As in `Buffer.load`.
     cache
         Keep what was loaded as a frozen store, and open that the next time: it takes as long as to
@@ -158,6 +159,7 @@ def load(
         "joint_topic": joint_topic,
         "by_namespace": by_namespace,
         "mix": mix,
+        "stamp_unit": stamp_unit,
     }
     paths = _each_once(path)
     cache, salvage = given_flag("cache", cache), given_flag("salvage", salvage)

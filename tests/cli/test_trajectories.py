@@ -112,3 +112,90 @@ def test_what_is_no_trajectory(tool: Any, path: tfdb.Trajectory, tmp_path: Path)
         (("convert", file, "x.bag", "--format", "tum"), "--format goes with trajectories"),
     ):
         assert words in tool(*given, code=2).error
+
+
+def tum(path: tfdb.Trajectory, file: Path, change: Any = None) -> Path:
+    lines = [
+        " ".join([f"{stamp / 10**9:.2f}", *map(repr, pose)])
+        for stamp, pose in zip(path.stamps.tolist(), path.poses.tolist(), strict=True)
+    ]
+    file.write_text("\n".join(lines if change is None else change(lines)) + "\n")
+    return file
+
+
+def test_repeated_stamps_are_counted(tool: Any, path: tfdb.Trajectory, tmp_path: Path) -> None:
+    again = tum(path, tmp_path / "again.tum", lambda lines: [*lines[:9], *lines[8:]])
+    found = tool("info", again)
+    assert "51 rows, 1 with a repeated stamp (the last row counts)" in found.out
+    assert "again.tum: 51 rows, 1 with a repeated stamp" in found.err
+    (told,) = tool("info", again, "--json").json["trajectories"]
+    assert (told["rows"], told["repeated"], told["differing"]) == (51, 1, 0)
+    assert "51 rows, 1 with a repeated stamp" in tool("check", again).out
+    other = tum(
+        path,
+        tmp_path / "other.tum",
+        lambda lines: [*lines[:9], f"{lines[8].split()[0]} 99 0 0 0 0.6 0 0.8", *lines[9:]],
+    )
+    body = tool("check", other, "--json", "--ignore", "coverage", code=1).json
+    (finding,) = [each for each in body["findings"] if each["kind"] == "repeated"]
+    assert "51 rows, 1 with a repeated stamp, 1 with another pose" in finding["message"]
+    assert finding["count"] == 1
+    assert body["trajectories"][0]["rows"] == 51
+
+
+def swapped(lines: list[str]) -> list[str]:
+    return [*lines[:7], lines[8], lines[7], "[WARN] lost track", *lines[9:]]
+
+
+def test_salvage_reads_trajectories(tool: Any, path: tfdb.Trajectory, tmp_path: Path) -> None:
+    file = tum(path, tmp_path / "swapped.tum", swapped)
+    assert "--salvage" in tool("info", file, code=2).error
+    said = "51 rows, 1 out of order, sorted, 1 skipped (line 10: 3 columns"
+    found = tool("info", file, "--salvage")
+    assert said in found.out
+    assert said in found.err
+    assert found.err.count("swapped.tum") == 1
+    body = tool("info", file, "--salvage", "--json").json
+    assert body["edges"][0]["samples"] == 50
+    assert body["lost"][0]["messages"] == 1
+    kinds = tool("check", file, "--salvage", "--json", code=1).json["findings"]
+    assert [each["count"] for each in kinds if each["kind"] == "lost"] == [1]
+    assert said in tool("check", file, "--salvage", code=1).out
+    for command in (
+        ("poses", file, "world", "body", "-o", tmp_path / "out.csv", "--salvage"),
+        ("convert", file, tmp_path / "out.bag", "--salvage"),
+        ("convert", file, tmp_path / "out.npz", "--frames", "world", "body", "--salvage"),
+        ("tree", file, "--salvage"),
+    ):
+        assert said in tool(*command).err
+    assert len(read_trajectory(tmp_path / "out.csv")) == 50
+    assert len(read_trajectory(tmp_path / "out.npz")) == 50
+    assert len(tfdb.load(tmp_path / "out.bag").trajectory("world", "body")) == 50
+
+
+def test_units_of_stamps(tool: Any, path: tfdb.Trajectory, tmp_path: Path) -> None:
+    file = tum(
+        path,
+        tmp_path / "ns.tum",
+        lambda lines: [
+            f"{stamp}.000000 {line.split(' ', 1)[1]}"
+            for stamp, line in zip(path.stamps.tolist(), lines, strict=True)
+        ],
+    )
+    said = "stamps taken as nanoseconds, by their size; stamp_unit='ns' (--stamp-unit ns)"
+    assert said in tool("info", file).err
+    assert "taken as nanoseconds" in tool("check", file).out
+    for command in (
+        ("info", file),
+        ("check", file),
+        ("poses", file, "world", "body", "-o", tmp_path / "out.tum"),
+        ("convert", file, tmp_path / "out.bag"),
+    ):
+        found = tool(*command, "--stamp-unit", "ns")
+        assert "taken as nanoseconds" not in found.err + found.out
+    check(read_trajectory(tmp_path / "out.tum"), path)
+    check(tfdb.load(tmp_path / "out.bag").trajectory("world", "body"), path)
+    assert "beyond the greatest stamp" in tool("info", file, "--stamp-unit", "s", code=2).error
+    bag = tmp_path / "out.bag"
+    refused = tool("info", bag, "--stamp-unit", "s", code=2).error
+    assert "stamp_unit goes with trajectories" in refused

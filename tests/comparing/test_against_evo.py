@@ -244,6 +244,7 @@ def test_alignment_by_the_first_poses() -> None:
     assert found.ape_translation.rmse > tfdb.compare(path, other).ape_translation.rmse
 
 
+@pytest.mark.filterwarnings("ignore:.*with a repeated stamp:tfdb.TfdbWarning")
 @pytest.mark.parametrize("how", ["se3", "sim3"])
 @pytest.mark.parametrize("name", ["fr2_desk_groundtruth.txt", "KITTI_00_gt.txt"])
 def test_real_trajectories(shared_data: Path, name: str, how: str) -> None:

@@ -77,7 +77,10 @@ def read_arrivals(
     known = False
     done = 0
     with ExitStack() as stack:
-        recordings = [stack.enter_context(Recording(path, salvage=salvage)) for path in paths]
+        unit = (options or {}).get("stamp_unit")
+        recordings = [
+            stack.enter_context(Recording(path, salvage=salvage, stamp_unit=unit)) for path in paths
+        ]
 
         def wants(source: Source) -> bool:
             return source.topic in static

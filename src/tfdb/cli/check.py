@@ -18,7 +18,7 @@ from .arrivals import Arrivals, read_arrivals
 from .doctor import KINDS, Finding, Limits, disconnected, examine, leading_slashes, sort_key
 from .graph import LISTENS, Live, is_graph, listening, node_option
 from .groups import OneOf, SuggestingCommand
-from .info import mixed_body
+from .info import mixed_body, rows_body, say_rows
 from .times import NS, duration_option, format_date, format_ns, format_when
 
 if TYPE_CHECKING:
@@ -94,6 +94,7 @@ def command(
             Finding("container", (), note)
             for note in (loaded.report.notes if loaded.report else ())
         ),
+        *_repeated(loaded),
         *_untimed(loaded),
         *_mixed(loaded),
         *_trees(loaded),
@@ -192,6 +193,15 @@ def _mixed(loaded: common.Loaded) -> list[Finding]:
     return [Finding("mixed-sources", error.frames or (), message, None, len(body["frames"]), body)]
 
 
+def _repeated(loaded: common.Loaded) -> list[Finding]:
+    """Rows of trajectory files that a later row with another pose replaces."""
+    return [
+        Finding("repeated", (), f"{rows.path}: {rows.summary}", None, rows.differing)
+        for rows in (loaded.report.trajectories if loaded.report else ())
+        if rows.differing
+    ]
+
+
 def _refused(loaded: common.Loaded) -> list[Finding]:
     report = loaded.report
     if report is None:
@@ -218,6 +228,7 @@ def _body(loaded: common.Loaded, arrivals: Arrivals, found: list[Finding]) -> di
         "transforms": loaded.report.transforms if loaded.report else arrivals.log.count,
         "publishers_known": arrivals.publishers_known,
         "missed_commits": arrivals.missed,
+        **rows_body(loaded.report),
         "findings": [
             {
                 "kind": finding.kind,
@@ -250,6 +261,10 @@ def _show(loaded: common.Loaded, arrivals: Arrivals, found: list[Finding]) -> No
     else:
         for finding in found:
             _show_narrow(out, finding)
+    if loaded.report:
+        say_rows(out, loaded.report.trajectories)
+        for note in (note for rows in loaded.report.trajectories for note in rows.notes):
+            out.print(layout.wrap(layout.words(note)))
     if not arrivals.publishers_known:
         text = "the recording does not say who published: two publishers go unnoticed"
         out.print(layout.wrap(layout.words(text)), style="dim")

@@ -20,6 +20,7 @@ from tfdb.io import Recording
 from tfdb.io.choice import Choice, absolute
 from tfdb.io.decimal_time import parse_stamp
 from tfdb.io.loading import role_of
+from tfdb.io.trajectory_report import warn_of_rows
 from tfdb.near_names import near_names
 from tfdb.new_file import is_one_of, refuse_existing
 from tfdb.summary import Forest, span
@@ -75,7 +76,8 @@ _salvage_option = click.option(
     is_flag=True,
     expose_value=False,
     callback=_salvage,
-    help="Read damaged, cut and unindexed files as far as they go, and say what is lost.",
+    help="Read damaged, cut and unindexed files as far as they go; sort rows of trajectories and "
+    "skip bad ones. Print what is lost.",
 )
 
 
@@ -183,6 +185,12 @@ _choice_options = (
         type=click.Path(),
     ),
     _chooses("--joint-topic", "TOPIC", "The joint states for --urdf.  [default: /joint_states]"),
+    _chooses(
+        "--stamp-unit",
+        "s|ms|us|ns",
+        "Unit of the stamps in trajectory files.  [default: by the file, or by their size]",
+        type=OneOf(("s", "ms", "us", "ns")),
+    ),
 )
 _prefix_option = _chooses("--prefix", "TEXT", "Put TEXT before the name of each frame.")
 
@@ -238,12 +246,20 @@ def salvages() -> bool:
 
 
 def opened(stack: ExitStack, paths: Sequence[Path]) -> list[Recording]:
-    """Open recordings, as `--salvage` says, until the stack ends."""
+    """Open recordings, as `--salvage` says, until the stack ends; say what is lost of them."""
     refuse_frozen(paths)
     salvage = salvages()
-    recordings = [stack.enter_context(Recording(path, salvage=salvage)) for path in paths]
-    for note in (note for recording in recordings for note in recording.notes):
-        warnings.warn(note, tfdb.TfdbWarning, stacklevel=2)
+    unit = chosen().get("stamp_unit")
+    recordings = [
+        stack.enter_context(Recording(path, salvage=salvage, stamp_unit=unit)) for path in paths
+    ]
+    for recording in recordings:
+        for note in recording.notes:
+            warnings.warn(note, tfdb.TfdbWarning, stacklevel=2)
+        if recording.rows is None:
+            report_losses(recording.losses)
+        else:
+            warn_of_rows(recording.rows, 2)
     return recordings
 
 
@@ -421,7 +437,8 @@ def load(
             warnings.warn(text, tfdb.TfdbWarning, stacklevel=2)
             choose(by_namespace=True)
             report = read()
-    report_losses(report.lost)
+    told = {rows.path for rows in report.trajectories}  # their warnings count it
+    report_losses(loss for loss in report.lost if loss.path not in told)
     context = click.get_current_context(silent=True)
     bounds = {} if context is None else context.meta.get(_BOUNDS, {})
     warn_of_bounds(span(store.tree()), **bounds)

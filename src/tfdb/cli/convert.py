@@ -161,7 +161,6 @@ def rewrite(
     written = Written()
     with ExitStack() as stack:
         recordings = common.opened(stack, inputs)
-        common.report_losses(loss for recording in recordings for loss in recording.losses)
         recordings.sort(key=lambda recording: recording.start)
         choice = Choice(**common.chosen())
         selection = Selection(renamed, choice)

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from tfdb.counting import counted
+from tfdb.given_path import given_path
 from tfdb.summary import EdgeSummary, Forest, edge_summaries, span
 
 from . import common, layout, output
@@ -15,7 +16,12 @@ from .groups import SuggestingCommand
 from .times import format_dates, format_duration, format_ns
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from rich.console import Console
+
     import tfdb
+    from tfdb.io import LoadReport, TrajectoryRows
 
 
 @click.command("info", cls=SuggestingCommand)
@@ -52,6 +58,7 @@ def _body(loaded: common.Loaded, edges: list[EdgeSummary]) -> dict[str, Any]:
         "messages": report and report.messages,
         "transforms": report and report.transforms,
         "refused": report and report.refused,
+        **rows_body(report),
         **({"lost": [vars(loss) for loss in report.lost]} if report and common.salvages() else {}),
         "mixed": None if loaded.mixed is None else mixed_body(loaded.mixed),
         "frames": len(loaded.store.frames()),
@@ -66,6 +73,19 @@ def mixed_body(error: tfdb.MixedSources) -> dict[str, Any]:
     """Return groups of topics that disagree as JSON; `info` and `check` use the same keys."""
     groups = {name: list(topics) for name, topics in (error.groups or {}).items()}
     return {"groups": groups, "frames": list(error.frames or ())}
+
+
+def rows_body(report: LoadReport | None) -> dict[str, Any]:
+    """Return what became of the rows of trajectory files, as JSON; nothing where none was read."""
+    found = report.trajectories if report else ()
+    return {"trajectories": [vars(rows) for rows in found]} if found else {}
+
+
+def say_rows(out: Console, trajectories: Sequence[TrajectoryRows]) -> None:
+    """Print how many rows each trajectory file has, and what became of them."""
+    for rows in trajectories:
+        name = f"{given_path(rows.path).name}: " if len(trajectories) > 1 else ""
+        out.print(layout.wrap(layout.words(f"{name}{rows.summary}")))
 
 
 def edge_body(edge: EdgeSummary) -> dict[str, Any]:
@@ -108,6 +128,7 @@ def _show(loaded: common.Loaded, edges: list[EdgeSummary]) -> None:
     out.print(layout.wrap(layout.words(counts)))
     if report:
         layout.say_refused(out, report)
+        say_rows(out, report.trajectories)
         kinds = ("moving", "static")
         rows = [(t.name, f"{t.messages:,}", kinds[t.static]) for t in report.topics]
         out.print(layout.table(_TOPIC_COLUMNS, rows))

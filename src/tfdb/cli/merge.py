@@ -90,7 +90,6 @@ def _merge(
     written = Written()
     with ExitStack() as stack:
         recordings = common.opened(stack, inputs)
-        common.report_losses(loss for recording in recordings for loss in recording.losses)
         choice = Choice(**common.chosen())
         selection = Selection(renamed, choice)
         selection.check(recordings)

@@ -195,7 +195,8 @@ def _tell_recording(
             "it was made of"
         )
     store = tfdb.Buffer(history=_KEPT / NS)
-    with Recording(path, salvage=common.salvages()) as recording:
+    unit = common.chosen().get("stamp_unit")
+    with Recording(path, salvage=common.salvages(), stamp_unit=unit) as recording:
         choice = Choice(**common.chosen())
         selection = Selection(common.parse_topics(topics), choice)
         selection.check([recording])

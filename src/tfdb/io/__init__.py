@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from .robot_model import Joint, JointLimits, Mimic, RobotModel
     from .rosbags_writer import RecordingWriter
     from .trajectories import into_buffer, read_trajectory
+    from .trajectory_report import TrajectoryRows
     from .trajectory_writers import (
         write_csv,
         write_euroc,
@@ -44,6 +45,7 @@ __all__ = [
     "Source",
     "Topic",
     "TopicReport",
+    "TrajectoryRows",
     "follow_recording",
     "into_buffer",
     "load_recordings",
@@ -73,6 +75,7 @@ if not TYPE_CHECKING:  # or every name would be there for type checkers
             "robot_model": ("Joint", "JointLimits", "Mimic", "RobotModel"),
             "rosbags_writer": ("RecordingWriter",),
             "trajectories": ("into_buffer", "read_trajectory"),
+            "trajectory_report": ("TrajectoryRows",),
             "trajectory_writers": (
                 "write_csv",
                 "write_euroc",

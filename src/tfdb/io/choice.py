@@ -23,7 +23,7 @@ from tfdb.stamps import format_seconds, shown
 from tfdb.summary import span
 
 from .containers import JOINT_STATE, POSE_TYPES, POSES_WITHOUT_CHILD, Source, encodings_of
-from .decimal_time import parse_stamp
+from .decimal_time import UNITS, Unit, parse_stamp
 from .groups import prefix_of
 from .pose_messages import decode_joint_state, decode_poses
 from .recordings import Run
@@ -65,6 +65,7 @@ class LoadOptions(TypedDict, total=False):
     joint_topic: str | None
     by_namespace: bool
     mix: bool
+    stamp_unit: Unit | None
 
 
 @dataclass(frozen=True)
@@ -119,6 +120,7 @@ class Choice:
         joint_topic: str | None = None,
         by_namespace: Any = False,
         mix: Any = False,
+        stamp_unit: Unit | None = None,
     ) -> None:
         self.start: Time | None = _time("start", start)
         self.end: Time | None = _time("end", end)
@@ -148,6 +150,14 @@ class Choice:
                 "by_namespace keeps robots apart, and urdf is the model of one robot: name the "
                 "topics of that robot"
             )
+        self.stamp_unit: Unit | None = _unit(stamp_unit)
+
+    def check_unit(self, recordings: Sequence[Recording]) -> None:
+        """Refuse a unit where no file is a trajectory."""
+        if self.stamp_unit is not None and all(each.rows is None for each in recordings):
+            paths = ", ".join(str(each.path) for each in recordings)
+            reason = f"stamp_unit goes with trajectories in text, and {paths} has stamps of its own"
+            raise InvalidArgument(reason, value=self.stamp_unit, path=paths)
 
     @property
     def reads_others(self) -> bool:
@@ -219,6 +229,7 @@ class Choice:
             "keep": self.keep,
             "rename": sorted(self.rename.items()),
             "prefix": self.prefix,
+            "stamp_unit": self.stamp_unit,
         }
         return ", ".join(f"{name}={value!r}" for name, value in given.items() if value)
 
@@ -329,6 +340,7 @@ class Choice:
             "frames": self.frames,
             "keep": self.keep,
             "urdf": self.model,
+            "stamp_unit": self.stamp_unit,
             "start as an offset": self.start is not None and self.start.since,
             "end as an offset": self.end is not None and self.end.since,
         }
@@ -735,6 +747,13 @@ def _pose_topics(given: Any) -> dict[str, str | None]:
     if isinstance(given, Iterable):
         return {absolute(topic): None for topic in given}
     raise no_name(given)
+
+
+def _unit(unit: Any) -> Unit | None:
+    if unit is None or (isinstance(unit, str) and unit in UNITS):
+        return unit
+    names = ", ".join(map(repr, UNITS))
+    raise InvalidArgument(f"stamp_unit is one of {names}, not {shown(unit)}", value=unit)
 
 
 def _model(urdf: Any) -> RobotModel | None:

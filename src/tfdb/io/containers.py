@@ -26,6 +26,8 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
     from pathlib import Path
 
+    from .trajectory_report import TrajectoryRows
+
 T = TypeVar("T")
 
 Encoding: TypeAlias = Literal["ros1", "cdr", "protobuf", "json"]
@@ -177,6 +179,8 @@ class Container:
 
     notes: tuple[str, ...] = ()
     """How the file was read, where it is not as its recorder or its metadata says."""
+    rows: TrajectoryRows | None = None
+    """What became of the rows of a trajectory file."""
 
     def __init__(
         self,

@@ -5,10 +5,19 @@ from __future__ import annotations
 import re
 from datetime import date, time
 from decimal import ROUND_HALF_EVEN, Context
+from typing import Literal, TypeAlias
 
 from tfdb.stamps import MAX_STAMP
 
+Unit: TypeAlias = Literal["s", "ms", "us", "ns"]
 NS_PER_SECOND = 1_000_000_000
+UNITS: dict[Unit, tuple[int, str]] = {
+    "s": (9, "seconds"),
+    "ms": (6, "milliseconds"),
+    "us": (3, "microseconds"),
+    "ns": (0, "nanoseconds"),
+}
+"""The power of ten that makes nanoseconds of each, and its name."""
 
 _NUMBER = re.compile(r"[+-]?(\d+(\.\d*)?|\.\d+)([eE][+-]?\d+)?", re.ASCII)
 _RFC3339 = re.compile(
@@ -31,12 +40,42 @@ def seconds_to_ns(text: str) -> int:
     digits = whole + fraction
     if 0 < len(whole) <= 10 and 0 < len(fraction) <= 9 and digits.isascii() and digits.isdecimal():
         return _checked(int(whole) * NS_PER_SECOND + int(fraction.ljust(9, "0")), text)
+    return _decimal_ns(text, "s")
+
+
+def units_to_ns(text: str, unit: Unit) -> int:
+    """Nanoseconds of a decimal number of another unit; raises as `seconds_to_ns`."""
+    if unit == "s":
+        return seconds_to_ns(text)
+    if text.isascii() and text.isdecimal() and len(text) <= 20:
+        return _checked(int(text) * 10 ** UNITS[unit][0], text)
+    return _decimal_ns(text, unit)
+
+
+def _decimal_ns(text: str, unit: Unit) -> int:
+    power, name = UNITS[unit]
     if not _NUMBER.fullmatch(text):
-        raise ValueError(f"{text[:40]!r} is not a number of seconds")
+        raise ValueError(f"{text[:40]!r} is not a number of {name}")
     value = _CONTEXT.create_decimal(text)
-    if value.is_infinite() or (value and value.adjusted() > 10):
+    if value.is_infinite() or (value and value.adjusted() + power > 19):
         raise ValueError(f"{text[:40]!r} is beyond the greatest stamp")
-    return _checked(int(_CONTEXT.to_integral_value(_CONTEXT.scaleb(value, 9))), text)
+    return _checked(int(_CONTEXT.to_integral_value(_CONTEXT.scaleb(value, power))), text)
+
+
+def is_whole(text: str) -> bool:
+    """Whether a text is a number without decimals."""
+    return text.isascii() and text.isdecimal()
+
+
+def whole_part(text: str) -> int | None:
+    """The number without its decimals; None for what is no number, or one of 40 digits."""
+    whole = text.partition(".")[0]
+    if is_whole(whole) and len(whole) < 40 and "e" not in text and "E" not in text:
+        return int(whole)
+    if not _NUMBER.fullmatch(text):
+        return None
+    value = _CONTEXT.create_decimal(text)
+    return int(value) if value.is_finite() and value.adjusted() < 40 else None
 
 
 def integer_ns(text: str) -> int:

@@ -36,6 +36,7 @@ if TYPE_CHECKING:
     from .containers import Loss, Source
     from .joint_states import JointReport
     from .recordings import PathLike, Run
+    from .trajectory_report import TrajectoryRows
 
     Progress: TypeAlias = Callable[[int, int], None]
     Topics: TypeAlias = str | Iterable[str] | Mapping[str, str]
@@ -86,6 +87,8 @@ class LoadReport:
         Transforms that were read and not wanted, by `start`, `end`, `keep`, `frames` and `exclude`.
     joints
         What the joint states made of the robot's model; None without `urdf`.
+    trajectories
+        What became of the rows of each trajectory file.
     untimed
         Topic to the number of its transforms without a timestamp: Foxglove's messages may leave it
         out. They have the log time of their message.
@@ -109,6 +112,7 @@ class LoadReport:
     lost: tuple[Loss, ...] = ()
     left_out: int = 0
     joints: JointReport | None = None
+    trajectories: tuple[TrajectoryRows, ...] = ()
     untimed: Mapping[str, int] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
 
@@ -163,7 +167,7 @@ def load_recordings(
         report counts what was lost.
     **options
         `start`, `end`, `frames`, `exclude`, `keep`, `rename`, `prefix`, `pose_topics`, `urdf`,
-        `joint_topic`, `by_namespace` and `mix`, as in `Buffer.load`.
+        `joint_topic`, `by_namespace`, `mix` and `stamp_unit`, as in `Buffer.load`.
 
     Raises
     ------
@@ -187,7 +191,11 @@ def load_recordings(
     choice = Choice(**options)
     selection = Selection(topics, choice)
     with ExitStack() as stack:
-        recordings = [stack.enter_context(Recording(path, salvage=salvage)) for path in files]
+        recordings = [
+            stack.enter_context(Recording(path, salvage=salvage, stamp_unit=choice.stamp_unit))
+            for path in files
+        ]
+        choice.check_unit(recordings)
         selection.check(recordings)
         recordings.sort(key=lambda recording: recording.start)
         names = tuple(str(recording.path) for recording in recordings)
@@ -206,6 +214,8 @@ def load_recordings(
         warnings.warn(note, TfdbWarning, stacklevel=4)
     rewriter.warn(", ".join(names), 5)
     warn_of_refused(report, 5)
+    for text in (each for rows in report.trajectories for each in rows.complaints()):
+        warnings.warn(text, TfdbWarning, stacklevel=4)
     if report.forgotten:
         warn_of_forgotten(buffer, report.forgotten, 5)
     return report
@@ -463,6 +473,7 @@ class _Tally:
     end: int = 0
     lost: list[Loss] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)
+    trajectories: list[TrajectoryRows] = field(default_factory=list)
     everything: Buffer | None = None
     seconds: float = 0.0
 
@@ -479,6 +490,8 @@ class _Tally:
             self.topics[source.topic] = TopicReport(source.topic, messages, static)
         self.lost += recording.losses
         self.notes += recording.notes
+        if recording.rows is not None:
+            self.trajectories.append(recording.rows)
 
     def store_model(self, rewriter: Rewriter) -> None:
         """Commit the fixed joints of a robot's model."""
@@ -588,6 +601,7 @@ class _Tally:
             seconds_reading_container=seconds - self.seconds,
             forgotten=self.forgotten(),
             lost=tuple(self.lost),
+            trajectories=tuple(self.trajectories),
             left_out=rewriter.left_out,
             joints=rewriter.joints_report(),
             untimed=dict(rewriter.untimed),

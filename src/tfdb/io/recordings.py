@@ -27,6 +27,9 @@ if TYPE_CHECKING:
 
     from tfdb._core import Recorded
 
+    from .decimal_time import Unit
+    from .trajectory_report import TrajectoryRows
+
     PathLike: TypeAlias = str | os.PathLike[str]
 
 # Long enough to store fast, short enough that progress and Ctrl-C come through.
@@ -72,7 +75,10 @@ class Recording:
         or a ROS 2 bag folder: what it is, its first bytes tell. Or a trajectory, `.tum`, `.txt`,
         `.csv`, `.npz` or `.parquet`.
     salvage
-        Read damaged, cut and unindexed files as far as they go; `losses` says what is missing.
+        Read damaged, cut and unindexed files as far as they go; `losses` says what is missing. Rows
+        of trajectories are sorted, mended and skipped as by `read_trajectory`; `rows` counts them.
+    stamp_unit
+        The unit of stamps in the text of a trajectory; see `read_trajectory`.
 
     Raises
     ------
@@ -86,9 +92,15 @@ class Recording:
         The file cannot be opened or read.
     """
 
-    def __init__(self, path: PathLike, *, salvage: bool = False) -> None:
+    def __init__(
+        self, path: PathLike, *, salvage: bool = False, stamp_unit: Unit | None = None
+    ) -> None:
         self.path: Path = given_path(path, RecordingError)
-        self._container = _OPENERS[kind_of(self.path)](self.path, salvage=salvage)
+        kind = kind_of(self.path)
+        if kind == "trajectory":
+            self._container = open_trajectory(self.path, salvage=salvage, stamp_unit=stamp_unit)
+        else:
+            self._container = _OPENERS[kind](self.path, salvage=salvage)
 
     def __enter__(self) -> Self:
         return self
@@ -125,6 +137,11 @@ class Recording:
     def losses(self) -> tuple[Loss, ...]:
         """What salvaging could not save; empty without it."""
         return self._container.losses
+
+    @property
+    def rows(self) -> TrajectoryRows | None:
+        """What became of the rows of a trajectory file; None for other recordings."""
+        return self._container.rows
 
     def messages(
         self, wanted: Callable[[Source], bool] | None = None
@@ -192,5 +209,4 @@ _OPENERS = {
     "mcap": open_mcap,
     "packed": open_packed,
     "folder": open_folder,
-    "trajectory": open_trajectory,
 }

@@ -1,4 +1,4 @@
-"""Trajectories: TUM, KITTI and EuRoC files, and the CSV and NPZ that tfdb writes itself.
+"""Trajectories: TUM, KITTI, EuRoC and CSV files, and the NPZ and Parquet that tfdb writes itself.
 
 A trajectory is the motion of one frame in another: stamps and poses `T[parent<-child]`. The files
 do not say which frames; :func:`into_buffer` does.
@@ -7,42 +7,41 @@ do not say which frames; :func:`into_buffer` does.
 from __future__ import annotations
 
 import io
-import math
-import re
 import stat
 import zipfile
 import zlib
-from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Literal, Protocol, TypeAlias
+from typing import TYPE_CHECKING, Any, Literal, Protocol, TypeAlias
 
 import numpy as np
-import numpy.typing as npt
 
 from tfdb._core import poses_of_matrices
 from tfdb.errors import InvalidArray, InvalidStamp, InvalidTransform, TrajectoryError
-from tfdb.given_objects import refuse_without
+from tfdb.given_objects import given_flag, refuse_without
 from tfdb.given_path import errors_name, given_path
-from tfdb.poses import MAX_NORM_ERROR, missing
+from tfdb.poses import doubles, missing
 from tfdb.stamps import shown
-from tfdb.tables import COLUMNS, read_parquet
+from tfdb.tables import columns_of, read_parquet
 from tfdb.trajectory import Trajectory
 from tfdb.types import Columns
 
-from .decimal_time import integer_ns, seconds_to_ns
+from .decimal_time import NS_PER_SECOND, UNITS, Unit, units_to_ns
 from .loading import missing_samples, warn_of_forgotten
 from .raw_file import MAX_CHUNK
+from .trajectory_columns import layout_of
+from .trajectory_lines import SALVAGE, Lines
+from .trajectory_report import TrajectoryRows, warn_of_rows
+from .trajectory_rows import floats, rows_of_text, salvaged, settled
 
 if TYPE_CHECKING:
     import os
-    from collections.abc import Callable, Iterator
     from pathlib import Path
 
     from tfdb import Buffer
 
+    from .trajectory_rows import Poses, Stamps
+
     PathLike: TypeAlias = str | os.PathLike[str]
 
-Stamps: TypeAlias = npt.NDArray[np.int64]
-Poses: TypeAlias = npt.NDArray[np.float64]
 Format: TypeAlias = Literal["tum", "kitti", "euroc", "csv", "npz", "parquet"]
 
 _NAMES = ("world", "body")
@@ -69,65 +68,138 @@ def read_trajectory(
     times: PathLike | None = None,
     target: str | None = None,
     source: str | None = None,
+    salvage: bool = False,
+    stamp_unit: Unit | None = None,
 ) -> Trajectory:
     """Read a trajectory file.
+
+    Text may have blanks, tabs, commas or semicolons between its columns, comments behind `#`, and a
+    heading. The names in a heading say which columns are read: those of TUM and EuRoC, of
+    `rostopic echo -p`, bagpy and PlotJuggler, and the like (`timestamp`, `x`, `qw`,
+    `.pose.position.x`). Other columns are left alone. Quaternions that are slightly off unit length
+    are normalised. Where rows repeat the stamp of the row before, the last one counts, as the newer
+    sample does in a store; `repeated` of the result counts them.
 
     Parameters
     ----------
     path
-        The file. Quaternions that are slightly off unit length are normalised. A line that repeats
-        the stamp of the one before replaces it, as the newer sample does in a store; `repeated` of
-        the result counts such lines.
+        The file.
     format
         `"tum"` (`seconds x y z qx qy qz qw`), `"kitti"` (the 12 numbers of a 3x4 matrix, stamps in
-        a file of their own), `"euroc"` (`nanoseconds,x,y,z,qw,qx,qy,qz,...`), `"csv"` (columns
-        `stamp_ns,x,y,z,qx,qy,qz,qw`, in any order and among others where a heading names them),
-        `"npz"` or `"parquet"` (as written by :func:`tfdb.io.write_npz` and
-        `Trajectory.to_parquet`); None looks at the beginning of the file. In the last three a pose
-        may be missing: all its numbers are NaN, or in a CSV empty.
+        a file of their own), `"euroc"` (`nanoseconds,x,y,z,qw,qx,qy,qz,...`, VINS also), `"csv"`
+        (columns `stamp_ns,x,y,z,qx,qy,qz,qw`, or those that its heading names), `"npz"` or
+        `"parquet"` (as written by :func:`tfdb.io.write_npz` and `Trajectory.to_parquet`). None:
+        found by the file's beginning, its heading and its number of columns. In the last three
+        formats a pose may be missing: all its numbers are NaN, or in a CSV empty.
     times
         KITTI only: the file with one stamp in seconds per pose. By default `NAME_times.txt` or
         `times.txt` beside the poses.
     target, source
-        Names for the frames: the poses are `T[target<-source]`. None: those that a Parquet file
-        says, else `world` and `body`.
+        Names for the frames: the poses are `T[target<-source]`. None: the names in a Parquet file,
+        else `world` and `body`.
+    salvage
+        Sort rows by their stamps, normalise quaternions that are up to 5 % off unit length, and
+        skip rows without a valid stamp or pose. A warning counts all of them.
+    stamp_unit
+        `"s"`, `"ms"`, `"us"` or `"ns"`, the unit of stamps in text. None: the unit that the heading
+        or the format names, else found by the size of the stamps.
 
     Raises
     ------
     TrajectoryError
-        A line that is not what the format wants, a heading that has the quaternion in another
-        order, a rotation that is none, stamps that run backwards, no pose at all. Fields: path,
-        line, reason.
+        A line that does not fit the format, columns that could be several things, a rotation that
+        is none, stamps that run backwards, no pose at all. Fields: path, line, reason.
     NotSupported
         Parquet, where polars is not installed.
     OSError
         The file cannot be opened.
+
+    Warns
+    -----
+    TfdbWarning
+        Rows with the same stamp; rows that `salvage` sorted, mended or skipped; a unit that was
+        found by size; columns that were found by their number.
+    """
+    trajectory, rows = read_with_rows(
+        path,
+        format,
+        times=times,
+        target=target,
+        source=source,
+        salvage=salvage,
+        stamp_unit=stamp_unit,
+    )
+    warn_of_rows(rows, 2)
+    return trajectory
+
+
+def read_with_rows(
+    path: PathLike,
+    format: Format | None = None,  # noqa: A002 - as above
+    *,
+    times: PathLike | None = None,
+    target: str | None = None,
+    source: str | None = None,
+    salvage: bool = False,
+    stamp_unit: Unit | None = None,
+    by_row: bool = False,
+) -> tuple[Trajectory, TrajectoryRows]:
+    """Read a trajectory file as `read_trajectory`, and count its rows instead of a warning.
+
+    `by_row`: KITTI poses without a file of times get the number of their row as their second.
     """
     given: object = format
     if given is not None and not (isinstance(given, str) and given in FORMATS):
         raise TrajectoryError(
             path, None, f"unknown format {shown(format)}; one of {', '.join(FORMATS)}"
         )
+    salvage, unit = given_flag("salvage", salvage), checked_unit(path, stamp_unit)
     path = given_path(path, _refusal)
     raw = _read(path)
-    if format == "parquet" or (format is None and raw.startswith(b"PAR1")):
-        if times is not None:
-            reason = "a file of times belongs to KITTI poses, not to parquet"
-            raise TrajectoryError(path, None, reason)
-        return _read_parquet(path, raw, target, source)
-    target, source = target or _NAMES[0], source or _NAMES[1]
-    if format == "npz" or (format is None and raw.startswith(b"PK\x03\x04")):
-        if times is not None:
-            raise TrajectoryError(path, None, "a file of times belongs to KITTI poses, not to npz")
-        return _read_npz(path, raw, target, source)
-    lines = _Lines(path, raw, target, source)
-    kind = _guess(lines) if format is None else format
-    if kind == "kitti":
+    kind: str | None = format
+    if kind is None:
+        kind = next((name for magic, name in _MAGICS if raw.startswith(magic)), None)
+    if kind in ("npz", "parquet"):
+        for value, what in ((times, "a file of times belongs to KITTI poses"), (unit, _NO_UNIT)):
+            if value is not None:
+                raise TrajectoryError(path, None, f"{what}, not to {kind}")
+        names = (target, source)
+        return (_read_npz if kind == "npz" else _read_table)(path, raw, names, salvage=salvage)
+    frames = target or _NAMES[0], source or _NAMES[1]
+    lines = Lines(path, raw, salvage=salvage)
+    layout = None if kind == "kitti" else layout_of(lines, kind)
+    if layout is None:
         beside = _find_times(path) if times is None else given_path(times, _refusal)
-        return _read_kitti(lines, beside)
-    if times is not None:
-        raise lines.error(None, f"a file of times belongs to KITTI poses, not to {kind}")
-    return _read_rows(lines, _row_of(lines, kind))
+        if beside is None and not by_row:
+            raise _no_times(path)
+        stamps, poses, report = _read_kitti(lines, beside, unit, salvage=salvage)
+    elif times is not None:
+        raise lines.error(None, f"a file of times belongs to KITTI poses, not to {layout.text}")
+    else:
+        stamps, poses, report = rows_of_text(lines, layout, unit, salvage=salvage)
+    return Trajectory(*frames, stamps, poses, repeated=report.repeated), report
+
+
+_MAGICS = ((b"PAR1", "parquet"), (b"PK\x03\x04", "npz"))
+_NO_UNIT = "a unit belongs to stamps in text"
+
+
+def checked_unit(path: object, unit: Any) -> Unit | None:
+    """The unit of stamps; raises TrajectoryError for any other word."""
+    if unit is None or (isinstance(unit, str) and unit in UNITS):
+        return unit
+    raise TrajectoryError(path, None, f"stamp_unit is one of {', '.join(UNITS)}, not {shown(unit)}")
+
+
+def has_no_times(path: Path) -> bool:
+    """Whether a file holds KITTI poses whose stamps are nowhere."""
+    raw = _read(path)
+    if any(raw.startswith(magic) for magic, _ in _MAGICS):
+        return False
+    try:
+        return layout_of(Lines(path, raw), None) is None and _find_times(path) is None
+    except TrajectoryError:
+        return False  # whoever reads it says why
 
 
 def into_buffer(
@@ -169,166 +241,9 @@ def _refusal(path: Path, reason: str) -> TrajectoryError:
     return TrajectoryError(path, None, reason)
 
 
-class _Lines:
-    """The lines of a text file that carry data, with their numbers."""
-
-    def __init__(self, path: Path, raw: bytes, target: str = "", source: str = "") -> None:
-        self.path = path
-        self._frames = target, source
-        if b"\0" in raw[:4096]:
-            what = "a binary file, neither NPZ nor Parquet, and no trajectory in text"
-            raise TrajectoryError(path, None, what)
-        try:
-            self._all = raw.decode("utf-8-sig").split("\n")
-        except UnicodeDecodeError as error:
-            line = raw.count(b"\n", 0, error.start) + 1
-            raise TrajectoryError(path, line, "not UTF-8 text") from None
-
-    def __iter__(self) -> Iterator[tuple[int, str]]:
-        for number, line in enumerate(self._all, start=1):
-            stripped = line.strip()
-            if stripped and not stripped.startswith("#"):
-                yield number, stripped
-
-    def headings(self) -> Iterator[tuple[int, str]]:
-        """The lines before the first that begins with a number: comments, names of columns."""
-        for number, line in enumerate(self._all, start=1):
-            if _NUMBER_FIRST.match(line):
-                return
-            yield number, line.strip().lstrip("#").strip()
-
-    def trajectory(self, stamps: list[int], poses: Poses, repeated: int = 0) -> Trajectory:
-        """The result of reading them."""
-        return Trajectory(*self._frames, np.array(stamps, dtype=np.int64), poses, repeated=repeated)
-
-    def error(self, line: int | None, reason: str) -> TrajectoryError:
-        """An error about one of the lines."""
-        return TrajectoryError(self.path, line, reason)
-
-
-@dataclass(frozen=True)
-class _Row:
-    """How one line of a format is read: how many columns, and where each of `COLUMNS` stands."""
-
-    layout: str
-    separator: str | None
-    columns: tuple[int, ...]
-    stamp: Callable[[str], int]
-    order: tuple[int, ...] = tuple(range(8))
-    holes: bool = False
-
-
-_ROWS: dict[str, _Row] = {
-    "tum": _Row("seconds x y z qx qy qz qw", None, (8,), seconds_to_ns),
-    # 8 columns with poses alone, 17 with velocity and biases as the dataset ships them.
-    "euroc": _Row(
-        "nanoseconds,x,y,z,qw,qx,qy,qz", ",", (8, 17), integer_ns, order=(0, 1, 2, 3, 5, 6, 7, 4)
-    ),
-    "csv": _Row(",".join(COLUMNS), ",", (8,), integer_ns, holes=True),
-}
-_NUMBER_FIRST = re.compile(r"[\s,;\"']*[-+.]?\d")
-_QUATERNION = re.compile(r"\bq(?:\w*_)?([wxyz])\b", re.IGNORECASE)
-"""The names that a heading has for the parts of a quaternion: `qx`, `q_x`, `q_RS_x []`."""
-
-
-def _columns_named(lines: _Lines) -> tuple[str, ...]:
-    """The names of columns in the heading of a CSV file; none where there is no such heading."""
-    for _number, heading in lines.headings():
-        names = tuple(name.strip().strip("\"'") for name in heading.split(","))
-        if COLUMNS[0] in names:
-            return names
-    return ()
-
-
-def _row_of(lines: _Lines, kind: str) -> _Row:
-    """How the lines of a file are read; raises where its heading says something else."""
-    row = _ROWS[kind]
-    names = _columns_named(lines) if kind == "csv" else ()
-    if names:
-        if any(names.count(name) != 1 for name in COLUMNS):
-            wanted = ", ".join(COLUMNS)
-            raise lines.error(None, f"its heading must name each of {wanted} once")
-        order = tuple(names.index(name) for name in COLUMNS)
-        return replace(row, layout=",".join(names), columns=(len(names),), order=order)
-    found = sorted((place, part) for part, place in zip("xyzw", row.order[4:], strict=True))
-    expected = "".join(part for _, part in found)
-    for number, heading in lines.headings():
-        said = "".join(_QUATERNION.findall(heading)).lower()
-        if sorted(said) == sorted(expected) and said != expected:
-            raise lines.error(
-                number,
-                f"this heading has the quaternion in the order {' '.join(said)}, but {kind} has "
-                f"{' '.join(expected)}; a CSV file may have any: {','.join(COLUMNS)}",
-            )
-    return row
-
-
-def _guess(lines: _Lines) -> Format:
-    """The format by the heading, or the first line with data."""
-    number, first = next(iter(lines), (None, ""))
-    if number is None:
-        raise lines.error(None, "no pose in it")
-    if "," in first and _columns_named(lines):
-        return "csv"
-    columns = len(first.split(",")) if "," in first else len(first.split())
-    if "," in first and columns in _ROWS["euroc"].columns:
-        return "euroc"
-    if "," not in first and columns == 8:
-        return "tum"
-    if "," not in first and columns == 12:
-        return "kitti"
-    raise lines.error(
-        number,
-        f"{columns} columns are neither TUM (8, by spaces), KITTI (12) nor EuRoC (8 or 17, commas)",
-    )
-
-
-def _read_rows(lines: _Lines, row: _Row) -> Trajectory:
-    stamps: list[int] = []
-    poses: list[list[float]] = []
-    repeated = 0
-    for at, (number, line) in enumerate(lines):
-        if at == 0 and row.separator and not _NUMBER_FIRST.match(line):
-            continue  # names of columns
-        fields = line.split(row.separator)
-        if len(fields) not in row.columns:
-            raise lines.error(number, f"{len(fields)} columns instead of `{row.layout}`")
-        fields = [fields[place] for place in row.order]
-        try:
-            stamp = row.stamp(fields[0].strip())
-            missing = row.holes and all(each.strip().lower() in _NOTHING for each in fields[1:])
-            pose = [math.nan] * 7 if missing else _floats(fields[1:])
-        except ValueError as error:
-            raise lines.error(number, str(error)) from None
-        norm_squared = sum(value * value for value in pose[3:])
-        if abs(norm_squared - 1.0) > MAX_NORM_ERROR:
-            raise lines.error(
-                number, f"the quaternion is not of unit length: {math.sqrt(norm_squared):.6g}"
-            )
-        if stamps and stamp <= stamps[-1]:
-            if stamp < stamps[-1]:
-                raise lines.error(number, _backwards(stamp, stamps[-1]))
-            poses[-1] = pose
-            repeated += 1
-            continue
-        stamps.append(stamp)
-        poses.append(pose)
-    return _with_a_pose(
-        lines.path, lines.trajectory(stamps, np.array(poses).reshape(-1, 7), repeated)
-    )
-
-
-_NOTHING = ("", "nan")
-"""What a CSV file has for a number of a pose that is missing."""
-
-
-def _with_a_pose(path: Path, made: Trajectory) -> Trajectory:
-    if not len(made):
-        raise TrajectoryError(path, None, "no pose in it")
-    return made
-
-
-def _read_npz(path: Path, raw: bytes, target: str, source: str) -> Trajectory:
+def _read_npz(
+    path: Path, raw: bytes, names: tuple[str | None, str | None], *, salvage: bool
+) -> tuple[Trajectory, TrajectoryRows]:
     try:
         with zipfile.ZipFile(io.BytesIO(raw)) as archive:
             size = sum(each.file_size for each in archive.infolist())
@@ -342,86 +257,166 @@ def _read_npz(path: Path, raw: bytes, target: str, source: str) -> Trajectory:
             stamps, poses = arrays["stamps"], arrays["poses"]
     except (zipfile.BadZipFile, zlib.error, ValueError, EOFError, NotImplementedError) as error:
         raise TrajectoryError(path, None, f"damaged or cut short: {error}") from error
+    frames = names[0] or _NAMES[0], names[1] or _NAMES[1]
+    return _of_arrays(path, frames, stamps, poses, salvage=salvage)
+
+
+def _read_table(
+    path: Path, raw: bytes, names: tuple[str | None, str | None], *, salvage: bool
+) -> tuple[Trajectory, TrajectoryRows]:
+    target, source, table = read_parquet(path, *names, _NAMES, raw)
     try:
-        made = Trajectory(target, source, stamps, poses)
-    except (InvalidArray, InvalidTransform, InvalidStamp) as error:
+        stamps, poses = columns_of(table)
+    except InvalidArray as error:
         raise TrajectoryError(path, None, str(error)) from None
-    return _with_a_pose(path, made)
+    return _of_arrays(path, (target, source), stamps, poses, salvage=salvage)
 
 
-def _read_parquet(path: Path, raw: bytes, target: str | None, source: str | None) -> Trajectory:
-    target, source, table = read_parquet(path, target, source, _NAMES, raw)
+def _of_arrays(
+    path: Path, frames: tuple[str, str], stamps: Any, poses: Any, *, salvage: bool
+) -> tuple[Trajectory, TrajectoryRows]:
+    """A trajectory of the arrays of a file."""
+    report = TrajectoryRows(str(path))
     try:
-        made = Trajectory.from_table(target, source, table)
+        if salvage:
+            stamps, poses = _arrays(stamps, poses)
+            stamps, poses, report = salvaged(stamps, poses, path)
+        made = Trajectory(*frames, stamps, poses, repeated=report.repeated)
     except (InvalidArray, InvalidTransform, InvalidStamp) as error:
-        raise TrajectoryError(path, None, str(error)) from None
-    return _with_a_pose(path, made)
+        hint = "" if salvage else f"; {SALVAGE} reads the other rows"
+        raise TrajectoryError(path, None, f"{error}{hint}") from None
+    if not len(made):
+        raise TrajectoryError(path, None, "no pose in it")
+    if not salvage:
+        report.rows = report.poses = len(made)
+    return made, report
 
 
-def _floats(fields: list[str]) -> list[float]:
-    """Finite numbers; ``ValueError`` with a reason."""
-    values = []
-    for field in fields:
-        try:
-            value = float(field)
-        except ValueError:
-            raise ValueError(f"{field.strip()[:40]!r} is not a number") from None
-        if not math.isfinite(value) or "_" in field or not field.isascii():
-            raise ValueError(f"{field.strip()[:40]!r} is not a finite number")
-        values.append(value)
-    return values
+def _arrays(stamps: Any, poses: Any) -> tuple[Stamps, Poses]:
+    """Arrays as they are salvaged; raises InvalidArray for those of other kinds and shapes."""
+    when = np.asarray(stamps)
+    try:
+        rows = doubles(poses)
+    except (TypeError, ValueError) as error:
+        raise InvalidArray(f"poses: {error}", reason=str(error)) from None
+    if when.dtype.kind not in "iu" or rows.shape != (len(when), 7):
+        reason = f"expected integer nanoseconds (N,) and poses (N, 7), got {when.dtype} "
+        reason += f"{when.shape} and {rows.shape}"
+        raise InvalidArray(reason, reason=reason)
+    return when.astype(np.int64), rows
 
 
-def _backwards(stamp: int, previous: int) -> str:
-    return f"stamp {stamp} ns does not lie after {previous} ns; sort the file by its stamps first"
+def _find_times(path: Path) -> Path | None:
+    return next((each for each in _times_beside(path) if each.is_file()), None)
 
 
-def _find_times(path: Path) -> Path:
-    candidates = (path.with_name(f"{path.stem}_times.txt"), path.with_name("times.txt"))
-    for candidate in candidates:
-        if candidate.is_file():
-            return candidate
-    names = " nor ".join(candidate.name for candidate in candidates)
-    raise TrajectoryError(
+def _times_beside(path: Path) -> tuple[Path, Path]:
+    return path.with_name(f"{path.stem}_times.txt"), path.with_name("times.txt")
+
+
+def _no_times(path: Path) -> TrajectoryError:
+    names = " nor ".join(each.name for each in _times_beside(path))
+    return TrajectoryError(
         path, None, f"KITTI poses carry no stamps: neither {names} is beside it, pass times=..."
     )
 
 
-def _read_kitti(lines: _Lines, times: Path) -> Trajectory:
-    numbers: list[int] = []
-    rows: list[list[float]] = []
-    for number, line in lines:
-        fields = line.split()
-        if len(fields) != 12:
-            raise lines.error(number, f"{len(fields)} columns instead of the 12 of a 3x4 matrix")
-        try:
-            rows.append(_floats(fields))
-        except ValueError as error:
-            raise lines.error(number, str(error)) from None
-        numbers.append(number)
-    if not rows:
+def _read_kitti(
+    lines: Lines, times: Path | None, unit: Unit | None, *, salvage: bool
+) -> tuple[Stamps, Poses, TrajectoryRows]:
+    """The poses and their stamps, row by row; a bad row takes its stamp with it."""
+    report = TrajectoryRows(str(lines.path), rows=len(lines.rows))
+    if not lines.rows:
         raise lines.error(None, "no pose in it")
-    stamps = _read_times(times)
-    if len(stamps) != len(rows):
-        raise lines.error(None, f"{len(rows)} poses, but {len(stamps)} stamps in {times}")
+    count = len(lines.rows)
+    when: list[int | None] = [row * NS_PER_SECOND for row in range(count)]
+    if times is not None:
+        when = _read_times(times, unit, report, salvage=salvage)
+    if len(when) != count and not salvage:
+        raise lines.error(None, f"{count} poses, but {len(when)} stamps in {times}")
+    kept: list[int] = []
+    rows: list[list[float]] = []
+    for row, (number, line) in enumerate(lines.rows):
+        reason = _kitti_reason(line)
+        if reason is None and (row >= len(when) or when[row] is None):
+            reason = f"no stamp in row {row + 1} of {times}"
+        if reason is None:
+            kept.append(row)
+            rows.append(floats(line.split()))
+        elif salvage:
+            report.skip(number, len(line) + 1, reason)
+        else:
+            raise lines.skippable(number, reason)
+    poses = _kitti_poses(rows, lines, kept, report, salvage=salvage)
+    stamps = np.array([when[row] for row in kept], dtype=np.int64)
+    numbers = [lines.rows[row][0] for row in kept]
+    return (*settled(stamps, poses, report, numbers, salvage=salvage), report)
+
+
+def _kitti_reason(line: str) -> str | None:
+    """Why a line is no 3x4 matrix."""
+    fields = line.split()
+    if len(fields) != 12:
+        return f"{len(fields)} columns instead of the 12 of a 3x4 matrix"
+    try:
+        floats(fields)
+    except ValueError as error:
+        return str(error)
+    return None
+
+
+def _kitti_poses(
+    rows: list[list[float]],
+    lines: Lines,
+    kept: list[int],
+    report: TrajectoryRows,
+    *,
+    salvage: bool,
+) -> Poses:
+    """The poses of 3x4 matrices; with `salvage` those that are no rotation leave `kept`."""
     matrices = np.tile(np.eye(4), (len(rows), 1, 1))
     matrices[:, :3] = np.array(rows, dtype=np.float64).reshape(-1, 3, 4)
     try:
-        return lines.trajectory(stamps, poses_of_matrices(matrices))
+        return poses_of_matrices(matrices)
     except InvalidTransform as error:
-        reason = f"the left 3x3 part is not a rotation matrix: {error.reason}"
-        raise lines.error(numbers[error.index or 0], reason) from None
-
-
-def _read_times(path: Path) -> list[int]:
-    lines = _Lines(path, _read(path))
-    stamps: list[int] = []
-    for number, line in lines:
+        if not salvage:
+            reason = f"the left 3x3 part is not a rotation matrix: {error.reason}"
+            raise lines.skippable(lines.rows[kept[error.index or 0]][0], reason) from None
+    poses: list[Poses] = []
+    fine: list[int] = []
+    for row, matrix in zip(kept, matrices, strict=True):
         try:
-            stamp = seconds_to_ns(line)
+            poses.append(poses_of_matrices(matrix[np.newaxis])[0])
+            fine.append(row)
+        except InvalidTransform as error:
+            number, line = lines.rows[row]
+            reason = f"the left 3x3 part is not a rotation matrix: {error.reason}"
+            report.skip(number, len(line) + 1, reason)
+    kept[:] = fine
+    return np.array(poses, dtype=np.float64).reshape(-1, 7)
+
+
+def _read_times(
+    path: Path, unit: Unit | None, report: TrajectoryRows, *, salvage: bool
+) -> list[int | None]:
+    """The stamps of a file of times; None for a row that is none, with `salvage`."""
+    lines = Lines(path, _read(path), salvage=salvage)
+    rows = [*([] if lines.heading is None else [lines.heading]), *lines.rows]
+    stamps: list[int | None] = []
+    last = -1
+    for number, line in rows:
+        try:
+            stamp = units_to_ns(line, unit or "s")
+            reason = f"stamp {stamp} ns does not lie after {last} ns" if stamp <= last else None
         except ValueError as error:
-            raise lines.error(number, str(error)) from None
-        if stamps and stamp <= stamps[-1]:
-            raise lines.error(number, _backwards(stamp, stamps[-1]))
-        stamps.append(stamp)
+            reason = str(error)
+        if reason is None:
+            stamps.append(stamp)
+            last = stamp
+        elif salvage:
+            stamps.append(None)
+        else:
+            raise lines.skippable(number, reason)
+    if len(stamps) > report.rows:
+        report.notes.append(f"{len(stamps):,} stamps in {path}, but {report.rows:,} poses")
     return stamps

@@ -15,20 +15,22 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from .containers import Payload
+    from .decimal_time import Unit
 
 _TOPIC = "/tf"
 
 
-def open_trajectory(path: Path, *, salvage: bool = False) -> Container:
-    """Open a TUM, KITTI, EuRoC, CSV, NPZ or Parquet file.
+def open_trajectory(
+    path: Path, *, salvage: bool = False, stamp_unit: Unit | None = None
+) -> Container:
+    """Open a TUM, KITTI, EuRoC, CSV, NPZ or Parquet file, as `read_trajectory` reads it.
 
-    Its poses are those of `body` in `world` where the file names no frames. There is nothing to
-    salvage. Raises `TrajectoryError`.
+    Its poses are those of `body` in `world` where the file names no frames. Raises
+    `TrajectoryError`.
     """
-    del salvage
-    from .trajectories import read_trajectory  # noqa: PLC0415 - needs numpy
+    from .trajectories import read_with_rows  # noqa: PLC0415 - needs numpy
 
-    trajectory = read_trajectory(path)
+    trajectory, rows = read_with_rows(path, salvage=salvage, stamp_unit=stamp_unit)
     there = trajectory.found
     count = int(there.sum())
     if not count:
@@ -41,14 +43,17 @@ def open_trajectory(path: Path, *, salvage: bool = False) -> Container:
             transform = TransformStamped(*names, stamp, pose[:3], pose[3:])
             yield stamp, 0, _core.encode_tf_message([transform], "ros1")
 
-    return Container(
+    container = Container(
         path,
         [Topic(_TOPIC, "tf2_msgs/msg/TFMessage", count)],
         {0: Source(_TOPIC, "ros1", _TOPIC, count)},
         int(trajectory.stamps[there][0]),
         payloads,
         _nothing,
+        rows.losses,
     )
+    container.rows = rows
+    return container
 
 
 def _nothing() -> None:

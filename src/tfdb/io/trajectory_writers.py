@@ -28,7 +28,8 @@ if TYPE_CHECKING:
     from collections.abc import Iterable
     from pathlib import Path
 
-    from .trajectories import Format, PathLike, Poses, Stamps, TrajectoryLike
+    from .trajectories import Format, PathLike, TrajectoryLike
+    from .trajectory_rows import Poses, Stamps
 
 _EUROC_HEADING = (
     "#timestamp [ns],p_RS_R_x [m],p_RS_R_y [m],p_RS_R_z [m],q_RS_w [],q_RS_x [],q_RS_y [],q_RS_z []"

@@ -1,0 +1,115 @@
+"""The lines of a trajectory in text: data, comments, headings; which separator and columns."""
+
+from __future__ import annotations
+
+import re
+from typing import TYPE_CHECKING
+
+from tfdb.errors import TrajectoryError
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+    from pathlib import Path
+
+SALVAGE = "salvage=True (--salvage)"
+_NUMBER_FIRST = re.compile(r"[\s,;\"']*[-+.]?\d")
+_LAST_DECIMALS = re.compile(r"(?:^|[\s,;\"'])[-+]?\d+(?:\.(\d*))?[\"'\s,;]*$")
+_DECIMAL_COMMA = re.compile(r"[-+]?\d+,\d+([eE][-+]?\d+)?")
+_UTF16 = (b"\xff\xfe", b"\xfe\xff")
+
+
+class Lines:
+    """The lines of a text file that carry data, with their numbers.
+
+    Raises TrajectoryError for binary files and text that is not UTF-8; with `salvage` only the
+    lines with broken characters are lost.
+    """
+
+    def __init__(self, path: Path, raw: bytes, *, salvage: bool = False) -> None:
+        self.path = path
+        self._ends = raw.endswith((b"\n", b"\r"))
+        if raw.startswith(_UTF16):
+            raise TrajectoryError(path, None, "UTF-16 text: save it as UTF-8")
+        if b"\0" in raw[:4096]:
+            what = "a binary file, neither NPZ nor Parquet, and no trajectory in text"
+            raise TrajectoryError(path, None, what)
+        try:
+            text = raw.decode("utf-8-sig", errors="replace" if salvage else "strict")
+        except UnicodeDecodeError as error:
+            line = raw.count(b"\n", 0, error.start) + 1
+            raise self.skippable(line, "not UTF-8 text") from None
+        self._all = text.replace("\r\n", "\n").replace("\r", "\n").split("\n")
+        self.rows: list[tuple[int, str]] = [
+            (number, stripped)
+            for number, line in enumerate(self._all, start=1)
+            if (stripped := line.strip()) and not stripped.startswith("#")
+        ]
+        """The lines with data: all but comments and a heading."""
+        self.heading: tuple[int, str] | None = None
+        """The first line, where it is no comment and no data."""
+        if self.rows and is_heading(self.rows[0][1]):
+            self.heading = self.rows.pop(0)
+
+    def headings(self) -> Iterator[tuple[int, str]]:
+        """The lines before the first that begins with a number: comments, names of columns."""
+        for number, line in enumerate(self._all, start=1):
+            if _NUMBER_FIRST.match(line):
+                return
+            if line.strip():
+                yield number, line.strip().lstrip("#").strip()
+
+    def cut(self) -> str | None:
+        """Why the last row seems to be cut: no end of line, and fewer decimals than all others."""
+        ends = [_LAST_DECIMALS.search(line) for _, line in self.rows]
+        if self._ends or len(ends) < 3 or None in ends:
+            return None
+        *others, last = (len(end.group(1) or "") for end in ends if end)
+        if len(set(others)) != 1 or last >= others[0]:
+            return None
+        return f"the file ends within a number, with {last} decimals instead of {others[0]}"
+
+    def error(self, line: int | None, reason: str) -> TrajectoryError:
+        """An error about one of the lines, or about the file."""
+        return TrajectoryError(self.path, line, reason)
+
+    def skippable(self, line: int | None, reason: str) -> TrajectoryError:
+        """An error about a line that salvaging skips."""
+        return self.error(line, f"{reason}; {SALVAGE} reads the others")
+
+
+def is_heading(line: str) -> bool:
+    """Whether a line names columns: no field of it is a number."""
+    if _NUMBER_FIRST.match(line):
+        return False
+    return not any(_is_number(field) for field in split(line, separator_of(line)))
+
+
+def _is_number(field: str) -> bool:
+    try:
+        float(field)
+    except ValueError:
+        return False
+    return True
+
+
+def separator_of(line: str) -> str | None:
+    """What stands between the columns; None for blanks."""
+    for separator in (";", ","):
+        if separator in line:
+            return separator
+    # An empty field between tabs counts; blanks among them are the separator of others.
+    return "\t" if line.count("\t") >= 7 and " " not in line else None
+
+
+def split(line: str, separator: str | None) -> list[str]:
+    """The fields of a line, without blanks and quotes around them."""
+    return [field.strip().strip("\"'") for field in line.split(separator)]
+
+
+def has_decimal_commas(line: str) -> bool:
+    """Whether the numbers of a line are written as in `0,5`."""
+    for separator in (";", None):
+        fields = split(line, separator)
+        if sum(_DECIMAL_COMMA.fullmatch(field) is not None for field in fields) >= 7:
+            return True
+    return False

@@ -1,0 +1,259 @@
+"""Rows of a trajectory file to stamps and poses, and what became of each row."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, TypeAlias
+
+import numpy as np
+import numpy.typing as npt
+
+from tfdb.errors import TrajectoryError
+from tfdb.poses import MAX_NORM_ERROR, found, missing
+from tfdb.stamps import MAX_STAMP
+
+from .decimal_time import NS_PER_SECOND, UNITS, Unit, integer_ns, units_to_ns, whole_part
+from .trajectory_lines import SALVAGE
+from .trajectory_report import TrajectoryRows
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+    from pathlib import Path
+
+    from .trajectory_columns import Layout
+    from .trajectory_lines import Lines
+
+Stamps: TypeAlias = npt.NDArray[np.int64]
+Poses: TypeAlias = npt.NDArray[np.float64]
+
+MAX_MENDED = 0.1
+"""Of a quaternion's squared length: nearer to 1, it is digits that are missing."""
+_NOTHING = ("", "nan")
+"""What a CSV file has for a number of a pose that is missing."""
+_YEARS = 630_000_000, 4_200_000_000
+"""Seconds of 1989 and 2103: the years in which stamps of other units are looked for."""
+_NEAR = 0.01, math.radians(1.0)
+"""Metres and radians that a repeated stamp's pose may be off without being another one."""
+_LONG_STEP = 100 * NS_PER_SECOND
+
+
+def rows_of_text(
+    lines: Lines, layout: Layout, unit: Unit | None, *, salvage: bool
+) -> tuple[Stamps, Poses, TrajectoryRows]:
+    """Read the rows of a text file. Raises TrajectoryError for rows that are none."""
+    report = TrajectoryRows(str(lines.path), rows=len(lines.rows))
+    if layout.note:
+        report.notes.append(layout.note)
+    numbers: list[int] = []
+    texts: list[tuple[str, str]] = []
+    poses: list[list[float]] = []
+    sizes: list[int] = []
+    cut = lines.cut()
+    for number, line in lines.rows:
+        try:
+            stamp, pose = _fields(layout, line, cut if number == lines.rows[-1][0] else None)
+            _check_norm(pose, MAX_MENDED if salvage else MAX_NORM_ERROR)
+        except ValueError as error:
+            if not salvage:
+                raise lines.skippable(number, str(error)) from None
+            report.skip(number, len(line) + 1, str(error))
+            continue
+        numbers.append(number)
+        texts.append(stamp)
+        poses.append(pose)
+        sizes.append(len(line) + 1)
+    given = _unit(lines, layout, unit, numbers, texts, report)
+    stamps: list[int] = []
+    kept: list[int] = []
+    for at, text in enumerate(texts):
+        try:
+            stamps.append(_stamp(text, given, whole=layout.whole and unit is None))
+        except ValueError as error:
+            reason = f"{error}{_of_unit(given, unit, layout)}"
+            if not salvage:
+                raise lines.skippable(numbers[at], reason) from None
+            report.skip(numbers[at], sizes[at], reason)
+        else:
+            kept.append(at)
+    array = np.array(poses, dtype=np.float64).reshape(-1, 7)[kept]
+    made = settled(
+        np.array(stamps, dtype=np.int64),
+        array,
+        report,
+        [numbers[at] for at in kept],
+        salvage=salvage,
+    )
+    if unit is None and layout.unit is None and given == "s":
+        _doubt_seconds(made[0], texts, report)
+    return (*made, report)
+
+
+def settled(
+    stamps: Stamps,
+    poses: Poses,
+    report: TrajectoryRows,
+    numbers: Sequence[int] | None,
+    *,
+    salvage: bool,
+) -> tuple[Stamps, Poses]:
+    """Stamps that increase: the last row of each counts, and with `salvage` rows are sorted.
+
+    `numbers` are the lines of the rows. Raises TrajectoryError where stamps run backwards.
+    """
+    steps = np.diff(stamps)
+    back = np.flatnonzero(steps < 0)
+    if len(back) and not salvage:
+        row = int(back[0])
+        reason = (
+            f"stamp {stamps[row + 1]} ns does not lie after {stamps[row]} ns; sort the file by its "
+            f"stamps first, or let {SALVAGE} sort it"
+        )
+        raise TrajectoryError(report.path, None if numbers is None else numbers[row + 1], reason)
+    if len(back):
+        report.moved = int(np.count_nonzero(stamps < np.maximum.accumulate(stamps)))
+        order = np.argsort(stamps, kind="stable")
+        stamps, poses = stamps[order], poses[order]
+        steps = np.diff(stamps)
+    again = np.flatnonzero(steps == 0)
+    if len(again):
+        report.repeated = len(again)
+        report.differing = _differing(poses[again], poses[again + 1])
+        last = np.append(steps != 0, True)
+        stamps, poses = stamps[last], poses[last]
+    if salvage and len(poses):
+        poses = poses.copy()
+        norms = np.linalg.norm(poses[:, 3:], axis=1)
+        with np.errstate(invalid="ignore"):
+            off = np.abs(norms**2 - 1.0) > MAX_NORM_ERROR
+        poses[off, 3:] /= norms[off, np.newaxis]
+        report.normalised = int(np.count_nonzero(off))
+    report.poses = len(stamps)
+    if not len(stamps):
+        reason = "no pose in it"
+        if report.skipped:
+            reason += (
+                f": all {report.rows:,} rows were skipped, the first at {report.first_skipped}"
+            )
+        raise TrajectoryError(report.path, None, reason)
+    return stamps, poses
+
+
+def _differing(poses: Poses, others: Poses) -> int:
+    """How many poses are not nearly the same; a missing one differs from all that are there."""
+    moved = np.linalg.norm(poses[:, :3] - others[:, :3], axis=1)
+    norms = np.linalg.norm(poses[:, 3:], axis=1) * np.linalg.norm(others[:, 3:], axis=1)
+    cosine = np.abs(np.sum(poses[:, 3:] * others[:, 3:], axis=1)) / norms
+    near = (moved <= _NEAR[0]) & (cosine >= math.cos(_NEAR[1] / 2))
+    return int(np.count_nonzero(~near & ~(missing(poses) & missing(others))))
+
+
+def salvaged(stamps: Stamps, poses: Poses, path: Path) -> tuple[Stamps, Poses, TrajectoryRows]:
+    """Stamps that increase and valid poses of arrays; rows that hold neither are skipped."""
+    report = TrajectoryRows(str(path), rows=len(stamps))
+    with np.errstate(over="ignore", invalid="ignore"):
+        off = np.abs((poses[:, 3:] ** 2).sum(axis=1) - 1.0)
+    fine = (found(poses) & (off <= MAX_MENDED)) | missing(poses)
+    valid = (stamps >= 0) & (stamps <= MAX_STAMP)
+    for row in np.flatnonzero(~(fine & valid)).tolist():
+        what = "no rigid transform" if valid[row] else f"{stamps[row]} is no stamp"
+        report.skip(None, poses.itemsize * 8, f"row {row}: {what}")
+    kept = fine & valid
+    return (*settled(stamps[kept], poses[kept], report, None, salvage=True), report)
+
+
+def _fields(layout: Layout, line: str, cut: str | None) -> tuple[tuple[str, str], list[float]]:
+    """The text of the stamp, in one or two columns, and the pose; ``ValueError`` with a reason."""
+    fields = layout.fields(line)
+    if len(fields) not in layout.counts:
+        raise ValueError(f"{len(fields)} columns instead of `{layout.text}`")
+    if cut is not None:
+        raise ValueError(cut)
+    stamp, *pose = (fields[place] for place in layout.order)
+    rest = "" if layout.nanoseconds is None else fields[layout.nanoseconds]
+    if layout.holes and all(each.lower() in _NOTHING for each in pose):
+        return (stamp, rest), [math.nan] * 7
+    return (stamp, rest), floats(pose)
+
+
+def floats(fields: Sequence[str]) -> list[float]:
+    """Finite numbers; ``ValueError`` with a reason."""
+    values = []
+    for each in fields:
+        try:
+            value = float(each)
+        except ValueError:
+            raise ValueError(f"{each.strip()[:40]!r} is not a number") from None
+        if not math.isfinite(value) or "_" in each or not each.isascii():
+            raise ValueError(f"{each.strip()[:40]!r} is not a finite number")
+        values.append(value)
+    return values
+
+
+def _check_norm(pose: Sequence[float], most: float) -> None:
+    squared = sum(value * value for value in pose[3:])
+    if abs(squared - 1.0) > most:
+        raise ValueError(f"the quaternion is not of unit length: {math.sqrt(squared):.6g}")
+
+
+def _stamp(text: tuple[str, str], unit: Unit, *, whole: bool) -> int:
+    first, rest = text
+    if rest:
+        seconds, nanoseconds = integer_ns(first), integer_ns(rest)
+        if nanoseconds >= NS_PER_SECOND:
+            raise ValueError(f"{rest!r} nanoseconds are more than a second")
+        return units_to_ns(f"{seconds}.{nanoseconds:09d}", "s")
+    return integer_ns(first) if whole and unit == "ns" else units_to_ns(first, unit)
+
+
+def _unit(
+    lines: Lines,
+    layout: Layout,
+    given: Unit | None,
+    numbers: Sequence[int],
+    texts: Sequence[tuple[str, str]],
+    report: TrajectoryRows,
+) -> Unit:
+    """The unit of the stamps: as given, as the format says, or by their size."""
+    if given is not None or layout.unit is not None:
+        return given or layout.unit or "s"
+    sizes = {
+        number: size
+        for number, (text, _) in zip(numbers, texts, strict=True)
+        if (size := whole_part(text)) is not None
+    }
+    usual = sorted(sizes.values())[len(sizes) // 2] if sizes else 0
+    if usual <= MAX_STAMP // NS_PER_SECOND:
+        return "s"
+    for unit, (power, name) in UNITS.items():
+        scale = 10 ** (9 - power)
+        if all(_YEARS[0] * scale <= size < _YEARS[1] * scale for size in sizes.values()):
+            asked = f"stamp_unit={unit!r} (--stamp-unit {unit})"
+            report.notes.append(f"stamps taken as {name}, by their size; {asked} says so")
+            return unit
+    line = next(number for number, size in sizes.items() if size >= usual)
+    raise lines.error(
+        line,
+        f"stamp {sizes[line]} is beyond the greatest in seconds, and no date in another unit; "
+        f"stamp_unit= (--stamp-unit) is one of {', '.join(UNITS)}",
+    )
+
+
+def _of_unit(unit: Unit, given: Unit | None, layout: Layout) -> str:
+    """What to add to an error about a stamp whose unit was guessed."""
+    if given is not None or layout.unit is not None or unit != "s":
+        return ""
+    return ", where stamps are seconds (stamp_unit= (--stamp-unit) names another unit)"
+
+
+def _doubt_seconds(
+    stamps: Stamps, texts: Sequence[tuple[str, str]], report: TrajectoryRows
+) -> None:
+    """Note whole numbers so far apart that they hardly are seconds."""
+    if len(stamps) < 3 or not all(first.isdecimal() and not rest for first, rest in texts):
+        return
+    step = int(np.median(np.diff(stamps)))
+    if step > _LONG_STEP:
+        report.notes.append(
+            f"stamps taken as seconds are {step // NS_PER_SECOND:,} s apart; stamp_unit='ns' "
+            "(--stamp-unit ns) reads nanoseconds, 'us' microseconds"
+        )
