@@ -39,6 +39,13 @@ def test_commands_that_answer_refuse_and_name_the_ways_on(
     assert "--mix" in error
 
 
+def test_the_error_as_json_has_the_groups(tool: Tool) -> None:
+    body = tool("lookup", ROBOTS, "odom", "base_link", "--json", code=2).json["error"]
+    assert body["type"] == "MixedSources"
+    assert body["fields"]["frames"] == ["base_link", "laser"]
+    assert body["fields"]["groups"]["/robot2"] == ["/robot2/tf", "/robot2/tf_static"]
+
+
 def test_nothing_is_served_of_a_recording_that_is_refused(tool: Tool) -> None:
     name = "groups-that-disagree"
     tool("serve", "bag", ROBOTS, "--into", name, "--speed", "inf", code=2)
@@ -178,3 +185,11 @@ def test_a_frozen_store_has_no_groups(option: str, tool: Tool, tmp_path: Path) -
     store = tmp_path / "robots.tfdb"
     tfdb.load(ROBOTS, by_namespace=True).freeze(store)
     assert f"{option} goes with recordings" in tool("info", store, option, code=2).error
+
+
+@pytest.mark.parametrize(
+    "options", [("--frame", "base_link"), ("--exclude", "laser"), ("--rename", "odom:=map")]
+)
+def test_options_that_name_frames_need_a_way_on(options: tuple[str, str], tool: Tool) -> None:
+    assert "--by-namespace" in tool("info", ROBOTS, *options, code=2).error
+    tool("info", ROBOTS, *options, "--mix")

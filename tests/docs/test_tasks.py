@@ -54,6 +54,7 @@ def things(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("things")
     for kind in ("bag", "mcap"):
         shutil.copy(ROOT / "examples" / "data" / f"pr2.{kind}", folder / f"drive.{kind}")
+    shutil.copy(ROOT / "tests" / "cases" / "two_robots.mcap", folder / "robots.mcap")
     buf = tfdb.load(folder / "drive.mcap")
     start, end = buf.common_times("map", "base_link")
     for name, rate, begin in (("a", 20.0, start), ("b", 13.0, start + 100_000_000)):

@@ -313,6 +313,10 @@ overwrite_option: Callable[[FC], FC] = click.option(
 )
 
 
+_NAMING = {"frames", "exclude", "rename", "urdf"}
+"""Options with names of frames, which differ where groups of topics are kept apart."""
+
+
 @dataclass(frozen=True)
 class Loaded:
     """What a command reads, and how it got there.
@@ -430,7 +434,7 @@ def load(
         try:
             report = read()
         except tfdb.MixedSources as error:
-            if not apart or "urdf" in chosen():
+            if not apart or _NAMING & set(chosen()):
                 raise
             mixed = error
             text = f"{error}. Shown here: each group under its own prefix"

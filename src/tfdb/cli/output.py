@@ -75,6 +75,7 @@ def error_body(error: Exception, command: str | None = None) -> dict[str, Any]:
     shown = {
         key: value
         for key, value in sorted(fields.items())
-        if isinstance(value, str | int | float | list | tuple) and not key.startswith("_")
+        if (isinstance(value, str | int | float | list | tuple) or key == "groups")
+        and not key.startswith("_")
     }
     return {"error": {"type": name, "message": describe_error(error, command), "fields": shown}}
