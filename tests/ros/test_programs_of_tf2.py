@@ -124,3 +124,92 @@ except (tf2_ros.LookupException, tf2_ros.ExtrapolationException) as error:
         assert ran.returncode == 0, said[name]
     assert said["ours"].splitlines()[0] == "geometry_msgs map 1.08"
     assert said["ours"] == said["theirs"]
+
+
+BY_HAND = """
+import copy, threading
+import rospy, tf2_ros
+from tf2_msgs.msg import TFMessage
+from geometry_msgs.msg import TransformStamped
+
+rospy.init_node("by_hand", anonymous=True)
+
+
+class Counting(tf2_ros.TransformListener):
+    def __init__(self, buffer):
+        self.heard = threading.Event()
+        tf2_ros.TransformListener.__init__(self, buffer)
+
+    def static_callback(self, data):
+        print(type(data).__name__.strip("_"), data._connection_header["callerid"][:28])
+        header, data = data._connection_header, copy.deepcopy(data)
+        data._connection_header = header
+        data.transforms[0].child_frame_id = "renamed"
+        tf2_ros.TransformListener.static_callback(self, data)
+        self.heard.set()
+
+
+class Own(tf2_ros.TransformListener):
+    def __init__(self, buffer):
+        self.buffer = buffer
+        self.last_update = rospy.Time.now()
+        self.last_update_lock = threading.Lock()
+        self.tf_sub = rospy.Subscriber("/tf", TFMessage, self.callback)
+        self.tf_static_sub = rospy.Subscriber("/tf_static", TFMessage, self.static_callback)
+
+
+def wait(buffer, frame):
+    return buffer.can_transform("map", frame, rospy.Time(), rospy.Duration(20))
+
+
+counted = tf2_ros.Buffer(debug=False)
+counting = Counting(counted)
+assert counting.heard.wait(20)
+print(wait(counted, "renamed"), counted.can_transform("map", "base_link", rospy.Time()))
+
+own = tf2_ros.Buffer()
+print(own.frame_server.resolved_name.split("/")[-1], own.frame_server.service_class.__name__)
+listener = Own(own)
+print(wait(own, "base_link"))
+broadcaster = tf2_ros.TransformBroadcaster()
+moved = TransformStamped()
+moved.header.stamp = rospy.Time.now()
+moved.header.frame_id, moved.child_frame_id = "map", "carrot"
+moved.transform.translation.x, moved.transform.rotation.w = 2.0, 1.0
+while broadcaster.pub_tf.get_num_connections() < 1:
+    rospy.sleep(0.01)
+broadcaster.pub_tf.publish(TFMessage([moved]))
+print(wait(own, "carrot"), broadcaster.pub_tf.resolved_name)
+moved.child_frame_id = "apple"
+broadcaster.pub_tf.publish([moved])
+print(wait(own, "apple"))
+listener.unregister()
+
+plain = tf2_ros.TransformListener(own)
+while plain.tf_sub.get_num_connections() < 1:
+    rospy.sleep(0.01)
+plain.check_for_reset()
+other = tf2_ros.Buffer(debug=False)
+plain.buffer = other
+moved.child_frame_id = "pear"
+broadcaster.sendTransform([moved])
+print(wait(other, "pear"), own.can_transform("map", "pear", rospy.Time()), plain.tf_sub.name)
+plain.tf_sub.unregister()
+plain.tf_static_sub.unregister()
+print(plain.tf_sub.impl, plain.tf_static_sub.impl)
+client = tf2_ros.BufferClient("nowhere")
+print(type(client.client).__name__, client.client.wait_for_server(rospy.Duration(0.01)))
+"""
+
+
+def test_overridden_callbacks_and_topics_by_hand(robot: str, tmp_path: Path) -> None:
+    """The same program on both says the same."""
+    source = tmp_path / "by_hand.py"
+    source.write_text(BY_HAND)
+    said = {}
+    for name, how in (("ours", OURS), ("theirs", THEIRS)):
+        ran = program(how, robot, tmp_path, str(source))
+        said[name], _ = ran.communicate(timeout=LIMIT)
+        assert ran.returncode == 0, said[name]
+    assert said["theirs"].splitlines()[0] == "TFMessage /static_transform_publisher_"
+    assert said["ours"] == said["theirs"]

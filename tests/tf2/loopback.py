@@ -15,8 +15,14 @@ OnMessage = Callable[[bytes | memoryview, str], None]
 class Open:
     """Anything that can be closed."""
 
+    native = None
+
     def __init__(self, close: Callable[[], None]) -> None:
-        self.close = close
+        self._close = close
+
+    def close(self) -> None:
+        close, self._close = self._close, lambda: None
+        close()
 
 
 class Graph:

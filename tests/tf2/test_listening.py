@@ -286,3 +286,130 @@ def test_what_cannot_be_sent_is_refused_whole(world: World) -> None:
 def test_what_is_no_node_is_refused() -> None:
     with pytest.raises(TypeError, match=r"expected a node of tfdb.ros or of rclpy, or None"):
         tf2.TransformListener(tf2.Buffer(), "node")
+
+
+class Counting(tf2.TransformListener):
+    """Counts the messages of each topic, and stores what has no odd name."""
+
+    def __init__(self, buffer: Any, node: Any) -> None:
+        self.heard: list[tuple[str, int]] = []
+        super().__init__(buffer, node)
+
+    def callback(self, data: Any) -> None:
+        self.heard.append(("tf", len(data.transforms)))
+        data.transforms = [each for each in data.transforms if each.child_frame_id != "odd"]
+        super().callback(data)
+
+    def static_callback(self, data: Any) -> None:
+        self.heard.append(("tf_static", len(data.transforms)))
+        super().static_callback(data)
+
+
+@pytest.mark.parametrize("flavor", FLAVORS)
+def test_overridden_callbacks_get_each_message(flavor: Any) -> None:
+    node = LoopbackNode(flavor=flavor)
+    buffer = tf2.Buffer()
+    listener = Counting(buffer, node)
+    moving = tf2.TransformBroadcaster(node)
+    moving.sendTransform([sent("map", "base", 1), sent("map", "odd", 1)])
+    moving.sendTransform([sent("map", "base", 2, OTHER)])
+    tf2.StaticTransformBroadcaster(node).sendTransform(sent("base", "arm", 1, OTHER))
+    assert listener.heard == [("tf", 2), ("tf", 1), ("tf_static", 1)]
+    assert buffer._getFrameStrings() == ["arm", "base", "map"]
+    found = plain(buffer.lookup_transform("map", "base", msgs.Time(2)))
+    assert found[3] == pytest.approx(OTHER)
+    authority = buffer.buffer.frame_info("base").authority
+    assert authority == ("/here" if flavor == "ros1" else "default_authority")
+    node.graph.readers["/tf"][0](b"\x00\x01", "/hostile")
+    assert listener.corrupt == {"/hostile": 1}
+    assert len(listener.heard) == 3
+
+
+def test_a_callback_that_was_replaced_in_the_class_is_called(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    heard: list[Any] = []
+    monkeypatch.setattr(tf2.TransformListener, "callback", lambda _, data: heard.append(data))
+    node = LoopbackNode()
+    tf2.TransformListener(tf2.Buffer(), node)
+    tf2.TransformBroadcaster(node).sendTransform(sent("map", "base", 1))
+    assert [each.transforms[0].child_frame_id for each in heard] == ["base"]
+    assert heard[0]._connection_header["callerid"] == "/here"
+
+
+@pytest.mark.parametrize("flavor", FLAVORS)
+def test_callbacks_serve_a_listener_that_subscribes_by_itself(flavor: Any) -> None:
+    class Own(tf2.TransformListener):
+        def __init__(self, buffer: Any, node: Any) -> None:
+            self.buffer = buffer
+            self.node = node
+            self.called = self.callback, self.static_callback
+
+    buffer = tf2.Buffer()
+    moving, static = Own(buffer, LoopbackNode(flavor=flavor)).called
+    moving(msgs.TFMessage([sent("map", "base", 1)]))
+    static(msgs.TFMessage([sent("base", "arm", 1, OTHER)]))
+    assert plain(buffer.lookup_transform("base", "arm", msgs.Time(9)))[3] == pytest.approx(OTHER)
+    assert buffer.can_transform("map", "arm", msgs.Time(1))
+
+
+def test_another_buffer_gets_what_comes_from_then_on(world: World) -> None:
+    world.moving.sendTransform(sent("map", "base", 1))
+    other = tf2.Buffer()
+    world.listener.buffer = other
+    assert world.listener.buffer is other
+    world.moving.sendTransform(sent("map", "base", 2, OTHER))
+    world.static.sendTransform(sent("base", "arm", 2))
+    assert plain(other.lookup_transform("map", "base", msgs.Time()))[2] == 2 * SECOND
+    assert other.flavor == world.node.flavor
+    assert world.at("map", "base")[2] == SECOND
+    assert other.can_transform("base", "arm", msgs.Time(5))
+    world.node.set_time(9 * SECOND)
+    world.node.set_time(1 * SECOND)
+    assert not other.can_transform("map", "base", msgs.Time())
+    assert world.buffer.can_transform("map", "base", msgs.Time())
+
+
+def test_topics_are_ended_and_published_by_hand(world: World) -> None:
+    world.moving.pub_tf.publish(msgs.TFMessage([sent("map", "base", 1)]))
+    assert world.at("map", "base")[3] == pytest.approx(POSE)
+    world.listener.tf_sub.unregister()
+    world.moving.sendTransform(sent("map", "base", 2))
+    assert world.at("map", "base")[2] == SECOND
+    world.static.sendTransform([sent("base", "arm", 1), sent("base", "leg", 1)])
+    world.static.sendTransform(sent("base", "arm", 2, OTHER))
+    message = world.static.net_message
+    assert [(each.child_frame_id, each.header.stamp.sec) for each in message.transforms] == [
+        ("arm", 2),
+        ("leg", 1),
+    ]
+    message.transforms.clear()
+    world.static.sendTransform(sent("base", "foot", 1))
+    late = tf2.Buffer()
+    tf2.TransformListener(late, LoopbackNode(world.robot.graph, flavor=world.node.flavor))
+    assert late._getFrameStrings() == ["base", "foot"]
+    world.listener.tf_static_sub.unregister()
+    world.listener.unregister()
+    world.static.sendTransform(sent("base", "hat", 1))
+    assert not world.buffer._frameExists("hat")
+
+
+def test_a_reset_that_is_overridden_clears_nothing() -> None:
+    class Keeping(tf2.TransformListener):
+        resets = 0
+
+        def check_for_reset(self) -> None:
+            self.resets += 1
+
+    node = LoopbackNode()
+    buffer = tf2.Buffer()
+    listener = Keeping(buffer, node)
+    tf2.TransformBroadcaster(node).sendTransform(sent("map", "base", 1))
+    node.set_time(9 * SECOND)
+    node.set_time(1 * SECOND)
+    assert listener.resets == 2
+    assert buffer.can_transform("map", "base", msgs.Time(1))
+    plain_listener = tf2.TransformListener(buffer, node)
+    node.time = 0
+    plain_listener.check_for_reset()
+    assert not buffer.can_transform("map", "base", msgs.Time(1))

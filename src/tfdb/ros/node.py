@@ -18,12 +18,21 @@ Encoding: TypeAlias = Literal["ros1", "cdr"]
 class Subscription(Protocol):
     """A topic that is listened to."""
 
+    native: Any
+    """The same in the node's ROS library, such as rospy's Subscriber; None without a library."""
+
     def close(self) -> None:
-        """Stop listening. A callback that runs in another thread may still end."""
+        """Stop listening. A callback that runs in another thread may still end.
+
+        Again: nothing happens.
+        """
 
 
 class Publisher(Protocol):
     """A topic that is published to."""
+
+    native: Any
+    """The same in the node's ROS library, such as rospy's Publisher; None without a library."""
 
     def publish(self, data: bytes) -> None:
         """Send one serialized message, in the node's encoding."""
@@ -34,6 +43,9 @@ class Publisher(Protocol):
 
 class Service(Protocol):
     """A service that is offered."""
+
+    native: Any
+    """The same in the node's ROS library, such as rospy's Service; None without a library."""
 
     def close(self) -> None:
         """Take it back."""

@@ -4,9 +4,8 @@
 
 from __future__ import annotations
 
-import threading
-from contextlib import contextmanager, suppress
-from typing import TYPE_CHECKING, Any
+from contextlib import contextmanager
+from typing import TYPE_CHECKING
 
 from tfdb.errors import InvalidArgument, InvalidName, NotSupported
 
@@ -90,37 +89,14 @@ def _ros2_node(name: str, where: str, arguments: Sequence[str]) -> Iterator[Node
             )
         except InvalidNodeNameException as error:
             raise InvalidName(f"{name!r} is no name of a node: {error}", value=name) from error
-        with _spun(theirs):
-            node = RclpyNode(theirs, own_thread=True)
-            try:
-                yield node
-            finally:
-                node.close()
+        # Its clock and services need an executor.
+        node = RclpyNode(theirs, own_thread=True)
+        spinning = node.spin()
+        try:
+            yield node
+        finally:
+            node.close()
+            spinning.join()
+            theirs.destroy_node()
     finally:
         context.try_shutdown()
-
-
-@contextmanager
-def _spun(node: Any) -> Iterator[None]:
-    """Spin a node of rclpy in a thread, for its clock and services."""
-    from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
-
-    executor = SingleThreadedExecutor(context=node.context)
-    executor.add_node(node)
-    over = threading.Event()
-
-    def spin() -> None:
-        with suppress(ExternalShutdownException):
-            while not over.is_set():
-                executor.spin_once()
-
-    thread = threading.Thread(target=spin, name="tfdb executor", daemon=True)
-    thread.start()
-    try:
-        yield
-    finally:
-        over.set()
-        executor.create_task(lambda: None)  # a step ends when something was done in it
-        thread.join()
-        executor.shutdown()
-        node.destroy_node()

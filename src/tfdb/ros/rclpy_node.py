@@ -12,7 +12,7 @@ from importlib import import_module
 from time import monotonic
 from typing import TYPE_CHECKING, Any, Final
 
-from rclpy.callback_groups import CallbackGroup
+import rclpy
 from rclpy.clock import JumpThreshold
 from rclpy.duration import Duration
 from rclpy.exceptions import InvalidHandle
@@ -22,7 +22,8 @@ from rclpy.validate_topic_name import validate_topic_name
 
 from tfdb.errors import InvalidArgument, NodeClosed
 
-from .rclpy_taking import InExecutor, InTurn, Made, Opened, OwnThread, is_up
+from .rclpy_spinning import Spinning, is_up
+from .rclpy_taking import InExecutor, InTurn, Made, Never, Opened, OwnThread
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -30,7 +31,7 @@ if TYPE_CHECKING:
     from .node import Encoding, Flavor, Publisher, Service, Subscription
     from .rclpy_taking import Taker
 
-__all__ = ["RclpyNode"]
+__all__ = ["RclpyNode", "own_node"]
 
 # What stands for the name of a node that is not known yet, and of one that is none of ROS.
 _NO_NAMES: Final = ("_NODE_NAME_UNKNOWN_", "_CREATED_BY_BARE_DDS_APP_")
@@ -70,6 +71,7 @@ class RclpyNode:
         self._taker: Taker | None = None
         self._opened: set[Opened] = set()
         self._on_clock: list[Callable[[int], None]] = []
+        self._spinning: list[Spinning] = []
         self._ended = False
         self._lock = threading.RLock()
         self._forget_node = _when_destroyed(node, self._end)
@@ -167,11 +169,11 @@ class RclpyNode:
 
         group = InTurn()
         service = self._node.create_service(service_type, name, respond, callback_group=group)
-        return self.adopt(lambda: self._node.destroy_service(service))
+        return self.adopt(lambda: self._node.destroy_service(service), service)
 
-    def adopt(self, destroy: Callable[[], object]) -> Service:
+    def adopt(self, destroy: Callable[[], object], native: Any = None) -> Service:
         """Keep something that was made in the rclpy node, which `close` is to destroy."""
-        return self._keep(Made(self._node, destroy))
+        return self._keep(Made(self._node, destroy, native))
 
     def now(self) -> int:
         """Nanoseconds on the node's clock: the wall's, or that of /clock with `use_sim_time`."""
@@ -230,6 +232,17 @@ class RclpyNode:
             each.close()
         self._forget_node()
 
+    def spin(self, ended: Callable[[], object] = lambda: None) -> Spinning:
+        """Spin the rclpy node in a thread, unless another executor has it, until one of both ends.
+
+        `ended` is called when the thread ends. Raises NodeClosed.
+        """
+        with self._lock:
+            self._raise_if_closed()
+            spinning = Spinning(self._node, ended)
+            self._spinning.append(spinning)
+        return spinning
+
     def wake(self) -> None:
         """Let the node's executor look again: a coroutine in it may go on."""
         executor = self._node.executor
@@ -240,11 +253,13 @@ class RclpyNode:
         """Listen no more. It waits for nothing: rclpy may call it with a lock of its own held."""
         with self._lock:
             was_ended, self._ended = self._ended, True
-            on_clock, taker = self._on_clock, self._taker
+            on_clock, taker, spinning = self._on_clock, self._taker, list(self._spinning)
         if was_ended:
             return
         if taker is not None:
             taker.close()
+        for each in spinning:
+            each.close()
         for called in on_clock:
             called(self.now())
 
@@ -262,6 +277,20 @@ class RclpyNode:
         self._node.get_logger().error(f"{what} failed:\n{traceback.format_exc()}")
 
 
+def own_node(name: str) -> RclpyNode:
+    """Make a node of rclpy that no program has, in the default context, and spin it in a thread."""
+    theirs = rclpy.create_node(
+        name,
+        # Not the name that the program's arguments give to its own node.
+        cli_args=["--ros-args", "-r", f"__node:={name}"],
+        enable_rosout=False,
+        start_parameter_services=False,
+    )
+    node = RclpyNode(theirs, own_thread=True)
+    node.spin()
+    return node
+
+
 class _OpenedPublisher(Made):
     """A publisher of bytes.
 
@@ -269,7 +298,7 @@ class _OpenedPublisher(Made):
     """
 
     def __init__(self, node: Any, publisher: Any) -> None:
-        super().__init__(node, lambda: node.destroy_publisher(publisher))
+        super().__init__(node, lambda: node.destroy_publisher(publisher), publisher)
         self._node = node
         self._publisher = publisher
 
@@ -325,28 +354,12 @@ class _Senders:
         return f"{namespace.rstrip('/')}/{name}"
 
 
-class _Never(CallbackGroup):  # type: ignore[misc]  # rclpy is not typed
-    """What no executor may call.
-
-    Threads: any may ask.
-    """
-
-    def can_execute(self, entity: Any) -> bool:  # noqa: ARG002  (the name is rclpy's)
-        return False
-
-    def beginning_execution(self, entity: Any) -> bool:  # noqa: ARG002
-        return False
-
-    def ending_execution(self, entity: Any) -> None:
-        """Nothing has begun."""
-
-
 def _when_destroyed(node: Any, called: Callable[[], None]) -> Callable[[], object]:
     """Call `called` when the node is destroyed, or when what is returned is called.
 
     A node tells nobody of its end but what it made: here a timer that never runs.
     """
-    timer = node.create_timer(1e6, lambda: None, callback_group=_Never())
+    timer = node.create_timer(1e6, lambda: None, callback_group=Never())
     timer.cancel()
     destroy = timer.destroy
 

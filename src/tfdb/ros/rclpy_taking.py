@@ -6,10 +6,8 @@ the same. That is rclpy's private face: where it is not as expected, the thread 
 
 from __future__ import annotations
 
-import atexit
 import threading
 import weakref
-from abc import ABC, abstractmethod
 from contextlib import ExitStack, suppress
 from time import monotonic
 from typing import TYPE_CHECKING, Any, Final, Protocol, TypeAlias
@@ -17,10 +15,11 @@ from uuid import uuid4
 
 import rclpy
 from rclpy.exceptions import InvalidHandle
-from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.qos import qos_policy_name_from_kind
 from rclpy.signals import SignalHandlerGuardCondition
 from rclpy.waitable import NumberOfEntities, Waitable
+
+from .rclpy_spinning import NodeThread, Spinning
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -30,14 +29,14 @@ if TYPE_CHECKING:
 else:
     from rclpy.callback_groups import CallbackGroup
 
-__all__ = ["InExecutor", "InTurn", "Made", "Opened", "OwnThread", "Taker", "is_up"]
+__all__ = ["InExecutor", "InTurn", "Made", "Never", "Opened", "OwnThread", "Taker"]
 
 # What tells that rclpy's private face is another.
 _NOT_AS_EXPECTED: Final = (AttributeError, ImportError, TypeError, ValueError)
 # Seconds between two looks for publishers that cannot be heard.
 _WARN_EVERY: Final = 1.0
-# Seconds that the interpreter waits at its end for a thread to leave.
-_LEAVE_WITHIN: Final = 2.0
+# Name of the threads that listen.
+_LISTENER: Final = "tfdb listener"
 
 
 class Opened:
@@ -46,8 +45,10 @@ class Opened:
     Threads: any may close it.
     """
 
-    def __init__(self, take_back: Callable[[], object]) -> None:
+    def __init__(self, take_back: Callable[[], object], native: Any = None) -> None:
         self.is_open: bool = True
+        self.native: Any = native
+        """The same in rclpy, such as its Subscription; None: rclpy has nothing of the kind."""
         self._take_back = take_back
         self._lock = threading.Lock()
 
@@ -66,7 +67,7 @@ class Made(Opened):
     another thread, so it is asked to do that itself.
     """
 
-    def __init__(self, node: Any, destroy: Callable[[], object]) -> None:
+    def __init__(self, node: Any, destroy: Callable[[], object], native: Any = None) -> None:
         def take_back() -> None:
             executor = node.executor
             if executor is None:
@@ -77,7 +78,7 @@ class Made(Opened):
             except (AttributeError, InvalidHandle):  # it was shut down
                 destroy()
 
-        super().__init__(take_back)
+        super().__init__(take_back, native)
 
 
 class Taker(Protocol):
@@ -110,7 +111,8 @@ class _BySubscription:
         subscription = self._node.create_subscription(
             kind, topic, while_open, qos, callback_group=InTurn(), raw=True
         )
-        opened = Made(self._node, lambda: self._node.destroy_subscription(subscription))
+        destroy = self._node.destroy_subscription
+        opened = Made(self._node, lambda: destroy(subscription), subscription)
         return opened
 
     def close(self) -> None:
@@ -147,7 +149,7 @@ class InExecutor:
                 self._node.remove_waitable(waited)
             added.close()
 
-        opened = Opened(take_back)
+        opened = added.opened(take_back)
         self._opened.add(opened)
         return opened
 
@@ -206,64 +208,17 @@ class _Waited(Waitable):  # type: ignore[misc]  # rclpy is not typed
             self._topic.leave()
 
 
-class _Thread(ABC):
-    """A thread that listens until it is closed or its context is shut down.
-
-    Threads: any may call it. `close` does not wait: what runs may still end.
-    """
-
-    def __init__(self, node: Any) -> None:
-        self._node = node
-        self._stopped = False
-        self._thread: threading.Thread | None = None
-
-    def close(self) -> None:
-        self._stopped = True
-        self._ring()
-
-    def join(self) -> None:
-        """Wait for its end, not for ever."""
-        if self._thread is not None:
-            self._thread.join(_LEAVE_WITHIN)
-
-    def _start(self) -> None:
-        _threads.add(self)
-        self._thread = threading.Thread(target=self._run, name="tfdb listener", daemon=True)
-        self._thread.start()
-
-    def _goes_on(self) -> bool:
-        return not self._stopped and is_up(self._node)
-
-    @abstractmethod
-    def _ring(self) -> None:
-        """Make it look about."""
-
-    @abstractmethod
-    def _run(self) -> None:
-        """Listen until it is to end."""
-
-
-_threads: weakref.WeakSet[_Thread] = weakref.WeakSet()
-
-
-@atexit.register
-def _leave() -> None:
-    """A thread that came back from a wait after the interpreter's end would crash."""
-    left = list(_threads)
-    for each in left:
-        each.close()
-    for each in left:
-        each.join()
-
-
 class _Topic:
-    """A subscription that is rclpy's, and of which its executors do not know.
+    """A subscription of rclpy that its executors do not know.
 
     Threads: one at a time; any may close it.
     """
 
     def __init__(self, node: Any, kind: Any, topic: str, deliver: Deliver, qos: Any) -> None:
-        from rclpy.type_support import check_for_type_support  # noqa: PLC0415  (private)
+        # Where they are is rclpy's private matter.
+        from rclpy.event_handler import SubscriptionEventCallbacks  # noqa: PLC0415
+        from rclpy.subscription import Subscription  # noqa: PLC0415
+        from rclpy.type_support import check_for_type_support  # noqa: PLC0415
 
         check_for_type_support(kind)
         rcl = _implementation()
@@ -276,6 +231,10 @@ class _Topic:
                 self.event: Any = rcl.EventHandle(self.handle, incompatible)
         except rcl.UnsupportedEventTypeError:
             self.event = None
+        events = SubscriptionEventCallbacks(use_default_callbacks=False)
+        self._subscription = Subscription(
+            *(self.handle, kind, topic, deliver, Never(), qos, True, events)
+        )
         self._node = node
         self._kind = kind
         self._topic = topic
@@ -286,6 +245,13 @@ class _Topic:
         self._at_once = max(qos.depth, 1)
         # The first try shows whether messages come as expected; it may bring one.
         self._first = self._take()
+
+    def opened(self, take_back: Callable[[], object]) -> Opened:
+        """Give what closes it, as `node.destroy_subscription(opened.native)` does, too."""
+        opened = Opened(take_back, self._subscription)
+        self._subscription.destroy = opened.close
+        _let_destroy(self._node, self._subscription)
+        return opened
 
     def enter(self) -> bool:
         """Keep it from being destroyed until `leave`; whether it is there to be kept."""
@@ -350,14 +316,14 @@ class _Topic:
         return data, info
 
 
-class OwnThread(_Thread):
+class OwnThread(NodeThread):
     """Takes messages in a thread that waits for its own subscriptions alone; it lives while any is.
 
     Threads: any may call it.
     """
 
     def __init__(self, node: Any, ended: Callable[[], None]) -> None:
-        super().__init__(node)
+        super().__init__(node, _LISTENER)
         self._ended = ended
         # rclpy's signal handler shuts contexts down, and rings those of this kind alone.
         self._bell = SignalHandlerGuardCondition(node.context)
@@ -379,7 +345,7 @@ class OwnThread(_Thread):
                 self._runs = True
                 self._start()
         self._ring()
-        return Opened(lambda: self._remove(added))
+        return added.opened(lambda: self._remove(added))
 
     def close(self) -> None:
         """Take no more messages."""
@@ -455,16 +421,15 @@ class OwnThread(_Thread):
             return _implementation().WaitSet(topics, 1, 0, 0, 0, 0, context)
 
 
-class _OwnExecutor(_Thread):
+class _OwnExecutor:
     """Takes messages in an executor of its own, which spins a node of its own in a thread.
 
     Threads: any may call it.
     """
 
     def __init__(self, node: Any, ended: Callable[[], None]) -> None:
-        super().__init__(node)
-        self._ended = ended
-        self._own_node = rclpy.create_node(
+        self._node = node
+        own_node = rclpy.create_node(
             f"{node.get_name()}_listener_{uuid4().hex[:12]}",
             namespace=node.get_namespace(),
             context=node.context,
@@ -472,35 +437,38 @@ class _OwnExecutor(_Thread):
             enable_rosout=False,
             start_parameter_services=False,
         )
-        self._executor = SingleThreadedExecutor(context=node.context)
-        self._executor.add_node(self._own_node)
-        self._lock = threading.Lock()
-        self._over = False
-        self._taker = _BySubscription(self._own_node)
-        self._start()
+
+        def over() -> None:
+            own_node.destroy_node()
+            ended()
+
+        self._taker = _BySubscription(own_node)
+        self._spinning = Spinning(own_node, over, _LISTENER)
 
     def subscribe(self, kind: Any, topic: str, deliver: Deliver, qos: Any) -> Opened:
         # The user's node says what the name means.
         return self._taker.subscribe(kind, self._node.resolve_topic_name(topic), deliver, qos)
 
-    def _ring(self) -> None:
-        with self._lock:
-            if not self._over:
-                # A step ends when something was done in it.
-                self._executor.create_task(lambda: None)
+    def close(self) -> None:
+        self._spinning.close()
 
-    def _run(self) -> None:
-        try:
-            while self._goes_on():
-                self._executor.spin_once()
-        except (ExternalShutdownException, InvalidHandle):
-            return  # the context was shut down or destroyed, which is one way to end
-        finally:
-            with self._lock:
-                self._over = True
-            self._executor.shutdown()
-            self._own_node.destroy_node()
-            self._ended()
+
+class Never(CallbackGroup):
+    """What no executor may call.
+
+    Threads: any may ask.
+    """
+
+    def can_execute(self, entity: Any) -> bool:  # noqa: ARG002  (the name is rclpy's)
+        """No."""
+        return False
+
+    def beginning_execution(self, entity: Any) -> bool:  # noqa: ARG002
+        """No."""
+        return False
+
+    def ending_execution(self, entity: Any) -> None:
+        """Nothing has begun."""
 
 
 class InTurn(CallbackGroup):
@@ -526,12 +494,26 @@ class InTurn(CallbackGroup):
         self._turn.release()
 
 
-def is_up(node: Any) -> bool:
-    """Whether the node's context is neither shut down nor destroyed."""
-    try:
-        return bool(node.context.ok())
-    except InvalidHandle:
-        return False
+_destroyable: weakref.WeakSet[Any] = weakref.WeakSet()
+"""Subscriptions that are not in their node's list."""
+
+
+def _let_destroy(node: Any, subscription: Any) -> None:
+    """Let `node.destroy_subscription` end a subscription that the node has not in its list."""
+    _destroyable.add(subscription)
+    destroy = node.destroy_subscription
+    if getattr(destroy, "knows_destroyable", False):
+        return
+
+    def destroy_subscription(given: Any) -> bool:
+        if given in _destroyable:
+            _destroyable.discard(given)
+            given.destroy()
+            return True
+        return bool(destroy(given))
+
+    destroy_subscription.knows_destroyable = True  # type: ignore[attr-defined]
+    node.destroy_subscription = destroy_subscription
 
 
 def _implementation() -> Any:

@@ -138,7 +138,7 @@ class RospyNode:
         made = rospy.Service(
             name, service, lambda request: service._response_class(answer(request.data))
         )
-        return self._kept(_Opened(self, lambda: made.shutdown("it was closed")))
+        return self._kept(_Opened(self, lambda: made.shutdown("it was closed"), native=made))
 
     def now(self) -> int:
         """Nanoseconds on rospy's clock."""
@@ -194,9 +194,12 @@ class _Opened:
         node: RospyNode,
         close: Callable[[], None],
         ended: Callable[[], None] = lambda: None,
+        native: Any = None,
     ) -> None:
         self.ended = ended
         """Say that the node has ended."""
+        self.native: Any = native
+        """The same in rospy, such as its Subscriber; None: rospy has nothing of the kind."""
         self._node, self._close = node, close
 
     def close(self) -> None:
@@ -256,7 +259,7 @@ class _RospySubscription(_Opened):
     """A topic that rospy listens to. Threads: any."""
 
     def __init__(self, node: RospyNode, subscriber: Any) -> None:
-        super().__init__(node, subscriber.unregister)
+        super().__init__(node, subscriber.unregister, native=subscriber)
         self._subscriber = subscriber
 
     @property
@@ -270,7 +273,7 @@ class _RospyPublisher(_Opened):
     """A topic that rospy publishes. Threads: any."""
 
     def __init__(self, node: RospyNode, publisher: Any, kind: Any) -> None:
-        super().__init__(node, publisher.unregister)
+        super().__init__(node, publisher.unregister, native=publisher)
         self._publisher, self._kind = publisher, kind
 
     @property
@@ -296,9 +299,12 @@ class _Raw:
     _whole: Any  # the message's own class
     _data: bytes | None = None  # until one of the fields is read
 
-    def __init__(self) -> None:
-        # Not the class's own: the fields are set once one of them is read.
-        self._data = b""
+    def __init__(self, *fields: Any, **named: Any) -> None:
+        if fields or named:  # a program makes one, by `Publisher.publish(...)`
+            self._whole.__init__(self, *fields, **named)
+        else:
+            # Not the class's own: the fields are set once one of them is read.
+            self._data = b""
 
     def deserialize(self, data: bytes) -> Any:
         """Keep the bytes."""

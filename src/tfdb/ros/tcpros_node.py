@@ -379,6 +379,8 @@ class TcprosNode:
 class _Subscription:
     """One callback of a topic. Threads: any."""
 
+    native = None
+
     def __init__(self, node: TcprosNode, topic: str, on_message: OnMessage) -> None:
         self._node, self._topic = node, topic
         self._on_message: OnMessage | None = on_message
@@ -400,6 +402,8 @@ class _Subscription:
 class _ClockListener:
     """What is called when time is set. Threads: any."""
 
+    native = None
+
     def __init__(self, node: TcprosNode, called: Callable[[int], None]) -> None:
         self.called = called
         self._node = node
@@ -413,6 +417,8 @@ class _ClockListener:
 
 class _Publisher:
     """One sender of a topic. Threads: any."""
+
+    native = None
 
     def __init__(self, node: TcprosNode, topic: AdvertisedTopic) -> None:
         self._node, self._topic = node, topic
@@ -439,6 +445,8 @@ class _Publisher:
 
 class _Service:
     """A service that is offered. Threads: any."""
+
+    native = None
 
     def __init__(self, node: TcprosNode, name: str) -> None:
         self._node, self._name = node, name

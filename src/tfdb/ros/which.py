@@ -10,12 +10,12 @@ import threading
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from .node import Node
+    from .node import Flavor, Node
 
 __all__ = ["node_for"]
 
 _lock = threading.Lock()
-_own: list[Node] = []
+_own: dict[Flavor, Node] = {}
 os.register_at_fork(after_in_child=_own.clear)
 
 
@@ -26,7 +26,8 @@ def node_for(given: Any = None, *, own_thread: bool = False) -> Node:
     ----------
     given
         One of `tfdb.ros`: itself. A node of rclpy: a `RclpyNode` in it. None: a `RospyNode` where
-        the process has called `rospy.init_node`, else a `TcprosNode` that the process has once.
+        the process has called `rospy.init_node`. Else the node that the process makes once: a
+        `RclpyNode` after `rclpy.init`, or a `TcprosNode`.
     own_thread
         Whether messages of an rclpy node come in a thread of their own, else in its executor.
 
@@ -50,14 +51,30 @@ def in_rospy() -> bool:
     return rospy is not None and rospy.core.is_initialized()
 
 
+def in_rclpy() -> bool:
+    """Whether the process has called `rclpy.init`, and not `rclpy.shutdown` since."""
+    rclpy = sys.modules.get("rclpy")
+    # That of a machine without ROS has times alone.
+    return rclpy is not None and hasattr(rclpy, "ok") and rclpy.ok()
+
+
 def _of_the_process() -> Node:
     if in_rospy():
         from .rospy_node import RospyNode
 
         return RospyNode()
+    flavor: Flavor = "ros2" if in_rclpy() else "ros1"
     with _lock:
-        if not _own or _own[0].closed:
-            from .tcpros_node import TcprosNode
+        if flavor not in _own or _own[flavor].closed:
+            _own[flavor] = _make(flavor, f"tfdb_{os.getpid()}")
+        return _own[flavor]
 
-            _own[:] = [TcprosNode(f"tfdb_{os.getpid()}")]
-        return _own[0]
+
+def _make(flavor: Flavor, name: str) -> Node:
+    if flavor == "ros2":
+        from .rclpy_node import own_node
+
+        return own_node(name)
+    from .tcpros_node import TcprosNode
+
+    return TcprosNode(name)

@@ -102,6 +102,10 @@ class Buffer(BufferCalls, BufferCore, BufferInterface):
         BufferInterface.__init__(self)
         self._requests = TransformableRequests(self)
         self._service = offer_frame_graph(self, node) if debug and node is not None else None
+        if self._service is not None and self._service.native is not None:
+            # As tf2 names it in either ROS.
+            name = "frame_server" if node.flavor == "ros1" else "srv"
+            setattr(self, name, self._service.native)
 
     # Lookups that wait
 

@@ -4,14 +4,18 @@ from __future__ import annotations
 
 import logging
 import threading
+from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 from tfdb.ros import node_for
+from tfdb.ros.which import in_rospy
 
 from .buffer_interface import BufferInterface
 from .deadlines import deadline_in, wait_until
 from .exceptions import TimeoutException, TransformException
+from .handles import given_node
 from .lookup_action import NO_ERROR, LookupGoal, client_in, exception_of
+from .ros_messages import lookup_action_client
 from .times import SECOND, duration, nanoseconds
 
 if TYPE_CHECKING:
@@ -50,7 +54,8 @@ class BufferClient(BufferInterface):
     Parameters
     ----------
     node
-        A node of rclpy or `tfdb.ros`; None: that of the process, in rospy or without any ROS.
+        A node of rclpy or `tfdb.ros`. None: rospy's, one of its own after `rclpy.init`, or one
+        without any ROS.
     ns
         Name of the server's action, such as `tf2_buffer_server`.
     check_frequency
@@ -71,15 +76,32 @@ class BufferClient(BufferInterface):
                 f"BufferClient takes (ns, check_frequency, timeout_padding), or a node before"
                 f" these; got {len(given)} by position and {sorted(named)} by name"
             )
-        self.node: Node = node_for(node)
-        """The node that it asks from."""
+        self._node: Node = node_for(node)
+        self.node: Any = given_node(self._node)
+        """The node of rclpy or `tfdb.ros` that it asks from."""
         padding = arguments.get("timeout_padding")
         self.timeout_padding = padding
         """What it was given for that."""
         self._padding = PADDING if padding is None else duration(padding, None, "timeout_padding")
-        if arguments.get("check_frequency") is not None and self.node.flavor == "ros1":
+        if arguments.get("check_frequency") is not None and self._node.flavor == "ros1":
             LOGGER.warning("Argument check_frequency is deprecated and should not be used.")
-        self._transport = client_in(self.node, arguments["ns"])
+        self.check_frequency = arguments.get("check_frequency")
+        """As given."""
+        self._ns = arguments["ns"]
+        self._transport = client_in(self._node, self._ns)
+        if self._node.flavor == "ros2":
+            self.action_client: Any = self._transport.native
+            """In a node of rclpy: rclpy's ActionClient."""
+
+    @cached_property
+    def client(self) -> Any:
+        """In rospy: a SimpleActionClient of actionlib to the same server, made when first used.
+
+        Raises AttributeError where the process is no node of rospy.
+        """
+        if not in_rospy():
+            raise AttributeError("BufferClient.client is actionlib's: it needs a node of rospy")
+        return lookup_action_client(self._ns)
 
     def wait_for_server(self, timeout: Any = None) -> bool:
         """Wait until a server is connected; whether it is.
@@ -178,17 +200,17 @@ class BufferClient(BufferInterface):
         self._transport.close()
 
     def _nanoseconds(self, timeout: Any) -> int:
-        return 0 if timeout is None else duration(timeout, self.node.flavor, "timeout")
+        return 0 if timeout is None else duration(timeout, self._node.flavor, "timeout")
 
     def _deadline(self, limit: int) -> Deadline:
         """Give the deadline in so many nanoseconds: by the wall clock in ROS 2, as upstream."""
-        return deadline_in(limit, self.node if self.node.flavor == "ros1" else None)
+        return deadline_in(limit, self._node if self._node.flavor == "ros1" else None)
 
     def _ask(self, goal: LookupGoal) -> Any:
         limit = goal.timeout + self._padding
         deadline = self._deadline(limit) if limit > 0 else None
         if not self._wait_ready(deadline):
-            text = LATE if self.node.flavor == "ros1" else NOT_READY
+            text = LATE if self._node.flavor == "ros1" else NOT_READY
             raise TimeoutException(text, target=goal.target_frame, source=goal.source_frame)
         over = threading.Event()
         results: list[LookupResult | None] = []
@@ -198,7 +220,7 @@ class BufferClient(BufferInterface):
             over.set()
 
         sent = self._transport.send(goal, take)
-        node = self.node
+        node = self._node
         watch = node.on_clock(lambda _: over.set() if node.closed else None)
         try:
             wait_until(over, deadline)
@@ -211,7 +233,7 @@ class BufferClient(BufferInterface):
 
     def _wait_ready(self, deadline: Deadline | None) -> bool:
         while not self._transport.is_ready():
-            if self.node.closed or (deadline is not None and deadline.left() == 0):
+            if self._node.closed or (deadline is not None and deadline.left() == 0):
                 return False
             self._transport.wait_ready(LOOK_AGAIN)
         return True

@@ -43,7 +43,8 @@ class BufferServer:
     check_period
         Taken as tf2 takes it, and without effect.
     node
-        A node of rclpy or `tfdb.ros`; None: that of the process, in rospy or without any ROS.
+        A node of rclpy or `tfdb.ros`. None: rospy's, one of its own after `rclpy.init`, or one
+        without any ROS.
     """
 
     def __init__(

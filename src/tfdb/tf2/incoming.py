@@ -4,26 +4,28 @@ from __future__ import annotations
 
 import logging
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import tfdb
 from tfdb import errors
 
-from . import phrases, refusals
-from .ros_messages import make_ours
+from . import msgs, phrases, refusals
+from .buffer_core import BufferCore
+from .ros_messages import make_ours, real_tf_message
 from .times import SECOND
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Callable, Iterator
 
     from tfdb.ros import Encoding, Node
 
-    from . import msgs
-    from .buffer_core import BufferCore
-
-__all__ = ["Incoming", "decoded"]
+__all__ = ["UNKNOWN", "Incoming", "Sink", "decoded", "received", "sink_of"]
 
 LOGGER = logging.getLogger("tfdb.tf2")
+Sink: TypeAlias = "Callable[[bytes | memoryview, str], object]"
+"""Takes a serialized TFMessage and its authority. Raises CorruptMessage."""
+UNKNOWN = "default_authority"
+"""Authority of a message whose publisher is not known."""
 AHEAD = 60 * SECOND
 """A stamp that is so far ahead of the node's clock was never meant."""
 
@@ -33,6 +35,42 @@ def decoded(data: bytes | memoryview, encoding: Encoding) -> Iterator[msgs.Trans
     one: Any
     for one in tfdb.decode_tf_message(data, encoding):
         yield make_ours(one.parent, one.child, one.stamp, (*one.translation, *one.rotation))
+
+
+def received(data: bytes | memoryview, node: Node, topic: str, publisher: str) -> Any:
+    """Make the TFMessage that a callback of the node's ROS gets. Raises CorruptMessage."""
+    transforms = [*decoded(data, node.encoding)]
+    message = real_tf_message(bytes(data), node.flavor)
+    if message is None:
+        message = _Received(transforms)
+    if node.flavor == "ros1":
+        header = {"callerid": publisher or UNKNOWN, "topic": topic, "type": "tf2_msgs/TFMessage"}
+        message._connection_header = header
+    return message
+
+
+class _Received(msgs.TFMessage):
+    """A message of ours that was received: it has a dict of its own."""
+
+
+def sink_of(buffer: Any, node: Node, *, static: bool) -> Sink:
+    """Make what stores the messages of a node in a buffer.
+
+    Bytes go straight into the store, unless a subclass looks at each transform.
+    """
+    setters = ("set_transform", "set_transform_static")
+    kind = type(buffer)
+    if isinstance(buffer, BufferCore) and all(
+        getattr(kind, name) is getattr(BufferCore, name) for name in setters
+    ):
+        return Incoming(buffer, node, static=static).store
+    store = getattr(buffer, setters[static])
+
+    def store_each(data: bytes | memoryview, authority: str) -> None:
+        for transform in [*decoded(data, node.encoding)]:
+            store(transform, authority)
+
+    return store_each
 
 
 class Incoming:

@@ -142,6 +142,9 @@ class Sent(Protocol):
 class ClientTransport(Protocol):
     """Where goals go. Any thread may call it."""
 
+    native: Any
+    """The action client of rclpy; None in ROS 1."""
+
     def is_ready(self) -> bool:
         """Whether a server is connected in both directions."""
 

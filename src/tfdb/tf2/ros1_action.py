@@ -217,6 +217,8 @@ class _Sent:
 class Ros1Client:
     """Sends goals to the topics of an action. Threads: any; parameters as in `Ros1Server`."""
 
+    native = None
+
     def __init__(self, node: Node, name: str) -> None:
         self._node = node
         self._changed = threading.Condition()

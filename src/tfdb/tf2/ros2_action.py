@@ -177,6 +177,7 @@ class Ros2Client:
         self._client = ActionClient(
             self._node, LookupTransform, name, callback_group=ReentrantCallbackGroup()
         )
+        self.native: Any = self._client
         self._opened = node.adopt(self._client.destroy)
         self._never = threading.Event()
 

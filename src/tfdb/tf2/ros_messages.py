@@ -52,6 +52,44 @@ def message_class(name: str) -> type:
     return getattr(geometry_msgs.msg, name)  # type: ignore[no-any-return]
 
 
+def tf_message_class(flavor: Flavor) -> type:
+    """Class of a TFMessage: that of the installed ROS, if it is of a flavor, or ours."""
+    if installed() == flavor:
+        try:
+            from tf2_msgs.msg import TFMessage
+        except ImportError:
+            return msgs.TFMessage
+        return TFMessage  # type: ignore[no-any-return]
+    return msgs.TFMessage
+
+
+def real_tf_message(data: bytes, flavor: Flavor) -> Any:
+    """Make a TFMessage of the installed ROS of its bytes; None: ours stand for them."""
+    kind: Any = tf_message_class(flavor)
+    if kind is msgs.TFMessage:
+        return None
+    if flavor == "ros1":
+        return kind().deserialize(data)
+    from rclpy.serialization import deserialize_message
+
+    return deserialize_message(data, kind)
+
+
+def lookup_action_client(ns: str) -> Any:
+    """Make actionlib's client of an action LookupTransform in ROS 1."""
+    import actionlib
+    from tf2_msgs.msg import LookupTransformAction
+
+    return actionlib.SimpleActionClient(ns, LookupTransformAction)
+
+
+def new_group() -> Any:
+    """Make a callback group of rclpy whose callbacks may run at the same time."""
+    from rclpy.callback_groups import ReentrantCallbackGroup
+
+    return ReentrantCallbackGroup()
+
+
 def fill_stamp(header: Any, stamp: Any) -> None:
     """Set the time in a header of any library to a time of any library."""
     made = header.stamp

@@ -10,6 +10,8 @@ from weakref import WeakValueDictionary
 import tfdb
 from tfdb.ros import node_for
 
+from .handles import handle_of
+from .ros_messages import tf_message_class
 from .transform_broadcaster import KIND, members
 
 if TYPE_CHECKING:
@@ -26,13 +28,14 @@ class _Latched:
         self.lock = threading.Lock()
         self.users = 0
         self._publisher = node.advertise("/tf_static", KIND, latched=True, depth=1, qos=qos)
-        self._sent: dict[str, Any] = {}
+        self.handle: Any = handle_of(self._publisher, node.encoding)
+        self.message: Any = tf_message_class(node.flavor)()
 
     def send(self, transforms: dict[str, Any]) -> None:
         """Send transforms, by child, together with those sent before."""
-        sent = {**self._sent, **transforms}
+        sent = {one.child_frame_id: one for one in self.message.transforms} | transforms
         self._publisher.publish(tfdb.encode_tf_message(sent.values(), self.node.encoding))
-        self._sent = sent
+        self.message.transforms[:] = sent.values()
 
     def close(self) -> None:
         """Take the topic back."""
@@ -63,7 +66,8 @@ class StaticTransformBroadcaster:
     Parameters
     ----------
     node
-        A node of rclpy or `tfdb.ros`; None: that of the process, in rospy or without any ROS.
+        A node of rclpy or `tfdb.ros`. None: rospy's, one of its own after `rclpy.init`, or one
+        without any ROS.
     qos
         In a node of rclpy: a QoS profile instead of tf2's.
     """
@@ -72,6 +76,10 @@ class StaticTransformBroadcaster:
         self.node: Node = node_for(node)
         """The node that it publishes in."""
         self._latched: _Latched | None = _latched_by(self.node, qos)
+        self.pub_tf: Any = self._latched.handle
+        """The publisher, as rclpy or rospy has it: `publish` sends a TFMessage."""
+        self.net_message: Any = self._latched.message
+        """A TFMessage with all that is sent each time. `sendTransform` changes it."""
 
     def sendTransform(self, transform: Any) -> None:  # noqa: N802 - tf2's name
         """Send one static transform, or any number of them, together with those sent before.

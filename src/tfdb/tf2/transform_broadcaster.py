@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING, Any
 import tfdb
 from tfdb.ros import node_for
 
+from .handles import handle_of
+
 if TYPE_CHECKING:
     from tfdb.ros import Node
 
@@ -21,7 +23,8 @@ class TransformBroadcaster:
     Parameters
     ----------
     node
-        A node of rclpy or `tfdb.ros`; None: that of the process, in rospy or without any ROS.
+        A node of rclpy or `tfdb.ros`. None: rospy's, one of its own after `rclpy.init`, or one
+        without any ROS.
     qos
         In a node of rclpy: a QoS profile instead of tf2's.
     """
@@ -30,6 +33,8 @@ class TransformBroadcaster:
         self.node: Node = node_for(node)
         """The node that it publishes in."""
         self._publisher = self.node.advertise("/tf", KIND, depth=100, qos=qos)
+        self.pub_tf: Any = handle_of(self._publisher, self.node.encoding)
+        """The publisher, as rclpy or rospy has it: `publish` sends a TFMessage."""
 
     def sendTransform(self, transform: Any) -> None:  # noqa: N802 - tf2's name
         """Send one transform, or any number of them, in one message.

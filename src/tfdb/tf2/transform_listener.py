@@ -5,24 +5,27 @@ from __future__ import annotations
 import logging
 import threading
 from collections import Counter
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Self
 
 from tfdb.errors import CorruptMessage
 from tfdb.ros import node_for
 
 from .buffer import Buffer
 from .buffer_core import BufferCore
-from .incoming import Incoming, decoded
+from .handles import given_node, handle_of
+from .incoming import UNKNOWN, received, sink_of
+from .ros_messages import new_group
 from .times import SECOND
 from .transform_broadcaster import KIND
 
 if TYPE_CHECKING:
     from tfdb.ros import Node
 
+    from .incoming import Sink
+
 __all__ = ["StaticTransformListener", "TransformListener"]
 
 LOGGER = logging.getLogger("tfdb.tf2")
-UNKNOWN = "default_authority"
 
 
 class TransformListener:
@@ -33,21 +36,23 @@ class TransformListener:
     once for each publisher, and counted. When simulated time jumps back the buffer is cleared.
 
     It listens until `unregister`, also when nothing refers to it any more. Messages come in a
-    thread of the node's; where a subclass of BufferCore has a `set_transform` of its own, that is
-    called for each transform instead.
+    thread of the node's. Where a subclass overrides `callback` or `static_callback`, that is called
+    with each message of its topic instead; where a subclass of BufferCore has a `set_transform` of
+    its own, that is called for each transform.
 
     Parameters
     ----------
     buffer
         A `Buffer`, a `BufferCore`, or anything with `set_transform` and `set_transform_static`.
     node
-        A node of rclpy or `tfdb.ros`; None: that of the process, in rospy or without any ROS. An
-        integer is ROS 1's `queue_size`.
+        A node of rclpy or `tfdb.ros`. None: rospy's, one of its own after `rclpy.init`, or one
+        without any ROS. An integer is ROS 1's `queue_size`.
     queue_size
         How many messages of a topic may wait; None: 100.
     spin_thread
         In a node of rclpy: take messages in a thread of its own, which is cheapest and lets
-        callbacks of the node wait for transforms; False: in the node's executor.
+        callbacks of the node wait for transforms, and spin the node in another thread unless an
+        executor has it; False: take them in the node's executor.
     qos, static_qos
         In a node of rclpy: QoS profiles instead of tf2's.
     tf_topic, tf_static_topic
@@ -57,6 +62,30 @@ class TransformListener:
     buff_size, tcp_nodelay
         Taken as ROS 1 takes them, and without effect.
     """
+
+    node: Any
+    """The node of rclpy or `tfdb.ros` that it listens in."""
+    tf_sub: Any
+    """Subscription of the moving transforms, as rclpy or rospy has it; by it they can be ended."""
+    tf_static_sub: Any
+    """The same of the static ones."""
+    group: Any
+    """In a node of rclpy: a callback group whose callbacks may run at the same time."""
+    executor: Any
+    """With `spin_thread`: the executor of rclpy; its `shutdown` ends listening."""
+    dedicated_listener_thread: threading.Thread
+    """With `spin_thread`: the thread in which the executor spins."""
+
+    corrupt: Counter[str]
+    """How many damaged messages each publisher sent."""
+    _lock: threading.Lock
+    _open: list[Any]
+    _spinning: Any
+    # A subclass may leave `__init__` out.
+    _node: Node | None = None
+    _clock: Node | None = None
+    _now = 0
+    _sinks: tuple[Sink, Sink] | None = None
 
     def __init__(
         self,
@@ -75,71 +104,136 @@ class TransformListener:
     ) -> None:
         if isinstance(node, int):
             node, queue_size = None, node
+        self._node = self._clock = listening = node_for(node, own_thread=spin_thread)
+        self.node = given_node(listening)
+        self._now = listening.now()
         self.buffer = buffer
-        self.node: Node = node_for(node, own_thread=spin_thread)
-        """The node that it listens in."""
-        self.corrupt: Counter[str] = Counter()
-        """How many damaged messages each publisher sent."""
-        self._now = self.node.now()
-        self._lock = threading.Lock()
-        core = buffer if isinstance(buffer, BufferCore) else None
-        if core is not None and core._flavor is None:
-            core._settle(self.node.flavor)
-        if isinstance(buffer, Buffer) and buffer.clock is None:
-            buffer.clock = self.node
-        self._raw = core if core is not None and _is_plain(core) else None
-        topics = [(tf_static_topic, True, static_qos)]
+        topics = [("tf_static_sub", tf_static_topic, static_qos)]
         if not static_only:
-            topics.append((tf_topic, False, qos))
-        self._open = [
-            self.node.subscribe(
+            topics.append(("tf_sub", tf_topic, qos))
+        for name, topic, profile in topics:
+            static = name == "tf_static_sub"
+            opened = listening.subscribe(
                 topic,
                 KIND,
-                self._taker(static=static),
+                self._taker(listening, topic, static=static),
                 latched=static,
                 depth=queue_size or 100,
                 qos=profile,
             )
-            for topic, static, profile in topics
-        ]
-        self._open.append(self.node.on_clock(self._look_at_clock))
+            self._open.append(opened)
+            setattr(self, name, handle_of(opened, listening.encoding))
+        self._open.append(listening.on_clock(lambda _: self.check_for_reset()))
+        if listening.flavor == "ros2" and hasattr(listening, "spin"):
+            self._be_of_rclpy(listening, spin_thread=spin_thread)
 
-    def _taker(self, *, static: bool) -> Any:
-        """Make what takes the messages of a topic."""
-        buffer, encoding, corrupt = self.buffer, self.node.encoding, self.corrupt
-        incoming = None
-        if self._raw is not None:
-            incoming = Incoming(self._raw, self.node, static=static)
+    def __new__(cls, *_: Any, **__: Any) -> Self:
+        """Make what the methods need, also where a subclass leaves `__init__` out."""
+        made = super().__new__(cls)
+        made.corrupt = Counter()
+        made._lock = threading.Lock()
+        made._open = []
+        made._spinning = None
+        return made
 
-        def take(data: bytes | memoryview, publisher: str) -> None:
-            authority = publisher or UNKNOWN
-            try:
-                if incoming is not None:
-                    incoming.store(data, authority)
-                else:
-                    store = buffer.set_transform_static if static else buffer.set_transform
-                    for message in decoded(data, encoding):
-                        store(message, authority)
-            except CorruptMessage as error:
-                corrupt[authority] += 1
-                if corrupt[authority] == 1:
-                    text = "left out a damaged message of %s: %s"
-                    LOGGER.warning(text, authority, error, extra={"error": error})
+    @property
+    def buffer(self) -> Any:
+        """What it fills. Another one gets what comes from then on."""
+        return self._buffer
 
-        return take
+    @buffer.setter
+    def buffer(self, buffer: Any) -> None:
+        self._buffer = buffer
+        node = self._node
+        if node is None:  # a subclass subscribes by itself
+            return
+        if isinstance(buffer, BufferCore) and buffer._flavor is None:
+            buffer._settle(node.flavor)
+        if isinstance(buffer, Buffer) and buffer.clock is None:
+            buffer.clock = node
+        self._sinks = (sink_of(buffer, node, static=False), sink_of(buffer, node, static=True))
 
-    def _look_at_clock(self, now: int) -> None:
-        """Clear the buffer when simulated time has gone back."""
+    def callback(self, data: Any) -> None:
+        """Store a TFMessage of moving transforms, one transform after the other.
+
+        It is called where it is overridden, or a program subscribes with it.
+        """
+        self._store_message(data, self.buffer.set_transform)
+
+    def static_callback(self, data: Any) -> None:
+        """Store a TFMessage of static transforms, as `callback`."""
+        self._store_message(data, self.buffer.set_transform_static)
+
+    def check_for_reset(self) -> None:
+        """Clear the buffer if simulated time has gone back. The node's clock calls it."""
+        clock = self._clock
+        if clock is None:
+            clock = self._clock = node_for(self.__dict__.get("node"))
+            self._now = clock.now()
         with self._lock:
+            now = clock.now()
             back, self._now = self._now - now, now
-        if back > 0 and self.node.simulated:
+        if back > 0 and clock.simulated:
             LOGGER.warning("Detected jump back in time of %fs. Clearing TF buffer.", back / SECOND)
             self.buffer.clear()
 
     def unregister(self) -> None:
         """Listen no more."""
-        while self._open:
-            self._open.pop().close()
+        self._stop()
+        if self._spinning is not None and not self._spinning.has_node:
+            self._spinning.close()
+        if self._node is None:  # a subclass subscribed by itself
+            for subscription in (self.tf_sub, self.tf_static_sub):
+                if hasattr(subscription, "unregister"):
+                    subscription.unregister()
+                else:
+                    self.node.destroy_subscription(subscription)
+
+    def _be_of_rclpy(self, node: Any, *, spin_thread: bool) -> None:
+        """Have what tf2's listener has in a node of rclpy."""
+        self.group = new_group()
+        if spin_thread:
+            self._spinning = node.spin(self._stop)
+            self.executor = self._spinning.executor
+            self.dedicated_listener_thread = self._spinning.thread
+
+    def _taker(self, node: Node, topic: str, *, static: bool) -> Any:
+        """Make what takes the messages of a topic."""
+        called = self.static_callback if static else self.callback
+        overridden = getattr(called, "__func__", None) not in PLAIN
+
+        def take(data: bytes | memoryview, publisher: str) -> None:
+            authority = publisher or UNKNOWN
+            try:
+                if overridden:
+                    called(received(data, node, topic, publisher))
+                elif self._sinks is not None:
+                    self._sinks[static](data, authority)
+            except CorruptMessage as error:
+                self.corrupt[authority] += 1
+                if self.corrupt[authority] == 1:
+                    text = "left out a damaged message of %s: %s"
+                    LOGGER.warning(text, authority, error, extra={"error": error})
+
+        return take
+
+    def _store_message(self, data: Any, store: Any) -> None:
+        connection = getattr(data, "_connection_header", None)
+        if connection is not None:  # ROS 1's
+            self.check_for_reset()
+        authority = (connection or {}).get("callerid") or UNKNOWN
+        for transform in data.transforms:
+            store(transform, authority)
+
+    def _stop(self) -> None:
+        with self._lock:
+            opened, self._open = self._open, []
+        for each in opened:
+            each.close()
+
+
+PLAIN = (TransformListener.callback, TransformListener.static_callback)
+"""What need not be called: the store takes the bytes."""
 
 
 class StaticTransformListener(TransformListener):
@@ -147,12 +241,3 @@ class StaticTransformListener(TransformListener):
 
     def __init__(self, buffer: Any, node: Any = None, **options: Any) -> None:
         super().__init__(buffer, node, static_only=True, **options)
-
-
-def _is_plain(core: BufferCore) -> bool:
-    """Whether bytes may go straight into the store: no subclass looks at each transform."""
-    kind = type(core)
-    return all(
-        getattr(kind, name) is getattr(BufferCore, name)
-        for name in ("set_transform", "set_transform_static")
-    )

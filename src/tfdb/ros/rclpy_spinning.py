@@ -1,0 +1,165 @@
+"""Threads that work for a node of rclpy and end with it; one of them spins the node."""
+
+from __future__ import annotations
+
+import atexit
+import threading
+import weakref
+from abc import ABC, abstractmethod
+from contextlib import suppress
+from typing import TYPE_CHECKING, Any, Final
+
+from rclpy.exceptions import InvalidHandle
+from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+__all__ = ["NodeThread", "Spinning", "is_up"]
+
+# Seconds that the interpreter waits at its end for a thread to leave.
+_LEAVE_WITHIN: Final = 2.0
+
+
+def is_up(node: Any) -> bool:
+    """Whether the node's context is neither shut down nor destroyed."""
+    try:
+        return bool(node.context.ok())
+    except InvalidHandle:
+        return False
+
+
+class NodeThread(ABC):
+    """A thread that works until it is closed or its context is shut down.
+
+    Threads: any may call it. `close` does not wait: what runs may still end.
+    """
+
+    def __init__(self, node: Any, name: str) -> None:
+        self._node = node
+        self._name = name
+        self._stopped = False
+        self.thread: threading.Thread | None = None
+        """The thread, once started."""
+
+    def close(self) -> None:
+        """End it."""
+        self._stopped = True
+        self._ring()
+
+    def join(self, seconds: float | None = _LEAVE_WITHIN) -> bool:
+        """Wait for its end, unless it is the thread that calls; whether it has ended."""
+        if self.thread is None or self.thread is threading.current_thread():
+            return False
+        self.thread.join(seconds)
+        return not self.thread.is_alive()
+
+    def _start(self) -> None:
+        _threads.add(self)
+        self.thread = threading.Thread(target=self._run, name=self._name, daemon=True)
+        self.thread.start()
+
+    def _goes_on(self) -> bool:
+        return not self._stopped and is_up(self._node)
+
+    @abstractmethod
+    def _ring(self) -> None:
+        """Make it look about."""
+
+    @abstractmethod
+    def _run(self) -> None:
+        """Work until it is to end."""
+
+
+_threads: weakref.WeakSet[NodeThread] = weakref.WeakSet()
+
+
+@atexit.register
+def _leave() -> None:
+    """A thread that came back from a wait after the interpreter's end would crash."""
+    left = list(_threads)
+    for each in left:
+        each.close()
+    for each in left:
+        each.join()
+
+
+class Spinning(NodeThread):
+    """Spins a node of rclpy in a thread and an executor of its own.
+
+    A node that another executor has stays with that one, and one that is given to another executor
+    leaves this one. The thread ends when it is closed, `executor` is shut down, or the context is.
+
+    Parameters
+    ----------
+    node
+        A node of rclpy.
+    ended
+        Called in the thread when it ends.
+    name
+        Name of the thread.
+    """
+
+    def __init__(
+        self,
+        node: Any,
+        ended: Callable[[], object] = lambda: None,
+        name: str = "tfdb executor",
+    ) -> None:
+        super().__init__(node, name)
+        self._ended = ended
+        self._lock = threading.Lock()
+        self._over = False
+        self.executor: Any = _Executor(self, node.context)
+        """An executor of rclpy; its `shutdown` ends the thread."""
+        if node.executor is None:
+            self.executor.add_node(node)
+        self._start()
+
+    @property
+    def has_node(self) -> bool:
+        """Whether it is this executor that spins the node."""
+        return self._node.executor is self.executor
+
+    def _ring(self) -> None:
+        with self._lock:
+            if not self._over:
+                # A step ends when something was done in it.
+                self.executor.create_task(lambda: None)
+
+    def _run(self) -> None:
+        try:
+            while self._goes_on():
+                self.executor.spin_once()
+        except (ExternalShutdownException, InvalidHandle):
+            return  # the context was shut down or destroyed, which is one way to end
+        finally:
+            with self._lock:
+                self._over = True
+            self.executor.clean_up()
+            self._ended()
+
+
+class _Executor(SingleThreadedExecutor):  # type: ignore[misc]  # rclpy is not typed
+    """What can be shut down while its thread spins it.
+
+    Threads: any may shut it down.
+    """
+
+    def __init__(self, spinning: Spinning, context: Any) -> None:
+        super().__init__(context=context)
+        self._spinning = weakref.ref(spinning)
+
+    def shutdown(self, timeout_sec: float | None = None) -> bool:
+        """End the thread; whether it has ended in time, in seconds. None: no limit."""
+        spinning = self._spinning()
+        if spinning is None:
+            return self.clean_up()
+        spinning.close()
+        return spinning.join(timeout_sec)
+
+    def clean_up(self) -> bool:
+        """Do what rclpy's executor does at its end."""
+        with suppress(InvalidHandle):
+            return bool(super().shutdown())
+        return True

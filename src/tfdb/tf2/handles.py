@@ -1,0 +1,46 @@
+"""What programs find on listeners, broadcasters and clients: objects of rclpy or rospy.
+
+Where a node has no ROS library, a topic has an object with rospy's calls instead.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import tfdb
+
+if TYPE_CHECKING:
+    from tfdb.ros import Encoding, Node
+
+__all__ = ["given_node", "handle_of"]
+
+
+def given_node(node: Node) -> Any:
+    """Return the node of rclpy that a node stands for, or else the node."""
+    return getattr(node, "given", node)
+
+
+def handle_of(opened: Any, encoding: Encoding) -> Any:
+    """Return the object that a ROS library has of a topic, or else one with rospy's calls."""
+    return opened.native or _Topic(opened, encoding)
+
+
+class _Topic:
+    """A subscription or publisher of TFMessages in a node without a ROS library. Threads: any."""
+
+    def __init__(self, opened: Any, encoding: Encoding) -> None:
+        self._opened, self._encoding = opened, encoding
+
+    def publish(self, data: Any) -> None:
+        """Send a TFMessage."""
+        self._opened.publish(tfdb.encode_tf_message(data.transforms, self._encoding))
+
+    def get_num_connections(self) -> int:
+        """How many nodes are connected."""
+        opened = self._opened
+        connected = opened.subscribers if hasattr(opened, "publish") else opened.publishers
+        return len(connected)
+
+    def unregister(self) -> None:
+        """Take it back."""
+        self._opened.close()
