@@ -193,3 +193,18 @@ def test_a_frozen_store_has_no_groups(option: str, tool: Tool, tmp_path: Path) -
 def test_options_that_name_frames_need_a_way_on(options: tuple[str, str], tool: Tool) -> None:
     assert "--by-namespace" in tool("info", ROBOTS, *options, code=2).error
     tool("info", ROBOTS, *options, "--mix")
+
+
+def test_static_transforms_of_a_mixture_need_a_way_on(tool: Tool) -> None:
+    name = "groups-static"
+    command = ("static-publisher", f"shm:{name}", "--from", ROBOTS)
+    try:
+        assert "--by-namespace" in tool(*command, code=2).error
+        tool(*command, "--by-namespace")
+        with tfdb.Buffer.open(name, create=False) as store:
+            assert "robot2/laser" in store.frames()
+    finally:
+        tool("shm", "rm", name)
+    given = ("0", "0", "1", "0", "0", "0", "1", "a", "b")
+    text = tool("static-publisher", "shm:none", *given, "--mix", code=2).error
+    assert "go with --from" in text

@@ -227,6 +227,13 @@ def topic_option(command: Any, *, times: bool = True, prefix: bool = True) -> An
     return command
 
 
+def groups_option(command: Any) -> Any:
+    """Give a command the options that choose among several groups of topics, and no others."""
+    for option in reversed((_topic_option, *_group_options)):
+        command = option(command)
+    return command
+
+
 def chosen() -> LoadOptions:
     """What the command was told to read, as `Buffer.load` takes it."""
     context = click.get_current_context(silent=True)

@@ -63,6 +63,7 @@ def _numbers(command: Any) -> Any:
     "store; repeatable.",
 )
 @node_option
+@common.groups_option
 @common.json_option
 def command(
     *,
@@ -71,6 +72,7 @@ def command(
     frame: str | None,
     child: str | None,
     sources: tuple[str, ...],
+    topics: tuple[str, ...],
     as_json: bool,
     **numbers: float | None,
 ) -> None:
@@ -89,7 +91,9 @@ def command(
     or "rpy_deg": [roll, pitch, yaw]}.
     """
     given = {name: value for name, value in numbers.items() if value is not None}
-    transforms = [one for name in sources for one in _read(name)]
+    if (topics or common.chosen()) and not sources:
+        raise click.UsageError("--topic, --by-namespace and --mix go with --from")
+    transforms = [one for name in sources for one in _read(name, topics)]
     if values:
         if given or frame or child:
             raise click.UsageError("give the transform by place or by flags, not both")
@@ -164,7 +168,7 @@ def _by_flags(
     return tfdb.TransformStamped(frame, child, 0, place, tuple(turn))
 
 
-def _read(name: str) -> Iterator[tfdb.TransformStamped]:
+def _read(name: str, topics: Sequence[str]) -> Iterator[tfdb.TransformStamped]:
     """Static transforms of a file or store."""
     if name.lower().endswith(_MODELS):
         (path,) = common.find_paths((name,))
@@ -172,7 +176,7 @@ def _read(name: str) -> Iterator[tfdb.TransformStamped]:
     elif name.lower().endswith(".json"):
         yield from _of_json(name)
     else:
-        store = common.load((name,)).store
+        store = common.load((name,), topics).store
         for info in store.tree():
             if info.is_static and info.parent is not None:
                 pose = store.samples(info.name)[1][0].tolist()
