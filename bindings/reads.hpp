@@ -72,6 +72,7 @@ struct BufferObject : ReadsObject {
 
     Buffer store;
     std::atomic<bool> closed{false};
+    std::atomic<bool> told{false};  // waits were begun: see `_set_told`
     Reasons reasons;
     NameCache own_names;
     PathNames own_paths;

@@ -242,7 +242,8 @@ std::string_view frame_of(const nb::object& name) {
 }
 
 PyObject* store_message(const Using& plain, PyObject* message, PyObject* authority) {
-    if (!PyUnicode_CheckExact(authority)) {
+    BufferObject& buffer = *nb::inst_ptr<BufferObject>(plain->buffer);
+    if (!PyUnicode_CheckExact(authority) || buffer.told.load(std::memory_order_relaxed)) {
         return nullptr;
     }
     const nb::object header = get(message, g_fields.header);
@@ -260,8 +261,7 @@ PyObject* store_message(const Using& plain, PyObject* message, PyObject* authori
         frame_of(child),
         *stamp,
         {vector_of(translation.ptr(), "translation"), quaternion_of(rotation.ptr(), "rotation")}};
-    commit_transforms(*nb::inst_ptr<BufferObject>(plain->buffer), {&view, 1}, false,
-                      name_of(authority, "authority"), plain->rules);
+    commit_transforms(buffer, {&view, 1}, false, name_of(authority, "authority"), plain->rules);
     return Py_NewRef(Py_None);
 }
 

@@ -90,6 +90,17 @@ nb::dict ended_waits(nb::handle self, nb::handle timeout) {
     return all;
 }
 
+void await_ended_waits(nb::handle self, nb::handle timeout) {
+    const BufferObject& buffer = object_of<BufferObject>(self);
+    const std::optional<StampNs> longest = optional_duration_of(timeout, "timeout");
+    const Waiting work;
+    buffer.store.await_ended_waits(longest);
+}
+
+void set_told(nb::handle self, bool told) {
+    object_of<BufferObject>(self).told.store(told, std::memory_order_relaxed);
+}
+
 CommitNumber check_wait(nb::handle self, unsigned how) {
     const BufferObject& buffer = object_of<BufferObject>(self);
     const auto end = static_cast<WaitEnd>(how);
@@ -144,6 +155,12 @@ void bind_begun_waits(BufferClass& type) {
         "_ended_waits", &ended_waits, nb::arg("timeout").none(),
         nb::sig("def _ended_waits(self, timeout: float | None) -> dict[int, int]"),
         "Wait until some of those that were begun end: their numbers, in order, and how they did.");
+    type.def("_await_ended_waits", &await_ended_waits, nb::arg("timeout").none(),
+             nb::sig("def _await_ended_waits(self, timeout: float | None) -> None"),
+             "The same, but `_ended_waits(0)`, of any thread, is to take them.");
+    type.def("_set_told", &set_told, nb::arg("told"),
+             nb::sig("def _set_told(self, told: bool) -> None"),
+             "Whether `waiting.write` is to make the writes of tfdb.tf2, for waits were begun.");
     type.def("_check_wait", &check_wait, nb::arg("how"),
              nb::sig("def _check_wait(self, how: int) -> int"),
              "Raise what ended a wait, if it was not its time; else give the newest commit.");

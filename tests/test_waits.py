@@ -318,11 +318,11 @@ def test_waits_end_also_where_memory_does(
         def __getattr__(self, name: str) -> object:
             return getattr(buf, name)
 
-        def _ended_waits(self, timeout: float) -> dict[int, int]:
+        def _await_ended_waits(self, timeout: float) -> None:
             self.asked += 1
             if self.asked <= 2:  # by the second time the wait is known
                 raise MemoryError
-            return buf._ended_waits(timeout)
+            buf._await_ended_waits(timeout)
 
     async def main() -> None:
         with pytest.raises(MemoryError):

@@ -1025,6 +1025,14 @@ class Buffer(Reads):
         Wait until some of those that were begun end: their numbers, in order, and how they did.
         """
 
+    def _await_ended_waits(self, timeout: float | None) -> None:
+        """The same, but `_ended_waits(0)`, of any thread, is to take them."""
+
+    def _set_told(self, told: bool) -> None:
+        """
+        Whether `waiting.write` is to make the writes of tfdb.tf2, for waits were begun.
+        """
+
     def _check_wait(self, how: int) -> int:
         """
         Raise what ended a wait, if it was not its time; else give the newest commit.

@@ -1,4 +1,4 @@
-"""Waits that block nobody: one thread waits for all of a buffer's, and tells how each ended."""
+"""Waits that block nobody: a thread of the buffer's tells how each ended, or the writer does."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import os
 import threading
 from collections import defaultdict
 from contextlib import suppress
-from typing import TYPE_CHECKING, TypeAlias
+from typing import TYPE_CHECKING, TypeAlias, TypeVar
 
 from ._core import duration_to_nanoseconds
 from .errors import (
@@ -53,16 +53,26 @@ End: TypeAlias = int | MemoryError
 Tell: TypeAlias = "Callable[[End], None]"
 
 
-def _tell(tell: Tell, how: End) -> None:
-    try:
-        tell(how)
-    except BaseException:  # the others are told all the same; SystemExit has no meaning here
-        LOGGER.exception("what waited for a transform raised")
+Result = TypeVar("Result")
 
 
 def _tell_all(ended: Iterable[tuple[Tell, End]]) -> None:
+    """Tell each. What Ctrl-C or an exit raises in the main thread is raised after all are told."""
+    stopped: BaseException | None = None
     for tell, how in ended:
-        _tell(tell, how)
+        try:
+            tell(how)
+        except BaseException as error:  # the others are told all the same
+            if isinstance(error, Exception) or not _in_main_thread():
+                LOGGER.exception("what waited for a transform raised")
+            else:
+                stopped = error
+    if stopped is not None:
+        raise stopped
+
+
+def _in_main_thread() -> bool:
+    return threading.current_thread() is threading.main_thread()
 
 
 class _Teller:
@@ -71,34 +81,63 @@ class _Teller:
     def __init__(self, buffer: Buffer) -> None:
         self.buffer = buffer
         self.waits: dict[int, tuple[Loop | None, Tell]] = {}
+        # The lock of whoever takes ended waits. A writer holds it over its commit, so that it
+        # takes what the commit ended. Nothing is told with the lock held.
+        self.taking = threading.RLock()
+        buffer._set_told(told=True)
         threading.Thread(target=self.run, name="tfdb waits", daemon=True).start()
 
     def run(self) -> None:
         while True:
             ended: Mapping[int, End]
             try:
-                ended = self.buffer._ended_waits(LINGERS)
+                self.buffer._await_ended_waits(LINGERS)
+                with self.taking:
+                    ended = self.buffer._ended_waits(0)
             except MemoryError as error:
                 ended = dict.fromkeys(list(self.waits), error)
                 for number in ended:
                     self.buffer._cancel_wait(number)
             with _lock:
                 if not ended and not self.waits:
+                    self.buffer._set_told(told=False)
                     del _tellers[id(self.buffer)]
                     return
-            told: defaultdict[Loop, list[tuple[Tell, End]]] = defaultdict(list)
-            for number, how in ended.items():
-                with _lock:
-                    loop, tell = self.waits.pop(number, CANCELLED)
-                if tell is None:
-                    continue
-                if loop is None:
-                    _tell(tell, how)
-                else:
-                    told[loop].append((tell, how))
-            for loop, members in told.items():
-                with suppress(RuntimeError):  # a loop that was closed: nobody waits there any more
+            self.tell(ended)
+
+    def tell(self, ended: Mapping[int, End]) -> None:
+        """Tell how waits ended: each in its loop, or in this thread."""
+        told: defaultdict[Loop | None, list[tuple[Tell, End]]] = defaultdict(list)
+        for number, how in ended.items():
+            with _lock:
+                loop, tell = self.waits.pop(number, CANCELLED)
+            if tell is not None:
+                told[loop].append((tell, how))
+        for loop, members in told.items():
+            if loop is not None:
+                with suppress(RuntimeError):  # a closed loop: nobody waits there any more
                     loop.call_soon_threadsafe(_tell_all, members)
+        _tell_all(told[None])
+
+
+def write(buffer: Buffer, store: Callable[[], Result]) -> Result:
+    """Call `store`, which writes to a buffer; then tell, in this thread, the waits that it ended.
+
+    Returns what `store` returns. Where it raises, ended waits are told as well.
+    """
+    teller = _tellers.get(id(buffer))
+    if teller is None:
+        return store()
+    ended: Mapping[int, End] = {}
+    try:
+        with teller.taking:
+            try:
+                return store()
+            finally:
+                with suppress(MemoryError):  # the teller takes them
+                    ended = buffer._ended_waits(0)
+    finally:
+        teller.tell(ended)
 
 
 class Wait:

@@ -14,7 +14,7 @@ STUB = Path(tfdb.__file__).with_name("_core.pyi")
 ELSEWHERE = {"compare", "freeze", "load", "open", "unlink"}
 ELSEWHERE |= {"from_parquet", "to_parquet", "plot"}
 """What reads files, or makes and removes them, or draws: it has fuzzers and tests of its own."""
-WAITING = {"wait_for_transform", "wait_for_commit", "_ended_waits"}
+WAITING = {"wait_for_transform", "wait_for_commit", "_ended_waits", "_await_ended_waits"}
 """What may wait for ever; the parameter `timeout` is left out elsewhere."""
 OTHERS = {("Transform", "to_msg")}
 """What returns objects of another face, some under names of this one."""

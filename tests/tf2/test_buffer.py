@@ -12,6 +12,7 @@ import subprocess
 import sys
 import threading
 from collections import Counter
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from typing import TYPE_CHECKING, Any
 
@@ -22,10 +23,11 @@ from tf2.loopback import LoopbackNode
 from tf2.ours import message, plain
 from tfdb import tf2
 from tfdb.tf2 import msgs
+from tfdb.tf2.incoming import Incoming
 from tfdb.tf2.transformable_requests import NEVER
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
+    from collections.abc import Iterator
 
 SECOND = 1_000_000_000
 POSE = [1.0, 2.0, 3.0, 0.0, 0.6, 0.0, 0.8]
@@ -289,11 +291,124 @@ def test_a_future_of_threads(buffer: tf2.Buffer) -> None:
     assert isinstance(future, concurrent.futures.Future)
     told = threading.Event()
     future.add_done_callback(lambda _: told.set())
-    assert not future.done()
+    for look in (future.result, future.exception):
+        with pytest.raises(concurrent.futures.InvalidStateError, match="has not come yet"):
+            look()
+        with pytest.raises(TimeoutError):
+            look(0)
     store(buffer, 2)
-    assert future.result(FOREVER) is True
-    assert told.wait(FOREVER)
-    assert buffer.wait_for_transform_async("map", "base", seconds(2)).result(0) is True
+    assert told.is_set()
+    assert plain(future.result())[2:] == [2 * SECOND, pytest.approx(POSE)]
+    assert future.exception() is None
+    at_once = buffer.wait_for_transform_async("map", "base", seconds(2))
+    assert plain(at_once.result())[3] == pytest.approx(POSE)
+    full = buffer.wait_for_transform_full_async("map", seconds(1), "base", seconds(2), "map")
+    assert plain(full.result()) == ["map", "base", SECOND, pytest.approx(POSE)]
+
+
+Write = Callable[[tf2.Buffer, int], object]
+
+
+def store_bytes(buffer: tf2.Buffer, stamp: int) -> None:
+    """As a listener does with a message."""
+    node = LoopbackNode()
+    data = tfdb.encode_tf_message([message("map", "base", stamp, POSE)], node.encoding)
+    Incoming(buffer, node, static=False).store(data, "test")
+
+
+WRITES: dict[str, Write] = {
+    "set_transform": lambda b, stamp: b.set_transform(message("map", "base", stamp, POSE), "me"),
+    "set_transform_static": lambda b, stamp: b.set_transform_static(
+        message("map", f"fixed{stamp}", 0, POSE), "me"
+    ),
+    "bytes": store_bytes,
+}
+
+
+@pytest.mark.parametrize("way", WRITES)
+def test_the_thread_that_stores_a_transform_settles_its_futures(
+    buffer: tf2.Buffer, way: str
+) -> None:
+    """Though a thread of the buffer's waits for the same: done whenever the write returns."""
+    for stamp in range(2 * SECOND, 2 * SECOND + 300):
+        child, time = ("base", stamp) if way != "set_transform_static" else (f"fixed{stamp}", 0)
+        future = buffer.wait_for_transform_async("map", child, time)
+        settled: list[int] = []
+        future.add_done_callback(lambda _, settled=settled: settled.append(threading.get_ident()))
+        WRITES[way](buffer, stamp)
+        assert future.done()
+        assert settled == [threading.get_ident()]
+        assert plain(future.result())[1] == child
+
+
+def test_a_coroutine_without_a_loop_is_done_after_the_transform(buffer: tf2.Buffer) -> None:
+    """As upstream's tests run them."""
+    for coroutine in (
+        buffer.lookup_transform_async("map", "base", seconds(2)),
+        buffer.lookup_transform_full_async("map", seconds(1), "base", seconds(3), "map"),
+    ):
+        coroutine.send(None)
+        store(buffer, 2 if coroutine.cr_code.co_name == "lookup_transform_async" else 3)
+        with pytest.raises(StopIteration) as ended:
+            coroutine.send(None)
+        assert plain(ended.value.value)[3] == pytest.approx(POSE)
+
+
+def test_a_coroutine_that_is_closed_leaves_nothing(buffer: tf2.Buffer) -> None:
+    coroutine = buffer.lookup_transform_async("map", "base", seconds(2))
+    coroutine.send(None)
+    coroutine.close()
+    tellers = tfdb.waiting._tellers.values()
+    assert all(not teller.waits for teller in tellers if teller.buffer is buffer.buffer)
+
+
+def test_no_lock_is_held_while_futures_are_settled(
+    buffer: tf2.Buffer, thread: ThreadPoolExecutor
+) -> None:
+    """A callback waits for another thread, which begins a wait and ends another."""
+
+    def other() -> bool:
+        second = buffer.wait_for_transform_async("map", "base", seconds(3))
+        store(buffer, 3)
+        return bool(second.done())
+
+    results: list[bool] = []
+    first = buffer.wait_for_transform_async("map", "base", seconds(2))
+    first.add_done_callback(lambda _: results.append(thread.submit(other).result(FOREVER)))
+    store(buffer, 2)
+    assert results == [True]
+
+
+def test_a_callback_of_a_future_may_store_a_transform(buffer: tf2.Buffer) -> None:
+    first, second = (
+        buffer.wait_for_transform_async("map", "base", seconds(stamp)) for stamp in (2, 3)
+    )
+    first.add_done_callback(lambda _: store(buffer, 3))
+    store(buffer, 2)
+    assert second.done()
+
+
+def test_ctrl_c_in_a_callback_is_raised_once_all_are_settled(buffer: tf2.Buffer) -> None:
+    def interrupt(_: Any) -> None:
+        raise KeyboardInterrupt
+
+    futures = [buffer.wait_for_transform_async("map", "base", seconds(2)) for _ in range(3)]
+    futures[0].add_done_callback(interrupt)
+    with pytest.raises(KeyboardInterrupt):
+        store(buffer, 2)
+    assert all(future.done() for future in futures)
+
+
+def test_an_error_of_a_lookup_of_the_program_s_own_ends_its_future() -> None:
+    class Own(tf2.Buffer):
+        def lookup_transform_core(self, *_: Any) -> Any:
+            raise ValueError("no")
+
+    with Own(flavor="ros2") as buffer:
+        future = buffer.wait_for_transform_async("map", "base", seconds(2))
+        store(buffer, 2)
+        with pytest.raises(ValueError, match="no"):
+            future.result()
 
 
 def test_a_future_that_is_cancelled_or_closed(buffer: tf2.Buffer) -> None:
@@ -317,7 +432,8 @@ def test_ten_thousand_futures_and_one_transform(buffer: tf2.Buffer) -> None:
     store(buffer, 5, "odom", "wheel")
     assert not any(future.done() for future in futures)
     store(buffer, 2)
-    assert all(future.result(FOREVER) for future in futures)
+    assert all(future.done() for future in futures)
+    assert all(plain(future.result())[2] == 2 * SECOND for future in futures)
 
 
 @pytest.mark.parametrize("seed", range(3))
@@ -496,11 +612,13 @@ def test_a_callback_that_exits_ends_no_other_wait(
 
     first = buffer.wait_for_transform_async("map", "base", seconds(2))
     first.add_done_callback(leave)
-    store(buffer, 2)
-    assert first.result(FOREVER) is True
+    thread = threading.Thread(target=store, args=(buffer, 2))
+    thread.start()
+    thread.join(FOREVER)
+    assert first.done()
     second = buffer.wait_for_transform_async("map", "base", seconds(3))
     store(buffer, 3)
-    assert second.result(FOREVER) is True
+    assert second.done()
     assert "SystemExit" in caplog.text
 
 

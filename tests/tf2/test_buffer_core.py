@@ -16,10 +16,12 @@ import numpy as np
 import pytest
 
 import tfdb
+from tf2.loopback import LoopbackNode
 from tf2.ours import message, plain
 from tfdb import tf2
 from tfdb.tf2 import msgs
 from tfdb.tf2.differences import DIFFERENCES
+from tfdb.tf2.incoming import Incoming
 
 SECOND = 1_000_000_000
 TODAY = 1_700_000_000_123_456_789
@@ -386,7 +388,6 @@ def test_the_exceptions_are_errors_of_tfdb() -> None:
         ({"parent": ""}, "TF_NO_FRAME_ID", tfdb.InvalidName),
         ({"pose": [math.nan, *TURNED[1:]]}, "TF_NAN_INPUT", tfdb.InvalidTransform),
         ({"pose": [math.inf, *TURNED[1:]]}, "TF_NAN_INPUT", tfdb.InvalidTransform),
-        ({"pose": [1, 2, 3, 0, 0, 0, 5]}, "TF_DENORMALIZED_QUATERNION", tfdb.InvalidTransform),
         ({"pose": [1, 2, 3, 0, 0, 0, 0]}, "TF_DENORMALIZED_QUATERNION", tfdb.InvalidTransform),
         ({"stamp": SECOND}, "TF_OLD_DATA", tfdb.TooOld),
         ({"stamp": -1}, "TF_BAD_STAMP", tfdb.InvalidStamp),
@@ -441,6 +442,77 @@ def test_what_is_no_message(core: tf2.BufferCore) -> None:
             core.set_transform(broken, "me")
     with pytest.raises(TypeError, match="authority"):
         core.set_transform(stamped, 5)  # type: ignore[arg-type]
+
+
+LONG = [1.0, 2.0, 3.0, 0.0, 0.0, 0.7, 0.7]
+UNIT = [1.0, 2.0, 3.0, 0.0, 0.0, math.sqrt(0.5), math.sqrt(0.5)]
+
+
+def by_bytes(core: tf2.BufferCore, stamp: int, poses: list[list[float]], *, static: bool) -> int:
+    """Store T[a<-f0], T[a<-f1], ... as a listener of ROS 2 does."""
+    node = LoopbackNode()
+    members = [message("a", f"f{i}", stamp, pose) for i, pose in enumerate(poses)]
+    data = tfdb.encode_tf_message(members, node.encoding)
+    return Incoming(core, node, static=static).store(data, "who")
+
+
+@pytest.mark.parametrize("static", [False, True])
+@pytest.mark.parametrize("road", ["set_transform", "bytes"])
+def test_ros_2_normalizes_a_quaternion_of_any_length_and_says_so_once(
+    road: str, static: bool, caplog: pytest.LogCaptureFixture
+) -> None:
+    core = tf2.BufferCore(flavor="ros2")
+    tiny = [*LONG[:3], *(value * 1e-200 for value in LONG[3:])]
+    huge = [*LONG[:3], *(value * 1e300 for value in LONG[3:])]
+    lengths = [LONG, TURNED, tiny, huge]
+    with caplog.at_level(logging.WARNING, "tfdb.tf2"):
+        for stamp in (SECOND, 2 * SECOND):
+            if road == "bytes":
+                assert by_bytes(core, stamp, lengths, static=static) == 0
+                continue
+            write = core.set_transform_static if static else core.set_transform
+            for i, pose in enumerate(lengths):
+                write(message("a", f"f{i}", stamp, pose), "who")
+    for stamp in (SECOND, 2 * SECOND):
+        for i, expected in enumerate([UNIT, TURNED, UNIT, UNIT]):
+            found = core.lookup_transform_core("a", f"f{i}", stamp)
+            assert plain(found)[3] == pytest.approx(expected, abs=1e-15)
+    texts = [record.getMessage() for record in caplog.records]
+    assert len(texts) == 3
+    assert texts[0].startswith(
+        'TF_DENORMALIZED_QUATERNION: The quaternion of child_frame_id "f0" from authority "who" '
+        "has the length 0.989949, not 1 (0.000000 0.000000 0.700000 0.700000)."
+    )
+
+
+@pytest.mark.parametrize("spoilt", [[0.0] * 4, [math.inf, 0.0, 0.0, 1.0], [math.nan] * 4])
+def test_a_quaternion_that_has_no_direction_is_refused_in_ros_2(
+    spoilt: list[float], caplog: pytest.LogCaptureFixture
+) -> None:
+    core = tf2.BufferCore(flavor="ros2")
+    core.set_transform(message("a", "f0", SECOND, [*TURNED[:3], *spoilt]), "who")
+    assert by_bytes(core, SECOND, [[*TURNED[:3], *spoilt], TURNED], static=False) == 1
+    assert core._getFrameStrings() == ["a", "f1"]
+    assert [record.getMessage()[:3] for record in caplog.records] == ["TF_", "TF_"]
+
+
+def test_what_else_is_wrong_beside_a_quaternion_is_still_said(
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    core = tf2.BufferCore(flavor="ros2")
+    core.set_transform(message("a", "b", 50 * SECOND, TURNED), "me")
+    core.set_transform(message("a", "b", SECOND, LONG), "me")
+    core.set_transform(message("b", "a", SECOND, LONG), "me")
+    core.set_transform(message("a", "c", SECOND, [math.inf, *LONG[1:]]), "me")
+    starts = [record.getMessage().split()[0] for record in caplog.records]
+    assert starts == ["TF_OLD_DATA", "TF_LOOP:", "TF_NAN_INPUT:"]
+
+
+def test_ros_1_refuses_a_quaternion_of_another_length(caplog: pytest.LogCaptureFixture) -> None:
+    core = tf2.BufferCore(flavor="ros1")
+    core.set_transform(message("a", "b", SECOND, LONG), "me")
+    assert core._getFrameStrings() == []
+    assert "TF_DENORMALIZED_QUATERNION: Ignoring transform" in caplog.text
 
 
 def test_one_slash_is_dropped() -> None:

@@ -453,8 +453,10 @@ public:
     [[nodiscard]] std::uint64_t begin_wait_for_commit(CommitNumber after) const;
     /// False: it has ended already.
     bool cancel_wait(std::uint64_t number) const;
-    /// Waits until some of those that were begun end. None: none did for so long.
+    /// Waits until some of those that were begun end, and takes them. None: none did for so long.
     [[nodiscard]] std::vector<EndedWait> ended_waits(std::optional<std::int64_t> timeout_ns) const;
+    /// The same, but takes none: any thread may take them by `ended_waits(0)`.
+    void await_ended_waits(std::optional<std::int64_t> timeout_ns) const;
     /// Throws what says that a wait was ended so.
     [[noreturn]] void raise_ended_wait(WaitEnd end) const;
     /// Ends all waits, and those to come.

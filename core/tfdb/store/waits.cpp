@@ -132,21 +132,30 @@ bool Waits::cancel(std::uint64_t number) {
     return true;
 }
 
+void Waits::stay_until_ended(Patience patience) {
+    look();
+    if (!ended_.empty() || closed_ || patience.left() <= 0)
+        return;
+    Lookout::Waiter me;
+    teller_ = &me;
+    try {
+        lookout_.wait(
+            me, [this] { look(); }, patience);
+    } catch (...) {
+        teller_ = nullptr;
+        throw;
+    }
+    teller_ = nullptr;
+}
+
+void Waits::await_ended(Patience patience) {
+    const Lookout::Locked locked(lookout_);
+    stay_until_ended(patience);
+}
+
 std::vector<EndedWait> Waits::ended(Patience patience) {
     const Lookout::Locked locked(lookout_);
-    look();
-    if (ended_.empty() && !closed_) {
-        Lookout::Waiter me;
-        teller_ = &me;
-        try {
-            lookout_.wait(
-                me, [this] { look(); }, patience);
-        } catch (...) {
-            teller_ = nullptr;
-            throw;
-        }
-        teller_ = nullptr;
-    }
+    stay_until_ended(patience);
     std::vector<EndedWait> taken = ended_;
     ended_.clear();
     std::sort(taken.begin(), taken.end(),
@@ -444,6 +453,10 @@ bool Buffer::cancel_wait(std::uint64_t number) const {
 
 std::vector<EndedWait> Buffer::ended_waits(std::optional<std::int64_t> timeout_ns) const {
     return store_->waits().ended(store::Patience(timeout_ns));
+}
+
+void Buffer::await_ended_waits(std::optional<std::int64_t> timeout_ns) const {
+    store_->waits().await_ended(store::Patience(timeout_ns));
 }
 
 void Buffer::raise_ended_wait(WaitEnd end) const {

@@ -60,8 +60,10 @@ public:
     /// It is told of no more. False: it has been already.
     bool cancel(std::uint64_t number);
     /// Waits for some of those to end, and takes them, as they were begun. None: they were all
-    /// cancelled, or the patience was at an end.
+    /// cancelled, or the patience was at an end; without any it blocks nobody.
     [[nodiscard]] std::vector<EndedWait> ended(Patience patience);
+    /// The same, but takes none. One thread at a time waits in these two.
+    void await_ended(Patience patience);
 
     /// All waits end now, as kClosed, and so do those that come.
     void close();
@@ -84,6 +86,7 @@ private:
     void unlink(std::vector<Look>& looks) noexcept;
     void end(Wait& wait, WaitEnd how) noexcept;
     void end_all(WaitEnd how) noexcept;
+    void stay_until_ended(Patience patience);
     void look();
     void collect_touched(CommitNumber newest);
     const std::vector<FrameId>& noted_frames();

@@ -214,6 +214,26 @@ TFDB_TEST(waits_that_are_begun_are_told_of_once) {
     CHECK(buffer.ended_waits(std::nullopt).empty());
 }
 
+TFDB_TEST(a_writer_takes_the_ends_of_its_own_commit_from_a_thread_that_awaits_them) {
+    if (skipped())
+        return;
+    Buffer buffer(keeping(std::nullopt));
+    std::atomic<bool> over{false};
+    std::thread teller([&] {
+        while (!over)
+            buffer.await_ended_waits(std::nullopt);
+    });
+    for (StampNs stamp = 1; stamp <= 200; ++stamp) {
+        const std::uint64_t wait = buffer.begin_wait(at("map", "a", stamp));
+        put(buffer, "map", "a", stamp, 1.0);
+        const auto ended = buffer.ended_waits(0);
+        CHECK(ended.size() == 1 && ended[0].number == wait && ended[0].how == WaitEnd::kCame);
+    }
+    over = true;
+    buffer.end_waits();
+    teller.join();
+}
+
 TFDB_TEST(a_wait_for_a_newer_stamp_ends_where_all_of_the_path_is_as_new) {
     if (skipped())
         return;

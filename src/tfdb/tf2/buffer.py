@@ -37,7 +37,6 @@ __all__ = ["Buffer"]
 
 # What a later transform may put right.
 NO_ANSWER_YET = (LookupException, ConnectivityException, ExtrapolationException)
-THERE = True  # what a future says when its transform is there
 Simple = tuple[str, str, int]
 Full = tuple[str, int, str, int, str]
 
@@ -198,11 +197,18 @@ class Buffer(BufferCalls, BufferCore, BufferInterface):
     ) -> Any:
         """Return a future, which is done when `lookup_transform` has an answer.
 
-        Where a loop of asyncio runs it is an `asyncio.Future`, else a `concurrent.futures.Future`,
-        which coroutines of rclpy can await, too. Its result is True. To cancel it ends the wait.
-        With a `timeout` TimeoutException may end it.
+        Its result is the transform. The thread that stores the transform settles it, so it is done
+        when `set_transform` returns. Cancelling it ends the wait. With a `timeout`,
+        TimeoutException may end it.
+
+        In a program of rclpy it is an `rclpy.task.Future`: before it is done, its `result()` and
+        `exception()` return None. In a loop of asyncio without rclpy it is an `asyncio.Future`.
+        Elsewhere it is a `concurrent.futures.Future` whose `result()` raises InvalidStateError
+        before it is done; `result(seconds)` waits. All of them can be awaited.
         """
-        return self._future((target_frame, source_frame, self._nanoseconds(time)), timeout)
+        asked = (target_frame, source_frame, time)
+        question = (target_frame, source_frame, self._nanoseconds(time))
+        return self._future(question, lambda: self.lookup_transform_core(*asked), timeout)
 
     def wait_for_transform_full_async(
         self,
@@ -215,14 +221,17 @@ class Buffer(BufferCalls, BufferCore, BufferInterface):
     ) -> Any:
         """As `wait_for_transform_async`, for `lookup_transform_full`."""
         asked = (target_frame, target_time, source_frame, source_time, fixed_frame)
-        return self._future(self._full(*asked), timeout)
+        return self._future(
+            self._full(*asked), lambda: self.lookup_transform_full_core(*asked), timeout
+        )
 
     async def lookup_transform_async(
         self, target_frame: str, source_frame: str, time: Any, timeout: Any = None
     ) -> Any:
         """As `lookup_transform`, in a coroutine of asyncio or of rclpy."""
-        await self.wait_for_transform_async(target_frame, source_frame, time, timeout)
-        return self.lookup_transform_core(target_frame, source_frame, time)
+        return await _ended(
+            self.wait_for_transform_async(target_frame, source_frame, time, timeout)
+        )
 
     async def lookup_transform_full_async(
         self,
@@ -235,8 +244,7 @@ class Buffer(BufferCalls, BufferCore, BufferInterface):
     ) -> Any:
         """As `lookup_transform_full`, in a coroutine of asyncio or of rclpy."""
         asked = (target_frame, target_time, source_frame, source_time, fixed_frame)
-        await self.wait_for_transform_full_async(*asked, timeout)
-        return self.lookup_transform_full_core(*asked)
+        return await _ended(self.wait_for_transform_full_async(*asked, timeout))
 
     def add_transformable_request(
         self,
@@ -424,8 +432,8 @@ class Buffer(BufferCalls, BufferCore, BufferInterface):
         hold(gone)
         return None
 
-    def _future(self, question: Simple | Full, timeout: Any) -> Any:
-        """Make a future that is done when a question has an answer."""
+    def _future(self, question: Simple | Full, ask: Callable[[], Any], timeout: Any) -> Any:
+        """Make a future of the answer to a question, which `ask` gives or raises."""
         limit = None if timeout is None else self._limit(timeout)
         held: list[Any] = []  # the wait, and what ends it in time
 
@@ -433,16 +441,15 @@ class Buffer(BufferCalls, BufferCore, BufferInterface):
             for one in held:
                 one.cancel()
 
-        future, loop = future_here(self.clock, release)
+        future, loop = future_here(self.clock, release, ros2=self.flavor == "ros2")
 
         def tell(how: waiting.End) -> None:
-            if how == 0:
-                settle(future, THERE)
-            else:
-                try:
-                    waiting.check(self.buffer, how)
-                except (tfdb.TfdbError, MemoryError) as error:
-                    settle(future, error)
+            try:
+                waiting.check(self.buffer, how)
+                answer = ask()
+            except Exception as error:
+                answer = error
+            settle(future, answer)
             if len(held) > 1:
                 release()
 
@@ -453,7 +460,7 @@ class Buffer(BufferCalls, BufferCore, BufferInterface):
             settle(future, error)
             return future
         if wait is None:
-            settle(future, THERE)
+            tell(0)
             return future
         held.append(wait)
         if limit is not None:
@@ -477,6 +484,14 @@ class Buffer(BufferCalls, BufferCore, BufferInterface):
             loop.call_soon_threadsafe(called)
 
         return self._deadline(limit).call(called if loop is None else called_in_loop)
+
+
+async def _ended(future: Any) -> Any:
+    """Give a future's result; where the coroutine ends before, so does what it waits for."""
+    try:
+        return await future
+    finally:
+        future.cancel()
 
 
 def _may_come(question: Simple | Full) -> bool:

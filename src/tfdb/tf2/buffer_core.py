@@ -5,8 +5,9 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any, NoReturn
 
 import tfdb
+from tfdb import waiting
 from tfdb._core import CoreCalls
-from tfdb.errors import Disconnected, InvalidArgument, TfdbError, UnknownFrame
+from tfdb.errors import Disconnected, InvalidArgument, InvalidTransform, TfdbError, UnknownFrame
 from tfdb.given_objects import given_name
 
 from . import listings, msgs, phrases, refusals
@@ -88,6 +89,7 @@ class BufferCore(CoreCalls):
         # With a length of 0 tf2 keeps the newest sample alone, and 1 ns does the same.
         self._buffer = tfdb.Buffer(history=max(length, 1) / SECOND) if buffer is None else buffer
         self._settled = False
+        self._normalized: set[tuple[str, str]] = set()  # edges of which a warning was logged
 
     @property
     def buffer(self) -> tfdb.Buffer:
@@ -133,19 +135,39 @@ class BufferCore(CoreCalls):
 
     def _set(self, transform: Any, authority: str, *, static: bool) -> bool:
         """Store a message; False if it was refused."""
-        write = refusals.Write.of(transform, authority, self._nanoseconds)
+        return self._store(
+            refusals.Write.of(transform, authority, self._nanoseconds), static=static
+        )
+
+    def _store(self, write: refusals.Write, *, static: bool) -> bool:
+        """Store it by the rules of the flavor; False if it was refused."""
+        store = self._store_ros1 if self.flavor == "ros1" else self._store_ros2
         try:
-            if self.flavor == "ros1":
-                self._store_ros1(write, static=static)
-            else:
-                self._store_ros2(write, static=static)
+            waiting.write(self._buffer, lambda: store(write, static=static))
         except TfdbError as error:
             write.check_members()
+            if self.flavor == "ros2" and isinstance(error, InvalidTransform):
+                unit = write.normalized()
+                if unit is not None:
+                    return self._store_normalized(write, unit, error, static=static)
             text = refusals.phrase(write, error, self.flavor)
             if text is None:
                 raise
             refusals.log(text, error)
             return False
+        return True
+
+    def _store_normalized(
+        self, write: refusals.Write, unit: refusals.Write, error: TfdbError, *, static: bool
+    ) -> bool:
+        """Store `unit`, which is `write` with a quaternion of length one; False if refused."""
+        if not self._store(unit, static=static):
+            return False
+        edge = (write.parent, write.child)
+        if edge not in self._normalized:
+            self._normalized.add(edge)
+            text = phrases.normalized(write.authority, write.child, write.rotation, write.length)
+            refusals.log(text, error)
         return True
 
     def _store_ros1(self, write: refusals.Write, *, static: bool) -> None:

@@ -37,10 +37,11 @@ DIFFERENCES: dict[str, Difference] = {
         "it is no transform",
     ),
     "quaternion": Difference(
-        "[1] one that is nearly of length one comes back as it came; [2] any length is stored",
-        "both: more than 0.01 off in its square is refused (TF_DENORMALIZED_QUATERNION), less is "
-        "normalised",
-        "[2]'s check is dead by mistake",
+        "[1] one that is nearly of length one comes back as it came; [2] normalises any length "
+        "without a word",
+        "[1] normalises what upstream stores; [2] normalises any length but 0, and logs each edge "
+        "once whose quaternion is more than 0.01 off in its square (TF_DENORMALIZED_QUATERNION)",
+        "lookups return rotations; a wrong publisher is named",
     ),
     "names": Difference(
         "any text may name a frame; the frame NO_PARENT is lost",
@@ -110,6 +111,22 @@ DIFFERENCES: dict[str, Difference] = {
         "[2] keeps all values of one stamp: which one is found depends on what is asked",
         "the last value that was written counts",
         "one stamp has one value",
+    ),
+    "future_result": Difference(
+        "[2] the result of Humble's futures is True, that of later ones the transform",
+        "the transform, always",
+        "a message is true as well",
+    ),
+    "future_before": Difference(
+        "[2] result() and exception() of a future that is not done return None",
+        "so they do in programs of rclpy; elsewhere they raise InvalidStateError, and wait only "
+        "where they get a timeout",
+        "None is no transform, and a wait without an end would hang",
+    ),
+    "future_loop": Difference(
+        "[2] an awaited future keeps a loop of asyncio busy",
+        "the loop sleeps until the transform comes",
+        "nothing polls",
     ),
     "nanoseconds": Difference(
         "[1] times pass through seconds as floats, which loses up to 120 ns of today's",

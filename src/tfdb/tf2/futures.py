@@ -1,10 +1,15 @@
-"""Futures of whatever runs here: asyncio, rclpy, or threads alone."""
+"""Futures: rclpy's where a program runs rclpy, else those of asyncio or of threads."""
+
+# ruff: noqa: PLC0415  (rclpy is loaded by programs that use it)
 
 from __future__ import annotations
 
 import asyncio
 import concurrent.futures
+import sys
 import threading
+from contextlib import suppress
+from functools import cache
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
@@ -16,20 +21,69 @@ __all__ = ["future_here", "settle"]
 
 
 _cancelling = threading.RLock()
+NOT_DONE = (
+    "the transform has not come yet: wait for it with result(timeout=seconds), with await, or with "
+    "add_done_callback"
+)
 
 
-class _ThreadsFuture(concurrent.futures.Future[Any]):
-    """A future for threads, and for coroutines of rclpy. Any thread may settle or cancel it."""
+class _Awaited:
+    """What coroutines await in a loop of asyncio, in an executor of rclpy, or in none."""
+
+    def __await__(self: Any) -> Generator[Any, None, Any]:
+        try:
+            loop = asyncio.get_running_loop()
+        except RuntimeError:
+            # As rclpy's own: a coroutine in its executor is resumed until this has ended.
+            while not self.done() and not self.cancelled():
+                yield
+        else:
+            yield from _end_in(loop, self)
+        return self.result()
+
+
+def _end_in(loop: asyncio.AbstractEventLoop, future: Any) -> Generator[Any, None, None]:
+    """Wait for the end of a future that any thread settles, in a loop of asyncio."""
+    ended = loop.create_future()
+
+    def tell(_: Any) -> None:
+        with suppress(RuntimeError):  # a loop that was closed: nobody waits there any more
+            loop.call_soon_threadsafe(settle, ended, None)
+
+    future.add_done_callback(tell)
+    try:
+        yield from ended
+    except asyncio.CancelledError:
+        future.cancel()
+        raise
+    if future.cancelled():
+        raise asyncio.CancelledError
+
+
+class _ThreadsFuture(_Awaited, concurrent.futures.Future[Any]):
+    """A future for threads. Any thread may settle or cancel it.
+
+    Without a timeout `result` and `exception` never wait: before it is done they raise
+    InvalidStateError, as asyncio's futures do. With one they wait, and raise TimeoutError.
+    """
 
     def __init__(self, cancelled: Callable[[], None]) -> None:
         super().__init__()
         self._tell_cancelled = cancelled
 
-    def __await__(self) -> Generator[None, None, Any]:
-        # As rclpy's own: a coroutine in its executor is resumed until this is done.
-        while not self.done():
-            yield
-        return self.result()
+    def _check_may_wait(self, timeout: float | None) -> None:
+        if timeout is None and not self.done():
+            raise concurrent.futures.InvalidStateError(NOT_DONE)
+
+    def result(self, timeout: float | None = None) -> Any:
+        """Give the transform, or raise what ended the wait; seconds to wait for that at most."""
+        self._check_may_wait(timeout)
+        return super().result(timeout)
+
+    def exception(self, timeout: float | None = None) -> BaseException | None:
+        """Give what ended the wait, None if the transform came; seconds to wait at most."""
+        self._check_may_wait(timeout)
+        return super().exception(timeout)
 
     def cancel(self) -> bool:
         """End it, and what it waits for."""
@@ -57,26 +111,74 @@ class _LoopFuture(asyncio.Future[Any]):
         return cancelled
 
 
+@cache
+def _rclpys_future(base: Any) -> Any:
+    """Make the class of futures that are `rclpy.task.Future`, and end what they wait for."""
+
+    class RclpyFuture(_Awaited, base):  # type: ignore[misc]
+        """A future of rclpy. Any thread may settle or cancel it; the first to do so wins."""
+
+        def __init__(self, cancelled: Callable[[], None]) -> None:
+            super().__init__()
+            self._tell_cancelled = cancelled
+            self._end = threading.Lock()
+
+        def _is_first(self) -> bool:
+            """Whether the caller is the one that ends it."""
+            return not self.done() and self._end.acquire(blocking=False)
+
+        def settle(self, result: Any) -> None:
+            """Give it its result, or its exception, unless it has ended."""
+            if self._is_first():
+                give = self.set_exception if isinstance(result, Exception) else self.set_result
+                give(result)
+
+        def cancel(self) -> None:
+            """End it, and what it waits for."""
+            if self._is_first():
+                super().cancel()
+                self._tell_cancelled()
+
+    return RclpyFuture
+
+
+def _rclpys() -> Any:
+    """Class of futures of the rclpy that the program uses; None: it uses none."""
+    if "rclpy" not in sys.modules:
+        return None
+    try:
+        from rclpy.task import Future
+    except ImportError:  # what `tfdb.tf2.install` gives where there is no ROS
+        return None
+    return _rclpys_future(Future)
+
+
 def future_here(
-    node: Node | None, cancelled: Callable[[], None]
+    node: Node | None, cancelled: Callable[[], None], *, ros2: bool
 ) -> tuple[Any, asyncio.AbstractEventLoop | None]:
     """Return a future, and the loop that it is to be settled in; None: any thread may.
 
-    `cancelled` is called when somebody cancels it.
+    `cancelled` is called when somebody cancels it. `ros2`: whether rclpy's is wanted.
     """
-    try:
-        loop = asyncio.get_running_loop()
-    except RuntimeError:
-        future = _ThreadsFuture(cancelled)
-        wake = getattr(node, "wake", None)
-        if wake is not None:
-            future.add_done_callback(lambda _: wake())
-        return future, None
-    return _LoopFuture(cancelled), loop
+    kind = _rclpys() if ros2 else None
+    if kind is None:
+        try:
+            loop = asyncio.get_running_loop()
+        except RuntimeError:
+            return _ThreadsFuture(cancelled), None
+        return _LoopFuture(cancelled), loop
+    future = kind(cancelled)
+    wake = getattr(node, "wake", None)
+    if wake is not None:
+        future.add_done_callback(lambda _: wake())
+    return future, None
 
 
 def settle(future: Any, result: Any) -> None:
     """Give a future its result, or its exception, unless it has ended."""
+    if hasattr(future, "settle"):
+        future.settle(result)
+        return
     try:
         if isinstance(result, BaseException):
             future.set_exception(result)

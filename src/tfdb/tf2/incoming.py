@@ -7,7 +7,7 @@ from functools import partial
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 import tfdb
-from tfdb import errors
+from tfdb import errors, waiting
 
 from . import msgs, phrases, refusals
 from .buffer_core import BufferCore
@@ -95,7 +95,7 @@ class Incoming:
         Returns how many transforms were refused. Raises CorruptMessage: nothing was stored.
         """
         try:
-            self._ingest(data, authority=authority)
+            waiting.write(self._core.buffer, lambda: self._ingest(data, authority=authority))
         except errors.TfdbError as error:
             if not refusals.is_of_a_transform(error):
                 raise
@@ -105,7 +105,9 @@ class Incoming:
     def _store_members(self, data: bytes | memoryview, authority: str) -> int:
         """Store those members of a message that are not refused, in one commit; log the others."""
         transforms = [*decoded(data, self._node.encoding)]
-        refused = self._store(transforms, authority=authority)
+        refused: Any = waiting.write(
+            self._core.buffer, lambda: self._store(transforms, authority=authority)
+        )
         lost = 0
         for member in refused:
             transform = transforms[member.index]

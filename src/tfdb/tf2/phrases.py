@@ -131,6 +131,16 @@ def denormalized(authority: str, child: str, rotation: Any) -> str:
     )
 
 
+def normalized(authority: str, child: str, rotation: Any, length: float) -> str:
+    """What is logged, once for each edge, of a quaternion that was given the length one."""
+    q = rotation
+    return (
+        f'TF_DENORMALIZED_QUATERNION: The quaternion of child_frame_id "{child}" from authority '
+        f'"{authority}" has the length {length:g}, not 1 ({q.x:f} {q.y:f} {q.z:f} {q.w:f}). It is '
+        "normalized, here and in later transforms of this frame"
+    )
+
+
 def old_data(flavor: Flavor, authority: str, child: str, stamp: int) -> str:
     """What is logged of a sample that is older than the cache is long."""
     when = seconds(stamp, 6)

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import logging
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, Self
 
 from tfdb import errors
 
-from . import phrases
+from . import msgs, phrases
 from .exceptions import (
     BackwardExtrapolationException,
     ConnectivityException,
@@ -28,6 +28,8 @@ if TYPE_CHECKING:
     from .times import Flavor
 
 LOGGER = logging.getLogger("tfdb.tf2")
+ROUNDING = 1e-9
+"""How far the length of a normalised quaternion is off one at most."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,6 +48,20 @@ class Write:
         """Whether all its numbers are."""
         move, turn = self.translation, self.rotation
         return all(map(math.isfinite, (move.x, move.y, move.z, turn.x, turn.y, turn.z, turn.w)))
+
+    @property
+    def length(self) -> float:
+        """Length of its quaternion, of which the numbers can be read."""
+        turn = self.rotation
+        return math.hypot(turn.x, turn.y, turn.z, turn.w)
+
+    def normalized(self) -> Self | None:
+        """Give it a quaternion of length one; None: it has one, or none can be made."""
+        turn, length = self.rotation, self.length
+        if not 0 < length < math.inf or abs(length - 1) < ROUNDING:
+            return None
+        parts = (turn.x / length, turn.y / length, turn.z / length, turn.w / length)
+        return replace(self, rotation=msgs.Quaternion(*parts))
 
     def check_members(self) -> None:
         """Raise TypeError, with tf2's words, unless the numbers can be read."""
