@@ -163,7 +163,9 @@ def _home() -> Path | None:
 def _files_of(path: Path) -> list[Path]:
     """List the files of a recording."""
     if not path.is_dir():
-        return [path]
+        real = path.resolve()  # beside it lies what the recorder of a .db3 left
+        logs = [real.with_name(real.name + end) for end in ("-wal", "-journal")]
+        return [path, *(log for log in logs if log.is_file())]
     return sorted(file for file in path.iterdir() if file.is_file() and file.suffix != SUFFIX)
 
 

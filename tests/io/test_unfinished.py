@@ -349,6 +349,30 @@ def test_a_folder_that_cannot_be_written_to(whole: Path, tmp_path: Path) -> None
         folder.chmod(0o700)
 
 
+def test_a_database_that_is_linked_to(whole: Path, tmp_path: Path) -> None:
+    """Its logs lie beside the file, not beside the link."""
+    folder = tmp_path / "run"
+    folder.mkdir()
+    Running(whole, folder / "run.db3", "wal", 20).kill()
+    link = tmp_path / "link.db3"
+    link.symlink_to(folder / "run.db3")
+    assert all_of(link) == all_of(whole)[:400]
+    (folder / "run.db3-shm").unlink()
+    assert all_of(link) == all_of(whole)[:400]
+
+
+@pytest.mark.filterwarnings("ignore:.*did not finish:tfdb.TfdbWarning")
+def test_what_is_cached_knows_of_the_log(whole: Path, tmp_path: Path) -> None:
+    path = tmp_path / "run.db3"
+    Running(whole, path, "wal", 100_000).kill()
+    log = path.with_name("run.db3-wal")
+    content = log.read_bytes()
+    log.write_bytes(content[: len(content) // 2])
+    first = tfdb.load(path, cache=True).commit
+    log.write_bytes(content)
+    assert first < tfdb.load(path, cache=True).commit == 400
+
+
 def test_a_damaged_log(whole: Path) -> None:
     log = whole.with_name("whole.db3-wal")
     for content in (b"x", b"x" * 100, bytes.fromhex("377f0682") + bytes(60)):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 import time
+from contextlib import ExitStack
 from typing import TYPE_CHECKING, Any, Self
 
 import click
@@ -11,7 +12,6 @@ import click
 import tfdb
 from tfdb.counting import counted
 from tfdb.frozen import is_frozen
-from tfdb.io import Recording
 from tfdb.io.choice import Choice
 from tfdb.io.loading import Selection
 from tfdb.summary import Forest
@@ -195,8 +195,8 @@ def _tell_recording(
             "it was made of"
         )
     store = tfdb.Buffer(history=_KEPT / NS)
-    unit = common.chosen().get("stamp_unit")
-    with Recording(path, salvage=common.salvages(), stamp_unit=unit) as recording:
+    with ExitStack() as stack:
+        (recording,) = common.opened(stack, [path])
         choice = Choice(**common.chosen())
         selection = Selection(common.parse_topics(topics), choice)
         selection.check([recording])

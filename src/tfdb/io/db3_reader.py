@@ -60,8 +60,9 @@ def open_db3(path: Path, *, salvage: bool = False) -> Container:
     hint = more if salvage else f"{SALVAGE}; {more}"
     gathered = Gathered()
     with typed_errors(path, hint), _database_errors():
-        logs = _logs(path, gathered if salvage else None)
-        database = _connected(path, logs, gathered if salvage else None)
+        real = path.resolve()  # beside it lie its logs
+        logs = _logs(real, gathered if salvage else None)
+        database = _connected(real, logs, gathered if salvage else None)
         try:
             database.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, MAX_CHUNK)
             if salvage:  # SQLite then reads a file that has fewer pages than its head says

@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     Floats: TypeAlias = tuple[float, ...]
 
 _NS = 1_000_000_000
+_DOUBLE, _FLOAT = struct.Struct("<d"), struct.Struct("<f")
 _BROKEN = (
     *(struct.error, ValueError, TypeError, KeyError),
     *(IndexError, OverflowError, RecursionError),
@@ -288,31 +289,34 @@ class _Protobuf:
     """A message of protobuf: its fields by number (https://protobuf.dev/programming-guides/encoding)."""
 
     def __init__(self, data: bytes) -> None:
-        self._data = data
         self._found: dict[int, list[Any]] = {}
-        at = 0
-        while at < len(data):
-            key, at = self._varint(at)
+        at, end = 0, len(data)
+        while at < end:
+            key, at = self._varint(data, at)
+            kind = key & 7
             value: Any
-            if key & 7 == 0:
-                value, at = self._varint(at)
-            elif key & 7 in (1, 5):
-                width = 8 if key & 7 == 1 else 4
-                (value,) = struct.unpack_from("<d" if width == 8 else "<f", data, at)
-                at += width
-            elif key & 7 == 2:
-                size, at = self._varint(at)
-                if at + size > len(data):
+            if kind == 2:
+                size, at = self._varint(data, at)
+                if at + size > end:
                     raise ValueError("a field goes beyond its end")
                 value, at = data[at : at + size], at + size
+            elif kind == 1:
+                (value,), at = _DOUBLE.unpack_from(data, at), at + 8
+            elif kind == 0:
+                value, at = self._varint(data, at)
+            elif kind == 5:
+                (value,), at = _FLOAT.unpack_from(data, at), at + 4
             else:
-                raise ValueError(f"a field of the unknown kind {key & 7}")
+                raise ValueError(f"a field of the unknown kind {kind}")
             self._found.setdefault(key >> 3, []).append(value)
 
-    def _varint(self, at: int) -> tuple[int, int]:
+    @staticmethod
+    def _varint(data: bytes, at: int) -> tuple[int, int]:
+        if data[at] < 0x80:
+            return data[at], at + 1
         value = shift = 0
         while shift < 70:
-            byte = self._data[at]
+            byte = data[at]
             value |= (byte & 0x7F) << shift
             at, shift = at + 1, shift + 7
             if byte < 0x80:
@@ -350,7 +354,12 @@ class _Protobuf:
         return [_Protobuf(each) for each in found]
 
     def doubles(self, names: str) -> Floats:
-        return tuple(self._last(number, name, 0.0, float) for number, name in enumerate(names, 1))
+        found = self._found
+        made = tuple([found[n][-1] if n in found else 0.0 for n in range(1, len(names) + 1)])
+        for number, value in enumerate(made):
+            if type(value) is not float:
+                raise TypeError(f"{names[number]} (field {number + 1}) is of another kind")
+        return made
 
 
 def _of_foxglove(type_: str, message: _Json | _Protobuf) -> _Found:

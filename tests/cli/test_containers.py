@@ -1,4 +1,4 @@
-"""The commands read Foxglove's transforms as they read those of tf."""
+"""The commands read what other programs leave: transforms of Foxglove, renamed files."""
 
 from __future__ import annotations
 
@@ -72,6 +72,33 @@ def test_a_missing_time_is_told(tool: Any, tmp_path: Path) -> None:
     assert "/transforms" in finding["message"]
     assert "no-time" in tool("check", path, code=1).out
     assert len(tfdb.load(tmp_path / "a.bag").samples("base_link")[0]) == 50
+
+
+def test_a_renamed_part_is_told(tool: Any, tmp_path: Path) -> None:
+    """Each command says once how a folder was read whose metadata names other files."""
+    folder = CASES / "d_renamed"
+    words = "names are missing: d_good.db3; other.db3 is read instead"
+    for command in (
+        ("info", folder),
+        ("tree", folder),
+        ("monitor", folder),
+        ("convert", folder, tmp_path / "a.bag"),
+        (
+            "merge",
+            folder,
+            CASES / "json_iso.mcap",
+            "--prefix",
+            "a/",
+            "--prefix",
+            "b/",
+            "-o",
+            tmp_path / "b.bag",
+        ),
+    ):
+        assert tool(*command).err.count(words) == 1, command
+    (finding,) = tool("check", folder, "--json", code=1).json["findings"]
+    assert (finding["kind"], finding["severity"]) == ("container", "warning")
+    assert words in finding["message"]
 
 
 def test_the_shell_completes_their_frames(tool: Any) -> None:
