@@ -6,6 +6,7 @@ Messages are made by foxglove-sdk, google.protobuf and rosbags, and files by mca
 from __future__ import annotations
 
 import json
+import struct
 import warnings
 from datetime import UTC, datetime, timedelta, timezone
 from pathlib import Path
@@ -210,10 +211,11 @@ def test_messages_of_google_protobuf(encoding: str, names: str) -> None:
         if encoding == "json":
             snake = names == "snake"
             data = json_format.MessageToJson(made, preserving_proto_field_name=snake).encode()
-        (found,), untimed = decode_poses(data, source, None, 5)
+        poses = decode_poses(data, source, None, 5)
+        (found,) = poses.transforms
         assert (found.parent, found.child, found.stamp) == ("map", "base", stamp)
         assert (*found.translation, *found.rotation) == (x, y, z, *TURN)
-        assert untimed == 0
+        assert (poses.untimed, poses.refused) == (0, [])
 
 
 @pytest.mark.parametrize(
@@ -293,11 +295,45 @@ def test_fields_that_cannot_be_read_are_named(
     message = {**transform(1.0, timestamp={"sec": 5, "nsec": 0}), **change}
     with pytest.raises(tfdb.RecordingError, match=words):
         tfdb.load(json_file(tmp_path / "a.mcap", [(5, message)]))
-    several = json.dumps({"transforms": [transform(1.0, timestamp={"sec": 1, "nsec": 0}), message]})
-    path = write_mcap(tmp_path / "b.mcap", [("/tf", SEVERAL, "json", 5, several.encode())])
-    if "InvalidTransform" not in words and "names no" not in words:
-        with pytest.raises(tfdb.RecordingError, match=rf"transforms\[1\].{words}"):
-            tfdb.load(path)
+    if "InvalidTransform" not in words:  # the store refuses those
+        good = transform(1.0, timestamp={"sec": 1, "nsec": 0})
+        several = json.dumps({"transforms": [message, good]}).encode()
+        path = write_mcap(tmp_path / "b.mcap", [("/tf", SEVERAL, "json", 5, several)])
+        buffer = tfdb.Buffer(history=None)
+        where = "" if "names no" in words else r"transforms\[0\]."
+        with pytest.warns(tfdb.TfdbWarning, match=where + words):
+            buffer.load(path)
+        check(buffer, "odom", "base", {S: 1.0})
+
+
+@pytest.mark.parametrize("encoding", ["protobuf", "cdr"])
+def test_one_bad_member_leaves_the_others(encoding: str) -> None:
+    """Its nanoseconds are none, its parent is missing, its bytes are cut."""
+    source = Source("/x", encoding, "/x", 1, SEVERAL)  # type: ignore[arg-type]
+    times = [(5, 6), (7, S), (8, 9), (10, 11)]
+    if encoding == "cdr":
+        parents = [b"map\0", b"map\0", b"\0\0\0\0", b"map\0"]
+        data = b"\0\1\0\0" + struct.pack("<I", len(times))
+        for time, parent in zip(times, parents, strict=True):
+            data += struct.pack("<iII4sI4s", *time, 4 if parent[0] else 1, parent, 4, b"arm\0")
+            data += b"\0" * (-(len(data) - 4) % 8) + struct.pack("<7d", 1, 2, 3, *TURN)
+    else:
+        kind = message_class()
+        data = b""
+        for time, parent in zip(times, ("map", "map", "", "map"), strict=True):
+            made = kind(parent_frame_id=parent, child_frame_id="arm")
+            made.timestamp.seconds, made.timestamp.nanos = time
+            made.rotation.w, made.translation.x = 1.0, 1.0
+            part = made.SerializeToString()
+            data += b"\x0a" + bytes([len(part)]) + part
+        data += b"\x0a\x02\x0a\x09"  # a timestamp that goes beyond its end
+    found = decode_poses(data, source, None, 99)
+    assert [each.stamp for each in found.transforms] == [5 * S + 6, 10 * S + 11]
+    assert {each.child for each in found.transforms} == {"arm"}
+    kinds = [type(error).__name__ for error in found.refused]
+    assert kinds[:2] == ["InvalidStamp", "CorruptMessage"]
+    assert len(kinds) == (2 if encoding == "cdr" else 3)
+    assert str(found.refused[0]).startswith("timestamp" if encoding == "protobuf" else "stamp")
 
 
 def test_a_list_without_transforms_is_no_damage(tmp_path: Path) -> None:

@@ -293,7 +293,7 @@ def test_big_endian_messages() -> None:
     body = struct.pack(">7d", 1, 2, 3, 0.6, 0, 0, 0.8)
     data = head + b"\0" * (-(len(head) - 4) % 8) + body
     source = Source("/pose", "cdr", "", 1, "geometry_msgs/PoseStamped")
-    (made,), _ = decode_poses(data, source, "base", 0)
+    (made,) = decode_poses(data, source, "base", 0).transforms
     assert (made.parent, made.child, made.stamp) == ("map", "base", 5 * S + 6)
     assert (*made.translation, *made.rotation) == (1, 2, 3, 0.6, 0, 0, 0.8)
 

@@ -482,10 +482,11 @@ class Rewriter:
             state = decode_joint_state(data, source)
             return [] if self.joints is None else self.joints.transforms(state)
         topic = absolute(source.topic)
-        found, untimed = decode_poses(data, source, self._choice.pose_topics.get(topic), received)
-        if untimed and not static:
-            self.untimed[topic] += untimed
-        return found
+        found = decode_poses(data, source, self._choice.pose_topics.get(topic), received)
+        self.refusals += found.refused
+        if found.untimed and not static:
+            self.untimed[topic] += found.untimed
+        return found.transforms
 
     def ingest(self, run: Run, store: Buffer, encoding: str, static: bool) -> None:
         """Store what is left of a run."""

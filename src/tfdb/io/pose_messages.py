@@ -11,6 +11,7 @@ from __future__ import annotations
 import json
 import struct
 from dataclasses import dataclass
+from functools import partial
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 from tfdb.errors import CorruptMessage, InvalidStamp, TfdbError
@@ -43,13 +44,23 @@ class JointState:
     positions: dict[str, float]
 
 
-def decode_poses(
-    data: bytes, source: Source, child: str | None, received: int
-) -> tuple[list[TransformStamped], int]:
-    """The transforms of one message, and how many of them have no timestamp of their own.
+@dataclass(frozen=True)
+class Poses:
+    """The poses of one message, as transforms.
 
-    Those have that of the message's reception. `child` is the frame of the poses, None: the message
-    names it. Raises CorruptMessage and InvalidStamp.
+    `untimed` of them have no timestamp of their own and got that of the reception. `refused` are
+    the errors of members that cannot be read.
+    """
+
+    transforms: list[TransformStamped]
+    untimed: int
+    refused: list[TfdbError]
+
+
+def decode_poses(data: bytes, source: Source, child: str | None, received: int) -> Poses:
+    """Decode one message; `child` is the frame of its poses, None: the message names it.
+
+    Raises CorruptMessage and InvalidStamp where the message cannot be read, or none of its members.
     """
     try:
         if source.encoding in ("ros1", "cdr"):
@@ -61,18 +72,35 @@ def decode_poses(
     except TfdbError:
         raise
     except _BROKEN as error:
-        reason = f"no {source.type} in {source.encoding}: {error}"
-        raise CorruptMessage(f"topic {source.topic!r}: {reason}", reason=reason) from None
-    made = []
-    for stamp, above, named, pose in found:
+        raise _corrupt(source, f"no {source.type} in {source.encoding}: {error}") from None
+    made: list[TransformStamped] = []
+    refused: list[TfdbError] = []
+    untimed = 0
+    for each in found:
+        if isinstance(each, TfdbError):
+            refused.append(each)
+            continue
+        if isinstance(each, Exception):
+            what = f"no {source.type} in {source.encoding}: {each}"
+            refused.append(_corrupt(source, what))
+            continue
+        stamp, above, named, pose = each
         # One leading slash, as of every message.
         parent, of = above.removeprefix("/"), child or named.removeprefix("/")
         if not parent or not of:
-            reason = f"it names no {'parent' if not parent else 'child'} frame"
-            raise CorruptMessage(f"topic {source.topic!r}: {reason}", reason=reason)
+            what = f"it names no {'parent' if not parent else 'child'} frame"
+            refused.append(_corrupt(source, what))
+            continue
+        untimed += stamp is None
         at = received if stamp is None else stamp
         made.append(TransformStamped(parent, of, at, pose[:3], pose[3:]))
-    return made, sum(stamp is None for stamp, *_ in found)
+    if refused and not made:
+        raise refused[0]
+    return Poses(made, untimed, refused)
+
+
+def _corrupt(source: Source, reason: str) -> CorruptMessage:
+    return CorruptMessage(f"topic {source.topic!r}: {reason}", reason=reason)
 
 
 def decode_joint_state(data: bytes, source: Source) -> JointState:
@@ -133,9 +161,13 @@ class _Fields:
         self._at += size
         return (raw.removesuffix(b"\0") if self._cdr else raw).decode()
 
+    def time(self) -> tuple[int, int]:
+        """Seconds and nanoseconds."""
+        (seconds,), (nanoseconds,) = self._take("i" if self._cdr else "I", 4), self._take("I", 4)
+        return seconds, nanoseconds
+
     def stamp(self) -> int:
-        seconds, nanoseconds = self._take("i" if self._cdr else "I", 4) + self._take("I", 4)
-        return _stamp(seconds, nanoseconds)
+        return _stamp(*self.time())
 
     def header(self) -> tuple[int, str]:
         if not self._cdr:
@@ -154,8 +186,9 @@ def _stamp(seconds: int, nanoseconds: int, field: str = "stamp") -> int:
     return stamp
 
 
-_Found: TypeAlias = "Iterator[tuple[int | None, str, str, Floats]]"
-"""Stamp (None: the message has none), parent, child (empty: the message names none) and pose."""
+_Found: TypeAlias = "Iterator[tuple[int | None, str, str, Floats] | Exception]"
+"""Stamp (None: the message has none), parent, child (empty: the message names none) and pose; or
+why a member cannot be read."""
 
 
 def _with_child(fields: _Fields) -> _Found:
@@ -190,7 +223,12 @@ def _frame_transform(fields: _Fields) -> _Found:
 
 def _frame_transforms(fields: _Fields) -> _Found:
     for _ in range(fields.count(72)):
-        yield from _frame_transform(fields)
+        time, parent, child = fields.time(), fields.text(), fields.text()
+        pose = fields.pose()
+        try:
+            yield _stamp(*time), parent, child, pose
+        except InvalidStamp as error:
+            yield error
 
 
 def _pose_in_frame(fields: _Fields) -> _Found:
@@ -255,13 +293,13 @@ class _Json:
         value = self._get(name)
         return _Json({} if value is None else value, self._prefix + name)
 
-    def parts(self, _number: int, name: str) -> list[_Json]:
+    def parts(self, _number: int, name: str) -> list[Callable[[], _Json]]:
         value = self._get(name)
         if value is None and not self._found:
             return []
         if not isinstance(value, list):
             raise TypeError(f"{self._prefix}{name} is no list")
-        return [_Json(each, f"{self._prefix}{name}[{n}]") for n, each in enumerate(value)]
+        return [partial(_Json, each, f"{self._prefix}{name}[{n}]") for n, each in enumerate(value)]
 
     def doubles(self, names: str) -> Floats:
         if self._found and self._found.keys().isdisjoint(names):
@@ -347,11 +385,11 @@ class _Protobuf:
         except (ValueError, IndexError, struct.error) as error:
             raise ValueError(f"{name} (field {number}): {error}") from None
 
-    def parts(self, number: int, name: str) -> list[_Protobuf]:
+    def parts(self, number: int, name: str) -> list[Callable[[], _Protobuf]]:
         found = self._found.get(number, [])
         if not all(isinstance(each, bytes) for each in found):
             raise TypeError(f"{name} (field {number}) is of another kind")
-        return [_Protobuf(each) for each in found]
+        return [partial(_Protobuf, each) for each in found]
 
     def doubles(self, names: str) -> Floats:
         found = self._found
@@ -365,7 +403,10 @@ class _Protobuf:
 def _of_foxglove(type_: str, message: _Json | _Protobuf) -> _Found:
     if type_ == "foxglove.FrameTransforms":
         for part in message.parts(1, "transforms"):
-            yield from _of_foxglove("foxglove.FrameTransform", part)
+            try:
+                yield from _of_foxglove("foxglove.FrameTransform", part())
+            except _BROKEN as error:
+                yield error
         return
     stamp = message.stamp(1, "timestamp")
     if type_ == "foxglove.PoseInFrame":
