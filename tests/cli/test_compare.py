@@ -183,3 +183,48 @@ def test_refusals(tool: Tool, folder: Path, bag: Path) -> None:
     ).json
     assert body["error"]["type"] == "NotComparable"
     assert body["error"]["fields"]["reason"] == "no pairs"
+
+
+def test_kitti_row_by_row(tool: Tool, tmp_path: Path) -> None:
+    for name, noise in (("truth", 0.0), ("slam", 0.02)):
+        made = trajectory(50, 10.0, noise=noise)
+        write_trajectory(tmp_path / f"{name}.txt", made, "kitti")  # type: ignore[arg-type]
+        (tmp_path / f"{name}_times.txt").unlink()
+    truth, slam = tmp_path / "truth.txt", tmp_path / "slam.txt"
+    assert "matched    50 poses, row by row" in tool("compare", truth, slam).out
+    body = tool("compare", truth, slam, "--json").json
+    assert (body["association"], body["start_ns"], body["end_ns"]) == ("rows", None, None)
+    python = tfdb.compare(truth, slam)
+    assert body["ape"]["translation_m"]["rmse"] == python.ape_translation.rmse
+    assert "needs stamps" in tool("compare", truth, slam, "--delta-unit", "s", code=2).error
+    assert "row by row" in tool("compare", truth, slam, "--offset", "1", code=2).error
+    tool("plot", truth, "compare", slam, "--save", tmp_path / "rows.png")
+
+
+def test_salvage_and_units(tool: Tool, tmp_path: Path) -> None:
+    made = trajectory(50, 10.0)
+    truth, slam = tmp_path / "truth.tum", tmp_path / "slam.tum"
+    write_trajectory(truth, made)  # type: ignore[arg-type]
+    lines = truth.read_text().splitlines()
+    slam.write_text("\n".join([lines[0], lines[2], lines[1], "lost", *lines[3:]]) + "\n")
+    assert "--salvage" in tool("compare", truth, slam, code=2).error
+    done = tool("compare", truth, slam, "--salvage")
+    assert "slam.tum: 51 rows, 1 out of order, sorted, 1 skipped" in done.err
+    assert "matched    50 poses" in done.out
+    ms = [f"{float(line.split()[0]) * 1000:.0f} {line.split(' ', 1)[1]}" for line in lines[1:]]
+    for file in (truth, slam):
+        file.write_text("\n".join(ms))
+    body = tool("compare", truth, slam, "--stamp-unit", "ms", "--json").json
+    assert (body["start_ns"], body["matched"]) == (10**9, 50)
+    assert "can be chosen" in tool("compare", truth, slam, "--frame", "a", code=2).error
+
+
+def test_a_suspected_order_of_quaternions(tool: Tool, tmp_path: Path) -> None:
+    truth, slam = tmp_path / "truth.tum", tmp_path / "slam.tum"
+    write_trajectory(truth, trajectory(50, 10.0))  # type: ignore[arg-type]
+    rows = [line.split() for line in truth.read_text().splitlines()[1:]]
+    slam.write_text("\n".join(" ".join([*row[:4], row[7], *row[4:7]]) for row in rows))
+    done = tool("compare", truth, slam)
+    assert "quaternions of the estimate may be in the order w x y z" in done.err
+    slam.write_text("timestamp x y z qw qx qy qz\n" + slam.read_text())
+    assert not tool("compare", truth, slam).err

@@ -294,3 +294,38 @@ def test_real_recordings(shared_data: Path) -> None:
         expected = evo.metric(kind, relation).get_all_statistics()
         for statistic, value in ours.statistics.items():
             assert value == pytest.approx(expected[statistic], rel=1e-7, abs=1e-7)
+
+
+def kitti(path: Path, trajectory: tfdb.Trajectory) -> Path:
+    """The poses alone, with the digits that KITTI has."""
+    np.savetxt(path, trajectory.matrices[:, :3].reshape(-1, 12), fmt="%.9e")
+    return path
+
+
+@pytest.mark.parametrize("how", ["se3", "sim3", "origin", "none"])
+def test_kitti_poses_row_by_row(tmp_path: Path, how: str) -> None:
+    interface = pytest.importorskip("evo.tools.file_interface")
+    path = motion(4, times(4, 150, 20))
+    ours = kitti(tmp_path / "truth.txt", path)
+    theirs = kitti(tmp_path / "slam.txt", tracked(path, 7, scale=1.5))
+    evo = Evo(*(interface.read_kitti_poses_file(str(each)) for each in (ours, theirs)))
+    scale = evo.align(how)
+    found = tfdb.compare(ours, theirs, align=how)
+    assert (len(found), found.association, found.has_stamps) == (150, "rows", False)
+    assert "150 poses, row by row" in str(found)
+    assert found.scale == pytest.approx(scale, rel=1e-9)
+    # The files have ten digits; evo computes with matrices, tfdb with quaternions.
+    for relation, errors in (
+        ("translation_part", found.ape_translation),
+        ("rotation_angle_rad", found.ape_rotation),
+    ):
+        expected = evo.metric(metrics.APE, relation)
+        np.testing.assert_allclose(errors.values, expected.error, rtol=0, atol=1e-7)
+    options = {"delta": 5, "delta_unit": UNITS["frames"]}
+    over = tfdb.compare(ours, theirs, align=how, delta=5)
+    for relation, errors in (
+        ("translation_part", over.rpe_translation),
+        ("rotation_angle_rad", over.rpe_rotation),
+    ):
+        expected = evo.metric(metrics.RPE, relation, **options)
+        np.testing.assert_allclose(errors.values, expected.error, rtol=0, atol=1e-7)

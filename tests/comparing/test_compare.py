@@ -365,7 +365,10 @@ def test_standing_still_is_enough_where_nothing_is_fitted() -> None:
 
 
 BAD_OPTIONS: list[tuple[dict[str, Any], str]] = [
-    ({"association": "evo"}, "association must be one of 'interpolate', 'nearest', got 'evo'"),
+    (
+        {"association": "evo"},
+        "must be one of 'interpolate', 'nearest', 'rows', got 'evo'",
+    ),
     ({"association": ["nearest"]}, "association must be one of"),
     ({"align": "SE3"}, "align must be one of 'se3', 'sim3', 'scale', 'yaw', 'origin', 'none'"),
     ({"align": None}, "align must be one of"),
@@ -539,3 +542,111 @@ def test_the_page_shows_what_is_printed(monkeypatch: pytest.MonkeyPatch) -> None
     monkeypatch.setenv("COLUMNS", "80")
     printed = CliRunner().invoke(cli, command.split()).output
     assert printed.splitlines() == shown.splitlines()
+
+
+def row_files(tmp_path: Path, count: int = 60) -> tuple[tfdb.Trajectory, Path, Path]:
+    path = motion(3, np.arange(count) / 20)
+    other = tracked(path, 5)
+    for name, each in (("truth", path), ("slam", other)):
+        tfdb.io.write_trajectory(tmp_path / f"{name}.txt", each, "kitti")
+    return other, tmp_path / "truth.txt", tmp_path / "slam.txt"
+
+
+def test_row_by_row(tmp_path: Path) -> None:
+    other, truth, slam = row_files(tmp_path)
+    timed = tfdb.compare(truth, slam)
+    assert timed.association == "interpolate"
+    (tmp_path / "slam_times.txt").unlink()
+    mixed = tfdb.compare(truth, slam)
+    assert (mixed.association, mixed.has_stamps, mixed.max_diff) == ("rows", True, 0)
+    (tmp_path / "truth_times.txt").unlink()
+    found = tfdb.compare(truth, slam)
+    assert (found.association, found.has_stamps) == ("rows", False)
+    for errors in (mixed.ape_translation, found.ape_translation):
+        np.testing.assert_allclose(errors.values, timed.ape_translation.values, atol=1e-9)
+    by_name = tfdb.compare(truth, other, association="rows")
+    np.testing.assert_allclose(by_name.rpe_rotation.values, timed.rpe_rotation.values, atol=1e-9)
+    labels = [each.get_xlabel() for each in found.plot().axes]
+    assert "row" in labels
+
+
+def test_row_by_row_needs_as_many(tmp_path: Path) -> None:
+    other, truth, slam = row_files(tmp_path)
+    for each in ("truth", "slam"):
+        (tmp_path / f"{each}_times.txt").unlink()
+    with pytest.raises(tfdb.NotComparable, match="60 poses and the estimate 59: row by row"):
+        tfdb.compare(truth, other[:-1], association="rows")
+    for options in ({"offset": 1.0}, {"offset": "estimate"}, {"max_diff": 0.1}):
+        with pytest.raises(tfdb.InvalidArgument, match="row by row no stamps are compared"):
+            tfdb.compare(truth, slam, **options)  # type: ignore[arg-type]
+    with pytest.raises(tfdb.InvalidArgument, match="needs stamps, which KITTI poses lack"):
+        tfdb.compare(truth, slam, delta_unit="s")
+    with pytest.raises(tfdb.TrajectoryError, match=r"association='rows' .--association rows."):
+        tfdb.compare(truth, slam, association="nearest")
+    with pytest.raises(tfdb.TrajectoryError, match="carry no stamps"):
+        tfdb.compare(truth, other)
+    lines = slam.read_text().splitlines()
+    scaled = [" ".join(str(1.2 * float(value)) for value in line.split()) for line in lines]
+    slam.write_text("\n".join(scaled))
+    with pytest.raises(tfdb.TrajectoryError, match=r"slam.txt:1: .* not a rotation matrix"):
+        tfdb.compare(truth, slam)
+
+
+def test_poses_that_are_missing_match_no_row() -> None:
+    path = motion(3, np.arange(60) / 20)
+    poses = path.poses.copy()
+    poses[[3, 9]] = np.nan
+    holes = tfdb.Trajectory("map", "base", path.stamps, poses)
+    found = tfdb.compare(holes, path, association="rows")
+    assert len(found) == 58
+    assert found.ape_translation.max < 1e-12
+
+
+ORDERS = [("estimate", (3, 0, 1, 2), "w x y z"), ("reference", (3, 0, 1, 2), "w x y z")]
+
+
+@pytest.mark.parametrize("aligned", ["se3", "none"])
+@pytest.mark.parametrize(("role", "places", "said"), ORDERS)
+def test_another_order_of_the_quaternions_is_suspected(
+    role: str, places: tuple[int, ...], said: str, aligned: Any
+) -> None:
+    path = motion(3, np.arange(80) / 20)
+    other = tracked(path, 5, noise=0.01) if aligned == "se3" else path
+    given = {"reference": path, "estimate": other}
+    poses = given[role].poses.copy()
+    poses[:, 3:] = poses[:, [3 + place for place in places]]
+    given[role] = tfdb.Trajectory("map", "base", path.stamps, poses)
+    match = f"quaternions of the {role} may be in the order {said}, .*`timestamp x y z qw qx qy qz`"
+    with pytest.warns(tfdb.TfdbWarning, match=match):
+        tfdb.compare(given["reference"], given["estimate"], align=aligned)
+
+
+def test_no_order_is_suspected_without_a_reason(recwarn: pytest.WarningsRecorder) -> None:
+    path = motion(3, np.arange(80) / 20)
+    turned = path @ tfdb.Transform("base", "camera", (0, 0, 0), (0.5, -0.5, 0.5, -0.5))
+    tfdb.compare(path, tfdb.Trajectory("map", "base", turned.stamps, turned.poses))
+    poses = path.poses.copy()
+    poses[:, :3] += np.random.default_rng(1).normal(0, 3, (80, 3))
+    poses[:, 3:] = poses[:, [6, 3, 4, 5]]
+    tfdb.compare(path, tfdb.Trajectory("map", "base", path.stamps, poses), align="none")
+    assert not recwarn.list
+
+
+def test_files_are_salvaged(tmp_path: Path) -> None:
+    path = motion(3, 1_700_000_000 + np.arange(80) / 20)
+    truth, slam = tmp_path / "truth.tum", tmp_path / "slam.tum"
+    tfdb.io.write_trajectory(truth, path)
+    lines = [
+        f"{stamp}.000 {' '.join(map(repr, pose))}"
+        for stamp, pose in zip(path.stamps.tolist(), path.poses.tolist(), strict=True)
+    ]
+    slam.write_text("\n".join([*lines[:9], lines[10], lines[9], "cut", *lines[11:]]))
+    with pytest.raises(tfdb.TrajectoryError, match="--salvage"):
+        tfdb.compare(truth, slam)
+    with pytest.warns(tfdb.TfdbWarning) as warned:
+        found = tfdb.compare(truth, slam, salvage=True)
+    assert any("81 rows, 1 out of order, sorted, 1 skipped" in str(w.message) for w in warned)
+    assert any("taken as nanoseconds, by their size" in str(w.message) for w in warned)
+    assert found.ape_translation.max < 1e-12
+    with pytest.raises(tfdb.TrajectoryError, match="not a whole number of nanoseconds"):
+        tfdb.compare(truth, slam, stamp_unit="ns")

@@ -219,7 +219,8 @@ def test_no_stamp_passes_through_a_float(tmp_path: Path) -> None:
         ("1.403636580838555649e+09", "s", 1_403_636_580_838_555_649),
         ("1.7e9", "s", 1_700_000_000_000_000_000),
         ("7", "ns", 7),
-        ("7.5", "ns", 8),
+        ("7.5", "us", 7500),
+        ("7.0004", "us", 7000),
     ):
         path = write(tmp_path / "a.txt", [[text, *numbers(POSES[0])]])
         found = read_trajectory(path, stamp_unit=unit)  # type: ignore[arg-type]

@@ -246,6 +246,11 @@ def choose(**options: Any) -> None:
     click.get_current_context().meta.setdefault(_CHOSEN, {}).update(options)
 
 
+def take(name: str) -> Any:
+    """Return an option that the command reads itself, and choose nothing by it; None without it."""
+    return click.get_current_context().meta.get(_CHOSEN, {}).pop(name, None)
+
+
 def salvages() -> bool:
     """Whether the command was called with `--salvage`."""
     context = click.get_current_context(silent=True)

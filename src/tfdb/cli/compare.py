@@ -23,6 +23,7 @@ if TYPE_CHECKING:
 
     from tfdb import Comparison, Trajectory
     from tfdb.comparing import Errors
+    from tfdb.comparing.given import Reading
 
 _ALIGN = ("se3", "sim3", "scale", "yaw", "origin", "none")
 _UNITS = ("frames", "m", "s", "deg", "rad")
@@ -45,11 +46,12 @@ _OPTIONS = (
     ),
     click.option(
         "--association",
-        type=OneOf(("interpolate", "nearest")),
+        type=OneOf(("interpolate", "nearest", "rows")),
         default="interpolate",
         show_default=True,
-        help="Interpolate the trajectory with more poses at the stamps of the other, or take the "
-        "nearest pose as evo does by default.",
+        help="Interpolate the trajectory with more poses at the stamps of the other, take the "
+        "nearest pose as evo does by default, or compare row by row. KITTI poses without times are "
+        "compared row by row.",
     ),
     click.option(
         "--max-diff",
@@ -209,25 +211,37 @@ def find(
 
     `how` says where the frames are named.
     """
-    if (topics or common.salvages() or common.chosen()) and not any(
-        _has_frames(name) for name in (reference, estimate)
-    ):
+    unit = common.take("stamp_unit")
+    if (topics or common.chosen()) and not any(_has_frames(name) for name in (reference, estimate)):
         raise click.UsageError("what is read of a recording can be chosen; these are trajectories")
+    from tfdb.comparing.given import Reading, goes_by_rows  # noqa: PLC0415 - brings numpy
+
     options = dict(options)
+    live = common.is_live(reference) or common.is_live(estimate)
+    by_default = options["association"] == "interpolate" and not live
+    if by_default and goes_by_rows(reference, estimate, options["delta_unit"]):
+        options["association"] = "rows"
+    reading = Reading(common.salvages(), unit, options["association"] == "rows")
     others = options.pop("estimate_frames") or frames
     limit = options.pop("max_diff")
-    ours = _read(reference, frames, topics, how)
-    theirs = _read(estimate, others, topics, "with --estimate-frames")
+    ours = _read(reference, frames, topics, how, reading)
+    theirs = _read(estimate, others, topics, "with --estimate-frames", reading)
     found = tfdb.compare(ours, theirs, max_diff=None if limit is None else limit / NS, **options)
     return found, ours, theirs
 
 
-def _read(name: str, frames: Sequence[str] | None, topics: tuple[str, ...], how: str) -> Trajectory:
+def _read(
+    name: str,
+    frames: Sequence[str] | None,
+    topics: tuple[str, ...],
+    how: str,
+    reading: Reading,
+) -> Trajectory:
     """Read one of the two."""
     if not _has_frames(name):
-        from tfdb.io import read_trajectory  # noqa: PLC0415 - brings numpy
+        from tfdb.comparing.given import given_trajectory  # noqa: PLC0415 - brings numpy
 
-        return read_trajectory(given_path(name))
+        return given_trajectory(name, None, "trajectory", "frames", reading)
     if frames is None:
         raise click.UsageError(f"{name} holds frames: name two {how} TARGET SOURCE")
     store = common.load((name,), topics).store
@@ -249,8 +263,8 @@ def _body(found: Comparison, outputs: list[str]) -> dict[str, Any]:
     return {
         "poses": list(found.given),
         "matched": len(found),
-        "start_ns": int(stamps[0]),
-        "end_ns": int(stamps[-1]),
+        "start_ns": int(stamps[0]) if found.has_stamps else None,
+        "end_ns": int(stamps[-1]) if found.has_stamps else None,
         "association": found.association,
         "max_diff_ns": found.max_diff,
         "offset_ns": found.offset,

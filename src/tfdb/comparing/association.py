@@ -1,9 +1,9 @@
-"""Which poses of two trajectories belong together, by their stamps."""
+"""Which poses of two trajectories belong together, by their stamps or row by row."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
@@ -37,14 +37,17 @@ def associate(
     reference: Trajectory,
     estimate: Trajectory,
     *,
-    interpolated: bool,
+    how: Literal["interpolate", "nearest", "rows"],
     max_diff: int | None,
     offset: int,
 ) -> Matched:
-    """Match poses by time; `offset` is added to the stamps of the estimate, both in nanoseconds.
+    """Match poses; `offset` is added to the stamps of the estimate, both in nanoseconds.
 
     Raises NotComparable where no two belong together.
     """
+    if how == "rows":
+        return _by_row(reference, estimate)
+    interpolated = how == "interpolate"
     stamps = estimate.stamps + offset
     moved = Trajectory._made(estimate.target, estimate.source, stamps, estimate.poses)
     by_estimate = _decides(reference, moved, common=interpolated)
@@ -65,6 +68,21 @@ def associate(
     first = few.poses[rows]
     sides = (found, first) if by_estimate else (first, found)
     return Matched(few.stamps[rows], *sides, limit)
+
+
+def _by_row(reference: Trajectory, estimate: Trajectory) -> Matched:
+    """Match poses row by row, at the stamps of the reference.
+
+    Raises NotComparable where one has more rows than the other, or no row has both poses.
+    """
+    if len(reference) != len(estimate):
+        raise NotComparable(
+            f"the reference has {len(reference)} poses and the estimate {len(estimate)}: row by "
+            "row both need as many",
+            reason="other numbers of poses",
+        )
+    rows = np.flatnonzero(there(reference) & there(estimate))
+    return Matched(reference.stamps[rows], reference.poses[rows], estimate.poses[rows], 0)
 
 
 def _known(rows: Rows, found: Array) -> tuple[Rows, Array]:

@@ -3,29 +3,32 @@
 from __future__ import annotations
 
 import math
+import warnings
 from operator import index
 from typing import TYPE_CHECKING, Any, Literal
 
 from .._core import Transform
-from ..errors import InvalidArgument, NotComparable
+from ..errors import InvalidArgument, NotComparable, TfdbWarning
 from ..given_objects import given_flag
 from ..stamps import MAX_STAMP, shown
 from ..trajectory import Trajectory
 from .alignment import MODES, NEEDED, align
 from .association import associate
 from .comparison import Comparison, Errors
-from .given import given_trajectory
+from .given import Reading, given_trajectory, goes_by_rows
 from .pairs import UNITS, check_delta, find_pairs
 from .poses import angles, distances, relative
+from .quaternion_order import order_hint
 from .time_offset import estimate_offset
 
 if TYPE_CHECKING:
+    from ..io.decimal_time import Unit
     from .alignment import Align
     from .association import Matched
     from .given import Frames, TrajectoryLike
     from .pairs import DeltaUnit
 
-_ASSOCIATIONS = ("interpolate", "nearest")
+_ASSOCIATIONS = ("interpolate", "nearest", "rows")
 _PAIRS_FROM = ("estimate", "reference")
 
 
@@ -35,7 +38,7 @@ def compare(
     *,
     frames: Frames | None = None,
     estimate_frames: Frames | None = None,
-    association: Literal["interpolate", "nearest"] = "interpolate",
+    association: Literal["interpolate", "nearest", "rows"] = "interpolate",
     max_diff: float | None = None,
     offset: float | Literal["estimate"] = 0.0,
     align: Align = "se3",
@@ -45,6 +48,8 @@ def compare(
     all_pairs: bool = False,
     delta_tolerance: float = 0.1,
     pairs_from: Literal["estimate", "reference"] = "estimate",
+    salvage: bool = False,
+    stamp_unit: Unit | None = None,
 ) -> Comparison:
     """How far an estimated trajectory is off a reference: APE (ATE) and RPE, as evo computes them.
 
@@ -61,7 +66,9 @@ def compare(
         `interpolate`: the trajectory with more poses in the time that both cover is interpolated at
         the stamps of the other (of equally many: at those of the estimate). `nearest`: each pose
         of the one with fewer poses is matched with the nearest of the other, as evo does by
-        default; the motion between their stamps then counts as error.
+        default; the motion between their stamps then counts as error. `rows`: row by row, of
+        trajectories with as many poses; stamps do not matter. Two files of KITTI poses, not both
+        with a file of times beside them, are compared so by default, as evo does.
     max_diff
         Seconds by which a stamp may be off the nearest pose of the other trajectory, or it is left
         out; nothing is interpolated where two poses are more than twice as far apart. None: 0.01
@@ -85,6 +92,9 @@ def compare(
         With `all_pairs`, but not of frames: the part of `delta` by which a pair may be off it.
     pairs_from
         Whose way is measured to find the pairs.
+    salvage, stamp_unit
+        How trajectory files are read, as in `tfdb.io.read_trajectory`. `salvage` also reads
+        damaged recordings, as in `tfdb.load`.
 
     Returns
     -------
@@ -104,6 +114,12 @@ def compare(
         A row that is no pose. Field: index.
 
     And what reading the files and looking up the frames raises.
+
+    Warns
+    -----
+    TfdbWarning
+        The positions agree, but the rotations would only with the quaternions of one in another
+        order (w x y z); and as `read_trajectory` for files.
     """
     _choice("association", association, _ASSOCIATIONS)
     _choice("align", align, tuple(MODES))
@@ -116,18 +132,18 @@ def compare(
     _number("delta_tolerance", delta_tolerance)
     check_delta(delta, delta_unit)
     fitted = _fitted(align_poses, align)
-    ours = given_trajectory(reference, frames, "reference", "frames")
-    theirs = given_trajectory(
-        estimate,
-        frames if estimate_frames is None else estimate_frames,
-        "estimate",
-        "estimate_frames",
-    )
+    if association == "interpolate" and goes_by_rows(reference, estimate, delta_unit):
+        association = "rows"
+    if association == "rows" and (given_offset != 0 or limit is not None):
+        reason = "row by row no stamps are compared: offset and max_diff go with the others"
+        raise InvalidArgument(reason, value=offset if limit is None else max_diff)
+    reading = Reading(given_flag("salvage", salvage), stamp_unit, association == "rows")
+    ours = given_trajectory(reference, frames, "reference", "frames", reading)
+    others = frames if estimate_frames is None else estimate_frames
+    theirs = given_trajectory(estimate, others, "estimate", "estimate_frames", reading)
     if given_offset is None:
         given_offset = estimate_offset(ours, theirs, scaled=align in ("sim3", "scale"))
-    matched = associate(
-        ours, theirs, interpolated=association == "interpolate", max_diff=limit, offset=given_offset
-    )
+    matched = associate(ours, theirs, how=association, max_diff=limit, offset=given_offset)
     options: dict[str, Any] = {
         "offset": given_offset,
         "offset_estimated": guessed,
@@ -138,13 +154,10 @@ def compare(
         "delta_unit": delta_unit,
         "all_pairs": given_flag("all_pairs", all_pairs),
     }
+    by_reference = pairs_from == "reference"
+    given = ours, theirs
     return _judge(
-        matched,
-        (ours, theirs),
-        fitted,
-        options,
-        tolerance=delta_tolerance,
-        by_reference=pairs_from == "reference",
+        matched, given, fitted, options, tolerance=delta_tolerance, by_reference=by_reference
     )
 
 
@@ -161,15 +174,20 @@ def _judge(
     ours, theirs = given
     how = options["align"]
     if len(matched.stamps) < NEEDED[how]:
+        in_time = f"match in time, within {matched.max_diff / 1e9:g} s"
+        by_row = options["association"] == "rows"
         raise NotComparable(
-            f"only {len(matched.stamps)} of {min(options['given'])} poses match in time, within "
-            f"{matched.max_diff / 1e9:g} s: align={how!r} needs {NEEDED[how]}; give a larger "
-            "max_diff, or an offset",
+            f"only {len(matched.stamps)} of {min(options['given'])} poses "
+            f"{'are in both' if by_row else in_time}: align={how!r} needs {NEEDED[how]}"
+            f"{'' if by_row else '; give a larger max_diff, or an offset'}",
             reason="too few matches",
             limit=matched.max_diff,
         )
     fit = align(matched.reference[:fitted], matched.estimate[:fitted], how)
     moved = fit.apply(matched.estimate)
+    hint = order_hint(matched, fit)
+    if hint:
+        warnings.warn(hint, TfdbWarning, stacklevel=3)
     stamps = matched.stamps
     pairs = find_pairs(
         stamps,

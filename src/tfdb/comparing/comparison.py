@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 
 from ..counting import counted
+from ..io.decimal_time import NS_PER_SECOND
 from .alignment import MODES
 
 if TYPE_CHECKING:
@@ -128,10 +129,10 @@ class Comparison:
     """Whether they were estimated."""
     given: tuple[int, int]
     """Poses of the reference and of the estimate."""
-    association: Literal["interpolate", "nearest"]
-    """How poses were matched by time."""
+    association: Literal["interpolate", "nearest", "rows"]
+    """How poses were matched: by time, or row by row."""
     max_diff: int
-    """How far, in nanoseconds, the nearest pose was allowed to be."""
+    """How far, in nanoseconds, the nearest pose was allowed to be; 0 row by row."""
     align: Align
     """What was fitted."""
     delta: float
@@ -140,6 +141,14 @@ class Comparison:
     """Its unit."""
     all_pairs: bool
     """Whether a relative error begins at every pose, not only where the one before ends."""
+
+    @property
+    def has_stamps(self) -> bool:
+        """False where stamps are the numbers of rows, in seconds: KITTI poses have no others."""
+        stamps = self.reference.stamps
+        whole = bool((stamps % NS_PER_SECOND == 0).all())
+        numbers = whole and int(stamps[-1]) < self.given[0] * NS_PER_SECOND
+        return not (self.association == "rows" and numbers)
 
     def __len__(self) -> int:
         """How many poses were matched."""
@@ -206,7 +215,10 @@ class Comparison:
     def _facts(self) -> list[tuple[str, str]]:
         """What people must know to read the numbers."""
         ways = {"interpolate": "interpolated", "nearest": "the nearest"}
-        within = f"{ways[self.association]} within {self.max_diff / 1e6:.4g} ms"
+        if self.association == "rows":
+            within = "row by row"
+        else:
+            within = f"{ways[self.association]} within {self.max_diff / 1e6:.4g} ms"
         facts = [("matched", f"{counted(len(self), 'pose')}, {within}")]
         if self.offset or self.offset_estimated:
             how = ", estimated" if self.offset_estimated else ""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from contextlib import suppress
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
@@ -14,7 +15,8 @@ from ..errors import InvalidArgument, InvalidTransform, NotComparable, Recording
 from ..frozen import is_frozen
 from ..given_path import given_path
 from ..io.containers import kind_of
-from ..io.trajectories import read_trajectory
+from ..io.trajectories import kitti_times, read_with_rows
+from ..io.trajectory_report import warn_of_rows
 from ..loading import load
 from ..poses import TOO_FAR, found
 from ..summary import longest_moving_chain
@@ -23,6 +25,8 @@ from ..trajectory import Trajectory
 if TYPE_CHECKING:
     from pathlib import Path
 
+    from ..io.decimal_time import Unit
+
 TrajectoryLike: TypeAlias = Trajectory | Reads | str | os.PathLike[str]
 """What `compare` takes."""
 
@@ -30,7 +34,18 @@ Frames: TypeAlias = tuple[str, str]
 """Target and source."""
 
 
-def given_trajectory(given: Any, frames: Frames | None, role: str, parameter: str) -> Trajectory:
+@dataclass(frozen=True)
+class Reading:
+    """How trajectory files are read; `by_row`: KITTI poses need no stamps."""
+
+    salvage: bool = False
+    stamp_unit: Unit | None = None
+    by_row: bool = False
+
+
+def given_trajectory(
+    given: Any, frames: Frames | None, role: str, parameter: str, reading: Reading
+) -> Trajectory:
     """Make a trajectory of what a caller gave.
 
     `role` names it in errors, `parameter` the frames. Raises what loading and looking up raise,
@@ -55,8 +70,38 @@ def given_trajectory(given: Any, frames: Frames | None, role: str, parameter: st
     if is_frozen(path):
         return looked_up(open_frozen(path), frames, role, parameter)
     if is_recording(path):
-        return looked_up(load(path), frames, role, parameter)
-    return checked(read_trajectory(path), role)
+        return looked_up(load(path, salvage=reading.salvage), frames, role, parameter)
+    trajectory, rows = read_with_rows(
+        path,
+        salvage=reading.salvage,
+        stamp_unit=reading.stamp_unit,
+        by_row=reading.by_row,
+    )
+    warn_of_rows(rows, 3)
+    return checked(trajectory, role)
+
+
+def goes_by_rows(reference: Any, estimate: Any, delta_unit: object) -> bool:
+    """Whether both are files of KITTI poses, of which one has no stamps.
+
+    Raises InvalidArgument for a `delta_unit` of seconds, which they do not have.
+    """
+    timed = [_kitti_times(given) for given in (reference, estimate)]
+    if None in timed or all(timed):
+        return False
+    if delta_unit == "s":
+        raise InvalidArgument("delta_unit='s' needs stamps, which KITTI poses lack", value="s")
+    return True
+
+
+def _kitti_times(given: Any) -> bool | None:
+    """Whether a file of KITTI poses has times beside it; None for all else."""
+    if not isinstance(given, str | os.PathLike):
+        return None
+    path = given_path(given)
+    if not path.is_file() or is_frozen(path) or is_recording(path):
+        return None
+    return kitti_times(path)
 
 
 def is_recording(path: Path) -> bool:

@@ -191,15 +191,16 @@ def checked_unit(path: object, unit: Any) -> Unit | None:
     raise TrajectoryError(path, None, f"stamp_unit is one of {', '.join(UNITS)}, not {shown(unit)}")
 
 
-def has_no_times(path: Path) -> bool:
-    """Whether a file holds KITTI poses whose stamps are nowhere."""
+def kitti_times(path: Path) -> bool | None:
+    """Whether a file of KITTI poses has a file of times beside it; None for other files."""
     raw = _read(path)
     if any(raw.startswith(magic) for magic, _ in _MAGICS):
-        return False
+        return None
     try:
-        return layout_of(Lines(path, raw), None) is None and _find_times(path) is None
+        is_kitti = layout_of(Lines(path, raw, salvage=True), None) is None
     except TrajectoryError:
-        return False  # whoever reads it says why
+        return None  # reading it raises the same
+    return _find_times(path) is not None if is_kitti else None
 
 
 def into_buffer(
@@ -317,7 +318,10 @@ def _times_beside(path: Path) -> tuple[Path, Path]:
 def _no_times(path: Path) -> TrajectoryError:
     names = " nor ".join(each.name for each in _times_beside(path))
     return TrajectoryError(
-        path, None, f"KITTI poses carry no stamps: neither {names} is beside it, pass times=..."
+        path,
+        None,
+        f"KITTI poses carry no stamps: neither {names} is beside it, pass times=...; "
+        "association='rows' (--association rows) compares without stamps",
     )
 
 

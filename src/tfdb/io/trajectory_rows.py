@@ -202,6 +202,9 @@ def _stamp(text: tuple[str, str], unit: Unit, *, whole: bool) -> int:
         if nanoseconds >= NS_PER_SECOND:
             raise ValueError(f"{rest!r} nanoseconds are more than a second")
         return units_to_ns(f"{seconds}.{nanoseconds:09d}", "s")
+    decimals = first.partition(".")[2].strip("0")
+    if unit == "ns" and not whole and decimals.isdecimal():
+        raise ValueError(f"{first[:40]!r} is not a whole number of nanoseconds")
     return integer_ns(first) if whole and unit == "ns" else units_to_ns(first, unit)
 
 

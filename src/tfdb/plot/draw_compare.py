@@ -66,7 +66,7 @@ def comparison(result: Comparison, *, title: str | None = None) -> Figure:
     _draw_errors(above, result.ape_translation, result.rpe_translation, start, 1.0)
     _draw_errors(below, result.ape_rotation, result.rpe_rotation, start, 180.0 / np.pi)
     style.label(above, "", "translation [m]")
-    style.label(below, style.since(start), "rotation [deg]")
+    style.label(below, style.since(start) if result.has_stamps else "row", "rotation [deg]")
     above.tick_params(labelbottom=False)
     figure.align_ylabels([above, below])
     style.settle(figure)

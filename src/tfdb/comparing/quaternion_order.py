@@ -1,0 +1,64 @@
+"""Whether the quaternions of a trajectory may have been read in another order than they have."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Literal
+
+import numpy as np
+
+from .poses import angles, distances, relative
+
+if TYPE_CHECKING:
+    from .alignment import Similarity
+    from .association import Matched
+    from .poses import Array
+
+Role = Literal["reference", "estimate"]
+
+_ORDERS = (("w x y z", (1, 2, 3, 0)), ("x y z w", (3, 0, 1, 2)))
+"""The order in which the file may have them, and what makes x y z w of what was read."""
+_OFF = np.deg2rad(10.0)
+_PART = 0.2
+
+
+def order_hint(matched: Matched, fit: Similarity) -> str:
+    """Say that quaternions may be in another order; empty where nothing speaks for it.
+
+    The positions agree, within a tenth of their extent, and the rotations would agree far better
+    with the numbers of one trajectory's quaternions in another order.
+    """
+    moved = fit.apply(matched.estimate)
+    errors = relative(matched.reference, moved)
+    before = float(np.median(angles(errors)))
+    points = matched.reference[:, :3]
+    extent = float(np.sqrt(np.mean(distances(matched.reference - _middle(points)) ** 2)))
+    agree = float(np.sqrt(np.mean(distances(errors) ** 2))) <= 0.1 * extent
+    if before < _OFF or not agree:
+        return ""
+    for order, places in _ORDERS:
+        for role in ("estimate", "reference"):
+            after = _reordered(matched, fit, role, places)
+            if after <= _PART * before:
+                names = " ".join(f"q{part}" for part in order.split())
+                return (
+                    f"the positions agree, but the rotations are {np.rad2deg(before):.3g} deg off; "
+                    f"the quaternions of the {role} may be in the order {order}, with which they "
+                    f"are {np.rad2deg(after):.3g} deg off: name the columns in the first line of "
+                    f"the file, such as `timestamp x y z {names}`"
+                )
+    return ""
+
+
+def _middle(points: Array) -> Array:
+    middle = np.zeros((1, 7))
+    middle[0, :3] = points.mean(axis=0)
+    return middle
+
+
+def _reordered(matched: Matched, fit: Similarity, role: str, places: tuple[int, ...]) -> float:
+    """The median angle between the rotations, with the quaternions of one in another order."""
+    given = {"reference": matched.reference, "estimate": matched.estimate}
+    changed = given[role].copy()
+    changed[:, 3:] = changed[:, [3 + place for place in places]]
+    given[role] = changed
+    return float(np.median(angles(relative(given["reference"], fit.apply(given["estimate"])))))
