@@ -208,3 +208,16 @@ def test_static_transforms_of_a_mixture_need_a_way_on(tool: Tool) -> None:
     given = ("0", "0", "1", "0", "0", "0", "1", "a", "b")
     text = tool("static-publisher", "shm:none", *given, "--mix", code=2).error
     assert "go with --from" in text
+
+
+def test_a_growing_recording_is_followed_by_the_same_rule(tool: Tool) -> None:
+    name = "groups-followed"
+    command = ("serve", "follow", ROBOTS, "--into", name)
+    try:
+        assert "--by-namespace" in tool(*command, code=2).error
+        tool("shm", "rm", name)
+        tool(*command, "--by-namespace", "--history", "100")
+        with tfdb.Buffer.open(name, create=False) as store:
+            assert store.frame_info("robot1/base_link").samples == 50
+    finally:
+        tool("shm", "rm", name)

@@ -361,7 +361,7 @@ def _static_and_moving(edge: Edge) -> Iterator[Finding]:
     static = int(edge.static.sum())
     moving = len(edge.static) - static
     if static and moving:
-        message = f"{static:,} transforms are static, {moving:,} are moving"
+        message = f"{_count(static, 'static transform')}, {_count(moving, 'moving transform')}"
         yield Finding("static-and-moving", (edge.name,), message, None, min(static, moving))
 
 
