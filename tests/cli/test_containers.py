@@ -11,7 +11,9 @@ import tfdb
 
 CASES = Path(__file__).parents[1] / "cases"
 LAST = 1_700_000_000_980_000_000
-NO_TIME = "50 transforms of topic '/transforms' have no timestamp; the log time of their message"
+NO_TIME = (
+    "50 transforms of topic '/transforms' have no timestamp and get the log time of their message"
+)
 
 
 def export(path: Path) -> tfdb.Buffer:

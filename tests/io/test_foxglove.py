@@ -352,8 +352,8 @@ def test_a_list_without_transforms_is_no_damage(tmp_path: Path) -> None:
 
 def test_a_message_without_a_time_has_its_log_time() -> None:
     words = (
-        r"pb_notime.mcap: 50 transforms of topic '/transforms' have no timestamp; the log time of "
-        "their message is taken"
+        r"pb_notime.mcap: 50 transforms of topic '/transforms' have no timestamp and get the log "
+        "time of their message"
     )
     expected = {START + i * 20_000_000: i * 0.02 for i in range(50)}
     for options in ({}, {"pose_topics": "/transforms"}, {"keep": 3600.0}):

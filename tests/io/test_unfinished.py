@@ -168,9 +168,9 @@ def test_what_is_packed_and_no_recording(tmp_path: Path) -> None:
     path = tmp_path / "a.csv.zst"
     for content, words in (
         (b"", "the file is empty"),
-        (b"1 2 3 4 5 6 7 8\n", "packed with zstd, and no recording in it"),
-        (zstandard.compress(b"x"), "packed with zstd, and no recording in it"),
-        (b"a text\n" * 9, "neither a ROS 1 bag|no recording in it"),
+        (b"1 2 3 4 5 6 7 8\n", "packed with zstd, but holds no recording"),
+        (zstandard.compress(b"x"), "packed with zstd, but holds no recording"),
+        (b"a text\n" * 9, "neither a ROS 1 bag|holds no recording"),
     ):
         path.write_bytes(zstandard.compress(content))
         with pytest.raises(tfdb.RecordingError, match=words) as caught:
@@ -225,7 +225,7 @@ def test_a_missing_file_is_not_replaced_by_another_recording(
     # A part of it is one, with --salvage.
     part = recorder.folder(tmp_path / "c", messages[:200], "sqlite3")
     shutil.copy(part / "c.db3", folder / "c.db3")
-    with pytest.raises(tfdb.RecordingError, match=r"a.db3; c.db3 may be of them; salvage=True"):
+    with pytest.raises(tfdb.RecordingError, match=r"a.db3; c.db3 may replace them; salvage=True"):
         tfdb.load(folder)
     report = tfdb.Buffer(history=None).load(folder, salvage=True)
     assert (report.messages, sum(loss.messages for loss in report.lost)) == (200, 401)
@@ -390,7 +390,7 @@ def test_a_damaged_log(whole: Path) -> None:
 @pytest.mark.parametrize("running", LOGS[1:], indirect=True)
 def test_the_log_given_for_the_database(running: tuple[Running, Path]) -> None:
     log = next(each for each in running[1].iterdir() if each.name.endswith(("-wal", "-journal")))
-    with pytest.raises(tfdb.RecordingError, match=r"the log beside a .db3: give the .db3"):
+    with pytest.raises(tfdb.RecordingError, match=r"the log of a .db3: give the .db3"):
         tfdb.load(log)
 
 
@@ -422,6 +422,15 @@ def test_a_database_of_which_nothing_is_left(whole: Path) -> None:
     for options in ({}, {"salvage": True}):
         with pytest.raises(tfdb.RecordingError, match=r"whole.db3: damaged or cut short"):
             tfdb.load(whole.parent, **options)
+
+
+def test_a_database_that_is_cut_before_its_messages(whole: Path) -> None:
+    """The error says what was lost."""
+    whole.write_bytes(whole.read_bytes()[:29_000])
+    words = "hold no transform; .*: lost at least 0 messages and .* bytes: cut short, its end"
+    for path in (whole, whole.parent):
+        with pytest.raises(tfdb.RecordingError, match=words):
+            tfdb.load(path, salvage=True)
 
 
 def test_pages_in_the_middle_are_damaged(whole: Path) -> None:

@@ -172,7 +172,7 @@ def _untimed(loaded: common.Loaded) -> list[Finding]:
         Finding(
             "no-time",
             (),
-            f"{count:,} transforms of topic {topic}: loading takes their log time",
+            f"{count:,} transforms of topic {topic} get the log time of their message",
             None,
             count,
         )

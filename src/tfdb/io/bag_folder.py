@@ -79,7 +79,7 @@ def open_folder(folder: Path, *, salvage: bool = False) -> Container:
             if others and _found(parts) == Counter(metadata.counts):
                 notes.append(f"{told}; {listed} is read instead: it holds the promised messages")
             else:
-                problem(told + (f"; {listed} may be of them" if others else ""))
+                problem(told + (f"; {listed} may replace them" if others else ""))
         if not parts:
             raise RecordingError(folder, _why_none(folder, problems))
         lost = _lost(metadata, parts)
@@ -102,7 +102,7 @@ def _opened(
     *,
     salvage: bool,
 ) -> list[Container]:
-    """The files that can be opened; another is a problem, or RecordingError."""
+    """Open files; one that cannot be opened is a problem, without `salvage` RecordingError."""
     parts = []
     for name in names:
         try:
@@ -115,13 +115,13 @@ def _opened(
 
 
 def _recordings_in(folder: Path) -> list[str]:
-    """Names of the files of a bag; of one that lies there packed, too, the unpacked."""
+    """Return the names of .db3 and .mcap files, without packed copies of files beside them."""
     names = sorted(each.name for each in folder.iterdir() if _PART.fullmatch(each.name))
     return [name for name in names if name.removesuffix(".zstd") == name or name[:-5] not in names]
 
 
 def _why_none(folder: Path, problems: list[str]) -> str:
-    """Say why no file of a folder is read."""
+    """Return why no file of a folder can be read."""
     if problems:
         return "; ".join(problems)
     held = sorted(each.name + "/" * each.is_dir() for each in folder.iterdir())

@@ -548,8 +548,8 @@ class Rewriter:
             warnings.warn(message, TfdbWarning, stacklevel=depth)
         for topic, count in self.untimed.items():
             message = (
-                f"{what}: {count:,} transforms of topic {topic!r} have no timestamp; "
-                "the log time of their message is taken"
+                f"{what}: {count:,} transforms of topic {topic!r} have no timestamp "
+                "and get the log time of their message"
             )
             warnings.warn(message, TfdbWarning, stacklevel=depth)
 

@@ -68,7 +68,7 @@ _MAGICS: tuple[tuple[bytes, Kind], ...] = (
     (b"SQLite format 3\0", "db3"),
     (ZSTD, "packed"),
 )
-_LOG = "the log beside a .db3: give the .db3, which is read with its log"
+_LOG = "the log of a .db3: give the .db3 instead, which is read with its log"
 _OTHERS = (
     (b"#ROSBAG V1", "a bag of the old version 1: convert it with `rosbag fix`"),
     (
@@ -111,7 +111,7 @@ class Source:
 
     @property
     def is_tf(self) -> bool:
-        """Whether its messages are TFMessages, which the store decodes itself."""
+        """Whether its messages are TFMessages, which the store decodes."""
         return self.type in _TF_TYPES
 
     @property
@@ -178,7 +178,7 @@ class Container:
     """
 
     notes: tuple[str, ...] = ()
-    """How the file was read, where it is not as its recorder or its metadata says."""
+    """Remarks on an unfinished or renamed file: how it was read."""
     rows: TrajectoryRows | None = None
     """What became of the rows of a trajectory file."""
 
@@ -252,18 +252,18 @@ class Container:
 
 
 def is_packed(source: Source, data: bytes) -> bool:
-    """Whether a message is a zstd frame, as rosbag2 packs them: no CDR begins like that."""
+    """Return whether a message is a zstd frame, as rosbag2 packs it: no CDR begins like one."""
     return data[:4] == ZSTD and source.encoding == "cdr"
 
 
 def are_packed(messages: Recorded, sources: Mapping[int, Source]) -> bool:
-    """Whether messages, one at least, are packed one by one: a recorder packs all, or none."""
+    """Return whether messages (at least one) are packed singly: a recorder packs all or none."""
     _, id_, data = messages[0]
     return is_packed(sources[id_], data)
 
 
 def unpacked(messages: Recorded, sources: Mapping[int, Source]) -> Recorded:
-    """Messages, one at least, without the packing of single ones."""
+    """Return messages (at least one), each unpacked if they are packed singly."""
     if not are_packed(messages, sources):
         return messages
     made = Recorded()

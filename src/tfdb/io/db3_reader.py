@@ -1,8 +1,8 @@
 """ROS 2 databases: one SQLite file with the tables `topics` and `messages`.
 
-A recorder that did not finish leaves a write-ahead log or a journal beside the file, which SQLite
-merges: into a copy, or, where the recorder may be running, as its locks allow. No file of the
-recording is written to.
+A recorder that did not finish leaves a write-ahead log or a journal beside the file. SQLite merges
+the log into a temporary copy. Beside a recorder that may be running, it reads under the recorder's
+locks. No file of the recording is changed.
 """
 
 from __future__ import annotations
@@ -54,7 +54,7 @@ _OTHER_TYPE = "a message of another type than the format has"
 def open_db3(path: Path, *, salvage: bool = False) -> Container:
     """Open a `.db3` file, with the log that its recorder left; raises `RecordingError`.
 
-    With `salvage`, the rows that SQLite gets to are read.
+    `salvage` reads the rows that SQLite can reach.
     """
     more = f"`sqlite3 {path.name} .recover` may save more"
     hint = more if salvage else f"{SALVAGE}; {more}"
@@ -65,7 +65,7 @@ def open_db3(path: Path, *, salvage: bool = False) -> Container:
         database = _connected(real, logs, gathered if salvage else None)
         try:
             database.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, MAX_CHUNK)
-            if salvage:  # SQLite then reads a file that has fewer pages than its head says
+            if salvage:  # lets SQLite read a file with fewer pages than its header says
                 database.execute("PRAGMA writable_schema=ON").fetchall()
             _check_tables(database)
             made = _salvaged(path, database, gathered) if salvage else _open(path, database, hint)
@@ -74,7 +74,7 @@ def open_db3(path: Path, *, salvage: bool = False) -> Container:
             raise
     if logs:
         names = " and ".join(log.name for log in logs)
-        made.notes = (f"its recorder did not finish; what it committed to {names} is read, too",)
+        made.notes = (f"its recorder did not finish; what it committed to {names} is read",)
     return made
 
 
@@ -123,7 +123,7 @@ def _messages(database: sqlite3.Connection, ids: Collection[int]) -> Iterator[Pa
 
 
 def _is(row: tuple[object, ...], types: tuple[type, ...]) -> bool:
-    """Whether a row has the types that the format wants: SQLite itself minds none."""
+    """Return whether a row has the types of the format: SQLite does not enforce them."""
     return tuple(map(type, row)) == types
 
 
@@ -133,11 +133,14 @@ def _typed(row: tuple[object, ...], types: tuple[type, ...]) -> tuple[Any, ...]:
     return row
 
 
-# -- what recorders leave behind ------------------------------------------------------------------
+# -- unfinished databases --------------------------------------------------------------------------
 
 
 def _logs(path: Path, gathered: Gathered | None) -> list[Path]:
-    """The logs beside the file that hold something; a damaged one is lost, or BadDataError."""
+    """Return the logs beside the file that are not empty.
+
+    A damaged write-ahead log is noted as lost in `gathered`; without it, raises BadDataError.
+    """
     named = [path.with_name(path.name + end) for end in ("-wal", "-journal")]
     logs = [log for log in named if log.is_file() and log.stat().st_size]
     if logs and logs[0].name.endswith("-wal") and not _is_log(logs[0]):
@@ -150,7 +153,7 @@ def _logs(path: Path, gathered: Gathered | None) -> list[Path]:
 
 
 def _is_log(log: Path) -> bool:
-    """Whether a write-ahead log has the head that SQLite gives it, or would be taken for empty."""
+    """Return whether the header of a write-ahead log is valid: SQLite ignores an invalid log."""
     with log.open("rb") as file:
         head = file.read(32)
     magic = int.from_bytes(head[:4], "big")
@@ -169,7 +172,7 @@ def _connected(path: Path, logs: list[Path], gathered: Gathered | None) -> sqlit
         shared = path.with_name(path.name + "-shm")
         if [log.name for log in logs] == [f"{path.name}-wal"] and shared.is_file():
             database = _connect(path, "mode=ro&readonly_shm=1")
-            database.execute("BEGIN")  # all reads see one state, also beside a running recorder
+            database.execute("BEGIN")  # all reads see one state while the recorder writes
             return database
         return _copied(path, logs)
     if gathered is not None:
@@ -187,9 +190,9 @@ def _connect(path: Path, how: str) -> sqlite3.Connection:
 
 
 def _copied(path: Path, logs: list[Path], size: int | None = None) -> sqlite3.Connection:
-    """A connection to a copy of the file, or of its first bytes, with the logs merged.
+    """Connect to a copy of the file, or of its first `size` bytes, with the logs merged.
 
-    The copy has no name any more and ends with the connection.
+    The copy is already deleted; its data last as long as the connection.
     """
     with tempfile.TemporaryDirectory(prefix="tfdb-") as folder:
         for file in (path, *logs):
@@ -201,13 +204,13 @@ def _copied(path: Path, logs: list[Path], size: int | None = None) -> sqlite3.Co
             with closing(_connect(copy, "mode=rw")) as database:
                 database.execute(_TABLES).fetchall()
         database = _connect(copy, "immutable=1")
-        with suppress(sqlite3.DatabaseError):  # the file is open then, whatever is in it
+        with suppress(sqlite3.DatabaseError):  # this opens the file, valid or not
             database.execute("PRAGMA schema_version").fetchall()
     return database
 
 
 def _pages(path: Path) -> tuple[int, int]:
-    """How many bytes of whole pages a file has, and how many it should have by its head."""
+    """Return the bytes of a file's whole pages, and its size according to its header."""
     with path.open("rb") as file:
         head = file.read(32)
     page = int.from_bytes(head[16:18], "big")
@@ -242,9 +245,9 @@ def _salvaged(path: Path, database: sqlite3.Connection, gathered: Gathered) -> C
 def _rows(
     database: sqlite3.Connection, query: str, gathered: Gathered
 ) -> Iterator[tuple[Any, ...]]:
-    """The rows of a table by their numbers, without those that SQLite does not get to.
+    """Yield the rows of a table in the order of their numbers, without those on damaged pages.
 
-    Where a page cannot be read, the search goes on behind it, with ever longer steps.
+    Behind a damaged page, the search goes on in steps that double.
     """
     last, step = -1, 0
     while last + step < _LAST_ROW:
@@ -266,7 +269,7 @@ def _rows(
 
 
 def _check_order(last: int, number: int) -> None:
-    """Refuse rows that a damaged table has again and again."""
+    """Refuse rows out of order, which a damaged table may repeat without end."""
     if number <= last:
         raise BadDataError("its rows are out of order")
 
@@ -274,7 +277,7 @@ def _check_order(last: int, number: int) -> None:
 def _rows_before(
     database: sqlite3.Connection, query: str, first: int, last: int
 ) -> list[tuple[Any, ...]]:
-    """The rows between two, from the later one back to where a page cannot be read."""
+    """Return the rows between two, as far back from the later one as pages can be read."""
     found = []
     with suppress(BadDataError), _database_errors():  # the caller has counted that page
         back = f"{query} WHERE rowid > ? AND rowid < ? ORDER BY rowid DESC"

@@ -93,7 +93,7 @@ class LoadReport:
         Topic to the number of its transforms without a timestamp: Foxglove's messages may leave it
         out. They have the log time of their message.
     notes
-        How files were read whose recorder did not finish, or whose metadata names others.
+        Remarks on unfinished or renamed files: how they were read.
     """
 
     files: tuple[str, ...]
@@ -582,7 +582,8 @@ class _Tally:
             if not self.refused and rewriter.left_out:
                 raise RecordingError(path, rewriter.reason())
             if not self.refused:
-                raise RecordingError(path, "its topics of transforms hold no transform")
+                lost = "".join(f"; {loss}" for loss in self.lost)
+                raise RecordingError(path, f"its topics of transforms hold no transform{lost}")
             name, count = self.reasons.most_common(1)[0]
             first = f"{name}: {self.first_refusals[name]}"
             raise RecordingError(path, f"all messages were refused, {count} of them with {first}")

@@ -30,17 +30,16 @@ _INNER: dict[Kind, Callable[..., Container]] = {
 def _opener(file: Path) -> Callable[..., Container]:
     kind = kind_of(file)
     if kind not in _INNER:
-        raise RecordingError(file, "packed with zstd, and no recording in it")
+        raise RecordingError(file, "packed with zstd, but holds no recording")
     return _INNER[kind]
 
 
 def open_packed(path: Path, *, salvage: bool = False) -> Container:
-    """Unpack a file and open what is in it; raises `RecordingError`.
+    """Unpack a file and open the recording in it; raises `RecordingError`.
 
-    The unpacked file has no name any more and ends with the container.
+    The unpacked file is already deleted; its data last as long as the container.
     """
     with tempfile.TemporaryDirectory(prefix="tfdb-") as folder:
-        # Names of packed trajectories would say nothing: only first bytes count.
         file = Path(folder, path.stem)
         with typed_errors(path):
             lost = unpack_file(path, file, salvage=salvage)

@@ -130,7 +130,7 @@ class Recording:
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """How the files were read, where their recorder did not finish or they were renamed."""
+        """Remarks on unfinished or renamed files: how they were read."""
         return tuple(f"{self.path}: {note}" for note in self._container.notes)
 
     @property
