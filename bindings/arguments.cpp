@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <string>
+#include <vector>
 
 #include "errors.hpp"
 
@@ -13,19 +14,32 @@ namespace {
     throw nb::python_error();
 }
 
+/// Says in our words why a call fits no parameters.
+[[noreturn]] void throw_misfit(const ParameterList& list, std::size_t count, PyObject* keywords) {
+    nb::list names;
+    for (const std::string_view name : list.names) {
+        names.append(nb::str(name.data(), name.size()));
+    }
+    const nb::object given =
+        keywords == nullptr ? nb::object(nb::tuple()) : nb::borrow(nb::handle(keywords));
+    const nb::object describe = nb::module_::import_("tfdb.signatures").attr("refusal");
+    const nb::object text = describe(nb::str(list.function), names, list.required, list.positional,
+                                     nb::make_tuple(count, given));
+    PyErr_SetObject(PyExc_TypeError, text.ptr());
+    throw nb::python_error();
+}
+
+/// Where the parameter of that name is; the number of parameters if there is none.
 std::size_t find_parameter(const ParameterList& list, PyObject* keyword) {
     Py_ssize_t size = 0;
     const char* const text = PyUnicode_AsUTF8AndSize(keyword, &size);
     if (text == nullptr) {
         forget_error();
+        return list.names.size();
     }
     const std::string_view name(text, static_cast<std::size_t>(size));
     const auto found = std::find(list.names.begin(), list.names.end(), name);
-    if (found != list.names.end()) {
-        return static_cast<std::size_t>(found - list.names.begin());
-    }
-    throw_type_error(std::string(list.function) + "() got an unexpected keyword argument '" +
-                     text_of(keyword) + "'");
+    return static_cast<std::size_t>(found - list.names.begin());
 }
 
 }  // namespace
@@ -33,8 +47,7 @@ std::size_t find_parameter(const ParameterList& list, PyObject* keyword) {
 void ParameterList::bind_slowly(PyObject* const* args, std::size_t count, PyObject* keywords,
                                 PyObject** out) const {
     if (count > positional) {
-        throw_type_error(std::string(function) + "() takes at most " + std::to_string(positional) +
-                         " positional arguments, got " + std::to_string(count));
+        throw_misfit(*this, count, keywords);
     }
     for (std::size_t i = 0; i < count; ++i) {
         out[i] = args[i];
@@ -42,18 +55,36 @@ void ParameterList::bind_slowly(PyObject* const* args, std::size_t count, PyObje
     const Py_ssize_t named = keywords == nullptr ? 0 : NB_TUPLE_GET_SIZE(keywords);
     for (Py_ssize_t k = 0; k < named; ++k) {
         const std::size_t i = find_parameter(*this, NB_TUPLE_GET_ITEM(keywords, k));
-        if (out[i] != nullptr) {
-            throw_type_error(std::string(function) + "() got multiple values for argument '" +
-                             std::string(names[i]) + "'");
+        if (i == names.size() || out[i] != nullptr) {
+            throw_misfit(*this, count, keywords);
         }
         out[i] = args[count + static_cast<std::size_t>(k)];
     }
     for (std::size_t i = 0; i < required; ++i) {
         if (out[i] == nullptr) {
-            throw_type_error(std::string(function) + "() is missing the argument '" +
-                             std::string(names[i]) + "'");
+            throw_misfit(*this, count, keywords);
         }
     }
+}
+
+void bind_tuple(const ParameterList& list, nb::handle args, PyObject* keywords, PyObject** out) {
+    const auto count = static_cast<std::size_t>(NB_TUPLE_GET_SIZE(args.ptr()));
+    std::vector<PyObject*> given(count);  // borrowed from both
+    for (std::size_t i = 0; i < count; ++i) {
+        given[i] = NB_TUPLE_GET_ITEM(args.ptr(), static_cast<Py_ssize_t>(i));
+    }
+    if (keywords == nullptr || PyDict_Size(keywords) == 0) {
+        list.bind_slowly(given.data(), count, nullptr, out);
+        return;
+    }
+    nb::list names;
+    PyObject* key = nullptr;
+    PyObject* value = nullptr;
+    for (Py_ssize_t at = 0; PyDict_Next(keywords, &at, &key, &value) != 0;) {
+        names.append(nb::handle(key));
+        given.push_back(value);
+    }
+    list.bind_slowly(given.data(), count, nb::tuple(names).ptr(), out);
 }
 
 void add_raw_method(nb::handle type, PyMethodDef& method) {

@@ -42,6 +42,9 @@ struct ParameterList {
                      PyObject** out) const;
 };
 
+/// Binds what a constructor was given, a tuple and a dict or null, into `out`.
+void bind_tuple(const ParameterList& list, nb::handle args, PyObject* keywords, PyObject** out);
+
 /// Binds the arguments of a vectorcall. The common call, all positional, is just a copy.
 template <std::size_t N>
 std::array<PyObject*, N> bind(const ParameterList& list, PyObject* const* args, Py_ssize_t count,

@@ -46,22 +46,36 @@ BufferObject* make_object(void* place, const BufferOptions& options) {
     }
 }
 
-void init(nb::pointer_and_handle<BufferObject> self, nb::handle history, nb::handle max_frames,
-          nb::handle memory_limit, nb::handle snapshot_memory, nb::handle clock,
-          nb::handle concurrency) {
+constexpr std::array<std::string_view, 6> kInitNames = {
+    "history", "max_frames", "memory_limit", "snapshot_memory", "clock", "concurrency"};
+
+void init(nb::pointer_and_handle<BufferObject> self, const nb::args& args,
+          const nb::kwargs& keywords) {
     constexpr std::uint64_t kMostBytes = std::numeric_limits<std::size_t>::max();
+    constexpr ParameterList kList{"Buffer", kInitNames, 0, 1};
+    std::array<PyObject*, kInitNames.size()> given{};
+    bind_tuple(kList, args, keywords.ptr(), given.data());
+    const auto [history, max_frames, memory_limit, snapshot_memory, clock, concurrency] = given;
     BufferOptions options;
-    options.history_ns = optional_duration_of(history, "history");
-    options.max_frames =
-        static_cast<std::uint32_t>(count_of(max_frames, "max_frames", 1, kMaxFrames));
-    if (!memory_limit.is_none()) {
+    if (history != nullptr) {
+        options.history_ns = optional_duration_of(history, "history");
+    }
+    if (max_frames != nullptr) {
+        options.max_frames =
+            static_cast<std::uint32_t>(count_of(max_frames, "max_frames", 1, kMaxFrames));
+    }
+    if (is_given(memory_limit)) {
         options.memory_limit = count_of(memory_limit, "memory_limit", 0, kMostBytes);
     }
-    options.snapshot_memory = count_of(snapshot_memory, "snapshot_memory", 0, kMostBytes);
-    options.concurrency = concurrency_from(concurrency);
+    if (snapshot_memory != nullptr) {
+        options.snapshot_memory = count_of(snapshot_memory, "snapshot_memory", 0, kMostBytes);
+    }
+    if (concurrency != nullptr) {
+        options.concurrency = concurrency_from(concurrency);
+    }
     BufferObject* const object = make_object(self.p, options);
     object->buffer = self.h.ptr();
-    if (!clock.is_none()) {
+    if (is_given(clock)) {
         object->clock = nb::borrow(clock);
     }
 }
@@ -532,10 +546,7 @@ void bind_shared(nb::module_& module) {
 
 void bind_buffer(nb::module_& module) {
     auto type = offered_class<BufferClass>(module, "Buffer", kBufferDoc, nb::type_slots(g_slots));
-    type.def("__init__", &init, nb::arg("history").none() = 10.0, nb::kw_only(),
-             nb::arg("max_frames").none() = kMaxFrames, nb::arg("memory_limit").none() = nb::none(),
-             nb::arg("snapshot_memory").none() = BufferOptions{}.snapshot_memory,
-             nb::arg("clock").none() = nb::none(), nb::arg("concurrency").none() = "snapshot",
+    type.def("__init__", &init,
              nb::sig("def __init__(self, history: float | None = 10.0, *, max_frames: int = "
                      "1048575, memory_limit: int | None = None, snapshot_memory: int = "
                      "1073741824, clock: collections.abc.Callable[[], int] | None = None, "

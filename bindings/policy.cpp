@@ -7,6 +7,7 @@
 #include <string>
 #include <string_view>
 
+#include "arguments.hpp"
 #include "errors.hpp"
 #include "reads.hpp"
 #include "signatures.hpp"
@@ -22,6 +23,9 @@ PyTypeObject* g_type = nullptr;
 // In the order of PolicyKind.
 constexpr std::array<std::string_view, 5> kKinds = {"interpolate", "exact", "previous", "nearest",
                                                     "extrapolate"};
+
+constexpr std::uint64_t kMostLimit = std::numeric_limits<StampNs>::max();
+constexpr std::array<std::string_view, 2> kMakeNames = {"kind", "limit_ns"};
 
 Policy make(const std::string& kind, std::optional<StampNs> limit) {
     for (std::size_t i = 0; i < kKinds.size(); ++i) {
@@ -53,10 +57,17 @@ void bind_policy(nb::module_& module) {
         module, "Policy", "How a stamp picks a pose from an edge's samples. Use a subclass.");
     type.def(
         "__init__",
-        [](Policy* self, const std::string& kind, std::optional<StampNs> limit) {
+        [](Policy* self, const nb::args& args, const nb::kwargs& keywords) {
+            constexpr ParameterList kList{"Policy", kMakeNames, 1, 2};
+            std::array<PyObject*, kMakeNames.size()> given{};
+            bind_tuple(kList, args, keywords.ptr(), given.data());
+            const std::string kind = option_of(given[0], "kind");
+            std::optional<StampNs> limit;
+            if (is_given(given[1])) {
+                limit = static_cast<StampNs>(count_of(given[1], "limit_ns", 0, kMostLimit));
+            }
             new (self) Policy(make(kind, limit));
         },
-        nb::arg("kind"), nb::arg("limit_ns").none() = nb::none(),
         nb::sig("def __init__(self, kind: str, limit_ns: int | None = None) -> None"));
     type.def_prop_ro(
         "kind",

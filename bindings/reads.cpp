@@ -271,6 +271,7 @@ One committed state.
 meanwhile. Use it as a context manager, or close() it: while open it keeps old samples in memory.
 Reads raise SnapshotClosed afterwards, and SnapshotTooOld if the writers needed the memory.)",
                                                                nb::type_slots(g_snapshot_slots));
+    refuse_construction<SnapshotObject>(type, "Buffer.snapshot() makes snapshots");
     type.def("close", &close, nb::sig("def close(self) -> None"),
              "Let the samples go that only this snapshot needs. Closing twice does nothing.");
     type.def_prop_ro(
@@ -348,6 +349,7 @@ void bind_reads(nb::module_& module) {
 What Buffer and Snapshot can be asked.
 
 Each call on a Buffer is answered from one fresh snapshot; each call on a Snapshot from its own.)");
+    refuse_construction<ReadsObject>(type, "nothing is only this: make a Buffer");
     bind_full_lookups(type);
     bind_other_reads(type);
     bind_batch(type);
@@ -385,7 +387,15 @@ void add_python_methods(nb::module_& module) {
     for (const auto [owner, named] : nb::cast<nb::dict>(methods)) {
         const nb::object type = module.attr(owner);
         for (const auto [name, method] : nb::cast<nb::dict>(named)) {
-            type.attr(name) = method;
+            const bool hidden = nb::cast<std::string>(name).starts_with('_');
+            if (hidden) {
+                type.attr(name) = method;
+            } else if (nb::hasattr(method, "__func__")) {
+                const nb::object shared = nb::module_::import_("builtins").attr("staticmethod");
+                type.attr(name) = shared(checked_function(method.attr("__func__")));
+            } else {
+                type.attr(name) = checked_function(method);
+            }
         }
     }
 }

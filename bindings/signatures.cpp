@@ -9,18 +9,63 @@
 namespace tfdb::python {
 namespace {
 
-/// A method of nanobind's that says what it is, called as that one is.
+/// A function of nanobind's or of Python's that says what it is, called as that one is. Of a call
+/// that does not fit its parameters it says why, in our words.
 struct MethodObject {
-    PyObject_HEAD PyObject* made;  // by nanobind; kept for ever, as its class is
+    PyObject_HEAD PyObject* made;  // kept for ever, as its class or module is
     vectorcallfunc call;
+    PyObject* weak;
 };
+
+PyTypeObject* g_type = nullptr;
 
 MethodObject& as_method(PyObject* object) {
     return *reinterpret_cast<MethodObject*>(object);
 }
 
+/// Why the call fits no parameters; none where it does.
+nb::object misfit(PyObject* made, PyObject* const* args, std::size_t count, PyObject* keywords,
+                  nb::handle said) {
+    const nb::object names =
+        keywords == nullptr ? nb::object(nb::tuple()) : nb::borrow(nb::handle(keywords));
+    nb::list given;
+    for (std::size_t i = 0; i < count + nb::len(names); ++i) {
+        given.append(nb::handle(args[i]));
+    }
+    const nb::object describe = nb::module_::import_("tfdb.signatures").attr("misfit");
+    return describe(nb::handle(made), nb::tuple(given), names, nb::str(said));
+}
+
+/// Says in our words what a TypeError says of the arguments. One with a traceback came from within
+/// the function, and stays as it is.
+void reword(PyObject* made, PyObject* const* args, std::size_t count, PyObject* keywords) {
+    PyObject* type = nullptr;
+    PyObject* value = nullptr;
+    PyObject* trace = nullptr;
+    PyErr_Fetch(&type, &value, &trace);
+    if (trace == nullptr && value != nullptr) {
+        try {
+            const nb::object text = misfit(made, args, count, keywords, value);
+            if (!text.is_none()) {
+                Py_DECREF(type);
+                Py_DECREF(value);
+                PyErr_SetObject(PyExc_TypeError, text.ptr());
+                return;
+            }
+        } catch (nb::python_error& error) {
+            error.discard_as_unraisable("tfdb.signatures.misfit");
+        }
+    }
+    PyErr_Restore(type, value, trace);
+}
+
 PyObject* call(PyObject* self, PyObject* const* args, std::size_t count, PyObject* keywords) {
-    return PyObject_Vectorcall(as_method(self).made, args, count, keywords);
+    PyObject* const made = as_method(self).made;
+    PyObject* const result = PyObject_Vectorcall(made, args, count, keywords);
+    if (result == nullptr && PyErr_ExceptionMatches(PyExc_TypeError) != 0) [[unlikely]] {
+        reword(made, args, static_cast<std::size_t>(PyVectorcall_NARGS(count)), keywords);
+    }
+    return result;
 }
 
 PyObject* bind_to(PyObject* self, PyObject* object, PyObject* /*type*/) {
@@ -33,20 +78,24 @@ PyObject* bind_to(PyObject* self, PyObject* object, PyObject* /*type*/) {
     });
 }
 
-/// What the binding says of it: its signature, its docstring.
-nb::object written(PyObject* self, int what) {
-    return nb::object(nb::handle(as_method(self).made).attr("__nb_signature__"))[0][what];
-}
-
 PyObject* get_signature(PyObject* self, void* /*closure*/) {
     return guarded([&] {
-        const nb::object make = nb::module_::import_("tfdb.signatures").attr("signature_of");
-        return make(written(self, 0)).release().ptr();
+        const nb::object read = nb::module_::import_("tfdb.signatures").attr("read_signature");
+        return read(nb::handle(as_method(self).made)).release().ptr();
     });
 }
 
 PyObject* get_doc(PyObject* self, void* /*closure*/) {
-    return guarded([&] { return written(self, 1).release().ptr(); });
+    return guarded([&] {
+        const nb::handle made = as_method(self).made;
+        // nanobind's own begins with the signature.
+        const nb::object written = nb::getattr(made, "__nb_signature__", nb::none());
+        nb::object text = made.attr("__doc__");
+        if (!written.is_none()) {
+            text = written[0][1];
+        }
+        return text.release().ptr();
+    });
 }
 
 PyObject* get_made(PyObject* self, void* /*closure*/) {
@@ -55,6 +104,21 @@ PyObject* get_made(PyObject* self, void* /*closure*/) {
 
 PyObject* get_same(PyObject* self, void* name) {
     return PyObject_GetAttrString(as_method(self).made, static_cast<const char*>(name));
+}
+
+/// Everything else that is known of the function: its annotations, code, marks.
+PyObject* get_attribute(PyObject* self, PyObject* name) {
+    PyObject* const found = PyObject_GenericGetAttr(self, name);
+    if (found != nullptr || PyErr_ExceptionMatches(PyExc_AttributeError) == 0) {
+        return found;
+    }
+    PyErr_Clear();
+    return PyObject_GetAttr(as_method(self).made, name);
+}
+
+/// It is pickled by its name.
+PyObject* reduce(PyObject* self, PyObject* /*unused*/) {
+    return PyObject_GetAttrString(as_method(self).made, "__qualname__");
 }
 
 PyObject* represent(PyObject* self) {
@@ -80,7 +144,13 @@ PyGetSetDef g_attributes[] = {
     {nullptr, nullptr, nullptr, nullptr, nullptr},
 };
 
+PyMethodDef g_methods[] = {
+    {"__reduce__", reduce, METH_NOARGS, nullptr},
+    {nullptr, nullptr, 0, nullptr},
+};
+
 PyMemberDef g_members[] = {
+    {"__weaklistoffset__", T_PYSSIZET, offsetof(MethodObject, weak), READONLY, nullptr},
     {"__vectorcalloffset__", T_PYSSIZET, offsetof(MethodObject, call), READONLY, nullptr},
     {nullptr, 0, 0, 0, nullptr},
 };
@@ -88,6 +158,8 @@ PyMemberDef g_members[] = {
 PyType_Slot g_slots[] = {
     {Py_tp_members, g_members},
     {Py_tp_getset, g_attributes},
+    {Py_tp_methods, g_methods},
+    {Py_tp_getattro, reinterpret_cast<void*>(get_attribute)},
     {Py_tp_descr_get, reinterpret_cast<void*>(bind_to)},
     {Py_tp_call, reinterpret_cast<void*>(PyVectorcall_Call)},
     {Py_tp_repr, reinterpret_cast<void*>(represent)},
@@ -101,11 +173,25 @@ PyType_Spec g_spec = {"tfdb.Method", sizeof(MethodObject), 0,
 
 }  // namespace
 
-void add_signatures(nb::module_& module) {
-    const nb::object type = nb::steal(PyType_FromSpec(&g_spec));
-    if (!type.is_valid()) {
+nb::object checked_function(nb::handle made) {
+    auto* const method = PyObject_New(MethodObject, g_type);
+    if (method == nullptr) {
         throw nb::python_error();
     }
+    method->made = Py_NewRef(made.ptr());
+    method->call = call;
+    method->weak = nullptr;
+    return nb::steal(reinterpret_cast<PyObject*>(method));
+}
+
+void add_signatures(nb::module_& module) {
+    g_type = reinterpret_cast<PyTypeObject*>(PyType_FromSpec(&g_spec));
+    if (g_type == nullptr) {
+        throw nb::python_error();
+    }
+    module.def("checked", &checked_function, nb::arg("function"),
+               nb::sig("def checked(function: collections.abc.Callable[..., Any]) -> Any"),
+               "The function, with our words for calls that do not fit its parameters.");
     for (const nb::handle name :
          nb::make_tuple("Policy", "Reads", "Buffer", "Snapshot", "Transaction")) {
         const nb::object owner = module.attr(name);
@@ -116,14 +202,7 @@ void add_signatures(nb::module_& module) {
             if (!nb::hasattr(made, "__nb_signature__")) {
                 continue;
             }
-            auto* const method =
-                PyObject_New(MethodObject, reinterpret_cast<PyTypeObject*>(type.ptr()));
-            if (method == nullptr) {
-                throw nb::python_error();
-            }
-            method->made = Py_NewRef(made.ptr());
-            method->call = call;
-            owner.attr(attribute) = nb::steal(reinterpret_cast<PyObject*>(method));
+            owner.attr(attribute) = checked_function(made);
         }
     }
 }

@@ -13,6 +13,21 @@ namespace tfdb::python {
 /// one, both from what their bindings say, of which the stub is made too.
 void add_signatures(nb::module_& module);
 
+/// The function as its class or module offers it: a call that does not fit its parameters raises
+/// TypeError in our words.
+nb::object checked_function(nb::handle made);
+
+/// Refuses calls of a class whose objects only others make; `how` says who does.
+template <class Object, class Class>
+void refuse_construction(Class& type, const char* how) {
+    type.def(
+        "__init__",
+        [how](nb::pointer_and_handle<Object>, const nb::args&, const nb::kwargs&) {
+            throw nb::type_error(how);
+        },
+        nb::sig("def __init__(self) -> None"));
+}
+
 /// A class that `tfdb` offers, and that says so.
 template <class Class, class... Rest>
 Class offered_class(nb::module_& module, const char* name, const char* doc, Rest&&... rest) {

@@ -526,6 +526,8 @@ Aborting twice does nothing. Raises TransactionClosed if it was committed, or ne
 void bind_transaction(nb::module_& module, nb::class_<BufferObject, ReadsObject>& type) {
     auto transaction =
         offered_class<TransactionClass>(module, "Transaction", kDoc, nb::type_slots(g_slots));
+    refuse_construction<TransactionObject>(
+        transaction, "Buffer.transaction() and Buffer.run() make transactions");
     bind_lookups(transaction);
     bind_transaction_writes(transaction);
     bind_life(transaction);

@@ -162,21 +162,21 @@ PyObject* made(PyObject* target, PyObject* source, const PoseArguments& given, P
     return new_transform(pose, when, 0, {}, target, source, nullptr);
 }
 
+constexpr std::array<std::string_view, 7> kMakeNames = {
+    "target", "source", "translation", "rotation", "stamp", "rpy", "wxyz"};
+
 PyObject* new_from_python(PyTypeObject* /*type*/, PyObject* args, PyObject* keywords) {
     return guarded([&]() -> PyObject* {
-        static const char* names[] = {"target", "source", "translation", "rotation",
-                                      "stamp",  "rpy",    "wxyz",        nullptr};
-        PyObject* target = nullptr;
-        PyObject* source = nullptr;
-        PyObject* stamp = nullptr;
-        PoseArguments given{};
-        if (PyArg_ParseTupleAndKeywords(
-                args, keywords, "UUO|OO$OO:Transform", const_cast<char**>(names), &target, &source,
-                &given.translation, &given.rotation, &stamp, &given.rpy, &given.wxyz) == 0) {
-            return nullptr;
-        }
-        given.target = target;
-        given.source = source;
+        constexpr ParameterList kList{"Transform", kMakeNames, 3, 5};
+        std::array<PyObject*, kMakeNames.size()> bound{};
+        bind_tuple(kList, args, keywords, bound.data());
+        const auto [target, source, translation, rotation, stamp, rpy, wxyz] = bound;
+        const PoseArguments given{.translation = translation,
+                                  .rotation = rotation,
+                                  .rpy = rpy,
+                                  .wxyz = wxyz,
+                                  .target = target,
+                                  .source = source};
         return made(target, source, given, stamp);
     });
 }
@@ -202,8 +202,27 @@ PyObject* get_rpy(PyObject* self, void* /*closure*/) {
     return doubles(&rpy.x, 3);
 }
 
-PyObject* to_msg(PyObject* self, PyObject* /*unused*/) {
+PyObject* inverse(PyObject* self, PyObject* const* args, Py_ssize_t count, PyObject* keywords) {
     return guarded([&]() -> PyObject* {
+        constexpr ParameterList kList{"inverse", {}, 0, 0};
+        bind<0>(kList, args, count, keywords);
+        return transform_inverse(self);
+    });
+}
+
+constexpr std::array<std::string_view, 1> kApplyNames = {"points"};
+
+PyObject* apply(PyObject* self, PyObject* const* args, Py_ssize_t count, PyObject* keywords) {
+    return guarded([&]() -> PyObject* {
+        constexpr ParameterList kList{"apply", kApplyNames, 1, 1};
+        return transform_apply(self, bind<1>(kList, args, count, keywords)[0]);
+    });
+}
+
+PyObject* to_msg(PyObject* self, PyObject* const* args, Py_ssize_t count, PyObject* keywords) {
+    return guarded([&]() -> PyObject* {
+        constexpr ParameterList kList{"to_msg", {}, 0, 0};
+        bind<0>(kList, args, count, keywords);
         const nb::object make = nb::module_::import_("tfdb.report").attr("transform_message");
         return make(nb::handle(self)).release().ptr();
     });
@@ -398,17 +417,17 @@ PyMethodDef g_methods[] = {
      "T[target<-source] from a homogeneous matrix (4, 4): p_target = matrix p_source.\n\n"
      "Raises InvalidArray, and InvalidTransform, which says by how much, where it is not rigid: a\n"
      "last row other than 0 0 0 1, a reflection, a scale, a shear, numbers that are not finite."},
-    {"to_msg", to_msg, METH_NOARGS,
+    {"to_msg", as_function(to_msg), METH_FASTCALL | METH_KEYWORDS,
      "to_msg($self, /)\n--\n\n"
      "A geometry_msgs/TransformStamped: the installed ROS's, or where there is none the one of\n"
      "`tfdb.tf2.msgs`. Its header.frame_id is the target, its child_frame_id the source."},
     {"_repr_html_", represent_html, METH_NOARGS,
      "_repr_html_($self, /)\n--\n\nA table for notebooks."},
-    {"inverse", transform_inverse, METH_NOARGS,
+    {"inverse", as_function(inverse), METH_FASTCALL | METH_KEYWORDS,
      "inverse($self, /)\n--\n\nT[source<-target]: the same in the other direction.\n\n"
      "Raises InvalidTransform where a translation is too large for the result to be finite."},
-    {"apply", transform_apply, METH_O,
-     "apply($self, points, /)\n--\n\n"
+    {"apply", as_function(apply), METH_FASTCALL | METH_KEYWORDS,
+     "apply($self, points)\n--\n\n"
      "Map points of the source frame into the target frame.\n\n"
      "`points` is (3,) or (N, 3), float32 or float64 (anything else is converted to float64).\n"
      "A coordinate that is not a finite number is taken as it is. Returns a new array of the same\n"

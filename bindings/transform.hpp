@@ -50,7 +50,7 @@ inline PyObject* new_transform(const Answer& answer, PyObject* target, PyObject*
 }
 
 /// The methods that compute: inverse(), @, apply().
-PyObject* transform_inverse(PyObject* self, PyObject* unused);
+PyObject* transform_inverse(PyObject* self);
 PyObject* transform_multiply(PyObject* left, PyObject* right);
 PyObject* transform_apply(PyObject* self, PyObject* points);
 

@@ -93,7 +93,7 @@ PyObject* no_chain(PyObject* other) {
 
 }  // namespace
 
-PyObject* transform_inverse(PyObject* self, PyObject* /*unused*/) {
+PyObject* transform_inverse(PyObject* self) {
     return guarded([&]() -> PyObject* {
         TransformObject& from = as_transform(self);
         std::vector<EdgeUse> edges(from.edges().rbegin(), from.edges().rend());

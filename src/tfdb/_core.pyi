@@ -136,7 +136,7 @@ class Transform:
 
     @overload
     def apply(
-        self, points: numpy.typing.NDArray[tfdb.types.Float], /
+        self, points: numpy.typing.NDArray[tfdb.types.Float]
     ) -> numpy.typing.NDArray[tfdb.types.Float]:
         """
         Map points of the source frame into the target frame.
@@ -148,10 +148,10 @@ class Transform:
         """
     @overload
     def apply(
-        self, points: tfdb.types.ListsOrIntegers, /
+        self, points: tfdb.types.ListsOrIntegers
     ) -> numpy.typing.NDArray[numpy.float64]: ...
     @overload
-    def apply(self, points: numpy.typing.ArrayLike, /) -> numpy.typing.NDArray[Any]: ...
+    def apply(self, points: numpy.typing.ArrayLike) -> numpy.typing.NDArray[Any]: ...
 
     def __matmul__(self, other: Transform, /) -> Transform: ...
 
@@ -178,6 +178,8 @@ class Reads:
 
     Each call on a Buffer is answered from one fresh snapshot; each call on a Snapshot from its own.
     """
+
+    def __init__(self) -> None: ...
 
     def lookup_transform_full(self, target: str, target_stamp: tfdb.stamps.StampLike | None, source: str, source_stamp: tfdb.stamps.StampLike | None, fixed_frame: str, policy: Policy | None = None) -> Transform:
         """
@@ -679,6 +681,8 @@ class Snapshot(Reads):
     meanwhile. Use it as a context manager, or close() it: while open it keeps old samples in memory.
     Reads raise SnapshotClosed afterwards, and SnapshotTooOld if the writers needed the memory.
     """
+
+    def __init__(self) -> None: ...
 
     def close(self) -> None:
         """
@@ -1514,6 +1518,8 @@ class Transaction:
     raises TransactionClosed.
     """
 
+    def __init__(self) -> None: ...
+
     def lookup_transform_full(self, target: str, target_stamp: tfdb.stamps.StampLike | None, source: str, source_stamp: tfdb.stamps.StampLike | None, fixed_frame: str, policy: Policy | None = None) -> Transform:
         """
         T[target at target_stamp <- source at source_stamp], as `Buffer.lookup_transform_full`.
@@ -1881,6 +1887,9 @@ class BufferCalls(CoreCalls):
         timeout: Any = None,
         return_debug_tuple: bool = False,
     ) -> bool | tuple[bool, str]: ...
+
+def checked(function: Callable[..., Any]) -> Any:
+    """The function, with our words for calls that do not fit its parameters."""
 
 def to_nanoseconds(stamp: tfdb.stamps.StampLike) -> int:
     """

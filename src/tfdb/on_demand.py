@@ -11,12 +11,41 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Mapping, Sequence
 
 
-def belong_to(package: str, contents: Mapping[str, Any], names: Iterable[str]) -> None:
-    """Say of classes and functions that they are the package's: that is where users find them."""
+def belong_to(package: str, contents: dict[str, Any], names: Iterable[str]) -> None:
+    """Offer classes and functions as the package's, where users find them.
+
+    A call that does not fit a function's parameters says so in our words; tf2's surface has those
+    of tf2.
+    """
     for name in names:
         value = contents[name]
         if isinstance(value, type | FunctionType) and value.__module__ != package:
             value.__module__ = package
+        if package.startswith("tfdb.tf2"):
+            continue
+        if isinstance(value, FunctionType):
+            contents[name] = _checked(value)
+        elif isinstance(value, type) and not issubclass(value, BaseException):
+            _check_methods(value)
+
+
+def _check_methods(cls: type) -> None:
+    """Do the same with the constructor and the public methods that a class of Python defines."""
+    if getattr(cls, "_is_protocol", False):
+        return
+    for name, value in list(vars(cls).items()):
+        if name.startswith("_") and name not in ("__init__", "__new__"):
+            continue
+        if isinstance(value, FunctionType):
+            setattr(cls, name, _checked(value))
+        elif isinstance(getattr(value, "__func__", None), FunctionType):
+            setattr(cls, name, type(value)(_checked(value.__func__)))
+
+
+def _checked(function: FunctionType) -> Any:
+    from ._core import checked  # noqa: PLC0415 - the extension imports modules that need this one
+
+    return checked(function)
 
 
 def on_demand(
