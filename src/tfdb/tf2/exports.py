@@ -142,7 +142,8 @@ from tfdb.tf2.tf2_kdl import *
 }
 ROS2 = {
     "tf2_py": "from rpyutils import add_dll_directories_from_env\nfrom tf2_py._tf2_py import *",
-    "tf2_py._tf2_py": TF2_PY,
+    # Programs use `rclpy.time` after `import rclpy, tf2_py`.
+    "tf2_py._tf2_py": f"from rclpy.time import Time as _Time\n{TF2_PY}",
     "tf2_ros": TF2_ROS,
     "tf2_ros.buffer": """
 import rclpy

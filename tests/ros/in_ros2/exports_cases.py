@@ -39,8 +39,10 @@ def test_submodules_of_rclpy_are_loaded_and_classes_are_the_real_ones() -> None:
     program = """
 from tfdb import tf2
 tf2.install()
-import rclpy, tf2_ros
-rclpy.time.Time(), rclpy.duration.Duration(), rclpy.clock.Clock(), rclpy.action, rclpy.node.Node
+import rclpy, tf2_py
+rclpy.time.Time()
+import tf2_ros
+rclpy.duration.Duration(), rclpy.clock.Clock(), rclpy.action, rclpy.node.Node
 from tf2_ros import *
 from tf2_ros.transform_listener import Buffer as Theirs
 import geometry_msgs.msg, tf2_msgs.msg, tf2_geometry_msgs
