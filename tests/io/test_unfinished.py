@@ -452,6 +452,22 @@ def test_pages_in_the_middle_are_damaged(whole: Path) -> None:
     assert sum(loss.messages for loss in report.lost) == len(expected) - len(saved)
 
 
+@pytest.mark.parametrize("time", ["-5", "1.5", "'x'", "NULL"])
+def test_a_message_with_a_wrong_time(whole: Path, time: str) -> None:
+    expected = all_of(whole)
+    with sqlite3.connect(whole) as database:
+        database.execute("PRAGMA writable_schema=ON")
+        database.execute("UPDATE sqlite_master SET sql = replace(sql, 'NOT NULL', '')")
+    database.close()
+    with sqlite3.connect(whole) as database:
+        database.execute(f"UPDATE messages SET timestamp = {time} WHERE id = 9")
+    database.close()
+    with pytest.raises(tfdb.RecordingError, match=r"damaged or cut short: a row"):
+        tfdb.load(whole)
+    saved = all_of(whole, salvage=True)
+    assert (len(saved), set(saved) <= set(expected)) == (600, True)
+
+
 def test_a_damaged_index_loses_nothing(whole: Path) -> None:
     expected = all_of(whole)
     with sqlite3.connect(whole) as database:

@@ -48,7 +48,7 @@ _TABLES = (
 )
 _LAST_ROW = 2**62
 _WAL_MAGICS = (0x377F0682, 0x377F0683)
-_OTHER_TYPE = "a message of another type than the format has"
+_NO_MESSAGE = "a row is no message: its time is negative, or its types are wrong"
 
 
 def open_db3(path: Path, *, salvage: bool = False) -> Container:
@@ -117,8 +117,8 @@ def _messages(database: sqlite3.Connection, ids: Collection[int]) -> Iterator[Pa
                 WHERE topic_id IN ({marks}) ORDER BY timestamp"""  # noqa: S608 - marks alone
     with _database_errors():
         for row in database.execute(query, tuple(ids)):
-            if not _is(row, _MESSAGE):
-                raise BadDataError(_OTHER_TYPE)
+            if not _is(row, _MESSAGE) or row[0] < 0:
+                raise BadDataError(_NO_MESSAGE)
             yield row
 
 
@@ -228,8 +228,8 @@ def _salvaged(path: Path, database: sqlite3.Connection, gathered: Gathered) -> C
     counts: Counter[int] = Counter()
     start = NO_START
     for row in _rows(database, _MESSAGE_ROWS, gathered):
-        if not _is(row, _MESSAGE):
-            gathered.lose(0, _OTHER_TYPE)
+        if not _is(row, _MESSAGE) or row[0] < 0:
+            gathered.lose(0, _NO_MESSAGE)
             continue
         received, id_, data = row
         counts[id_] += 1
