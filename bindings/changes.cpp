@@ -109,7 +109,8 @@ Raises
 ------
 FeedLapped
     The feed, which holds the last 16,384 commits or fewer if they are large, does not reach back
-    that far: take a snapshot, and follow from its `commit`.
+    that far: take a snapshot and follow from its `commit`, or go on from the error's `commit` and
+    miss the commits before. The error's `oldest` is overwritten next.
 InvalidArgument
     There is no such commit yet, or `limit` is not positive.
 NotSupported

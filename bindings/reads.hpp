@@ -7,6 +7,7 @@
 #include <chrono>
 #include <memory>
 #include <optional>
+#include <set>
 #include <string>
 #include <utility>
 
@@ -53,6 +54,22 @@ struct ReadsObject {
 
 [[noreturn]] void throw_closed(const ReadsObject& object);
 
+/// Which refused edges a warning has named, each once for each error. Forgets them all where they
+/// become too many, as names out of damaged messages do.
+/// Threads: one at a time. Guarantee: bounded memory.
+class WarnedEdges {
+public:
+    [[nodiscard]] bool is_new(ErrorCode code, std::string edge) {
+        constexpr std::size_t kMost = 4096;
+        if (edges_.size() >= kMost)
+            edges_.clear();
+        return edges_.emplace(code, std::move(edge)).second;
+    }
+
+private:
+    std::set<std::pair<ErrorCode, std::string>> edges_;
+};
+
 struct BufferObject : ReadsObject {
     explicit BufferObject(Buffer opened) : store(std::move(opened)) { point_at_own(); }
     explicit BufferObject(const BufferOptions& options) : store(options) {
@@ -77,6 +94,7 @@ struct BufferObject : ReadsObject {
     NameCache own_names;
     PathNames own_paths;
     nb::object clock;  // none: the system's
+    WarnedEdges warned;
 
 private:
     void point_at_own() {

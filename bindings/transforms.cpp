@@ -298,9 +298,16 @@ EdgeColumns OneEdge::columns() const {
             {poses_.data<const Pose>(), rows}};
 }
 
-Transforms Transforms::from_objects(nb::handle batch) {
+Transforms Transforms::for_message(nb::handle batch) {
     Transforms result;
-    result.read_objects(batch, false);
+    if (!nb::isinstance(batch, record_type("Columns"))) {
+        result.read_objects(batch, false);
+        return result;
+    }
+    result.read_columns(batch, true);
+    if (!result.unreadable_.empty()) {
+        throw_object(result.unreadable_.front().error);
+    }
     return result;
 }
 

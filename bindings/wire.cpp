@@ -10,6 +10,7 @@
 #include <string>
 #include <string_view>
 #include <unordered_set>
+#include <utility>
 #include <vector>
 
 #include "arguments.hpp"
@@ -66,13 +67,77 @@ private:
     Bytes bytes_;
 };
 
+/// Stores what may be stored of a message, in one commit.
+/// Threads: one, with the GIL; the arguments of the constructor outlive it.
+class OneMessage {
+public:
+    OneMessage(BufferObject& buffer, nb::handle data, nb::handle encoding, bool is_static,
+               nb::handle authority, WriteRules rules)
+        : buffer_(buffer),
+          message_(data),
+          is_static_(is_static),
+          authority_(name_of(authority, "authority")),
+          rules_(rules) {
+        wire::decode_tf_message(message_.bytes(), encoding_of(encoding), transforms);
+    }
+
+    /// Returns the refused members. Throws what concerns no member, as CapacityExceeded; with
+    /// `throw_if_none` also the error of a message of which no member can be stored.
+    std::vector<RefusedMember> store(bool throw_if_none) {
+        try {
+            commit = commit_transforms(buffer_, transforms, is_static_, authority_, rules_);
+            return {};
+        } catch (const Error& error) {
+            const std::size_t refused = error.detail().refused.size();
+            if (refused == 0 || (throw_if_none && refused == transforms.size()))
+                throw;
+        }
+        const LongWork work(true);
+        return buffer_.open_store().set_transforms_partial(transforms, is_static_, authority_,
+                                                           commit, rules_);
+    }
+
+    std::vector<TransformView> transforms;
+    CommitNumber commit = 0;
+
+private:
+    BufferObject& buffer_;
+    const Message message_;
+    const bool is_static_;
+    const std::string_view authority_;
+    const WriteRules rules_;
+};
+
+/// The child frame of a refused member, which may be anything.
+std::string edge_of(const TransformView& refused) {
+    return std::string(refused.child.substr(0, kMaxNameBytes));
+}
+
 CommitNumber ingest(BufferObject& self, nb::handle data, nb::handle encoding, bool is_static,
                     nb::handle authority, bool change_kind, bool only_new) {
-    const Message message(data);
-    std::vector<TransformView> transforms;
-    wire::decode_tf_message(message.bytes(), encoding_of(encoding), transforms);
-    return commit_transforms(self, transforms, is_static, name_of(authority, "authority"),
-                             {change_kind, only_new});
+    OneMessage message(self, data, encoding, is_static, authority, {change_kind, only_new});
+    for (const RefusedMember& member : message.store(true)) {
+        const TransformView& transform = message.transforms[member.index];
+        if (!self.warned.is_new(member.code, edge_of(transform)))
+            continue;
+        const nb::object text =
+            escaped(std::string(class_name(member.code)) + ": " + member.message);
+        const nb::object kind = nb::module_::import_("tfdb.errors").attr("TfdbWarning");
+        if (PyErr_WarnFormat(kind.ptr(), 1, "%U; the rest of its message is stored", text.ptr()) !=
+            0) {
+            throw nb::python_error();
+        }
+    }
+    return message.commit;
+}
+
+nb::list ingest_members(BufferObject& self, nb::handle data, nb::handle encoding, bool is_static,
+                        nb::handle authority, bool change_kind, bool only_new) {
+    OneMessage message(self, data, encoding, is_static, authority, {change_kind, only_new});
+    nb::list records;
+    for (const RefusedMember& member : message.store(false))
+        records.append(refused_record(member));
+    return records;
 }
 
 /// Who sent each of many messages: one name for all, or one name each. Made with the GIL.
@@ -115,6 +180,13 @@ struct Refusal {
     std::uint64_t count = 0;
     std::uint64_t index = 0;
     std::string first;
+
+    void add(std::uint64_t message, std::string_view text) {
+        if (count++ == 0) {
+            index = message;
+            first = text;
+        }
+    }
 };
 
 /// Totals of an ingest_many. Threads: one.
@@ -123,17 +195,31 @@ struct Tally {
     std::uint64_t transforms = 0;
     std::uint64_t commits = 0;
     std::uint64_t refused = 0;
+    std::uint64_t refused_transforms = 0;
     CommitNumber commit = 0;
     std::map<ErrorCode, Refusal> reasons;
+    std::map<std::pair<std::string, ErrorCode>, Refusal> edges;
+
+    /// `edge`: empty where the error concerns a message as a whole.
+    void add(std::string edge, ErrorCode code, std::string_view text) {
+        reasons[code].add(messages, text);
+        edges[{std::move(edge), code}].add(messages, text);
+    }
 };
 
 void ingest_one(Buffer& store, Bytes bytes, wire::Encoding encoding, bool is_static,
                 std::string_view authority, std::vector<TransformView>& scratch, Tally& tally) {
     try {
         wire::decode_tf_message(bytes, encoding, scratch);
-        tally.commit = store.set_transforms(scratch, is_static, authority);
-        tally.transforms += scratch.size();
-        tally.commits += scratch.empty() ? 0 : 1;
+        const auto refused =
+            store.set_transforms_partial(scratch, is_static, authority, tally.commit);
+        const std::size_t stored = scratch.size() - refused.size();
+        tally.transforms += stored;
+        tally.commits += stored == 0 ? 0 : 1;
+        tally.refused += stored == 0 && !refused.empty() ? 1 : 0;
+        tally.refused_transforms += refused.size();
+        for (const RefusedMember& member : refused)
+            tally.add(edge_of(scratch[member.index]), member.code, member.message);
     } catch (const TransactionActive&) {
         throw;
     } catch (const Forked&) {
@@ -144,11 +230,7 @@ void ingest_one(Buffer& store, Bytes bytes, wire::Encoding encoding, bool is_sta
         throw;
     } catch (const Error& error) {
         ++tally.refused;
-        Refusal& refusal = tally.reasons[error.code()];
-        if (refusal.count++ == 0) {
-            refusal.index = tally.messages;
-            refusal.first = error.what();
-        }
+        tally.add({}, error.code(), error.what());
     }
     ++tally.messages;
 }
@@ -157,13 +239,18 @@ nb::object result_of(const Tally& tally) {
     const nb::object refusal_type = record_type("Refusal");
     nb::dict reasons;
     for (const auto& [code, refusal] : tally.reasons) {
-        const nb::object first = nb::steal(PyUnicode_DecodeUTF8(
-            refusal.first.data(), static_cast<Py_ssize_t>(refusal.first.size()),
-            "backslashreplace"));
-        reasons[class_name(code)] = refusal_type(refusal.count, refusal.index, first);
+        reasons[class_name(code)] =
+            refusal_type(refusal.count, refusal.index, escaped(refusal.first));
+    }
+    const nb::object edge_type = record_type("RefusedEdge");
+    nb::list edges;
+    for (const auto& [edge, refusal] : tally.edges) {
+        edges.append(edge_type(escaped(edge.first), class_name(edge.second), refusal.count,
+                               escaped(refusal.first)));
     }
     return record_type("IngestResult")(tally.messages, tally.transforms, tally.commits,
-                                       tally.refused, tally.commit, reasons);
+                                       tally.refused, tally.commit, reasons,
+                                       tally.refused_transforms, nb::tuple(edges));
 }
 
 nb::object ingest_many(BufferObject& self, nb::handle messages, nb::handle encoding, bool is_static,
@@ -291,7 +378,7 @@ PyObject* encode(PyObject* /*self*/, PyObject* const* args, Py_ssize_t count, Py
     return guarded([&]() -> PyObject* {
         constexpr ParameterList kList{"encode_tf_message", kEncodeNames, 1, 2};
         const auto [transforms, encoding] = bind<2>(kList, args, count, keywords);
-        const Transforms read = Transforms::from_objects(transforms);
+        const Transforms read = Transforms::for_message(transforms);
         std::vector<std::byte> out;
         wire::encode_tf_message(read.views, encoding_or_cdr(encoding), out);
         return nb::bytes(out.data(), out.size()).release().ptr();
@@ -310,7 +397,8 @@ nb::object text_of(std::string_view name) {
     return text;
 }
 
-nb::list decoded(const Message& message, wire::Encoding encoding) {
+/// With `errors`, those of members that Python cannot read stand in their places.
+nb::list decoded(const Message& message, wire::Encoding encoding, bool errors) {
     std::vector<TransformView> transforms;
     wire::decode_tf_message(message.bytes(), encoding, transforms);
     const nb::object type = record_type("TransformStamped");
@@ -319,26 +407,37 @@ nb::list decoded(const Message& message, wire::Encoding encoding) {
         const TransformView& view = transforms[i];
         const geometry::Vec3& t = view.pose.translation;
         const geometry::Quat& q = view.pose.rotation;
-        at_index(i, [&] {
+        try {
             result.append(type(text_of(view.parent), text_of(view.child), view.stamp,
                                nb::make_tuple(t.x, t.y, t.z), nb::make_tuple(q.x, q.y, q.z, q.w)));
-        });
+        } catch (nb::python_error& error) {
+            add_index(error, i);
+            if (!errors || !is_tfdb_error(error))
+                throw;
+            nb::setattr(error.value(), "edge", escaped(edge_of(view)));
+            result.append(nb::borrow(error.value()));
+        }
     }
     return result;
+}
+
+nb::list decode_members(nb::handle data, nb::handle encoding) {
+    return decoded(Message(data), encoding_of(encoding), true);
 }
 
 PyObject* decode(PyObject* /*self*/, PyObject* const* args, Py_ssize_t count, PyObject* keywords) {
     return guarded([&]() -> PyObject* {
         constexpr ParameterList kList{"decode_tf_message", kDecodeNames, 1, 2};
         const auto [data, encoding] = bind<2>(kList, args, count, keywords);
-        return decoded(Message(data), encoding_or_cdr(encoding)).release().ptr();
+        return decoded(Message(data), encoding_or_cdr(encoding), false).release().ptr();
     });
 }
 
 PyMethodDef g_encode = {
     "encode_tf_message", as_function(encode), METH_FASTCALL | METH_KEYWORDS,
     "encode_tf_message(transforms, encoding='cdr')\n--\n\n"
-    "Bytes of one tf2_msgs/TFMessage. Raises InvalidStamp, InvalidName, with `index`."};
+    "Bytes of one tf2_msgs/TFMessage, of what `set_transforms` takes; Columns without stamps get\n"
+    "stamp 0. Raises InvalidStamp, InvalidName, InvalidArray, with `index`."};
 
 PyMethodDef g_decode = {
     "decode_tf_message", as_function(decode), METH_FASTCALL | METH_KEYWORDS,
@@ -347,6 +446,8 @@ PyMethodDef g_decode = {
 
 constexpr const char* kIngestDoc =
     R"(Store one tf2_msgs/TFMessage, straight from its bytes, as one commit.
+
+A transform that is refused is left out, as tf2 leaves it out, and the others are stored.
 
 Parameters
 ----------
@@ -367,16 +468,29 @@ Returns
 int
     Number of the commit.
 
-One leading '/' of a frame name is dropped, as tf does. Raises CorruptMessage (offset, reason) and
-what `set_transforms` raises. Then nothing was stored.)";
+Raises
+------
+CorruptMessage
+    The bytes are no TFMessage. Fields: offset, reason.
+
+And what `set_transforms` raises, if no transform of the message can be stored. Nothing was stored
+where it raises.
+
+Warns
+-----
+TfdbWarning
+    A transform was refused and others of its message were stored: once for each edge and error.
+
+One leading '/' of a frame name is dropped, as tf does.)";
 
 constexpr const char* kIngestManyDoc =
     R"(Store many TFMessages, one commit each, without a step through Python in between.
 
-A message that is refused is counted, with its reason, and the others go on. Arguments as in
-`ingest`; `messages` is an iterable of bytes-like objects. `authority` may also be a sequence, with
-one name for each message. Raises InvalidArgument if it then differs in length; nothing was stored.
-Ctrl-C ends it between two messages; those before are stored.)";
+A transform that is refused is counted, by its edge and error, and the others of its message are
+stored. A message that is damaged is counted and left out. Arguments as in `ingest`; `messages` is
+an iterable of bytes-like objects. `authority` may also be a sequence, with one name for each
+message. Raises InvalidArgument if it then differs in length; nothing was stored. Ctrl-C ends it
+between two messages; those before are stored.)";
 
 }  // namespace
 
@@ -409,6 +523,18 @@ void bind_wire(nb::module_& module, nb::class_<BufferObject, ReadsObject>& type)
                nb::sig("def recorded_children(messages: Recorded, first: int, last: int, *, "
                        "encoding: str) -> dict[int, set[str]]"),
                "The child frames of the messages at [first, last), by source.");
+    module.def("ingest_members", &ingest_members, nb::arg("buffer"), nb::arg("data").none(),
+               nb::kw_only(), nb::arg("encoding").none(), nb::arg("static"),
+               nb::arg("authority").none(), nb::arg("change_kind"), nb::arg("only_new"),
+               nb::sig("def ingest_members(buffer: Buffer, data: tfdb.types.BytesLike, *, "
+                       "encoding: str, static: bool, authority: str, change_kind: bool, "
+                       "only_new: bool) -> list[tfdb.types.Refused]"),
+               "As `Buffer.ingest`; returns the refused members instead of a warning or an error.");
+    module.def(
+        "decode_members", &decode_members, nb::arg("data").none(), nb::arg("encoding").none(),
+        nb::sig("def decode_members(data: tfdb.types.BytesLike, encoding: str) -> "
+                "list[tfdb.types.TransformStamped | tfdb.errors.TfdbError]"),
+        "As `decode_tf_message`; the error of a member that cannot be read is in its place.");
     add_raw_function(module, g_encode);
     add_raw_function(module, g_decode);
 }

@@ -44,9 +44,10 @@ private:
 /// Transforms read from Python objects; the views in `views` stay valid while it lives.
 class Transforms {
 public:
-    /// A sequence of TransformStamped and of messages like it. Throws with `index`.
-    static Transforms from_objects(nb::handle batch);
-    /// The same, or a tfdb.Columns: what `set_transforms` takes. A member that cannot be read (no
+    /// A sequence of TransformStamped and of messages like it, or a tfdb.Columns, whose stamps are
+    /// 0 where it has none. Throws with `index`.
+    static Transforms for_message(nb::handle batch);
+    /// The same: what `set_transforms` takes. A member that cannot be read (no
     /// stamp, no text, not three numbers) is remembered, and a stand-in into `views`
     /// that the core refuses.
     static Transforms from_batch(nb::handle batch, bool is_static);

@@ -174,6 +174,10 @@ def test_who_fell_behind_is_told_and_begins_anew() -> None:
     assert lapped.value.newest == 17_000
     assert lapped.value.oldest is not None
     assert len(buf.changes(lapped.value.oldest, limit=2)) == 2
+    assert lapped.value.commit is not None
+    assert lapped.value.commit == 17_000 - (17_000 - lapped.value.oldest) // 2
+    assert f"go on from {lapped.value.commit} without the commits before" in str(lapped.value)
+    assert len(buf.changes(lapped.value.commit)) == 17_000 - lapped.value.commit
     with buf.snapshot() as snap:
         assert buf.changes(snap.commit) == []
 

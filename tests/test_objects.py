@@ -173,8 +173,8 @@ def test_a_load_report_is_a_table_in_notebooks(tmp_path: Path) -> None:
         good = tfdb.TransformStamped("map", "base", 5, (1, 2, 3))
         for stamp, one in enumerate((good, bad)):
             writer.write(tfdb.encode_tf_message([one]), stamp, topic="/tf", static=False)
-    with pytest.warns(tfdb.TfdbWarning, match="1 of 2 messages were refused"):
+    with pytest.warns(tfdb.TfdbWarning, match="1 transform of frame 'map' was refused"):
         shown = tfdb.Buffer().load(name)._repr_html_()
     assert "a&amp;b.mcap: 2 messages, 1 transforms, 1 commits, 1 refused" in shown
     assert "<td>/tf</td><td>2</td><td>moving</td>" in shown
-    assert "<td>InvalidTransform</td><td>1</td>" in shown
+    assert "<td>map</td><td>InvalidTransform</td><td>1</td>" in shown

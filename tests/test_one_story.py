@@ -167,3 +167,20 @@ def test_every_way_tells_the_same_story(seed: int) -> None:
     endings = [ending for ending, *_ in told]
     assert endings.count("answer") > 20
     assert len(set(endings)) > 2
+
+
+def test_the_common_times_of_a_frame_and_itself_are_its_own() -> None:
+    buffer = tfdb.Buffer(history=None)
+    for stamp, parent in enumerate("aabb", 10):
+        buffer.set_transform(parent, "x", stamp, (stamp, 1, 2), (0, 0.6, 0, 0.8))
+    buffer.set_static_transform("x", "camera", (1, 2, 3))
+    assert buffer.common_times("b", "x") == (12, 13)
+    assert buffer.common_times("x", "x") == (10, 13)
+    with buffer.snapshot() as snapshot:
+        buffer.set_transform("a", "x", 7, (1, 1, 2), (0, 0.6, 0, 0.8))
+        assert snapshot.common_times("x", "x") == (10, 13)
+    assert buffer.common_times("x", "x") == (7, 13)
+    assert buffer.common_times("camera", "camera") == (0, 0)
+    assert buffer.common_times("a", "a") == (0, 0)
+    buffer.clear()
+    assert buffer.common_times("x", "x") == (0, 0)

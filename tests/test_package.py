@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 import importlib.metadata
 import inspect
 import statistics
@@ -50,6 +51,13 @@ def test_every_public_name_exists() -> None:
     assert set(tfdb.__all__) <= set(dir(tfdb))
 
 
+@pytest.mark.parametrize("package", ["tfdb", "tfdb.io", "tfdb.ros"])
+def test_how_names_are_offered_is_private(package: str) -> None:
+    module = importlib.import_module(package)
+    assert not hasattr(module, "on_demand")
+    assert [name for name in dir(module) if name[0] == "_" and name[:2] != "__"] == []
+
+
 def test_the_names_come_when_they_are_used() -> None:
     code = """
 import sys, tfdb
@@ -61,7 +69,7 @@ from tfdb import *
 print(Trajectory is tfdb.trajectory.Trajectory)
 """
     before, some, everything = run_python(code).splitlines()
-    assert before == "['tfdb._core', 'tfdb.errors', 'tfdb.methods', 'tfdb.on_demand']"
+    assert before == "['tfdb._core', 'tfdb._on_demand', 'tfdb.errors', 'tfdb.methods']"
     assert (some, everything) == ("False True", "True")
 
 

@@ -79,7 +79,7 @@ def main() -> int:
     out = Path(sys.argv[1]) if len(sys.argv) > 1 else ROOT / "build" / "docs"
     shutil.rmtree(out, ignore_errors=True)
     # pdoc looks for the names of an annotation where a class says that it is.
-    vars(import_module("tfdb.on_demand"))["belong_to"] = lambda *_: None
+    vars(import_module("tfdb._on_demand"))["belong_to"] = lambda *_: None
     for name in tfdb.__all__:
         value = getattr(tfdb, name)
         if callable(value) and not isinstance(value, type | FunctionType):

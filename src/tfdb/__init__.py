@@ -38,6 +38,7 @@ except ModuleNotFoundError as _error:
         name=_error.name,
         path=__path__[0],
     ) from _error
+from ._on_demand import on_demand as _offer
 from .errors import (
     BufferClosed,
     CapacityExceeded,
@@ -86,7 +87,6 @@ from .errors import (
     WaitTimeout,
     WrongThread,
 )
-from .on_demand import on_demand
 
 if TYPE_CHECKING:
     from . import io as io
@@ -109,6 +109,7 @@ if TYPE_CHECKING:
         MemoryUse,
         Refusal,
         Refused,
+        RefusedEdge,
         Shared,
         TransformStamped,
         Twist,
@@ -166,6 +167,7 @@ __all__ = [
     "RecordingError",
     "Refusal",
     "Refused",
+    "RefusedEdge",
     "RepeatedStamp",
     "Report",
     "Shared",
@@ -202,7 +204,7 @@ __all__ = [
 
 if not TYPE_CHECKING:  # or every name would be there for type checkers
     # A program waits for what it uses; a store needs none of it.
-    __getattr__, __dir__ = on_demand(
+    __getattr__, __dir__ = _offer(
         __name__,
         {
             "comparing": ("Comparison", "compare"),
@@ -230,6 +232,7 @@ if not TYPE_CHECKING:  # or every name would be there for type checkers
                 "MemoryUse",
                 "Refusal",
                 "Refused",
+                "RefusedEdge",
                 "Shared",
                 "TransformStamped",
                 "Twist",

@@ -7,6 +7,7 @@ from typing import Any, Literal, Self, final, overload
 import numpy
 import numpy.typing
 
+import tfdb.errors
 import tfdb.explain
 import tfdb.io
 import tfdb.loading
@@ -937,7 +938,8 @@ class Buffer(Reads):
         ------
         FeedLapped
             The feed, which holds the last 16,384 commits or fewer if they are large, does not reach back
-            that far: take a snapshot, and follow from its `commit`.
+            that far: take a snapshot and follow from its `commit`, or go on from the error's `commit` and
+            miss the commits before. The error's `oldest` is overwritten next.
         InvalidArgument
             There is no such commit yet, or `limit` is not positive.
         NotSupported
@@ -1064,6 +1066,8 @@ class Buffer(Reads):
         """
         Store one tf2_msgs/TFMessage, straight from its bytes, as one commit.
 
+        A transform that is refused is left out, as tf2 leaves it out, and the others are stored.
+
         Parameters
         ----------
         data
@@ -1083,18 +1087,31 @@ class Buffer(Reads):
         int
             Number of the commit.
 
-        One leading '/' of a frame name is dropped, as tf does. Raises CorruptMessage (offset, reason) and
-        what `set_transforms` raises. Then nothing was stored.
+        Raises
+        ------
+        CorruptMessage
+            The bytes are no TFMessage. Fields: offset, reason.
+
+        And what `set_transforms` raises, if no transform of the message can be stored. Nothing was stored
+        where it raises.
+
+        Warns
+        -----
+        TfdbWarning
+            A transform was refused and others of its message were stored: once for each edge and error.
+
+        One leading '/' of a frame name is dropped, as tf does.
         """
 
     def ingest_many(self, messages: Iterable[tfdb.types.BytesLike], *, encoding: str, static: bool = False, authority: str | Sequence[str] = '') -> tfdb.types.IngestResult:
         """
         Store many TFMessages, one commit each, without a step through Python in between.
 
-        A message that is refused is counted, with its reason, and the others go on. Arguments as in
-        `ingest`; `messages` is an iterable of bytes-like objects. `authority` may also be a sequence, with
-        one name for each message. Raises InvalidArgument if it then differs in length; nothing was stored.
-        Ctrl-C ends it between two messages; those before are stored.
+        A transform that is refused is counted, by its edge and error, and the others of its message are
+        stored. A message that is damaged is counted and left out. Arguments as in `ingest`; `messages` is
+        an iterable of bytes-like objects. `authority` may also be a sequence, with one name for each
+        message. Raises InvalidArgument if it then differs in length; nothing was stored. Ctrl-C ends it
+        between two messages; those before are stored.
         """
 
     def transaction(self, priority: int = 0) -> Transaction:
@@ -1169,7 +1186,8 @@ class Buffer(Reads):
 
             The files are looked through before the first commit, so that damage leaves the buffer as it
             was, and must not change until the end. Each message is one commit, in the order of its
-            reception; one that is refused is counted and skipped. A buffer with a limited history
+            reception. A transform that is refused is counted and left out, and the others of its message
+            are stored; a damaged message is left out. A buffer with a limited history
             (10 s by default) forgets the beginning of a long recording: the report counts the samples, and
             a TfdbWarning says so. `Buffer(history=None)` and `tfdb.load` keep everything.
 
@@ -1263,10 +1281,11 @@ class Buffer(Reads):
             -----
             TfdbWarning
                 Nothing is called as `exclude` or `rename` say; nothing moves from `start` to `end`; joints
-                are missing, unknown or beyond their limits; messages were refused; all of it was in the
-                store before; its stamps and those of the rest are more than a year apart, as those of a
-                simulated and of a real clock; samples were forgotten; rows of a trajectory repeat a stamp,
-                were sorted, mended or skipped; its unit or columns were guessed.
+                are missing, unknown or beyond their limits; transforms or messages were refused (once for
+                each edge and error); all of it was in the store before; its stamps and those of the rest
+                are more than a year apart, as those of a simulated and of a real clock; samples were
+                forgotten; rows of a trajectory repeat a stamp, were sorted, mended or skipped; its unit or
+                columns were guessed.
         """
 
     def run(
@@ -1488,9 +1507,20 @@ def ingest_recorded(buffer: Buffer, messages: Recorded, first: int, last: int, *
 def recorded_children(messages: Recorded, first: int, last: int, *, encoding: str) -> dict[int, set[str]]:
     """The child frames of the messages at [first, last), by source."""
 
-def encode_tf_message(transforms: Iterable[tfdb.types.TransformStampedLike], encoding: str = 'cdr') -> bytes:
+def ingest_members(buffer: Buffer, data: tfdb.types.BytesLike, *, encoding: str, static: bool, authority: str, change_kind: bool, only_new: bool) -> list[tfdb.types.Refused]:
     """
-    Bytes of one tf2_msgs/TFMessage. Raises InvalidStamp, InvalidName, with `index`.
+    As `Buffer.ingest`; returns the refused members instead of a warning or an error.
+    """
+
+def decode_members(data: tfdb.types.BytesLike, encoding: str) -> list[tfdb.types.TransformStamped | tfdb.errors.TfdbError]:
+    """
+    As `decode_tf_message`; the error of a member that cannot be read is in its place.
+    """
+
+def encode_tf_message(transforms: Iterable[tfdb.types.TransformStampedLike] | tfdb.types.Columns, encoding: str = 'cdr') -> bytes:
+    """
+    Bytes of one tf2_msgs/TFMessage, of what `set_transforms` takes; Columns without stamps get
+    stamp 0. Raises InvalidStamp, InvalidName, InvalidArray, with `index`.
     """
 
 def decode_tf_message(data: tfdb.types.BytesLike, encoding: str = 'cdr') -> list[tfdb.types.TransformStamped]:

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from .on_demand import belong_to
+from ._on_demand import belong_to
 
 if TYPE_CHECKING:
     from .refused import Refused
@@ -112,7 +112,7 @@ class TfdbError(Exception):
     offset: int | None = None
     """Position in the bytes of a message."""
     commit: int | None = None
-    """Number of the snapshot that was read."""
+    """Number of the snapshot that was read; of FeedLapped, the commit to go on from."""
     since: int | None = None
     """The commit from which changes were asked for."""
     refused: tuple[Refused, ...] | None = None
@@ -300,9 +300,10 @@ class Forked(TfdbError):
 class FeedLapped(TfdbError):
     """The feed of changes does not reach back that far: take a snapshot and follow from its commit.
 
-    That of a frozen store is empty.
+    A follower that may miss commits goes on from `commit`, which half of the feed lies before. The
+    oldest commit is overwritten next. The feed of a frozen store is empty.
 
-    Fields: since, oldest, newest (commits that would have been valid for `since`).
+    Fields: since, oldest, newest (commits that would have been valid for `since`), commit.
     """
 
 

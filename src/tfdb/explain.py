@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from html import escape
 from typing import TYPE_CHECKING, TypeVar, cast
 
+from ._on_demand import belong_to
 from .counting import counted
 from .errors import (
     Disconnected,
@@ -18,7 +19,6 @@ from .errors import (
     TfdbError,
     UnknownFrame,
 )
-from .on_demand import belong_to
 from .stamps import format_seconds
 from .summary import clocks, describe_clocks
 

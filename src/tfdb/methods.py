@@ -258,7 +258,8 @@ def load(
 
     The files are looked through before the first commit, so that damage leaves the buffer as it
     was, and must not change until the end. Each message is one commit, in the order of its
-    reception; one that is refused is counted and skipped. A buffer with a limited history
+    reception. A transform that is refused is counted and left out, and the others of its message
+    are stored; a damaged message is left out. A buffer with a limited history
     (10 s by default) forgets the beginning of a long recording: the report counts the samples, and
     a TfdbWarning says so. `Buffer(history=None)` and `tfdb.load` keep everything.
 
@@ -352,10 +353,11 @@ def load(
     -----
     TfdbWarning
         Nothing is called as `exclude` or `rename` say; nothing moves from `start` to `end`; joints
-        are missing, unknown or beyond their limits; messages were refused; all of it was in the
-        store before; its stamps and those of the rest are more than a year apart, as those of a
-        simulated and of a real clock; samples were forgotten; rows of a trajectory repeat a stamp,
-        were sorted, mended or skipped; its unit or columns were guessed.
+        are missing, unknown or beyond their limits; transforms or messages were refused (once for
+        each edge and error); all of it was in the store before; its stamps and those of the rest
+        are more than a year apart, as those of a simulated and of a real clock; samples were
+        forgotten; rows of a trajectory repeat a stamp, were sorted, mended or skipped; its unit or
+        columns were guessed.
     """
     from .loading import load_into  # noqa: PLC0415 - see above
 

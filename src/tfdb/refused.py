@@ -1,12 +1,12 @@
-"""What is told of one of many that was refused: errors refer to it, so it knows nothing of them."""
+"""Records of refused transforms; separate to avoid an import cycle with the errors."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
-from .on_demand import belong_to
+from ._on_demand import belong_to
 
-__all__ = ["Refusal", "Refused"]
+__all__ = ["Refusal", "Refused", "RefusedEdge"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -25,12 +25,26 @@ class Refused:
 
 @dataclass(frozen=True, slots=True)
 class Refusal:
-    """Messages that were refused for one reason."""
+    """Transforms that were refused with one error."""
 
     count: int
-    """How many."""
+    """How many transforms; how many messages where the error concerns a message as a whole."""
     index: int
-    """Position of the first."""
+    """Position of the first message with one."""
+    first: str
+    """The error message of the first."""
+
+
+@dataclass(frozen=True, slots=True)
+class RefusedEdge:
+    """Transforms of one edge that were refused with one error."""
+
+    edge: str
+    """The child frame; empty for an error of a message as a whole, such as `CorruptMessage`."""
+    error: str
+    """Name of the error class, such as `InvalidTransform`."""
+    count: int
+    """How many transforms; how many messages where `edge` is empty."""
     first: str
     """The error message of the first."""
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 
+from ._on_demand import belong_to
 from .counting import counted
 from .errors import TfdbError
-from .on_demand import belong_to
 from .stamps import format_seconds
 
 if TYPE_CHECKING:

@@ -8,6 +8,7 @@ from html import escape
 from typing import TYPE_CHECKING, Any, Literal, overload
 
 from . import poses as geometry
+from ._on_demand import belong_to
 from .errors import (
     Extrapolation,
     InvalidArgument,
@@ -18,7 +19,6 @@ from .errors import (
     NoSampleNear,
     NotSupported,
 )
-from .on_demand import belong_to
 from .stamps import MAX_STAMP, check_increasing, format_seconds, increasing_stamps, shown
 from .types import Columns, Twist
 

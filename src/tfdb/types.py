@@ -6,10 +6,10 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, ClassVar, Literal, Protocol, TypeAlias, TypeVar
 
+from ._on_demand import belong_to
 from .errors import InvalidArgument, InvalidArray
 from .given_objects import refuse_without
-from .on_demand import belong_to
-from .refused import Refusal, Refused
+from .refused import Refusal, Refused, RefusedEdge
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -31,6 +31,7 @@ __all__ = [
     "MemoryUse",
     "Refusal",
     "Refused",
+    "RefusedEdge",
     "Shared",
     "TransformStamped",
     "Twist",
@@ -495,20 +496,24 @@ class Twist:
 
 @dataclass(frozen=True, slots=True)
 class IngestResult:
-    """What became of many messages."""
+    """Counts of stored and refused messages and transforms."""
 
     messages: int
     """Messages seen."""
     transforms: int
     """Transforms stored."""
     commits: int
-    """Commits made, one for each message with transforms."""
+    """Commits made, one for each message of which a transform was stored."""
     refused: int
-    """Messages of which nothing was stored."""
+    """Messages of which nothing was stored: damaged, or every transform was refused."""
     commit: int
     """Number of the newest commit."""
     reasons: dict[str, Refusal] = field(default_factory=dict)
-    """By the name of the error class, why messages were refused."""
+    """What was refused, by the name of the error class."""
+    refused_transforms: int = 0
+    """Transforms refused, those of messages that were stored in part included."""
+    refused_edges: tuple[RefusedEdge, ...] = ()
+    """What was refused, by edge and error."""
 
 
 belong_to("tfdb", globals(), __all__)

@@ -157,11 +157,15 @@ def test_refused_messages(tool: Tool, maker: BagMaker) -> None:
     path = maker.write()
     body = tool("check", path, "--json", code=1).json
     refused = {f["details"]["error"]: f for f in body["findings"] if f["kind"] == "refused"}
+    assert refused["InvalidTransform"]["frames"] == ["base"]
     assert set(refused) == {"InvalidTransform", "CorruptMessage"}
     assert refused["InvalidTransform"]["count"] == 2
     assert "quaternion" in [finding["kind"] for finding in body["findings"]]
     for command in ("info", "gaps"):
-        assert "3 messages refused; 'tfdb check' says why" in tool(command, path).out
+        assert (
+            "2 transforms refused, nothing stored of 3 messages; 'tfdb check' says why"
+            in tool(command, path).out
+        )
 
 
 def test_looped_bag(tool: Tool, maker: BagMaker) -> None:

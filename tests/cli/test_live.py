@@ -156,6 +156,27 @@ def test_stamps_go_on_growing(tool: Tool, bag: Path, served: str) -> None:
     assert tool("check", served).code == 0
 
 
+def test_a_bad_member_costs_its_own(tool: Tool, name: str, tmp_path: Path) -> None:
+    path = tmp_path / "a.mcap"
+    good = tfdb.TransformStamped("map", "base", 5, (1, 2, 3), (0, 0.6, 0, 0.8))
+    own = tfdb.TransformStamped("base", "base", 5, (1, 2, 3))
+    names = tfdb.TransformStamped("map", "broken", 5, (1, 2, 3))
+    data = tfdb.encode_tf_message([good, own, names]).replace(b"broken", b"br\xffken")
+    with tfdb.io.RecordingWriter(path) as writer:
+        writer.write(data, 1, topic="/tf")
+        writer.write(tfdb.encode_tf_message([own]), 2, topic="/tf")
+        writer.write(data[:40], 3, topic="/tf")
+    done = tool("serve", "bag", path, "--into", name, "--speed", "inf", "--json").json
+    counts = {key: done[key] for key in ("messages", "transforms", "refused", "refused_transforms")}
+    assert counts == {"messages": 3, "transforms": 1, "refused": 2, "refused_transforms": 3}
+    with tfdb.Buffer.open(name, create=False) as store:
+        assert (store.commit, store.frames()) == (1, ["base", "map"])
+    said = tool("serve", "bag", path, "--into", name, "--speed", "inf").out
+    assert "3 transforms refused, nothing stored of 2 messages, the first: Inv" in said
+    said = tool("info", path).out
+    assert "3 transforms refused, nothing stored of 2 messages; 'tfdb check' says why" in said
+
+
 def test_what_cannot_be_served(tool: Tool, bag: Path, name: str, tmp_path: Path) -> None:
     broken = tmp_path / "broken.bag"
     broken.write_bytes(bag.read_bytes()[:300_000])

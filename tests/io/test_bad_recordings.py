@@ -182,7 +182,9 @@ def test_nothing_but_refusals(recorder: Any, messages: Drive, tmp_path: Path) ->
     cls = type(messages[0])
     bad = [cls("/tf", n, [("a", "b", 5, (0, 0, 0, 0, 0, 0, 0))]) for n in (5, 6)]
     path = recorder.bag(tmp_path / "a.bag", bad)
-    refuse(path, "all messages were refused, 2 of them with InvalidTransform")
+    refuse(
+        path, "all messages were refused; 2 transforms of frame 'b' were refused with InvalidTrans"
+    )
 
 
 def test_one_bad_file_of_several(recorder: Any, messages: Drive, tmp_path: Path) -> None:

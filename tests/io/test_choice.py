@@ -248,9 +248,13 @@ def test_damaged_messages_are_refused_as_without_options(tmp_path: Path) -> None
             data = tfdb.encode_tf_message([each], "ros1")
             writer.write(data, number + 1, topic="/tf")
         writer.write(b"\x05\0\0\0broken", 3, topic="/tf")
-    with pytest.warns(tfdb.TfdbWarning, match="2 of 3 messages were refused, 1 of them with"):
+    with pytest.warns(
+        tfdb.TfdbWarning, match="1 (message|transform of frame '(r/)?b') was refused with"
+    ):
         plain = tfdb.Buffer(history=None).load(path)
-    with pytest.warns(tfdb.TfdbWarning, match="2 of 3 messages were refused, 1 of them with"):
+    with pytest.warns(
+        tfdb.TfdbWarning, match="1 (message|transform of frame '(r/)?b') was refused with"
+    ):
         chosen = tfdb.Buffer(history=None).load(path, prefix="r/", start=0)
     assert dict(chosen.reasons) == dict(plain.reasons)
     assert set(plain.reasons) == {"InvalidTransform", "CorruptMessage"}

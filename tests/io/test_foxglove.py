@@ -342,7 +342,7 @@ def test_a_list_without_transforms_is_no_damage(tmp_path: Path) -> None:
     path = write_mcap(
         tmp_path / "a.mcap", [("/tf", SEVERAL, "json", at, each) for at, each in enumerate(data)]
     )
-    with pytest.warns(tfdb.TfdbWarning, match="1 of 4 messages were refused"):
+    with pytest.warns(tfdb.TfdbWarning, match="1 message was refused with Corr"):
         report = tfdb.Buffer(history=None).load(path)
     assert "transforms is no list" in report.first_refusals["CorruptMessage"]
 

@@ -238,7 +238,7 @@ def test_what_cannot_be_read_is_refused(ros: Messages, tmp_path: Path) -> None:
     messages.append(("/twist", "geometry_msgs/msg/Point", 9, ros.pose(poses(1)[0]).position))
     path = ros.write(tmp_path, messages)
     buffer = tfdb.Buffer(history=None)
-    with pytest.warns(tfdb.TfdbWarning, match="3 of 4 messages were refused, 2 of them with Corr"):
+    with pytest.warns(tfdb.TfdbWarning, match="2 messages were refused with Corr|1 transform of"):
         report = buffer.load(path, pose_topics="/odom")
     assert (report.messages, report.commits, report.refused) == (4, 1, 3)
     assert dict(report.reasons) == {"CorruptMessage": 2, "InvalidTransform": 1}

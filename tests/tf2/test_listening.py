@@ -133,6 +133,28 @@ def test_what_tf2_refuses_is_logged_and_the_rest_stored(world: World) -> None:
     assert own.startswith('TF_SELF_TRANSFORM: Ignoring transform from authority "/robot"')
     assert lost.startswith("TF_DENORMALIZED_QUATERNION: Ignoring transform for child_frame_id")
     assert isinstance(records.errors[1], tfdb.InvalidTransform)
+    assert world.listener.refused == {"/robot": 2}
+
+
+@pytest.mark.parametrize("watching", [False, True])
+def test_a_name_that_is_no_text_costs_its_own(
+    world: World, caplog: pytest.LogCaptureFixture, watching: bool
+) -> None:
+    class Watching(tf2.Buffer):
+        def set_transform(self, transform: Any, authority: str) -> bool:
+            return super().set_transform(transform, authority)
+
+    buffer = Watching() if watching else tf2.Buffer()
+    listener = tf2.TransformListener(buffer, world.node)
+    world.listener.unregister()
+    message = [sent("map", "base", 1), sent("map", "broken", 1), sent("base", "arm", 1, OTHER)]
+    data = tfdb.encode_tf_message(message, world.node.encoding).replace(b"broken", b"br\xffken")
+    world.raw.publish(data)
+    assert buffer._getFrameStrings() == ["arm", "base", "map"]
+    assert buffer.buffer.commit == (2 if watching else 1)
+    assert listener.refused == {"/robot": 1}
+    (said,) = [r for r in caplog.records if hasattr(r, "error")]
+    assert isinstance(said.__dict__["error"], tfdb.InvalidName)
 
 
 def test_the_same_stamp_again(world: World, caplog: pytest.LogCaptureFixture) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
 import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
@@ -186,3 +187,31 @@ def test_the_shipped_recording(repository: Path, name: str) -> None:
 )
 def test_recordings_of_real_robots(shared_data: Path, name: str, at_least: int) -> None:
     check_recording([shared_data / name], at_least)
+
+
+@pytest.mark.parametrize("encoding", oracle.ENCODINGS)
+def test_columns_are_encoded_as_their_rows(encoding: str) -> None:
+    poses = np.array([[1, 2, 3, 0, 0.6, 0, 0.8], [4, -5, 6, 0.8, 0, 0, -0.6]])
+    rows = [
+        tfdb.TransformStamped("map", child, stamp, tuple(pose[:3]), tuple(pose[3:]))
+        for child, stamp, pose in zip(("a", "/b"), (5, 7), poses.tolist(), strict=True)
+    ]
+    columns = tfdb.Columns("map", ["a", "/b"], np.array([5, 7]), poses)
+    expected = tfdb.encode_tf_message(rows, encoding)
+    assert tfdb.encode_tf_message(columns, encoding) == expected
+    named = tfdb.Columns(["map", "map"], ["a", "/b"], [5, 7], poses)
+    assert tfdb.encode_tf_message(named, encoding) == expected
+    static = tfdb.encode_tf_message(tfdb.Columns("map", ["a", "/b"], None, poses), encoding)
+    assert [one.stamp for one in tfdb.decode_tf_message(static, encoding)] == [0, 0]
+
+
+def test_columns_that_cannot_be_encoded_name_the_row() -> None:
+    poses = np.tile([1.0, 2, 3, 0, 0.6, 0, 0.8], (3, 1))
+    with pytest.raises(tfdb.InvalidStamp) as stamp:
+        tfdb.encode_tf_message(tfdb.Columns("map", "a", [1, 2, -3], poses))
+    assert stamp.value.index == 2
+    with pytest.raises(tfdb.InvalidName) as name:
+        tfdb.encode_tf_message(tfdb.Columns("map", ["a", "b\ud800", "c"], [1, 2, 3], poses))
+    assert name.value.index == 1
+    with pytest.raises(tfdb.InvalidArray, match="3 rows"):
+        tfdb.encode_tf_message(tfdb.Columns("map", ["a", "b"], [1, 2, 3], poses))

@@ -218,27 +218,40 @@ def test_corrupt_messages_change_nothing(data: bytes, offset: int, reason: str) 
         (oracle.row("map", "x" * 1025, STAMP, POSE), tfdb.InvalidName),
         (oracle.row("map", "new\nline", STAMP, POSE), tfdb.InvalidName),
         (oracle.row("/", "child", STAMP, POSE), tfdb.InvalidName),
-        (oracle.row("map", "map", STAMP, POSE), tfdb.TfdbError),
+        (oracle.row("map", "map", STAMP, POSE), tfdb.InvalidTransform),
         (oracle.row("base", "map", STAMP, POSE), tfdb.CycleError),
         (oracle.row("map", "nan", STAMP, (float("nan"), *POSE[1:])), tfdb.InvalidTransform),
         (oracle.row("map", "zero", STAMP, (*POSE[:3], 0, 0, 0, 0)), tfdb.InvalidTransform),
     ],
 )
 @pytest.mark.parametrize("encoding", ["ros1", "cdr", "cdr_be"])
-def test_one_bad_member_stores_nothing(
+def test_one_bad_member_leaves_the_others(
     bad: oracle.Row, error: type[tfdb.TfdbError], encoding: str
 ) -> None:
-    buf = tfdb.Buffer()
-    buf.ingest(oracle.encode([oracle.row("map", "kept", STAMP, POSE)], encoding), encoding=encoding)
-    before = contents(buf)
+    expected = tfdb.Buffer()
+    expected.ingest(oracle.encode(ROWS, encoding), encoding=encoding)
     data = oracle.encode([*ROWS, bad], encoding)
-    with pytest.raises(error) as caught:
-        buf.ingest(data, encoding=encoding)
-    if error is not tfdb.CycleError:
-        assert caught.value.index == 2
-    assert contents(buf) == before
-    assert buf.ingest_many([data], encoding=encoding).refused == 1
-    assert contents(buf) == before
+    one, many = tfdb.Buffer(), tfdb.Buffer()
+    with pytest.warns(tfdb.TfdbWarning, match=f"^{error.__name__}: .*; the rest of its message"):
+        assert one.ingest(data, encoding=encoding) == 1
+    assert one.ingest(data, encoding=encoding) == 2  # each edge and error warns once
+    result = many.ingest_many([data], encoding=encoding)
+    assert (result.transforms, result.commits, result.refused) == (2, 1, 0)
+    assert result.refused_transforms == 1
+    (refused,) = result.refused_edges
+    assert (refused.edge, refused.error, refused.count) == (bad.child[:1024], error.__name__, 1)
+    assert contents(many) == contents(expected)
+    many.ingest_many([data], encoding=encoding)
+    assert contents(many) == contents(one)
+    assert answers(many, [STAMP]) == answers(one, [STAMP])
+    alone = oracle.encode([bad], encoding)
+    if error is not tfdb.CycleError:  # by itself it closes none
+        before = contents(many)
+        with pytest.raises(error) as caught:
+            many.ingest(alone, encoding=encoding)
+        assert caught.value.index == 0
+        assert many.ingest_many([alone], encoding=encoding).refused == 1
+        assert contents(many) == before
 
 
 def ros1_message(parent: bytes, child: bytes) -> bytes:

@@ -165,16 +165,15 @@ template <View V>
             return common_time_once(view, target, source, wanted, mode, answer, failure);
         });
     }
-    FrameId parent = kNoFrame;
-    answer.oldest = 0;
-    Outcome outcome = newest_stamp(view, target, answer.stamp, parent);
-    StampNs to = answer.stamp;
-    if (outcome == Outcome::kOk && to >= 0 && wanted == Common::kOldestToo)
-        outcome = narrow_to_edge(view, target, parent, to, answer.oldest, to);
-    answer.stamp = std::max<StampNs>(answer.stamp, 0);
+    typename V::Edge edge;
+    history::SampleAt oldest;
+    if (!view.open(target, edge) || !edge.oldest(oldest))
+        return Outcome::kLapped;
+    const bool moves = !edge.empty() && !edge.is_static();
+    answer.oldest = moves ? oldest.stamp : 0;
+    answer.stamp = moves ? edge.newest().stamp : 0;
     // A slot that was reused meanwhile looks like a frame without samples.
-    const bool sound = outcome != Outcome::kMismatch && view.alive(target);
-    return sound ? outcome : Outcome::kLapped;
+    return edge.confirm() && view.alive(target) ? Outcome::kOk : Outcome::kLapped;
 }
 
 }  // namespace detail

@@ -430,8 +430,9 @@ public:
     /// that the newest state shows is told, and while a snapshot of commit `since` or an older one
     /// is held, all that was stored; of what is no longer kept the record counts how much it was.
     /// Throws FeedLapped where the feed does not reach back that far (with `since`, the `oldest`
-    /// commit that would have been valid, and the `newest`), InvalidArgument for a commit that is
-    /// not there yet, TransactionActive, and NotSupported in engines that keep no feed. A frozen
+    /// commit that would have been valid, which is overwritten next, the `newest`, and `commit`,
+    /// from which half of the feed is left to go on), InvalidArgument for a commit that is not
+    /// there yet, TransactionActive, and NotSupported in engines that keep no feed. A frozen
     /// store's feed is empty.
     [[nodiscard]] std::vector<Changes> changes(CommitNumber since,
                                                std::size_t limit = kNoLimit) const;

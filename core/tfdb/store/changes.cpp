@@ -202,14 +202,20 @@ private:
 [[noreturn]] void throw_lapped(const Store& store, CommitNumber since, CommitNumber newest) {
     // Commit `floor` and later ones are there: whoever knows the one before it can go on.
     const CommitNumber oldest = StoreFeed(store.frames).floor().load_acquire() - 1;
+    // The oldest commit is overwritten next: at a writer's full speed it is gone before the caller
+    // asks again. Half of the feed lies between this one and that.
+    const CommitNumber safe = newest - (newest - std::min(oldest, newest)) / 2;
     ErrorDetail detail;
     detail.since = since;
     detail.oldest = static_cast<std::int64_t>(oldest);
     detail.newest = static_cast<std::int64_t>(newest);
+    detail.commit = safe;
     throw FeedLapped("changes since commit " + std::to_string(since) +
                          " are no longer known: the feed reaches back to commit " +
-                         std::to_string(oldest) + "; take a snapshot (the newest commit is " +
-                         std::to_string(newest) + ") and follow from its commit",
+                         std::to_string(oldest) +
+                         ", which is overwritten next; take a snapshot (the newest commit is " +
+                         std::to_string(newest) + ") and follow from its commit, or go on from " +
+                         std::to_string(safe) + " without the commits before",
                      std::move(detail));
 }
 

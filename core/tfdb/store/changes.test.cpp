@@ -315,6 +315,8 @@ TFDB_TEST(changes_that_were_overwritten_are_refused) {
     const auto lapped = THROWN(FeedLapped, buffer.changes(3));
     CHECK(lapped && lapped->detail().since == 3U && lapped->detail().newest == 80);
     CHECK(says(*lapped, "take a snapshot"));
+    CHECK(lapped && says(*lapped, "go on from " + std::to_string(*lapped->detail().commit)));
+    CHECK(lapped && lapped->detail().commit == 80 - (80 - lapped->detail().oldest.value()) / 2);
     const auto oldest = static_cast<CommitNumber>(lapped->detail().oldest.value());
     CHECK(oldest > 40 && oldest < 60);
     const auto rest = buffer.changes(oldest);
@@ -327,6 +329,42 @@ TFDB_TEST(changes_that_were_overwritten_are_refused) {
         set(buffer, "map", "frame0", stamp, pose_of(2));
     CHECK_EQ(buffer.changes(buffer.commit() - 16'000).size(), std::size_t{16'000});
     THROWN(FeedLapped, buffer.changes(buffer.commit() - 16'400));
+}
+
+TFDB_TEST(changes_go_on_from_the_commit_that_the_error_names) {
+    if (skipped())
+        return;
+    Buffer buffer(defaults());
+    set(buffer, "map", "base", 1, pose_of(1));
+    std::atomic<bool> ended{false};
+    std::thread writer([&] {
+        for (StampNs stamp = 2; !ended.load(); ++stamp)
+            set(buffer, "map", "base", stamp, pose_of(2));
+    });
+    // Resumed at the oldest commit, this is lapped again thousands of times in a row.
+    constexpr CommitNumber kEnough = 300'000;
+    constexpr int kMostLaps = 3'000;
+    CommitNumber seen = 0;
+    CommitNumber followed = 0;
+    int laps = 0;
+    while (followed < kEnough && laps < kMostLaps) {
+        try {
+            for (const Changes& changes : buffer.changes(seen)) {
+                CHECK_EQ(changes.commit, seen + 1);
+                seen = changes.commit;
+                ++followed;
+            }
+        } catch (const FeedLapped& lapped) {
+            const ErrorDetail& detail = lapped.detail();
+            const CommitNumber resume = detail.commit.value();
+            CHECK(resume > seen && detail.oldest < resume && resume <= detail.newest);
+            seen = resume;
+            ++laps;
+        }
+    }
+    ended.store(true);
+    writer.join();
+    CHECK(followed >= kEnough);
 }
 
 TFDB_TEST(changes_of_a_commit_larger_than_the_feed_are_lapped) {

@@ -263,7 +263,7 @@ TFDB_TEST(frozen_store_refuses_to_be_changed) {
     CHECK(THROWN(ReadOnly, frozen.remove_frame("base", false)));
     CHECK(frozen.changes(2).empty());
     const auto lapped = THROWN(FeedLapped, frozen.changes(1));
-    CHECK(lapped && lapped->detail().oldest == 2);
+    CHECK(lapped && lapped->detail().oldest == 2 && lapped->detail().commit == 2U);
     CHECK(THROWN(InvalidArgument, frozen.changes(3)));
     CHECK_EQ(frozen.commit(), 2U);
 }

@@ -439,15 +439,17 @@ inline std::optional<std::pair<StampNs, StampNs>> Model::common_times(
     const auto newest = common_time(state, t, s);
     if (!newest)
         return std::nullopt;
-    const Policy latest{PolicyKind::kLatest, 0};
-    std::vector<int> on_path{s};
-    if (s != t) {
-        const auto up = chain(s, 0, latest, state);
-        const auto down = chain(t, 0, latest, state);
-        const int top = meet(up, down);
-        on_path.assign(up.begin(), std::find(up.begin(), up.end(), top));
-        on_path.insert(on_path.end(), down.begin(), std::find(down.begin(), down.end(), top));
+    if (s == t) {
+        const auto own = visible(s, state);
+        const bool moves = !own.empty() && !own.front()->is_static;
+        return std::pair{moves ? own.front()->stamp : StampNs{0}, *newest};
     }
+    const Policy latest{PolicyKind::kLatest, 0};
+    const auto up = chain(s, 0, latest, state);
+    const auto down = chain(t, 0, latest, state);
+    const int top = meet(up, down);
+    std::vector<int> on_path(up.begin(), std::find(up.begin(), up.end(), top));
+    on_path.insert(on_path.end(), down.begin(), std::find(down.begin(), down.end(), top));
     StampNs oldest = 0;
     for (const int frame : on_path) {
         const auto samples = visible(frame, state);

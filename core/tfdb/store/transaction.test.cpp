@@ -341,6 +341,13 @@ TFDB_TEST(transaction_depends_on_all_samples_of_common_times) {
         [&] { set(buffer, "other", "base", 25, pose_of(3)); });
     CHECK(lost.has_value());
     CHECK_EQ(buffer.common_times("map", "base").oldest, 30);
+    // Of a frame and itself all of its samples count, whatever their parent.
+    CHECK_EQ(buffer.common_times("base", "base").oldest, 10);
+    const auto earlier = race(
+        buffer, [](Transaction& tx) { CHECK_EQ(tx.common_times("base", "base").oldest, 10); },
+        [&] { set(buffer, "map", "base", 5, pose_of(4)); });
+    CHECK(earlier.has_value());
+    CHECK_EQ(buffer.common_times("base", "base").oldest, 5);
 }
 
 }  // namespace tfdb

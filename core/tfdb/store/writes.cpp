@@ -452,6 +452,17 @@ std::vector<RefusedMember> Buffer::set_transforms_partial(std::span<const Transf
     }
     store::check_not_in_transaction(*store_);
     const store::Batch judged(batch, is_static, authority, rules);
+    if (store_->engine == nullptr) [[likely]] {
+        const std::lock_guard guard(store_->lock);
+        return store::commit_partial(*store_, judged, commit);
+    }
+    try {
+        commit = store_->engine->write(judged);
+        return {};
+    } catch (const Error& error) {
+        if (error.detail().refused.empty())
+            throw;
+    }
     const store::Alone alone(*store_);
     return store::commit_partial(*store_, judged, commit);
 }

@@ -11,6 +11,7 @@ import click
 import tfdb
 from tfdb.counting import counted
 from tfdb.io.groups import prefix_of_topic
+from tfdb.io.loading import describe_refused
 from tfdb.summary import Forest
 
 from . import common, layout, output
@@ -209,14 +210,13 @@ def _refused(loaded: common.Loaded) -> list[Finding]:
     return [
         Finding(
             "refused",
-            (),
-            f"{count:,} {'message' if count == 1 else 'messages'} with {name}, "
-            f"the first: {report.first_refusals[name]}",
+            (each.edge,) if each.edge else (),
+            describe_refused(each),
             None,
-            count,
-            {"error": name},
+            each.count,
+            {"error": each.error},
         )
-        for name, count in sorted(report.reasons.items())
+        for each in sorted(report.refused_edges, key=lambda each: (each.error, each.edge))
     ]
 
 

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 # kind -> (severity, what it means); the documentation lists the same.
 KINDS = {
-    "refused": ("error", "messages that the store refuses"),
+    "refused": ("error", "transforms or messages that the store refuses"),
     "two-clocks": ("error", "stamps of two clocks, as of a simulation and of the day"),
     "time-jump": ("error", "stamps that jump against the time of arrival"),
     "mixed-sources": ("error", "one edge stated differently by several groups of topics"),

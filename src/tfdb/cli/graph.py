@@ -269,13 +269,27 @@ def ended_by_sigterm() -> Iterator[None]:
         signal.signal(signal.SIGTERM, before)
 
 
-class _Lines(logging.Handler):
-    """Prints what is logged as commands print warnings.
+_MOST_TOLD = 1000
+"""How many refused edges are printed at most; damaged messages may name ever new ones."""
 
-    Threads: any.
+
+class _Lines(logging.Handler):
+    """Prints log records as commands print warnings; a refused edge once for each error.
+
+    Threads: any; a handler's lock is held in `emit`.
     """
 
+    def __init__(self) -> None:
+        super().__init__()
+        self._told: set[tuple[str, str | None, str | None]] = set()
+
     def emit(self, record: logging.LogRecord) -> None:
+        error = getattr(record, "error", None)
+        if isinstance(error, tfdb.TfdbError) and error.edge is not None:
+            key = type(error).__name__, error.edge, error.authority
+            if key in self._told or len(self._told) > _MOST_TOLD:
+                return
+            self._told.add(key)
         text = " ".join(record.getMessage().split())
         output.say(f"tfdb: {record.levelname.lower()}: {text}", err=True)
 

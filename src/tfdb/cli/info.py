@@ -59,6 +59,7 @@ def _body(loaded: common.Loaded, edges: list[EdgeSummary]) -> dict[str, Any]:
         "transforms": report and report.transforms,
         "refused": report and report.refused,
         **rows_body(report),
+        "refused_transforms": report and report.refused_transforms,
         **({"lost": [vars(loss) for loss in report.lost]} if report and common.salvages() else {}),
         "mixed": None if loaded.mixed is None else mixed_body(loaded.mixed),
         "frames": len(loaded.store.frames()),

@@ -212,11 +212,19 @@ def _indent(
 
 
 def say_refused(out: Console, report: LoadReport | None) -> None:
-    """Say how many messages of recordings were refused, if any."""
-    if report and report.refused:
-        messages = "message" if report.refused == 1 else "messages"
-        text = f"{report.refused:,} {messages} refused; 'tfdb check' says why"
-        out.print(wrap(words(text)), style="red")
+    """Print how many messages and transforms of recordings were refused, if any."""
+    if report and report.refused_edges:
+        counts = refused_counts(report.refused, report.refused_transforms)
+        out.print(wrap(words(f"{counts}; 'tfdb check' says why")), style="red")
+
+
+def refused_counts(messages: int, transforms: int) -> str:
+    """Say how much was refused; `messages` are those of which nothing was stored."""
+    whole = f"{messages:,} message{'' if messages == 1 else 's'}"
+    if not transforms:
+        return f"{whole} refused"
+    some = f"{transforms:,} transform{'' if transforms == 1 else 's'} refused"
+    return f"{some}, nothing stored of {whole}" if messages else some
 
 
 def literal(text: str) -> Text:

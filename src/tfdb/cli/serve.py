@@ -183,7 +183,11 @@ def follow(
     )
     if as_json:
         shown = {"messages": report.messages, "transforms": report.transforms}
-        more = {"refused": report.refused, "seconds": round(report.seconds, 3)}
+        more = {
+            "refused": report.refused,
+            "refused_transforms": report.refused_transforms,
+            "seconds": round(report.seconds, 3),
+        }
         output.emit_json("serve follow", {"files": [file], "store": name, **shown, **more})
         return
     passed = format_duration(round(report.seconds * NS))
@@ -252,7 +256,9 @@ def _serve_graph(graph: str, into: str, history: int | None, *, as_json: bool) -
 def _say_served(live: Live, graph: str, name: str, began: float, *, as_json: bool) -> None:
     commits, infos = live.store.commit - live.commit, live.store.tree()
     found = span(infos)
-    damaged = 0 if live.listener is None else live.listener.corrupt.total()
+    listener = live.listener
+    damaged = 0 if listener is None else listener.corrupt.total()
+    refused = 0 if listener is None else listener.refused.total()
     seconds = time.monotonic() - began
     if as_json:
         body = {
@@ -260,6 +266,7 @@ def _say_served(live: Live, graph: str, name: str, began: float, *, as_json: boo
             "store": name,
             "commits": commits,
             "damaged": damaged,
+            "refused_transforms": refused,
             "frames": len(infos),
             "newest_ns": None if found is None else found[1],
             "seconds": round(seconds, 3),
@@ -270,6 +277,8 @@ def _say_served(live: Live, graph: str, name: str, began: float, *, as_json: boo
     text += f", in {format_duration(round(seconds * NS))}"
     if damaged:
         text += f"; {counted(damaged, 'damaged message')} left out"
+    if refused:
+        text += f"; {counted(refused, 'transform')} refused"
     output.say(text)
 
 
@@ -285,6 +294,7 @@ class Player:
     messages: int = 0
     transforms: int = 0
     refused: int = 0
+    refused_transforms: int = 0
     rounds: int = 0
     first_refusal: str | None = None
     _newest: int | None = None
@@ -328,6 +338,7 @@ class Player:
     def _store(self, source: Source, received: int, data: bytes) -> None:
         self.messages += 1
         is_static = self.selection.is_static(source)
+        before = len(self.rewriter.refused_members)
         try:
             decoded = self.rewriter.decoded(data, source, received, static=is_static)
             transforms: Iterable[TransformStamped] = self.rewriter.transforms(
@@ -338,14 +349,27 @@ class Player:
             transforms = list(transforms)
             if decoded and not transforms:
                 return
-            self.store.set_transforms(transforms, static=is_static, authority=source.authority)
+            refused = self.store.set_transforms(
+                transforms, static=is_static, authority=source.authority, partial=True
+            )
         except (tfdb.ReadOnly, tfdb.LockTimeout):
             raise
         except tfdb.TfdbError as error:
             self.refused += 1
-            self.first_refusal = self.first_refusal or f"{type(error).__name__}: {error}"
-        else:
-            self.transforms += len(transforms)
+            self._name(type(error).__name__, str(error))
+            return
+        self.transforms += len(transforms) - len(refused)
+        self.refused += bool(transforms) and len(refused) == len(transforms)
+        unread = self.rewriter.refused_members[before:]
+        self.refused_transforms += len(refused) + len(unread)
+        for each in unread:
+            self._name(type(each).__name__, str(each))
+        for member in refused:
+            self._name(member.error, member.message)
+
+    def _name(self, error: str, message: str) -> None:
+        """Keep the first refusal for the summary."""
+        self.first_refusal = self.first_refusal or f"{error}: {message}"
 
     def _shifted(self, transforms: Iterable[TransformStamped]) -> Iterator[TransformStamped]:
         """Move stamps behind those that were there when this round began."""
@@ -364,6 +388,7 @@ class Player:
             "messages": self.messages,
             "transforms": self.transforms,
             "refused": self.refused,
+            "refused_transforms": self.refused_transforms,
             "rounds": self.rounds,
             "shift_ns": self._shift or 0,
             "newest_ns": self._newest,
@@ -377,6 +402,7 @@ class Player:
         text += f", in {passed}"
         if self._shift:
             text += f"; stamps are {format_duration(self._shift)} later than recorded"
-        if self.refused:
-            text += f"; {counted(self.refused, 'message')} refused, the first: {self.first_refusal}"
+        if self.first_refusal is not None:
+            counts = layout.refused_counts(self.refused, self.refused_transforms)
+            text += f"; {counts}, the first: {self.first_refusal}"
         return text

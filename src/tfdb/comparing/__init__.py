@@ -6,7 +6,7 @@ evaluation of odometry and SLAM"), with which the tests compare them.
 
 from __future__ import annotations
 
-from ..on_demand import belong_to
+from .._on_demand import belong_to
 from .compare_trajectories import compare
 from .comparison import Comparison, Errors
 

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from tfdb.on_demand import on_demand
+from tfdb._on_demand import on_demand as _offer
 
 if TYPE_CHECKING:
     from .containers import Loss, Source, Topic
@@ -65,7 +65,7 @@ __all__ = [
 
 if not TYPE_CHECKING:  # or every name would be there for type checkers
     # A shell that waits for a completion imports no more than it needs.
-    __getattr__, __dir__ = on_demand(
+    __getattr__, __dir__ = _offer(
         __name__,
         {
             "containers": ("Loss", "Source", "Topic"),

@@ -395,6 +395,9 @@ class Rewriter:
         self.window = window
         self.joints = joints
         self.refusals: list[TfdbError] = []
+        """Errors of messages of which nothing is left."""
+        self.refused_members: list[TfdbError] = []
+        """Errors of transforms of which the rest of the message is left."""
         self._children = children
         self._excluded = [(entry, _pattern(entry)) for entry in choice.exclude]
         self._excluded_edges = [(entry, made) for entry, made in self._excluded if ":" in entry]
@@ -440,22 +443,41 @@ class Rewriter:
         if not left:
             return None if given or not source.is_tf else data
         if not source.is_tf:
-            try:
-                return _core.encode_tf_message(left, OTHERS)
-            except TfdbError as error:
-                self.refusals.append(error)
-                return None
+            return self._encoded(left)
         renames = self._choice.rename or self._choice.prefix or self.space(source)
         if len(left) == len(given) and not renames:
             return data
         return _core.encode_tf_message(left, source.encoding)
 
+    def _encoded(self, transforms: Sequence[TransformStamped]) -> bytes | None:
+        """A TFMessage of those transforms that have a place in one; None where none has."""
+        try:
+            return _core.encode_tf_message(transforms, OTHERS)
+        except TfdbError as error:
+            whole = error
+        good: list[TransformStamped] = []
+        bad: list[TfdbError] = []
+        for each in transforms:
+            try:
+                _core.encode_tf_message([each], OTHERS)
+            except TfdbError as error:
+                error.edge = each.child
+                bad.append(error)
+            else:
+                good.append(each)
+        if not good:
+            self.refusals.append(whole)
+            return None
+        self.refused_members += bad
+        return _core.encode_tf_message(good, OTHERS)
+
     def decoded(
         self, data: bytes, source: Source, received: int, *, static: bool
     ) -> list[TransformStamped]:
-        """All transforms of one message; raises CorruptMessage and its kin.
+        """The transforms of one message; one that cannot be read is added to `refused_members`.
 
-        Those without a timestamp have that of the reception, `received`.
+        Raises CorruptMessage, or the first one's error if none can be read. Those without a
+        timestamp have that of the reception, `received`.
         """
         given = self._decoded(data, source, received, static=static)
         space = self.space(source)
@@ -477,13 +499,19 @@ class Rewriter:
         self, data: bytes, source: Source, received: int, *, static: bool
     ) -> list[TransformStamped]:
         if source.is_tf:
-            return _core.decode_tf_message(data, source.encoding)
+            members = _core.decode_members(data, source.encoding)
+            good = [each for each in members if not isinstance(each, TfdbError)]
+            bad = [each for each in members if isinstance(each, TfdbError)]
+            if bad and not good:
+                raise bad[0]
+            self.refused_members += bad
+            return good
         if source.type == JOINT_STATE:
             state = decode_joint_state(data, source)
             return [] if self.joints is None else self.joints.transforms(state)
         topic = absolute(source.topic)
         found = decode_poses(data, source, self._choice.pose_topics.get(topic), received)
-        self.refusals += found.refused
+        self.refused_members += found.refused
         if found.untimed and not static:
             self.untimed[topic] += found.untimed
         return found.transforms

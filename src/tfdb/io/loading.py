@@ -7,7 +7,7 @@ import warnings
 from collections import Counter, deque
 from collections.abc import Iterable, Mapping
 from contextlib import ExitStack
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from numbers import Real
 from typing import TYPE_CHECKING, Any, TypeAlias
 
@@ -15,6 +15,7 @@ from tfdb import _core
 from tfdb.errors import InvalidArgument, RecordingError, TfdbWarning
 from tfdb.given_objects import given_flag, refuse_without
 from tfdb.given_path import given_path, given_paths
+from tfdb.refused import RefusedEdge
 
 from .choice import OTHERS, Choice, absolute, held_by, no_name, no_topic, not_read
 from .containers import FRAME_TRANSFORMS, POSE_TYPES, encodings_of
@@ -31,6 +32,7 @@ if TYPE_CHECKING:
 
     from tfdb import Buffer
     from tfdb._core import Recorded
+    from tfdb.errors import TfdbError
 
     from .choice import LoadOptions, Rewriter
     from .containers import Loss, Source
@@ -41,6 +43,8 @@ if TYPE_CHECKING:
     Progress: TypeAlias = Callable[[int, int], None]
     Topics: TypeAlias = str | Iterable[str] | Mapping[str, str]
 
+NAMED = 8
+"""How many refused edges are named, each by a warning."""
 ROLES = ("tf", "tf_static")
 """The last part of a topic's name; by it transforms are moving or static."""
 
@@ -65,12 +69,12 @@ class LoadReport:
     messages
         Read from the topics of transforms.
     transforms, commits
-        Stored; each message with transforms is one commit.
+        Stored; each message of which a transform was stored is one commit.
     refused
-        Messages of which nothing was stored.
+        Messages of which nothing was stored: damaged, or every transform was refused.
     reasons, first_refusals
-        Name of the error class to how many messages were refused with it, and to the first of its
-        messages.
+        Name of the error class to how many transforms were refused with it, and to the first of its
+        messages. Errors of a message as a whole, such as `CorruptMessage`, count messages.
     topics
         The topics of transforms that were read.
     start, end
@@ -94,6 +98,10 @@ class LoadReport:
         out. They have the log time of their message.
     notes
         Remarks on unfinished or renamed files: how they were read.
+    refused_transforms
+        Transforms that were refused, those of messages that were stored in part included.
+    refused_edges
+        What was refused, by edge and error, the most frequent first.
     """
 
     files: tuple[str, ...]
@@ -115,20 +123,29 @@ class LoadReport:
     trajectories: tuple[TrajectoryRows, ...] = ()
     untimed: Mapping[str, int] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
+    refused_transforms: int = 0
+    refused_edges: tuple[RefusedEdge, ...] = ()
 
     def _repr_html_(self) -> str:
         """Write tables for notebooks: the topics, and what was refused."""
         from tfdb.notebooks import table  # noqa: PLC0415 - needed by few
 
-        counts = ("transforms", "commits", "refused", "forgotten", "left_out")
+        counts = (
+            "transforms",
+            "commits",
+            "refused",
+            "refused_transforms",
+            "forgotten",
+            "left_out",
+        )
         told = ", ".join(f"{getattr(self, name)} {name.replace('_', ' ')}" for name in counts)
         caption = f"{', '.join(self.files)}: {self.messages} messages, {told}"
         topics = [(t.name, t.messages, "static" if t.static else "moving") for t in self.topics]
         shown = table(caption, ("topic", "messages", "kind"), topics)
-        if not self.reasons:
+        if not self.refused_edges:
             return shown
-        rows = [(name, n, self.first_refusals.get(name, "")) for name, n in self.reasons.items()]
-        return shown + table("refused", ("error", "messages", "the first"), rows)
+        rows = [(each.edge, each.error, each.count, each.first) for each in self.refused_edges]
+        return shown + table("refused", ("frame", "error", "count", "the first"), rows)
 
 
 def load_recordings(
@@ -144,8 +161,8 @@ def load_recordings(
 
     The files are looked through before the first commit, so a damaged one leaves the store as it
     was. One that changes while it is loaded may leave a part of its messages there.
-    Then each message is one commit, in the order of its reception; one that the store refuses is
-    counted and skipped.
+    Then each message is one commit, in the order of its reception. A transform that the store
+    refuses is counted and left out; the others of its message are stored.
 
     Parameters
     ----------
@@ -310,15 +327,30 @@ def _check_seconds(name: str, value: Any) -> None:
 
 
 def warn_of_refused(report: LoadReport, depth: int) -> None:
-    """Say what was not taken, but for what is forgotten; `depth` frames up is who asked."""
-    counts = Counter(report.reasons)
-    del counts["TooOld"]
-    for name, count in counts.most_common(1):
-        message = (
-            f"{', '.join(report.files)}: {counts.total():,} of {report.messages:,} messages were "
-            f"refused, {count:,} of them with {name}: {report.first_refusals[name]}"
+    """Warn of each edge and error, but for what is forgotten; `depth` frames up is the caller."""
+    files = ", ".join(report.files)
+    told = [each for each in report.refused_edges if each.error != "TooOld"]
+    for each in told[:NAMED]:
+        text = f"{files}: {describe_refused(each)}"
+        warnings.warn(text, TfdbWarning, stacklevel=depth)
+    if len(told) > NAMED:
+        count = sum(each.count for each in told[NAMED:])
+        text = (
+            f"{files}: {count:,} transforms of {len(told) - NAMED:,} other edges were refused; "
+            "`refused_edges` of the load's report lists them"
         )
-        warnings.warn(message, TfdbWarning, stacklevel=depth)
+        warnings.warn(text, TfdbWarning, stacklevel=depth)
+
+
+def describe_refused(refused: RefusedEdge) -> str:
+    """Say how many transforms of an edge were refused, and why the first was."""
+    one = refused.count == 1
+    name = refused.edge if len(refused.edge) <= 64 else f"{refused.edge[:64]}..."
+    what = f"{'transform' if one else 'transforms'} of frame {name!r}"
+    if not refused.edge:
+        what = "message" if one else "messages"
+    were = "was" if one else "were"
+    return f"{refused.count:,} {what} {were} refused with {refused.error}: {refused.first}"
 
 
 def warn_of_forgotten(buffer: Buffer, samples: int, depth: int) -> None:
@@ -466,8 +498,10 @@ class _Tally:
     transforms: int = 0
     commits: int = 0
     refused: int = 0
+    refused_transforms: int = 0
     reasons: Counter[str] = field(default_factory=Counter)
     first_refusals: dict[str, str] = field(default_factory=dict)
+    refused_edges: dict[tuple[str, str], RefusedEdge] = field(default_factory=dict)
     topics: dict[str, TopicReport] = field(default_factory=dict)
     start: int = 2**63 - 1
     end: int = 0
@@ -558,9 +592,26 @@ class _Tally:
         self.transforms += result.transforms
         self.commits += result.commits
         self.refused += result.refused
+        self.refused_transforms += result.refused_transforms
         for name, refusal in result.reasons.items():
             self.reasons[name] += refusal.count
             self.first_refusals.setdefault(name, refusal.first)
+        for each in result.refused_edges:
+            self._add_refused(each)
+
+    def _add_refused(self, refused: RefusedEdge) -> None:
+        key = refused.edge, refused.error
+        before = self.refused_edges.get(key)
+        if before is not None:
+            refused = replace(before, count=before.count + refused.count)
+        self.refused_edges[key] = refused
+
+    def _add_error(self, error: TfdbError, edge: str) -> None:
+        """Count what was refused before the store saw it."""
+        name = type(error).__name__
+        self.reasons[name] += 1
+        self.first_refusals.setdefault(name, str(error))
+        self._add_refused(RefusedEdge(edge, name, 1, str(error)))
 
     def forgotten(self) -> int:
         """How many samples that were read are not in the store."""
@@ -575,8 +626,10 @@ class _Tally:
     def report(self, files: tuple[str, ...], seconds: float, rewriter: Rewriter) -> LoadReport:
         for error in rewriter.refusals:
             self.refused += 1
-            self.reasons[type(error).__name__] += 1
-            self.first_refusals.setdefault(type(error).__name__, str(error))
+            self._add_error(error, "")
+        for error in rewriter.refused_members:
+            self.refused_transforms += 1
+            self._add_error(error, error.edge or "")
         if not self.transforms:
             path = ", ".join(files)
             if not self.refused and rewriter.left_out:
@@ -584,9 +637,8 @@ class _Tally:
             if not self.refused:
                 lost = "".join(f"; {loss}" for loss in self.lost)
                 raise RecordingError(path, f"its topics of transforms hold no transform{lost}")
-            name, count = self.reasons.most_common(1)[0]
-            first = f"{name}: {self.first_refusals[name]}"
-            raise RecordingError(path, f"all messages were refused, {count} of them with {first}")
+            most = max(self.refused_edges.values(), key=lambda each: each.count)
+            raise RecordingError(path, f"all messages were refused; {describe_refused(most)}")
         return LoadReport(
             files=files,
             messages=self.messages,
@@ -607,6 +659,10 @@ class _Tally:
             joints=rewriter.joints_report(),
             untimed=dict(rewriter.untimed),
             notes=tuple(self.notes),
+            refused_transforms=self.refused_transforms,
+            refused_edges=tuple(
+                sorted(self.refused_edges.values(), key=lambda each: each.count, reverse=True)
+            ),
         )
 
 

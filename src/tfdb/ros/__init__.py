@@ -8,7 +8,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from tfdb.on_demand import belong_to, on_demand
+from tfdb._on_demand import belong_to
+from tfdb._on_demand import on_demand as _offer
 
 from .node import Encoding, Flavor, Node, Publisher, Service, Subscription
 from .which import node_for
@@ -35,7 +36,7 @@ belong_to(__name__, globals(), ("Node", "Publisher", "Service", "Subscription", 
 
 if not TYPE_CHECKING:  # or every name would be there for type checkers
     # Two of them need a ROS, and each takes its time to import.
-    __getattr__, __dir__ = on_demand(
+    __getattr__, __dir__ = _offer(
         __name__,
         {
             "rclpy_node": ("RclpyNode",),

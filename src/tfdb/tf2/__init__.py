@@ -17,7 +17,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from tfdb.on_demand import belong_to
+from tfdb._on_demand import belong_to
 
 # Clouds and geometry register what they transform.
 from . import clouds, geometry, msgs

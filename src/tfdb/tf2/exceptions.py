@@ -7,6 +7,7 @@ The text is tf2's; `__cause__` is tfdb's error, whose text says more.
 
 from __future__ import annotations
 
+from tfdb._on_demand import belong_to
 from tfdb.errors import (
     Disconnected,
     Extrapolation,
@@ -15,7 +16,6 @@ from tfdb.errors import (
     UnknownFrame,
     WaitTimeout,
 )
-from tfdb.on_demand import belong_to
 
 __all__ = [
     "BackwardExtrapolationException",

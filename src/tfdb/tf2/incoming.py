@@ -7,7 +7,7 @@ from functools import partial
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 import tfdb
-from tfdb import errors, waiting
+from tfdb import _core, errors, waiting
 
 from . import msgs, phrases, refusals
 from .buffer_core import BufferCore
@@ -15,14 +15,14 @@ from .ros_messages import make_ours, real_tf_message
 from .times import SECOND
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
+    from collections.abc import Callable, Iterable, Iterator, Sequence
 
     from tfdb.ros import Encoding, Node
 
 __all__ = ["UNKNOWN", "Incoming", "Sink", "decoded", "received", "sink_of"]
 
 LOGGER = logging.getLogger("tfdb.tf2")
-Sink: TypeAlias = "Callable[[bytes | memoryview, str], object]"
+Sink: TypeAlias = "Callable[[bytes | memoryview, str], int]"
 """Takes a serialized TFMessage and its authority. Raises CorruptMessage."""
 UNKNOWN = "default_authority"
 """Authority of a message whose publisher is not known."""
@@ -30,16 +30,37 @@ AHEAD = 60 * SECOND
 """A stamp that is so far ahead of the node's clock was never meant."""
 
 
-def decoded(data: bytes | memoryview, encoding: Encoding) -> Iterator[msgs.TransformStamped]:
-    """Take a TFMessage apart, into messages of ours. Raises CorruptMessage."""
+def decoded(
+    data: bytes | memoryview, encoding: Encoding
+) -> Iterator[msgs.TransformStamped | errors.TfdbError]:
+    """Take a TFMessage apart, into messages of ours; one that cannot be read is its error.
+
+    Raises CorruptMessage.
+    """
     one: Any
-    for one in tfdb.decode_tf_message(data, encoding):
-        yield make_ours(one.parent, one.child, one.stamp, (*one.translation, *one.rotation))
+    for one in _core.decode_members(data, encoding):
+        if isinstance(one, errors.TfdbError):
+            yield one
+        else:
+            yield make_ours(one.parent, one.child, one.stamp, (*one.translation, *one.rotation))
+
+
+def readable(
+    members: Iterable[msgs.TransformStamped | errors.TfdbError],
+) -> list[msgs.TransformStamped]:
+    """The transforms of a message that can be read; the errors of the others are logged."""
+    good = []
+    for each in members:
+        if isinstance(each, errors.TfdbError):
+            refusals.log(str(each), each)
+        else:
+            good.append(each)
+    return good
 
 
 def received(data: bytes | memoryview, node: Node, topic: str, publisher: str) -> Any:
     """Make the TFMessage that a callback of the node's ROS gets. Raises CorruptMessage."""
-    transforms = [*decoded(data, node.encoding)]
+    transforms = readable(decoded(data, node.encoding))
     message = real_tf_message(bytes(data), node.flavor)
     if message is None:
         message = _Received(transforms)
@@ -54,7 +75,7 @@ class _Received(msgs.TFMessage):
 
 
 def sink_of(buffer: Any, node: Node, *, static: bool) -> Sink:
-    """Make what stores the messages of a node in a buffer.
+    """Make what stores the messages of a node in a buffer, and returns how many were refused.
 
     Bytes go straight into the store, unless a subclass looks at each transform.
     """
@@ -66,9 +87,11 @@ def sink_of(buffer: Any, node: Node, *, static: bool) -> Sink:
         return Incoming(buffer, node, static=static).store
     store = getattr(buffer, setters[static])
 
-    def store_each(data: bytes | memoryview, authority: str) -> None:
-        for transform in [*decoded(data, node.encoding)]:
-            store(transform, authority)
+    def store_each(data: bytes | memoryview, authority: str) -> int:
+        members = [*decoded(data, node.encoding)]
+        good = readable(members)
+        refused = [store(each, authority) is False for each in good]
+        return len(members) - len(good) + sum(refused)
 
     return store_each
 
@@ -86,31 +109,32 @@ class Incoming:
             "only_new": ros1 and not static,
         }
         # Made once: less to do for each of many messages.
-        self._ingest: Any = partial(core.buffer.ingest, encoding=node.encoding, **rules)
-        self._store: Any = partial(core.buffer.set_transforms, partial=True, **rules)
+        self._ingest: Any = partial(
+            _core.ingest_members, core.buffer, encoding=node.encoding, **rules
+        )
 
     def store(self, data: bytes | memoryview, authority: str) -> int:
         """Store a TFMessage in one commit; what tf2 refuses is logged, the rest of it stored.
 
         Returns how many transforms were refused. Raises CorruptMessage: nothing was stored.
         """
-        try:
-            waiting.write(self._core.buffer, lambda: self._ingest(data, authority=authority))
-        except errors.TfdbError as error:
-            if not refusals.is_of_a_transform(error):
-                raise
-            return self._store_members(data, authority)
-        return 0
-
-    def _store_members(self, data: bytes | memoryview, authority: str) -> int:
-        """Store those members of a message that are not refused, in one commit; log the others."""
-        transforms = [*decoded(data, self._node.encoding)]
         refused: Any = waiting.write(
-            self._core.buffer, lambda: self._store(transforms, authority=authority)
+            self._core.buffer, lambda: self._ingest(data, authority=authority)
         )
+        return self._say_refused(data, refused, authority) if refused else 0
+
+    def _say_refused(
+        self, data: bytes | memoryview, refused: Sequence[tfdb.Refused], authority: str
+    ) -> int:
+        """Log in tf2's words what was refused; returns how many transforms are not stored."""
+        transforms = [*decoded(data, self._node.encoding)]
         lost = 0
         for member in refused:
             transform = transforms[member.index]
+            if isinstance(transform, errors.TfdbError):
+                refusals.log(str(transform), transform)
+                lost += 1
+                continue
             # Asked again by itself it is refused in tf2's words, or is of ROS 1's other kind.
             lost += not self._core._set(transform, authority, static=self._static)
             if member.error == "TooOld":

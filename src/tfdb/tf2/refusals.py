@@ -126,20 +126,6 @@ def phrase(write: Write, error: errors.TfdbError, flavor: Flavor) -> str | None:
             return None
 
 
-def is_of_a_transform(error: errors.TfdbError) -> bool:
-    """Whether a message was refused for what one of its transforms says."""
-    return isinstance(
-        error,
-        errors.InvalidTransform
-        | errors.InvalidName
-        | errors.InvalidStamp
-        | errors.TooOld
-        | errors.RepeatedStamp
-        | errors.CycleError
-        | errors.StaticConflict,
-    )
-
-
 def log(text: str, error: errors.TfdbError) -> None:
     """Log what was refused; the record's `error` is tfdb's, with its fields."""
     LOGGER.warning("%s", text, extra={"error": error})

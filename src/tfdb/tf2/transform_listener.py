@@ -32,8 +32,9 @@ class TransformListener:
     """Fills a buffer with what is published on /tf and /tf_static.
 
     Messages go as bytes into the native decoder, and each is one commit: what is published together
-    is seen together. The publisher's name is the authority. What is damaged is left out, logged
-    once for each publisher, and counted. When simulated time jumps back the buffer is cleared.
+    is seen together. The publisher's name is the authority. A transform that is refused is logged
+    and counted; the others of its message are stored. A damaged message is left out, logged once
+    for each publisher, and counted. When simulated time jumps back the buffer is cleared.
 
     It listens until `unregister`, also when nothing refers to it any more. Messages come in a
     thread of the node's. Where a subclass overrides `callback` or `static_callback`, that is called
@@ -78,6 +79,8 @@ class TransformListener:
 
     corrupt: Counter[str]
     """How many damaged messages each publisher sent."""
+    refused: Counter[str]
+    """How many transforms of each publisher were refused."""
     _lock: threading.Lock
     _open: list[Any]
     _spinning: Any
@@ -131,6 +134,7 @@ class TransformListener:
         """Make what the methods need, also where a subclass leaves `__init__` out."""
         made = super().__new__(cls)
         made.corrupt = Counter()
+        made.refused = Counter()
         made._lock = threading.Lock()
         made._open = []
         made._spinning = None
@@ -208,7 +212,9 @@ class TransformListener:
                 if overridden:
                     called(received(data, node, topic, publisher))
                 elif self._sinks is not None:
-                    self._sinks[static](data, authority)
+                    refused = self._sinks[static](data, authority)
+                    if refused:
+                        self.refused[authority] += refused
             except CorruptMessage as error:
                 self.corrupt[authority] += 1
                 if self.corrupt[authority] == 1:

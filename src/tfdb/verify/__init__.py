@@ -5,7 +5,7 @@ who must come before whom; a history is strictly serializable exactly if the gra
 the order of real time, has no cycle.
 """
 
-from tfdb.on_demand import belong_to
+from tfdb._on_demand import belong_to
 
 from .anomalies import MEANINGS, Anomaly
 from .check import Verdict, check

@@ -53,7 +53,7 @@ def on_demand(
 ) -> tuple[Callable[[str], Any], Callable[[], list[str]]]:
     """Make `__getattr__` and `__dir__` of a package out of its modules and what it takes of each.
 
-    The modules themselves are attributes of it too.
+    The modules themselves are attributes of it too. `dir` lists no private name.
     """
     contents = vars(sys.modules[package])
 
@@ -68,6 +68,7 @@ def on_demand(
 
     def list_names() -> list[str]:
         offered = (name for module in modules for name in (module, *modules[module]))
-        return sorted({*contents, *offered})
+        public = (name for name in contents if name[:1] != "_" or name[:2] == "__")
+        return sorted({*public, *offered})
 
     return find, list_names
