@@ -124,6 +124,31 @@ def test_three_dimensions() -> None:
     assert np.allclose(np.stack(space.get_lines()[0].get_data_3d(), axis=1), made.poses[:, :3])
 
 
+@pytest.mark.parametrize("high", [0.3, 1.0, 3.0])
+@pytest.mark.parametrize("far", [(0, 0, 0), (5e5, 5.4e6, 123456), (1e6, 1e6, 6378137.123)])
+def test_wide_numbers_stay_beside_the_axes_of_space(
+    far: tuple[float, float, float], high: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    turn = np.linspace(0, 6, 200)
+    poses = np.zeros((200, 7))
+    poses[:, :3] = np.stack([np.cos(turn), np.sin(turn), high * turn / 6], axis=1) + far
+    poses[:, 6] = 1
+    made = tfdb.Trajectory("map", "base", np.arange(200) * 50 * MS, poses)
+    figure = plot.trajectory(made, axes="xyz")
+    assert_legible(figure, monkeypatch)
+    space = figure.axes[0]
+    figure.draw_without_rendering()
+    line = space.zaxis.line.get_window_extent()
+    low, top = space.get_zlim()
+    ticks = zip(space.zaxis.get_major_ticks(), space.zaxis.get_majorticklocs(), strict=True)
+    boxes = [tick.label1.get_window_extent() for tick, at in ticks if low <= at <= top]
+    assert boxes
+    for box in boxes:
+        assert box.x0 > line.x1  # it slants a little, to the right at its upper end
+    for other in figure.axes[1:]:
+        assert space.zaxis.label.get_window_extent().x1 < other.yaxis.label.get_window_extent().x0
+
+
 def test_holes_stay_holes() -> None:
     poses = path().poses.copy()
     poses[10:20] = np.nan

@@ -39,6 +39,7 @@ _SIZE = (9.6, 5.4)
 _SMALLEST = (5.0, 4.0)
 _PARTS = 1500
 """So many pieces at most has a path whose colour changes."""
+_MOST_TICKS = 8
 _OWN_PAD = 21.0
 """What matplotlib adds to the padding of an axis in space."""
 _LINES: tuple[Literal["-", "--", "-.", ":"], ...] = ("-", "--", "-.", ":")
@@ -267,6 +268,18 @@ def _draw(
     style.settle(figure)
     if plane == "xyz":
         _bring_name_near(main)
+        _move_name_away(main)
+
+
+def _move_name_away(space: Any) -> None:
+    """Move the name of the second axis away from its numbers, which may be wide."""
+    axis, apart = space.yaxis, 4 * space.figure.dpi / 72
+    for _ in range(10):
+        boxes = [tick.label1.get_window_extent() for tick in axis.get_major_ticks()]
+        if not axis.label.get_window_extent().padded(apart).count_overlaps(boxes):
+            return
+        axis.labelpad += 4
+        space.figure.draw_without_rendering()
 
 
 def _bring_name_near(space: Any) -> None:
@@ -403,6 +416,10 @@ def _draw_space(
         each.line.set_color(style.FAINT)
         each.set_major_locator(MaxNLocator(ceil(4 * part), min_n_ticks=1))
         each.set_major_formatter(Numbers())
+    for each in (axes.yaxis, axes.zaxis):
+        # Beside the axis, however wide the numbers are: their middle would lie across it.
+        for tick in each.get_major_ticks(_MOST_TICKS):
+            tick.label1.set_horizontalalignment("left")
 
 
 def _arrows(axes: Axes, path: _Path, columns: list[int]) -> None:
