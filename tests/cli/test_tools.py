@@ -197,6 +197,67 @@ def test_monitor_follows_a_store(tool: Tool, name: str) -> None:
     assert told[-1]["chain"]["delay_ns"] >= S
 
 
+AGO = 103 * 3600 * S
+
+
+def written_at(name: str, ago: int, store: tfdb.Buffer, over: threading.Event) -> threading.Thread:
+    """Write a frame whose stamps are so far behind the clock, until it is over."""
+
+    def write() -> None:
+        while not over.is_set():
+            store.set_transform("map", name, time.time_ns() - ago, (1, 2, 3), TURN, authority=name)
+            over.wait(0.001)
+
+    writer = threading.Thread(target=write)
+    writer.start()
+    return writer
+
+
+@pytest.mark.parametrize("ago", [AGO, -AGO, 20 * 60 * S])
+def test_monitor_shows_no_delay_of_a_replayed_store(tool: Tool, name: str, ago: int) -> None:
+    store, over = tfdb.Buffer.open(name, history=None), threading.Event()
+    writer = written_at("base", ago, store, over)
+    try:
+        arguments = ("monitor", f"shm:{name}", "map", "base", "--for", "0.3")
+        said = tool(*arguments).out
+        told = lines(tool(*arguments, "--json").out)[-1]
+    finally:
+        over.set()
+        writer.join()
+    away = {AGO: "103 h 0 min behind", -AGO: "102 h 59 min ahead of"}.get(ago, "20 min 0 s behind")
+    assert f"no delay: the stamps of base are {away} their arrival" in said
+    assert "replayed, or of another clock" in said
+    assert "net delay none, longest none" in said
+    assert said.count(" h ") + said.count(" min ") <= 2  # only where it says so
+    for body in (told["frames"][0], told["authorities"][0], told["chain"]):
+        assert body["delay_ns"] is body["longest_delay_ns"] is None
+        assert abs(body["clock_offset_ns"] - ago) < 10 * S
+
+
+def test_monitor_shows_a_long_delay_beside_a_timely_frame() -> None:
+    store = tfdb.Buffer(history=None)
+    watch = Watch(store, None, Rates(0, 1))
+    now = 10**6 * S
+    for child, ago in (("fast", S), ("slow", 100 * S), ("replayed", AGO)):
+        store.set_transform("map", child, now - ago, (1, 2, 3), TURN)
+    watch.take(store.changes(0), now)
+    found = {name: delays for name, _, delays in watch.rates.of_frames()}
+    assert (found["fast"].mean, found["slow"].mean) == (S, 100 * S)
+    assert (found["replayed"].mean, found["replayed"].nearest) == (None, AGO)
+
+
+def test_echo_tells_no_age_of_a_replayed_store(tool: Tool, name: str) -> None:
+    store = tfdb.Buffer.open(name, history=None)
+    store.set_transform("map", "base", time.time_ns() - AGO, (1, 2, 3), TURN)
+    asked = ("echo", f"shm:{name}", "map", "base", "--limit", "1")
+    said = tool(*asked).out
+    assert "- Age: none, the stamp is 103 h 0 min behind the clock (replayed, of another" in said
+    (told,) = lines(tool(*asked, "--json").out)
+    assert told["age_ns"] >= AGO
+    store.set_transform("map", "base", time.time_ns() - S, (1, 2, 3), TURN)
+    assert "- Age: 1" in tool(*asked).out
+
+
 def on_a_terminal(*arguments: str, columns: int = 80) -> bytes:
     """What a command writes to a terminal of so many columns, until it ends well."""
     ours, theirs = pty.openpty()

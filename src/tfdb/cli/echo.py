@@ -17,6 +17,7 @@ from . import common, layout, output
 from .angles import roll_pitch_yaw
 from .graph import Live, live_source, node_option
 from .groups import SuggestingCommand
+from .rates import ANOTHER_CLOCK
 from .times import (
     LATEST,
     NS,
@@ -299,6 +300,10 @@ class Printer:
         if found.report.timeless:
             return "none, nothing moves between the two"
         text = format_duration(now - found.stamp)
+        if abs(now - found.stamp) >= ANOTHER_CLOCK:
+            where = "behind" if found.stamp < now else "ahead of"
+            text = f"none, the stamp is {text.removeprefix('-')} {where} the clock"
+            text += " (replayed, of another clock, or a past time)"
         widest = max(found.report.edges, key=lambda edge: edge.gap)
         if widest.gap == 0:
             return f"{text}, made from samples of that time"

@@ -21,12 +21,12 @@ from tfdb.waiting import NO_ANSWER_YET
 from . import common, layout, output
 from .graph import Live, live_source, node_option
 from .groups import SuggestingCommand
-from .rates import Delays, Frame, Rates, joined
+from .rates import Delays, Frame, Rates
 from .times import NS, duration_option, format_duration
 from .watch import Follower, author_of
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
+    from collections.abc import Iterable, Iterator, Sequence
 
     from rich.console import RenderableType
     from rich.live import Live as Place
@@ -82,9 +82,9 @@ def command(
     which all is told once. With TARGET and SOURCE: the frames between the two, and the net delay,
     which is how old the newest transform T[TARGET<-SOURCE] is whenever something comes.
 
-    Delays are times from the stamp to the arrival, by the clock of the graph, of this machine, or
-    of who recorded; there are none where the stamps are of another clock. On a terminal the table
-    stays in place.
+    A delay is the time from the stamp to the arrival, by the clock of the graph, of this machine,
+    or of the recorder. Stamps that are replayed, or of another clock, have no delay; a line says
+    how far they are off. On a terminal the table stays in place.
     """
     if every <= 0:
         raise click.UsageError("--every must be positive")
@@ -293,7 +293,7 @@ class Screen:
             ],
         }
         if self._chain is not None:
-            net = joined(rates.net)
+            net = rates.of_chain()
             body["chain"] = {
                 "target": self._chain[0],
                 "source": self._chain[1],
@@ -301,6 +301,7 @@ class Screen:
                 "broken": watch.broken or None,
                 "delay_ns": net.mean,
                 "longest_delay_ns": net.longest,
+                "clock_offset_ns": _clock_offset(net),
             }
         return body
 
@@ -321,6 +322,9 @@ class Screen:
             [_row(name, *frames[name], seconds) for name in names],
             [depths.get(name, 0) for name in names],
         )
+        why = _why_no_delay((name, frames[name][1]) for name in names)
+        if why:
+            yield layout.literal(layout.wrap(layout.words(why, *names)))
         yield ""
         yield layout.table(
             _PUBLISHERS,
@@ -339,7 +343,7 @@ class Screen:
             why = layout.words(f": {watch.broken}", target, source)
             into, of = layout.transform_name(target, source)
             return layout.wrap(["no", f" {into}", of, *why])
-        mean, longest = _delays(joined(watch.rates.net))
+        mean, longest = _delays(watch.rates.of_chain())
         first, *way = watch.passed[::-1] or [target]
         chunks = [layout.safe(first), *(f" <- {layout.safe(name)}" for name in way)]
         text = f": net delay {mean or 'none'}, longest {longest or 'none'}"
@@ -369,7 +373,27 @@ def _figures(delays: Delays, seconds: float) -> dict[str, Any]:
         "rate_hz": delays.count / seconds,
         "delay_ns": delays.mean,
         "longest_delay_ns": delays.longest,
+        "clock_offset_ns": _clock_offset(delays),
     }
+
+
+def _clock_offset(delays: Delays) -> int | None:
+    """How far stamps without a delay are behind their arrival, at least."""
+    return delays.nearest if delays.mean is None else None
+
+
+def _why_no_delay(frames: Iterable[tuple[str, Delays]]) -> str:
+    """Say of which frames the stamps are of another clock; empty where none are."""
+    apart = {name: delays.nearest for name, delays in frames if _clock_offset(delays) is not None}
+    if not apart:
+        return ""
+    away = min((each for each in apart.values() if each is not None), key=abs)
+    where = "ahead of" if away < 0 else "behind"
+    several = f" and of {counted(len(apart) - 1, 'other frame')}" if len(apart) > 1 else ""
+    return (
+        f"no delay: the stamps of {next(iter(apart))}{several} are "
+        f"{format_duration(abs(away))} {where} their arrival: replayed, or of another clock"
+    )
 
 
 def _row(name: str, frame: Frame, delays: Delays, seconds: float) -> tuple[Any, ...]:

@@ -6,12 +6,16 @@ from collections import Counter, deque
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
-from tfdb.summary import YEAR_NS
-
 from .times import NS
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
+
+
+ANOTHER_CLOCK = 3600 * NS
+"""No stamp that is so far from its arrival is of the arrival's clock."""
+_TIMELY = 10 * NS
+"""Where no stamp is so near to its arrival, all are of another clock."""
 
 
 @dataclass
@@ -26,12 +30,15 @@ class Delays:
     total: int = 0
     longest: int | None = None
     gap: int = 0
+    nearest: int | None = None
+    """From a stamp of any clock to its arrival: the one that is nearest to 0."""
 
     def add(self, delay: int, gap: int = 0) -> None:
         """Count one arrival, so long after its stamp, which is so far from the one before."""
         self.count += 1
         self.gap = max(self.gap, gap)
-        if abs(delay) < YEAR_NS:
+        self._take_nearest(delay)
+        if abs(delay) < ANOTHER_CLOCK:
             self.timed += 1
             self.total += delay
             self.longest = delay if self.longest is None else max(self.longest, delay)
@@ -42,10 +49,19 @@ class Delays:
         self.timed += other.timed
         self.total += other.total
         self.gap = max(self.gap, other.gap)
+        if other.nearest is not None:
+            self._take_nearest(other.nearest)
         if other.longest is not None:
             self.longest = (
                 other.longest if self.longest is None else max(self.longest, other.longest)
             )
+
+    def _take_nearest(self, delay: int) -> None:
+        self.nearest = delay if self.nearest is None else min(self.nearest, delay, key=abs)
+
+    def without(self) -> Delays:
+        """The same counts without any delay."""
+        return Delays(self.count, gap=self.gap, nearest=self.nearest)
 
     @property
     def mean(self) -> int | None:
@@ -130,12 +146,27 @@ class Rates:
 
     def of_frames(self) -> Iterator[tuple[str, Frame, Delays]]:
         """Each frame with the delays that count, by name."""
+        apart = self._are_apart()
         for name, frame in sorted(self.frames.items()):
-            yield name, frame, joined(frame.periods)
+            delays = joined(frame.periods)
+            yield name, frame, delays.without() if apart else delays
 
     def of_authors(self) -> list[tuple[str, Delays]]:
         """Each publisher with the delays of all that it sent, by name."""
-        return [(name, joined(periods)) for name, periods in sorted(self._authors.items())]
+        apart = self._are_apart()
+        found = ((name, joined(periods)) for name, periods in sorted(self._authors.items()))
+        return [(name, delays.without() if apart else delays) for name, delays in found]
+
+    def of_chain(self) -> Delays:
+        """The delays of the chain that is watched."""
+        net = joined(self.net)
+        return net.without() if self._are_apart() else net
+
+    def _are_apart(self) -> bool:
+        """Whether no stamp of any frame is near to its arrival: all are of another clock."""
+        nearest = (joined(frame.periods).nearest for frame in self.frames.values())
+        known = [abs(each) for each in nearest if each is not None]
+        return bool(known) and min(known) > _TIMELY
 
 
 def joined(periods: deque[Delays]) -> Delays:

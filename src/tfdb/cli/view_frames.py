@@ -13,12 +13,13 @@ from tfdb.counting import counted
 from tfdb.given_path import given_path
 from tfdb.new_file import new_file
 from tfdb.stamps import format_seconds
-from tfdb.summary import YEAR_NS, Forest
+from tfdb.summary import Forest
 from tfdb.tf2.listings import in_dot
 
 from . import common, output
 from .graph import listen_option
 from .groups import SuggestingCommand
+from .rates import ANOTHER_CLOCK
 from .times import format_duration
 
 if TYPE_CHECKING:
@@ -154,7 +155,7 @@ def _facts(info: FrameInfo, now: int | None) -> Iterator[str]:
     if info.oldest is None or info.newest is None:
         return
     newest = f"newest {format_seconds(info.newest)}"
-    if now is not None and abs(now - info.newest) < YEAR_NS:
+    if now is not None and abs(now - info.newest) < ANOTHER_CLOCK:
         newest += f", {format_duration(now - info.newest)} old"
     yield newest
     yield f"{format_duration(info.newest - info.oldest)} kept"
