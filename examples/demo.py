@@ -19,7 +19,9 @@ from matplotlib.image import imsave
 
 import tfdb
 import tfdb.plot
-from tfdb.summary import EdgeSummary, Forest, edge_summaries, longest_moving_chain
+from tfdb.cli import layout
+from tfdb.cli.tree import print_tree
+from tfdb.summary import longest_moving_chain
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -57,32 +59,6 @@ def duration(seconds: float) -> str:
     if seconds < 1e-3:
         return f"{seconds * 1e6:.1f} us"
     return f"{seconds * 1e3:.1f} ms" if seconds < 1 else f"{seconds:.2f} s"
-
-
-def print_tree(buf: tfdb.Buffer) -> None:
-    """Every frame under its parent, with rate, longest gap and who published."""
-    edges = {edge.info.name: edge for edge in edge_summaries(buf)}
-    rows = Forest(buf.tree()).rows()
-    width = max(3 * row.depth + len(row.info.name) for row in rows) + 6
-    open_levels: list[bool] = []
-    for row in rows:
-        del open_levels[max(row.depth - 1, 0) :]
-        guide = "".join("│  " if more else "   " for more in open_levels)
-        branch = "" if row.depth == 0 else "└─ " if row.last else "├─ "
-        if row.depth:
-            open_levels.append(not row.last)
-        name = f"   {guide}{branch}{row.info.name}"
-        edge = edges.get(row.info.name)
-        print(f"{name:<{width}}{note(edge) if edge else ''}".rstrip())
-
-
-def note(edge: EdgeSummary) -> str:
-    info = edge.info
-    if info.is_static:
-        return f"static                              {info.authority}"
-    rate = f"{info.rate:.4g} Hz" if info.rate is not None else f"{info.samples} samples"
-    gap = f"longest gap {duration(edge.longest.length / 1e9)}" if edge.longest else ""
-    return f"{rate:<12}{gap:<24}{info.authority}"
 
 
 def scan_frame(buf: tfdb.Buffer, target: str, otherwise: str) -> str:
@@ -146,7 +122,10 @@ def main() -> None:
             found = buf.lookup_transform(target, source, middle)
         print(f"   translation {np.array2string(found.translation, precision=4)} m")
         print(f"   rotation    {np.array2string(found.rotation, precision=4)} x y z w")
-        print("   " + str(found.report).replace("\n", "\n   "))
+        for edge in found.report.edges:
+            gap = f", gap {duration(edge.gap / 1e9)}" if edge.gap else ""
+            text = f"   {edge.child} in {edge.parent}: {edge.used}{gap}"
+            print(layout.wrap(layout.words(text, edge.child, edge.parent), " " * 6))
 
     with step(f"A trajectory: {STAMPS:,} stamps in one call"):
         stamps = first + np.linspace(0, last - first, STAMPS).astype(np.int64)

@@ -61,6 +61,14 @@ def test_programs_of_the_readme_are_short() -> None:
     assert lines[2] <= 10
 
 
+def test_the_readme_installs_what_there_is() -> None:
+    """`pip install tfdb` works once the changelog names a release."""
+    released = "(unreleased)" not in (ROOT / "CHANGELOG.md").read_text(encoding="utf-8")
+    readme = (ROOT / "README.md").read_text(encoding="utf-8")
+    assert ("pip install tfdb" in readme) == released
+    assert released or "\npip install . " in readme
+
+
 def test_index_names_every_page() -> None:
     index = (ROOT / "docs" / "howto" / "README.md").read_text(encoding="utf-8")
     listed = set(re.findall(r"\]\(([\w-]+\.md)\)", index))

@@ -56,6 +56,13 @@ def test_demo(recording: str | None, tmp_path: Path) -> None:
     check_pictures(tmp_path / "out")
 
 
+def test_demo_fits_a_terminal(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("COLUMNS", "80")
+    lines = run(EXAMPLES / "demo.py", tmp_path).splitlines()
+    assert [line for line in lines if len(line) > 80] == []
+    assert any("l_gripper_tool_frame" in line for line in lines)
+
+
 def test_demo_takes_frames(tmp_path: Path) -> None:
     printed = run(EXAMPLES / "demo.py", tmp_path, "--target", "odom", "--source", "lidar")
     assert "lidar in odom" in printed

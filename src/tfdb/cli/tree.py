@@ -19,6 +19,8 @@ from .times import TimeSpec, format_duration, format_when, time_option, warn_of_
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
+    from tfdb import Buffer, Snapshot
+
 
 @click.command("tree", cls=SuggestingCommand)
 @common.files_argument
@@ -48,9 +50,18 @@ def command(
     if as_json:
         output.emit_json("tree", _body(loaded, forest, edges, time))
         return
-    out = layout.console()
     if time is not None:
-        out.print(f"at {format_when(time)}", style="dim")
+        layout.console().print(f"at {format_when(time)}", style="dim")
+    _print(forest, edges)
+
+
+def print_tree(store: Buffer | Snapshot) -> None:
+    """Print the newest frame tree of a store, in the columns that the terminal has."""
+    _print(Forest(store.tree()), {edge.info.name: edge for edge in edge_summaries(store)})
+
+
+def _print(forest: Forest, edges: dict[str, EdgeSummary]) -> None:
+    out = layout.console()
     for root in forest.roots:
         for line in _draw(forest, edges, root):
             out.print(line)
