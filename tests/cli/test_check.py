@@ -346,3 +346,23 @@ def test_what_a_public_recording_had(
     assert (found["kind"], found["frames"]) == (kind, [frame])
     assert words in found["message"]
     tool("check", CASES / f"{case}.mcap", "--ignore", kind)
+
+
+def test_an_edge_that_is_static_and_moves_names_an_option(tool: Tool) -> None:
+    path = CASES / "static_and_dyn.mcap"
+    findings = tool("check", path, "--json", code=1).json["findings"]
+    assert [each["kind"] for each in findings] == ["refused", "static-and-moving"]
+    assert "--exclude '/tf_static:base_link'" in findings[0]["message"]
+    assert "--exclude '/tf_static:base_link'" in tool("lookup", path, "odom", "base_link").err
+    left = tool("check", path, "--exclude", "/tf_static:base_link", "--json").json
+    assert (left["findings"], left["transforms"]) == ([], 50)
+
+
+def test_serving_an_edge_that_is_static_and_moves_names_an_option(tool: Tool) -> None:
+    command = ("serve", "bag", CASES / "static_and_dyn.mcap", "--into", "static-and-moving")
+    try:
+        shown = tool(*command, "--speed", "inf").out
+        assert "--exclude '/tf_static:base_link'" in shown
+        assert "change_kind" not in shown
+    finally:
+        tool("shm", "rm", "static-and-moving")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import fnmatch
+import re
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -369,3 +370,28 @@ def test_an_entry_without_a_topic_is_about_names_alone(samples: list[Sample]) ->
     with pytest.warns(tfdb.TfdbWarning, match="called 'tf\\*link'"):
         buffer = tfdb.load(BAG, exclude="tf*link")
     assert buffer.frame_exists(child)
+
+
+@pytest.mark.parametrize("options", [{}, {"prefix": "a/"}, {"rename": {"base_link": "base"}}])
+def test_an_edge_that_is_static_and_moves_names_a_way_on(options: dict[str, Any]) -> None:
+    """Each option that the warning names loads what it says."""
+    path = CASES / "static_and_dyn.mcap"
+    with pytest.warns(tfdb.TfdbWarning, match="StaticConflict") as caught:
+        buffer = tfdb.load(path, **options)
+    (text,) = {str(each.message) for each in caught}
+    assert "change_kind" not in text
+    assert "remove frame" not in text
+    assert "is moving, but the edge is static; exclude=" in text
+    ways = {
+        kept: entry
+        for entry, again, kept in re.findall(
+            r"exclude='(\S+)' \(--exclude '(\S+)'\) loads what is (\w+)", text
+        )
+        if entry == again
+    }
+    assert ways == {"moving": "/tf_static:base_link", "static": "/tf:base_link"}
+    (child,) = (info.name for info in buffer.tree() if info.parent is not None)
+    moving = tfdb.load(path, exclude=ways["moving"], **options)
+    assert moving.frame_info(child).samples == 50
+    static = tfdb.load(path, exclude=ways["static"], **options)
+    assert static.frame_info(child).is_static

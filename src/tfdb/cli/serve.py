@@ -15,6 +15,7 @@ from tfdb.counting import counted
 from tfdb.io.choice import Choice
 from tfdb.io.loading import Selection
 from tfdb.io.mcap_reader import GrowingMcap
+from tfdb.io.static_conflicts import way_on
 from tfdb.summary import span
 
 from . import common, layout, output
@@ -365,7 +366,17 @@ class Player:
         for each in unread:
             self._name(type(each).__name__, str(each))
         for member in refused:
-            self._name(member.error, member.message)
+            text = member.message
+            if self.first_refusal is None and member.error == "StaticConflict":
+                frame = self.rewriter.old_name(transforms[member.index].child)
+                text = way_on(text, frame, self._topics())
+            self._name(member.error, text)
+
+    def _topics(self) -> dict[str, bool]:
+        """The topics that are played, and whether each is static."""
+        sources = [source for each in self.recordings for source in each.all_sources]
+        wanted = filter(self.selection.wants, sources)
+        return {each.topic: self.selection.is_static(each) for each in wanted}
 
     def _name(self, error: str, message: str) -> None:
         """Keep the first refusal for the summary."""

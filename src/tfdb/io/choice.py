@@ -489,6 +489,10 @@ class Rewriter:
         """The prefix that `by_namespace` gives to the frames of a topic."""
         return prefix_of(source) if self._choice.by_namespace else ""
 
+    def old_name(self, frame: str) -> str:
+        """The name in the recording of a frame that was loaded."""
+        return next((old for old, new in self._names.items() if new == frame), frame)
+
     def without_names(self) -> Rewriter:
         """Make a rewriter that leaves out the same, and keeps all names."""
         choice = copy(self._choice)

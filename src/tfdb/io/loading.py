@@ -22,6 +22,7 @@ from .containers import FRAME_TRANSFORMS, POSE_TYPES, encodings_of
 from .groups import Watch, prefix_of, refuse_mixture
 from .mcap_reader import GrowingMcap
 from .recordings import Recording, runs_of
+from .static_conflicts import way_on
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
@@ -623,6 +624,18 @@ class _Tally:
             if info.oldest is not None
         )
 
+    def _name_ways_on(self, rewriter: Rewriter) -> None:
+        """Name the options of loading in the errors of edges that are static and move."""
+        conflict = "StaticConflict"
+        for key, each in self.refused_edges.items():
+            if each.error != conflict:
+                continue
+            frame = rewriter.old_name(each.edge)
+            text = way_on(each.first, frame, {t.name: t.static for t in self.topics.values()})
+            if self.first_refusals[conflict] == each.first:
+                self.first_refusals[conflict] = text
+            self.refused_edges[key] = replace(each, first=text)
+
     def report(self, files: tuple[str, ...], seconds: float, rewriter: Rewriter) -> LoadReport:
         for error in rewriter.refusals:
             self.refused += 1
@@ -630,6 +643,7 @@ class _Tally:
         for error in rewriter.refused_members:
             self.refused_transforms += 1
             self._add_error(error, error.edge or "")
+        self._name_ways_on(rewriter)
         if not self.transforms:
             path = ", ".join(files)
             if not self.refused and rewriter.left_out:
