@@ -52,6 +52,13 @@ def test_arrow_takes_it() -> None:
     assert pyarrow.table(PATH).column_names == COLUMNS
 
 
+def test_no_table_drops_the_stamps() -> None:
+    with pytest.raises(tfdb.NotSupported, match=r"drop the stamps: use trajectory.to_pandas\(\)"):
+        pd.DataFrame(PATH)
+    assert pl.DataFrame(PATH)["stamp_ns"].to_list() == STAMPS.tolist()
+    assert pd.DataFrame(PATH.poses).shape == np.asarray(PATH).shape == (len(PATH), 7)
+
+
 @pytest.mark.parametrize(
     "table",
     [

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import operator
+import sys
 from html import escape
 from typing import TYPE_CHECKING, Any, Literal, overload
 
@@ -284,9 +285,18 @@ class Trajectory:  # noqa: PLW1641 - as arrays, it has no hash
     def __array__(
         self, dtype: npt.DTypeLike | None = None, copy: bool | None = None
     ) -> npt.NDArray[Any]:
-        """Return the poses: `np.asarray(trajectory)` is (N, 7)."""
+        """Return the poses: `np.asarray(trajectory)` is (N, 7).
+
+        Raises NotSupported where `pandas.DataFrame(trajectory)` asks for them: pandas has no way to
+        take the stamps as well. `to_pandas` makes that DataFrame.
+        """
         import numpy as np
 
+        if sys._getframe(1).f_globals.get("__name__") == "pandas.core.frame":
+            raise NotSupported(
+                "pandas.DataFrame(trajectory) would drop the stamps: use trajectory.to_pandas(); "
+                "the poses alone are trajectory.poses"
+            )
         wanted = np.dtype(self._poses.dtype if dtype is None else dtype)
         if copy is False and wanted != self._poses.dtype:
             raise ValueError(f"the poses are {self._poses.dtype}: {wanted} needs a copy")
