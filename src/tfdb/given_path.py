@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from .errors import InvalidArgument
-from .near_names import near_names
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -59,6 +58,8 @@ def missing_file(path: Path) -> FileNotFoundError:
     if missing != path:
         what = f"there is no folder {missing}"
         return FileNotFoundError(errno.ENOENT, f"{what}; check the path", str(path))
+    from .near_names import near_names  # noqa: PLC0415 - for errors alone
+
     with suppress(OSError):
         beside = [other.name for other in folder.iterdir() if other.exists()]
         near = near_names(path.name, beside, most=1, cutoff=0.6)
