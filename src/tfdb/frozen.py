@@ -3,17 +3,17 @@
 from __future__ import annotations
 
 import os
-import tempfile
 from contextlib import suppress
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 from ._core import freeze_store
 from ._core import open as open_frozen
 from .errors import CapacityExceeded, ReadOnly
-from .new_file import new_file
+from .new_file import new_file, temporary_folder
 
 if TYPE_CHECKING:
+    from pathlib import Path
+
     from ._core import Buffer, Reads
 
 __all__ = [
@@ -67,15 +67,15 @@ def reopen(path: str) -> Buffer:
 
 def state_of(buffer: Buffer) -> bytes:
     """Return the newest state of a store as the bytes of a frozen one."""
-    with tempfile.TemporaryDirectory(prefix="tfdb-") as folder:
-        path = Path(folder) / f"pickled{SUFFIX}"
+    with temporary_folder() as folder:
+        path = folder / f"pickled{SUFFIX}"
         freeze_store(buffer, path, PICKLED)
         return path.read_bytes()
 
 
 def thaw(state: bytes) -> Buffer:
     """Open such bytes in a process that has no file of them."""
-    with tempfile.TemporaryDirectory(prefix="tfdb-") as folder:
-        path = Path(folder) / f"pickled{SUFFIX}"
+    with temporary_folder() as folder:
+        path = folder / f"pickled{SUFFIX}"
         path.write_bytes(state)
         return open_frozen(path)  # its memory stays when its name goes

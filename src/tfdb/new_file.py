@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import errno
 import os
+import secrets
 import shutil
 import stat
 import tempfile
@@ -19,6 +20,7 @@ from .given_path import given_path, invalid
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
+    from contextlib import AbstractContextManager
 
     from .given_path import Refusal
 
@@ -46,10 +48,9 @@ def new_file(
     path = given_path(path, refusal)
     refuse_existing(path, overwrite=overwrite, refusal=refusal)
     target = Path(os.path.realpath(path) if path.is_symlink() else path.absolute())
-    with _errors_name(path, target.parent):
-        folder = tempfile.TemporaryDirectory(prefix=".tfdb-", dir=target.parent)
-    with folder as work, _errors_name(path, Path(work)):
-        made = Path(work) / path.name
+    work = _unused(target.parent, ".tfdb-")
+    with _errors_name(path, work), _made(work):
+        made = work / path.name
         yield made
         _bring_to_disk(made)
         if overwrite:
@@ -62,6 +63,33 @@ def new_file(
             except FileExistsError:
                 raise refusal(path, EXISTS) from None
         _bring_to_disk(target.parent)
+
+
+def temporary_folder() -> AbstractContextManager[Path]:
+    """Give a new folder for temporary files; the end of the block removes it and its files."""
+    return _made(_unused(Path(tempfile.gettempdir()), "tfdb-"))
+
+
+def _unused(parent: Path, prefix: str) -> Path:
+    return parent / f"{prefix}{secrets.token_hex(8)}"
+
+
+@contextmanager
+def _made(work: Path) -> Iterator[Path]:
+    """Make a folder, and remove it with its files at the end of the block.
+
+    Ctrl-C, or another signal that raises, leaves nothing behind at any instant: the removal is
+    under way before the folder is made, and begins again where a signal ends it.
+    """
+    try:
+        try:
+            work.mkdir(0o700)
+            yield work
+        finally:
+            shutil.rmtree(work, ignore_errors=True)
+    finally:
+        # A signal may have ended the first removal.
+        shutil.rmtree(work, ignore_errors=True)
 
 
 def refuse_existing(

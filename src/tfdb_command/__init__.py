@@ -6,6 +6,22 @@ import io
 import os
 import signal
 import sys
+from typing import NoReturn
+
+ENDING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+"""The signals that end a command in good order."""
+
+
+class Stopped(KeyboardInterrupt):
+    """A signal ended the command. Commands treat it as Ctrl-C."""
+
+    def __init__(self, number: int) -> None:
+        super().__init__(f"ended by {signal.Signals(number).name}")
+        self.number = number
+
+
+def _stop(number: int, _frame: object) -> NoReturn:
+    raise Stopped(number)
 
 
 def _ready_streams() -> None:
@@ -25,22 +41,35 @@ def _ready_streams() -> None:
             stream.reconfigure(errors="backslashreplace")
 
 
+def _run() -> None:
+    from tfdb.cli.app import cli  # noqa: PLC0415 - what takes long
+
+    # A parent may have a signal ignored, as nohup does with SIGHUP. Ctrl-C is always heard.
+    for number in ENDING:
+        if number == signal.SIGINT or signal.getsignal(number) is not signal.SIG_IGN:
+            signal.signal(number, _stop)
+    try:
+        cli.main(prog_name="tfdb")
+    finally:
+        sys.stdout.flush()
+
+
 def main() -> None:
     """Run the command line; the process ends with 0 (fine), 1 (findings) or 2 (an error).
 
-    A closed pipe ends it as it ends other programs, by its signal, and so does Ctrl-C until the
-    command can say what it stopped.
+    Ctrl-C, SIGTERM and SIGHUP end it with 128 and their number, once the command has removed its
+    temporary files and printed its summary. A closed pipe ends it in the same order, then by its
+    signal, as it ends other programs.
     """
-    signal.signal(signal.SIGPIPE, signal.SIG_DFL)
     signal.signal(signal.SIGINT, signal.SIG_DFL)
     _ready_streams()
-    from tfdb.cli.app import cli  # noqa: PLC0415 - what takes long
-
     try:
-        signal.signal(signal.SIGINT, signal.default_int_handler)
-        cli.main(prog_name="tfdb")
-    except KeyboardInterrupt:
-        sys.exit(130)
+        _run()
+    except Stopped as stopped:
+        sys.exit(128 + stopped.number)
+    except BrokenPipeError:
+        signal.signal(signal.SIGPIPE, signal.SIG_DFL)
+        os.kill(os.getpid(), signal.SIGPIPE)
     except Exception:  # a mistake of the program's, which is no finding either
         sys.excepthook(*sys.exc_info())
         sys.exit(2)

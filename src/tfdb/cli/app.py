@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import contextlib
 import importlib.util
+import signal
 import sys
 import warnings
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NoReturn
 
 import click
 
@@ -17,7 +18,7 @@ from .graph import without_ros_arguments
 from .groups import SuggestingGroup
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Iterator, Sequence
 
 # name -> (module, one line of help); a command's module is imported when the command is used.
 COMMANDS = {
@@ -52,6 +53,27 @@ def measures() -> bool:
     return importlib.util.find_spec("tfdb_measure") is not None
 
 
+class _ClosedPipe(Exception):  # noqa: N818 - it is no error of the command
+    """The output takes no more."""
+
+    def __init__(self, error: BrokenPipeError) -> None:
+        super().__init__()
+        self.error = error
+
+
+@contextlib.contextmanager
+def _pipe_apart() -> Iterator[None]:
+    """Keep a closed pipe from click and rich, which exit with 1: the code of findings."""
+    try:
+        yield
+    except BrokenPipeError as error:
+        raise _ClosedPipe(error) from None
+    except SystemExit as ending:
+        if isinstance(ending.__context__, BrokenPipeError):
+            raise _ClosedPipe(ending.__context__) from None
+        raise
+
+
 class TfdbGroup(SuggestingGroup):
     """A group that imports commands lazily and prints every error in one line."""
 
@@ -77,6 +99,16 @@ class TfdbGroup(SuggestingGroup):
             args = ["--version", *args[1:]]
         return super().parse_args(ctx, without_ros_arguments(ctx, args))
 
+    def make_context(self, *args: Any, **extra: Any) -> click.Context:
+        """Parse the arguments."""
+        with _pipe_apart():
+            return super().make_context(*args, **extra)
+
+    def invoke(self, ctx: click.Context) -> Any:
+        """Run the command."""
+        with _pipe_apart():
+            return super().invoke(ctx)
+
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         """List the commands without importing them."""
         with formatter.section("Commands"):
@@ -91,7 +123,7 @@ class TfdbGroup(SuggestingGroup):
         windows_expand_args: bool = True,
         **extra: Any,
     ) -> Any:
-        """Run; unless `standalone_mode` is off, end the process with 0, 1, 2 or 130."""
+        """Run; unless `standalone_mode` is off, end the process: 0, 1, 2, or 128 and a signal."""
         given = list(sys.argv[1:] if args is None else args)
         try:
             with warnings.catch_warnings():
@@ -105,24 +137,43 @@ class TfdbGroup(SuggestingGroup):
                     windows_expand_args=windows_expand_args,
                     **extra,
                 )
-        except (tfdb.TfdbError, OSError, click.ClickException) as error:
+        except _ClosedPipe as closed:
+            raise closed.error from None
+        except _ENDS as error:
             if not standalone_mode:
                 raise
-            command = _command_of(given)
-            if "--json" in given:
-                # The error may be that the output takes no more.
-                with contextlib.suppress(OSError):
-                    output.emit_json_line(command, output.error_body(error, command))
-            output.say(f"tfdb: error: {output.describe_error(error, command)}", err=True)
-            sys.exit(2)
-        except (click.Abort, KeyboardInterrupt):
-            if not standalone_mode:
-                raise
-            output.say("tfdb: stopped", err=True)
-            sys.exit(130)
+            _leave(error, given)
         if standalone_mode:
             sys.exit(result if isinstance(result, int) else 0)
         return result
+
+
+_ENDS = (tfdb.TfdbError, OSError, click.ClickException, click.Abort, KeyboardInterrupt)
+
+
+def _leave(error: BaseException, given: Sequence[str]) -> NoReturn:
+    """Print why the command ends, and end the process."""
+    number = _signal_of(error)
+    if number is not None or not isinstance(error, Exception):
+        # A terminal that was closed takes no more.
+        with contextlib.suppress(OSError):
+            output.say("tfdb: stopped", err=True)
+        sys.exit(128 + (number or signal.SIGINT))
+    command = _command_of(given)
+    if "--json" in given:
+        # The error may be that the output takes no more.
+        with contextlib.suppress(OSError):
+            output.emit_json_line(command, output.error_body(error, command))
+    output.say(f"tfdb: error: {output.describe_error(error, command)}", err=True)
+    sys.exit(2)
+
+
+def _signal_of(error: BaseException) -> int | None:
+    """Return the signal that ended the command, also where an error followed; None: none did."""
+    for cause in (error, error.__cause__, error.__context__):
+        if isinstance(cause, KeyboardInterrupt):
+            return int(getattr(cause, "number", signal.SIGINT))
+    return signal.SIGINT if isinstance(error, click.Abort) else None
 
 
 def _command_of(given: Sequence[str]) -> str | None:

@@ -10,7 +10,6 @@ import logging
 import math
 import os
 import re
-import signal
 import threading
 import time
 from contextlib import contextmanager
@@ -161,10 +160,7 @@ class Live:
 
 @contextmanager
 def open_graph(name: str) -> Iterator[tuple[Node, threading.Event]]:
-    """Give a node of this command's in the graph `name`, and what is set if others end it.
-
-    SIGTERM ends it in good order, as Ctrl-C does.
-    """
+    """Give a node of this command's in the graph `name`, and what is set if others end it."""
     context = click.get_current_context()
     match = _GRAPH.fullmatch(name)
     if match is None:
@@ -175,7 +171,7 @@ def open_graph(name: str) -> Iterator[tuple[Node, threading.Event]]:
     arguments: Sequence[str] = context.meta.get(_ROS_ARGUMENTS, ())
     ended, leaves = threading.Event(), threading.Event()
     where = match[2] or ""
-    with ended_by_sigterm(), open_node(side, own, where=where, arguments=arguments) as node:
+    with open_node(side, own, where=where, arguments=arguments) as node:
 
         def look(_now: int) -> None:
             if node.closed and not leaves.is_set():
@@ -189,7 +185,7 @@ def open_graph(name: str) -> Iterator[tuple[Node, threading.Event]]:
 
 
 def wait_for_end(node: Node, ended: threading.Event) -> NoReturn:
-    """Wait for Ctrl-C or SIGTERM. Raises NodeClosed if others end the node."""
+    """Wait until a signal ends the command. Raises NodeClosed if others end the node."""
     ended.wait()
     text = f"the node {node.name} was ended by somebody else"
     raise tfdb.NodeClosed(text, reason="ended by somebody else")
@@ -227,7 +223,7 @@ def live_source(name: str, *, history: int | None) -> Iterator[Live]:
             yield live
     else:
         store = tfdb.Buffer.open(name.removeprefix(STORE), create=False, mode="r")
-        with ended_by_sigterm(), store:
+        with store:
             yield Live(store, commit=store.commit)
 
 
@@ -250,23 +246,6 @@ def listen_once(
             f"tfdb: warning: nothing came on /tf and /tf_static of {name} in {waited}", err=True
         )
     return heard
-
-
-@contextmanager
-def ended_by_sigterm() -> Iterator[None]:
-    """Let SIGTERM leave all contexts, so that what was opened is taken back."""
-
-    def leave(number: int, _frame: object) -> None:
-        raise SystemExit(128 + number)
-
-    if threading.current_thread() is not threading.main_thread():
-        yield
-        return
-    before = signal.signal(signal.SIGTERM, leave)
-    try:
-        yield
-    finally:
-        signal.signal(signal.SIGTERM, before)
 
 
 _MOST_TOLD = 1000

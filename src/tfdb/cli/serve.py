@@ -13,7 +13,7 @@ import click
 import tfdb
 from tfdb.counting import counted
 from tfdb.io.choice import Choice
-from tfdb.io.loading import Selection
+from tfdb.io.loading import Following, Selection
 from tfdb.io.mcap_reader import GrowingMcap
 from tfdb.io.static_conflicts import way_on
 from tfdb.summary import span
@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from click.decorators import FC
 
     from tfdb import Buffer, TransformStamped
-    from tfdb.io import Recording, Source
+    from tfdb.io import LoadReport, Recording, Source
     from tfdb.io.choice import Rewriter
 
     from .graph import Live
@@ -179,9 +179,18 @@ def follow(
     if not as_json:
         text = f"{file} into shm:{name}, as it grows; Ctrl-C ends it"
         output.say(layout.wrap(layout.words(text, file)))
-    report = tfdb.io.follow_recording(
+    following = Following(
         store, path, common.parse_topics(topics), timeout=timeout, **common.chosen()
     )
+    try:
+        following.run()
+    except KeyboardInterrupt:
+        _say_followed(following.report(1, whole=False), file, name, as_json=as_json)
+        raise
+    _say_followed(following.report(1), file, name, as_json=as_json)
+
+
+def _say_followed(report: LoadReport, file: str, name: str, *, as_json: bool) -> None:
     if as_json:
         shown = {"messages": report.messages, "transforms": report.transforms}
         more = {

@@ -11,13 +11,13 @@ import os
 import shutil
 import sqlite3
 import struct
-import tempfile
 from collections import Counter
 from contextlib import closing, contextmanager, suppress
 from functools import partial
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 from urllib.parse import quote
+
+from tfdb.new_file import temporary_folder
 
 from .containers import (
     NO_START,
@@ -35,6 +35,7 @@ from .raw_file import MAX_CHUNK, BadDataError
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Iterator, Mapping
+    from pathlib import Path
 
     from .containers import Payload
 
@@ -194,10 +195,10 @@ def _copied(path: Path, logs: list[Path], size: int | None = None) -> sqlite3.Co
 
     The copy is already deleted; its data last as long as the connection.
     """
-    with tempfile.TemporaryDirectory(prefix="tfdb-") as folder:
+    with temporary_folder() as folder:
         for file in (path, *logs):
-            shutil.copyfile(file, Path(folder, file.name))
-        copy = Path(folder, path.name)
+            shutil.copyfile(file, folder / file.name)
+        copy = folder / path.name
         if size is not None:
             os.truncate(copy, size)
         if logs:

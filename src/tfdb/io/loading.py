@@ -6,7 +6,7 @@ import time
 import warnings
 from collections import Counter, deque
 from collections.abc import Iterable, Mapping
-from contextlib import ExitStack
+from contextlib import ExitStack, closing
 from dataclasses import dataclass, field, replace
 from numbers import Real
 from typing import TYPE_CHECKING, Any, TypeAlias
@@ -283,42 +283,73 @@ def follow_recording(
     OSError
         The file cannot be opened or read.
     """
-    started = time.perf_counter()
-    refuse_without(buffer, "buffer", "a Buffer", "set_transforms", "history")
-    given = given_path(path, RecordingError)
-    _check_seconds("interval", interval)
-    if timeout is not None:
-        _check_seconds("timeout", timeout)
-    choice = Choice(**options)
-    rewriter = choice.without_survey()
-    selection = Selection(topics, choice)
-    tally = _Tally(buffer)
-    tally.everything = None  # it would grow as the file does
-    watch = selection.watch(str(given), rewriter)
-    file = GrowingMcap(given)
-    try:
-        grown, size = time.monotonic(), file.size
-        while True:
-            for messages, sources in file.read():
-                tally.take(messages, sources, selection, rewriter, watch)
-            if file.is_complete:
-                break
-            now = time.monotonic()
-            if file.size != size:
-                grown, size = now, file.size
-            elif timeout is not None and now - grown > timeout:
-                reason = f"it has not grown for {timeout:g} s and has no end: its writer stopped"
-                raise RecordingError(given, f"{reason}; salvage=True (--salvage) reads what it has")
-            time.sleep(interval)
-        if not tally.transforms or selection.names - {absolute(name) for name in tally.topics}:
-            with Recording(given) as whole:
-                selection.check([whole])
-    finally:
-        file.close()
-    report = tally.report((str(given),), time.perf_counter() - started, rewriter)
-    rewriter.warn(str(given), 3)
-    warn_of_refused(report, 3)
-    return report
+    following = Following(buffer, path, topics, timeout=timeout, interval=interval, **options)
+    following.run()
+    return following.report(3)
+
+
+class Following:
+    """One use of `follow_recording`, whose report can be had where a signal ends it."""
+
+    def __init__(
+        self,
+        buffer: Buffer,
+        path: PathLike,
+        topics: Topics | None = None,
+        *,
+        timeout: float | None = None,
+        interval: float = 0.2,
+        **options: Unpack[LoadOptions],
+    ) -> None:
+        """Check the arguments."""
+        self._started = time.perf_counter()
+        refuse_without(buffer, "buffer", "a Buffer", "set_transforms", "history")
+        self._path = given_path(path, RecordingError)
+        _check_seconds("interval", interval)
+        if timeout is not None:
+            _check_seconds("timeout", timeout)
+        self._timeout, self._interval = timeout, interval
+        choice = Choice(**options)
+        self._rewriter = choice.without_survey()
+        self._selection = Selection(topics, choice)
+        self._tally = _Tally(buffer)
+        self._tally.everything = None  # it would grow as the file does
+
+    def run(self) -> None:
+        """Store what comes until the file is complete."""
+        tally, selection, given = self._tally, self._selection, self._path
+        watch = selection.watch(str(given), self._rewriter)
+        with closing(GrowingMcap(given)) as file:
+            grown, size = time.monotonic(), file.size
+            while True:
+                for messages, sources in file.read():
+                    tally.take(messages, sources, selection, self._rewriter, watch)
+                if file.is_complete:
+                    break
+                now = time.monotonic()
+                if file.size != size:
+                    grown, size = now, file.size
+                elif self._timeout is not None and now - grown > self._timeout:
+                    raise RecordingError(
+                        given,
+                        f"it has not grown for {self._timeout:g} s and has no end: its writer "
+                        "stopped; salvage=True (--salvage) reads what it has",
+                    )
+                time.sleep(self._interval)
+            if not tally.transforms or selection.names - {absolute(name) for name in tally.topics}:
+                with Recording(given) as whole:
+                    selection.check([whole])
+
+    def report(self, level: int, *, whole: bool = True) -> LoadReport:
+        """Return what was stored so far; warnings name the caller `level` calls up.
+
+        A recording that was `whole` and had no transform is an error.
+        """
+        seconds = time.perf_counter() - self._started
+        report = self._tally.report((str(self._path),), seconds, self._rewriter, empty=not whole)
+        self._rewriter.warn(str(self._path), level + 1)
+        warn_of_refused(report, level + 1)
+        return report
 
 
 def _check_seconds(name: str, value: Any) -> None:
@@ -636,7 +667,9 @@ class _Tally:
                 self.first_refusals[conflict] = text
             self.refused_edges[key] = replace(each, first=text)
 
-    def report(self, files: tuple[str, ...], seconds: float, rewriter: Rewriter) -> LoadReport:
+    def report(
+        self, files: tuple[str, ...], seconds: float, rewriter: Rewriter, *, empty: bool = False
+    ) -> LoadReport:
         for error in rewriter.refusals:
             self.refused += 1
             self._add_error(error, "")
@@ -644,7 +677,7 @@ class _Tally:
             self.refused_transforms += 1
             self._add_error(error, error.edge or "")
         self._name_ways_on(rewriter)
-        if not self.transforms:
+        if not self.transforms and not empty:
             path = ", ".join(files)
             if not self.refused and rewriter.left_out:
                 raise RecordingError(path, rewriter.reason())

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import tempfile
 from dataclasses import replace
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 from tfdb.errors import RecordingError
+from tfdb.new_file import temporary_folder
 
 from .bag_reader import open_bag
 from .containers import Container, Loss, kind_of, typed_errors
@@ -17,6 +16,7 @@ from .raw_file import unpack_file
 
 if TYPE_CHECKING:
     from collections.abc import Callable
+    from pathlib import Path
 
     from .containers import Kind
 
@@ -39,8 +39,8 @@ def open_packed(path: Path, *, salvage: bool = False) -> Container:
 
     The unpacked file is already deleted; its data last as long as the container.
     """
-    with tempfile.TemporaryDirectory(prefix="tfdb-") as folder:
-        file = Path(folder, path.stem)
+    with temporary_folder() as folder:
+        file = folder / path.stem
         with typed_errors(path):
             lost = unpack_file(path, file, salvage=salvage)
         try:

@@ -1,0 +1,47 @@
+"""The program, ended amid writing; run as `stopped.py HOW ARGUMENT...`.
+
+Where a file is written and has not got its name yet, a signal comes (HOW is its number), or, for
+HOW `pipe`, the reader of stdout is gone.
+"""
+
+from __future__ import annotations
+
+import os
+import sys
+from typing import TYPE_CHECKING
+
+import tfdb_command
+from tfdb import new_file
+from tfdb.io import packed_file
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+how = sys.argv.pop(1)
+_bring_to_disk = new_file._bring_to_disk
+_unpack_file = packed_file.unpack_file
+
+
+def stop() -> None:
+    if how == "pipe":
+        print("nobody reads this", flush=True)
+    else:
+        os.kill(os.getpid(), int(how))
+
+
+def bring_to_disk(path: Path) -> None:
+    assert path.exists()
+    stop()
+    _bring_to_disk(path)
+
+
+def unpack_file(path: Path, into: Path, *, salvage: bool = False) -> int:
+    lost = _unpack_file(path, into, salvage=salvage)
+    assert into.exists()
+    stop()
+    return lost
+
+
+new_file._bring_to_disk = bring_to_disk
+packed_file.unpack_file = unpack_file
+tfdb_command.main()

@@ -1,0 +1,272 @@
+"""Signals and a closed pipe end every command in good order: no temporary file stays."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+from contextlib import closing, suppress
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+import pytest
+
+import tfdb
+from tfdb import new_file
+from tfdb.cli.app import COMMANDS, cli
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+
+STOPPED = Path(__file__).with_name("stopped.py")
+SIGNALS = [signal.SIGINT, signal.SIGTERM, signal.SIGHUP]
+LONGEST = 120.0  # seconds, before a command that does not end is ended
+
+WRITES = {
+    "compare": "compare POSES POSES --save OUT.png",
+    "convert to .bag": "convert IN OUT.bag",
+    "convert to .db3": "convert IN OUT.db3",
+    "convert to .mcap": "convert IN OUT.mcap",
+    "convert to .mcap for Foxglove": "convert IN OUT.mcap --foxglove",
+    "convert to .tum": "convert IN OUT.tum --frames odom base_footprint",
+    "convert to .npz": "convert IN OUT.npz --frames odom base_footprint",
+    "freeze": "freeze IN -o OUT.tfdb",
+    "merge": "merge IN SECOND -o OUT.mcap",
+    "plot": "plot IN tree --save OUT.png",
+    "poses": "poses IN odom base_footprint -o OUT.csv",
+    "rename": "rename IN --prefix a_ -o OUT.mcap",
+    "view-frames": "view-frames IN -o OUT.svg",
+}
+READS = {"info of a packed file": "info PACKED"}
+
+
+def environment(folder: Path) -> dict[str, str]:
+    return {**os.environ, "TMPDIR": str(folder), "MPLCONFIGDIR": str(folder.parent / "matplotlib")}
+
+
+def end_amid(
+    how: str, command: str, folder: Path, bag: Path, stdout: int = subprocess.PIPE
+) -> subprocess.CompletedProcess[str]:
+    """Run a command that is ended where its file is written and has no name yet."""
+    given, made = folder.parent / "given", folder / "made"
+    words = {"IN": str(bag), "POSES": str(given / "poses.tum"), "PACKED": str(given / "bag.zst")}
+    words["SECOND"] = str(given / "second.bag")
+    arguments = [words.get(word, word.replace("OUT", str(made))) for word in command.split()]
+    return subprocess.run(
+        [sys.executable, str(STOPPED), how, *arguments],
+        stdout=stdout,
+        stderr=subprocess.PIPE,
+        text=True,
+        check=False,
+        timeout=LONGEST,
+        env=environment(folder),
+    )
+
+
+@pytest.fixture(scope="session")
+def second(bag: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A recording with other frames than `bag`."""
+    made = tmp_path_factory.mktemp("second") / "second.bag"
+    with subprocess.Popen(
+        [sys.executable, "-m", "tfdb.cli", "rename", str(bag), "--prefix", "b_", "-o", str(made)]
+    ) as renaming:
+        assert renaming.wait(LONGEST) == 0
+    return made
+
+
+@pytest.fixture
+def folder(tmp_path: Path, bag: Path, second: Path) -> Path:
+    """An empty folder for output and temporary files; beside it are the inputs."""
+    made, given = tmp_path / "made", tmp_path / "given"
+    made.mkdir()
+    given.mkdir()
+    rows = (f"{stamp} {stamp * 0.5} {stamp**2 * 0.1} 1 0 0 0.6 0.8\n" for stamp in range(30))
+    (given / "poses.tum").write_text("".join(rows))
+    (given / "second.bag").symlink_to(second)
+    zstandard = pytest.importorskip("zstandard")
+    (given / "bag.zst").write_bytes(zstandard.compress(bag.read_bytes()))
+    return made
+
+
+def test_the_table_has_every_command_that_writes_a_file() -> None:
+    def options(command: click.Command) -> Iterator[str | None]:
+        for part in command.commands.values() if isinstance(command, click.Group) else ():
+            yield from options(part)
+        yield from (option.name for option in command.params)
+
+    context = click.Context(cli)
+    commands = {name: cli.get_command(context, name) for name in COMMANDS}
+    writing = {name for name, it in commands.items() if it and "overwrite" in options(it)}
+    assert writing == {row.split()[0] for row in WRITES}
+
+
+@pytest.mark.parametrize(
+    ("row", "number"),
+    [*((row, signal.SIGTERM) for row in WRITES | READS), *(("freeze", each) for each in SIGNALS)],
+)
+def test_a_signal_leaves_no_file(row: str, number: signal.Signals, folder: Path, bag: Path) -> None:
+    done = end_amid(str(int(number)), (WRITES | READS)[row], folder, bag)
+    assert done.returncode == 128 + number, done.stderr
+    assert done.stderr.endswith("tfdb: stopped\n")
+    assert "Traceback" not in done.stderr
+    assert not list(folder.iterdir())
+
+
+@pytest.mark.parametrize("row", ["convert to .db3", "freeze", "plot"])
+def test_a_closed_pipe_leaves_no_file(row: str, folder: Path, bag: Path) -> None:
+    reader, writer = os.pipe()
+    os.close(reader)
+    done = end_amid("pipe", (WRITES | READS)[row], folder, bag, stdout=writer)
+    os.close(writer)
+    assert (done.returncode, done.stderr) == (-signal.SIGPIPE, "")
+    assert not list(folder.iterdir())
+
+
+def test_a_signal_that_is_ignored_stays_so(folder: Path, bag: Path) -> None:
+    """As `nohup` asks for."""
+    program = "import signal, sys; signal.signal(signal.SIGHUP, signal.SIG_IGN); "
+    program += "import runpy; sys.argv.pop(0); runpy.run_path(sys.argv[0], run_name='__main__')"
+    arguments = [str(STOPPED), str(int(signal.SIGHUP)), "freeze", str(bag), "-o"]
+    subprocess.run(
+        [sys.executable, "-c", program, *arguments, str(folder / "made.tfdb")],
+        check=True,
+        timeout=LONGEST,
+        env=environment(folder),
+    )
+    assert [made.name for made in folder.iterdir()] == ["made.tfdb"]
+
+
+class Interrupts:
+    """Raises KeyboardInterrupt at chosen lines of `new_file`, counted from the first one."""
+
+    def __init__(self, lines: set[int]) -> None:
+        self.count = 0
+        self.left = set(lines)
+
+    def __call__(self, frame: Any, event: str, _argument: object) -> Any:
+        if frame.f_code.co_filename != new_file.__file__:
+            return None
+        if event == "line":
+            self.count += 1
+            if self.count in self.left:
+                self.left.remove(self.count)
+                raise KeyboardInterrupt
+            # A trace function that raises is taken out: the rest goes untraced.
+        return self
+
+
+def interrupted(lines: set[int], write: Callable[[], None]) -> bool:
+    """Whether a write was interrupted at those lines."""
+    before, interrupts = sys.gettrace(), Interrupts(lines)
+    sys.settrace(interrupts)
+    try:
+        write()
+    except KeyboardInterrupt:
+        return True
+    finally:
+        sys.settrace(before)
+    return False
+
+
+def test_a_new_file_is_whole_or_not_there_wherever_it_is_interrupted(tmp_path: Path) -> None:
+    target = tmp_path / "made.txt"
+
+    def write() -> None:
+        with new_file.new_file(target, overwrite=True) as made:
+            made.write_text("whole")
+
+    line = 0
+    while interrupted({line := line + 1}, write):
+        left = list(tmp_path.iterdir())
+        assert left in ([], [target]), line
+        if left:
+            assert target.read_text() == "whole"
+            target.unlink()
+    assert line > 20
+    assert target.read_text() == "whole"
+
+
+def test_a_second_signal_amid_the_removal_leaves_nothing(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Ctrl-C is pressed twice."""
+    removals = 0
+    rmtree = new_file.shutil.rmtree
+
+    def interrupted_once(path: Path, **options: Any) -> None:
+        nonlocal removals
+        removals += 1
+        if removals == 1:
+            raise KeyboardInterrupt
+        rmtree(path, **options)
+
+    monkeypatch.setattr(new_file.shutil, "rmtree", interrupted_once)
+
+    def write() -> None:
+        with new_file.new_file(tmp_path / "made.txt") as made:
+            made.write_text("half")
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        write()
+    assert removals == 2
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.fixture
+def store() -> Iterator[str]:
+    name = f"test-stopped-{os.getpid()}"
+    yield name
+    with suppress(tfdb.NoSuchStore):
+        tfdb.Buffer.unlink(name)
+
+
+def opened(name: str, server: subprocess.Popen[str]) -> tfdb.Buffer:
+    while True:
+        with suppress(tfdb.NoSuchStore):
+            return tfdb.Buffer.open(name, create=False, mode="r")
+        assert server.poll() is None
+
+
+def summary(arguments: list[str], name: str, number: signal.Signals) -> dict[str, Any]:
+    """What `tfdb serve` prints when a signal ends it, after some commits."""
+    command = [sys.executable, "-m", "tfdb.cli", "serve", *arguments, "--into", name, "--json"]
+    with subprocess.Popen(
+        command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    ) as server:
+        try:
+            with closing(opened(name, server)) as buffer:
+                buffer.wait_for_commit(50, LONGEST)
+            server.send_signal(number)
+            out, err = server.communicate(timeout=LONGEST)
+        finally:
+            server.kill()
+    assert server.returncode == 128 + number
+    assert err.endswith("tfdb: stopped\n")
+    told: dict[str, Any] = json.loads(out)
+    assert told["store"] == name
+    return told
+
+
+@pytest.mark.parametrize("number", SIGNALS)
+def test_a_signal_ends_serve_bag_with_its_summary(
+    number: signal.Signals, bag: Path, store: str
+) -> None:
+    told = summary(["bag", str(bag), "--loop", "--speed", "20"], store, number)
+    assert told["messages"] > 0
+    assert told["transforms"] > 50
+
+
+@pytest.mark.parametrize("number", SIGNALS)
+def test_a_signal_ends_serve_follow_with_its_summary(
+    number: signal.Signals, mcap: Path, store: str, tmp_path: Path
+) -> None:
+    growing = tmp_path / "growing.mcap"
+    whole = mcap.read_bytes()
+    growing.write_bytes(whole[:-50])  # without its footer
+    told = summary(["follow", str(growing)], store, number)
+    assert told["messages"] > 0
+    assert told["transforms"] > 50
