@@ -74,6 +74,7 @@ def test_info_json(tool: Tool, bag: Path) -> None:
         "messages": int,
         "transforms": int,
         "refused": int,
+        "refused_transforms": int,
         "mixed": type(None),
         "frames": int,
         "roots": list,
