@@ -39,16 +39,11 @@ nb::object misfit(PyObject* made, PyObject* const* args, std::size_t count, PyOb
 /// Says in our words what a TypeError says of the arguments. One with a traceback came from within
 /// the function, and stays as it is.
 void reword(PyObject* made, PyObject* const* args, std::size_t count, PyObject* keywords) {
-    PyObject* type = nullptr;
-    PyObject* value = nullptr;
-    PyObject* trace = nullptr;
-    PyErr_Fetch(&type, &value, &trace);
-    if (trace == nullptr && value != nullptr) {
+    nb::python_error raised;  // it takes what is set
+    if (!raised.traceback().is_valid()) {
         try {
-            const nb::object text = misfit(made, args, count, keywords, value);
+            const nb::object text = misfit(made, args, count, keywords, raised.value());
             if (!text.is_none()) {
-                Py_DECREF(type);
-                Py_DECREF(value);
                 PyErr_SetObject(PyExc_TypeError, text.ptr());
                 return;
             }
@@ -56,7 +51,7 @@ void reword(PyObject* made, PyObject* const* args, std::size_t count, PyObject* 
             error.discard_as_unraisable("tfdb.signatures.misfit");
         }
     }
-    PyErr_Restore(type, value, trace);
+    raised.restore();
 }
 
 PyObject* call(PyObject* self, PyObject* const* args, std::size_t count, PyObject* keywords) {
