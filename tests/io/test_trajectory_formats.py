@@ -136,6 +136,7 @@ VARIANTS: dict[str, Callable[[str], str]] = {
     "CR": lambda text: text.replace("\n", "\r"),
     "byte order mark": lambda text: "\ufeff" + text,
     "blank lines": lambda text: text.replace("\n", "\n\n \n", 5),
+    "comments of MATLAB and C": lambda text: f"% made by x\n// and y\n{text}",
     "comments between": lambda text: text.replace("\n", "\n# 1 2 3\n"),
     "no end of line": lambda text: text.rstrip("\n"),
     "blanks around": lambda text: "".join(f"  {line} \n" for line in text.splitlines()),
@@ -159,6 +160,51 @@ def test_separators_behind_the_last_column(tmp_path: Path, name: str, on_heading
     if on_heading:
         heading += separator
     assert same(read_trajectory(write(tmp_path / "a.csv", lines, separator, heading)))
+
+
+def test_the_stamp_of_the_header_goes_before_the_time_of_reception(tmp_path: Path) -> None:
+    """As `rostopic echo -p` writes odometry."""
+    heading = "%time,field.header.seq,field.header.stamp,field.header.frame_id"
+    heading += "".join(f",field.pose.pose.position.{axis}" for axis in "xyz")
+    heading += "".join(f",field.pose.pose.orientation.{axis}" for axis in "xyzw")
+    heading += ",field.pose.covariance0,field.twist.twist.linear.x"
+    lines = [
+        [str(int(when) + 7 * 10**6), "3", when, "map", *pose, "0.5", "1"]
+        for when, *pose in rows(str)
+    ]
+    path = write(tmp_path / "a.csv", lines, ",", heading)
+    with pytest.warns(tfdb.TfdbWarning, match="columns taken: field.header.stamp, field.pose.pose"):
+        assert same(read_trajectory(path))
+
+
+DATASETS = {
+    "Newer College": (
+        "#sec,nsec,x,y,z,qx,qy,qz,qw",
+        lambda when: f"{when // 10**9},{when % 10**9}",
+        range(7),
+    ),
+    "maplab": (
+        "timestamp [ns], p_G_I x [m], p_G_I y [m], p_G_I z [m], q_G_I w, q_G_I x, q_G_I y, q_G_I z",
+        str,
+        W_FIRST,
+    ),
+}
+
+
+@pytest.mark.parametrize("name", DATASETS)
+def test_tables_of_datasets(tmp_path: Path, name: str) -> None:
+    heading, stamp, order = DATASETS[name]
+    assert same(read_trajectory(write(tmp_path / "a.csv", rows(stamp, order), ",", heading)))
+
+
+def test_names_behind_the_pose(tmp_path: Path) -> None:
+    """As RTAB-Map and Kimera write them."""
+    lines = [[*row, str(at)] for at, row in enumerate(rows())]
+    heading = "#timestamp x y z qx qy qz qw id"
+    assert same(read_trajectory(write(tmp_path / "a.txt", lines, " ", heading)))
+    heading = "#timestamp,x,y,z,qw,qx,qy,qz,vx,vy,vz,bgx,bgy,bgz,bax,bay,baz"
+    lines = [[*row, *"123456789"] for row in rows(str, W_FIRST)]
+    assert same(read_trajectory(write(tmp_path / "a.csv", lines, ",", heading)))
 
 
 def test_stamps_in_two_columns(tmp_path: Path) -> None:
@@ -556,3 +602,11 @@ def test_a_file_that_was_cut_anywhere(tmp_path: Path) -> None:
             assert read_trajectory(path, salvage=True) == expected[:-1]
     path.write_bytes(whole[:-1])
     assert read_trajectory(path) == expected
+
+
+def test_short_files_by_hand_are_not_cut(tmp_path: Path) -> None:
+    path = tmp_path / "a.tum"
+    path.write_text(
+        "1 1 0 0 0 0 0.6 0.8\n2 1 0 0 0 0 0.6 0.8\n3 1 0 0 0 0 0.8 0.6\n4 0 0 0 0 0 0 1"
+    )
+    assert len(read_trajectory(path)) == 4

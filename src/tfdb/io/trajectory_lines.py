@@ -15,6 +15,9 @@ SALVAGE = "salvage=True (--salvage)"
 _NUMBER_FIRST = re.compile(r"[\s,;\"']*[-+.]?\d")
 _LAST_DECIMALS = re.compile(r"(?:^|[\s,;\"'])[-+]?\d+(?:\.(\d*))?[\"'\s,;]*$")
 _DECIMAL_COMMA = re.compile(r"[-+]?\d+,\d+([eE][-+]?\d+)?")
+_COMMENT = re.compile(r"(?:#|//|%(?=\s|$))+\s*")
+"""Before a comment; `%time` is a name of `rostopic echo -p`."""
+_MANY_ROWS, _MANY_DECIMALS = 10, 4
 _UTF16 = (b"\xff\xfe", b"\xfe\xff")
 
 
@@ -42,7 +45,8 @@ class Lines:
         self.rows: list[tuple[int, str]] = [
             (number, stripped)
             for number, line in enumerate(self._all, start=1)
-            if (stripped := line.strip()) and not stripped.startswith("#")
+            if (stripped := line.strip())
+            and not (stripped[0] in "#/%" and _COMMENT.match(stripped))
         ]
         """The lines with data: all but comments and a heading."""
         self.heading: tuple[int, str] | None = None
@@ -56,15 +60,20 @@ class Lines:
             if _NUMBER_FIRST.match(line):
                 return
             if line.strip():
-                yield number, line.strip().lstrip("#").strip()
+                yield number, _COMMENT.sub("", line.strip(), count=1)
 
     def cut(self) -> str | None:
-        """Why the last row seems to be cut: no end of line, and fewer decimals than all others."""
+        """Why the last row seems to be cut: no end of line, and fewer decimals than all others.
+
+        Only where those are many, and have as many decimals, as a program writes them.
+        """
+        if self._ends or len(self.rows) < _MANY_ROWS:
+            return None
         ends = [_LAST_DECIMALS.search(line) for _, line in self.rows]
-        if self._ends or len(ends) < 3 or None in ends:
+        if None in ends:
             return None
         *others, last = (len(end.group(1) or "") for end in ends if end)
-        if len(set(others)) != 1 or last >= others[0]:
+        if len(set(others)) != 1 or others[0] < _MANY_DECIMALS or last >= others[0]:
             return None
         return f"the file ends within a number, with {last} decimals instead of {others[0]}"
 
@@ -103,7 +112,10 @@ def separator_of(line: str) -> str | None:
 
 def split(line: str, separator: str | None) -> list[str]:
     """The fields of a line, without blanks and quotes around them."""
-    return [field.strip().strip("\"'") for field in line.split(separator)]
+    fields = line.split(separator)
+    if separator is not None or '"' in line or "'" in line:
+        return [field.strip().strip("\"'") for field in fields]
+    return fields
 
 
 def has_decimal_commas(line: str) -> bool:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from contextlib import suppress
 from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
@@ -168,7 +169,7 @@ def _fields(layout: Layout, line: str, cut: str | None) -> tuple[tuple[str, str]
         raise ValueError(f"{len(fields)} columns instead of `{layout.text}`")
     if cut is not None:
         raise ValueError(cut)
-    stamp, *pose = (fields[place] for place in layout.order)
+    stamp, *pose = [fields[place] for place in layout.order]
     rest = "" if layout.nanoseconds is None else fields[layout.nanoseconds]
     if layout.holes and all(each.lower() in _NOTHING for each in pose):
         return (stamp, rest), [math.nan] * 7
@@ -177,6 +178,11 @@ def _fields(layout: Layout, line: str, cut: str | None) -> tuple[tuple[str, str]
 
 def floats(fields: Sequence[str]) -> list[float]:
     """Finite numbers; ``ValueError`` with a reason."""
+    with suppress(ValueError):
+        quick = list(map(float, fields))
+        joined = "".join(fields)
+        if math.isfinite(sum(quick)) and "_" not in joined and joined.isascii():
+            return quick
     values = []
     for each in fields:
         try:
@@ -190,7 +196,8 @@ def floats(fields: Sequence[str]) -> list[float]:
 
 
 def _check_norm(pose: Sequence[float], most: float) -> None:
-    squared = sum(value * value for value in pose[3:])
+    x, y, z, w = pose[3:]
+    squared = x * x + y * y + z * z + w * w
     if abs(squared - 1.0) > most:
         raise ValueError(f"the quaternion is not of unit length: {math.sqrt(squared):.6g}")
 
