@@ -24,6 +24,7 @@ from .errors import (
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Mapping
+    from contextlib import AbstractContextManager
 
     from ._core import Buffer, Policy, Transform
     from .stamps import StampLike
@@ -83,7 +84,7 @@ class _Teller:
         self.waits: dict[int, tuple[Loop | None, Tell]] = {}
         # The lock of whoever takes ended waits. A writer holds it over its commit, so that it
         # takes what the commit ended. Nothing is told with the lock held.
-        self.taking = threading.RLock()
+        self.taking: AbstractContextManager[bool] = threading.RLock()
         buffer._set_told(told=True)
         threading.Thread(target=self.run, name="tfdb waits", daemon=True).start()
 

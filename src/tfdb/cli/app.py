@@ -77,7 +77,7 @@ def _pipe_apart() -> Iterator[None]:
 class TfdbGroup(SuggestingGroup):
     """A group that imports commands lazily and prints every error in one line."""
 
-    words = ("help", "version")
+    words: tuple[str, ...] = ("help", "version")
 
     def list_commands(self, ctx: click.Context) -> list[str]:  # noqa: ARG002
         """Name the commands in the order of the help; one that is not installed is left out."""

@@ -35,10 +35,8 @@ Encoding: TypeAlias = Literal["ros1", "cdr", "protobuf", "json"]
 Kind: TypeAlias = Literal["bag", "db3", "mcap", "packed", "folder", "trajectory"]
 Payload: TypeAlias = "tuple[int, int, bytes]"
 """Time of reception (ns), id of the source, bytes."""
-Survey: TypeAlias = (
-    "Callable[[Collection[int], Callable[[int], None]], "
-    "tuple[dict[int, int], bool, Iterator[Recorded]]]"
-)
+Surveyed: TypeAlias = "tuple[dict[int, int], bool, Iterator[Recorded]]"
+Survey: TypeAlias = "Callable[[Collection[int], Callable[[int], None]], Surveyed]"
 
 SALVAGE = "salvage=True (--salvage) reads as far as it goes"
 NO_START = 2**63 - 1

@@ -85,7 +85,7 @@ class BufferClient(BufferInterface):
         self._padding = PADDING if padding is None else duration(padding, None, "timeout_padding")
         if arguments.get("check_frequency") is not None and self._node.flavor == "ros1":
             LOGGER.warning("Argument check_frequency is deprecated and should not be used.")
-        self.check_frequency = arguments.get("check_frequency")
+        self.check_frequency: Any = arguments.get("check_frequency")
         """As given."""
         self._ns = arguments["ns"]
         self._transport = client_in(self._node, self._ns)
