@@ -98,7 +98,14 @@ def test_numbers_that_are_no_transform(
         buffer.set_transforms([good, good, bad])
     assert caught.value.index == 2
     with refused(buffer, tfdb.InvalidTransform):
-        buffer.ingest(tfdb.encode_tf_message([good, bad]))
+        buffer.ingest(tfdb.encode_tf_message([bad]))
+    found = buffer.ingest_many([tfdb.encode_tf_message([good, bad])], encoding="cdr")
+    assert (found.transforms, found.refused_transforms, found.refused) == (1, 1, 0)
+    assert [(each.edge, each.error) for each in found.refused_edges] == [
+        ("new_frame", "InvalidTransform")
+    ]
+    assert "new_frame" not in buffer.frames()
+    assert buffer.lookup_transform("map", "odom", stamp_of(50)).translation[0] == 1
 
 
 def test_a_frame_is_not_its_own_parent(robot: Robot) -> None:

@@ -150,7 +150,7 @@ def test_recordings_and_commands(tmp_path: Path) -> None:
 
 def test_tf2_keeps_its_own_rules() -> None:
     core = BufferCore()
-    assert core.set_transform(message("/map", "/base"), "")
+    core.set_transform(message("/map", "/base"), "")
     assert core.lookup_transform_core("map", "base", 0).child_frame_id == "base"
     with pytest.raises((LookupException, tfdb.TfdbError), match="/"):
         core.lookup_transform_core("/map", "base", 0)
