@@ -272,6 +272,18 @@ def test_options_that_contradict_are_refused() -> None:
         tfdb.load(ROBOTS, mix=True, by_namespace=True)
 
 
+def test_prefixes_of_groups_that_make_one_name_are_refused(
+    recorder: Recorder, tmp_path: Path
+) -> None:
+    plain = driven("/tf", parent="robot1/odom", child="robot1/base")
+    path = written(recorder, tmp_path, plain, driven("/robot1/tf", x=50.0))
+    with pytest.raises(tfdb.MixedSources, match="get the same frame names") as caught:
+        tfdb.load(path, by_namespace=True)
+    assert caught.value.frames == ("robot1/base",)
+    assert caught.value.groups == {"/": ("/tf",), "/robot1": ("/robot1/tf",)}
+    assert tfdb.load(path).frames() == ["base", "odom", "robot1/base", "robot1/odom"]
+
+
 def test_a_model_belongs_to_one_robot() -> None:
     model = tfdb.io.parse_urdf('<robot name="r"><link name="base_link"/></robot>')
     with pytest.raises(tfdb.InvalidArgument, match="one robot"):

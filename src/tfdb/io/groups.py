@@ -63,21 +63,11 @@ def refuse_mixture(
     Sources for which `judged` is true are compared. `kind` is that of a `Selection`. `rewriter`
     drops what is not wanted and keeps all names.
     """
-    topics: dict[str, set[str]] = defaultdict(set)
-    for recording in recordings:
-        for source in filter(judged, recording.all_sources):
-            topics[prefix_of(source)].add("/" + source.topic.strip("/"))
-    if len(topics) < 2:
-        return
+    topics, children = _survey(recordings, judged, kind, rewriter)
 
     def of(groups: Collection[str]) -> Callable[[Source], bool]:
         return lambda each: judged(each) and prefix_of(each) in groups
 
-    children: dict[str, set[str]] = defaultdict(set)
-    for recording in recordings:
-        for run in recording.read(of(topics), kind):
-            for group, names in _children(run, rewriter, *kind(run.source)).items():
-                children[group] |= names
     stores: dict[str, Buffer] = {}
     shared = _shared(children)
     for group in {group for groups in shared.values() for group in groups}:
@@ -94,6 +84,50 @@ def refuse_mixture(
         path = ", ".join(str(recording.path) for recording in recordings)
         named = sorted({group for groups in mixed.values() for group in groups})
         raise mixture(path, {group: sorted(topics[group]) for group in named}, tuple(mixed))
+
+
+def refuse_collision(
+    recordings: Sequence[Recording],
+    judged: Callable[[Source], bool],
+    kind: Callable[[Source], tuple[str, bool]],
+    rewriter: Rewriter,
+) -> None:
+    """Raise MixedSources if frames of several groups get one name from the prefixes of the groups.
+
+    Arguments as in `refuse_mixture`, but `rewriter` puts the prefixes before the names.
+    """
+    topics, children = _survey(recordings, judged, kind, rewriter)
+    shared = _shared(children)
+    if shared:
+        path = ", ".join(str(recording.path) for recording in recordings)
+        named = sorted({group for groups in shared.values() for group in groups})
+        groups = {"/" + group.rstrip("/"): tuple(sorted(topics[group])) for group in named}
+        reason = (
+            f"{len(named)} groups of topics get the same frame names from their prefixes, "
+            f"{_few(sorted(shared), ', ')}: "
+            f"{_few([' with '.join(each) for each in groups.values()], '; ')}. "
+            "Name the topics of one group (topics=, --topic)"
+        )
+        raise MixedSources(path, reason, frames=tuple(sorted(shared)), groups=groups)
+
+
+def _survey(
+    recordings: Sequence[Recording],
+    judged: Callable[[Source], bool],
+    kind: Callable[[Source], tuple[str, bool]],
+    rewriter: Rewriter,
+) -> tuple[dict[str, set[str]], dict[str, set[str]]]:
+    """Return the topics and, if there are several groups, the child frames of each group."""
+    topics: dict[str, set[str]] = defaultdict(set)
+    for recording in recordings:
+        for source in filter(judged, recording.all_sources):
+            topics[prefix_of(source)].add("/" + source.topic.strip("/"))
+    children: dict[str, set[str]] = defaultdict(set)
+    for recording in recordings if len(topics) > 1 else ():
+        for run in recording.read(judged, kind):
+            for group, names in _children(run, rewriter, *kind(run.source)).items():
+                children[group] |= names
+    return topics, children
 
 
 class Watch:

@@ -19,7 +19,7 @@ from tfdb.refused import RefusedEdge
 
 from .choice import OTHERS, Choice, absolute, held_by, no_name, no_topic, not_read
 from .containers import FRAME_TRANSFORMS, POSE_TYPES, encodings_of
-from .groups import Watch, prefix_of, refuse_mixture
+from .groups import Watch, prefix_of, refuse_collision, refuse_mixture
 from .mcap_reader import GrowingMcap
 from .recordings import Recording, runs_of
 from .static_conflicts import way_on
@@ -476,7 +476,12 @@ class Selection:
         return rewriter
 
     def refuse_mixture(self, recordings: Sequence[Recording], rewriter: Rewriter) -> None:
-        """Raise MixedSources where no topic was named and groups of topics disagree."""
+        """Raise MixedSources where no topic was named and groups of topics disagree.
+
+        Groups that are kept apart by prefixes disagree if a frame of each gets the same name.
+        """
+        if self._roles is None and self._choice.by_namespace:
+            refuse_collision(recordings, self.is_judged, self.kind, rewriter.without_names())
         if self._judges:
             refuse_mixture(recordings, self.is_judged, self.kind, rewriter.without_names())
 
