@@ -191,6 +191,17 @@ PyObject* lookup_transform(PyObject* self, PyObject* const* args, Py_ssize_t cou
     });
 }
 
+PyObject* lookup_edge(PyObject* self, PyObject* const* args, Py_ssize_t count, PyObject* keywords) {
+    return guarded([&]() -> PyObject* {
+        constexpr ParameterList kList{"_lookup_edge", kCanNames, 4, 4};
+        const auto [parent, child, stamp, policy] = bind<4>(kList, args, count, keywords);
+        Question question = question_at(stamp, policy);
+        question.kind = Question::kEdge;
+        Open open(self);
+        return transform_of(open, parent, child, question);
+    });
+}
+
 PyObject* wait_for_transform(PyObject* self, PyObject* const* args, Py_ssize_t count,
                              PyObject* keywords) {
     return guarded([&]() -> PyObject* {
@@ -279,6 +290,11 @@ PyMethodDef g_methods[] = {
      "Returns\n-------\nTransform\n    Its stamp is the oldest of the stamps used, 0 if nothing moves.\n\n"
      "Raises\n------\nUnknownFrame, Disconnected, Extrapolation (an edge has no data), Stale,\n"
      "InvalidStamp, InvalidArgument, SnapshotTooOld, SnapshotClosed"},
+    {"_lookup_edge", as_function(lookup_edge), METH_FASTCALL | METH_KEYWORDS,
+     "_lookup_edge($self, target, source, stamp, policy)\n--\n\n"
+     "`lookup_transform` over the edge from `source` to its parent `target`: no other edge is read.\n\n"
+     "Raises Disconnected if the edge has another parent at the stamp, and what `lookup_transform`\n"
+     "raises."},
     {"can_transform", as_function(can_transform), METH_FASTCALL | METH_KEYWORDS,
      "can_transform($self, target, source, stamp=None, policy=None)\n--\n\n"
      "Whether `lookup_transform` with these arguments has an answer. Cheap also when it has none.\n\n"

@@ -459,6 +459,16 @@ class Reads:
         InvalidStamp, InvalidArgument, SnapshotTooOld, SnapshotClosed
         """
 
+    def _lookup_edge(
+        self, target: str, source: str, stamp: tfdb.stamps.StampLike | None, policy: Policy | None
+    ) -> Transform:
+        """
+        `lookup_transform` over the edge from `source` to its parent `target`: no other edge is read.
+
+        Raises Disconnected if the edge has another parent at the stamp, and what `lookup_transform`
+        raises.
+        """
+
     def can_transform(
         self,
         target: str,

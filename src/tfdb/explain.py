@@ -25,7 +25,7 @@ from .summary import clocks, describe_clocks
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from ._core import Policy, Reads, Snapshot
+    from ._core import Policy, Reads, Snapshot, Transform
     from .stamps import StampLike
     from .types import FrameInfo
 
@@ -216,11 +216,18 @@ class _Case:
     def _edge(self, info: FrameInfo, stamp: StampLike | None) -> EdgeExplanation:
         parent = str(info.parent)
         try:
-            found = self.snapshot.lookup_transform(parent, info.name, stamp, self.policy)
+            found = self._alone(parent, info.name, stamp)
         except _EXPLAINED as error:
             text = f"{_arrow(info)}: {_reason(error)}; {_span(info)}"
             return EdgeExplanation(info.name, parent, ok=False, text=text)
         return EdgeExplanation(info.name, parent, ok=True, text=str(found.report.edges[0]))
+
+    def _alone(self, parent: str, child: str, stamp: StampLike | None) -> Transform:
+        """Look up one edge; a lookup that fails would walk from it to the root."""
+        if stamp is not None:
+            with suppress(Disconnected):  # it has another parent, or none, at the stamp
+                return self.snapshot._lookup_edge(parent, child, stamp, self.policy)
+        return self.snapshot.lookup_transform(parent, child, stamp, self.policy)
 
 
 def _arrow(info: FrameInfo) -> str:

@@ -111,15 +111,15 @@ def clocks(infos: Iterable[FrameInfo], store: Buffer | Snapshot) -> list[Clock]:
     of both is named with both.
     """
     spans = [(*ends, info.name) for info in infos for ends in _spans(info, store)]
-    found: list[Clock] = []
+    found: list[tuple[int, int, dict[str, None]]] = []
     for start, end, name in sorted(spans):
-        if found and start - found[-1].end <= YEAR_NS:
-            last = found[-1]
-            frames = tuple(dict.fromkeys((*last.frames, name)))
-            found[-1] = Clock(last.start, max(last.end, end), frames)
+        if found and start - found[-1][1] <= YEAR_NS:
+            first, last, frames = found[-1]
+            frames[name] = None
+            found[-1] = first, max(last, end), frames
         else:
-            found.append(Clock(start, end, (name,)))
-    return found
+            found.append((start, end, {name: None}))
+    return [Clock(start, end, tuple(frames)) for start, end, frames in found]
 
 
 def _spans(info: FrameInfo, store: Buffer | Snapshot) -> Iterator[tuple[int, int]]:

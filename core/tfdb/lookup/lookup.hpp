@@ -206,6 +206,34 @@ template <View V>
     return detail::common_times(view, target, source, detail::Common::kOldestToo, answer, failure);
 }
 
+/// T[parent<-child] of one edge, in constant time: no frame above is looked at. kFailed with
+/// kDisconnected: the samples name another parent at the stamp.
+template <View V>
+[[nodiscard]] Outcome lookup_edge(const V& view, FrameId parent, FrameId child, StampNs stamp,
+                                  const Policy& policy, Answer& answer, Failure& failure) {
+    if (!detail::check_frame(view, parent, 0, failure) ||
+        !detail::check_frame(view, child, 1, failure)) {
+        return Outcome::kFailed;
+    }
+    answer.stamp = stamp;
+    answer.commit = view.commit();
+    answer.edges.clear();
+    EdgeUse& use = answer.edges.emplace_back();
+    const Outcome outcome =
+        edge_pose(view, child, parent, stamp, policy, answer.pose, use, failure);
+    if (outcome == Outcome::kOk || outcome == Outcome::kLapped)
+        return outcome;
+    if (outcome == Outcome::kMismatch) {
+        failure = Failure{};
+        failure.code = ErrorCode::kDisconnected;
+        failure.frame = handle_of(view, parent);
+        failure.other = handle_of(view, child);
+        failure.stamp = stamp;
+        failure.commit = view.commit();
+    }
+    return Outcome::kFailed;
+}
+
 /// Appends to `answer.edges` and sets the pose: T[target<-source] at one stamp.
 template <View V>
 [[nodiscard]] Outcome lookup_at(const V& view, FrameId target, FrameId source, StampNs stamp,

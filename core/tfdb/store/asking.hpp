@@ -62,6 +62,9 @@ private:
                 return lookup::latest_common_time(view_, target, source, answer, failure);
             case Question::kCovered:
                 return lookup::covered_stamps(view_, target, source, answer, failure);
+            case Question::kEdge:
+                return lookup::lookup_edge(view_, target, source, q.stamp.value_or(0), q.policy,
+                                           answer, failure);
             case Question::kAt:
                 break;
         }

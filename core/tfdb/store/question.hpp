@@ -36,14 +36,16 @@ struct Question {
         kLatest,      // from each edge's newest sample, none older than now - max_age
         kCommonTime,  // the newest stamp at which the path has data
         kCovered,     // ... and the oldest one
+        kEdge,        // kAt where the edge from `source` to its parent `target` is all of the path
     };
     Kind kind = kAt;
     FrameRef target{};
     FrameRef source{};
-    FrameRef fixed{};                // kFull
-    std::optional<StampNs> stamp{};  // kAt, kCan, kFull; kCommonTime: how new a wait wants it
+    FrameRef fixed{};  // kFull
+    std::optional<StampNs>
+        stamp{};  // kAt, kCan, kFull, kEdge (needed); kCommonTime: how new a wait wants it
     std::optional<StampNs> source_stamp{};  // kFull
-    Policy policy{};                        // kAt, kCan, kFull
+    Policy policy{};                        // kAt, kCan, kFull, kEdge
     std::optional<StampNs> max_age{};       // kLatest
     StampNs now = 0;                        // kLatest
 };
