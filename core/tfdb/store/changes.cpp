@@ -199,9 +199,11 @@ private:
     const Notes& notes_;
 };
 
-[[noreturn]] void throw_lapped(const Store& store, CommitNumber since, CommitNumber newest) {
+[[noreturn]] void throw_lapped(const Store& store, CommitNumber since) {
     // Commit `floor` and later ones are there: whoever knows the one before it can go on.
     const CommitNumber oldest = StoreFeed(store.frames).floor().load_acquire() - 1;
+    // Read after the floor: the commit of the view may have left the feed by now.
+    const CommitNumber newest = store.committed();
     // The oldest commit is overwritten next: at a writer's full speed it is gone before the caller
     // asks again. Half of the feed lies between this one and that.
     const CommitNumber safe = newest - (newest - std::min(oldest, newest)) / 2;
@@ -257,7 +259,7 @@ std::vector<Changes> Buffer::changes(CommitNumber since, std::size_t limit) cons
         // What was removed later has its name there: only where that is asked for are all read.
         for (const CommitNumber last : {since + wanted, newest}) {
             if (!kept || !notes.read(*store_, since + 1, last))
-                store::throw_lapped(*store_, since, newest);
+                store::throw_lapped(*store_, since);
             const Outcome told = tell(view, since + 1, since + wanted);
             if (told == Outcome::kOk || last == newest)
                 return told;
