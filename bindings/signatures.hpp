@@ -17,7 +17,7 @@ void add_signatures(nb::module_& module);
 /// TypeError in our words.
 nb::object checked_function(nb::handle made);
 
-/// Refuses calls of a class whose objects only others make; `how` says who does.
+/// Refuses calls of a class without a constructor; `how` names the calls that return its objects.
 template <class Object, class Class>
 void refuse_construction(Class& type, const char* how) {
     type.def(

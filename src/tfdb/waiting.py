@@ -1,4 +1,4 @@
-"""Waits that block nobody: a thread of the buffer's tells how each ended, or the writer does."""
+"""Waits without a blocked thread: the buffer's thread or the writer reports how each ended."""
 
 from __future__ import annotations
 
@@ -82,8 +82,8 @@ class _Teller:
     def __init__(self, buffer: Buffer) -> None:
         self.buffer = buffer
         self.waits: dict[int, tuple[Loop | None, Tell]] = {}
-        # The lock of whoever takes ended waits. A writer holds it over its commit, so that it
-        # takes what the commit ended. Nothing is told with the lock held.
+        # Held by the thread that takes ended waits. A writer holds it over its commit and takes
+        # the waits that the commit ended. Callbacks run without the lock.
         self.taking: AbstractContextManager[bool] = threading.RLock()
         buffer._set_told(told=True)
         threading.Thread(target=self.run, name="tfdb waits", daemon=True).start()
@@ -116,7 +116,7 @@ class _Teller:
                 told[loop].append((tell, how))
         for loop, members in told.items():
             if loop is not None:
-                with suppress(RuntimeError):  # a closed loop: nobody waits there any more
+                with suppress(RuntimeError):  # a closed loop has no waiter any more
                     loop.call_soon_threadsafe(_tell_all, members)
         _tell_all(told[None])
 

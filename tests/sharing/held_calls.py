@@ -62,7 +62,7 @@ Table = dict[str, "Callable[[], object]"]
 
 
 def calls_that_wait(buffer: tfdb.Buffer) -> Table:
-    """What needs the lock, or data that nobody can store meanwhile."""
+    """Calls that need the lock, or data that no writer can store meanwhile."""
     pose = pose_of(3)
     one = tfdb.TransformStamped("map", "base", 3_000, **pose)
     many = [one] * 5_000

@@ -60,7 +60,7 @@ public:
     /// It is told of no more. False: it has been already.
     bool cancel(std::uint64_t number);
     /// Waits for some of those to end, and takes them, as they were begun. None: they were all
-    /// cancelled, or the patience was at an end; without any it blocks nobody.
+    /// cancelled, or the patience was at an end. Without patience the call does not block.
     [[nodiscard]] std::vector<EndedWait> ended(Patience patience);
     /// The same, but takes none. One thread at a time waits in these two.
     void await_ended(Patience patience);

@@ -133,7 +133,7 @@ struct WakesOne : sched::Word {
     void wake_all() { wake_one(); }
 };
 
-/// Who leaves does not wake those that its request kept from the lock.
+/// A waiter that gives up does not wake the waiters that its request kept from the lock.
 struct LeavesInSilence : sched::Word {
     bool compare_exchange(std::uint64_t& expected, std::uint64_t desired) {
         const bool done = sched::Word::compare_exchange(expected, desired);

@@ -81,9 +81,7 @@ def refuse_mixture(
         if disagree([stores[group] for group in groups], frame)
     }
     if mixed:
-        path = ", ".join(str(recording.path) for recording in recordings)
-        named = sorted({group for groups in mixed.values() for group in groups})
-        raise mixture(path, {group: sorted(topics[group]) for group in named}, tuple(mixed))
+        raise mixture(_paths(recordings), _named(topics, mixed), tuple(mixed))
 
 
 def refuse_collision(
@@ -99,16 +97,13 @@ def refuse_collision(
     topics, children = _survey(recordings, judged, kind, rewriter)
     shared = _shared(children)
     if shared:
-        path = ", ".join(str(recording.path) for recording in recordings)
-        named = sorted({group for groups in shared.values() for group in groups})
-        groups = {"/" + group.rstrip("/"): tuple(sorted(topics[group])) for group in named}
+        named, frames = _named(topics, shared), tuple(sorted(shared))
         reason = (
             f"{len(named)} groups of topics get the same frame names from their prefixes, "
-            f"{_few(sorted(shared), ', ')}: "
-            f"{_few([' with '.join(each) for each in groups.values()], '; ')}. "
+            f"{_few(frames, ', ')}: {_listed(named)}. "
             "Name the topics of one group (topics=, --topic)"
         )
-        raise MixedSources(path, reason, frames=tuple(sorted(shared)), groups=groups)
+        raise _mixed_sources(_paths(recordings), reason, named, frames)
 
 
 def _survey(
@@ -168,12 +163,34 @@ def mixture(
     prefix = max(topics, key=len)
     reason = (
         f"{len(topics)} groups of topics state different transforms of {_few(frames, ', ')}: "
-        f"{_few([' with '.join(each) for each in topics.values()], '; ')}. "
+        f"{_listed(topics)}. "
         "Name the topics of one group (topics=, --topic), load each group under its own prefix, "
         f"such as {prefix} (by_namespace=True, --by-namespace), or mix them (mix=True, --mix)"
     )
+    return _mixed_sources(path, reason, topics, frames)
+
+
+def _mixed_sources(
+    path: str, reason: str, topics: Mapping[str, Sequence[str]], frames: tuple[str, ...]
+) -> MixedSources:
     groups = {"/" + prefix.rstrip("/"): tuple(each) for prefix, each in topics.items()}
     return MixedSources(path, reason, frames=frames, groups=groups)
+
+
+def _paths(recordings: Sequence[Recording]) -> str:
+    return ", ".join(str(recording.path) for recording in recordings)
+
+
+def _named(
+    topics: Mapping[str, Collection[str]], found: Mapping[str, Sequence[str]]
+) -> dict[str, list[str]]:
+    """Return the topics of the groups that were found for some frame."""
+    groups = sorted({group for groups in found.values() for group in groups})
+    return {group: sorted(topics[group]) for group in groups}
+
+
+def _listed(topics: Mapping[str, Sequence[str]]) -> str:
+    return _few([" with ".join(each) for each in topics.values()], "; ")
 
 
 def disagree(stores: Sequence[Buffer], frame: str) -> bool:

@@ -47,7 +47,7 @@ def _end_in(loop: asyncio.AbstractEventLoop, future: Any) -> Generator[Any, None
     ended = loop.create_future()
 
     def tell(_: Any) -> None:
-        with suppress(RuntimeError):  # a loop that was closed: nobody waits there any more
+        with suppress(RuntimeError):  # a closed loop has no waiter any more
             loop.call_soon_threadsafe(settle, ended, None)
 
     future.add_done_callback(tell)

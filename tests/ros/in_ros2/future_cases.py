@@ -1,4 +1,4 @@
-"""Futures of tfdb.tf2 in programs of rclpy: real ones, settled by whoever stores the transform."""
+"""Futures of tfdb.tf2 in programs of rclpy: real ones, settled by the storing thread."""
 
 from __future__ import annotations
 
