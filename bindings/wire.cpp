@@ -6,6 +6,7 @@
 #include <array>
 #include <cstring>
 #include <map>
+#include <optional>
 #include <span>
 #include <string>
 #include <string_view>
@@ -325,7 +326,12 @@ nb::object ingest_recorded(BufferObject& self, const Recorded& messages, std::si
     return result_of(tally);
 }
 
-/// The child frames that messages state, by source. Damaged messages state none.
+bool has_nul(std::string_view name) {
+    return name.find('\0') != std::string_view::npos;
+}
+
+/// The child frames that messages state, by source. Damaged messages state none, and neither do
+/// transforms without a stamp.
 nb::dict recorded_children(const Recorded& messages, std::size_t first, std::size_t last,
                            nb::handle encoding) {
     constexpr std::size_t kTogether = 1024;
@@ -346,7 +352,8 @@ nb::dict recorded_children(const Recorded& messages, std::size_t first, std::siz
                 continue;
             }
             for (const TransformView& transform : scratch) {
-                children.insert(transform.child);
+                if (transform.stamp >= 0)
+                    children.insert(transform.child);
             }
         }
     }
@@ -354,6 +361,8 @@ nb::dict recorded_children(const Recorded& messages, std::size_t first, std::siz
     for (const auto& [source, children] : found) {
         nb::set names;
         for (const std::string_view child : children) {
+            if (has_nul(child))
+                continue;  // the store refuses it
             const nb::object name = nb::steal(
                 PyUnicode_DecodeUTF8(child.data(), static_cast<Py_ssize_t>(child.size()), nullptr));
             if (name.is_valid()) {
@@ -385,51 +394,82 @@ PyObject* encode(PyObject* /*self*/, PyObject* const* args, Py_ssize_t count, Py
     });
 }
 
+/// A frame name as a str; not valid where it is none that a TransformStamped may have.
 nb::object text_of(std::string_view name) {
+    if (has_nul(name))
+        return {};
     nb::object text =
         nb::steal(PyUnicode_DecodeUTF8(name.data(), static_cast<Py_ssize_t>(name.size()), nullptr));
-    if (!text.is_valid()) {
+    if (!text.is_valid())
         forget_error();
-        throw_error("InvalidName", "a frame name of the message is not valid UTF-8",
-                    {{"value", nb::bytes(name.data(), name.size())},
-                     {"reason", nb::str("not valid UTF-8")}});
-    }
     return text;
 }
 
-/// With `errors`, those of members that Python cannot read stand in their places.
-nb::list decoded(const Message& message, wire::Encoding encoding, bool errors) {
+/// The error of a store that gets the transform.
+nb::object error_of(const TransformView& view, std::size_t index, bool is_static,
+                    std::string_view authority) {
+    const std::optional<Error> fault = fault_of(view, index, is_static, authority);
+    nb::object error = error_object(*fault);
+    nb::setattr(error, "edge", escaped(edge_of(view)));
+    return error;
+}
+
+/// The transforms; what `judge` makes, if anything, stands in the place of one. It gets the
+/// transform, its position, and whether its names and its stamp can be read.
+template <class Judge>
+nb::list decoded(const Message& message, wire::Encoding encoding, const Judge& judge) {
     std::vector<TransformView> transforms;
     wire::decode_tf_message(message.bytes(), encoding, transforms);
     const nb::object type = record_type("TransformStamped");
     nb::list result;
     for (std::size_t i = 0; i < transforms.size(); ++i) {
-        const TransformView& view = transforms[i];
+        TransformView& view = transforms[i];
         const geometry::Vec3& t = view.pose.translation;
         const geometry::Quat& q = view.pose.rotation;
-        try {
-            result.append(type(text_of(view.parent), text_of(view.child), view.stamp,
-                               nb::make_tuple(t.x, t.y, t.z), nb::make_tuple(q.x, q.y, q.z, q.w)));
-        } catch (nb::python_error& error) {
-            add_index(error, i);
-            if (!errors || !is_tfdb_error(error))
-                throw;
-            nb::setattr(error.value(), "edge", escaped(edge_of(view)));
-            result.append(nb::borrow(error.value()));
+        const nb::object parent = text_of(view.parent);
+        const nb::object child = text_of(view.child);
+        const bool is_readable = view.stamp >= 0 && parent.is_valid() && child.is_valid();
+        if (const nb::object other = judge(view, i, is_readable); other.is_valid()) {
+            result.append(other);
+            continue;
         }
+        result.append(type(parent, child, view.stamp, nb::make_tuple(t.x, t.y, t.z),
+                           nb::make_tuple(q.x, q.y, q.z, q.w)));
     }
     return result;
 }
 
-nb::list decode_members(nb::handle data, nb::handle encoding) {
-    return decoded(Message(data), encoding_of(encoding), true);
+nb::list decode_members(nb::handle data, nb::handle encoding, bool is_static,
+                        nb::handle authority) {
+    const std::string_view sender = name_of(authority, "authority");
+    const auto judge = [&](TransformView& view, std::size_t index, bool is_readable) -> nb::object {
+        if (is_static)  // a store keeps no stamp of it
+            view.stamp = std::min(view.stamp, clock::kMaxStamp);
+        if (is_readable && view.stamp <= clock::kMaxStamp)
+            return {};
+        return error_of(view, index, is_static, sender);
+    };
+    return decoded(Message(data), encoding_of(encoding), judge);
 }
 
 PyObject* decode(PyObject* /*self*/, PyObject* const* args, Py_ssize_t count, PyObject* keywords) {
     return guarded([&]() -> PyObject* {
         constexpr ParameterList kList{"decode_tf_message", kDecodeNames, 1, 2};
         const auto [data, encoding] = bind<2>(kList, args, count, keywords);
-        return decoded(Message(data), encoding_or_cdr(encoding), false).release().ptr();
+        const auto judge = [](const TransformView& view, std::size_t index,
+                              bool is_readable) -> nb::object {
+            if (is_readable)
+                return {};
+            if (view.stamp < 0)
+                throw_object(error_of(view, index, false, {}));
+            const bool nul = has_nul(view.parent) || has_nul(view.child);
+            const std::string reason = nul ? "has a control character" : "is not valid UTF-8";
+            throw_error("InvalidName", "a frame name of the message " + reason,
+                        {{"reason", nb::str(reason.c_str())},
+                         {"edge", escaped(edge_of(view))},
+                         {"index", nb::int_(index)}});
+        };
+        return decoded(Message(data), encoding_or_cdr(encoding), judge).release().ptr();
     });
 }
 
@@ -442,7 +482,8 @@ PyMethodDef g_encode = {
 PyMethodDef g_decode = {
     "decode_tf_message", as_function(decode), METH_FASTCALL | METH_KEYWORDS,
     "decode_tf_message(data, encoding='cdr')\n--\n\n"
-    "Transforms of one tf2_msgs/TFMessage. Raises CorruptMessage, InvalidName."};
+    "Transforms of one tf2_msgs/TFMessage. Raises CorruptMessage; InvalidName, InvalidStamp, with\n"
+    "`index`."};
 
 constexpr const char* kIngestDoc =
     R"(Store one tf2_msgs/TFMessage, straight from its bytes, as one commit.
@@ -532,8 +573,9 @@ void bind_wire(nb::module_& module, nb::class_<BufferObject, ReadsObject>& type)
                "As `Buffer.ingest`; returns the refused members instead of a warning or an error.");
     module.def(
         "decode_members", &decode_members, nb::arg("data").none(), nb::arg("encoding").none(),
-        nb::sig("def decode_members(data: tfdb.types.BytesLike, encoding: str) -> "
-                "list[tfdb.types.TransformStamped | tfdb.errors.TfdbError]"),
+        nb::kw_only(), nb::arg("static"), nb::arg("authority").none(),
+        nb::sig("def decode_members(data: tfdb.types.BytesLike, encoding: str, *, static: bool, "
+                "authority: str) -> list[tfdb.types.TransformStamped | tfdb.errors.TfdbError]"),
         "As `decode_tf_message`; the error of a member that cannot be read is in its place.");
     add_raw_function(module, g_encode);
     add_raw_function(module, g_decode);

@@ -1522,7 +1522,7 @@ def ingest_members(buffer: Buffer, data: tfdb.types.BytesLike, *, encoding: str,
     As `Buffer.ingest`; returns the refused members instead of a warning or an error.
     """
 
-def decode_members(data: tfdb.types.BytesLike, encoding: str) -> list[tfdb.types.TransformStamped | tfdb.errors.TfdbError]:
+def decode_members(data: tfdb.types.BytesLike, encoding: str, *, static: bool, authority: str) -> list[tfdb.types.TransformStamped | tfdb.errors.TfdbError]:
     """
     As `decode_tf_message`; the error of a member that cannot be read is in its place.
     """
@@ -1535,7 +1535,8 @@ def encode_tf_message(transforms: Iterable[tfdb.types.TransformStampedLike] | tf
 
 def decode_tf_message(data: tfdb.types.BytesLike, encoding: str = 'cdr') -> list[tfdb.types.TransformStamped]:
     """
-    Transforms of one tf2_msgs/TFMessage. Raises CorruptMessage, InvalidName.
+    Transforms of one tf2_msgs/TFMessage. Raises CorruptMessage; InvalidName, InvalidStamp, with
+    `index`.
     """
 
 class Transaction:

@@ -48,6 +48,7 @@ def test_there_and_back(tool: Tool, bag: Path, tmp_path: Path, name: str, suffix
         "output",
         "messages",
         "transforms",
+        "refused_transforms",
         "skipped",
     }
     assert (body["messages"], body["transforms"], body["skipped"]) == (750, 7180, 0)

@@ -42,10 +42,13 @@ def decoded_or_refused(data: bytes | bytearray, encoding: str) -> Any:
     """The transforms, or None after a refusal that keeps what errors promise."""
     try:
         return tfdb.decode_tf_message(data, encoding)
-    except (tfdb.CorruptMessage, tfdb.InvalidName) as error:
+    except (tfdb.CorruptMessage, tfdb.InvalidName, tfdb.InvalidStamp) as error:
         refusal = error
     if isinstance(refusal, tfdb.InvalidName):
-        assert "UTF-8" in str(refusal)
+        assert "UTF-8" in str(refusal) or "control character" in str(refusal)
+    elif isinstance(refusal, tfdb.InvalidStamp):
+        assert refusal.index is not None
+        assert refusal.reason == "negative" or "a second or more" in str(refusal)
     else:
         assert refusal.reason
         assert refusal.offset is not None

@@ -51,6 +51,20 @@ constexpr std::optional<StampNs> stamp_from_parts(std::int64_t seconds,
     return stamp;
 }
 
+/// Stands for the stamp of a message whose nanoseconds are a second or more: less than any that
+/// seconds and nanoseconds make.
+constexpr StampNs with_excess(std::uint32_t nanoseconds) noexcept {
+    return std::numeric_limits<StampNs>::min() + StampNs{nanoseconds};
+}
+/// The nanoseconds of `with_excess`; nothing for any other value.
+constexpr std::optional<StampNs> excess_of(StampNs stamp) noexcept {
+    const StampNs least = with_excess(static_cast<std::uint32_t>(kNanosPerSecond));
+    if (stamp < least || stamp > with_excess(std::numeric_limits<std::uint32_t>::max())) {
+        return std::nullopt;
+    }
+    return stamp - std::numeric_limits<StampNs>::min();
+}
+
 /// A duration in seconds, rounded to the nearest nanosecond (ties away from zero); nothing when it
 /// is not finite or does not fit. For durations only: a stamp of today has no room in a double.
 inline std::optional<StampNs> nanoseconds_from_seconds(double seconds) noexcept {

@@ -42,6 +42,11 @@ inline constexpr std::size_t kConcurrencies = 7;
 /// Throws InvalidArgument, naming those that there are.
 [[nodiscard]] Concurrency concurrency_of(std::string_view name);
 
+/// What no store takes in a transform: InvalidTransform, InvalidStamp, InvalidName. Nothing where
+/// some store may take it.
+[[nodiscard]] std::optional<Error> fault_of(const TransformView& transform, std::size_t index,
+                                            bool is_static, std::string_view authority);
+
 struct BufferOptions {
     std::optional<StampNs> history_ns = 10 * clock::kNanosPerSecond;  // none: keep everything
     std::uint32_t max_frames = kMaxFrames;

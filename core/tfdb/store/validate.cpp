@@ -94,7 +94,7 @@ Error invalid_transform(const TransformView& transform, std::size_t index,
 }
 
 bool is_timely(const TransformView& transform, bool is_static) {
-    return is_static || clock::is_stamp(transform.stamp);
+    return is_static ? transform.stamp >= 0 : clock::is_stamp(transform.stamp);
 }
 
 template <ErrorCode Code>
@@ -181,17 +181,26 @@ std::string likely_meant(StampNs stamp, StampNs oldest, StampNs newest) {
 
 Fault fault_alone(const TransformView& transform, std::size_t index, bool is_static,
                   std::string_view authority) {
-    if (transform.parent == transform.child)
-        return invalid_transform(transform, index, authority, "a frame cannot be its own parent");
+    if (const auto excess = clock::excess_of(transform.stamp)) {
+        ErrorDetail detail = detail_of(transform, index, authority);
+        detail.reason = std::to_string(*excess) + " nanoseconds are a second or more";
+        const std::string text = "the stamp of " + edge_name(transform) + by(authority) +
+                                 " was refused: " + detail.reason;
+        return InvalidStamp(text, std::move(detail));
+    }
     if (!is_timely(transform, is_static)) {
         ErrorDetail detail = detail_of(transform, index, authority);
         detail.stamp = transform.stamp;
+        if (transform.stamp < 0)
+            detail.reason = "negative";
         return InvalidStamp(
             "stamp " + std::to_string(transform.stamp) + " ns of " + edge_name(transform) +
                 by(authority) +
                 " is out of range: stamps are from 0 to 2^61 - 1 ns (the year 2043)",
             std::move(detail));
     }
+    if (transform.parent == transform.child)
+        return invalid_transform(transform, index, authority, "a frame cannot be its own parent");
     if (!is_finite(transform.pose.translation))
         return invalid_transform(transform, index, authority, "its translation is not finite");
     const geometry::Quat& q = transform.pose.rotation;

@@ -467,6 +467,12 @@ std::vector<RefusedMember> Buffer::set_transforms_partial(std::span<const Transf
     return store::commit_partial(*store_, judged, commit);
 }
 
+std::optional<Error> fault_of(const TransformView& transform, std::size_t index, bool is_static,
+                              std::string_view authority) {
+    store::Fault fault = store::fault_alone(transform, index, is_static, authority);
+    return fault ? fault : store::fault_of_names(transform, index, authority);
+}
+
 CommitNumber Buffer::set_transforms(const EdgeColumns& columns, std::string_view authority,
                                     WriteRules rules) {
     CommitNumber commit = 0;

@@ -29,7 +29,7 @@ struct Layout {
     std::size_t closing_nul;    // 1 if a string's length counts a NUL
     bool delimited;             // a size in bytes precedes the sequence
     std::size_t max_trailing;   // bytes that may follow the message
-    std::uint32_t max_seconds;
+    std::uint32_t max_seconds;  // more are negative
     std::size_t min_transform;  // bytes of a transform without names
     std::uint8_t header_id;     // second byte of the encapsulation header
 };

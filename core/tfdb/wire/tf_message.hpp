@@ -10,14 +10,18 @@
 //   CDR2    (plain XCDR2) the same, but doubles are aligned to 4, and the sequence is preceded by
 //           its size in bytes: XTypes 1.3 demands this "DHEADER" for every sequence of structs.
 //
-// What is bad is refused with CorruptMessage, never repaired: the offset says at which byte, the
-// reason which field of which transform. Where writers are known to differ harmlessly:
+// A message whose structure is broken is refused with CorruptMessage, never repaired: the offset
+// says at which byte, the reason which field of which transform. Where writers are known to differ
+// harmlessly:
 //   - padding may hold anything (Fast CDR leaves it uninitialised); it is written as zeros;
 //   - up to three bytes may follow a CDR message (RTPS rounds payloads up to a multiple of four);
 //   - the two option bytes of the encapsulation header are ignored, as RTPS tells receivers to.
-// Frame names: one leading '/' is dropped, as tf does. An embedded NUL is refused here, because CDR
-// readers written in C would take it for the end; all else about names is the store's to judge.
-// Numbers: the seven doubles are passed on bit for bit, NaN included; the store judges them.
+// A value that is no stamp, name or pose is passed on, so that the store refuses one transform and
+// takes the others:
+//   - names: one leading '/' is dropped, as tf does; all else stays, an embedded NUL included;
+//   - numbers: the seven doubles stay bit for bit, NaN included;
+//   - stamps: negative seconds make a negative stamp, nanoseconds of a second or more
+//     `clock::with_excess`.
 #pragma once
 
 #include <cstddef>

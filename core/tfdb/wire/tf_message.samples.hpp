@@ -46,6 +46,12 @@ inline std::vector<std::byte> from_hex(std::string_view hex) {
     return bytes;
 }
 
+/// Whether it is what a decoder passes on for the store to refuse it, and no encoder takes.
+inline bool is_bad(const TransformView& transform) {
+    return transform.stamp < 0 || transform.parent.find('\0') != std::string_view::npos ||
+           transform.child.find('\0') != std::string_view::npos;
+}
+
 // A message together with the names that its views point to.
 struct RandomMessage {
     std::deque<std::string> names;  // a deque never moves its members

@@ -14,7 +14,7 @@ from tfdb.given_path import given_path
 from tfdb.io import RecordingWriter, write_trajectory
 from tfdb.io.choice import Choice, absolute, did_you_mean
 from tfdb.io.containers import TRAJECTORIES
-from tfdb.io.loading import Selection
+from tfdb.io.loading import Selection, refused_by, warn_of_refused
 
 from . import common, layout, output
 from .groups import SuggestingCommand
@@ -33,10 +33,15 @@ RERUN = ".rrd"
 
 @dataclass
 class Written:
-    """What came of it: `skipped` messages were no TFMessages, of `left_out` nothing was wanted."""
+    """What was written.
+
+    Of `skipped` messages nothing can be written, of `left_out` nothing was wanted; of the others
+    `refused` transforms cannot be written.
+    """
 
     messages: int = 0
     transforms: int = 0
+    refused: int = 0
     skipped: int = 0
     left_out: int = 0
 
@@ -136,6 +141,8 @@ def recording_path(out: str, inputs: Sequence[Path], *, overwrite: bool) -> Path
 def describe(written: Written) -> str:
     """Say what was written."""
     text = f"{counted(written.transforms, 'transform')} in {counted(written.messages, 'message')}"
+    if written.refused:
+        text += f", {counted(written.refused, 'transform')} refused"
     return text + (f", {written.skipped:,} broken" if written.skipped else "")
 
 
@@ -146,6 +153,7 @@ def body(inputs: Sequence[Path], out: str, written: Written) -> dict[str, Any]:
         "output": out,
         "messages": written.messages,
         "transforms": written.transforms,
+        "refused_transforms": written.refused,
         "skipped": written.skipped,
     }
 
@@ -184,6 +192,7 @@ def rewrite(
         if strict:
             rewriter.check_renamed()
         rewriter.warn(", ".join(map(str, inputs)), 2)
+        warn_of_refused(map(str, inputs), refused_by([rewriter]), 2)
         if not written.messages and rewriter.left_out:
             raise click.ClickException(f"nothing to convert: {rewriter.reason()}")
     return written
@@ -235,27 +244,31 @@ def copy(
 ) -> Iterator[int]:
     """Copy messages, each by its own rewriter; gives how many there were so far."""
     for rewriter, source, received, data in messages:
+        static = selection.is_static(source)
+        before = len(rewriter.refused_members)
         try:
-            static = selection.is_static(source)
             given = rewriter.decoded(data, source, received, static=static)
-            transforms = rewriter.transforms(given, source, static=static)
-            if given and not transforms:
-                written.left_out += 1
-                yield written.read
-                continue
-            made = tfdb.encode_tf_message(transforms, writer.encoding)
-        except (tfdb.CorruptMessage, tfdb.InvalidName, tfdb.InvalidStamp):
+        except (tfdb.CorruptMessage, tfdb.InvalidName, tfdb.InvalidStamp) as error:
+            rewriter.refusals.append(error)
             written.skipped += 1
+            yield written.read
+            continue
+        transforms = rewriter.transforms(given, source, static=static)
+        made = rewriter.encoded(transforms, writer.encoding)
+        written.refused += len(rewriter.refused_members) - before
+        if made is None or (given and not transforms):
+            written.skipped += made is None
+            written.left_out += made is not None
             yield written.read
             continue
         topic = _topic_of(source, renamed, static=static)
         writer.write(
-            made,
+            made[0],
             received,
             topic=topic,
             static=topic.endswith("/tf_static"),
             authority="" if source.authority == source.topic else source.authority,
         )
         written.messages += 1
-        written.transforms += len(transforms)
+        written.transforms += made[1]
         yield written.read

@@ -14,7 +14,7 @@ import click
 import tfdb
 from tfdb.io import Recording, RecordingWriter
 from tfdb.io.choice import Choice
-from tfdb.io.loading import Selection
+from tfdb.io.loading import Selection, refused_by, warn_of_refused
 from tfdb.summary import span
 
 from . import common, layout, output
@@ -122,6 +122,7 @@ def _merge(
         for done in copy(messages, writer, selection, renamed or {}, written):
             if update is not None and (done % 1000 == 0 or done == total):
                 update(done, total)
+    warn_of_refused(map(str, inputs), refused_by(dict.fromkeys(rewriters)), 2)
     return written
 
 

@@ -432,6 +432,7 @@ class Rewriter:
         """
         if self.is_idle and source.is_tf:
             return data
+        before = len(self.refused_members)
         try:
             given = self.decoded(data, source, received, static=static)
         except TfdbError as error:
@@ -443,23 +444,30 @@ class Rewriter:
         if not left:
             return None if given or not source.is_tf else data
         if not source.is_tf:
-            return self._encoded(left)
+            encoded = self.encoded(left, OTHERS)
+            return None if encoded is None else encoded[0]
         renames = self._choice.rename or self._choice.prefix or self.space(source)
-        if len(left) == len(given) and not renames:
+        is_whole = len(left) == len(given) and len(self.refused_members) == before
+        if is_whole and not renames:
             return data
         return _core.encode_tf_message(left, source.encoding)
 
-    def _encoded(self, transforms: Sequence[TransformStamped]) -> bytes | None:
-        """A TFMessage of those transforms that have a place in one; None where none has."""
+    def encoded(
+        self, transforms: Sequence[TransformStamped], encoding: str
+    ) -> tuple[bytes, int] | None:
+        """A TFMessage of those transforms that have a place in one, and how many; None: none has.
+
+        The errors of the others are added to `refused_members`, or that of all to `refusals`.
+        """
         try:
-            return _core.encode_tf_message(transforms, OTHERS)
+            return _core.encode_tf_message(transforms, encoding), len(transforms)
         except TfdbError as error:
             whole = error
         good: list[TransformStamped] = []
         bad: list[TfdbError] = []
         for each in transforms:
             try:
-                _core.encode_tf_message([each], OTHERS)
+                _core.encode_tf_message([each], encoding)
             except TfdbError as error:
                 error.edge = each.child
                 bad.append(error)
@@ -469,7 +477,7 @@ class Rewriter:
             self.refusals.append(whole)
             return None
         self.refused_members += bad
-        return _core.encode_tf_message(good, OTHERS)
+        return _core.encode_tf_message(good, encoding), len(good)
 
     def decoded(
         self, data: bytes, source: Source, received: int, *, static: bool
@@ -503,7 +511,9 @@ class Rewriter:
         self, data: bytes, source: Source, received: int, *, static: bool
     ) -> list[TransformStamped]:
         if source.is_tf:
-            members = _core.decode_members(data, source.encoding)
+            members = _core.decode_members(
+                data, source.encoding, static=static, authority=source.authority
+            )
             good = [each for each in members if not isinstance(each, TfdbError)]
             bad = [each for each in members if isinstance(each, TfdbError)]
             if bad and not good:

@@ -8,6 +8,7 @@ from collections import Counter, deque
 from collections.abc import Iterable, Mapping
 from contextlib import ExitStack, closing
 from dataclasses import dataclass, field, replace
+from itertools import chain
 from numbers import Real
 from typing import TYPE_CHECKING, Any, TypeAlias
 
@@ -231,7 +232,7 @@ def load_recordings(
     for note in report.notes:
         warnings.warn(note, TfdbWarning, stacklevel=4)
     rewriter.warn(", ".join(names), 5)
-    warn_of_refused(report, 5)
+    warn_of_refused(report.files, report.refused_edges, 5)
     for text in (each for rows in report.trajectories for each in rows.complaints()):
         warnings.warn(text, TfdbWarning, stacklevel=4)
     if report.forgotten:
@@ -348,7 +349,7 @@ class Following:
         seconds = time.perf_counter() - self._started
         report = self._tally.report((str(self._path),), seconds, self._rewriter, empty=not whole)
         self._rewriter.warn(str(self._path), level + 1)
-        warn_of_refused(report, level + 1)
+        warn_of_refused(report.files, report.refused_edges, level + 1)
         return report
 
 
@@ -358,10 +359,10 @@ def _check_seconds(name: str, value: Any) -> None:
         raise InvalidArgument(f"{name} is a positive number of seconds, not {value!r}", value=value)
 
 
-def warn_of_refused(report: LoadReport, depth: int) -> None:
+def warn_of_refused(paths: Iterable[str], refused: Iterable[RefusedEdge], depth: int) -> None:
     """Warn of each edge and error, but for what is forgotten; `depth` frames up is the caller."""
-    files = ", ".join(report.files)
-    told = [each for each in report.refused_edges if each.error != "TooOld"]
+    files = ", ".join(paths)
+    told = [each for each in refused if each.error != "TooOld"]
     for each in told[:NAMED]:
         text = f"{files}: {describe_refused(each)}"
         warnings.warn(text, TfdbWarning, stacklevel=depth)
@@ -372,6 +373,19 @@ def warn_of_refused(report: LoadReport, depth: int) -> None:
             "`refused_edges` of the load's report lists them"
         )
         warnings.warn(text, TfdbWarning, stacklevel=depth)
+
+
+def refused_by(rewriters: Iterable[Rewriter]) -> list[RefusedEdge]:
+    """What rewriters refused, by edge and error, the most frequent first."""
+    found: dict[tuple[str, str], RefusedEdge] = {}
+    for rewriter in rewriters:
+        whole = (("", error) for error in rewriter.refusals)
+        members = ((error.edge or "", error) for error in rewriter.refused_members)
+        for edge, error in chain(whole, members):
+            key = edge, type(error).__name__
+            before = found.get(key) or RefusedEdge(*key, 0, str(error))
+            found[key] = replace(before, count=before.count + 1)
+    return sorted(found.values(), key=lambda each: each.count, reverse=True)
 
 
 def describe_refused(refused: RefusedEdge) -> str:

@@ -31,14 +31,14 @@ AHEAD = 60 * SECOND
 
 
 def decoded(
-    data: bytes | memoryview, encoding: Encoding
+    data: bytes | memoryview, encoding: Encoding, authority: str, *, static: bool
 ) -> Iterator[msgs.TransformStamped | errors.TfdbError]:
     """Take a TFMessage apart, into messages of ours; one that cannot be read is its error.
 
     Raises CorruptMessage.
     """
     one: Any
-    for one in _core.decode_members(data, encoding):
+    for one in _core.decode_members(data, encoding, static=static, authority=authority):
         if isinstance(one, errors.TfdbError):
             yield one
         else:
@@ -46,13 +46,13 @@ def decoded(
 
 
 def readable(
-    members: Iterable[msgs.TransformStamped | errors.TfdbError],
+    members: Iterable[msgs.TransformStamped | errors.TfdbError], authority: str
 ) -> list[msgs.TransformStamped]:
     """The transforms of a message that can be read; the errors of the others are logged."""
     good = []
     for each in members:
         if isinstance(each, errors.TfdbError):
-            refusals.log(str(each), each)
+            refusals.log_unread(each, authority)
         else:
             good.append(each)
     return good
@@ -60,12 +60,14 @@ def readable(
 
 def received(data: bytes | memoryview, node: Node, topic: str, publisher: str) -> Any:
     """Make the TFMessage that a callback of the node's ROS gets. Raises CorruptMessage."""
-    transforms = readable(decoded(data, node.encoding))
+    authority = publisher or UNKNOWN
+    members = decoded(data, node.encoding, authority, static=False)
+    transforms = readable(members, authority)
     message = real_tf_message(bytes(data), node.flavor)
     if message is None:
         message = _Received(transforms)
     if node.flavor == "ros1":
-        header = {"callerid": publisher or UNKNOWN, "topic": topic, "type": "tf2_msgs/TFMessage"}
+        header = {"callerid": authority, "topic": topic, "type": "tf2_msgs/TFMessage"}
         message._connection_header = header
     return message
 
@@ -88,8 +90,8 @@ def sink_of(buffer: Any, node: Node, *, static: bool) -> Sink:
     store = getattr(buffer, setters[static])
 
     def store_each(data: bytes | memoryview, authority: str) -> int:
-        members = [*decoded(data, node.encoding)]
-        good = readable(members)
+        members = [*decoded(data, node.encoding, authority, static=static)]
+        good = readable(members, authority)
         refused = [store(each, authority) is False for each in good]
         return len(members) - len(good) + sum(refused)
 
@@ -127,12 +129,12 @@ class Incoming:
         self, data: bytes | memoryview, refused: Sequence[tfdb.Refused], authority: str
     ) -> int:
         """Log in tf2's words what was refused; returns how many transforms are not stored."""
-        transforms = [*decoded(data, self._node.encoding)]
+        transforms = [*decoded(data, self._node.encoding, authority, static=self._static)]
         lost = 0
         for member in refused:
             transform = transforms[member.index]
             if isinstance(transform, errors.TfdbError):
-                refusals.log(str(transform), transform)
+                refusals.log_unread(transform, authority)
                 lost += 1
                 continue
             # Asked again by itself it is refused in tf2's words, or is of ROS 1's other kind.

@@ -131,6 +131,14 @@ def log(text: str, error: errors.TfdbError) -> None:
     LOGGER.warning("%s", text, extra={"error": error})
 
 
+def log_unread(error: errors.TfdbError, authority: str) -> None:
+    """Log why a transform of a message cannot be read, in tf2's words where it has some."""
+    text = str(error)
+    if isinstance(error, errors.InvalidStamp) and error.stamp is not None:
+        text = phrases.bad_stamp(authority, error.edge or "", error.stamp)
+    log(text, error)
+
+
 def reason(why: Gap | TwoTrees, flavor: Flavor, target: str, source: str) -> str:
     """Say in tf2's words why T[target<-source] has no answer."""
     if isinstance(why, TwoTrees):
