@@ -10,7 +10,7 @@
 #include <span>
 #include <string>
 #include <string_view>
-#include <unordered_set>
+#include <unordered_map>
 #include <utility>
 #include <vector>
 
@@ -330,14 +330,20 @@ bool has_nul(std::string_view name) {
     return name.find('\0') != std::string_view::npos;
 }
 
-/// The child frames that messages state, by source. Damaged messages state none, and neither do
-/// transforms without a stamp.
+/// The first and the last stamp of an edge.
+struct Stamps {
+    clock::StampNs first = 0;
+    clock::StampNs last = 0;
+};
+
+/// The child frames that messages state, by source, with their first and last stamp. Damaged
+/// messages state none, and neither do transforms without a stamp.
 nb::dict recorded_children(const Recorded& messages, std::size_t first, std::size_t last,
                            nb::handle encoding) {
     constexpr std::size_t kTogether = 1024;
     const wire::Encoding how = encoding_of(encoding);
     // Views of bytes that stay where they are as long as `messages`.
-    std::map<std::uint32_t, std::unordered_set<std::string_view>> found;
+    std::map<std::uint32_t, std::unordered_map<std::string_view, Stamps>> found;
     std::vector<TransformView> scratch;
     for (; first < last; first += kTogether) {
         look_for_signals(0);
@@ -352,26 +358,33 @@ nb::dict recorded_children(const Recorded& messages, std::size_t first, std::siz
                 continue;
             }
             for (const TransformView& transform : scratch) {
-                if (transform.stamp >= 0)
-                    children.insert(transform.child);
+                const clock::StampNs stamp = transform.stamp;
+                if (stamp < 0)
+                    continue;
+                const auto [at, is_new] =
+                    children.try_emplace(transform.child, Stamps{stamp, stamp});
+                if (!is_new) {
+                    at->second.first = std::min(at->second.first, stamp);
+                    at->second.last = std::max(at->second.last, stamp);
+                }
             }
         }
     }
     nb::dict result;
     for (const auto& [source, children] : found) {
-        nb::set names;
-        for (const std::string_view child : children) {
+        nb::dict ranges;
+        for (const auto& [child, stamps] : children) {
             if (has_nul(child))
                 continue;  // the store refuses it
             const nb::object name = nb::steal(
                 PyUnicode_DecodeUTF8(child.data(), static_cast<Py_ssize_t>(child.size()), nullptr));
             if (name.is_valid()) {
-                names.add(name);
+                ranges[name] = nb::make_tuple(stamps.first, stamps.last);
             } else {
                 forget_error();  // the store refuses it
             }
         }
-        result[nb::int_(source)] = names;
+        result[nb::int_(source)] = ranges;
     }
     return result;
 }
@@ -562,8 +575,9 @@ void bind_wire(nb::module_& module, nb::class_<BufferObject, ReadsObject>& type)
     module.def("recorded_children", &recorded_children, nb::arg("messages").none(),
                nb::arg("first"), nb::arg("last"), nb::kw_only(), nb::arg("encoding").none(),
                nb::sig("def recorded_children(messages: Recorded, first: int, last: int, *, "
-                       "encoding: str) -> dict[int, set[str]]"),
-               "The child frames of the messages at [first, last), by source.");
+                       "encoding: str) -> dict[int, dict[str, tuple[int, int]]]"),
+               "The child frames of the messages at [first, last), by source, each with its first "
+               "and last stamp in nanoseconds.");
     module.def("ingest_members", &ingest_members, nb::arg("buffer"), nb::arg("data").none(),
                nb::kw_only(), nb::arg("encoding").none(), nb::arg("static"),
                nb::arg("authority").none(), nb::arg("change_kind"), nb::arg("only_new"),

@@ -1274,7 +1274,9 @@ class Buffer(Reads):
                 Without `topics`: groups of topics disagree on the edge of a frame to its parent. `/tf` and
                 `/tf_static` of one namespace are one group, every other topic is a group of its own. Groups
                 agree where one repeats samples of the other. `topics`, `by_namespace` and `mix` are the
-                ways on. Nothing was stored.
+                ways on. Also: files contradict each other on one topic, by another transform at a stamp of
+                both or between the other's stamps. One file, `prefix` and `mix` are the ways on. Nothing
+                was stored.
             TrajectoryError
                 A line of a trajectory that is not what its format wants, and the like.
             UnknownFrame
@@ -1514,8 +1516,10 @@ def ingest_recorded(buffer: Buffer, messages: Recorded, first: int, last: int, *
     As `ingest_many`, of the messages at [first, last); `authorities` by source.
     """
 
-def recorded_children(messages: Recorded, first: int, last: int, *, encoding: str) -> dict[int, set[str]]:
-    """The child frames of the messages at [first, last), by source."""
+def recorded_children(messages: Recorded, first: int, last: int, *, encoding: str) -> dict[int, dict[str, tuple[int, int]]]:
+    """
+    The child frames of the messages at [first, last), by source, each with its first and last stamp in nanoseconds.
+    """
 
 def ingest_members(buffer: Buffer, data: tfdb.types.BytesLike, *, encoding: str, static: bool, authority: str, change_kind: bool, only_new: bool) -> list[tfdb.types.Refused]:
     """

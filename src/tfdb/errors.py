@@ -382,11 +382,12 @@ class RecordingError(_FileError):
 
 
 class MixedSources(RecordingError):
-    """Several groups of topics state different transforms of one edge.
+    """Several groups of topics, or several files, state different transforms of one edge.
 
     Two robots in one recording, or `/tf` beside `/tf_old`, are such groups.
 
-    Fields: path, reason, groups, frames (the children of these edges).
+    Fields: path, reason, groups (a group's name to its topics; of files, the path of each to its
+    topics), frames (the children of these edges).
     """
 
 

@@ -336,7 +336,9 @@ def load(
         Without `topics`: groups of topics disagree on the edge of a frame to its parent. `/tf` and
         `/tf_static` of one namespace are one group, every other topic is a group of its own. Groups
         agree where one repeats samples of the other. `topics`, `by_namespace` and `mix` are the
-        ways on. Nothing was stored.
+        ways on. Also: files contradict each other on one topic, by another transform at a stamp of
+        both or between the other's stamps. One file, `prefix` and `mix` are the ways on. Nothing
+        was stored.
     TrajectoryError
         A line of a trajectory that is not what its format wants, and the like.
     UnknownFrame

@@ -23,7 +23,6 @@ def blocks(page: Path) -> list[str]:
 def workplace(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """A folder with the recordings at the places that the pages name."""
     shutil.copytree(ROOT / "examples" / "data", tmp_path / "examples" / "data")
-    shutil.copy(ROOT / "tests" / "cases" / "two_robots.mcap", tmp_path)
     monkeypatch.chdir(tmp_path)
     return tmp_path
 

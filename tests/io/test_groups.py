@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import pickle
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -15,6 +16,8 @@ from tfdb.io import Recording, follow_recording, groups
 from .conftest import Message
 
 if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+
     from .conftest import Recorder
 
 CASES = Path(__file__).resolve().parents[1] / "cases"
@@ -33,15 +36,36 @@ def driven(
     child: str = "base",
     parent: str = "odom",
     rows: range = range(50),
+    turn: Sequence[float] = TURN,
+    later: int = 0,
 ) -> list[Message]:
-    """Messages of one moving edge, 20 ms apart, 0.1 m further each."""
+    """Messages of one moving edge, 20 ms apart, 0.1 m further each; `later` nanoseconds."""
     return [
         Message(
             topic,
-            START + row * STEP + 1,
-            [(parent, child, START + row * STEP, (x + 0.1 * row, 2, 3, *TURN))],
+            START + row * STEP + later + 1,
+            [(parent, child, START + row * STEP + later, (x + 0.1 * row, 2, 3, *turn))],
         )
         for row in rows
+    ]
+
+
+def printed(number: float) -> float:
+    """A number after it was written with six digits behind the point."""
+    return float(f"{number:f}")
+
+
+def rounded(messages: list[Message], rounding: Callable[[float], Any]) -> list[Message]:
+    """The messages with each number of their poses rounded."""
+    return [
+        replace(
+            one,
+            transforms=[
+                (parent, child, stamp, [float(rounding(part)) for part in pose])
+                for parent, child, stamp, pose in one.transforms
+            ],
+        )
+        for one in messages
     ]
 
 
@@ -52,6 +76,7 @@ def fixed(topic: str, x: float = 1.0, child: str = "laser") -> list[Message]:
 def written(recorder: Recorder, path: Path, *parts: list[Message]) -> Path:
     """A bag of the messages in the order of their reception."""
     messages = sorted((one for part in parts for one in part), key=lambda one: one.received)
+    path.mkdir(exist_ok=True)
     return recorder.bag(path / "made.bag", messages)
 
 
@@ -158,8 +183,19 @@ def test_groups_without_a_common_child_load_into_one_tree(
         driven("/relay", rows=range(10, 60)),
         driven("/robot/tf"),
         [*driven("/robot/tf"), *fixed("/robot/tf_static")],
+        driven("/relay", turn=tuple(-part for part in TURN)),
+        driven("/relay", x=1e-9),
     ],
-    ids=["all", "throttled", "late", "longer", "namespace", "static"],
+    ids=[
+        "all",
+        "throttled",
+        "late",
+        "longer",
+        "namespace",
+        "static",
+        "other sign",
+        "nearly",
+    ],
 )
 def test_a_topic_that_relays_another_agrees_with_it(
     relay: list[Message], recorder: Recorder, tmp_path: Path
@@ -173,10 +209,22 @@ def test_a_topic_that_relays_another_agrees_with_it(
     )
 
 
+@pytest.mark.parametrize("rounding", [np.float32, printed])
+def test_a_relay_that_rounds_agrees(
+    rounding: Callable[[float], Any], recorder: Recorder, tmp_path: Path
+) -> None:
+    turn = np.array([0.3, -0.5, 0.7, 0.2]) / np.linalg.norm([0.3, -0.5, 0.7, 0.2])
+    moving = [driven(topic, x=2000 / 3, turn=turn) for topic in ("/tf", "/robot/tf")]
+    static = [fixed(topic, 2000 / 7) for topic in ("/tf_static", "/robot/tf_static")]
+    relay = rounded([*moving[1], *static[1]], rounding)
+    path = written(recorder, tmp_path, moving[0], static[0], relay)
+    assert tfdb.load(path).frames() == ["base", "laser", "odom"]
+
+
 @pytest.mark.parametrize(
     "other",
     [
-        driven("/relay", x=1e-6),
+        driven("/relay", x=1e-4),
         driven("/relay", parent="map"),
         driven("/relay", rows=range(100, 120)),
         fixed("/robot/tf_static", 1.5),
@@ -304,6 +352,19 @@ def test_a_model_belongs_to_one_robot() -> None:
 )
 def test_the_prefix_of_a_group(topic: str, prefix: str) -> None:
     assert groups.prefix_of_topic(topic, transforms=True) == prefix
+
+
+def test_topics_with_one_prefix_are_groups_of_their_own(recorder: Recorder, tmp_path: Path) -> None:
+    path = written(recorder, tmp_path, driven("/tf_old"), driven("/tf_old/tf", x=7))
+    with pytest.raises(tfdb.MixedSources, match="2 groups") as caught:
+        tfdb.load(path)
+    assert caught.value.groups == {"/tf_old": ("/tf_old",), "/tf_old/tf": ("/tf_old/tf",)}
+    assert "--by-namespace" not in str(caught.value)
+    with pytest.raises(tfdb.MixedSources, match="get the same frame names"):
+        tfdb.load(path, by_namespace=True)
+    assert tfdb.load(path, topics="/tf_old/tf").frame_info("base").samples == 50
+    relay = written(recorder, tmp_path / "relay", driven("/tf_old"), driven("/tf_old/tf"))
+    assert tfdb.load(relay, by_namespace=True).frames() == ["tf_old/base", "tf_old/odom"]
 
 
 def test_a_topic_of_poses_belongs_to_its_namespace() -> None:

@@ -186,11 +186,13 @@ def _mixed(loaded: common.Loaded) -> list[Finding]:
     if error is None:
         return []
     body = mixed_body(error)
-    groups = "; ".join(" with ".join(topics) for topics in body["groups"].values())
-    message = (
-        f"{len(body['groups'])} groups of topics state different transforms: {groups}; examined "
-        "here each under its own prefix, as --by-namespace loads them"
-    )
+    groups = body["groups"]
+    if groups.keys() <= set(loaded.names):
+        what = f"{counted(len(groups), 'file')} state different transforms: {'; '.join(groups)}"
+    else:
+        listed = "; ".join(" with ".join(topics) for topics in groups.values())
+        what = f"{len(groups)} groups of topics state different transforms: {listed}"
+    message = f"{what}; examined here {loaded.shown}"
     return [Finding("mixed-sources", error.frames or (), message, None, len(body["frames"]), body)]
 
 

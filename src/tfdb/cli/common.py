@@ -6,7 +6,7 @@ import errno
 import sys
 import time
 import warnings
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from itertools import chain, islice
 from typing import TYPE_CHECKING, Any
@@ -210,7 +210,7 @@ _group_options = (
         "Load each group of topics under its own prefix: the frames of /robot1/tf under robot1/.",
     ),
     _group_option(
-        "--mix", "Load all topics into one tree, although groups of topics disagree on an edge."
+        "--mix", "Load all into one tree, although groups of topics, or files, disagree on an edge."
     ),
 )
 
@@ -343,7 +343,15 @@ class Loaded:
     now: int | None = None
     """When what is live was found so, by the clock of the graph or of the machine."""
     mixed: tfdb.MixedSources | None = None
-    """Why the groups of topics were loaded each under its own prefix."""
+    """Why groups of topics have prefixes, or sources that disagree are mixed, unasked."""
+    shown: str = ""
+    """How sources that disagree were loaded."""
+
+    def warn_of_mixture(self) -> None:
+        """Warn of sources that disagree, and say how they are shown."""
+        if self.mixed is not None:
+            text = f"{self.mixed}. Shown here: {self.shown}"
+            warnings.warn(text, tfdb.TfdbWarning, stacklevel=3)
 
     @property
     def live(self) -> bool:
@@ -414,8 +422,9 @@ def load(
 ) -> Loaded:
     """Load the recordings into one store that keeps everything.
 
-    `apart`: where groups of topics disagree, load each under its own prefix, as `--by-namespace`
-    does, and return the error in `mixed`.
+    `apart`: where sources disagree, warn and return the error in `mixed`. Groups of topics are then
+    loaded each under its own prefix, as by `--by-namespace`. Groups whose prefixes make one name,
+    and files, are mixed, as by `--mix`.
 
     A live or a frozen store is read as it is; `verify`: the latter is compared with its checksum. A
     graph is listened to, until `there` holds of what was heard or the time is over.
@@ -431,7 +440,7 @@ def load(
     if any(is_frozen(path) for path in paths):
         refuse_parts(names, topics, "a frozen store", "FILE.tfdb")
         return Loaded(tfdb.open(paths[0], verify=verify), None, (str(paths[0]),))
-    store, mixed = tfdb.Buffer(history=None), None
+    store, mixed, shown = tfdb.Buffer(history=None), None, ""
     with progress_bar("reading") as update:
 
         def read() -> LoadReport:
@@ -449,16 +458,26 @@ def load(
             if not apart or _NAMING & set(chosen()):
                 raise
             mixed = error
-            text = f"{error}. Shown here: each group under its own prefix"
-            warnings.warn(text, tfdb.TfdbWarning, stacklevel=2)
-            choose(by_namespace=True)
-            report = read()
+            report, shown = _read_mixed(read)
     told = {rows.path for rows in report.trajectories}  # their warnings count it
     report_losses(loss for loss in report.lost if loss.path not in told)
     context = click.get_current_context(silent=True)
     bounds = {} if context is None else context.meta.get(_BOUNDS, {})
     warn_of_bounds(span(store.tree()), **bounds)
-    return Loaded(store, report, tuple(str(path) for path in paths), mixed=mixed)
+    names = tuple(str(path) for path in paths)
+    loaded = Loaded(store, report, names, mixed=mixed, shown=shown)
+    loaded.warn_of_mixture()
+    return loaded
+
+
+def _read_mixed(read: Callable[[], LoadReport]) -> tuple[LoadReport, str]:
+    """Load sources that disagree, and say how."""
+    if not chosen().get("by_namespace"):
+        choose(by_namespace=True)
+        with suppress(tfdb.MixedSources):
+            return read(), "each group under its own prefix, as by --by-namespace"
+    choose(by_namespace=False, mix=True)
+    return read(), "all in one tree, as by --mix"
 
 
 def open_live(name: str) -> Buffer:

@@ -174,6 +174,7 @@ def rewrite(
         selection = Selection(renamed, choice)
         choice.check_topics(recordings)
         rewriter = choice.resolve(recordings, selection.wants, selection.kind)
+        selection.refuse_parts(recordings, rewriter)
         total = selection.count(recordings)
         if not total:
             raise click.ClickException(_why_none(recordings, selection))

@@ -26,7 +26,7 @@ KINDS = {
     "refused": ("error", "transforms or messages that the store refuses"),
     "two-clocks": ("error", "stamps of two clocks, as of a simulation and of the day"),
     "time-jump": ("error", "stamps that jump against the time of arrival"),
-    "mixed-sources": ("error", "one edge stated differently by several groups of topics"),
+    "mixed-sources": ("error", "one edge stated differently by several groups of topics or files"),
     "two-publishers": ("error", "one edge written by several publishers"),
     "there-and-back": ("error", "poses that jump there and back, as of two publishers in turns"),
     "pose-jump": ("error", "poses that jump further than anything moves"),

@@ -55,6 +55,7 @@ def command(
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", tfdb.TfdbWarning)  # 'tfdb check' tells them
         loaded, arrivals = examined(files, topics, length)
+    loaded.warn_of_mixture()
     order = {row.info.name: i for i, row in enumerate(Forest(loaded.store.tree()).rows())}
     found = holes(arrivals.log, max_gap)
     found.sort(key=lambda hole: (order.get(hole.frame, len(order)), hole.gap.before))

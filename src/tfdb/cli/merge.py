@@ -97,7 +97,11 @@ def _merge(
         def resolve() -> list[Rewriter]:
             """The rewriter of each file; without prefixes they are parts of one recording."""
             if not prefixes:
-                return [selection.resolve(recordings)] * len(recordings)
+                rewriter = choice.resolve(recordings, selection.wants, selection.kind)
+                selection.refuse_groups(recordings, rewriter)
+                for recording in recordings:
+                    selection.refuse_parts([recording], rewriter)
+                return [rewriter] * len(recordings)
             robots = [(prefix, [each]) for prefix, each in zip(prefixes, recordings, strict=True)]
             made = choice.resolve_apart(robots, selection.wants, selection.kind)
             for rewriter, recording in zip(made, recordings, strict=True):

@@ -124,7 +124,7 @@ def command(
         )
         figure = found.plot(title=title or title_of(file, frames[0]))
     else:
-        loaded = common.load(names, topics)
+        loaded = common.load(names, topics, apart=kind != "trajectory")
         if kind == "trajectory":
             figure = _trajectory(loaded, frames, axes, color, title)
         elif kind == "timeline":

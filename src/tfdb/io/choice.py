@@ -505,7 +505,8 @@ class Rewriter:
         """Make a rewriter that leaves out the same, and keeps all names."""
         choice = copy(self._choice)
         choice.prefix, choice.rename = "", {}
-        return Rewriter(choice, self.window, self._children)
+        joints = None if self.joints is None else self.joints.again()
+        return Rewriter(choice, self.window, self._children, joints)
 
     def _decoded(
         self, data: bytes, source: Source, received: int, *, static: bool

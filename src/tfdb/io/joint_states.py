@@ -100,6 +100,10 @@ class JointStates:
         self._not_finite: dict[str, int] = {}
         self._beyond: dict[str, BeyondLimits] = {}
 
+    def again(self) -> JointStates:
+        """Return the same for other states, of which none was counted yet."""
+        return JointStates(self._model, self._taken)
+
     def transforms(self, state: JointState) -> list[TransformStamped]:
         """The moving edges that one state determines."""
         self._states += 1

@@ -20,7 +20,7 @@ from tfdb.refused import RefusedEdge
 
 from .choice import OTHERS, Choice, absolute, held_by, no_name, no_topic, not_read
 from .containers import FRAME_TRANSFORMS, POSE_TYPES, encodings_of
-from .groups import Watch, prefix_of, refuse_collision, refuse_mixture
+from .groups import Survey, Watch, spelling_of
 from .mcap_reader import GrowingMcap
 from .recordings import Recording, runs_of
 from .static_conflicts import way_on
@@ -482,31 +482,46 @@ class Selection:
     ) -> Rewriter:
         """Make the rewriter of recordings that `check` has passed, for one store.
 
-        Raises MixedSources where no topic was named and groups of topics disagree; the others as
-        `Choice.resolve`.
+        Raises MixedSources where files contradict, or no topic was named and groups of topics
+        disagree; the others as `Choice.resolve`.
         """
         rewriter = self._choice.resolve(recordings, self.wants, self.kind, step)
         self.refuse_mixture(recordings, rewriter)
         return rewriter
 
     def refuse_mixture(self, recordings: Sequence[Recording], rewriter: Rewriter) -> None:
+        """Raise MixedSources where groups of topics disagree, or files contradict."""
+        survey = self._survey(recordings, rewriter)
+        self._refuse_groups(survey)
+        self._refuse_parts(survey)
+
+    def refuse_groups(self, recordings: Sequence[Recording], rewriter: Rewriter) -> None:
         """Raise MixedSources where no topic was named and groups of topics disagree.
 
-        Groups that are kept apart by prefixes disagree if a frame of each gets the same name.
+        Groups that are kept apart by prefixes disagree if different frames of each get one name.
         """
-        if self._roles is None and self._choice.by_namespace:
-            refuse_collision(recordings, self.is_judged, self.kind, rewriter.without_names())
-        if self._judges:
-            refuse_mixture(recordings, self.is_judged, self.kind, rewriter.without_names())
+        self._refuse_groups(self._survey(recordings, rewriter))
+
+    def refuse_parts(self, recordings: Sequence[Recording], rewriter: Rewriter) -> None:
+        """Raise MixedSources where files, or spellings of a topic, contradict each other."""
+        self._refuse_parts(self._survey(recordings, rewriter))
+
+    def _survey(self, recordings: Sequence[Recording], rewriter: Rewriter) -> Survey:
+        return Survey(recordings, self.wants, self.kind, rewriter.without_names())
+
+    def _refuse_groups(self, survey: Survey) -> None:
+        if self._roles is None and not self._choice.mix:
+            survey.refuse_groups(self.is_judged, apart=self._choice.by_namespace)
+
+    def _refuse_parts(self, survey: Survey) -> None:
+        if not self._choice.mix:
+            survey.refuse_parts()
 
     def watch(self, path: str, rewriter: Rewriter) -> Watch | None:
         """What finds groups that disagree while a file grows; None where they are not judged."""
-        return Watch(path, rewriter.without_names()) if self._judges else None
-
-    @property
-    def _judges(self) -> bool:
         choice = self._choice
-        return self._roles is None and not choice.mix and not choice.by_namespace
+        is_judged = self._roles is None and not choice.mix and not choice.by_namespace
+        return Watch(path, rewriter.without_names()) if is_judged else None
 
     def is_judged(self, source: Source) -> bool:
         """Whether it holds transforms and was not asked for by name."""
@@ -611,7 +626,7 @@ class _Tally:
         """Commit what is wanted of messages that just came, and count their topics."""
 
         def kind(source: Source) -> object:
-            return selection.kind(source), "" if watch is None else prefix_of(source)
+            return selection.kind(source), "" if watch is None else spelling_of(source)
 
         counts = messages.counts()
         wanted = {id_: s for id_, s in sources.items() if selection.wants(s)}
