@@ -242,3 +242,34 @@ def test_a_broken_message_is_refused_whole(encoding: str) -> None:
     assert store.commit == 0
     result = store.ingest_many([data], encoding=encoding)
     assert (result.transforms, result.refused_transforms) == (1, 1)
+
+
+NAMELESS = [
+    Member(b"", b"bad", 5),
+    Member(b"map", b"", 5),
+    Member(b"/", b"worse", 5),
+    Member(b"map", b"/", 5),
+    Member(b"", b"", 5),
+]
+
+
+@pytest.mark.parametrize("encoding", ENCODINGS)
+@pytest.mark.parametrize(
+    "options", [{}, {"prefix": "q/"}, {"rename": {"map": "world"}}, {"by_namespace": True}]
+)
+def test_no_option_gives_a_name_to_a_frame_without_one(
+    tmp_path: Path, encoding: str, options: Any
+) -> None:
+    rows = [[Member(b"map", b"base", 5), *NAMELESS], NAMELESS]
+    path = recording(tmp_path / "a", encoding, rows)
+    store = tfdb.Buffer(history=None)
+    with pytest.warns(tfdb.TfdbWarning, match="were refused with Inv"):
+        report = store.load(path, **options)
+    prefix, names = options.get("prefix", ""), options.get("rename", {})
+    assert store.frames() == sorted(prefix + names.get(name, name) for name in ("map", "base"))
+    assert (report.transforms, report.refused, report.refused_transforms) == (1, 1, 10)
+    plain = tfdb.Buffer(history=None)
+    with pytest.warns(tfdb.TfdbWarning, match="were refused with Inv"):
+        without = plain.load(path)
+    assert counts(report.refused_edges) == counts(without.refused_edges)
+    assert report.first_refusals == without.first_refusals

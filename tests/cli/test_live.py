@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import pytest
+from tests.test_unreadable_members import Member, recording
 
 import tfdb
 from tfdb.cli.doctor import examine
@@ -175,6 +176,18 @@ def test_a_bad_member_costs_its_own(tool: Tool, name: str, tmp_path: Path) -> No
     assert "3 transforms refused, nothing stored of 2 messages, the first: Inv" in said
     said = tool("info", path).out
     assert "3 transforms refused, nothing stored of 2 messages; 'tfdb check' says why" in said
+
+
+def test_a_recording_is_served_without_unreadable_members(
+    tool: Tool, tmp_path: Path, name: str
+) -> None:
+    bad = [Member(b"map", b"gear", 5, 10**9), Member(b"map", b"c\0am", 5)]
+    path = recording(tmp_path / "a", "cdr", [[Member(b"map", b"base", 5), *bad], bad])
+    done = tool("serve", "bag", path, "--into", name, "--speed", "inf", "--json").json
+    counts = {key: done[key] for key in ("messages", "transforms", "refused", "refused_transforms")}
+    assert counts == {"messages": 2, "transforms": 1, "refused": 1, "refused_transforms": 4}
+    with tfdb.Buffer.open(name, create=False) as store:
+        assert (store.commit, store.frames()) == (1, ["base", "map"])
 
 
 def test_what_cannot_be_served(tool: Tool, bag: Path, name: str, tmp_path: Path) -> None:

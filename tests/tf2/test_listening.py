@@ -6,6 +6,7 @@ import logging
 from typing import Any
 
 import pytest
+from tests.test_unreadable_members import Member, encode
 
 import tfdb
 from tf2.loopback import Graph, LoopbackNode
@@ -435,3 +436,49 @@ def test_a_reset_that_is_overridden_clears_nothing() -> None:
     node.time = 0
     plain_listener.check_for_reset()
     assert not buffer.can_transform("map", "base", msgs.Time(1))
+
+
+@pytest.mark.parametrize("static", [False, True])
+@pytest.mark.parametrize("whole", [False, True])
+def test_a_transform_without_a_stamp_costs_its_own(
+    world: World, caplog: pytest.LogCaptureFixture, static: bool, whole: bool
+) -> None:
+    """Native and through a subclass that sees each transform; in the words of the callback."""
+    encoding = "ros1" if world.node.flavor == "ros1" else "cdr"
+    if whole:
+
+        class Own(tf2.Buffer):
+            def set_transform(self, transform: Any, authority: str) -> None:
+                super().set_transform(transform, authority)
+
+            def set_transform_static(self, transform: Any, authority: str) -> None:
+                super().set_transform_static(transform, authority)
+
+        world.buffer = Own()
+        world.listener.buffer = world.buffer
+    members = [
+        Member(b"map", b"base", 5),
+        Member(b"map", b"gear", 5, SECOND),
+        Member(b"map", b"c\0am", 5),
+        Member(b"base", b"arm", 5),
+    ]
+    if encoding == "cdr":
+        members.append(Member(b"map", b"early", -1, 5))
+    topic = world.robot.advertise("/tf_static", "tf2_msgs/TFMessage") if static else world.raw
+    topic.publish(encode(members, encoding))
+    assert world.buffer._getFrameStrings() == ["arm", "base", "map"]
+    assert world.buffer.buffer.commit == (2 if whole else 1)
+    assert world.listener.refused == {"/robot": len(members) - 2}
+    assert not world.listener.corrupt
+    said = sorted(record.getMessage() for record in caplog.records)
+    if encoding == "cdr":
+        assert said.pop(1) == (
+            'TF_BAD_STAMP: Ignoring transform for child_frame_id "early" from authority "/robot" '
+            "because its time -0.999999995 is negative or too large"
+        )
+    assert said == [
+        "TF_BAD_FRAME_ID: Ignoring transform with frame_id 'map' and child_frame_id 'c\\x00am' "
+        'from authority "/robot" because of control characters or its length',
+        "the stamp of T['map'<-'gear'] from '/robot' was refused: 1000000000 nanoseconds are a "
+        "second or more",
+    ]

@@ -102,7 +102,7 @@ def read_arrivals(
                 is_static = static[source.topic]
                 try:
                     given = rewriter.decoded(data, source, arrival, static=is_static)
-                except (tfdb.CorruptMessage, tfdb.InvalidName, tfdb.InvalidStamp):
+                except tfdb.TfdbError:
                     continue
                 space = rewriter.space(source)
                 names = {n.removeprefix(space) for one in given for n in (one.parent, one.child)}

@@ -249,7 +249,7 @@ def copy(
         before = len(rewriter.refused_members)
         try:
             given = rewriter.decoded(data, source, received, static=static)
-        except (tfdb.CorruptMessage, tfdb.InvalidName, tfdb.InvalidStamp) as error:
+        except tfdb.TfdbError as error:
             rewriter.refusals.append(error)
             written.skipped += 1
             yield written.read

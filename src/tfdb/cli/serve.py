@@ -366,6 +366,7 @@ class Player:
             raise
         except tfdb.TfdbError as error:
             self.refused += 1
+            self.refused_transforms += len(error.refused or ())
             self._name(type(error).__name__, str(error))
             return
         self.transforms += len(transforms) - len(refused)

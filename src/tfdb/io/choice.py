@@ -19,6 +19,7 @@ from tfdb import _core
 from tfdb.errors import InvalidArgument, RecordingError, TfdbError, TfdbWarning, UnknownFrame
 from tfdb.given_objects import given_flag
 from tfdb.near_names import near_names
+from tfdb.refused import Refused
 from tfdb.stamps import format_seconds, shown
 from tfdb.summary import span
 
@@ -401,6 +402,7 @@ class Rewriter:
         self._children = children
         self._excluded = [(entry, _pattern(entry)) for entry in choice.exclude]
         self._excluded_edges = [(entry, made) for entry, made in self._excluded if ":" in entry]
+        self._empty: Buffer = _core.Buffer()
         self._is_out: dict[str, bool] = {}
         self._used: set[str] = set()
         self._names: dict[str, str] = {}
@@ -446,9 +448,8 @@ class Rewriter:
         if not source.is_tf:
             encoded = self.encoded(left, OTHERS)
             return None if encoded is None else encoded[0]
-        renames = self._choice.rename or self._choice.prefix or self.space(source)
         is_whole = len(left) == len(given) and len(self.refused_members) == before
-        if is_whole and not renames:
+        if is_whole and not self._renames(source):
             return data
         return _core.encode_tf_message(left, source.encoding)
 
@@ -484,14 +485,17 @@ class Rewriter:
     ) -> list[TransformStamped]:
         """The transforms of one message; one that cannot be read is added to `refused_members`.
 
-        Raises CorruptMessage, or the first one's error if none can be read. Those without a
-        timestamp have that of the reception, `received`.
+        Raises CorruptMessage, or the first one's error if none can be read, with all of them in
+        `refused`. Those without a timestamp have that of the reception, `received`.
         """
         given = self._decoded(data, source, received, static=static)
         space = self.space(source)
         if not space:
             return given
         return [replace(one, parent=space + one.parent, child=space + one.child) for one in given]
+
+    def _renames(self, source: Source) -> bool:
+        return bool(self._choice.rename or self._choice.prefix or self.space(source))
 
     def space(self, source: Source) -> str:
         """The prefix that `by_namespace` gives to the frames of a topic."""
@@ -515,9 +519,15 @@ class Rewriter:
             members = _core.decode_members(
                 data, source.encoding, static=static, authority=source.authority
             )
+            if self._renames(source):
+                members = [self._named(each, source) for each in members]
             good = [each for each in members if not isinstance(each, TfdbError)]
             bad = [each for each in members if isinstance(each, TfdbError)]
             if bad and not good:
+                bad[0].refused = tuple(
+                    Refused(n, type(each).__name__, str(each), each.reason or "")
+                    for n, each in enumerate(bad)
+                )
                 raise bad[0]
             self.refused_members += bad
             return good
@@ -530,6 +540,19 @@ class Rewriter:
         if found.untimed and not static:
             self.untimed[topic] += found.untimed
         return found.transforms
+
+    def _named(
+        self, one: TransformStamped | TfdbError, source: Source
+    ) -> TransformStamped | TfdbError:
+        """A transform of which both names are there; else the error of a store that gets it."""
+        if isinstance(one, TfdbError) or (one.parent and one.child):
+            return one
+        try:
+            self._empty.set_transforms([one], authority=source.authority)
+        except TfdbError as error:
+            error.edge = one.child
+            return error
+        return one
 
     def ingest(self, run: Run, store: Buffer, encoding: str, static: bool) -> None:
         """Store what is left of a run."""

@@ -28,6 +28,8 @@ if TYPE_CHECKING:
     from .times import Flavor
 
 LOGGER = logging.getLogger("tfdb.tf2")
+CONTROL = "has a control character"
+"""Reason of the error of such a name."""
 ROUNDING = 1e-9
 """How far the length of a normalised quaternion is off one at most."""
 
@@ -136,6 +138,8 @@ def log_unread(error: errors.TfdbError, authority: str) -> None:
     text = str(error)
     if isinstance(error, errors.InvalidStamp) and error.stamp is not None:
         text = phrases.bad_stamp(authority, error.edge or "", error.stamp)
+    elif isinstance(error, errors.InvalidName) and error.reason == CONTROL:
+        text = phrases.bad_frame(authority, error.parent or "", error.edge or "")
     log(text, error)
 
 
