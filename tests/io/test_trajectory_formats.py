@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -285,12 +286,124 @@ def test_stamps_that_are_hardly_seconds(tmp_path: Path) -> None:
     assert read_trajectory(late, stamp_unit="ns").stamps[0] == 12 * 10**9
     mixed = rows(str)
     mixed[0][0] = seconds(START)
-    with pytest.raises(tfdb.TrajectoryError, match="no date in another unit"):
+    with pytest.raises(tfdb.TrajectoryError, match=r"looks like seconds, .* in line 2 like nano"):
         read_trajectory(write(tmp_path / "c.txt", mixed))
     with pytest.raises(tfdb.TrajectoryError, match="stamp_unit is one of s, ms, us, ns, not 'h'"):
         read_trajectory(late, stamp_unit="h")  # type: ignore[arg-type]
     with pytest.raises(tfdb.InvalidArgument, match="stamp_unit is one of 's', 'ms', 'us', 'ns'"):
         tfdb.load(late, stamp_unit="h")  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("usual", ["s", "ns", "us"])
+@pytest.mark.parametrize("unit", ["s", "ms", "us", "ns"])
+def test_a_unit_that_changes_within_a_file(tmp_path: Path, usual: str, unit: str) -> None:
+    """As where a program was updated while its log went on."""
+    digits = {"s": 0, "ms": 3, "us": 6, "ns": 9}
+
+    def text(stamp: int, unit: str) -> str:
+        return seconds(stamp) if unit == "s" else str(stamp // 10 ** (9 - digits[unit]))
+
+    lines = rows()
+    for at, stamp in enumerate(STAMPS.tolist()):
+        lines[at][0] = text(stamp, usual if at < 7 else unit)
+    path = write(tmp_path / "a.txt", lines)
+    if usual == unit:
+        assert len(_read_quietly(path)) == COUNT
+        return
+    names = {"s": "seconds", "ms": "milliseconds", "us": "microseconds", "ns": "nanoseconds"}
+    with pytest.raises(tfdb.TrajectoryError) as caught:
+        read_trajectory(path)
+    assert caught.value.line == 8
+    assert caught.value.reason == (
+        f"stamp {lines[7][0]} looks like {names[unit]}, {lines[6][0]} in line 7 like "
+        f"{names[usual]}; salvage=True (--salvage) reads the others"
+    )
+    with pytest.warns(tfdb.TfdbWarning, match=r"12 rows, 5 skipped \(line 8: stamp|by their size"):
+        found = read_trajectory(path, salvage=True)
+    step = 1 if usual in ("s", "ns") else 1000
+    assert found.stamps.tolist() == [stamp // step * step for stamp in STAMPS.tolist()[:7]]
+
+
+def _read_quietly(path: Path) -> tfdb.Trajectory:
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", tfdb.TfdbWarning)
+        return read_trajectory(path)
+
+
+ZEROS = "zero bytes, as a power cut leaves them"
+
+
+def kitti(path: Path) -> str:
+    """The lines of KITTI poses, with a file of times beside them."""
+    path.with_name("times.txt").write_text("".join(f"{n}.5\n" for n in range(COUNT)))
+    return "".join(f"1 0 0 {n} 0 0.6 -0.8 2 0 0.8 0.6 3\n" for n in range(COUNT))
+
+
+FORMATS = {
+    "tum": lambda _: "".join(" ".join(line) + "\n" for line in rows()),
+    "csv": lambda _: (
+        "stamp_ns,x,y,z,qx,qy,qz,qw\n" + "".join(",".join(line) + "\n" for line in rows(str))
+    ),
+    "euroc": lambda _: "".join(",".join(line) + "\n" for line in rows(str, W_FIRST)),
+    "kitti": kitti,
+}
+
+
+@pytest.mark.parametrize("form", FORMATS)
+@pytest.mark.parametrize("size", [1, 500, 8192])
+@pytest.mark.parametrize("cut", [0, 1, 5])
+def test_zero_bytes_at_the_end(tmp_path: Path, form: str, size: int, cut: int) -> None:
+    """As a power cut leaves them; a row that ends in them may be cut, and is skipped."""
+    path = tmp_path / "a.txt"
+    text = FORMATS[form](path)
+    path.write_text(text)
+    whole = _read_quietly(path)
+    path.write_bytes(text.encode()[: len(text) - cut] + b"\0" * size)
+    line = text.count("\n") + (cut == 0)
+    many = "1 zero byte, as a power cut leaves it" if size == 1 else f"{size:,} {ZEROS}"
+    with pytest.raises(tfdb.TrajectoryError) as caught:
+        read_trajectory(path)
+    assert caught.value.line == line
+    assert caught.value.reason == f"{many}; salvage=True (--salvage) reads the others"
+    with pytest.warns(tfdb.TfdbWarning, match="taken as|skipped") as warned:
+        found = read_trajectory(path, salvage=True)
+    assert any(f"1 skipped (line {line}: {many})" in str(each.message) for each in warned)
+    kept = COUNT - (cut > 0)
+    assert found.stamps.tolist() == whole.stamps.tolist()[:kept]
+    assert np.array_equal(found.poses, whole.poses[:kept])
+
+
+@pytest.mark.parametrize("place", [0, 3])
+def test_zero_bytes_within_a_file(tmp_path: Path, place: int) -> None:
+    path = tmp_path / "a.txt"
+    lines = [" ".join(line) + "\n" for line in rows()]
+    lines[place] = "\0" * 600 + lines[place]
+    path.write_text("".join(lines))
+    with pytest.raises(tfdb.TrajectoryError, match=f"600 {ZEROS}") as caught:
+        read_trajectory(path)
+    assert caught.value.line == place + 1
+    with pytest.warns(tfdb.TfdbWarning, match="12 rows, 1 skipped"):
+        found = read_trajectory(path, salvage=True)
+    assert found.stamps.tolist() == np.delete(STAMPS, place).tolist()
+
+
+def test_zero_bytes_alone(tmp_path: Path) -> None:
+    path = tmp_path / "a.txt"
+    path.write_bytes(b"\0" * 5000)
+    for salvage in (False, True):
+        with pytest.raises(tfdb.TrajectoryError, match=r"all its 5,000 bytes are zero"):
+            read_trajectory(path, salvage=salvage)
+
+
+def test_zero_bytes_in_a_file_of_times(tmp_path: Path) -> None:
+    path = tmp_path / "a.txt"
+    path.write_text(kitti(path))
+    times = tmp_path / "times.txt"
+    times.write_bytes(times.read_bytes()[:-5] + b"\0" * 100)
+    with pytest.raises(tfdb.TrajectoryError, match=f"times.txt:12: 100 {ZEROS}"):
+        read_trajectory(path)
+    with pytest.warns(tfdb.TfdbWarning, match="12 rows, 1 skipped"):
+        assert len(read_trajectory(path, salvage=True)) == COUNT - 1
 
 
 def test_units_belong_to_text(tmp_path: Path) -> None:

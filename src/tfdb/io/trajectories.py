@@ -28,7 +28,7 @@ from .decimal_time import NS_PER_SECOND, UNITS, Unit, units_to_ns
 from .loading import missing_samples, warn_of_forgotten
 from .raw_file import MAX_CHUNK
 from .trajectory_columns import layout_of
-from .trajectory_lines import SALVAGE, Lines
+from .trajectory_lines import SALVAGE, Lines, zeros
 from .trajectory_report import TrajectoryRows, warn_of_rows
 from .trajectory_rows import floats, rows_of_text, salvaged, settled
 
@@ -336,6 +336,10 @@ def _read_kitti(
     when: list[int | None] = [row * NS_PER_SECOND for row in range(count)]
     if times is not None:
         when = _read_times(times, unit, report, salvage=salvage)
+    for number, line in () if salvage else lines.rows:
+        broken = zeros(line)
+        if broken is not None:
+            raise lines.skippable(number, broken)
     if len(when) != count and not salvage:
         raise lines.error(None, f"{count} poses, but {len(when)} stamps in {times}")
     kept: list[int] = []
@@ -359,6 +363,9 @@ def _read_kitti(
 
 def _kitti_reason(line: str) -> str | None:
     """Why a line is no 3x4 matrix."""
+    broken = zeros(line)
+    if broken is not None:
+        return broken
     fields = line.split()
     if len(fields) != 12:
         return f"{len(fields)} columns instead of the 12 of a 3x4 matrix"
@@ -409,11 +416,13 @@ def _read_times(
     stamps: list[int | None] = []
     last = -1
     for number, line in rows:
-        try:
-            stamp = units_to_ns(line, unit or "s")
-            reason = f"stamp {stamp} ns does not lie after {last} ns" if stamp <= last else None
-        except ValueError as error:
-            reason = str(error)
+        reason, stamp = zeros(line), 0
+        if reason is None:
+            try:
+                stamp = units_to_ns(line, unit or "s")
+                reason = f"stamp {stamp} ns does not lie after {last} ns" if stamp <= last else None
+            except ValueError as error:
+                reason = str(error)
         if reason is None:
             stamps.append(stamp)
             last = stamp

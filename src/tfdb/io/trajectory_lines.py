@@ -19,6 +19,9 @@ _COMMENT = re.compile(r"(?:#|//|%(?=\s|$))+\s*")
 """Before a comment; `%time` is a name of `rostopic echo -p`."""
 _MANY_ROWS, _MANY_DECIMALS = 10, 4
 _UTF16 = (b"\xff\xfe", b"\xfe\xff")
+_ZEROS = re.compile(rb"\0{16,}")
+"""Such a block stands where the text of a file never reached the disk."""
+_BINARY = re.compile(rb"[\0-\x08\x0e-\x1f\x7f]")
 
 
 class Lines:
@@ -33,9 +36,7 @@ class Lines:
         self._ends = raw.endswith((b"\n", b"\r"))
         if raw.startswith(_UTF16):
             raise TrajectoryError(path, None, "UTF-16 text: save it as UTF-8")
-        if b"\0" in raw[:4096]:
-            what = "a binary file, neither NPZ nor Parquet, and no trajectory in text"
-            raise TrajectoryError(path, None, what)
+        _check_zeros(path, raw)
         try:
             text = raw.decode("utf-8-sig", errors="replace" if salvage else "strict")
         except UnicodeDecodeError as error:
@@ -84,6 +85,29 @@ class Lines:
     def skippable(self, line: int | None, reason: str) -> TrajectoryError:
         """An error about a line that salvaging skips."""
         return self.error(line, f"{reason}; {SALVAGE} reads the others")
+
+
+def _check_zeros(path: Path, raw: bytes) -> None:
+    """Raise TrajectoryError for binary files; text may hold blocks of zero bytes."""
+    if b"\0" not in raw:
+        return
+    text = _ZEROS.sub(b"", raw.rstrip(b"\0"))
+    if not text:
+        raise TrajectoryError(path, None, f"all its {len(raw):,} bytes are zero: there is no text")
+    first = text[:4096].partition(b"\n")[0].decode(errors="replace")
+    if b"\0" in raw[:4096] and ("\ufffd" in first or _BINARY.search(text[:4096])):
+        what = "a binary file, neither NPZ nor Parquet, and no trajectory in text"
+        raise TrajectoryError(path, None, what)
+
+
+def zeros(line: str) -> str | None:
+    """Why a line with zero bytes is no row."""
+    count = line.count("\0")
+    if not count:
+        return None
+    if count == 1:
+        return "1 zero byte, as a power cut leaves it"
+    return f"{count:,} zero bytes, as a power cut leaves them"
 
 
 def is_heading(line: str) -> bool:

@@ -14,11 +14,11 @@ from tfdb.poses import MAX_NORM_ERROR, found, missing
 from tfdb.stamps import MAX_STAMP
 
 from .decimal_time import NS_PER_SECOND, UNITS, Unit, integer_ns, units_to_ns, whole_part
-from .trajectory_lines import SALVAGE
+from .trajectory_lines import SALVAGE, zeros
 from .trajectory_report import TrajectoryRows
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Mapping, Sequence
     from pathlib import Path
 
     from .trajectory_columns import Layout
@@ -63,19 +63,22 @@ def rows_of_text(
         texts.append(stamp)
         poses.append(pose)
         sizes.append(len(line) + 1)
-    given = _unit(lines, layout, unit, numbers, texts, report)
+    given, odd = _unit(lines, layout, unit, numbers, texts, report)
     stamps: list[int] = []
     kept: list[int] = []
     for at, text in enumerate(texts):
-        try:
-            stamps.append(_stamp(text, given, whole=layout.whole and unit is None))
-        except ValueError as error:
-            reason = f"{error}{_of_unit(given, unit, layout)}"
-            if not salvage:
-                raise lines.skippable(numbers[at], reason) from None
+        reason = odd.get(numbers[at])
+        if reason is None:
+            try:
+                stamps.append(_stamp(text, given, whole=layout.whole and unit is None))
+            except ValueError as error:
+                reason = f"{error}{_of_unit(given, unit, layout)}"
+        if reason is None:
+            kept.append(at)
+        elif salvage:
             report.skip(numbers[at], sizes[at], reason)
         else:
-            kept.append(at)
+            raise lines.skippable(numbers[at], reason)
     array = np.array(poses, dtype=np.float64).reshape(-1, 7)[kept]
     made = settled(
         np.array(stamps, dtype=np.int64),
@@ -164,6 +167,9 @@ def salvaged(stamps: Stamps, poses: Poses, path: Path) -> tuple[Stamps, Poses, T
 
 def _fields(layout: Layout, line: str, cut: str | None) -> tuple[tuple[str, str], list[float]]:
     """The text of the stamp, in one or two columns, and the pose; ``ValueError`` with a reason."""
+    broken = zeros(line)
+    if broken is not None:
+        raise ValueError(broken)
     fields = layout.fields(line)
     if len(fields) not in layout.counts:
         raise ValueError(f"{len(fields)} columns instead of `{layout.text}`")
@@ -222,30 +228,63 @@ def _unit(
     numbers: Sequence[int],
     texts: Sequence[tuple[str, str]],
     report: TrajectoryRows,
-) -> Unit:
-    """The unit of the stamps: as given, as the format says, or by their size."""
+) -> tuple[Unit, dict[int, str]]:
+    """The unit of the stamps: as given, as the format says, or by their size.
+
+    In the last case also why some stamps are of another unit, by line.
+    """
     if given is not None or layout.unit is not None:
-        return given or layout.unit or "s"
+        return given or layout.unit or "s", {}
     sizes = {
         number: size
         for number, (text, _) in zip(numbers, texts, strict=True)
         if (size := whole_part(text)) is not None
     }
     usual = sorted(sizes.values())[len(sizes) // 2] if sizes else 0
-    if usual <= MAX_STAMP // NS_PER_SECOND:
-        return "s"
-    for unit, (power, name) in UNITS.items():
-        scale = 10 ** (9 - power)
-        if all(_YEARS[0] * scale <= size < _YEARS[1] * scale for size in sizes.values()):
+    unit = _unit_by_size(usual)
+    if unit is not None:
+        if unit != "s":
             asked = f"stamp_unit={unit!r} (--stamp-unit {unit})"
+            name = UNITS[unit][1]
             report.notes.append(f"stamps taken as {name}, by their size; {asked} says so")
-            return unit
+        shown = {number: text for number, (text, _) in zip(numbers, texts, strict=True)}
+        return unit, _odd_units(unit, sizes, shown)
     line = next(number for number, size in sizes.items() if size >= usual)
     raise lines.error(
         line,
         f"stamp {sizes[line]} is beyond the greatest in seconds, and no date in another unit; "
         f"stamp_unit= (--stamp-unit) is one of {', '.join(UNITS)}",
     )
+
+
+def _unit_by_size(size: int) -> Unit | None:
+    """The unit that a stamp of that size has; None: it is too large, and no date in any."""
+    if size <= MAX_STAMP // NS_PER_SECOND:
+        return "s"
+    for unit, (power, _) in UNITS.items():
+        scale = 10 ** (9 - power)
+        if _YEARS[0] * scale <= size < _YEARS[1] * scale:
+            return unit
+    return None
+
+
+def _odd_units(usual: Unit, sizes: Mapping[int, int], shown: Mapping[int, str]) -> dict[int, str]:
+    """Why stamps are none that by their size are of another unit than most, by line."""
+    if not sizes or _unit_by_size(min(sizes.values())) == _unit_by_size(max(sizes.values())):
+        return {}
+    units = {line: _unit_by_size(size) for line, size in sizes.items() if size >= 0}
+    near = next(line for line, unit in units.items() if unit == usual)
+    odd: dict[int, str] = {}
+    for line, unit in units.items():
+        if unit == usual:
+            near = line
+        elif unit is not None or usual != "s":
+            what = "is no date in any unit" if unit is None else f"looks like {UNITS[unit][1]}"
+            odd[line] = (
+                f"stamp {shown[line][:40]} {what}, {shown[near][:40]} in line {near} like "
+                f"{UNITS[usual][1]}"
+            )
+    return odd
 
 
 def _of_unit(unit: Unit, given: Unit | None, layout: Layout) -> str:
