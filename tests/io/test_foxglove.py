@@ -239,6 +239,15 @@ def test_times_of_rfc_3339(text: str, stamp: int, tmp_path: Path) -> None:
     check(tfdb.load(path), "odom", "base", {stamp: 1.0})
 
 
+@pytest.mark.parametrize(
+    "time", [{"sec": "5", "nsec": "7"}, {"sec": "5", "nsec": 7}, {"sec": 5, "nsec": "007"}]
+)
+def test_integers_of_a_time_as_text(time: Any, tmp_path: Path) -> None:
+    """As protobuf's JSON mapping writes those of 64 bits."""
+    path = json_file(tmp_path / "a.mcap", [(9, transform(1.0, timestamp=time))])
+    check(tfdb.load(path), "odom", "base", {5 * S + 7: 1.0})
+
+
 def test_times_of_rfc_3339_as_datetime_has_them() -> None:
     rng = np.random.default_rng(23)
     for _ in range(300):
@@ -261,7 +270,13 @@ def test_times_of_rfc_3339_as_datetime_has_them() -> None:
         ("1969-12-31T23:59:59Z", "InvalidStamp: timestamp: -1 s and 0 ns are no stamp"),
         ("2099-12-31T23:59:59Z", "InvalidStamp: timestamp: .* are no stamp"),
         ({"sec": 5}, "timestamp.nsec is no integer: None"),
-        ({"sec": "5", "nsec": 0}, "timestamp.sec is no integer: 5"),
+        ({"sec": "5.0", "nsec": 0}, "timestamp.sec is no integer: 5.0"),
+        ({"sec": "five", "nsec": 0}, "timestamp.sec is no integer: five"),
+        ({"sec": 5, "nsec": ""}, "timestamp.nsec is no integer: "),
+        ({"sec": 5, "nsec": "1_0"}, "timestamp.nsec is no integer: 1_0"),
+        ({"sec": "\u0665", "nsec": 0}, "timestamp.sec is no integer: \u0665"),
+        ({"sec": True, "nsec": 0}, "timestamp.sec is no integer: True"),
+        ({"sec": "-5", "nsec": "0"}, "timestamp: -5 s and 0 ns are no stamp"),
         ({"sec": 5, "nsec": 1.0}, "timestamp.nsec is no integer: 1.0"),
         ({"sec": 5, "nsec": S}, "timestamp: 5 s and 1000000000 ns are no stamp"),
         ({"sec": 5, "nsec": -1}, "timestamp: 5 s and -1 ns are no stamp"),

@@ -194,17 +194,21 @@ def test_a_path_without_times_is_refused(ros: Messages, tmp_path: Path) -> None:
         tfdb.load(path, pose_topics={"/plan": "base"})
 
 
+def register_tf(ros: Messages) -> None:
+    from rosbags.typesys import get_types_from_msg
+
+    if ros.ros1:
+        text = "geometry_msgs/TransformStamped[] transforms"
+        ros.store.register(get_types_from_msg(text, "tf2_msgs/msg/TFMessage"))
+
+
 def test_poses_join_transforms(ros: Messages, tmp_path: Path) -> None:
     odometry, tf = poses(2)
     encoding = "ros1" if ros.ros1 else "cdr"
     data = tfdb.encode_tf_message(
         [tfdb.TransformStamped("base", "camera", S, tf[:3], tf[3:])], encoding
     )
-    from rosbags.typesys import get_types_from_msg
-
-    text = "geometry_msgs/TransformStamped[] transforms"
-    if ros.ros1:
-        ros.store.register(get_types_from_msg(text, "tf2_msgs/msg/TFMessage"))
+    register_tf(ros)
     type_ = "nav_msgs/msg/Odometry"
     path = ros.write(
         tmp_path,
@@ -488,6 +492,47 @@ def test_joints_that_mimic_have_limits_too(ros: Messages, tmp_path: Path) -> Non
     assert grip.position == pytest.approx(0.1 - 2 * 0.4)
     with pytest.raises(tfdb.RecordingError, match="'grip' is beyond"):
         model.load_joint_states(path, limits="raise")
+
+
+@pytest.mark.parametrize("named", [False, True])
+@pytest.mark.parametrize("taken", [False, True])
+def test_floating_and_planar_joints(
+    ros: Messages, tmp_path: Path, named: bool, taken: bool
+) -> None:
+    """They have no place in joint states: a warning names those that are not on /tf either."""
+    more = """<link name="world"/><link name="cart"/>
+      <joint name="fly" type="floating"><parent link="world"/><child link="foot"/></joint>
+      <joint name="drive" type="planar"><parent link="world"/><child link="cart"/></joint>
+    </robot>"""
+    model = tfdb.io.parse_urdf(URDF.replace("</robot>", more))
+    extra: list[Any] = []
+    if named:
+        extra.append(("/joint_states", JOINTS, 4, ros.joints(4 * S, ["drive", "turn"], [1.0, 0.1])))
+    if taken:
+        register_tf(ros)
+        found = poses(2)
+        edges = [
+            tfdb.TransformStamped("world", child, 2 * S, pose[:3], pose[3:])
+            for child, pose in zip(("foot", "cart"), found, strict=True)
+        ]
+        data = tfdb.encode_tf_message(edges, "ros1" if ros.ros1 else "cdr")
+        extra.append(("/tf", "tf2_msgs/msg/TFMessage", 2 * S, data))
+    path = joint_run(ros, tmp_path, extra)
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        store = tfdb.load(path, urdf=model)
+    said = [str(each.message) for each in caught]
+    if taken:
+        assert not said
+        assert store.frame_info("cart").parent == "world"
+        return
+    assert said == [
+        f"{path}: no sensor_msgs/JointState moves joint 'fly' (floating), 'drive' (planar): "
+        "T['world'<-'foot'], T['world'<-'cart'] must come from /tf, set_transform or "
+        "set_joint_state"
+    ]
+    assert store.frame_exists("slide")
+    assert not store.frame_exists("cart")
 
 
 def test_what_is_wrong_with_joint_states_is_said(ros: Messages, tmp_path: Path) -> None:

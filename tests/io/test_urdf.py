@@ -484,6 +484,50 @@ def test_what_is_unknown_is_named(
     assert warning.filename == __file__
 
 
+@pytest.mark.parametrize(
+    ("first", "second"),
+    [
+        ('<origin xyz="1 2 3" rpy="0.1 0.2 0.3"/>', '<origin xyz="4 5 6"/>'),
+        ('<axis xyz="0 0 1"/>', '<axis xyz="0 1 0"/>'),
+        ('<limit lower="-1" upper="1"/>', '<limit lower="-2" upper="1"/>'),
+        ('<mimic joint="m"/>', '<mimic joint="m" offset="1"/>'),
+        ('<parent link="a"/>', '<parent link="c"/>'),
+        ('<child link="b"/>', '<child link="c"/>'),
+    ],
+)
+def test_a_second_element_of_a_joint_is_named(
+    first: str, second: str, recwarn: pytest.WarningsRecorder
+) -> None:
+    body = '<origin xyz="1 2 3" rpy="0.1 0.2 0.3"/><axis xyz="0 0 1"/>'
+    body += '<limit lower="-1" upper="1"/><mimic joint="m"/>'
+    text = robot(
+        joint("j", "a", "b", body, "revolute")
+        + '<link name="c"/>'
+        + joint("m", "b", "c", "", "prismatic")
+    )
+    plain = parse_urdf(text)
+    assert not recwarn.list
+    found = parse_urdf(text.replace(first, f"{first}\n{second}", 1))
+    (warning,) = recwarn.list
+    tag = first.partition(" ")[0]
+    assert str(warning.message) == (
+        f"<robot_description>: ignored: line 4: another {tag}> of joint 'j' (the first counts)"
+    )
+    assert found.joints == plain.joints
+
+
+def test_floating_and_planar_joints_are_named_where_they_are_left_out() -> None:
+    model = parse_urdf(WIDE.format(axis="0 0 1"))
+    with pytest.warns(tfdb.TfdbWarning) as warned:
+        model.set_static(tfdb.Buffer())
+    assert [str(each.message) for each in warned] == [
+        "robot 'base': no sensor_msgs/JointState moves joint 'drive' (planar), 'fly' (floating): "
+        "T['world'<-'cart'], T['cart'<-'drone'] must come from /tf, set_transform or "
+        "set_joint_state"
+    ]
+    assert warned[0].filename == __file__
+
+
 def test_unknown_attributes_are_named_once_and_not_without_end(
     recwarn: pytest.WarningsRecorder,
 ) -> None:

@@ -8,13 +8,15 @@ from typing import TYPE_CHECKING
 
 from tfdb.stamps import format_seconds
 
+from .robot_model import describe_wide
+
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Mapping, Sequence
 
     from tfdb.types import TransformStamped
 
     from .pose_messages import JointState
-    from .robot_model import JointLimits, RobotModel
+    from .robot_model import Joint, JointLimits, RobotModel
 
 # Encoders are no better: what is so little beyond a limit stands at it.
 _SLACK = 1e-6
@@ -48,6 +50,9 @@ class JointReport:
         Messages of joint states that were read.
     missing
         Joints that move and that no message names: their frames hang nowhere.
+    wide
+        Floating and planar joints whose transform nothing else says: joint states have one number
+        for each joint, and move none of these.
     unknown
         Joints in the messages that the model does not have.
     beyond
@@ -63,11 +68,14 @@ class JointReport:
     unknown: tuple[str, ...] = ()
     beyond: tuple[BeyondLimits, ...] = ()
     not_finite: Mapping[str, int] = field(default_factory=dict)
+    wide: tuple[Joint, ...] = ()
 
     def complaints(self) -> Iterator[str]:
         """What is worth a warning, one text for each kind."""
         if self.missing:
             yield f"no joint state names {_few(self.missing)}: what is below hangs nowhere"
+        if self.wide:
+            yield describe_wide(self.wide)
         if self.unknown:
             yield f"the model has no joint {_few(self.unknown)}, which the joint states name"
         if self.beyond:
@@ -144,7 +152,12 @@ class JointStates:
         missing = [
             name
             for name in self._model.movable
-            if name not in self._named and joints[name].child not in self._taken
+            if name not in self._named
+            and joints[name].width == 1
+            and joints[name].child not in self._taken
+        ]
+        wide = [
+            joint for joint in joints.values() if joint.width > 1 and joint.child not in self._taken
         ]
         return JointReport(
             self._states,
@@ -152,6 +165,7 @@ class JointStates:
             tuple(sorted(self._unknown)),
             tuple(self._beyond.values()),
             dict(self._not_finite),
+            tuple(wide),
         )
 
 

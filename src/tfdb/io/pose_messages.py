@@ -9,6 +9,7 @@ far as they are needed: covariances, twists and efforts are not looked at.
 from __future__ import annotations
 
 import json
+import re
 import struct
 from dataclasses import dataclass
 from functools import partial
@@ -29,6 +30,7 @@ if TYPE_CHECKING:
 
 _NS = 1_000_000_000
 _DOUBLE, _FLOAT = struct.Struct("<d"), struct.Struct("<f")
+_INTEGER = re.compile(r"-?[0-9]{1,20}")
 _BROKEN = (
     *(struct.error, ValueError, TypeError, KeyError),
     *(IndexError, OverflowError, RecursionError),
@@ -318,6 +320,9 @@ class _Json:
 
 
 def _integer(value: Any, field: str) -> int:
+    """An integer of JSON, or its text, as protobuf's mapping has those of 64 bits."""
+    if isinstance(value, str) and _INTEGER.fullmatch(value):
+        return int(value)
     if not isinstance(value, int) or isinstance(value, bool):
         raise TypeError(f"{field} is no integer: {str(value)[:40]}")
     return value

@@ -108,6 +108,19 @@ def _checked_links(links: Any, joints: Any, root: str) -> tuple[str, ...]:
     return tuple(links)
 
 
+def describe_wide(joints: Iterable[Joint]) -> str:
+    """Say of floating and planar joints that their transforms come from elsewhere; "": no joint."""
+    chosen = list(joints)
+    if not chosen:
+        return ""
+    names = ", ".join(f"{joint.name!r} ({joint.kind})" for joint in chosen)
+    edges = ", ".join(f"T[{joint.parent!r}<-{joint.child!r}]" for joint in chosen)
+    return (
+        f"no sensor_msgs/JointState moves joint {names}: {edges} must come from /tf, set_transform "
+        "or set_joint_state"
+    )
+
+
 class RobotModel:
     """A tree of links, made by `load_urdf`. Immutable, so any thread may use it.
 
@@ -211,8 +224,12 @@ class RobotModel:
     def set_static(self, buffer: Buffer, *, authority: str = "") -> int:
         """Store the fixed joints as static edges, in one commit; returns its number.
 
-        Raises what `Buffer.set_transforms` raises; then nothing was stored.
+        Raises what `Buffer.set_transforms` raises; then nothing was stored. Warns (TfdbWarning) of
+        floating and planar joints: their transforms come from elsewhere.
         """
+        text = describe_wide(joint for joint in self.joints.values() if joint.width > 1)
+        if text:
+            warnings.warn(f"robot {self.name!r}: {text}", TfdbWarning, stacklevel=2)
         return buffer.set_transforms(self.static_transforms(), static=True, authority=authority)
 
     def set_joint_state(

@@ -38,6 +38,8 @@ _ATTRIBUTES = {
     "mimic": ("joint", "multiplier", "offset"),
 }
 """The attributes that URDF 1.0 to 1.2 have; `type` of a link and `dont_collapse` move nothing."""
+_ONCE = ("parent", "child", "origin", "axis", "limit", "mimic")
+"""Elements that a joint has once; of several the first counts, as in ROS."""
 _IN_JOINTS = (*list(_ATTRIBUTES)[3:], "calibration", "dynamics", "safety_controller")
 _MOST_NAMED = 5
 
@@ -63,7 +65,8 @@ def load_urdf(path: str | os.PathLike[str]) -> RobotModel:
     TfdbWarning
         An attribute of `<robot>`, `<link>`, `<joint>`, `<parent>`, `<child>`, `<origin>`, `<axis>`,
         `<limit>` or `<mimic>` that URDF does not have, an element of `<joint>` whose name is nearly
-        one of URDF's, an unknown version: each is ignored.
+        one of URDF's, a second `<origin>`, `<parent>`, `<child>`, `<axis>`, `<limit>` or `<mimic>`
+        of a joint, an unknown version: each is ignored.
     """
     where = given_path(path, ModelError)
     with errors_name(where), where.open("rb") as file:
@@ -146,8 +149,16 @@ class _Reader:
     def check_joint(self, element: Element) -> None:
         """Note what is unknown in a joint: attributes, and elements that may be mistyped."""
         self.check_attributes(element)
+        seen: set[str] = set()
         for child in element.children:
             self.check_attributes(child)
+            if child.tag in seen and child.tag in _ONCE:
+                name = shown(element.get("name"))
+                text = (
+                    f"line {child.line}: another <{child.tag}> of joint {name} (the first counts)"
+                )
+                self.ignored.setdefault((name, child.tag), text)
+            seen.add(child.tag)
             near = near_names(child.tag, _IN_JOINTS, most=1, cutoff=0.8)
             if near and child.tag not in _IN_JOINTS:
                 text = f"<{child.tag}> of <joint> (did you mean <{near[0]}>?)"
