@@ -19,6 +19,7 @@
 #include "errors.hpp"
 #include "recorded.hpp"
 #include "records.hpp"
+#include "selection.hpp"
 #include "tfdb/wire/tf_message.hpp"
 #include "writes.hpp"
 
@@ -208,10 +209,28 @@ struct Tally {
     }
 };
 
+/// Counts the samples of a message that the store has, or refused as too old.
+void count_forgotten(Forgotten& forgotten, std::span<const TransformView> members,
+                     std::span<const RefusedMember> refused) {
+    for (std::size_t i = 0; i < members.size(); ++i) {
+        if (refused.empty() || refused.front().index != i) {
+            forgotten.stored(members[i].child, members[i].stamp);
+            continue;
+        }
+        if (refused.front().code == ErrorCode::kTooOld)
+            forgotten.refused();
+        refused = refused.subspan(1);
+    }
+}
+
+/// `select` leaves in the members of a message what is to be stored.
+template <class Select>
 void ingest_one(Buffer& store, Bytes bytes, wire::Encoding encoding, bool is_static,
-                std::string_view authority, std::vector<TransformView>& scratch, Tally& tally) {
+                std::string_view authority, std::vector<TransformView>& scratch, Tally& tally,
+                Forgotten* forgotten, Select select) {
     try {
         wire::decode_tf_message(bytes, encoding, scratch);
+        select(scratch);
         const auto refused =
             store.set_transforms_partial(scratch, is_static, authority, tally.commit);
         const std::size_t stored = scratch.size() - refused.size();
@@ -221,6 +240,8 @@ void ingest_one(Buffer& store, Bytes bytes, wire::Encoding encoding, bool is_sta
         tally.refused_transforms += refused.size();
         for (const RefusedMember& member : refused)
             tally.add(edge_of(scratch[member.index]), member.code, member.message);
+        if (forgotten != nullptr && !is_static)
+            count_forgotten(*forgotten, scratch, refused);
     } catch (const TransactionActive&) {
         throw;
     } catch (const Forked&) {
@@ -257,6 +278,7 @@ nb::object result_of(const Tally& tally) {
 nb::object ingest_many(BufferObject& self, nb::handle messages, nb::handle encoding, bool is_static,
                        nb::handle authority) {
     constexpr std::size_t kChunk = 1024;
+    const auto keep_all = [](const std::vector<TransformView>&) {};
     const wire::Encoding how = encoding_of(encoding);
     const Senders senders(authority, messages);
     check_many(messages, "messages", "bytes-like objects, one for each message");
@@ -285,7 +307,7 @@ nb::object ingest_many(BufferObject& self, nb::handle messages, nb::handle encod
         const LongWork work(true);
         for (const Message& message : chunk) {
             ingest_one(self.open_store(), message.bytes(), how, is_static,
-                       senders.of(tally.messages), scratch, tally);
+                       senders.of(tally.messages), scratch, tally, nullptr, keep_all);
         }
     }
     return result_of(tally);
@@ -302,10 +324,13 @@ std::map<std::uint32_t, std::string_view> senders_of(const nb::dict& authorities
 
 nb::object ingest_recorded(BufferObject& self, const Recorded& messages, std::size_t first,
                            std::size_t last, nb::handle encoding, bool is_static,
-                           const nb::dict& authorities) {
+                           const nb::dict& authorities, nb::handle selection, const nb::dict& rules,
+                           nb::handle forgotten) {
     constexpr std::size_t kTogether = 1024;
     const wire::Encoding how = encoding_of(encoding);
     const auto senders = senders_of(authorities);
+    SelectedSources selected(selection, rules);
+    Forgotten* const counter = forgotten_of(forgotten);
     std::vector<TransformView> scratch;
     Tally tally;
     tally.commit = self.open_store().commit();
@@ -319,7 +344,9 @@ nb::object ingest_recorded(BufferObject& self, const Recorded& messages, std::si
             const auto sender = senders.find(message.source);
             ingest_one(self.open_store(), message.bytes(), how, is_static,
                        sender == senders.end() ? std::string_view() : sender->second, scratch,
-                       tally);
+                       tally, counter, [&](std::vector<TransformView>& members) {
+                           selected.apply(message.source, is_static, members);
+                       });
         }
         first += kTogether;
     }
@@ -339,10 +366,12 @@ struct Stamps {
 /// The child frames that messages state, by source, with their first and last stamp. Damaged
 /// messages state none, and neither do transforms without a stamp.
 nb::dict recorded_children(const Recorded& messages, std::size_t first, std::size_t last,
-                           nb::handle encoding) {
+                           nb::handle encoding, bool is_static, nb::handle selection,
+                           const nb::dict& rules) {
     constexpr std::size_t kTogether = 1024;
     const wire::Encoding how = encoding_of(encoding);
-    // Views of bytes that stay where they are as long as `messages`.
+    SelectedSources selected(selection, rules);
+    // Views of bytes that stay where they are as long as `messages` and `selection`.
     std::map<std::uint32_t, std::unordered_map<std::string_view, Stamps>> found;
     std::vector<TransformView> scratch;
     for (; first < last; first += kTogether) {
@@ -357,6 +386,7 @@ nb::dict recorded_children(const Recorded& messages, std::size_t first, std::siz
             } catch (const CorruptMessage&) {
                 continue;
             }
+            selected.apply(message.source, is_static, scratch);
             for (const TransformView& transform : scratch) {
                 const clock::StampNs stamp = transform.stamp;
                 if (stamp < 0)
@@ -565,19 +595,26 @@ void bind_wire(nb::module_& module, nb::class_<BufferObject, ReadsObject>& type)
                      "str | collections.abc.Sequence[str] = '') -> tfdb.types.IngestResult"),
              kIngestManyDoc);
     bind_recorded(module);
+    bind_selection(module);
     module.def("ingest_recorded", &ingest_recorded, nb::arg("buffer"), nb::arg("messages").none(),
                nb::arg("first"), nb::arg("last"), nb::kw_only(), nb::arg("encoding").none(),
-               nb::arg("static"), nb::arg("authorities"),
+               nb::arg("static"), nb::arg("authorities"), nb::arg("selection").none() = nb::none(),
+               nb::arg("rules") = nb::dict(), nb::arg("forgotten").none() = nb::none(),
                nb::sig("def ingest_recorded(buffer: Buffer, messages: Recorded, first: int, "
-                       "last: int, *, encoding: str, static: bool, authorities: dict[int, str]) "
-                       "-> tfdb.types.IngestResult"),
-               "As `ingest_many`, of the messages at [first, last); `authorities` by source.");
+                       "last: int, *, encoding: str, static: bool, authorities: dict[int, str], "
+                       "selection: Selection | None = None, rules: dict[int, int] = {}, "
+                       "forgotten: Forgotten | None = None) -> tfdb.types.IngestResult"),
+               "As `ingest_many`, of the messages at [first, last).\n\n"
+               "`authorities` and the `rules` of `selection` are by source, rule 0 the default. "
+               "`forgotten` counts what the buffer's history drops.");
     module.def("recorded_children", &recorded_children, nb::arg("messages").none(),
                nb::arg("first"), nb::arg("last"), nb::kw_only(), nb::arg("encoding").none(),
+               nb::arg("static"), nb::arg("selection").none(), nb::arg("rules"),
                nb::sig("def recorded_children(messages: Recorded, first: int, last: int, *, "
-                       "encoding: str) -> dict[int, dict[str, tuple[int, int]]]"),
+                       "encoding: str, static: bool, selection: Selection | None, "
+                       "rules: dict[int, int]) -> dict[int, dict[str, tuple[int, int]]]"),
                "The child frames of the messages at [first, last), by source, each with its first "
-               "and last stamp in nanoseconds.");
+               "and last stamp in nanoseconds. `selection` and `rules` as in `ingest_recorded`.");
     module.def("ingest_members", &ingest_members, nb::arg("buffer"), nb::arg("data").none(),
                nb::kw_only(), nb::arg("encoding").none(), nb::arg("static"),
                nb::arg("authority").none(), nb::arg("change_kind"), nb::arg("only_new"),

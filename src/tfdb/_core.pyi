@@ -1511,14 +1511,52 @@ class Recorded:
         First and last + 1 of messages that follow each other and are of one kind.
         """
 
-def ingest_recorded(buffer: Buffer, messages: Recorded, first: int, last: int, *, encoding: str, static: bool, authorities: dict[int, str]) -> tfdb.types.IngestResult:
+class Selection:
+    """Which recorded transforms are kept, and the names of their frames."""
+
+    def __init__(self, choose: Callable[[int, str, str], tuple[str, str] | None], first: int | None = None, last: int | None = None) -> None:
+        """
+        `choose` gets a source's rule, parent and child: once for each edge. It returns the new names; None leaves the edge out.
+        Moving transforms are kept from stamp `first` to `last`, both included.
+        """
+
+    @property
+    def left_out(self) -> int:
+        """Number of transforms that were left out."""
+
+    @property
+    def moving(self) -> int:
+        """Number of moving transforms that were kept."""
+
+    @property
+    def outside(self) -> tuple[int, int] | None:
+        """First and last stamp that the time window left out of chosen edges."""
+
+    def kept(self) -> list[tuple[int, str, str]]:
+        """
+        Rule, parent and child, by their old names, of the edges that were kept.
+        """
+
+class Forgotten:
+    """Counts samples that a limited history drops."""
+
+    def __init__(self, buffer: Buffer) -> None:
+        """By the history of `buffer`."""
+
+    @property
+    def count(self) -> int:
+        """Number of samples."""
+
+def ingest_recorded(buffer: Buffer, messages: Recorded, first: int, last: int, *, encoding: str, static: bool, authorities: dict[int, str], selection: Selection | None = None, rules: dict[int, int] = {}, forgotten: Forgotten | None = None) -> tfdb.types.IngestResult:
     """
-    As `ingest_many`, of the messages at [first, last); `authorities` by source.
+    As `ingest_many`, of the messages at [first, last).
+
+    `authorities` and the `rules` of `selection` are by source, rule 0 the default. `forgotten` counts what the buffer's history drops.
     """
 
-def recorded_children(messages: Recorded, first: int, last: int, *, encoding: str) -> dict[int, dict[str, tuple[int, int]]]:
+def recorded_children(messages: Recorded, first: int, last: int, *, encoding: str, static: bool, selection: Selection | None, rules: dict[int, int]) -> dict[int, dict[str, tuple[int, int]]]:
     """
-    The child frames of the messages at [first, last), by source, each with its first and last stamp in nanoseconds.
+    The child frames of the messages at [first, last), by source, each with its first and last stamp in nanoseconds. `selection` and `rules` as in `ingest_recorded`.
     """
 
 def ingest_members(buffer: Buffer, data: tfdb.types.BytesLike, *, encoding: str, static: bool, authority: str, change_kind: bool, only_new: bool) -> list[tfdb.types.Refused]:

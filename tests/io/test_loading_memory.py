@@ -72,3 +72,29 @@ def test_nothing_of_the_messages_stays(tmp_path: Path, recorder: Any, container:
     )
     print(told.stdout)
     assert int(told.stdout) < BOUND
+
+
+PEAK = r"""
+import re, sys, tfdb
+from pathlib import Path
+assert tfdb.Buffer(history=1.0).load(sys.argv[1]).forgotten > 0
+# Of this program alone: getrusage starts with the peak of its parent.
+print(1024 * int(re.search(r"VmHWM:\s+(\d+)", Path("/proc/self/status").read_text())[1]))
+"""
+
+
+def peak_of_a_limited_load(path: Path, messages: int) -> int:
+    pose = (1, 2, 3), (0, 0.6, 0, -0.8)
+    with tfdb.io.RecordingWriter(path) as writer:
+        for stamp in range(1, messages + 1):
+            now = stamp * 20_000_000
+            members = [tfdb.TransformStamped("map", f"f{i}", now, *pose) for i in range(EDGES)]
+            writer.write(tfdb.encode_tf_message(members, writer.encoding), now, topic="/tf")
+    command = [sys.executable, "-W", "ignore", "-c", PEAK, path]
+    return int(subprocess.run(command, check=True, capture_output=True, text=True).stdout)
+
+
+def test_a_limited_history_takes_the_same_memory_for_a_longer_recording(tmp_path: Path) -> None:
+    short = peak_of_a_limited_load(tmp_path / "short.mcap", 2_000)
+    long = peak_of_a_limited_load(tmp_path / "long.mcap", 22_000)  # 15 MB of samples more
+    assert long - short < BOUND

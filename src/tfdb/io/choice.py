@@ -6,7 +6,6 @@ A `Choice` is what was asked for; `resolve` looks at the recordings where it mus
 
 from __future__ import annotations
 
-import re
 import warnings
 from collections import Counter
 from collections.abc import Iterable, Mapping
@@ -25,19 +24,24 @@ from tfdb.summary import span
 
 from .containers import JOINT_STATE, POSE_TYPES, POSES_WITHOUT_CHILD, Source, encodings_of
 from .decimal_time import UNITS, Unit, parse_stamp
-from .groups import prefix_of
+from .edge_rules import EdgeRules
 from .pose_messages import decode_joint_state, decode_poses
-from .recordings import Run
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
     from tfdb import Buffer, TransformStamped
+    from tfdb._core import Recorded
     from tfdb.stamps import StampLike
+    from tfdb.types import IngestResult
 
     from .joint_states import JointReport, JointStates
-    from .recordings import PathLike, Recording
+    from .recordings import PathLike, Recording, Run
     from .robot_model import RobotModel
+
+    class _Chosen(TypedDict):
+        selection: _core.Selection | None
+        rules: dict[int, int]
 
     Window: TypeAlias = tuple[int | None, int | None]
     PoseTopics: TypeAlias = str | Iterable[str] | Mapping[str, str | None]
@@ -393,36 +397,80 @@ class Rewriter:
         joints: JointStates | None = None,
     ) -> None:
         self._choice = choice
+        self._rules = EdgeRules(choice, children)
         self.window = window
+        self._selection = _core.Selection(self._rules.edge, *map(_as_stamp, window))
         self.joints = joints
         self.refusals: list[TfdbError] = []
         """Errors of messages of which nothing is left."""
         self.refused_members: list[TfdbError] = []
         """Errors of transforms of which the rest of the message is left."""
-        self._children = children
-        self._excluded = [(entry, _pattern(entry)) for entry in choice.exclude]
-        self._excluded_edges = [(entry, made) for entry, made in self._excluded if ":" in entry]
         self._empty: Buffer = _core.Buffer()
-        self._is_out: dict[str, bool] = {}
-        self._used: set[str] = set()
-        self._names: dict[str, str] = {}
         self.is_idle: bool = not (choice.limits or choice.by_namespace)
-        self.left_out: int = 0
+        # Of messages that are rewritten here; `_selection` counts the others.
+        self._names: dict[str, str] = {}
+        self._left_out = 0
         self._moving = 0
-        self.untimed: Counter[str] = Counter()
         self._outside: tuple[int, int] | None = None
+        self.untimed: Counter[str] = Counter()
 
-    def run(self, run: Run, *, static: bool) -> Run | None:
-        """The messages of a run of which something is left; None where nothing is."""
-        if self.is_idle and run.source.is_tf:
-            return run
+    @property
+    def left_out(self) -> int:
+        """How many transforms were not wanted."""
+        return self._left_out + self._selection.left_out
+
+    def ingest(
+        self,
+        run: Run,
+        store: Buffer,
+        encoding: str,
+        static: bool,
+        *,
+        authorities: Mapping[int, str] | None = None,
+        forgotten: _core.Forgotten | None = None,
+    ) -> IngestResult:
+        """Store what is wanted of a run, as `_core.ingest_recorded` does."""
+        part, chosen = self._part(run, static=static)
+        return _core.ingest_recorded(
+            store,
+            *part,
+            encoding=encoding,
+            static=static,
+            authorities=dict(authorities or {}),
+            forgotten=forgotten,
+            **chosen,
+        )
+
+    def children(
+        self, run: Run, encoding: str, static: bool
+    ) -> dict[int, dict[str, tuple[int, int]]]:
+        """Return the child frames of what is wanted of a run, by source.
+
+        Each has its first and last stamp.
+        """
+        part, chosen = self._part(run, static=static)
+        return _core.recorded_children(*part, encoding=encoding, static=static, **chosen)
+
+    def _part(self, run: Run, *, static: bool) -> tuple[tuple[Recorded, int, int], _Chosen]:
+        """Messages of transforms, and what chooses among them."""
+        if not run.source.is_tf:
+            made = self._made(run, static=static)
+            return (made, 0, len(made)), {"selection": None, "rules": {}}
+        part = run.messages, run.first, run.last
+        if self.is_idle:
+            return part, {"selection": None, "rules": {}}
+        rules = {id_: self._rules.number(source) for id_, source in run.sources.items()}
+        return part, {"selection": self._selection, "rules": rules}
+
+    def _made(self, run: Run, *, static: bool) -> Recorded:
+        """What is wanted of other messages, as messages of transforms."""
         made = _core.Recorded()
         for index in range(run.first, run.last):
             received, id_, data = run.messages[index]
             left = self.message(data, run.sources[id_], received, static=static)
             if left is not None:
                 made.add(received, id_, left)
-        return Run(made, 0, len(made), run.sources) if len(made) else None
+        return made
 
     def message(self, data: bytes, source: Source, received: int, *, static: bool) -> bytes | None:
         """The bytes of a TFMessage; None where nothing of it is left.
@@ -499,18 +547,26 @@ class Rewriter:
 
     def space(self, source: Source) -> str:
         """The prefix that `by_namespace` gives to the frames of a topic."""
-        return prefix_of(source) if self._choice.by_namespace else ""
+        return self._rules.space(source)
 
     def old_name(self, frame: str) -> str:
         """The name in the recording of a frame that was loaded."""
-        return next((old for old, new in self._names.items() if new == frame), frame)
+        return next((old for old, new in self._loaded().items() if new == frame), frame)
+
+    def _loaded(self) -> dict[str, str]:
+        """The new names of frames that were loaded, by their old ones, where frames are renamed."""
+        names = dict(self._names)
+        for edge in self._selection.kept() if self._rules.renames else ():
+            frames = [each for each in self._rules.frames(*edge) if each and each.isprintable()]
+            names |= {frame: self._rules.name(frame) for frame in frames}
+        return names
 
     def without_names(self) -> Rewriter:
         """Make a rewriter that leaves out the same, and keeps all names."""
         choice = copy(self._choice)
         choice.prefix, choice.rename = "", {}
         joints = None if self.joints is None else self.joints.again()
-        return Rewriter(choice, self.window, self._children, joints)
+        return Rewriter(choice, self.window, self._rules.children, joints)
 
     def _decoded(
         self, data: bytes, source: Source, received: int, *, static: bool
@@ -554,13 +610,6 @@ class Rewriter:
             return error
         return one
 
-    def ingest(self, run: Run, store: Buffer, encoding: str, static: bool) -> None:
-        """Store what is left of a run."""
-        left = self.run(run, static=static)
-        if left is not None:
-            part = left.messages, left.first, left.last
-            _core.ingest_recorded(store, *part, encoding=encoding, static=static, authorities={})
-
     @property
     def model_name(self) -> str:
         """Who says where the fixed joints are."""
@@ -583,13 +632,15 @@ class Rewriter:
         """What is left of the transforms of one message."""
         if self.is_idle:
             return list(given)
-        is_out = self._excludes(source.topic) or self._excludes(source.authority)
+        is_out = self._rules.excludes_source(source)
         left = [
             self._renamed(each)
             for each in given
-            if not is_out and self._takes(each, source) and (static or self._is_inside(each))
+            if not is_out
+            and self._rules.takes(source, each.parent, each.child)
+            and (static or self._is_inside(each))
         ]
-        self.left_out += len(given) - len(left)
+        self._left_out += len(given) - len(left)
         self._moving += 0 if static else len(left)
         return left
 
@@ -598,18 +649,19 @@ class Rewriter:
         for message in () if self.joints is None else self.joints.report().complaints():
             warnings.warn(f"{what}: {message}", TfdbWarning, stacklevel=depth)
         choice = self._choice
-        unused = [entry for entry in choice.exclude if entry not in self._used]
+        unused = [entry for entry in choice.exclude if entry not in self._rules.used]
         if unused:
-            known = {name.removeprefix("/") for name in self._is_out}
-            hint = did_you_mean([entry for entry in unused if not set(entry) & set("*?")], known)
+            plain = [entry for entry in unused if not set(entry) & set("*?")]
+            hint = did_you_mean(plain, self._rules.names)
             message = f"exclude: no frame, topic or node of {what} is called {_few(unused)}{hint}"
             warnings.warn(message, TfdbWarning, stacklevel=depth)
-        unknown = sorted(set(choice.rename) - self._names.keys())
+        names = self._loaded()
+        unknown = sorted(set(choice.rename) - names.keys())
         if unknown:
-            hint = did_you_mean(unknown, self._names)
+            hint = did_you_mean(unknown, names)
             message = f"rename: nothing was loaded of {what} that is called {_few(unknown)}{hint}"
             warnings.warn(message, TfdbWarning, stacklevel=depth)
-        if self._outside and not self._moving:
+        if self._all_outside() and not self._moving + self._selection.moving:
             message = f"{what}: nothing moves {self._described()}"
             warnings.warn(message, TfdbWarning, stacklevel=depth)
         for topic, count in self.untimed.items():
@@ -621,31 +673,31 @@ class Rewriter:
 
     def check_renamed(self) -> None:
         """Raise UnknownFrame for a frame to be renamed of which no message spoke."""
-        for frame in sorted(set(self._choice.rename) - self._names.keys()):
-            raise _no_frame("rename", frame, sorted(self._names))
+        names = self._loaded()
+        for frame in sorted(set(self._choice.rename) - names.keys()):
+            raise _no_frame("rename", frame, sorted(names))
 
     def reason(self) -> str:
         """Why nothing is left."""
         count = f"all {self.left_out:,} transforms are left out by {self._choice.limits}"
-        return f"{count}: nothing moves {self._described()}" if self._outside else count
+        return f"{count}: nothing moves {self._described()}" if self._all_outside() else count
+
+    def _all_outside(self) -> tuple[int, int] | None:
+        """The first and last moving stamp that only the time window left out."""
+        found = [ends for ends in (self._outside, self._selection.outside) if ends is not None]
+        return (min(a for a, _ in found), max(b for _, b in found)) if found else None
 
     def _described(self) -> str:
         first, last = self.window
         since = "" if first is None else f" from {format_seconds(first)}"
         until = "" if last is None else f" to {format_seconds(last)}"
-        there = " to ".join(map(format_seconds, self._outside or ()))
+        outside = self._all_outside()
+        there = " to ".join(map(format_seconds, outside or ()))
         given = [time for time in (self._choice.start, self._choice.end) if time is not None]
-        meant = [time for time in given if time.may_be_offset(self._outside)]
+        meant = [time for time in given if time.may_be_offset(outside)]
         offsets = " and ".join(f"'+{format_seconds(each.ns)}'".replace(" s", "") for each in meant)
         hint = f"; did you mean {offsets}, from the start?" if meant else ""
         return f"{since}{until}, its stamps run from {there}{hint}".lstrip()
-
-    def _takes(self, transform: TransformStamped, source: Source) -> bool:
-        if self._children is not None and transform.child not in self._children:
-            return False
-        if self._excludes(transform.parent) or self._excludes(transform.child):
-            return False
-        return not self._excludes(f"{source.topic}:{transform.child}", edges=True)
 
     def _is_inside(self, transform: TransformStamped) -> bool:
         first, last = self.window
@@ -656,21 +708,8 @@ class Rewriter:
         self._outside = min(low, stamp), max(high, stamp)
         return False
 
-    def _excludes(self, name: str, *, edges: bool = False) -> bool:
-        """Whether a name is excluded; `edges`: that of an edge, as only entries with ':' name."""
-        excluded = self._excluded_edges if edges else self._excluded
-        if not excluded:
-            return False
-        known = self._is_out.get(name)
-        if known is None:
-            plain = name.removeprefix("/")
-            used = {entry for entry, pattern in excluded if pattern.fullmatch(plain)}
-            self._used |= used
-            known = self._is_out[name] = bool(used)
-        return known
-
     def _renamed(self, transform: TransformStamped) -> TransformStamped:
-        if not self._choice.rename and not self._choice.prefix:
+        if not self._rules.renames:
             return transform
         parent, child = self._name(transform.parent), self._name(transform.child)
         return replace(transform, parent=parent, child=child)
@@ -678,8 +717,7 @@ class Rewriter:
     def _name(self, frame: str) -> str:
         name = self._names.get(frame)
         if name is None:
-            name = self._choice.prefix + self._choice.rename.get(frame, frame)
-            self._names[frame] = name
+            name = self._names[frame] = self._rules.name(frame)
         return name
 
 
@@ -857,10 +895,9 @@ def no_topic(path: str, topic: str, held: str, known: Iterable[str]) -> Recordin
     return RecordingError(path, f"no topic {topic!r}; its topics: {held}{hint}")
 
 
-def _pattern(entry: str) -> re.Pattern[str]:
-    """What a name is matched against: `*` stands for anything, `?` for one letter."""
-    parts = {"*": ".*", "?": "."}
-    return re.compile("".join(parts.get(each, re.escape(each)) for each in entry), re.DOTALL)
+def _as_stamp(time: int | None) -> int | None:
+    """A time in the range of stamps that the core compares."""
+    return None if time is None else max(-(2**63), min(time, 2**63 - 1))
 
 
 def _no_frame(option: str, frame: str, frames: Sequence[str]) -> UnknownFrame:

@@ -229,7 +229,7 @@ class Survey:
             if is_static:
                 self._rewriter.ingest(run, stores[spelling_of(run.source)], encoding, is_static)
                 continue
-            for id_, frames in _children(run, self._rewriter, encoding, is_static).items():
+            for id_, frames in self._rewriter.children(run, encoding, is_static).items():
                 moving = parts[spelling_of(run.sources[id_])].moving
                 for frame, (first, last) in frames.items():
                     before = moving.get(frame, (first, last))
@@ -275,7 +275,7 @@ class Watch:
         """Look at messages of one part. Raises MixedSources if they disagree with another."""
         part = spelling_of(run.source)
         self._topics[part].add(run.source.topic)
-        found = _children(run, self._rewriter, encoding, is_static).values()
+        found = self._rewriter.children(run, encoding, is_static).values()
         names = sorted({name for frames in found for name in frames})
         foreign = [each for each in names if self._owners.setdefault(each, part) != part]
         fresh: Buffer = _core.Buffer(history=None) if foreign else self._owned
@@ -534,17 +534,6 @@ def _overlap(one: Range, other: Range) -> bool:
     """
     first, last = max(one[0], other[0]), min(one[1], other[1])
     return first < last or (first == last and (one[0] == one[1] or other[0] == other[1]))
-
-
-def _children(
-    read: Run, rewriter: Rewriter, encoding: str, is_static: bool
-) -> dict[int, dict[str, Range]]:
-    """Return the child frames of each source in a run, with their first and last stamp."""
-    run = rewriter.run(read, static=is_static)
-    if run is None:
-        return {}
-    part = run.messages, run.first, run.last
-    return _core.recorded_children(*part, encoding=encoding)
 
 
 def _few(names: Sequence[str], separator: str) -> str:

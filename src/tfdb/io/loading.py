@@ -35,6 +35,7 @@ if TYPE_CHECKING:
     from tfdb import Buffer
     from tfdb._core import Recorded
     from tfdb.errors import TfdbError
+    from tfdb.types import IngestResult
 
     from .choice import LoadOptions, Rewriter
     from .containers import Loss, Source
@@ -86,7 +87,8 @@ class LoadReport:
         Time taken; the second is the part that read the containers.
     forgotten
         Samples of the recordings that the store does not keep, because they are older than its
-        `history` allows; those of refused messages (`TooOld`) included.
+        `history` allows; those refused with `TooOld` included. Samples of one stamp count once,
+        unless they come after it was forgotten.
     lost
         What `salvage` could not save of damaged files; empty where nothing was lost.
     left_out
@@ -314,7 +316,6 @@ class Following:
         self._rewriter = choice.without_survey()
         self._selection = Selection(topics, choice)
         self._tally = _Tally(buffer)
-        self._tally.everything = None  # it would grow as the file does
 
     def run(self) -> None:
         """Store what comes until the file is complete."""
@@ -553,11 +554,7 @@ class _Meter:
 
 @dataclass
 class _Tally:
-    """Stores runs of messages and counts what became of them.
-
-    Beside a store with a limited history, everything goes into one that forgets nothing, too: that
-    tells what was forgotten.
-    """
+    """Stores runs of messages and counts what became of them."""
 
     buffer: Buffer
     messages: int = 0
@@ -574,12 +571,11 @@ class _Tally:
     lost: list[Loss] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)
     trajectories: list[TrajectoryRows] = field(default_factory=list)
-    everything: Buffer | None = None
     seconds: float = 0.0
 
     def __post_init__(self) -> None:
-        if self.buffer.history is not None:
-            self.everything = _core.Buffer(history=None)
+        is_limited = self.buffer.history is not None
+        self._forgotten = _core.Forgotten(self.buffer) if is_limited else None
 
     def count(self, recording: Recording, selection: Selection) -> None:
         """Add the topics of a recording; its reader has checked their numbers of messages."""
@@ -597,9 +593,7 @@ class _Tally:
         """Commit the fixed joints of a robot's model."""
         fixed = rewriter.fixed_joints()
         if fixed:
-            stores = [self.buffer] if self.everything is None else [self.buffer, self.everything]
-            for store in stores:
-                store.set_transforms(fixed, static=True, authority=rewriter.model_name)
+            self.buffer.set_transforms(fixed, static=True, authority=rewriter.model_name)
             self.transforms += len(fixed)
             self.commits += 1
 
@@ -609,9 +603,17 @@ class _Tally:
         encoding, static = selection.kind(read.source)
         self.messages += read.last - read.first
         self.start, self.end = min(self.start, read.start), max(self.end, read.end)
-        run = rewriter.run(read, static=static)
-        if run is not None:
-            self._ingest(run, encoding, static=static)
+        authorities = {id_: source.authority for id_, source in read.sources.items()}
+        self._add(
+            rewriter.ingest(
+                read,
+                self.buffer,
+                encoding,
+                static,
+                authorities=authorities,
+                forgotten=self._forgotten,
+            )
+        )
         self.seconds += time.perf_counter() - started
         meter.step(read.last - read.first)
 
@@ -645,16 +647,7 @@ class _Tally:
                 watch.look(run, *selection.kind(run.source))
             self.store(run, selection, rewriter, _Meter(0, None, 1))
 
-    def _ingest(self, run: Run, encoding: str, *, static: bool) -> None:
-        authorities = {id_: source.authority for id_, source in run.sources.items()}
-        part = run.messages, run.first, run.last
-        result = _core.ingest_recorded(
-            self.buffer, *part, encoding=encoding, static=static, authorities=authorities
-        )
-        if self.everything is not None:
-            _core.ingest_recorded(
-                self.everything, *part, encoding=encoding, static=static, authorities={}
-            )
+    def _add(self, result: IngestResult) -> None:
         self.transforms += result.transforms
         self.commits += result.commits
         self.refused += result.refused
@@ -678,16 +671,6 @@ class _Tally:
         self.reasons[name] += 1
         self.first_refusals.setdefault(name, str(error))
         self._add_refused(RefusedEdge(edge, name, 1, str(error)))
-
-    def forgotten(self) -> int:
-        """How many samples that were read are not in the store."""
-        if self.everything is None:
-            return 0
-        return sum(
-            missing_samples(self.buffer, info.name, self.everything.samples(info.name)[0])
-            for info in self.everything.tree()
-            if info.oldest is not None
-        )
 
     def _name_ways_on(self, rewriter: Rewriter) -> None:
         """Name the options of loading in the errors of edges that are static and move."""
@@ -733,7 +716,7 @@ class _Tally:
             end=self.end,
             seconds=seconds,
             seconds_reading_container=seconds - self.seconds,
-            forgotten=self.forgotten(),
+            forgotten=0 if self._forgotten is None else self._forgotten.count,
             lost=tuple(self.lost),
             trajectories=tuple(self.trajectories),
             left_out=rewriter.left_out,
