@@ -160,12 +160,28 @@ def test_refused_messages(tool: Tool, maker: BagMaker) -> None:
     assert refused["InvalidTransform"]["frames"] == ["base"]
     assert set(refused) == {"InvalidTransform", "CorruptMessage"}
     assert refused["InvalidTransform"]["count"] == 2
-    assert "quaternion" in [finding["kind"] for finding in body["findings"]]
+    assert {finding["kind"] for finding in body["findings"]} == {"refused"}
     for command in ("info", "gaps"):
         assert (
             "2 transforms refused, nothing stored of 3 messages; 'tfdb check' says why"
             in tool(command, path).out
         )
+
+
+def test_transforms_that_are_refused_make_no_other_finding(tool: Tool, maker: BagMaker) -> None:
+    maker.add_drive()
+    edge = moved("base", "camera", 2.01, 1)
+    maker.add(2.01, [edge, moved("/map", "/base", 2.01, 900, (0, 0, 0, 0))])
+    maker.add(2.02, [edge, moved("camera", "odom", 2.02, 1)], publisher="/other")
+    maker.add(2.03, [moved("odom", "base", 2.02, 50, (0, 0, 0, 0))])
+    maker.add(2.04, [moved("/base", "/base", 9.0, 50)])
+    found = tool("check", maker.write(), "--json", "--ignore", "coverage", code=1).json["findings"]
+    assert {finding["kind"] for finding in found} == {"refused", "two-publishers"}
+    assert {finding["details"].get("error") for finding in found} == {
+        "InvalidTransform",
+        "CycleError",
+        None,
+    }
 
 
 def test_looped_bag(tool: Tool, maker: BagMaker) -> None:

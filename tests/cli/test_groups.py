@@ -215,7 +215,7 @@ def test_a_growing_recording_is_followed_by_the_same_rule(tool: Tool) -> None:
     command = ("serve", "follow", ROBOTS, "--into", name)
     try:
         assert "--by-namespace" in tool(*command, code=2).error
-        tool("shm", "rm", name)
+        assert "no shared store" in tool("shm", "info", name, code=2).error
         tool(*command, "--by-namespace", "--history", "100")
         with tfdb.Buffer.open(name, create=False) as store:
             assert store.frame_info("robot1/base_link").samples == 50

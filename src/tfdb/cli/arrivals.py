@@ -59,6 +59,25 @@ class _Slashes:
         return tuple(sorted(self._with & self._without))
 
 
+class _Stored:
+    """A store beside the log, which decides what is refused."""
+
+    def __init__(self, log: Log) -> None:
+        self._log = log
+        self._store = tfdb.Buffer(history=None)
+
+    def add(self, transforms: Sequence[tfdb.TransformStamped], *, static: bool) -> list[int]:
+        """Store transforms of one message; return the indices of those that were not refused."""
+        if not transforms:
+            return []
+        refused = self._store.set_transforms(transforms, static=static, partial=True)
+        for member in refused:
+            if member.error == "StaticConflict":
+                self._log.refuse(transforms[member.index].child, static=static)
+        out = {member.index for member in refused}
+        return [index for index in range(len(transforms)) if index not in out]
+
+
 def read_arrivals(
     paths: Sequence[str],
     static: Mapping[str, bool],
@@ -70,9 +89,10 @@ def read_arrivals(
     """Read the topics in `static`, which says of each whether its transforms are static.
 
     `options` are those with which they were loaded.
-    Messages that are no TFMessage are passed over: loading them counts them as refused.
+    What a store refuses is left out: loading counts it as refused.
     """
     log = Log()
+    stored = _Stored(log)
     slashes = _Slashes()
     known = False
     done = 0
@@ -91,6 +111,7 @@ def read_arrivals(
         choice = Choice(**options or {})
         choice.check_topics(recordings)
         rewriter = choice.resolve(recordings, wants, kind)
+        stored.add(rewriter.fixed_joints(), static=True)
         total = sum(s.messages for r in recordings for s in r.all_sources if wants(s))
         for recording in recordings:
             for source, arrival, data in recording.messages(wants):
@@ -104,13 +125,19 @@ def read_arrivals(
                     given = rewriter.decoded(data, source, arrival, static=is_static)
                 except tfdb.TfdbError:
                     continue
-                space = rewriter.space(source)
-                names = {n.removeprefix(space) for one in given for n in (one.parent, one.child)}
+                wanted = [
+                    (one, new)
+                    for one in given
+                    for new in rewriter.transforms([one], source, static=is_static)
+                ]
+                kept = stored.add([new for _, new in wanted], static=is_static)
                 if source.is_tf:
+                    space = rewriter.space(source)
+                    found = [wanted[index][0] for index in kept]
+                    names = {n.removeprefix(space) for o in found for n in (o.parent, o.child)}
                     slashes.look(data, names, source.encoding)
-                left = rewriter.transforms(given, source, static=is_static)
                 log.add(
-                    map(_row, left),
+                    (_row(wanted[index][1]) for index in kept),
                     arrival=arrival,
                     publisher=source.authority if named else "",
                     static=is_static,

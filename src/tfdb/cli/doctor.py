@@ -6,7 +6,7 @@ Pure functions over columns: `tfdb check` reads the file, this module judges.
 from __future__ import annotations
 
 from array import array
-from collections import defaultdict
+from collections import Counter, defaultdict
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
@@ -148,6 +148,8 @@ class Log:
     def __init__(self) -> None:
         self._ids: dict[str, int] = {}
         self.names: list[str] = []
+        self.conflicts: Counter[tuple[str, bool]] = Counter()
+        """Refused transforms of edges that are of the other kind, by child and whether static."""
         self._columns: dict[str, _Columns] = defaultdict(_Columns)
 
     @property
@@ -180,6 +182,10 @@ class Log:
             columns.publishers.append(who)
             columns.static.append(static)
 
+    def refuse(self, child: str, *, static: bool) -> None:
+        """Count a transform that a store refuses, because its edge is of the other kind."""
+        self.conflicts[child, static] += 1
+
     def edges(self) -> Iterator[Edge]:
         """Give the edges by name."""
         for name, columns in sorted(self._columns.items()):
@@ -202,7 +208,7 @@ def examine(log: Log, limits: Limits = Limits()) -> list[Finding]:
     found: list[Finding] = list(_two_clocks(parts))
     for edge in edges:
         found += _publishers(edge, log.names)
-        found += _static_and_moving(edge)
+        found += _static_and_moving(edge, log.conflicts)
         found += _quaternions(edge)
         found += _revised(edge.fixed)
     for part in parts:
@@ -357,9 +363,10 @@ def _publishers(edge: Edge, names: Sequence[str]) -> Iterator[Finding]:
     yield Finding("two-publishers", (edge.name,), message, None, len(who), {"publishers": who})
 
 
-def _static_and_moving(edge: Edge) -> Iterator[Finding]:
+def _static_and_moving(edge: Edge, conflicts: Mapping[tuple[str, bool], int]) -> Iterator[Finding]:
     static = int(edge.static.sum())
-    moving = len(edge.static) - static
+    moving = len(edge.static) - static + conflicts.get((edge.name, False), 0)
+    static += conflicts.get((edge.name, True), 0)
     if static and moving:
         message = f"{_count(static, 'static transform')}, {_count(moving, 'moving transform')}"
         yield Finding("static-and-moving", (edge.name,), message, None, min(static, moving))

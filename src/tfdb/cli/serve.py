@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import time
-from contextlib import ExitStack, closing
+from contextlib import ExitStack
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, cast
 
@@ -13,8 +13,7 @@ import click
 import tfdb
 from tfdb.counting import counted
 from tfdb.io.choice import Choice
-from tfdb.io.loading import Following, Selection
-from tfdb.io.mcap_reader import GrowingMcap
+from tfdb.io.loading import Following, Selection, refuse_mixture_so_far
 from tfdb.io.static_conflicts import way_on
 from tfdb.summary import span
 
@@ -165,6 +164,8 @@ def follow(
 
     Messages come as the recorder writes them, chunk by chunk. The store stays when this ends, by
     Ctrl-C too. --frame, --keep, --urdf and offsets from the first or last stamp need a whole file.
+    Groups of topics that disagree are refused: before there is a store, if FILE holds them already;
+    later the store keeps what came before.
     """
     (path,) = common.find_paths([file])
     common.refuse_frozen([path])
@@ -172,9 +173,7 @@ def follow(
         raise click.UsageError("--salvage goes with files that nobody writes any more")
     name = into.removeprefix(STORE)
     # What cannot be followed is refused before there is a store.
-    Choice(**common.chosen()).without_survey()
-    with closing(GrowingMcap(path)) as growing:
-        next(growing.read(), None)
+    refuse_mixture_so_far(path, common.parse_topics(topics), **common.chosen())
     store = _open(name, history)
     if not as_json:
         text = f"{file} into shm:{name}, as it grows; Ctrl-C ends it"

@@ -354,6 +354,47 @@ class Following:
         return report
 
 
+def refuse_mixture_so_far(
+    path: PathLike, topics: Topics | None = None, **options: Unpack[LoadOptions]
+) -> None:
+    """Raise what `follow_recording` raises for the part of a file that is written already.
+
+    Raises MixedSources, RecordingError and InvalidArgument.
+    """
+    choice = Choice(**options)
+    selection = Selection(topics, choice)
+    watch = selection.watch(str(path), choice.without_survey())
+    with closing(GrowingMcap(given_path(path, RecordingError))) as file:
+        for messages, sources in file.read():
+            if watch is None:
+                break
+            for _ in _runs_that_came(messages, sources, selection, watch):
+                pass
+
+
+def _runs_that_came(
+    messages: Recorded,
+    sources: Mapping[int, Source],
+    selection: Selection,
+    watch: Watch | None,
+) -> Iterator[Run]:
+    """Give the runs that are wanted of messages that just came, after a look at each."""
+
+    def kind(source: Source) -> object:
+        return selection.kind(source), "" if watch is None else spelling_of(source)
+
+    wanted = {id_ for id_, source in sources.items() if selection.wants(source)}
+    picked = _core.Recorded()
+    for index in range(len(messages)):
+        received, id_, data = messages[index]
+        if id_ in wanted:
+            picked.add(received, id_, data)
+    for run in runs_of(picked, sources, selection.wants, kind):
+        if watch is not None and selection.is_judged(run.source):
+            watch.look(run, *selection.kind(run.source))
+        yield run
+
+
 def _check_seconds(name: str, value: Any) -> None:
     is_number = isinstance(value, Real) and not isinstance(value, bool)
     if not is_number or not 0 < value < 10**9:
@@ -626,25 +667,15 @@ class _Tally:
         watch: Watch | None,
     ) -> None:
         """Commit what is wanted of messages that just came, and count their topics."""
-
-        def kind(source: Source) -> object:
-            return selection.kind(source), "" if watch is None else spelling_of(source)
-
         counts = messages.counts()
-        wanted = {id_: s for id_, s in sources.items() if selection.wants(s)}
-        for id_, source in wanted.items():
+        for id_, source in sources.items():
+            if not selection.wants(source):
+                continue
             before = self.topics.get(source.topic)
             count = counts.get(id_, 0) + (before.messages if before else 0)
             static = selection.is_static(source)
             self.topics[source.topic] = TopicReport(source.topic, count, static)
-        picked = _core.Recorded()
-        for index in range(len(messages)):
-            received, id_, data = messages[index]
-            if id_ in wanted:
-                picked.add(received, id_, data)
-        for run in runs_of(picked, sources, selection.wants, kind):
-            if watch is not None and selection.is_judged(run.source):
-                watch.look(run, *selection.kind(run.source))
+        for run in _runs_that_came(messages, sources, selection, watch):
             self.store(run, selection, rewriter, _Meter(0, None, 1))
 
     def _add(self, result: IngestResult) -> None:
