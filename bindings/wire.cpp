@@ -10,6 +10,7 @@
 #include <span>
 #include <string>
 #include <string_view>
+#include <tuple>
 #include <unordered_map>
 #include <utility>
 #include <vector>
@@ -200,12 +201,17 @@ struct Tally {
     std::uint64_t refused_transforms = 0;
     CommitNumber commit = 0;
     std::map<ErrorCode, Refusal> reasons;
-    std::map<std::pair<std::string, ErrorCode>, Refusal> edges;
+    /// By the child frame, the error, and whether it concerns a message as a whole.
+    std::map<std::tuple<std::string, ErrorCode, bool>, Refusal> edges;
 
-    /// `edge`: empty where the error concerns a message as a whole.
-    void add(std::string edge, ErrorCode code, std::string_view text) {
+    void add_message(ErrorCode code, std::string_view text) {
         reasons[code].add(messages, text);
-        edges[{std::move(edge), code}].add(messages, text);
+        edges[{std::string(), code, true}].add(messages, text);
+    }
+
+    void add_member(std::string edge, ErrorCode code, std::string_view text) {
+        reasons[code].add(messages, text);
+        edges[{std::move(edge), code, false}].add(messages, text);
     }
 };
 
@@ -239,7 +245,7 @@ void ingest_one(Buffer& store, Bytes bytes, wire::Encoding encoding, bool is_sta
         tally.refused += stored == 0 && !refused.empty() ? 1 : 0;
         tally.refused_transforms += refused.size();
         for (const RefusedMember& member : refused)
-            tally.add(edge_of(scratch[member.index]), member.code, member.message);
+            tally.add_member(edge_of(scratch[member.index]), member.code, member.message);
         if (forgotten != nullptr && !is_static)
             count_forgotten(*forgotten, scratch, refused);
     } catch (const TransactionActive&) {
@@ -252,7 +258,7 @@ void ingest_one(Buffer& store, Bytes bytes, wire::Encoding encoding, bool is_sta
         throw;
     } catch (const Error& error) {
         ++tally.refused;
-        tally.add({}, error.code(), error.what());
+        tally.add_message(error.code(), error.what());
     }
     ++tally.messages;
 }
@@ -266,9 +272,10 @@ nb::object result_of(const Tally& tally) {
     }
     const nb::object edge_type = record_type("RefusedEdge");
     nb::list edges;
-    for (const auto& [edge, refusal] : tally.edges) {
-        edges.append(edge_type(escaped(edge.first), class_name(edge.second), refusal.count,
-                               escaped(refusal.first)));
+    for (const auto& [key, refusal] : tally.edges) {
+        const auto& [edge, code, is_message] = key;
+        edges.append(edge_type(escaped(edge), class_name(code), refusal.count,
+                               escaped(refusal.first), is_message));
     }
     return record_type("IngestResult")(tally.messages, tally.transforms, tally.commits,
                                        tally.refused, tally.commit, reasons,

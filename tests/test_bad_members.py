@@ -244,14 +244,35 @@ def test_a_load_keeps_those_that_are_young_enough(tmp_path: Path) -> None:
     assert len(buffer.samples("base")[0]) == 31
 
 
-def test_many_bad_edges_are_named_and_the_rest_counted(tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("edges", "text"),
+    [
+        (20, "12 transforms of 12 other edges were refused"),
+        (9, "1 transform of 1 other edge was refused"),
+    ],
+)
+def test_many_bad_edges_are_named_and_the_rest_counted(
+    edges: int, text: str, tmp_path: Path
+) -> None:
     rows = [[oracle.row("map", "base", S, POSE)]]
-    rows[0] += [oracle.row("map", f"cam{n}", S, ZERO) for n in range(20)]
-    with pytest.warns(tfdb.TfdbWarning, match="1 transform of frame 'cam|12 trans") as warned:
+    rows[0] += [oracle.row("map", f"cam{n}", S, ZERO) for n in range(edges)]
+    with pytest.warns(tfdb.TfdbWarning, match="1 transform of frame 'cam|other") as warned:
         report = tfdb.Buffer(history=None).load(recording(tmp_path / "a.mcap", rows))
     assert len(warned) == 9
-    assert "12 transforms of 12 other edges were refused" in str(warned[-1].message)
-    assert len(report.refused_edges) == 20
+    assert text in str(warned[-1].message)
+    assert len(report.refused_edges) == edges
+
+
+def test_a_transform_without_a_child_is_no_message(tmp_path: Path) -> None:
+    rows = [[oracle.row("map", "base", S, POSE), oracle.row("map", "", S, POSE)]]
+    with pytest.warns(tfdb.TfdbWarning, match="1 transform without a child frame was refused"):
+        report = tfdb.Buffer(history=None).load(recording(tmp_path / "a.mcap", rows))
+    (refused,) = report.refused_edges
+    assert (refused.edge, refused.error, refused.count) == ("", "InvalidName", 1)
+    assert not refused.is_message
+    assert (report.refused, report.refused_transforms) == (0, 1)
+    result = tfdb.Buffer().ingest_many([b"broken"], encoding="cdr")
+    assert [each.is_message for each in result.refused_edges] == [True]
 
 
 def with_name(data: bytes, name: bytes) -> bytes:

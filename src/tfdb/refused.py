@@ -40,13 +40,15 @@ class RefusedEdge:
     """Transforms of one edge that were refused with one error."""
 
     edge: str
-    """The child frame; empty for an error of a message as a whole, such as `CorruptMessage`."""
+    """The child frame; empty if `is_message`."""
     error: str
     """Name of the error class, such as `InvalidTransform`."""
     count: int
-    """How many transforms; how many messages where `edge` is empty."""
+    """How many transforms; how many messages if `is_message`."""
     first: str
     """The error message of the first."""
+    is_message: bool = False
+    """Whether the error concerns messages as a whole, such as `CorruptMessage`."""
 
 
 belong_to("tfdb", globals(), __all__)

@@ -70,7 +70,7 @@ def test_prefixes_keep_robots_apart(tool: Tool, tmp_path: Path) -> None:
     out = tmp_path / "both.bag"
     said = tool("merge", one, other, "-o", out, code=2).error
     assert f"{one} and {other} both write T[map<-base] from 1.500000000 to 1.900000000" in said
-    assert "and 1 more edges" in said
+    assert "and 1 more edge:" in said
     assert "--prefix" in said
     assert not out.exists()
     tool("merge", one, other, "-o", out, "--prefix", "r1/", "--prefix", "r2/")

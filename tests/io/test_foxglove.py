@@ -411,7 +411,7 @@ def test_a_pose_without_a_time_has_its_log_time(tmp_path: Path) -> None:
     pose = {"position": {"x": 1.0}, "orientation": {"w": 1.0}}
     data = json.dumps({"frame_id": "map", "pose": pose}).encode()
     path = write_mcap(tmp_path / "a.mcap", [("/p", "foxglove.PoseInFrame", "json", 77, data)])
-    with pytest.warns(tfdb.TfdbWarning, match="1 transforms of topic '/p' have no timestamp"):
+    with pytest.warns(tfdb.TfdbWarning, match="1 transform of topic '/p' has no timestamp"):
         buffer = tfdb.load(path, pose_topics={"/p": "base"})
     check(buffer, "map", "base", {77: 1.0})
 

@@ -10,6 +10,7 @@ import click
 
 import tfdb
 from tfdb.counting import counted
+from tfdb.io.choice import describe_untimed
 from tfdb.io.groups import prefix_of_topic
 from tfdb.io.loading import describe_refused
 from tfdb.summary import Forest
@@ -170,13 +171,7 @@ def _lost(loaded: common.Loaded) -> list[Finding]:
 
 def _untimed(loaded: common.Loaded) -> list[Finding]:
     return [
-        Finding(
-            "no-time",
-            (),
-            f"{count:,} transforms of topic {topic} get the log time of their message",
-            None,
-            count,
-        )
+        Finding("no-time", (), describe_untimed(topic, count), None, count)
         for topic, count in (loaded.report.untimed if loaded.report else {}).items()
     ]
 

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 import click
 
 import tfdb
+from tfdb.counting import counted
 from tfdb.io import Recording, RecordingWriter
 from tfdb.io.choice import Choice
 from tfdb.io.loading import Selection, refused_by, warn_of_refused
@@ -161,7 +162,7 @@ def _refuse_conflicts(
     for (one, ours), (other, theirs) in combinations(zip(inputs, stores, strict=True), 2):
         found = list(_conflicts(ours, theirs))
         if found:
-            more = f", and {len(found) - 1} more edges" if len(found) > 1 else ""
+            more = f", and {counted(len(found) - 1, 'more edge')}" if len(found) > 1 else ""
             raise click.ClickException(
                 f"{one} and {other} {found[0]}{more}: --prefix keeps their frames apart, "
                 "'tfdb rename' gives one of them other names, --exclude leaves frames out"

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, cast
 import click
 
 import tfdb
+from tfdb.counting import counted
 from tfdb.shared import find_stores, path_of
 from tfdb.summary import span
 
@@ -135,7 +136,9 @@ def describe(*, name: str, as_json: bool) -> None:
         return
     out = layout.console()
     out.print(body["name"], style="bold")
-    repairs = "never" if not body["repairs"] else f"after {body['repairs']:,} deaths of writers"
+    repairs = (
+        "never" if not body["repairs"] else f"after {counted(body['repairs'], 'death')} of writers"
+    )
     for what, text in (
         ("file", f"{body['path']}, {body['permissions']}, user {body['user']}"),
         ("commit", f"{body['commit']:,}"),

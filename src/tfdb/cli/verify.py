@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from tfdb.counting import counted
 from tfdb.verify import check, load_history
 from tfdb.verify.check import STEPS
 
@@ -74,7 +75,8 @@ def _show(history: History, verdict: Verdict) -> None:
         for step in anomaly.steps:
             out.print(f"    {step}")
     counts = verdict.counts
-    what = f"{counts['transactions']:,} transactions, {counts['committed']:,} of them committed"
+    transactions = counted(counts["transactions"], "transaction")
+    what = f"{transactions}, {counts['committed']:,} of them committed"
     if verdict.serializable:
         out.print(f"strictly serializable: {what}")
     elif verdict.undecided:

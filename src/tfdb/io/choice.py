@@ -15,6 +15,7 @@ from numbers import Real
 from typing import TYPE_CHECKING, Any, Literal, TypeAlias, TypedDict
 
 from tfdb import _core
+from tfdb.counting import counted
 from tfdb.errors import InvalidArgument, RecordingError, TfdbError, TfdbWarning, UnknownFrame
 from tfdb.given_objects import given_flag
 from tfdb.near_names import near_names
@@ -665,10 +666,7 @@ class Rewriter:
             message = f"{what}: nothing moves {self._described()}"
             warnings.warn(message, TfdbWarning, stacklevel=depth)
         for topic, count in self.untimed.items():
-            message = (
-                f"{what}: {count:,} transforms of topic {topic!r} have no timestamp "
-                "and get the log time of their message"
-            )
+            message = f"{what}: {describe_untimed(topic, count)}"
             warnings.warn(message, TfdbWarning, stacklevel=depth)
 
     def check_renamed(self) -> None:
@@ -679,7 +677,9 @@ class Rewriter:
 
     def reason(self) -> str:
         """Why nothing is left."""
-        count = f"all {self.left_out:,} transforms are left out by {self._choice.limits}"
+        one = self.left_out == 1
+        what = "the only transform is" if one else f"all {self.left_out:,} transforms are"
+        count = f"{what} left out by {self._choice.limits}"
         return f"{count}: nothing moves {self._described()}" if self._all_outside() else count
 
     def _all_outside(self) -> tuple[int, int] | None:
@@ -719,6 +719,14 @@ class Rewriter:
         if name is None:
             name = self._names[frame] = self._rules.name(frame)
         return name
+
+
+def describe_untimed(topic: str, count: int) -> str:
+    """Say how many transforms of a topic have no timestamp."""
+    what = f"{counted(count, 'transform')} of topic {topic!r}"
+    if count == 1:
+        return f"{what} has no timestamp and gets the log time of its message"
+    return f"{what} have no timestamp and get the log time of their message"
 
 
 def _between(store: Buffer, frames: Iterable[str]) -> frozenset[str]:

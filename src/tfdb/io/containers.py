@@ -17,6 +17,7 @@ from operator import itemgetter
 from typing import TYPE_CHECKING, Literal, TypeAlias, TypeVar
 
 from tfdb._core import Recorded
+from tfdb.counting import counted
 from tfdb.errors import RecordingError
 from tfdb.given_path import errors_name
 
@@ -142,7 +143,7 @@ class Loss:
     bytes: int
 
     def __str__(self) -> str:
-        what = f"{self.messages:,} messages and {self.bytes:,} bytes"
+        what = f"{counted(self.messages, 'message')} and {counted(self.bytes, 'byte')}"
         return f"{self.path}: lost at least {what}: {self.reason}"
 
 

@@ -6,6 +6,7 @@ import math
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
+from tfdb.counting import counted
 from tfdb.stamps import format_seconds
 
 from .robot_model import describe_wide
@@ -35,8 +36,9 @@ class BeyondLimits:
     def __str__(self) -> str:
         low, high = self.limits.lower, self.limits.upper
         return (
-            f"{self.joint!r} is beyond its limits, {low:g} to {high:g}, in {self.count:,} states; "
-            f"the furthest is {self.position:g} at {format_seconds(self.stamp)}"
+            f"{self.joint!r} is beyond its limits, {low:g} to {high:g}, in "
+            f"{counted(self.count, 'state')}; the furthest is {self.position:g} at "
+            f"{format_seconds(self.stamp)}"
         )
 
 

@@ -13,6 +13,7 @@ from numbers import Real
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 from tfdb import _core
+from tfdb.counting import counted
 from tfdb.errors import InvalidArgument, RecordingError, TfdbWarning
 from tfdb.given_objects import given_flag, refuse_without
 from tfdb.given_path import given_path, given_paths
@@ -410,22 +411,23 @@ def warn_of_refused(paths: Iterable[str], refused: Iterable[RefusedEdge], depth:
         warnings.warn(text, TfdbWarning, stacklevel=depth)
     if len(told) > NAMED:
         count = sum(each.count for each in told[NAMED:])
+        were = "was" if count == 1 else "were"
         text = (
-            f"{files}: {count:,} transforms of {len(told) - NAMED:,} other edges were refused; "
-            "`refused_edges` of the load's report lists them"
+            f"{files}: {counted(count, 'transform')} of {counted(len(told) - NAMED, 'other edge')} "
+            f"{were} refused; `refused_edges` of the load's report lists them"
         )
         warnings.warn(text, TfdbWarning, stacklevel=depth)
 
 
 def refused_by(rewriters: Iterable[Rewriter]) -> list[RefusedEdge]:
     """What rewriters refused, by edge and error, the most frequent first."""
-    found: dict[tuple[str, str], RefusedEdge] = {}
+    found: dict[tuple[str, str, bool], RefusedEdge] = {}
     for rewriter in rewriters:
-        whole = (("", error) for error in rewriter.refusals)
-        members = ((error.edge or "", error) for error in rewriter.refused_members)
-        for edge, error in chain(whole, members):
-            key = edge, type(error).__name__
-            before = found.get(key) or RefusedEdge(*key, 0, str(error))
+        whole = (("", error, True) for error in rewriter.refusals)
+        members = ((error.edge or "", error, False) for error in rewriter.refused_members)
+        for edge, error, is_message in chain(whole, members):
+            key = edge, type(error).__name__, is_message
+            before = found.get(key) or RefusedEdge(*key[:2], 0, str(error), is_message)
             found[key] = replace(before, count=before.count + 1)
     return sorted(found.values(), key=lambda each: each.count, reverse=True)
 
@@ -435,17 +437,20 @@ def describe_refused(refused: RefusedEdge) -> str:
     one = refused.count == 1
     name = refused.edge if len(refused.edge) <= 64 else f"{refused.edge[:64]}..."
     what = f"{'transform' if one else 'transforms'} of frame {name!r}"
-    if not refused.edge:
+    if refused.is_message:
         what = "message" if one else "messages"
+    elif not refused.edge:
+        what = "transform without a child frame" if one else "transforms without a child frame"
     were = "was" if one else "were"
     return f"{refused.count:,} {what} {were} refused with {refused.error}: {refused.first}"
 
 
 def warn_of_forgotten(buffer: Buffer, samples: int, depth: int) -> None:
     """Say how to keep what a store's history dropped; `depth` frames up is who asked for it."""
+    are = "is" if samples == 1 else "are"
     message = (
-        f"{samples:,} samples are not kept: the store has a history of {buffer.history:g} s. "
-        "Buffer(history=None) keeps everything, as tfdb.load does"
+        f"{counted(samples, 'sample')} {are} not kept: the store has a history of "
+        f"{buffer.history:g} s. Buffer(history=None) keeps everything, as tfdb.load does"
     )
     warnings.warn(message, TfdbWarning, stacklevel=depth)
 
@@ -605,7 +610,7 @@ class _Tally:
     refused_transforms: int = 0
     reasons: Counter[str] = field(default_factory=Counter)
     first_refusals: dict[str, str] = field(default_factory=dict)
-    refused_edges: dict[tuple[str, str], RefusedEdge] = field(default_factory=dict)
+    refused_edges: dict[tuple[str, str, bool], RefusedEdge] = field(default_factory=dict)
     topics: dict[str, TopicReport] = field(default_factory=dict)
     start: int = 2**63 - 1
     end: int = 0
@@ -690,18 +695,18 @@ class _Tally:
             self._add_refused(each)
 
     def _add_refused(self, refused: RefusedEdge) -> None:
-        key = refused.edge, refused.error
+        key = refused.edge, refused.error, refused.is_message
         before = self.refused_edges.get(key)
         if before is not None:
             refused = replace(before, count=before.count + refused.count)
         self.refused_edges[key] = refused
 
-    def _add_error(self, error: TfdbError, edge: str) -> None:
+    def _add_error(self, error: TfdbError, edge: str, *, is_message: bool) -> None:
         """Count what was refused before the store saw it."""
         name = type(error).__name__
         self.reasons[name] += 1
         self.first_refusals.setdefault(name, str(error))
-        self._add_refused(RefusedEdge(edge, name, 1, str(error)))
+        self._add_refused(RefusedEdge(edge, name, 1, str(error), is_message))
 
     def _name_ways_on(self, rewriter: Rewriter) -> None:
         """Name the options of loading in the errors of edges that are static and move."""
@@ -720,10 +725,10 @@ class _Tally:
     ) -> LoadReport:
         for error in rewriter.refusals:
             self.refused += 1
-            self._add_error(error, "")
+            self._add_error(error, "", is_message=True)
         for error in rewriter.refused_members:
             self.refused_transforms += 1
-            self._add_error(error, error.edge or "")
+            self._add_error(error, error.edge or "", is_message=False)
         self._name_ways_on(rewriter)
         if not self.transforms and not empty:
             path = ", ".join(files)
