@@ -176,6 +176,22 @@ def test_poses_become_edges(ros: Messages, type_: str, tmp_path: Path) -> None:
     check(part, "r/w", "r/base", inner)
 
 
+def test_poses_of_two_files_may_not_contradict(ros: Messages, tmp_path: Path) -> None:
+    paths = []
+    for name, seed in (("one", 7), ("other", 8)):
+        (tmp_path / name).mkdir()
+        type_ = "nav_msgs/msg/Odometry"
+        messages = [
+            ("/odom", type_, at, ros.of(type_, at * S, pose))
+            for at, pose in enumerate(poses(5, seed), 1)
+        ]
+        paths.append(ros.write(tmp_path / name, messages))
+    with pytest.raises(tfdb.MixedSources) as caught:
+        tfdb.load(paths, pose_topics="/odom")
+    assert list((caught.value.groups or {}).values()) == [("/odom",), ("/odom",)]
+    tfdb.load(paths, pose_topics="/odom", mix=True)
+
+
 def test_paths(ros: Messages, tmp_path: Path) -> None:
     """A path says again what it said, and the newer message wins; its header fills what is open."""
     first, second, third, fourth = poses(4)
@@ -478,6 +494,22 @@ def test_joint_states(ros: Messages, tmp_path: Path) -> None:
     part = tfdb.load(path, urdf=model, frames={"foot", "slide"}, keep=1, prefix="a/")
     assert part.frames() == ["a/foot", "a/slide", "a/upper"]
     assert part.samples("a/upper")[0].tolist() == [2 * S, 3 * S]
+
+
+def test_joint_states_of_two_files_may_not_contradict(ros: Messages, tmp_path: Path) -> None:
+    model = tfdb.io.parse_urdf(URDF)
+    paths = []
+    for name, turn in (("one", 0.2), ("again", 0.2), ("other", -0.7)):
+        (tmp_path / name).mkdir()
+        messages = [
+            ("/joint_states", JOINTS, at, ros.joints(at * S, ["turn", "push"], [turn, 0.1 * at]))
+            for at in (1, 2, 3)
+        ]
+        paths.append(ros.write(tmp_path / name, messages))
+    assert tfdb.load(paths[:2], urdf=model).frame_info("slide").samples == 3
+    with pytest.raises(tfdb.MixedSources) as caught:
+        tfdb.load(paths[1:], urdf=model)
+    assert caught.value.frames == ("upper",)
 
 
 def test_joints_that_mimic_have_limits_too(ros: Messages, tmp_path: Path) -> None:
