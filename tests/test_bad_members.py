@@ -297,7 +297,8 @@ def test_a_name_that_is_no_text_costs_its_own(tmp_path: Path, prefix: str) -> No
     with tfdb.io.RecordingWriter(path) as writer:
         writer.write(unreadable(), S, topic="/tf")
     buffer = tfdb.Buffer(history=None)
-    with pytest.warns(tfdb.TfdbWarning, match="1 transform of frame 'br.*' was ref.*InvalidName"):
+    text = f"1 transform of frame '{prefix}br.*' was ref.*InvalidName"
+    with pytest.warns(tfdb.TfdbWarning, match=text):
         report = buffer.load(path, prefix=prefix)
     assert buffer.frames() == sorted(prefix + name for name in ("arm", "base", "map"))
     assert (report.transforms, report.refused, report.refused_transforms) == (2, 0, 1)

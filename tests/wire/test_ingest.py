@@ -192,11 +192,8 @@ CDR = oracle.encode(ROWS, "cdr")
         (CDR + bytes(4), len(CDR), "4 bytes follow"),
         (replaced(CDR, 0, b"\0\3"), 0, "00 03"),
         (replaced(CDR, 4, b"\xff\xff\xff\xff"), 4, "cannot fit"),
-        (replaced(CDR, 8, struct.pack("<i", -1)), 8, "negative"),
-        (replaced(CDR, 12, struct.pack("<I", 10**9)), 12, "1000000000"),
         (replaced(CDR, 16, struct.pack("<I", 2**31)), 16, "2147483648"),
         (replaced(CDR, 23, b"x"), 20, "NUL"),
-        (replaced(CDR, 21, b"\0"), 21, "NUL"),
     ],
 )
 def test_corrupt_messages_change_nothing(data: bytes, offset: int, reason: str) -> None:
