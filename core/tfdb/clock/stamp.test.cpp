@@ -34,6 +34,20 @@ TFDB_TEST(stamp_from_parts_is_exact_or_nothing) {
     CHECK(!stamp_from_parts(0, kNanosPerSecond));
 }
 
+TFDB_TEST(nanoseconds_of_a_second_or_more_are_told_from_every_stamp) {
+    constexpr StampNs kLeast = std::numeric_limits<StampNs>::min();
+    for (const std::uint32_t nanos : {1'000'000'000U, 1'000'000'001U, 0xffffffffU}) {
+        CHECK_EQ(excess_of(with_excess(nanos)).value(), StampNs{nanos});
+        CHECK(!is_stamp(with_excess(nanos)));
+        CHECK(with_excess(nanos) < -(StampNs{1} << 31) * kNanosPerSecond);
+    }
+    for (const StampNs stamp : {kLeast, with_excess(999'999'999U), kLeast + (StampNs{1} << 32),
+                                -(StampNs{1} << 31) * kNanosPerSecond, StampNs{-1}, StampNs{0},
+                                kMaxStamp, std::numeric_limits<StampNs>::max()}) {
+        CHECK(!excess_of(stamp));
+    }
+}
+
 TFDB_TEST(durations_in_seconds_are_rounded_and_checked) {
     CHECK_EQ(nanoseconds_from_seconds(0.1).value(), 100'000'000);
     CHECK_EQ(nanoseconds_from_seconds(-0.05).value(), -50'000'000);

@@ -162,13 +162,14 @@ TFDB_TEST(wire_values_that_no_store_takes_are_passed_on) {
     constexpr clock::StampNs kSecond = clock::kNanosPerSecond;
     std::vector<TransformView> good;
     std::vector<TransformView> out;
+    std::vector<std::byte> bytes;  // the names in `out` lie there
     const std::vector<std::byte> ros1 = two_transforms(Encoding::kRos1);
     const std::vector<std::byte> cdr = two_transforms(Encoding::kCdr);
     decode_tf_message(cdr, Encoding::kCdr, good);
     const clock::StampNs nanos = good[0].stamp % kSecond;
     const auto decode = [&](const std::vector<std::byte>& from, Encoding encoding, std::size_t at,
                             std::string_view word) {
-        const std::vector<std::byte> bytes = changed(from, at, word);
+        bytes = changed(from, at, word);
         decode_tf_message(bytes, encoding, out);
         CHECK(same_bits(std::span(out).subspan(1), std::span(good).subspan(1)));
         return out[0];
