@@ -68,6 +68,19 @@ nb::list kept(const wire::Selection& self) {
     return edges;
 }
 
+nb::object surveyed(const EdgeSurvey& self) {
+    if (!self.is_tree())
+        return nb::none();
+    nb::dict edges;
+    for (const auto& [child, edge] : self.edges()) {
+        nb::object stamps = nb::none();
+        if (!edge.is_static)
+            stamps = nb::make_tuple(edge.first, edge.last);
+        edges[text_of(child)] = nb::make_tuple(text_of(edge.parent), stamps);
+    }
+    return edges;
+}
+
 }  // namespace
 
 SelectedSources::SelectedSources(nb::handle selection, const nb::dict& rules) {
@@ -113,6 +126,13 @@ void bind_selection(nb::module_& module) {
             },
             nb::arg("buffer"), "By the history of `buffer`.")
         .def_prop_ro("count", &Forgotten::count, "Number of samples.");
+    nb::class_<EdgeSurvey>(module, "EdgeSurvey", "The edges that recorded transforms would make.")
+        .def(nb::init<>())
+        .def("edges", &surveyed,
+             nb::sig("def edges(self) -> dict[str, tuple[str, tuple[int, int] | None]] | None"),
+             "Parent, and first and last stamp of a moving edge, by child.\n\n"
+             "None: an edge had several parents, or edges form a circle. Only a store can tell "
+             "what it keeps then.");
 }
 
 }  // namespace tfdb::python

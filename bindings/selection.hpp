@@ -6,6 +6,7 @@
 #include <cstdint>
 #include <map>
 
+#include "tfdb/store/edge_survey.hpp"
 #include "tfdb/store/forgotten.hpp"
 #include "tfdb/wire/selection.hpp"
 
@@ -35,7 +36,7 @@ private:
 /// The counter in a `Forgotten` object; null for None.
 Forgotten* forgotten_of(nb::handle object);
 
-/// Adds the classes Selection and Forgotten to the module.
+/// Adds the classes Selection, Forgotten and EdgeSurvey to the module.
 void bind_selection(nb::module_& module);
 
 }  // namespace tfdb::python

@@ -360,6 +360,32 @@ nb::object ingest_recorded(BufferObject& self, const Recorded& messages, std::si
     return result_of(tally);
 }
 
+/// Adds the messages at [first, last) to a survey.
+void survey_recorded(nb::handle survey, const Recorded& messages, std::size_t first,
+                     std::size_t last, nb::handle encoding, bool is_static, nb::handle selection,
+                     const nb::dict& rules) {
+    constexpr std::size_t kTogether = 1024;
+    const wire::Encoding how = encoding_of(encoding);
+    SelectedSources selected(selection, rules);
+    auto& found = nb::cast<EdgeSurvey&>(survey);
+    std::vector<TransformView> scratch;
+    for (; first < last; first += kTogether) {
+        look_for_signals(0);
+        const std::vector<RecordedMessage> together =
+            messages.between(first, std::min(last, first + kTogether));
+        const LongWork work(true);
+        for (const RecordedMessage& message : together) {
+            try {
+                wire::decode_tf_message(message.bytes(), how, scratch);
+            } catch (const CorruptMessage&) {
+                continue;
+            }
+            selected.apply(message.source, is_static, scratch);
+            found.add(scratch, is_static);
+        }
+    }
+}
+
 bool has_nul(std::string_view name) {
     return name.find('\0') != std::string_view::npos;
 }
@@ -583,6 +609,38 @@ an iterable of bytes-like objects. `authority` may also be a sequence, with one 
 message. Raises InvalidArgument if it then differs in length; nothing was stored. Ctrl-C ends it
 between two messages; those before are stored.)";
 
+void bind_messages_of_recordings(nb::module_& module) {
+    bind_recorded(module);
+    bind_selection(module);
+    module.def("ingest_recorded", &ingest_recorded, nb::arg("buffer"), nb::arg("messages").none(),
+               nb::arg("first"), nb::arg("last"), nb::kw_only(), nb::arg("encoding").none(),
+               nb::arg("static"), nb::arg("authorities"), nb::arg("selection").none() = nb::none(),
+               nb::arg("rules") = nb::dict(), nb::arg("forgotten").none() = nb::none(),
+               nb::sig("def ingest_recorded(buffer: Buffer, messages: Recorded, first: int, "
+                       "last: int, *, encoding: str, static: bool, authorities: dict[int, str], "
+                       "selection: Selection | None = None, rules: dict[int, int] = {}, "
+                       "forgotten: Forgotten | None = None) -> tfdb.types.IngestResult"),
+               "As `ingest_many`, of the messages at [first, last).\n\n"
+               "`authorities` and the `rules` of `selection` are by source, rule 0 the default. "
+               "`forgotten` counts what the buffer's history drops.");
+    module.def("survey_recorded", &survey_recorded, nb::arg("survey"), nb::arg("messages").none(),
+               nb::arg("first"), nb::arg("last"), nb::kw_only(), nb::arg("encoding").none(),
+               nb::arg("static"), nb::arg("selection").none(), nb::arg("rules"),
+               nb::sig("def survey_recorded(survey: EdgeSurvey, messages: Recorded, first: int, "
+                       "last: int, *, encoding: str, static: bool, selection: Selection | None, "
+                       "rules: dict[int, int]) -> None"),
+               "Add the messages at [first, last) to `survey`. `selection` and `rules` as in "
+               "`ingest_recorded`.");
+    module.def("recorded_children", &recorded_children, nb::arg("messages").none(),
+               nb::arg("first"), nb::arg("last"), nb::kw_only(), nb::arg("encoding").none(),
+               nb::arg("static"), nb::arg("selection").none(), nb::arg("rules"),
+               nb::sig("def recorded_children(messages: Recorded, first: int, last: int, *, "
+                       "encoding: str, static: bool, selection: Selection | None, "
+                       "rules: dict[int, int]) -> dict[int, dict[str, tuple[int, int]]]"),
+               "The child frames of the messages at [first, last), by source, each with its first "
+               "and last stamp in nanoseconds. `selection` and `rules` as in `ingest_recorded`.");
+}
+
 }  // namespace
 
 void bind_wire(nb::module_& module, nb::class_<BufferObject, ReadsObject>& type) {
@@ -601,27 +659,7 @@ void bind_wire(nb::module_& module, nb::class_<BufferObject, ReadsObject>& type)
                      "tfdb.types.BytesLike], *, encoding: str, static: bool = False, authority: "
                      "str | collections.abc.Sequence[str] = '') -> tfdb.types.IngestResult"),
              kIngestManyDoc);
-    bind_recorded(module);
-    bind_selection(module);
-    module.def("ingest_recorded", &ingest_recorded, nb::arg("buffer"), nb::arg("messages").none(),
-               nb::arg("first"), nb::arg("last"), nb::kw_only(), nb::arg("encoding").none(),
-               nb::arg("static"), nb::arg("authorities"), nb::arg("selection").none() = nb::none(),
-               nb::arg("rules") = nb::dict(), nb::arg("forgotten").none() = nb::none(),
-               nb::sig("def ingest_recorded(buffer: Buffer, messages: Recorded, first: int, "
-                       "last: int, *, encoding: str, static: bool, authorities: dict[int, str], "
-                       "selection: Selection | None = None, rules: dict[int, int] = {}, "
-                       "forgotten: Forgotten | None = None) -> tfdb.types.IngestResult"),
-               "As `ingest_many`, of the messages at [first, last).\n\n"
-               "`authorities` and the `rules` of `selection` are by source, rule 0 the default. "
-               "`forgotten` counts what the buffer's history drops.");
-    module.def("recorded_children", &recorded_children, nb::arg("messages").none(),
-               nb::arg("first"), nb::arg("last"), nb::kw_only(), nb::arg("encoding").none(),
-               nb::arg("static"), nb::arg("selection").none(), nb::arg("rules"),
-               nb::sig("def recorded_children(messages: Recorded, first: int, last: int, *, "
-                       "encoding: str, static: bool, selection: Selection | None, "
-                       "rules: dict[int, int]) -> dict[int, dict[str, tuple[int, int]]]"),
-               "The child frames of the messages at [first, last), by source, each with its first "
-               "and last stamp in nanoseconds. `selection` and `rules` as in `ingest_recorded`.");
+    bind_messages_of_recordings(module);
     module.def("ingest_members", &ingest_members, nb::arg("buffer"), nb::arg("data").none(),
                nb::kw_only(), nb::arg("encoding").none(), nb::arg("static"),
                nb::arg("authority").none(), nb::arg("change_kind"), nb::arg("only_new"),

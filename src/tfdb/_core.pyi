@@ -1547,11 +1547,28 @@ class Forgotten:
     def count(self) -> int:
         """Number of samples."""
 
+class EdgeSurvey:
+    """The edges that recorded transforms would make."""
+
+    def __init__(self) -> None: ...
+
+    def edges(self) -> dict[str, tuple[str, tuple[int, int] | None]] | None:
+        """
+        Parent, and first and last stamp of a moving edge, by child.
+
+        None: an edge had several parents, or edges form a circle. Only a store can tell what it keeps then.
+        """
+
 def ingest_recorded(buffer: Buffer, messages: Recorded, first: int, last: int, *, encoding: str, static: bool, authorities: dict[int, str], selection: Selection | None = None, rules: dict[int, int] = {}, forgotten: Forgotten | None = None) -> tfdb.types.IngestResult:
     """
     As `ingest_many`, of the messages at [first, last).
 
     `authorities` and the `rules` of `selection` are by source, rule 0 the default. `forgotten` counts what the buffer's history drops.
+    """
+
+def survey_recorded(survey: EdgeSurvey, messages: Recorded, first: int, last: int, *, encoding: str, static: bool, selection: Selection | None, rules: dict[int, int]) -> None:
+    """
+    Add the messages at [first, last) to `survey`. `selection` and `rules` as in `ingest_recorded`.
     """
 
 def recorded_children(messages: Recorded, first: int, last: int, *, encoding: str, static: bool, selection: Selection | None, rules: dict[int, int]) -> dict[int, dict[str, tuple[int, int]]]:

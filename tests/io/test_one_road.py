@@ -12,7 +12,10 @@ import numpy as np
 import pytest
 
 import tfdb
+from tfdb import _core
 from tfdb.io import Recording, RecordingWriter
+from tfdb.io.choice import Choice
+from tfdb.io.recorded_edges import RecordedEdges
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -246,3 +249,42 @@ def test_an_error_in_the_choice_ends_the_load(tmp_path: Path) -> None:
     with pytest.raises(tfdb.InvalidName, match="cannot be written as UTF-8"):
         buffer.load(path, mix=True, prefix="\ud800")
     assert not buffer.frames()
+
+
+def surveys(path: Path) -> tuple[RecordedEdges | None, RecordedEdges]:
+    """The edges that a native survey finds, and those of a store that has everything."""
+    survey, everything = _core.EdgeSurvey(), tfdb.Buffer(history=None)
+    rewriter = Choice().without_survey()
+    with Recording(path) as recording:
+        for run in recording.read(None, lambda source: (source.encoding, source.is_static)):
+            rewriter.survey(run, survey, run.source.encoding, run.source.is_static)
+            rewriter.ingest(run, everything, run.source.encoding, run.source.is_static)
+    found = survey.edges()
+    native = None if found is None else RecordedEdges.of_survey(found)
+    return native, RecordedEdges.of_store(everything)
+
+
+def test_a_survey_without_a_store_finds_the_edges_of_one(tmp_path: Path) -> None:
+    pytest.importorskip("rosbags")
+    for seed in range(5):
+        path, rng, now = tmp_path / f"run{seed}.mcap", random.Random(seed), 20 * S
+        parents = {FRAMES[i]: FRAMES[rng.randrange(i)] for i in range(1, len(FRAMES))}
+        with RecordingWriter(path) as writer:
+            for _ in range(200):
+                now += int(rng.random() * 0.05 * S)
+                static = rng.random() < 0.1
+                members = [member(rng, now) for _ in range(rng.choice([0, 1, 3]))]
+                members = [replace(each, child=rng.choice(FRAMES[1:])) for each in members]
+                members = [replace(each, parent=parents[each.child]) for each in members]
+                data = tfdb.encode_tf_message(members, writer.encoding)
+                topic = "/tf_static" if static else "/tf"
+                writer.write(data, now, topic=topic, static=static)
+        native, stored = surveys(path)
+        assert native == stored
+        assert len(stored.frames) == len(FRAMES)
+
+
+def test_a_survey_leaves_several_parents_to_a_store(path: Path) -> None:
+    native, stored = surveys(path)
+    assert native is None
+    assert max(len(each) for each in stored.parents.values()) > 1

@@ -21,12 +21,12 @@ from tfdb.given_objects import given_flag
 from tfdb.near_names import near_names
 from tfdb.refused import Refused
 from tfdb.stamps import format_seconds, shown
-from tfdb.summary import span
 
 from .containers import JOINT_STATE, POSE_TYPES, POSES_WITHOUT_CHILD, Source, encodings_of
 from .decimal_time import UNITS, Unit, parse_stamp
 from .edge_rules import EdgeRules
 from .pose_messages import decode_joint_state, decode_poses
+from .recorded_edges import RecordedEdges
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -294,15 +294,15 @@ class Choice:
         if not self.needs_survey:
             return [Rewriter(each, _window(each, None), None) for each in chosen]
         found = [self._survey(recordings, wants, kind, step) for _, recordings in robots]
-        stores = [store for store, _ in found]
-        frames = sorted({frame for store in stores for frame in store.frames()})
+        frames = sorted({frame for edges, _ in found for frame in edges.frames})
         for frame in sorted(set(self.frames or ()) - set(frames)):
             raise _no_frame("frames", frame, frames)
-        window = _window(self, span([info for store in stores for info in store.tree()]))
+        ends = [stamp for edges, _ in found for stamp in edges.span or ()]
+        window = _window(self, (min(ends), max(ends)) if ends else None)
         made = []
-        for each, (store, joints) in zip(chosen, found, strict=True):
-            each._check_names(store.frames())
-            children = None if self.frames is None else _between(store, self.frames)
+        for each, (edges, joints) in zip(chosen, found, strict=True):
+            each._check_names(edges.frames)
+            children = None if self.frames is None else edges.between(self.frames)
             made.append(Rewriter(each, window, children, joints))
         return made
 
@@ -317,18 +317,27 @@ class Choice:
         wants: Callable[[Source], bool],
         kind: Callable[[Source], tuple[str, bool]],
         step: Callable[[int], None] | None,
-    ) -> tuple[Buffer, JointStates | None]:
+    ) -> tuple[RecordedEdges, JointStates | None]:
         """All that recordings hold, under old names; what makes transforms of joint states."""
-        everything: Buffer = _core.Buffer(history=None)
         first = Rewriter(self._without_names(), (None, None), None)
+        if self.model is None:
+            survey = _core.EdgeSurvey()
+            for recording in recordings:
+                for run in recording.read(wants, kind, step):
+                    first.survey(run, survey, *kind(run.source))
+            found = survey.edges()
+            if found is not None:
+                return RecordedEdges.of_survey(found), None
+            first = Rewriter(self._without_names(), (None, None), None)
+        everything: Buffer = _core.Buffer(history=None)
 
-        def survey(wanted: Callable[[Source], bool]) -> None:
+        def store(wanted: Callable[[Source], bool]) -> None:
             for recording in recordings:
                 for run in recording.read(wanted, kind, step):
                     first.ingest(run, everything, *kind(run.source))
 
         joints = None
-        survey(lambda source: wants(source) and source.type != JOINT_STATE)
+        store(lambda source: wants(source) and source.type != JOINT_STATE)
         if self.model is not None:
             # What the recording says itself of a frame is taken from there.
             taken = [info.name for info in everything.tree() if info.parent is not None]
@@ -337,8 +346,8 @@ class Choice:
             fixed = first.fixed_joints()
             if fixed:
                 everything.set_transforms(fixed, static=True)
-            survey(lambda source: wants(source) and source.type == JOINT_STATE)
-        return everything, joints
+            store(lambda source: wants(source) and source.type == JOINT_STATE)
+        return RecordedEdges.of_store(everything), joints
 
     def without_survey(self) -> Rewriter:
         """The rewriter where nothing can be looked through; InvalidArgument where it must be."""
@@ -441,6 +450,11 @@ class Rewriter:
             forgotten=forgotten,
             **chosen,
         )
+
+    def survey(self, run: Run, survey: _core.EdgeSurvey, encoding: str, static: bool) -> None:
+        """Add what is wanted of a run to a survey."""
+        part, chosen = self._part(run, static=static)
+        _core.survey_recorded(survey, *part, encoding=encoding, static=static, **chosen)
 
     def children(
         self, run: Run, encoding: str, static: bool
@@ -727,44 +741,6 @@ def describe_untimed(topic: str, count: int) -> str:
     if count == 1:
         return f"{what} has no timestamp and gets the log time of its message"
     return f"{what} have no timestamp and get the log time of their message"
-
-
-def _between(store: Buffer, frames: Iterable[str]) -> frozenset[str]:
-    """The children of the edges on the paths between frames, at any time.
-
-    Of a tree in which only one of them lies: those on its path to the root.
-    """
-    parents: dict[str, set[str]] = {}
-    for info in store.tree():
-        if info.is_static and info.parent is not None:
-            parents[info.name] = {info.parent}
-        elif info.oldest is not None:
-            parents[info.name] = set(store.samples(info.name)[2])
-    above = {frame: _up(frame, parents) for frame in frames if store.frame_exists(frame)}
-    kept: set[str] = set()
-    for ours in above.values():
-        together = [up for up in above.values() if not up.isdisjoint(ours)]
-        for child in ours & parents.keys():
-            joint = all(child in up for up in together)
-            if len(together) == 1 or not joint or _is_unsure(child, ours, parents):
-                kept.add(child)
-    return frozenset(kept)
-
-
-def _is_unsure(child: str, ours: set[str], parents: Mapping[str, set[str]]) -> bool:
-    """Whether a frame below had several parents, so that paths may have gone over this edge."""
-    below = (each for each in ours if len(parents.get(each, ())) > 1)
-    return any(child in _up(each, parents) for each in below)
-
-
-def _up(frame: str, parents: Mapping[str, set[str]]) -> set[str]:
-    """A frame and all that were ever above it."""
-    found, waiting = {frame}, [frame]
-    while waiting:
-        fresh = parents.get(waiting.pop(), set()) - found
-        found |= fresh
-        waiting += fresh
-    return found
 
 
 def _window(choice: Choice, found: tuple[int, int] | None) -> Window:

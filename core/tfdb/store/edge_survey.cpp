@@ -1,0 +1,53 @@
+#include "tfdb/store/edge_survey.hpp"
+
+#include <algorithm>
+#include <unordered_set>
+
+#include "tfdb/store/validate.hpp"
+
+namespace tfdb {
+
+void EdgeSurvey::add(std::span<const wire::TransformView> members, bool is_static) {
+    for (const wire::TransformView& member : members)
+        add(member, is_static);
+}
+
+void EdgeSurvey::add(const wire::TransformView& member, bool is_static) {
+    if (!store::is_sound({&member, 1}, is_static))
+        return;
+    const auto known = edges_.find(member.child);
+    if (known == edges_.end()) {
+        if (store::has_sound_names(member)) {
+            Edge edge{std::string(member.parent), is_static, member.stamp, member.stamp};
+            edges_.emplace(std::string(member.child), std::move(edge));
+        }
+        return;
+    }
+    Edge& edge = known->second;
+    if (edge.is_static != is_static)
+        return;
+    if (edge.parent != member.parent) {
+        one_parent_ = one_parent_ && !store::has_sound_names(member);
+        return;
+    }
+    edge.first = std::min(edge.first, member.stamp);
+    edge.last = std::max(edge.last, member.stamp);
+}
+
+bool EdgeSurvey::is_tree() const {
+    std::unordered_set<std::string_view> rooted;
+    for (const auto& [child, edge] : edges_) {
+        std::size_t steps = 0;
+        auto at = edges_.find(child);
+        for (; at != edges_.end() && !rooted.contains(at->first); ++steps) {
+            if (steps > edges_.size())
+                return false;
+            at = edges_.find(at->second.parent);
+        }
+        for (at = edges_.find(child); at != edges_.end() && rooted.insert(at->first).second;)
+            at = edges_.find(at->second.parent);
+    }
+    return one_parent_;
+}
+
+}  // namespace tfdb
