@@ -415,7 +415,7 @@ class Rewriter:
         """Errors of messages of which nothing is left."""
         self.refused_members: list[TfdbError] = []
         """Errors of transforms of which the rest of the message is left."""
-        self._empty: Buffer = _core.Buffer()
+        self._empty: Buffer | None = None
         self.is_idle: bool = not (choice.limits or choice.by_namespace)
         # Of messages that are rewritten here; `_selection` counts the others.
         self._names: dict[str, str] = {}
@@ -618,6 +618,8 @@ class Rewriter:
         """A transform of which both names are there; else the error of a store that gets it."""
         if isinstance(one, TfdbError) or (one.parent and one.child):
             return one
+        if self._empty is None:  # a store takes address space, which may be scarce
+            self._empty = _core.Buffer()
         try:
             self._empty.set_transforms([one], authority=source.authority)
         except TfdbError as error:
