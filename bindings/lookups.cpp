@@ -132,6 +132,18 @@ PyObject* transform_of(Open& open, PyObject* target, PyObject* source, Question&
     return made;
 }
 
+/// Throws what the question is refused with, and says how long it was waited for.
+[[noreturn]] void raise_late(const Open& open, const Failure& failure, const Question& question,
+                             StampNs waited, bool stopped) {
+    try {
+        raise(open, failure, question);
+    } catch (const Error& error) {
+        throw_object(nb::module_::import_("tfdb.waiting")
+                         .attr("late")(error_object(error), waited, stopped));
+        throw;
+    }
+}
+
 /// The same, once there is an answer; throws after so long (none: never).
 PyObject* await_transform(PyObject* self, PyObject* target, PyObject* source, Question& question,
                           std::optional<StampNs> longest) {
@@ -141,11 +153,14 @@ PyObject* await_transform(PyObject* self, PyObject* target, PyObject* source, Qu
     BufferObject& buffer = *nb::inst_ptr<BufferObject>(self);
     using Clock = std::chrono::steady_clock;
     const Clock::time_point began = Clock::now();
+    bool stopped = false;
     for (;;) {
+        const StampNs waited = std::chrono::nanoseconds(Clock::now() - began).count();
         std::optional<StampNs> left = longest;
         if (left) {
-            *left -= std::chrono::nanoseconds(Clock::now() - began).count();
+            *left -= waited;
         }
+        const bool late = left && *left <= 0;
         {
             Open open(self);
             Failure failure;
@@ -153,12 +168,15 @@ PyObject* await_transform(PyObject* self, PyObject* target, PyObject* source, Qu
             if (made != nullptr) {
                 return made;
             }
-            if (left && *left <= 0) {
+            if (longest == 0) {
                 raise(open, failure, question);
+            }
+            if (late || stopped) {
+                raise_late(open, failure, question, waited, !late);
             }
         }
         const Waiting work;
-        static_cast<void>(buffer.open_store().wait_for(question, left));
+        stopped = !buffer.open_store().wait_for(question, left);
     }
 }
 
@@ -259,7 +277,8 @@ PyMethodDef g_wait_method = {
     "timeout\n    Seconds, at most; None: for ever.\n\n"
     "Returns\n-------\nTransform\n\n"
     "Raises\n------\n"
-    "What `lookup_transform` raises at the end of the timeout; BufferClosed (`close` was called\n"
+    "At the end of the timeout what `lookup_transform` raises, and how long the wait took;\n"
+    "InvalidName at once for a name that no frame can have; BufferClosed (`close` was called\n"
     "meanwhile), NoSuchStore (the store that processes share was removed meanwhile),\n"
     "TransactionActive, NotSupported (an engine of the research; or this process may read\n"
     "the store, but not write to its control file), InvalidArgument"};

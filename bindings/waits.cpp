@@ -11,6 +11,7 @@
 #include <vector>
 
 #include "arguments.hpp"
+#include "errors.hpp"
 #include "reads.hpp"
 #include "stamp.hpp"
 
@@ -21,17 +22,17 @@ CommitNumber wait_for_commit(nb::handle self, nb::handle after, nb::handle timeo
     BufferObject& buffer = object_of<BufferObject>(self);
     const CommitNumber seen = count_of(after, "after", 0, kMaxCommit);
     const std::optional<StampNs> longest = optional_duration_of(timeout, "timeout");
+    using Clock = std::chrono::steady_clock;
+    const Clock::time_point began = Clock::now();
     const bool came = [&] {
         const Waiting work;
         return buffer.open_store().wait_for_commit(seen, longest);
     }();
     if (!came) {
-        ErrorDetail detail;
-        detail.commit = seen;
-        detail.limit = longest;
-        throw WaitTimeout("no commit came after commit " + std::to_string(seen) + " within " +
-                              nb::cast<std::string>(nb::str(timeout)) + " s",
-                          detail);
+        const StampNs waited = std::chrono::nanoseconds(Clock::now() - began).count();
+        const nb::object limit = longest ? nb::object(nb::int_(*longest)) : nb::none();
+        throw_object(nb::module_::import_("tfdb.waiting")
+                         .attr("no_commit")(seen, limit, waited, !longest || waited < *longest));
     }
     return buffer.store.commit();
 }
@@ -124,6 +125,12 @@ void close(nb::handle self) {
     buffer.store.end_waits();
 }
 
+void stop_waits(nb::handle self, bool stop) {
+    const BufferObject& buffer = object_of<BufferObject>(self);
+    const Waiting work;
+    buffer.store.stop_waits(stop);
+}
+
 using BufferClass = nb::class_<BufferObject, ReadsObject>;
 
 /// What waiting.py needs.
@@ -164,6 +171,15 @@ void bind_begun_waits(BufferClass& type) {
     type.def("_check_wait", &check_wait, nb::arg("how"),
              nb::sig("def _check_wait(self, how: int) -> int"),
              "Raise what ended a wait, if it was not its time; else give the newest commit.");
+    type.def_static(
+        "_may_be_frame",
+        [](nb::handle name) { return store::name_fault(name_of(name, "name")) == nullptr; },
+        nb::arg("name"), nb::sig("def _may_be_frame(name: str) -> bool"),
+        "Whether a frame can have the name.");
+    type.def("_stop_waits", &stop_waits, nb::arg("stop"),
+             nb::sig("def _stop_waits(self, stop: bool) -> None"),
+             "End all waits, and those to come, as if their time were over, until called with "
+             "False.");
 }
 
 void bind_closing(BufferClass& type) {

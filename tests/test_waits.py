@@ -71,11 +71,90 @@ def test_a_wait_for_a_commit(buf: tfdb.Buffer) -> None:
     put(buf, "a", 1)
     assert call.result() == 1
     assert buf.wait_for_commit(0) == 1
-    with pytest.raises(tfdb.WaitTimeout, match=r"after commit 1 within 0\.001 s") as caught:
+    with pytest.raises(tfdb.WaitTimeout, match=r"after commit 1; waited 0\.0\d\d s:") as caught:
         buf.wait_for_commit(1, 0.001)
     assert isinstance(caught.value, TimeoutError)
     assert caught.value.commit == 1
     assert caught.value.limit == 1_000_000
+
+
+HOPELESS = ["", "a\0b", "tab\t", "x" * 1025]
+
+
+@pytest.mark.parametrize("name", HOPELESS)
+def test_a_name_that_no_frame_can_have_is_not_waited_for(buf: tfdb.Buffer, name: str) -> None:
+    put(buf, "a", 1)
+    waits: list[Callable[[], object]] = [
+        lambda: buf.wait_for_transform("map", name),
+        lambda: buf.wait_for_transform(name, "a"),
+        lambda: buf.lookup_transform("map", name, 5, timeout=LONG),
+        lambda: asyncio.run(buf.wait_for_transform_async(name, "a")),
+        lambda: asyncio.run(buf.wait_for_transform_async("map", name, 5, LONG)),
+    ]
+    for wait in waits:
+        with pytest.raises(tfdb.InvalidName, match="waiting would never end: the ") as caught:
+            wait()
+        assert (caught.value.frame or "") == name
+    with pytest.raises(tfdb.UnknownFrame):
+        buf.lookup_transform("map", name)
+
+
+LATE = r"; waited 0\.0\d\d s$"
+
+
+@pytest.mark.parametrize(
+    ("target", "stamp", "said"),
+    [
+        ("map", 3_000_000_000, r"^T\['map'<-'a'\] at 3\.000000000 s .* by 1\.000000000 s into"),
+        ("mpa", None, r"^target frame 'mpa' does not exist in commit 3; did you mean 'map'\?"),
+        ("b", None, r"^T\['b'<-'a'\] has no answer: the frames are in two trees"),
+    ],
+    ids=["too new", "unknown", "not connected"],
+)
+def test_a_wait_that_ran_out_says_what_is_missing_and_how_long_it_waited(
+    buf: tfdb.Buffer, target: str, stamp: int | None, said: str
+) -> None:
+    put(buf, "a", 1_000_000_000)
+    put(buf, "a", 2_000_000_000)
+    put(buf, "b", 2_000_000_000, parent="elsewhere")
+    waits: list[Callable[[], object]] = [
+        lambda: buf.wait_for_transform(target, "a", stamp, 0.01),
+        lambda: buf.lookup_transform(target, "a", stamp, timeout=0.01),
+        lambda: asyncio.run(buf.wait_for_transform_async(target, "a", stamp, 0.01)),
+    ]
+    for wait in waits:
+        with pytest.raises(tfdb.TfdbError, match=f"{said}.*{LATE}"):
+            wait()
+    with pytest.raises(tfdb.TfdbError, match=said) as caught:
+        buf.lookup_transform(target, "a", stamp, timeout=0)
+    assert "waited" not in str(caught.value)
+
+
+def test_stopped_waits_end_as_by_their_timeout_until_they_may_go_on(buf: tfdb.Buffer) -> None:
+    put(buf, "a", 1)
+    waits: list[Callable[[], object]] = [
+        lambda: buf.wait_for_transform("map", "b"),
+        lambda: buf.lookup_transform("map", "b", timeout=LONG),
+        lambda: asyncio.run(buf.wait_for_transform_async("map", "b")),
+        lambda: buf.wait_for_commit(1),
+        lambda: asyncio.run(buf.wait_for_commit_async(1, LONG)),
+    ]
+    stopped = r"; waited \d+\.\d{3} s, then its node was shut down"
+    calls = [Call(wait) for wait in waits]
+    buf._stop_waits(stop=True)
+    calls += [Call(wait) for wait in waits]
+    for call in calls:
+        with pytest.raises((tfdb.UnknownFrame, tfdb.WaitTimeout), match=stopped):
+            call.result()
+    assert buf.wait_for_transform("map", "a").stamp == 1
+    buf._stop_waits(stop=False)
+    call = Call(waits[0])
+    put(buf, "b", 1)
+    assert call.result().source == "b"  # type: ignore[attr-defined]
+    buf.close()
+    buf._stop_waits(stop=True)
+    with pytest.raises(tfdb.BufferClosed):
+        buf.wait_for_commit(5)
 
 
 def test_closing_ends_the_waits_and_what_comes_later(buf: tfdb.Buffer) -> None:

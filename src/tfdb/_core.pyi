@@ -986,7 +986,8 @@ class Buffer(Reads):
 
         Raises
         ------
-        What `lookup_transform` raises at the end of the timeout; BufferClosed (`close` was called
+        At the end of the timeout what `lookup_transform` raises, and how long the wait took;
+        InvalidName at once for a name that no frame can have; BufferClosed (`close` was called
         meanwhile), NoSuchStore (the store that processes share was removed meanwhile),
         TransactionActive, NotSupported (an engine of the research; or this process may read
         the store, but not write to its control file), InvalidArgument
@@ -1052,6 +1053,15 @@ class Buffer(Reads):
     def _check_wait(self, how: int) -> int:
         """
         Raise what ended a wait, if it was not its time; else give the newest commit.
+        """
+
+    @staticmethod
+    def _may_be_frame(name: str) -> bool:
+        """Whether a frame can have the name."""
+
+    def _stop_waits(self, stop: bool) -> None:
+        """
+        End all waits, and those to come, as if their time were over, until called with False.
         """
 
     def close(self) -> None:

@@ -6,6 +6,7 @@ import asyncio
 import logging
 import os
 import threading
+import time
 from collections import defaultdict
 from contextlib import suppress
 from typing import TYPE_CHECKING, TypeAlias, TypeVar
@@ -18,6 +19,7 @@ from .errors import (
     InvalidTransform,
     NoSampleNear,
     Stale,
+    TfdbError,
     UnknownFrame,
     WaitTimeout,
 )
@@ -42,7 +44,8 @@ NO_ANSWER_YET = (
     InvalidTransform,
 )
 LINGERS = 1.0  # seconds that the thread stays for the next wait
-TIMED_OUT = 1  # how a wait ended, as `_ended_waits` says it; 0: its answer came
+# How a wait ended, as `_ended_waits` says it.
+CAME, TIMED_OUT, STOPPED = 0, 1, 4
 
 CANCELLED = (None, None)
 
@@ -202,7 +205,7 @@ async def _ended(buffer: Buffer, ask: Callable[[], int], until: float | None) ->
 
     wait = begin(buffer, ask, tell, loop)
     if wait is None:
-        return 0
+        return CAME
     alarm = loop.call_at(until, tell, TIMED_OUT) if until is not None else None
     try:
         return await future
@@ -227,6 +230,26 @@ def _until(limit: int | None) -> float | None:
     return None if limit is None else asyncio.get_running_loop().time() + limit / 1e9
 
 
+def how_long(waited: int, *, stopped: bool) -> str:
+    """Say how many nanoseconds a wait lasted, and whether its node's end ended it."""
+    return f"waited {waited / 1e9:.3f} s" + (", then its node was shut down" if stopped else "")
+
+
+def late(error: TfdbError, waited: int, stopped: bool) -> TfdbError:
+    """Add to the error of a lookup how long it was waited for."""
+    error.args = (f"{error}; {how_long(waited, stopped=stopped)}",)
+    return error
+
+
+def no_commit(after: int, limit: int | None, waited: int, stopped: bool) -> WaitTimeout:
+    """Make the error of a wait for a commit that did not come."""
+    text = (
+        f"no commit came after commit {after}; {how_long(waited, stopped=stopped)}: check that a "
+        "process writes to the store, or wait longer"
+    )
+    return WaitTimeout(text, commit=after, limit=limit)
+
+
 async def transform(
     buffer: Buffer,
     target: str,
@@ -238,13 +261,16 @@ async def transform(
     """Do what `Buffer.wait_for_transform_async` says."""
     limit = _limit(timeout)
     until = _until(limit)
-    how = 0
+    began = time.monotonic_ns()
+    how = CAME
     while True:
         try:
             return buffer.lookup_transform(target, source, stamp, policy)
-        except NO_ANSWER_YET:
-            if how == TIMED_OUT or limit == 0:
+        except NO_ANSWER_YET as error:
+            if limit == 0:
                 raise
+            if how != CAME:
+                raise late(error, time.monotonic_ns() - began, how == STOPPED) from None
         how = await _ended(buffer, lambda: buffer._begin_wait(target, source, stamp, policy), until)
         buffer._check_wait(how)
 
@@ -256,9 +282,9 @@ async def commit(
 ) -> int:
     """Do what `Buffer.wait_for_commit_async` says."""
     limit = _limit(timeout)
+    began = time.monotonic_ns()
     how = await _ended(buffer, lambda: buffer._begin_wait_for_commit(after), _until(limit))
     newest = buffer._check_wait(how)
-    if limit is not None and how == TIMED_OUT:
-        text = f"no commit came after commit {after} within {timeout} s"
-        raise WaitTimeout(text, commit=after, limit=limit)
+    if how != CAME:
+        raise no_commit(after, limit, time.monotonic_ns() - began, how == STOPPED)
     return newest

@@ -356,13 +356,27 @@ def test_arguments_of_the_client(node: TcprosNode, caplog: pytest.LogCaptureFixt
     ):
         assert client.timeout_padding is padding
     assert caplog.text.count("check_frequency is deprecated") == 3
-    for given, named in (
-        ((), {}),
-        (("x", 1, 2, 3), {}),
-        (("x",), {"other": 1}),
-    ):
-        with pytest.raises(TypeError, match="BufferClient takes"):
+    wrong: list[tuple[tuple[object, ...], dict[str, object], str]] = [
+        ((), {}, "ns, the name of the server's action, is missing"),
+        (("x", 1, 2, 3), {}, "got 4 arguments by position"),
+        (("x",), {"other": 1}, "it has no argument 'other'"),
+        (("x",), {"ns": "y"}, "ns is given twice"),
+    ]
+    for given, named, said in wrong:
+        with pytest.raises(TypeError, match=f"BufferClient takes .*: {said}"):
             tf2.BufferClient(*given, node=node, **named)
+    with pytest.raises(TypeError, match="ns must be a str, got int"):
+        tf2.BufferClient(ns=3, node=node)
+    with pytest.raises(TypeError, match=r"node of tfdb\.ros or of rclpy, or None, got int"):
+        tf2.BufferClient(3, "x")
+    with pytest.raises(TypeError, match="the first argument is ns, a str, or a node, got 3"):
+        tf2.BufferClient(3)
+    with pytest.raises(TypeError, match=r"buffer is a tfdb\.tf2\.Buffer, got 3"):
+        tf2.BufferServer(3, "x", node=node)  # type: ignore[arg-type]
+    with pytest.raises(TypeError, match="ns must be a str, got int"):
+        tf2.BufferServer(tf2.Buffer(flavor="ros1"), 3, node=node)  # type: ignore[arg-type]
+    with pytest.raises(TypeError, match=r"buffer is a tfdb\.tf2\.Buffer, or what stores"):
+        tf2.TransformListener(3, node)
 
 
 def test_messages_come_back_as_they_were() -> None:

@@ -134,7 +134,7 @@ def test_a_time_limit_by_the_clock_that_is_named() -> None:
     clock.set_time(101 * SECOND)
     clock.set_time(102 * SECOND)
     assert setting.next() == ("dropped", waits, Reason.NoTransformFound)
-    assert not clock.watches
+    assert len(clock.watches) == 1  # of the buffer, for the node's end
 
 
 def test_other_targets_are_looked_at_again(setting: Setting) -> None:
@@ -199,8 +199,27 @@ def test_what_a_filter_is_not_made_of() -> None:
     ):
         with pytest.raises(tf2.InvalidArgumentException):
             tf2.MessageFilter(buffer, targets, size, tolerance=tolerance)
-    with pytest.raises(TypeError):
-        tf2.MessageFilter(buffer, "map", "x")  # type: ignore[arg-type]
+    made = tf2.MessageFilter(buffer, "map", 1)
+    wrong: list[tuple[str, Callable[[Any], object]]] = [
+        ("buffer is a tfdb.tf2.Buffer, got 5", lambda five: tf2.MessageFilter(five, "map", 1)),
+        ("target_frame is a frame name or several, got 5", made.set_target_frames),
+        ("a target frame must be a str, got int", lambda five: made.set_target_frames([five])),
+        ("queue_size is a number of", lambda _: tf2.MessageFilter(buffer, "map", 0.5)),  # type: ignore[arg-type]
+        ("source is a filter of message_filters", made.connect_input),
+        ("message is a message with a header, got 5", made.add),
+        ("callback is a function, got 5", made.registerCallback),
+        ("callback is a function, got 5", made.register_callback),
+        ("callback is a function, got 5", made.register_failure_callback),
+    ]
+    for said, make in wrong:
+        with pytest.raises(TypeError, match=f"^{said}"):
+            make(5)
+
+
+def test_a_message_in_a_frame_that_cannot_be_is_dropped(setting: Setting) -> None:
+    one = scan(1, "a\0b")
+    setting.filter.add(one)
+    assert setting.next() == ("dropped", one, Reason.Unknown)
 
 
 def test_a_filter_of_a_closed_buffer_drops(setting: Setting) -> None:

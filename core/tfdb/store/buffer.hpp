@@ -444,10 +444,11 @@ public:
     static constexpr std::size_t kNoLimit = ~std::size_t{0};
 
     /// Waits until the question has an answer, as whoever asks then will see, or not any more if
-    /// it is gone again by then. False: it had none for so long (none: for ever). Throws
-    /// BufferClosed (`end_waits` was called), NoSuchStore (its name was removed meanwhile),
-    /// TransactionActive, and NotSupported in the engines of the research, and where this process
-    /// may not write to the store's control file; and what an Interruption throws.
+    /// it is gone again by then. False: it had none for so long (none: for ever), or `stop_waits`
+    /// was called. Throws BufferClosed (`end_waits` was called), NoSuchStore (its name was removed
+    /// meanwhile), InvalidName (no frame can have it), TransactionActive, and NotSupported in the
+    /// engines of the research, and where this process may not write to the store's control file;
+    /// and what an Interruption throws.
     [[nodiscard]] bool wait_for(const Question& question,
                                 std::optional<std::int64_t> timeout_ns) const;
     /// The same for a commit with a greater number.
@@ -467,6 +468,8 @@ public:
     [[noreturn]] void raise_ended_wait(WaitEnd end) const;
     /// Ends all waits, and those to come.
     void end_waits() const;
+    /// The same, but each as if its time were over, until it is called with false.
+    void stop_waits(bool stop) const;
 
     /// Throws TransactionActive where this thread has a transaction of the store open: what it
     /// reads past that would be of another state, and no commit would notice.

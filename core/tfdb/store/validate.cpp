@@ -133,6 +133,26 @@ bool has_sound_names(const TransformView& transform) noexcept {
     return name_fault(transform.parent) == nullptr && name_fault(transform.child) == nullptr;
 }
 
+void check_may_exist(const Question& question) {
+    const auto check = [](const FrameRef& frame, const char* role) {
+        if (frame.name.data() == nullptr)
+            return;
+        const char* const fault = name_fault(frame.name);
+        if (fault == nullptr)
+            return;
+        ErrorDetail detail;
+        detail.frame = frame.name;
+        detail.reason = fault;
+        throw InvalidName(std::string("waiting would never end: the ") + role + " frame name " +
+                              quoted(frame.name) + " " + fault + kNameRule,
+                          std::move(detail));
+    };
+    check(question.target, "target");
+    check(question.source, "source");
+    if (question.kind == Question::kFull)
+        check(question.fixed, "fixed");
+}
+
 std::string quoted(std::string_view name) {
     constexpr std::size_t kShown = 64;
     std::string text = "'";

@@ -55,6 +55,8 @@ using Fault = std::optional<Error>;
 /// Judges the names of a member of which one is new to the store: InvalidName.
 [[nodiscard]] Fault fault_of_names(const TransformView& transform, std::size_t index,
                                    std::string_view authority);
+/// Throws InvalidName where the question has a name that no frame can ever have.
+void check_may_exist(const Question& question);
 /// Judges a sample against its edge: StaticConflict, TooOld, RepeatedStamp.
 [[nodiscard]] Fault fault_of_edge(const Store& store, FrameId child, const TransformView& transform,
                                   std::size_t index, bool is_static, std::string_view authority,

@@ -10,6 +10,7 @@ enum class WaitEnd : std::uint8_t {
     kTimedOut,  // it has not
     kClosed,    // nobody will wait here any more
     kRemoved,   // the store's name was removed meanwhile
+    kStopped,   // nothing will be waited for here any more: as kTimedOut, but at once
 };
 
 struct EndedWait {

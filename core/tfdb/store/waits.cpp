@@ -6,6 +6,7 @@
 #include "tfdb/base/error.hpp"
 #include "tfdb/memory/file.hpp"
 #include "tfdb/store/store.hpp"
+#include "tfdb/store/validate.hpp"
 
 namespace tfdb::store {
 
@@ -163,14 +164,21 @@ std::vector<EndedWait> Waits::ended(Patience patience) {
     return taken;
 }
 
-void Waits::close() {
+void Waits::close(WaitEnd how) {
     const Lookout::Locked locked(lookout_);
     look();  // what has come has come
-    closed_ = true;
-    end_all(WaitEnd::kClosed);
+    if (closed_ != WaitEnd::kClosed)
+        closed_ = how;
+    end_all(how);
     if (teller_ != nullptr)
         lookout_.end(*teller_);
     lookout_.tell();
+}
+
+void Waits::reopen() {
+    const Lookout::Locked locked(lookout_);
+    if (closed_ == WaitEnd::kStopped)
+        closed_.reset();
 }
 
 /// False: it is at its end already, as `how` says.
@@ -182,7 +190,7 @@ bool Waits::add(Wait& wait) {
     if (is_answered(wait))
         wait.how = WaitEnd::kCame;
     else if (closed_)
-        wait.how = WaitEnd::kClosed;
+        wait.how = *closed_;
     else
         look_at(wait, frames_of(wait));
     return !wait.looks.empty();
@@ -431,6 +439,7 @@ void raise_ended_wait(const Store& store, WaitEnd end) {
 }  // namespace store
 
 bool Buffer::wait_for(const Question& question, std::optional<std::int64_t> timeout_ns) const {
+    store::check_may_exist(question);
     return came(*store_, waits_of(*store_).wait(question, store::Patience(timeout_ns)));
 }
 
@@ -440,6 +449,7 @@ bool Buffer::wait_for_commit(CommitNumber after, std::optional<std::int64_t> tim
 }
 
 std::uint64_t Buffer::begin_wait(const Question& question) const {
+    store::check_may_exist(question);
     return waits_of(*store_).begin(question);
 }
 
@@ -464,7 +474,15 @@ void Buffer::raise_ended_wait(WaitEnd end) const {
 }
 
 void Buffer::end_waits() const {
-    store_->waits().close();
+    store_->waits().close(WaitEnd::kClosed);
+}
+
+void Buffer::stop_waits(bool stop) const {
+    store::Waits& waits = store_->waits();
+    if (stop)
+        waits.close(WaitEnd::kStopped);
+    else
+        waits.reopen();
 }
 
 }  // namespace tfdb

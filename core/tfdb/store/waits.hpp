@@ -65,8 +65,11 @@ public:
     /// The same, but takes none. One thread at a time waits in these two.
     void await_ended(Patience patience);
 
-    /// All waits end now, as kClosed, and so do those that come.
-    void close();
+    /// All waits end now, and so do those that come: as kClosed or kStopped. The first kClosed
+    /// stays.
+    void close(WaitEnd how);
+    /// Waits may begin again after kStopped.
+    void reopen();
 
 private:
     struct Wait;
@@ -101,7 +104,7 @@ private:
     std::unordered_map<FrameId, Look*> looks_;  // who looks at a frame: the first; none is empty
     CommitNumber seen_ = 0;                     // what was changed until then has been looked at
     std::uint64_t seen_removals_ = 0;
-    bool closed_ = false;
+    std::optional<WaitEnd> closed_{};  // how every wait ends from now on
     std::uint64_t last_number_ = 0;
     std::unordered_map<std::uint64_t, std::unique_ptr<Wait>> begun_;
     std::vector<EndedWait> ended_;

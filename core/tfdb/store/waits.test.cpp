@@ -473,4 +473,38 @@ TFDB_TEST(thousands_of_waits_begin_and_end) {
     }
 }
 
+TFDB_TEST(stopped_waits_end_as_by_their_time_until_they_may_begin_again) {
+    Buffer buffer;
+    const Question question = store::at_stamp("map", "a", std::nullopt, {});
+    std::thread waiting([&] { CHECK(!buffer.wait_for(question, std::nullopt)); });
+    const std::uint64_t begun = buffer.begin_wait(question);
+    buffer.stop_waits(true);
+    waiting.join();
+    const std::vector<EndedWait> ended = buffer.ended_waits(std::nullopt);
+    CHECK_EQ(ended.size(), 1U);
+    CHECK_EQ(ended[0].number, begun);
+    CHECK(ended[0].how == WaitEnd::kStopped);
+    CHECK(!buffer.wait_for(question, std::nullopt));
+    CHECK(!buffer.wait_for_commit(0, std::nullopt));
+    buffer.stop_waits(false);
+    std::thread again([&] { CHECK(buffer.wait_for(question, std::nullopt)); });
+    put(buffer, "map", "a", 1, 1.0);
+    again.join();
+    buffer.end_waits();
+    buffer.stop_waits(true);
+    buffer.stop_waits(false);
+    CHECK_THROWS_AS(buffer.wait_for_commit(9, std::nullopt), BufferClosed);
+}
+
+TFDB_TEST(a_name_that_no_frame_can_have_is_not_waited_for) {
+    const Buffer buffer;
+    for (const std::string& name : {std::string(), std::string("a\0b", 3)}) {
+        const auto at = [&] { return store::at_stamp("map", name, std::nullopt, {}); };
+        CHECK_THROWS_AS(buffer.wait_for(at(), std::nullopt), InvalidName);
+        CHECK_THROWS_AS(buffer.begin_wait(at()), InvalidName);
+        const Question full = store::by_way_of(name, "map", 1, "a", 1, {});
+        CHECK_THROWS_AS(buffer.wait_for(full, 0), InvalidName);
+    }
+}
+
 }  // namespace tfdb

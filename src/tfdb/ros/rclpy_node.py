@@ -22,7 +22,7 @@ from rclpy.validate_topic_name import validate_topic_name
 
 from tfdb.errors import InvalidArgument, NodeClosed
 
-from .rclpy_spinning import Spinning, is_up
+from .rclpy_spinning import Spinning, is_up, watch
 from .rclpy_taking import InExecutor, InTurn, Made, Never, Opened, OwnThread
 
 if TYPE_CHECKING:
@@ -212,6 +212,7 @@ class RclpyNode:
         if self.closed:
             guarded(self.now())
             return Opened(lambda: None)
+        watch(self)
         with self._lock:
             handle = clock.create_jump_callback(threshold, post_callback=jumped)
             self._on_clock.append(guarded)

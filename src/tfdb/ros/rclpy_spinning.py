@@ -15,10 +15,14 @@ from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-__all__ = ["NodeThread", "Spinning", "is_up"]
+    from .rclpy_node import RclpyNode
+
+__all__ = ["NodeThread", "Spinning", "is_up", "watch"]
 
 # Seconds that the interpreter waits at its end for a thread to leave.
 _LEAVE_WITHIN: Final = 2.0
+# Seconds between two looks whether a context is up.
+_LOOK_EVERY: Final = 0.1
 
 
 def is_up(node: Any) -> bool:
@@ -138,6 +142,52 @@ class Spinning(NodeThread):
                 self._over = True
             self.executor.clean_up()
             self._ended()
+
+
+def watch(node: RclpyNode) -> None:
+    """End a node when its context is shut down, by a signal too.
+
+    A signal of the operating system shuts contexts down without the calls that
+    `Context.on_shutdown` promises.
+    """
+    theirs = node.given
+    with _watching:
+        found = _watches.get(theirs.context)
+        if found is None:
+            found = _watches[theirs.context] = _Watch(theirs)
+        found.nodes.add(node)
+    if not is_up(theirs):
+        node._end()
+
+
+class _Watch(NodeThread):
+    """Waits in a thread for the end of a context.
+
+    It looks now and then. rclpy rings guard conditions before it shuts a context down, so an
+    executor that is woken by a signal may find the context up, and sleep again.
+    """
+
+    def __init__(self, node: Any) -> None:
+        super().__init__(node, "tfdb shutdown")
+        self.nodes: weakref.WeakSet[RclpyNode] = weakref.WeakSet()
+        self._rung = threading.Event()
+        self._start()
+
+    def _ring(self) -> None:
+        self._rung.set()
+
+    def _run(self) -> None:
+        while self._goes_on():
+            self._rung.wait(_LOOK_EVERY)
+        if not self._stopped:
+            with _watching:
+                nodes = list(self.nodes)
+            for node in nodes:
+                node._end()
+
+
+_watching = threading.RLock()
+_watches: weakref.WeakKeyDictionary[Any, _Watch] = weakref.WeakKeyDictionary()
 
 
 class _Executor(SingleThreadedExecutor):  # type: ignore[misc]  # rclpy is not typed

@@ -152,8 +152,9 @@ class RospyNode:
 
     @property
     def closed(self) -> bool:
-        """Whether this object was closed, or rospy shut down."""
-        return self._ended or bool(rospy.is_shutdown())
+        """Whether this object was closed, or rospy's shutdown requested."""
+        # Hooks of rospy.on_shutdown run before rospy.is_shutdown() is true.
+        return self._ended or bool(rospy.core.is_shutdown_requested() or rospy.is_shutdown())
 
     def on_clock(self, called: Callable[[int], None]) -> Subscription:
         """Call `called(now)` whenever simulated time is set, and once when the node ends.
@@ -177,7 +178,8 @@ class RospyNode:
             each.close()
 
     def _check_open(self) -> None:
-        if self.closed:
+        # The program's own hooks may publish a last time.
+        if self._ended or rospy.is_shutdown():
             raise NodeClosed(f"the node {self.name} is closed", reason="it was closed")
 
     def _kept(self, opened: _AnyOpened) -> _AnyOpened:
@@ -215,7 +217,7 @@ class _Clock:
     """Who is to be told when rospy's time is set, or rospy ends. Threads: any."""
 
     def __init__(self) -> None:
-        self._lock = threading.Lock()
+        self._lock = threading.RLock()  # a signal's handler may come amid a call
         self._told: list[Callable[[int], None]] = []
         rospy.on_shutdown(self._set)
         if not rospy.rostime.is_wallclock():

@@ -251,6 +251,7 @@ class TcprosNode:
             advertised = dict(self._advertised)
             served = dict(self._served)
         atexit.unregister(self.close)
+        self._tell_clock()  # callbacks of topics may wait for the node's end
         self._unregister(subscribed, advertised, served)
         for topic in subscribed.values():
             topic.close(LAST_CALLBACKS_SECONDS)
@@ -261,7 +262,6 @@ class TcprosNode:
         self._loop.close()
         self._slave.server_close()
         self._ended.set()
-        self._tell_clock()
 
     def _unregister(
         self, subscribed: Iterable[str], advertised: Iterable[str], served: Iterable[str]

@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 import threading
+from time import monotonic_ns
 from typing import TYPE_CHECKING, Any, Self
 
 import tfdb
 from tfdb import waiting
 from tfdb._core import BufferCalls
+from tfdb.given_objects import refuse_without
 from tfdb.ros import node_for
 from tfdb.ros.which import in_rospy
 
 from .buffer_core import DEFAULT_CACHE_TIME, LAST_STAMP, BufferCore
 from .buffer_interface import BufferInterface
-from .deadlines import deadline_in, wait_until
+from .deadlines import deadline_in, stop_with, wait_until
 from .exceptions import (
     ConnectivityException,
     ExtrapolationException,
@@ -46,6 +48,7 @@ class Buffer(BufferCalls, BufferCore, BufferInterface):
 
     Any number of threads may use it at once. Who waits is woken by the transform that was missing;
     nothing is polled, and other threads may fill the buffer in any way, without a dedicated one.
+    A wait also ends when its node does, by a signal too, as by its timeout.
     In ROS 2 a timeout is wall time, as upstream. In ROS 1 it is time of `clock`, which may be
     simulated: a wait also ends when that clock goes back by more than 3 s, as when a bag restarts.
 
@@ -90,8 +93,6 @@ class Buffer(BufferCalls, BufferCore, BufferInterface):
         if node is not None or in_rospy():
             node = node_for(node)
             flavor = flavor or node.flavor
-        self.clock: Node | None = clock or node
-        """Node whose clock ends waits in ROS 1; None: the system's, until a listener sets its."""
         if store is not None:
             if buffer is not None:
                 raise InvalidArgumentException("give a store's name or a buffer, not both")
@@ -99,12 +100,26 @@ class Buffer(BufferCalls, BufferCore, BufferInterface):
             buffer, cache_time = _open_store(store, cache_time), None
         BufferCore.__init__(self, cache_time, flavor=flavor, buffer=buffer)
         BufferInterface.__init__(self)
+        if clock is not None:
+            refuse_without(clock, "clock", "a node of tfdb.ros", "now", "on_clock")
+        self.clock = clock or node
         self._requests = TransformableRequests(self)
         self._service = offer_frame_graph(self, node) if debug and node is not None else None
         if self._service is not None and self._service.native is not None:
             # As tf2 names it in either ROS.
             name = "frame_server" if node.flavor == "ros1" else "srv"
             setattr(self, name, self._service.native)
+
+    @property
+    def clock(self) -> Node | None:
+        """Node whose end ends waits, and in ROS 1 its clock; None, until a listener sets its."""
+        return self._clock
+
+    @clock.setter
+    def clock(self, node: Node | None) -> None:
+        self._clock = node
+        if node is not None:
+            stop_with(node, self)
 
     # Lookups that wait
 
@@ -175,6 +190,8 @@ class Buffer(BufferCalls, BufferCore, BufferInterface):
         """
         question = (target_frame, source_frame, self._nanoseconds(time))
         limit = None if timeout is None else self._limit(timeout)
+        _check_may_come(question)
+        began = monotonic_ns()
         try:
             return self._once_there(
                 lambda: self.lookup_transform_core(target_frame, source_frame, time),
@@ -182,13 +199,7 @@ class Buffer(BufferCalls, BufferCore, BufferInterface):
                 limit,
             )
         except NO_ANSWER_YET as error:
-            raise TimeoutException(
-                f"Timed out waiting for transform from {source_frame} to {target_frame}: {error}",
-                target=target_frame,
-                source=source_frame,
-                stamp=question[2],
-                limit=limit,
-            ) from error
+            raise self._late(question, limit, began, error) from error
 
     # Waits that block nobody
 
@@ -375,7 +386,7 @@ class Buffer(BufferCalls, BufferCore, BufferInterface):
         if not ends:
             return False
         waiting.check(self.buffer, ends[0])
-        return True
+        return ends[0] == waiting.CAME
 
     def _begin(
         self,
@@ -415,7 +426,7 @@ class Buffer(BufferCalls, BufferCore, BufferInterface):
         store = self.buffer
 
         def told(result: TransformableResult) -> Callable[[waiting.End], None]:
-            return lambda how: tell(result if how == 0 else None)
+            return lambda how: tell(result if how == waiting.CAME else None)
 
         there = self._begin((*frames, stamp), told(available))
         if there is None:
@@ -464,26 +475,50 @@ class Buffer(BufferCalls, BufferCore, BufferInterface):
             return future
         held.append(wait)
         if limit is not None:
-            held.append(self._alarm(question, limit, future, loop, wait))
+            held.append(self._alarm(question, ask, limit, future, loop, wait))
             if future.done():  # it has been told before the alarm was there to cancel
                 release()
         return future
 
     def _alarm(
-        self, question: Simple | Full, limit: int, future: Any, loop: Any, wait: waiting.Wait
+        self,
+        question: Simple | Full,
+        ask: Callable[[], Any],
+        limit: int,
+        future: Any,
+        loop: Any,
+        wait: waiting.Wait,
     ) -> Any:
         """Let a future raise TimeoutException after so many nanoseconds."""
-        text = f"Timed out after {limit / SECOND} s waiting for a transform to {question[0]}"
-        late = TimeoutException(text, target=question[0], limit=limit)
+        began = monotonic_ns()
 
         def called() -> None:
             wait.cancel()
-            settle(future, late)
+            try:
+                answer = ask()
+            except Exception as error:
+                answer = self._late(question, limit, began, error)
+            settle(future, answer)
 
         def called_in_loop() -> None:
             loop.call_soon_threadsafe(called)
 
         return self._deadline(limit).call(called if loop is None else called_in_loop)
+
+    def _late(
+        self, question: Simple | Full, limit: int | None, began: int, why: Exception
+    ) -> TimeoutException:
+        """Make the error of a wait that ended without an answer; `why` is the last lookup's."""
+        stopped = self.clock is not None and self.clock.closed
+        waited = waiting.how_long(monotonic_ns() - began, stopped=stopped)
+        target = question[0]
+        source, stamp = (question[2], question[3]) if len(question) == 5 else question[1:]
+        at = f"at {stamp // SECOND}.{stamp % SECOND:09d} s" if stamp else "at any common time"
+        text = (
+            f"Timed out waiting for transform from {source} to {target} {at}; {waited}: {why}; "
+            "check that its publishers run, or wait longer"
+        )
+        return TimeoutException(text, target=target, source=source, stamp=stamp, limit=limit)
 
 
 async def _ended(future: Any) -> Any:
@@ -502,7 +537,7 @@ def _may_come(question: Simple | Full) -> bool:
                 return False
         elif not isinstance(part, str):
             raise TypeError(f"a frame's name is a str, got {type(part).__name__}")
-        elif part[:1] in {"", "/"}:
+        elif part[:1] == "/" or not tfdb.Buffer._may_be_frame(part):
             return False
     return True
 
@@ -511,7 +546,8 @@ def _check_may_come(question: Simple | Full) -> None:
     if not _may_come(question):
         raise InvalidArgumentException(
             f"{question} will never have an answer: names are neither empty nor begin with '/', "
-            f"stamps are from 0 to {LAST_STAMP} ns",
+            f"they have no control characters and at most 1024 bytes, stamps are from 0 to "
+            f"{LAST_STAMP} ns",
             target=question[0],
         )
 

@@ -7,8 +7,10 @@ import threading
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
+from tfdb.given_objects import given_name
 from tfdb.ros import node_for
 from tfdb.ros.which import in_rospy
+from tfdb.stamps import shown
 
 from .buffer_interface import BufferInterface
 from .deadlines import deadline_in, wait_until
@@ -68,14 +70,10 @@ class BufferClient(BufferInterface):
         super().__init__()
         if given and not isinstance(given[0], str):
             node, *rest = given
+            if not rest and "ns" not in named:
+                raise TypeError(f"the first argument is ns, a str, or a node, got {shown(node)}")
             given = tuple(rest)
-        arguments = {**dict(zip(PARAMETERS, given, strict=False)), **named}
-        unknown = [name for name in arguments if name not in PARAMETERS]
-        if unknown or len(given) > len(PARAMETERS) or "ns" not in arguments:
-            raise TypeError(
-                f"BufferClient takes (ns, check_frequency, timeout_padding), or a node before"
-                f" these; got {len(given)} by position and {sorted(named)} by name"
-            )
+        arguments = _arguments(given, named)
         self._node: Node = node_for(node)
         self.node: Any = given_node(self._node)
         """The node of rclpy or `tfdb.ros` that it asks from."""
@@ -87,7 +85,7 @@ class BufferClient(BufferInterface):
             LOGGER.warning("Argument check_frequency is deprecated and should not be used.")
         self.check_frequency: Any = arguments.get("check_frequency")
         """As given."""
-        self._ns = arguments["ns"]
+        self._ns = given_name("ns", arguments["ns"])
         self._transport = client_in(self._node, self._ns)
         if self._node.flavor == "ros2":
             self.action_client: Any = self._transport.native
@@ -237,6 +235,26 @@ class BufferClient(BufferInterface):
                 return False
             self._transport.wait_ready(LOOK_AGAIN)
         return True
+
+
+def _arguments(given: tuple[Any, ...], named: dict[str, Any]) -> dict[str, Any]:
+    """Give the arguments of a client by name. Raises TypeError."""
+    unknown = [name for name in named if name not in PARAMETERS]
+    twice = [name for name in PARAMETERS[: len(given)] if name in named]
+    if unknown:
+        wrong = f"it has no argument {unknown[0]!r}"
+    elif len(given) > len(PARAMETERS):
+        wrong = f"got {len(given)} arguments by position"
+    elif twice:
+        wrong = f"{twice[0]} is given twice"
+    elif not given and "ns" not in named:
+        wrong = "ns, the name of the server's action, is missing"
+    else:
+        return {**dict(zip(PARAMETERS, given, strict=False)), **named}
+    raise TypeError(
+        "BufferClient takes (ns, check_frequency, timeout_padding), or a node before these: "
+        f"{wrong}"
+    )
 
 
 def _transform_of(result: LookupResult | None) -> Any:

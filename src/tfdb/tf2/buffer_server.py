@@ -6,6 +6,7 @@ import threading
 from typing import TYPE_CHECKING, Any, Self
 
 from tfdb.errors import TfdbError
+from tfdb.given_objects import given_name, refuse_without
 from tfdb.ros import node_for
 
 from . import msgs
@@ -56,10 +57,12 @@ class BufferServer:
         *,
         node: Any = None,
     ) -> None:
+        needed = ("lookup_transform_core", "wait_for_transform_async")
+        refuse_without(buffer, "buffer", "a tfdb.tf2.Buffer", *needed)
         self.buffer = buffer
         self.node: Node = node_for(node)
         """The node that it answers in."""
-        self._transport = server_in(self.node, ns)
+        self._transport = server_in(self.node, given_name("ns", ns))
         self._lock = threading.Lock()
         self._waiting: dict[Goal, Any] = {}
         self._started = self._closed = False

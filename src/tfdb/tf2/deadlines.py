@@ -1,9 +1,10 @@
-"""Until when something is waited for: by the system's clock, or by a node's simulated one."""
+"""Until when something is waited for: by the system's clock, a node's simulated one, its end."""
 
 from __future__ import annotations
 
 import threading
 import time
+import weakref
 from typing import TYPE_CHECKING, Protocol
 
 from .alarms import alarm_at
@@ -14,7 +15,9 @@ if TYPE_CHECKING:
 
     from tfdb.ros import Node, Subscription
 
-__all__ = ["Deadline", "deadline_in", "wait_until"]
+    from .buffer import Buffer
+
+__all__ = ["Deadline", "deadline_in", "stop_with", "wait_until"]
 
 JUMP = 3 * SECOND
 """As tf2: who waits gives up when simulated time goes back by more, for a bag begins anew."""
@@ -85,6 +88,34 @@ class _SimulatedDeadline:
         watch = self._node.on_clock(look)
         look(self._node.now())
         return _ClockAlarm(watch)
+
+
+def stop_with(node: Node, buffer: Buffer) -> None:
+    """End the waits on a buffer, and those to come, once a node ends: by timeout, or by a signal.
+
+    They end as by a timeout.
+    """
+    with _stopping:
+        is_first = node not in _buffers
+        buffers = _buffers.setdefault(node, weakref.WeakSet())
+        buffers.add(buffer)
+
+    def stop(_: int) -> None:
+        if node.closed:
+            for each in list(buffers):
+                if each.clock == node:
+                    each.buffer._stop_waits(stop=True)
+
+    buffer.buffer._stop_waits(stop=False)
+    if is_first:
+        node.on_clock(stop)
+    else:
+        stop(0)  # it may have ended
+
+
+# A signal's handler may come here amid another call.
+_stopping = threading.RLock()
+_buffers: weakref.WeakKeyDictionary[Node, weakref.WeakSet[Buffer]] = weakref.WeakKeyDictionary()
 
 
 def deadline_in(limit: int, clock: Node | None) -> Deadline:

@@ -19,11 +19,13 @@ if TYPE_CHECKING:
 
     from tfdb.ros import Encoding, Node
 
-__all__ = ["UNKNOWN", "Incoming", "Sink", "decoded", "received", "sink_of"]
+__all__ = ["SETTERS", "UNKNOWN", "Incoming", "Sink", "decoded", "received", "sink_of"]
 
 LOGGER = logging.getLogger("tfdb.tf2")
 Sink: TypeAlias = "Callable[[bytes | memoryview, str], int]"
 """Takes a serialized TFMessage and its authority. Raises CorruptMessage."""
+SETTERS = ("set_transform", "set_transform_static")
+"""What a buffer has that transforms are stored in."""
 UNKNOWN = "default_authority"
 """Authority of a message whose publisher is not known."""
 AHEAD = 60 * SECOND
@@ -81,13 +83,12 @@ def sink_of(buffer: Any, node: Node, *, static: bool) -> Sink:
 
     Bytes go straight into the store, unless a subclass looks at each transform.
     """
-    setters = ("set_transform", "set_transform_static")
     kind = type(buffer)
     if isinstance(buffer, BufferCore) and all(
-        getattr(kind, name) is getattr(BufferCore, name) for name in setters
+        getattr(kind, name) is getattr(BufferCore, name) for name in SETTERS
     ):
         return Incoming(buffer, node, static=static).store
-    store = getattr(buffer, setters[static])
+    store = getattr(buffer, SETTERS[static])
 
     def store_each(data: bytes | memoryview, authority: str) -> int:
         members = [*decoded(data, node.encoding, authority, static=static)]

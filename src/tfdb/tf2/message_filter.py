@@ -12,6 +12,7 @@ from itertools import count
 from typing import TYPE_CHECKING, Any
 
 from tfdb import TfdbError
+from tfdb.given_objects import given_name, refuse_without
 
 from .deadlines import deadline_in
 from .exceptions import InvalidArgumentException, TransformException
@@ -91,6 +92,7 @@ class MessageFilter:
         buffer_timeout: Any = None,
         source: Any = None,
     ) -> None:
+        refuse_without(buffer, "buffer", "a tfdb.tf2.Buffer", "add_transformable_request")
         self._buffer = buffer
         self._lock = threading.Lock()
         self._numbers = count()
@@ -98,13 +100,16 @@ class MessageFilter:
         self._callbacks: list[tuple[Callable[..., object], tuple[Any, ...], bool]] = []
         self._failure_callbacks: list[Callable[[Any, FilterFailureReason], object]] = []
         self._targets: tuple[str, ...] = ()
+        refuse_without(queue_size, "queue_size", "a number of messages", "__index__")
         if operator.index(queue_size) < 0:
             text = f"queue_size is how many messages may wait, from 0 on, got {queue_size!r}"
             raise InvalidArgumentException(text, value=queue_size)
         self.queue_size = queue_size
         """How many messages may wait; 0: any number."""
         self._tolerance = 0
-        self._timeout = None if buffer_timeout is None else duration(buffer_timeout)
+        self._timeout = (
+            None if buffer_timeout is None else duration(buffer_timeout, None, "buffer_timeout")
+        )
         self.set_target_frames(target_frame)
         if tolerance is not None:
             self.set_tolerance(tolerance)
@@ -113,12 +118,15 @@ class MessageFilter:
 
     def connect_input(self, source: Any) -> None:
         """Take the messages of a `message_filters` filter, or of anything with registerCallback."""
+        what = "a filter of message_filters, or has its registerCallback"
+        refuse_without(source, "source", what, "registerCallback")
         source.registerCallback(self.add)
 
     def registerCallback(  # noqa: N802 - message_filters' name
         self, callback: Callable[..., object], *args: Any
     ) -> None:
         """Call `callback(message, *args)` for each message that can be transformed."""
+        refuse_without(callback, "callback", "a function", "__call__")
         with self._lock:
             self._callbacks.append((callback, args, False))
 
@@ -128,6 +136,7 @@ class MessageFilter:
         `transforms` has T[target<-frame of the message] at its stamp for each target frame: they
         were there together, and need not be looked up again.
         """
+        refuse_without(callback, "callback", "a function", "__call__")
         with self._lock:
             self._callbacks.append((callback, (), True))
 
@@ -135,13 +144,15 @@ class MessageFilter:
         self, callback: Callable[[Any, FilterFailureReason], object]
     ) -> None:
         """Call `callback(message, reason)` for each message that is dropped."""
+        refuse_without(callback, "callback", "a function", "__call__")
         with self._lock:
             self._failure_callbacks.append(callback)
 
     def set_target_frames(self, target_frame: str | Iterable[str]) -> None:
         """Want these target frames from now on; messages that wait are looked at again."""
+        refuse_without(target_frame, "target_frame", "a frame name or several", "__iter__")
         names = [target_frame] if isinstance(target_frame, str) else [*target_frame]
-        targets = tuple(name.removeprefix("/") for name in names)
+        targets = tuple(given_name("a target frame", name).removeprefix("/") for name in names)
         if not targets or not all(targets):
             text = f"target frames have names, got {target_frame!r}"
             raise InvalidArgumentException(text, value=target_frame)
@@ -179,6 +190,7 @@ class MessageFilter:
 
     def add(self, message: Any) -> None:
         """Take a message, whose header says its frame and its stamp."""
+        refuse_without(message, "message", "a message with a header", "header")
         frame = message.header.frame_id.removeprefix("/")
         if not frame:
             self._drop(message, FilterFailureReason.EmptyFrameID)

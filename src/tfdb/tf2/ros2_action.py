@@ -7,12 +7,15 @@ of its callbacks, unless several of them can run at once.
 from __future__ import annotations
 
 import threading
+from contextlib import suppress
 from typing import TYPE_CHECKING, Any
 
 from action_msgs.msg import GoalStatus
 from builtin_interfaces.msg import Duration, Time
 from rclpy.action import ActionClient, ActionServer, CancelResponse
 from rclpy.callback_groups import ReentrantCallbackGroup
+from rclpy.exceptions import InvalidHandle
+from rclpy.impl.implementation_singleton import rclpy_implementation
 from tf2_msgs.action import LookupTransform
 
 from .exceptions import TimeoutException
@@ -28,6 +31,7 @@ if TYPE_CHECKING:
 
 __all__ = ["Ros2Client", "Ros2Server"]
 
+RCLError = rclpy_implementation.RCLError
 NOT_ACCEPTED = (
     "The LookupTransform goal sent to the BufferServer did not come back with accepted status."
     " Something is likely wrong with the server."
@@ -183,7 +187,9 @@ class Ros2Client:
 
     def is_ready(self) -> bool:
         """Whether a server is connected in both directions."""
-        return bool(self._client.server_is_ready())
+        with suppress(RCLError, InvalidHandle):  # the context was shut down
+            return bool(self._client.server_is_ready())
+        return False
 
     def wait_ready(self, seconds: float) -> None:
         """Return after so long: rclpy tells nobody that a server has come."""

@@ -8,12 +8,13 @@ from collections import Counter
 from typing import TYPE_CHECKING, Any, Self
 
 from tfdb.errors import CorruptMessage
+from tfdb.given_objects import refuse_without
 from tfdb.ros import node_for
 
 from .buffer import Buffer
 from .buffer_core import BufferCore
 from .handles import given_node, handle_of
-from .incoming import UNKNOWN, received, sink_of
+from .incoming import SETTERS, UNKNOWN, received, sink_of
 from .ros_messages import new_group
 from .times import SECOND
 from .transform_broadcaster import KIND
@@ -107,6 +108,7 @@ class TransformListener:
     ) -> None:
         if isinstance(node, int):
             node, queue_size = None, node
+        refuse_without(buffer, "buffer", "a tfdb.tf2.Buffer, or what stores transforms", *SETTERS)
         self._node = self._clock = listening = node_for(node, own_thread=spin_thread)
         self.node = given_node(listening)
         self._now = listening.now()
@@ -153,7 +155,7 @@ class TransformListener:
             return
         if isinstance(buffer, BufferCore) and buffer._flavor is None:
             buffer._settle(node.flavor)
-        if isinstance(buffer, Buffer) and buffer.clock is None:
+        if isinstance(buffer, Buffer) and (buffer.clock is None or buffer.clock.closed):
             buffer.clock = node
         self._sinks = (sink_of(buffer, node, static=False), sink_of(buffer, node, static=True))
 
