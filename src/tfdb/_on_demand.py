@@ -14,19 +14,18 @@ if TYPE_CHECKING:
 def belong_to(package: str, contents: dict[str, Any], names: Iterable[str]) -> None:
     """Offer classes and functions as the package's, where users find them.
 
-    A call that does not fit a function's parameters says so in our words; tf2's surface has those
-    of tf2.
+    The error of a call that does not fit a function's parameters has our words.
     """
     for name in names:
         value = contents[name]
         if isinstance(value, type | FunctionType) and value.__module__ != package:
             value.__module__ = package
-        if package.startswith("tfdb.tf2"):
-            continue
         if isinstance(value, FunctionType):
             contents[name] = _checked(value)
         elif isinstance(value, type) and not issubclass(value, BaseException):
-            _check_methods(value)
+            for each in value.__mro__:  # a private base as well
+                if each.__module__.partition(".")[0] == "tfdb":
+                    _check_methods(each)
 
 
 def _check_methods(cls: type) -> None:

@@ -148,6 +148,7 @@ def misfit(made: Any, args: tuple[Any, ...], keywords: tuple[str, ...], said: st
         if not count or (owner and owner not in [each.__name__ for each in kinds.__mro__]):
             got = f", got {type(subject).__name__}" if count else ""
             an = "a Buffer or a Snapshot" if owner == "Reads" else f"a {owner}"
+            an = "an object" if owner.startswith("_") else an
             return f"{name}() is a method: call it on {an}{got}"
         if name in ("__init__", "__new__"):
             name = kinds.__name__  # of a subclass, say

@@ -709,5 +709,5 @@ def test_a_name_that_is_none_is_refused_in_all_ways(buffer: tf2.Buffer) -> None:
                 ask(name)
     with pytest.raises(TypeError, match="frame's name is a str, got NoneType"):
         buffer.wait_for_transform_async(None, "base", seconds(2))  # type: ignore[arg-type]
-    with pytest.raises(TypeError, match="callback is to be called"):
+    with pytest.raises(TypeError, match="callback must be callable"):
         buffer.add_transformable_request(5, "map", "base", seconds(2))  # type: ignore[arg-type]

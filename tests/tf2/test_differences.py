@@ -12,7 +12,13 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
-from tf2 import real_tf2, test_exports, test_real_conversions, test_tf1
+from tf2 import (
+    real_tf2,
+    test_exports,
+    test_real_conversions,
+    test_tf1,
+    test_wrong_arguments,
+)
 from tf2.ours import Ours, Records, message
 from tfdb import tf2
 from tfdb.tf2.differences import DIFFERENCES
@@ -205,7 +211,8 @@ def test_of_ros2() -> None:
 
 
 def test_the_list_is_what_is_shown() -> None:
-    shown = (test_exports.SHOWN, test_real_conversions.SHOWN, test_tf1.SHOWN)
+    modules = (test_exports, test_real_conversions, test_tf1, test_wrong_arguments)
+    shown = (module.SHOWN for module in modules)
     assert set(DIFFERENCES) == {*CASES, *OF_ROS2, *OF_FUTURES}.union(*shown)
     for name, each in DIFFERENCES.items():
         assert all((each.tf2, each.ours, each.reason)), name

@@ -405,7 +405,7 @@ def test_writes(buffer: Buffer) -> None:
 @pytest.mark.parametrize(
     ("given", "authority", "text"),
     [
-        (5, "me", "expected a geometry_msgs/TransformStamped, got int"),
+        (5, "me", "transform must be a TransformStamped, got int"),
         (message("a", "b", 0, POSE), 5, "authority must be a str, got int"),
         (msgs.TransformStamped(msgs.Header(), 5), "me", "must be str"),  # type: ignore[arg-type]
         (

@@ -49,6 +49,28 @@ def close(a: Any, b: Any) -> bool:
     return bool(a == b)
 
 
+def test_the_module_is_an_attribute_of_the_package() -> None:
+    program = "import tfdb.tf2; print(tfdb.tf2.tf1.Transformer.__name__, tfdb.tf2.differences)"
+    done = subprocess.run(
+        [sys.executable, "-c", program], capture_output=True, text=True, check=True
+    )
+    assert done.stdout.startswith("Transformer <module 'tfdb.tf2.differences'")
+
+
+def test_a_twist_of_one_sample_names_the_stamp_that_was_asked() -> None:
+    transformer = tf1.Transformer()
+    stored = msgs.TransformStamped(msgs.Header(msgs.Time(12), "map"), "base")
+    stored.transform.rotation = msgs.Quaternion(0.0, 0.0, 0.6, 0.8)
+    transformer.setTransform(stored)
+    with pytest.raises(tf1.ExtrapolationException) as refused:
+        transformer.lookupTwist("base", "map", msgs.Time(12), msgs.Duration(0, 500_000_000))
+    said = str(refused.value)
+    assert "at time 11.500000000, but only time 12.000000000 is in the buffer" in said or (
+        "at time 11.500000, but only time 12.000000 is in the buffer" in said
+    )
+    assert (refused.value.stamp, refused.value.newest) == (11_500_000_000, 12_000_000_000)
+
+
 def test_transformer_beside_theirs() -> None:
     program = tf1_program.Program(tf1, msgs, msgs, msgs.Time, msgs.Duration)
     ours = json.loads(json.dumps(program.run()))

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING
 from urllib.parse import urlsplit
 
 from tfdb.errors import InvalidArgument, InvalidName
+from tfdb.given_objects import given_name
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -142,6 +143,7 @@ def is_loopback(host: str) -> bool:
 
 def host_and_port(uri: str) -> tuple[str, int]:
     """Both parts of `http://host:port/` or `rosrpc://host:port`. Raises InvalidArgument."""
+    given_name("the URI", uri)
     try:
         parts = urlsplit(uri)
         found = parts.hostname, parts.port

@@ -15,6 +15,7 @@ on purpose is listed in `tfdb.tf2.differences`.
 
 from __future__ import annotations
 
+from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 from tfdb._on_demand import belong_to
@@ -87,11 +88,16 @@ __all__ = [
     "msgs",
 ]
 
+_MODULES = ("differences", "tf1")
+"""Imported when they are used."""
+
 belong_to(__name__, globals(), __all__)
 
 if not TYPE_CHECKING:  # or every name would be there for type checkers
 
     def __getattr__(name: str) -> Any:
+        if name in _MODULES:
+            return import_module(f"{__name__}.{name}")
         # What tf2_ros takes from other packages, such as Duration and TFMessage.
         if name.startswith("__"):
             raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

@@ -284,7 +284,7 @@ class Buffer(BufferCalls, BufferCore, BufferInterface):
         Raises InvalidArgumentException for names and times that never have an answer.
         """
         if not callable(callback):
-            raise TypeError(f"callback is to be called, got {type(callback).__name__}")
+            raise TypeError(f"callback must be callable, got {type(callback).__name__}")
         _check_may_come((target_frame, source_frame, self._nanoseconds(time)))
         return self._requests.add(callback, (target_frame, source_frame), time)
 
@@ -555,5 +555,5 @@ def _check_may_come(question: Simple | Full) -> None:
 def _open_store(name: Any, cache_time: Any) -> tfdb.Buffer:
     length = DEFAULT_CACHE_TIME
     if cache_time is not None:
-        length = duration(cache_time)
+        length = duration(cache_time, role="cache_time")
     return tfdb.Buffer.open(name, history=max(length, 1) / SECOND)

@@ -7,7 +7,14 @@ from typing import TYPE_CHECKING, Any, NoReturn
 import tfdb
 from tfdb import waiting
 from tfdb._core import CoreCalls
-from tfdb.errors import Disconnected, InvalidArgument, InvalidTransform, TfdbError, UnknownFrame
+from tfdb.errors import (
+    Disconnected,
+    Extrapolation,
+    InvalidArgument,
+    InvalidTransform,
+    TfdbError,
+    UnknownFrame,
+)
 from tfdb.given_objects import given_name
 
 from . import listings, msgs, phrases, refusals
@@ -79,7 +86,7 @@ class BufferCore(CoreCalls):
         self._flavor: Flavor | None = flavor or flavor_of(cache_time)
         length = DEFAULT_CACHE_TIME
         if cache_time is not None:
-            length = duration(cache_time, self.flavor)
+            length = duration(cache_time, self.flavor, "cache_time")
             if buffer is not None:
                 text = "a buffer has its own history: leave cache_time out"
                 raise InvalidArgumentException(text, value=cache_time)
@@ -342,7 +349,7 @@ class BufferCore(CoreCalls):
         point_frame: str | None,
     ) -> Velocity:
         stamp = self._nanoseconds(time)
-        span = duration(interval, self.flavor) / SECOND
+        span = duration(interval, self.flavor, "averaging_interval") / SECOND
         try:
             found = self._buffer.lookup_velocity(
                 *frames,
@@ -365,6 +372,12 @@ class BufferCore(CoreCalls):
             }
             with self._buffer.snapshot() as snapshot:
                 self._check_names(snapshot, names, "lookupVelocity", error)
+                if isinstance(error, Extrapolation) and error.oldest == error.newest == error.stamp:
+                    # The one sample is there, and no other in the interval.
+                    start = max(0, (error.stamp or 0) - round(span * SECOND))
+                    gap = Gap(error.edge or "", start, error.oldest, error.newest)
+                    asked = (frames[1], frames[0], start)
+                    raise self._refused(gap, asked, error) from error
                 self._raise(snapshot, (frames[1], frames[0], stamp), error)
         vx, vy, vz = found.linear.tolist()
         wx, wy, wz = found.angular.tolist()

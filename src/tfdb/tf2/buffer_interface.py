@@ -8,7 +8,10 @@ from copy import deepcopy
 from functools import cache
 from typing import TYPE_CHECKING, Any, ClassVar
 
+from tfdb.stamps import shown
+
 from .exceptions import TransformException
+from .given_messages import WrongMessageError, refuse_unlike
 from .ros_messages import message_name
 
 if TYPE_CHECKING:
@@ -54,6 +57,13 @@ def _registered(functions: dict[Any, Callable[..., Any]], key: Any) -> Callable[
     raise TypeException(f"Type {key} is not loaded or supported")
 
 
+def _callable(callback: Callable[..., Any]) -> Callable[..., Any]:
+    """Return a function; TypeError for an object that cannot be called."""
+    if not callable(callback):
+        raise TypeError(f"callback must be callable, got {type(callback).__name__}")
+    return callback
+
+
 class TransformRegistration:
     """Which function transforms which type: one table for the process."""
 
@@ -69,7 +79,7 @@ class TransformRegistration:
         `key` is a class, or the name of a message such as `geometry_msgs/PointStamped`, which
         stands for the classes of that name of either ROS, and ours.
         """
-        self._functions[key] = callback
+        self._functions[key] = _callable(callback)
 
     def get(self, key: type) -> Callable[[Any, Any], Any]:
         """Give the function of a type; TypeException if there is none."""
@@ -85,15 +95,15 @@ class ConvertRegistration:
 
     def add_from_msg(self, key: type | str, callback: Callable[[Any], Any]) -> None:
         """Let `callback(message)` make objects of type `key`."""
-        self._from_msg[key] = callback
+        self._from_msg[key] = _callable(callback)
 
     def add_to_msg(self, key: type | str, callback: Callable[[Any], Any]) -> None:
         """Let `callback(object)` make messages of objects of type `key`."""
-        self._to_msg[key] = callback
+        self._to_msg[key] = _callable(callback)
 
     def add_convert(self, key: tuple[type, type], callback: Callable[[Any], Any]) -> None:
         """Let `callback(object)` convert from the first type of `key` to the second."""
-        self._convert[key] = callback
+        self._convert[key] = _callable(callback)
 
     def get_from_msg(self, key: type) -> Callable[[Any], Any]:
         """Give the function that makes objects of a type; TypeException if there is none."""
@@ -140,6 +150,9 @@ def with_header(obj: Any, header: Any) -> Any:
         obj.header = header
     except AttributeError:
         kind: Any = type(obj)
+        if kind.__module__.partition(".")[0] != "PyKDL":
+            text = f"obj must be an object that can have a header, got {shown(obj)}"
+            raise WrongMessageError(text) from None
         obj = _open_class(kind)(obj)
         obj.header = header
     return obj
@@ -177,6 +190,7 @@ class BufferInterface:
         Raises TypeException, and what `lookup_transform` raises.
         """
         function = self.registration.get(type(object_stamped))
+        refuse_unlike(object_stamped, "object_stamped", "an object with a header", "header")
         header = object_stamped.header
         found = self.lookup_transform(target_frame, header.frame_id, header.stamp, timeout)
         result = function(object_stamped, found)
@@ -196,6 +210,7 @@ class BufferInterface:
         Arguments as in `transform`.
         """
         function = self.registration.get(type(object_stamped))
+        refuse_unlike(object_stamped, "object_stamped", "an object with a header", "header")
         header = object_stamped.header
         found = self.lookup_transform_full(
             target_frame, target_time, header.frame_id, header.stamp, fixed_frame, timeout

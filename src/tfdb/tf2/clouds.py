@@ -15,11 +15,13 @@ from itertools import pairwise
 from typing import TYPE_CHECKING, Any, Literal
 
 import tfdb
+from tfdb._on_demand import belong_to
 from tfdb.stamps import MAX_STAMP
 
 from .buffer_interface import ConvertRegistration, TransformRegistration
 from .exceptions import InvalidArgumentException
 from .geometry import from_msg_msg, to_msg_msg
+from .given_messages import refuse_unlike
 from .given_transform import fill_result_header, rigid
 from .ros_messages import fill_header, fill_stamp
 from .times import SECOND, nanoseconds
@@ -44,6 +46,8 @@ class _Points:
     """
 
     def __init__(self, cloud: Any) -> None:
+        members = ("height", "width", "fields", "point_step", "row_step", "data", "header")
+        refuse_unlike(cloud, "cloud", "a PointCloud2", *members)
         self.cloud = cloud
         self.data = bytearray(cloud.data)
         self.shape = (cloud.height, cloud.width)
@@ -331,3 +335,5 @@ def _within(stamps: npt.NDArray[np.int64], name: str, since: str) -> npt.NDArray
 TransformRegistration().add("sensor_msgs/PointCloud2", do_transform_cloud)
 ConvertRegistration().add_to_msg("sensor_msgs/PointCloud2", to_msg_msg)
 ConvertRegistration().add_from_msg("sensor_msgs/PointCloud2", from_msg_msg)
+
+belong_to(__name__, globals(), __all__)

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
+from tfdb._on_demand import belong_to
+
 from .exceptions import InvalidArgumentException
 from .given_transform import rigid
 
@@ -76,3 +78,6 @@ def transform_covariance(
     turned = np.block([[rotation, -rotation @ crossed], [nothing, rotation]])
     found: npt.NDArray[np.float64] = turned @ given.reshape(6, 6) @ turned.T
     return found.reshape(given.shape)
+
+
+belong_to(__name__, globals(), __all__)

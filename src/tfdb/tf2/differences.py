@@ -138,6 +138,32 @@ DIFFERENCES: dict[str, Difference] = {
         "what is older than the cache is gone at once",
         "the length of the cache is what was said",
     ),
+    "numbers": Difference(
+        "a number in place of a Time or Duration raises TypeError",
+        "an integer is a time in nanoseconds, so 0 is the latest common time; a number is a "
+        "duration in seconds, as in `Buffer(10)` and `timeout=0.5`",
+        "programs without ROS have no class for times",
+    ),
+    "arguments": Difference(
+        "arguments that do not fit raise TypeError in Python's words; [1] `set_transform` takes "
+        "none by name, `clear` and `all_frames_as_yaml` ignore any",
+        "all can be given by name; those that do not fit raise TypeError, which names them",
+        "a misspelt argument is an error",
+    ),
+    "wrong_message": Difference(
+        "[1] a message of the wrong class raises AttributeError late, as does a tuple or generator "
+        "in `sendTransform`; `set_transform(None, ...)` ends the process",
+        "an error that is TypeError and AttributeError names the argument before anything is sent; "
+        "`sendTransform` takes any iterable of transforms",
+        "a process must not end by a wrong argument",
+    ),
+    "registered": Difference(
+        "[1] `transform` and `convert` raise TypeException, 'if not loaded or supported', until "
+        "the package of the type is imported",
+        "messages of geometry_msgs and sensor_msgs are registered from the start; of other types "
+        "TypeException says 'is not loaded or supported', as in [2]",
+        "the conversions are part of tfdb.tf2",
+    ),
     "cache_time": Difference(
         "a negative cache_time is taken, and nothing is ever kept",
         "InvalidArgumentException",

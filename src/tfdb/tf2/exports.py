@@ -93,7 +93,8 @@ import tf2_ros
 from copy import deepcopy
 from geometry_msgs.msg import TransformStamped
 from std_msgs.msg import Header
-from tfdb.tf2.buffer_interface import *
+from tfdb.tf2 import BufferInterface, ConvertRegistration, NotImplementedException, Stamped
+from tfdb.tf2 import TransformRegistration, TypeException, convert
 """,
     "tf2_ros.static_transform_broadcaster": """
 import rospy
@@ -192,7 +193,8 @@ from rclpy.time import Time
 from sensor_msgs.msg import PointCloud2
 from std_msgs.msg import Header
 from typing import Any, Callable, Optional, Tuple, TypeVar, Union
-from tfdb.tf2.buffer_interface import *
+from tfdb.tf2 import BufferInterface, ConvertRegistration, NotImplementedException, Stamped
+from tfdb.tf2 import TransformRegistration, TypeException, convert
 from tfdb.tf2.unused_names import MsgStamped, PyKDLType
 from tfdb.tf2.unused_names import TransformableObject, TransformableObjectType
 """,

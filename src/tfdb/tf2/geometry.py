@@ -16,10 +16,13 @@ import math
 from typing import TYPE_CHECKING, Any
 
 import tfdb
+from tfdb._on_demand import belong_to
+from tfdb.stamps import shown
 
 from .buffer_interface import ConvertRegistration, TransformRegistration
 from .covariance import transform_covariance
 from .exceptions import InvalidArgumentException
+from .given_messages import refuse_unlike
 from .given_transform import fill_result_header, rigid
 from .ros_messages import installed, makers
 
@@ -49,18 +52,37 @@ KDL_EPSILON = 1e-12
 """Trace of a rotation matrix beyond which KDL divides by w."""
 
 
-def _begin(given: Any, member: str, transform: Any) -> tuple[tfdb.Transform, Any, Any, Any]:
+KINDS = {
+    "point": ("Point", "x", "y", "z"),
+    "vector3": ("Vector3", "x", "y", "z"),
+    "quaternion": ("Quaternion", "x", "y", "z", "w"),
+    "pose": ("Pose", "position", "orientation"),
+    "pose with covariance": ("PoseWithCovariance", "pose", "covariance"),
+    "wrench": ("Wrench", "force", "torque"),
+    "twist": ("Twist", "linear", "angular"),
+    "polygon": ("Polygon", "points"),
+}
+"""Messages that are converted: their name and members."""
+
+
+def _begin(given: Any, kind: str, transform: Any) -> tuple[tfdb.Transform, Any, Any, Any]:
     """Begin a result.
 
     Returns the transform, the result, and the parts of the given message and of the result that
     hold the numbers.
     """
     turn = rigid(transform)
+    argument = kind.partition(" ")[0]
+    stamped = hasattr(given, "header")
+    member = argument.removesuffix("3")
+    inside = getattr(given, member, None) if stamped else given
+    name, *members = KINDS[kind]
+    refuse_unlike(inside, argument, f"a {name} or a {name}Stamped", *members)
     made = type(given)()
-    if not hasattr(given, "header"):
+    if not stamped:
         return turn, made, given, made
     fill_result_header(made, given, transform)
-    return turn, made, getattr(given, member), getattr(made, member)
+    return turn, made, inside, getattr(made, member)
 
 
 def _turn_only(transform: tfdb.Transform) -> tfdb.Transform:
@@ -126,7 +148,7 @@ def do_transform_point(point: Any, transform: Any) -> Any:
 
 def do_transform_vector3(vector3: Any, transform: Any) -> Any:
     """Turn a Vector3Stamped, or a Vector3, onto the axes of the target frame; it has no place."""
-    turn, made, source, target = _begin(vector3, "vector", transform)
+    turn, made, source, target = _begin(vector3, "vector3", transform)
     _apply(_turn_only(turn), source, target)
     return made
 
@@ -164,7 +186,7 @@ def do_transform_pose_with_covariance_stamped(pose: Any, transform: Any) -> Any:
     The covariance is that of `transform_covariance`: of the same pose, on the target's axes. Raises
     InvalidArgumentException for a covariance that has not 36 numbers.
     """
-    turn, made, source, target = _begin(pose, "pose", transform)
+    turn, made, source, target = _begin(pose, "pose with covariance", transform)
     _move_pose(turn, source.pose, target.pose)
     target.covariance = transform_covariance(source.covariance, turn).tolist()
     return made
@@ -260,6 +282,7 @@ def transform_points(point_cloud: npt.ArrayLike, transform: Any) -> npt.NDArray[
 
 def transform_to_kdl(t: Any) -> Any:
     """Make a PyKDL.Frame of a TransformStamped. Raises ImportError where PyKDL is missing."""
+    refuse_unlike(t, "t", "a TransformStamped", "transform")
     import PyKDL  # noqa: PLC0415 - ROS 1's alone
 
     move, turn = t.transform.translation, t.transform.rotation
@@ -280,12 +303,16 @@ def from_msg_msg(msg: Any) -> Any:
 def transform_to_msg(transform: tfdb.Transform) -> Any:
     """Make a TransformStamped of a `tfdb.Transform`: the installed ROS's, or ours."""
     make, _ = makers(installed() or "ros2")
+    if not isinstance(transform, tfdb.Transform):
+        raise TypeError(f"transform must be a tfdb.Transform, got {shown(transform)}")
     pose = transform.pose.tolist()
     return make(transform.target, transform.source, transform.stamp, pose)
 
 
 def transform_from_msg(message: Any) -> tfdb.Transform:
     """Make a `tfdb.Transform` of a TransformStamped; raises what its constructor raises."""
+    what = "a TransformStamped"
+    refuse_unlike(message, "message", what, "header", "child_frame_id", "transform")
     header, inside = message.header, message.transform
     names = (header.frame_id, message.child_frame_id)
     return tfdb.Transform(*names, inside.translation, inside.rotation, header.stamp)
@@ -308,3 +335,5 @@ for _name in (*_TRANSFORMS, "TransformStamped"):
     ConvertRegistration().add_from_msg(f"geometry_msgs/{_name}", from_msg_msg)
 ConvertRegistration().add_to_msg(tfdb.Transform, transform_to_msg)
 ConvertRegistration().add_from_msg(tfdb.Transform, transform_from_msg)
+
+belong_to(__name__, globals(), __all__)

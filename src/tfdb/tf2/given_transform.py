@@ -7,6 +7,7 @@ from typing import Any
 import tfdb
 
 from .exceptions import InvalidArgumentException, with_fields_of
+from .given_messages import refuse_unlike
 from .ros_messages import fill_header, fill_stamp
 
 __all__ = ["fill_result_header", "rigid"]
@@ -17,6 +18,8 @@ def rigid(transform: Any) -> tfdb.Transform:
     if isinstance(transform, tfdb.Transform):
         return transform
     inside = getattr(transform, "transform", transform)
+    what = "a TransformStamped, a Transform or a tfdb.Transform"
+    refuse_unlike(inside, "transform", what, "translation", "rotation")
     try:
         return tfdb.Transform("target", "source", inside.translation, inside.rotation)
     except tfdb.InvalidTransform as error:

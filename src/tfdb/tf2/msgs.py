@@ -8,6 +8,8 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import ClassVar, Self
 
+from tfdb._on_demand import belong_to
+
 __all__ = [
     "ChannelFloat32",
     "Duration",
@@ -435,3 +437,6 @@ class TFMessage:
 
     transforms: list[TransformStamped] = field(default_factory=list)
     """Any number, of any stamps."""
+
+
+belong_to(__name__, globals(), __all__)

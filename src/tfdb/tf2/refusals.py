@@ -20,6 +20,7 @@ from .exceptions import (
     TransformException,
     with_fields_of,
 )
+from .given_messages import WrongMessageError
 from .why import Gap, TwoTrees
 
 if TYPE_CHECKING:
@@ -89,8 +90,8 @@ class Write:
             parent, stamp = header.frame_id, header.stamp
             translation, rotation = pose.translation, pose.rotation
         except AttributeError as missing:
-            text = f"expected a geometry_msgs/TransformStamped, got {type(message).__name__}"
-            raise TypeError(f"{text}: {missing}") from None
+            text = f"transform must be a TransformStamped, got {type(message).__name__}"
+            raise WrongMessageError(f"{text}, which has no attribute {missing.name!r}") from None
         if not isinstance(parent, str) or not isinstance(child, str):
             raise TypeError("header.frame_id and child_frame_id must be str")
         names = (parent.removeprefix("/"), child.removeprefix("/"))

@@ -6,7 +6,9 @@ from typing import TYPE_CHECKING, Any
 
 import tfdb
 from tfdb.ros import node_for
+from tfdb.stamps import shown
 
+from .given_messages import WrongMessageError, refuse_unlike
 from .handles import handle_of
 
 if TYPE_CHECKING:
@@ -52,4 +54,12 @@ class TransformBroadcaster:
 
 def members(transform: Any) -> list[Any]:
     """Transforms that were given, one or many, as a list."""
-    return [transform] if hasattr(transform, "child_frame_id") else list(transform)
+    if hasattr(transform, "child_frame_id"):
+        return [transform]
+    if isinstance(transform, str) or not hasattr(transform, "__iter__"):
+        text = f"transform must be a TransformStamped or several, got {shown(transform)}"
+        raise WrongMessageError(text)
+    found = list(transform)
+    for i, each in enumerate(found):
+        refuse_unlike(each, f"transform[{i}]", "a TransformStamped", "header", "child_frame_id")
+    return found

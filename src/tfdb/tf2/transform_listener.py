@@ -13,6 +13,7 @@ from tfdb.ros import node_for
 
 from .buffer import Buffer
 from .buffer_core import BufferCore
+from .given_messages import refuse_unlike
 from .handles import given_node, handle_of
 from .incoming import SETTERS, UNKNOWN, received, sink_of
 from .ros_messages import new_group
@@ -206,7 +207,8 @@ class TransformListener:
     def _taker(self, node: Node, topic: str, *, static: bool) -> Any:
         """Make what takes the messages of a topic."""
         called = self.static_callback if static else self.callback
-        overridden = getattr(called, "__func__", None) not in PLAIN
+        function = getattr(called, "__func__", None)
+        overridden = getattr(function, "__wrapped__", function) not in PLAIN
 
         def take(data: bytes | memoryview, publisher: str) -> None:
             authority = publisher or UNKNOWN
@@ -226,6 +228,7 @@ class TransformListener:
         return take
 
     def _store_message(self, data: Any, store: Any) -> None:
+        refuse_unlike(data, "data", "a TFMessage", "transforms")
         connection = getattr(data, "_connection_header", None)
         if connection is not None:  # ROS 1's
             self.check_for_reset()

@@ -6,6 +6,8 @@ from collections import Counter
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, NamedTuple
 
+from tfdb.given_objects import refuse_without
+
 from .anomalies import Anomaly, Found, find_cycles
 from .graph import Graph, order_versions, versions_in_order
 from .history import UNSEEN, History, Read, Transaction, Unseen, Value, Write
@@ -43,6 +45,7 @@ def check(history: History, *, steps: int = STEPS) -> Verdict:
     history gives the order of writes (commit numbers, or no two writers of an edge at once), the
     answer is certain and quick; else an order is searched for, trying `steps` transactions.
     """
+    refuse_without(history, "history", "a History", "transactions", "path")
     judged, found = _direct(history)
     counts = _counts(history.transactions)
     maybe = _unattributed(history, judged)

@@ -17,6 +17,8 @@ from __future__ import annotations
 from importlib import import_module
 from typing import Any
 
+from tfdb._on_demand import belong_to
+
 from ..exceptions import ConnectivityException, ExtrapolationException, LookupException
 from ..exceptions import TransformException as Exception  # noqa: A004 - tf's name
 from .broadcaster import TransformBroadcaster
@@ -32,6 +34,9 @@ __all__ = [
     "Transformer",
     "TransformerROS",
 ]
+
+_OWN = ("TransformBroadcaster", "TransformListener", "Transformer", "TransformerROS")
+belong_to(__name__, globals(), _OWN)
 
 
 def __getattr__(name: str) -> Any:

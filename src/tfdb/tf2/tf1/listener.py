@@ -8,10 +8,12 @@ from copy import deepcopy
 from typing import TYPE_CHECKING, Any
 
 import tfdb
+from tfdb.given_objects import given_name
 
 from .. import geometry, transform_listener
 from ..buffer import Buffer
 from ..exceptions import TransformException
+from ..given_messages import refuse_unlike
 from ..given_transform import rigid
 from ..ros_messages import fill_header
 
@@ -37,7 +39,7 @@ Pose = tuple[list[float], list[float]]
 
 def strip_leading_slash(s: str) -> str:
     """Drop one '/' before a frame's name."""
-    return s.removeprefix("/")
+    return given_name("a frame's name", s).removeprefix("/")
 
 
 def xyz_to_mat44(pos: Any) -> npt.NDArray[np.float64]:
@@ -266,6 +268,7 @@ class TransformerROS(Transformer):
 
     def asMatrix(self, target_frame: str, hdr: Any) -> npt.NDArray[np.float64]:
         """T[target_frame<-hdr.frame_id] at hdr.stamp: float64 array (4, 4)."""
+        refuse_unlike(hdr, "hdr", "a Header", "frame_id", "stamp")
         return self.fromTranslationRotation(
             *self.lookupTransform(target_frame, hdr.frame_id, hdr.stamp)
         )
@@ -280,6 +283,7 @@ class TransformerROS(Transformer):
         return _matrix(translation, rotation)
 
     def _transformed(self, function: Any, target_frame: str, message: Any) -> Any:
+        refuse_unlike(message, "the message", "one with a header", "header")
         header = message.header
         names = (strip_leading_slash(target_frame), strip_leading_slash(header.frame_id))
         made = function(message, self._buffer.lookup_transform_core(*names, header.stamp))

@@ -1,0 +1,19 @@
+"""Messages that callers give: an object without a message's members is refused by its name."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from tfdb.stamps import shown
+
+__all__ = ["WrongMessageError", "refuse_unlike"]
+
+
+class WrongMessageError(TypeError, AttributeError):
+    """An argument lacks a message's members. Upstream raises one or the other of the bases."""
+
+
+def refuse_unlike(value: Any, name: str, what: str, *members: str) -> None:
+    """Raise WrongMessageError for an object without these members: `name` must be `what`."""
+    if not all(hasattr(value, member) for member in members):
+        raise WrongMessageError(f"{name} must be {what}, got {shown(value)}")
