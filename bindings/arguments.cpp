@@ -132,6 +132,17 @@ std::string option_of(nb::handle object, const char* role) {
     return {bytes, static_cast<std::size_t>(size)};
 }
 
+void throw_not_one_of(const char* role, std::initializer_list<const char*> words,
+                      nb::handle given) {
+    nb::list valid;
+    for (const char* word : words) {
+        valid.append(nb::str(word));
+    }
+    const nb::object refuse = nb::module_::import_("tfdb.given_objects").attr("refuse_word");
+    refuse(nb::str(role), given, nb::tuple(valid));
+    throw nb::type_error("the word is one of those that there are");  // never reached
+}
+
 std::uint64_t count_of(nb::handle number, const char* name, std::uint64_t least,
                        std::uint64_t most) {
     if (!PyBool_Check(number.ptr()) && PyIndex_Check(number.ptr()) != 0) {

@@ -87,6 +87,10 @@ inline std::string_view name_of(nb::handle object, const char* role) {
 /// UTF-8 becomes its repr, which is none of them. Throws TypeError for anything but a str.
 std::string option_of(nb::handle object, const char* role);
 
+/// Throws InvalidArgument: an option takes one of `words`, and the nearest may have been meant.
+[[noreturn]] void throw_not_one_of(const char* role, std::initializer_list<const char*> words,
+                                   nb::handle given);
+
 /// Throws TypeError for what cannot be gone through; `wanted` says what it should be.
 void check_many(nb::handle object, const char* role, const char* wanted);
 

@@ -21,9 +21,7 @@ Layout layout_of(nb::handle layout) {
     }
     const std::string name = option_of(layout, "layout");
     if (name != "pose" && name != "matrix") {
-        throw_error("InvalidArgument",
-                    "layout must be 'pose' or 'matrix', got " + short_repr(layout),
-                    {{"value", nb::borrow(layout)}});
+        throw_not_one_of("layout", {"pose", "matrix"}, layout);
     }
     return name == "pose" ? Layout::kPose : Layout::kMatrix;
 }
@@ -34,9 +32,7 @@ Missing missing_of(nb::handle missing) {
     }
     const std::string name = option_of(missing, "missing");
     if (name != "raise" && name != "nan") {
-        throw_error("InvalidArgument",
-                    "missing must be 'raise' or 'nan', got " + short_repr(missing),
-                    {{"value", nb::borrow(missing)}});
+        throw_not_one_of("missing", {"raise", "nan"}, missing);
     }
     return name == "raise" ? Missing::kThrow : Missing::kNan;
 }

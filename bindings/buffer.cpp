@@ -30,10 +30,14 @@ namespace tfdb::python {
 namespace {
 
 Concurrency concurrency_from(nb::handle name) {
-    if (PyUnicode_Check(name.ptr())) {
-        return concurrency_of(option_of(name, "concurrency"));
+    try {
+        return concurrency_of(PyUnicode_Check(name.ptr()) ? option_of(name, "concurrency") : "");
+    } catch (const InvalidArgument&) {
+        throw_not_one_of("concurrency",
+                         {"snapshot", "giant", "fine", "2pl-no-wait", "2pl-wait-die",
+                          "2pl-wound-wait", "silo"},
+                         name);
     }
-    return concurrency_of(short_repr(name));  // refuses it, and names those that there are
 }
 
 BufferObject* make_object(void* place, const BufferOptions& options) {

@@ -6,6 +6,7 @@ from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
 from tfdb import InvalidArgument
+from tfdb.given_objects import refuse_word
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -247,8 +248,7 @@ def _choose(text: str, known: tuple[str, ...], what: str) -> tuple[str, ...]:
         return known
     for name in names:
         if name not in known:
-            message = f"there is no {what} {name!r}; one of: {', '.join(known)}, or all"
-            raise InvalidArgument(message, value=name)
+            refuse_word(what, name, known, "all")
     if not names:
         raise InvalidArgument(f"name at least one {what}: {', '.join(known)}, or all", value=text)
     return tuple(dict.fromkeys(names))

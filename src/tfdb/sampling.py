@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 from .errors import InvalidArgument
 from .explain import from_one_state
-from .given_objects import given_name
+from .given_objects import given_name, given_word
 from .poses import found
 from .stamps import MAX_STAMP, shown
 
@@ -72,9 +72,7 @@ def sample_at(
 
 
 def _check(missing: object) -> None:
-    if not isinstance(missing, str) or missing not in _MISSING:
-        message = f"missing must be 'raise', 'nan' or 'skip', got {missing!r}"
-        raise InvalidArgument(message, value=missing)
+    given_word("missing", missing, _MISSING)
 
 
 def _sample_at(

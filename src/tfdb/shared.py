@@ -19,9 +19,8 @@ from .errors import (
     StoreExists,
     TfdbError,
 )
-from .given_objects import given_name
+from .given_objects import given_name, given_word
 from .given_path import given_path
-from .stamps import shown
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -96,8 +95,7 @@ def open_or_make(
     **made_with: Any,
 ) -> Buffer:
     """Do what `Buffer.open` says."""
-    if given_name("mode", mode) not in ("r", "rw"):
-        raise InvalidArgument(f"mode is 'r' or 'rw', not {shown(mode)}")
+    given_word("mode", given_name("mode", mode), ("r", "rw"))
     if create is not None and not isinstance(create, bool):
         raise InvalidArgument(f"create is True, False or None, not {create!r}")
     if create and mode == "r":

@@ -169,6 +169,9 @@ def misfit(made: Any, args: tuple[Any, ...], keywords: tuple[str, ...], said: st
 
 def _wanted(annotation: str, value: Any) -> str:
     """Say what an argument must be, where its annotation is of plain types and it is of none."""
+    literal = annotation.removeprefix("typing.")
+    if literal.startswith("Literal[") and not isinstance(value, str):
+        return " or ".join(literal[8:-1].split(", "))
     kinds = [_TYPES.get(each) for each in annotation.split(" | ")]
     if None in kinds or any(kind and kind[1](value) for kind in kinds):
         return ""

@@ -139,6 +139,58 @@ def test_a_name_that_is_like_an_option_is_one(tool: Tool, odd: Path) -> None:
     assert "behind --" not in tool("info", "-odd", code=2).error
 
 
+def test_a_short_option_with_its_value_may_be_a_frame(tool: Tool, bag: Path) -> None:
+    hint = "a name that begins with a dash, such as -odd, goes behind --"
+    for command in ("poses", "echo"):
+        said = tool(command, bag, "map", "-odd", code=2).error
+        assert hint in said
+        assert said.endswith(f" {command} --help'")
+    assert "goes behind" not in tool("poses", bag, "map", code=2).error
+    assert "goes behind" not in tool("echo", bag, "map", "base_link", "-o", "dd", code=2).error
+    assert "no frame '-odd'" in tool("poses", bag, "--", "map", "-odd", code=2).error
+
+
+@pytest.mark.parametrize(
+    ("arguments", "right"),
+    [
+        (("lookup", "map", "base_link", "--policy", "exat"), "exact"),
+        (("lookup", "map", "base_link", "--policy", "nearst:0.5"), "nearest"),
+        (("lookup", "map", "base_link", "latst"), "latest"),
+        (("poses", "map", "base_link", "--at", "x", "--policy", "previus"), "previous"),
+        (("plot", "tree", "--save", "pgn"), "png"),
+        (("plot", "tree", "--save", "sgv"), "svg"),
+        (("poses", "map", "base_link", "-o", "x.kiti", "--format", "kiti"), "kitti"),
+        (("poses", "map", "base_link", "-o", "x.parqet"), ".parquet"),
+        (("convert", "x.mcpa"), ".mcap"),
+    ],
+)
+def test_a_word_that_is_mistyped_gets_the_nearest(
+    tool: Tool, bag: Path, arguments: tuple[str, ...], right: str
+) -> None:
+    said = tool(arguments[0], bag, *arguments[1:], code=2).error
+    assert f"did you mean '{right}'?" in said
+
+
+def test_an_engine_that_is_mistyped_gets_the_nearest(tool: Tool) -> None:
+    said = tool("bench", "--engines", "snapshot,silos", code=2).error
+    assert "did you mean 'silo'?" in said
+    assert "did you mean 'threads'?" in tool("bench", "--sweep", "thread", code=2).error
+
+
+def test_the_version_as_json(tool: Tool) -> None:
+    assert tool("version", "--json").json == {
+        "tfdb": 1, "command": "version", "version": tfdb.__version__
+    }  # fmt: skip
+
+
+def test_help_is_text_and_says_so(tool: Tool) -> None:
+    assert tool("help", "help").out == tool("help").out
+    assert "Help is text" in tool("help").out
+    assert "help is text: it has no --json" in tool("help", "--json", code=2).error
+    assert "help is text" in tool("help", "lookup", "--json", code=2).error
+    assert "'tfdb shm ls --json'" in tool("shm", "--help").out
+
+
 def test_bench_is_hidden_where_nothing_measures(
     tool: Tool, monkeypatch: pytest.MonkeyPatch
 ) -> None:

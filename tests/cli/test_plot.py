@@ -143,7 +143,10 @@ def test_timelines_fold(tool: Tool, bag: Path, here: Path) -> None:
         (("trajectory",), "has 32 moving edges: name TARGET and SOURCE"),
         (("compare",), "tfdb plot FILE compare ESTIMATE"),
         (("tree", "map"), "a tree takes no frames; got map"),
-        (("--save", "gif"), "--save 'gif' is neither png, svg, pdf nor a path"),
+        (
+            ("--save", "gif"),
+            "'pdf' or a path that ends in one of them, got 'gif'",
+        ),
         (("--save", "png", "--save", "png"), "twice"),
         (("trajectory", "map", "base_lnk"), "did you mean 'base_link'"),
         (("tree", "--save", "no/such/folder.png"), "there is no such folder"),

@@ -255,6 +255,13 @@ def test_the_argument_of_a_wrong_type_is_named(name: str, argument: str) -> None
     assert said == f"{argument} must be {kind}, got str"
 
 
+def test_none_for_a_word_is_named() -> None:
+    said = refusal_of(
+        BOUND["tfdb.Buffer.transform_points"], "map", "base", [[1, 2, 3]], 5, missing=None
+    )
+    assert said == "missing must be 'raise' or 'nan', got NoneType"
+
+
 @pytest.mark.parametrize(
     ("name", "foreign", "ours"),
     [

@@ -25,6 +25,8 @@ constexpr std::size_t kSmallestReserve = std::size_t{1} << 28;  // 256 MiB: if n
 // more than this part of what is left of that half, so that thousands of stores find room.
 constexpr std::size_t kShared = std::size_t{1} << 46;
 constexpr std::size_t kPart = 256;
+constexpr const char* kMoreAddresses =
+    "raise the process's limit of addresses (ulimit -v), or close other stores";
 constexpr std::size_t kHugePage = std::size_t{1} << 21;
 // Of a file: 2 MiB would take a commit 0.2 ms (measured), and an idle store would hold them.
 constexpr std::size_t kFileStep = std::size_t{1} << 18;
@@ -52,7 +54,8 @@ Mapping Mapping::reserve() {
         ::madvise(mapped, size, MADV_NOHUGEPAGE);
         return {static_cast<std::byte*>(mapped), size, size, -1, {}};
     }
-    throw CapacityExceeded("cannot reserve address space for a store: raise `ulimit -v`");
+    throw CapacityExceeded("cannot reserve 256 MiB of addresses for a store: " +
+                           std::string(kMoreAddresses));
 }
 
 Mapping Mapping::of_file(int file, std::size_t bytes, bool writable, std::string name,
@@ -67,8 +70,11 @@ Mapping Mapping::of_file(int file, std::size_t bytes, bool writable, std::string
         if (mapped != MAP_FAILED)
             ::munmap(mapped, reserved);
         ::close(file);
+        const std::string why = error == ENOMEM ? std::string("too few addresses are left; ") +
+                                                      kMoreAddresses
+                                                : std::generic_category().message(error);
         throw CapacityExceeded("cannot map " + std::to_string(bytes) + " bytes of " + name + ": " +
-                               std::generic_category().message(error));
+                               why);
     }
     return {static_cast<std::byte*>(mapped), bytes, reserved, file, std::move(name)};
 }

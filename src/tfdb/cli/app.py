@@ -94,7 +94,12 @@ class TfdbGroup(SuggestingGroup):
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
         """Take out what is for ROS; `help` and `version` are words for options."""
         if args[:1] == ["help"]:
-            args = [*args[1:], "--help"]
+            if "--json" in args:
+                raise click.UsageError("help is text: it has no --json", ctx)
+            args = [*(word for word in args if word != "help"), "--help"]
+        elif args[:1] == ["version"] and "--json" in args:
+            output.emit_json("version", {"version": tfdb.__version__})
+            ctx.exit()
         elif args[:1] == ["version"]:
             args = ["--version", *args[1:]]
         return super().parse_args(ctx, without_ros_arguments(ctx, args))
@@ -228,6 +233,8 @@ def cli(ctx: click.Context) -> None:
     copies or plays messages reads recordings alone: merge, rename, 'serve bag', 'serve follow' and
     convert, which makes trajectories and files for viewers of a frozen store, too; nor does monitor
     read one.
+
+    --json prints the answer of a command as one JSON object. Help is text alone.
 
     Exit codes: 0 fine, 1 'check' or 'verify' has findings, 2 an error (one line on stderr).
     """

@@ -15,6 +15,7 @@ import click
 
 import tfdb
 from tfdb.frozen import is_frozen
+from tfdb.given_objects import unknown_word
 from tfdb.given_path import first_missing, given_path, missing_file
 from tfdb.io import Recording
 from tfdb.io.choice import Choice, absolute
@@ -601,7 +602,7 @@ def parse_policy(ctx: click.Context, param: click.Parameter, value: str | None) 
         "extrapolate": (tfdb.Extrapolate, "max_ns", True),
     }
     if name not in makers:
-        raise click.BadParameter(f"{name!r} is none of {', '.join(makers)}", ctx, param)
+        raise click.BadParameter(unknown_word(name, makers), ctx, param)
     maker, field, needed = makers[name]
     if not colon:
         if needed:

@@ -10,6 +10,7 @@ import click
 
 import tfdb
 from tfdb.counting import counted
+from tfdb.given_objects import unknown_ending
 from tfdb.given_path import given_path
 from tfdb.io import RecordingWriter, write_trajectory
 from tfdb.io.choice import Choice, absolute, did_you_mean
@@ -92,7 +93,7 @@ def command(
     known = (*RECORDINGS, RERUN, *TRAJECTORIES)
     is_trajectory = kind is not None or suffix in TRAJECTORIES
     if suffix not in known and not is_trajectory:
-        raise click.UsageError(f"{out!r} ends in none of {', '.join(known)}")
+        raise click.UsageError(unknown_ending(out, known))
     if kind is not None and suffix in (*RECORDINGS, RERUN):
         raise click.UsageError(f"--format goes with trajectories, and {out!r} is none by its name")
     if foxglove and suffix != ".mcap":
@@ -133,7 +134,7 @@ def recording_path(out: str, inputs: Sequence[Path], *, overwrite: bool) -> Path
     """Check where a recording is to be written."""
     path = given_path(out)
     if path.suffix.lower() not in RECORDINGS:
-        raise click.UsageError(f"{out!r} ends in none of {', '.join(RECORDINGS)}")
+        raise click.UsageError(unknown_ending(out, RECORDINGS))
     common.check_output(out, inputs, overwrite=overwrite)
     return path
 

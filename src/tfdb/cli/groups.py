@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from tfdb.given_objects import unknown_word
 from tfdb.near_names import near_names
 
 from . import output
@@ -25,8 +26,32 @@ class SuggestingCommand(click.Command):
     """
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
-        """Put such arguments behind `--`."""
-        return super().parse_args(ctx, self._sorted(ctx, args))
+        """Put such arguments behind `--`.
+
+        A word such as `-odd` is an option with its value; an error then names `--` as well.
+        """
+        glued = [word for word in args[: (*args, "--").index("--")] if self._is_glued(word)]
+        try:
+            return super().parse_args(ctx, self._sorted(ctx, args))
+        except click.NoSuchOption:
+            raise
+        except click.UsageError as error:
+            if not glued or not any(map(_may_have_dash, self.params)):
+                raise
+            said = error.format_message().rstrip(".")
+            raise click.UsageError(
+                f"{said}; a name that begins with a dash, such as {glued[0]}, goes behind --", ctx
+            ) from error
+
+    def _is_glued(self, word: str) -> bool:
+        """Whether a word is a short option and its value in one."""
+        names = [
+            name
+            for option in self.params
+            if isinstance(option, click.Option) and not (option.is_flag or option.count)
+            for name in option.opts
+        ]
+        return not word.startswith("--") and len(word) > 2 and word[:2] in names
 
     def _sorted(self, ctx: click.Context, args: list[str]) -> list[str]:
         """Sort the options before the other words, if one of those begins with a dash.
@@ -122,11 +147,9 @@ class SuggestingGroup(click.Group):
 class OneOf(click.Choice[str]):
     """One of a few words; the nearest is named."""
 
-    def get_invalid_choice_message(self, value: Any, ctx: click.Context | None) -> str:
+    def get_invalid_choice_message(self, value: Any, ctx: click.Context | None) -> str:  # noqa: ARG002
         """Say what there is, and what may have been meant."""
-        said = super().get_invalid_choice_message(value, ctx).rstrip(".")
-        near = near_names(str(value), self.choices, most=1, cutoff=0.6)
-        return f"{said}; did you mean {near[0]!r}?" if near else said
+        return unknown_word(str(value), self.choices)
 
 
 def suggest(name: str, known: Sequence[str]) -> str:

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from tfdb.given_objects import not_one_of
 from tfdb.given_path import given_path
 from tfdb.new_file import new_file
 
@@ -31,9 +32,8 @@ def picture_files(saved: Sequence[str], file: str, kind: str) -> list[Path]:
         else:
             path = given_path(text)
             if path.suffix.lower()[1:] not in FORMATS:
-                raise click.UsageError(
-                    f"--save {text!r} is neither {', '.join(FORMATS)} nor a path that ends so"
-                )
+                more = "a path that ends in one of them"
+                raise click.UsageError(not_one_of("--save", text, FORMATS, more))
         if path in found:
             raise click.UsageError(f"--save names {path} twice")
         found.append(path)

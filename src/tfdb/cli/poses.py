@@ -11,6 +11,7 @@ import click
 
 import tfdb
 from tfdb.counting import counted
+from tfdb.given_objects import unknown_ending
 from tfdb.given_path import errors_name
 from tfdb.io.containers import TRAJECTORIES
 
@@ -154,12 +155,11 @@ def command(
 
 
 def _check_format(out: str | None, kind: Format | None) -> None:
-    """Refuse a file of which nobody knows how it is to be written."""
+    """Refuse a file whose format is unknown."""
     if out == "-":
-        raise click.UsageError("'-' is no file: without -o, TUM lines go to stdout")
+        raise click.UsageError("'-' is not a file: without -o, TUM lines go to stdout")
     if out is not None and kind is None and not out.lower().endswith(TRAJECTORIES):
-        endings = ", ".join(TRAJECTORIES)
-        raise click.UsageError(f"{out!r} ends in none of {endings}: --format says what it is to be")
+        raise click.UsageError(f"{unknown_ending(out, TRAJECTORIES)}; --format names the format")
     if kind is not None and out is None:
         raise click.UsageError("--format says how OUT is written: give it -o OUT")
 

@@ -35,7 +35,8 @@ def command() -> None:
 
     Example: tfdb shm ls
 
-    Their contents are read by the other commands, as in 'tfdb tree shm:NAME'.
+    Their contents are read by the other commands, as in 'tfdb tree shm:NAME'. 'tfdb shm ls --json'
+    prints the list as JSON.
     """
 
 

@@ -13,6 +13,7 @@ import click
 import tfdb
 from tfdb.io.choice import Time
 from tfdb.io.decimal_time import NS_PER_SECOND, ns_to_seconds, parse_stamp
+from tfdb.near_names import near_names
 from tfdb.stamps import MAX_STAMP
 
 from . import output
@@ -99,6 +100,8 @@ def time_option(ctx: click.Context, param: click.Parameter, value: str | None) -
         return TimeSpec(text, _parse_unsigned(text[1:] if since else text), since)
     except ValueError as error:
         hint = f"did you mean {text}ns?" if _looks_like_ns(text) else HINT
+        if near_names(text, ("latest",), cutoff=0.6):
+            hint = f"did you mean 'latest'? Else {HINT}"
         raise click.BadParameter(f"{error}: {hint}", ctx, param) from None
 
 

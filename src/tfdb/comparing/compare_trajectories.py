@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING, Any, Literal
 
 from .._core import Transform
 from ..errors import InvalidArgument, NotComparable, TfdbWarning
-from ..given_objects import given_flag
+from ..given_objects import given_flag, given_word, refuse_word
+from ..io.decimal_time import UNITS as STAMP_UNITS
 from ..stamps import MAX_STAMP, shown
 from ..trajectory import Trajectory
 from .alignment import MODES, NEEDED, align
@@ -121,12 +122,16 @@ def compare(
         The positions agree, but the rotations would only with the quaternions of one in another
         order (w x y z); and as `read_trajectory` for files.
     """
-    _choice("association", association, _ASSOCIATIONS)
-    _choice("align", align, tuple(MODES))
-    _choice("delta_unit", delta_unit, UNITS)
-    _choice("pairs_from", pairs_from, _PAIRS_FROM)
+    if stamp_unit is not None:
+        given_word("stamp_unit", stamp_unit, STAMP_UNITS)
+    given_word("association", association, _ASSOCIATIONS)
+    given_word("align", align, tuple(MODES))
+    given_word("delta_unit", delta_unit, UNITS)
+    given_word("pairs_from", pairs_from, _PAIRS_FROM)
     limit = None if max_diff is None else _nanoseconds("max_diff", max_diff)
     guessed = isinstance(offset, str) and offset == "estimate"
+    if isinstance(offset, str) and not guessed:
+        refuse_word("offset", offset, ("estimate",), "a number of seconds")
     given_offset = None if guessed else _nanoseconds("offset", offset, signed=True)
     _number("delta", delta, above=0.0)
     _number("delta_tolerance", delta_tolerance)
@@ -216,12 +221,6 @@ def _judge(
         max_diff=matched.max_diff,
         **options,
     )
-
-
-def _choice(name: str, value: object, valid: tuple[str, ...]) -> None:
-    if not isinstance(value, str) or value not in valid:
-        listed = ", ".join(map(repr, valid))
-        raise InvalidArgument(f"{name} must be one of {listed}, got {shown(value)}", value=value)
 
 
 def _number(name: str, value: Any, *, above: float | None = None, least: float = 0.0) -> None:

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any, Literal, TypeAlias, TypedDict
 from tfdb import _core
 from tfdb.counting import counted
 from tfdb.errors import InvalidArgument, RecordingError, TfdbError, TfdbWarning, UnknownFrame
-from tfdb.given_objects import given_flag
+from tfdb.given_objects import given_flag, given_word
 from tfdb.near_names import near_names
 from tfdb.refused import Refused
 from tfdb.stamps import format_seconds, shown
@@ -841,10 +841,7 @@ def _pose_topics(given: Any) -> dict[str, str | None]:
 
 
 def _unit(unit: Any) -> Unit | None:
-    if unit is None or (isinstance(unit, str) and unit in UNITS):
-        return unit
-    names = ", ".join(map(repr, UNITS))
-    raise InvalidArgument(f"stamp_unit is one of {names}, not {shown(unit)}", value=unit)
+    return None if unit is None else given_word("stamp_unit", unit, UNITS)
 
 
 def _model(urdf: Any) -> RobotModel | None:

@@ -18,7 +18,7 @@ import numpy.typing as npt
 
 from tfdb import _core
 from tfdb.errors import InvalidArgument, RecordingError, TfdbWarning
-from tfdb.given_objects import given_name
+from tfdb.given_objects import given_name, given_word
 from tfdb.loading import load_into
 from tfdb.stamps import shown
 from tfdb.types import Columns, TransformStamped
@@ -325,9 +325,7 @@ class RobotModel:
             Joints of the model that no state names, joints that it does not have, positions that
             are not finite (they are left out) or beyond their limits, messages that were refused.
         """
-        if limits not in ("warn", "raise", "ignore"):
-            choices = "'warn', 'raise' or 'ignore'"
-            raise InvalidArgument(f"limits is {choices}, not {limits!r}", value=limits)
+        given_word("limits", limits, ("warn", "raise", "ignore"))
         buffer = _core.Buffer(history=None)
         with warnings.catch_warnings(record=True) as caught:
             warnings.simplefilter("always", TfdbWarning)

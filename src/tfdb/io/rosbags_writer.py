@@ -9,7 +9,7 @@ from contextlib import ExitStack, contextmanager
 from typing import TYPE_CHECKING, Any, Protocol
 
 from tfdb.errors import InvalidArgument, RecordingError
-from tfdb.given_objects import given_flag
+from tfdb.given_objects import given_flag, unknown_ending
 from tfdb.given_path import given_path
 from tfdb.new_file import new_file, refuse_existing
 
@@ -70,7 +70,7 @@ class RecordingWriter:
     def __init__(self, path: PathLike, *, compress: bool = False, overwrite: bool = False) -> None:
         path = given_path(path, RecordingError)
         if path.suffix not in SUFFIXES:
-            raise RecordingError(path, f"the name must end in one of {', '.join(SUFFIXES)}")
+            raise RecordingError(path, unknown_ending(str(path), SUFFIXES))
         refuse_existing(path, overwrite=overwrite, refusal=RecordingError)
         if given_flag("compress", compress) and path.suffix == ".db3":
             raise InvalidArgument(".db3 files are not compressed; write .mcap or .bag")

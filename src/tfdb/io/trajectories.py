@@ -16,10 +16,9 @@ import numpy as np
 
 from tfdb._core import poses_of_matrices
 from tfdb.errors import InvalidArray, InvalidStamp, InvalidTransform, TrajectoryError
-from tfdb.given_objects import given_flag, refuse_without
+from tfdb.given_objects import given_flag, not_one_of, refuse_without
 from tfdb.given_path import errors_name, given_path
 from tfdb.poses import doubles, missing
-from tfdb.stamps import shown
 from tfdb.tables import columns_of, read_parquet
 from tfdb.trajectory import Trajectory
 from tfdb.types import Columns
@@ -150,9 +149,7 @@ def read_with_rows(
     """
     given: object = format
     if given is not None and not (isinstance(given, str) and given in FORMATS):
-        raise TrajectoryError(
-            path, None, f"unknown format {shown(format)}; one of {', '.join(FORMATS)}"
-        )
+        raise TrajectoryError(path, None, not_one_of("format", format, FORMATS))
     salvage, unit = given_flag("salvage", salvage), checked_unit(path, stamp_unit)
     path = given_path(path, _refusal)
     raw = _read(path)
@@ -188,7 +185,7 @@ def checked_unit(path: object, unit: Any) -> Unit | None:
     """The unit of stamps; raises TrajectoryError for any other word."""
     if unit is None or (isinstance(unit, str) and unit in UNITS):
         return unit
-    raise TrajectoryError(path, None, f"stamp_unit is one of {', '.join(UNITS)}, not {shown(unit)}")
+    raise TrajectoryError(path, None, not_one_of("stamp_unit", unit, UNITS))
 
 
 def kitti_times(path: Path) -> bool | None:

@@ -15,11 +15,10 @@ import numpy as np
 
 from tfdb import tables
 from tfdb.errors import TrajectoryError
-from tfdb.given_objects import refuse_without
+from tfdb.given_objects import not_one_of, refuse_without
 from tfdb.given_path import given_path
 from tfdb.new_file import new_file, refuse_existing
 from tfdb.poses import matrices, missing
-from tfdb.stamps import shown
 from tfdb.tables import COLUMNS
 
 from .decimal_time import ns_to_seconds
@@ -163,12 +162,8 @@ def write_trajectory(
         name = {".txt": "tum"}.get(suffix, suffix.removeprefix("."))
     writer = _WRITERS.get(name) if isinstance(name, str) else None
     if writer is None:
-        raise TrajectoryError(path, None, f"no trajectory format {shown(name)}: one of {_names()}")
+        raise TrajectoryError(path, None, not_one_of("format", name, _WRITERS))
     writer(path, trajectory, overwrite=overwrite)
-
-
-def _names() -> str:
-    return ", ".join(_WRITERS)
 
 
 def _comma_rows(stamps: list[int], poses: list[list[float]]) -> Iterable[str]:

@@ -17,6 +17,7 @@ from matplotlib.lines import Line2D
 from matplotlib.ticker import MaxNLocator
 
 from ..errors import InvalidArgument
+from ..given_objects import given_word
 from ..poses import TOO_FAR
 from . import lettering, style
 from .numbers import Numbers, number
@@ -133,10 +134,10 @@ def _check(paths: Sequence[Any], axes: object, color: object, labels: Any, size:
             raise InvalidArgument(
                 f"draw tfdb.Trajectory, as Buffer.trajectory returns it; got {got}", value=path
             )
-    if axes is not None and not (isinstance(axes, str) and axes in PLANES):
-        raise InvalidArgument(f"axes must be one of {', '.join(PLANES)}, got {axes!r}", value=axes)
-    if color is not None and not (isinstance(color, str) and color in COLORS):
-        raise InvalidArgument(f"color must be time or speed, got {color!r}", value=color)
+    if axes is not None:
+        given_word("axes", axes, PLANES)
+    if color is not None:
+        given_word("color", color, COLORS)
     if labels is not None:
         count = len(labels) if isinstance(labels, list | tuple) else -1
         if count != len(paths) or not all(isinstance(label, str) for label in labels):

@@ -15,7 +15,7 @@ from tfdb.errors import (
     TfdbError,
     UnknownFrame,
 )
-from tfdb.given_objects import given_name
+from tfdb.given_objects import given_name, not_one_of
 
 from . import listings, msgs, phrases, refusals
 from .exceptions import (
@@ -78,8 +78,8 @@ class BufferCore(CoreCalls):
         flavor: Flavor | None = None,
         buffer: tfdb.Buffer | None = None,
     ) -> None:
-        if flavor not in {None, "ros1", "ros2"}:
-            text = f"flavor must be 'ros1', 'ros2' or None, got {flavor!r}"
+        if flavor is not None and flavor not in ("ros1", "ros2"):
+            text = not_one_of("flavor", flavor, ("ros1", "ros2"), "None")
             raise InvalidArgumentException(text, value=flavor)
         if buffer is not None and not isinstance(buffer, tfdb.Buffer):
             raise TypeError(f"buffer must be a tfdb.Buffer, got {type(buffer).__name__}")

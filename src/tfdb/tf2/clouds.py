@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import tfdb
 from tfdb._on_demand import belong_to
+from tfdb.given_objects import not_one_of
 from tfdb.stamps import MAX_STAMP
 
 from .buffer_interface import ConvertRegistration, TransformRegistration
@@ -27,6 +28,8 @@ from .ros_messages import fill_header, fill_stamp
 from .times import SECOND, nanoseconds
 
 if TYPE_CHECKING:
+    from collections.abc import Collection
+
     import numpy as np
     import numpy.typing as npt
 
@@ -290,15 +293,20 @@ class _Mover:
         return moved if self.back is None else self.back.apply(moved)
 
 
+def _check_word(name: str, value: object, words: Collection[str]) -> None:
+    if not isinstance(value, str) or value not in words:
+        raise InvalidArgumentException(not_one_of(name, value, words), value=value)
+
+
 def _stamps(
     points: _Points, name: str, unit: str | None, since: str, wanted: npt.NDArray[np.bool_]
 ) -> npt.NDArray[np.int64]:
     """Each point's stamp, (N,) nanoseconds; where it is not wanted, that of one that is."""
     import numpy as np
 
-    if since not in {"header", "epoch"} or unit not in {None, *UNITS}:
-        text = f"since must be 'header' or 'epoch' and unit one of {', '.join(UNITS)}"
-        raise InvalidArgumentException(text, value=(since, unit))
+    _check_word("since", since, ("header", "epoch"))
+    if unit is not None:
+        _check_word("unit", unit, UNITS)
     numbers = points.numbers(name).reshape(-1)
     whole = numbers.dtype.kind != "f"
     scale = UNITS[unit or ("ns" if whole else "s")]
