@@ -33,10 +33,10 @@ Concurrency concurrency_from(nb::handle name) {
     try {
         return concurrency_of(PyUnicode_Check(name.ptr()) ? option_of(name, "concurrency") : "");
     } catch (const InvalidArgument&) {
-        throw_not_one_of("concurrency",
-                         {"snapshot", "giant", "fine", "2pl-no-wait", "2pl-wait-die",
-                          "2pl-wound-wait", "silo"},
-                         name);
+        throw_not_one_of(
+            "concurrency",
+            {"snapshot", "giant", "fine", "2pl-no-wait", "2pl-wait-die", "2pl-wound-wait", "silo"},
+            name);
     }
 }
 

@@ -32,10 +32,10 @@ using Bytes = std::span<const std::byte>;
 wire::Encoding encoding_of(nb::handle name) {
     const auto encoding = wire::encoding_from_name(option_of(name, "encoding"));
     if (!encoding) {
-        throw_not_one_of("encoding",
-                         {"ros1", "cdr", "cdr_le", "cdr_be", "cdr2_le", "cdr2_be", "cdr_bare_le",
-                          "cdr_bare_be"},
-                         name);
+        throw_not_one_of(
+            "encoding",
+            {"ros1", "cdr", "cdr_le", "cdr_be", "cdr2_le", "cdr2_be", "cdr_bare_le", "cdr_bare_be"},
+            name);
     }
     return *encoding;
 }

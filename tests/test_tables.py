@@ -52,9 +52,16 @@ def test_arrow_takes_it() -> None:
     assert pyarrow.table(PATH).column_names == COLUMNS
 
 
-def test_no_table_drops_the_stamps() -> None:
-    with pytest.raises(tfdb.NotSupported, match=r"drop the stamps: use trajectory.to_pandas\(\)"):
-        pd.DataFrame(PATH)
+def test_the_constructor_of_pandas_reads_the_poses_alone() -> None:
+    plain = pd.DataFrame(PATH)
+    assert list(plain.columns) == list(range(7))
+    np.testing.assert_array_equal(plain.to_numpy(), POSES)
+    assert list(PATH.to_pandas().columns) == COLUMNS
+    if hasattr(pd.DataFrame, "from_arrow"):
+        assert pd.DataFrame.from_arrow(PATH).equals(PATH.to_pandas())
+
+
+def test_arrow_keeps_the_stamps() -> None:
     assert pl.DataFrame(PATH)["stamp_ns"].to_list() == STAMPS.tolist()
     assert pd.DataFrame(PATH.poses).shape == np.asarray(PATH).shape == (len(PATH), 7)
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import operator
-import sys
 from html import escape
 from typing import TYPE_CHECKING, Any, Literal, overload
 
@@ -287,16 +286,10 @@ class Trajectory:  # noqa: PLW1641 - as arrays, it has no hash
     ) -> npt.NDArray[Any]:
         """Return the poses: `np.asarray(trajectory)` is (N, 7).
 
-        Raises NotSupported where `pandas.DataFrame(trajectory)` asks for them: pandas has no way to
-        take the stamps as well. `to_pandas` makes that DataFrame.
+        `pandas.DataFrame(trajectory)` reads this array, so it has no stamps: use `to_pandas`.
         """
         import numpy as np
 
-        if sys._getframe(1).f_globals.get("__name__") == "pandas.core.frame":
-            raise NotSupported(
-                "pandas.DataFrame(trajectory) would drop the stamps: use trajectory.to_pandas(); "
-                "the poses alone are trajectory.poses"
-            )
         wanted = np.dtype(self._poses.dtype if dtype is None else dtype)
         if copy is False and wanted != self._poses.dtype:
             raise ValueError(f"the poses are {self._poses.dtype}: {wanted} needs a copy")
@@ -691,6 +684,9 @@ class Trajectory:  # noqa: PLW1641 - as arrays, it has no hash
 
     def to_pandas(self) -> pd.DataFrame:
         """Make a DataFrame of pandas: columns stamp_ns, x, y, z, qx, qy, qz, qw.
+
+        `pandas.DataFrame(trajectory)` holds the poses alone; `pandas.DataFrame.from_arrow`
+        (pandas 3) keeps all columns.
 
         Raises NotSupported where pandas is not installed: `pip install 'tfdb[tables]'`.
 

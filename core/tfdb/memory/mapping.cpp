@@ -70,8 +70,8 @@ Mapping Mapping::of_file(int file, std::size_t bytes, bool writable, std::string
         if (mapped != MAP_FAILED)
             ::munmap(mapped, reserved);
         ::close(file);
-        const std::string why = error == ENOMEM ? std::string("too few addresses are left; ") +
-                                                      kMoreAddresses
+        const std::string why = error == ENOMEM ? "it needs " + std::to_string(reserved) +
+                                                      " bytes of addresses; " + kMoreAddresses
                                                 : std::generic_category().message(error);
         throw CapacityExceeded("cannot map " + std::to_string(bytes) + " bytes of " + name + ": " +
                                why);
