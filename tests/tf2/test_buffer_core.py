@@ -163,7 +163,7 @@ def test_what_is_no_time(core: tf2.BufferCore, time: Any) -> None:
             ask("a", "b", time)
     # As a duration a number is seconds.
     if time is not None and not isinstance(time, float):
-        with pytest.raises(TypeError, match=f"^duration {words}"):
+        with pytest.raises(TypeError, match=f"^cache_time {words}"):
             tf2.BufferCore(time, flavor=core.flavor)
 
 
