@@ -228,11 +228,10 @@ def _print_version(ctx: click.Context, _param: click.Parameter, value: bool) -> 
 def cli(ctx: click.Context) -> None:
     """Look into recordings of robot transforms: ROS 1 .bag, ROS 2 .db3 folders, .mcap.
 
-    Where a FILE is read, shm:NAME is the live store of that name, FILE.tfdb a frozen one, and ros1:
-    or ros2: the live graph (ros1:http://host:port of that master, ros2:7 of that domain). But what
-    copies or plays messages reads recordings alone: merge, rename, 'serve bag', 'serve follow' and
-    convert, which makes trajectories and files for viewers of a frozen store, too; nor does monitor
-    read one.
+    FILE is a recording, a trajectory, shm:NAME (shared store), FILE.tfdb (frozen store), ros1: or
+    ros2: (live graph; ros1:http://host:port names the master, ros2:7 the domain). merge, rename,
+    convert and serve read recordings and trajectories only. convert also reads FILE.tfdb to write a
+    trajectory or a file for a viewer. monitor does not read FILE.tfdb.
 
     --json prints the answer of a command as one JSON object. Help is text alone.
 
