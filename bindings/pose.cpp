@@ -165,7 +165,7 @@ Pose rigid_pose(const double* rows, std::optional<std::size_t> index) {
     }
     const std::string reason = described(fault, matrix);
     const std::string which = index ? "matrices[" + std::to_string(*index) + "]" : "matrix";
-    throw_error("InvalidTransform", which + " is no rigid transform: " + reason,
+    throw_error("InvalidTransform", which + " is not a rigid transform: " + reason,
                 {{"reason", nb::str(reason.c_str())},
                  {"index", index ? nb::object(nb::int_(*index)) : nb::none()}});
 }

@@ -39,7 +39,7 @@ StampNs from_integer(PyObject* object, PyObject* integer) {
 
 long long part(PyObject* object, const nb::object& value, const char* name) {
     if (PyBool_Check(value.ptr()) || !PyIndex_Check(value.ptr())) {
-        refuse(object, std::string("not a stamp, because its ") + name + " is no integer");
+        refuse(object, std::string("not a stamp, because its ") + name + " is not an integer");
     }
     const nb::object integer = nb::steal(PyNumber_Index(value.ptr()));
     int overflow = 0;

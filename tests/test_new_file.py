@@ -101,7 +101,7 @@ def test_what_is_no_file_is_never_replaced(tmp_path: Path) -> None:
     link = tmp_path / "link"
     link.symlink_to("/dev/null")
     for path in (pipe, link, tmp_path, Path("/dev/null")):
-        with pytest.raises(tfdb.InvalidArgument, match="is no regular file") as caught:
+        with pytest.raises(tfdb.InvalidArgument, match="is not a regular file") as caught:
             write(path, overwrite=True)
         assert caught.value.path == str(path)
     assert names(tmp_path) == ["link", "pipe"]

@@ -242,7 +242,7 @@ def test_one_rule_for_every_matrix_and_the_nearest_rotation() -> None:
         moved[3, 0] = 2e-6
         for wrong in (stretched, tilted, moved):
             for way in rigid(wrong):
-                with pytest.raises(tfdb.InvalidTransform, match="is no rigid transform: it"):
+                with pytest.raises(tfdb.InvalidTransform, match="is not a rigid transform: it"):
                     way()
 
 

@@ -150,8 +150,8 @@ HOLE = [math.nan] * 7
 BAD: list[tuple[dict[str, Any], type[Exception], str]] = [
     ({"stamps": [5, 5]}, tfdb.InvalidArray, r"stamps\[1\] = 5 follows 5: sort the rows first"),
     ({"stamps": [5, 4]}, tfdb.InvalidArray, r"stamps\[1\] = 4 follows 5"),
-    ({"stamps": [-5, 4]}, tfdb.InvalidStamp, r"stamps\[0\] = -5 is no stamp: valid are 0 to"),
-    ({"stamps": [4, 2**62]}, tfdb.InvalidStamp, r"stamps\[1\] = 4611686018427387904 is no stamp"),
+    ({"stamps": [-5, 4]}, tfdb.InvalidStamp, r"stamps\[0\] = -5 is not a stamp: valid are 0 to"),
+    ({"stamps": [4, 2**62]}, tfdb.InvalidStamp, r"stamps\[1\] = 4611686018427387904 is not"),
     ({"stamps": [4, 2**70]}, tfdb.InvalidStamp, "is too large"),
     ({"stamps": [0.5, 1.0]}, tfdb.InvalidArray, r"got float64; tfdb.stamp\(\) converts seconds"),
     ({"stamps": ["a", "b"]}, tfdb.InvalidArray, "stamps: expected"),
@@ -176,12 +176,12 @@ BAD: list[tuple[dict[str, Any], type[Exception], str]] = [
     (
         {"poses": None, "matrices": np.stack([np.eye(4), np.diag([1, 1, -1, 1])])},
         tfdb.InvalidTransform,
-        r"matrices\[1\] is no rigid transform",
+        r"matrices\[1\] is not a rigid transform",
     ),
     (
         {"poses": None, "matrices": np.stack([2 * np.eye(4), np.eye(4)])},
         tfdb.InvalidTransform,
-        r"matrices\[0\] is no rigid transform",
+        r"matrices\[0\] is not a rigid transform",
     ),
     ({"target": ""}, tfdb.InvalidName, "empty"),
     ({"source": "a\0b"}, tfdb.InvalidName, "control"),

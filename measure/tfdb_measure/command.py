@@ -264,7 +264,7 @@ def _single(results: Results) -> str | None:
     if not count:
         return None
     points_ = "1 point has" if count == 1 else f"{count} points have"
-    return f"{points_} one round only, so nobody knows how far its figures scatter: give --rounds 3"
+    return f"{points_} one round only, so the scatter of its figures is unknown: give --rounds 3"
 
 
 @contextmanager

@@ -102,7 +102,7 @@ def refuse_existing(
         raise refusal(path, hint)
     # A device or a pipe would be replaced by a file.
     if path.exists() and not stat.S_ISREG(path.stat().st_mode):
-        raise refusal(path, "is no regular file")
+        raise refusal(path, "is not a regular file")
 
 
 def is_one_of(path: Path, inputs: Sequence[Path]) -> bool:

@@ -157,7 +157,7 @@ def _rounded(seconds: Decimal) -> int:
 
 def _no_stamp(seconds: object) -> InvalidStamp:
     limit = format_seconds(MAX_STAMP)
-    return InvalidStamp(f"{shown(seconds)} s is no stamp: valid are 0 to {limit}", value=seconds)
+    return InvalidStamp(f"{shown(seconds)} s is not a stamp: valid are 0 to {limit}", value=seconds)
 
 
 def _itself(value: Any) -> int:
@@ -194,7 +194,8 @@ def _date(text: str) -> int:
         raise InvalidStamp(message, value=text)
     if date.utcoffset() is None:
         raise InvalidStamp(
-            f"{text!r} has no time zone, so it is no point in time: end it with Z (UTC) or +02:00",
+            f"{text!r} has no time zone, so it is not a point in time: "
+            "end it with Z (UTC) or +02:00",
             value=text,
         )
     nanoseconds = _since_epoch(date) + _rounded(Decimal(f"0.{digits or 0}"))
@@ -209,7 +210,7 @@ def from_datetime(time: datetime) -> int:
         return _itself(time.to_datetime64())
     if time.utcoffset() is None:
         raise InvalidStamp(
-            f"stamp {time!r} has no time zone, so it is no point in time: give it one with "
+            f"stamp {time!r} has no time zone, so it is not a point in time: give it one with "
             ".replace(tzinfo=timezone.utc), or .astimezone() if it is local time",
             value=time,
             reason="a datetime without a time zone",
@@ -293,7 +294,7 @@ def increasing_stamps(stamps: Any) -> npt.NDArray[np.int64]:
     wrong = np.flatnonzero((made < 0) | (made > MAX_STAMP))
     if len(wrong):
         index, value = int(wrong[0]), int(made[wrong[0]])
-        message = f"stamps[{index}] = {value} is no stamp: valid are 0 to {MAX_STAMP} ns"
+        message = f"stamps[{index}] = {value} is not a stamp: valid are 0 to {MAX_STAMP} ns"
         raise InvalidStamp(message, value=value, index=index)
     check_increasing(made)
     return made

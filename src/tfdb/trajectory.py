@@ -590,7 +590,7 @@ class Trajectory:  # noqa: PLW1641 - as arrays, it has no hash
         if len(stamps) == 1:
             raise Extrapolation(
                 f"T[{self._target}<-{self._source}] has one pose only, at "
-                f"{format_seconds(int(first))}: that is no motion",
+                f"{format_seconds(int(first))}: that is not a motion",
                 edge=self._source,
                 parent=self._target,
                 stamp=int(first),

@@ -112,7 +112,7 @@ def test_what_is_no_recording_takes_none(tool: Any, bag: Path, tmp_path: Path) -
     ("given", "words"),
     [
         (("--start", "soon"), "'soon' is not a number of seconds"),
-        (("--start", "latest"), "'latest' is no bound"),
+        (("--start", "latest"), "'latest' is not a bound"),
         (("--rename", "map=world"), "'map=world' is not FROM:=TO"),
         (("--keep", "-3"), "negative"),
         (("--keep", "0"), "keep is how many seconds"),

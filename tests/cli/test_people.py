@@ -80,7 +80,7 @@ def test_missing_folders_are_named(tool: Tool, mcap: Path, tmp_path: Path) -> No
     said = tool("info", folder / "drive.mcap", code=2).error
     assert said.startswith(f"{folder / 'drive.mcap'}: there is no folder {tmp_path / 'results'}")
     said = tool("poses", mcap, "map", "odom", "-o", mcap / "a.tum", code=2).error
-    assert said.startswith(f"{mcap}: is no folder")
+    assert said.startswith(f"{mcap}: is not a folder")
 
 
 # -- times -----------------------------------------------------------------------------------------

@@ -76,7 +76,7 @@ def test_undecided_is_no_pass(tool: Tool, tmp_path: Path) -> None:
 def test_errors(tool: Tool, tmp_path: Path) -> None:
     path = history(tmp_path, {**FIRST, "begin": "x"})
     done = tool("verify", path, code=2)
-    assert done.error == f"{path}:2: begin 'x' is no integer"
+    assert done.error == f"{path}:2: begin 'x' is not an integer"
     done = tool("verify", path, "--json", code=2)
     body = done.json
     assert body["error"]["type"] == "HistoryError"

@@ -154,7 +154,7 @@ def test_what_cannot_be_followed(grow: Any, tmp_path: Path) -> None:
     whole, path = written(), tmp_path / "run.mcap"
     buffer = tfdb.Buffer(history=None)
     path.write_bytes(b"#ROSBAG V2.0\n")
-    with pytest.raises(tfdb.RecordingError, match="it is no MCAP file"):
+    with pytest.raises(tfdb.RecordingError, match="not an MCAP file"):
         tfdb.io.follow_recording(buffer, path)
     path.write_bytes(whole[:600])
     grow.append(lambda: path.write_bytes(whole[:100]))

@@ -261,25 +261,25 @@ def test_times_of_rfc_3339_as_datetime_has_them() -> None:
     ("time", "words"),
     [
         ("2023-11-14T22:13:20", "timestamp: '2023-11-14T22:13:20' has no time zone"),
-        ("yesterday", "timestamp: 'yesterday' is no time such as"),
-        ("2023-13-14T22:13:20Z", "timestamp: .* is no time: month must be in 1..12"),
-        ("2023-02-29T22:13:20Z", "timestamp: .* is no time: day is out of range"),
-        ("2023-11-14T24:13:20Z", "timestamp: .* is no time: hour must be in 0..23"),
-        ("2023-11-14T22:13:20+24:00", "timestamp: .* is no time: hour must be"),
-        ("٢023-11-14T22:13:20Z", "timestamp: .* is no time such as"),
-        ("1969-12-31T23:59:59Z", "InvalidStamp: timestamp: -1 s and 0 ns are no stamp"),
-        ("2099-12-31T23:59:59Z", "InvalidStamp: timestamp: .* are no stamp"),
-        ({"sec": 5}, "timestamp.nsec is no integer: None"),
-        ({"sec": "5.0", "nsec": 0}, "timestamp.sec is no integer: 5.0"),
-        ({"sec": "five", "nsec": 0}, "timestamp.sec is no integer: five"),
-        ({"sec": 5, "nsec": ""}, "timestamp.nsec is no integer: "),
-        ({"sec": 5, "nsec": "1_0"}, "timestamp.nsec is no integer: 1_0"),
-        ({"sec": "\u0665", "nsec": 0}, "timestamp.sec is no integer: \u0665"),
-        ({"sec": True, "nsec": 0}, "timestamp.sec is no integer: True"),
-        ({"sec": "-5", "nsec": "0"}, "timestamp: -5 s and 0 ns are no stamp"),
-        ({"sec": 5, "nsec": 1.0}, "timestamp.nsec is no integer: 1.0"),
-        ({"sec": 5, "nsec": S}, "timestamp: 5 s and 1000000000 ns are no stamp"),
-        ({"sec": 5, "nsec": -1}, "timestamp: 5 s and -1 ns are no stamp"),
+        ("yesterday", "timestamp: 'yesterday' is not a time such as"),
+        ("2023-13-14T22:13:20Z", "timestamp: .* is not a time: month must be in 1..12"),
+        ("2023-02-29T22:13:20Z", "timestamp: .* is not a time: day is out of range"),
+        ("2023-11-14T24:13:20Z", "timestamp: .* is not a time: hour must be in 0..23"),
+        ("2023-11-14T22:13:20+24:00", "timestamp: .* is not a time: hour must be"),
+        ("٢023-11-14T22:13:20Z", "timestamp: .* is not a time such as"),
+        ("1969-12-31T23:59:59Z", "InvalidStamp: timestamp: -1 s and 0 ns are not a stamp"),
+        ("2099-12-31T23:59:59Z", "InvalidStamp: timestamp: .* are not a stamp"),
+        ({"sec": 5}, "timestamp.nsec is not an integer: None"),
+        ({"sec": "5.0", "nsec": 0}, "timestamp.sec is not an integer: 5.0"),
+        ({"sec": "five", "nsec": 0}, "timestamp.sec is not an integer: five"),
+        ({"sec": 5, "nsec": ""}, "timestamp.nsec is not an integer: "),
+        ({"sec": 5, "nsec": "1_0"}, "timestamp.nsec is not an integer: 1_0"),
+        ({"sec": "\u0665", "nsec": 0}, "timestamp.sec is not an integer: \u0665"),
+        ({"sec": True, "nsec": 0}, "timestamp.sec is not an integer: True"),
+        ({"sec": "-5", "nsec": "0"}, "timestamp: -5 s and 0 ns are not a stamp"),
+        ({"sec": 5, "nsec": 1.0}, "timestamp.nsec is not an integer: 1.0"),
+        ({"sec": 5, "nsec": S}, "timestamp: 5 s and 1000000000 ns are not a stamp"),
+        ({"sec": 5, "nsec": -1}, "timestamp: 5 s and -1 ns are not a stamp"),
         (1.7e9, "timestamp is neither sec and nsec nor a text of RFC 3339"),
     ],
 )
@@ -292,14 +292,14 @@ def test_a_time_that_cannot_be_read_names_its_field(time: Any, words: str, tmp_p
 @pytest.mark.parametrize(
     ("change", "words"),
     [
-        ({"parent_frame_id": 3}, "parent_frame_id is no text"),
+        ({"parent_frame_id": 3}, "parent_frame_id is not a text"),
         ({"parent_frame_id": None}, "it names no parent frame"),
-        ({"translation": 3}, "translation is no object"),
+        ({"translation": 3}, "translation is not an object"),
         ({"translation": {"X": 3}}, "translation has none of the fields x, y, z"),
-        ({"translation": {"x": "far"}}, "translation.x is no number: 'far'"),
-        ({"rotation": {"w": True}}, "rotation.w is no number"),
-        ({"rotation": {"w": [1]}}, "rotation.w is no number"),
-        ({"translation": {"x": 10**400}}, "translation.x is no number"),
+        ({"translation": {"x": "far"}}, "translation.x is not a number: 'far'"),
+        ({"rotation": {"w": True}}, "rotation.w is not a number"),
+        ({"rotation": {"w": [1]}}, "rotation.w is not a number"),
+        ({"translation": {"x": 10**400}}, "translation.x is not a number"),
         ({"rotation": None}, "InvalidTransform"),
         ({"translation": {"x": "NaN"}}, "InvalidTransform"),
     ],
@@ -359,7 +359,7 @@ def test_a_list_without_transforms_is_no_damage(tmp_path: Path) -> None:
     )
     with pytest.warns(tfdb.TfdbWarning, match="1 message was refused with Corr"):
         report = tfdb.Buffer(history=None).load(path)
-    assert "transforms is no list" in report.first_refusals["CorruptMessage"]
+    assert "transforms is not a list" in report.first_refusals["CorruptMessage"]
 
 
 # -- no time --------------------------------------------------------------------------------------

@@ -147,7 +147,7 @@ def test_npz_is_read_again(tmp_path: Path) -> None:
         ({"stamps": np.array([1]), "poses": np.eye(7)[5:]}, "1 stamps, but 2 poses"),
         ({"stamps": np.array([2, 1]), "poses": np.ones((2, 7))}, "must increase"),
         ({"stamps": np.array([1]), "poses": np.ones((1, 7))}, r"poses\[0\] = .* no rigid"),
-        ({"stamps": np.array([-1]), "poses": np.eye(7)[6:]}, r"stamps\[0\] = -1 is no stamp"),
+        ({"stamps": np.array([-1]), "poses": np.eye(7)[6:]}, r"stamps\[0\] = -1 is not a stamp"),
         ({"stamps": np.array([1]), "poses": np.array([{}])}, "damaged or cut short"),
         ({"stamps": np.empty(0), "poses": np.empty((0, 7))}, "no pose in it"),
     ],

@@ -180,7 +180,7 @@ BAD_STATES = [
     ({"elbow": 1.0}, "no joint 'elbow'"),
     ({"mount": 1.0}, "'mount' is fixed"),
     ({"lift": math.nan}, "not finite"),
-    ({"lift": "far"}, "is no number"),
+    ({"lift": "far"}, "is not a number"),
     ({"lift": [[1.0]]}, "takes 1 number"),
     ({"lift": [1.0, 2.0], "spin": [1.0, 2.0, 3.0]}, "different lengths"),
     ({}, "no moving joint"),

@@ -128,7 +128,7 @@ def test_headers_come_back_as_they_were() -> None:
         (b"\x05\0", 0, "ends in a length, at byte 0 of 2"),
         (b"\x05\0\0\0a=b", 4, "field at byte 4 of 7 claims 5 bytes"),
         (b"\xff\xff\xff\xffa=b", 4, "claims 4294967295 bytes"),
-        (b"\x03\0\0\0abc", 4, "is no key=value"),
+        (b"\x03\0\0\0abc", 4, "is not key=value"),
         (frame(b"a=b") + b"\0", 7, "ends in a length, at byte 7 of 8"),
     ],
 )

@@ -363,7 +363,9 @@ def test_what_each_point_is_looked_up_in() -> None:
 def test_points_that_are_not_finite_need_no_time() -> None:
     buffer = drive()
     cloud, values = timed(8, np.where(np.arange(50) % 7 == 3, np.nan, TIMES))
-    with pytest.raises(tf2.InvalidArgumentException, match="'t' of point 3 is no time: nan") as at:
+    with pytest.raises(
+        tf2.InvalidArgumentException, match="'t' of point 3 is not a time: nan"
+    ) as at:
         clouds.deskew_cloud(cloud, buffer, "odom", time_field="t")
     assert at.value.index == 3
     values["x"][np.isnan(values["t"])] = np.nan
@@ -399,7 +401,7 @@ def test_times_that_are_none() -> None:
             clouds.deskew_cloud(days, buffer, "odom", time_field="t", unit="s")
     values["t"][5] = 1e300
     cloud.data = values.tobytes()
-    with pytest.raises(tf2.InvalidArgumentException, match="point 5 is no time"):
+    with pytest.raises(tf2.InvalidArgumentException, match="point 5 is not a time"):
         clouds.deskew_cloud(cloud, buffer, "odom", time_field="t")
     values["t"][5] = 3.0
     cloud.data = values.tobytes()

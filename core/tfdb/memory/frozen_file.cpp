@@ -78,7 +78,7 @@ bool sum_of_data(int file, std::size_t bytes, std::uint64_t& sum) {
                            "; ask its owner for permission",
                        detail_of(path, reason));
     if (error == EISDIR || error == ENAMETOOLONG || error == ELOOP || error == ENXIO)
-        throw_corrupt(path, "it is no frozen store of tfdb: " + reason);
+        throw_corrupt(path, "not a frozen store of tfdb: " + reason);
     throw CapacityExceeded("the frozen store " + path + " cannot be read: " + reason,
                            detail_of(path, reason));
 }
@@ -89,7 +89,7 @@ void check_header(int file, const std::string& path, std::size_t bytes, std::uin
     if (!read_whole(file, header, 0) || header[kMagicWord] != kFrozenMagic) {
         throw_corrupt(path, header[kMagicWord] == kSharedMagic
                                 ? "it is a store that processes share: Buffer.open opens it"
-                                : "it is no frozen store of tfdb");
+                                : "not a frozen store of tfdb");
     }
     if (header[kLayoutWord] != layout)
         throw_corrupt(path,
@@ -114,7 +114,7 @@ SharedFile open_frozen(const std::string& path, std::uint64_t layout, bool verif
     if (file.get() < 0 || ::fstat(file.get(), &status) != 0)
         throw_for(errno, path);
     if (!S_ISREG(status.st_mode))
-        throw_corrupt(path, "it is no regular file");
+        throw_corrupt(path, "not a regular file");
     const auto bytes = static_cast<std::size_t>(status.st_size);
     std::vector<std::uint64_t> header;
     check_header(file.get(), path, bytes, layout, header);

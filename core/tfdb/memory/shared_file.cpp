@@ -43,7 +43,7 @@ constexpr int kOpened = O_CLOEXEC | O_NONBLOCK;
                        detail_of(path, reason));
     }
     if (error == EISDIR || error == ENAMETOOLONG || error == ELOOP)
-        throw_corrupt(path, "it is no store of tfdb: " + reason);
+        throw_corrupt(path, "not a store of tfdb: " + reason);
     throw CapacityExceeded("the store " + named(path) + " cannot be had: " + reason,
                            detail_of(path, reason));
 }
@@ -79,11 +79,11 @@ Header header_of(int file, const std::string& path) {
     header.bytes = static_cast<std::size_t>(status.st_size);
     if (!S_ISREG(status.st_mode) ||
         ::pread(file, header.words.data(), sizeof header.words, 0) != sizeof header.words)
-        throw_corrupt(path, "it is no store of tfdb");
+        throw_corrupt(path, "not a store of tfdb");
     if (header.words[kMagicWord] == kFrozenMagic)
         throw_corrupt(path, "it is a frozen store: tfdb.open opens it, for reading only");
     if (header.words[kMagicWord] != kSharedMagic)
-        throw_corrupt(path, "it is no store of tfdb");
+        throw_corrupt(path, "not a store of tfdb");
     return header;
 }
 

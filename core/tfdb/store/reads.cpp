@@ -16,7 +16,7 @@ void throw_unreadable(const Store& store, CommitNumber held) {
         detail.path = store.shared->path;
         detail.reason = "damaged";
         throw CorruptStore("the frozen store " + memory::named(store.shared->path) +
-                               " is damaged: what is read contradicts itself, and nobody writes "
+                               " is damaged: what is read contradicts itself, and no process writes "
                                "to it; freeze what it was made from again",
                            std::move(detail));
     }

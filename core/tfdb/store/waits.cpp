@@ -382,9 +382,9 @@ namespace {
 
 void check_can_wait(const store::Store& store) {
     if (store.engine != nullptr) {
-        throw NotSupported("nobody can wait in the engine '" +
+        throw NotSupported("waits are not supported by the engine '" +
                            std::string(concurrency_name(store.concurrency)) +
-                           "': only in the default one, 'snapshot'");
+                           "': only by the default one, 'snapshot'");
     }
     store::check_not_in_transaction(store);
 }
@@ -399,7 +399,7 @@ store::Waits& waits_of(const store::Store& store) {
             throw NotSupported(
                 memory::named(store.shared->path) + " is frozen: no commit will ever come to it",
                 std::move(detail));
-        throw NotSupported("nobody here can be told of commits to " +
+        throw NotSupported("this process cannot wait for commits to " +
                                memory::named(store.shared->path) +
                                ": this process may not write to its control file; ask its owner "
                                "for permission, or look again now and then",

@@ -61,7 +61,7 @@ _KEPT = 10 * NS
     default=10.0,
     show_default=True,
     metavar="HZ",
-    help="Look at most so often; in a recording, of its own time.",
+    help="Largest number of checks per second; in a recording, per second of its time.",
 )
 @click.option(
     "--to",

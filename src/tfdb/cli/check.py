@@ -36,7 +36,7 @@ if TYPE_CHECKING:
     default="1",
     show_default=True,
     callback=duration_option,
-    help="How far stamps may move otherwise than the time of arrival.",
+    help="Largest jump between stamps and times of arrival.",
 )
 @click.option(
     "--coverage",
@@ -57,7 +57,7 @@ if TYPE_CHECKING:
     "length",
     metavar="SECONDS",
     callback=duration_option,
-    help="Watch a live store (shm:NAME) or graph (ros1:, ros2:) for so long, and examine what "
+    help="Watch a live store (shm:NAME) or graph (ros1:, ros2:) for this long, and examine what "
     "comes: 10, or 10s.  [default of a graph: 5]",
 )
 @node_option

@@ -96,7 +96,7 @@ def _choose(ctx: click.Context, param: click.Parameter, value: Any) -> None:
 def _choose_time(ctx: click.Context, param: click.Parameter, value: str | None) -> None:
     time = time_option(ctx, param, value)
     if time is not None and time.ns is None:
-        raise click.BadParameter("'latest' is no bound", ctx, param)
+        raise click.BadParameter("'latest' is not a bound", ctx, param)
     if time is not None:
         ctx.meta.setdefault(_BOUNDS, {})[param.name] = time
     _choose(ctx, param, None if time is None else time.text)
@@ -156,7 +156,7 @@ _choice_options = (
         metavar="NAME",
         callback=_choose,
         expose_value=False,
-        help="Read only the edges between the frames so named; repeatable.",
+        help="Read only the edges between these frames; repeatable.",
     ),
     _chooses(
         "--exclude",
@@ -166,7 +166,11 @@ _choice_options = (
         multiple=True,
     ),
     _chooses(
-        "--rename", "FROM:=TO", "Call the frame FROM TO; repeatable.", _choose_names, multiple=True
+        "--rename",
+        "FROM:=TO",
+        "Rename the frame FROM to TO; repeatable.",
+        _choose_names,
+        multiple=True,
     ),
     click.option(
         "--pose-topic",
@@ -181,15 +185,17 @@ _choice_options = (
     _chooses(
         "--urdf",
         "FILE",
-        "Make transforms of joint states and this model of the robot.",
+        "Make transforms of joint states with this robot model.",
         _choose_file,
         type=click.Path(),
     ),
-    _chooses("--joint-topic", "TOPIC", "The joint states for --urdf.  [default: /joint_states]"),
+    _chooses(
+        "--joint-topic", "TOPIC", "Topic of the joint states for --urdf.  [default: /joint_states]"
+    ),
     _chooses(
         "--stamp-unit",
         "s|ms|us|ns",
-        "Unit of the stamps in trajectory files.  [default: by the file, or by their size]",
+        "Unit of the stamps in trajectory files.  [default: from the header or the numbers]",
         type=OneOf(("s", "ms", "us", "ns")),
     ),
 )
@@ -296,7 +302,7 @@ max_gap_option: Callable[[FC], FC] = click.option(
     "--max-gap",
     metavar="SECONDS",
     callback=duration_option,
-    help="The longest hole that is fine.  [default: five median periods of each edge]",
+    help="Report only longer gaps than this.  [default: five median periods of each edge]",
 )
 more_option: Callable[[FC], FC] = click.option(
     "--with",
@@ -319,7 +325,7 @@ format_option: Callable[[FC], FC] = click.option(
     "--format",
     "kind",
     type=OneOf(["tum", "kitti", "euroc", "csv", "npz", "parquet"]),
-    help="Of a trajectory, whatever OUT is called.  [default: by the end of OUT; .txt is TUM]",
+    help="Format of a written trajectory.  [default: by the ending of OUT; .txt is TUM]",
 )
 overwrite_option: Callable[[FC], FC] = click.option(
     "--overwrite", is_flag=True, help="Replace OUT if it exists."
@@ -388,7 +394,7 @@ def check_output(out: str, inputs: Sequence[Path], *, overwrite: bool) -> None:
     path = given_path(out)
     if not path.parent.is_dir():
         missing = first_missing(path.parent)
-        what = "is no folder" if missing.exists() else "there is no such folder; make it first"
+        what = "is not a folder" if missing.exists() else "there is no such folder; make it first"
         raise FileNotFoundError(errno.ENOENT, what, str(missing))
     if is_one_of(path, inputs):
         raise click.ClickException(f"{out}: is one of the files to be read; choose another name")

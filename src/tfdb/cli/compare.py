@@ -42,7 +42,7 @@ _OPTIONS = (
         "--estimate-frames",
         nargs=2,
         metavar="TARGET SOURCE",
-        help="The same of ESTIMATE, where it has other frames.",
+        help="TARGET and SOURCE of ESTIMATE, if they differ.",
     ),
     click.option(
         "--association",
@@ -57,7 +57,7 @@ _OPTIONS = (
         "--max-diff",
         metavar="SECONDS",
         callback=duration_option,
-        help="How far the nearest pose may be.  [default: 0.01, to interpolate 2.5 median periods]",
+        help="Limit of the nearest pose.  [default: 0.01, to interpolate 2.5 median periods]",
     ),
     click.option(
         "--offset",
@@ -72,7 +72,7 @@ _OPTIONS = (
         type=OneOf(_ALIGN),
         default="se3",
         show_default=True,
-        help="What is fitted before: rotation and translation, a scale too, the scale alone, yaw "
+        help="What to fit before: rotation and translation, a scale too, the scale alone, yaw "
         "and translation, the first poses, nothing.",
     ),
     click.option(
@@ -86,29 +86,29 @@ _OPTIONS = (
         type=click.FloatRange(min=0, min_open=True),
         default=1.0,
         show_default=True,
-        help="Over how much the relative error (RPE) is taken.",
+        help="Length over which the relative error (RPE) is taken.",
     ),
     click.option(
         "--delta-unit",
         type=OneOf(_UNITS),
         default="frames",
         show_default=True,
-        help="Of --delta: matched poses, metres, seconds, degrees, radians.",
+        help="Unit of --delta: matched poses, metres, seconds, degrees, radians.",
     ),
-    click.option("--all-pairs", is_flag=True, help="Begin a relative error at every pose."),
+    click.option("--all-pairs", is_flag=True, help="Start a relative error at every pose."),
     click.option(
         "--delta-tolerance",
         type=click.FloatRange(min=0),
         default=0.1,
         show_default=True,
-        help="With --all-pairs: by which part of --delta a pair may be off it.",
+        help="With --all-pairs: relative tolerance on --delta.",
     ),
     click.option(
         "--pairs-from",
         type=OneOf(("estimate", "reference")),
         default="estimate",
         show_default=True,
-        help="Whose way is measured.",
+        help="Trajectory whose path length forms the pairs.",
     ),
 )
 
@@ -127,7 +127,7 @@ def comparison_options(command: FC) -> FC:
     "--frames",
     nargs=2,
     metavar="TARGET SOURCE",
-    help="Of recordings and stores: compare T[TARGET<-SOURCE].",
+    help="Compare T[TARGET<-SOURCE] of a recording or store.",
 )
 @comparison_options
 @click.option(

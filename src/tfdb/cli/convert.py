@@ -61,8 +61,8 @@ class Written:
     metavar="TARGET SOURCE",
     help="For trajectories: write T[TARGET<-SOURCE] at each stored stamp.",
 )
-@click.option("--foxglove", is_flag=True, help="Of .mcap: messages that Foxglove draws.")
-@click.option("--compress", is_flag=True, help="zstd for .mcap, bz2 for .bag.")
+@click.option("--foxglove", is_flag=True, help="Write an .mcap of messages that Foxglove draws.")
+@click.option("--compress", is_flag=True, help="Compress OUT: zstd for .mcap, bz2 for .bag.")
 @common.format_option
 @common.overwrite_option
 @common.topic_option
@@ -95,7 +95,7 @@ def command(
     if suffix not in known and not is_trajectory:
         raise click.UsageError(unknown_ending(out, known))
     if kind is not None and suffix in (*RECORDINGS, RERUN):
-        raise click.UsageError(f"--format goes with trajectories, and {out!r} is none by its name")
+        raise click.UsageError(f"--format goes with trajectories, which {out!r} is not by its name")
     if foxglove and suffix != ".mcap":
         raise click.UsageError(f"--foxglove writes .mcap, not {out!r}")
     if compress and (foxglove or suffix == RERUN):

@@ -60,7 +60,7 @@ if TYPE_CHECKING:
     "--offset",
     metavar="SECONDS",
     callback=offset_option,
-    help="Ask for so long after now, by the graph's clock; negative: before.",
+    help="Seconds added to now, by the graph's clock; negative: before now.",
 )
 @click.option("-l", "--limit", type=click.IntRange(min=1), help="End after so many answers.")
 @click.option(

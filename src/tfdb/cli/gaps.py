@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     "length",
     metavar="SECONDS",
     callback=duration_option,
-    help="Watch a live store (shm:NAME) or graph (ros1:, ros2:) for so long.  "
+    help="Watch a live store (shm:NAME) or graph (ros1:, ros2:) for this long.  "
     "[default of a graph: 5]",
 )
 @node_option
@@ -49,8 +49,8 @@ def command(
 
     Example: tfdb gaps drive.bag --max-gap 0.5
 
-    In the order of the tree, then of time. A gap is a hole of more than five median periods of its
-    edge, or of more than --max-gap. Publishers are known in ROS 1 bags and in live graphs.
+    In the order of the tree, then of time. A gap is longer than five median periods of its
+    edge, or than --max-gap. Publishers are known in ROS 1 bags and in live graphs.
     """
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", tfdb.TfdbWarning)  # 'tfdb check' tells them

@@ -164,7 +164,9 @@ def open_graph(name: str) -> Iterator[tuple[Node, threading.Event]]:
     context = click.get_current_context()
     match = _GRAPH.fullmatch(name)
     if match is None:
-        raise click.UsageError(f"{name!r} is no graph: ros1:, ros1:URI, ros2: and ros2:DOMAIN are")
+        raise click.UsageError(
+            f"{name!r} is not a graph: give ros1:, ros1:URI, ros2: or ros2:DOMAIN"
+        )
     side: Flavor = "ros1" if match[1] == "ros1" else "ros2"
     plain = re.sub(r"\W", "_", context.command_path.removeprefix("tfdb "))
     own = context.meta.get(_NODE_NAME) or f"tfdb_{plain}_{os.getpid()}"

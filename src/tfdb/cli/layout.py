@@ -50,7 +50,7 @@ wide_option: Callable[[FC], FC] = click.option(
     is_flag=True,
     expose_value=False,
     callback=_wide,
-    help="Show every column, in lines as long as need be.",
+    help="Show all columns; do not fit to the terminal.",
 )
 
 

@@ -44,7 +44,7 @@ if TYPE_CHECKING:
     help="Put TEXT before the names of the frames of one FILE: once for each, in their order; "
     "'' for none.",
 )
-@click.option("--compress", is_flag=True, help="zstd for .mcap, bz2 for .bag.")
+@click.option("--compress", is_flag=True, help="Compress OUT: zstd for .mcap, bz2 for .bag.")
 @common.overwrite_option
 @partial(common.topic_option, prefix=False)
 @common.json_option

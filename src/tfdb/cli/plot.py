@@ -54,18 +54,18 @@ def _complete(ctx: click.Context, param: click.Parameter, incomplete: str) -> li
 @click.option(
     "--axes",
     type=OneOf(("xy", "xz", "yz", "xyz")),
-    help="Of a trajectory: this plane, or three dimensions.  [default: its two widest axes]",
+    help="Plane of a trajectory, or xyz.  [default: its two widest axes]",
 )
 @click.option(
     "--color",
     type=OneOf(("time", "speed")),
-    help="Of a trajectory: what its colour tells.",
+    help="Quantity that the colour of a trajectory shows.",
 )
 @click.option(
     "--max-gap",
     metavar="SECONDS",
     callback=duration_option,
-    help="Of a timeline: the longest hole that is fine.  [default: five median periods]",
+    help="Mark longer gaps than this in a timeline.  [default: five median periods]",
 )
 @click.option(
     "--rows",

@@ -64,10 +64,10 @@ class Poses:
     "--rate",
     type=click.FloatRange(min=0, min_open=True),
     metavar="HZ",
-    help="So many poses a second, over the time that all edges have in common.",
+    help="Poses per second, over the time that all edges have in common.",
 )
-@click.option("--start", metavar="TIME", callback=time_option, help="Not before this time.")
-@click.option("--end", metavar="TIME", callback=time_option, help="Not after this time.")
+@click.option("--start", metavar="TIME", callback=time_option, help="Earliest time of a pose.")
+@click.option("--end", metavar="TIME", callback=time_option, help="Latest time of a pose.")
 @click.option(
     "-o",
     "--output",

@@ -14,7 +14,7 @@ from .groups import SuggestingCommand
 @click.command("rename", cls=SuggestingCommand)
 @common.file_argument
 @common.out_option
-@click.option("--compress", is_flag=True, help="zstd for .mcap, bz2 for .bag.")
+@click.option("--compress", is_flag=True, help="Compress OUT: zstd for .mcap, bz2 for .bag.")
 @common.overwrite_option
 @common.topic_option
 @common.json_option

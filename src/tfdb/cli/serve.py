@@ -40,12 +40,12 @@ _STEP_NS = 1_000_000
 def speed_option(_context: click.Context, _option: click.Parameter, value: float) -> float:
     """Refuse what passes every comparison."""
     if math.isnan(value):
-        raise click.BadParameter("nan is no speed")
+        raise click.BadParameter("nan is not a speed")
     return value
 
 
 into_option: Callable[[FC], FC] = click.option(
-    "--into", metavar="NAME", required=True, help="The store; it is made if need be."
+    "--into", metavar="NAME", required=True, help="Name of the store; it is made unless it exists."
 )
 history_option: Callable[[FC], FC] = click.option(
     "--history",
@@ -53,7 +53,7 @@ history_option: Callable[[FC], FC] = click.option(
     default="10",
     show_default=True,
     callback=duration_option,
-    help="How much a store that is made keeps.",
+    help="Seconds that a new store keeps.",
 )
 
 
@@ -78,7 +78,7 @@ def _open(name: str, history: int | None) -> Buffer:
     default=1.0,
     show_default=True,
     callback=speed_option,
-    help="How many seconds of the recording pass in one; 'inf': without waiting.",
+    help="Pace: 2 plays twice as fast, 'inf' does not wait.",
 )
 @click.option("--loop", is_flag=True, help="Begin again at the end, until Ctrl-C.")
 @history_option
@@ -144,7 +144,7 @@ def bag(
     "--timeout",
     type=click.FloatRange(min=0, min_open=True),
     metavar="SECONDS",
-    help="Take the writer for dead when FILE has not grown for so long.  [default: wait]",
+    help="End with an error if FILE has not grown for this long.  [default: wait]",
 )
 @history_option
 @common.topic_option
@@ -170,7 +170,7 @@ def follow(
     (path,) = common.find_paths([file])
     common.refuse_frozen([path])
     if common.salvages():
-        raise click.UsageError("--salvage goes with files that nobody writes any more")
+        raise click.UsageError("--salvage goes with complete files only")
     name = into.removeprefix(STORE)
     # What cannot be followed is refused before there is a store.
     refuse_mixture_so_far(path, common.parse_topics(topics), **common.chosen())

@@ -218,5 +218,5 @@ def _list_of(one: dict[str, Any], key: str, default: list[float]) -> list[float]
     found = one.get(key, default)
     numbers = found if isinstance(found, list) else []
     if len(numbers) != len(default) or not all(isinstance(each, int | float) for each in numbers):
-        raise ValueError(f"{key} is no list of {len(default)} numbers")
+        raise ValueError(f"{key} is not a list of {len(default)} numbers")
     return numbers

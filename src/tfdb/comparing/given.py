@@ -117,7 +117,8 @@ def looked_up(reads: Reads, frames: Frames | None, role: str, parameter: str) ->
         chain = longest_moving_chain(reads.tree())
         hint = f", such as {chain!r}" if chain else ""
         raise InvalidArgument(
-            f"the {role} is no trajectory but holds frames: give {parameter}=(target, source){hint}"
+            f"the {role} is not a trajectory but holds frames: "
+            f"give {parameter}=(target, source){hint}"
         )
     return checked(reads.trajectory(frames[0], frames[1], missing="skip"), role)
 

@@ -49,7 +49,7 @@ _TABLES = (
 )
 _LAST_ROW = 2**62
 _WAL_MAGICS = (0x377F0682, 0x377F0683)
-_NO_MESSAGE = "a row is no message: its time is negative, or its types are wrong"
+_NO_MESSAGE = "a row is not a message: its time is negative, or its types are wrong"
 
 
 def open_db3(path: Path, *, salvage: bool = False) -> Container:

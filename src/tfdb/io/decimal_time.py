@@ -98,7 +98,7 @@ def rfc3339_ns(text: str) -> int:
     """
     found = _RFC3339.fullmatch(text)
     if found is None:
-        raise ValueError(f"{text[:40]!r} is no time such as '2023-11-14T22:13:20.020Z'")
+        raise ValueError(f"{text[:40]!r} is not a time such as '2023-11-14T22:13:20.020Z'")
     year, month, day, hour, minute, second = map(int, found.group(1, 2, 3, 4, 5, 6))
     fraction, sign, hours, minutes = found.group(7, 8, 9, 10)
     if sign is None and text[-1] not in "Zz":
@@ -107,7 +107,7 @@ def rfc3339_ns(text: str) -> int:
         days = date(year, month, day).toordinal() - _EPOCH
         clock, ahead = time(hour, minute, second), time(int(hours or 0), int(minutes or 0))
     except ValueError as error:
-        raise ValueError(f"{text[:40]!r} is no time: {error}") from None
+        raise ValueError(f"{text[:40]!r} is not a time: {error}") from None
     offset = _seconds_of(ahead) * (-1 if sign == "-" else 1)
     seconds = days * 86_400 + _seconds_of(clock) - offset
     return seconds * NS_PER_SECOND + (seconds_to_ns(f"0{fraction}") if fraction else 0)

@@ -480,7 +480,7 @@ class GrowingMcap:
         raw = self._file.read(self._at, head)
         if self._at == 0:
             if raw != _MAGIC:
-                raise BadDataError("it is no MCAP file")
+                raise BadDataError("not an MCAP file")
             return head
         kind, size = _RECORD.unpack(raw)
         if kind == 0:

@@ -183,7 +183,7 @@ class _Fields:
 def _stamp(seconds: int, nanoseconds: int, field: str = "stamp") -> int:
     stamp = seconds * _NS + nanoseconds
     if not 0 <= stamp <= MAX_STAMP or not 0 <= nanoseconds < _NS:
-        what = f"{field}: {seconds} s and {nanoseconds} ns are no stamp"
+        what = f"{field}: {seconds} s and {nanoseconds} ns are not a stamp"
         raise InvalidStamp(what, value=(seconds, nanoseconds))
     return stamp
 
@@ -262,7 +262,7 @@ class _Json:
     def __init__(self, found: Any, where: str) -> None:
         self._prefix = f"{where}." if where else ""
         if not isinstance(found, dict):
-            raise TypeError(f"{where or 'the message'} is no object")
+            raise TypeError(f"{where or 'the message'} is not an object")
         self._found = found
 
     def _get(self, name: str) -> Any:
@@ -288,7 +288,7 @@ class _Json:
     def text(self, _number: int, name: str) -> str:
         value = self._get(name)
         if not isinstance(value, str | None):
-            raise TypeError(f"{self._prefix}{name} is no text")
+            raise TypeError(f"{self._prefix}{name} is not a text")
         return value or ""
 
     def part(self, _number: int, name: str) -> _Json:
@@ -300,7 +300,7 @@ class _Json:
         if value is None and not self._found:
             return []
         if not isinstance(value, list):
-            raise TypeError(f"{self._prefix}{name} is no list")
+            raise TypeError(f"{self._prefix}{name} is not a list")
         return [partial(_Json, each, f"{self._prefix}{name}[{n}]") for n, each in enumerate(value)]
 
     def doubles(self, names: str) -> Floats:
@@ -312,11 +312,11 @@ class _Json:
         value = self._get(name)
         # Protobuf's mapping has numbers that JSON lacks as texts, such as "NaN".
         if not isinstance(value, int | float | str | None) or isinstance(value, bool):
-            raise TypeError(f"{self._prefix}{name} is no number")
+            raise TypeError(f"{self._prefix}{name} is not a number")
         try:
             return 0.0 if value is None else float(value)
         except (ValueError, OverflowError):
-            raise ValueError(f"{self._prefix}{name} is no number: {str(value)[:40]!r}") from None
+            raise ValueError(f"{self._prefix}{name} is not a number: {str(value)[:40]!r}") from None
 
 
 def _integer(value: Any, field: str) -> int:
@@ -324,7 +324,7 @@ def _integer(value: Any, field: str) -> int:
     if isinstance(value, str) and _INTEGER.fullmatch(value):
         return int(value)
     if not isinstance(value, int) or isinstance(value, bool):
-        raise TypeError(f"{field} is no integer: {str(value)[:40]}")
+        raise TypeError(f"{field} is not an integer: {str(value)[:40]}")
     return value
 
 

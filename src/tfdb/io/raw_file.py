@@ -190,7 +190,7 @@ def _open(packing: str, packed: Packed | IO[bytes]) -> tuple[Any, tuple[type[Exc
     if packing == "zstd":
         zstd = _zstd()
         return zstd.ZstdFile(stream), (zstd.ZstdError, EOFError)
-    raise BadDataError(f"packed as {packing[:40]!r}, which is none of bz2, lz4 and zstd")
+    raise BadDataError(f"packed as {packing[:40]!r}, not bz2, lz4 or zstd")
 
 
 def _zstd() -> Any:

@@ -426,7 +426,7 @@ def _checked(joint: Joint, position: npt.ArrayLike) -> Array:
     try:
         value = np.asarray(position, dtype=np.float64)
     except (TypeError, ValueError):
-        raise InvalidArgument(f"joint {joint.name!r}: the position is no number") from None
+        raise InvalidArgument(f"joint {joint.name!r}: the position is not a number") from None
     inner = value.ndim if joint.width == 1 else value.ndim - 1
     if inner not in (0, 1) or (joint.width > 1 and value.shape[-1] != joint.width):
         raise InvalidArgument(

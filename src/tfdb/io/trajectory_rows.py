@@ -159,7 +159,7 @@ def salvaged(stamps: Stamps, poses: Poses, path: Path) -> tuple[Stamps, Poses, T
     fine = (found(poses) & (off <= MAX_MENDED)) | missing(poses)
     valid = (stamps >= 0) & (stamps <= MAX_STAMP)
     for row in np.flatnonzero(~(fine & valid)).tolist():
-        what = "no rigid transform" if valid[row] else f"{stamps[row]} is no stamp"
+        what = "no rigid transform" if valid[row] else f"{stamps[row]} is not a stamp"
         report.skip(None, poses.itemsize * 8, f"row {row}: {what}")
     kept = fine & valid
     return (*settled(stamps[kept], poses[kept], report, None, salvage=True), report)

@@ -73,7 +73,7 @@ class Names:
         name = special.get("__name", name)
         if BASE.fullmatch(name) is None:
             raise InvalidName(
-                f"{name!r} is no name of a ROS node: a letter, then letters, digits and _; the"
+                f"{name!r} is not a name of a ROS node: a letter, then letters, digits and _; the"
                 " namespace comes from ROS_NAMESPACE or __ns:=",
                 value=name,
             )
@@ -98,7 +98,7 @@ class Names:
         """Full name of a topic, a service or a parameter. Raises InvalidName."""
         if LEGAL.fullmatch(name) is None or "//" in name or "~" in name[1:]:
             raise InvalidName(
-                f"{name!r} is no name of a ROS graph: a letter, / or ~ first, then letters,"
+                f"{name!r} is not a name of a ROS graph: a letter, / or ~ first, then letters,"
                 " digits, _ and /",
                 value=name,
             )
@@ -150,5 +150,5 @@ def host_and_port(uri: str) -> tuple[str, int]:
     except ValueError:
         found = None, None
     if not found[0] or not found[1]:
-        raise InvalidArgument(f"{uri!r} is no URI of ROS: http://host:port is one", value=uri)
+        raise InvalidArgument(f"{uri!r} is not a URI of ROS, such as http://host:port", value=uri)
     return found[0], found[1]

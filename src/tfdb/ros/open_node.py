@@ -67,7 +67,7 @@ def _ros2_node(name: str, where: str, arguments: Sequence[str]) -> Iterator[Node
         ) from error
     if where and not (where.isdecimal() and int(where) <= LAST_DOMAIN):
         raise InvalidArgument(
-            f"{where!r} is no domain of ROS 2: 0 to {LAST_DOMAIN} are", value=where
+            f"{where!r} is not a domain of ROS 2: give 0 to {LAST_DOMAIN}", value=where
         )
     context = rclpy.Context()
     # Ctrl-C is the program's.
@@ -88,7 +88,7 @@ def _ros2_node(name: str, where: str, arguments: Sequence[str]) -> Iterator[Node
                 name, context=context, enable_rosout=False, start_parameter_services=False
             )
         except InvalidNodeNameException as error:
-            raise InvalidName(f"{name!r} is no name of a node: {error}", value=name) from error
+            raise InvalidName(f"{name!r} is not a name of a node: {error}", value=name) from error
         # Its clock and services need an executor.
         node = RclpyNode(theirs, own_thread=True)
         spinning = node.spin()

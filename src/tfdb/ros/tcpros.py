@@ -59,7 +59,7 @@ def decode_header(data: bytes | memoryview) -> dict[str, str]:
         begin += LENGTH.size
         field = bytes(data[begin : begin + length])
         if len(field) < length or b"=" not in field:
-            why = "is no key=value" if len(field) == length else f"claims {length} bytes"
+            why = "is not key=value" if len(field) == length else f"claims {length} bytes"
             raise CorruptMessage(
                 f"a TCPROS header's field at byte {begin} of {len(data)} {why}",
                 offset=begin,

@@ -322,7 +322,7 @@ def _stamps(
     bad = ~(np.abs(spans) <= 2.0**61)
     if bad.any():
         index = int(bad.argmax())
-        text = f"field {name!r} of point {index} is no time: {numbers[index]}"
+        text = f"field {name!r} of point {index} is not a time: {numbers[index]}"
         raise InvalidArgumentException(text, index=index, value=float(numbers[index]))
     return _within(first + spans.astype(np.int64), name, since)
 

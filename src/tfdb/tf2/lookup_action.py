@@ -184,5 +184,5 @@ def _of_rclpy(node: Node) -> RclpyNode:
     from tfdb.ros.rclpy_node import RclpyNode
 
     if not isinstance(node, RclpyNode):
-        raise NotSupported(f"actions of ROS 2 need a node of rclpy, and {node.name} is none")
+        raise NotSupported(f"actions of ROS 2 need a node of rclpy, and {node.name} is not one")
     return node

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from .history import Value
 
 MEANINGS = {
-    "garbage_read": "a value that nobody wrote there",
+    "garbage_read": "a value that no transaction wrote there",
     "dirty_read": "a value of an aborted transaction, or one that its writer itself replaced (G1)",
     "own_write_missed": "a transaction that did not see what it had written itself",
     "torn_batch": "a part of one commit's writes seen, and another part not",

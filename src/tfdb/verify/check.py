@@ -156,7 +156,7 @@ def _judge(
         told = f"{one.id} saw {value!r} of {read.edge}"
         origin = origins.get(value)
         if origin is None:
-            yield value, "garbage_read", f"{told}, which nobody wrote"
+            yield value, "garbage_read", f"{told}, which no transaction wrote"
             continue
         writer, write, final = origin
         if write.edge != read.edge or write.remove:

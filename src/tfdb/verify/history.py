@@ -221,7 +221,7 @@ class _Parser:
             raise _Bad(f"op {op!r} is neither 'set' nor 'remove'")
         parent = item.get("parent")
         if parent is not None and not isinstance(parent, str):
-            raise _Bad(f"parent {parent!r} is no text")
+            raise _Bad(f"parent {parent!r} is not a text")
         return Write(edge, value, _optional_integer(item, "stamp"), parent, op == "remove")
 
 
@@ -229,7 +229,7 @@ def _read(item: Any, writes: int) -> Read:
     edge = _edge(item, "read")
     own = item.get("own", 0)
     if type(own) is not int or not 0 <= own <= writes:
-        raise _Bad(f"own {own!r} is no number from 0 to {writes}")
+        raise _Bad(f"own {own!r} is not a number from 0 to {writes}")
     kind = item.get("kind", "latest")
     if kind == "latest":
         if "value" not in item:
@@ -244,10 +244,10 @@ def _read(item: Any, writes: int) -> Read:
 
 def _edge(item: Any, what: str) -> str:
     if not isinstance(item, dict):
-        raise _Bad(f"a {what} that is no JSON object: {item!r}")
+        raise _Bad(f"a {what} that is not a JSON object: {item!r}")
     edge = item.get("edge")
     if not isinstance(edge, str):
-        raise _Bad(f"edge {edge!r} of a {what} is no text")
+        raise _Bad(f"edge {edge!r} of a {what} is not a text")
     return edge
 
 
@@ -267,14 +267,14 @@ def _value(found: Any, what: str) -> Value:
 def _list(body: dict[str, Any], key: str) -> list[Any]:
     found = body.get(key, [])
     if not isinstance(found, list):
-        raise _Bad(f"{key} is no list: {found!r}")
+        raise _Bad(f"{key} is not a list: {found!r}")
     return found
 
 
 def _integer(body: dict[str, Any], key: str) -> int:
     found = body.get(key)
     if type(found) is not int:
-        raise _Bad(f"{key} {found!r} is no integer" if key in body else f"no {key}")
+        raise _Bad(f"{key} {found!r} is not an integer" if key in body else f"no {key}")
     return found
 
 
