@@ -163,7 +163,7 @@ def test_pictures(
     shown = tool("compare", *files, "--save", "a.png", "--overwrite").out
     assert shown.endswith("\n\na.png: the picture\n")
     said = tool("compare", *files, "--save", files[0], "--overwrite", code=2).error
-    assert "nor a path that ends so" in said
+    assert "or a path that ends in one of them" in said
 
 
 def test_refusals(tool: Tool, folder: Path, bag: Path) -> None:

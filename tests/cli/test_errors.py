@@ -144,7 +144,7 @@ def test_errors_as_json(tool: Tool, bag: Path) -> None:
         (("frobnicate",), "No such command"),
         (("info", "--frobnicate", "x"), "No such option"),
         (("lookup", "f", "a", "b", "noon"), "write seconds"),
-        (("lookup", "f", "a", "b", "--policy", "magic"), "none of interpolate"),
+        (("lookup", "f", "a", "b", "--policy", "magic"), "is not one of 'interpolate'"),
         (("lookup", "f", "a", "b", "--policy", "extrapolate"), "extrapolate:SECONDS"),
         (("lookup", "f", "a", "b", "--policy", "exact:1"), "takes no limit"),
         (("poses", "f", "a", "b", "--rate", "1", "--at", "x"), "exclude each other"),

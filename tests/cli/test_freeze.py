@@ -88,11 +88,9 @@ def test_what_wants_messages_says_what_to_give(
 
 def test_the_help_says_what_reads_no_frozen_store(tool: Tool) -> None:
     said = " ".join(tool("--help").out.split())
-    assert (
-        "reads recordings alone: merge, rename, 'serve bag', 'serve follow' and convert, which "
-        "makes trajectories and files for viewers of a frozen store, too; nor does monitor read "
-        "one."
-    ) in said
+    assert "merge, rename, convert and serve read recordings and trajectories only" in said
+    assert "convert also reads FILE.tfdb to write a trajectory or a file for a viewer" in said
+    assert "monitor does not read FILE.tfdb" in said
 
 
 def test_of_a_live_store(tool: Tool, tmp_path: Path) -> None:

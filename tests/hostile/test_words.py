@@ -75,8 +75,6 @@ def calls(tmp_path: Path) -> dict[tuple[str, str], Callable[..., Any]]:
         '<parent link="a"/><child link="b"/></joint></robot>'
     )
     stamps, points = path.stamps, np.ones((3, 3))
-    file = tmp_path / "a.tum"
-    tfdb.io.write_trajectory(file, path)
     sample = tfdb.TransformStamped("map", "base", SECOND, (1, 2, 3), (0, 0, 0.6, 0.8))
 
     def many(**more: Any) -> Any:
@@ -86,13 +84,10 @@ def calls(tmp_path: Path) -> dict[tuple[str, str], Callable[..., Any]]:
         with buf.transaction() as transaction:
             return transaction.lookup_transforms("map", "base", stamps, **more)
 
-    def compared(**more: Any) -> Any:
-        return tfdb.compare(path, path, **more)
-
     def deskewed(**more: Any) -> Any:
         return clouds.deskew_cloud(cloud(), buf, "map", time_field="t", **more)
 
-    return {
+    return of_trajectories(path, tmp_path) | {
         ("Buffer", "concurrency"): tfdb.Buffer,
         ("Buffer.load", "stamp_unit"): lambda **more: tfdb.Buffer().load(BAG, **more),
         ("load", "stamp_unit"): lambda **more: tfdb.load(BAG, **more),
@@ -109,6 +104,29 @@ def calls(tmp_path: Path) -> dict[tuple[str, str], Callable[..., Any]]:
             "map", "base", points, stamps, **more
         ),
         ("Reads.trajectory", "missing"): lambda **more: buf.trajectory("map", "base", **more),
+        ("decode_tf_message", "encoding"): lambda **more: tfdb.decode_tf_message(b"", **more),
+        ("encode_tf_message", "encoding"): lambda **more: tfdb.encode_tf_message([sample], **more),
+        ("io.RobotModel.load_joint_states", "limits"): lambda **more: robot.load_joint_states(
+            BAG, topic="/joint_states", **more
+        ),
+        ("tf2.Buffer", "flavor"): tfdb.tf2.Buffer,
+        ("tf2.BufferCore", "flavor"): tfdb.tf2.BufferCore,
+        ("tf2.clouds.deskew_cloud", "unit"): deskewed,
+        ("tf2.clouds.deskew_cloud", "since"): deskewed,
+    }
+
+
+def of_trajectories(
+    path: tfdb.Trajectory, tmp_path: Path
+) -> dict[tuple[str, str], Callable[..., Any]]:
+    """Those that take a trajectory, or a file of one."""
+    stamps, file = path.stamps, tmp_path / "a.tum"
+    tfdb.io.write_trajectory(file, path, overwrite=True)
+
+    def compared(**more: Any) -> Any:
+        return tfdb.compare(path, path, **more)
+
+    return {
         ("Trajectory.at", "missing"): lambda **more: path.at(stamps, **more),
         ("Trajectory.resample", "missing"): lambda **more: path.resample(rate=5.0, **more),
         ("Trajectory.plot", "axes"): path.plot,
@@ -119,21 +137,12 @@ def calls(tmp_path: Path) -> dict[tuple[str, str], Callable[..., Any]]:
             ("compare", each): compared
             for each in ("association", "offset", "align", "delta_unit", "pairs_from", "stamp_unit")
         },
-        ("decode_tf_message", "encoding"): lambda **more: tfdb.decode_tf_message(b"", **more),
-        ("encode_tf_message", "encoding"): lambda **more: tfdb.encode_tf_message([sample], **more),
-        ("io.RobotModel.load_joint_states", "limits"): lambda **more: robot.load_joint_states(
-            BAG, topic="/joint_states", **more
-        ),
         ("io.Recording", "stamp_unit"): lambda **more: tfdb.io.Recording(file, **more),
         ("io.read_trajectory", "format"): lambda **more: tfdb.io.read_trajectory(file, **more),
         ("io.read_trajectory", "stamp_unit"): lambda **more: tfdb.io.read_trajectory(file, **more),
         ("io.write_trajectory", "format"): lambda **more: tfdb.io.write_trajectory(
             tmp_path / "b.x", path, **more
         ),
-        ("tf2.Buffer", "flavor"): tfdb.tf2.Buffer,
-        ("tf2.BufferCore", "flavor"): tfdb.tf2.BufferCore,
-        ("tf2.clouds.deskew_cloud", "unit"): deskewed,
-        ("tf2.clouds.deskew_cloud", "since"): deskewed,
     }
 
 

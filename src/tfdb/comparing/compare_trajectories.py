@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 from .._core import Transform
 from ..errors import InvalidArgument, NotComparable, TfdbWarning
-from ..given_objects import given_flag, given_word, refuse_word
+from ..given_objects import given_flag, given_word
 from ..io.decimal_time import UNITS as STAMP_UNITS
 from ..stamps import MAX_STAMP, shown
 from ..trajectory import Trajectory
@@ -129,10 +129,7 @@ def compare(
     given_word("delta_unit", delta_unit, UNITS)
     given_word("pairs_from", pairs_from, _PAIRS_FROM)
     limit = None if max_diff is None else _nanoseconds("max_diff", max_diff)
-    guessed = isinstance(offset, str) and offset == "estimate"
-    if isinstance(offset, str) and not guessed:
-        refuse_word("offset", offset, ("estimate",), "a number of seconds")
-    given_offset = None if guessed else _nanoseconds("offset", offset, signed=True)
+    given_offset = _offset(offset)
     _number("delta", delta, above=0.0)
     _number("delta_tolerance", delta_tolerance)
     check_delta(delta, delta_unit)
@@ -151,7 +148,7 @@ def compare(
     matched = associate(ours, theirs, how=association, max_diff=limit, offset=given_offset)
     options: dict[str, Any] = {
         "offset": given_offset,
-        "offset_estimated": guessed,
+        "offset_estimated": isinstance(offset, str),
         "given": (len(ours), len(theirs)),
         "association": association,
         "align": align,
@@ -221,6 +218,14 @@ def _judge(
         max_diff=matched.max_diff,
         **options,
     )
+
+
+def _offset(offset: Any) -> int | None:
+    """Return an offset in nanoseconds; None: it is to be estimated."""
+    if isinstance(offset, str):
+        given_word("offset", offset, ("estimate",), "a number of seconds")
+        return None
+    return _nanoseconds("offset", offset, signed=True)
 
 
 def _number(name: str, value: Any, *, above: float | None = None, least: float = 0.0) -> None:
