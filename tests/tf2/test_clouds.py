@@ -389,7 +389,7 @@ def test_times_that_are_none() -> None:
     cloud, values = timed(8, TIMES)
     for more, text in (
         ({"time_field": "when"}, "no field 'when' among x, y, z, t"),
-        ({"time_field": "t", "unit": "min"}, "unit one of s, ms, us, ns"),
+        ({"time_field": "t", "unit": "min"}, "unit must be 's', 'ms', 'us' or 'ns'"),
         ({"time_field": "t", "since": "noon"}, "since must be 'header' or 'epoch'"),
     ):
         with pytest.raises(tf2.InvalidArgumentException, match=text):
