@@ -602,7 +602,7 @@ def test_what_is_wrong_with_joint_states_is_said(ros: Messages, tmp_path: Path) 
     with pytest.warns(tfdb.TfdbWarning) as caught:
         model.load_joint_states(path, limits="ignore")
     assert "beyond" not in " ".join(str(each.message) for each in caught)
-    with pytest.raises(tfdb.InvalidArgument, match="limits is 'warn', 'raise' or 'ignore'"):
+    with pytest.raises(tfdb.InvalidArgument, match="limits must be 'warn', 'raise' or 'ignore'"):
         model.load_joint_states(path, limits="never")  # type: ignore[arg-type]
 
 

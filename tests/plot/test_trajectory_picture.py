@@ -210,8 +210,8 @@ def test_nothing_to_draw_is_refused() -> None:
 @pytest.mark.parametrize(
     ("options", "words"),
     [
-        ({"axes": "zx"}, "axes must be one of xy, xz, yz, xyz, got 'zx'"),
-        ({"color": "rainbow"}, "color must be time or speed"),
+        ({"axes": "zx"}, "axes must be 'xy', 'xz', 'yz' or 'xyz', got 'zx'"),
+        ({"color": "rainbow"}, "color must be 'time' or 'speed'"),
         ({"labels": ["one", "two"]}, "labels must be 1 names"),
         ({"labels": "a"}, "labels must be 1 names"),
         ({"size": (1, 1)}, "from 5 and a height from 4"),

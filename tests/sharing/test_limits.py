@@ -56,7 +56,7 @@ def test_what_is_no_name(bad: Any) -> None:
 @pytest.mark.parametrize(
     ("options", "said"),
     [
-        ({"mode": "w"}, "mode is 'r' or 'rw'"),
+        ({"mode": "w"}, "mode must be 'r' or 'rw'"),
         ({"mode": "r", "create": True}, "create with mode 'rw'"),
         ({"create": "no"}, "create is True, False or None, not 'no'"),
         ({"clock": 5}, "clock is a function"),
