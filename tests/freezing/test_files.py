@@ -98,7 +98,7 @@ def test_what_is_no_frozen_store(tmp_path: Path, path: Path) -> None:
         assert caught.value.path == str(tmp_path / made)
     os.mkfifo(tmp_path / "pipe")
     for other in (tmp_path, tmp_path / "pipe"):
-        with pytest.raises(tfdb.CorruptStore, match="no regular file"):
+        with pytest.raises(tfdb.CorruptStore, match="not a regular file"):
             tfdb.open(other)
     with pytest.raises(tfdb.CorruptStore, match=r"tfdb\.open opens it"):
         tfdb.Buffer.open(path, create=False)

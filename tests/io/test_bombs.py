@@ -192,11 +192,11 @@ def test_what_is_no_file(tmp_path: Path) -> None:
     os.mkfifo(tmp_path / "pipe")
     (tmp_path / "zero.bag").symlink_to("/dev/zero")
     for path in (tmp_path / "pipe", tmp_path / "zero.bag", Path("/dev/zero"), Path("/dev/null")):
-        with pytest.raises(tfdb.RecordingError, match="no regular file") as caught:
+        with pytest.raises(tfdb.RecordingError, match="not a regular file") as caught:
             tfdb.load(path)
         assert caught.value.path == str(path)
     for path in (tmp_path / "zero.bag", Path("/dev/zero"), Path("/dev/null")):
-        with pytest.raises(tfdb.TrajectoryError, match="no regular file"):
+        with pytest.raises(tfdb.TrajectoryError, match="not a regular file"):
             read_trajectory(path)
 
 

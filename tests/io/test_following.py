@@ -172,7 +172,7 @@ def test_what_cannot_be_followed(grow: Any, tmp_path: Path) -> None:
         tfdb.io.follow_recording(buffer, tmp_path / "none.mcap")
     os.mkfifo(tmp_path / "pipe.mcap")
     for what in (tmp_path / "pipe.mcap", tmp_path):
-        with pytest.raises(tfdb.RecordingError, match="no regular file"):
+        with pytest.raises(tfdb.RecordingError, match="not a regular file"):
             tfdb.io.follow_recording(buffer, what, timeout=1)
     with pytest.raises(TypeError, match="buffer is a Buffer"):
         tfdb.io.follow_recording(None, path)  # type: ignore[arg-type]

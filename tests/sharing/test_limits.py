@@ -85,9 +85,9 @@ def test_what_is_no_file(name: str, tmp_path: Path) -> None:
     try:
         os.mkfifo(path)
         for mode in ("r", "rw"):
-            with pytest.raises(tfdb.CorruptStore, match="no store of tfdb"):
+            with pytest.raises(tfdb.CorruptStore, match="not a store of tfdb"):
                 tfdb.Buffer.open(name, mode=mode)
-        with pytest.raises(tfdb.CorruptStore, match="no store of tfdb"):
+        with pytest.raises(tfdb.CorruptStore, match="not a store of tfdb"):
             tfdb.Buffer.unlink(name)
         path.unlink()
         path.symlink_to(tmp_path / "nowhere")
@@ -266,7 +266,7 @@ def test_damaged_and_foreign_files(name: str, tmp_path: Path) -> None:
             lambda path=path: tfdb.Buffer.open(path),
             lambda path=path: tfdb.Buffer.unlink(path),
         ):
-            with pytest.raises(tfdb.CorruptStore, match="no store of tfdb"):
+            with pytest.raises(tfdb.CorruptStore, match="not a store of tfdb"):
                 call()
     assert foreign.exists()
     for bad in (Path(), Path("a\0b")):
@@ -339,7 +339,7 @@ def test_a_store_by_another_path(name: str, tmp_path: Path) -> None:
     memory = os.memfd_create("store")
     os.truncate(memory, 1 << 20)
     for options in ({"mode": "r"}, {"create": True}, {}):
-        with pytest.raises(tfdb.TfdbError, match=r"no store of tfdb|already"):
+        with pytest.raises(tfdb.TfdbError, match=r"not a store of tfdb|already"):
             tfdb.Buffer.open(Path(f"/proc/self/fd/{memory}"), **options)
     os.close(memory)
 
