@@ -288,7 +288,7 @@ def test_stamps_that_are_hardly_seconds(tmp_path: Path) -> None:
     mixed[0][0] = seconds(START)
     with pytest.raises(tfdb.TrajectoryError, match=r"looks like seconds, .* in line 2 like nano"):
         read_trajectory(write(tmp_path / "c.txt", mixed))
-    with pytest.raises(tfdb.TrajectoryError, match="stamp_unit must be .*, got 'h'"):
+    with pytest.raises(tfdb.TrajectoryError, match=r"stamp_unit must be .*, got 'h'"):
         read_trajectory(late, stamp_unit="h")  # type: ignore[arg-type]
     with pytest.raises(tfdb.InvalidArgument, match="stamp_unit must be 's', 'ms', 'us' or 'ns'"):
         tfdb.load(late, stamp_unit="h")  # type: ignore[arg-type]

@@ -15,10 +15,11 @@ void throw_unreadable(const Store& store, CommitNumber held) {
     if (store.shared != nullptr && store.shared->frozen) {
         detail.path = store.shared->path;
         detail.reason = "damaged";
-        throw CorruptStore("the frozen store " + memory::named(store.shared->path) +
-                               " is damaged: what is read contradicts itself, and no process writes "
-                               "to it; freeze what it was made from again",
-                           std::move(detail));
+        throw CorruptStore(
+            "the frozen store " + memory::named(store.shared->path) +
+                " is damaged: what is read contradicts itself, and no process writes "
+                "to it; freeze what it was made from again",
+            std::move(detail));
     }
     if (held == kNewest) {
         detail.commit = newest;

@@ -413,7 +413,7 @@ def kind_of(path: Path) -> Kind:
     if stat.S_ISDIR(mode):
         return "folder"
     if not stat.S_ISREG(mode):
-        raise RecordingError(path, "no regular file")
+        raise RecordingError(path, "not a regular file")
     with errors_name(path), path.open("rb") as file:
         start = file.read(32)
     if not start:

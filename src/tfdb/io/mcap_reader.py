@@ -440,7 +440,7 @@ class GrowingMcap:
 
     def __init__(self, path: Path) -> None:
         if path.exists() and not path.is_file():
-            raise RecordingError(path, "no regular file")
+            raise RecordingError(path, "not a regular file")
         self.path = path
         self._file = RawFile(path)
         self._index = _Index()

@@ -231,7 +231,7 @@ def _read(path: Path) -> bytes:
     """The bytes of a file or pipe; a device may have no end."""
     with errors_name(path):
         if stat.S_ISCHR(path.stat().st_mode):
-            raise TrajectoryError(path, None, "no regular file")
+            raise TrajectoryError(path, None, "not a regular file")
         return path.read_bytes()
 
 
