@@ -137,6 +137,9 @@ class Spinning(NodeThread):
                 self.executor.spin_once()
         except (ExternalShutdownException, InvalidHandle):
             return  # the context was shut down or destroyed, which is one way to end
+        except RuntimeError:  # rclpy's RCLError, of a context that was shut down just before
+            if is_up(self._node):
+                raise
         finally:
             with self._lock:
                 self._over = True

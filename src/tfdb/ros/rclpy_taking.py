@@ -19,7 +19,7 @@ from rclpy.qos import qos_policy_name_from_kind
 from rclpy.signals import SignalHandlerGuardCondition
 from rclpy.waitable import NumberOfEntities, Waitable
 
-from .rclpy_spinning import NodeThread, Spinning
+from .rclpy_spinning import NodeThread, Spinning, is_up
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -372,6 +372,9 @@ class OwnThread(NodeThread):
         is_idle = False
         try:
             is_idle = self._listen_until_idle()
+        except RuntimeError:  # rclpy's RCLError, of a context that was shut down just before
+            if is_up(self._node):
+                raise
         finally:
             if not is_idle:
                 for topic in self._topics:
