@@ -107,7 +107,7 @@ def test_what_is_no_trajectory(tool: Any, path: tfdb.Trajectory, tmp_path: Path)
     assert "neither a ROS 1 bag" in tool("tree", tmp_path / "notes.md", code=2).error
     file.write_text("1 0 0 0 0 0 0 1\n")
     for given, words in (
-        (("poses", file, "world", "body", "-o", "x.xyz"), "--format says what it is to be"),
+        (("poses", file, "world", "body", "-o", "x.xyz"), "--format names the format"),
         (("poses", file, "world", "body", "--format", "tum"), "give it -o OUT"),
         (("convert", file, "x.bag", "--format", "tum"), "--format goes with trajectories"),
     ):
