@@ -26,7 +26,7 @@ ONE_SEED := TFDB_MODEL_SEEDS=1
 
 .DELETE_ON_ERROR:
 .PHONY: help demo test test-cpp test-python check measure bench-rooms tsan asan asan-python fuzz \
-        torture histories relacy ros2 docs wheel wheels stubs format clean distclean
+        torture histories relacy proof ros2 docs wheel wheels stubs format clean distclean
 
 help:
 	@echo 'make demo [BAG=file]  the main job on a recording, pictures in out/'
@@ -39,6 +39,7 @@ help:
 	@echo 'make fuzz             fuzzers, FUZZ_SECONDS=$(FUZZ_SECONDS) each (clang)'
 	@echo 'make torture          writers of a shared store are killed, its files damaged; TORTURE_SECONDS=$(TORTURE_SECONDS)'
 	@echo 'make histories        processes share a store for HISTORY_SECONDS=$(HISTORY_SECONDS); what they did is judged'
+	@echo 'make proof            every interleaving walk to its end (15 minutes), relacy, histories, torture'
 	@echo 'make relacy           model checks of the protocol (package relacy-dev)'
 	@echo 'make ros2             a real rclpy in .ros2, for the tests of live nodes of ROS 2'
 	@echo 'make docs             API reference in build/docs'
@@ -127,6 +128,12 @@ asan-python: $(STAMPS)/dev
 	$(UNDER_ASAN) -m pytest -q --capture=sys -p no:cacheprovider tests/test_bad_*.py tests/test_batch.py \
 	    tests/test_objects.py tests/test_messages.py tests/wire/test_codec.py \
 	    tests/wire/test_changing.py tests/life/test_closing.py tests/tf2/test_messages_made.py
+
+# What `make test` walks with one preemption where a walk is long is walked to its end here.
+proof: $(STAMPS)/venv relacy histories torture
+	$(CMAKE) --preset dev >/dev/null
+	$(CMAKE) --build --preset dev -j $(JOBS) --target tfdb_sched
+	build/dev/bin/tfdb_sched --all
 
 relacy: $(STAMPS)/venv
 	$(CMAKE) --preset relacy >/dev/null

@@ -16,11 +16,12 @@ void holds(const std::string& name, const Script& script, std::initializer_list<
     }
 }
 
-/// Kills the writer after each of its accesses in turn.
+/// Kills the writer after each of its accesses in turn; in a short walk after every third.
 void outlived(const std::string& name, const Script& script, StampNs stamp) {
     std::uint64_t executions = 0;
     std::size_t death = 0;
-    for (bool died = true; died; ++death) {
+    const std::size_t stride = sched::to_the_end() ? 1 : 3;
+    for (bool died = true; died; death += stride) {
         const sched::Outcome outcome =
             sched::explore(program_with_death(script, stamp, death, died));
         executions += outcome.executions;
@@ -29,8 +30,8 @@ void outlived(const std::string& name, const Script& script, StampNs stamp) {
                                  outcome.violation + "\n" + outcome.schedule};
         }
     }
-    std::printf("  %-58s %9llu executions, killed at each of %zu accesses, exhaustive\n",
-                name.c_str(), static_cast<unsigned long long>(executions), death - 1);
+    std::printf("  %-58s %9llu executions, killed at %zu accesses, exhaustive\n", name.c_str(),
+                static_cast<unsigned long long>(executions), death / stride - 1);
 }
 
 }  // namespace

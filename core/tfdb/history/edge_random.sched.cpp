@@ -12,7 +12,8 @@ TFDB_SCHED(edge_random_scripts) {
     const char* const first = std::getenv("TFDB_SCHED_SEED");
     const std::uint64_t first_seed = first == nullptr ? 7 : std::strtoull(first, nullptr, 10);
     const char* const wish = std::getenv("TFDB_SCHED_SCRIPTS");
-    const std::uint64_t scripts = wish == nullptr ? 300 : std::strtoull(wish, nullptr, 10);
+    const std::uint64_t scripts =
+        wish == nullptr ? (sched::to_the_end() ? 300 : 60) : std::strtoull(wish, nullptr, 10);
     std::uint64_t executions = 0;
     std::uint64_t cut = 0;
     for (std::uint64_t seed = first_seed; seed < first_seed + scripts; ++seed) {

@@ -12,7 +12,8 @@ TFDB_SCHED(commit_random_scripts) {
     const char* const first = std::getenv("TFDB_SCHED_SEED");
     const char* const wish = std::getenv("TFDB_SCHED_SCRIPTS");
     const std::uint64_t seed_of_first = first == nullptr ? 1 : std::strtoull(first, nullptr, 10);
-    const std::uint64_t scripts = wish == nullptr ? 60 : std::strtoull(wish, nullptr, 10);
+    const std::uint64_t scripts =
+        wish == nullptr ? (sched::to_the_end() ? 60 : 10) : std::strtoull(wish, nullptr, 10);
     std::uint64_t executions = 0;
     std::uint64_t cut = 0;
     for (std::uint64_t seed = seed_of_first; seed < seed_of_first + scripts; ++seed) {

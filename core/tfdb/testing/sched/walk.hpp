@@ -47,8 +47,13 @@ struct Outcome {
 /// Walks the executions of `program` depth first, each one started anew.
 Outcome explore(const Program& program, const Options& options = {});
 
+/// Whether walks go to their end, however long (`make proof`). Otherwise one of more than 50,000
+/// executions takes the turn from a runnable thread at most once.
+bool& to_the_end();
+
 // The walks of one test. Not thread safe; a failing expectation ends the test.
-// must_hold() passes only for an exhaustive walk (or one that was bounded on purpose).
+// must_hold() passes only for an exhaustive walk, one that was bounded on purpose, or a long one
+// that to_the_end() does not ask for.
 class Walk {
 public:
     explicit Walk(Options options = {}) : options_(std::move(options)) {}
@@ -61,6 +66,8 @@ public:
     void must_fail(const std::string& name, const std::string& expected, const Program& program);
 
 private:
+    static Outcome explore_in_time(const Program& program, Options& options);
+
     Options options_;
 };
 
