@@ -78,7 +78,7 @@ def test_a_host_is_no_uri(host: str) -> None:
     "uri", ["", "robot", "http://robot", "http://:1", "http://a:b", "[", "x://["]
 )
 def test_what_is_no_uri_is_refused(uri: str) -> None:
-    with pytest.raises(tfdb.InvalidArgument, match="no URI of ROS"):
+    with pytest.raises(tfdb.InvalidArgument, match="not a URI of ROS"):
         host_and_port(uri)
 
 

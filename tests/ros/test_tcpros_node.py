@@ -318,7 +318,7 @@ def test_no_master_is_said_with_its_uri() -> None:
         TcprosNode("lonely", master=uri, arguments=[])
     assert caught.value.uri == uri
     assert isinstance(caught.value, ConnectionError)
-    with pytest.raises(tfdb.InvalidArgument, match="no URI of ROS"):
+    with pytest.raises(tfdb.InvalidArgument, match="not a URI of ROS"):
         TcprosNode("lonely", master="localhost", arguments=[])
 
 
