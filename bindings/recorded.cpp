@@ -97,6 +97,17 @@ public:
 
 }  // namespace
 
+wire::Encoding encoding_of(nb::handle name) {
+    const auto encoding = wire::encoding_from_name(option_of(name, "encoding"));
+    if (!encoding) {
+        throw_not_one_of(
+            "encoding",
+            {"ros1", "cdr", "cdr_le", "cdr_be", "cdr2_le", "cdr2_be", "cdr_bare_le", "cdr_bare_be"},
+            name);
+    }
+    return *encoding;
+}
+
 nb::object Recorded::add_mcap_chunk(nb::handle given, const nb::callable& wanted,
                                     const nb::callable& learn) {
     const Chunk chunk(given);

@@ -9,6 +9,8 @@
 #include <span>
 #include <vector>
 
+#include "tfdb/wire/tf_message.hpp"
+
 namespace nb = nanobind;
 
 namespace tfdb::python {
@@ -58,6 +60,9 @@ private:
     std::vector<std::unique_ptr<std::byte[]>> copied_;
     std::span<std::byte> room_;  // of the last block that `add` fills
 };
+
+/// The layout of messages by its name. Throws InvalidArgument.
+wire::Encoding encoding_of(nb::handle name);
 
 void bind_recorded(nb::module_& module);
 

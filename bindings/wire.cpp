@@ -17,6 +17,7 @@
 
 #include "arguments.hpp"
 #include "arrays.hpp"
+#include "arrivals.hpp"
 #include "errors.hpp"
 #include "recorded.hpp"
 #include "records.hpp"
@@ -28,17 +29,6 @@ namespace tfdb::python {
 namespace {
 
 using Bytes = std::span<const std::byte>;
-
-wire::Encoding encoding_of(nb::handle name) {
-    const auto encoding = wire::encoding_from_name(option_of(name, "encoding"));
-    if (!encoding) {
-        throw_not_one_of(
-            "encoding",
-            {"ros1", "cdr", "cdr_le", "cdr_be", "cdr2_le", "cdr2_be", "cdr_bare_le", "cdr_bare_be"},
-            name);
-    }
-    return *encoding;
-}
 
 /// The bytes of a bytes-like object. Those that somebody may change are copied: decoding relies on
 /// what it has checked. Must be destroyed with the GIL.
@@ -611,6 +601,7 @@ between two messages; those before are stored.)";
 void bind_messages_of_recordings(nb::module_& module) {
     bind_recorded(module);
     bind_selection(module);
+    bind_arrivals(module);
     module.def("ingest_recorded", &ingest_recorded, nb::arg("buffer"), nb::arg("messages").none(),
                nb::arg("first"), nb::arg("last"), nb::kw_only(), nb::arg("encoding").none(),
                nb::arg("static"), nb::arg("authorities"), nb::arg("selection").none() = nb::none(),

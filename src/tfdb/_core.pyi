@@ -1569,6 +1569,46 @@ class EdgeSurvey:
         None: an edge had several parents, or edges form a circle. Only a store can tell what it keeps then.
         """
 
+class ArrivalLog:
+    """Recorded transforms in the order of their arrival, by child frame."""
+
+    def __init__(self, *, with_store: bool) -> None:
+        """
+        `with_store`: a store judges what is refused, needed where `is_right` is False.
+        """
+
+    def add(self, messages: Recorded, first: int, last: int, *, encoding: str, static: bool, publishers: dict[int, str], note_slashes: bool, selection: Selection | None, rules: dict[int, int]) -> None:
+        """
+        Add what a store keeps of the messages at [first, last). `publishers` and `rules` are by source.
+        """
+
+    def hold(self, transforms: Sequence[tfdb.types.TransformStamped]) -> None:
+        """Store static transforms that did not arrive."""
+
+    @property
+    def is_right(self) -> bool:
+        """
+        False: parents changed, and a store must judge: read again `with_store`.
+        """
+
+    def take(self) -> list[tuple[str, tuple[numpy.typing.NDArray[numpy.int64], numpy.typing.NDArray[numpy.int64], numpy.typing.NDArray[numpy.float64], numpy.typing.NDArray[numpy.int64], numpy.typing.NDArray[numpy.int64]], bytes]]:
+        """
+        Child, and stamps, times of arrival, poses, parents, publishers, and whether static, sorted by child.
+
+        Parents and publishers are indices of `names`. The log is empty then.
+        """
+
+    def names(self) -> list[str]:
+        """Names of parents and publishers."""
+
+    def mixed(self) -> list[str]:
+        """Frames that messages write both with a leading slash and without."""
+
+    def conflicts(self) -> dict[tuple[str, bool], int]:
+        """
+        Number of transforms refused with StaticConflict, by child and whether static.
+        """
+
 def ingest_recorded(buffer: Buffer, messages: Recorded, first: int, last: int, *, encoding: str, static: bool, authorities: dict[int, str], selection: Selection | None = None, rules: dict[int, int] = {}, forgotten: Forgotten | None = None) -> tfdb.types.IngestResult:
     """
     As `ingest_many`, of the messages at [first, last).

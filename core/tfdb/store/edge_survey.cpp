@@ -12,26 +12,28 @@ void EdgeSurvey::add(std::span<const wire::TransformView> members, bool is_stati
         add(member, is_static);
 }
 
-void EdgeSurvey::add(const wire::TransformView& member, bool is_static) {
+EdgeSurvey::Verdict EdgeSurvey::add(const wire::TransformView& member, bool is_static) {
     if (!store::is_sound({&member, 1}, is_static))
-        return;
+        return Verdict::kRefused;
     const auto known = edges_.find(member.child);
     if (known == edges_.end()) {
-        if (store::has_sound_names(member)) {
-            Edge edge{std::string(member.parent), is_static, member.stamp, member.stamp};
-            edges_.emplace(std::string(member.child), std::move(edge));
-        }
-        return;
+        if (!store::has_sound_names(member))
+            return Verdict::kRefused;
+        Edge edge{std::string(member.parent), is_static, member.stamp, member.stamp};
+        edges_.emplace(std::string(member.child), std::move(edge));
+        return Verdict::kStored;
     }
     Edge& edge = known->second;
-    if (edge.is_static != is_static)
-        return;
     if (edge.parent != member.parent) {
-        one_parent_ = one_parent_ && !store::has_sound_names(member);
-        return;
+        if (!store::has_sound_names(member))
+            return Verdict::kRefused;
+        one_parent_ = one_parent_ && edge.is_static != is_static;
     }
+    if (edge.is_static != is_static)
+        return Verdict::kStaticConflict;
     edge.first = std::min(edge.first, member.stamp);
     edge.last = std::max(edge.last, member.stamp);
+    return Verdict::kStored;
 }
 
 bool EdgeSurvey::is_tree() const {

@@ -1,6 +1,7 @@
 // Which edges recorded transforms would make, without a store for their samples.
 #pragma once
 
+#include <cstdint>
 #include <functional>
 #include <span>
 #include <string>
@@ -32,17 +33,24 @@ public:
     /// By child.
     using Edges = std::unordered_map<std::string, Edge, Hash, std::equal_to<>>;
 
+    /// What a store does with a transform.
+    enum class Verdict : std::uint8_t {
+        kStored,
+        kRefused,
+        kStaticConflict,  // refused: the edge has transforms of the other kind
+    };
+
     /// Adds what a store keeps of one message.
     void add(std::span<const wire::TransformView> members, bool is_static);
+    /// Adds one transform if a store keeps it.
+    Verdict add(const wire::TransformView& member, bool is_static);
 
     [[nodiscard]] const Edges& edges() const { return edges_; }
-    /// False: an edge had several parents, or edges form a circle. Only a store can tell what it
+    /// False: an edge had several parents, or edges form a circle. Only a store decides what it
     /// keeps then.
     [[nodiscard]] bool is_tree() const;
 
 private:
-    void add(const wire::TransformView& member, bool is_static);
-
     Edges edges_;
     bool one_parent_ = true;
 };

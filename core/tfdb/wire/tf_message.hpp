@@ -67,6 +67,9 @@ enum class Encoding : std::uint8_t {
 /// "cdr2_le", "cdr2_be", "cdr_bare_le", "cdr_bare_be". None for any other name.
 [[nodiscard]] std::optional<Encoding> encoding_from_name(std::string_view name) noexcept;
 
+/// Whether the numbers of a message that `decode_tf_message` reads are little-endian.
+[[nodiscard]] bool is_little_endian(std::span<const std::byte> data, Encoding encoding) noexcept;
+
 /// Replaces `out` by the transforms of one message. The views point into `data`; `out` keeps its
 /// capacity, so decoding into the same vector again and again allocates nothing.
 /// Threads: reentrant. Throws CorruptMessage; `out` is then empty.

@@ -119,6 +119,18 @@ TFDB_TEST(wire_reads_bytes_made_by_hand) {
     }
 }
 
+TFDB_TEST(wire_knows_the_byte_order_of_messages) {
+    for (const Encoding encoding : kAllEncodings) {
+        const auto data = encoded(golden_message(), encoding);
+        const bool big = encoding == Encoding::kCdrBig || encoding == Encoding::kCdr2Big ||
+                         encoding == Encoding::kCdrBareBig;
+        CHECK_EQ(is_little_endian(data, encoding), !big);
+        if (encoding == Encoding::kCdrBig || encoding == Encoding::kCdr2Big ||
+            encoding == Encoding::kCdrLittle || encoding == Encoding::kCdr2Little)
+            CHECK_EQ(is_little_endian(data, Encoding::kCdr), !big);
+    }
+}
+
 TFDB_TEST(wire_writes_bytes_made_by_hand) {
     if (!kLittleHost) {
         CHECK(true);

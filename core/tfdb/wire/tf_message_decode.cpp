@@ -251,6 +251,13 @@ std::optional<Encoding> encoding_from_name(std::string_view name) noexcept {
     return std::nullopt;
 }
 
+bool is_little_endian(std::span<const std::byte> data, Encoding encoding) noexcept {
+    if (encoding == Encoding::kCdr)
+        return data.size() > 1 && (data[1] & std::byte{1}) != std::byte{0};
+    return encoding != Encoding::kCdrBig && encoding != Encoding::kCdr2Big &&
+           encoding != Encoding::kCdrBareBig;
+}
+
 void decode_tf_message(std::span<const std::byte> data, Encoding encoding,
                        std::vector<TransformView>& out) {
     try {

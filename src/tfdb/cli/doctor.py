@@ -21,6 +21,8 @@ from .times import NS, format_duration, format_ns
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Mapping, Sequence
 
+    from tfdb.io.arrivals import RecordedArrivals
+
 # kind -> (severity, what it means); the documentation lists the same.
 KINDS = {
     "refused": ("error", "transforms or messages that the store refuses"),
@@ -119,6 +121,8 @@ class Edge:
         return self._rows((self.stamps >= first) & (self.stamps < beyond))
 
     def _rows(self, kept: npt.NDArray[np.bool_] | npt.NDArray[np.int64]) -> Edge:
+        if kept.dtype == bool and kept.all():
+            return self
         return Edge(
             self.name,
             self.stamps[kept],
@@ -151,11 +155,42 @@ class Log:
         self.conflicts: Counter[tuple[str, bool]] = Counter()
         """Refused transforms of edges that are of the other kind, by child and whether static."""
         self._columns: dict[str, _Columns] = defaultdict(_Columns)
+        self._edges: list[Edge] = []
+
+    @classmethod
+    def of(cls, recorded: RecordedArrivals) -> Log:
+        """Return the log of what was recorded."""
+        log = cls()
+        log.names = recorded.names
+        log._ids = {name: number for number, name in enumerate(log.names)}
+        log.conflicts.update(recorded.conflicts)
+        for name, columns, static in recorded.edges:
+            log._edges.append(Edge(name, *columns, np.frombuffer(static, dtype=bool)))
+        return log
+
+    def add_edge(
+        self,
+        name: str,
+        stamps: npt.NDArray[np.int64],
+        poses: npt.NDArray[np.float64],
+        parents: Sequence[str],
+        *,
+        publisher: str,
+        static: bool,
+    ) -> None:
+        """Add an edge whose transforms arrived when their stamps say, a static one at 0."""
+        rows = len(stamps)
+        if static:
+            stamps = np.zeros_like(stamps)
+        ups = np.fromiter(map(self._id, parents), np.int64, rows)
+        who = np.full(rows, self._id(publisher))
+        self._edges.append(Edge(name, stamps, stamps, poses, ups, who, np.full(rows, static)))
 
     @property
     def count(self) -> int:
         """How many transforms there are."""
-        return sum(len(columns.stamps) for columns in self._columns.values())
+        added = sum(len(columns.stamps) for columns in self._columns.values())
+        return added + sum(len(edge.stamps) for edge in self._edges)
 
     def _id(self, name: str) -> int:
         if name not in self._ids:
@@ -182,12 +217,9 @@ class Log:
             columns.publishers.append(who)
             columns.static.append(static)
 
-    def refuse(self, child: str, *, static: bool) -> None:
-        """Count a transform that a store refuses, because its edge is of the other kind."""
-        self.conflicts[child, static] += 1
-
     def edges(self) -> Iterator[Edge]:
         """Give the edges by name."""
+        yield from sorted(self._edges, key=lambda edge: edge.name)
         for name, columns in sorted(self._columns.items()):
             yield Edge(
                 name,

@@ -27,15 +27,14 @@ _BETWEEN = 0.1
 
 def stored_arrivals(state: Reads) -> Arrivals:
     """Take what is stored for arrived in the order of the stamps, each when its stamp says."""
-    log = _Log()
+    log, known = Log(), False
     for info in state.tree():
-        if info.parent is not None:
-            stamps, poses, parents = state.samples(info.name)
-            rows = list(zip(parents, stamps.tolist(), poses.tolist(), strict=True))
-            for parent, stamp, pose in rows:
-                row = (parent, info.name, 0 if info.is_static else stamp, pose)
-                log.add(row, row[2], info.authority, static=info.is_static)
-    return log.arrivals()
+        if info.parent is None:
+            continue
+        known = known or bool(info.authority)
+        samples = state.samples(info.name)
+        log.add_edge(info.name, *samples, publisher=info.authority, static=info.is_static)
+    return Arrivals(log, known)
 
 
 class Follower:

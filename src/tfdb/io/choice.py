@@ -456,6 +456,26 @@ class Rewriter:
         part, chosen = self._part(run, static=static)
         _core.survey_recorded(survey, *part, encoding=encoding, static=static, **chosen)
 
+    def log(
+        self,
+        run: Run,
+        log: _core.ArrivalLog,
+        encoding: str,
+        static: bool,
+        *,
+        publishers: Mapping[int, str],
+    ) -> None:
+        """Add what is wanted of a run to a log; `publishers` by source."""
+        part, chosen = self._part(run, static=static)
+        log.add(
+            *part,
+            encoding=encoding,
+            static=static,
+            publishers=dict(publishers),
+            note_slashes=run.source.is_tf,
+            **chosen,
+        )
+
     def children(
         self, run: Run, encoding: str, static: bool
     ) -> dict[int, dict[str, tuple[int, int]]]:
