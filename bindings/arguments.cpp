@@ -22,7 +22,7 @@ namespace {
     }
     const nb::object given =
         keywords == nullptr ? nb::object(nb::tuple()) : nb::borrow(nb::handle(keywords));
-    const nb::object describe = nb::module_::import_("tfdb.signatures").attr("refusal");
+    const nb::object describe = nb::module_::import_("tfdb.data.signatures").attr("refusal");
     const nb::object text = describe(nb::str(list.function), names, list.required, list.positional,
                                      nb::make_tuple(count, given));
     PyErr_SetObject(PyExc_TypeError, text.ptr());
@@ -138,7 +138,7 @@ void throw_not_one_of(const char* role, std::initializer_list<const char*> words
     for (const char* word : words) {
         valid.append(nb::str(word));
     }
-    const nb::object refuse = nb::module_::import_("tfdb.given_objects").attr("refuse_word");
+    const nb::object refuse = nb::module_::import_("tfdb.data.argument_checks").attr("refuse_word");
     refuse(nb::str(role), given, nb::tuple(valid));
     throw nb::type_error("the word is one of those that there are");  // never reached
 }

@@ -192,7 +192,7 @@ Stamps::Stamps(nb::handle object) {
 void Stamps::read_array(nb::handle object) {
     view_ = ArrayView::of(object, false);
     if (!view_ || view_->kind() != Kind::kInt64 || view_->dimensions() != 1) {
-        array_ = nb::module_::import_("tfdb.stamps").attr("as_nanoseconds")(object);
+        array_ = nb::module_::import_("tfdb.data.stamps").attr("as_nanoseconds")(object);
         view_ = ArrayView::of(array_, false);
         copied_ = nb::borrow(object);
     }
@@ -243,7 +243,7 @@ ArrayView as_doubles(nb::handle object, const std::string& role, nb::object& kee
     if (view && (view->kind() == Kind::kFloat32 || view->kind() == Kind::kFloat64)) {
         keep = contiguous_doubles(object);
     } else {  // what may hold no numbers, or hide some
-        const nb::object doubles = nb::module_::import_("tfdb.poses").attr("doubles");
+        const nb::object doubles = nb::module_::import_("tfdb.data.poses").attr("doubles");
         keep = nb::steal(PyObject_CallFunctionObjArgs(doubles.ptr(), object.ptr(), nullptr));
     }
     if (!keep.is_valid()) {

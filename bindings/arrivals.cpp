@@ -191,7 +191,7 @@ void bind_arrivals(nb::module_& module) {
              "are by source.")
         .def("hold", &hold, nb::arg("transforms"),
              nb::sig("def hold(self, transforms: collections.abc.Sequence["
-                     "tfdb.types.TransformStamped]) -> None"),
+                     "tfdb.TransformStamped]) -> None"),
              "Store static transforms that did not arrive.")
         .def_prop_ro(
             "is_right", [](const ArrivalLog& self) { return self.arrivals.is_right(); },

@@ -308,8 +308,8 @@ void bind_batch(nb::class_<ReadsObject>& type) {
              nb::arg("policy") = nb::none(), nb::kw_only(), nb::arg("out") = nb::none(),
              nb::arg("missing") = "raise",
              nb::sig("def transform_points(self, target: str, source: str, points: "
-                     "numpy.typing.ArrayLike, stamps: tfdb.stamps.StampsLike | "
-                     "tfdb.stamps.StampLike, policy: Policy | None = None, *, out: "
+                     "numpy.typing.ArrayLike, stamps: tfdb.types.StampsLike | "
+                     "tfdb.types.StampLike, policy: Policy | None = None, *, out: "
                      "numpy.typing.NDArray[typing.Any] | None = None, missing: "
                      "typing.Literal['raise', 'nan'] = 'raise') -> "
                      "numpy.typing.NDArray[typing.Any]"),

@@ -159,7 +159,7 @@ PyObject* open_frozen(PyObject* /*self*/, PyObject* const* args, Py_ssize_t coun
         constexpr ParameterList kList{"open", kOpenNames, 1, 1};
         const auto [path, verify, clock] = bind<3>(kList, args, count, keywords);
         const bool whole = flag_of(verify, "verify");
-        const nb::object given = nb::module_::import_("tfdb.given_path").attr("given_path");
+        const nb::object given = nb::module_::import_("tfdb.data.path_checks").attr("given_path");
         const std::string file = absolute_path_of(given(nb::handle(path)));
         const auto open = [&] {
             const LongWork work(whole);
@@ -317,7 +317,7 @@ nb::str represent(nb::handle object) {
     const BufferObject& self = object_of<BufferObject>(object);
     const bool closed = self.closed.load();
     return nb::str(
-        nb::module_::import_("tfdb.report")
+        nb::module_::import_("tfdb.store.report")
             .attr("buffer_repr")(object, closed ? self.closed_commit : self.store.commit(),
                                  history(self), concurrency(self), frozen(self), closed));
 }
@@ -448,7 +448,7 @@ and its samples are dropped.)");
              nb::arg("only_new") = false,
              // Its overloads are in stubs.pattern.
              nb::sig("def set_transforms(self, batch: collections.abc.Iterable["
-                     "tfdb.types.TransformStampedLike] | tfdb.types.Columns, *, static: bool = "
+                     "tfdb.types.TransformStampedLike] | tfdb.Columns, *, static: bool = "
                      "False, authority: str = '', partial: bool = False, change_kind: bool = "
                      "False, only_new: bool = False) -> int | "
                      "list[tfdb.types.Refused]"),

@@ -95,7 +95,7 @@ nb::object new_error(nb::handle type, const std::string& message) {
 }  // namespace
 
 void bind_errors(nb::module_& module) {
-    const nb::module_ errors = nb::module_::import_("tfdb.errors");
+    const nb::module_ errors = nb::module_::import_("tfdb.data.errors");
     for (std::size_t i = 0; i < kClassNames.size(); ++i) {
         g_classes[i] = nb::object(errors.attr(kClassNames[i])).release().ptr();
     }
@@ -159,7 +159,7 @@ nb::object name_or_none(const std::optional<std::string>& name) {
 }
 
 nb::object refused_record(const RefusedMember& member) {
-    const nb::object type = nb::module_::import_("tfdb.types").attr("Refused");
+    const nb::object type = nb::module_::import_("tfdb.data.types").attr("Refused");
     const std::string& reason = member.reason.empty() ? member.message : member.reason;
     return type(member.index, class_name(member.code), escaped(member.message), escaped(reason));
 }
@@ -175,7 +175,7 @@ void set_error(const Error& error) noexcept {
 
 void throw_error(const char* class_name, const std::string& message,
                  std::initializer_list<Field> fields) {
-    const nb::object type = nb::module_::import_("tfdb.errors").attr(class_name);
+    const nb::object type = nb::module_::import_("tfdb.data.errors").attr(class_name);
     const nb::object value = type(escaped(message));
     for (const auto& [name, field] : fields) {
         value.attr(name) = field;
@@ -185,7 +185,7 @@ void throw_error(const char* class_name, const std::string& message,
 }
 
 bool is_tfdb_error(const nb::python_error& error) {
-    const nb::object root = nb::module_::import_("tfdb.errors").attr("TfdbError");
+    const nb::object root = nb::module_::import_("tfdb.data.errors").attr("TfdbError");
     return nb::isinstance(error.value(), root);
 }
 

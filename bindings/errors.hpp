@@ -32,7 +32,7 @@ void set_error(const Error& error) noexcept;
 /// Whether it is one of tfdb's own.
 bool is_tfdb_error(const nb::python_error& error);
 
-/// A tfdb.Refused.
+/// A tfdb.types.Refused.
 nb::object refused_record(const RefusedMember& member);
 
 /// Text of the core as a str; bytes that are no UTF-8, of C++ programs and of damage, are escaped.

@@ -138,7 +138,7 @@ PyObject* transform_of(Open& open, PyObject* target, PyObject* source, Question&
     try {
         raise(open, failure, question);
     } catch (const Error& error) {
-        throw_object(nb::module_::import_("tfdb.waiting")
+        throw_object(nb::module_::import_("tfdb.store.waiting")
                          .attr("late")(error_object(error), waited, stopped));
         throw;
     }

@@ -92,7 +92,7 @@ nb::object lookup_velocity(nb::handle self, nb::handle tracking, nb::handle obse
     const Twist twist = pinned.ask([&](const Reads& reads) {
         return reads.lookup_velocity(moving, watching, stamp, length, axes, where, where_frame);
     });
-    return nb::module_::import_("tfdb.types")
+    return nb::module_::import_("tfdb.data.types")
         .attr("Twist")(array_of(twist.linear), array_of(twist.angular));
 }
 
@@ -164,8 +164,8 @@ void bind_full_lookups(nb::class_<ReadsObject>& type) {
              nb::arg("source_stamp").none(), nb::arg("fixed_frame").none(),
              nb::arg("policy") = nb::none(),
              nb::sig("def lookup_transform_full(self, target: str, target_stamp: "
-                     "tfdb.stamps.StampLike | None, source: str, source_stamp: "
-                     "tfdb.stamps.StampLike | None, fixed_frame: str, policy: Policy | None = "
+                     "tfdb.types.StampLike | None, source: str, source_stamp: "
+                     "tfdb.types.StampLike | None, fixed_frame: str, policy: Policy | None = "
                      "None) -> Transform"),
              kFullDoc);
     type.def("can_transform_full", &can_transform_full, nb::arg("target").none(),
@@ -173,8 +173,8 @@ void bind_full_lookups(nb::class_<ReadsObject>& type) {
              nb::arg("source_stamp").none(), nb::arg("fixed_frame").none(),
              nb::arg("policy") = nb::none(),
              nb::sig("def can_transform_full(self, target: str, target_stamp: "
-                     "tfdb.stamps.StampLike | None, source: str, source_stamp: "
-                     "tfdb.stamps.StampLike | None, fixed_frame: str, policy: Policy | None = "
+                     "tfdb.types.StampLike | None, source: str, source_stamp: "
+                     "tfdb.types.StampLike | None, fixed_frame: str, policy: Policy | None = "
                      "None) -> bool"),
              "Whether `lookup_transform_full` with these arguments has an answer.");
 }
@@ -195,7 +195,7 @@ for tf2. Raises UnknownFrame, Disconnected.)");
              nb::arg("interval").none() = 0.1, nb::kw_only(), nb::arg("reference") = nb::none(),
              nb::arg("point").none() = nb::make_tuple(0, 0, 0), nb::arg("point_frame") = nb::none(),
              nb::sig("def lookup_velocity(self, tracking: str, observation: str, stamp: "
-                     "tfdb.stamps.StampLike | None = None, interval: float = 0.1, *, reference: "
+                     "tfdb.types.StampLike | None = None, interval: float = 0.1, *, reference: "
                      "str | None = None, point: tfdb.types.VectorLike = (0, 0, 0), point_frame: "
                      "str | None = None) -> tfdb.types.Twist"),
              R"(Velocity of `tracking` as seen from `observation`, by finite difference.
@@ -223,7 +223,7 @@ Raises what `lookup_transform` raises; Extrapolation (`no data`) where there is 
     type.def("_path_stamps", &path_stamps, nb::arg("target").none(), nb::arg("source").none(),
              nb::arg("start").none(), nb::arg("end").none(),
              nb::sig("def _path_stamps(self, target: str, source: str, start: "
-                     "tfdb.stamps.StampLike | None, end: tfdb.stamps.StampLike | None) -> "
+                     "tfdb.types.StampLike | None, end: tfdb.types.StampLike | None) -> "
                      "numpy.typing.NDArray[numpy.int64]"),
              "Stored stamps of the moving edges between two frames, where every edge has data.");
     type.def_prop_ro(
@@ -361,7 +361,7 @@ Each call on a Buffer is answered from one fresh snapshot; each call on a Snapsh
 void add_python_methods(nb::module_& module) {
     module.def(
         "to_nanoseconds", [](nb::handle stamp) { return stamp_of(stamp.ptr()); },
-        nb::arg("stamp").none(), nb::sig("def to_nanoseconds(stamp: tfdb.stamps.StampLike) -> int"),
+        nb::arg("stamp").none(), nb::sig("def to_nanoseconds(stamp: tfdb.types.StampLike) -> int"),
         "Nanoseconds of anything that is taken for a stamp. Raises InvalidStamp.");
     module.def(
         "duration_to_nanoseconds",

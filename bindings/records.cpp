@@ -142,7 +142,7 @@ bool frame_exists(nb::handle self, nb::handle name) {
 }  // namespace
 
 nb::object record_type(const char* name) {
-    return nb::module_::import_("tfdb.types").attr(name);
+    return nb::module_::import_("tfdb.data.types").attr(name);
 }
 
 nb::object memory_record(const MemoryUse& use) {
@@ -167,7 +167,7 @@ void bind_records(nb::class_<ReadsObject>& type) {
              "What is known of one frame and the edge to its parent. Raises UnknownFrame.");
     type.def(
         "parent_of", &parent_of, nb::arg("name").none(), nb::arg("stamp") = nb::none(),
-        nb::sig("def parent_of(self, name: str, stamp: tfdb.stamps.StampLike | None = None) -> "
+        nb::sig("def parent_of(self, name: str, stamp: tfdb.types.StampLike | None = None) -> "
                 "str | None"),
         R"(The parent that a frame has at a stamp (None: in its newest sample); None for a root.
 
@@ -185,7 +185,7 @@ Walks up from the source to its root, then from the target to where that ended, 
 has data. Returns the edge that the second walk stopped at, else that of the first (None: both
 ended at roots), the stamp, and the edge's oldest and newest stamp (None: it was cleared).)");
     type.def("tree", &tree, nb::arg("stamp") = nb::none(),
-             nb::sig("def tree(self, stamp: tfdb.stamps.StampLike | None = None) -> "
+             nb::sig("def tree(self, stamp: tfdb.types.StampLike | None = None) -> "
                      "list[tfdb.types.FrameInfo]"),
              "All frames, sorted by name, with the parents they have at a stamp (None: newest).");
     type.def("samples", &samples, nb::arg("name").none(),

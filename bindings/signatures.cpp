@@ -32,7 +32,7 @@ nb::object misfit(PyObject* made, PyObject* const* args, std::size_t count, PyOb
     for (std::size_t i = 0; i < count + nb::len(names); ++i) {
         given.append(nb::handle(args[i]));
     }
-    const nb::object describe = nb::module_::import_("tfdb.signatures").attr("misfit");
+    const nb::object describe = nb::module_::import_("tfdb.data.signatures").attr("misfit");
     return describe(nb::handle(made), nb::tuple(given), names, nb::str(said));
 }
 
@@ -48,7 +48,7 @@ void reword(PyObject* made, PyObject* const* args, std::size_t count, PyObject* 
                 return;
             }
         } catch (nb::python_error& error) {
-            error.discard_as_unraisable("tfdb.signatures.misfit");
+            error.discard_as_unraisable("tfdb.data.signatures.misfit");
         }
     }
     raised.restore();
@@ -75,7 +75,7 @@ PyObject* bind_to(PyObject* self, PyObject* object, PyObject* /*type*/) {
 
 PyObject* get_signature(PyObject* self, void* /*closure*/) {
     return guarded([&] {
-        const nb::object read = nb::module_::import_("tfdb.signatures").attr("read_signature");
+        const nb::object read = nb::module_::import_("tfdb.data.signatures").attr("read_signature");
         return read(nb::handle(as_method(self).made)).release().ptr();
     });
 }

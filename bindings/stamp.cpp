@@ -195,7 +195,7 @@ StampNs stamp_of_object(PyObject* object) {
     }
     const nb::module_ datetime = nb::module_::import_("datetime");
     if (nb::isinstance(object, datetime.attr("datetime"))) {
-        const nb::object convert = nb::module_::import_("tfdb.stamps").attr("from_datetime");
+        const nb::object convert = nb::module_::import_("tfdb.data.stamps").attr("from_datetime");
         return nb::cast<StampNs>(convert(nb::handle(object)));
     }
     // pandas' Timedelta has `nanoseconds`, which is only its last three digits.

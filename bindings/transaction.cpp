@@ -363,8 +363,8 @@ void bind_full_lookups(TransactionClass& type) {
         nb::arg("target_stamp").none(), nb::arg("source").none(), nb::arg("source_stamp").none(),
         nb::arg("fixed_frame").none(), nb::arg("policy") = nb::none(),
         nb::sig("def lookup_transform_full(self, target: str, target_stamp: "
-                "tfdb.stamps.StampLike | None, source: str, source_stamp: "
-                "tfdb.stamps.StampLike | None, fixed_frame: str, policy: Policy | None = "
+                "tfdb.types.StampLike | None, source: str, source_stamp: "
+                "tfdb.types.StampLike | None, fixed_frame: str, policy: Policy | None = "
                 "None) -> Transform"),
         R"(T[target at target_stamp <- source at source_stamp], as `Buffer.lookup_transform_full`.
 
@@ -374,8 +374,8 @@ Raises what that raises, and Conflict, TransactionClosed, WrongThread.)");
              nb::arg("source_stamp").none(), nb::arg("fixed_frame").none(),
              nb::arg("policy") = nb::none(),
              nb::sig("def can_transform_full(self, target: str, target_stamp: "
-                     "tfdb.stamps.StampLike | None, source: str, source_stamp: "
-                     "tfdb.stamps.StampLike | None, fixed_frame: str, policy: Policy | None = "
+                     "tfdb.types.StampLike | None, source: str, source_stamp: "
+                     "tfdb.types.StampLike | None, fixed_frame: str, policy: Policy | None = "
                      "None) -> bool"),
              "Whether `lookup_transform_full` with these arguments has an answer.");
 }
@@ -386,7 +386,7 @@ void bind_lookups(TransactionClass& type) {
              nb::arg("source").none(), nb::arg("stamp") = nb::none(),
              nb::arg("policy") = nb::none(),
              nb::sig("def lookup_transform(self, target: str, source: str, stamp: "
-                     "tfdb.stamps.StampLike | None = None, policy: Policy | None = None) -> "
+                     "tfdb.types.StampLike | None = None, policy: Policy | None = None) -> "
                      "Transform"),
              R"(T[target<-source] at a stamp, as `Buffer.lookup_transform`.
 
@@ -396,7 +396,7 @@ TransactionClosed, WrongThread.)");
         "lookup_latest_transform", &lookup_latest_transform, nb::arg("target").none(),
         nb::arg("source").none(), nb::arg("max_age") = nb::none(), nb::arg("now") = nb::none(),
         nb::sig("def lookup_latest_transform(self, target: str, source: str, max_age: float | "
-                "None = None, now: tfdb.stamps.StampLike | None = None) -> Transform"),
+                "None = None, now: tfdb.types.StampLike | None = None) -> Transform"),
         R"(T[target<-source] from each edge's newest sample, as `Buffer.lookup_latest_transform`.
 
 Raises what that raises, and Conflict, TransactionClosed, WrongThread.)");
@@ -405,7 +405,7 @@ Raises what that raises, and Conflict, TransactionClosed, WrongThread.)");
              nb::kw_only(), nb::arg("layout").none() = "pose", nb::arg("out") = nb::none(),
              nb::arg("missing").none() = "raise",
              nb::sig("def lookup_transforms(self, target: str, source: str, stamps: "
-                     "tfdb.stamps.StampsLike, policy: Policy | None = None, *, layout: "
+                     "tfdb.types.StampsLike, policy: Policy | None = None, *, layout: "
                      "typing.Literal['pose', 'matrix'] = 'pose', out: "
                      "numpy.typing.NDArray[numpy.float64] | None = None, missing: "
                      "typing.Literal['raise', 'nan'] = 'raise') -> "
@@ -417,7 +417,7 @@ WrongThread.)");
     type.def("can_transform", &can_transform, nb::arg("target").none(), nb::arg("source").none(),
              nb::arg("stamp") = nb::none(), nb::arg("policy") = nb::none(),
              nb::sig("def can_transform(self, target: str, source: str, stamp: "
-                     "tfdb.stamps.StampLike | None = None, policy: Policy | None = None) -> bool"),
+                     "tfdb.types.StampLike | None = None, policy: Policy | None = None) -> bool"),
              R"(Whether `lookup_transform` with these arguments has an answer.
 
 A 'no' is something read, too: a commit that makes it a 'yes' is a Conflict.)");
@@ -429,12 +429,11 @@ A 'no' is something read, too: a commit that makes it a 'yes' is a Conflict.)");
              nb::sig("def common_times(self, target: str, source: str) -> tuple[int, int]"),
              "The oldest and the newest stamp at which the path between two frames has data, as "
              "`Buffer.common_times`.");
-    type.def(
-        "parent_of", &parent_of, nb::arg("name").none(), nb::arg("stamp") = nb::none(),
-        nb::sig("def parent_of(self, name: str, stamp: tfdb.stamps.StampLike | None = None) -> "
-                "str | None"),
-        "The parent that a frame has at a stamp (None: in its newest sample), as "
-        "`Buffer.parent_of`.");
+    type.def("parent_of", &parent_of, nb::arg("name").none(), nb::arg("stamp") = nb::none(),
+             nb::sig("def parent_of(self, name: str, stamp: tfdb.types.StampLike | None = None) -> "
+                     "str | None"),
+             "The parent that a frame has at a stamp (None: in its newest sample), as "
+             "`Buffer.parent_of`.");
     type.def("frame_exists", &frame_exists, nb::arg("name").none(),
              nb::sig("def frame_exists(self, name: str) -> bool"),
              "Whether there is a frame of that name.");
@@ -446,7 +445,7 @@ void bind_transaction_writes(TransactionClass& type) {
              nb::arg("rotation") = nb::none(), nb::kw_only(), nb::arg("rpy") = nb::none(),
              nb::arg("wxyz") = nb::none(), nb::arg("authority").none() = "",
              nb::sig("def set_transform(self, parent: str, child: str, stamp: "
-                     "tfdb.stamps.StampLike, translation: tfdb.types.VectorLike | "
+                     "tfdb.types.StampLike, translation: tfdb.types.VectorLike | "
                      "tfdb.types.PoseLike, rotation: tfdb.types.QuaternionLike | None = None, *, "
                      "rpy: tfdb.types.VectorLike | None = None, wxyz: "
                      "tfdb.types.WxyzLike | None = None, "
@@ -470,7 +469,7 @@ Arguments and errors as in `Buffer.set_static_transform`, but CycleError only at
     type.def("set_transforms", &set_transforms, nb::arg("batch").none(), nb::kw_only(),
              nb::arg("static") = false, nb::arg("authority").none() = "",
              nb::sig("def set_transforms(self, batch: collections.abc.Iterable["
-                     "tfdb.types.TransformStampedLike] | tfdb.types.Columns, *, static: bool = "
+                     "tfdb.types.TransformStampedLike] | tfdb.Columns, *, static: bool = "
                      "False, authority: str = '') -> None"),
              R"(Store a batch of transforms T[parent<-child], at the commit.
 
@@ -488,7 +487,7 @@ Raises UnknownFrame, FrameInUse (naming the children).)");
         nb::arg("rotation") = nb::none(), nb::kw_only(), nb::arg("rpy") = nb::none(),
         nb::arg("wxyz") = nb::none(), nb::arg("authority").none() = "",
         nb::sig(
-            "def reparent(self, child: str, parent: str, stamp: tfdb.stamps.StampLike | "
+            "def reparent(self, child: str, parent: str, stamp: tfdb.types.StampLike | "
             "None = None, translation: tfdb.types.VectorLike | tfdb.types.PoseLike | None "
             "= None, rotation: tfdb.types.QuaternionLike | None = None, *, rpy: "
             "tfdb.types.VectorLike | None = None, wxyz: tfdb.types.WxyzLike | None = None, authority: str = '') -> None"),

@@ -106,7 +106,7 @@ PyObject* get_source(PyObject* self, void* /*closure*/) {
 PyObject* get_report(PyObject* self, void* /*closure*/) {
     return guarded([&]() -> PyObject* {
         TransformObject& transform = as_transform(self);
-        const nb::object make = nb::module_::import_("tfdb.report").attr("make_report");
+        const nb::object make = nb::module_::import_("tfdb.store.report").attr("make_report");
         return make(nb::handle(transform.target), nb::handle(transform.source), transform.stamp,
                     edge_rows(transform))
             .release()
@@ -223,14 +223,14 @@ PyObject* to_msg(PyObject* self, PyObject* const* args, Py_ssize_t count, PyObje
     return guarded([&]() -> PyObject* {
         constexpr ParameterList kList{"to_msg", {}, 0, 0};
         bind<0>(kList, args, count, keywords);
-        const nb::object make = nb::module_::import_("tfdb.report").attr("transform_message");
+        const nb::object make = nb::module_::import_("tfdb.store.report").attr("transform_message");
         return make(nb::handle(self)).release().ptr();
     });
 }
 
 PyObject* represent_html(PyObject* self, PyObject* /*unused*/) {
     return guarded([&]() -> PyObject* {
-        const nb::object make = nb::module_::import_("tfdb.notebooks").attr("of_transform");
+        const nb::object make = nb::module_::import_("tfdb.data.notebooks").attr("of_transform");
         return make(nb::handle(self)).release().ptr();
     });
 }
@@ -274,7 +274,7 @@ void deallocate(PyObject* self) {
 
 PyObject* represent(PyObject* self) {
     return guarded([&]() -> PyObject* {
-        const nb::object print = nb::module_::import_("tfdb.report").attr("transform_repr");
+        const nb::object print = nb::module_::import_("tfdb.store.report").attr("transform_repr");
         return print(nb::handle(self)).release().ptr();
     });
 }
@@ -302,7 +302,8 @@ PyObject* compare(PyObject* left, PyObject* right, int operation) {
 PyObject* reduce(PyObject* self, PyObject* /*unused*/) {
     return guarded([&]() -> PyObject* {
         TransformObject& transform = as_transform(self);
-        const nb::object restore = nb::module_::import_("tfdb.report").attr("restore_transform");
+        const nb::object restore =
+            nb::module_::import_("tfdb.store.report").attr("restore_transform");
         const auto& [t, q] = transform.pose;
         const nb::tuple pose =
             nb::make_tuple(nb::make_tuple(t.x, t.y, t.z), nb::make_tuple(q.x, q.y, q.z, q.w));

@@ -31,7 +31,7 @@ CommitNumber wait_for_commit(nb::handle self, nb::handle after, nb::handle timeo
     if (!came) {
         const StampNs waited = std::chrono::nanoseconds(Clock::now() - began).count();
         const nb::object limit = longest ? nb::object(nb::int_(*longest)) : nb::none();
-        throw_object(nb::module_::import_("tfdb.waiting")
+        throw_object(nb::module_::import_("tfdb.store.waiting")
                          .attr("no_commit")(seen, limit, waited, !longest || waited < *longest));
     }
     return buffer.store.commit();
@@ -138,19 +138,19 @@ void bind_begun_waits(BufferClass& type) {
     type.def("_begin_wait", &begin_wait, nb::arg("target"), nb::arg("source"),
              nb::arg("stamp").none(), nb::arg("policy").none(),
              nb::sig("def _begin_wait(self, target: str, source: str, stamp: "
-                     "tfdb.stamps.StampLike | None, policy: Policy | None) -> int"),
+                     "tfdb.types.StampLike | None, policy: Policy | None) -> int"),
              "Number of a wait that `_ended_waits` will tell of; 0: the answer is there.");
     type.def("_begin_wait_full", &begin_wait_full, nb::arg("target"),
              nb::arg("target_stamp").none(), nb::arg("source"), nb::arg("source_stamp").none(),
              nb::arg("fixed_frame"),
              nb::sig("def _begin_wait_full(self, target: str, target_stamp: "
-                     "tfdb.stamps.StampLike | None, source: str, source_stamp: "
-                     "tfdb.stamps.StampLike | None, fixed_frame: str) -> int"),
+                     "tfdb.types.StampLike | None, source: str, source_stamp: "
+                     "tfdb.types.StampLike | None, fixed_frame: str) -> int"),
              "The same for an answer through a fixed frame.");
     type.def("_begin_wait_as_new", &begin_wait_as_new, nb::arg("target"), nb::arg("source"),
              nb::arg("stamp"),
              nb::sig("def _begin_wait_as_new(self, target: str, source: str, stamp: "
-                     "tfdb.stamps.StampLike) -> int"),
+                     "tfdb.types.StampLike) -> int"),
              "The same for a latest common time of `stamp` or newer.");
     type.def("_begin_wait_for_commit", &begin_wait_for_commit, nb::arg("after").none(),
              nb::sig("def _begin_wait_for_commit(self, after: int) -> int"),

@@ -114,7 +114,7 @@ CommitNumber ingest(BufferObject& self, nb::handle data, nb::handle encoding, bo
             continue;
         const nb::object text =
             escaped(std::string(class_name(member.code)) + ": " + member.message);
-        const nb::object kind = nb::module_::import_("tfdb.errors").attr("TfdbWarning");
+        const nb::object kind = nb::module_::import_("tfdb.data.errors").attr("TfdbWarning");
         if (PyErr_WarnFormat(kind.ptr(), 1, "%U; the rest of its message is stored", text.ptr()) !=
             0) {
             throw nb::python_error();
@@ -661,7 +661,7 @@ void bind_wire(nb::module_& module, nb::class_<BufferObject, ReadsObject>& type)
         "decode_members", &decode_members, nb::arg("data").none(), nb::arg("encoding").none(),
         nb::kw_only(), nb::arg("static"), nb::arg("authority").none(),
         nb::sig("def decode_members(data: tfdb.types.BytesLike, encoding: str, *, static: bool, "
-                "authority: str) -> list[tfdb.types.TransformStamped | tfdb.errors.TfdbError]"),
+                "authority: str) -> list[tfdb.TransformStamped | tfdb.TfdbError]"),
         "As `decode_tf_message`; the error of a member that cannot be read is in its place.");
     add_raw_function(module, g_encode);
     add_raw_function(module, g_decode);

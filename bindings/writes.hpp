@@ -65,7 +65,7 @@ public:
             throw_refused(error);
         }
     }
-    /// Records of all refused members, in their order, as a list of tfdb.Refused.
+    /// Records of all refused members, in their order, as a list of tfdb.types.Refused.
     [[nodiscard]] nb::list refused(const std::vector<RefusedMember>& by_core) const;
 
     std::vector<TransformView> views;

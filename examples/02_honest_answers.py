@@ -14,7 +14,7 @@ print(buf.lookup_transform("odom", "base", in_the_hole).report)
 print("-- at most half a second apart")
 try:
     buf.lookup_transform("odom", "base", in_the_hole, tfdb.Interpolate(max_gap=0.5))
-except tfdb.GapTooLarge as error:
+except tfdb.errors.GapTooLarge as error:
     print("refused:", error)
     print("fields:", error.edge, error.before, error.after, error.limit)
 

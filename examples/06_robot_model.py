@@ -3,7 +3,7 @@
 import numpy as np
 
 import tfdb
-from tfdb.io.urdf import parse_urdf
+from tfdb.robots.urdf import parse_urdf
 
 URDF = """
 <robot name="arm">

@@ -4,7 +4,8 @@ import tempfile
 from pathlib import Path
 
 import tfdb
-from tfdb.io import read_trajectory, write_recording, write_trajectory
+from tfdb.recordings import write_recording
+from tfdb.trajectories import read_trajectory, write_trajectory
 
 buf = tfdb.Buffer(history=None)
 start = tfdb.stamp("100.0")

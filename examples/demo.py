@@ -21,7 +21,7 @@ import tfdb
 import tfdb.plot
 from tfdb.cli import layout
 from tfdb.cli.tree import print_tree
-from tfdb.summary import longest_moving_chain
+from tfdb.store.summary import longest_moving_chain
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

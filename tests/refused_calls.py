@@ -35,6 +35,6 @@ def refused(buffer: tfdb.Buffer, error: type[tfdb.TfdbError]) -> Iterator[Any]:
 @contextmanager
 def refused_when_full(buffer: tfdb.Buffer) -> Iterator[None]:
     before = (buffer.commit, buffer.frames())
-    with pytest.raises(tfdb.CapacityExceeded):
+    with pytest.raises(tfdb.errors.CapacityExceeded):
         yield
     assert (buffer.commit, buffer.frames()) == before

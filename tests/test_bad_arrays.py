@@ -28,17 +28,17 @@ def robot() -> Robot:
 @pytest.mark.parametrize(
     ("stamps", "error", "words"),
     [
-        (np.array([1.5, 2.5]), tfdb.InvalidArray, "float64"),
-        (np.array([True, False]), tfdb.InvalidArray, "bool"),
-        (np.array(["a"]), tfdb.InvalidArray, "<U1"),
-        (np.zeros((2, 2), np.int64), tfdb.InvalidArray, "(2, 2)"),
-        (np.int64(5), tfdb.InvalidArray, "a single one: write [stamp]"),
-        (np.zeros(2, "timedelta64[ns]"), tfdb.InvalidArray, "timedelta64"),
-        (7, tfdb.InvalidArray, "int"),
-        ("7", tfdb.InvalidArray, "str"),
-        (None, tfdb.InvalidArray, "NoneType"),
-        ({stamp_of(1), stamp_of(2)}, tfdb.InvalidArray, "a set, which has no order"),
-        (frozenset([stamp_of(1)]), tfdb.InvalidArray, "a frozenset, which has no order"),
+        (np.array([1.5, 2.5]), tfdb.errors.InvalidArray, "float64"),
+        (np.array([True, False]), tfdb.errors.InvalidArray, "bool"),
+        (np.array(["a"]), tfdb.errors.InvalidArray, "<U1"),
+        (np.zeros((2, 2), np.int64), tfdb.errors.InvalidArray, "(2, 2)"),
+        (np.int64(5), tfdb.errors.InvalidArray, "a single one: write [stamp]"),
+        (np.zeros(2, "timedelta64[ns]"), tfdb.errors.InvalidArray, "timedelta64"),
+        (7, tfdb.errors.InvalidArray, "int"),
+        ("7", tfdb.errors.InvalidArray, "str"),
+        (None, tfdb.errors.InvalidArray, "NoneType"),
+        ({stamp_of(1), stamp_of(2)}, tfdb.errors.InvalidArray, "a set, which has no order"),
+        (frozenset([stamp_of(1)]), tfdb.errors.InvalidArray, "a frozenset, which has no order"),
         (np.array([stamp_of(1), -1]), tfdb.InvalidStamp, "negative"),
         (np.array([stamp_of(1), 2**63], np.uint64), tfdb.InvalidStamp, "too large"),
         (np.array([np.datetime64(stamp_of(1), "ns"), np.datetime64("NaT")]), tfdb.InvalidStamp, ""),
@@ -73,7 +73,7 @@ def test_arrays_of_stamps(
     ],
 )
 def test_out_of_the_wrong_kind(robot: Robot, out: Any) -> None:
-    with refused(robot.buffer, tfdb.InvalidArray) as caught:
+    with refused(robot.buffer, tfdb.errors.InvalidArray) as caught:
         robot.buffer.lookup_transforms("map", "odom", [stamp_of(1), stamp_of(2)], out=out)
     assert "float64 (2, 7)" in str(caught.value)
     if isinstance(out, np.ndarray):
@@ -87,7 +87,7 @@ def test_columns_take_stamps_that_come_once(robot: Robot) -> None:
         with refused(robot.buffer, tfdb.InvalidStamp) as caught:
             robot.buffer.set_transforms(columns)
         assert caught.value.index == 1
-    with refused(robot.buffer, tfdb.InvalidArray) as array:
+    with refused(robot.buffer, tfdb.errors.InvalidArray) as array:
         robot.buffer.transform_points("map", "odom", np.zeros((2, 3)), {stamp_of(1), stamp_of(2)})
     assert "a set, which has no order" in str(array.value)
 
@@ -123,7 +123,7 @@ def overlapping() -> dict[str, Any]:
 )
 def test_points_of_the_wrong_kind(robot: Robot, arguments: dict[str, Any], words: str) -> None:
     call: dict[str, Any] = {"points": np.zeros((3, 3)), "stamps": np.full(3, stamp_of(1))}
-    with refused(robot.buffer, tfdb.InvalidArray) as caught:
+    with refused(robot.buffer, tfdb.errors.InvalidArray) as caught:
         robot.buffer.transform_points("map", "odom", **(call | arguments))
     assert words in str(caught.value)
 
@@ -137,7 +137,7 @@ def test_one_bad_stamp_for_all_points(robot: Robot) -> None:
     "points", [np.zeros((3, 2)), np.zeros(4), [[1, 2]], "abc", np.zeros((2, 3, 3)), None]
 )
 def test_apply_of_the_wrong_shape(robot: Robot, points: Any) -> None:
-    with refused(robot.buffer, tfdb.InvalidArray):
+    with refused(robot.buffer, tfdb.errors.InvalidArray):
         robot.buffer.lookup_transform("map", "odom").apply(points)
 
 
@@ -156,20 +156,20 @@ def test_apply_of_the_wrong_shape(robot: Robot, points: Any) -> None:
 )
 def test_columns_that_are_none(arguments: dict[str, Any]) -> None:
     call: dict[str, Any] = {"poses": np.tile([1, 2, 3, *TURN], (2, 1))} | arguments
-    with pytest.raises(tfdb.InvalidArray):
+    with pytest.raises(tfdb.errors.InvalidArray):
         tfdb.Columns("map", "odom", [1, 2], **call)
 
 
 @pytest.mark.parametrize(
     ("parents", "children", "stamps", "error"),
     [
-        (["map"], ["odom", "odom"], [1, 2], tfdb.InvalidArray),
-        ("map", ["odom"] * 3, [1, 2], tfdb.InvalidArray),
-        ("map", "odom", [1, 2, 3], tfdb.InvalidArray),
-        ("map", "odom", [], tfdb.InvalidArray),
-        ("map", "odom", None, tfdb.InvalidArray),
-        (["map", ""], "new", [1, 2], tfdb.InvalidName),
-        (["map", "\ud800"], "new", [1, 2], tfdb.InvalidName),
+        (["map"], ["odom", "odom"], [1, 2], tfdb.errors.InvalidArray),
+        ("map", ["odom"] * 3, [1, 2], tfdb.errors.InvalidArray),
+        ("map", "odom", [1, 2, 3], tfdb.errors.InvalidArray),
+        ("map", "odom", [], tfdb.errors.InvalidArray),
+        ("map", "odom", None, tfdb.errors.InvalidArray),
+        (["map", ""], "new", [1, 2], tfdb.errors.InvalidName),
+        (["map", "\ud800"], "new", [1, 2], tfdb.errors.InvalidName),
     ],
 )
 def test_columns_that_do_not_fit(
@@ -178,7 +178,7 @@ def test_columns_that_do_not_fit(
     columns = tfdb.Columns(parents, children, stamps, np.tile([1, 2, 3, *TURN], (2, 1)))
     with refused(robot.buffer, error) as caught:
         robot.buffer.set_transforms(columns)
-    if error is tfdb.InvalidName:
+    if error is tfdb.errors.InvalidName:
         assert caught.value.index == 1
 
 
@@ -186,7 +186,7 @@ def test_columns_with_one_bad_row(robot: Robot) -> None:
     poses = np.tile([1.0, 2.0, 3.0, *TURN], (5, 1))
     poses[3, 1] = NAN
     stamps = [stamp_of(50 + i) for i in range(5)]
-    with refused(robot.buffer, tfdb.InvalidTransform) as caught:
+    with refused(robot.buffer, tfdb.errors.InvalidTransform) as caught:
         robot.buffer.set_transforms(tfdb.Columns("map", "odom", stamps, poses))
     assert caught.value.index == 3
 
@@ -207,12 +207,12 @@ def test_batches_of_other_things(robot: Robot, item: object) -> None:
     [([], 1), ([1, 3, 2], 3), ([1, 1], 2), ([1, 2], 3), ([1.0, 2.0], 2)],
 )
 def test_trajectories_with_bad_stamps(stamps: list[int], rows: int) -> None:
-    with pytest.raises(tfdb.InvalidArray):
+    with pytest.raises(tfdb.errors.InvalidArray):
         tfdb.Trajectory("map", "odom", np.array(stamps), np.zeros((rows, 7)))
 
 
 def test_unsorted_trajectories_say_where() -> None:
-    with pytest.raises(tfdb.InvalidArray) as caught:
+    with pytest.raises(tfdb.errors.InvalidArray) as caught:
         tfdb.Trajectory("map", "odom", np.array([1, 3, 2]), np.zeros((3, 7)))
     assert (caught.value.index, caught.value.stamp) == (2, 2)
 

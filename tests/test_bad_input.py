@@ -85,19 +85,19 @@ def test_numbers_that_are_no_transform(
     robot: Robot, translation: object, rotation: object, what: str
 ) -> None:
     buffer = robot.buffer
-    with refused(buffer, tfdb.InvalidTransform) as caught:
+    with refused(buffer, tfdb.errors.InvalidTransform) as caught:
         buffer.set_transform("map", "odom", stamp_of(50), translation, rotation, authority="ekf")
     assert caught.value.index == 0
     assert "odom" in str(caught.value)
     assert caught.value.authority == "ekf"
-    with refused(buffer, tfdb.InvalidTransform):
+    with refused(buffer, tfdb.errors.InvalidTransform):
         buffer.set_static_transform("base", "lidar", translation, rotation)
     good = tfdb.TransformStamped("map", "odom", stamp_of(50), (1, 2, 3), TURN)
     bad = tfdb.TransformStamped("map", "new_frame", stamp_of(50), translation, rotation)
-    with refused(buffer, tfdb.InvalidTransform) as caught:
+    with refused(buffer, tfdb.errors.InvalidTransform) as caught:
         buffer.set_transforms([good, good, bad])
     assert caught.value.index == 2
-    with refused(buffer, tfdb.InvalidTransform):
+    with refused(buffer, tfdb.errors.InvalidTransform):
         buffer.ingest(tfdb.encode_tf_message([bad]))
     found = buffer.ingest_many([tfdb.encode_tf_message([good, bad])], encoding="cdr")
     assert (found.transforms, found.refused_transforms, found.refused) == (1, 1, 0)
@@ -109,7 +109,7 @@ def test_numbers_that_are_no_transform(
 
 
 def test_a_frame_is_not_its_own_parent(robot: Robot) -> None:
-    with refused(robot.buffer, tfdb.InvalidTransform) as caught:
+    with refused(robot.buffer, tfdb.errors.InvalidTransform) as caught:
         robot.buffer.set_transform("base", "base", stamp_of(50), (1, 2, 3), TURN)
     assert "base" in str(caught.value)
 
@@ -133,10 +133,10 @@ def test_a_frame_is_not_its_own_parent(robot: Robot) -> None:
 )
 def test_parts_of_the_wrong_shape(robot: Robot, translation: object, rotation: object) -> None:
     buffer = robot.buffer
-    with refused(buffer, tfdb.InvalidArray) as caught:
+    with refused(buffer, tfdb.errors.InvalidArray) as caught:
         buffer.set_transform("map", "odom", stamp_of(50), translation, rotation)
     assert "numbers (x, y, z" in str(caught.value)
-    with refused(buffer, tfdb.InvalidArray) as caught:
+    with refused(buffer, tfdb.errors.InvalidArray) as caught:
         buffer.set_transforms(
             [tfdb.TransformStamped("map", "odom", stamp_of(50), translation, rotation)]
         )
@@ -144,7 +144,7 @@ def test_parts_of_the_wrong_shape(robot: Robot, translation: object, rotation: o
 
 
 def test_a_cycle(robot: Robot) -> None:
-    with refused(robot.buffer, tfdb.CycleError) as caught:
+    with refused(robot.buffer, tfdb.errors.CycleError) as caught:
         robot.buffer.set_transform("left_hand", "base", stamp_of(60), (1, 2, 3), TURN)
     assert caught.value.index == 0
     assert {"base", "left_hand"} <= set(caught.value.frames or ())
@@ -152,13 +152,13 @@ def test_a_cycle(robot: Robot) -> None:
         tfdb.TransformStamped(parent, child, stamp_of(5), (1, 2, 3), TURN)
         for parent, child in (("x", "y"), ("y", "z"), ("z", "x"))
     ]
-    with refused(robot.buffer, tfdb.CycleError):
+    with refused(robot.buffer, tfdb.errors.CycleError):
         robot.buffer.set_transforms(batch)
 
 
 def test_samples_older_than_the_history() -> None:
     buffer = make_robot(history=1.0).buffer
-    with refused(buffer, tfdb.TooOld) as caught:
+    with refused(buffer, tfdb.errors.TooOld) as caught:
         buffer.set_transform("map", "odom", stamp_of(COUNT - 12), (1, 2, 3), TURN)
     error = caught.value
     assert error.stamp == stamp_of(COUNT - 12)
@@ -174,13 +174,13 @@ BAD_NAMES = ["", "x" * 10_240, "ab\0c", "ab\nc", "ab\tc", "\x7f", "ä" * 513, "\
 @pytest.mark.parametrize("name", BAD_NAMES, ids=lambda name: repr(name[:8]))
 def test_names_that_are_none(robot: Robot, name: str) -> None:
     buffer = robot.buffer
-    with refused(buffer, tfdb.InvalidName):
+    with refused(buffer, tfdb.errors.InvalidName):
         buffer.set_transform("map", name, stamp_of(50), (1, 2, 3), TURN)
-    with refused(buffer, tfdb.InvalidName):
+    with refused(buffer, tfdb.errors.InvalidName):
         buffer.set_static_transform(name, "sensor", (1, 2, 3), TURN)
     good = tfdb.TransformStamped("map", "odom", stamp_of(50), (1, 2, 3), TURN)
     bad = tfdb.TransformStamped("map", name, stamp_of(50), (1, 2, 3), TURN)
-    with refused(buffer, tfdb.InvalidName) as caught:
+    with refused(buffer, tfdb.errors.InvalidName) as caught:
         buffer.set_transforms([good, bad])
     assert caught.value.index == 1
 

@@ -185,17 +185,19 @@ def test_a_message_of_bad_members_only_raises() -> None:
     buffer = start()
     before = contents(buffer), buffer.commit
     data = oracle.encode([oracle.row("map", "x", S, ZERO), oracle.row("y", "y", S, POSE)], "cdr")
-    with pytest.raises(tfdb.InvalidTransform, match="2 of 2 transforms were refused") as caught:
+    with pytest.raises(
+        tfdb.errors.InvalidTransform, match="2 of 2 transforms were refused"
+    ) as caught:
         buffer.ingest(data)
     assert [each.index for each in caught.value.refused or ()] == [0, 1]
     assert (contents(buffer), buffer.commit) == before
-    with pytest.raises(tfdb.CorruptMessage):
+    with pytest.raises(tfdb.errors.CorruptMessage):
         buffer.ingest(data[:-9])
 
 
 def recording(path: Path, rows: list[list[oracle.Row]], topic: str = "/tf") -> Path:
     encoding = "ros1" if path.suffix == ".bag" else "cdr"
-    with tfdb.io.RecordingWriter(path) as writer:
+    with tfdb.recordings.RecordingWriter(path) as writer:
         for n, each in enumerate(rows):
             writer.write(oracle.encode(each, encoding), 100 * S + n, topic=topic)
     return path
@@ -294,7 +296,7 @@ def unreadable() -> bytes:
 @pytest.mark.parametrize("prefix", ["", "r/"])
 def test_a_name_that_is_no_text_costs_its_own(tmp_path: Path, prefix: str) -> None:
     path = tmp_path / "a.mcap"
-    with tfdb.io.RecordingWriter(path) as writer:
+    with tfdb.recordings.RecordingWriter(path) as writer:
         writer.write(unreadable(), S, topic="/tf")
     buffer = tfdb.Buffer(history=None)
     text = f"1 transform of frame '{prefix}br.*' was ref.*InvalidName"
@@ -308,7 +310,7 @@ def test_a_name_that_is_no_text_costs_its_own(tmp_path: Path, prefix: str) -> No
 def test_bytes_of_another_format_are_refused_whole(tmp_path: Path) -> None:
     path = tmp_path / "a.mcap"
     good = oracle.encode([oracle.row("map", "base", S, POSE)], "cdr")
-    with tfdb.io.RecordingWriter(path) as writer:
+    with tfdb.recordings.RecordingWriter(path) as writer:
         writer.write(good, 1, topic="/tf")
         writer.write(oracle.encode(drive()[0], "cdr")[:-40], 2, topic="/tf")
         writer.write(struct.pack("<4sI", b"\0\1\0\0", 3), 3, topic="/tf")

@@ -92,7 +92,7 @@ def test_too_little_memory() -> None:
         for i in range(100_000):
             buffer.set_transform("map", "base", i, (1, 2, 3), TURN)
 
-    with pytest.raises(tfdb.CapacityExceeded):
+    with pytest.raises(tfdb.errors.CapacityExceeded):
         fill()
     commit = buffer.commit
     assert commit == buffer.frame_info("base").samples > 1000
@@ -202,14 +202,14 @@ def test_every_way_to_cut_a_message(encoding: str) -> None:
     batch = [tfdb.TransformStamped("map", "tool", SECOND, (1, 2, 3), TURN)] * 2
     data = tfdb.encode_tf_message(batch, encoding)
     for size in range(len(data)):
-        with pytest.raises(tfdb.CorruptMessage) as caught:
+        with pytest.raises(tfdb.errors.CorruptMessage) as caught:
             buffer.ingest(data[:size], encoding=encoding)
         assert caught.value.offset is not None
         assert caught.value.offset <= size
         assert caught.value.reason
-        with pytest.raises(tfdb.CorruptMessage):
+        with pytest.raises(tfdb.errors.CorruptMessage):
             tfdb.decode_tf_message(data[:size], encoding)
-    with refused(buffer, tfdb.CorruptMessage):
+    with refused(buffer, tfdb.errors.CorruptMessage):
         buffer.ingest(b"", encoding=encoding)
     assert not buffer.frame_exists("tool")
 
@@ -218,10 +218,10 @@ def test_names_on_the_wire_that_are_no_text() -> None:
     buffer = make_robot().buffer
     data = tfdb.encode_tf_message([tfdb.TransformStamped("map", "abcd", 5, (1, 2, 3), TURN)])
     bad = data.replace(b"abcd", b"a\xff\xfed")
-    with refused(buffer, tfdb.InvalidName) as caught:
+    with refused(buffer, tfdb.errors.InvalidName) as caught:
         buffer.ingest(bad)
     assert caught.value.index == 0
-    with pytest.raises(tfdb.InvalidName):
+    with pytest.raises(tfdb.errors.InvalidName):
         tfdb.decode_tf_message(bad)
 
 
@@ -247,16 +247,16 @@ def test_encodings_and_data_of_the_wrong_kind(robot: Robot) -> None:
 @pytest.mark.parametrize(
     ("arguments", "error"),
     [
-        (("map", "base", (1, 2)), tfdb.InvalidArray),
-        (("map", "base", (1, 2, NAN)), tfdb.InvalidTransform),
-        (("map", "base", (1, 2, 3), (0, 0, 0, 2)), tfdb.InvalidTransform),
+        (("map", "base", (1, 2)), tfdb.errors.InvalidArray),
+        (("map", "base", (1, 2, NAN)), tfdb.errors.InvalidTransform),
+        (("map", "base", (1, 2, 3), (0, 0, 0, 2)), tfdb.errors.InvalidTransform),
         (("map", "base", (1, 2, 3), TURN, 1.5), tfdb.InvalidStamp),
         (("map", 7, (1, 2, 3)), TypeError),
-        (("map", "base", (1, 2, INF)), tfdb.InvalidTransform),
-        (("", "base", (1, 2, 3)), tfdb.InvalidName),
-        (("map", "ba\nse", (1, 2, 3)), tfdb.InvalidName),
-        (("m" * 1025, "base", (1, 2, 3)), tfdb.InvalidName),
-        (("map", "\ud800", (1, 2, 3)), tfdb.InvalidName),
+        (("map", "base", (1, 2, INF)), tfdb.errors.InvalidTransform),
+        (("", "base", (1, 2, 3)), tfdb.errors.InvalidName),
+        (("map", "ba\nse", (1, 2, 3)), tfdb.errors.InvalidName),
+        (("m" * 1025, "base", (1, 2, 3)), tfdb.errors.InvalidName),
+        (("map", "\ud800", (1, 2, 3)), tfdb.errors.InvalidName),
     ],
 )
 def test_transforms_that_cannot_be(arguments: Any, error: type[Exception]) -> None:
@@ -282,7 +282,7 @@ def test_what_a_transform_computes_is_finite_or_refused() -> None:
     ]
     for target, source, compute in calls:
         for call in (compute, lambda: store.lookup_transform(target, source, 7)):  # noqa: B023
-            with pytest.raises(tfdb.InvalidTransform) as caught:
+            with pytest.raises(tfdb.errors.InvalidTransform) as caught:
                 call()
             error = caught.value
             assert (error.target, error.source, error.stamp) == (target, source, 7)
@@ -295,8 +295,8 @@ def test_points_without_a_finite_place_are_refused(dtype: type, far: float) -> N
     points = np.array([[1, 2, 3], [NAN, 2, 3], [1, INF, 3], [far, far, far]], dtype)
     taken = there.apply(points[:3])
     assert np.isfinite(taken).all(axis=1).tolist() == [True, False, False]
-    with pytest.raises(tfdb.InvalidTransform) as caught:
+    with pytest.raises(tfdb.errors.InvalidTransform) as caught:
         there.apply(points)
     assert (caught.value.index, caught.value.reason) == (3, "not finite")
-    with pytest.raises(tfdb.InvalidTransform):
+    with pytest.raises(tfdb.errors.InvalidTransform):
         there.apply(points[3])

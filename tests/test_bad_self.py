@@ -24,7 +24,7 @@ class Hollow(tfdb.Buffer):
 
 def hollows() -> list[Any]:
     """Make one object of each class without its __init__."""
-    classes = [Hollow, tfdb.Buffer, tfdb.Snapshot, tfdb.Transaction, tfdb.Reads]
+    classes = [Hollow, tfdb.Buffer, tfdb.Snapshot, tfdb.Transaction, tfdb._core.Reads]
     return [cls.__new__(cls) for cls in classes]
 
 
@@ -82,7 +82,7 @@ def test_objects_whose_init_never_ran(hollow: Any) -> None:
             call(method, name, hollow)
 
 
-@pytest.mark.parametrize("cls", [tfdb.Policy, tfdb.Interpolate, tfdb.Exact, tfdb.Nearest])
+@pytest.mark.parametrize("cls", [tfdb.types.Policy, tfdb.Interpolate, tfdb.Exact, tfdb.Nearest])
 def test_policies_whose_init_never_ran(cls: type) -> None:
     buf = tfdb.Buffer()
     buf.set_transform("map", "base", 5, (1, 2, 3), (0, 0, 0.6, 0.8))
@@ -100,7 +100,7 @@ def test_policies_whose_init_never_ran(cls: type) -> None:
             refused()
 
 
-@pytest.mark.parametrize("cls", [tfdb.Buffer, tfdb.Snapshot, tfdb.Transaction, tfdb.Reads])
+@pytest.mark.parametrize("cls", [tfdb.Buffer, tfdb.Snapshot, tfdb.Transaction, tfdb._core.Reads])
 def test_methods_on_objects_of_another_class(cls: type) -> None:
     buf = tfdb.Buffer()
     buf.set_transform("map", "base", 5, (1, 2, 3), (0, 0, 0.6, 0.8))

@@ -75,13 +75,13 @@ def test_priorities_that_are_none(buffer: tfdb.Buffer, priority: Any) -> None:
 @uses
 def test_one_that_has_not_begun(buffer: tfdb.Buffer, use: Callable[[Any], object]) -> None:
     tx = buffer.transaction()
-    with refused(buffer, tfdb.TransactionClosed) as caught:
+    with refused(buffer, tfdb.errors.TransactionClosed) as caught:
         use(tx)
     assert caught.value.reason == "not begun"
     assert "with" in str(caught.value)
-    with refused(buffer, tfdb.TransactionClosed):
+    with refused(buffer, tfdb.errors.TransactionClosed):
         tx.abort()
-    with refused(buffer, tfdb.TransactionClosed):
+    with refused(buffer, tfdb.errors.TransactionClosed):
         tx.__exit__(None, None, None)
     with tx:
         use(tx)
@@ -135,7 +135,7 @@ def in_vain(buffer: tfdb.Buffer) -> tfdb.Transaction:
         with tx:
             tx.set_transform("camera", "map", stamp_of(62), (1, 2, 3), TURN)
 
-    with pytest.raises(tfdb.CycleError):
+    with pytest.raises(tfdb.errors.CycleError):
         work()
     return tx
 
@@ -159,17 +159,17 @@ def test_one_that_has_ended(
 ) -> None:
     tx = end(buffer)
     assert not tx.is_open
-    with refused(buffer, tfdb.TransactionClosed) as caught:
+    with refused(buffer, tfdb.errors.TransactionClosed) as caught:
         use(tx)
     assert caught.value.reason == reason
     assert "Buffer.transaction()" in str(caught.value)
-    with refused(buffer, tfdb.TransactionClosed):
+    with refused(buffer, tfdb.errors.TransactionClosed):
         tx.__enter__()
 
 
 def test_what_was_committed_cannot_be_aborted(buffer: tfdb.Buffer) -> None:
     tx = committed(buffer)
-    with refused(buffer, tfdb.TransactionClosed) as caught:
+    with refused(buffer, tfdb.errors.TransactionClosed) as caught:
         tx.abort()
     assert f"commit {tx.commit_number}" in str(caught.value)
 
@@ -181,18 +181,18 @@ def test_what_was_committed_cannot_be_aborted(buffer: tfdb.Buffer) -> None:
 def test_another_thread_may_not_use_it(buffer: tfdb.Buffer, use: Callable[[Any], object]) -> None:
     commit = buffer.commit
     with buffer.transaction() as tx:
-        with pytest.raises(tfdb.WrongThread, match="the thread that began it"):
+        with pytest.raises(tfdb.errors.WrongThread, match="the thread that began it"):
             in_another_thread(lambda: use(tx))
-        with pytest.raises(tfdb.WrongThread):
+        with pytest.raises(tfdb.errors.WrongThread):
             in_another_thread(tx.abort)
-        with pytest.raises(tfdb.WrongThread):
+        with pytest.raises(tfdb.errors.WrongThread):
             in_another_thread(lambda: tx.__exit__(None, None, None))
-        with pytest.raises(tfdb.WrongThread):
+        with pytest.raises(tfdb.errors.WrongThread):
             in_another_thread(lambda: tx.__exit__(ValueError, ValueError(), None))
         assert tx.is_open
         tx.lookup_transform("map", "camera")
     assert buffer.commit == tx.commit_number == commit
-    with refused(buffer, tfdb.WrongThread):
+    with refused(buffer, tfdb.errors.WrongThread):
         in_another_thread(lambda: use(tx))
 
 
@@ -223,7 +223,7 @@ def test_its_thread_writes_through_it(
 ) -> None:
     commit = buffer.commit
     with buffer.transaction() as tx:
-        with pytest.raises(tfdb.TransactionActive) as caught:
+        with pytest.raises(tfdb.errors.TransactionActive) as caught:
             write(buffer)
         assert "transaction" in str(caught.value)
         assert tx.is_open
@@ -237,13 +237,13 @@ def test_its_thread_writes_through_it(
 def test_one_within_another(buffer: tfdb.Buffer) -> None:
     commit = buffer.commit
     with buffer.transaction() as tx:
-        with pytest.raises(tfdb.TransactionActive):
+        with pytest.raises(tfdb.errors.TransactionActive):
             buffer.transaction().__enter__()
-        with pytest.raises(tfdb.TransactionActive):
+        with pytest.raises(tfdb.errors.TransactionActive):
             buffer._attempt(0, True, 0).__enter__()
-        with pytest.raises(tfdb.TransactionActive):
+        with pytest.raises(tfdb.errors.TransactionActive):
             tx.__enter__()
-        with pytest.raises(tfdb.TransactionActive):
+        with pytest.raises(tfdb.errors.TransactionActive):
             buffer.run(lambda _: None)
         assert tx.is_open
         tx.set_transform("map", "odom", stamp_of(50), (1, 2, 3), TURN)
@@ -262,7 +262,7 @@ def test_one_that_many_threads_begin(engine: str) -> None:
         try:
             with tx:
                 tx.set_static_transform("map", "base", (4, 5, 6), TURN)
-        except tfdb.WrongThread:
+        except tfdb.errors.WrongThread:
             return "wrong"
         return "committed"
 
@@ -305,7 +305,7 @@ def tx(buffer: tfdb.Buffer) -> Iterator[tfdb.Transaction]:
         (lambda tx: tx.lookup_transform("map", "cup"), tfdb.UnknownFrame),
         (lambda tx: tx.lookup_latest_transform("map", "odom", -1), tfdb.InvalidArgument),
         (lambda tx: tx.lookup_latest_transform("map", "odom", 1, 1.5), tfdb.InvalidStamp),
-        (lambda tx: tx.lookup_transforms("map", "odom", 5), tfdb.InvalidArray),
+        (lambda tx: tx.lookup_transforms("map", "odom", 5), tfdb.errors.InvalidArray),
         (lambda tx: tx.lookup_transforms("map", "odom", [5], layout="x"), tfdb.InvalidArgument),
         (lambda tx: tx.lookup_transforms("map", "odom", [5], missing=1), TypeError),
         (lambda tx: tx.lookup_transforms("map", "cup", []), tfdb.UnknownFrame),
@@ -314,15 +314,15 @@ def tx(buffer: tfdb.Buffer) -> Iterator[tfdb.Transaction]:
         (lambda tx: tx.frame_exists(None), TypeError),
         (
             lambda tx: tx.set_transform("map", "odom", stamp_of(50), (1, 2, NAN), TURN),
-            tfdb.InvalidTransform,
+            tfdb.errors.InvalidTransform,
         ),
         (
             lambda tx: tx.set_transform("map", "odom", stamp_of(50), (1, 2), TURN),
-            tfdb.InvalidArray,
+            tfdb.errors.InvalidArray,
         ),
         (
             lambda tx: tx.set_transform("map", "", stamp_of(50), (1, 2, 3), TURN),
-            tfdb.InvalidName,
+            tfdb.errors.InvalidName,
         ),
         (lambda tx: tx.set_transform("map", "odom", -5, (1, 2, 3), TURN), tfdb.InvalidStamp),
         (
@@ -331,22 +331,22 @@ def tx(buffer: tfdb.Buffer) -> Iterator[tfdb.Transaction]:
         ),
         (
             lambda tx: tx.set_transform("base", "lidar", stamp_of(50), (1, 2, 3), TURN),
-            tfdb.StaticConflict,
+            tfdb.errors.StaticConflict,
         ),
-        (lambda tx: tx.set_static_transform("map", "odom", (1, 2, 3)), tfdb.StaticConflict),
-        (lambda tx: tx.set_static_transform("map", "map", (1, 2, 3)), tfdb.InvalidTransform),
+        (lambda tx: tx.set_static_transform("map", "odom", (1, 2, 3)), tfdb.errors.StaticConflict),
+        (lambda tx: tx.set_static_transform("map", "map", (1, 2, 3)), tfdb.errors.InvalidTransform),
         (lambda tx: tx.set_transforms(7), TypeError),
         (lambda tx: tx.set_transforms([7]), TypeError),
         (lambda tx: tx.set_transforms([], partial=True), TypeError),
         (lambda tx: tx.remove_frame("cup"), tfdb.UnknownFrame),
-        (lambda tx: tx.remove_frame("base"), tfdb.FrameInUse),
+        (lambda tx: tx.remove_frame("base"), tfdb.errors.FrameInUse),
         (lambda tx: tx.remove_frame(7), TypeError),
         (lambda tx: tx.reparent("camera", "cup"), tfdb.UnknownFrame),
         (lambda tx: tx.reparent("cup", "camera"), tfdb.UnknownFrame),
-        (lambda tx: tx.reparent("camera", "camera"), tfdb.InvalidTransform),
+        (lambda tx: tx.reparent("camera", "camera"), tfdb.errors.InvalidTransform),
         (lambda tx: tx.reparent("camera", "base", rotation=TURN), tfdb.InvalidArgument),
-        (lambda tx: tx.reparent("camera", "base", None, (1, NAN, 3)), tfdb.InvalidTransform),
-        (lambda tx: tx.reparent("left_arm", "base", 5, (1, 2, 3), 7), tfdb.InvalidArray),
+        (lambda tx: tx.reparent("camera", "base", None, (1, NAN, 3)), tfdb.errors.InvalidTransform),
+        (lambda tx: tx.reparent("left_arm", "base", 5, (1, 2, 3), 7), tfdb.errors.InvalidArray),
     ],
 )
 def test_calls_that_are_refused_leave_it_open(
@@ -359,7 +359,7 @@ def test_calls_that_are_refused_leave_it_open(
 
 def test_samples_older_than_the_history() -> None:
     buffer = make_robot(history=1.0).buffer
-    with buffer.transaction() as tx, pytest.raises(tfdb.TooOld) as caught:
+    with buffer.transaction() as tx, pytest.raises(tfdb.errors.TooOld) as caught:
         tx.set_transform("map", "odom", stamp_of(COUNT - 12), (1, 2, 3), TURN)
     assert caught.value.oldest == stamp_of(COUNT - 11)
 
@@ -373,7 +373,7 @@ def test_a_commit_that_would_close_a_cycle(buffer: tfdb.Buffer) -> None:
             tx.set_transform("map", "new", stamp_of(50), (1, 2, 3), TURN)
             tx.set_transform("left_hand", "base", stamp_of(60), (1, 2, 3), TURN, authority="arm")
 
-    with refused(buffer, tfdb.CycleError) as caught:
+    with refused(buffer, tfdb.errors.CycleError) as caught:
         close()
     assert {"base", "left_hand"} <= set(caught.value.frames or ())
     assert caught.value.stamp == stamp_of(60)
@@ -390,7 +390,7 @@ def test_a_commit_that_finds_no_room() -> None:
             for name in "abc":
                 tx.set_static_transform("base", name, (1, 2, 3), TURN)
 
-    with pytest.raises(tfdb.CapacityExceeded):
+    with pytest.raises(tfdb.errors.CapacityExceeded):
         fill()
     assert (buffer.commit, buffer.frames()) == (1, ["base", "map"])
     with buffer.transaction() as tx:
@@ -420,10 +420,15 @@ def test_classes_are_not_made_by_hand() -> None:
 
 
 def test_errors_are_told_apart() -> None:
-    errors = [tfdb.Conflict, tfdb.TransactionClosed, tfdb.TransactionActive, tfdb.WrongThread]
+    errors = [
+        tfdb.Conflict,
+        tfdb.errors.TransactionClosed,
+        tfdb.errors.TransactionActive,
+        tfdb.errors.WrongThread,
+    ]
     for error in errors:
         assert error.__bases__ == (tfdb.TfdbError,)
-        assert error.__module__ == "tfdb"
+        assert error.__module__ == ("tfdb" if error is tfdb.Conflict else "tfdb.errors")
 
 
 def test_interrupts_while_others_wait(buffer: tfdb.Buffer) -> None:

@@ -11,7 +11,7 @@ import pytest
 
 import tfdb
 from robot import COUNT, SECOND, Robot, make_robot, stamp_of
-from tfdb.explain import from_one_state
+from tfdb.store.explain import from_one_state
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -47,7 +47,7 @@ def stamps_in(count: int, seed: int, *, is_sorted: bool) -> np.ndarray:
 
 
 def one_by_one(
-    reads: tfdb.Reads, target: str, source: str, stamps: object, policy: object
+    reads: tfdb._core.Reads, target: str, source: str, stamps: object, policy: object
 ) -> object:
     return np.array([reads.lookup_transform(target, source, int(t), policy).pose for t in stamps])
 
@@ -64,7 +64,7 @@ def same_poses(found: np.ndarray, expected: object) -> None:
 @pytest.mark.parametrize("policy", POLICIES, ids=str)
 @pytest.mark.parametrize(("target", "source"), PAIRS)
 def test_rows_equal_single_lookups(
-    robot: Robot, target: str, source: str, policy: tfdb.Policy | None, is_sorted: bool
+    robot: Robot, target: str, source: str, policy: tfdb.types.Policy | None, is_sorted: bool
 ) -> None:
     stamps = stamps_in(2000, 11, is_sorted=is_sorted)
     found = robot.buffer.lookup_transforms(target, source, stamps, policy)
@@ -163,7 +163,7 @@ def test_names_mean_the_frames_of_the_state_that_is_read(count: int) -> None:
     buffer = tfdb.Buffer()
     cup = (0.0, 0.0, 0.6, 0.8)
 
-    def rows(reads: tfdb.Reads) -> Any:
+    def rows(reads: tfdb._core.Reads) -> Any:
         found = reads.lookup_transforms("map", "cup", np.full(count, 5))
         same_poses(found, one_by_one(reads, "map", "cup", [5] * count, None))
         return found[:, :3].tolist()
@@ -381,12 +381,12 @@ def test_a_trajectory_begins_again_where_writers_took_its_state(robot: Robot) ->
     def read(snapshot: tfdb.Snapshot) -> int:
         tries.append(snapshot)
         if len(tries) < 3:
-            raise tfdb.SnapshotTooOld("gone")
+            raise tfdb.errors.SnapshotTooOld("gone")
         return snapshot.commit
 
     assert from_one_state(robot.buffer, read) == robot.buffer.commit
     assert len(tries) == 3
     tries.clear()
-    with robot.buffer.snapshot() as held, pytest.raises(tfdb.SnapshotTooOld):
+    with robot.buffer.snapshot() as held, pytest.raises(tfdb.errors.SnapshotTooOld):
         from_one_state(held, read)
     assert len(tries) == 1

@@ -24,7 +24,7 @@ def pose(number: float) -> tuple[tuple[float, ...], tuple[float, ...]]:
     )
 
 
-def follow(replica: tfdb.Buffer, changes: tfdb.Changes) -> None:
+def follow(replica: tfdb.Buffer, changes: tfdb.types.Changes) -> None:
     """Apply a record to a copy."""
     if changes.cleared and not len(changes.stored) and not len(changes.stored_static):
         replica.clear()
@@ -115,7 +115,7 @@ def test_what_a_commit_did() -> None:
     assert (fourth.cleared, fourth.moved) == (("base",), ("base",))
     assert fifth.removed == ("camera",)
     assert [one.commit for one in buf.changes(1, limit=2)] == [2, 3]
-    assert repr(fifth) == "<tfdb.Changes of commit 5: 1 removed>"
+    assert repr(fifth) == "<tfdb.types.Changes of commit 5: 1 removed>"
 
 
 def test_stamps_and_poses_are_those_stored() -> None:
@@ -168,7 +168,7 @@ def test_who_fell_behind_is_told_and_begins_anew() -> None:
     buf = tfdb.Buffer()
     for stamp in range(17_000):
         buf.set_transform("map", "base", stamp, *pose(1))
-    with pytest.raises(tfdb.FeedLapped) as lapped:
+    with pytest.raises(tfdb.errors.FeedLapped) as lapped:
         buf.changes(3)
     assert lapped.value.since == 3
     assert lapped.value.newest == 17_000
@@ -197,7 +197,7 @@ def test_a_commit_that_is_none_is_refused(since: object) -> None:
 )
 def test_engines_without_a_feed_say_so(engine: tfdb.types.Concurrency) -> None:
     buf = tfdb.Buffer(concurrency=engine)
-    with pytest.raises(tfdb.NotSupported, match=engine):
+    with pytest.raises(tfdb.errors.NotSupported, match=engine):
         buf.changes(0)
 
 
@@ -205,5 +205,5 @@ def test_not_amid_a_transaction() -> None:
     buf = tfdb.Buffer()
     with buf.transaction() as tx:
         tx.set_transform("map", "base", 10, *pose(1))
-        with pytest.raises(tfdb.TransactionActive):
+        with pytest.raises(tfdb.errors.TransactionActive):
             buf.changes(0)

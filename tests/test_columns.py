@@ -74,7 +74,7 @@ def test_columns_are_refused_as_objects_are(partial: bool) -> None:
         buffer = tfdb.Buffer(history=None)
         try:
             refused = buffer.set_transforms(batch, partial=partial)
-        except tfdb.InvalidTransform as error:
+        except tfdb.errors.InvalidTransform as error:
             refused = [str(error), error.index, error.refused]
         said.append((refused, buffer.commit, buffer.tree()))
         if partial:

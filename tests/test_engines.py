@@ -152,7 +152,7 @@ def test_the_thread_of_a_transaction_reads_through_it(engine: str) -> None:
     ]
     with buffer.transaction() as tx:
         for read in reads:
-            with pytest.raises(tfdb.TransactionActive):
+            with pytest.raises(tfdb.errors.TransactionActive):
                 read()
         assert tx.can_transform("map", "base")
     for read in reads:

@@ -10,8 +10,8 @@ import pytest
 
 import tfdb
 from oracle import quaternion
-from tfdb.explain import _Case
-from tfdb.summary import clocks
+from tfdb.store.explain import _Case
+from tfdb.store.summary import clocks
 
 TURN = quaternion((1, -2, 0.5), 0.9)
 POLICIES = (
@@ -26,9 +26,9 @@ FAILS = (
     tfdb.UnknownFrame,
     tfdb.Disconnected,
     tfdb.Extrapolation,
-    tfdb.GapTooLarge,
-    tfdb.Stale,
-    tfdb.NoSampleNear,
+    tfdb.errors.GapTooLarge,
+    tfdb.errors.Stale,
+    tfdb.errors.NoSampleNear,
 )
 
 

@@ -157,7 +157,7 @@ def agrees_with_itself(buf: tfdb.Buffer, stamp: int) -> tuple[int, int]:
 
 
 def matrix_or_error(
-    buf: tfdb.Buffer, target: str, source: str, stamp: int, policy: tfdb.Policy
+    buf: tfdb.Buffer, target: str, source: str, stamp: int, policy: tfdb.types.Policy
 ) -> np.ndarray | str:
     try:
         return buf.lookup_transform(target, source, stamp, policy).matrix
@@ -177,7 +177,7 @@ def test_every_stamp_has_one_tree_and_lookups_go_its_way() -> None:
             try:
                 where = (rng.random(), 2, 3)
                 buf.set_transform(parent, child, rng.randrange(50) * 100, where, TURNED)
-            except (tfdb.CycleError, tfdb.TooOld):
+            except (tfdb.errors.CycleError, tfdb.errors.TooOld):
                 continue
             taken += 1
             found = agrees_with_itself(buf, rng.randrange(5000))
@@ -197,7 +197,7 @@ def test_a_snapshot_keeps_its_forest() -> None:
         assert buf.children("map") == []
         assert buf.children("map", 5) == buf.children("odom", 6) == ["base"]
         assert (len(buf), "odom" in buf) == (3, True)
-    with pytest.raises(tfdb.SnapshotClosed):
+    with pytest.raises(tfdb.errors.SnapshotClosed):
         snapshot.children("map")
 
 
@@ -219,7 +219,7 @@ def test_unknown_frames_and_wrong_types() -> None:
         buf.path("nowhere", "map", 5)
     assert wrong not in buf
     assert None not in buf
-    with buf.transaction(), pytest.raises(tfdb.TransactionActive):
+    with buf.transaction(), pytest.raises(tfdb.errors.TransactionActive):
         buf.children("map")
 
 

@@ -10,7 +10,7 @@ from click.testing import CliRunner
 
 import tfdb
 from tfdb.cli.app import cli
-from tfdb.io import RecordingWriter
+from tfdb.recordings import RecordingWriter
 from tfdb.tf2 import BufferCore, LookupException, msgs
 
 if TYPE_CHECKING:

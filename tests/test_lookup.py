@@ -102,7 +102,7 @@ def test_latest_takes_each_edges_own_newest() -> None:
     assert found.report.limiting_edge.child == "base"
     assert buffer.lookup_latest_transform("base", "camera").stamp == 0
     assert buffer.lookup_latest_transform("map", "camera", 3.0) == found
-    with pytest.raises(tfdb.Stale) as caught:
+    with pytest.raises(tfdb.errors.Stale) as caught:
         buffer.lookup_latest_transform("map", "camera", max_age=2.5)
     assert caught.value.edge == "base"
     assert caught.value.limit == 2_500_000_000
@@ -150,7 +150,7 @@ def test_interpolate_refuses_wide_gaps() -> None:
     first, second = ([10, 2, -3, *TURN], [20, 2, -3, *BACK])
     found = buffer.lookup_transform("map", "base", 12_500_000_000, tfdb.Interpolate(10.0))
     np.testing.assert_allclose(found.matrix, matrix(interpolate(first, second, 0.25)), atol=1e-14)
-    with pytest.raises(tfdb.GapTooLarge) as caught:
+    with pytest.raises(tfdb.errors.GapTooLarge) as caught:
         buffer.lookup_transform("map", "base", 30 * SECOND, tfdb.Interpolate(10.0))
     error = caught.value
     assert (error.edge, error.parent, error.stamp) == ("base", "map", 30 * SECOND)
@@ -162,7 +162,7 @@ def test_exact_takes_stored_stamps_only() -> None:
     buffer = ramp()
     found = buffer.lookup_transform("map", "base", 20 * SECOND, tfdb.Exact())
     assert found.pose == pytest.approx([20, 2, -3, *BACK], abs=0)
-    with pytest.raises(tfdb.NoSampleNear) as caught:
+    with pytest.raises(tfdb.errors.NoSampleNear) as caught:
         buffer.lookup_transform("map", "base", 20 * SECOND + 1, tfdb.Exact())
     assert caught.value.edge == "base"
 
@@ -174,7 +174,7 @@ def test_previous_holds() -> None:
     assert found.report.edges[0].used == "held"
     assert found.report.age == 19 * SECOND
     assert buffer.can_transform("map", "base", 100 * SECOND, tfdb.Previous(60.0))
-    with pytest.raises(tfdb.Stale) as caught:
+    with pytest.raises(tfdb.errors.Stale) as caught:
         buffer.lookup_transform("map", "base", 39 * SECOND, tfdb.Previous(max_age=18.0))
     assert caught.value.limit == 18 * SECOND
     with pytest.raises(tfdb.Extrapolation) as past:
@@ -188,7 +188,7 @@ def test_nearest_takes_the_closest() -> None:
         found = buffer.lookup_transform("map", "base", seconds * SECOND, tfdb.Nearest())
         assert found.translation[0] == expected
         assert found.report.edges[0].before == expected * SECOND
-    with pytest.raises(tfdb.NoSampleNear) as caught:
+    with pytest.raises(tfdb.errors.NoSampleNear) as caught:
         buffer.lookup_transform("map", "base", 30 * SECOND, tfdb.Nearest(tolerance=9.0))
     assert caught.value.limit == 9 * SECOND
 
@@ -343,7 +343,7 @@ def test_explain_has_advice(robot: Robot) -> None:
 @pytest.mark.parametrize(
     "policy", [tfdb.Exact(), tfdb.Interpolate(0.01), tfdb.Previous(0.01), tfdb.Nearest(0.01)]
 )
-def test_explain_names_every_edge_that_fails(robot: Robot, policy: tfdb.Policy) -> None:
+def test_explain_names_every_edge_that_fails(robot: Robot, policy: tfdb.types.Policy) -> None:
     found = robot.buffer.explain("map", "lidar", stamp_of(3.5), policy)
     assert [edge.ok for edge in found.edges] == [True, False, False]
 

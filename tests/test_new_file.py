@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 
 import tfdb
-from tfdb.new_file import is_one_of, new_file
+from tfdb.data.new_file import is_one_of, new_file
 
 
 def write(path: Path, text: str = "new", **options: Any) -> None:

@@ -14,7 +14,6 @@ import numpy as np
 import pytest
 
 import tfdb
-import tfdb.io
 from oracle import quaternion
 from robot import make_robot, stamp_of
 
@@ -110,7 +109,7 @@ def test_transforms_are_values() -> None:
         tfdb.Extrapolate(2),
     ],
 )
-def test_policies_are_values(policy: tfdb.Policy) -> None:
+def test_policies_are_values(policy: tfdb.types.Policy) -> None:
     twin = pickle.loads(pickle.dumps(policy))
     assert twin == policy
     assert hash(twin) == hash(policy)
@@ -158,9 +157,9 @@ def test_a_transform_in_the_memory_of_one_that_was_dropped() -> None:
 
 def test_twists_compare() -> None:
     ahead, turning = np.array([1.0, 2.0, np.nan]), np.array([0.1, 0.0, -0.2])
-    twist = tfdb.Twist(ahead, turning)
-    assert twist == tfdb.Twist(ahead.copy(), turning.copy())
-    assert twist != tfdb.Twist(turning, ahead)
+    twist = tfdb.types.Twist(ahead, turning)
+    assert twist == tfdb.types.Twist(ahead.copy(), turning.copy())
+    assert twist != tfdb.types.Twist(turning, ahead)
     assert twist != "a twist"
     with pytest.raises(TypeError):
         hash(twist)
@@ -169,7 +168,7 @@ def test_twists_compare() -> None:
 def test_a_load_report_is_a_table_in_notebooks(tmp_path: Path) -> None:
     name = tmp_path / "a&b.mcap"
     bad = tfdb.TransformStamped("map", "map", 5, (1, 2, 3))
-    with tfdb.io.RecordingWriter(name) as writer:
+    with tfdb.recordings.RecordingWriter(name) as writer:
         good = tfdb.TransformStamped("map", "base", 5, (1, 2, 3))
         for stamp, one in enumerate((good, bad)):
             writer.write(tfdb.encode_tf_message([one]), stamp, topic="/tf", static=False)

@@ -90,7 +90,7 @@ def check_question(
     target: str,
     source: str,
     time: int | None,
-    policy: tfdb.Policy | None,
+    policy: tfdb.types.Policy | None,
 ) -> Told:
     """Ask in every way; return what all told."""
     question = (target, source, time, policy)

@@ -15,7 +15,7 @@ from pathlib import Path
 import pytest
 
 import tfdb
-from tfdb import transactions
+from tfdb.store import transactions
 
 ROOT = Path(__file__).resolve().parent.parent
 
@@ -51,7 +51,7 @@ def test_every_public_name_exists() -> None:
     assert set(tfdb.__all__) <= set(dir(tfdb))
 
 
-@pytest.mark.parametrize("package", ["tfdb", "tfdb.io", "tfdb.ros"])
+@pytest.mark.parametrize("package", ["tfdb", "tfdb.recordings", "tfdb.ros"])
 def test_how_names_are_offered_is_private(package: str) -> None:
     module = importlib.import_module(package)
     assert not hasattr(module, "on_demand")
@@ -63,13 +63,21 @@ def test_the_names_come_when_they_are_used() -> None:
 import sys, tfdb
 loaded = lambda: sorted(name for name in sys.modules if name.startswith("tfdb."))
 print(loaded())
-assert isinstance(tfdb.Exact(), tfdb.Policy) and tfdb.summary.GAP_FACTOR and tfdb.stamp("1")
-print("tfdb.types" in loaded(), "tfdb.stamps" in loaded())
+assert tfdb.Exact() and tfdb.store.summary.GAP_FACTOR and tfdb.stamp("1")
+print("tfdb.data.types" in loaded(), "tfdb.data.stamps" in loaded())
 from tfdb import *
-print(Trajectory is tfdb.trajectory.Trajectory)
+print(Trajectory is tfdb.Trajectory)
 """
     before, some, everything = run_python(code).splitlines()
-    assert before == "['tfdb._core', 'tfdb._on_demand', 'tfdb.errors', 'tfdb.methods']"
+    assert before == str(
+        [
+            "tfdb._core",
+            "tfdb.data",
+            "tfdb.data.errors",
+            "tfdb.data.lazy_names",
+            "tfdb.methods",
+        ]
+    )
     assert (some, everything) == ("False True", "True")
 
 
@@ -81,8 +89,8 @@ def test_the_methods_in_python_say_what_they_do_without_being_called() -> None:
 
 
 def test_the_recordings_are_there_when_they_are_used() -> None:
-    code = "import sys, tfdb; print('tfdb.io' in sys.modules, tfdb.io.Recording.__name__)"
-    assert run_python(code) == "False Recording"
+    code = "import sys, tfdb as t; print('tfdb.recordings' in sys.modules, t.recordings.Recording)"
+    assert run_python(code) == "False <class 'tfdb.recordings.Recording'>"
     with pytest.raises(AttributeError, match="'tfdb' has no attribute 'iot'"):
         getattr(tfdb, "iot")  # noqa: B009 - type checkers know as much
 
@@ -133,7 +141,7 @@ data = tfdb.encode_tf_message([tfdb.TransformStamped("a", "b", 1, (1, 2, 3))], "
 assert buf.ingest_many([data], encoding="cdr").transforms == 1
 with buf.transaction() as tx:
     tx.set_transform("map", "box", 1, (1, 2, 3), (0, 0, 0, 1))
-assert tfdb.io.Recording and tfdb.io.LoadReport and tfdb.Exact()
+assert tfdb.recordings.Recording and tfdb.recordings.LoadReport and tfdb.Exact()
 print("numpy" in sys.modules)
 """
     assert run_python(STORE + code) == "False"
@@ -152,7 +160,7 @@ print("numpy" in sys.modules)
         ("buf.trajectory('map', 'base').translations[1].tolist()", "[1.0, 2.0, 3.0]"),
         ("tfdb.stamp([1.5]).tolist()", "[1500000000]"),
         ("len(tfdb.Columns('a', 'b', [1], [(1, 2, 3, 0, 0, 0, 1)]))", "1"),
-        ("[edge.period for edge in tfdb.summary.edge_summaries(buf)]", "[1000000000]"),
+        ("[edge.period for edge in tfdb.store.summary.edge_summaries(buf)]", "[1000000000]"),
     ],
 )
 def test_numpy_comes_with_the_first_array(first: str, expected: str) -> None:
@@ -209,14 +217,17 @@ except ImportError as error:
     assert run_python(STORE + code).startswith("tfdb needs numpy 1 or 2")
 
 
-def test_the_names_of_files_come_when_they_are_used() -> None:
-    code = "import sys, tfdb.io; print([n for n in sys.modules if n.startswith('tfdb.io.')])"
+@pytest.mark.parametrize("room", ["recordings", "robots", "trajectories"])
+def test_the_names_of_a_room_come_when_they_are_used(room: str) -> None:
+    name = f"tfdb.{room}"
+    code = f"import sys, {name}; print([n for n in sys.modules if n.startswith('{name}.')])"
     assert run_python(code) == "[]"
-    assert len(tfdb.io.__all__) == len(set(tfdb.io.__all__))
-    assert [name for name in tfdb.io.__all__ if not hasattr(tfdb.io, name)] == []
-    assert set(tfdb.io.__all__) <= set(dir(tfdb.io))
-    with pytest.raises(AttributeError, match="has no attribute 'recording'"):
-        getattr(tfdb.io, "recording")  # noqa: B009 - type checkers know as much
+    module = importlib.import_module(name)
+    assert len(module.__all__) == len(set(module.__all__))
+    assert [each for each in module.__all__ if not hasattr(module, each)] == []
+    assert set(module.__all__) <= set(dir(module))
+    with pytest.raises(AttributeError, match="has no attribute 'nothing'"):
+        getattr(module, "nothing")  # noqa: B009 - type checkers know as much
 
 
 @pytest.mark.skipif(

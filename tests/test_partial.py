@@ -71,7 +71,7 @@ def test_the_good_ones_are_stored_and_the_others_named(buffer: tfdb.Buffer) -> N
 def test_each_is_told_why(buffer: tfdb.Buffer) -> None:
     for record, index in zip(buffer.set_transforms(BATCH, partial=True), dict(WRONG), strict=True):
         alone = copy.deepcopy(BATCH[index])
-        error = getattr(tfdb, record.error)
+        error = getattr(tfdb.errors, record.error)
         with pytest.raises(error) as caught:
             buffer.set_transforms([alone])
         assert caught.value.index == 0
@@ -81,7 +81,7 @@ def test_each_is_told_why(buffer: tfdb.Buffer) -> None:
 
 
 def test_all_or_nothing_names_all_of_them(buffer: tfdb.Buffer) -> None:
-    with refused(buffer, tfdb.InvalidTransform) as caught:
+    with refused(buffer, tfdb.errors.InvalidTransform) as caught:
         buffer.set_transforms(BATCH, authority="tracker")
     assert caught.value.index == 1
     # Without the members refused before it, nobody looks for cycles.
@@ -91,7 +91,7 @@ def test_all_or_nothing_names_all_of_them(buffer: tfdb.Buffer) -> None:
 
 
 def test_one_alone_is_named_too(buffer: tfdb.Buffer) -> None:
-    with refused(buffer, tfdb.StaticConflict) as caught:
+    with refused(buffer, tfdb.errors.StaticConflict) as caught:
         buffer.set_transform("base", "camera", 6000, (1, 2, 3), TURN)
     assert named(caught.value.refused) == [(0, "StaticConflict")]
     with refused(buffer, tfdb.InvalidStamp) as caught:
@@ -130,7 +130,7 @@ def test_columns(buffer: tfdb.Buffer) -> None:
 
 def test_columns_that_are_wrong_as_a_whole(buffer: tfdb.Buffer) -> None:
     columns = tfdb.Columns("map", "base", [1, 2, 3], np.tile([1.0, 2, 3, *TURN], (2, 1)))
-    with refused(buffer, tfdb.InvalidArray) as caught:
+    with refused(buffer, tfdb.errors.InvalidArray) as caught:
         buffer.set_transforms(columns, partial=True)
     assert caught.value.refused is None
 
@@ -169,7 +169,7 @@ def test_many_go_in_one_commit(tree: tfdb.Buffer) -> None:
 
 def test_all_that_cannot_go_are_named(tree: tfdb.Buffer) -> None:
     names = ["finger00", "arm1", "nobody", "arm2", "finger01"]
-    with refused(tree, tfdb.FrameInUse) as caught:
+    with refused(tree, tfdb.errors.FrameInUse) as caught:
         tree.remove_frames(names)
     assert caught.value.index == 1
     assert caught.value.frame == "arm1"

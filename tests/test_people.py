@@ -14,7 +14,7 @@ import pytest
 
 import tfdb
 from oracle import quaternion
-from tfdb.io import RecordingWriter, write_recording
+from tfdb.recordings import RecordingWriter, write_recording
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -43,7 +43,7 @@ def buffer() -> tfdb.Buffer:
 def test_a_trajectory_may_have_holes(buffer: tfdb.Buffer) -> None:
     strict = tfdb.Interpolate(max_gap=0.1)
     asked = ("map", "hand", 20.0, START, START + 30 * STEP, strict)
-    with pytest.raises(tfdb.GapTooLarge) as caught:
+    with pytest.raises(tfdb.errors.GapTooLarge) as caught:
         buffer.trajectory(*asked)
     assert caught.value.index == 21
     whole = buffer.trajectory(*asked, missing="nan")
@@ -52,7 +52,7 @@ def test_a_trajectory_may_have_holes(buffer: tfdb.Buffer) -> None:
     assert (len(whole), found.sum()) == (61, 40)
     assert np.array_equal(some.stamps, whole.stamps[found])
     assert np.array_equal(some.poses, whole.poses[found])
-    with pytest.raises(tfdb.GapTooLarge):
+    with pytest.raises(tfdb.errors.GapTooLarge):
         buffer.trajectory(
             "map", "hand", 20.0, START + 11 * STEP, START + 19 * STEP, strict, missing="skip"
         )
@@ -68,7 +68,7 @@ def test_points_may_have_no_answer(buffer: tfdb.Buffer, dtype: Any, place: str) 
     rng = np.random.default_rng(3)
     points = rng.uniform(-5, 5, (40, 4)).astype(dtype)[:, :3]
     stamps = START + np.where(np.arange(40) % 2 == 0, 5 * STEP, 15 * STEP) + np.arange(40) * 1000
-    with pytest.raises(tfdb.GapTooLarge) as caught:
+    with pytest.raises(tfdb.errors.GapTooLarge) as caught:
         buffer.transform_points("map", "hand", points, stamps, strict)
     assert caught.value.index == 1
     wanted = buffer.transform_points("map", "hand", points[::2], stamps[::2], strict)
@@ -107,7 +107,7 @@ def test_frames_that_nothing_joins_are_nan_like_any_other_gap(buffer: tfdb.Buffe
     buffer.set_transform("moon", "rock", START, (1, 2, 3), (0, 0, 0, 1))
     points, stamps = np.ones((2, 3)), [START + 7, START + 8]
 
-    def check(reads: tfdb.Reads | tfdb.Transaction) -> None:
+    def check(reads: tfdb._core.Reads | tfdb.Transaction) -> None:
         rows = reads.lookup_transforms("moon", "hand", stamps, missing="nan")
         assert np.isnan(rows).all()
         with pytest.raises(tfdb.Disconnected) as caught:
@@ -323,15 +323,15 @@ def test_columns_of_tables_are_stamps(column: str) -> None:
 @pytest.mark.parametrize(
     ("column", "error", "words"),
     [
-        (np.array([5, 6.5]), tfdb.InvalidArray, "tfdb.stamp() converts seconds"),
-        (pd.Series([5, 6.5]), tfdb.InvalidArray, "tfdb.stamp() converts seconds"),
-        (pl.Series([5, None]), tfdb.InvalidArray, "tfdb.stamp() converts seconds"),
+        (np.array([5, 6.5]), tfdb.errors.InvalidArray, "tfdb.stamp() converts seconds"),
+        (pd.Series([5, 6.5]), tfdb.errors.InvalidArray, "tfdb.stamp() converts seconds"),
+        (pl.Series([5, None]), tfdb.errors.InvalidArray, "tfdb.stamp() converts seconds"),
         (pd.Series(["5", "6"], dtype=object), tfdb.InvalidStamp, "tfdb.stamp() converts seconds"),
-        (np.array(["5", "6"]), tfdb.InvalidArray, "tfdb.stamp() converts seconds"),
-        (np.array([[5, 6]]), tfdb.InvalidArray, "the shape (1, 2)"),
-        (np.array(5), tfdb.InvalidArray, "a single one"),
-        (np.int64(5), tfdb.InvalidArray, "a single one"),
-        (pd.DataFrame({"t": [5, 6]}), tfdb.InvalidArray, "the shape (2, 1)"),
+        (np.array(["5", "6"]), tfdb.errors.InvalidArray, "tfdb.stamp() converts seconds"),
+        (np.array([[5, 6]]), tfdb.errors.InvalidArray, "the shape (1, 2)"),
+        (np.array(5), tfdb.errors.InvalidArray, "a single one"),
+        (np.int64(5), tfdb.errors.InvalidArray, "a single one"),
+        (pd.DataFrame({"t": [5, 6]}), tfdb.errors.InvalidArray, "the shape (2, 1)"),
         (pd.Series([NS, None], dtype="Int64"), tfdb.InvalidStamp, "NA"),
         (np.array([NS, -5]), tfdb.InvalidStamp, "negative"),
         (np.array([5, 2**63 + 5], dtype=np.uint64), tfdb.InvalidStamp, "too large"),
@@ -460,7 +460,7 @@ def test_seconds_in_place_of_nanoseconds_are_named_in_the_error(buffer: tfdb.Buf
     assert looks in str(buffer.explain("map", "hand", START // 10**9))
     short = tfdb.Buffer(history=10)
     short.set_transform("map", "base", START, (1, 2, 3), TURN)
-    with pytest.raises(tfdb.TooOld, match=looks) as old:
+    with pytest.raises(tfdb.errors.TooOld, match=looks) as old:
         short.set_transform("map", "base", START // 10**9, (1, 2, 3), TURN)
     assert old.value.edge == "base"
     with pytest.raises(tfdb.Extrapolation) as caught:
@@ -471,7 +471,9 @@ def test_seconds_in_place_of_nanoseconds_are_named_in_the_error(buffer: tfdb.Buf
 @pytest.mark.parametrize(
     "policy", [tfdb.Exact(), tfdb.Nearest(tolerance_ns=5), tfdb.Previous(max_age_ns=5)]
 )
-def test_seconds_are_named_whatever_the_policy(buffer: tfdb.Buffer, policy: tfdb.Policy) -> None:
+def test_seconds_are_named_whatever_the_policy(
+    buffer: tfdb.Buffer, policy: tfdb.types.Policy
+) -> None:
     with pytest.raises(tfdb.TfdbError, match=f"{START // 10**9} looks like seconds"):
         buffer.lookup_transform("map", "hand", START // 10**9, policy)
 

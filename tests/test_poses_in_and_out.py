@@ -198,11 +198,11 @@ BAD: list[tuple[Matrix, str]] = [
 @pytest.mark.parametrize(("matrix", "told"), BAD)
 def test_what_is_not_rigid_is_refused_and_by_how_much(matrix: Matrix, told: str) -> None:
     for door in DOORS:
-        with pytest.raises(tfdb.InvalidTransform, match=told):
+        with pytest.raises(tfdb.errors.InvalidTransform, match=told):
             door(matrix)
-    with pytest.raises(tfdb.InvalidTransform, match=told):
+    with pytest.raises(tfdb.errors.InvalidTransform, match=told):
         tfdb.Transform.from_matrix(matrix, "map", "base")
-    with pytest.raises(tfdb.InvalidTransform, match=told.replace("^", "")) as error:
+    with pytest.raises(tfdb.errors.InvalidTransform, match=told.replace("^", "")) as error:
         tfdb.Columns("map", "base", [1, 2], matrices=np.array([GOOD, matrix]))
     assert error.value.index == 1
 
@@ -242,7 +242,9 @@ def test_one_rule_for_every_matrix_and_the_nearest_rotation() -> None:
         moved[3, 0] = 2e-6
         for wrong in (stretched, tilted, moved):
             for way in rigid(wrong):
-                with pytest.raises(tfdb.InvalidTransform, match="is not a rigid transform: it"):
+                with pytest.raises(
+                    tfdb.errors.InvalidTransform, match="is not a rigid transform: it"
+                ):
                     way()
 
 
@@ -250,7 +252,9 @@ def test_a_matrix_that_is_missing() -> None:
     holes = np.stack([GOOD, np.full((4, 4), np.nan), GOOD])
     made = tfdb.Trajectory("map", "base", [1, 2, 3], matrices=holes)
     assert made.found.tolist() == [True, False, True]
-    with pytest.raises(tfdb.InvalidTransform, match=r"matrices\[1\] .*: it holds nan") as error:
+    with pytest.raises(
+        tfdb.errors.InvalidTransform, match=r"matrices\[1\] .*: it holds nan"
+    ) as error:
         tfdb.Columns("map", "base", [1, 2, 3], matrices=holes)
     assert error.value.index == 1
 
@@ -276,7 +280,7 @@ def test_what_a_mask_hides_is_no_number() -> None:
         lambda: buf.set_transforms(tfdb.Columns("map", "base", stamps, poses)),
         lambda: buf.transform_points("map", "base", poses[:, :3], stamps),
     ):
-        with pytest.raises(tfdb.InvalidArray, match=r"masked: give values\[~values.mask\]"):
+        with pytest.raises(tfdb.errors.InvalidArray, match=r"masked: give values\[~values.mask\]"):
             call()
     with pytest.raises(tfdb.TfdbError):
         by_constructor(np.ma.array([1.0, 2, 3], mask=[True, False, False]))
@@ -296,7 +300,7 @@ def test_what_is_no_real_number(kind: Any) -> None:
         lambda: tfdb.Columns("map", "base", [1], matrices=matrices),
         lambda: tfdb.Transform.from_matrix(matrices[0], "map", "base"),
     ):
-        with pytest.raises(tfdb.InvalidArray, match="float64"):
+        with pytest.raises(tfdb.errors.InvalidArray, match="float64"):
             call()
 
 
@@ -324,10 +328,10 @@ REFUSED: list[tuple[tuple[Any, ...], dict[str, Any]]] = [
 @pytest.mark.parametrize("door", DOORS, ids=lambda door: door.__name__)
 def test_other_shapes_are_refused(door: Callable[..., tfdb.Transform]) -> None:
     for args, named in REFUSED:
-        with pytest.raises(tfdb.InvalidArray):
+        with pytest.raises(tfdb.errors.InvalidArray):
             door(*args, **named)
     for named in ({"rpy": (0, 0, np.nan)}, {"wxyz": (1, 1, 0, 0)}, {"wxyz": (np.inf, 0, 0, 0)}):
-        with pytest.raises(tfdb.InvalidTransform):
+        with pytest.raises(tfdb.errors.InvalidTransform):
             door((1, 2, 3), **named)
     for named in (
         {"rotation": (0, 0, 0, 1), "rpy": (0, 0, 0)},
@@ -351,7 +355,7 @@ def test_a_transform_goes_between_its_own_frames_only(
 def test_nothing_is_stored_of_what_is_refused() -> None:
     buf = tfdb.Buffer()
     for args, named in REFUSED:
-        with pytest.raises(tfdb.InvalidArray):
+        with pytest.raises(tfdb.errors.InvalidArray):
             buf.set_transform("map", "base", STAMP, *args, **named)
     assert (buf.commit, buf.frames()) == (0, [])
 
@@ -365,7 +369,7 @@ class Raising:
 
 def test_objects_that_only_look_like_rotations() -> None:
     for turned in (Raising(), type("Odd", (), {"as_quat": lambda _: "abc"})()):
-        with pytest.raises(tfdb.InvalidArray, match="rotation"):
+        with pytest.raises(tfdb.errors.InvalidArray, match="rotation"):
             tfdb.Transform("a", "b", (1, 2, 3), turned)
 
 
@@ -409,13 +413,13 @@ def test_numbers_that_are_none_are_refused_by_every_door(
     dates = np.array([1, 2, 3], "datetime64[s]")
     others = (dates, np.array([1, 2, 3j]), np.array(["1", "2", "3"]), np.full(3, 10**400, object))
     for wrong in (b"123", b"1234567", np.eye(4) * 1j, *others):
-        with pytest.raises(tfdb.InvalidArray):
+        with pytest.raises(tfdb.errors.InvalidArray):
             door(wrong)
-        with pytest.raises(tfdb.InvalidArray):
+        with pytest.raises(tfdb.errors.InvalidArray):
             door((0, 0, 0), rpy=wrong)
     whole = np.ma.array([1.0, 2.0, 3.0], mask=False)
     np.testing.assert_array_equal(door(whole).translation, [1, 2, 3])
-    with pytest.raises(tfdb.InvalidTransform):
+    with pytest.raises(tfdb.errors.InvalidTransform):
         door(np.ma.array([1.0, 2.0, 3.0], mask=[False, True, False]))
 
 
@@ -431,7 +435,7 @@ def test_what_names_its_frames_goes_between_them_only(door: Callable[..., tfdb.T
 
 
 def test_a_whole_pose_has_no_rotation_beside_it() -> None:
-    with pytest.raises(tfdb.InvalidArray, match="a whole pose without a rotation beside it"):
+    with pytest.raises(tfdb.errors.InvalidArray, match="a whole pose without a rotation beside it"):
         tfdb.Transform("map", "base", np.eye(4), (0, 0, 0, 1))
 
 
@@ -487,7 +491,7 @@ SHAPES = [(3,), (4, 4), (1, 7), (1, 4, 4), (1, 3), (1, 7), (1, 4, 4)]
 
 @pytest.mark.parametrize(("door", "shape"), list(zip(ARRAY_DOORS, SHAPES, strict=True)))
 def test_integers_beyond_all_floats(door: Callable[[Any], object], shape: tuple[int, ...]) -> None:
-    with pytest.raises(tfdb.InvalidArray):
+    with pytest.raises(tfdb.errors.InvalidArray):
         door(np.full(shape, 10**400, object))
 
 
@@ -503,7 +507,7 @@ def test_masked_stamps_and_rows_are_refused() -> None:
         lambda: tfdb.Trajectory("a", "b", stamps, poses),
         lambda: path[np.ma.array([0, 1], mask=[True, False])],
     ):
-        with pytest.raises(tfdb.InvalidArray, match="masked"):
+        with pytest.raises(tfdb.errors.InvalidArray, match="masked"):
             call()
     assert not buf.frame_exists("c")
 
@@ -524,5 +528,5 @@ def test_masks_of_derived_classes_hide_too() -> None:
 
 
 def test_columns_of_two_lengths() -> None:
-    with pytest.raises(tfdb.InvalidArray, match="2 translations, but 1 rotations"):
+    with pytest.raises(tfdb.errors.InvalidArray, match="2 translations, but 1 rotations"):
         tfdb.Columns("a", "b", [0, 1], translations=np.zeros((2, 3)), rotations=[(0, 0, 0, 1)])

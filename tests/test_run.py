@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 import tfdb
-import tfdb.transactions
+import tfdb.store.transactions
 from another_thread import in_another_thread
 from oracle import quaternion
 
@@ -106,7 +106,7 @@ def test_after_eight_lost_attempts_it_runs_alone(engine: Any) -> None:
         calls.append(tx)
         add(tx)
         adversary.go.release()
-        if len(calls) <= tfdb.transactions.LOST_BEFORE_ALONE:
+        if len(calls) <= tfdb.store.transactions.LOST_BEFORE_ALONE:
             adversary.done.acquire()
         else:  # its commit has to wait until this one is through, and cannot come first
             assert len(calls) == 9
@@ -160,7 +160,7 @@ def test_the_time_is_limited(buffer: tfdb.Buffer, monkeypatch: pytest.MonkeyPatc
         add(tx)
         interfere(buffer)
 
-    monkeypatch.setattr(tfdb.transactions.time, "monotonic", lambda: now)
+    monkeypatch.setattr(tfdb.store.transactions.time, "monotonic", lambda: now)
     with pytest.raises(tfdb.Conflict) as caught:
         buffer.run(contested, timeout=2.5)
     assert caught.value.attempts == 3
@@ -174,15 +174,15 @@ def waits(monkeypatch: pytest.MonkeyPatch) -> Iterator[list[tuple[float, float, 
     """(least, most, slept) of each wait."""
     seen: list[tuple[float, float, float]] = []
     bounds: list[tuple[float, float]] = []
-    uniform = tfdb.transactions.random.uniform
+    uniform = tfdb.store.transactions.random.uniform
 
     def draw(low: float, high: float) -> float:
         bounds.append((low, high))
         return uniform(low, high)
 
-    monkeypatch.setattr(tfdb.transactions.random, "uniform", draw)
+    monkeypatch.setattr(tfdb.store.transactions.random, "uniform", draw)
     monkeypatch.setattr(
-        tfdb.transactions.time, "sleep", lambda seconds: seen.append((*bounds[-1], seconds))
+        tfdb.store.transactions.time, "sleep", lambda seconds: seen.append((*bounds[-1], seconds))
     )
     return seen
 
@@ -244,7 +244,7 @@ def test_errors_of_the_commit_come_out_at_once(buffer: tfdb.Buffer) -> None:
         tx.set_static_transform("counter", "tip", (1, 2, 3), TURN)
         tx.set_static_transform("tip", "map", (1, 2, 3), TURN)
 
-    with pytest.raises(tfdb.CycleError):
+    with pytest.raises(tfdb.errors.CycleError):
         buffer.run(close)
     assert calls == 1
     assert buffer.frames() == ["counter", "map"]
@@ -304,7 +304,7 @@ def test_the_default_is_enough_to_win(buffer: tfdb.Buffer) -> None:
         nonlocal calls
         calls += 1
         add(tx)
-        if calls <= tfdb.transactions.LOST_BEFORE_ALONE:
+        if calls <= tfdb.store.transactions.LOST_BEFORE_ALONE:
             interfere(buffer)
         return calls
 
@@ -382,7 +382,7 @@ def test_what_it_reads_past_the_transaction_is_refused(engine: Any, read: Any) -
         add(tx)
         read(buffer)
 
-    with pytest.raises(tfdb.TransactionActive, match="use the transaction's methods"):
+    with pytest.raises(tfdb.errors.TransactionActive, match="use the transaction's methods"):
         buffer.run(decide)
     assert value(buffer) == 0
     read(buffer)
@@ -401,7 +401,7 @@ def test_functions_that_are_none(buffer: tfdb.Buffer, function: Any) -> None:
 
 def test_one_within_another_is_refused(buffer: tfdb.Buffer) -> None:
     def outer(tx: tfdb.Transaction) -> None:
-        with pytest.raises(tfdb.TransactionActive):
+        with pytest.raises(tfdb.errors.TransactionActive):
             buffer.run(add)
         add(tx)
 

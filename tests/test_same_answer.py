@@ -29,12 +29,17 @@ def yaw(degrees: float) -> tuple[float, float, float, float]:
 
 
 def single(
-    reads: tfdb.Reads, target: str, source: str, stamp: int, policy: tfdb.Policy
+    reads: tfdb._core.Reads, target: str, source: str, stamp: int, policy: tfdb.types.Policy
 ) -> tfdb.Transform | None:
     can = reads.can_transform(target, source, stamp, policy)
     try:
         found = reads.lookup_transform(target, source, stamp, policy)
-    except (tfdb.Extrapolation, tfdb.NoSampleNear, tfdb.Disconnected, tfdb.InvalidTransform):
+    except (
+        tfdb.Extrapolation,
+        tfdb.errors.NoSampleNear,
+        tfdb.Disconnected,
+        tfdb.errors.InvalidTransform,
+    ):
         assert not can
         return None
     assert can
@@ -50,10 +55,10 @@ def same_bits(found: npt.ArrayLike, expected: npt.ArrayLike) -> None:
 
 
 def ask_rows(
-    reads: tfdb.Reads | tfdb.Transaction,
+    reads: tfdb._core.Reads | tfdb.Transaction,
     path: tuple[str, str],
     stamps: list[int],
-    policy: tfdb.Policy,
+    policy: tfdb.types.Policy,
     found: list[tfdb.Transform | None],
 ) -> None:
     """Rows and lookups of `reads` are what the single lookups have found."""
@@ -74,10 +79,10 @@ def ask_rows(
 
 
 def ask_points(
-    reads: tfdb.Reads,
+    reads: tfdb._core.Reads,
     path: tuple[str, str],
     stamps: list[int],
-    policy: tfdb.Policy,
+    policy: tfdb.types.Policy,
     found: list[tfdb.Transform],
 ) -> None:
     points = np.linspace(-7.0, 9.0, 3 * len(stamps)).reshape(-1, 3)
@@ -173,16 +178,16 @@ for pair in (("map", "c"), ("d", "c"), ("c", "a")):
     assert said[0] == said[1] == said[2]
 
 
-def refuses_the_sum(reads: tfdb.Reads | tfdb.Transaction) -> None:
+def refuses_the_sum(reads: tfdb._core.Reads | tfdb.Transaction) -> None:
     assert not reads.can_transform("map", "b", 10)
     assert reads.can_transform("map", "a", 10)
-    with pytest.raises(tfdb.InvalidTransform, match=r"T\['map'<-'b'\]") as caught:
+    with pytest.raises(tfdb.errors.InvalidTransform, match=r"T\['map'<-'b'\]") as caught:
         reads.lookup_transform("map", "b", 10)
     assert caught.value.stamp == 10
     assert caught.value.target == "map"
     assert caught.value.source == "b"
     assert caught.value.reason == "not finite"
-    with pytest.raises(tfdb.InvalidTransform) as caught:
+    with pytest.raises(tfdb.errors.InvalidTransform) as caught:
         reads.lookup_transforms("map", "b", [20, 10])
     assert caught.value.index == 1
     rows = reads.lookup_transforms("map", "b", [20, 10], missing="nan")
@@ -201,16 +206,16 @@ def test_what_is_not_finite_is_refused() -> None:
     with buffer.transaction() as transaction:
         refuses_the_sum(transaction)
         transaction.abort()
-    with pytest.raises(tfdb.InvalidTransform):
+    with pytest.raises(tfdb.errors.InvalidTransform):
         buffer.lookup_transform_full("map", 10, "b", 10, "a")
-    with pytest.raises(tfdb.InvalidTransform):
+    with pytest.raises(tfdb.errors.InvalidTransform):
         buffer.transform_points("map", "b", np.ones((2, 3)), 10)
     ask_every_way(buffer, "b", "map", [10, 11, 15, 20])
     buffer.set_transform("a", "b", 30, (1e308, 0, 0), yaw(0))
     buffer.set_transform("map", "a", 30, (1e308, 0, 0), yaw(0))
-    with pytest.raises(tfdb.InvalidTransform):
+    with pytest.raises(tfdb.errors.InvalidTransform):
         buffer.lookup_latest_transform("map", "b")
-    with pytest.raises(tfdb.InvalidTransform):
+    with pytest.raises(tfdb.errors.InvalidTransform):
         buffer.lookup_transform("map", "b")
 
 

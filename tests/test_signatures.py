@@ -17,7 +17,15 @@ import pytest
 import tfdb
 
 STUB = ast.parse(Path(tfdb.__file__).with_name("_core.pyi").read_text(encoding="utf-8"))
-PACKAGES = ["tfdb", "tfdb.io", "tfdb.tf2", "tfdb.verify", "tfdb.ros"]
+PACKAGES = [
+    "tfdb",
+    "tfdb.recordings",
+    "tfdb.robots",
+    "tfdb.trajectories",
+    "tfdb.tf2",
+    "tfdb_measure.verify",
+    "tfdb.ros",
+]
 NEEDS_ROS = {"RospyNode", "RclpyNode"}
 
 
@@ -110,7 +118,7 @@ def test_the_methods_are_as_the_stub_says(name: str) -> None:
     if name in CALLS:
         kind = next(each for each in CALLS[name].__mro__ if each.__name__ == name)
     else:
-        kind = getattr(tfdb, name)
+        kind = getattr(tfdb._core, name)
     assert "tfdb._core" not in kind.__module__
     methods = stub_methods(name)
     assert methods
@@ -162,7 +170,7 @@ def test_no_private_module_in_errors_and_pickles() -> None:
     for call in (
         lambda: buf.remove_frame(wrong),
         lambda: tfdb.Buffer.snapshot(wrong),
-        lambda: tfdb.Reads.frames(wrong),
+        lambda: tfdb._core.Reads.frames(wrong),
         lambda: tfdb.Buffer.__new__(tfdb.Buffer).frames(),
         tfdb.Snapshot,
     ):

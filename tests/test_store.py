@@ -234,7 +234,7 @@ def test_a_closed_snapshot_says_so(read: object) -> None:
     robot = make_robot()
     snapshot = robot.buffer.snapshot()
     snapshot.close()
-    with pytest.raises(tfdb.SnapshotClosed) as caught:
+    with pytest.raises(tfdb.errors.SnapshotClosed) as caught:
         read(snapshot)
     assert caught.value.commit == robot.buffer.commit
 
@@ -250,7 +250,7 @@ def test_a_snapshot_outlives_the_name_of_its_buffer() -> None:
 
 def test_frame_info_says_what_is_known() -> None:
     info = make_robot().buffer.frame_info("left_arm")
-    assert info == tfdb.FrameInfo(
+    assert info == tfdb.types.FrameInfo(
         name="left_arm",
         parent="base",
         is_static=False,

@@ -8,14 +8,7 @@ import numpy as np
 import pytest
 
 import tfdb
-from tfdb.summary import (
-    Forest,
-    Gap,
-    edge_summaries,
-    find_gaps,
-    longest_moving_chain,
-    span,
-)
+from tfdb.store.summary import Forest, Gap, edge_summaries, find_gaps, longest_moving_chain, span
 
 MS = 1_000_000
 UNIT = (0.0, 0.0, 0.0, 1.0)

@@ -90,17 +90,25 @@ GOOD |= {"qx": [0, 0], "qy": [0, 0], "qz": [0, 0], "qw": [1, 1]}
 @pytest.mark.parametrize(
     ("table", "error", "text"),
     [
-        (GOOD | {"stamp_ns": [2, 1]}, tfdb.InvalidArray, "stamps must increase"),
-        (GOOD | {"stamp_ns": [0.5, 1]}, tfdb.InvalidArray, "stamps: expected"),
-        (GOOD | {"x": [1]}, tfdb.InvalidArray, "all of one length"),
-        (GOOD | {"x": ["a", "b"]}, tfdb.InvalidArray, "expected float64"),
-        (GOOD | {"qw": [1, 9]}, tfdb.InvalidTransform, r"poses\[1\]"),
-        ({}, tfdb.InvalidArray, "no column 'stamp_ns' in a dict; a trajectory has stamp_ns, x,"),
-        (PATH.to_pandas().drop(columns="qy"), tfdb.InvalidArray, "no column 'qy' in a DataFrame"),
-        (PATH.to_polars().drop("qy"), tfdb.InvalidArray, "no column 'qy' in a DataFrame"),
-        (np.zeros((2, 8)), tfdb.InvalidArray, "no column 'stamp_ns' in a ndarray"),
-        (None, tfdb.InvalidArray, "no column 'stamp_ns' in a NoneType"),
-        (5, tfdb.InvalidArray, "in a int"),
+        (GOOD | {"stamp_ns": [2, 1]}, tfdb.errors.InvalidArray, "stamps must increase"),
+        (GOOD | {"stamp_ns": [0.5, 1]}, tfdb.errors.InvalidArray, "stamps: expected"),
+        (GOOD | {"x": [1]}, tfdb.errors.InvalidArray, "all of one length"),
+        (GOOD | {"x": ["a", "b"]}, tfdb.errors.InvalidArray, "expected float64"),
+        (GOOD | {"qw": [1, 9]}, tfdb.errors.InvalidTransform, r"poses\[1\]"),
+        (
+            {},
+            tfdb.errors.InvalidArray,
+            "no column 'stamp_ns' in a dict; a trajectory has stamp_ns, x,",
+        ),
+        (
+            PATH.to_pandas().drop(columns="qy"),
+            tfdb.errors.InvalidArray,
+            "no column 'qy' in a DataFrame",
+        ),
+        (PATH.to_polars().drop("qy"), tfdb.errors.InvalidArray, "no column 'qy' in a DataFrame"),
+        (np.zeros((2, 8)), tfdb.errors.InvalidArray, "no column 'stamp_ns' in a ndarray"),
+        (None, tfdb.errors.InvalidArray, "no column 'stamp_ns' in a NoneType"),
+        (5, tfdb.errors.InvalidArray, "in a int"),
     ],
 )
 def test_tables_of_something_else(table: Any, error: type, text: str) -> None:
@@ -132,20 +140,22 @@ def test_parquet(tmp_path: Path) -> None:
 def test_parquet_of_something_else(tmp_path: Path) -> None:
     file = tmp_path / "path.parquet"
     PATH.to_polars().write_parquet(file)
-    with pytest.raises(tfdb.TrajectoryError, match="does not say which frames"):
+    with pytest.raises(tfdb.errors.TrajectoryError, match="does not say which frames"):
         tfdb.Trajectory.from_parquet(file)
     assert tfdb.Trajectory.from_parquet(file, target="map", source="base") == PATH
     PATH.to_polars().drop("x").write_parquet(file)
-    with pytest.raises(tfdb.TrajectoryError, match="no column 'x'"):
+    with pytest.raises(tfdb.errors.TrajectoryError, match="no column 'x'"):
         tfdb.Trajectory.from_parquet(file, target="map", source="base")
     PATH.to_polars().reverse().write_parquet(file)
-    with pytest.raises(tfdb.TrajectoryError, match="must increase"):
+    with pytest.raises(tfdb.errors.TrajectoryError, match="must increase"):
         tfdb.Trajectory.from_parquet(file, target="map", source="base")
     PATH.to_parquet(file, overwrite=True)
     whole = file.read_bytes()
     for cut in (0, 3, 10, len(whole) // 2, len(whole) - 1):
         file.write_bytes(whole[:cut])
-        with pytest.raises(tfdb.TrajectoryError, match="no Parquet file, or damaged") as caught:
+        with pytest.raises(
+            tfdb.errors.TrajectoryError, match="no Parquet file, or damaged"
+        ) as caught:
             tfdb.Trajectory.from_parquet(file)
         assert caught.value.path == str(file)
 
@@ -160,5 +170,7 @@ def test_without_the_libraries(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) 
         (lambda: PATH.to_parquet(tmp_path / "a.parquet"), "to_parquet needs polars"),
         (lambda: tfdb.Trajectory.from_parquet(tmp_path / "a"), "from_parquet needs polars"),
     ):
-        with pytest.raises(tfdb.NotSupported, match=rf"{name}: pip install 'tfdb\[tables\]'"):
+        with pytest.raises(
+            tfdb.errors.NotSupported, match=rf"{name}: pip install 'tfdb\[tables\]'"
+        ):
             ask()

@@ -181,7 +181,7 @@ def test_the_age_of_the_data_is_asked_of_the_buffers_clock() -> None:
     buffer.set_transform("map", "base", 30, (1, 2, 3), TURN)
     with buffer.transaction() as tx:
         assert tx.lookup_latest_transform("map", "base", 2.0).stamp == 30
-        with pytest.raises(tfdb.Stale):
+        with pytest.raises(tfdb.errors.Stale):
             tx.lookup_latest_transform("map", "base", 1.9)
         tx.lookup_latest_transform("map", "base", 1.9, now=1_900_000_030)
 
@@ -212,7 +212,7 @@ def test_a_refused_batch_leaves_it_open_and_as_it_was() -> None:
         tfdb.TransformStamped("base", "camera", 43, (1, 2, 3), TURN),
     ]
     with buffer.transaction() as tx:
-        with pytest.raises(tfdb.InvalidTransform) as caught:
+        with pytest.raises(tfdb.errors.InvalidTransform) as caught:
             tx.set_transforms([good, *bad], authority="ekf")
         assert caught.value.index == 1
         assert tx.is_open

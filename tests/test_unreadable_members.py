@@ -106,7 +106,7 @@ def messages(seed: int, *, unsigned: bool = False) -> list[list[Member]]:
 
 def recording(path: Path, encoding: str, rows: list[list[Member]], *, static: bool = False) -> Path:
     path = path.with_suffix(SUFFIX[encoding])
-    with tfdb.io.RecordingWriter(path) as writer:
+    with tfdb.recordings.RecordingWriter(path) as writer:
         for n, members in enumerate(rows):
             topic = "/tf_static" if static else "/tf"
             writer.write(encode(members, encoding), 200 * S + n, topic=topic, authority="/ekf")
@@ -133,7 +133,7 @@ def naive(rows: list[list[Member]], *, static: bool = False) -> tfdb.Buffer:
     return store
 
 
-def counts(refused: Sequence[tfdb.RefusedEdge]) -> dict[tuple[str, str], int]:
+def counts(refused: Sequence[tfdb.types.RefusedEdge]) -> dict[tuple[str, str], int]:
     return {(each.edge, each.error): each.count for each in refused}
 
 
@@ -224,7 +224,7 @@ def test_decoding_names_the_member() -> None:
     for bad, error in (
         (Member(b"map", b"cam", -1), tfdb.InvalidStamp),
         (Member(b"map", b"cam", 5, S), tfdb.InvalidStamp),
-        (Member(b"m\0ap", b"cam", 5), tfdb.InvalidName),
+        (Member(b"m\0ap", b"cam", 5), tfdb.errors.InvalidName),
     ):
         with pytest.raises(error) as caught:
             tfdb.decode_tf_message(encode([good, bad], "cdr"))

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import pytest
 
 import tfdb
-from tfdb import waiting
+from tfdb.store import waiting
 
 from .another_thread import Call
 
@@ -62,7 +62,7 @@ def test_what_is_in_the_way_is_raised_in_the_end(buf: tfdb.Buffer, timeout: floa
     put(buf, "b", 5, parent="elsewhere")
     with pytest.raises(tfdb.Disconnected):
         buf.lookup_transform("b", "a", 5, timeout=timeout)
-    with pytest.raises(tfdb.NoSampleNear):
+    with pytest.raises(tfdb.errors.NoSampleNear):
         buf.wait_for_transform("map", "a", 7, timeout, policy=tfdb.Nearest(tolerance=0.0))
 
 
@@ -92,7 +92,9 @@ def test_a_name_that_no_frame_can_have_is_not_waited_for(buf: tfdb.Buffer, name:
         lambda: asyncio.run(buf.wait_for_transform_async("map", name, 5, LONG)),
     ]
     for wait in waits:
-        with pytest.raises(tfdb.InvalidName, match="waiting would never end: the ") as caught:
+        with pytest.raises(
+            tfdb.errors.InvalidName, match="waiting would never end: the "
+        ) as caught:
             wait()
         assert (caught.value.frame or "") == name
     with pytest.raises(tfdb.UnknownFrame):
@@ -153,7 +155,7 @@ def test_stopped_waits_end_as_by_their_timeout_until_they_may_go_on(buf: tfdb.Bu
     assert call.result().source == "b"  # type: ignore[attr-defined]
     buf.close()
     buf._stop_waits(stop=True)
-    with pytest.raises(tfdb.BufferClosed):
+    with pytest.raises(tfdb.errors.BufferClosed):
         buf.wait_for_commit(5)
 
 
@@ -167,7 +169,7 @@ def test_closing_ends_the_waits_and_what_comes_later(buf: tfdb.Buffer) -> None:
     buf.close()
     buf.close()
     for call in calls:
-        with pytest.raises(tfdb.BufferClosed):
+        with pytest.raises(tfdb.errors.BufferClosed):
             call.result()
     later: list[Callable[[], object]] = [
         lambda: buf.wait_for_commit(0),
@@ -190,7 +192,7 @@ def test_closing_ends_the_waits_and_what_comes_later(buf: tfdb.Buffer) -> None:
         lambda: asyncio.run(buf.wait_for_transform_async("map", "a")),
     ]
     for work in later:
-        with pytest.raises(tfdb.BufferClosed) as caught:
+        with pytest.raises(tfdb.errors.BufferClosed) as caught:
             work()
         assert caught.value.commit == 1
     assert buf.closed
@@ -258,14 +260,14 @@ def test_where_nothing_can_be_waited_for(buf: tfdb.Buffer) -> None:
     with buf.snapshot() as snapshot, pytest.raises(tfdb.InvalidArgument, match="stays as it is"):
         snapshot.lookup_transform("map", "a", timeout=1)
     with buf.transaction():
-        with pytest.raises(tfdb.TransactionActive):
+        with pytest.raises(tfdb.errors.TransactionActive):
             buf.wait_for_commit(0, LONG)
-        with pytest.raises(tfdb.TransactionActive):
+        with pytest.raises(tfdb.errors.TransactionActive):
             buf.wait_for_transform("map", "b")
     silo = tfdb.Buffer(concurrency="silo")
     put(silo, "a", 1)
     assert silo.lookup_transform("map", "a", timeout=LONG).stamp == 1
-    with pytest.raises(tfdb.NotSupported, match="'silo'"):
+    with pytest.raises(tfdb.errors.NotSupported, match="'silo'"):
         silo.wait_for_transform("map", "b")
     with pytest.raises(tfdb.InvalidArgument):
         buf.wait_for_commit(-1)
@@ -332,8 +334,8 @@ def test_each_end_of_a_coroutines_wait(buf: tfdb.Buffer) -> None:
         await asyncio.sleep(0)
         buf.close()
         for ended in await asyncio.gather(*waits, return_exceptions=True):
-            assert isinstance(ended, tfdb.BufferClosed)
-        with pytest.raises(tfdb.BufferClosed):
+            assert isinstance(ended, tfdb.errors.BufferClosed)
+        with pytest.raises(tfdb.errors.BufferClosed):
             await buf.wait_for_transform_async("map", "a")
 
     asyncio.run(main())
@@ -453,10 +455,14 @@ def test_a_frozen_store_has_all_its_commits(
 
         assert wait(0) == wait(1) == (2, 2)
         for after in (2, 3, 1000):
-            with pytest.raises(tfdb.NotSupported, match="is frozen: no commit will ever come"):
+            with pytest.raises(
+                tfdb.errors.NotSupported, match="is frozen: no commit will ever come"
+            ):
                 frozen.wait_for_commit(after, timeout)
-            with pytest.raises(tfdb.NotSupported, match="is frozen: no commit will ever come"):
+            with pytest.raises(
+                tfdb.errors.NotSupported, match="is frozen: no commit will ever come"
+            ):
                 asyncio.run(frozen.wait_for_commit_async(after, timeout))
         assert frozen.wait_for_transform("map", "a", timeout=timeout).stamp == 6
-        with pytest.raises(tfdb.UnknownFrame if timeout == 0 else tfdb.NotSupported):
+        with pytest.raises(tfdb.UnknownFrame if timeout == 0 else tfdb.errors.NotSupported):
             frozen.wait_for_transform("map", "b", timeout=timeout)

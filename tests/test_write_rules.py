@@ -47,7 +47,7 @@ WAYS: dict[str, Callable[..., Any]] = {
 @pytest.mark.parametrize("way", WAYS)
 def test_a_static_edge_becomes_moving_with_its_children(robot: tfdb.Buffer, way: str) -> None:
     held = robot.snapshot()
-    with pytest.raises(tfdb.StaticConflict, match="change_kind=True"):
+    with pytest.raises(tfdb.errors.StaticConflict, match="change_kind=True"):
         WAYS[way](robot, lidar(2 * SECOND, 5.0))
     WAYS[way](robot, lidar(2 * SECOND, 5.0), change_kind=True)
     assert robot.lookup_transform("base", "lidar", 2 * SECOND).translation[0] == 5.0
@@ -57,7 +57,7 @@ def test_a_static_edge_becomes_moving_with_its_children(robot: tfdb.Buffer, way:
 
 
 def test_a_moving_edge_becomes_static(robot: tfdb.Buffer) -> None:
-    with pytest.raises(tfdb.StaticConflict):
+    with pytest.raises(tfdb.errors.StaticConflict):
         robot.set_static_transform("map", "base", (7, 7, 7), TURNED)
     robot.set_static_transform("map", "base", (7, 7, 7), TURNED, change_kind=True)
     assert robot.lookup_transform("map", "base", 99 * SECOND).translation.tolist() == [7, 7, 7]
@@ -69,7 +69,7 @@ def test_a_moving_edge_becomes_static(robot: tfdb.Buffer) -> None:
 def test_only_new_keeps_the_first_value(robot: tfdb.Buffer, way: str) -> None:
     first = tfdb.TransformStamped("map", "base", 2 * SECOND, (50, 0, 0), TURNED)
     commit = robot.commit
-    with pytest.raises(tfdb.RepeatedStamp) as caught:
+    with pytest.raises(tfdb.errors.RepeatedStamp) as caught:
         WAYS[way](robot, first, only_new=True)
     assert (caught.value.edge, caught.value.stamp) == ("base", 2 * SECOND)
     assert robot.commit == commit

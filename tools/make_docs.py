@@ -23,13 +23,14 @@ if TYPE_CHECKING:
 
 ROOT = Path(__file__).resolve().parent.parent
 STUB = ROOT / "src" / "tfdb" / "_core.pyi"
-MODULES = ("tfdb", "tfdb.comparing", "tfdb.io", "tfdb.plot", "tfdb.summary")
+ROOMS = ("comparing", "errors", "plot", "recordings", "robots", "store.summary", "trajectories")
+MODULES = ("tfdb", "tfdb.types", *(f"tfdb.{room}" for room in ROOMS))
 # Unions that would take half a page where a name says it.
 ALIAS = re.compile(r"\btfdb\.(?:stamps|types|loading)\.(\w+Like|Paths|(?:Pose)?Topics|Progress)\b")
 HEADING = re.compile(r"^([A-Z][A-Za-z ]+)\n---+\n+", re.MULTILINE)
 # Lines from the margin, and what is written below them, further in.
 ENTRY = re.compile(r"((?:^\S.*\n?)+)((?:^(?:[ ]+.*)?\n|^[ ]+.*\Z)*)", re.MULTILINE)
-ERROR = re.compile(rf"\b({'|'.join(tfdb.errors.__all__)})\b(?!\()")
+ERROR = re.compile(rf"\b({'|'.join(tfdb.data.errors.__all__)})\b(?!\()")
 CONSTRUCTOR = re.compile(r"^(    def __init__\(.*\) -> None): \.\.\.$", re.MULTILINE)
 
 
@@ -79,18 +80,20 @@ def main() -> int:
     out = Path(sys.argv[1]) if len(sys.argv) > 1 else ROOT / "build" / "docs"
     shutil.rmtree(out, ignore_errors=True)
     # pdoc looks for the names of an annotation where a class says that it is.
-    vars(import_module("tfdb._on_demand"))["belong_to"] = lambda *_: None
+    vars(import_module("tfdb.data.lazy_names"))["belong_to"] = lambda *_: None
     for name in tfdb.__all__:
         value = getattr(tfdb, name)
         if callable(value) and not isinstance(value, type | FunctionType):
             setattr(tfdb, name, as_function(value))
-    for name in tfdb.io.__all__:
-        getattr(tfdb.io, name)  # imported on demand, and documented where they are
-    for module in (tfdb.stamps, tfdb.types):
-        for name in [name for name in vars(module) if name.endswith("Like")]:
-            if isinstance(getattr(module, name), str):
+    for module in map(import_module, MODULES):
+        for name in getattr(module, "__all__", ()):
+            getattr(module, name)  # imported on demand, and documented where they are
+    for module in (tfdb.data.stamps, tfdb.data.types, tfdb.types):
+        for name in tfdb.types.__all__:
+            if isinstance(vars(module).get(name), str):
                 setattr(module, name, type(name, (), {"__module__": "tfdb"}))
-    tfdb.Any = Any  # type: ignore[attr-defined]  # for annotations of classes that moved there
+    # Annotations of classes that moved to `tfdb` are evaluated there.
+    vars(tfdb).update({name: getattr(tfdb.types, name) for name in tfdb.types.__all__}, Any=Any)
     with tempfile.TemporaryDirectory() as folder:
         # The extension's classes are documented where `tfdb` exports them; pdoc finds their
         # signatures in a stub of that name.

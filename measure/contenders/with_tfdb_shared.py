@@ -169,7 +169,7 @@ class Contender(with_tfdb.Contender):
             try:
                 for changes in buffer.changes(seen, limit=1000):
                     seen = changes.commit
-            except tfdb.FeedLapped:
+            except tfdb.errors.FeedLapped:
                 seen = buffer.commit
 
     def commits(self, count: int) -> float:

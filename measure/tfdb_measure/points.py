@@ -6,7 +6,7 @@ from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
 from tfdb import InvalidArgument
-from tfdb.given_objects import refuse_word
+from tfdb.data.argument_checks import refuse_word
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence

@@ -7,7 +7,7 @@ import html
 import io
 from typing import TYPE_CHECKING
 
-from tfdb.new_file import new_file
+from tfdb.data.new_file import new_file
 
 from .points import SWEEPS
 from .results import number

@@ -18,7 +18,6 @@ from typing import TYPE_CHECKING
 try:
     from ._core import (
         Buffer,
-        Reads,
         Snapshot,
         Transaction,
         Transform,
@@ -38,159 +37,61 @@ except ModuleNotFoundError as _error:
         name=_error.name,
         path=__path__[0],
     ) from _error
-from ._on_demand import on_demand as _offer
-from .errors import (
-    BufferClosed,
-    CapacityExceeded,
+from .data.errors import (
     Conflict,
-    CorruptMessage,
-    CorruptStore,
-    CycleError,
     Disconnected,
     Extrapolation,
-    FeedLapped,
-    Forked,
-    FrameInUse,
-    GapTooLarge,
-    HistoryError,
     InvalidArgument,
-    InvalidArray,
-    InvalidIndex,
-    InvalidName,
     InvalidStamp,
-    InvalidTransform,
-    LockTimeout,
-    MasterRefused,
-    MixedSources,
-    ModelError,
-    NodeClosed,
-    NoMaster,
-    NoSampleNear,
-    NoSuchStore,
-    NotComparable,
-    NotSupported,
-    ReadOnly,
-    RecordingError,
-    RepeatedStamp,
-    SnapshotClosed,
-    SnapshotTooOld,
-    Stale,
-    StaticConflict,
-    StoreExists,
     TfdbError,
     TfdbWarning,
-    TooOld,
-    TrajectoryError,
-    TransactionActive,
-    TransactionClosed,
     UnknownFrame,
     WaitTimeout,
-    WrongThread,
 )
+from .data.lazy_names import on_demand as _offer
 
 if TYPE_CHECKING:
-    from . import io as io
+    from . import comparing as comparing
+    from . import errors as errors
     from . import plot as plot
+    from . import recordings as recordings
+    from . import robots as robots
+    from . import ros as ros
+    from . import store as store
     from . import tf2 as tf2
+    from . import trajectories as trajectories
+    from . import types as types
     from .comparing import Comparison, compare
-    from .explain import EdgeExplanation, Explanation
-    from .exporting import to_foxglove, to_rerun
-    from .loading import load
-    from .policies import Exact, Extrapolate, Interpolate, Nearest, Policy, Previous
-    from .report import EdgeUse, Report
-    from .stamps import stamp
-    from .trajectory import Trajectory
-    from .types import (
-        Changes,
-        Columns,
-        Counters,
-        FrameInfo,
-        IngestResult,
-        MemoryUse,
-        Refusal,
-        Refused,
-        RefusedEdge,
-        Shared,
-        TransformStamped,
-        Twist,
-    )
+    from .data.policies import Exact, Extrapolate, Interpolate, Nearest, Previous
+    from .data.stamps import stamp
+    from .data.types import Columns, TransformStamped
+    from .recordings.load import load
+    from .trajectories.trajectory import Trajectory
+    from .viewers.exporting import to_foxglove, to_rerun
 
 __all__ = [
     "Buffer",
-    "BufferClosed",
-    "CapacityExceeded",
-    "Changes",
     "Columns",
     "Comparison",
     "Conflict",
-    "CorruptMessage",
-    "CorruptStore",
-    "Counters",
-    "CycleError",
     "Disconnected",
-    "EdgeExplanation",
-    "EdgeUse",
     "Exact",
-    "Explanation",
     "Extrapolate",
     "Extrapolation",
-    "FeedLapped",
-    "Forked",
-    "FrameInUse",
-    "FrameInfo",
-    "GapTooLarge",
-    "HistoryError",
-    "IngestResult",
     "Interpolate",
     "InvalidArgument",
-    "InvalidArray",
-    "InvalidIndex",
-    "InvalidName",
     "InvalidStamp",
-    "InvalidTransform",
-    "LockTimeout",
-    "MasterRefused",
-    "MemoryUse",
-    "MixedSources",
-    "ModelError",
     "Nearest",
-    "NoMaster",
-    "NoSampleNear",
-    "NoSuchStore",
-    "NodeClosed",
-    "NotComparable",
-    "NotSupported",
-    "Policy",
     "Previous",
-    "ReadOnly",
-    "Reads",
-    "RecordingError",
-    "Refusal",
-    "Refused",
-    "RefusedEdge",
-    "RepeatedStamp",
-    "Report",
-    "Shared",
     "Snapshot",
-    "SnapshotClosed",
-    "SnapshotTooOld",
-    "Stale",
-    "StaticConflict",
-    "StoreExists",
     "TfdbError",
     "TfdbWarning",
-    "TooOld",
     "Trajectory",
-    "TrajectoryError",
     "Transaction",
-    "TransactionActive",
-    "TransactionClosed",
     "Transform",
     "TransformStamped",
-    "Twist",
     "UnknownFrame",
     "WaitTimeout",
-    "WrongThread",
     "__version__",
     "compare",
     "decode_tf_message",
@@ -202,40 +103,26 @@ __all__ = [
     "to_rerun",
 ]
 
-if not TYPE_CHECKING:  # or every name would be there for type checkers
-    # A program waits for what it uses; a store needs none of it.
+if not TYPE_CHECKING:  # type checkers would find every name in a module with `__getattr__`
+    # Each import happens at first use: a program pays for what it uses.
     __getattr__, __dir__ = _offer(
         __name__,
         {
             "comparing": ("Comparison", "compare"),
-            "explain": ("EdgeExplanation", "Explanation"),
-            "exporting": ("to_foxglove", "to_rerun"),
-            "io": (),
-            "loading": ("load",),
+            "data.policies": ("Exact", "Extrapolate", "Interpolate", "Nearest", "Previous"),
+            "data.stamps": ("stamp",),
+            "data.types": ("Columns", "TransformStamped"),
+            "errors": (),
             "plot": (),
-            "policies": ("Exact", "Extrapolate", "Interpolate", "Nearest", "Policy", "Previous"),
-            "report": ("EdgeUse", "Report"),
-            "cache": (),
-            "frozen": (),
-            "shared": (),
-            "stamps": ("stamp",),
-            "summary": (),
+            "recordings": (),
+            "recordings.load": ("load",),
+            "robots": (),
+            "ros": (),
+            "store": (),
             "tf2": (),
-            "trajectory": ("Trajectory",),
-            "types": (
-                "Changes",
-                "Columns",
-                "Counters",
-                "FrameInfo",
-                "Frozen",
-                "IngestResult",
-                "MemoryUse",
-                "Refusal",
-                "Refused",
-                "RefusedEdge",
-                "Shared",
-                "TransformStamped",
-                "Twist",
-            ),
+            "trajectories": (),
+            "trajectories.trajectory": ("Trajectory",),
+            "types": (),
+            "viewers.exporting": ("to_foxglove", "to_rerun"),
         },
     )

@@ -7,14 +7,13 @@ from typing import Any, Literal, Self, final, overload
 import numpy
 import numpy.typing
 
-import tfdb.errors
-import tfdb.explain
-import tfdb.io
-import tfdb.loading
-import tfdb.report
-import tfdb.shared
-import tfdb.stamps
-import tfdb.transactions
+import tfdb
+import tfdb.recordings
+import tfdb.recordings.load
+import tfdb.store.explain
+import tfdb.store.report
+import tfdb.store.shared
+import tfdb.store.transactions
 import tfdb.types
 
 
@@ -51,7 +50,7 @@ class Transform:
         source: str,
         translation: tfdb.types.VectorLike | tfdb.types.PoseLike,
         rotation: tfdb.types.QuaternionLike | None = None,
-        stamp: tfdb.stamps.StampLike = 0,
+        stamp: tfdb.types.StampLike = 0,
         *,
         rpy: tfdb.types.VectorLike | None = None,
         wxyz: tfdb.types.WxyzLike | None = None,
@@ -63,7 +62,7 @@ class Transform:
         matrix: numpy.typing.ArrayLike,
         target: str,
         source: str,
-        stamp: tfdb.stamps.StampLike = 0,
+        stamp: tfdb.types.StampLike = 0,
     ) -> Self:
         """
         T[target<-source] from a homogeneous matrix (4, 4): p_target = matrix p_source.
@@ -114,7 +113,7 @@ class Transform:
         """The frame from which it maps."""
 
     @property
-    def report(self) -> tfdb.report.Report:
+    def report(self) -> tfdb.types.Report:
         """
         What it was made from, edge by edge. Without edges if it was not looked up, or was
         multiplied.
@@ -182,7 +181,7 @@ class Reads:
 
     def __init__(self) -> None: ...
 
-    def lookup_transform_full(self, target: str, target_stamp: tfdb.stamps.StampLike | None, source: str, source_stamp: tfdb.stamps.StampLike | None, fixed_frame: str, policy: Policy | None = None) -> Transform:
+    def lookup_transform_full(self, target: str, target_stamp: tfdb.types.StampLike | None, source: str, source_stamp: tfdb.types.StampLike | None, fixed_frame: str, policy: Policy | None = None) -> Transform:
         """
         T[target at target_stamp <- source at source_stamp], through a frame that stays put.
 
@@ -207,7 +206,7 @@ class Reads:
         Raises what `lookup_transform` raises.
         """
 
-    def can_transform_full(self, target: str, target_stamp: tfdb.stamps.StampLike | None, source: str, source_stamp: tfdb.stamps.StampLike | None, fixed_frame: str, policy: Policy | None = None) -> bool:
+    def can_transform_full(self, target: str, target_stamp: tfdb.types.StampLike | None, source: str, source_stamp: tfdb.types.StampLike | None, fixed_frame: str, policy: Policy | None = None) -> bool:
         """Whether `lookup_transform_full` with these arguments has an answer."""
 
     def latest_common_time(self, target: str, source: str) -> int:
@@ -235,7 +234,7 @@ class Reads:
         Raises UnknownFrame, Disconnected.
         """
 
-    def lookup_velocity(self, tracking: str, observation: str, stamp: tfdb.stamps.StampLike | None = None, interval: float = 0.1, *, reference: str | None = None, point: tfdb.types.VectorLike = (0, 0, 0), point_frame: str | None = None) -> tfdb.types.Twist:
+    def lookup_velocity(self, tracking: str, observation: str, stamp: tfdb.types.StampLike | None = None, interval: float = 0.1, *, reference: str | None = None, point: tfdb.types.VectorLike = (0, 0, 0), point_frame: str | None = None) -> tfdb.types.Twist:
         """
         Velocity of `tracking` as seen from `observation`, by finite difference.
 
@@ -265,8 +264,8 @@ class Reads:
         self,
         target: str,
         source: str,
-        start: tfdb.stamps.StampLike | None,
-        end: tfdb.stamps.StampLike | None,
+        start: tfdb.types.StampLike | None,
+        end: tfdb.types.StampLike | None,
     ) -> numpy.typing.NDArray[numpy.int64]:
         """
         Stored stamps of the moving edges between two frames, where every edge has data.
@@ -284,7 +283,7 @@ class Reads:
         target: str,
         source: str,
         points: numpy.typing.NDArray[tfdb.types.Float],
-        stamps: tfdb.stamps.StampsLike | tfdb.stamps.StampLike,
+        stamps: tfdb.types.StampsLike | tfdb.types.StampLike,
         policy: Policy | None = None,
         *,
         out: numpy.typing.NDArray[tfdb.types.Float] | None = None,
@@ -329,7 +328,7 @@ class Reads:
         target: str,
         source: str,
         points: tfdb.types.ListsOrIntegers,
-        stamps: tfdb.stamps.StampsLike | tfdb.stamps.StampLike,
+        stamps: tfdb.types.StampsLike | tfdb.types.StampLike,
         policy: Policy | None = None,
         *,
         out: numpy.typing.NDArray[numpy.float64] | None = None,
@@ -341,7 +340,7 @@ class Reads:
         target: str,
         source: str,
         points: numpy.typing.ArrayLike,
-        stamps: tfdb.stamps.StampsLike | tfdb.stamps.StampLike,
+        stamps: tfdb.types.StampsLike | tfdb.types.StampLike,
         policy: Policy | None = None,
         *,
         out: numpy.typing.NDArray[numpy.floating[Any]] | None = None,
@@ -359,7 +358,7 @@ class Reads:
         What is known of one frame and the edge to its parent. Raises UnknownFrame.
         """
 
-    def parent_of(self, name: str, stamp: tfdb.stamps.StampLike | None = None) -> str | None:
+    def parent_of(self, name: str, stamp: tfdb.types.StampLike | None = None) -> str | None:
         """
         The parent that a frame has at a stamp (None: in its newest sample); None for a root.
 
@@ -379,7 +378,7 @@ class Reads:
         ended at roots), the stamp, and the edge's oldest and newest stamp (None: it was cleared).
         """
 
-    def tree(self, stamp: tfdb.stamps.StampLike | None = None) -> list[tfdb.types.FrameInfo]:
+    def tree(self, stamp: tfdb.types.StampLike | None = None) -> list[tfdb.types.FrameInfo]:
         """
         All frames, sorted by name, with the parents they have at a stamp (None: newest).
         """
@@ -396,7 +395,7 @@ class Reads:
         self,
         target: str,
         source: str,
-        stamp: tfdb.stamps.StampLike | None = None,
+        stamp: tfdb.types.StampLike | None = None,
         policy: Policy | None = None,
         *,
         timeout: float | None = None,
@@ -434,7 +433,7 @@ class Reads:
         target: str,
         source: str,
         max_age: float | None = None,
-        now: tfdb.stamps.StampLike | None = None,
+        now: tfdb.types.StampLike | None = None,
     ) -> Transform:
         """
         T[target<-source] from each edge's own newest sample; nothing is interpolated.
@@ -460,7 +459,7 @@ class Reads:
         """
 
     def _lookup_edge(
-        self, target: str, source: str, stamp: tfdb.stamps.StampLike | None, policy: Policy | None
+        self, target: str, source: str, stamp: tfdb.types.StampLike | None, policy: Policy | None
     ) -> Transform:
         """
         `lookup_transform` over the edge from `source` to its parent `target`: no other edge is read.
@@ -473,7 +472,7 @@ class Reads:
         self,
         target: str,
         source: str,
-        stamp: tfdb.stamps.StampLike | None = None,
+        stamp: tfdb.types.StampLike | None = None,
         policy: Policy | None = None,
     ) -> bool:
         """
@@ -488,7 +487,7 @@ class Reads:
         self,
         target: str,
         source: str,
-        stamps: tfdb.stamps.StampsLike,
+        stamps: tfdb.types.StampsLike,
         policy: Policy | None = None,
         *,
         layout: Literal['pose', 'matrix'] = 'pose',
@@ -531,9 +530,9 @@ class Reads:
         self,
         target: str,
         source: str,
-        stamp: tfdb.stamps.StampLike | None = None,
+        stamp: tfdb.types.StampLike | None = None,
         policy: Policy | None = None,
-    ) -> tfdb.explain.Explanation:
+    ) -> tfdb.types.Explanation:
         """
         Say in words why `lookup_transform` with these arguments has an answer or has none.
 
@@ -564,12 +563,12 @@ class Reads:
         target: str,
         source: str,
         rate: float | None = None,
-        start: tfdb.stamps.StampLike | None = None,
-        end: tfdb.stamps.StampLike | None = None,
+        start: tfdb.types.StampLike | None = None,
+        end: tfdb.types.StampLike | None = None,
         policy: Policy | None = None,
         *,
         missing: Literal['raise', 'nan', 'skip'] = 'raise',
-    ) -> tfdb.trajectory.Trajectory:
+    ) -> tfdb.Trajectory:
         """
         Sample T[target<-source] over time, all from one snapshot.
 
@@ -630,7 +629,7 @@ class Reads:
                 The file cannot be written.
         """
 
-    def children(self, name: str, stamp: tfdb.stamps.StampLike | None = None) -> list[str]:
+    def children(self, name: str, stamp: tfdb.types.StampLike | None = None) -> list[str]:
         """
         Find the frames that hang directly under a frame, sorted.
 
@@ -646,7 +645,7 @@ class Reads:
             UnknownFrame, InvalidStamp, SnapshotTooOld, SnapshotClosed
         """
 
-    def descendants(self, name: str, stamp: tfdb.stamps.StampLike | None = None) -> list[str]:
+    def descendants(self, name: str, stamp: tfdb.types.StampLike | None = None) -> list[str]:
         """
         Find all frames below a frame, each followed by those below it, siblings sorted.
 
@@ -660,7 +659,7 @@ class Reads:
             What `children` raises
         """
 
-    def path(self, target: str, source: str, stamp: tfdb.stamps.StampLike | None = None) -> list[str]:
+    def path(self, target: str, source: str, stamp: tfdb.types.StampLike | None = None) -> list[str]:
         """
         List the frames from one to another, through the one under which both hang.
 
@@ -753,7 +752,7 @@ class Buffer(Reads):
         self,
         parent: str,
         child: str,
-        stamp: tfdb.stamps.StampLike,
+        stamp: tfdb.types.StampLike,
         translation: tfdb.types.VectorLike | tfdb.types.PoseLike,
         rotation: tfdb.types.QuaternionLike | None = None,
         *,
@@ -813,7 +812,7 @@ class Buffer(Reads):
     @overload
     def set_transforms(
         self,
-        batch: Iterable[tfdb.types.TransformStampedLike] | tfdb.types.Columns,
+        batch: Iterable[tfdb.types.TransformStampedLike] | tfdb.Columns,
         *,
         static: bool = False,
         authority: str = "",
@@ -857,7 +856,7 @@ class Buffer(Reads):
     @overload
     def set_transforms(
         self,
-        batch: Iterable[tfdb.types.TransformStampedLike] | tfdb.types.Columns,
+        batch: Iterable[tfdb.types.TransformStampedLike] | tfdb.Columns,
         *,
         static: bool = False,
         authority: str = "",
@@ -868,7 +867,7 @@ class Buffer(Reads):
     @overload
     def set_transforms(
         self,
-        batch: Iterable[tfdb.types.TransformStampedLike] | tfdb.types.Columns,
+        batch: Iterable[tfdb.types.TransformStampedLike] | tfdb.Columns,
         *,
         static: bool = False,
         authority: str = "",
@@ -962,7 +961,7 @@ class Buffer(Reads):
         self,
         target: str,
         source: str,
-        stamp: tfdb.stamps.StampLike | None = None,
+        stamp: tfdb.types.StampLike | None = None,
         timeout: float | None = None,
         *,
         policy: Policy | None = None,
@@ -1020,15 +1019,15 @@ class Buffer(Reads):
         not write to its control file), InvalidArgument
         """
 
-    def _begin_wait(self, target: str, source: str, stamp: tfdb.stamps.StampLike | None, policy: Policy | None) -> int:
+    def _begin_wait(self, target: str, source: str, stamp: tfdb.types.StampLike | None, policy: Policy | None) -> int:
         """
         Number of a wait that `_ended_waits` will tell of; 0: the answer is there.
         """
 
-    def _begin_wait_full(self, target: str, target_stamp: tfdb.stamps.StampLike | None, source: str, source_stamp: tfdb.stamps.StampLike | None, fixed_frame: str) -> int:
+    def _begin_wait_full(self, target: str, target_stamp: tfdb.types.StampLike | None, source: str, source_stamp: tfdb.types.StampLike | None, fixed_frame: str) -> int:
         """The same for an answer through a fixed frame."""
 
-    def _begin_wait_as_new(self, target: str, source: str, stamp: tfdb.stamps.StampLike) -> int:
+    def _begin_wait_as_new(self, target: str, source: str, stamp: tfdb.types.StampLike) -> int:
         """The same for a latest common time of `stamp` or newer."""
 
     def _begin_wait_for_commit(self, after: int) -> int:
@@ -1178,25 +1177,25 @@ class Buffer(Reads):
 
     def load(
         self,
-        path: tfdb.loading.Paths,
+        path: tfdb.types.Paths,
         *,
-        topics: tfdb.loading.Topics | None = None,
-        progress: tfdb.loading.Progress | None = None,
+        topics: tfdb.types.Topics | None = None,
+        progress: tfdb.types.Progress | None = None,
         salvage: bool = False,
-        start: tfdb.stamps.StampLike | str | None = None,
-        end: tfdb.stamps.StampLike | str | None = None,
+        start: tfdb.types.StampLike | str | None = None,
+        end: tfdb.types.StampLike | str | None = None,
         frames: str | Iterable[str] | None = None,
         exclude: str | Iterable[str] = (),
         keep: float | None = None,
         rename: Mapping[str, str] | None = None,
         prefix: str = "",
-        pose_topics: tfdb.loading.PoseTopics | None = None,
-        urdf: str | os.PathLike[str] | tfdb.io.RobotModel | None = None,
+        pose_topics: tfdb.types.PoseTopics | None = None,
+        urdf: str | os.PathLike[str] | tfdb.robots.RobotModel | None = None,
         joint_topic: str | None = None,
         by_namespace: bool = False,
         mix: bool = False,
         stamp_unit: Literal["s", "ms", "us", "ns"] | None = None,
-    ) -> tfdb.io.LoadReport:
+    ) -> tfdb.recordings.LoadReport:
         """
         Load the transforms of recordings: `.bag`, `.db3`, `.mcap`, folders of ROS 2 bags.
 
@@ -1312,12 +1311,12 @@ class Buffer(Reads):
 
     def run(
         self,
-        fn: Callable[[Transaction], tfdb.transactions.Result],
+        fn: Callable[[Transaction], tfdb.store.transactions.Result],
         *,
         retries: int = 8,
         timeout: float | None = None,
         priority: int = 0,
-    ) -> tfdb.transactions.Result:
+    ) -> tfdb.store.transactions.Result:
         """
         Run `fn(tx)` in a transaction, again and again until its commit wins.
 
@@ -1366,7 +1365,7 @@ class Buffer(Reads):
         self,
         target: str,
         source: str,
-        stamp: tfdb.stamps.StampLike | None = None,
+        stamp: tfdb.types.StampLike | None = None,
         timeout: float | None = None,
         *,
         policy: Policy | None = None,
@@ -1414,7 +1413,7 @@ class Buffer(Reads):
 
     @staticmethod
     def open(
-        name: tfdb.shared.Name,
+        name: tfdb.types.Name,
         *,
         create: bool | None = None,
         mode: Literal['r', 'rw'] = 'rw',
@@ -1474,7 +1473,7 @@ class Buffer(Reads):
         """
 
     @staticmethod
-    def unlink(name: tfdb.shared.Name) -> None:
+    def unlink(name: tfdb.types.Name) -> None:
         """
         Remove a store. Who has it open goes on with it; its memory goes with the last of them.
 
@@ -1582,7 +1581,7 @@ class ArrivalLog:
         Add what a store keeps of the messages at [first, last). `publishers` and `rules` are by source.
         """
 
-    def hold(self, transforms: Sequence[tfdb.types.TransformStamped]) -> None:
+    def hold(self, transforms: Sequence[tfdb.TransformStamped]) -> None:
         """Store static transforms that did not arrive."""
 
     @property
@@ -1631,18 +1630,18 @@ def ingest_members(buffer: Buffer, data: tfdb.types.BytesLike, *, encoding: str,
     As `Buffer.ingest`; returns the refused members instead of a warning or an error.
     """
 
-def decode_members(data: tfdb.types.BytesLike, encoding: str, *, static: bool, authority: str) -> list[tfdb.types.TransformStamped | tfdb.errors.TfdbError]:
+def decode_members(data: tfdb.types.BytesLike, encoding: str, *, static: bool, authority: str) -> list[tfdb.TransformStamped | tfdb.TfdbError]:
     """
     As `decode_tf_message`; the error of a member that cannot be read is in its place.
     """
 
-def encode_tf_message(transforms: Iterable[tfdb.types.TransformStampedLike] | tfdb.types.Columns, encoding: str = 'cdr') -> bytes:
+def encode_tf_message(transforms: Iterable[tfdb.types.TransformStampedLike] | tfdb.Columns, encoding: str = 'cdr') -> bytes:
     """
     Bytes of one tf2_msgs/TFMessage, of what `set_transforms` takes; Columns without stamps get
     stamp 0. Raises InvalidStamp, InvalidName, InvalidArray, with `index`.
     """
 
-def decode_tf_message(data: tfdb.types.BytesLike, encoding: str = 'cdr') -> list[tfdb.types.TransformStamped]:
+def decode_tf_message(data: tfdb.types.BytesLike, encoding: str = 'cdr') -> list[tfdb.TransformStamped]:
     """
     Transforms of one tf2_msgs/TFMessage. Raises CorruptMessage; InvalidName, InvalidStamp, with
     `index`.
@@ -1670,17 +1669,17 @@ class Transaction:
 
     def __init__(self) -> None: ...
 
-    def lookup_transform_full(self, target: str, target_stamp: tfdb.stamps.StampLike | None, source: str, source_stamp: tfdb.stamps.StampLike | None, fixed_frame: str, policy: Policy | None = None) -> Transform:
+    def lookup_transform_full(self, target: str, target_stamp: tfdb.types.StampLike | None, source: str, source_stamp: tfdb.types.StampLike | None, fixed_frame: str, policy: Policy | None = None) -> Transform:
         """
         T[target at target_stamp <- source at source_stamp], as `Buffer.lookup_transform_full`.
 
         Raises what that raises, and Conflict, TransactionClosed, WrongThread.
         """
 
-    def can_transform_full(self, target: str, target_stamp: tfdb.stamps.StampLike | None, source: str, source_stamp: tfdb.stamps.StampLike | None, fixed_frame: str, policy: Policy | None = None) -> bool:
+    def can_transform_full(self, target: str, target_stamp: tfdb.types.StampLike | None, source: str, source_stamp: tfdb.types.StampLike | None, fixed_frame: str, policy: Policy | None = None) -> bool:
         """Whether `lookup_transform_full` with these arguments has an answer."""
 
-    def lookup_transform(self, target: str, source: str, stamp: tfdb.stamps.StampLike | None = None, policy: Policy | None = None) -> Transform:
+    def lookup_transform(self, target: str, source: str, stamp: tfdb.types.StampLike | None = None, policy: Policy | None = None) -> Transform:
         """
         T[target<-source] at a stamp, as `Buffer.lookup_transform`.
 
@@ -1688,14 +1687,14 @@ class Transaction:
         TransactionClosed, WrongThread.
         """
 
-    def lookup_latest_transform(self, target: str, source: str, max_age: float | None = None, now: tfdb.stamps.StampLike | None = None) -> Transform:
+    def lookup_latest_transform(self, target: str, source: str, max_age: float | None = None, now: tfdb.types.StampLike | None = None) -> Transform:
         """
         T[target<-source] from each edge's newest sample, as `Buffer.lookup_latest_transform`.
 
         Raises what that raises, and Conflict, TransactionClosed, WrongThread.
         """
 
-    def lookup_transforms(self, target: str, source: str, stamps: tfdb.stamps.StampsLike, policy: Policy | None = None, *, layout: Literal['pose', 'matrix'] = 'pose', out: numpy.typing.NDArray[numpy.float64] | None = None, missing: Literal['raise', 'nan'] = 'raise') -> numpy.typing.NDArray[numpy.float64]:
+    def lookup_transforms(self, target: str, source: str, stamps: tfdb.types.StampsLike, policy: Policy | None = None, *, layout: Literal['pose', 'matrix'] = 'pose', out: numpy.typing.NDArray[numpy.float64] | None = None, missing: Literal['raise', 'nan'] = 'raise') -> numpy.typing.NDArray[numpy.float64]:
         """
         T[target<-source] at each of N stamps: float64 (N, 7) or (N, 4, 4).
 
@@ -1703,7 +1702,7 @@ class Transaction:
         WrongThread.
         """
 
-    def can_transform(self, target: str, source: str, stamp: tfdb.stamps.StampLike | None = None, policy: Policy | None = None) -> bool:
+    def can_transform(self, target: str, source: str, stamp: tfdb.types.StampLike | None = None, policy: Policy | None = None) -> bool:
         """
         Whether `lookup_transform` with these arguments has an answer.
 
@@ -1720,7 +1719,7 @@ class Transaction:
         The oldest and the newest stamp at which the path between two frames has data, as `Buffer.common_times`.
         """
 
-    def parent_of(self, name: str, stamp: tfdb.stamps.StampLike | None = None) -> str | None:
+    def parent_of(self, name: str, stamp: tfdb.types.StampLike | None = None) -> str | None:
         """
         The parent that a frame has at a stamp (None: in its newest sample), as `Buffer.parent_of`.
         """
@@ -1728,7 +1727,7 @@ class Transaction:
     def frame_exists(self, name: str) -> bool:
         """Whether there is a frame of that name."""
 
-    def set_transform(self, parent: str, child: str, stamp: tfdb.stamps.StampLike, translation: tfdb.types.VectorLike | tfdb.types.PoseLike, rotation: tfdb.types.QuaternionLike | None = None, *, rpy: tfdb.types.VectorLike | None = None, wxyz: tfdb.types.WxyzLike | None = None, authority: str = '') -> None:
+    def set_transform(self, parent: str, child: str, stamp: tfdb.types.StampLike, translation: tfdb.types.VectorLike | tfdb.types.PoseLike, rotation: tfdb.types.QuaternionLike | None = None, *, rpy: tfdb.types.VectorLike | None = None, wxyz: tfdb.types.WxyzLike | None = None, authority: str = '') -> None:
         """
         Store T[parent<-child] at a stamp, at the commit; this transaction sees it at once.
 
@@ -1742,7 +1741,7 @@ class Transaction:
         Arguments and errors as in `Buffer.set_static_transform`, but CycleError only at the commit.
         """
 
-    def set_transforms(self, batch: Iterable[tfdb.types.TransformStampedLike] | tfdb.types.Columns, *, static: bool = False, authority: str = '') -> None:
+    def set_transforms(self, batch: Iterable[tfdb.types.TransformStampedLike] | tfdb.Columns, *, static: bool = False, authority: str = '') -> None:
         """
         Store a batch of transforms T[parent<-child], at the commit.
 
@@ -1757,7 +1756,7 @@ class Transaction:
         Raises UnknownFrame, FrameInUse (naming the children).
         """
 
-    def reparent(self, child: str, parent: str, stamp: tfdb.stamps.StampLike | None = None, translation: tfdb.types.VectorLike | tfdb.types.PoseLike | None = None, rotation: tfdb.types.QuaternionLike | None = None, *, rpy: tfdb.types.VectorLike | None = None, wxyz: tfdb.types.WxyzLike | None = None, authority: str = '') -> None:
+    def reparent(self, child: str, parent: str, stamp: tfdb.types.StampLike | None = None, translation: tfdb.types.VectorLike | tfdb.types.PoseLike | None = None, rotation: tfdb.types.QuaternionLike | None = None, *, rpy: tfdb.types.VectorLike | None = None, wxyz: tfdb.types.WxyzLike | None = None, authority: str = '') -> None:
         """
         Give `child` another parent, from a stamp on.
 
@@ -2041,7 +2040,7 @@ class BufferCalls(CoreCalls):
 def checked(function: Callable[..., Any]) -> Any:
     """The function, with our words for calls that do not fit its parameters."""
 
-def to_nanoseconds(stamp: tfdb.stamps.StampLike) -> int:
+def to_nanoseconds(stamp: tfdb.types.StampLike) -> int:
     """
     Nanoseconds of anything that is taken for a stamp. Raises InvalidStamp.
     """

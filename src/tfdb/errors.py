@@ -1,19 +1,59 @@
-"""Every error of tfdb: one class per thing that can go wrong, all under `TfdbError`.
+"""Every error of tfdb; `TfdbError` is the root. `tfdb` offers the eight that programs catch.
 
-What went wrong is in the message, and for programs in the fields listed at `TfdbError`.
-After any of them the store is as it was before the call.
+>>> import tfdb
+>>> issubclass(tfdb.errors.GapTooLarge, tfdb.TfdbError)
+True
 """
-
-# ruff: noqa: N818  (the names say what happened; the suffix would only lengthen them)
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
-
-from ._on_demand import belong_to
-
-if TYPE_CHECKING:
-    from .refused import Refused
+from .data.errors import (
+    BufferClosed,
+    CapacityExceeded,
+    Conflict,
+    CorruptMessage,
+    CorruptStore,
+    CycleError,
+    Disconnected,
+    Extrapolation,
+    FeedLapped,
+    Forked,
+    FrameInUse,
+    GapTooLarge,
+    InvalidArgument,
+    InvalidArray,
+    InvalidIndex,
+    InvalidName,
+    InvalidStamp,
+    InvalidTransform,
+    LockTimeout,
+    MasterRefused,
+    MixedSources,
+    ModelError,
+    NodeClosed,
+    NoMaster,
+    NoSampleNear,
+    NoSuchStore,
+    NotComparable,
+    NotSupported,
+    ReadOnly,
+    RecordingError,
+    RepeatedStamp,
+    SnapshotClosed,
+    SnapshotTooOld,
+    Stale,
+    StaticConflict,
+    StoreExists,
+    TfdbError,
+    TfdbWarning,
+    TooOld,
+    TrajectoryError,
+    TransactionActive,
+    TransactionClosed,
+    UnknownFrame,
+    WaitTimeout,
+    WrongThread,
+)
 
 __all__ = [
     "BufferClosed",
@@ -28,7 +68,6 @@ __all__ = [
     "Forked",
     "FrameInUse",
     "GapTooLarge",
-    "HistoryError",
     "InvalidArgument",
     "InvalidArray",
     "InvalidIndex",
@@ -63,356 +102,3 @@ __all__ = [
     "WaitTimeout",
     "WrongThread",
 ]
-
-
-class TfdbError(Exception):
-    """Root of all errors of tfdb.
-
-    Every error has all fields below; one that does not apply to it is None. Times are integer
-    nanoseconds.
-
-    Parameters
-    ----------
-    message
-        What went wrong and what would be valid.
-    **fields
-        Any of the fields below.
-    """
-
-    target: str | None = None
-    """Frame that was asked for."""
-    source: str | None = None
-    """Frame that was asked from."""
-    edge: str | None = None
-    """Child frame of the edge that failed."""
-    parent: str | None = None
-    """Parent of that edge at the stamp."""
-    frame: str | None = None
-    """The one frame that the error is about."""
-    authority: str | None = None
-    """Who wrote."""
-    frames: tuple[str, ...] | None = None
-    """Children that still use a frame, frames of a cycle, two roots, or frames of mixed sources."""
-    reason: str | None = None
-    """`past`, `future` or `no data`; or what was wrong with the input."""
-    stamp: int | None = None
-    """The stamp that was asked for or refused."""
-    oldest: int | None = None
-    """The oldest stamp that would have been valid; of FeedLapped, the oldest commit."""
-    newest: int | None = None
-    """The newest stamp that would have been valid; of FeedLapped, the newest commit."""
-    before: int | None = None
-    """The stored stamp before the one asked for."""
-    after: int | None = None
-    """The stored stamp after the one asked for."""
-    limit: int | None = None
-    """The limit that was passed: max_gap, max_age, tolerance, max or history."""
-    index: int | None = None
-    """Position in the batch or in the array."""
-    offset: int | None = None
-    """Position in the bytes of a message."""
-    commit: int | None = None
-    """Number of the snapshot that was read; of FeedLapped, the commit to go on from."""
-    since: int | None = None
-    """The commit from which changes were asked for."""
-    refused: tuple[Refused, ...] | None = None
-    """Every member of a batch that was refused, in their order; the error is about the first."""
-    attempts: int | None = None
-    """How often a transaction was tried."""
-    value: Any = None
-    """The argument that was refused."""
-    path: str | None = None
-    """The file."""
-    line: int | None = None
-    """The line of the file, counted from 1."""
-    groups: dict[str, tuple[str, ...]] | None = None
-    """The topics of each group that disagrees with another, by the namespace of the group."""
-    uri: str | None = None
-    """Where the master of a ROS graph is, or should be."""
-
-    def __init__(self, message: str = "", **fields: Any) -> None:
-        super().__init__(message)
-        for name, value in fields.items():
-            if name not in TfdbError.__annotations__:
-                raise TypeError(f"{type(self).__name__} has no field {name!r}")
-            setattr(self, name, value)
-
-    def __reduce__(self) -> tuple[Any, ...]:
-        return _restore, (type(self), str(self), self.__dict__)
-
-
-def _restore(cls: type[TfdbError], message: str, fields: dict[str, Any]) -> TfdbError:
-    """Make an unpickled error; the constructors of the classes differ, this one is for all."""
-    error = cls.__new__(cls)
-    TfdbError.__init__(error, message, **fields)
-    return error
-
-
-class TfdbWarning(UserWarning):
-    """Something that is allowed and was done, but is rarely meant; the message says what to do.
-
-    `warnings.simplefilter("error", tfdb.TfdbWarning)` makes errors of them.
-    """
-
-    def __init__(self, message: str = "") -> None:
-        super().__init__(message)
-
-
-class UnknownFrame(TfdbError, LookupError):
-    """The snapshot has no frame of that name. Fields: frame, target, source, commit."""
-
-
-class Disconnected(TfdbError):
-    """Both frames exist, but no path joins them. Fields: target, source, frames (the roots).
-
-    Where an edge on the way up has samples, but no data at the stamp, also edge, parent
-    (`(removed)` if that frame is gone), stamp, oldest, newest and reason (`past`, `future`).
-    """
-
-
-class Extrapolation(TfdbError):
-    """An edge has no data at the stamp, and extrapolation was not asked for.
-
-    Fields: reason (`past`, `future`, `no data`), edge, parent, stamp, oldest, newest.
-    """
-
-
-class GapTooLarge(TfdbError):
-    """The samples around the stamp lie further apart than `max_gap`.
-
-    Fields: edge, parent, stamp, before, after, limit.
-    """
-
-
-class Stale(TfdbError):
-    """The newest sample that may be used is older than `max_age`. Fields: edge, stamp, limit."""
-
-
-class NoSampleNear(TfdbError):
-    """No stored sample at the stamp, or none within the tolerance. Fields: edge, stamp, limit."""
-
-
-class InvalidTransform(TfdbError, ValueError):
-    """Numbers that are no rigid transform, or a frame that is its own parent.
-
-    Fields: edge, parent, reason, index. Of a lookup, or of what a `Transform` computes: its result
-    is not finite, as translations near 1e308 m were added. Fields: target, source, stamp, index,
-    reason (`not finite`).
-    """
-
-
-class TooOld(TfdbError):
-    """The sample is older than the retained history.
-
-    Fields: edge, parent, stamp, oldest, newest, limit (the history), index.
-    """
-
-
-class StaticConflict(TfdbError):
-    """A moving sample for a static edge, or the other way round. Fields: edge, parent, index."""
-
-
-class RepeatedStamp(TfdbError):
-    """With `only_new`: the edge has a sample of that stamp already. Fields: edge, stamp, index."""
-
-
-class CycleError(TfdbError):
-    """The batch would close a cycle at some time. Fields: frames (of the cycle), stamp, index."""
-
-
-class FrameInUse(TfdbError):
-    """The frame to be removed still has children. Fields: frame, frames (the children)."""
-
-
-class InvalidStamp(TfdbError, ValueError):
-    """Not a stamp: negative, a bool, a float, or of an unknown type. Fields: value, index."""
-
-
-class InvalidName(TfdbError, ValueError):
-    """Not a frame name: empty, beyond 1024 bytes, no UTF-8, or with a control character.
-
-    Those are U+0000 to U+001F and U+007F. Or not a name of a ROS graph.
-
-    Fields: value, index.
-    """
-
-
-class InvalidArray(TfdbError, ValueError):
-    """An array of the wrong shape, dtype or stride; the message names both. Fields: reason."""
-
-
-class InvalidArgument(TfdbError, ValueError):
-    """An option outside its valid range."""
-
-
-class InvalidIndex(InvalidArgument, IndexError):
-    """There is no pose of that number in the trajectory. Field: index."""
-
-
-class CorruptMessage(TfdbError):
-    """Bytes that are not what they claim to be. Fields: offset, reason."""
-
-
-class SnapshotTooOld(TfdbError):
-    """Writers had to overwrite what the snapshot needs. Fields: commit."""
-
-
-class SnapshotClosed(TfdbError):
-    """The snapshot was closed before it was read. Fields: commit."""
-
-
-class CapacityExceeded(TfdbError):
-    """Out of frames, or over the memory limit. Fields: reason."""
-
-
-class Conflict(TfdbError):
-    """Another commit changed what the transaction had read: nothing was stored, run it again.
-
-    `Buffer.run` does so by itself. Fields: reason, edge or frame, stamp, commit; attempts where
-    `Buffer.run` gave up.
-    """
-
-
-class TransactionClosed(TfdbError):
-    """The transaction has not begun, or has ended.
-
-    Fields: reason (`not begun`, `committed`, `aborted`, `lost`, `refused`).
-    """
-
-
-class TransactionActive(TfdbError):
-    """The thread has a transaction open in the store: work through it, or end it first."""
-
-
-class WrongThread(TfdbError):
-    """A transaction was used by another thread than the one that began it."""
-
-
-class Forked(TfdbError):
-    """The store belongs to a process that was at work in it when this one was forked from it.
-
-    Who was at work is not in this process, so its locks stay taken. With the default engine the
-    store can still be read; in every engine a new `Buffer` can be made. See "Forks" in
-    docs/concurrency.md.
-    """
-
-
-class FeedLapped(TfdbError):
-    """The feed of changes does not reach back that far: take a snapshot and follow from its commit.
-
-    A follower that may miss commits goes on from `commit`, which half of the feed lies before. The
-    oldest commit is overwritten next. The feed of a frozen store is empty.
-
-    Fields: since, oldest, newest (commits that would have been valid for `since`), commit.
-    """
-
-
-class NotComparable(TfdbError):
-    """Two trajectories that do not tell how far one is off the other; the message says what would.
-
-    No time in common, too few poses that match, positions that leave the alignment open, no pair
-    for a relative error, a motion that does not tell the offset. Fields: reason, limit (max_diff).
-    """
-
-
-class NotSupported(TfdbError):
-    """The store's engine, or the machine, has no such thing; the message says what has."""
-
-
-class NoSuchStore(TfdbError):
-    """There is no store of that name, or no file, or it was removed. Fields: path, reason."""
-
-
-class StoreExists(TfdbError):
-    """There is a store of that name already. Fields: path, reason."""
-
-
-class CorruptStore(TfdbError):
-    """A file that is no store, or one of another version or machine, or cut, or damaged.
-
-    Fields: path, reason.
-    """
-
-
-class ReadOnly(TfdbError):
-    """The store is frozen or was opened for reading only, or permissions allow no more.
-
-    Field: path.
-    """
-
-
-class LockTimeout(TfdbError):
-    """Another process holds the store's lock for writers and does not go on.
-
-    It may be stopped, as by SIGSTOP. One that has died is never waited for. Reads go on. Fields:
-    path, pid, limit (how long was waited).
-    """
-
-
-class BufferClosed(TfdbError):
-    """The buffer was closed, before the call or while it waited. Field: commit (the newest)."""
-
-
-class WaitTimeout(TfdbError, TimeoutError):
-    """What was waited for has not come in time. Fields: commit (none came after it), limit."""
-
-
-class NoMaster(TfdbError, ConnectionError):
-    """No master of ROS 1 answers where one should. Fields: uri, reason."""
-
-
-class MasterRefused(TfdbError):
-    """The master of ROS 1 refuses what a node asks of it. Fields: uri, reason."""
-
-
-class NodeClosed(TfdbError):
-    """The live node was closed, by its program or by the graph. Fields: reason, value."""
-
-
-class _FileError(TfdbError):
-    """An error about a file. Fields: path, reason."""
-
-    def __init__(self, path: object, reason: str, **fields: Any) -> None:
-        place = f"{path}:{fields['line']}" if fields.get("line") is not None else f"{path}"
-        super().__init__(f"{place}: {reason}", path=str(path), reason=reason, **fields)
-
-
-class RecordingError(_FileError):
-    """A recording that cannot be read or written: `RecordingError(path, reason)`."""
-
-
-class MixedSources(RecordingError):
-    """Several groups of topics, or several files, state different transforms of one edge.
-
-    Two robots in one recording, or `/tf` beside `/tf_old`, are such groups.
-
-    Fields: path, reason, groups (a group's name to its topics; of files, the path of each to its
-    topics), frames (the children of these edges).
-    """
-
-
-class ModelError(_FileError):
-    """A robot model that is not valid: `ModelError(path, reason, line=None)`."""
-
-
-class TrajectoryError(_FileError):
-    """A trajectory file that is not valid: `TrajectoryError(path, line, reason)`.
-
-    Fields: path, line (None where the file as a whole is wrong), reason.
-    """
-
-    def __init__(self, path: object, line: int | None, reason: str) -> None:
-        super().__init__(path, reason, line=line)
-
-
-class HistoryError(_FileError):
-    """A recorded history that cannot be judged: `HistoryError(path, line, reason)`.
-
-    Fields: path, line (None where the file as a whole is wrong), reason.
-    """
-
-    def __init__(self, path: object, line: int | None, reason: str) -> None:
-        super().__init__(path, reason, line=line)
-
-
-belong_to("tfdb", globals(), __all__)

@@ -12,14 +12,14 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Coroutine, Iterable, Mapping
     from typing import Literal
 
-    from ._core import Buffer, Policy, Reads, Transaction, Transform
-    from .explain import Explanation
-    from .io import LoadReport, RobotModel
-    from .loading import Paths, PoseTopics, Progress, Topics
-    from .shared import Name
-    from .stamps import StampLike
-    from .trajectory import Trajectory
-    from .transactions import Result
+    from tfdb._core import Buffer, Policy, Reads, Transaction, Transform
+    from tfdb.data.stamps import StampLike
+    from tfdb.data.types import Name, Paths, PoseTopics, Progress, Topics
+    from tfdb.recordings.loading import LoadReport
+    from tfdb.robots.robot_model import RobotModel
+    from tfdb.store.explain import Explanation
+    from tfdb.store.transactions import Result
+    from tfdb.trajectories.trajectory import Trajectory
 
 __all__: list[str] = []
 
@@ -54,7 +54,7 @@ def explain(
     ------
     InvalidStamp, SnapshotTooOld, SnapshotClosed
     """
-    from .explain import explain_lookup  # noqa: PLC0415 - see above
+    from tfdb.store.explain import explain_lookup  # noqa: PLC0415 - see above
 
     return explain_lookup(self, target, source, stamp, policy)
 
@@ -101,8 +101,8 @@ def trajectory(
     Extrapolation, and what else `lookup_transforms` raises
         With `index`, the position of the stamp.
     """
-    from .sampling import sample  # noqa: PLC0415 - see above
-    from .trajectory import Trajectory  # noqa: PLC0415 - see above
+    from tfdb.store.sampling import sample  # noqa: PLC0415 - see above
+    from tfdb.trajectories.trajectory import Trajectory  # noqa: PLC0415 - see above
 
     made = sample(self, target, source, rate, start, end, policy, missing)
     return Trajectory._made(target, source, *made)
@@ -110,7 +110,7 @@ def trajectory(
 
 def _reads(self: Reads) -> Reads:
     """Refuse what is neither a Buffer nor a Snapshot."""
-    from ._core import Reads  # noqa: PLC0415 - the extension imports this module
+    from tfdb._core import Reads  # noqa: PLC0415 - the extension imports this module
 
     if not isinstance(self, Reads):
         raise TypeError(f"a method of Reads was called on a {type(self).__name__}")
@@ -131,7 +131,7 @@ def children(self: Reads, name: str, stamp: StampLike | None = None) -> list[str
     ------
     UnknownFrame, InvalidStamp, SnapshotTooOld, SnapshotClosed
     """
-    from .forest import children as find  # noqa: PLC0415 - see above
+    from tfdb.store.forest import children as find  # noqa: PLC0415 - see above
 
     return find(_reads(self), name, stamp)
 
@@ -148,7 +148,7 @@ def descendants(self: Reads, name: str, stamp: StampLike | None = None) -> list[
     ------
     What `children` raises
     """
-    from .forest import descendants as find  # noqa: PLC0415 - see above
+    from tfdb.store.forest import descendants as find  # noqa: PLC0415 - see above
 
     return find(_reads(self), name, stamp)
 
@@ -167,7 +167,7 @@ def path(self: Reads, target: str, source: str, stamp: StampLike | None = None) 
     ------
     UnknownFrame, Disconnected (naming both roots), InvalidStamp, SnapshotTooOld, SnapshotClosed
     """
-    from .forest import path as find  # noqa: PLC0415 - see above
+    from tfdb.store.forest import path as find  # noqa: PLC0415 - see above
 
     return find(_reads(self), target, source, stamp)
 
@@ -179,7 +179,7 @@ def length(self: Reads) -> int:
 
 def contains(self: Reads, name: object) -> bool:
     """Tell whether there is a frame of that name."""
-    from .errors import InvalidName  # noqa: PLC0415 - see above
+    from tfdb.data.errors import InvalidName  # noqa: PLC0415 - see above
 
     try:
         return _reads(self).frame_exists(name) if isinstance(name, str) else False
@@ -194,7 +194,7 @@ def truth(self: Reads) -> bool:
 
 def represent_html(self: Reads) -> str:
     """Write a table of the frames, for notebooks."""
-    from .notebooks import of_store  # noqa: PLC0415 - see above
+    from tfdb.data.notebooks import of_store  # noqa: PLC0415 - see above
 
     return of_store(_reads(self))
 
@@ -224,7 +224,7 @@ def freeze(self: Reads, path: str | os.PathLike[str], *, overwrite: bool = False
     OSError
         The file cannot be written.
     """
-    from .frozen import freeze_into  # noqa: PLC0415 - see above
+    from tfdb.store.frozen import freeze_into  # noqa: PLC0415 - see above
 
     freeze_into(self, path, overwrite=overwrite)
 
@@ -361,7 +361,7 @@ def load(
         forgotten; rows of a trajectory repeat a stamp, were sorted, mended or skipped; its unit or
         columns were guessed.
     """
-    from .loading import load_into  # noqa: PLC0415 - see above
+    from tfdb.recordings.load import load_into  # noqa: PLC0415 - see above
 
     return load_into(
         self,
@@ -435,7 +435,7 @@ def run(
     CycleError, CapacityExceeded
         At the commit. Nothing was stored.
     """
-    from .transactions import run_until_won  # noqa: PLC0415 - see above
+    from tfdb.store.transactions import run_until_won  # noqa: PLC0415 - see above
 
     return run_until_won(self, fn, retries=retries, timeout=timeout, priority=priority)
 
@@ -498,7 +498,7 @@ def open_store(
     NoSuchStore, StoreExists, CorruptStore, ReadOnly, CapacityExceeded, InvalidName,
     InvalidArgument, NotSupported
     """
-    from .shared import open_or_make  # noqa: PLC0415 - see above
+    from tfdb.store.shared import open_or_make  # noqa: PLC0415 - see above
 
     return open_or_make(
         name,
@@ -527,14 +527,14 @@ def unlink_store(name: Name) -> None:
     ------
     NoSuchStore, CorruptStore (the file is no store), ReadOnly, InvalidName, NotSupported
     """
-    from .shared import unlink_store as unlink  # noqa: PLC0415 - see above
+    from tfdb.store.shared import unlink_store as unlink  # noqa: PLC0415 - see above
 
     unlink(name)
 
 
 def _buffer(self: Buffer) -> Buffer:
     """Refuse what is no Buffer when a method is called, not when its coroutine runs."""
-    from ._core import Buffer  # noqa: PLC0415 - the extension imports this module
+    from tfdb._core import Buffer  # noqa: PLC0415 - the extension imports this module
 
     if not isinstance(self, Buffer):
         raise TypeError(f"a method of Buffer was called on a {type(self).__name__}")
@@ -568,7 +568,7 @@ def wait_for_transform_async(
     ------
     What `wait_for_transform` raises
     """
-    from .waiting import transform  # noqa: PLC0415 - see above
+    from tfdb.store.waiting import transform  # noqa: PLC0415 - see above
 
     _ = _buffer(self).closed
     return transform(self, target, source, stamp, timeout, policy)
@@ -593,7 +593,7 @@ def wait_for_commit_async(
     ------
     What `wait_for_commit` raises
     """
-    from .waiting import commit  # noqa: PLC0415 - see above
+    from tfdb.store.waiting import commit  # noqa: PLC0415 - see above
 
     _ = _buffer(self).closed
     return commit(self, after, timeout)
@@ -605,18 +605,18 @@ def reduce(self: Buffer) -> tuple[object, ...]:
     The whole state of the latter is in the pickle. It arrives as a frozen store, which is read as
     the original was when it was pickled, and cannot be written.
     """
-    from ._core import Buffer  # noqa: PLC0415 - the extension imports this module
+    from tfdb._core import Buffer  # noqa: PLC0415 - the extension imports this module
 
     if not isinstance(self, Buffer):
         raise TypeError(f"__reduce__ of a Buffer was called on a {type(self).__name__}")
     if self.shared is None:
-        from .frozen import PICKLED, state_of, thaw  # noqa: PLC0415 - see above
-        from .frozen import reopen as reopen_frozen  # noqa: PLC0415
+        from tfdb.store.frozen import PICKLED, state_of, thaw  # noqa: PLC0415 - see above
+        from tfdb.store.frozen import reopen as reopen_frozen  # noqa: PLC0415
 
         if self.frozen is not None and self.frozen.origin != PICKLED:
             return reopen_frozen, (self.frozen.path,)
         return thaw, (state_of(self),)
-    from .shared import reopen  # noqa: PLC0415 - see above
+    from tfdb.store.shared import reopen  # noqa: PLC0415 - see above
 
     return reopen, (self.shared.path, self.shared.mode, self.shared.lock_timeout)
 

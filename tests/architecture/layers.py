@@ -30,11 +30,10 @@ class Violation(NamedTuple):
 
 
 class Import(NamedTuple):
-    """One imported module; `late` when it stands inside a function or is for type checkers only."""
+    """One imported module, wherever its statement stands."""
 
     module: str
     line: int
-    late: bool
 
 
 def load_map(tree: Path) -> dict[str, Any]:
@@ -159,7 +158,8 @@ def _third_party(name: str, bindings: dict[str, Any]) -> bool:
 
 def _python(tree: Path, python: dict[str, Any]) -> Iterator[Violation]:
     root = tree / python["root"]
-    rooms: dict[str, dict[str, list[str]]] = python["rooms"]
+    rooms: dict[str, list[str]] = python["rooms"]
+    yield from _circles(rooms)
     for path in sorted(root.rglob("*.py")):
         shown = path.relative_to(tree).as_posix()
         inside = path.relative_to(root).parts
@@ -168,16 +168,20 @@ def _python(tree: Path, python: dict[str, Any]) -> Iterator[Violation]:
             yield Violation("unknown-room", shown, 1, f"layers.toml has no room `{room}`")
             continue
         module = (python["package"], *inside[:-1])
+        allowed = {"_core", room, *rooms[room]}
         for imported in python_imports(path.read_text(encoding="utf-8"), module):
-            yield from _judge_import(shown, room, imported, python)
+            yield from _judge_module(shown, imported, allowed, python)
 
 
-def _judge_import(
-    shown: str, room: str, imported: Import, python: dict[str, Any]
-) -> Iterator[Violation]:
-    rules = python["rooms"][room]
-    allowed = {room, *rules["uses"], *(rules.get("late", []) if imported.late else [])}
-    yield from _judge_module(shown, imported, allowed, python)
+def _circles(rooms: dict[str, list[str]]) -> Iterator[Violation]:
+    """A room that uses one further down the list: only such a list can close a circle."""
+    below: set[str] = set()
+    for room, uses in rooms.items():
+        for used in uses:
+            if used not in below:
+                message = f"`{room}` uses `{used}`, which is not above it in layers.toml"
+                yield Violation("circle", "layers.toml", 1, message)
+        below.add(room)
 
 
 def _judge_module(
@@ -248,25 +252,18 @@ def _python_room(parts: list[str], rooms: dict[str, Any]) -> str:
 def python_imports(text: str, package: tuple[str, ...]) -> list[Import]:
     """Modules that a file of `package` imports, relative ones resolved."""
     found: list[Import] = []
-
-    def visit(node: ast.AST, late: bool) -> None:
+    for node in ast.walk(ast.parse(text)):
         if isinstance(node, ast.Import):
-            found.extend(Import(alias.name, node.lineno, late) for alias in node.names)
+            found.extend(Import(alias.name, node.lineno) for alias in node.names)
         elif isinstance(node, ast.ImportFrom):
             base = ".".join(package[: len(package) - node.level + 1]) if node.level else ""
             stem = ".".join(part for part in (base, node.module or "") if part)
             names = [alias.name for alias in node.names]
-            # `from tfdb import io` names a room only together with what it imports.
+            # `from tfdb import plot` names a room only together with what it imports.
             ours = stem in {".".join(package[:1]), base}
             modules = [f"{stem}.{name}" for name in names] if ours else [stem]
-            found.extend(Import(module, node.lineno, late) for module in modules)
-        function = isinstance(node, (ast.FunctionDef, ast.AsyncFunctionDef))
-        typing_only = isinstance(node, ast.If) and "TYPE_CHECKING" in ast.unparse(node.test)
-        for child in ast.iter_child_nodes(node):
-            visit(child, late or function or typing_only)
-
-    visit(ast.parse(text), late=False)
-    return found
+            found.extend(Import(module, node.lineno) for module in modules)
+    return sorted(found, key=lambda each: each.line)
 
 
 def _sizes(tree: Path, layers: dict[str, Any]) -> Iterator[Violation]:

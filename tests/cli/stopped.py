@@ -11,8 +11,8 @@ import sys
 from typing import TYPE_CHECKING
 
 import tfdb_command
-from tfdb import new_file
-from tfdb.io import packed_file
+from tfdb.data import new_file
+from tfdb.recordings import packed_file
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 import tfdb
-from tfdb.shared import find_stores
+from tfdb.store.shared import find_stores
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import tfdb
-from tfdb.io import Recording
+from tfdb.recordings import Recording
 
 if TYPE_CHECKING:
     from pathlib import Path

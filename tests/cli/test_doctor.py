@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tfdb.cli.doctor import KINDS, Finding, Limits, Log, disconnected, examine
+from tfdb.judging.doctor import KINDS, Finding, Limits, Log, disconnected, examine
 
 MS = 1_000_000
 S = 1_000_000_000

@@ -245,7 +245,7 @@ def test_an_echo_that_walks_without_any_answer_is_an_error(tool: Tool, tmp_path:
 def test_what_has_no_message_to_salvage(tool: Tool, bag: Path, tmp_path: Path) -> None:
     cut = tmp_path / "cut.bag"
     cut.write_bytes(bag.read_bytes()[:6500])
-    with tfdb.io.Recording(cut, salvage=True) as recording:
+    with tfdb.recordings.Recording(cut, salvage=True) as recording:
         assert [topic.name for topic in recording.topics] == ["/tf_static"]
     done = tool("convert", cut, tmp_path / "o.bag", "--salvage", code=2)
     said = done.err.splitlines()[-1]
@@ -284,5 +284,5 @@ def test_a_store_is_not_made_for_what_is_refused(tool: Tool, bag: Path, tmp_path
     tool("serve", "bag", bag, "--into", name, "--frame", "nowhere", code=2)
     tool("serve", "follow", bag, "--into", name, code=2)
     tool("serve", "follow", tmp_path, "--into", name, code=2)
-    with pytest.raises(tfdb.NoSuchStore):
+    with pytest.raises(tfdb.errors.NoSuchStore):
         tfdb.Buffer.open(name, create=False)

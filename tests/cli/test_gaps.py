@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING
 import pytest
 
 import tfdb
-from tfdb.cli.times import format_date, format_dates, format_when
-from tfdb.io import RecordingWriter
+from tfdb.data.time_text import format_date, format_dates, format_when
+from tfdb.recordings import RecordingWriter
 
 if TYPE_CHECKING:
     from pathlib import Path

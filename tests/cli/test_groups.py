@@ -49,7 +49,7 @@ def test_the_error_as_json_has_the_groups(tool: Tool) -> None:
 def test_nothing_is_served_of_a_recording_that_is_refused(tool: Tool) -> None:
     name = "groups-that-disagree"
     tool("serve", "bag", ROBOTS, "--into", name, "--speed", "inf", code=2)
-    with pytest.raises(tfdb.NoSuchStore):
+    with pytest.raises(tfdb.errors.NoSuchStore):
         tfdb.Buffer.open(name, create=False)
 
 
@@ -128,7 +128,7 @@ def test_check_finds_two_trees_in_one_group(tool: Tool, tmp_path: Path) -> None:
     turned = (0.6, 0.0, 0.0, 0.8)
     edge = tfdb.TransformStamped("a", "b", 5, (1.0, 2.0, 3.0), turned)
     other = tfdb.TransformStamped("c", "d", 5, (1.0, 2.0, 3.0), turned)
-    with tfdb.io.RecordingWriter(path) as writer:
+    with tfdb.recordings.RecordingWriter(path) as writer:
         data = tfdb.encode_tf_message([edge, other], writer.encoding)
         writer.write(data, 5, topic="/robot/tf", static=False)
     (finding,) = tool("check", path, "--by-namespace", "--json", code=1).json["findings"]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 import re
 import shlex
 from pathlib import Path
@@ -10,6 +11,7 @@ from typing import TYPE_CHECKING
 import click
 import pytest
 
+from tfdb.cli import checkout_only
 from tfdb.cli.app import COMMANDS, cli
 
 if TYPE_CHECKING:
@@ -141,16 +143,17 @@ def test_a_mistyped_model_is_told_the_nearest(tool: Tool, bag: Path, tmp_path: P
         assert said == f"{given}: no such file; did you mean {tmp_path / 'robot.urdf'}?"
 
 
-def test_what_measures_is_explained_where_it_is_not(
-    tool: Tool, monkeypatch: pytest.MonkeyPatch
+@pytest.mark.parametrize("name", checkout_only.COMMANDS)
+def test_a_command_of_a_checkout_names_what_to_install(
+    tool: Tool, monkeypatch: pytest.MonkeyPatch, name: str
 ) -> None:
-    from tfdb.cli import bench
-
-    monkeypatch.setattr(bench, "command", bench._missing)
-    shown = tool("bench", "--help").out
-    assert COMMANDS["bench"] in shown
-    assert "It is run from a checkout" in shown
-    assert "a wheel of tfdb measures nothing" in tool("bench", "--quick", code=2).error
+    monkeypatch.setattr(checkout_only, "installed", lambda: False)
+    module = importlib.import_module(f"tfdb.cli.{name}")
+    monkeypatch.setattr(module, "command", checkout_only.find(name, "", module.TEXT))
+    shown = tool(name, "--help").out
+    assert COMMANDS[name] in shown
+    assert "It runs from a checkout" in shown
+    assert f"a wheel of tfdb has no `tfdb {name}`" in tool(name, "--quick", code=2).error
 
 
 PAGE = Path(__file__).parents[2] / "docs" / "howto" / "command_line.md"

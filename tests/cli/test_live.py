@@ -15,9 +15,9 @@ import pytest
 from tests.test_unreadable_members import Member, recording
 
 import tfdb
-from tfdb.cli.doctor import examine
 from tfdb.cli.graph import Live
-from tfdb.cli.watch import watch_arrivals
+from tfdb.judging.doctor import examine
+from tfdb.judging.follower import watch_arrivals
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -32,7 +32,7 @@ TURN = (0.0, 0.6, 0.0, 0.8)
 def name() -> Iterator[str]:
     made = f"test-live-{os.getpid()}-{next(_numbers)}"
     yield made
-    with suppress(tfdb.NoSuchStore):  # the test removed it
+    with suppress(tfdb.errors.NoSuchStore):  # the test removed it
         tfdb.Buffer.unlink(made)
 
 
@@ -163,7 +163,7 @@ def test_a_bad_member_costs_its_own(tool: Tool, name: str, tmp_path: Path) -> No
     own = tfdb.TransformStamped("base", "base", 5, (1, 2, 3))
     names = tfdb.TransformStamped("map", "broken", 5, (1, 2, 3))
     data = tfdb.encode_tf_message([good, own, names]).replace(b"broken", b"br\xffken")
-    with tfdb.io.RecordingWriter(path) as writer:
+    with tfdb.recordings.RecordingWriter(path) as writer:
         writer.write(data, 1, topic="/tf")
         writer.write(tfdb.encode_tf_message([own]), 2, topic="/tf")
         writer.write(data[:40], 3, topic="/tf")
@@ -214,7 +214,7 @@ def test_serve_and_watch(tool: Tool, bag: Path, name: str) -> None:
                 try:
                     store = tfdb.Buffer.open(name, create=False, mode="r")
                     break
-                except tfdb.NoSuchStore:
+                except tfdb.errors.NoSuchStore:
                     assert server.poll() is None
             while store.commit < 800:  # the second round
                 assert server.poll() is None
@@ -269,7 +269,7 @@ def test_who_falls_behind_goes_on(name: str, tool: Tool, monkeypatch: pytest.Mon
     assert arrivals.missed >= ahead
     assert 0 < arrivals.log.count == store.commit - arrivals.missed - 1
 
-    monkeypatch.setattr("tfdb.cli.watch.watch_arrivals", lambda *_: arrivals)
+    monkeypatch.setattr("tfdb.judging.follower.watch_arrivals", lambda *_: arrivals)
     assert tool("check", f"shm:{name}", "--for", "1", "--json").json["missed_commits"] >= ahead
     assert "commits went by unseen" in tool("check", f"shm:{name}", "--for", "1").out
 

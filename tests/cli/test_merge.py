@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import tfdb
-from tfdb.io import Recording, RecordingWriter
+from tfdb.recordings import Recording, RecordingWriter
 
 if TYPE_CHECKING:
     from pathlib import Path

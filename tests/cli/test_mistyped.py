@@ -8,7 +8,7 @@ import click
 import pytest
 
 import tfdb
-from tfdb.cli import app
+from tfdb.cli import checkout_only
 from tfdb.cli.app import COMMANDS, cli
 from tfdb.cli.groups import OneOf
 
@@ -30,7 +30,7 @@ def all_commands(
         assert command is not None
         if isinstance(command, click.Group):
             yield from all_commands(command, (*path, name))
-        elif name != "bench":  # not in a wheel
+        elif name not in checkout_only.COMMANDS:
             yield (*path, name), command
 
 
@@ -84,9 +84,9 @@ def test_a_file_that_is_mistyped_gets_the_nearest(tmp_path: Path, tool: Tool) ->
     assert tool("info", wrong, code=2).error == said
     for read in (
         tfdb.load,
-        tfdb.io.Recording,
-        tfdb.io.read_trajectory,
-        tfdb.io.load_urdf,
+        tfdb.recordings.Recording,
+        tfdb.trajectories.read_trajectory,
+        tfdb.robots.load_urdf,
         lambda path: tfdb.Trajectory.from_parquet(path, target="a", source="b"),
         lambda path: tfdb.compare(path, path),
     ):
@@ -191,13 +191,15 @@ def test_help_is_text_and_says_so(tool: Tool) -> None:
     assert "'tfdb shm ls --json'" in tool("shm", "--help").out
 
 
-def test_bench_is_hidden_where_nothing_measures(
+def test_commands_of_a_checkout_are_hidden_in_a_wheel(
     tool: Tool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     assert "\n  bench " in tool("--help").out
-    monkeypatch.setattr(app, "measures", lambda: False)
-    assert "bench" not in tool("--help").out
-    assert cli.list_commands(click.Context(cli)) == [name for name in COMMANDS if name != "bench"]
+    monkeypatch.setattr(checkout_only, "installed", lambda: False)
+    shown = tool("--help").out
+    assert not [name for name in checkout_only.COMMANDS if f"\n  {name} " in shown]
+    left = [name for name in COMMANDS if name not in checkout_only.COMMANDS]
+    assert cli.list_commands(click.Context(cli)) == left
 
 
 @pytest.mark.parametrize("at", ["stamps", "rate"])

@@ -23,13 +23,18 @@ def record(
     path: Path, x: float = 0.0, *, topic: str = "/tf", prefix: str = "", first: int = 0
 ) -> Path:
     """A recording of an edge that moves 0.1 m each 20 ms, 50 samples from `first` on."""
-    with tfdb.io.RecordingWriter(path) as writer:
+    with tfdb.recordings.RecordingWriter(path) as writer:
         write(writer, x, topic=topic, prefix=prefix, first=first)
     return path
 
 
 def write(
-    writer: tfdb.io.RecordingWriter, x: float, *, topic: str, prefix: str = "", first: int = 0
+    writer: tfdb.recordings.RecordingWriter,
+    x: float,
+    *,
+    topic: str,
+    prefix: str = "",
+    first: int = 0,
 ) -> None:
     for row in range(first, first + 50):
         stamp = START + row * 20_000_000
@@ -147,7 +152,7 @@ def test_groups_whose_prefixes_collide_are_shown_mixed(
     command: tuple[str, ...], options: tuple[str, ...], tool: Tool, tmp_path: Path
 ) -> None:
     path = tmp_path / "collision.mcap"
-    with tfdb.io.RecordingWriter(path) as writer:
+    with tfdb.recordings.RecordingWriter(path) as writer:
         write(writer, 0.0, topic="/tf", prefix="robot1/")
         write(writer, 4.0, topic="/robot1/tf")
         write(writer, 8.0, topic="/tf")

@@ -14,8 +14,9 @@ import numpy as np
 import pytest
 
 import tfdb
-from tfdb.cli import arrivals, common, convert
-from tfdb.io.choice import Rewriter
+from tfdb.cli import common, convert
+from tfdb.judging import arrivals
+from tfdb.recordings.choice import Rewriter
 from tfdb_measure import machine
 from tfdb_measure.results import Results
 
@@ -66,7 +67,7 @@ def test_errors_are_json_where_json_is_asked_for(
     body = done.json
     assert (body["command"], body["error"]["type"]) == (command, kind)
     assert body["error"]["message"] == done.error
-    assert hasattr(tfdb, kind) or kind == "FileNotFoundError"
+    assert hasattr(tfdb.errors, kind) or kind == "FileNotFoundError"
 
 
 def test_missing_folders_are_named(tool: Tool, mcap: Path, tmp_path: Path) -> None:
@@ -146,7 +147,7 @@ def test_missing_poses_are_left_out_on_request(
         buffer.set_transform("map", "base", START + i * 100_000_000, (0.1 * i, 1, -2), turn)
         buffer.set_transform("base", "arm", START + i * 100_000_000, (1, 0.1 * i, 0), turn)
     file = tmp_path / "gap.mcap"
-    tfdb.io.write_recording(file, buffer)
+    tfdb.recordings.write_recording(file, buffer)
     wanted = (file, "map", "arm", "--policy", "interpolate:0.15", *rate)
     span = ("--start", str(START // 10**9), "--end", f"{START + 6 * 10**9}ns") if rate else ()
     if rate:
@@ -259,7 +260,7 @@ def test_completion_reads_only_the_beginning(
     monkeypatch.setattr(Rewriter, "decoded", counted)
     for suffix in ("bag", "mcap"):
         file = tmp_path / f"long.{suffix}"
-        tfdb.io.write_recording(file, buffer)
+        tfdb.recordings.write_recording(file, buffer)
         decoded = 0
         context = click.Context(click.Command("lookup"))
         context.params["file"] = str(file)
@@ -327,7 +328,7 @@ def test_two_clocks_are_one_finding(tool: Tool, tmp_path: Path) -> None:
             frames = (f"joint_{joint - 1}", f"joint_{joint}")
             buffer.set_transform(*frames, now - START, (0, 0.1, 0.02 * i), turn)
     file = tmp_path / "mixed.mcap"
-    tfdb.io.write_recording(file, buffer)
+    tfdb.recordings.write_recording(file, buffer)
     done = tool("check", file, "--json", code=1)
     (finding,) = done.json["findings"]
     assert done.err == ""
@@ -346,7 +347,7 @@ def test_each_clock_is_judged_alone(tool: Tool, tmp_path: Path) -> None:
         buffer.set_transform("base", "arm", 5 + i * 20_000_000, (i, 0.1, 2), (0, 0, 0, 1))
     buffer.set_transform("map", "base", 7, (1, 1, -2), (0, 0, 0, 1))
     file = tmp_path / "mixed.mcap"
-    tfdb.io.write_recording(file, buffer)
+    tfdb.recordings.write_recording(file, buffer)
     found = tool("check", file, "--json", code=1).json["findings"]
     assert [(one["kind"], one["frames"]) for one in found if one["kind"] != "coverage"] == [
         ("two-clocks", ["base"]),

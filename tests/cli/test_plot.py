@@ -62,7 +62,7 @@ def test_trajectories(tool: Tool, bag: Path, here: Path) -> None:
 
 
 def test_publishers_are_told_apart(tool: Tool, here: Path) -> None:
-    from tfdb.io import RecordingWriter
+    from tfdb.recordings import RecordingWriter
 
     with RecordingWriter(here / "two.bag") as writer:
         for i in range(20):

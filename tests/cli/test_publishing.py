@@ -32,7 +32,7 @@ _numbers = count()
 def name() -> Iterator[str]:
     made = f"test-publishing-{os.getpid()}-{next(_numbers)}"
     yield made
-    with suppress(tfdb.NoSuchStore):  # nothing was stored
+    with suppress(tfdb.errors.NoSuchStore):  # nothing was stored
         tfdb.Buffer.unlink(made)
 
 
@@ -121,7 +121,7 @@ def test_transforms_of_files(tool: Tool, bag: Path, name: str, tmp_path: Path) -
 )
 def test_what_is_refused(tool: Tool, name: str, arguments: list[str], said: str) -> None:
     assert said in tool("static-publisher", f"shm:{name}", *arguments, code=2).error
-    with pytest.raises(tfdb.NoSuchStore):
+    with pytest.raises(tfdb.errors.NoSuchStore):
         tfdb.Buffer.open(name, create=False)
 
 

@@ -15,8 +15,8 @@ import click
 import pytest
 
 import tfdb
-from tfdb import new_file
 from tfdb.cli.app import COMMANDS, cli
+from tfdb.data import new_file
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -220,13 +220,13 @@ def test_a_second_signal_amid_the_removal_leaves_nothing(
 def store() -> Iterator[str]:
     name = f"test-stopped-{os.getpid()}"
     yield name
-    with suppress(tfdb.NoSuchStore):
+    with suppress(tfdb.errors.NoSuchStore):
         tfdb.Buffer.unlink(name)
 
 
 def opened(name: str, server: subprocess.Popen[str]) -> tfdb.Buffer:
     while True:
-        with suppress(tfdb.NoSuchStore):
+        with suppress(tfdb.errors.NoSuchStore):
             return tfdb.Buffer.open(name, create=False, mode="r")
         assert server.poll() is None
 

@@ -8,16 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import tfdb
-from tfdb.cli.times import (
-    LATEST,
-    TimeSpec,
-    duration_option,
-    format_duration,
-    format_ns,
-    parse_stamp,
-    read_stamps,
-    time_option,
-)
+from tfdb.cli.times import LATEST, TimeSpec, duration_option, parse_stamp, read_stamps, time_option
+from tfdb.data.time_text import format_duration, format_ns
 
 CONTEXT = click.Context(click.Command("test"))
 PARAMETER = click.Argument(["time"])

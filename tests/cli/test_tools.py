@@ -23,8 +23,8 @@ import tfdb
 from tfdb.cli.echo import Printer, Question, echo
 from tfdb.cli.graph import Live
 from tfdb.cli.monitor import Watch
-from tfdb.cli.rates import Rates
 from tfdb.cli.times import LATEST
+from tfdb.judging.rates import Rates
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -41,7 +41,7 @@ _numbers = count()
 def name() -> Iterator[str]:
     made = f"test-tools-{os.getpid()}-{next(_numbers)}"
     yield made
-    with suppress(tfdb.NoSuchStore):  # the test removed it
+    with suppress(tfdb.errors.NoSuchStore):  # the test removed it
         tfdb.Buffer.unlink(made)
 
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import tfdb
-from tfdb.io import read_trajectory, write_trajectory
+from tfdb.trajectories import read_trajectory, write_trajectory
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -86,12 +86,12 @@ def test_parquet_keeps_the_names_of_frames(
     tool("poses", named, "map", "base", "-o", out)
     assert tfdb.Trajectory.from_parquet(out).source == "base"
     assert "exists already" in tool("poses", named, "map", "base", "-o", out, code=2).error
-    with pytest.raises(tfdb.TrajectoryError, match="exists already"):
+    with pytest.raises(tfdb.errors.TrajectoryError, match="exists already"):
         write_trajectory(out, path)
     pl.DataFrame({"x": [1.0]}).write_parquet(nameless)
     out.write_bytes(named.read_bytes()[:-50])
     for bad, words in ((nameless, "no column 'stamp_ns'"), (out, "no Parquet file, or damaged")):
-        with pytest.raises(tfdb.TrajectoryError, match=words):
+        with pytest.raises(tfdb.errors.TrajectoryError, match=words):
             tfdb.load(bad)
 
 
@@ -101,7 +101,7 @@ def test_what_is_no_trajectory(tool: Any, path: tfdb.Trajectory, tmp_path: Path)
     assert "3 columns are neither TUM" in tool("tree", file, code=2).error
     file.write_text("1 0 0 0 0 0 0 1\n2 0 0 0 0 0 0 7\n")
     assert "list.txt:2: " in tool("info", file, code=2).error
-    with pytest.raises(tfdb.TrajectoryError, match="not of unit length: 7"):
+    with pytest.raises(tfdb.errors.TrajectoryError, match="not of unit length: 7"):
         tfdb.load(file)
     (tmp_path / "notes.md").write_text("# Notes\n")
     assert "neither a ROS 1 bag" in tool("tree", tmp_path / "notes.md", code=2).error

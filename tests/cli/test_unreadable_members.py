@@ -97,10 +97,10 @@ def test_a_prefix_makes_no_name_of_none(tool: Tool, tmp_path: Path, encoding: st
 def test_following_a_file_keeps_the_good_members(tmp_path: Path) -> None:
     path = tmp_path / "a.mcap"
     store = tfdb.Buffer(history=None)
-    with tfdb.io.RecordingWriter(path) as writer:
+    with tfdb.recordings.RecordingWriter(path) as writer:
         for n in range(3):
             row = [Member(b"map", b"base", 5 + n), *UNREADABLE]
             writer.write(encode(row, "cdr"), n, topic="/tf")
     with pytest.warns(tfdb.TfdbWarning, match="3 transforms of frame '(gear|c.*am)' were refused"):
-        report = tfdb.io.follow_recording(store, path)
+        report = tfdb.recordings.follow_recording(store, path)
     assert (report.transforms, report.refused, report.refused_transforms) == (3, 0, 6)

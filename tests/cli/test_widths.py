@@ -14,7 +14,7 @@ from rich.cells import cell_len
 
 import tfdb
 from tfdb.cli.app import COMMANDS
-from tfdb.io import RecordingWriter
+from tfdb.recordings import RecordingWriter
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -78,7 +78,7 @@ def store(folder: Path) -> Iterator[str]:
     with tfdb.Buffer.open(name) as made:
         made.load(folder / "good.bag")
         yield name
-    with suppress(tfdb.NoSuchStore):
+    with suppress(tfdb.errors.NoSuchStore):
         tfdb.Buffer.unlink(name)
 
 

@@ -15,7 +15,7 @@ import pytest
 
 import tfdb
 from tfdb.comparing.alignment import align
-from tfdb.io import write_trajectory
+from tfdb.trajectories import write_trajectory
 
 from .motions import S, motion, rotated, times, tracked
 
@@ -225,12 +225,16 @@ def test_the_offset_of_what_only_turns() -> None:
 
 
 def test_even_motion_tells_no_offset() -> None:
-    with pytest.raises(tfdb.NotComparable, match="changes of speed are needed") as caught:
+    with pytest.raises(tfdb.errors.NotComparable, match="changes of speed are needed") as caught:
         tfdb.compare(straight(100), straight(100), offset="estimate")
     assert caught.value.reason == "even motion"
-    with pytest.raises(tfdb.NotComparable, match="has 5 poses: to estimate the offset, 8 are"):
+    with pytest.raises(
+        tfdb.errors.NotComparable, match="has 5 poses: to estimate the offset, 8 are"
+    ):
         tfdb.compare(straight(100), straight(5), offset="estimate")
-    with pytest.raises(tfdb.NotComparable, match=r"correlate by 0\.\d\d only, 0\.5 is needed"):
+    with pytest.raises(
+        tfdb.errors.NotComparable, match=r"correlate by 0\.\d\d only, 0\.5 is needed"
+    ):
         tfdb.compare(motion(1, times(1, 900, 30)), motion(5, times(1, 900, 30)), offset="estimate")
 
 
@@ -296,7 +300,7 @@ NOT_COMPARABLE = [
 def test_what_cannot_be_compared(
     reference: Any, estimate: Any, options: dict[str, Any], reason: str, text: str
 ) -> None:
-    with pytest.raises(tfdb.NotComparable, match=text) as caught:
+    with pytest.raises(tfdb.errors.NotComparable, match=text) as caught:
         tfdb.compare(reference, estimate, **options)
     assert caught.value.reason == reason
     assert pickle.loads(pickle.dumps(caught.value)).reason == reason
@@ -344,12 +348,14 @@ def test_seconds_are_exact(period_ms: int, delta: float) -> None:
 def test_the_shortest_and_the_longest_time() -> None:
     assert len(tfdb.compare(GOOD, GOOD, delta=1e-15, delta_unit="s").pairs) == len(GOOD) - 1
     for all_pairs in (False, True):
-        with pytest.raises(tfdb.NotComparable, match="the whole way of the matched poses is 9 s"):
+        with pytest.raises(
+            tfdb.errors.NotComparable, match="the whole way of the matched poses is 9 s"
+        ):
             tfdb.compare(GOOD, GOOD, delta=1e300, delta_unit="s", all_pairs=all_pairs)
 
 
 def test_what_is_empty_and_frames_that_are_none() -> None:
-    with pytest.raises(tfdb.NotComparable, match=r"the reference holds no pose$"):
+    with pytest.raises(tfdb.errors.NotComparable, match=r"the reference holds no pose$"):
         tfdb.compare(GOOD[:0], GOOD)
     for frames in (5, "ab", ("map",), ("map", 3)):
         with pytest.raises(
@@ -402,7 +408,9 @@ def test_bad_poses() -> None:
     poses = straight().poses.copy()
     poses[7, 0] = 1e200
     bad = straight(rows=poses)
-    with pytest.raises(tfdb.InvalidTransform, match=r"pose 7 of the reference: .* 1e\+200 m off"):
+    with pytest.raises(
+        tfdb.errors.InvalidTransform, match=r"pose 7 of the reference: .* 1e\+200 m off"
+    ):
         tfdb.compare(bad, GOOD)
     with pytest.raises(tfdb.InvalidStamp):
         tfdb.compare(shifted(GOOD, -2 * S), shifted(straight(300), -2 * S))
@@ -548,7 +556,7 @@ def row_files(tmp_path: Path, count: int = 60) -> tuple[tfdb.Trajectory, Path, P
     path = motion(3, np.arange(count) / 20)
     other = tracked(path, 5)
     for name, each in (("truth", path), ("slam", other)):
-        tfdb.io.write_trajectory(tmp_path / f"{name}.txt", each, "kitti")
+        tfdb.trajectories.write_trajectory(tmp_path / f"{name}.txt", each, "kitti")
     return other, tmp_path / "truth.txt", tmp_path / "slam.txt"
 
 
@@ -574,21 +582,23 @@ def test_row_by_row_needs_as_many(tmp_path: Path) -> None:
     other, truth, slam = row_files(tmp_path)
     for each in ("truth", "slam"):
         (tmp_path / f"{each}_times.txt").unlink()
-    with pytest.raises(tfdb.NotComparable, match="60 poses and the estimate 59: row by row"):
+    with pytest.raises(tfdb.errors.NotComparable, match="60 poses and the estimate 59: row by row"):
         tfdb.compare(truth, other[:-1], association="rows")
     for options in ({"offset": 1.0}, {"offset": "estimate"}, {"max_diff": 0.1}):
         with pytest.raises(tfdb.InvalidArgument, match="row by row no stamps are compared"):
             tfdb.compare(truth, slam, **options)  # type: ignore[arg-type]
     with pytest.raises(tfdb.InvalidArgument, match="needs stamps, which KITTI poses lack"):
         tfdb.compare(truth, slam, delta_unit="s")
-    with pytest.raises(tfdb.TrajectoryError, match=r"association='rows' .--association rows."):
+    with pytest.raises(
+        tfdb.errors.TrajectoryError, match=r"association='rows' .--association rows."
+    ):
         tfdb.compare(truth, slam, association="nearest")
-    with pytest.raises(tfdb.TrajectoryError, match="carry no stamps"):
+    with pytest.raises(tfdb.errors.TrajectoryError, match="carry no stamps"):
         tfdb.compare(truth, other)
     lines = slam.read_text().splitlines()
     scaled = [" ".join(str(1.2 * float(value)) for value in line.split()) for line in lines]
     slam.write_text("\n".join(scaled))
-    with pytest.raises(tfdb.TrajectoryError, match=r"slam.txt:1: .* not a rotation matrix"):
+    with pytest.raises(tfdb.errors.TrajectoryError, match=r"slam.txt:1: .* not a rotation matrix"):
         tfdb.compare(truth, slam)
 
 
@@ -635,18 +645,18 @@ def test_no_order_is_suspected_without_a_reason(recwarn: pytest.WarningsRecorder
 def test_files_are_salvaged(tmp_path: Path) -> None:
     path = motion(3, 1_700_000_000 + np.arange(80) / 20)
     truth, slam = tmp_path / "truth.tum", tmp_path / "slam.tum"
-    tfdb.io.write_trajectory(truth, path)
+    tfdb.trajectories.write_trajectory(truth, path)
     lines = [
         f"{stamp}.000 {' '.join(map(repr, pose))}"
         for stamp, pose in zip(path.stamps.tolist(), path.poses.tolist(), strict=True)
     ]
     slam.write_text("\n".join([*lines[:9], lines[10], lines[9], "cut", *lines[11:]]))
-    with pytest.raises(tfdb.TrajectoryError, match="--salvage"):
+    with pytest.raises(tfdb.errors.TrajectoryError, match="--salvage"):
         tfdb.compare(truth, slam)
     with pytest.warns(tfdb.TfdbWarning) as warned:
         found = tfdb.compare(truth, slam, salvage=True)
     assert any("81 rows, 1 out of order, sorted, 1 skipped" in str(w.message) for w in warned)
     assert any("taken as nanoseconds, by their size" in str(w.message) for w in warned)
     assert found.ape_translation.max < 1e-12
-    with pytest.raises(tfdb.TrajectoryError, match="not a whole number of nanoseconds"):
+    with pytest.raises(tfdb.errors.TrajectoryError, match="not a whole number of nanoseconds"):
         tfdb.compare(truth, slam, stamp_unit="ns")

@@ -64,7 +64,7 @@ def test_loops(tf2: Tf2Oracle) -> None:
     buffer = tfdb.Buffer()
     store(buffer, "a", "b", SECOND, TURNED)
     commit = buffer.commit
-    with pytest.raises(tfdb.CycleError):
+    with pytest.raises(tfdb.errors.CycleError):
         store(buffer, "b", "a", SECOND, TURNED)
     assert buffer.commit == commit
 
@@ -79,7 +79,7 @@ def test_static_and_moving_mixed(tf2: Tf2Oracle) -> None:
 
     buffer = tfdb.Buffer()
     buffer.set_static_transform("a", "b", TURNED[:3], TURNED[3:])
-    with pytest.raises(tfdb.StaticConflict):
+    with pytest.raises(tfdb.errors.StaticConflict):
         store(buffer, "a", "b", 2 * SECOND, MOVED)
 
 
@@ -121,7 +121,7 @@ def test_infinity(tf2: Tf2Oracle) -> None:
     infinite = TURNED.copy()
     infinite[0] = np.inf
     assert tf2.run([set_line("a", "b", SECOND, infinite, static=False)])[0].word == "ok"
-    with pytest.raises(tfdb.InvalidTransform):
+    with pytest.raises(tfdb.errors.InvalidTransform):
         store(tfdb.Buffer(), "a", "b", SECOND, infinite)
 
 

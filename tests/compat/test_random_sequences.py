@@ -93,13 +93,13 @@ class Sequence:
                 self.buffer.set_static_transform(parent, child, pose[:3], pose[3:])
             else:
                 self.buffer.set_transform(parent, child, stamp, pose[:3], pose[3:])
-        except tfdb.CycleError:
+        except tfdb.errors.CycleError:
             return  # tf2 stores loops: see test_known_differences
-        except tfdb.TooOld:
+        except tfdb.errors.TooOld:
             if not parent_known:
                 return  # tf2 invents the parent of a sample that it refuses
             answer = Ours("refused")
-        except tfdb.InvalidTransform:
+        except tfdb.errors.InvalidTransform:
             answer = Ours("refused")
         else:
             answer = Ours("ok")

@@ -66,5 +66,5 @@ def test_examples_of_the_extension() -> None:
 
 
 def test_there_are_examples_in_many_places() -> None:
-    assert {"tfdb", "tfdb.tf2", "tfdb.trajectory"} <= set(modules())
-    assert len(examples(importlib.import_module("tfdb.trajectory"))) > 15
+    assert {"tfdb", "tfdb.tf2", "tfdb.trajectories.trajectory"} <= set(modules())
+    assert len(examples(importlib.import_module("tfdb.trajectories.trajectory"))) > 15

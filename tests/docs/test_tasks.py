@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 
 import tfdb
-from tfdb.io.trajectory_writers import write_trajectory
+from tfdb.trajectories.writing import write_trajectory
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGE = ROOT / "docs" / "tasks.md"
@@ -22,7 +22,7 @@ PATIENCE = 60.0  # seconds
 IMPORTS = """import threading
 import numpy as np
 import tfdb
-from tfdb.io.urdf import load_urdf
+from tfdb.robots.urdf import load_urdf
 """
 
 

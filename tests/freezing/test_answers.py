@@ -44,7 +44,7 @@ def test_a_snapshot_is_frozen_as_it_was(filled: tfdb.Buffer, tmp_path: Path) -> 
     late = {key for key in expected if "tree" in key or key.endswith("info base")}
     for key in expected.keys() - late:
         assert found[key] == expected[key], key
-    with pytest.raises(tfdb.SnapshotClosed):
+    with pytest.raises(tfdb.errors.SnapshotClosed):
         snapshot.freeze(tmp_path / "c.tfdb")
 
 
@@ -99,7 +99,7 @@ def test_nothing_can_be_written(filled: tfdb.Buffer, tmp_path: Path) -> None:
         lambda: frozen.run(lambda tx: tx.set_transform("map", "base", 60, *pose)),
         in_transaction,
     ):
-        with pytest.raises(tfdb.ReadOnly, match="is frozen") as caught:
+        with pytest.raises(tfdb.errors.ReadOnly, match="is frozen") as caught:
             write()
         assert caught.value.path == str(path)
     assert path.read_bytes() == before
@@ -109,7 +109,7 @@ def test_what_is_known_of_it(filled: tfdb.Buffer, tmp_path: Path) -> None:
     path = tmp_path / "a.tfdb"
     filled.freeze(path)
     frozen = tfdb.open(path)
-    assert frozen.frozen == tfdb.Frozen(str(path), path.stat().st_size, "")
+    assert frozen.frozen == tfdb.types.Frozen(str(path), path.stat().st_size, "")
     assert frozen.shared is None
     assert filled.frozen is None
     assert f"<tfdb.Buffer at commit {filled.commit}, history 1000 s, frozen in {path}: " in repr(
@@ -119,7 +119,7 @@ def test_what_is_known_of_it(filled: tfdb.Buffer, tmp_path: Path) -> None:
     assert frozen.memory().samples == sum(info.samples for info in filled.tree())
     assert frozen.memory().used_bytes <= path.stat().st_size
     assert frozen.changes(filled.commit) == []
-    with pytest.raises(tfdb.FeedLapped) as lapped:
+    with pytest.raises(tfdb.errors.FeedLapped) as lapped:
         frozen.changes(3)
     assert (lapped.value.oldest, lapped.value.newest) == (filled.commit, filled.commit)
 
@@ -130,7 +130,7 @@ def test_its_clock(tmp_path: Path) -> None:
     buffer.freeze(tmp_path / "a.tfdb")
     frozen = tfdb.open(tmp_path / "a.tfdb", clock=lambda: 3 * 10**9)
     assert frozen.lookup_latest_transform("map", "base", max_age=2.5).stamp == 10**9
-    with pytest.raises(tfdb.Stale):
+    with pytest.raises(tfdb.errors.Stale):
         frozen.lookup_latest_transform("map", "base", max_age=1.5)
 
 
@@ -143,7 +143,7 @@ def test_it_pickles_by_its_path(
     monkeypatch.chdir("/")
     assert answers(pickle.loads(pickled)) == answers(filled)
     Path(tmp_path / "a.tfdb").unlink()
-    with pytest.raises(tfdb.NoSuchStore):
+    with pytest.raises(tfdb.errors.NoSuchStore):
         pickle.loads(pickled)
 
 

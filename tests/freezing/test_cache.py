@@ -11,8 +11,7 @@ import pytest
 
 import tfdb
 from tests.sharing.answers import RECORDING
-from tfdb import loading
-from tfdb.io import write_recording
+from tfdb.recordings import load, write_recording
 
 
 @pytest.fixture
@@ -27,13 +26,13 @@ def recording(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 def loads(monkeypatch: pytest.MonkeyPatch) -> list[int]:
     """One entry for each time that a recording is loaded."""
     counted: list[int] = []
-    original = loading.load_into
+    original = load.load_into
 
     def count(*args: object, **kwargs: object) -> object:
         counted.append(1)
         return original(*args, **kwargs)  # type: ignore[arg-type]
 
-    monkeypatch.setattr(loading, "load_into", count)
+    monkeypatch.setattr(load, "load_into", count)
     return counted
 
 
@@ -120,7 +119,9 @@ def test_what_it_has_not_made_is_not_replaced(
     else:
         taken.write_bytes(b"hello" if content == "text" else b"")
     before = taken.read_bytes()
-    with pytest.raises(tfdb.StoreExists, match="move it away, or load without cache") as caught:
+    with pytest.raises(
+        tfdb.errors.StoreExists, match="move it away, or load without cache"
+    ) as caught:
         tfdb.load(recording, cache=True)
     assert caught.value.path == str(taken)
     assert taken.read_bytes() == before
@@ -168,7 +169,7 @@ def test_what_cannot_be_loaded_is_not_kept(recording: Path) -> None:
     with pytest.raises(FileNotFoundError):
         tfdb.load(recording.with_name("none.mcap"), cache=True)
     recording.write_bytes(b"hello")
-    with pytest.raises(tfdb.RecordingError):
+    with pytest.raises(tfdb.errors.RecordingError):
         tfdb.load(recording, cache=True)
     with pytest.raises(tfdb.InvalidArgument):
         tfdb.load([], cache=True)

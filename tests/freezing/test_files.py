@@ -72,12 +72,12 @@ buffer = tfdb.Buffer()
 for i in range(500):
     buffer.set_transform("map", "base", i, (i, 2, 3), (0, 0.6, 0, 0.8))
 buffer.lookup_transform("map", "base")
-from tfdb.frozen import freeze_into
+from tfdb.store.frozen import freeze_into
 resource.setrlimit(resource.RLIMIT_FSIZE, (20_000, 20_000))
 for target in ({str(path)!r}, {str(tmp_path / "new.tfdb")!r}):
     try:
         buffer.freeze(target, overwrite=True)
-    except tfdb.CapacityExceeded as error:
+    except tfdb.errors.CapacityExceeded as error:
         assert error.path == target and target in str(error), error
     else:
         raise AssertionError("it fits")
@@ -89,22 +89,22 @@ for target in ({str(path)!r}, {str(tmp_path / "new.tfdb")!r}):
 
 def test_what_is_no_frozen_store(tmp_path: Path, path: Path) -> None:
     for name in ("none.tfdb", "none/a.tfdb"):
-        with pytest.raises(tfdb.NoSuchStore, match="tfdb freeze"):
+        with pytest.raises(tfdb.errors.NoSuchStore, match="tfdb freeze"):
             tfdb.open(tmp_path / name)
     for made, content in (("empty", b""), ("short", b"TFDBFRZ1"), ("text", b"hello" * 9999)):
         (tmp_path / made).write_bytes(content)
-        with pytest.raises(tfdb.CorruptStore) as caught:
+        with pytest.raises(tfdb.errors.CorruptStore) as caught:
             tfdb.open(tmp_path / made)
         assert caught.value.path == str(tmp_path / made)
     os.mkfifo(tmp_path / "pipe")
     for other in (tmp_path, tmp_path / "pipe"):
-        with pytest.raises(tfdb.CorruptStore, match="not a regular file"):
+        with pytest.raises(tfdb.errors.CorruptStore, match="not a regular file"):
             tfdb.open(other)
-    with pytest.raises(tfdb.CorruptStore, match=r"tfdb\.open opens it"):
+    with pytest.raises(tfdb.errors.CorruptStore, match=r"tfdb\.open opens it"):
         tfdb.Buffer.open(path, create=False)
-    with pytest.raises(tfdb.CorruptStore, match=r"tfdb\.open opens it"):
+    with pytest.raises(tfdb.errors.CorruptStore, match=r"tfdb\.open opens it"):
         tfdb.Buffer.unlink(path)
-    with pytest.raises(tfdb.RecordingError, match=r"tfdb\.open\('a\.tfdb'\) opens it"):
+    with pytest.raises(tfdb.errors.RecordingError, match=r"tfdb\.open\('a\.tfdb'\) opens it"):
         tfdb.load(path)
     for bad in (5, None):
         with pytest.raises(tfdb.InvalidArgument, match="a path is a str"):
@@ -117,7 +117,7 @@ def test_a_shared_store_is_none(tmp_path: Path) -> None:
     name = Path("/dev/shm") / f"test-files-{os.getpid()}"
     tfdb.Buffer.open(name, create=True)
     try:
-        with pytest.raises(tfdb.CorruptStore, match=r"Buffer\.open opens it"):
+        with pytest.raises(tfdb.errors.CorruptStore, match=r"Buffer\.open opens it"):
             tfdb.open(name)
     finally:
         tfdb.Buffer.unlink(name)
@@ -126,7 +126,7 @@ def test_a_shared_store_is_none(tmp_path: Path) -> None:
 @pytest.mark.skipif(os.geteuid() == 0, reason="root may read everything")
 def test_a_file_that_may_not_be_read(path: Path) -> None:
     path.chmod(0)
-    with pytest.raises(tfdb.ReadOnly, match="may not even be read"):
+    with pytest.raises(tfdb.errors.ReadOnly, match="may not even be read"):
         tfdb.open(path)
 
 
@@ -134,10 +134,10 @@ def test_one_that_was_cut(path: Path) -> None:
     whole = path.read_bytes()
     for length in (len(whole) - 8, len(whole) - 1, 20_000, 16_384, 4096, 64, 7):
         path.write_bytes(whole[:length])
-        with pytest.raises(tfdb.CorruptStore):
+        with pytest.raises(tfdb.errors.CorruptStore):
             tfdb.open(path)
     path.write_bytes(whole + bytes(64))
-    with pytest.raises(tfdb.CorruptStore, match="cut or extended"):
+    with pytest.raises(tfdb.errors.CorruptStore, match="cut or extended"):
         tfdb.open(path)
 
 
@@ -145,7 +145,7 @@ def test_another_version_says_so(path: Path) -> None:
     whole = bytearray(path.read_bytes())
     whole[8 * 12] ^= 1
     path.write_bytes(whole)
-    with pytest.raises(tfdb.CorruptStore, match="another version of tfdb wrote it"):
+    with pytest.raises(tfdb.errors.CorruptStore, match="another version of tfdb wrote it"):
         tfdb.open(path)
 
 
@@ -156,7 +156,7 @@ def test_a_flipped_bit_is_found_when_all_is_verified(path: Path) -> None:
         damaged[at] ^= 4
         path.write_bytes(damaged)
         tfdb.open(path)  # what stands in front is whole
-        with pytest.raises(tfdb.CorruptStore, match="it is damaged"):
+        with pytest.raises(tfdb.errors.CorruptStore, match="it is damaged"):
             tfdb.open(path, verify=True)
 
 
@@ -176,7 +176,7 @@ def test_what_contradicts_itself_was_damaged(tmp_path: Path) -> None:
         for ask in (store.tree, store.snapshot().tree):
             try:
                 ask()
-            except tfdb.CorruptStore as error:
+            except tfdb.errors.CorruptStore as error:
                 assert (error.path, error.reason) == (str(path), "damaged")
                 assert str(path) in str(error)
                 told += 1
@@ -200,7 +200,7 @@ def test_a_name_that_was_damaged_is_told(tmp_path: Path) -> None:
         store.snapshot().frames,
         lambda: store.explain("map", "name"),
     ):
-        with pytest.raises(tfdb.CorruptStore, match="not valid UTF-8") as caught:
+        with pytest.raises(tfdb.errors.CorruptStore, match="not valid UTF-8") as caught:
             ask()
         assert caught.value.reason == "a name is not valid UTF-8"
     assert store.lookup_transform("map", "näher001").stamp == 10

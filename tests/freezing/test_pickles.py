@@ -18,7 +18,7 @@ BAG = Path(__file__).resolve().parents[2] / "examples" / "data" / "pr2.bag"
 class Dataset:
     """What a user of torch writes: a store, a policy, what to look up."""
 
-    def __init__(self, buffer: tfdb.Buffer, policy: tfdb.Policy, trajectory: object) -> None:
+    def __init__(self, buffer: tfdb.Buffer, policy: tfdb.types.Policy, trajectory: object) -> None:
         self.buffer, self.policy, self.trajectory = buffer, policy, trajectory
 
     def __getitem__(self, stamp: int) -> tuple[object, object]:
@@ -53,7 +53,7 @@ def test_a_private_store_arrives_whole_and_frozen(loaded: tfdb.Buffer) -> None:
     assert everything(again) == everything(loaded)
     assert again.frozen is not None
     assert not Path(again.frozen.path).exists()
-    with pytest.raises(tfdb.ReadOnly):
+    with pytest.raises(tfdb.errors.ReadOnly):
         again.set_static_transform("map", "odom", (1, 2, 3))
     for copied in (pickle.loads(pickle.dumps(again)), copy.deepcopy(loaded)):
         assert everything(copied) == everything(loaded)
@@ -73,12 +73,12 @@ def test_it_is_the_state_of_that_moment() -> None:
 def test_what_cannot_be_pickled_says_so(loaded: tfdb.Buffer) -> None:
     closed = tfdb.Buffer()
     closed.close()
-    with pytest.raises(tfdb.BufferClosed):
+    with pytest.raises(tfdb.errors.BufferClosed):
         pickle.dumps(closed)
     pickled = bytearray(pickle.dumps(loaded))
     at = pickled.index(b"TFDBFRZ1")
     pickled[at + 100] ^= 255
-    with pytest.raises(tfdb.CorruptStore):
+    with pytest.raises(tfdb.errors.CorruptStore):
         pickle.loads(bytes(pickled))
 
 
@@ -93,7 +93,7 @@ def test_what_cannot_be_pickled_says_so(loaded: tfdb.Buffer) -> None:
     ],
     ids=repr,
 )
-def test_policies(value: tfdb.Policy) -> None:
+def test_policies(value: tfdb.types.Policy) -> None:
     again = pickle.loads(pickle.dumps(value))
     assert again == value
     assert again != tfdb.Interpolate(max_gap=0.125)

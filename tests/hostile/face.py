@@ -13,6 +13,7 @@ import tfdb
 STUB = Path(tfdb.__file__).with_name("_core.pyi")
 ELSEWHERE = {"compare", "freeze", "load", "open", "unlink"}
 ELSEWHERE |= {"from_parquet", "to_parquet", "plot"}
+ELSEWHERE |= {"AsQuat", "Concurrency"}  # types for annotations
 """What reads files, or makes and removes them, or draws: it has fuzzers and tests of its own."""
 WAITING = {"wait_for_transform", "wait_for_commit", "_ended_waits", "_await_ended_waits"}
 """What may wait for ever; the parameter `timeout` is left out elsewhere."""
@@ -22,6 +23,16 @@ ENDING = OTHERS | {("Buffer", "close"), ("Buffer", "__exit__")}
 """What would leave nothing to call."""
 
 
+OFFERED = {
+    name: getattr(module, name)
+    for module, names in (
+        (tfdb._core, ("Policy", "Reads")),
+        (tfdb.types, tfdb.types.__all__),
+        (tfdb, tfdb.__all__),
+    )
+    for name in names
+}
+"""All that programs get in hand, and the bases of it."""
 ANSWERS = {"EdgeExplanation", "EdgeUse", "Explanation", "FrameInfo", "IngestResult", "MemoryUse"}
 ANSWERS |= {
     "Changes",
@@ -77,15 +88,14 @@ def _methods(stub: ast.Module) -> list[Call]:
         for (owner, name), call in list(found.items()):
             if owner in parents and call.owner is not None and (cls, name) not in found:
                 found[cls, name] = Call(cls, name, call.positional, call.keywords, call.is_property)
-    return [call for call in found.values() if hasattr(tfdb, call.owner or call.name)]
+    return [call for call in found.values() if (call.owner or call.name) in OFFERED]
 
 
 def _plain(stub: ast.Module) -> list[Call]:
     """Everything that is written in Python, and the constructors."""
     calls = []
     compiled = {node.name for node in stub.body if isinstance(node, ast.ClassDef)}
-    for name in tfdb.__all__:
-        thing = getattr(tfdb, name)
+    for name, thing in OFFERED.items():
         if name in ELSEWHERE or not callable(thing) or thing in (tfdb.Buffer, tfdb.Transform):
             continue
         if isinstance(thing, type) and issubclass(thing, BaseException):
@@ -116,9 +126,7 @@ def everything() -> list[Call]:
     functions = [
         Call(None, node.name, *_function(node))
         for node in stub.body
-        if isinstance(node, ast.FunctionDef)
-        and hasattr(tfdb, node.name)
-        and node.name not in ELSEWHERE
+        if isinstance(node, ast.FunctionDef) and node.name in OFFERED and node.name not in ELSEWHERE
     ]
     found = dict.fromkeys(functions + _methods(stub) + _plain(stub))
     return sorted(found, key=lambda call: (call.owner or "", call.name, call.positional))

@@ -28,7 +28,7 @@ import numpy as np
 
 import tfdb
 
-from .face import Call, everything
+from .face import OFFERED, Call, everything
 from .values import ENGINES, TURNED, PlantedError, Values, collect
 
 if TYPE_CHECKING:
@@ -135,7 +135,7 @@ class World:
         fitting = [thing for thing in self.made if type(thing).__name__ == name]
         if name == "Trajectory" and not fitting:
             fitting = [tfdb.Trajectory("map", "base", [1, 500, 1_000], [[1, 2, 3, *TURNED]] * 3)]
-        return rng.choice(fitting or [getattr(tfdb, name)])
+        return rng.choice(fitting or [OFFERED[name]])
 
     def act(self) -> None:
         """What a hostile object does amid a call."""
@@ -212,14 +212,14 @@ class Judge:
         try:
             with buf.snapshot() as held:
                 self._compare(buf, held.commit, digest(held))
-        except tfdb.TransactionActive:
+        except tfdb.errors.TransactionActive:
             return  # this thread's own transaction is in the way
 
     def look_at(self, held: tfdb.Snapshot) -> None:
         """Compare a snapshot with what it was."""
         try:
             self._compare(held, held.commit, digest(held))
-        except (tfdb.SnapshotClosed, tfdb.SnapshotTooOld):
+        except (tfdb.errors.SnapshotClosed, tfdb.errors.SnapshotTooOld):
             return
 
     def _compare(self, of: Any, commit: int, state: Any) -> None:
@@ -295,7 +295,7 @@ class Fuzzer:
         made_type = type(made).__name__
         if isinstance(made, tfdb.Buffer | tfdb.Snapshot | tfdb.Transaction):
             return
-        if hasattr(tfdb, made_type):
+        if made_type in OFFERED:
             self.world.made.append(made)
             del self.world.made[1:-20]
 
@@ -304,7 +304,7 @@ class Fuzzer:
         rng = self.rng
         values = self.world.values
         if call.owner is None:
-            function: Callable[..., Any] = getattr(tfdb, call.name)
+            function: Callable[..., Any] = OFFERED[call.name]
         else:
             owner = self.world.owner(call.owner)
             if call.is_property:

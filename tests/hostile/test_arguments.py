@@ -16,16 +16,17 @@ import pytest
 import tfdb
 
 pytest.importorskip("matplotlib")
+
 import tfdb.plot
 import tfdb.ros
-import tfdb.verify
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
 P = inspect.Parameter
 PACKAGES = (
-    *(tfdb, tfdb.io, tfdb.plot, tfdb.verify, tfdb.ros),
+    *(tfdb, tfdb.errors, tfdb.plot, tfdb.recordings, tfdb.robots, tfdb.ros),
+    *(tfdb.trajectories, tfdb.types),
     *(tfdb.tf2, tfdb.tf2.tf1, tfdb.tf2.msgs),
     *(tfdb.tf2.geometry, tfdb.tf2.clouds, tfdb.tf2.covariance),
 )
@@ -88,7 +89,7 @@ def public() -> Iterator[tuple[str, Callable[..., Any]]]:
 
 
 ALL = dict(public())
-EMPTY = {"tfdb.Reads", "tfdb.Snapshot", "tfdb.Transaction"}
+EMPTY = {"tfdb._core.Reads", "tfdb.Snapshot", "tfdb.Transaction"}
 """What is not called: a method of a Buffer makes it."""
 AMID = {"tfdb.Buffer.close", "tfdb.Snapshot.close", "tfdb.plot.show", "tfdb.tf2.Buffer.close"}
 
@@ -120,7 +121,7 @@ BOUND = {name: call for name, call in ALL.items() if not is_unbound(call) and na
 def test_the_fuzz_knows_the_public_face() -> None:
     for name in ("tfdb.Buffer", "tfdb.Buffer.frames", "tfdb.Buffer.load", "tfdb.Buffer.open",
                  "tfdb.Transform.inverse", "tfdb.Trajectory.plot", "tfdb.Transaction.reparent",
-                 "tfdb.io.read_trajectory", "tfdb.plot.trajectory", "tfdb.load",
+                 "tfdb.trajectories.read_trajectory", "tfdb.plot.trajectory", "tfdb.load",
                  "tfdb.Buffer.lookup_transform", "tfdb.Interpolate"):  # fmt: skip
         assert name in BOUND, name
     assert len(BOUND) > 150

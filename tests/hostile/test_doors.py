@@ -14,7 +14,6 @@ import numpy as np
 import pytest
 
 import tfdb
-import tfdb.io
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -77,10 +76,25 @@ def leaks(call: Callable[..., object], good: list[Any]) -> list[str]:
     "name",
     [
         *("Interpolate", "Previous", "Nearest", "Extrapolate", "Exact", "load", "compare"),
-        *("io.read_trajectory", "io.write_trajectory", "io.write_tum", "io.write_csv"),
-        *("io.write_euroc", "io.write_kitti", "io.write_npz", "io.write_recording"),
-        *("io.write_transforms", "io.parse_urdf", "io.load_recordings", "io.write_parquet"),
-        *("io.RobotModel", "open"),
+        *(
+            "trajectories.read_trajectory",
+            "trajectories.write_trajectory",
+            "trajectories.write_tum",
+            "trajectories.write_csv",
+        ),
+        *(
+            "trajectories.write_euroc",
+            "trajectories.write_kitti",
+            "trajectories.write_npz",
+            "recordings.write_recording",
+        ),
+        *(
+            "recordings.write_transforms",
+            "robots.parse_urdf",
+            "recordings.load_recordings",
+            "trajectories.write_parquet",
+        ),
+        *("robots.RobotModel", "open"),
     ],
 )
 def test_a_wrong_type_is_refused_in_our_words(
@@ -95,18 +109,21 @@ def test_a_wrong_type_is_refused_in_our_words(
     good: dict[str, list[Any]] = {
         "load": [bag],
         "compare": [path, path],
-        "io.read_trajectory": ["none.tum"],
-        "io.write_recording": ["out.mcap", tfdb.Buffer()],
-        "io.write_transforms": ["out.mcap", [tfdb.TransformStamped("a", "b", 5, (1, 2, 3))]],
-        "io.parse_urdf": ["<robot name='x'><link name='a'/></robot>"],
-        "io.load_recordings": [tfdb.Buffer(history=None), [bag]],
-        "io.RobotModel": ["arm", ("base",), {}, "base"],
+        "trajectories.read_trajectory": ["none.tum"],
+        "recordings.write_recording": ["out.mcap", tfdb.Buffer()],
+        "recordings.write_transforms": [
+            "out.mcap",
+            [tfdb.TransformStamped("a", "b", 5, (1, 2, 3))],
+        ],
+        "robots.parse_urdf": ["<robot name='x'><link name='a'/></robot>"],
+        "recordings.load_recordings": [tfdb.Buffer(history=None), [bag]],
+        "robots.RobotModel": ["arm", ("base",), {}, "base"],
         "open": ["none.tfdb"],
         "Extrapolate": [1.0],
         "Nearest": [1.0],
     }
-    call = getattr(tfdb.io, name[3:]) if name.startswith("io.") else getattr(tfdb, name)
-    if name.startswith("io.write_") and name not in good:
+    call = operator.attrgetter(name)(tfdb)
+    if name.startswith("trajectories.write_") and name not in good:
         good[name] = ["out.tum", path]
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", tfdb.TfdbWarning)

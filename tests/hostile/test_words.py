@@ -15,11 +15,12 @@ import numpy as np
 import pytest
 
 import tfdb
+from tfdb.recordings import load_joint_states
 
 pytest.importorskip("matplotlib")
 import tfdb.plot
+from tfdb.data.types import Concurrency
 from tfdb.tf2 import clouds, msgs
-from tfdb.types import Concurrency
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -47,6 +48,7 @@ WORDS: dict[str, tuple[str, ...]] = {
     "unit": ("s", "ms", "us", "ns"),
 }
 ALIAS = re.compile("Concurrency|Flavor|Encoding|str|Format|Align|Unit|Missing|_empty")
+ROOMS = (tfdb.recordings, tfdb.robots, tfdb.trajectories)
 RECORDS = {"Comparison", "JointReport", "Shared", "Snapshot", "Source", "Trouble"}
 """Classes that the package makes itself: their fields are results, their methods a Buffer's."""
 
@@ -70,7 +72,7 @@ def calls(tmp_path: Path) -> dict[tuple[str, str], Callable[..., Any]]:
     """Each function with such an argument, with all others given."""
     buf = store()
     path = buf.trajectory("map", "base")
-    robot = tfdb.io.parse_urdf(
+    robot = tfdb.robots.parse_urdf(
         '<robot name="r"><link name="a"/><link name="b"/><joint name="j" type="fixed">'
         '<parent link="a"/><child link="b"/></joint></robot>'
     )
@@ -106,8 +108,8 @@ def calls(tmp_path: Path) -> dict[tuple[str, str], Callable[..., Any]]:
         ("Reads.trajectory", "missing"): lambda **more: buf.trajectory("map", "base", **more),
         ("decode_tf_message", "encoding"): lambda **more: tfdb.decode_tf_message(b"", **more),
         ("encode_tf_message", "encoding"): lambda **more: tfdb.encode_tf_message([sample], **more),
-        ("io.RobotModel.load_joint_states", "limits"): lambda **more: robot.load_joint_states(
-            BAG, topic="/joint_states", **more
+        ("recordings.load_joint_states", "limits"): lambda **more: load_joint_states(
+            robot, BAG, topic="/joint_states", **more
         ),
         ("tf2.Buffer", "flavor"): tfdb.tf2.Buffer,
         ("tf2.BufferCore", "flavor"): tfdb.tf2.BufferCore,
@@ -121,7 +123,7 @@ def of_trajectories(
 ) -> dict[tuple[str, str], Callable[..., Any]]:
     """Those that take a trajectory, or a file of one."""
     stamps, file = path.stamps, tmp_path / "a.tum"
-    tfdb.io.write_trajectory(file, path, overwrite=True)
+    tfdb.trajectories.write_trajectory(file, path, overwrite=True)
 
     def compared(**more: Any) -> Any:
         return tfdb.compare(path, path, **more)
@@ -137,18 +139,24 @@ def of_trajectories(
             ("compare", each): compared
             for each in ("association", "offset", "align", "delta_unit", "pairs_from", "stamp_unit")
         },
-        ("io.Recording", "stamp_unit"): lambda **more: tfdb.io.Recording(file, **more),
-        ("io.read_trajectory", "format"): lambda **more: tfdb.io.read_trajectory(file, **more),
-        ("io.read_trajectory", "stamp_unit"): lambda **more: tfdb.io.read_trajectory(file, **more),
-        ("io.write_trajectory", "format"): lambda **more: tfdb.io.write_trajectory(
-            tmp_path / "b.x", path, **more
+        ("recordings.Recording", "stamp_unit"): lambda **more: tfdb.recordings.Recording(
+            file, **more
+        ),
+        ("trajectories.read_trajectory", "format"): lambda **more: (
+            tfdb.trajectories.read_trajectory(file, **more)
+        ),
+        ("trajectories.read_trajectory", "stamp_unit"): lambda **more: (
+            tfdb.trajectories.read_trajectory(file, **more)
+        ),
+        ("trajectories.write_trajectory", "format"): lambda **more: (
+            tfdb.trajectories.write_trajectory(tmp_path / "b.x", path, **more)
         ),
     }
 
 
 def found() -> Iterator[tuple[str, str]]:
     """Find every public argument whose annotation is of words, or that is called as one that is."""
-    packages = (tfdb, tfdb.io, tfdb.plot, tfdb.tf2, clouds)
+    packages = (tfdb, *ROOMS, tfdb.plot, tfdb.tf2, clouds)
     for package in packages:
         place = package.__name__.removeprefix("tfdb").lstrip(".")
         for name in package.__all__:

@@ -7,13 +7,13 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from tfdb.verify import check, load_history
 from tfdb_measure import programs
+from tfdb_measure.verify import check, load_history
 
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from tfdb.verify import History, Verdict
+    from tfdb_measure.verify import History, Verdict
 
 ATOMIC = ("snapshot", "giant", "2pl-no-wait", "2pl-wait-die", "2pl-wound-wait", "silo")
 ENGINES = (*ATOMIC, "fine")

@@ -1,4 +1,4 @@
-// A recorded history: kept in memory while threads run, then written as tfdb.verify reads it.
+// A recorded history: kept in memory while threads run, then written as tfdb_measure.verify reads it.
 #pragma once
 
 #include <cstdint>

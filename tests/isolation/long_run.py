@@ -14,14 +14,14 @@ from collections import Counter
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from tfdb.verify import check
+from tfdb_measure.verify import check
 
 from .engines import record
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from tfdb.verify import Transaction
+    from tfdb_measure.verify import Transaction
 
 
 def span(operations: Sequence[Transaction]) -> float:

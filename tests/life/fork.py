@@ -20,10 +20,10 @@ import tfdb
 
 # What calls import when they are first used is imported before any thread is there: a module that
 # another thread was importing at the fork can never be imported in the child.
-import tfdb.explain
-import tfdb.report
-import tfdb.sampling
-import tfdb.transactions
+import tfdb.store.explain
+import tfdb.store.report
+import tfdb.store.sampling
+import tfdb.store.transactions
 import tfdb.types
 
 if TYPE_CHECKING:

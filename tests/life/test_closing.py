@@ -98,7 +98,7 @@ def test_closed_by_an_argument(concurrency: str, kind: type[Number | Message]) -
         call = list(reads(held[-1], kind(held[-1], 150), Number(held[-1], 1)))[i]
         try:
             call()
-        except tfdb.SnapshotClosed as error:
+        except tfdb.errors.SnapshotClosed as error:
             assert error.commit == buf.commit
         assert held[-1].closed
 
@@ -124,7 +124,7 @@ def test_closed_by_another_thread(concurrency: str) -> None:
                     same = np.array_equal(snapshot.lookup_transforms("map", "arm", stamps), wanted)
                 else:
                     same = snapshot.lookup_transform("map", tool, 150).pose[0] == wanted[0, 0]
-            except tfdb.SnapshotClosed:
+            except tfdb.errors.SnapshotClosed:
                 continue
             except BaseException as error:
                 wrong.append(error)

@@ -63,7 +63,7 @@ def test_a_transaction_stays_with_its_process() -> None:
                 try:
                     tx.lookup_transform("map", "odom", 5)
                     os.write(here, b"answered")
-                except tfdb.Forked:
+                except tfdb.errors.Forked:
                     os.write(here, b"Forked")
                 finally:
                     os._exit(0)

@@ -60,11 +60,11 @@ def test_an_open_transaction_ends_with_its_thread(concurrency: str, alone: bool)
 
     def come_after() -> None:
         for tx in left:
-            with pytest.raises(tfdb.WrongThread):
+            with pytest.raises(tfdb.errors.WrongThread):
                 tx.lookup_transform("map", "arm", 150)
-            with pytest.raises(tfdb.WrongThread):
+            with pytest.raises(tfdb.errors.WrongThread):
                 tx.__exit__(None, None, None)
-            with pytest.raises(tfdb.WrongThread):
+            with pytest.raises(tfdb.errors.WrongThread):
                 tx.abort()
         with buf.transaction() as tx:
             tx.lookup_transform("map", "arm", 150)

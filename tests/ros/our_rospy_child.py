@@ -28,7 +28,7 @@ def too_early():
 
     try:
         RospyNode()
-    except tfdb.NotSupported as error:
+    except tfdb.errors.NotSupported as error:
         return str(error)
     return ""
 
@@ -85,7 +85,7 @@ def our_end():
     NODES[-1].close()
     try:
         NODES[-1].advertise("x", "tf2_msgs/TFMessage")
-    except tfdb.NodeClosed as error:
+    except tfdb.errors.NodeClosed as error:
         return [str(error), NODES[-1].closed, len(TIMES)]
     return []
 

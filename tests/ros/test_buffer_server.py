@@ -398,7 +398,7 @@ def test_messages_come_back_as_they_were() -> None:
     assert decode_result(encode_result(1, status, LookupResult()))[1].transform is None
     assert encode_status_list(1, [status, status]).count("é".encode()) == 2
     for end in range(len(data)):
-        with pytest.raises(tfdb.CorruptMessage, match="ends within a field"):
+        with pytest.raises(tfdb.errors.CorruptMessage, match="ends within a field"):
             decode_goal(data[:end])
 
 
@@ -410,6 +410,6 @@ def test_every_code_has_its_exception() -> None:
         made = exception_of(LookupResult(None, code, "why"))
         assert type(made) is kind
         assert str(made) == "why"
-    assert code_of(tf2.TransformException("why")) == code_of(tfdb.BufferClosed("why")) == 6
+    assert code_of(tf2.TransformException("why")) == code_of(tfdb.errors.BufferClosed("why")) == 6
     assert code_of(tf2.ForwardExtrapolationException("why")) == 3
     assert type(exception_of(LookupResult(None, 200, "why"))) is tf2.TransformException

@@ -68,7 +68,7 @@ def robot(ros1: str, rospy_child: RospyChild) -> Iterator[Robot]:
 def store() -> Iterator[str]:
     name = f"test-commands-{os.getpid()}"
     yield name
-    with suppress(tfdb.NoSuchStore):
+    with suppress(tfdb.errors.NoSuchStore):
         tfdb.Buffer.unlink(name)
 
 

@@ -173,10 +173,10 @@ def test_a_master_that_refuses_or_answers_nonsense() -> None:
     answers = {"getParam": [-1, "not set", 0], "registerSubscriber": [0, "not you", 0]}
     methods = {name: lambda *_, found=found: found for name, found in answers.items()}
     with answering(**methods) as uri, TcprosNode("n", master=uri, arguments=[]) as node:
-        with pytest.raises(tfdb.MasterRefused, match="of /n: not you") as caught:
+        with pytest.raises(tfdb.errors.MasterRefused, match="of /n: not you") as caught:
             node.subscribe("tf", TF, Heard())
         assert caught.value.uri == uri
-        with pytest.raises(tfdb.NoMaster, match="registerPublisher"):
+        with pytest.raises(tfdb.errors.NoMaster, match="registerPublisher"):
             node.advertise("tf", TF)
         assert node._subscribed == node._advertised == {}
 

@@ -56,7 +56,7 @@ def test_the_master_and_the_host_come_from_arguments_before_the_environment() ->
 
 @pytest.mark.parametrize("name", ["", "9a", "a b", "a//b", "a~b", "é", "a-b", "/a\n"])
 def test_what_is_no_name_is_refused(name: str) -> None:
-    with pytest.raises(tfdb.InvalidName) as caught:
+    with pytest.raises(tfdb.errors.InvalidName) as caught:
         made().resolve(name)
     assert caught.value.value == name
     assert repr(name) in str(caught.value)
@@ -64,7 +64,7 @@ def test_what_is_no_name_is_refused(name: str) -> None:
 
 @pytest.mark.parametrize("name", ["", "/a", "a/b", "~a", "a b"])
 def test_a_node_is_named_without_its_namespace(name: str) -> None:
-    with pytest.raises(tfdb.InvalidName, match="ROS_NAMESPACE"):
+    with pytest.raises(tfdb.errors.InvalidName, match="ROS_NAMESPACE"):
         made(name)
 
 

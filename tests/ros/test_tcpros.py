@@ -45,11 +45,13 @@ def test_one_byte_at_a_time() -> None:
 
 
 def test_a_length_beyond_the_limit_is_refused_before_it_is_received() -> None:
-    with pytest.raises(tfdb.CorruptMessage, match="4294967295 bytes, and at most 1000") as caught:
+    with pytest.raises(
+        tfdb.errors.CorruptMessage, match="4294967295 bytes, and at most 1000"
+    ) as caught:
         receive([frame(b"good"), b"\xff\xff\xff\xff"])
     assert caught.value.limit == 1000
     assert receive([frame(b"x" * 1000)]) == [b"x" * 1000]
-    with pytest.raises(tfdb.CorruptMessage):
+    with pytest.raises(tfdb.errors.CorruptMessage):
         receive([frame(b"x" * 1001)])
 
 
@@ -108,7 +110,7 @@ def test_a_header_is_received_and_nothing_after_it() -> None:
         with pytest.raises(TimeoutError):
             receive_header(ours, 0.01)
         theirs.sendall(b"\xff\xff\xff\xff")
-        with pytest.raises(tfdb.CorruptMessage, match="at most 1048576 are taken"):
+        with pytest.raises(tfdb.errors.CorruptMessage, match="at most 1048576 are taken"):
             receive_header(ours, 5.0)
         theirs.close()
         with pytest.raises(ConnectionError, match="before its header came"):
@@ -133,7 +135,7 @@ def test_headers_come_back_as_they_were() -> None:
     ],
 )
 def test_what_is_no_header_is_refused(data: bytes, offset: int, text: str) -> None:
-    with pytest.raises(tfdb.CorruptMessage, match=text) as caught:
+    with pytest.raises(tfdb.errors.CorruptMessage, match=text) as caught:
         decode_header(data)
     assert caught.value.offset == offset
 
@@ -142,6 +144,6 @@ def test_what_is_no_header_is_refused(data: bytes, offset: int, text: str) -> No
 def test_a_header_of_any_bytes_is_read_or_refused(data: bytes) -> None:
     try:
         decode_header(data)
-    except tfdb.CorruptMessage as error:
+    except tfdb.errors.CorruptMessage as error:
         assert error.offset is not None
         assert 0 <= error.offset <= len(data)

@@ -205,7 +205,7 @@ def test_services(node: TcprosNode, rospy_child: RospyChild) -> None:
     def answer(request: bytes) -> bytes:
         assert request == b""
         if not texts:
-            raise tfdb.NotSupported("no more frames")
+            raise tfdb.errors.NotSupported("no more frames")
         return xmlrpc_string(texts.pop(0))
 
     served = node.serve("~tf2_frames", "tf2_msgs/FrameGraph", answer)
@@ -238,10 +238,10 @@ def test_a_second_node_of_the_name_closes_the_first(
         second.subscribe("tf", TF, Heard())
         assert node.wait_closed(SECONDS)
         with pytest.raises(
-            tfdb.NodeClosed, match=r"/ours is closed: it was told to end: .*new node"
+            tfdb.errors.NodeClosed, match=r"/ours is closed: it was told to end: .*new node"
         ):
             node.subscribe("tf", TF, Heard())
-        with pytest.raises(tfdb.NodeClosed):
+        with pytest.raises(tfdb.errors.NodeClosed):
             publisher.publish(MOVES[0])
         new_child("ours").call("listen", "/tf", TF)
         assert second.wait_closed(SECONDS)
@@ -281,7 +281,7 @@ def test_the_slave_api(node: TcprosNode, rospy_child: RospyChild) -> None:
         assert slave._dispatch("/test")[0] == -1
         assert slave.shutdown("/test", "enough")[0] == 1
     assert node.wait_closed(SECONDS)
-    with pytest.raises(tfdb.NodeClosed, match="enough"):
+    with pytest.raises(tfdb.errors.NodeClosed, match="enough"):
         node.advertise("out", TF)
 
 
@@ -296,7 +296,7 @@ def test_closing_takes_everything_back(ros1: str) -> None:
         node.close()
         assert "/brief" not in str(master.getSystemState("/test"))
     assert "closed" in repr(node)
-    with pytest.raises(tfdb.NodeClosed, match="it was closed"):
+    with pytest.raises(tfdb.errors.NodeClosed, match="it was closed"):
         node.serve("~x", "tf2_msgs/FrameGraph", bytes)
 
 
@@ -314,7 +314,7 @@ def test_one_topic_has_one_type_in_a_node(node: TcprosNode) -> None:
 
 def test_no_master_is_said_with_its_uri() -> None:
     uri = f"http://127.0.0.1:{free_port()}"
-    with pytest.raises(tfdb.NoMaster, match=f"at {uri} .*roscore.*ROS_MASTER_URI") as caught:
+    with pytest.raises(tfdb.errors.NoMaster, match=f"at {uri} .*roscore.*ROS_MASTER_URI") as caught:
         TcprosNode("lonely", master=uri, arguments=[])
     assert caught.value.uri == uri
     assert isinstance(caught.value, ConnectionError)
@@ -333,7 +333,7 @@ def test_a_callback_may_open_and_close_and_fail(
             opened.append(node.subscribe("busy", TF, heard))
             opened.append(node.advertise("from_callback", TF))
             subscription.close()
-        raise tfdb.CorruptMessage("not what it should be")
+        raise tfdb.errors.CorruptMessage("not what it should be")
 
     publisher = node.advertise("busy", TF)
     subscription = node.subscribe("busy", TF, take)

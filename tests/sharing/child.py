@@ -88,7 +88,7 @@ def move_arm(buffer: tfdb.Buffer, number: int) -> None:
     )
 
 
-def arm_in(reads: tfdb.Reads) -> int:
+def arm_in(reads: tfdb._core.Reads) -> int:
     """What both joints say, in one state."""
     if isinstance(reads, tfdb.Buffer):
         with reads.snapshot() as snapshot:
@@ -190,7 +190,7 @@ def commit_when_free(name: str) -> None:
         for call in calls:
             try:
                 call()
-            except tfdb.TransactionActive as error:
+            except tfdb.errors.TransactionActive as error:
                 refused.append(str(error))
         raise KeyboardInterrupt
 
@@ -220,7 +220,7 @@ def wait_for(name: str, count: str) -> None:
             found = buffer.wait_for_transform("map", "a", stamp)
             assert found.stamp == stamp
             say("has", stamp)
-    except tfdb.NoSuchStore as error:
+    except tfdb.errors.NoSuchStore as error:
         say("NoSuchStore", error.path)
 
 
@@ -240,7 +240,7 @@ def become(user: str) -> None:
     """Become somebody else, of the group of that number too."""
     private = tfdb.Buffer()  # what this imports may be another's to read
     move_arm(private, 1)
-    assert (arm_in(private), tfdb.Shared.__name__) == (1, "Shared")
+    assert (arm_in(private), tfdb.types.Shared.__name__) == (1, "Shared")
     os.setgroups([])
     os.setgid(int(user))
     os.setuid(int(user))
@@ -253,7 +253,7 @@ def wait_as(user: str, name: str) -> None:
     say(buffer.lookup_transform("map", "a", timeout=1).stamp)
     try:
         buffer.wait_for_commit(buffer.commit)
-    except tfdb.NotSupported as error:
+    except tfdb.errors.NotSupported as error:
         say("NotSupported", error.path)
 
 

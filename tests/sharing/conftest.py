@@ -21,5 +21,5 @@ _numbers = count()
 def name() -> Iterator[str]:
     made = f"test-{os.getpid()}-{next(_numbers)}"
     yield made
-    with suppress(tfdb.NoSuchStore):  # the test made none, or removed it
+    with suppress(tfdb.errors.NoSuchStore):  # the test made none, or removed it
         tfdb.Buffer.unlink(made)

@@ -104,7 +104,7 @@ def test_what_was_removed_goes_on_for_who_has_it(name: str) -> None:
     tfdb.Buffer.unlink(name)
     child.move_arm(buffer, 3)
     assert child.arm_in(reader) == 3
-    with pytest.raises(tfdb.NoSuchStore):
+    with pytest.raises(tfdb.errors.NoSuchStore):
         tfdb.Buffer.open(name, create=False)
     assert tfdb.Buffer.open(name).frames() == []
 
@@ -113,7 +113,7 @@ def test_a_path_and_a_clock(name: str) -> None:
     path = Path(f"/dev/shm/{name}.store")
     buffer = tfdb.Buffer.open(path, clock=lambda: 5_000_000_000)
     child.move_arm(buffer, 1)
-    with pytest.raises(tfdb.Stale):
+    with pytest.raises(tfdb.errors.Stale):
         buffer.lookup_latest_transform("map", "base", max_age=1.0)
     tfdb.Buffer.unlink(path)
     assert not list(Path("/dev/shm").glob(f"{name}.store*"))

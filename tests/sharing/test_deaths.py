@@ -41,18 +41,18 @@ def test_a_writer_that_is_stopped_is_named(name: str) -> None:
         writer.wait_until_stopped()
         seen = child.arm_in(buffer)
         with pytest.raises(
-            tfdb.LockTimeout, match=rf"{writer.pid} has held.*for 0\.1.* s"
+            tfdb.errors.LockTimeout, match=rf"{writer.pid} has held.*for 0\.1.* s"
         ) as caught:
             child.move_arm(buffer, 100)
         assert caught.value.pid == writer.pid
         assert caught.value.limit == 100_000_000
         assert caught.value.path == f"/dev/shm/tfdb.{name}"
-        with pytest.raises(tfdb.LockTimeout):
+        with pytest.raises(tfdb.errors.LockTimeout):
             buffer.run(lambda tx: tx.set_transform("map", "x", 5, **child.pose_of(1)))
         message = tfdb.encode_tf_message([tfdb.TransformStamped("map", "x", 5, **child.pose_of(1))])
-        with pytest.raises(tfdb.LockTimeout):
+        with pytest.raises(tfdb.errors.LockTimeout):
             buffer.ingest_many([message] * 1000, encoding="cdr")
-        with pytest.raises(tfdb.LockTimeout):
+        with pytest.raises(tfdb.errors.LockTimeout):
             tfdb.Buffer.open(name, lock_timeout=0).remove_frame("hand")
         assert child.arm_in(buffer) == seen
         assert "x" not in buffer.frames()

@@ -21,7 +21,7 @@ bound = used + (int(sys.argv[1]) << 20)
 resource.setrlimit(resource.RLIMIT_AS, (bound, bound))
 try:
     store = eval(sys.argv[2])
-except tfdb.CapacityExceeded as error:
+except tfdb.errors.CapacityExceeded as error:
     print("refused:", error)
 else:
     store.set_transform("map", "base", 5, (1, 2, 3), (0, 0, 0.6, 0.8)) if not store.frozen else None

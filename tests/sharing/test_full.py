@@ -61,7 +61,7 @@ def until_full(step: Callable[[int], object]) -> int:
     for number in range(10**6):
         try:
             step(number)
-        except tfdb.CapacityExceeded as error:
+        except tfdb.errors.CapacityExceeded as error:
             assert "No space left" in str(error)
             return number
     pytest.fail("there was room for everything")
@@ -93,7 +93,7 @@ def test_no_store_can_be_made_where_there_is_no_room(tmp_path: Path, kib: int) -
         os.truncate(filler, filler.stat().st_size - kib * 1024)
 
         def make() -> None:
-            with pytest.raises(tfdb.CapacityExceeded, match="No space left"):
+            with pytest.raises(tfdb.errors.CapacityExceeded, match="No space left"):
                 tfdb.Buffer.open(folder / "store", max_frames=1000)
 
         assert apart(make) == 0

@@ -18,7 +18,7 @@ import numpy as np
 import pytest
 
 import tfdb
-from tfdb.shared import find_stores
+from tfdb.store.shared import find_stores
 
 from . import child
 from .answers import RECORDING, TURN, fill
@@ -41,7 +41,7 @@ SHM = Path("/dev/shm")
 )
 def test_bad_names(bad: str, reason: str) -> None:
     for call in (tfdb.Buffer.open, tfdb.Buffer.unlink):
-        with pytest.raises(tfdb.InvalidName, match="a name is one word") as caught:
+        with pytest.raises(tfdb.errors.InvalidName, match="a name is one word") as caught:
             call(bad)
         assert caught.value.reason == reason
 
@@ -85,13 +85,13 @@ def test_what_is_no_file(name: str, tmp_path: Path) -> None:
     try:
         os.mkfifo(path)
         for mode in ("r", "rw"):
-            with pytest.raises(tfdb.CorruptStore, match="not a store of tfdb"):
+            with pytest.raises(tfdb.errors.CorruptStore, match="not a store of tfdb"):
                 tfdb.Buffer.open(name, mode=mode)
-        with pytest.raises(tfdb.CorruptStore, match="not a store of tfdb"):
+        with pytest.raises(tfdb.errors.CorruptStore, match="not a store of tfdb"):
             tfdb.Buffer.unlink(name)
         path.unlink()
         path.symlink_to(tmp_path / "nowhere")
-        with pytest.raises(tfdb.CorruptStore, match="leads nowhere"):
+        with pytest.raises(tfdb.errors.CorruptStore, match="leads nowhere"):
             tfdb.Buffer.open(name)
     finally:
         path.unlink()
@@ -99,7 +99,9 @@ def test_what_is_no_file(name: str, tmp_path: Path) -> None:
 
 
 def test_a_folder_that_is_missing_is_named(tmp_path: Path) -> None:
-    with pytest.raises(tfdb.NoSuchStore, match=r"none/store cannot be made.*make its folder first"):
+    with pytest.raises(
+        tfdb.errors.NoSuchStore, match=r"none/store cannot be made.*make its folder first"
+    ):
         tfdb.Buffer.open(tmp_path / "none" / "store", create=True)
 
 
@@ -110,14 +112,16 @@ def test_there_is_none_or_one_already(name: str) -> None:
         lambda: tfdb.Buffer.unlink(name),
     ):
         with pytest.raises(
-            tfdb.NoSuchStore,
+            tfdb.errors.NoSuchStore,
             match=rf"^no shared store '{name}'; `tfdb shm ls` lists the existing ones$",
         ):
             call()
-    with pytest.raises(tfdb.NoSuchStore, match=r"no shared store /no/such/folder/x: No such file"):
+    with pytest.raises(
+        tfdb.errors.NoSuchStore, match=r"no shared store /no/such/folder/x: No such file"
+    ):
         tfdb.Buffer.open(Path("/no/such/folder/x"), create=False)
     child.move_arm(tfdb.Buffer.open(name, create=True), 1)
-    with pytest.raises(tfdb.StoreExists, match="already") as caught:
+    with pytest.raises(tfdb.errors.StoreExists, match="already") as caught:
         tfdb.Buffer.open(name, create=True)
     assert caught.value.path == f"/dev/shm/tfdb.{name}"
     assert child.arm_in(tfdb.Buffer.open(name)) == 1
@@ -126,7 +130,7 @@ def test_there_is_none_or_one_already(name: str) -> None:
 def test_other_systems_say_so(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(sys, "platform", "darwin")
     for call in (tfdb.Buffer.open, tfdb.Buffer.unlink):
-        with pytest.raises(tfdb.NotSupported, match="need Linux; this is darwin"):
+        with pytest.raises(tfdb.errors.NotSupported, match="need Linux; this is darwin"):
             call(name)
 
 
@@ -138,7 +142,7 @@ def test_a_shared_store_is_pickled_by_its_name(name: str) -> None:
     assert again.shared == buffer.shared
     pickled = pickle.dumps(buffer)
     tfdb.Buffer.unlink(name)
-    with pytest.raises(tfdb.NoSuchStore):
+    with pytest.raises(tfdb.errors.NoSuchStore):
         pickle.loads(pickled)
 
 
@@ -157,14 +161,14 @@ def test_who_reads_writes_nothing(name: str) -> None:
         reader.clear,
         lambda: reader.run(lambda tx: tx.set_transform("map", "n", 5, (1, 2, 3), TURN)),
     ):
-        with pytest.raises(tfdb.ReadOnly, match='open it with mode "rw"') as caught:
+        with pytest.raises(tfdb.errors.ReadOnly, match='open it with mode "rw"') as caught:
             write()
         assert caught.value.path == f"/dev/shm/tfdb.{name}"
     assert reader.commit == before
     assert reader.run(lambda tx: tx.lookup_transform("map", "base", 10).stamp) == 10
-    with pytest.raises(tfdb.ReadOnly):
+    with pytest.raises(tfdb.errors.ReadOnly):
         reader.load(RECORDING)
-    with pytest.raises(tfdb.ReadOnly):
+    with pytest.raises(tfdb.errors.ReadOnly):
         reader.ingest_many([message], encoding="cdr")
 
 
@@ -236,11 +240,11 @@ def test_a_full_store_says_so_and_loses_nothing(name: str) -> None:
         stamps = np.arange(1000, dtype=np.int64) + 1000 * number
         buffer.set_transforms(tfdb.Columns("map", "base", stamps, poses))
 
-    with suppress(tfdb.CapacityExceeded):
+    with suppress(tfdb.errors.CapacityExceeded):
         while True:
             store()
             number += 1
-    with pytest.raises(tfdb.CapacityExceeded, match=r"12582912|limit|size"):
+    with pytest.raises(tfdb.errors.CapacityExceeded, match=r"12582912|limit|size"):
         store()
     assert number > 50
     for reads in (buffer, tfdb.Buffer.open(name, mode="r")):
@@ -253,7 +257,7 @@ def test_frames_up_to_the_limit(name: str) -> None:
     buffer = tfdb.Buffer.open(name, max_frames=10)
     for number in range(9):
         buffer.set_static_transform("map", f"f{number}", (1, 2, 3), TURN)
-    with pytest.raises(tfdb.CapacityExceeded, match="10"):
+    with pytest.raises(tfdb.errors.CapacityExceeded, match="10"):
         buffer.set_static_transform("map", "one too many", (1, 2, 3), TURN)
     assert len(tfdb.Buffer.open(name, mode="r").frames()) == 10
 
@@ -266,7 +270,7 @@ def test_damaged_and_foreign_files(name: str, tmp_path: Path) -> None:
             lambda path=path: tfdb.Buffer.open(path),
             lambda path=path: tfdb.Buffer.unlink(path),
         ):
-            with pytest.raises(tfdb.CorruptStore, match="not a store of tfdb"):
+            with pytest.raises(tfdb.errors.CorruptStore, match="not a store of tfdb"):
                 call()
     assert foreign.exists()
     for bad in (Path(), Path("a\0b")):
@@ -276,14 +280,14 @@ def test_damaged_and_foreign_files(name: str, tmp_path: Path) -> None:
     child.move_arm(tfdb.Buffer.open(name), 1)
     os.truncate(store, 4096)
     for mode in ("r", "rw"):
-        with pytest.raises(tfdb.CorruptStore, match="4096 bytes instead of 1073741824"):
+        with pytest.raises(tfdb.errors.CorruptStore, match="4096 bytes instead of 1073741824"):
             tfdb.Buffer.open(name, mode=mode)
     tfdb.Buffer.unlink(name)
     tfdb.Buffer.open(name)
     with store.open("r+b") as file:
         file.seek(8 * 12)
         file.write(b"\1" * 8)
-    with pytest.raises(tfdb.CorruptStore, match="another version of tfdb made it"):
+    with pytest.raises(tfdb.errors.CorruptStore, match="another version of tfdb made it"):
         tfdb.Buffer.open(name)
 
 
@@ -311,14 +315,14 @@ def test_what_a_killed_maker_left_is_removed(name: str, call: str) -> None:
         elif call == "find":
             assert name not in find_stores()
         else:
-            with pytest.raises(tfdb.NoSuchStore):
+            with pytest.raises(tfdb.errors.NoSuchStore):
                 tfdb.Buffer.open(name, mode="r") if call == "open" else tfdb.Buffer.unlink(name)
         assert not any(path.exists() for path in left)
         assert all(path.exists() for path in at_work)
     if call == "create":  # its own files are none of those
         child.move_arm(tfdb.Buffer.open(name), 1)
         tfdb.Buffer.unlink(name)
-    with pytest.raises(tfdb.NoSuchStore):
+    with pytest.raises(tfdb.errors.NoSuchStore):
         tfdb.Buffer.unlink(name)
     assert [path.name for path in SHM.glob(f"tfdb.{name}*")] == [other.name]
     other.unlink()
@@ -349,7 +353,7 @@ def test_a_store_without_its_control_file(name: str) -> None:
     (control,) = SHM.glob(f"tfdb.{name}.control-*")
     control.unlink()
     for create in (None, False):
-        with pytest.raises(tfdb.CorruptStore, match="its control file is missing"):
+        with pytest.raises(tfdb.errors.CorruptStore, match="its control file is missing"):
             tfdb.Buffer.open(name, create=create)
     tfdb.Buffer.unlink(name)
     child.move_arm(tfdb.Buffer.open(name), 1)

@@ -105,17 +105,17 @@ def no_such(name: str) -> None:
 
 
 ERRORS: dict[Callable[[str], None], type[tfdb.TfdbError]] = {
-    read_only: tfdb.ReadOnly,
-    exists: tfdb.StoreExists,
-    cut: tfdb.CorruptStore,
-    not_a_store: tfdb.CorruptStore,
-    without_control: tfdb.CorruptStore,
-    control_cut: tfdb.CorruptStore,
-    control_of_another: tfdb.CorruptStore,
-    lock_damaged: tfdb.CorruptStore,
-    lock_held: tfdb.LockTimeout,
-    removed_amid_a_wait: tfdb.NoSuchStore,
-    no_such: tfdb.NoSuchStore,
+    read_only: tfdb.errors.ReadOnly,
+    exists: tfdb.errors.StoreExists,
+    cut: tfdb.errors.CorruptStore,
+    not_a_store: tfdb.errors.CorruptStore,
+    without_control: tfdb.errors.CorruptStore,
+    control_cut: tfdb.errors.CorruptStore,
+    control_of_another: tfdb.errors.CorruptStore,
+    lock_damaged: tfdb.errors.CorruptStore,
+    lock_held: tfdb.errors.LockTimeout,
+    removed_amid_a_wait: tfdb.errors.NoSuchStore,
+    no_such: tfdb.errors.NoSuchStore,
 }
 
 
@@ -131,5 +131,7 @@ def test_errors_name_the_store(name: str, cause: Callable[[str], None]) -> None:
 
 
 def test_the_error_of_a_lock_says_how_long_the_call_waited(name: str) -> None:
-    with pytest.raises(tfdb.LockTimeout, match=r"has held the store '[^']+' for 0\.01\d* s: "):
+    with pytest.raises(
+        tfdb.errors.LockTimeout, match=r"has held the store '[^']+' for 0\.01\d* s: "
+    ):
         lock_held(name)

@@ -18,7 +18,7 @@ def end_of(error: BaseException | object) -> str:
     match error:
         case asyncio.CancelledError():
             return "cancelled"
-        case tfdb.BufferClosed():
+        case tfdb.errors.BufferClosed():
             return "closed"
         case tfdb.WaitTimeout() | tfdb.Extrapolation():
             return "late"

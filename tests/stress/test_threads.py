@@ -139,7 +139,7 @@ def test_a_snapshot_may_be_closed_under_a_batch() -> None:
         try:
             rows = snapshot.lookup_transforms("map", "base", stamps)
             np.testing.assert_array_equal(rows[:, 0], stamps)
-        except tfdb.SnapshotClosed:
+        except tfdb.errors.SnapshotClosed:
             pass
         closer.join()
         assert snapshot.closed

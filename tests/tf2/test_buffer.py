@@ -217,7 +217,7 @@ def test_close_ends_a_wait(buffer: tf2.Buffer, thread: ThreadPoolExecutor) -> No
             waits = thread.submit(wait)
             began.wait()
             closing.close()
-            with pytest.raises(tfdb.BufferClosed):
+            with pytest.raises(tfdb.errors.BufferClosed):
                 waits.result(FOREVER)
 
 
@@ -279,7 +279,7 @@ def test_close_ends_a_wait_while_the_clock_stands(thread: ThreadPoolExecutor) ->
     waits = thread.submit(buffer.lookup_transform, "map", "base", seconds(2), 5.0)
     until_it_waits(clock)
     buffer.close()
-    with pytest.raises(tfdb.BufferClosed):
+    with pytest.raises(tfdb.errors.BufferClosed):
         waits.result(FOREVER)
 
 
@@ -344,7 +344,7 @@ def test_a_cancelled_coroutine_leaves_nothing(buffer: tf2.Buffer) -> None:
 
     asyncio.run(main())
     # The thread that tells ends once nobody waits; its table is empty before.
-    tellers = tfdb.waiting._tellers.values()
+    tellers = tfdb.store.waiting._tellers.values()
     assert all(not teller.waits for teller in tellers if teller.buffer is buffer.buffer)
 
 
@@ -420,7 +420,7 @@ def test_a_coroutine_that_is_closed_leaves_nothing(buffer: tf2.Buffer) -> None:
     coroutine = buffer.lookup_transform_async("map", "base", seconds(2))
     coroutine.send(None)
     coroutine.close()
-    tellers = tfdb.waiting._tellers.values()
+    tellers = tfdb.store.waiting._tellers.values()
     assert all(not teller.waits for teller in tellers if teller.buffer is buffer.buffer)
 
 
@@ -478,7 +478,7 @@ def test_a_future_that_is_cancelled_or_closed(buffer: tf2.Buffer) -> None:
     assert cancelled.cancel()
     closed = buffer.wait_for_transform_async("map", "base", seconds(2))
     buffer.close()
-    with pytest.raises(tfdb.BufferClosed):
+    with pytest.raises(tfdb.errors.BufferClosed):
         closed.result(FOREVER)
     assert cancelled.cancelled()
 

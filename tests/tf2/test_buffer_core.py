@@ -383,16 +383,20 @@ def test_the_exceptions_are_errors_of_tfdb() -> None:
 @pytest.mark.parametrize(
     ("change", "text", "beneath"),
     [
-        ({"child": "a"}, "TF_SELF_TRANSFORM", tfdb.InvalidTransform),
-        ({"child": ""}, "TF_NO_CHILD_FRAME_ID", tfdb.InvalidName),
-        ({"parent": ""}, "TF_NO_FRAME_ID", tfdb.InvalidName),
-        ({"pose": [math.nan, *TURNED[1:]]}, "TF_NAN_INPUT", tfdb.InvalidTransform),
-        ({"pose": [math.inf, *TURNED[1:]]}, "TF_NAN_INPUT", tfdb.InvalidTransform),
-        ({"pose": [1, 2, 3, 0, 0, 0, 0]}, "TF_DENORMALIZED_QUATERNION", tfdb.InvalidTransform),
-        ({"stamp": SECOND}, "TF_OLD_DATA", tfdb.TooOld),
+        ({"child": "a"}, "TF_SELF_TRANSFORM", tfdb.errors.InvalidTransform),
+        ({"child": ""}, "TF_NO_CHILD_FRAME_ID", tfdb.errors.InvalidName),
+        ({"parent": ""}, "TF_NO_FRAME_ID", tfdb.errors.InvalidName),
+        ({"pose": [math.nan, *TURNED[1:]]}, "TF_NAN_INPUT", tfdb.errors.InvalidTransform),
+        ({"pose": [math.inf, *TURNED[1:]]}, "TF_NAN_INPUT", tfdb.errors.InvalidTransform),
+        (
+            {"pose": [1, 2, 3, 0, 0, 0, 0]},
+            "TF_DENORMALIZED_QUATERNION",
+            tfdb.errors.InvalidTransform,
+        ),
+        ({"stamp": SECOND}, "TF_OLD_DATA", tfdb.errors.TooOld),
         ({"stamp": -1}, "TF_BAD_STAMP", tfdb.InvalidStamp),
-        ({"parent": "b", "child": "a"}, "TF_LOOP", tfdb.CycleError),
-        ({"child": "tab\t"}, "TF_BAD_FRAME_ID", tfdb.InvalidName),
+        ({"parent": "b", "child": "a"}, "TF_LOOP", tfdb.errors.CycleError),
+        ({"child": "tab\t"}, "TF_BAD_FRAME_ID", tfdb.errors.InvalidName),
     ],
 )
 @pytest.mark.parametrize("flavor", FLAVORS)

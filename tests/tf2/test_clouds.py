@@ -241,7 +241,7 @@ def test_a_place_beyond_float32() -> None:
     values = np.zeros(3, [("x", "<f4"), ("y", "<f4"), ("z", "<f8")])
     values["z"] = 1e300
     cloud.data = values.tobytes()
-    with pytest.raises(tfdb.InvalidTransform, match="no finite place"):
+    with pytest.raises(tfdb.errors.InvalidTransform, match="no finite place"):
         clouds.do_transform_cloud(cloud, of(np.random.default_rng(11)))
 
 
@@ -264,7 +264,7 @@ def test_headers_of_any_numbers() -> None:
         before = copy.deepcopy(cloud)
         try:
             made = clouds.do_transform_cloud(cloud, transform)
-        except (tf2.InvalidArgumentException, tfdb.InvalidTransform):
+        except (tf2.InvalidArgumentException, tfdb.errors.InvalidTransform):
             pass
         else:
             assert len(made.data) == len(cloud.data)

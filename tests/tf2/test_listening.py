@@ -97,7 +97,7 @@ def test_statics_of_two_broadcasters_in_turns(world: World) -> None:
         other.close()
         assert late_joiner() == pytest.approx(OTHER)
     other.close()
-    with pytest.raises(tfdb.NodeClosed):
+    with pytest.raises(tfdb.errors.NodeClosed):
         other.sendTransform(sent("base", "other", 1))
     world.static.sendTransform(sent("base", "mount", 3))
     world.static.close()
@@ -133,7 +133,7 @@ def test_what_tf2_refuses_is_logged_and_the_rest_stored(world: World) -> None:
     own, lost = records.texts
     assert own.startswith('TF_SELF_TRANSFORM: Ignoring transform from authority "/robot"')
     assert lost.startswith("TF_DENORMALIZED_QUATERNION: Ignoring transform for child_frame_id")
-    assert isinstance(records.errors[1], tfdb.InvalidTransform)
+    assert isinstance(records.errors[1], tfdb.errors.InvalidTransform)
     assert world.listener.refused == {"/robot": 2}
 
 
@@ -155,7 +155,7 @@ def test_a_name_that_is_no_text_costs_its_own(
     assert buffer.buffer.commit == (2 if watching else 1)
     assert listener.refused == {"/robot": 1}
     (said,) = [r for r in caplog.records if hasattr(r, "error")]
-    assert isinstance(said.__dict__["error"], tfdb.InvalidName)
+    assert isinstance(said.__dict__["error"], tfdb.errors.InvalidName)
 
 
 def test_the_same_stamp_again(world: World, caplog: pytest.LogCaptureFixture) -> None:
@@ -217,7 +217,7 @@ def test_a_damaged_message_is_counted_and_logged_once(
     assert world.buffer.buffer.commit == before
     assert world.listener.corrupt == {"/robot": 3}
     assert len([r for r in caplog.records if "damaged message of /robot" in r.getMessage()]) == 1
-    assert isinstance(caplog.records[0].__dict__["error"], tfdb.CorruptMessage)
+    assert isinstance(caplog.records[0].__dict__["error"], tfdb.errors.CorruptMessage)
     world.raw.publish(whole)
     assert world.at("map", "base", 1)[3] == pytest.approx(POSE)
 

@@ -16,7 +16,8 @@ import tfdb
 from tf2.ours import message, plain
 from tfdb import tf2
 from tfdb._core import MessageMaker
-from tfdb.tf2 import msgs, ros_messages
+from tfdb.ros import ros_messages
+from tfdb.tf2 import msgs
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -482,7 +483,7 @@ def test_a_closed_store_says_so(buffer: Buffer) -> None:
         lambda: buffer.can_transform("a", "b", SECOND),
         lambda: buffer.set_transform(message("a", "b", 9 * SECOND, POSE), "me"),
     ):
-        with pytest.raises(tfdb.BufferClosed):
+        with pytest.raises(tfdb.errors.BufferClosed):
             call()
 
 

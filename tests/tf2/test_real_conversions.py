@@ -20,8 +20,8 @@ from compat.tf2_oracle import unavailable
 from tf2 import conversions, real_tf2
 from tf2.test_clouds import expected, matrix, random_cloud, simple
 from tfdb import tf2
+from tfdb.ros.times import nanoseconds
 from tfdb.tf2 import clouds, covariance, geometry, msgs
-from tfdb.tf2.times import nanoseconds
 
 TESTS = Path(__file__).resolve().parents[1]
 CHILD = Path(__file__).with_name("conversions_child.py")

@@ -20,7 +20,7 @@ import pickle
 import geometry_msgs.msg
 import rospy
 from tfdb import tf2
-from tfdb.tf2 import ros_messages
+from tfdb.ros import ros_messages
 
 STAMP = 1_700_000_000, 123_456_789
 message = geometry_msgs.msg.TransformStamped()
@@ -66,7 +66,7 @@ import geometry_msgs.msg
 import rclpy.time
 from tf2.test_messages_made import slots
 from tfdb import tf2
-from tfdb.tf2 import ros_messages
+from tfdb.ros import ros_messages
 
 STAMP = 1_700_000_000_123_456_789
 POSE = [1.5, -2.5, 3.25, 0.0, 0.6, 0.0, 0.8]

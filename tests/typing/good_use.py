@@ -33,10 +33,10 @@ def everything(buffer: tfdb.Buffer, stamps: npt.NDArray[np.int64]) -> None:
     buffer.transform_points("map", "camera", np.zeros((5, 3), np.float32), stamps)
     assert_type(buffer.trajectory("map", "camera", rate=10.0), tfdb.Trajectory)
     assert_type(buffer.explain("map", "camera").error, tfdb.TfdbError | None)
-    assert_type(buffer.frame_info("base"), tfdb.FrameInfo)
-    assert_type(buffer.tree(), list[tfdb.FrameInfo])
+    assert_type(buffer.frame_info("base"), tfdb.types.FrameInfo)
+    assert_type(buffer.tree(), list[tfdb.types.FrameInfo])
     assert_type(buffer.commit, int)
-    assert_type(buffer.changes(0), list[tfdb.Changes])
+    assert_type(buffer.changes(0), list[tfdb.types.Changes])
     with buffer.snapshot() as snapshot:
         assert_type(snapshot, tfdb.Snapshot)
         assert_type(snapshot.lookup_velocity("base", "map").linear, npt.NDArray[np.float64])
@@ -89,16 +89,16 @@ def batches(buffer: tfdb.Buffer, partly: bool) -> None:
     assert_type(buffer.set_transforms(batch), int)
     assert_type(buffer.set_transforms(batch, partial=False), int)
     refused = buffer.set_transforms(batch, partial=True)
-    assert_type(refused, list[tfdb.Refused])
+    assert_type(refused, list[tfdb.types.Refused])
     assert_type(refused[0].index, int)
-    assert_type(buffer.set_transforms(batch, partial=partly), int | list[tfdb.Refused])
+    assert_type(buffer.set_transforms(batch, partial=partly), int | list[tfdb.types.Refused])
     assert_type(buffer.remove_frames(name for name in ("a", "b")), int)
     engine = tfdb.Buffer(concurrency="2pl-wait-die")
     if engine.concurrency == "silo":
         assert_type(engine.counters().lock_waits, int)
 
 
-def both(reads: tfdb.Reads) -> tfdb.Transform:
+def both(reads: tfdb.Buffer | tfdb.Snapshot) -> tfdb.Transform:
     """Take a buffer or a snapshot."""
     return reads.lookup_transform("map", "base")
 

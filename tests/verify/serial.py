@@ -9,7 +9,7 @@ import itertools
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
-from tfdb.verify import Read, Transaction, Unseen, Write
+from tfdb_measure.verify import Read, Transaction, Unseen, Write
 
 if TYPE_CHECKING:
     import random

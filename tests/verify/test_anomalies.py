@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from tfdb.verify import MEANINGS, History, Read, Transaction, Unseen, Write, check
+from tfdb_measure.verify import MEANINGS, History, Read, Transaction, Unseen, Write, check
 
 UNSEEN = Unseen.UNSEEN
 

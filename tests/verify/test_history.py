@@ -10,8 +10,16 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-import tfdb
-from tfdb.verify import Read, Transaction, Unseen, Write, check, load_history, parse_history
+from tfdb_measure.verify import (
+    HistoryError,
+    Read,
+    Transaction,
+    Unseen,
+    Write,
+    check,
+    load_history,
+    parse_history,
+)
 from verify.serial import Shape, random_history
 
 if TYPE_CHECKING:
@@ -46,7 +54,7 @@ def parse(*bodies: Any) -> list[Transaction]:
 
 
 def refuse(*bodies: Any, line: int = 2) -> str:
-    with pytest.raises(tfdb.HistoryError) as caught:
+    with pytest.raises(HistoryError) as caught:
         parse(*bodies)
     error = caught.value
     assert (error.path, error.line) == ("run.jsonl", line)
@@ -88,7 +96,7 @@ def test_the_header_is_kept_and_empty_lines_are_skipped(tmp_path: Path) -> None:
     "text", ["", "{}", "[1]", "no", '{"tfdb_history": 2}', '{"tfdb_history": true}', "[" * 100_000]
 )
 def test_without_its_header(text: str) -> None:
-    with pytest.raises(tfdb.HistoryError) as caught:
+    with pytest.raises(HistoryError) as caught:
         parse_history([text], "run.jsonl")
     assert caught.value.line == 1
 
@@ -133,7 +141,7 @@ def test_what_is_missing_is_named() -> None:
 
 
 def test_no_json() -> None:
-    with pytest.raises(tfdb.HistoryError, match=r"run.jsonl:3: no JSON object"):
+    with pytest.raises(HistoryError, match=r"run.jsonl:3: no JSON object"):
         parse_history([HEADER, json.dumps(GOOD), "{..."], "run.jsonl")
     assert refuse(5) == "no JSON object"
 
@@ -155,7 +163,7 @@ def test_one_thread_does_one_thing_at_a_time() -> None:
 def test_any_bytes_are_read_or_refused(data: bytes) -> None:
     try:
         parse_history([HEADER, *data.split(b"\n")])
-    except tfdb.HistoryError as error:
+    except HistoryError as error:
         assert error.line
 
 
@@ -172,7 +180,7 @@ def test_any_json_is_read_or_refused(body: Any) -> None:
     changed = {**GOOD, **body} if isinstance(body, dict) else body
     try:
         parse(changed)
-    except tfdb.HistoryError as error:
+    except HistoryError as error:
         assert error.line == 2
 
 

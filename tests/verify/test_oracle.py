@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tfdb.verify import History, check
+from tfdb_measure.verify import History, check
 from verify.serial import Shape, any_order, corrupt, random_history
 
 SHAPES = {

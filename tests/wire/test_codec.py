@@ -42,9 +42,9 @@ def decoded_or_refused(data: bytes | bytearray, encoding: str) -> Any:
     """The transforms, or None after a refusal that keeps what errors promise."""
     try:
         return tfdb.decode_tf_message(data, encoding)
-    except (tfdb.CorruptMessage, tfdb.InvalidName, tfdb.InvalidStamp) as error:
+    except (tfdb.errors.CorruptMessage, tfdb.errors.InvalidName, tfdb.InvalidStamp) as error:
         refusal = error
-    if isinstance(refusal, tfdb.InvalidName):
+    if isinstance(refusal, tfdb.errors.InvalidName):
         assert "UTF-8" in str(refusal) or "control character" in str(refusal)
     elif isinstance(refusal, tfdb.InvalidStamp):
         assert refusal.index is not None
@@ -146,7 +146,7 @@ def test_ros1_stamps_reach_further_than_those_of_cdr() -> None:
 
 def test_a_name_with_a_nul_is_not_written() -> None:
     [transform] = transforms_of([oracle.row("a", "b\0c", 1, HAND_MADE[0].pose)])
-    with pytest.raises(tfdb.InvalidName):
+    with pytest.raises(tfdb.errors.InvalidName):
         tfdb.encode_tf_message([transform], "cdr")
 
 
@@ -213,8 +213,8 @@ def test_columns_that_cannot_be_encoded_name_the_row() -> None:
     with pytest.raises(tfdb.InvalidStamp) as stamp:
         tfdb.encode_tf_message(tfdb.Columns("map", "a", [1, 2, -3], poses))
     assert stamp.value.index == 2
-    with pytest.raises(tfdb.InvalidName) as name:
+    with pytest.raises(tfdb.errors.InvalidName) as name:
         tfdb.encode_tf_message(tfdb.Columns("map", ["a", "b\ud800", "c"], [1, 2, 3], poses))
     assert name.value.index == 1
-    with pytest.raises(tfdb.InvalidArray, match="3 rows"):
+    with pytest.raises(tfdb.errors.InvalidArray, match="3 rows"):
         tfdb.encode_tf_message(tfdb.Columns("map", ["a", "b"], [1, 2, 3], poses))

@@ -129,7 +129,7 @@ def test_static_and_authority() -> None:
     assert (moving.is_static, moving.authority) == (False, "/ekf")
     buf.ingest_many([oracle.encode(ROWS[1:], "ros1")], encoding="ros1", authority="replay")
     assert buf.frame_info("base").authority == "replay"
-    with pytest.raises(tfdb.StaticConflict):
+    with pytest.raises(tfdb.errors.StaticConflict):
         buf.ingest(oracle.encode(ROWS[:1], "cdr"))
 
 
@@ -170,9 +170,9 @@ def test_what_is_not_bytes_is_a_type_error(data: Any) -> None:
 @pytest.mark.parametrize("encoding", ["", "CDR", "json", "cdr\0", "\ud800"])
 def test_unknown_encodings(encoding: str) -> None:
     buf = tfdb.Buffer()
-    with pytest.raises((tfdb.InvalidArgument, tfdb.InvalidName)):
+    with pytest.raises((tfdb.InvalidArgument, tfdb.errors.InvalidName)):
         buf.ingest(oracle.encode(ROWS, "cdr"), encoding=encoding)
-    with pytest.raises((tfdb.InvalidArgument, tfdb.InvalidName)):
+    with pytest.raises((tfdb.InvalidArgument, tfdb.errors.InvalidName)):
         buf.ingest_many([], encoding=encoding)
     assert buf.commit == 0
 
@@ -200,7 +200,7 @@ def test_corrupt_messages_change_nothing(data: bytes, offset: int, reason: str) 
     buf = tfdb.Buffer()
     buf.ingest(CDR)
     before = contents(buf)
-    with pytest.raises(tfdb.CorruptMessage) as caught:
+    with pytest.raises(tfdb.errors.CorruptMessage) as caught:
         buf.ingest(data)
     assert caught.value.offset == offset
     assert caught.value.reason is not None
@@ -212,13 +212,13 @@ def test_corrupt_messages_change_nothing(data: bytes, offset: int, reason: str) 
 @pytest.mark.parametrize(
     ("bad", "error"),
     [
-        (oracle.row("map", "x" * 1025, STAMP, POSE), tfdb.InvalidName),
-        (oracle.row("map", "new\nline", STAMP, POSE), tfdb.InvalidName),
-        (oracle.row("/", "child", STAMP, POSE), tfdb.InvalidName),
-        (oracle.row("map", "map", STAMP, POSE), tfdb.InvalidTransform),
-        (oracle.row("base", "map", STAMP, POSE), tfdb.CycleError),
-        (oracle.row("map", "nan", STAMP, (float("nan"), *POSE[1:])), tfdb.InvalidTransform),
-        (oracle.row("map", "zero", STAMP, (*POSE[:3], 0, 0, 0, 0)), tfdb.InvalidTransform),
+        (oracle.row("map", "x" * 1025, STAMP, POSE), tfdb.errors.InvalidName),
+        (oracle.row("map", "new\nline", STAMP, POSE), tfdb.errors.InvalidName),
+        (oracle.row("/", "child", STAMP, POSE), tfdb.errors.InvalidName),
+        (oracle.row("map", "map", STAMP, POSE), tfdb.errors.InvalidTransform),
+        (oracle.row("base", "map", STAMP, POSE), tfdb.errors.CycleError),
+        (oracle.row("map", "nan", STAMP, (float("nan"), *POSE[1:])), tfdb.errors.InvalidTransform),
+        (oracle.row("map", "zero", STAMP, (*POSE[:3], 0, 0, 0, 0)), tfdb.errors.InvalidTransform),
     ],
 )
 @pytest.mark.parametrize("encoding", ["ros1", "cdr", "cdr_be"])
@@ -242,7 +242,7 @@ def test_one_bad_member_leaves_the_others(
     assert contents(many) == contents(one)
     assert answers(many, [STAMP]) == answers(one, [STAMP])
     alone = oracle.encode([bad], encoding)
-    if error is not tfdb.CycleError:  # by itself it closes none
+    if error is not tfdb.errors.CycleError:  # by itself it closes none
         before = contents(many)
         with pytest.raises(error) as caught:
             many.ingest(alone, encoding=encoding)
@@ -281,7 +281,7 @@ def test_names_are_utf8_without_control_characters(name: bytes) -> None:
     except UnicodeDecodeError:
         text = "\n"
     if any(c < " " or c == "\x7f" for c in text):
-        with pytest.raises((tfdb.InvalidName, tfdb.CorruptMessage)):
+        with pytest.raises((tfdb.errors.InvalidName, tfdb.errors.CorruptMessage)):
             buf.ingest(data, encoding="ros1")
         assert buf.frames() == []
     else:
@@ -327,6 +327,6 @@ def test_an_error_of_the_iterable_passes_through() -> None:
 def test_ingest_many_amid_a_transaction_raises() -> None:
     buf = tfdb.Buffer()
     message = oracle.encode(ROWS, "ros1")
-    with buf.transaction(), pytest.raises(tfdb.TransactionActive):
+    with buf.transaction(), pytest.raises(tfdb.errors.TransactionActive):
         buf.ingest_many([message], encoding="ros1")
     assert buf.commit == 0

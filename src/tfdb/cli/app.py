@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import contextlib
-import importlib.util
+import importlib
 import signal
 import sys
 import warnings
@@ -13,7 +13,7 @@ import click
 
 import tfdb
 
-from . import output
+from . import checkout_only, output
 from .graph import without_ros_arguments
 from .groups import SuggestingGroup
 
@@ -48,11 +48,6 @@ COMMANDS = {
 }
 
 
-def measures() -> bool:
-    """Whether the programs that measure are installed: a checkout has them, a wheel does not."""
-    return importlib.util.find_spec("tfdb_measure") is not None
-
-
 class _ClosedPipe(Exception):  # noqa: N818 - it is no error of the command
     """The output takes no more."""
 
@@ -81,7 +76,8 @@ class TfdbGroup(SuggestingGroup):
 
     def list_commands(self, ctx: click.Context) -> list[str]:  # noqa: ARG002
         """Name the commands in the order of the help; one that is not installed is left out."""
-        return [name for name in COMMANDS if name != "bench" or measures()]
+        installed = checkout_only.installed()
+        return [each for each in COMMANDS if installed or each not in checkout_only.COMMANDS]
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:  # noqa: ARG002
         """Import the command's module and return its command."""

@@ -10,17 +10,19 @@ from typing import TYPE_CHECKING, Any
 import click
 
 import tfdb
-from tfdb.waiting import NO_ANSWER_YET
+from tfdb.data.time_text import format_ns
+from tfdb.store.waiting import NO_ANSWER_YET
 
 from . import common, layout, output
 from .graph import live_source, node_option
 from .groups import SuggestingCommand
-from .times import NS, format_ns
+from .times import NS
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
-    from tfdb import Reads, Transform
+    from tfdb import Transform
+    from tfdb._core import Reads
     from tfdb.ros import Node, Publisher
 
     from .graph import Live

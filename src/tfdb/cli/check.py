@@ -9,19 +9,28 @@ from typing import TYPE_CHECKING, Any
 import click
 
 import tfdb
-from tfdb.counting import counted
-from tfdb.io.choice import describe_untimed
-from tfdb.io.groups import prefix_of_topic
-from tfdb.io.loading import describe_refused
-from tfdb.summary import Forest
+from tfdb.data.counting import counted
+from tfdb.data.time_text import format_date, format_ns, format_when
+from tfdb.judging.arrivals import Arrivals, read_arrivals
+from tfdb.judging.doctor import (
+    KINDS,
+    Finding,
+    Limits,
+    disconnected,
+    examine,
+    leading_slashes,
+    sort_key,
+)
+from tfdb.recordings.choice import describe_untimed
+from tfdb.recordings.containers import prefix_of_topic
+from tfdb.recordings.loading import describe_refused
+from tfdb.store.summary import Forest
 
 from . import common, layout, output
-from .arrivals import Arrivals, read_arrivals
-from .doctor import KINDS, Finding, Limits, disconnected, examine, leading_slashes, sort_key
 from .graph import LISTENS, Live, is_graph, listening, node_option
 from .groups import OneOf, SuggestingCommand
 from .info import mixed_body, rows_body, say_rows
-from .times import NS, duration_option, format_date, format_ns, format_when
+from .times import NS, duration_option
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -118,7 +127,7 @@ def examined(
     """Load what is to be examined, and say what arrived how."""
     if length is not None and not common.is_live(names[0]):
         raise click.UsageError("--for watches what is live: give shm:NAME, ros1: or ros2:")
-    from .watch import stored_arrivals, watch_arrivals  # noqa: PLC0415 - for what is live alone
+    from tfdb.judging.follower import stored_arrivals, watch_arrivals  # noqa: PLC0415 - for what is live alone
 
     if any(is_graph(name) for name in names):
         common.refuse_parts(names, topics, "a graph", "ros1: or ros2:")

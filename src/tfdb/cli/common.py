@@ -14,22 +14,23 @@ from typing import TYPE_CHECKING, Any
 import click
 
 import tfdb
-from tfdb.frozen import is_frozen
-from tfdb.given_objects import unknown_word
-from tfdb.given_path import first_missing, given_path, missing_file
-from tfdb.io import Recording
-from tfdb.io.choice import Choice, absolute
-from tfdb.io.decimal_time import parse_stamp
-from tfdb.io.loading import role_of
-from tfdb.io.trajectory_report import warn_of_rows
-from tfdb.near_names import near_names
-from tfdb.new_file import is_one_of, refuse_existing
-from tfdb.summary import Forest, span
+from tfdb.data.argument_checks import unknown_word
+from tfdb.data.decimal_time import parse_stamp
+from tfdb.data.new_file import is_one_of, refuse_existing
+from tfdb.data.path_checks import first_missing, given_path, missing_file
+from tfdb.data.suggestions import near_names
+from tfdb.data.time_text import format_dates, format_ns
+from tfdb.recordings.choice import Choice, absolute
+from tfdb.recordings.loading import role_of
+from tfdb.recordings.recording import Recording
+from tfdb.store.frozen import is_frozen
+from tfdb.store.summary import Forest, span
+from tfdb.trajectories.reading_report import warn_of_rows
 
 from . import output
 from .graph import STORE, is_graph, listen_once
 from .groups import OneOf
-from .times import NS, duration_option, format_dates, format_ns, time_option, warn_of_bounds
+from .times import NS, duration_option, time_option, warn_of_bounds
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -39,10 +40,12 @@ if TYPE_CHECKING:
     from click.decorators import FC
     from rich.progress import Progress, ProgressColumn
 
-    from tfdb import Buffer, Reads, Snapshot
-    from tfdb.io import Loss, Source
-    from tfdb.io.choice import LoadOptions
-    from tfdb.io.loading import LoadReport
+    from tfdb import Buffer, Snapshot
+    from tfdb._core import Reads
+    from tfdb.data.loss import Loss
+    from tfdb.recordings.choice import LoadOptions
+    from tfdb.recordings.containers import Source
+    from tfdb.recordings.loading import LoadReport
 
 _COMPLETION_MESSAGES = 200
 """So many messages of each kind does completion read: a shell must not seem to hang."""
@@ -349,7 +352,7 @@ class Loaded:
     names: tuple[str, ...]
     now: int | None = None
     """When what is live was found so, by the clock of the graph or of the machine."""
-    mixed: tfdb.MixedSources | None = None
+    mixed: tfdb.errors.MixedSources | None = None
     """Why groups of topics have prefixes, or sources that disagree are mixed, unasked."""
     shown: str = ""
     """How sources that disagree were loaded."""
@@ -461,7 +464,7 @@ def load(
 
         try:
             report = read()
-        except tfdb.MixedSources as error:
+        except tfdb.errors.MixedSources as error:
             if not apart or _NAMING & set(chosen()):
                 raise
             mixed = error
@@ -481,7 +484,7 @@ def _read_mixed(read: Callable[[], LoadReport]) -> tuple[LoadReport, str]:
     """Load sources that disagree, and say how."""
     if not chosen().get("by_namespace"):
         choose(by_namespace=True)
-        with suppress(tfdb.MixedSources):
+        with suppress(tfdb.errors.MixedSources):
             return read(), "each group under its own prefix, as by --by-namespace"
     choose(by_namespace=False, mix=True)
     return read(), "all in one tree, as by --mix"

@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING, Any
 import click
 
 import tfdb
-from tfdb.counting import counted
-from tfdb.frozen import is_frozen
-from tfdb.given_path import given_path
+from tfdb.data.counting import counted
+from tfdb.data.path_checks import given_path
+from tfdb.store.frozen import is_frozen
 
 from . import common, layout, output
 from .groups import OneOf, SuggestingCommand
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
     from tfdb import Comparison, Trajectory
     from tfdb.comparing import Errors
-    from tfdb.comparing.given import Reading
+    from tfdb.comparing.inputs import Reading
 
 _ALIGN = ("se3", "sim3", "scale", "yaw", "origin", "none")
 _UNITS = ("frames", "m", "s", "deg", "rad")
@@ -184,7 +184,7 @@ def command(
 
 def _has_frames(name: str) -> bool:
     """Whether a name is that of a store or a recording, not that of a trajectory."""
-    from tfdb.comparing.given import is_recording  # noqa: PLC0415 - brings numpy
+    from tfdb.comparing.inputs import is_recording  # noqa: PLC0415 - brings numpy
 
     if common.is_live(name):
         return True
@@ -214,7 +214,7 @@ def find(
     unit = common.take("stamp_unit")
     if (topics or common.chosen()) and not any(_has_frames(name) for name in (reference, estimate)):
         raise click.UsageError("what is read of a recording can be chosen; these are trajectories")
-    from tfdb.comparing.given import Reading, goes_by_rows  # noqa: PLC0415 - brings numpy
+    from tfdb.comparing.inputs import Reading, goes_by_rows  # noqa: PLC0415 - brings numpy
 
     options = dict(options)
     live = common.is_live(reference) or common.is_live(estimate)
@@ -239,7 +239,7 @@ def _read(
 ) -> Trajectory:
     """Read one of the two."""
     if not _has_frames(name):
-        from tfdb.comparing.given import given_trajectory  # noqa: PLC0415 - brings numpy
+        from tfdb.comparing.inputs import given_trajectory  # noqa: PLC0415 - brings numpy
 
         return given_trajectory(name, None, "trajectory", "frames", reading)
     if frames is None:

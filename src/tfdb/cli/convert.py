@@ -9,13 +9,14 @@ from typing import TYPE_CHECKING, Any
 import click
 
 import tfdb
-from tfdb.counting import counted
-from tfdb.given_objects import unknown_ending
-from tfdb.given_path import given_path
-from tfdb.io import RecordingWriter, write_trajectory
-from tfdb.io.choice import Choice, absolute, did_you_mean
-from tfdb.io.containers import TRAJECTORIES
-from tfdb.io.loading import Selection, refused_by, warn_of_refused
+from tfdb.data.argument_checks import unknown_ending
+from tfdb.data.counting import counted
+from tfdb.data.path_checks import given_path
+from tfdb.recordings.choice import Choice, absolute, did_you_mean
+from tfdb.recordings.containers import TRAJECTORIES
+from tfdb.recordings.loading import Selection, refused_by, warn_of_refused
+from tfdb.recordings.recording_writer import RecordingWriter
+from tfdb.trajectories.writing import write_trajectory
 
 from . import common, layout, output
 from .groups import SuggestingCommand
@@ -24,9 +25,10 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Mapping, Sequence
     from pathlib import Path
 
-    from tfdb.io import Recording, Source
-    from tfdb.io.choice import Rewriter
-    from tfdb.io.trajectories import Format
+    from tfdb.recordings.choice import Rewriter
+    from tfdb.recordings.containers import Source
+    from tfdb.recordings.recording import Recording
+    from tfdb.trajectories.reading import Format
 
 RECORDINGS = (".bag", ".mcap", ".db3")
 RERUN = ".rrd"

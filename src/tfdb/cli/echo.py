@@ -11,29 +11,21 @@ from typing import TYPE_CHECKING, Any
 import click
 
 import tfdb
-from tfdb.waiting import NO_ANSWER_YET
+from tfdb.data.time_text import format_duration, format_ns
+from tfdb.judging.rates import ANOTHER_CLOCK
+from tfdb.store.waiting import NO_ANSWER_YET
 
 from . import common, layout, output
 from .angles import roll_pitch_yaw
 from .graph import Live, live_source, node_option
 from .groups import SuggestingCommand
-from .rates import ANOTHER_CLOCK
-from .times import (
-    LATEST,
-    NS,
-    TimeSpec,
-    duration_option,
-    format_duration,
-    format_ns,
-    offset_option,
-    time_option,
-    warn_of_bounds,
-)
+from .times import LATEST, NS, TimeSpec, duration_option, offset_option, time_option, warn_of_bounds
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from tfdb import Reads, Transform
+    from tfdb import Transform
+    from tfdb._core import Reads
 
 
 @click.command("echo", cls=SuggestingCommand)

@@ -7,9 +7,9 @@ from typing import Any
 import click
 
 import tfdb
-from tfdb.counting import counted
-from tfdb.frozen import SUFFIX
-from tfdb.given_path import given_path
+from tfdb.data.counting import counted
+from tfdb.data.path_checks import given_path
+from tfdb.store.frozen import SUFFIX
 
 from . import common, layout, output
 from .graph import listen_option

@@ -8,18 +8,19 @@ from typing import TYPE_CHECKING, Any
 import click
 
 import tfdb
-from tfdb.counting import counted
-from tfdb.summary import Forest
+from tfdb.data.counting import counted
+from tfdb.data.time_text import format_date, format_duration, format_ns
+from tfdb.judging.doctor import holes
+from tfdb.store.summary import Forest
 
 from . import common, layout, output
 from .check import examined
-from .doctor import holes
 from .graph import node_option
 from .groups import SuggestingCommand
-from .times import duration_option, format_date, format_duration, format_ns
+from .times import duration_option
 
 if TYPE_CHECKING:
-    from .doctor import Hole
+    from tfdb.judging.doctor import Hole
 
 
 @click.command("gaps", cls=SuggestingCommand)

@@ -19,10 +19,11 @@ from typing import TYPE_CHECKING, Any, NoReturn
 import click
 
 import tfdb
+from tfdb.data.time_text import format_duration
 from tfdb.ros.open_node import open_node
 
 from . import output
-from .times import NS, duration_option, format_duration
+from .times import NS, duration_option
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
@@ -142,7 +143,7 @@ class Live:
             self.commit = self.store.wait_for_commit(self.commit, left)
         except tfdb.WaitTimeout:
             return False
-        except tfdb.BufferClosed:
+        except tfdb.errors.BufferClosed:
             self.check()
             raise
         return True
@@ -190,7 +191,7 @@ def wait_for_end(node: Node, ended: threading.Event) -> NoReturn:
     """Wait until a signal ends the command. Raises NodeClosed if others end the node."""
     ended.wait()
     text = f"the node {node.name} was ended by somebody else"
-    raise tfdb.NodeClosed(text, reason="ended by somebody else")
+    raise tfdb.errors.NodeClosed(text, reason="ended by somebody else")
 
 
 @contextmanager

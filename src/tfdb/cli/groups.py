@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from tfdb.given_objects import unknown_word
-from tfdb.near_names import near_names
+from tfdb.data.argument_checks import unknown_word
+from tfdb.data.suggestions import near_names
 
 from . import output
 

@@ -6,14 +6,14 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from tfdb.counting import counted
-from tfdb.given_path import given_path
-from tfdb.summary import EdgeSummary, Forest, edge_summaries, span
+from tfdb.data.counting import counted
+from tfdb.data.path_checks import given_path
+from tfdb.data.time_text import format_dates, format_duration, format_ns
+from tfdb.store.summary import EdgeSummary, Forest, edge_summaries, span
 
 from . import common, layout, output
 from .graph import listen_option
 from .groups import SuggestingCommand
-from .times import format_dates, format_duration, format_ns
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -21,7 +21,8 @@ if TYPE_CHECKING:
     from rich.console import Console
 
     import tfdb
-    from tfdb.io import LoadReport, TrajectoryRows
+    from tfdb.recordings.loading import LoadReport
+    from tfdb.trajectories.reading_report import TrajectoryRows
 
 
 @click.command("info", cls=SuggestingCommand)
@@ -70,7 +71,7 @@ def _body(loaded: common.Loaded, edges: list[EdgeSummary]) -> dict[str, Any]:
     }
 
 
-def mixed_body(error: tfdb.MixedSources) -> dict[str, Any]:
+def mixed_body(error: tfdb.errors.MixedSources) -> dict[str, Any]:
     """Return groups of topics that disagree as JSON; `info` and `check` use the same keys."""
     groups = {name: list(topics) for name, topics in (error.groups or {}).items()}
     return {"groups": groups, "frames": list(error.frames or ())}

@@ -7,20 +7,14 @@ from typing import TYPE_CHECKING, Any
 import click
 
 import tfdb
+from tfdb.data.time_text import format_date, format_duration, format_ns
 from tfdb.tf2.listings import frames_passed
 
 from . import common, layout, output
 from .angles import roll_pitch_yaw
 from .graph import listen_option
 from .groups import SuggestingCommand
-from .times import (
-    TimeSpec,
-    ask_of_offsets,
-    format_date,
-    format_duration,
-    format_ns,
-    time_option,
-)
+from .times import TimeSpec, ask_of_offsets, time_option
 
 if TYPE_CHECKING:
     from tfdb import Buffer, Transform
@@ -64,7 +58,7 @@ def command(
     stamp = time.resolve(loaded.span)
     try:
         found = store.lookup_transform(target, source, stamp, policy)
-    except (tfdb.Extrapolation, tfdb.NoSampleNear) as error:
+    except (tfdb.Extrapolation, tfdb.errors.NoSampleNear) as error:
         asked = ask_of_offsets(loaded.span, time)
         parts = str(error), common.explain_range(store, target, source), asked
         error.args = ("; ".join(filter(None, parts)),)

@@ -12,25 +12,26 @@ from typing import TYPE_CHECKING
 import click
 
 import tfdb
-from tfdb.counting import counted
-from tfdb.io import Recording, RecordingWriter
-from tfdb.io.choice import Choice
-from tfdb.io.loading import Selection, refused_by, warn_of_refused
-from tfdb.summary import span
+from tfdb.data.counting import counted
+from tfdb.data.time_text import format_when
+from tfdb.recordings.choice import Choice
+from tfdb.recordings.loading import Selection, refused_by, warn_of_refused
+from tfdb.recordings.recording_writer import RecordingWriter
+from tfdb.store.summary import span
 
 from . import common, layout, output
 from .convert import Written, body, copy, describe, recording_path, write_fixed_joints
 from .groups import SuggestingCommand
-from .times import format_when
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
     from pathlib import Path
 
     from tfdb import Buffer
-    from tfdb.io import Source
-    from tfdb.io.choice import Rewriter
-    from tfdb.types import FrameInfo
+    from tfdb.data.types import FrameInfo
+    from tfdb.recordings.choice import Rewriter
+    from tfdb.recordings.containers import Source
+    from tfdb.recordings.recording import Recording
 
 
 @click.command("merge", cls=SuggestingCommand)
@@ -176,7 +177,7 @@ def _refuse_conflicts(
                 )
     try:
         tfdb.Buffer().set_transforms(list(edges.values()), static=True)
-    except tfdb.CycleError as error:
+    except tfdb.errors.CycleError as error:
         frames = " <- ".join(layout.safe(name) for name in error.frames or ())
         raise click.ClickException(
             f"{', '.join(map(str, inputs))} together make a cycle, {frames}: --prefix keeps their "

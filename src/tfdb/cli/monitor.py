@@ -10,20 +10,21 @@ from typing import TYPE_CHECKING, Any, Self
 import click
 
 import tfdb
-from tfdb.counting import counted
-from tfdb.frozen import is_frozen
-from tfdb.io.choice import Choice
-from tfdb.io.loading import Selection
-from tfdb.summary import Forest
+from tfdb.data.counting import counted
+from tfdb.data.time_text import format_duration
+from tfdb.judging.follower import Follower, author_of
+from tfdb.judging.rates import Delays, Frame, Rates
+from tfdb.recordings.choice import Choice
+from tfdb.recordings.loading import Selection
+from tfdb.store.frozen import is_frozen
+from tfdb.store.summary import Forest
+from tfdb.store.waiting import NO_ANSWER_YET
 from tfdb.tf2.listings import frames_passed
-from tfdb.waiting import NO_ANSWER_YET
 
 from . import common, layout, output
 from .graph import Live, live_source, node_option
 from .groups import SuggestingCommand
-from .rates import Delays, Frame, Rates
-from .times import NS, duration_option, format_duration
-from .watch import Follower, author_of
+from .times import NS, duration_option
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Sequence
@@ -31,7 +32,7 @@ if TYPE_CHECKING:
     from rich.console import RenderableType
     from rich.live import Live as Place
 
-    from tfdb.types import Changes
+    from tfdb.data.types import Changes
 
 _KEPT = 10 * NS
 

@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from tfdb.given_objects import not_one_of
-from tfdb.given_path import given_path
-from tfdb.new_file import new_file
+from tfdb.data.argument_checks import not_one_of
+from tfdb.data.new_file import new_file
+from tfdb.data.path_checks import given_path
 
 from . import common
 

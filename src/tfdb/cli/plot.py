@@ -200,7 +200,7 @@ def _timeline(loaded: common.Loaded, max_gap: int | None, rows: int, title: str 
 
     arrivals = None
     if loaded.report is not None:
-        from .arrivals import read_arrivals  # noqa: PLC0415 - reads the file once more
+        from tfdb.judging.arrivals import read_arrivals  # noqa: PLC0415 - reads the file once more
 
         static = {topic.name: topic.static for topic in loaded.report.topics}
         with common.progress_bar("reading arrivals") as update:
@@ -228,5 +228,5 @@ def _show(figure: Any) -> None:
 
     try:
         plot.show(figure)
-    except tfdb.NotSupported as error:
+    except tfdb.errors.NotSupported as error:
         raise click.ClickException(f"{error}; --save png writes a file") from error

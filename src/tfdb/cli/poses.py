@@ -10,32 +10,30 @@ from typing import TYPE_CHECKING, Any, Literal
 import click
 
 import tfdb
-from tfdb.counting import counted
-from tfdb.given_objects import unknown_ending
-from tfdb.given_path import errors_name
-from tfdb.io.containers import TRAJECTORIES
+from tfdb.data.argument_checks import unknown_ending
+from tfdb.data.counting import counted
+from tfdb.data.path_checks import errors_name
+from tfdb.data.time_text import format_duration, format_ns
+from tfdb.recordings.containers import TRAJECTORIES
 
 from . import common, layout, output
 from .graph import listen_option
 from .groups import SuggestingCommand
-from .times import (
-    TimeSpec,
-    ask_of_offsets,
-    format_duration,
-    format_ns,
-    read_stamps,
-    time_option,
-    warn_of_bounds,
-)
+from .times import TimeSpec, ask_of_offsets, read_stamps, time_option, warn_of_bounds
 
 if TYPE_CHECKING:
     import numpy as np
     import numpy.typing as npt
 
-    from tfdb.io.trajectories import Format
+    from tfdb.trajectories.reading import Format
 
 
-_NO_POSE = (tfdb.Extrapolation, tfdb.NoSampleNear, tfdb.GapTooLarge, tfdb.Stale)
+_NO_POSE = (
+    tfdb.Extrapolation,
+    tfdb.errors.NoSampleNear,
+    tfdb.errors.GapTooLarge,
+    tfdb.errors.Stale,
+)
 
 
 @dataclass(frozen=True)
@@ -191,7 +189,7 @@ def _between(
 
 def _write(out: str | None, made: Poses, kind: Format | None, *, overwrite: bool) -> None:
     if out is not None:
-        tfdb.io.write_trajectory(out, made, kind, overwrite=overwrite)
+        tfdb.trajectories.write_trajectory(out, made, kind, overwrite=overwrite)
         return
     for stamp, pose in zip(made.stamps.tolist(), made.poses.tolist(), strict=True):
         output.say(f"{format_ns(stamp)} {' '.join(map(repr, pose))}")

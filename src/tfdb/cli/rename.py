@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import click
 
-from tfdb.io import RecordingWriter
+from tfdb.recordings.recording_writer import RecordingWriter
 
 from . import common, layout, output
 from .convert import body, describe, recording_path, rewrite

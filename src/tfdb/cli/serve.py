@@ -11,16 +11,17 @@ from typing import TYPE_CHECKING, Any, cast
 import click
 
 import tfdb
-from tfdb.counting import counted
-from tfdb.io.choice import Choice
-from tfdb.io.loading import Following, Selection, refuse_mixture_so_far
-from tfdb.io.static_conflicts import way_on
-from tfdb.summary import span
+from tfdb.data.counting import counted
+from tfdb.data.time_text import format_duration
+from tfdb.recordings.choice import Choice
+from tfdb.recordings.loading import Following, Selection, refuse_mixture_so_far
+from tfdb.recordings.static_conflicts import way_on
+from tfdb.store.summary import span
 
 from . import common, layout, output
 from .graph import STORE, listening, node_option
 from .groups import SuggestingCommand, SuggestingGroup
-from .times import NS, duration_option, format_duration
+from .times import NS, duration_option
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -28,8 +29,10 @@ if TYPE_CHECKING:
     from click.decorators import FC
 
     from tfdb import Buffer, TransformStamped
-    from tfdb.io import LoadReport, Recording, Source
-    from tfdb.io.choice import Rewriter
+    from tfdb.recordings.choice import Rewriter
+    from tfdb.recordings.containers import Source
+    from tfdb.recordings.loading import LoadReport
+    from tfdb.recordings.recording import Recording
 
     from .graph import Live
 
@@ -361,7 +364,7 @@ class Player:
             refused = self.store.set_transforms(
                 transforms, static=is_static, authority=source.authority, partial=True
             )
-        except (tfdb.ReadOnly, tfdb.LockTimeout):
+        except (tfdb.errors.ReadOnly, tfdb.errors.LockTimeout):
             raise
         except tfdb.TfdbError as error:
             self.refused += 1

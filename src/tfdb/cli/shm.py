@@ -9,14 +9,14 @@ from typing import TYPE_CHECKING, Any, cast
 import click
 
 import tfdb
-from tfdb.counting import counted
-from tfdb.shared import find_stores, path_of
-from tfdb.summary import span
+from tfdb.data.counting import counted
+from tfdb.data.time_text import format_dates, format_duration, format_ns
+from tfdb.store.shared import find_stores, path_of
+from tfdb.store.summary import span
 
 from . import common, layout, output
 from .graph import STORE
 from .groups import SuggestingCommand, SuggestingGroup
-from .times import format_dates, format_duration, format_ns
 
 if TYPE_CHECKING:
     import os
@@ -81,7 +81,7 @@ def _look(name: str) -> dict[str, Any]:
 
 
 def _body(store: Buffer) -> dict[str, Any]:
-    shared, memory = cast("tfdb.Shared", store.shared), store.memory()
+    shared, memory = cast("tfdb.types.Shared", store.shared), store.memory()
     path = Path(shared.path)
     status = path.stat()
     return {
@@ -165,7 +165,7 @@ def compact(*, name: str, as_json: bool) -> None:
     """
     given = name.removeprefix(STORE)
     with tfdb.Buffer.open(given, create=False) as store:
-        path = Path(cast("tfdb.Shared", store.shared).path)
+        path = Path(cast("tfdb.types.Shared", store.shared).path)
         before = _memory_of(path.stat())
         done = store.compact()
         after = _memory_of(path.stat())

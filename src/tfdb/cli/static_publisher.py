@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Any
 import click
 
 import tfdb
-from tfdb.given_path import errors_name
-from tfdb.io import load_urdf
+from tfdb.data.path_checks import errors_name
+from tfdb.robots.urdf import load_urdf
 
 from . import common, layout, output
 from .angles import quaternion_of
@@ -190,12 +190,12 @@ def _of_json(name: str) -> Iterator[tfdb.TransformStamped]:
     try:
         found = json.loads(text)
     except ValueError as error:
-        raise tfdb.ModelError(name, f"no JSON: {error}", line=None) from None
+        raise tfdb.errors.ModelError(name, f"no JSON: {error}", line=None) from None
     for number, one in enumerate(found if isinstance(found, list) else [found], start=1):
         try:
             yield _of_object(one)
         except ValueError as error:
-            raise tfdb.ModelError(name, f"transform {number}: {error}", line=None) from None
+            raise tfdb.errors.ModelError(name, f"transform {number}: {error}", line=None) from None
 
 
 def _of_object(one: Any) -> tfdb.TransformStamped:

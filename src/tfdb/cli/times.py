@@ -4,17 +4,16 @@ from __future__ import annotations
 
 import re
 from dataclasses import dataclass
-from datetime import UTC, datetime
-from decimal import Decimal
 from typing import Literal
 
 import click
 
 import tfdb
-from tfdb.io.choice import Time
-from tfdb.io.decimal_time import NS_PER_SECOND, ns_to_seconds, parse_stamp
-from tfdb.near_names import near_names
-from tfdb.stamps import MAX_STAMP
+from tfdb.data.decimal_time import NS_PER_SECOND, parse_stamp
+from tfdb.data.stamps import MAX_STAMP
+from tfdb.data.suggestions import near_names
+from tfdb.data.time_text import _EPOCH_NS, format_ns
+from tfdb.recordings.choice import Time
 
 from . import output
 
@@ -24,8 +23,6 @@ HINT = (
     "write seconds (12.5), nanoseconds (12500000000ns), a date (2026-05-17T12:00:00.25), an offset "
     "from the start (+1.5) or from the end (-0.5), or 'latest'"
 )
-_EPOCH_NS = 946_684_800 * NS
-"""The year 2000: stamps before it were not made by a clock that tells the date."""
 
 _DATE = re.compile(r"\d{4}-\d\d-\d\d", re.ASCII)
 _UNIT = re.compile(r"(?<=[0-9.])s$")
@@ -143,59 +140,6 @@ def offset_option(ctx: click.Context, param: click.Parameter, value: str | None)
     text = (value or "").strip()
     size = duration_option(ctx, param, text.lstrip("+-") if text else None)
     return -size if size is not None and text.startswith("-") else size
-
-
-def format_ns(ns: int) -> str:
-    """Seconds with nine decimals, exact: ``12.500000000``; a sign where negative."""
-    return f"-{ns_to_seconds(-ns)}" if ns < 0 else ns_to_seconds(ns)
-
-
-def format_date(ns: int, *, day: bool = True) -> str:
-    """UTC of a stamp that is a time since 1970, to a millisecond; empty for another clock's.
-
-    `day` off: the time of the day alone.
-    """
-    if ns < _EPOCH_NS:
-        return ""
-    when = datetime.fromtimestamp(ns // NS, UTC)
-    form = "%Y-%m-%d %H:%M:%S" if day else "%H:%M:%S"
-    return f"{when:{form}}.{ns % NS // 1_000_000:03}"
-
-
-def format_when(ns: int) -> str:
-    """Seconds, and the date in UTC where it is known: ``12.500000000``."""
-    date = format_date(ns)
-    return f"{format_ns(ns)} ({date} UTC)" if date else format_ns(ns)
-
-
-def format_dates(first: int, last: int) -> str:
-    """Dates of a span; empty where one is none."""
-    start, end = format_date(first), format_date(last)
-    if not start or not end:
-        return ""
-    same = start[:10] == end[:10]
-    return f"{start} to {format_date(last, day=not same)} UTC"
-
-
-def format_duration(ns: int) -> str:
-    """Write a length of time for people: ``33.4 ms``, ``1.25 s``, ``2 min 3 s``."""
-    size = abs(ns)
-    sign = "-" if ns < 0 else ""
-    for limit, unit, scale in ((1_000, "ns", 1), (1_000_000, "us", 1_000), (NS, "ms", 1_000_000)):
-        if size < limit:
-            return f"{sign}{_three_digits(Decimal(size) / scale)} {unit}"
-    if size < 120 * NS:
-        return f"{sign}{_three_digits(Decimal(size) / NS)} s"
-    minutes, rest = divmod(size // NS, 60)
-    if minutes < 120:
-        return f"{sign}{minutes} min {rest} s"
-    return f"{sign}{minutes // 60} h {minutes % 60} min"
-
-
-def _three_digits(value: Decimal) -> str:
-    digits = 0 if value >= 100 else 1 if value >= 10 else 2
-    text = f"{value:.{digits}f}"
-    return text.rstrip("0").rstrip(".") if "." in text else text
 
 
 def read_stamps(text: str, name: str) -> list[int]:

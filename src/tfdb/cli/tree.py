@@ -7,14 +7,15 @@ from typing import TYPE_CHECKING, Any
 import click
 from rich.text import Text
 
-from tfdb.counting import counted
-from tfdb.summary import EdgeSummary, Forest, TreeRow, edge_summaries
+from tfdb.data.counting import counted
+from tfdb.data.time_text import format_duration, format_when
+from tfdb.store.summary import EdgeSummary, Forest, TreeRow, edge_summaries
 
 from . import common, layout, output
 from .graph import listen_option
 from .groups import SuggestingCommand
 from .info import edge_body
-from .times import TimeSpec, format_duration, format_when, time_option, warn_of_bounds
+from .times import TimeSpec, time_option, warn_of_bounds
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

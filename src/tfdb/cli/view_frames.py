@@ -9,24 +9,24 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from tfdb.counting import counted
-from tfdb.given_path import given_path
-from tfdb.new_file import new_file
-from tfdb.stamps import format_seconds
-from tfdb.summary import Forest
+from tfdb.data.counting import counted
+from tfdb.data.new_file import new_file
+from tfdb.data.path_checks import given_path
+from tfdb.data.stamps import format_seconds
+from tfdb.data.time_text import format_duration
+from tfdb.judging.rates import ANOTHER_CLOCK
+from tfdb.store.summary import Forest
 from tfdb.tf2.listings import in_dot
 
 from . import common, output
 from .graph import listen_option
 from .groups import SuggestingCommand
-from .rates import ANOTHER_CLOCK
-from .times import format_duration
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
     from pathlib import Path
 
-    from tfdb.types import FrameInfo
+    from tfdb.data.types import FrameInfo
 
 _DOT = (".dot", ".gv")
 _PICTURES = (".svg", ".pdf", ".png")

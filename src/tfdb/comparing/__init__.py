@@ -6,7 +6,8 @@ evaluation of odometry and SLAM"), with which the tests compare them.
 
 from __future__ import annotations
 
-from .._on_demand import belong_to
+from tfdb.data.lazy_names import belong_to
+
 from .compare_trajectories import compare
 from .comparison import Comparison, Errors
 

@@ -13,9 +13,9 @@ from typing import TYPE_CHECKING, Literal, TypeAlias
 
 import numpy as np
 
-from .._core import poses_of_matrices
-from ..errors import NotComparable
-from ..poses import multiply, rotation_matrices
+from tfdb._core import poses_of_matrices
+from tfdb.data.errors import NotComparable
+from tfdb.data.poses import multiply, rotation_matrices
 
 if TYPE_CHECKING:
     from .poses import Array

@@ -7,10 +7,11 @@ from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
-from ..errors import NotComparable
-from ..stamps import format_seconds
-from ..summary import GAP_FACTOR, find_gaps
-from ..trajectory import Trajectory
+from tfdb.data.errors import NotComparable
+from tfdb.data.stamps import format_seconds
+from tfdb.store.summary import GAP_FACTOR, find_gaps
+from tfdb.trajectories.trajectory import Trajectory
+
 from .poses import poses_at, there
 
 if TYPE_CHECKING:

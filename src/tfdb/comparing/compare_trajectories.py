@@ -7,26 +7,28 @@ import warnings
 from operator import index
 from typing import TYPE_CHECKING, Any, Literal
 
-from .._core import Transform
-from ..errors import InvalidArgument, NotComparable, TfdbWarning
-from ..given_objects import given_flag, given_word
-from ..io.decimal_time import UNITS as STAMP_UNITS
-from ..stamps import MAX_STAMP, shown
-from ..trajectory import Trajectory
+from tfdb._core import Transform
+from tfdb.data.argument_checks import given_flag, given_word
+from tfdb.data.decimal_time import UNITS as STAMP_UNITS
+from tfdb.data.errors import InvalidArgument, NotComparable, TfdbWarning
+from tfdb.data.stamps import MAX_STAMP, shown
+from tfdb.trajectories.trajectory import Trajectory
+
 from .alignment import MODES, NEEDED, align
 from .association import associate
 from .comparison import Comparison, Errors
-from .given import Reading, given_trajectory, goes_by_rows
+from .inputs import Reading, given_trajectory, goes_by_rows
 from .pairs import UNITS, check_delta, find_pairs
 from .poses import angles, distances, relative
 from .quaternion_order import order_hint
 from .time_offset import estimate_offset
 
 if TYPE_CHECKING:
-    from ..io.decimal_time import Unit
+    from tfdb.data.decimal_time import Unit
+
     from .alignment import Align
     from .association import Matched
-    from .given import Frames, TrajectoryLike
+    from .inputs import Frames, TrajectoryLike
     from .pairs import DeltaUnit
 
 _ASSOCIATIONS = ("interpolate", "nearest", "rows")
@@ -94,7 +96,7 @@ def compare(
     pairs_from
         Whose way is measured to find the pairs.
     salvage, stamp_unit
-        How trajectory files are read, as in `tfdb.io.read_trajectory`. `salvage` also reads
+        How trajectory files are read, as in `read_trajectory`. `salvage` also reads
         damaged recordings, as in `tfdb.load`.
 
     Returns

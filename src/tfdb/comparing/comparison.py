@@ -8,15 +8,17 @@ from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
-from ..counting import counted
-from ..io.decimal_time import NS_PER_SECOND
+from tfdb.data.counting import counted
+from tfdb.data.decimal_time import NS_PER_SECOND
+
 from .alignment import MODES
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from .._core import Transform
-    from ..trajectory import Trajectory
+    from tfdb._core import Transform
+    from tfdb.trajectories.trajectory import Trajectory
+
     from .alignment import Align
     from .pairs import DeltaUnit
     from .poses import Array, Rows, Stamps
@@ -198,7 +200,7 @@ class Comparison:
 
         Needs matplotlib (`pip install 'tfdb[plot]'`).
         """
-        from ..plot import comparison  # noqa: PLC0415 - it is an extra
+        from tfdb.plot import comparison  # noqa: PLC0415 - it is an extra
 
         return comparison(self, title=title)
 

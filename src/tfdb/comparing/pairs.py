@@ -6,7 +6,8 @@ from typing import TYPE_CHECKING, Literal, TypeAlias
 
 import numpy as np
 
-from ..errors import InvalidArgument, NotComparable
+from tfdb.data.errors import InvalidArgument, NotComparable
+
 from .poses import angles, distances, relative
 
 if TYPE_CHECKING:

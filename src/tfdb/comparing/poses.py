@@ -7,12 +7,12 @@ from typing import TYPE_CHECKING, TypeAlias
 import numpy as np
 import numpy.typing as npt
 
-from .. import poses as geometry
-from ..policies import Interpolate
-from ..stamps import MAX_STAMP
+from tfdb.data import poses as geometry
+from tfdb.data.policies import Interpolate
+from tfdb.data.stamps import MAX_STAMP
 
 if TYPE_CHECKING:
-    from ..trajectory import Trajectory
+    from tfdb.trajectories.trajectory import Trajectory
 
 Array: TypeAlias = npt.NDArray[np.float64]
 Stamps: TypeAlias = npt.NDArray[np.int64]

@@ -12,15 +12,17 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..errors import NotComparable
-from ..stamps import format_seconds
-from ..summary import GAP_FACTOR, find_gaps
+from tfdb.data.errors import NotComparable
+from tfdb.data.stamps import format_seconds
+from tfdb.store.summary import GAP_FACTOR, find_gaps
+
 from .poses import angles, distances, poses_at, relative, there
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from ..trajectory import Trajectory
+    from tfdb.trajectories.trajectory import Trajectory
+
     from .poses import Array
 
 NEEDED = 8

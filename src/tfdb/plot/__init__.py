@@ -8,7 +8,7 @@ to show: ``tfdb.plot.trajectory(buf.trajectory("map", "base")).savefig("trajecto
 
 from __future__ import annotations
 
-from tfdb._on_demand import belong_to
+from tfdb.data.lazy_names import belong_to
 
 try:
     import matplotlib as mpl  # noqa: F401

@@ -9,9 +9,10 @@ import numpy.typing as npt
 from matplotlib.collections import LineCollection
 from matplotlib.lines import Line2D
 
-from ..counting import counted
-from ..given_objects import refuse_without
-from ..summary import find_gaps
+from tfdb.data.argument_checks import refuse_without
+from tfdb.data.counting import counted
+from tfdb.store.summary import find_gaps
+
 from . import lettering, style
 from .numbers import Numbers
 
@@ -19,8 +20,8 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-    from .. import Comparison
-    from ..comparing import Errors
+    from .drawable import Compared, Errors
+
 
 _SIZE = (10.0, 5.2)
 _TOP = 66.0
@@ -33,7 +34,7 @@ _LEGEND: dict[str, Any] = {
 }
 
 
-def comparison(result: Comparison, *, title: str | None = None) -> Figure:
+def comparison(result: Compared, *, title: str | None = None) -> Figure:
     """Draw what `tfdb.compare` found.
 
     Left, over the two axes along which the reference reaches farthest: the reference grey, the
@@ -79,7 +80,7 @@ def _joined(stamps: npt.NDArray[np.int64]) -> npt.NDArray[np.bool_]:
     return np.isin(stamps[:-1], holes, invert=True)
 
 
-def _draw_paths(figure: Figure, axes: Axes, result: Comparison) -> None:
+def _draw_paths(figure: Figure, axes: Axes, result: Compared) -> None:
     style.tidy(axes)
     ours, theirs = result.reference.poses[:, :3], result.estimate.poses[:, :3]
     wide = np.sort(np.argsort(-np.ptp(ours, axis=0), kind="stable")[:2])

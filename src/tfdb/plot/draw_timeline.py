@@ -10,9 +10,18 @@ import numpy.typing as npt
 from matplotlib.collections import LineCollection
 from matplotlib.lines import Line2D
 
-from ..errors import InvalidArgument
-from ..policies import Interpolate
-from ..summary import GAP_FACTOR, EdgeSummary, Forest, clocks, edge_summaries, find_gaps, span
+from tfdb.data.errors import InvalidArgument
+from tfdb.data.policies import Interpolate
+from tfdb.store.summary import (
+    GAP_FACTOR,
+    EdgeSummary,
+    Forest,
+    clocks,
+    edge_summaries,
+    find_gaps,
+    span,
+)
+
 from . import lettering, style
 from .folding import Folds, check_rows
 from .numbers import number
@@ -23,8 +32,8 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-    from .. import Buffer, Snapshot
-    from ..types import FrameInfo
+    from tfdb._core import Buffer, Snapshot
+    from tfdb.data.types import FrameInfo
 
     Stamps = npt.NDArray[np.int64]
 

@@ -16,9 +16,10 @@ from matplotlib.colors import Normalize
 from matplotlib.lines import Line2D
 from matplotlib.ticker import MaxNLocator
 
-from ..errors import InvalidArgument
-from ..given_objects import given_word
-from ..poses import TOO_FAR
+from tfdb.data.argument_checks import given_word
+from tfdb.data.errors import InvalidArgument
+from tfdb.data.poses import TOO_FAR
+
 from . import lettering, style
 from .numbers import Numbers, number
 
@@ -28,7 +29,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-    from ..trajectory import Trajectory
+    from .drawable import Drawable
 
     Floats = npt.NDArray[np.float64]
 
@@ -67,7 +68,7 @@ class _Path:
 
 
 def trajectory(
-    *paths: Trajectory,
+    *paths: Drawable,
     axes: Literal["xy", "xz", "yz", "xyz"] | None = None,
     color: Literal["time", "speed"] | None = None,
     labels: Sequence[str] | None = None,
@@ -84,7 +85,7 @@ def trajectory(
     Parameters
     ----------
     *paths
-        What `Buffer.trajectory` and `tfdb.io.read_trajectory` return.
+        What `Buffer.trajectory` and `tfdb.trajectories.read_trajectory` return.
     axes
         The plane that is looked at, or `"xyz"` for three dimensions. None: the two axes along which
         the paths reach furthest.
@@ -152,7 +153,7 @@ def _check(paths: Sequence[Any], axes: object, color: object, labels: Any, size:
         )
 
 
-def _prepare(paths: Sequence[Trajectory], labels: Sequence[str] | None) -> list[_Path]:
+def _prepare(paths: Sequence[Drawable], labels: Sequence[str] | None) -> list[_Path]:
     one_target = len({path.target for path in paths}) == 1
     origin = min((int(path.stamps[0]) for path in paths if len(path.stamps)), default=0)
     found = []
@@ -195,7 +196,7 @@ def _widest(drawn: Sequence[_Path]) -> str:
     return "".join("xyz"[axis] for axis in widest)
 
 
-def _title(drawn: Sequence[_Path], paths: Sequence[Trajectory]) -> str:
+def _title(drawn: Sequence[_Path], paths: Sequence[Drawable]) -> str:
     if len(drawn) == 1:
         return f"{paths[0].source} in {paths[0].target}"
     targets = {path.target for path in paths}

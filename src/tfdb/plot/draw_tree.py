@@ -8,9 +8,10 @@ from typing import TYPE_CHECKING, Any
 from matplotlib.lines import Line2D
 from matplotlib.patches import FancyBboxPatch
 
-from ..counting import counted
-from ..errors import InvalidArgument
-from ..summary import Forest
+from tfdb.data.counting import counted
+from tfdb.data.errors import InvalidArgument
+from tfdb.store.summary import Forest
+
 from . import lettering, style
 from .folding import FoldedRow, Folds, check_rows
 
@@ -20,8 +21,8 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-    from .. import Reads
-    from ..types import FrameInfo
+    from tfdb._core import Reads
+    from tfdb.data.types import FrameInfo
 
 # All in points (1/72 inch): the axes cover the figure and count in points, so text fits by measure.
 _ROW = 15.0

@@ -5,13 +5,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from ..errors import InvalidArgument
+from tfdb.data.errors import InvalidArgument
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
 
-    from ..summary import Forest
-    from ..types import FrameInfo
+    from tfdb.data.types import FrameInfo
+    from tfdb.store.summary import Forest
 
 
 @dataclass(frozen=True)

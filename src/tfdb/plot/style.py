@@ -9,8 +9,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from matplotlib.figure import Figure
 
-from ..given_objects import refuse_without
-from ..stamps import format_seconds
+from tfdb.data.argument_checks import refuse_without
+from tfdb.data.stamps import format_seconds
+
 from . import lettering
 from .numbers import Apart, Numbers
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import sys
 from typing import TYPE_CHECKING, Any
 
-from ..errors import InvalidArgument, NotSupported
+from tfdb.data.errors import InvalidArgument, NotSupported
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

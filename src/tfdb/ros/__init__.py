@@ -8,8 +8,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from tfdb._on_demand import belong_to
-from tfdb._on_demand import on_demand as _offer
+from tfdb.data.lazy_names import belong_to
+from tfdb.data.lazy_names import on_demand as _offer
 
 from .node import Encoding, Flavor, Node, Publisher, Service, Subscription
 from .which import node_for

@@ -10,7 +10,7 @@ import xmlrpc.client
 from typing import TYPE_CHECKING, Any
 from xml.parsers import expat
 
-from tfdb.errors import MasterRefused, NoMaster
+from tfdb.data.errors import MasterRefused, NoMaster
 
 from .names import host_and_port
 

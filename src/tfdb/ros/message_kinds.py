@@ -11,7 +11,7 @@ import re
 from dataclasses import dataclass
 from functools import cache
 
-from tfdb.errors import InvalidArgument
+from tfdb.data.errors import InvalidArgument
 
 __all__ = ["Kind", "kind_of", "known_kind", "service_kind"]
 

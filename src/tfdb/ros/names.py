@@ -13,8 +13,8 @@ import time
 from typing import TYPE_CHECKING
 from urllib.parse import urlsplit
 
-from tfdb.errors import InvalidArgument, InvalidName
-from tfdb.given_objects import given_name
+from tfdb.data.argument_checks import given_name
+from tfdb.data.errors import InvalidArgument, InvalidName
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence

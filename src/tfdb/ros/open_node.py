@@ -7,7 +7,7 @@ from __future__ import annotations
 from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
-from tfdb.errors import InvalidArgument, InvalidName, NotSupported
+from tfdb.data.errors import InvalidArgument, InvalidName, NotSupported
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence

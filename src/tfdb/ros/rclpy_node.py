@@ -20,7 +20,7 @@ from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPo
 from rclpy.serialization import deserialize_message, serialize_message
 from rclpy.validate_topic_name import validate_topic_name
 
-from tfdb.errors import InvalidArgument, NodeClosed
+from tfdb.data.errors import InvalidArgument, NodeClosed
 
 from .rclpy_spinning import Spinning, is_up, watch
 from .rclpy_taking import InExecutor, InTurn, Made, Never, Opened, OwnThread

@@ -7,7 +7,7 @@ import threading
 import weakref
 from abc import ABC, abstractmethod
 from contextlib import suppress
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Any, Final, Protocol
 
 from rclpy.exceptions import InvalidHandle
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
@@ -15,7 +15,6 @@ from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from .rclpy_node import RclpyNode
 
 __all__ = ["NodeThread", "Spinning", "is_up", "watch"]
 
@@ -147,7 +146,15 @@ class Spinning(NodeThread):
             self._ended()
 
 
-def watch(node: RclpyNode) -> None:
+class Watched(Protocol):
+    """What ends with a context: a node of ours, and the rclpy node that it was given."""
+
+    given: Any
+
+    def _end(self) -> None: ...
+
+
+def watch(node: Watched) -> None:
     """End a node when its context is shut down, by a signal too.
 
     A signal of the operating system shuts contexts down without the calls that
@@ -172,7 +179,7 @@ class _Watch(NodeThread):
 
     def __init__(self, node: Any) -> None:
         super().__init__(node, "tfdb shutdown")
-        self.nodes: weakref.WeakSet[RclpyNode] = weakref.WeakSet()
+        self.nodes: weakref.WeakSet[Watched] = weakref.WeakSet()
         self._rung = threading.Event()
         self._start()
 

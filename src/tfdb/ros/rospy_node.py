@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import rospy
 from rospy.impl.tcpros_base import DEFAULT_BUFF_SIZE
 
-from tfdb.errors import CorruptMessage, NodeClosed, NotSupported
+from tfdb.data.errors import CorruptMessage, NodeClosed, NotSupported
 
 from .loop import LOG
 from .message_kinds import known_kind, service_kind

@@ -9,7 +9,7 @@ import struct
 import time
 from typing import TYPE_CHECKING
 
-from tfdb.errors import CorruptMessage
+from tfdb.data.errors import CorruptMessage
 
 if TYPE_CHECKING:
     import socket

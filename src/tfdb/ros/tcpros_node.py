@@ -9,7 +9,7 @@ import threading
 import time
 from typing import TYPE_CHECKING, Any, Self
 
-from tfdb.errors import CorruptMessage, InvalidArgument, MasterRefused, NodeClosed, NoMaster
+from tfdb.data.errors import CorruptMessage, InvalidArgument, MasterRefused, NodeClosed, NoMaster
 
 from .loop import LOG, Loop
 from .master import Master

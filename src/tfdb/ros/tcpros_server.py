@@ -9,7 +9,7 @@ import threading
 from collections import deque
 from typing import TYPE_CHECKING
 
-from tfdb.errors import CorruptMessage, NodeClosed
+from tfdb.data.errors import CorruptMessage, NodeClosed
 
 from .loop import LOG
 from .tcpros import HEADER_LIMIT, MESSAGE_LIMIT, Frames, decode_header, encode_header, frame

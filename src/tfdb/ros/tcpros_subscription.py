@@ -9,7 +9,7 @@ import time
 from functools import partial
 from typing import TYPE_CHECKING, TypeAlias
 
-from tfdb.errors import CorruptMessage, TfdbError
+from tfdb.data.errors import CorruptMessage, TfdbError
 
 from .loop import LOG
 from .master import CALL_ERRORS, TIMEOUT, call

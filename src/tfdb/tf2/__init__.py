@@ -18,10 +18,11 @@ from __future__ import annotations
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
-from tfdb._on_demand import belong_to
+from tfdb.data.lazy_names import belong_to
+from tfdb.ros import msgs
 
 # Clouds and geometry register what they transform.
-from . import clouds, geometry, msgs
+from . import clouds, geometry
 from .buffer import Buffer
 from .buffer_client import BufferClient
 from .buffer_core import BufferCore

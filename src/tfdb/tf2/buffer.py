@@ -6,12 +6,14 @@ import threading
 from time import monotonic_ns
 from typing import TYPE_CHECKING, Any, Self
 
-import tfdb
-from tfdb import waiting
+from tfdb import _core
 from tfdb._core import BufferCalls
-from tfdb.given_objects import refuse_without
+from tfdb.data import errors
+from tfdb.data.argument_checks import refuse_without
 from tfdb.ros import node_for
+from tfdb.ros.times import SECOND, duration, flavor_of
 from tfdb.ros.which import in_rospy
+from tfdb.store import waiting
 
 from .buffer_core import DEFAULT_CACHE_TIME, LAST_STAMP, BufferCore
 from .buffer_interface import BufferInterface
@@ -25,7 +27,6 @@ from .exceptions import (
 )
 from .frame_graph import offer_frame_graph
 from .futures import future_here, settle
-from .times import SECOND, duration, flavor_of
 from .transformable_requests import TransformableRequests, TransformableResult
 
 if TYPE_CHECKING:
@@ -85,7 +86,7 @@ class Buffer(BufferCalls, BufferCore, BufferInterface):
         *,
         store: Any = None,
         flavor: Flavor | None = None,
-        buffer: tfdb.Buffer | None = None,
+        buffer: _core.Buffer | None = None,
         clock: Node | None = None,
     ) -> None:
         if isinstance(node, bool):
@@ -467,7 +468,7 @@ class Buffer(BufferCalls, BufferCore, BufferInterface):
         try:
             _check_may_come(question)
             wait = self._begin(question, tell, loop)
-        except tfdb.TfdbError as error:
+        except errors.TfdbError as error:
             settle(future, error)
             return future
         if wait is None:
@@ -537,7 +538,7 @@ def _may_come(question: Simple | Full) -> bool:
                 return False
         elif not isinstance(part, str):
             raise TypeError(f"a frame's name is a str, got {type(part).__name__}")
-        elif part[:1] == "/" or not tfdb.Buffer._may_be_frame(part):
+        elif part[:1] == "/" or not _core.Buffer._may_be_frame(part):
             return False
     return True
 
@@ -552,8 +553,8 @@ def _check_may_come(question: Simple | Full) -> None:
         )
 
 
-def _open_store(name: Any, cache_time: Any) -> tfdb.Buffer:
+def _open_store(name: Any, cache_time: Any) -> _core.Buffer:
     length = DEFAULT_CACHE_TIME
     if cache_time is not None:
         length = duration(cache_time, role="cache_time")
-    return tfdb.Buffer.open(name, history=max(length, 1) / SECOND)
+    return _core.Buffer.open(name, history=max(length, 1) / SECOND)

@@ -7,18 +7,18 @@ import threading
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
-from tfdb.given_objects import given_name
+from tfdb.data.argument_checks import given_name
+from tfdb.data.stamps import shown
 from tfdb.ros import node_for
+from tfdb.ros.ros_messages import lookup_action_client
+from tfdb.ros.times import SECOND, duration, nanoseconds
 from tfdb.ros.which import in_rospy
-from tfdb.stamps import shown
 
 from .buffer_interface import BufferInterface
 from .deadlines import deadline_in, wait_until
 from .exceptions import TimeoutException, TransformException
 from .handles import given_node
 from .lookup_action import NO_ERROR, LookupGoal, client_in, exception_of
-from .ros_messages import lookup_action_client
-from .times import SECOND, duration, nanoseconds
 
 if TYPE_CHECKING:
     from tfdb.ros import Node

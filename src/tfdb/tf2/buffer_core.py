@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any, NoReturn
 
-import tfdb
-from tfdb import waiting
+from tfdb import _core
 from tfdb._core import CoreCalls
-from tfdb.errors import (
+from tfdb.data import errors
+from tfdb.data.argument_checks import given_name, not_one_of
+from tfdb.data.errors import (
     Disconnected,
     Extrapolation,
     InvalidArgument,
@@ -15,9 +16,12 @@ from tfdb.errors import (
     TfdbError,
     UnknownFrame,
 )
-from tfdb.given_objects import given_name, not_one_of
+from tfdb.ros import msgs
+from tfdb.ros.ros_messages import installed, makers
+from tfdb.ros.times import SECOND, Flavor, duration, flavor_of, nanoseconds
+from tfdb.store import waiting
 
-from . import listings, msgs, phrases, refusals
+from . import listings, phrases, refusals
 from .exceptions import (
     ConnectivityException,
     InvalidArgumentException,
@@ -25,14 +29,12 @@ from .exceptions import (
     TransformException,
     with_fields_of,
 )
-from .ros_messages import installed, makers
-from .times import SECOND, Flavor, duration, flavor_of, nanoseconds
 from .why import Gap, TwoTrees, refusal
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from tfdb import Snapshot, Transform
+    from tfdb._core import Snapshot, Transform
 
 __all__ = ["BufferCore"]
 
@@ -76,12 +78,12 @@ class BufferCore(CoreCalls):
         cache_time: Any = None,
         *,
         flavor: Flavor | None = None,
-        buffer: tfdb.Buffer | None = None,
+        buffer: _core.Buffer | None = None,
     ) -> None:
         if flavor is not None and flavor not in ("ros1", "ros2"):
             text = not_one_of("flavor", flavor, ("ros1", "ros2"), "None")
             raise InvalidArgumentException(text, value=flavor)
-        if buffer is not None and not isinstance(buffer, tfdb.Buffer):
+        if buffer is not None and not isinstance(buffer, _core.Buffer):
             raise TypeError(f"buffer must be a tfdb.Buffer, got {type(buffer).__name__}")
         self._flavor: Flavor | None = flavor or flavor_of(cache_time)
         length = DEFAULT_CACHE_TIME
@@ -94,12 +96,12 @@ class BufferCore(CoreCalls):
                 text = f"cache_time must not be negative, got {length} ns"
                 raise InvalidArgumentException(text, value=cache_time)
         # With a length of 0 tf2 keeps the newest sample alone, and 1 ns does the same.
-        self._buffer = tfdb.Buffer(history=max(length, 1) / SECOND) if buffer is None else buffer
+        self._buffer = _core.Buffer(history=max(length, 1) / SECOND) if buffer is None else buffer
         self._settled = False
         self._normalized: set[tuple[str, str]] = set()  # edges of which a warning was logged
 
     @property
-    def buffer(self) -> tfdb.Buffer:
+    def buffer(self) -> _core.Buffer:
         """The store itself: snapshots, transactions, batches."""
         return self._buffer
 
@@ -184,7 +186,7 @@ class BufferCore(CoreCalls):
         if static and not self._was_cleared(child):
             try:
                 buffer.set_static_transform(parent, child, *pose, authority=authority)
-            except tfdb.StaticConflict:
+            except errors.StaticConflict:
                 pass
             else:
                 return
@@ -192,7 +194,7 @@ class BufferCore(CoreCalls):
             buffer.set_transform(
                 parent, child, write.stamp, *pose, authority=authority, only_new=True
             )
-        except tfdb.StaticConflict:
+        except errors.StaticConflict:
             buffer.set_static_transform(parent, child, *pose, authority=authority)
 
     def _was_cleared(self, frame: str) -> bool:

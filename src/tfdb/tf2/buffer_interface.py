@@ -8,11 +8,11 @@ from copy import deepcopy
 from functools import cache
 from typing import TYPE_CHECKING, Any, ClassVar
 
-from tfdb.stamps import shown
+from tfdb.data.stamps import shown
+from tfdb.ros.ros_messages import message_name
 
 from .exceptions import TransformException
 from .given_messages import WrongMessageError, refuse_unlike
-from .ros_messages import message_name
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -139,7 +139,7 @@ def Stamped(obj: Any, stamp: Any, frame_id: str) -> Any:  # noqa: N802 - tf2's n
 
     Objects that take no attributes, such as PyKDL's vectors, are copied into a subclass of theirs.
     """
-    from .ros_messages import make_header  # noqa: PLC0415 - ROS takes long to import
+    from tfdb.ros.ros_messages import make_header  # noqa: PLC0415 - ROS takes long to import
 
     return with_header(obj, make_header(stamp, frame_id))
 

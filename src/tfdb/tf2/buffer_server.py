@@ -5,11 +5,10 @@ from __future__ import annotations
 import threading
 from typing import TYPE_CHECKING, Any, Self
 
-from tfdb.errors import TfdbError
-from tfdb.given_objects import given_name, refuse_without
-from tfdb.ros import node_for
+from tfdb.data.argument_checks import given_name, refuse_without
+from tfdb.data.errors import TfdbError
+from tfdb.ros import msgs, node_for
 
-from . import msgs
 from .buffer import NO_ANSWER_YET
 from .lookup_action import LookupResult, code_of, server_in
 

@@ -14,18 +14,19 @@ from contextlib import nullcontext
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any, Literal
 
-import tfdb
-from tfdb._on_demand import belong_to
-from tfdb.given_objects import not_one_of
-from tfdb.stamps import MAX_STAMP
+from tfdb import _core
+from tfdb.data import errors
+from tfdb.data.argument_checks import not_one_of
+from tfdb.data.lazy_names import belong_to
+from tfdb.data.stamps import MAX_STAMP
+from tfdb.ros.ros_messages import fill_header, fill_stamp
+from tfdb.ros.times import SECOND, nanoseconds
 
 from .buffer_interface import ConvertRegistration, TransformRegistration
 from .exceptions import InvalidArgumentException
 from .geometry import from_msg_msg, to_msg_msg
 from .given_messages import refuse_unlike
 from .given_transform import fill_result_header, rigid
-from .ros_messages import fill_header, fill_stamp
-from .times import SECOND, nanoseconds
 
 if TYPE_CHECKING:
     from collections.abc import Collection
@@ -149,7 +150,7 @@ class _Points:
                 for index, column in enumerate(columns):
                     column[...] = rows[:, index].reshape(self.shape)
         except FloatingPointError:
-            raise tfdb.InvalidTransform("a point has no finite place in float32") from None
+            raise errors.InvalidTransform("a point has no finite place in float32") from None
 
     def message(self) -> Any:
         """A new cloud of these bytes, with a copy of the old one's header."""
@@ -187,13 +188,13 @@ def do_transform_cloud(cloud: Any, transform: Any) -> Any:
         for a Transform, which has none).
 
     Raises InvalidArgumentException for a transform that is none, and for a cloud without x, y and z
-    as floating point numbers or whose data are not what it says; `tfdb.InvalidTransform`, with
+    as floating point numbers or whose data are not what it says; `InvalidTransform`, with
     `index`, where a finite point has no finite place.
     """
     rigid_transform = rigid(transform)
     points = _Points(cloud)
     points.put(points.place, rigid_transform.apply(points.rows(points.place)))
-    turn = tfdb.Transform("target", "source", (0.0, 0.0, 0.0), rigid_transform.rotation)
+    turn = _core.Transform("target", "source", (0.0, 0.0, 0.0), rigid_transform.rotation)
     for normal in points.normals:
         points.put(normal, turn.apply(points.rows(normal)))
     made = points.message()
@@ -256,7 +257,7 @@ def deskew_cloud(
     wanted = np.asarray(np.isfinite(rows).all(axis=1))
     stamps = _stamps(points, time_field, unit, since, wanted)
     store = getattr(buffer, "buffer", buffer)
-    with store.snapshot() if isinstance(store, tfdb.Buffer) else nullcontext(store) as state:
+    with store.snapshot() if isinstance(store, _core.Buffer) else nullcontext(store) as state:
         move = _Mover(state, (target_frame, source), stamps, fixed_frame, made_at)
         if wanted.any():
             points.put(points.place, move(rows))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from tfdb._on_demand import belong_to
+from tfdb.data.lazy_names import belong_to
 
 from .exceptions import InvalidArgumentException
 from .given_transform import rigid

@@ -7,8 +7,9 @@ import time
 import weakref
 from typing import TYPE_CHECKING, Protocol
 
+from tfdb.ros.times import SECOND
+
 from .alarms import alarm_at
-from .times import SECOND
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -7,8 +7,7 @@ The text is tf2's; `__cause__` is tfdb's error, whose text says more.
 
 from __future__ import annotations
 
-from tfdb._on_demand import belong_to
-from tfdb.errors import (
+from tfdb.data.errors import (
     Disconnected,
     Extrapolation,
     InvalidArgument,
@@ -16,6 +15,7 @@ from tfdb.errors import (
     UnknownFrame,
     WaitTimeout,
 )
+from tfdb.data.lazy_names import belong_to
 
 __all__ = [
     "BackwardExtrapolationException",

@@ -11,8 +11,10 @@ from functools import partial
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
-from . import msgs, stand_ins
-from .ros_messages import installed
+from tfdb.ros import msgs
+from tfdb.ros.ros_messages import installed
+
+from . import stand_ins
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator

@@ -7,7 +7,7 @@ and that stays as it is. Its header is a copy of the transform's (of the message
 Transform, which has none). Numbers that are not finite are taken as they are.
 
 All raise InvalidArgumentException for a transform that is not finite or whose quaternion has not
-the length one, and `tfdb.InvalidTransform` where a finite point has no finite place.
+the length one, and `tfdb.errors.InvalidTransform` where a finite point has no finite place.
 """
 
 from __future__ import annotations
@@ -15,16 +15,16 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING, Any
 
-import tfdb
-from tfdb._on_demand import belong_to
-from tfdb.stamps import shown
+from tfdb import _core
+from tfdb.data.lazy_names import belong_to
+from tfdb.data.stamps import shown
+from tfdb.ros.ros_messages import installed, makers
 
 from .buffer_interface import ConvertRegistration, TransformRegistration
 from .covariance import transform_covariance
 from .exceptions import InvalidArgumentException
 from .given_messages import refuse_unlike
 from .given_transform import fill_result_header, rigid
-from .ros_messages import installed, makers
 
 if TYPE_CHECKING:
     import numpy as np
@@ -65,7 +65,7 @@ KINDS = {
 """Messages that are converted: their name and members."""
 
 
-def _begin(given: Any, kind: str, transform: Any) -> tuple[tfdb.Transform, Any, Any, Any]:
+def _begin(given: Any, kind: str, transform: Any) -> tuple[_core.Transform, Any, Any, Any]:
     """Begin a result.
 
     Returns the transform, the result, and the parts of the given message and of the result that
@@ -85,17 +85,17 @@ def _begin(given: Any, kind: str, transform: Any) -> tuple[tfdb.Transform, Any, 
     return turn, made, inside, getattr(made, member)
 
 
-def _turn_only(transform: tfdb.Transform) -> tfdb.Transform:
+def _turn_only(transform: _core.Transform) -> _core.Transform:
     """The rotation of a transform alone."""
-    return tfdb.Transform("target", "source", (0.0, 0.0, 0.0), transform.rotation)
+    return _core.Transform("target", "source", (0.0, 0.0, 0.0), transform.rotation)
 
 
-def _apply(transform: tfdb.Transform, given: Any, made: Any) -> None:
+def _apply(transform: _core.Transform, given: Any, made: Any) -> None:
     """Put the place of one x, y, z into another."""
     made.x, made.y, made.z = transform.apply((given.x, given.y, given.z)).tolist()
 
 
-def _turn(transform: tfdb.Transform, given: Any, made: Any) -> None:
+def _turn(transform: _core.Transform, given: Any, made: Any) -> None:
     """Put an orientation, turned along, into another; of length 0 it counts as the identity."""
     x, y, z, w = given.x, given.y, given.z, given.w
     length = math.hypot(x, y, z, w)
@@ -110,7 +110,7 @@ def _turn(transform: tfdb.Transform, given: Any, made: Any) -> None:
     made.w = d * w - a * x - b * y - c * z
 
 
-def _move_pose(transform: tfdb.Transform, given: Any, made: Any) -> None:
+def _move_pose(transform: _core.Transform, given: Any, made: Any) -> None:
     """Put the place of one pose into another."""
     _apply(transform, given.position, made.position)
     turned = made.orientation
@@ -131,7 +131,7 @@ def _leading(turn: Any, *, ros1: bool) -> float:
     return float(leading)
 
 
-def _shift(transform: tfdb.Transform, turned: Any, moved: Any) -> None:
+def _shift(transform: _core.Transform, turned: Any, moved: Any) -> None:
     """Add t x turned to `moved`: how a moment, or a velocity, changes with the point it is of."""
     x, y, z = transform.translation.tolist()
     moved.x += y * turned.z - z * turned.y
@@ -300,22 +300,22 @@ def from_msg_msg(msg: Any) -> Any:
     return msg
 
 
-def transform_to_msg(transform: tfdb.Transform) -> Any:
+def transform_to_msg(transform: _core.Transform) -> Any:
     """Make a TransformStamped of a `tfdb.Transform`: the installed ROS's, or ours."""
     make, _ = makers(installed() or "ros2")
-    if not isinstance(transform, tfdb.Transform):
+    if not isinstance(transform, _core.Transform):
         raise TypeError(f"transform must be a tfdb.Transform, got {shown(transform)}")
     pose = transform.pose.tolist()
     return make(transform.target, transform.source, transform.stamp, pose)
 
 
-def transform_from_msg(message: Any) -> tfdb.Transform:
+def transform_from_msg(message: Any) -> _core.Transform:
     """Make a `tfdb.Transform` of a TransformStamped; raises what its constructor raises."""
     what = "a TransformStamped"
     refuse_unlike(message, "message", what, "header", "child_frame_id", "transform")
     header, inside = message.header, message.transform
     names = (header.frame_id, message.child_frame_id)
-    return tfdb.Transform(*names, inside.translation, inside.rotation, header.stamp)
+    return _core.Transform(*names, inside.translation, inside.rotation, header.stamp)
 
 
 _TRANSFORMS = {
@@ -333,7 +333,7 @@ for _name, _function in _TRANSFORMS.items():
 for _name in (*_TRANSFORMS, "TransformStamped"):
     ConvertRegistration().add_to_msg(f"geometry_msgs/{_name}", to_msg_msg)
     ConvertRegistration().add_from_msg(f"geometry_msgs/{_name}", from_msg_msg)
-ConvertRegistration().add_to_msg(tfdb.Transform, transform_to_msg)
-ConvertRegistration().add_from_msg(tfdb.Transform, transform_from_msg)
+ConvertRegistration().add_to_msg(_core.Transform, transform_to_msg)
+ConvertRegistration().add_from_msg(_core.Transform, transform_from_msg)
 
 belong_to(__name__, globals(), __all__)

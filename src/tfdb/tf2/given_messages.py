@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from tfdb.stamps import shown
+from tfdb.data.stamps import shown
 
 __all__ = ["WrongMessageError", "refuse_unlike"]
 

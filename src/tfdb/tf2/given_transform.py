@@ -4,32 +4,33 @@ from __future__ import annotations
 
 from typing import Any
 
-import tfdb
+from tfdb import _core
+from tfdb.data import errors
+from tfdb.ros.ros_messages import fill_header, fill_stamp
 
 from .exceptions import InvalidArgumentException, with_fields_of
 from .given_messages import refuse_unlike
-from .ros_messages import fill_header, fill_stamp
 
 __all__ = ["fill_result_header", "rigid"]
 
 
-def rigid(transform: Any) -> tfdb.Transform:
+def rigid(transform: Any) -> _core.Transform:
     """T[target<-source] of a TransformStamped, a Transform or a `tfdb.Transform`, checked."""
-    if isinstance(transform, tfdb.Transform):
+    if isinstance(transform, _core.Transform):
         return transform
     inside = getattr(transform, "transform", transform)
     what = "a TransformStamped, a Transform or a tfdb.Transform"
     refuse_unlike(inside, "transform", what, "translation", "rotation")
     try:
-        return tfdb.Transform("target", "source", inside.translation, inside.rotation)
-    except tfdb.InvalidTransform as error:
+        return _core.Transform("target", "source", inside.translation, inside.rotation)
+    except errors.InvalidTransform as error:
         text = f"cannot transform by this: {error}"
         raise with_fields_of(error, InvalidArgumentException, text) from error
 
 
 def fill_result_header(made: Any, given: Any, transform: Any) -> None:
     """Give a result its header: the transform's, or if that has none the given message's."""
-    if isinstance(transform, tfdb.Transform):
+    if isinstance(transform, _core.Transform):
         made.header.frame_id = transform.target
         fill_stamp(made.header, transform.stamp)
     else:

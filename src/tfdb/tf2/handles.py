@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-import tfdb
+from tfdb import _core
 
 if TYPE_CHECKING:
     from tfdb.ros import Encoding, Node
@@ -33,7 +33,7 @@ class _Topic:
 
     def publish(self, data: Any) -> None:
         """Send a TFMessage."""
-        self._opened.publish(tfdb.encode_tf_message(data.transforms, self._encoding))
+        self._opened.publish(_core.encode_tf_message(data.transforms, self._encoding))
 
     def get_num_connections(self) -> int:
         """How many nodes are connected."""

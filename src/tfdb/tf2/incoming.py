@@ -6,17 +6,20 @@ import logging
 from functools import partial
 from typing import TYPE_CHECKING, Any, TypeAlias
 
-import tfdb
-from tfdb import _core, errors, waiting
+from tfdb import _core
+from tfdb.data import errors
+from tfdb.ros import msgs
+from tfdb.ros.ros_messages import make_ours, real_tf_message
+from tfdb.ros.times import SECOND
+from tfdb.store import waiting
 
-from . import msgs, phrases, refusals
+from . import phrases, refusals
 from .buffer_core import BufferCore
-from .ros_messages import make_ours, real_tf_message
-from .times import SECOND
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator, Sequence
 
+    from tfdb.data.refused import Refused
     from tfdb.ros import Encoding, Node
 
 __all__ = ["SETTERS", "UNKNOWN", "Incoming", "Sink", "decoded", "received", "sink_of"]
@@ -127,7 +130,7 @@ class Incoming:
         return self._say_refused(data, refused, authority) if refused else 0
 
     def _say_refused(
-        self, data: bytes | memoryview, refused: Sequence[tfdb.Refused], authority: str
+        self, data: bytes | memoryview, refused: Sequence[Refused], authority: str
     ) -> int:
         """Log in tf2's words what was refused; returns how many transforms are not stored."""
         transforms = [*decoded(data, self._node.encoding, authority, static=self._static)]

@@ -9,9 +9,10 @@ from importlib.util import find_spec
 from types import ModuleType
 from typing import TYPE_CHECKING, Any
 
-from tfdb.errors import InvalidArgument
+from tfdb.data.errors import InvalidArgument
+from tfdb.ros import msgs, ros_messages
 
-from . import msgs, ros_messages, stand_ins
+from . import stand_ins
 from .exports import import_all, statements_of
 
 if TYPE_CHECKING:

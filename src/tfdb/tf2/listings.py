@@ -5,15 +5,14 @@ from __future__ import annotations
 import re
 from typing import TYPE_CHECKING
 
-from .times import SECOND
+from tfdb.ros.times import SECOND
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
 
-    from tfdb import Transform
-    from tfdb.types import FrameInfo
-
-    from .times import Flavor
+    from tfdb._core import Transform
+    from tfdb.data.types import FrameInfo
+    from tfdb.ros.times import Flavor
 
 # What YAML takes as a key as it stands, and does not take for a number or a word of its own.
 PLAIN = re.compile(r"(?!(?:true|false|null|yes|no|on|off|y|n)$)[A-Za-z_][\w./-]*", re.I)

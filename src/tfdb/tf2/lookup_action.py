@@ -11,7 +11,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Protocol
 
-from tfdb.errors import NotSupported
+from tfdb.data.errors import NotSupported
 
 from .exceptions import (
     BackwardExtrapolationException,
@@ -28,7 +28,7 @@ from .exceptions import (
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from tfdb.errors import TfdbError
+    from tfdb.data.errors import TfdbError
     from tfdb.ros import Node
     from tfdb.ros.rclpy_node import RclpyNode
 

@@ -11,18 +11,18 @@ from dataclasses import dataclass
 from itertools import count
 from typing import TYPE_CHECKING, Any
 
-from tfdb import TfdbError
-from tfdb.given_objects import given_name, refuse_without
+from tfdb.data.argument_checks import given_name, refuse_without
+from tfdb.data.errors import TfdbError
+from tfdb.ros.times import duration, nanoseconds
 
 from .deadlines import deadline_in
 from .exceptions import InvalidArgumentException, TransformException
-from .times import duration, nanoseconds
 from .transformable_requests import TransformableResult
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable
 
-    from tfdb import waiting
+    from tfdb.store import waiting
 
     from .buffer import Buffer
     from .deadlines import Alarm

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from .times import Flavor
+    from tfdb.ros.times import Flavor
 
 SECOND = 1_000_000_000
 UNITS = {3: 1_000_000, 6: 1_000, 9: 1}  # nanoseconds of the last of so many digits

@@ -7,9 +7,10 @@ import math
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, Self
 
-from tfdb import errors
+from tfdb.data import errors
+from tfdb.ros import msgs
 
-from . import msgs, phrases
+from . import phrases
 from .exceptions import (
     BackwardExtrapolationException,
     ConnectivityException,
@@ -26,7 +27,7 @@ from .why import Gap, TwoTrees
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from .times import Flavor
+    from tfdb.ros.times import Flavor
 
 LOGGER = logging.getLogger("tfdb.tf2")
 CONTROL = "has a control character"

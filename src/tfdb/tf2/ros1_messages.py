@@ -9,11 +9,11 @@ import struct
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
-from tfdb.errors import CorruptMessage
+from tfdb.data.errors import CorruptMessage
+from tfdb.ros.ros_messages import makers
+from tfdb.ros.times import SECOND, nanoseconds
 
 from .lookup_action import LookupGoal, LookupResult
-from .ros_messages import makers
-from .times import SECOND, nanoseconds
 
 if TYPE_CHECKING:
     from collections.abc import Iterable

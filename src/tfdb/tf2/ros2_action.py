@@ -18,9 +18,10 @@ from rclpy.exceptions import InvalidHandle
 from rclpy.impl.implementation_singleton import rclpy_implementation
 from tf2_msgs.action import LookupTransform
 
+from tfdb.ros.times import SECOND
+
 from .exceptions import TimeoutException
 from .lookup_action import NO_ERROR, LookupGoal, LookupResult, code_of
-from .times import SECOND
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -5,8 +5,8 @@ from __future__ import annotations
 from functools import total_ordering
 from typing import Any, Self
 
-from . import msgs
-from .times import SECOND
+from tfdb.ros import msgs
+from tfdb.ros.times import SECOND
 
 __all__ = ["Duration", "Time"]
 

@@ -7,11 +7,12 @@ from copy import deepcopy
 from typing import TYPE_CHECKING, Any
 from weakref import WeakValueDictionary
 
-import tfdb
+from tfdb import _core
+from tfdb.data import errors
 from tfdb.ros import node_for
+from tfdb.ros.ros_messages import tf_message_class
 
 from .handles import handle_of
-from .ros_messages import tf_message_class
 from .transform_broadcaster import KIND, members
 
 if TYPE_CHECKING:
@@ -34,7 +35,7 @@ class _Latched:
     def send(self, transforms: dict[str, Any]) -> None:
         """Send transforms, by child, together with those sent before."""
         sent = {one.child_frame_id: one for one in self.message.transforms} | transforms
-        self._publisher.publish(tfdb.encode_tf_message(sent.values(), self.node.encoding))
+        self._publisher.publish(_core.encode_tf_message(sent.values(), self.node.encoding))
         self.message.transforms[:] = sent.values()
 
     def close(self) -> None:
@@ -91,7 +92,7 @@ class StaticTransformBroadcaster:
         new = {one.child_frame_id: deepcopy(one) for one in members(transform)}
         latched = self._latched
         if latched is None:
-            raise tfdb.errors.NodeClosed("the broadcaster was closed", reason="it was closed")
+            raise errors.NodeClosed("the broadcaster was closed", reason="it was closed")
         with latched.lock:
             latched.send(new)
 

@@ -7,6 +7,8 @@ from __future__ import annotations
 
 from typing import Any
 
+from tfdb.ros.ros_messages import message_class
+
 from .covariance import transform_covariance
 from .geometry import (
     do_transform_point,
@@ -20,7 +22,6 @@ from .geometry import (
     to_msg_msg,
     transform_to_kdl,
 )
-from .ros_messages import message_class
 
 __all__ = [
     "do_transform_point",

@@ -11,9 +11,10 @@ from typing import Any
 
 import PyKDL
 
+from tfdb.ros.ros_messages import fill_header, message_class
+
 from .buffer_interface import ConvertRegistration, Stamped, TransformRegistration, with_header
 from .geometry import transform_to_kdl
-from .ros_messages import fill_header, message_class
 
 __all__ = [
     "convert_vector",

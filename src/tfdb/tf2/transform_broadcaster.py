@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-import tfdb
+from tfdb import _core
+from tfdb.data.stamps import shown
 from tfdb.ros import node_for
-from tfdb.stamps import shown
 
 from .given_messages import WrongMessageError, refuse_unlike
 from .handles import handle_of
@@ -45,7 +45,7 @@ class TransformBroadcaster:
         T[header.frame_id<-child_frame_id] at header.stamp. Raises InvalidStamp,
         InvalidName; nothing was sent.
         """
-        self._publisher.publish(tfdb.encode_tf_message(members(transform), self.node.encoding))
+        self._publisher.publish(_core.encode_tf_message(members(transform), self.node.encoding))
 
     def close(self) -> None:
         """Take the topic back."""

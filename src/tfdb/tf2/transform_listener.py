@@ -7,17 +7,17 @@ import threading
 from collections import Counter
 from typing import TYPE_CHECKING, Any, Self
 
-from tfdb.errors import CorruptMessage
-from tfdb.given_objects import refuse_without
+from tfdb.data.argument_checks import refuse_without
+from tfdb.data.errors import CorruptMessage
 from tfdb.ros import node_for
+from tfdb.ros.ros_messages import new_group
+from tfdb.ros.times import SECOND
 
 from .buffer import Buffer
 from .buffer_core import BufferCore
 from .given_messages import refuse_unlike
 from .handles import given_node, handle_of
 from .incoming import SETTERS, UNKNOWN, received, sink_of
-from .ros_messages import new_group
-from .times import SECOND
 from .transform_broadcaster import KIND
 
 if TYPE_CHECKING:

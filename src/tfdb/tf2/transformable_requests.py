@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from tfdb import waiting
+    from tfdb.store import waiting
 
     from .buffer import Buffer
 

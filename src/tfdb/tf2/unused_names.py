@@ -8,8 +8,8 @@ from __future__ import annotations
 from importlib import import_module
 from typing import Any, TypeVar, Union
 
-from . import msgs
-from .ros_messages import installed, message_class
+from tfdb.ros import msgs
+from tfdb.ros.ros_messages import installed, message_class
 
 __all__ = [
     "DEFAULT_CAN_TRANSFORM_POLLING_SCALE",

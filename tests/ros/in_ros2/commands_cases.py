@@ -42,7 +42,7 @@ def moving(graph: Graph) -> Any:
 def store() -> Iterator[str]:
     name = f"test-commands-{os.getpid()}"
     yield name
-    with suppress(tfdb.NoSuchStore):
+    with suppress(tfdb.errors.NoSuchStore):
         tfdb.Buffer.unlink(name)
 
 

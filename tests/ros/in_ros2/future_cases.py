@@ -46,7 +46,7 @@ def begin(buffer: tf2.Buffer, full: bool, timeout: float | None = None) -> Any:
 
 def waits(buffer: tf2.Buffer) -> int:
     """How many waits of a buffer go on."""
-    tellers = tfdb.waiting._tellers.values()
+    tellers = tfdb.store.waiting._tellers.values()
     return sum(len(teller.waits) for teller in tellers if teller.buffer is buffer.buffer)
 
 

@@ -84,7 +84,7 @@ def test_closing_from_a_callback(graph: Graph, flood: None) -> None:
     assert closed.wait(20)
     assert ours.closed
     for use in (lambda: ours.subscribe("/tf", TF, on_message), lambda: ours.advertise("/tf", TF)):
-        with pytest.raises(tfdb.NodeClosed, match="the node /ours is closed"):
+        with pytest.raises(tfdb.errors.NodeClosed, match="the node /ours is closed"):
             use()
     until(no_listener)
 
@@ -111,7 +111,7 @@ def test_the_node_ends_amid_messages(graph: Graph, watcher: Graph, flood: None, 
     assert len(told) == 1
     ours.on_clock(told.append)
     assert len(told) == 2
-    with pytest.raises(tfdb.NodeClosed):
+    with pytest.raises(tfdb.errors.NodeClosed):
         publisher.publish(as_bytes(1))
     until(no_listener)
     watch = watcher.node("watch")

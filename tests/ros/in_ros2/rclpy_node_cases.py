@@ -215,7 +215,7 @@ def test_what_is_no_message_is_refused_and_the_next_one_is_taken(
     def on_message(data: bytes | memoryview, publisher: str) -> None:
         try:
             store.ingest(data, authority=publisher)
-        except tfdb.CorruptMessage as error:
+        except tfdb.errors.CorruptMessage as error:
             refused.append(error)
             raise
         stored.set()

@@ -17,7 +17,7 @@ from __future__ import annotations
 from importlib import import_module
 from typing import Any
 
-from tfdb._on_demand import belong_to
+from tfdb.data.lazy_names import belong_to
 
 from ..exceptions import ConnectivityException, ExtrapolationException, LookupException
 from ..exceptions import TransformException as Exception  # noqa: A004 - tf's name

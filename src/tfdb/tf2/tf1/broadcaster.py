@@ -6,8 +6,9 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from ..ros_messages import makers
-from ..times import nanoseconds
+from tfdb.ros.ros_messages import makers
+from tfdb.ros.times import nanoseconds
+
 from ..transform_broadcaster import TransformBroadcaster as Broadcaster
 
 if TYPE_CHECKING:

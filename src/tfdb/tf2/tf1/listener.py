@@ -7,15 +7,15 @@ from __future__ import annotations
 from copy import deepcopy
 from typing import TYPE_CHECKING, Any
 
-import tfdb
-from tfdb.given_objects import given_name
+from tfdb import _core
+from tfdb.data.argument_checks import given_name
+from tfdb.ros.ros_messages import fill_header
 
 from .. import geometry, transform_listener
 from ..buffer import Buffer
 from ..exceptions import TransformException
 from ..given_messages import refuse_unlike
 from ..given_transform import rigid
-from ..ros_messages import fill_header
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -58,7 +58,7 @@ def _matrix(translation: Sequence[float], rotation: Sequence[float]) -> npt.NDAr
     quaternion = np.asarray(rotation, dtype=np.float64)
     length = float(np.linalg.norm(quaternion))
     unit = quaternion / length if length else (0.0, 0.0, 0.0, 1.0)
-    return tfdb.Transform("target", "source", translation, unit).matrix
+    return _core.Transform("target", "source", translation, unit).matrix
 
 
 def _numbers(found: Any) -> Pose:

@@ -1,0 +1,45 @@
+"""Commands whose programs a checkout has and a wheel has not."""
+
+from __future__ import annotations
+
+import importlib
+import importlib.util
+
+import click
+
+import tfdb
+
+COMMANDS = ("bench", "verify")
+
+
+class MeasureMissing(tfdb.TfdbError):
+    """The programs that measure are not installed. Fields: value."""
+
+
+def installed() -> bool:
+    """Whether this installation has the programs."""
+    return importlib.util.find_spec("tfdb_measure") is not None
+
+
+def find(name: str, module: str, text: str) -> click.Command:
+    """Import the command; where it is not installed: a command that raises `MeasureMissing`."""
+    if not installed():
+        return _without(name, text)
+    command: click.Command = importlib.import_module(f"tfdb_measure.{module}").command
+    return command
+
+
+def _without(name: str, text: str) -> click.Command:
+    @click.command(
+        name,
+        help=text,
+        context_settings={"ignore_unknown_options": True, "allow_extra_args": True},
+    )
+    def command() -> None:
+        message = (
+            f"a wheel of tfdb has no `tfdb {name}`: install a checkout as editable (make "
+            ".stamps/install there, or pip install -e .), or with TFDB_MEASURE=1 in the environment"
+        )
+        raise MeasureMissing(message, value="tfdb_measure")
+
+    return command

@@ -1,0 +1,137 @@
+"""What is given for a trajectory: one, a file of one, or what it can be looked up in."""
+
+from __future__ import annotations
+
+import os
+from contextlib import suppress
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, TypeAlias
+
+import numpy as np
+
+from tfdb._core import Reads
+from tfdb._core import open as open_frozen
+from tfdb.data.errors import InvalidArgument, InvalidTransform, NotComparable, RecordingError
+from tfdb.data.path_checks import given_path
+from tfdb.data.poses import TOO_FAR, found
+from tfdb.recordings.containers import kind_of
+from tfdb.recordings.load import load
+from tfdb.store.frozen import is_frozen
+from tfdb.store.summary import longest_moving_chain
+from tfdb.trajectories.reading import kitti_times, read_with_rows
+from tfdb.trajectories.reading_report import warn_of_rows
+from tfdb.trajectories.trajectory import Trajectory
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from tfdb.data.decimal_time import Unit
+
+TrajectoryLike: TypeAlias = Trajectory | Reads | str | os.PathLike[str]
+"""What `compare` takes."""
+
+Frames: TypeAlias = tuple[str, str]
+"""Target and source."""
+
+
+@dataclass(frozen=True)
+class Reading:
+    """How trajectory files are read; `by_row`: KITTI poses need no stamps."""
+
+    salvage: bool = False
+    stamp_unit: Unit | None = None
+    by_row: bool = False
+
+
+def given_trajectory(
+    given: Any, frames: Frames | None, role: str, parameter: str, reading: Reading
+) -> Trajectory:
+    """Make a trajectory of what a caller gave.
+
+    `role` names it in errors, `parameter` the frames. Raises what loading and looking up raise,
+    InvalidArgument, InvalidTransform and NotComparable.
+    """
+    names: Any = () if frames is None else frames
+    fine = frames is None or (isinstance(names, list | tuple) and len(names) == 2)
+    if not fine or not all(isinstance(name, str) for name in names):
+        message = f"{parameter} must be the names (target, source), got {frames!r}"
+        raise InvalidArgument(message, value=frames)
+    if isinstance(given, Trajectory):
+        return checked(given, role)
+    if isinstance(given, Reads):
+        return looked_up(given, frames, role, parameter)
+    if not isinstance(given, str | os.PathLike):
+        raise InvalidArgument(
+            f"the {role} must be a Trajectory, a Buffer, a Snapshot or a path, "
+            f"got {type(given).__name__}",
+            value=given,
+        )
+    path = given_path(given)
+    if is_frozen(path):
+        return looked_up(open_frozen(path), frames, role, parameter)
+    if is_recording(path):
+        return looked_up(load(path, salvage=reading.salvage), frames, role, parameter)
+    trajectory, rows = read_with_rows(
+        path,
+        salvage=reading.salvage,
+        stamp_unit=reading.stamp_unit,
+        by_row=reading.by_row,
+    )
+    warn_of_rows(rows, 3)
+    return checked(trajectory, role)
+
+
+def goes_by_rows(reference: Any, estimate: Any, delta_unit: object) -> bool:
+    """Whether both are files of KITTI poses, of which one has no stamps.
+
+    Raises InvalidArgument for a `delta_unit` of seconds, which they do not have.
+    """
+    timed = [_kitti_times(given) for given in (reference, estimate)]
+    if None in timed or all(timed):
+        return False
+    if delta_unit == "s":
+        raise InvalidArgument("delta_unit='s' needs stamps, which KITTI poses lack", value="s")
+    return True
+
+
+def _kitti_times(given: Any) -> bool | None:
+    """Whether a file of KITTI poses has times beside it; None for all else."""
+    if not isinstance(given, str | os.PathLike):
+        return None
+    path = given_path(given)
+    if not path.is_file() or is_frozen(path) or is_recording(path):
+        return None
+    return kitti_times(path)
+
+
+def is_recording(path: Path) -> bool:
+    """Whether a file is a recording; what is none is left to `read_trajectory`."""
+    with suppress(RecordingError):
+        return kind_of(path) != "trajectory"
+    return False
+
+
+def looked_up(reads: Reads, frames: Frames | None, role: str, parameter: str) -> Trajectory:
+    """T[target<-source] at each stamp that is stored of it and has an answer."""
+    if frames is None:
+        chain = longest_moving_chain(reads.tree())
+        hint = f", such as {chain!r}" if chain else ""
+        raise InvalidArgument(
+            f"the {role} is not a trajectory but holds frames: "
+            f"give {parameter}=(target, source){hint}"
+        )
+    return checked(reads.trajectory(frames[0], frames[1], missing="skip"), role)
+
+
+def checked(trajectory: Trajectory, role: str) -> Trajectory:
+    """The same, if it can be compared."""
+    good = found(trajectory.poses)
+    if not good.any():
+        rows = ": all its rows are NaN" if len(good) else ""
+        raise NotComparable(f"the {role} holds no pose{rows}", reason="no pose")
+    far = np.abs(trajectory.poses[good, :3]).max(axis=1)
+    if far.max() >= TOO_FAR:
+        row = int(np.flatnonzero(good)[np.argmax(far)])
+        reason = f"the position is {far.max():.3g} m off, at most {TOO_FAR:g} m can be compared"
+        raise InvalidTransform(f"pose {row} of the {role}: {reason}", index=row, reason=reason)
+    return trajectory

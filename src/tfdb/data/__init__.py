@@ -1,0 +1,1 @@
+"""Values that need no store: errors, stamps, policies, poses, records, checks of arguments."""

@@ -1,0 +1,72 @@
+"""Arguments that callers give: refused, in our words, where they are nothing of what is wanted."""
+
+from __future__ import annotations
+
+from pathlib import PurePath
+from types import ModuleType
+from typing import TYPE_CHECKING, Any, NoReturn
+
+from .errors import InvalidArgument
+from .stamps import shown
+from .suggestions import near_names
+
+if TYPE_CHECKING:
+    from collections.abc import Collection
+
+
+def given_flag(name: str, value: Any) -> bool:
+    """Return whether something is true. Raises InvalidArgument for what is neither."""
+    try:
+        return bool(value)
+    except Exception as error:
+        raise InvalidArgument(
+            f"{name} is True or False, got {shown(value)}", value=value
+        ) from error
+
+
+def given_name(name: str, value: Any) -> str:
+    """Return a name. Raises TypeError for anything but a str."""
+    if not isinstance(value, str):
+        raise TypeError(f"{name} must be a str, got {type(value).__name__}")
+    return value
+
+
+def given_word(name: str, value: Any, words: Collection[str], more: str = "") -> Any:
+    """Return one of a few words. Raises InvalidArgument for any other value, with the nearest."""
+    if not isinstance(value, str) or value not in words:
+        refuse_word(name, value, words, more)
+    return value
+
+
+def refuse_word(name: str, value: Any, words: Collection[str], more: str = "") -> NoReturn:
+    """Raise InvalidArgument: `name` must be one of some words; `more` is valid beside them."""
+    raise InvalidArgument(not_one_of(name, value, words, more), value=value)
+
+
+def not_one_of(name: str, value: Any, words: Collection[str], more: str = "") -> str:
+    """Say that `name` must be one of some words, and which may have been meant."""
+    valid = [*map(repr, words), *([more] if more else [])]
+    listed = " or ".join([", ".join(valid[:-1]), valid[-1]] if len(valid) > 1 else valid)
+    return f"{name} must be {listed}, got {shown(value)}{_question(value, words)}"
+
+
+def unknown_word(value: str, words: Collection[str]) -> str:
+    """Say that a word is not one of some, as click does, and which may have been meant."""
+    return f"{value!r} is not one of {', '.join(map(repr, words))}{_question(value, words)}"
+
+
+def unknown_ending(path: str, endings: Collection[str]) -> str:
+    """Say that a file's name has none of the endings, and which may have been meant."""
+    ending = PurePath(path).suffix
+    return f"{path!r} ends in none of {', '.join(endings)}{_question(ending, endings)}"
+
+
+def _question(value: Any, words: Collection[str]) -> str:
+    near = near_names(value, words, most=1, cutoff=0.6) if isinstance(value, str) else []
+    return f"; did you mean {near[0]!r}?" if near else ""
+
+
+def refuse_without(value: Any, name: str, what: str, *attributes: str) -> None:
+    """Raise TypeError for an object without these attributes: it is not `what` was asked for."""
+    if isinstance(value, ModuleType) or not all(hasattr(value, each) for each in attributes):
+        raise TypeError(f"{name} is {what}, got {shown(value)}")

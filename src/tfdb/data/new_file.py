@@ -1,0 +1,153 @@
+"""Files that appear whole, under their name and nowhere else.
+
+Every writer of tfdb makes its files through `new_file`.
+"""
+
+from __future__ import annotations
+
+import errno
+import os
+import secrets
+import shutil
+import stat
+import tempfile
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from .argument_checks import given_flag
+from .path_checks import given_path, invalid
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Sequence
+    from contextlib import AbstractContextManager
+
+    from .path_checks import Refusal
+
+EXISTS = "exists already; pass overwrite=True to replace it"
+
+# Where the file system knows no hard links.
+_NO_LINKS = frozenset({errno.EPERM, errno.EOPNOTSUPP, errno.ENOSYS, errno.EMLINK, errno.EINVAL})
+
+
+@contextmanager
+def new_file(
+    path: str | os.PathLike[str], *, overwrite: bool = False, refusal: Refusal = invalid
+) -> Iterator[Path]:
+    """Give a path to write to; what lies there when the block ends takes the name `path`.
+
+    The file is written in a folder of its own beside the target, brought to the disk and then
+    renamed, all at once. When an exception ends the block, when the disk is full, or when the name
+    is taken meanwhile and `overwrite` is off, the name keeps what it had and nothing is left
+    behind. A symbolic link stays one: the file behind it is replaced.
+
+    Raises what `refusal` makes of (path, reason) where the name is taken (a link to nowhere takes
+    it, too) and may not be replaced, or is that of a folder or a device. Raises OSError, with
+    `path` as its filename, where the file cannot be written.
+    """
+    path = given_path(path, refusal)
+    refuse_existing(path, overwrite=overwrite, refusal=refusal)
+    target = Path(os.path.realpath(path) if path.is_symlink() else path.absolute())
+    work = _unused(target.parent, ".tfdb-")
+    with _errors_name(path, work), _made(work):
+        made = work / path.name
+        yield made
+        _bring_to_disk(made)
+        if overwrite:
+            if target.exists():
+                shutil.copymode(target, made)
+            made.replace(target)
+        else:
+            try:
+                _take_name(made, target)
+            except FileExistsError:
+                raise refusal(path, EXISTS) from None
+        _bring_to_disk(target.parent)
+
+
+def temporary_folder() -> AbstractContextManager[Path]:
+    """Give a new folder for temporary files; the end of the block removes it and its files."""
+    return _made(_unused(Path(tempfile.gettempdir()), "tfdb-"))
+
+
+def _unused(parent: Path, prefix: str) -> Path:
+    return parent / f"{prefix}{secrets.token_hex(8)}"
+
+
+@contextmanager
+def _made(work: Path) -> Iterator[Path]:
+    """Make a folder, and remove it with its files at the end of the block.
+
+    Ctrl-C, or another signal that raises, leaves nothing behind at any instant: the removal is
+    under way before the folder is made, and begins again where a signal ends it.
+    """
+    try:
+        try:
+            work.mkdir(0o700)
+            yield work
+        finally:
+            shutil.rmtree(work, ignore_errors=True)
+    finally:
+        # A signal may have ended the first removal.
+        shutil.rmtree(work, ignore_errors=True)
+
+
+def refuse_existing(
+    path: Path, *, overwrite: bool = False, refusal: Refusal = invalid, hint: str = EXISTS
+) -> None:
+    """Raise what `refusal` makes of (path, reason) unless a file may be written under that name."""
+    if not os.path.lexists(path):
+        return
+    if not given_flag("overwrite", overwrite):
+        raise refusal(path, hint)
+    # A device or a pipe would be replaced by a file.
+    if path.exists() and not stat.S_ISREG(path.stat().st_mode):
+        raise refusal(path, "is not a regular file")
+
+
+def is_one_of(path: Path, inputs: Sequence[Path]) -> bool:
+    """Whether a file is one of the inputs, or lies in one that is a folder, by whatever name."""
+    if not path.exists():
+        return False
+    files = [file for each in inputs for file in (each, *(each.iterdir() if each.is_dir() else ()))]
+    return any(file.exists() and path.samefile(file) for file in files)
+
+
+@contextmanager
+def _errors_name(path: Path, folder: Path) -> Iterator[None]:
+    """Let errors about what lies in `folder` name the file that was asked for instead."""
+    try:
+        yield
+    except OSError as error:
+        name = error.filename
+        inside = name is None or (isinstance(name, str) and Path(name).is_relative_to(folder))
+        if error.errno is None or not inside:
+            raise
+        said = os.strerror(error.errno)
+        if not path.parent.exists():
+            said = f"there is no folder {path.parent}"
+        raise OSError(error.errno, said, str(path)) from error
+
+
+def _bring_to_disk(path: Path) -> None:
+    descriptor = os.open(path, os.O_RDONLY)
+    try:
+        os.fsync(descriptor)
+    except OSError as error:
+        # Some file systems cannot do this for folders; the name is then as safe as they make it.
+        if error.errno not in (errno.EINVAL, errno.ENOTSUP) or not path.is_dir():
+            raise
+    finally:
+        os.close(descriptor)
+
+
+def _take_name(made: Path, target: Path) -> None:
+    """Give the file its name; raises `FileExistsError` if somebody else has it."""
+    try:
+        os.link(made, target)
+    except OSError as error:
+        if error.errno not in _NO_LINKS:
+            raise
+        # Whoever makes the name owns it; then it is replaced by the file.
+        os.close(os.open(target, os.O_WRONLY | os.O_CREAT | os.O_EXCL))
+        made.replace(target)

@@ -1,0 +1,54 @@
+"""Records of refused transforms; separate to avoid an import cycle with the errors."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from .lazy_names import belong_to
+
+__all__ = ["Refusal", "Refused", "RefusedEdge"]
+
+
+@dataclass(frozen=True, slots=True)
+class Refused:
+    """A member of a batch that was refused."""
+
+    index: int
+    """Its position in the batch."""
+    error: str
+    """Name of the error class, such as `TooOld`."""
+    message: str
+    """What the error would say."""
+    reason: str
+    """The same, in a few words where they suffice."""
+
+
+@dataclass(frozen=True, slots=True)
+class Refusal:
+    """Transforms that were refused with one error."""
+
+    count: int
+    """How many transforms; how many messages where the error concerns a message as a whole."""
+    index: int
+    """Position of the first message with one."""
+    first: str
+    """The error message of the first."""
+
+
+@dataclass(frozen=True, slots=True)
+class RefusedEdge:
+    """Transforms of one edge that were refused with one error."""
+
+    edge: str
+    """The child frame; empty if `is_message`."""
+    error: str
+    """Name of the error class, such as `InvalidTransform`."""
+    count: int
+    """How many transforms; how many messages if `is_message`."""
+    first: str
+    """The error message of the first."""
+    is_message: bool = False
+    """Whether the error concerns messages as a whole, such as `CorruptMessage`."""
+
+
+belong_to("tfdb.types", globals(), __all__)

@@ -1,0 +1,536 @@
+"""The plain data that goes into a store and comes out of it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any, ClassVar, Literal, Protocol, TypeAlias, TypeVar
+
+from .argument_checks import refuse_without
+from .errors import InvalidArgument, InvalidArray
+from .lazy_names import belong_to
+from .refused import Refusal, Refused, RefusedEdge
+
+if TYPE_CHECKING:
+    import os
+    from collections.abc import Callable, Iterable, Mapping, Sequence
+
+    import numpy as np
+    import numpy.typing as npt
+
+    from .stamps import StampLike, StampsLike
+
+    Float = TypeVar("Float", np.float32, np.float64)
+
+__all__ = [
+    "Changes",
+    "Columns",
+    "Counters",
+    "FrameInfo",
+    "Frozen",
+    "IngestResult",
+    "MemoryUse",
+    "Refusal",
+    "Refused",
+    "RefusedEdge",
+    "Shared",
+    "TransformStamped",
+    "Twist",
+]
+
+
+class Xyz(Protocol):
+    """Anything with x, y and z."""
+
+    @property
+    def x(self) -> float:
+        """Along x."""
+
+    @property
+    def y(self) -> float:
+        """Along y."""
+
+    @property
+    def z(self) -> float:
+        """Along z."""
+
+
+class Xyzw(Xyz, Protocol):
+    """Anything with x, y, z and w."""
+
+    @property
+    def w(self) -> float:
+        """The real part."""
+
+
+class AsQuat(Protocol):
+    """A `scipy.spatial.transform.Rotation`, of one rotation."""
+
+    def as_quat(self) -> npt.NDArray[np.floating[Any]]:
+        """Return its unit quaternion x y z w."""
+
+
+class Posed(Protocol):
+    """A `Transform`, a `geometry_msgs/Transform`."""
+
+    @property
+    def translation(self) -> VectorLike:
+        """Metres."""
+
+    @property
+    def rotation(self) -> QuaternionLike:
+        """Unit quaternion."""
+
+
+Numbers: TypeAlias = "Sequence[float] | npt.NDArray[np.floating[Any] | np.integer[Any]]"
+"""Numbers in a row."""
+
+VectorLike: TypeAlias = "Numbers | Xyz"
+"""Three numbers x, y, z in metres."""
+
+QuaternionLike: TypeAlias = "Numbers | Xyzw | AsQuat"
+"""Four numbers x, y, z, w of length one, or a Rotation of scipy."""
+
+WxyzLike: TypeAlias = "Numbers"
+"""Four numbers w, x, y, z of length one."""
+
+PoseLike: TypeAlias = "Sequence[Sequence[float]] | Numbers | Posed"
+"""A 4x4 matrix, seven numbers x y z qx qy qz qw, or an object with translation and rotation."""
+
+ListsOrIntegers: TypeAlias = (
+    "Sequence[Sequence[float]] | Sequence[float] | npt.NDArray[np.integer[Any]]"
+)
+"""Numbers of which float64 is made."""
+
+BytesLike: TypeAlias = bytes | bytearray | memoryview
+"""Bytes of a message."""
+
+Name: TypeAlias = "str | os.PathLike[str]"
+"""A shared store: its name, or the path of its file."""
+
+Paths: TypeAlias = "str | os.PathLike[str] | Sequence[str | os.PathLike[str]]"
+"""One file or several."""
+
+Topics: TypeAlias = "str | Iterable[str] | Mapping[str, str]"
+"""Topics to read; a mapping renames them."""
+
+PoseTopics: TypeAlias = "str | Iterable[str] | Mapping[str, str | None]"
+"""Topics of poses to read; a mapping names the frame that each moves."""
+
+Progress: TypeAlias = "Callable[[int, int], None]"
+"""Called with (done, total) while a recording loads."""
+
+Concurrency: TypeAlias = Literal[
+    "snapshot", "giant", "fine", "2pl-no-wait", "2pl-wait-die", "2pl-wound-wait", "silo"
+]
+"""How lookups, writes and transactions that run at once are kept apart: see `Buffer`."""
+
+
+@dataclass(frozen=True, slots=True, init=False)
+class TransformStamped:  # noqa: PLW1641 - dataclass makes __hash__
+    """A transform T[parent<-child] at a stamp: p_parent = T p_child.
+
+    Parameters
+    ----------
+    parent, child, stamp, translation, rotation, rpy, wxyz
+        As in `Buffer.set_transform`: `translation` may be a whole pose.
+
+    Raises
+    ------
+    InvalidArray, InvalidTransform, InvalidArgument
+        Of a whole pose, `rpy` or `wxyz`. All else is judged where it is stored.
+    """
+
+    parent: str
+    """Frame into which it maps."""
+    child: str
+    """Frame from which it maps."""
+    stamp: StampLike
+    """Nanoseconds, or an object that holds a stamp."""
+    translation: VectorLike
+    """Metres, x y z: a sequence, an array, or an object with x, y, z; of a whole pose a tuple."""
+    rotation: QuaternionLike
+    """Unit quaternion, x y z w, likewise."""
+
+    def __init__(
+        self,
+        parent: str,
+        child: str,
+        stamp: StampLike,
+        translation: VectorLike | PoseLike,
+        rotation: QuaternionLike | None = None,
+        *,
+        rpy: VectorLike | None = None,
+        wxyz: WxyzLike | None = None,
+    ) -> None:
+        if rotation is None:
+            from tfdb._core import pose_parts  # noqa: PLC0415 - the extension imports this module
+
+            parts = pose_parts(parent, child, translation, rpy, wxyz)
+            translation, rotation = parts or (translation, (0.0, 0.0, 0.0, 1.0))
+        elif rpy is not None or wxyz is not None:
+            raise InvalidArgument("give one of rotation, rpy and wxyz, not more")
+        values = (parent, child, stamp, translation, rotation)
+        for name, value in zip(TransformStamped.__slots__, values, strict=True):
+            object.__setattr__(self, name, value)
+
+    def __eq__(self, other: object) -> bool:
+        """Whether all fields are equal; arrays are where all their numbers are."""
+        if type(other) is not TransformStamped:
+            return NotImplemented
+        return all(
+            _equal(getattr(self, name), getattr(other, name)) for name in TransformStamped.__slots__
+        )
+
+
+def _equal(a: object, b: object) -> bool:
+    if hasattr(a, "__array__") or hasattr(b, "__array__"):
+        import numpy as np
+
+        return np.array_equal(np.asarray(a), np.asarray(b))
+    return a == b
+
+
+class RosHeader(Protocol):
+    """A `std_msgs/Header`."""
+
+    @property
+    def frame_id(self) -> str:
+        """The parent."""
+
+    @property
+    def stamp(self) -> StampLike:
+        """The stamp."""
+
+
+class RosTransform(Protocol):
+    """A `geometry_msgs/Transform`."""
+
+    @property
+    def translation(self) -> VectorLike:
+        """Metres."""
+
+    @property
+    def rotation(self) -> QuaternionLike:
+        """Unit quaternion."""
+
+
+class RosTransformStamped(Protocol):
+    """A `geometry_msgs/TransformStamped` of any ROS library."""
+
+    @property
+    def header(self) -> RosHeader:
+        """Parent and stamp."""
+
+    @property
+    def child_frame_id(self) -> str:
+        """The child."""
+
+    @property
+    def transform(self) -> RosTransform:
+        """T[parent<-child]."""
+
+
+TransformStampedLike: TypeAlias = TransformStamped | RosTransformStamped
+"""What `Buffer.set_transforms` takes a sequence of."""
+
+
+class Columns:
+    """A batch of N transforms T[parent<-child] as columns.
+
+    Parameters
+    ----------
+    parents, children
+        N names each, or one name for all rows.
+    stamps
+        (N,) int64 nanoseconds, or None for static transforms.
+    poses
+        (N, 7) float64: x y z in metres, unit quaternion x y z w.
+    translations, rotations
+        Instead of `poses`: (N, 3), and (N, 4) or a Rotation of scipy that holds N.
+    matrices
+        Instead of `poses`: homogeneous matrices (N, 4, 4).
+
+    Raises
+    ------
+    InvalidArray
+        None of these or more than one, or a shape that is not as above.
+    InvalidTransform
+        A matrix is no rigid transform; the error has its `index` and says by how much.
+    InvalidArgument
+        A Trajectory, or a Transform among the poses, of other frames.
+    """
+
+    __slots__ = ("children", "parents", "poses", "stamps")
+    children: str | Sequence[str]
+    parents: str | Sequence[str]
+    poses: npt.NDArray[np.float64]
+    stamps: StampsLike | None
+
+    def __init__(
+        self,
+        parents: str | Sequence[str],
+        children: str | Sequence[str],
+        stamps: StampsLike | None,
+        poses: npt.ArrayLike | None = None,
+        *,
+        translations: npt.ArrayLike | None = None,
+        rotations: npt.ArrayLike | AsQuat | None = None,
+        matrices: npt.ArrayLike | None = None,
+    ) -> None:
+        for name, given in (("parents", parents), ("children", children)):
+            refuse_without(given, name, "a name, or N names", "__iter__")
+        self.parents = parents
+        self.children = children
+        # What can be read only once is kept.
+        self.stamps = list(stamps) if isinstance(stamps, Iterator) else stamps
+        if matrices is not None:
+            if not (poses is None and translations is None and rotations is None):
+                raise InvalidArray("give matrices, or poses, or translations and rotations")
+            from tfdb._core import poses_of_matrices  # noqa: PLC0415 - the extension imports this module
+
+            poses = poses_of_matrices(matrices)
+        elif poses is None:
+            if translations is None or rotations is None:
+                raise InvalidArray("give poses, or both translations and rotations")
+            import numpy as np
+
+            places = _rows(translations, 3, "translations")
+            turns = _rows(_quaternions(rotations), 4, "rotations")
+            if len(places) != len(turns):
+                raise InvalidArray(f"{len(places)} translations, but {len(turns)} rotations")
+            poses = np.concatenate([places, turns], axis=1)
+        elif translations is not None or rotations is not None:
+            raise InvalidArray("give poses, or translations and rotations, not both")
+        else:
+            _refuse_other_frames(poses, parents, children)
+        self.poses = _rows(poses, 7, "poses")
+
+    def __len__(self) -> int:
+        return len(self.poses)
+
+    def __repr__(self) -> str:
+        return f"<tfdb.Columns of {len(self)} transforms>"
+
+
+def _refuse_other_frames(poses: Any, target: object, source: object) -> None:
+    """A Transform or a Trajectory goes between its own frames only: it may be the inverse."""
+    rows = poses if isinstance(poses, list | tuple) else [poses]
+    if not (rows and isinstance(target, str) and isinstance(source, str)):
+        return
+    for each in rows if hasattr(rows[0], "target") else ():
+        frames = getattr(each, "target", target), getattr(each, "source", source)
+        if frames != (target, source):
+            raise InvalidArgument(
+                f"T[{frames[0]}<-{frames[1]}] was given for T[{target}<-{source}]: give its "
+                "inverse() for the other direction, or its numbers (.pose, .poses) if the frames "
+                "have other names",
+                value=each,
+            )
+
+
+def _quaternions(rotations: Any) -> Any:
+    """Return (N, 4) of a Rotation of scipy; what else there is stays as it is."""
+    as_quat = getattr(rotations, "as_quat", None)
+    return as_quat() if callable(as_quat) else rotations
+
+
+def _rows(values: npt.ArrayLike, width: int, role: str) -> npt.NDArray[np.float64]:
+    """Return an array (N, width) of float64; raise InvalidArray for anything else."""
+    from .poses import doubles  # noqa: PLC0415 - numpy is not needed before
+
+    try:
+        array = doubles(values)
+        got = f"{array.shape}"
+    except (TypeError, ValueError):
+        array, got = None, type(values).__name__
+        if hasattr(values, "dtype"):
+            got = f"{values.dtype} {getattr(values, 'shape', '')}"
+    if array is not None and array.shape == (0,):
+        return array.reshape(0, width)
+    if array is None or array.ndim != 2 or array.shape[1] != width:
+        reason = f"expected an array (N, {width}) of float64, got {got}"
+        raise InvalidArray(f"{role}: {reason}", reason=reason)
+    return array
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Changes:
+    """What one commit did; `Buffer.changes` tells it. Frames have the names that they had then."""
+
+    commit: int
+    """Its number."""
+    stored: Columns
+    """The moving samples T[parent<-child] that it stored, edge by edge, each in stamp order."""
+    stored_static: Columns
+    """The static transforms T[parent<-child] that it stored."""
+    made: tuple[str, ...]
+    """Frames that are new."""
+    moved: tuple[str, ...]
+    """Frames that were there before and hang under another newest parent now, or under none."""
+    cleared: tuple[str, ...]
+    """Frames whose samples were dropped, before the commit stored what it did."""
+    removed: tuple[str, ...]
+    """Frames that were there before and are removed."""
+    passing: tuple[str, ...]
+    """Frames that a transaction made and removed again; samples of others may name them."""
+    gone: dict[str, int]
+    """By child, how many samples the commit stored that are no longer kept and hence not told: they
+    were evicted, replaced, cleared or removed since."""
+
+    def __repr__(self) -> str:
+        what = {
+            "stored": len(self.stored) + len(self.stored_static),
+            "made": len(self.made),
+            "moved": len(self.moved),
+            "cleared": len(self.cleared),
+            "removed": len(self.removed) + len(self.passing),
+            "gone": sum(self.gone.values()),
+        }
+        told = ", ".join(f"{count} {name}" for name, count in what.items() if count)
+        return f"<tfdb.types.Changes of commit {self.commit}: {told or 'nothing'}>"
+
+
+@dataclass(frozen=True, slots=True)
+class FrameInfo:
+    """What a store knows of one frame and the edge T[parent<-name] to its parent."""
+
+    name: str
+    """The frame."""
+    parent: str | None
+    """Its parent; None for a root."""
+    is_static: bool
+    """Whether the edge holds at every stamp."""
+    samples: int
+    """Retained samples; 1 for a static edge."""
+    oldest: int | None
+    """First retained stamp, nanoseconds; None if it does not move."""
+    newest: int | None
+    """Last stamp, nanoseconds; None if it does not move."""
+    rate: float | None
+    """Mean rate of the samples in Hz; None with fewer than two."""
+    authority: str
+    """Who wrote last; empty if nobody said. Of a snapshot, too, who did so up to now."""
+    late: int = 0
+    """How many samples came out of order; those of one commit and stamp are one, the last. Of a
+    snapshot, too, how many did so up to now."""
+    longest_gap: int = 0
+    """Longest time between two neighbouring samples, nanoseconds."""
+    cleared: bool = False
+    """Whether it had samples that `Buffer.clear` dropped, and has none since."""
+
+
+@dataclass(frozen=True, slots=True)
+class MemoryUse:
+    """What a store occupies."""
+
+    used_bytes: int
+    """Bytes in use by frames, names and samples."""
+    free_bytes: int
+    """Bytes kept for reuse: at once, or when no snapshot shows them any more."""
+    frames: int
+    """Slots of frames in use."""
+    samples: int
+    """Samples in memory, also those that are no longer retained."""
+    frame_bytes: int
+    """Bytes of the frames' headers, part of `used_bytes`."""
+    authority_bytes: int
+    """Bytes of the names of those who write, not part of `used_bytes`."""
+
+
+@dataclass(frozen=True, slots=True)
+class Counters:
+    """What happened in a store so far."""
+
+    commits: int
+    """Commits."""
+    normalised: int
+    """Quaternions that were slightly off unit length and mended."""
+    lapped_reads: int
+    """Times a lookup began again because a writer had overtaken it."""
+    pinned_reads: int
+    """Lookups that in the end read under the writers' lock."""
+    aborts: int = 0
+    """Transactions that ended without a commit, those that lost included."""
+    conflicts: int = 0
+    """Transactions that lost against another commit."""
+    retries: int = 0
+    """Times that the engine had to begin a lookup or a write again."""
+    lock_waits: int = 0
+    """Times that somebody waited for the lock of a frame."""
+
+
+@dataclass(frozen=True, slots=True)
+class Shared:
+    """What is known of a store that processes share."""
+
+    path: str
+    """Its file."""
+    mode: str
+    """How it was opened: `r` or `rw`."""
+    lock_timeout: float | None
+    """Seconds that writes here wait for those of another process; None: for ever."""
+    size: int
+    """Bytes that it may grow to."""
+    repairs: int
+    """Writers that died amid a commit; each was taken back by the next writer."""
+    processes: int
+    """Processes that have it open now, this one included; 0: this process may not know."""
+
+
+@dataclass(frozen=True, slots=True)
+class Frozen:
+    """What is known of a frozen store."""
+
+    path: str
+    """Its file."""
+    size: int
+    """Bytes of the file."""
+    origin: str
+    """Of what `load(cache=True)` keeps: what it was made from, as JSON. Else empty."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Twist:
+    """A velocity; of a trajectory one for each of its N poses. `==` compares all exactly."""
+
+    linear: npt.NDArray[np.float64]
+    """(3,) or (N, 3) in m/s."""
+    angular: npt.NDArray[np.float64]
+    """(3,) or (N, 3) in rad/s."""
+
+    def __eq__(self, other: object) -> bool:
+        if not isinstance(other, Twist):
+            return NotImplemented
+        import numpy as np
+
+        pairs = ((self.linear, other.linear), (self.angular, other.angular))
+        return all(np.array_equal(a, b, equal_nan=True) for a, b in pairs)
+
+    __hash__: ClassVar[None] = None  # type: ignore[assignment]
+
+
+@dataclass(frozen=True, slots=True)
+class IngestResult:
+    """Counts of stored and refused messages and transforms."""
+
+    messages: int
+    """Messages seen."""
+    transforms: int
+    """Transforms stored."""
+    commits: int
+    """Commits made, one for each message of which a transform was stored."""
+    refused: int
+    """Messages of which nothing was stored: damaged, or every transform was refused."""
+    commit: int
+    """Number of the newest commit."""
+    reasons: dict[str, Refusal] = field(default_factory=dict)
+    """What was refused, by the name of the error class."""
+    refused_transforms: int = 0
+    """Transforms refused, those of messages that were stored in part included."""
+    refused_edges: tuple[RefusedEdge, ...] = ()
+    """What was refused, by edge and error."""
+
+
+belong_to("tfdb.types", globals(), __all__)
+belong_to("tfdb", globals(), ("Columns", "TransformStamped"))

@@ -1,0 +1,64 @@
+"""Recordings: ROS 1 bags, ROS 2 databases, MCAP. Reading, loading, writing.
+
+Writing needs `pip install 'tfdb[recordings]'`.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from tfdb.data.lazy_names import on_demand as _offer
+
+if TYPE_CHECKING:
+    from tfdb.data.loss import Loss
+
+    from .containers import Source, Topic
+    from .joint_state_stores import load_joint_states
+    from .loading import LoadReport, TopicReport, follow_recording, load_recordings
+    from .recording import Recording, Run
+    from .recording_writer import RecordingWriter
+    from .writing import write_recording, write_transforms
+
+__all__ = [
+    "LoadReport",
+    "Loss",
+    "Recording",
+    "RecordingWriter",
+    "Run",
+    "Source",
+    "Topic",
+    "TopicReport",
+    "follow_recording",
+    "load_joint_states",
+    "load_recordings",
+    "write_recording",
+    "write_transforms",
+]
+
+if not TYPE_CHECKING:  # type checkers would find every name in a module with `__getattr__`
+    __getattr__, __dir__ = _offer(
+        __name__,
+        {
+            "containers": (
+                "Loss",
+                "Source",
+                "Topic",
+            ),
+            "joint_state_stores": ("load_joint_states",),
+            "loading": (
+                "LoadReport",
+                "TopicReport",
+                "follow_recording",
+                "load_recordings",
+            ),
+            "recording": (
+                "Recording",
+                "Run",
+            ),
+            "recording_writer": ("RecordingWriter",),
+            "writing": (
+                "write_recording",
+                "write_transforms",
+            ),
+        },
+    )

@@ -1,0 +1,410 @@
+"""ROS 1 bags (http://wiki.ros.org/Bags/Format/2.0).
+
+With the index at the end of the file only those chunks are read that hold what is wanted. Without
+it (`salvage`) the file is walked from its beginning.
+"""
+
+from __future__ import annotations
+
+import struct
+from bisect import bisect_right
+from dataclasses import dataclass, field
+from functools import partial
+from typing import TYPE_CHECKING, NoReturn
+
+from tfdb.data.errors import RecordingError
+
+from .containers import (
+    NO_START,
+    Container,
+    Gathered,
+    Source,
+    Topic,
+    in_order,
+    is_read_type,
+    plain_type,
+    typed_errors,
+)
+from .raw_file import BadDataError, BrokenChunkError, RawFile, unpack, unpack_the_start
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Collection, Iterator
+    from pathlib import Path
+
+    from .containers import Payload
+
+    Fields = dict[bytes, bytes]
+
+_FIRST_RECORD = len("#ROSBAG V2.0\n")
+_MESSAGE, _HEADER, _COUNTS, _CHUNK, _CHUNK_INFO, _CONNECTION = 2, 3, 4, 5, 6, 7
+_KINDS = (_HEADER, _CHUNK, _CONNECTION, _COUNTS, _CHUNK_INFO)
+# Bytes in the index of a chunk for each of its messages.
+_COUNTED = 12
+_HINT = "`rosbag reindex` or salvage=True (--salvage) may save the rest"
+# A header holds a few numbers and a topic's name.
+_MAX_HEADER = 2**20
+_u32 = struct.Struct("<I").unpack_from
+_u64 = struct.Struct("<Q").unpack_from
+_seconds = struct.Struct("<II").unpack_from
+
+
+@dataclass(frozen=True)
+class _Connection:
+    """Who published what on which topic."""
+
+    topic: str
+    type: str
+    caller: str
+
+
+@dataclass(frozen=True)
+class _Chunk:
+    """Where a chunk lies, and how many messages of each connection are in it."""
+
+    position: int
+    start: int
+    end: int
+    counts: dict[int, int]
+
+
+@dataclass
+class _Index:
+    """What the end of a bag says of the rest."""
+
+    connections: dict[int, _Connection] = field(default_factory=dict)
+    chunks: list[_Chunk] = field(default_factory=list)
+
+    def count(self, connection: int) -> int:
+        return sum(chunk.counts.get(connection, 0) for chunk in self.chunks)
+
+
+@dataclass(frozen=True)
+class _Record:
+    """A record at the top of the file, its data not yet read."""
+
+    fields: Fields
+    at: int
+    size: int
+
+    @property
+    def end(self) -> int:
+        return self.at + self.size
+
+    @property
+    def kind(self) -> int:
+        return _number(self.fields, b"op", 1)
+
+
+def open_bag(path: Path, *, salvage: bool = False) -> Container:
+    """Open a ROS 1 bag; raises `RecordingError`."""
+    file = RawFile(path)
+    try:
+        with typed_errors(path, _HINT):
+            return _salvaged(path, file) if salvage else _indexed(path, file)
+    except BaseException:
+        file.close()
+        raise
+
+
+def _indexed(path: Path, file: RawFile) -> Container:
+    index = _read_index(path, file)
+    counts = {id_: index.count(id_) for id_ in index.connections}
+
+    def payloads(ids: Collection[int]) -> Iterator[Payload]:
+        wanted = [each for each in index.chunks if not each.counts.keys().isdisjoint(ids)]
+        wanted.sort(key=lambda each: each.position)
+        return in_order(
+            ((each.start, each) for each in wanted), partial(_chunk_messages, file, ids)
+        )
+
+    start = min((each.start for each in index.chunks if each.counts), default=NO_START)
+    sources = _sources(index.connections, counts)
+    topics = _topics(index.connections, counts)
+    return Container(path, topics, sources, start, payloads, file.close, hint=_HINT)
+
+
+def _salvaged(path: Path, file: RawFile) -> Container:
+    try:
+        index = _read_index(path, file)
+        reason: Exception | None = None
+    except (BadDataError, struct.error, UnicodeDecodeError) as error:
+        index, reason = _Index(), error
+    connections = dict(index.connections)
+    gathered = _gather(file, connections, [chunk.position for chunk in index.chunks])
+    missing = _index_position(file) - file.size
+    if reason is not None and missing > 0 and not gathered.reasons:
+        gathered.lose(missing, f"cut short between two records: {reason}")
+    # Where nothing broke off, the records behind the chunks tell of all messages as the index does.
+    likelier = max if gathered.reasons else min
+    for id_ in index.connections:
+        counted, promised = gathered.promised[id_], index.count(id_)
+        gathered.promised[id_] = likelier(counted, promised)
+        if counted != promised:
+            gathered.lose(0, f"its index has other numbers of messages of connection {id_}")
+    counts = gathered.found()
+    sources = _sources(connections, counts)
+    return Container(
+        path,
+        _topics(connections, counts),
+        sources,
+        min((at for at, _, _ in gathered.messages), default=NO_START),
+        gathered.payloads,
+        file.close,
+        gathered.losses(path, sources),
+    )
+
+
+def _sources(connections: dict[int, _Connection], counts: dict[int, int]) -> dict[int, Source]:
+    return {
+        id_: Source(
+            each.topic,
+            "ros1",
+            each.caller or each.topic,
+            counts.get(id_, 0),
+            plain_type(each.type),
+        )
+        for id_, each in connections.items()
+        if is_read_type(each.type)
+    }
+
+
+def _topics(connections: dict[int, _Connection], counts: dict[int, int]) -> Iterator[Topic]:
+    whole: dict[tuple[str, str], int] = {}
+    for id_, each in connections.items():
+        key = each.topic, each.type
+        whole[key] = whole.get(key, 0) + counts.get(id_, 0)
+    return (Topic(name, type_, count) for (name, type_), count in whole.items())
+
+
+# -- the top of the file --------------------------------------------------------------------------
+
+
+def _read_index(path: Path, file: RawFile) -> _Index:
+    header = _record(file, _FIRST_RECORD, _HEADER)
+    if header.fields.get(b"encryptor"):
+        raise RecordingError(path, "encrypted bags cannot be read")
+    at = _number(header.fields, b"index_pos", 8)
+    if at == 0:
+        raise BadDataError("it is not indexed, the recorder did not finish (`rosbag reindex`)")
+    index = _Index()
+    for _ in range(_number(header.fields, b"conn_count", 4)):
+        record = _record(file, at, _CONNECTION)
+        data = file.read(record.at, record.size)
+        index.connections[_number(record.fields, b"conn", 4)] = _connection(record.fields, data)
+        at = record.end
+    positions = set()
+    for _ in range(_number(header.fields, b"chunk_count", 4)):
+        record = _record(file, at, _CHUNK_INFO)
+        index.chunks.append(_chunk_info(record.fields, file.read(record.at, record.size)))
+        positions.add(index.chunks[-1].position)
+        at = record.end
+    if len(positions) != len(index.chunks):
+        raise BadDataError("its index names the same chunk twice")
+    return index
+
+
+def _index_position(file: RawFile) -> int:
+    """Where the index is to be; 0 where that cannot be read."""
+    try:
+        return _number(_record(file, _FIRST_RECORD, _HEADER).fields, b"index_pos", 8)
+    except (BadDataError, struct.error):
+        return 0
+
+
+def _record(file: RawFile, at: int, *kinds: int) -> _Record:
+    (size,) = _u32(file.read(at, 4))
+    if size > _MAX_HEADER:
+        raise BadDataError(f"a record at {at} with a header of {size} bytes")
+    fields = _fields(file.read(at + 4, size))
+    start = at + 4 + size
+    (count,) = _u32(file.read(start, 4))
+    record = _Record(fields, start + 4, count)
+    if record.kind not in kinds:
+        raise BadDataError(f"at {at} a record of kind {record.kind}, which does not belong there")
+    return record
+
+
+def _chunk_info(fields: Fields, data: bytes) -> _Chunk:
+    if _number(fields, b"ver", 4) != 1:
+        raise BadDataError("chunks of an unknown version")
+    pairs = [_seconds(data, 8 * row) for row in range(_number(fields, b"count", 4))]
+    start, end = _time_of(fields, b"start_time"), _time_of(fields, b"end_time")
+    counts = {id_: count for id_, count in pairs if count}
+    return _Chunk(_number(fields, b"chunk_pos", 8), start, end, counts)
+
+
+def _chunk_messages(file: RawFile, ids: Collection[int], chunk: _Chunk) -> Iterator[Payload]:
+    record = _record(file, chunk.position, _CHUNK)
+    raw = unpack(_packing(record), file.read(record.at, record.size), _unpacked_size(record))
+    for message in _messages_in(raw, ids.__contains__, lambda _fields, _data: None):
+        if not chunk.start <= message[0] <= chunk.end:
+            raise BadDataError("a message differs from what the index says of its chunk")
+        yield message
+
+
+def _packing(chunk: _Record) -> str:
+    packing = chunk.fields.get(b"compression", b"").decode()
+    return "" if packing == "none" else packing
+
+
+def _unpacked_size(chunk: _Record) -> int:
+    return _number(chunk.fields, b"size", 4)
+
+
+def _gather(file: RawFile, connections: dict[int, _Connection], chunks: list[int]) -> Gathered:
+    """Walk over the records of the file; where they break off, go on with the next known chunk.
+
+    Adds the connections that it finds to those known.
+    """
+    found = Gathered()
+    walked: set[int] = set()
+
+    def learn(fields: Fields, data: bytes) -> None:
+        id_, connection = _number(fields, b"conn", 4), _connection(fields, data)
+        if connections.setdefault(id_, connection) != connection:
+            found.lose(0, f"connection {id_} is declared again, on {connection.topic!r}")
+            if id_ not in walked:  # the index, at the end, has spoken first
+                connections[id_] = connection
+        walked.add(id_)
+
+    def wanted(id_: int) -> bool:
+        return id_ in connections and is_read_type(connections[id_].type)
+
+    starts = sorted(chunks)
+    at = _FIRST_RECORD
+    while at < file.size:
+        try:
+            record = _record(file, at, *_KINDS)
+            kind = record.kind
+            if kind == _CHUNK:
+                _gather_chunk(file, record, found, wanted, learn)
+            elif record.end > file.size:
+                found.lose(file.size - at, f"cut short in the middle of a record at {at}")
+            elif kind == _CONNECTION:
+                learn(record.fields, file.read(record.at, record.size))
+            elif kind == _COUNTS:
+                found.promised[_number(record.fields, b"conn", 4)] += _counted(record)
+            at = record.end
+        except (BadDataError, struct.error, UnicodeDecodeError) as error:
+            place = bisect_right(starts, at)
+            following = starts[place] if place < len(starts) else file.size
+            found.lose(following - at, error)
+            at = following
+    return found
+
+
+def _counted(record: _Record) -> int:
+    """How many messages of a connection are in the chunk before."""
+    count = _number(record.fields, b"count", 4)
+    if record.size != count * _COUNTED:
+        raise BadDataError(f"an index of {count} messages in {record.size} bytes")
+    return count
+
+
+def _gather_chunk(
+    file: RawFile,
+    record: _Record,
+    found: Gathered,
+    wanted: Callable[[int], bool],
+    learn: Callable[[Fields, bytes], None],
+) -> None:
+    there = min(record.size, file.size - record.at)
+    packed = file.read(record.at, there)
+    size = _unpacked_size(record)
+    reason: object = None
+    try:
+        raw = unpack(_packing(record), packed, size)
+    except BadDataError as error:
+        raw, reason = unpack_the_start(_packing(record), packed, size), error
+    if there < record.size:
+        reason = f"cut short in the middle of a chunk of {record.size} bytes"
+    read = found.take(_messages_in(raw, wanted, learn), len(raw))
+    if reason is not None or read < len(raw):
+        found.lose(size - read, reason or f"a chunk breaks off at {read}")
+
+
+# -- inside of a chunk ----------------------------------------------------------------------------
+
+
+def _messages_in(
+    raw: bytes, wanted: Callable[[int], bool], learn: Callable[[Fields, bytes], None]
+) -> Iterator[Payload]:
+    """The messages of a chunk that are wanted, as they lie there; connections are learned."""
+    # Headers of one connection's messages differ in the time alone, which comes last.
+    known: dict[bytes, int] = {}
+    at, end = 0, len(raw)
+    while at < end:
+        try:
+            (size,) = _u32(raw, at)
+            body = at + 4 + size
+            header = raw[at + 4 : body]
+            (size,) = _u32(raw, body)
+            stop = body + 4 + size
+            if stop > end:
+                _break(f"a record ends {stop - end} bytes beyond its chunk", at)
+            id_ = known.get(header[:-8])
+            if id_ is None:
+                id_ = _message_of(header, raw[body + 4 : stop], learn)
+                if id_ is not None and header[-13:-8] == b"time=":
+                    known[header[:-8]] = id_
+            if id_ is not None and wanted(id_):
+                if header[-13:-8] == b"time=":
+                    seconds, nanoseconds = _seconds(header, len(header) - 8)
+                    received = seconds * 1_000_000_000 + nanoseconds
+                else:
+                    received = _time_of(_fields(header), b"time")
+                yield received, id_, raw[body + 4 : stop]
+        except (struct.error, UnicodeDecodeError, BadDataError) as error:
+            _break(error, at)
+        at = stop
+
+
+def _break(reason: object, at: int) -> NoReturn:
+    raise BrokenChunkError(reason, at)
+
+
+def _message_of(header: bytes, data: bytes, learn: Callable[[Fields, bytes], None]) -> int | None:
+    """The connection of a message; None for another record, of which a connection is learned."""
+    fields = _fields(header)
+    kind = _number(fields, b"op", 1)
+    if kind == _MESSAGE:
+        return _number(fields, b"conn", 4)
+    if kind == _CONNECTION:
+        learn(fields, data)
+    return None
+
+
+def _fields(header: bytes) -> Fields:
+    fields = {}
+    at = 0
+    while at < len(header):
+        (size,) = _u32(header, at)
+        name, equals, value = header[at + 4 : at + 4 + size].partition(b"=")
+        if not equals or at + 4 + size > len(header):
+            raise BadDataError("a header whose fields are broken")
+        fields[name] = value
+        at += 4 + size
+    return fields
+
+
+def _number(fields: Fields, name: bytes, width: int) -> int:
+    value = fields.get(name, b"")
+    if len(value) != width:
+        raise BadDataError(f"a record without its field {name.decode()!r}")
+    return int.from_bytes(value, "little")
+
+
+def _time_of(fields: Fields, name: bytes) -> int:
+    value = _number(fields, name, 8)
+    return (value & 0xFFFFFFFF) * 1_000_000_000 + (value >> 32)
+
+
+def _connection(fields: Fields, data: bytes) -> _Connection:
+    inner = _fields(data)
+    topic = fields.get(b"topic", b"").decode()
+    name = inner.get(b"type", b"").decode()
+    caller = inner.get(b"callerid", b"").decode()
+    package, slash, message = name.partition("/")
+    kind = f"{package}/msg/{message}" if slash and "/" not in message else name
+    lead = "/" if topic.startswith("/") else ""
+    return _Connection(lead + "/".join(filter(None, topic.split("/"))), kind, caller)

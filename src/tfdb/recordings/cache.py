@@ -1,0 +1,182 @@
+"""Recordings that were loaded before: kept as frozen stores, and checked before they are used."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import warnings
+from collections.abc import Iterable, Mapping
+from contextlib import suppress
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from tfdb._core import __version__
+from tfdb._core import open as open_frozen
+from tfdb.data.errors import StoreExists, TfdbError, TfdbWarning
+from tfdb.store.frozen import MAGIC, SUFFIX, freeze_into
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from tfdb._core import Buffer
+
+__all__ = ["Cache"]
+
+# How the record begins that is kept with what was loaded: its first key, as `json` writes it.
+_MARK = b'{"tfdb": "'
+
+
+class Cache:
+    """Where what recordings hold is kept, and what must be true of it to be used.
+
+    Parameters
+    ----------
+    paths
+        The recordings.
+    topics, salvage
+        As in `load`: what is loaded otherwise is kept apart.
+    choice
+        What else was asked for, in words; empty: nothing.
+
+    Raises OSError where a recording cannot be read.
+    """
+
+    def __init__(
+        self,
+        paths: Sequence[Path],
+        topics: str | Iterable[str] | Mapping[str, str] | None,
+        choice: str = "",
+        *,
+        salvage: bool,
+    ) -> None:
+        self._files = [file for path in paths for file in _files_of(path)]
+        found = [file.stat() for file in self._files]
+        self._times = [status.st_mtime_ns for status in found]
+        if isinstance(topics, Iterable) and not isinstance(topics, str | Mapping):
+            topics = list(topics)  # an iterator can be asked once
+        self.topics: str | Iterable[str] | Mapping[str, str] | None = topics
+        asked = None if topics is None else _in_order(topics)
+        self._wanted = {
+            "tfdb": __version__,
+            "topics": asked,
+            "choice": choice,
+            "salvage": salvage,
+            "files": [
+                [f.name, status.st_size] for f, status in zip(self._files, found, strict=True)
+            ],
+        }
+        plain = len(paths) == 1 and asked is None and not choice and not salvage
+        first, *_ = whole = [path.absolute() for path in paths]
+        short = _short([[path.name for path in whole], asked, choice, salvage])
+        beside = first.with_name(first.name + (SUFFIX if plain else f".{short}{SUFFIX}"))
+        home = _home()
+        elsewhere = f"{_short([str(path) for path in whole])}-{beside.name}"
+        self._places = [beside, *([home / elsewhere] if home else ())]
+
+    def open(self) -> Buffer | None:
+        """Open what is kept; None where nothing is, or it is stale or damaged.
+
+        Raises StoreExists where another file has its name.
+        """
+        for place in self._places:
+            _refuse_foreign(place)
+            try:
+                found = open_frozen(place, verify=True)
+                kept = json.loads(found.frozen.origin) if found.frozen else None
+            except (TfdbError, ValueError):
+                continue
+            if not isinstance(kept, dict) or any(kept.get(k) != v for k, v in self._wanted.items()):
+                continue
+            if kept.get("times") == self._times:
+                return found
+            # Of another time, but perhaps the same: a copy, or one that was touched.
+            if kept.get("hash") == _hash(self._files):
+                return self._put(found, place, kept["hash"]) or found
+        return None
+
+    def keep(self, buffer: Buffer) -> Buffer:
+        """Keep what was loaded, and open that; where there is no place for it, return it."""
+        made_of = _hash(self._files)
+        if [file.stat().st_mtime_ns for file in self._files] != self._times:
+            return buffer  # the recording changed meanwhile
+        for place in self._places:
+            kept = self._put(buffer, place, made_of)
+            if kept is not None:
+                return kept
+        places = " nor ".join(map(str, self._places))
+        message = f"what was loaded is not kept: {places} cannot be written"
+        warnings.warn(message, TfdbWarning, stacklevel=3)
+        return buffer
+
+    def _put(self, buffer: Buffer, place: Path, made_of: str) -> Buffer | None:
+        """Write a frozen store; None where that cannot be."""
+        _refuse_foreign(place)  # it may have come meanwhile
+        record = {**self._wanted, "times": self._times, "hash": made_of}
+        try:
+            if place != self._places[0]:
+                place.parent.mkdir(parents=True, exist_ok=True)
+            freeze_into(buffer, place, overwrite=True, origin=json.dumps(record))
+            return open_frozen(place)
+        except (OSError, TfdbError):
+            return None
+
+
+def _refuse_foreign(place: Path) -> None:
+    """Raise StoreExists where a file lies that `Cache` has not written: it is not replaced.
+
+    One that was damaged since, or that another version wrote, is known by its record.
+    """
+    if not place.is_file():
+        return
+    with suppress(OSError), place.open("rb") as file:
+        before = b""
+        while part := file.read(1 << 16):
+            if not before and not part.startswith(MAGIC):
+                break
+            if _MARK in before + part:
+                return
+            before = part[-len(_MARK) :]
+    reason = "is there already, and is not what load(cache=True) keeps"
+    raise StoreExists(
+        f"{place} {reason}: move it away, or load without cache", path=str(place), reason=reason
+    )
+
+
+def _in_order(topics: Any) -> str:
+    """Write out topics, in the same way in whatever order they come."""
+    if isinstance(topics, Mapping):
+        topics = topics.items()
+    several = isinstance(topics, Iterable) and not isinstance(topics, str)
+    return repr(sorted(map(repr, topics if several else [topics])))
+
+
+def _home() -> Path | None:
+    """Give the folder for what cannot be kept beside its recording; None: this user has none."""
+    try:
+        given = os.environ.get("XDG_CACHE_HOME")
+        return (Path(given) if given else Path("~/.cache").expanduser()) / "tfdb"
+    except RuntimeError:
+        return None
+
+
+def _files_of(path: Path) -> list[Path]:
+    """List the files of a recording."""
+    if not path.is_dir():
+        real = path.resolve()  # beside it lies what the recorder of a .db3 left
+        logs = [real.with_name(real.name + end) for end in ("-wal", "-journal")]
+        return [path, *(log for log in logs if log.is_file())]
+    return sorted(file for file in path.iterdir() if file.is_file() and file.suffix != SUFFIX)
+
+
+def _hash(files: Sequence[Path]) -> str:
+    """Sum up what the files hold."""
+    digest = hashlib.blake2b(digest_size=16)
+    for path in files:
+        with path.open("rb") as file:
+            digest.update(hashlib.file_digest(file, "blake2b").digest())
+    return digest.hexdigest()
+
+
+def _short(what: object) -> str:
+    return hashlib.blake2b(repr(what).encode("utf-8", "surrogateescape"), digest_size=4).hexdigest()

@@ -1,0 +1,428 @@
+"""What a recording's container gives, whatever its format.
+
+One file per format makes a `Container` (`bag_reader`, `mcap_reader`, `db3_reader`, `bag_folder`).
+Payloads stay bytes: the store decodes them itself.
+"""
+
+from __future__ import annotations
+
+import stat
+import struct
+from bisect import bisect_left
+from collections import Counter
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from itertools import zip_longest
+from operator import itemgetter
+from typing import TYPE_CHECKING, Literal, TypeAlias, TypeVar
+
+from tfdb._core import Recorded
+from tfdb.data.errors import RecordingError
+from tfdb.data.loss import Loss
+from tfdb.data.path_checks import errors_name
+
+from .raw_file import ZSTD, BadDataError, BrokenChunkError, unpack_message
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+    from pathlib import Path
+
+    from tfdb.trajectories.reading_report import TrajectoryRows
+
+T = TypeVar("T")
+
+Encoding: TypeAlias = Literal["ros1", "cdr", "protobuf", "json"]
+"""Messages of transforms are of the first two."""
+Kind: TypeAlias = Literal["bag", "db3", "mcap", "packed", "folder", "trajectory"]
+Payload: TypeAlias = "tuple[int, int, bytes]"
+"""Time of reception (ns), id of the source, bytes."""
+Surveyed: TypeAlias = "tuple[dict[int, int], bool, Iterator[Recorded]]"
+Survey: TypeAlias = "Callable[[Collection[int], Callable[[int], None]], Surveyed]"
+
+SALVAGE = "salvage=True (--salvage) reads as far as it goes"
+NO_START = 2**63 - 1
+
+_TF_TYPES = frozenset({"tf2_msgs/TFMessage", "tf/tfMessage"})
+TRAJECTORIES = (".tum", ".txt", ".csv", ".npz", ".parquet")
+"""How the names of trajectory files end."""
+POSES_WITHOUT_CHILD = frozenset(
+    {
+        "geometry_msgs/PoseStamped",
+        "geometry_msgs/PoseWithCovarianceStamped",
+        "nav_msgs/Path",
+        "foxglove.PoseInFrame",
+    }
+)
+"""Types of messages that say where something is, and not what."""
+FRAME_TRANSFORMS = frozenset({"foxglove.FrameTransform", "foxglove.FrameTransforms"})
+"""Types of Foxglove whose messages are transforms between two frames that they name."""
+POSE_TYPES = (
+    POSES_WITHOUT_CHILD | FRAME_TRANSFORMS | {"nav_msgs/Odometry", "geometry_msgs/TransformStamped"}
+)
+"""Types of messages whose poses are read from the topics that `pose_topics` names."""
+JOINT_STATE = "sensor_msgs/JointState"
+_MAGICS: tuple[tuple[bytes, Kind], ...] = (
+    (b"#ROSBAG V2.0", "bag"),
+    (b"\x89MCAP0\r\n", "mcap"),
+    (b"SQLite format 3\0", "db3"),
+    (ZSTD, "packed"),
+)
+_LOG = "the log of a .db3: give the .db3 instead, which is read with its log"
+_OTHERS = (
+    (b"#ROSBAG V1", "a bag of the old version 1: convert it with `rosbag fix`"),
+    (
+        b"version https://git-lfs",
+        "a Git LFS pointer, not the recording itself: fetch it with `git lfs pull`",
+    ),
+    (b"TFDBFRZ1", "a frozen store: tfdb.open('{name}') opens it"),
+    (b"\x37\x7f\x06\x82", _LOG),
+    (b"\x37\x7f\x06\x83", _LOG),
+    (b"\xd9\xd5\x05\xf9\x20\xa1\x63\xd7", _LOG),
+    (b"rosbag2_bagfile_information:", "the metadata of a bag folder: give the folder"),
+    (b"\x04\x22\x4d\x18", "packed as a whole with lz4: unpack it first, `lz4 -d {name}`"),
+    (b"BZh", "packed as a whole with bzip2: unpack it first, `bunzip2 {name}`"),
+    (b"\x1f\x8b", "packed as a whole with gzip: unpack it first, `gunzip {name}`"),
+)
+
+
+@dataclass(frozen=True)
+class Topic:
+    """A topic of a recording, of any type, with the number of its messages."""
+
+    name: str
+    type: str
+    messages: int
+
+
+@dataclass(frozen=True)
+class Source:
+    """One stream of messages: a ROS 1 connection, a ROS 2 topic or an MCAP channel.
+
+    `authority` is who published: the node's name where the container knows it (ROS 1), else the
+    topic. `type` is that of the messages, as ROS 1 spells it.
+    """
+
+    topic: str
+    encoding: Encoding
+    authority: str
+    messages: int
+    type: str = "tf2_msgs/TFMessage"
+
+    @property
+    def is_tf(self) -> bool:
+        """Whether its messages are TFMessages, which the store decodes."""
+        return self.type in _TF_TYPES
+
+    @property
+    def holds_transforms(self) -> bool:
+        """Whether its messages are transforms: TFMessages, or Foxglove's own."""
+        known = self.type in FRAME_TRANSFORMS and self.encoding in encodings_of(self.type)
+        return self.is_tf or known
+
+    @property
+    def is_static(self) -> bool:
+        """Whether its topic's name says that its transforms are static.
+
+        `tf_static` is the last part of the name; of Foxglove's transforms, it ends in `_static`.
+        """
+        last = self.topic.rstrip("/").rsplit("/", 1)[-1]
+        foxglove = self.type in FRAME_TRANSFORMS and last.endswith("_static")
+        return self.holds_transforms and (last == "tf_static" or foxglove)
+
+
+class Container:
+    """An open recording. Not for several threads at once.
+
+    Parameters
+    ----------
+    path
+        The file or folder, for errors.
+    topics
+        All topics, also those without transforms.
+    sources
+        The streams of transforms, poses and joint states, by id.
+    start
+        When the first message was received, nanoseconds; `NO_START` without messages.
+    payloads
+        Gives the messages of the sources with the ids that it gets, in order of reception, those of
+        one time in the order of the file.
+    close
+        Closes the file; called again, does nothing.
+    losses
+        What could not be saved of the file.
+    hint
+        What may help where the file is damaged.
+    survey
+        Where the container is read in C++: looks through the whole file, calls its second argument
+        with how many messages came each time, and gives their numbers by id, whether each of them
+        is packed by itself, and the same messages as `payloads`, in parts that are read again when
+        their turn comes.
+    """
+
+    notes: tuple[str, ...] = ()
+    """Remarks on an unfinished or renamed file: how it was read."""
+    rows: TrajectoryRows | None = None
+    """What became of the rows of a trajectory file."""
+
+    def __init__(
+        self,
+        path: Path,
+        topics: Iterable[Topic],
+        sources: Mapping[int, Source],
+        start: int,
+        payloads: Callable[[Collection[int]], Iterable[Payload]],
+        close: Callable[[], None],
+        losses: Sequence[Loss] = (),
+        *,
+        hint: str = SALVAGE,
+        survey: Survey | None = None,
+    ) -> None:
+        self.path = path
+        self._sources = sources
+        self._payloads = payloads
+        self.topics: tuple[Topic, ...] = tuple(topics)
+        self.sources: tuple[Source, ...] = tuple(sources.values())
+        self.start = start
+        self.close = close
+        self.losses: tuple[Loss, ...] = tuple(losses)
+        self._hint = hint
+        self._survey = survey
+
+    def messages(self, wanted: Callable[[Source], bool]) -> Iterator[tuple[Source, int, bytes]]:
+        """Source, time of reception (ns) and payload of each message, in order of reception.
+
+        Raises `RecordingError` where the file is damaged, also after some messages.
+        """
+        sources = {id_: source for id_, source in self._sources.items() if wanted(source)}
+        found = dict.fromkeys(sources, 0)
+        with typed_errors(self.path, self._hint):
+            for received, id_, data in self._payloads(sources.keys()):
+                found[id_] += 1
+                source = sources[id_]
+                yield source, received, unpack_message(data) if is_packed(source, data) else data
+            _check_counts(sources, found)
+
+    def read(
+        self, wanted: Callable[[Source], bool], step: Callable[[int], None]
+    ) -> Iterator[tuple[Recorded, Mapping[int, Source]]]:
+        """All messages in parts, each with the sources by the numbers that these have there.
+
+        The whole file is looked through first: raises `RecordingError` where it is damaged. So do
+        the parts, should the file change meanwhile. `step` is called with the number of messages
+        since the last call.
+        """
+        if self._survey is not None:
+            sources = {id_: source for id_, source in self._sources.items() if wanted(source)}
+            with typed_errors(self.path, self._hint):
+                counts, packed, parts = self._survey(sources.keys(), step)
+                _check_counts(sources, counts)
+            if not packed:
+                return ((part, sources) for part in self._typed(parts))
+        recorded = Recorded()
+        # Containers give the same object for the same source.
+        numbers = {id(source): number for number, source in enumerate(self.sources)}
+        for source, received, data in self.messages(wanted):
+            recorded.add(received, numbers[id(source)], data)
+            if len(recorded) % _STEP == 0:
+                step(_STEP)
+        step(len(recorded) % _STEP)
+        return iter([(recorded, dict(enumerate(self.sources)))])
+
+    def _typed(self, parts: Iterable[Recorded]) -> Iterator[Recorded]:
+        with typed_errors(self.path, self._hint):
+            yield from parts
+
+
+def is_packed(source: Source, data: bytes) -> bool:
+    """Return whether a message is a zstd frame, as rosbag2 packs it: no CDR begins like one."""
+    return data[:4] == ZSTD and source.encoding == "cdr"
+
+
+def are_packed(messages: Recorded, sources: Mapping[int, Source]) -> bool:
+    """Return whether messages (at least one) are packed singly: a recorder packs all or none."""
+    _, id_, data = messages[0]
+    return is_packed(sources[id_], data)
+
+
+def unpacked(messages: Recorded, sources: Mapping[int, Source]) -> Recorded:
+    """Return messages (at least one), each unpacked if they are packed singly."""
+    if not are_packed(messages, sources):
+        return messages
+    made = Recorded()
+    for index in range(len(messages)):
+        received, id_, data = messages[index]
+        made.add(received, id_, unpack_message(data) if is_packed(sources[id_], data) else data)
+    return made
+
+
+def _check_counts(sources: Mapping[int, Source], found: Mapping[int, int]) -> None:
+    """Refuse a file that holds other numbers of messages than its index says."""
+    for id_, source in sources.items():
+        if found.get(id_, 0) != source.messages:
+            promise = f"its index promises {source.messages} messages on {source.topic!r}"
+            raise BadDataError(f"{promise}, the file holds {found.get(id_, 0)}")
+
+
+@dataclass
+class Gathered:
+    """What a walk over a file without its index finds: only messages that may be of transforms.
+
+    `promised` are the messages that records beside the chunks tell of, by id.
+    """
+
+    messages: list[Payload] = field(default_factory=list)
+    promised: Counter[int] = field(default_factory=Counter)
+    bytes_lost: int = 0
+    reasons: list[str] = field(default_factory=list)
+
+    def lose(self, count: int, reason: object) -> None:
+        """Note bytes that gave nothing."""
+        self.bytes_lost += max(count, 0)
+        self.reasons.append(str(reason))
+
+    def take(self, messages: Iterable[Payload], size: int) -> int:
+        """Add the messages of a chunk of `size` bytes; says how many bytes of it were good."""
+        try:
+            for message in messages:
+                self.messages.append(message)
+        except BrokenChunkError as error:
+            return error.at
+        return size
+
+    def found(self) -> Counter[int]:
+        """How many messages there are of each source."""
+        return Counter(id_ for _, id_, _ in self.messages)
+
+    def payloads(self, ids: Collection[int]) -> list[Payload]:
+        """The messages of some sources, by time."""
+        self.messages.sort(key=_time)
+        return [message for message in self.messages if message[1] in ids]
+
+    def losses(self, path: Path, sources: Mapping[int, Source]) -> list[Loss]:
+        """What was lost of the sources that can be read; nothing where nothing was."""
+        found = self.found()
+        lost = sum(max(0, self.promised[id_] - found[id_]) for id_ in sources)
+        if not lost and not self.reasons:
+            return []
+        first = self.reasons[0] if self.reasons else "messages are missing"
+        more = f", and {len(self.reasons) - 1} more" if len(self.reasons) > 1 else ""
+        return [Loss(str(path), first + more, lost, self.bytes_lost)]
+
+
+_time = itemgetter(0)
+_STEP = 4096
+
+
+def in_order(
+    chunks: Iterable[tuple[int, T]], read: Callable[[T], Iterable[Payload]]
+) -> Iterator[Payload]:
+    """Messages by time, those of one time in the order of the file.
+
+    Their chunks come in that order, each with the time of its first message. They may overlap: what
+    may still be preceded waits for the next chunk.
+    """
+    by_start = sorted(enumerate(chunks), key=lambda numbered: numbered[1][0])
+    ends = [start for _, (start, _) in by_start[1:]]
+    waiting: dict[int, list[Payload]] = {}
+    for (number, (_, chunk)), end in zip_longest(by_start, ends):
+        waiting[number] = sorted(read(chunk), key=_time)
+        ready: list[Payload] = []
+        for each in sorted(waiting):
+            messages = waiting[each]
+            cut = len(messages) if end is None else bisect_left(messages, end, key=_time)
+            ready += messages[:cut]
+            del messages[:cut]
+            if not messages:
+                del waiting[each]
+        ready.sort(key=_time)
+        yield from ready
+
+
+def plain_type(name: str) -> str:
+    """A message type as ROS 1 spells it, or Foxglove, whichever spelling it has."""
+    return name.replace("/msg/", "/").replace("foxglove_msgs/", "foxglove.")
+
+
+def encodings_of(type_: str) -> tuple[str, ...]:
+    """In which encodings messages of a type are read."""
+    return ("ros1", "cdr", "protobuf", "json") if type_.startswith("foxglove.") else ("ros1", "cdr")
+
+
+def is_tf_type(name: str) -> bool:
+    """Whether a message type, as ROS 1 or ROS 2 spells it, is one of transforms."""
+    return plain_type(name) in _TF_TYPES
+
+
+def is_read_type(name: str) -> bool:
+    """Whether messages of a type can become transforms."""
+    return plain_type(name) in _TF_TYPES | POSE_TYPES | {JOINT_STATE}
+
+
+def encoding_of(path: Path, topic: str, type_: str, name: str) -> Encoding:
+    """The store's word for a container's; refuses encodings that transforms never have.
+
+    What is read on demand only may be encoded otherwise: who asks for it is told.
+    """
+    if name in ("ros1", "ros1msg"):
+        return "ros1"
+    if name == "cdr" or not is_tf_type(type_):
+        return name  # type: ignore[return-value]  # any word, until it is read
+    raise RecordingError(path, f"topic {topic!r} is encoded as {name[:40]!r}, not as cdr or ros1")
+
+
+@contextmanager
+def typed_errors(path: Path, hint: str = SALVAGE) -> Iterator[None]:
+    """Turn what broken data raise where they are parsed into `RecordingError`.
+
+    Nothing else changes but errors of reading: they name the file.
+    """
+    try:
+        with errors_name(path):
+            yield
+    except ModuleNotFoundError as error:
+        reason = f"needs {error.name}, which comes with tfdb and is missing: pip install tfdb"
+        raise RecordingError(path, reason) from error
+    except (BadDataError, struct.error, UnicodeDecodeError) as error:
+        raise RecordingError(path, f"damaged or cut short: {error}; {hint}") from error
+
+
+def kind_of(path: Path) -> Kind:
+    """What a file is, by its first bytes; of trajectories alone the name's end tells.
+
+    Raises `RecordingError` for anything that is no recording, `OSError` where it cannot be opened.
+    """
+    with errors_name(path):
+        mode = path.stat().st_mode
+    if stat.S_ISDIR(mode):
+        return "folder"
+    if not stat.S_ISREG(mode):
+        raise RecordingError(path, "not a regular file")
+    with errors_name(path), path.open("rb") as file:
+        start = file.read(32)
+    if not start:
+        raise RecordingError(path, "the file is empty")
+    for magic, kind in _MAGICS:
+        if start.startswith(magic):
+            return kind
+    for magic, reason in _OTHERS:
+        if start.startswith(magic):
+            raise RecordingError(path, reason.format(name=path.name))
+    if path.suffix.lower() in TRAJECTORIES:
+        return "trajectory"
+    raise RecordingError(path, "neither a ROS 1 bag, nor a ROS 2 database (.db3), nor an MCAP file")
+
+
+def prefix_of(source: Source) -> str:
+    """Return the prefix of a topic's group: `robot1/` for `/robot1/tf`, empty for `/tf`.
+
+    A topic of poses belongs to its namespace.
+    """
+    return prefix_of_topic(source.topic, transforms=source.holds_transforms)
+
+
+def prefix_of_topic(name: str, *, transforms: bool) -> str:
+    """Do the same for the name of a topic, of transforms or of poses."""
+    topic = name.strip("/").removesuffix("_static")
+    space, _, last = topic.rpartition("/")
+    whole = topic if transforms and last != "tf" else space
+    return f"{whole}/" if whole else ""

@@ -1,0 +1,118 @@
+"""Which edges of recorded messages are kept, and the names of their frames."""
+
+from __future__ import annotations
+
+import re
+from typing import TYPE_CHECKING, Protocol
+
+from tfdb.recordings.containers import prefix_of
+
+if TYPE_CHECKING:
+    from .containers import Source
+
+
+class EdgeChoice(Protocol):
+    """What was asked for of edges and names."""
+
+    exclude: tuple[str, ...]
+    rename: dict[str, str]
+    prefix: str
+    by_namespace: bool
+
+
+class EdgeRules:
+    """Decides about edges, and remembers which entries of `exclude` matched.
+
+    It has no reference to what asks it: a `_core.Selection` keeps it, and is in no cycle so.
+
+    Parameters
+    ----------
+    choice
+        What was asked for.
+    children
+        The child frames of the edges that are kept; None: all.
+    """
+
+    def __init__(self, choice: EdgeChoice, children: frozenset[str] | None) -> None:
+        self.children = children
+        self.used: set[str] = set()
+        """The entries of `exclude` that matched a name."""
+        self._choice = choice
+        self._excluded = [(entry, _pattern(entry)) for entry in choice.exclude]
+        self._excluded_edges = [(entry, made) for entry, made in self._excluded if ":" in entry]
+        self._is_out: dict[str, bool] = {}
+        self._numbers: dict[tuple[str, str], int] = {}
+        self._sources: list[Source] = []
+
+    @property
+    def renames(self) -> bool:
+        """Whether frames get other names than those that `space` gives them."""
+        return bool(self._choice.rename or self._choice.prefix)
+
+    @property
+    def names(self) -> set[str]:
+        """The names that were compared with `exclude`, as an error may show them."""
+        return {name.removeprefix("/") for name in self._is_out if name.isprintable()}
+
+    def number(self, source: Source) -> int:
+        """Return the rule of a source, for `edge`."""
+        key = source.topic, source.authority
+        number = self._numbers.setdefault(key, len(self._sources))
+        if number == len(self._sources):
+            self._sources.append(source)
+        return number
+
+    def space(self, source: Source) -> str:
+        """Return the prefix that `by_namespace` gives to the frames of a topic."""
+        return prefix_of(source) if self._choice.by_namespace else ""
+
+    def frames(self, rule: int, parent: str, child: str) -> tuple[str, str]:
+        """Return the names of an edge's frames before they are renamed."""
+        space = self.space(self._sources[rule])
+        return space + parent, space + child
+
+    def edge(self, rule: int, parent: str, child: str) -> tuple[str, str] | None:
+        """Return the new names of an edge; None: it is left out.
+
+        An empty name gets no prefix: the store refuses it.
+        """
+        source = self._sources[rule]
+        old = self.frames(rule, parent, child)
+        if self.excludes_source(source) or not self.takes(source, *old):
+            return None
+        return (self.name(old[0]), self.name(old[1])) if parent and child else (parent, child)
+
+    def excludes_source(self, source: Source) -> bool:
+        """Return whether a topic or its publisher is excluded."""
+        return self._excludes(source.topic) or self._excludes(source.authority)
+
+    def takes(self, source: Source, parent: str, child: str) -> bool:
+        """Return whether an edge of a source that is not excluded is kept."""
+        if self.children is not None and child not in self.children:
+            return False
+        if self._excludes(parent) or self._excludes(child):
+            return False
+        return not self._excludes(f"{source.topic}:{child}", edges=True)
+
+    def name(self, frame: str) -> str:
+        """Return the new name of a frame."""
+        return self._choice.prefix + self._choice.rename.get(frame, frame)
+
+    def _excludes(self, name: str, *, edges: bool = False) -> bool:
+        """Whether a name is excluded; `edges`: that of an edge, as only entries with ':' name."""
+        excluded = self._excluded_edges if edges else self._excluded
+        if not excluded:
+            return False
+        known = self._is_out.get(name)
+        if known is None:
+            plain = name.removeprefix("/")
+            used = {entry for entry, pattern in excluded if pattern.fullmatch(plain)}
+            self.used |= used
+            known = self._is_out[name] = bool(used)
+        return known
+
+
+def _pattern(entry: str) -> re.Pattern[str]:
+    """What a name is matched against: `*` stands for anything, `?` for one letter."""
+    parts = {"*": ".*", "?": "."}
+    return re.compile("".join(parts.get(each, re.escape(each)) for each in entry), re.DOTALL)

@@ -1,0 +1,850 @@
+"""MCAP files (https://mcap.dev/spec).
+
+With the summary at the end of the file only those chunks are read that hold what is wanted. Files
+without one, or whose summary does not name all schemas, channels and chunks, are walked from their
+beginning, and so are damaged ones (`salvage`).
+
+Damage is also what the format forbids: checksums that are wrong (zero: there is none), records
+where they must not be (a second header, a chunk within a chunk or behind the end of the data), no
+chunk where the summary has one, messages shorter than their head, messages of channels that neither
+the summary nor anything before them declares, or whose schema nothing declares, and channels and
+schemas that are declared again as something else. `salvage` leaves such messages out, believes the
+first declaration, and reports it.
+
+Where the data have a checksum, all of the file is read once to check it, whatever is wanted.
+"""
+
+from __future__ import annotations
+
+import struct
+import zlib
+from bisect import bisect_right
+from collections import Counter
+from dataclasses import dataclass, field
+from itertools import accumulate, repeat
+from typing import TYPE_CHECKING
+
+from tfdb._core import Recorded
+from tfdb.data.errors import RecordingError
+
+from .containers import (
+    NO_START,
+    SALVAGE,
+    Container,
+    Gathered,
+    Source,
+    Topic,
+    are_packed,
+    encoding_of,
+    in_order,
+    is_read_type,
+    plain_type,
+    typed_errors,
+    unpacked,
+)
+from .raw_file import BadDataError, BrokenChunkError, RawFile, unpack, unpack_the_start
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Collection, Iterable, Iterator
+    from pathlib import Path
+
+    from .containers import Payload
+    from .raw_file import Packed
+
+_MAGIC = b"\x89MCAP0\r\n"
+_NAMES = (
+    "no record",
+    "a header",
+    "a footer",
+    "a schema",
+    "a channel",
+    "a message",
+    "a chunk",
+    "a message index",
+    "a chunk index",
+    "an attachment",
+    "an attachment index",
+    "a statistics record",
+    "a metadata record",
+    "a metadata index",
+    "a summary offset",
+    "an end of the data",
+)
+_HEADER, _FOOTER, _SCHEMA, _CHANNEL, _MESSAGE, _CHUNK, _MESSAGE_INDEX, _CHUNK_INDEX = range(1, 9)
+_ATTACHMENT, _STATISTICS, _METADATA, _DATA_END = 0x09, 0x0B, 0x0C, 0x0F
+# What the format forbids elsewhere. Kinds that it does not know are allowed everywhere.
+_IN_CHUNK = frozenset({_SCHEMA, _CHANNEL, _MESSAGE})
+_IN_DATA = _IN_CHUNK | {_CHUNK, _MESSAGE_INDEX, _ATTACHMENT, _METADATA, _DATA_END}
+_KNOWN = frozenset(range(1, len(_NAMES)))
+_IN_SUMMARY = _KNOWN - _IN_DATA - {_HEADER, _FOOTER} | {_SCHEMA, _CHANNEL}
+# Opcode and length.
+_RECORD = struct.Struct("<BQ")
+_HEAD = 9
+_FOOTER_SIZE = _HEAD + 20 + len(_MAGIC)
+_DATA_END_SIZE = _HEAD + 4
+_CHUNK_HEAD = struct.Struct("<QQQI")
+_PAIR = struct.Struct("<HQ")
+_PIECE = 2**20
+# So many messages are worth the handling of a part of the file.
+_PART = 256
+_LATEST = 2**64 - 1
+_WRONG_DATA = "data whose checksum is wrong"
+
+
+@dataclass(frozen=True)
+class _Channel:
+    """One stream of messages."""
+
+    schema: int
+    topic: str
+    encoding: str
+
+
+@dataclass(frozen=True)
+class _Chunk:
+    """Where a chunk and its message indexes lie, its start, and its channels; none named: any."""
+
+    position: int
+    end: int
+    start: int
+    channels: frozenset[int]
+
+
+@dataclass
+class _Index:
+    """What the file says of its messages: their streams, where they lie, how many there are.
+
+    `data_crc` is the checksum of all before the end of the data; None: that is not where a summary
+    has it. `flaws` are what contradicts the format in well-formed records, with the bytes lost by
+    each.
+    """
+
+    schemas: dict[int, str] = field(default_factory=dict)
+    channels: dict[int, _Channel] = field(default_factory=dict)
+    chunks: list[_Chunk] = field(default_factory=list)
+    counts: dict[int, int] | None = None
+    chunk_count: int = 0
+    start: int = NO_START
+    summary: int = 0
+    data_crc: int | None = None
+    flaws: Counter[str] = field(default_factory=Counter)
+
+    def learn(self, kind: int, data: bytes) -> None:
+        """Take in a schema, channel, chunk index or statistics record."""
+        fields = _Fields(data)
+        if kind == _SCHEMA:
+            id_, name = fields.number(2), fields.text()
+            if id_ and self.schemas.setdefault(id_, name) != name:
+                self.flaws[f"schema {id_} is declared again as {name!r}"] += 0
+        elif kind == _CHANNEL:
+            id_ = fields.number(2)
+            channel = _Channel(fields.number(2), fields.text(), fields.text())
+            if self.channels.setdefault(id_, channel) != channel:
+                self.flaws[f"channel {id_} is declared again, on {channel.topic!r}"] += 0
+        elif kind == _CHUNK_INDEX:
+            start, _, position = fields.number(8), fields.number(8), fields.number(8)
+            end = position + fields.number(8)
+            channels = frozenset(fields.pairs())
+            self.chunks.append(_Chunk(position, end + fields.number(8), start, channels))
+        elif kind == _STATISTICS:
+            count = fields.number(8)
+            fields.skip(2 + 4 + 4 + 4)
+            self.chunk_count, start = fields.number(4), fields.number(8)
+            fields.number(8)
+            counts, self.start = fields.pairs(), start if count else NO_START
+            if counts and sum(counts.values()) != count:
+                self.flaws[f"statistics that do not add up to {count} messages"] += 0
+            else:
+                self.counts = counts
+
+    def learn_in_chunk(self, kind: int, data: bytes) -> None:
+        """Take in a record of a chunk that is no message, or too short for one."""
+        if kind == _MESSAGE:
+            self.flaws[f"a message of {len(data)} bytes, too short for one"] += _HEAD + len(data)
+        elif kind in _IN_CHUNK:
+            self.learn(kind, data)
+        else:
+            self.flaws[f"{_NAMES[kind]} within a chunk"] += _HEAD + len(data)
+
+    def is_whole(self) -> bool:
+        """Whether the chunks can be read by it alone."""
+        if (
+            self.data_crc is None
+            or not self.counts
+            or not self.chunks
+            or len(self.chunks) != self.chunk_count
+        ):
+            return False
+        named = set(self.counts).union(*(chunk.channels for chunk in self.chunks))
+        return all(map(self.is_declared, named | self.channels.keys())) and not self.flaws
+
+    def is_declared(self, channel: int) -> bool:
+        """Whether channel and schema (0: none) are known; what is not is a flaw of messages."""
+        known = self.channels.get(channel)
+        return known is not None and (known.schema == 0 or known.schema in self.schemas)
+
+    def is_read(self, channel: int) -> bool:
+        """Whether messages of a channel can be read; a flaw where nobody can know."""
+        if not self.is_declared(channel):
+            self.flaws[f"messages of channel {channel}, declared without a schema or nowhere"] += 0
+            return False
+        return is_read_type(self.type_of(channel))
+
+    def refuse_flaws(self) -> None:
+        """Raise where there are any."""
+        if self.flaws:
+            raise BadDataError(next(iter(self.flaws)))
+
+    def type_of(self, channel: int) -> str:
+        return self.schemas.get(self.channels[channel].schema, "")
+
+
+class _Fields:
+    """Takes the fields of a record one after the other."""
+
+    def __init__(self, data: bytes) -> None:
+        self._data = data
+        self._at = 0
+
+    def number(self, width: int) -> int:
+        return int.from_bytes(self._take(width), "little")
+
+    def text(self) -> str:
+        return self._take(self.number(4)).decode()
+
+    def pairs(self) -> dict[int, int]:
+        """A map from ids to numbers."""
+        data = self._take(self.number(4))
+        return dict(_PAIR.iter_unpack(data))
+
+    def skip(self, width: int) -> None:
+        self._take(width)
+
+    def _take(self, width: int) -> bytes:
+        taken = self._data[self._at : self._at + width]
+        if len(taken) != width:
+            raise BadDataError(f"a record of {len(self._data)} bytes ends within a field")
+        self._at += width
+        return taken
+
+
+def open_mcap(path: Path, *, salvage: bool = False) -> Container:
+    """Open an MCAP file; raises `RecordingError`."""
+    file = RawFile(path)
+    try:
+        with typed_errors(path):
+            return _salvaged(path, file) if salvage else _whole(path, file)
+    except BaseException:
+        file.close()
+        raise
+
+
+def _whole(path: Path, file: RawFile) -> Container:
+    if not _has_end(file):
+        reason = f"cut short, its end is missing: `mcap recover` saves the rest; {SALVAGE}"
+        raise RecordingError(path, reason)
+    index = _Index()
+    _read_summary(file, index)
+    if index.is_whole() and _is_covered(file, index):
+        return _indexed(path, file, index)
+    gathered = Gathered()
+    _Walk(file, index, gathered, strict=True).run(index.chunks, are_sure=True)
+    walked = _walked(path, file, index, gathered)
+    if walked.losses:
+        raise BadDataError(walked.losses[0].reason)
+    if index.counts and (more := gathered.found() - gathered.promised):
+        raise BadDataError(f"{more.total()} messages more than its statistics have")
+    return walked
+
+
+def _is_covered(file: RawFile, index: _Index) -> bool:
+    """Whether the data are a header, the chunks of the summary and what may lie between them."""
+    end = index.summary - _DATA_END_SIZE
+    places = [(chunk.position, chunk.end) for chunk in index.chunks]
+    forbidden = {0, *_KNOWN} - _IN_DATA | {_CHUNK, _DATA_END}
+    kind, size = _RECORD.unpack(file.read(len(_MAGIC), _HEAD))
+    if kind != _HEADER:
+        return False
+    at = len(_MAGIC) + _HEAD + size
+    for place, behind in [*places, (end, end)]:
+        while at < place:
+            kind, size = _RECORD.unpack(file.read(at, _HEAD))
+            if kind in forbidden:
+                return False
+            at += _HEAD + size
+        if at != place:
+            return False
+        at = behind
+    return True
+
+
+def _has_end(file: RawFile) -> bool:
+    if file.size < len(_MAGIC) + _FOOTER_SIZE:
+        return False
+    return file.read(file.size - len(_MAGIC), len(_MAGIC)) == _MAGIC
+
+
+def _indexed(path: Path, file: RawFile, index: _Index) -> Container:
+    counts = index.counts or {}
+    sources = _sources(path, index, counts)
+
+    def add(
+        found: Recorded, chunk: _Chunk, ids: Collection[int], *, is_checked: bool = False
+    ) -> None:
+        raw = _raw(file, chunk, is_checked=is_checked)
+        _add_chunk(found, raw, lambda id_: index.is_read(id_) and id_ in ids, index.learn_in_chunk)
+        index.refuse_flaws()
+
+    def messages_of(chunk: _Chunk, ids: Collection[int]) -> Iterable[Payload]:
+        found = Recorded()
+        add(found, chunk, ids)
+        return map(found.__getitem__, range(len(found)))
+
+    def payloads(ids: Collection[int]) -> Iterator[Payload]:
+        wanted = ((each.start, each) for each in _chunks_of(index, ids))
+        yield from in_order(wanted, lambda chunk: messages_of(chunk, ids))
+        _check_data(index, _Checksum(file))
+
+    def survey(
+        ids: Collection[int], step: Callable[[int], None]
+    ) -> tuple[dict[int, int], bool, Iterator[Recorded]]:
+        found_by_id: Counter[int] = Counter()
+        packed = False
+        spans = []
+        checksum = _Checksum(file)
+        for chunk in _chunks_of(index, ids):
+            found = Recorded()
+            add(found, chunk, ids)
+            if len(found):
+                found_by_id.update(found.counts())
+                packed = packed or are_packed(found, sources)
+                found.sort()
+                spans.append(_Span(chunk, len(found), found[0][0], found[len(found) - 1][0]))
+            if index.data_crc:
+                checksum.up_to(chunk.position)  # what was just read need not be fetched again
+            step(len(found))
+        _check_data(index, checksum)
+        return found_by_id, packed, map(recorded, _parts(spans), repeat(ids))
+
+    def recorded(part: list[_Span], ids: Collection[int]) -> Recorded:
+        found = Recorded()
+        for span in part:
+            add(found, span.chunk, ids, is_checked=True)
+        if len(found) != sum(span.messages for span in part):
+            raise BadDataError("its messages change while it is read")
+        found.sort()
+        return found
+
+    return Container(
+        path,
+        _topics(index, counts),
+        sources,
+        index.start,
+        payloads,
+        file.close,
+        survey=survey,
+    )
+
+
+def _chunks_of(index: _Index, ids: Collection[int]) -> list[_Chunk]:
+    # Without message indexes, what is in a chunk shows only when it is read.
+    return [c for c in index.chunks if not c.channels or not c.channels.isdisjoint(ids)]
+
+
+@dataclass(frozen=True)
+class _Span:
+    """What a chunk holds of the wanted messages: how many, the times of the first and the last."""
+
+    chunk: _Chunk
+    messages: int
+    first: int
+    last: int
+
+
+def _parts(spans: list[_Span]) -> Iterator[list[_Span]]:
+    """Divide a file, in its order, so that no part holds what is older than a part before it."""
+    firsts = [span.first for span in reversed(spans)]
+    earliest = [*accumulate(firsts, min)][::-1]  # of each and of all behind it
+    part: list[_Span] = []
+    latest = messages = 0
+    for span, following in zip(spans, [*earliest, _LATEST][1:], strict=True):
+        part.append(span)
+        latest, messages = max(latest, span.last), messages + span.messages
+        if latest <= following and (messages >= _PART or span is spans[-1]):
+            yield part
+            part, messages = [], 0
+
+
+def _salvaged(path: Path, file: RawFile) -> Container:
+    summary = index = _Index()
+    gathered = Gathered()
+    try:
+        if _has_end(file):
+            _read_summary(file, summary)
+    except (BadDataError, struct.error, UnicodeDecodeError) as error:
+        gathered.lose(0, error)
+        index = _Index()  # of a damaged summary only the places of chunks are tried
+    _Walk(file, index, gathered).run(summary.chunks, are_sure=index is summary)
+    if not _has_end(file) and not gathered.reasons:
+        gathered.lose(0, "cut short, its end is missing")
+    return _walked(path, file, index, gathered)
+
+
+def _walked(path: Path, file: RawFile, index: _Index, gathered: Gathered) -> Container:
+    if index.counts:
+        gathered.promised = Counter(index.counts)
+    for reason, lost in index.flaws.items():
+        gathered.lose(lost, reason)
+    counts = gathered.found()
+    sources = _sources(path, index, counts)
+    start = min((at for at, _, _ in gathered.messages), default=NO_START)
+    return Container(
+        path,
+        _topics(index, counts),
+        sources,
+        start,
+        gathered.payloads,
+        file.close,
+        gathered.losses(path, sources),
+    )
+
+
+def _sources(path: Path, index: _Index, counts: dict[int, int]) -> dict[int, Source]:
+    return {
+        id_: Source(
+            channel.topic,
+            encoding_of(path, channel.topic, index.type_of(id_), channel.encoding),
+            channel.topic,
+            counts.get(id_, 0),
+            plain_type(index.type_of(id_)),
+        )
+        for id_, channel in index.channels.items()
+        if index.is_read(id_)
+    }
+
+
+def _topics(index: _Index, counts: dict[int, int]) -> Iterator[Topic]:
+    return (
+        Topic(channel.topic, index.type_of(id_), counts.get(id_, 0))
+        for id_, channel in index.channels.items()
+    )
+
+
+class GrowingMcap:
+    """An MCAP file that is still being written: its messages, as they come.
+
+    Whatever is whole is taken, once: chunks, and messages outside of chunks. Checksums of chunks
+    are checked, that of all data is not. Raises `RecordingError` where the file is damaged, is no
+    MCAP file or shrinks; OSError.
+    """
+
+    def __init__(self, path: Path) -> None:
+        if path.exists() and not path.is_file():
+            raise RecordingError(path, "not a regular file")
+        self.path = path
+        self._file = RawFile(path)
+        self._index = _Index()
+        self._at = 0
+        self.is_complete: bool = False
+
+    @property
+    def size(self) -> int:
+        """Bytes that were there when it was last looked at."""
+        return self._file.size
+
+    def close(self) -> None:
+        """Close the file."""
+        self._file.close()
+
+    def read(self) -> Iterator[tuple[Recorded, dict[int, Source]]]:
+        """The messages that came since the last call, chunk by chunk, with their sources.
+
+        `is_complete` afterwards: the file has its end, and no more will come.
+        """
+        with typed_errors(self.path, "a file that is still written has only whole chunks"):
+            self._file.look_again()
+            while not self.is_complete and (end := self._next()) is not None:
+                found = Recorded()
+                self._take(end, found)
+                self._at = end
+                if len(found):
+                    found.sort()
+                    sources = _sources(self.path, self._index, found.counts())
+                    yield unpacked(found, sources), sources
+
+    def _next(self) -> int | None:
+        """Where the record ends that begins here; None: it is not all there."""
+        head = len(_MAGIC) if self._at == 0 else _HEAD
+        if self._at + head > self.size:
+            return None
+        raw = self._file.read(self._at, head)
+        if self._at == 0:
+            if raw != _MAGIC:
+                raise BadDataError("not an MCAP file")
+            return head
+        kind, size = _RECORD.unpack(raw)
+        if kind == 0:
+            raise BadDataError(f"no record at {self._at}")
+        end: int = self._at + _HEAD + size + (len(_MAGIC) if kind == _FOOTER else 0)
+        return end if end <= self.size else None
+
+    def _take(self, end: int, found: Recorded) -> None:
+        """Take in the record that lies there."""
+        if self._at == 0:
+            return
+        kind, size = _RECORD.unpack(self._file.read(self._at, _HEAD))
+        index, at = self._index, self._at + _HEAD
+        if kind == _FOOTER:
+            self.is_complete = True
+        elif kind in (_SCHEMA, _CHANNEL):
+            index.learn(kind, self._file.read(at, size))
+        elif kind == _CHUNK:
+            packing, packed, unpacked, crc = _chunk(self._file.read(at, size))
+            raw = _checked(unpack(packing, packed, unpacked), crc)
+            _add_chunk(found, raw, index.is_read, index.learn_in_chunk)
+        elif kind == _MESSAGE:
+            raw = self._file.read(self._at, end - self._at)
+            _add_chunk(found, raw, index.is_read, index.learn_in_chunk)
+        index.refuse_flaws()
+
+
+# -- the top of the file --------------------------------------------------------------------------
+
+
+def _read_summary(file: RawFile, index: _Index) -> None:
+    """Add what the summary says, if the file has one, to an empty index."""
+    end = file.size - _FOOTER_SIZE
+    footer = _Fields(file.read(end, _FOOTER_SIZE))
+    if (footer.number(1), footer.number(8)) != (_FOOTER, 20):
+        raise BadDataError("no footer at its end")
+    start = at = footer.number(8)
+    footer.skip(8)
+    crc = footer.number(4)
+    while 0 < at < end:
+        kind, size = _RECORD.unpack(file.read(at, _HEAD))
+        if kind < len(_NAMES) and kind not in _IN_SUMMARY:
+            raise BadDataError(f"{_NAMES[kind]} in its summary, at {at}")
+        if kind in (_SCHEMA, _CHANNEL, _CHUNK_INDEX, _STATISTICS):
+            index.learn(kind, file.read(at + _HEAD, size))
+        at += _HEAD + size
+    if at > end:
+        raise BadDataError("its summary goes beyond its end")
+    index.chunks.sort(key=lambda each: each.position)
+    if len({chunk.position for chunk in index.chunks}) != len(index.chunks):
+        raise BadDataError("its summary names the same chunk twice")
+    if start and crc and crc != _Checksum(file, start).up_to(end + _HEAD + 16):
+        raise BadDataError("a summary whose checksum is wrong")
+    index.summary = start
+    if start >= len(_MAGIC) + _DATA_END_SIZE:
+        data_end = file.read(start - _DATA_END_SIZE, _DATA_END_SIZE)
+        if _RECORD.unpack_from(data_end) == (_DATA_END, 4):
+            index.data_crc = int.from_bytes(data_end[_HEAD:], "little")
+
+
+def _check_data(index: _Index, checksum: _Checksum) -> None:
+    if index.data_crc and checksum.up_to(index.summary - _DATA_END_SIZE) != index.data_crc:
+        raise BadDataError(_WRONG_DATA)
+
+
+class _Checksum:
+    """The checksum of the file from some place on, of any size, piece by piece."""
+
+    def __init__(self, file: RawFile, at: int = 0) -> None:
+        self._file = file
+        self._at = at
+        self._crc = 0
+
+    def up_to(self, end: int) -> int:
+        """Go on to a place behind."""
+        while self._at < end:
+            piece = self._file.read(self._at, min(_PIECE, end - self._at))
+            self._crc = zlib.crc32(piece, self._crc)
+            self._at += len(piece)
+        return self._crc
+
+
+def _raw(file: RawFile, chunk: _Chunk, *, is_checked: bool = False) -> bytes | memoryview:
+    """The records of a chunk of the summary, unpacked and checked, once."""
+    kind, size = _RECORD.unpack(file.read(chunk.position, _HEAD))
+    if kind != _CHUNK:
+        raise BadDataError(_no_chunk(chunk.position))
+    record = file.read(chunk.position + _HEAD, size)
+    packing, packed, unpacked, crc = _chunk(record)
+    if _start_of(record) != chunk.start:
+        raise BadDataError(_other_start(chunk.position))
+    return _checked(unpack(packing, packed, unpacked), 0 if is_checked else crc)
+
+
+def _chunk(record: bytes, *, cut: bool = False) -> tuple[str, memoryview, int, int]:
+    """Packing, packed records, their unpacked size and checksum."""
+    _, _, unpacked, crc = _CHUNK_HEAD.unpack_from(record)
+    fields = _Fields(record)
+    fields.skip(_CHUNK_HEAD.size)
+    packing = fields.text()
+    size = fields.number(8)
+    start = _CHUNK_HEAD.size + 4 + len(packing.encode()) + 8
+    packed = memoryview(record)[start : start + size]
+    if len(packed) != size and not cut:
+        raise BadDataError("a chunk that ends within its records")
+    return packing, packed, unpacked, crc
+
+
+def _checked(raw: bytes | memoryview, crc: int) -> bytes | memoryview:
+    if crc and zlib.crc32(raw) != crc:
+        raise BadDataError("a chunk whose checksum is wrong")
+    return raw
+
+
+@dataclass
+class _LastChunk:
+    """The chunk to which the next message indexes belong.
+
+    `held` is what it gave or should have given; `is_sure`: its checksum says that this is all.
+    `indexed` are the channels whose index has come, `is_followed`: and something else behind it.
+    """
+
+    held: Counter[int] = field(default_factory=Counter)
+    indexed: set[int] = field(default_factory=set)
+    is_sure: bool = False
+    is_followed: bool = False
+
+
+class _Walk:
+    """Goes over the records of a file, one after the other, for its messages.
+
+    Adds the schemas and channels that it finds to `index`, and what lies in the wrong place to its
+    flaws. With `strict` it raises at the first damage. Otherwise it goes on behind what is damaged,
+    where a record begins, or with the next chunk of the summary.
+    """
+
+    def __init__(
+        self, file: RawFile, index: _Index, found: Gathered, *, strict: bool = False
+    ) -> None:
+        self._file = file
+        self._index = index
+        self._found = found
+        self._strict = strict
+        # Of a cut file all is taken for records.
+        self._end = file.size - _FOOTER_SIZE if _has_end(file) else file.size
+        self._chunks: list[int] = []
+        self._starts: dict[int, int] = {}
+        self._missing: set[int] = set()
+        self._is_in_data = True
+        self._last = _LastChunk()
+
+    def run(self, chunks: Iterable[_Chunk], *, are_sure: bool) -> None:
+        """Walk. `chunks` are those of the summary; `are_sure`: it is not damaged itself."""
+        starts = {chunk.position: chunk.start for chunk in chunks}
+        self._chunks = sorted(filter(self._has_chunk, starts))
+        if are_sure:
+            self._starts = starts
+            self._missing = starts.keys() - self._chunks
+        if self._strict:
+            self._note_missing()
+        at = len(_MAGIC)
+        while at < self._end:
+            end = self._end
+            try:
+                kind, size = _RECORD.unpack(self._file.read(at, _HEAD))
+                if (kind, size) == (_FOOTER, 20) and self._end == self._file.size:
+                    break
+                end = at + _HEAD + size
+                following = self._step(kind, at, size)
+            except (BadDataError, struct.error, UnicodeDecodeError) as error:
+                if self._strict:
+                    raise
+                following = self._behind(at, end)
+                self._found.lose(following - at, error)
+            at = following
+        self._note_missing()
+        if self._is_in_data and self._index.summary:
+            self._note("no end of its data before its summary")
+
+    def _note(self, reason: str) -> None:
+        """Damage that need not cost a record."""
+        if self._strict:
+            raise BadDataError(reason)
+        self._index.flaws[reason] += 0
+
+    def _note_missing(self) -> None:
+        for place in sorted(self._missing):
+            self._note(_no_chunk(place))
+
+    def _step(self, kind: int, at: int, size: int) -> int:
+        """Take in the record at `at`; says where to go on."""
+        end = at + _HEAD + size
+        if kind != _MESSAGE_INDEX or at in self._missing:
+            self._last.is_followed = True
+        if at in self._missing:
+            self._missing.remove(at)
+            raise BadDataError(_no_chunk(at))
+        self._check_place(kind, at)
+        over = self._within(at, end)
+        reason = f"a record at {at} that goes over the chunk at {over}"
+        if over is not None and kind != _CHUNK:
+            raise BadDataError(reason)
+        self._gather(kind, at, size)
+        if over is None:
+            return end
+        self._note(reason)
+        return over
+
+    def _check_place(self, kind: int, at: int) -> None:
+        """Note a record where the format forbids it."""
+        if at == len(_MAGIC):
+            if kind != _HEADER:
+                self._note("no header at its beginning")
+        elif kind in _KNOWN - (_IN_DATA if self._is_in_data else _IN_SUMMARY):
+            where = "before" if self._is_in_data else "behind"
+            self._note(f"{_NAMES[kind]} {where} the end of its data")
+
+    def _gather(self, kind: int, at: int, size: int) -> None:
+        """Take in one record."""
+        there = min(size, self._file.size - at - _HEAD)
+        if kind == 0 or (there < size and (self._strict or kind != _CHUNK)):
+            raise BadDataError(f"no whole record at {at}, where one of {size} bytes begins")
+        if kind == _CHUNK:
+            record = self._file.read(at + _HEAD, there)
+            self._gather_chunk(record, size)
+            if self._starts.get(at, start := _start_of(record)) != start:
+                self._note(_other_start(at))
+        elif kind in (_SCHEMA, _CHANNEL):
+            self._index.learn(kind, self._file.read(at + _HEAD, size))
+        elif kind == _MESSAGE_INDEX:
+            self._gather_message_index(self._file.read(at + _HEAD, size))
+        elif kind == _MESSAGE:
+            self._take(self._file.read(at, _HEAD + size))
+        elif kind == _DATA_END and self._is_in_data:
+            self._is_in_data = False
+            self._end_data(at, size)
+
+    def _gather_message_index(self, record: bytes) -> None:
+        """Expect what it has and its chunk did not hold."""
+        fields = _Fields(record)
+        id_, size = fields.number(2), fields.number(4)
+        fields.skip(size)
+        if self._last.is_followed and id_ in self._last.indexed:
+            self._last = _LastChunk()  # of one that is not there
+        self._last.indexed.add(id_)
+        more = size // 16 - self._last.held[id_]
+        if more > 0 and not self._last.is_sure:
+            self._last.held[id_] += more
+            self._found.promised[id_] += more
+
+    def _end_data(self, at: int, size: int) -> None:
+        crc = _Fields(self._file.read(at + _HEAD, size)).number(4)
+        if crc and crc != _Checksum(self._file).up_to(at):
+            self._note(_WRONG_DATA)
+        if self._index.summary not in (0, at + _HEAD + size):
+            self._note("a summary that does not begin behind the end of its data")
+
+    def _gather_chunk(self, record: bytes, size: int) -> None:
+        """Take what can be had of a chunk; without `strict` it may be cut or damaged."""
+        reason: Exception | None = None
+        try:
+            parts = _chunk(record)
+        except BadDataError as error:
+            if self._strict:
+                raise
+            parts, reason = _chunk(record, cut=True), error
+        packing, packed, unpacked, crc = parts
+        self._last = _LastChunk()
+        try:
+            raw = _checked(unpack(packing, packed, unpacked), crc)
+        except BadDataError as error:
+            if self._strict:
+                raise
+            raw, reason = unpack_the_start(packing, packed, unpacked), error
+            if len(raw) == unpacked:
+                raise  # nobody knows which of its bytes are wrong
+        if len(record) < size:
+            reason = BadDataError(f"cut short in the middle of a chunk of {size} bytes")
+        self._last.is_sure = reason is None and crc != 0
+        read = self._take(raw)
+        if reason is not None or read < len(raw):
+            self._found.lose(unpacked - read, reason or f"a chunk breaks off at {read}")
+
+    def _take(self, raw: Packed) -> int:
+        """Add the messages of a chunk; says how many bytes of it were good."""
+        messages = _messages_in(raw, self._index.is_read, self._index.learn_in_chunk)
+        before = len(self._found.messages)
+        read = len(raw)
+        if self._strict:
+            self._found.messages += messages
+        else:
+            read = self._found.take(messages, read)
+        held = Counter(id_ for _, id_, _ in self._found.messages[before:])
+        self._last.held.update(held)
+        self._found.promised.update(held)
+        return read
+
+    # -- where to go on ----------------------------------------------------------------------------
+
+    def _has_chunk(self, at: int) -> bool:
+        if not len(_MAGIC) <= at <= self._end - _HEAD:
+            return False
+        kind, size = _RECORD.unpack(self._file.read(at, _HEAD))
+        return bool(kind == _CHUNK and at + _HEAD + size <= self._end)
+
+    def _within(self, at: int, end: int) -> int | None:
+        """The first chunk of the summary that begins behind `at` and before `end`."""
+        place = bisect_right(self._chunks, at)
+        following = self._chunks[place : place + 1]
+        return following[0] if following and following[0] < end else None
+
+    def _behind(self, at: int, end: int) -> int:
+        """Where a damaged record ends, if a record begins there; else the next known chunk."""
+        chunk = self._within(at, self._end)
+        if end <= (self._end if chunk is None else chunk) and self._has_record(end):
+            return end
+        return self._end if chunk is None else chunk
+
+    def _has_record(self, at: int) -> bool:
+        if at > self._end - _HEAD:
+            return at == self._end
+        kind, size = _RECORD.unpack(self._file.read(at, _HEAD))
+        return kind in _KNOWN and at + _HEAD + size <= self._end
+
+
+def _start_of(record: bytes) -> int:
+    start: int = _CHUNK_HEAD.unpack_from(record)[0]
+    return start
+
+
+def _other_start(at: int) -> str:
+    return f"the chunk at {at} starts when its summary denies it"
+
+
+def _no_chunk(at: int) -> str:
+    return f"no chunk at {at}, where the summary has one"
+
+
+# -- inside of a chunk ----------------------------------------------------------------------------
+
+
+def _add_chunk(
+    found: Recorded,
+    raw: bytes | memoryview,
+    wanted: Callable[[int], bool],
+    learn: Callable[[int, bytes], None],
+) -> None:
+    """Add the messages of a chunk that are wanted; other records are learned."""
+    broken = found.add_mcap_chunk(raw, wanted, learn)
+    if broken is not None:
+        at, length = broken
+        raise BrokenChunkError(f"a record of {length} bytes goes beyond its chunk", at)
+
+
+def _messages_in(
+    raw: bytes | memoryview,
+    wanted: Callable[[int], bool],
+    learn: Callable[[int, bytes], None],
+) -> Iterator[Payload]:
+    """The messages of a chunk that are wanted, as they lie there; other records are learned."""
+    found = Recorded()
+    try:
+        _add_chunk(found, raw, wanted, learn)
+    except Exception:
+        yield from map(found.__getitem__, range(len(found)))
+        raise
+    yield from map(found.__getitem__, range(len(found)))

@@ -1,0 +1,84 @@
+"""The edges of recordings: what offsets, frame sets and new names are resolved with."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from tfdb.store.summary import span
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Mapping
+    from typing import Self
+
+    from tfdb._core import Buffer
+
+    Surveyed = Mapping[str, tuple[str, tuple[int, int] | None]]
+
+
+@dataclass(frozen=True)
+class RecordedEdges:
+    """The frames of recordings, under their names there.
+
+    Parameters
+    ----------
+    frames
+        The frames, sorted.
+    parents
+        Every parent that each child frame ever had.
+    span
+        First and last stamp of all that moves, nanoseconds; None: nothing does.
+    """
+
+    frames: list[str]
+    parents: Mapping[str, set[str]]
+    span: tuple[int, int] | None
+
+    @classmethod
+    def of_survey(cls, edges: Surveyed) -> Self:
+        """Return those that a `_core.EdgeSurvey` found."""
+        frames = sorted({*edges, *(parent for parent, _ in edges.values())})
+        moving = [stamps for _, stamps in edges.values() if stamps is not None]
+        ends = (min(a for a, _ in moving), max(b for _, b in moving)) if moving else None
+        return cls(frames, {child: {parent} for child, (parent, _) in edges.items()}, ends)
+
+    @classmethod
+    def of_store(cls, store: Buffer) -> Self:
+        """Return those of a store that has everything."""
+        infos = store.tree()
+        parents: dict[str, set[str]] = {}
+        for info in infos:
+            if info.is_static and info.parent is not None:
+                parents[info.name] = {info.parent}
+            elif info.oldest is not None:
+                parents[info.name] = set(store.samples(info.name)[2])
+        return cls(sorted(store.frames()), parents, span(infos))
+
+    def between(self, frames: Iterable[str]) -> frozenset[str]:
+        """Return the children of the edges on the paths between frames, at any time.
+
+        Of a tree in which only one of them lies: those on its path to the root.
+        """
+        above = {frame: self._up(frame) for frame in frames if frame in self.frames}
+        kept: set[str] = set()
+        for ours in above.values():
+            together = [up for up in above.values() if not up.isdisjoint(ours)]
+            for child in ours & self.parents.keys():
+                joint = all(child in up for up in together)
+                if len(together) == 1 or not joint or self._is_unsure(child, ours):
+                    kept.add(child)
+        return frozenset(kept)
+
+    def _is_unsure(self, child: str, ours: set[str]) -> bool:
+        """Whether a frame below had several parents, so that paths may have gone over this edge."""
+        below = (each for each in ours if len(self.parents.get(each, ())) > 1)
+        return any(child in self._up(each) for each in below)
+
+    def _up(self, frame: str) -> set[str]:
+        """A frame and all that were ever above it."""
+        found, waiting = {frame}, [frame]
+        while waiting:
+            fresh = self.parents.get(waiting.pop(), set()) - found
+            found |= fresh
+            waiting += fresh
+        return found

@@ -1,0 +1,212 @@
+"""Open recordings: ROS 1 bags, ROS 2 databases and bag folders, MCAP files; trajectory files.
+
+Nothing that is imported for it before it is used: lz4, zstd, YAML.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, TypeAlias
+
+from tfdb.data.errors import RecordingError
+from tfdb.data.path_checks import given_path
+
+from .bag_folder import open_folder
+from .bag_reader import open_bag
+from .containers import Source, Topic, kind_of
+from .db3_reader import open_db3
+from .mcap_reader import open_mcap
+from .packed_file import open_packed
+from .trajectory_file import open_trajectory
+
+if TYPE_CHECKING:
+    import os
+    from collections.abc import Callable, Iterator, Mapping
+    from pathlib import Path
+    from typing import Self
+
+    from tfdb._core import Recorded
+    from tfdb.data.decimal_time import Unit
+    from tfdb.data.loss import Loss
+    from tfdb.trajectories.reading_report import TrajectoryRows
+
+    PathLike: TypeAlias = str | os.PathLike[str]
+
+# Long enough to store fast, short enough that progress and Ctrl-C come through.
+MAX_RUN = 4096
+
+
+@dataclass
+class Run:
+    """Messages that follow each other and are stored alike: those at [first, last) of `messages`.
+
+    `sources` are by the numbers that they have there; `start` and `end` are the times of reception
+    (ns) of the first and the last.
+    """
+
+    messages: Recorded
+    first: int
+    last: int
+    sources: Mapping[int, Source]
+
+    @property
+    def source(self) -> Source:
+        """Of the first message."""
+        return self.sources[self.messages[self.first][1]]
+
+    @property
+    def start(self) -> int:
+        """When the first message was received, nanoseconds."""
+        return self.messages[self.first][0]
+
+    @property
+    def end(self) -> int:
+        """When the last one was."""
+        return self.messages[self.last - 1][0]
+
+
+class Recording:
+    """One open recording: a file or a ROS 2 bag folder. Not for several threads at once.
+
+    Parameters
+    ----------
+    path
+        A ROS 1 `.bag` (also compressed), a ROS 2 `.db3`, an `.mcap`, one of these packed with zstd,
+        or a ROS 2 bag folder: what it is, its first bytes tell. Or a trajectory, `.tum`, `.txt`,
+        `.csv`, `.npz` or `.parquet`.
+    salvage
+        Read damaged, cut and unindexed files as far as they go; `losses` says what is missing. Rows
+        of trajectories are sorted, mended and skipped as by `read_trajectory`; `rows` counts them.
+    stamp_unit
+        The unit of stamps in the text of a trajectory; see `read_trajectory`.
+
+    Raises
+    ------
+    RecordingError
+        No recording, damaged, cut short, or the libraries are not installed. Fields: path, reason.
+    TrajectoryError
+        A file whose name is that of a trajectory holds none.
+    InvalidArgument
+        What is no path, or an empty one.
+    OSError
+        The file cannot be opened or read.
+    """
+
+    def __init__(
+        self, path: PathLike, *, salvage: bool = False, stamp_unit: Unit | None = None
+    ) -> None:
+        self.path: Path = given_path(path, RecordingError)
+        kind = kind_of(self.path)
+        if kind == "trajectory":
+            self._container = open_trajectory(self.path, salvage=salvage, stamp_unit=stamp_unit)
+        else:
+            self._container = _OPENERS[kind](self.path, salvage=salvage)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    @property
+    def topics(self) -> tuple[Topic, ...]:
+        """All topics, with their types and numbers of messages."""
+        return self._container.topics
+
+    @property
+    def sources(self) -> tuple[Source, ...]:
+        """The streams of transforms: topic, encoding, who published, number of messages."""
+        return tuple(filter(_is_tf, self._container.sources))
+
+    @property
+    def all_sources(self) -> tuple[Source, ...]:
+        """These, and the streams of poses and joint states, which are read where wanted."""
+        return self._container.sources
+
+    @property
+    def start(self) -> int:
+        """When the first message was received, nanoseconds; 2**63 - 1 without messages."""
+        return self._container.start
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """Remarks on unfinished or renamed files: how they were read."""
+        return tuple(f"{self.path}: {note}" for note in self._container.notes)
+
+    @property
+    def losses(self) -> tuple[Loss, ...]:
+        """What salvaging could not save; empty without it."""
+        return self._container.losses
+
+    @property
+    def rows(self) -> TrajectoryRows | None:
+        """What became of the rows of a trajectory file; None for other recordings."""
+        return self._container.rows
+
+    def messages(
+        self, wanted: Callable[[Source], bool] | None = None
+    ) -> Iterator[tuple[Source, int, bytes]]:
+        """Source, time of reception (ns) and raw bytes of each TFMessage, in order of reception.
+
+        `wanted` chooses among all sources, None takes those of transforms. Raises `RecordingError`
+        where the file is damaged, which may be after some messages.
+        """
+        return self._container.messages(wanted or _is_tf)
+
+    def read(
+        self,
+        wanted: Callable[[Source], bool] | None = None,
+        kind: Callable[[Source], object] | None = None,
+        step: Callable[[int], None] | None = None,
+    ) -> Iterator[Run]:
+        """All messages, or none: `RecordingError` at once where the file is damaged.
+
+        The runs are read while they are asked for: keep the recording open, and the file as it is.
+        A run ends where `kind` of the source changes, by default its topic, and between transforms
+        and others. `step` is called with the number of messages since the last call.
+        """
+        wanted, kind = wanted or _is_tf, kind or _topic
+        parts = self._container.read(wanted, step or _ignore)
+        return (run for part in parts for run in runs_of(*part, wanted, kind))
+
+    def close(self) -> None:
+        """Close the file."""
+        self._container.close()
+
+
+def runs_of(
+    messages: Recorded,
+    sources: Mapping[int, Source],
+    wanted: Callable[[Source], bool],
+    kind: Callable[[Source], object],
+) -> Iterator[Run]:
+    """Divide messages as `Recording.read` says."""
+    numbers: dict[object, int] = {}
+    kinds = {
+        id_: numbers.setdefault((source.is_tf, kind(source)), len(numbers))
+        for id_, source in sources.items()
+        if wanted(source)
+    }
+    for first, last in messages.runs(kinds, MAX_RUN):
+        yield Run(messages, first, last, sources)
+
+
+def _is_tf(source: Source) -> bool:
+    return source.is_tf
+
+
+def _topic(source: Source) -> str:
+    return source.topic
+
+
+def _ignore(_: int) -> None:
+    """Nobody counts."""
+
+
+_OPENERS = {
+    "bag": open_bag,
+    "db3": open_db3,
+    "mcap": open_mcap,
+    "packed": open_packed,
+    "folder": open_folder,
+}

@@ -1,0 +1,526 @@
+"""Which sources of a recording belong together, and the edges on which sources disagree.
+
+`/tf` and `/tf_static` of one namespace are one group of topics. Every other topic is a group of its
+own, with the topic that is called the same and ends in `_static`. What one file has of a group is a
+part. Groups agree on an edge if one repeats samples of the other. Parts of one group agree unless
+they contradict each other, so recordings that follow one another agree.
+"""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from dataclasses import dataclass, field
+from functools import cached_property
+from itertools import combinations
+from typing import TYPE_CHECKING
+
+from tfdb import _core
+from tfdb.data.errors import MixedSources
+from tfdb.recordings.containers import prefix_of_topic
+from tfdb.store.summary import find_gaps
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator, Mapping, Sequence
+    from typing import TypeAlias
+
+    import numpy as np
+    import numpy.typing as npt
+
+    from tfdb._core import Buffer
+
+    from .choice import Rewriter
+    from .containers import Source
+    from .recording import Recording, Run
+
+    Rows: TypeAlias = npt.NDArray[np.intp]
+    Floats: TypeAlias = npt.NDArray[np.float64]
+    Range: TypeAlias = tuple[int, int]
+    Fixed: TypeAlias = tuple[str, list[float]]
+    Test: TypeAlias = Callable[[Source], bool]
+    Kind: TypeAlias = Callable[[Source], tuple[str, bool]]
+
+_KEPT = 10.0
+"""A relayed sample of a growing recording may come so many seconds after the newest."""
+_LISTED = 5
+"""An error lists at most so many groups, and so many frames."""
+_ROUNDING = 1e-6
+"""Metres, and parts of a unit quaternion, by which printing moves a transform at most."""
+_FLOAT32 = 2.0**-23
+"""The part of a number by which rounding to 32 bits may move it."""
+_NEAR = 10
+"""So many samples before and after an overlap tell how far an edge moves between samples."""
+_STEPS = 2.0
+"""A sample may be so many steps of its edge away from the samples before and after it."""
+_SHARE = 0.1
+"""Sources contradict each other if more than this part of alternating samples is further away."""
+
+
+def group_of(source: Source) -> str:
+    """Return the group of a topic: `/robot1/tf` for `/robot1/tf_static`."""
+    return "/" + spelling_of(source).strip("/")
+
+
+def spelling_of(source: Source) -> str:
+    """Return the group as the file spells it: with a leading slash or without."""
+    return source.topic.removesuffix("_static")
+
+
+@dataclass(frozen=True, eq=False)
+class Part:
+    """What one file has of one group of topics, under one spelling of its name."""
+
+    recording: Recording
+    group: str
+    spelling: str
+    topics: set[str] = field(default_factory=set)
+    moving: dict[str, Range] = field(default_factory=dict)
+    """The first and last stamp of each moving child frame, nanoseconds."""
+    fixed: dict[str, Fixed] = field(default_factory=dict)
+    """Parent and pose of each static child frame."""
+
+    def holds(self, source: Source) -> bool:
+        """Return whether a source of its recording is in it."""
+        return spelling_of(source) == self.spelling
+
+
+class Survey:
+    """Compares the sources of recordings. One part costs nothing. Threads: one.
+
+    Parameters
+    ----------
+    recordings
+        The open recordings.
+    wanted
+        True for sources that are loaded.
+    kind
+        That of a `Selection`.
+    rewriter
+        Drops what is not wanted and keeps all names, or adds the prefixes of the groups alone.
+    """
+
+    def __init__(
+        self, recordings: Sequence[Recording], wanted: Test, kind: Kind, rewriter: Rewriter
+    ) -> None:
+        self._recordings = recordings
+        self._wanted = wanted
+        self._kind = kind
+        self._rewriter = rewriter
+        self._paths = ", ".join(str(recording.path) for recording in recordings)
+
+    def refuse_groups(self, judged: Test, *, apart: bool) -> None:
+        """Raise MixedSources if groups of topics disagree on an edge.
+
+        Sources for which `judged` is true are compared. `apart`: the groups have their prefixes,
+        and disagree where these make one name.
+        """
+        topics: dict[str, set[str]] = defaultdict(set)
+        for recording in self._recordings:
+            for source in filter(self._wanted, recording.all_sources):
+                if judged(source):
+                    topics[group_of(source)].add("/" + source.topic.strip("/"))
+        if len(topics) < 2:
+            return
+        shared: dict[str, set[str]] = defaultdict(set)
+        for part in self._parts:
+            for frame in {*part.moving, *part.fixed} if part.group in topics else ():
+                shared[frame].add(part.group)
+        shared = {frame: groups for frame, groups in sorted(shared.items()) if len(groups) > 1}
+        stores = {
+            group: self._stored([part for part in self._parts if part.group == group])
+            for group in {group for groups in shared.values() for group in groups}
+        }
+        mixed = {
+            frame: groups
+            for frame, groups in shared.items()
+            if disagree([stores[group] for group in sorted(groups)], frame)
+        }
+        if mixed:
+            found = sorted({group for groups in mixed.values() for group in groups}, key=_order)
+            named = {group: sorted(topics[group]) for group in found}
+            raise (collision if apart else mixture)(self._paths, named, tuple(mixed))
+
+    def refuse_parts(self) -> None:
+        """Raise MixedSources if files, or two spellings of a topic, contradict on an edge."""
+        groups: dict[str, list[Part]] = defaultdict(list)
+        for part in self._bare_parts:
+            groups[part.group].append(part)
+        if all(len(parts) < 2 for parts in groups.values()):
+            return
+        groups.clear()
+        for part in self._parts:
+            groups[part.group].append(part)
+        found: dict[str, list[Part]] = defaultdict(list)
+        for parts in groups.values():
+            for frame, one, other in self._contradictions(parts):
+                found[frame] += [each for each in (one, other) if each not in found[frame]]
+        if found:
+            parts = [part for part in self._parts if any(part in each for each in found.values())]
+            raise mixed_parts(self._paths, parts, tuple(sorted(found)))
+
+    def _contradictions(self, parts: Sequence[Part]) -> Iterator[tuple[str, Part, Part]]:
+        """Find the frames on which two parts of a group contradict each other."""
+        received = {part: (part.recording.start, self._ends[part.recording]) for part in parts}
+        for one, other in combinations(parts, 2):
+            if _overlap(received[one], received[other]):
+                for frame in one.fixed.keys() & other.fixed.keys():
+                    if not _is_same(one.fixed[frame], other.fixed[frame]):
+                        yield frame, one, other
+        pairs = [
+            (frame, one, other)
+            for one, other in combinations(parts, 2)
+            for frame in one.moving.keys() & other.moving.keys()
+            if _overlap(one.moving[frame], other.moving[frame])
+        ]
+        compared = dict.fromkeys(part for _, *both in pairs for part in both)
+        stores = {part: self._stored([part]) for part in parts if part in compared}
+        for frame, one, other in pairs:
+            ours, theirs = _edge(stores[one], frame), _edge(stores[other], frame)
+            if ours is not None and theirs is not None and ours.contradicts(theirs):
+                yield frame, one, other
+
+    @cached_property
+    def _bare_parts(self) -> list[Part]:
+        """The parts, of which nothing is read."""
+        found: dict[tuple[int, str], Part] = {}
+        for number, recording in enumerate(self._recordings):
+            for source in filter(self._wanted, recording.all_sources):
+                spelling = spelling_of(source)
+                part = Part(recording, group_of(source), spelling)
+                found.setdefault((number, spelling), part).topics.add(source.topic)
+        return list(found.values())
+
+    @cached_property
+    def _parts(self) -> list[Part]:
+        """The parts, with the frames of each."""
+        for recording in self._recordings:
+            mine = {part.spelling: part for part in self._bare_parts if part.recording is recording}
+            self._read(recording, mine)
+        return self._bare_parts
+
+    @cached_property
+    def _ends(self) -> dict[Recording, int]:
+        """When the last message of each recording that was read was received, nanoseconds."""
+        return {recording: recording.start for recording in self._recordings}
+
+    def _read(self, recording: Recording, parts: Mapping[str, Part]) -> None:
+        def kind(source: Source) -> object:
+            made = self._kind(source)
+            return made, spelling_of(source) if made[1] else ""
+
+        stores: dict[str, Buffer] = defaultdict(lambda: _core.Buffer(history=None))
+        for run in recording.read(self._wanted, kind):
+            self._ends[recording] = max(self._ends[recording], run.end)
+            encoding, is_static = self._kind(run.source)
+            if is_static:
+                self._rewriter.ingest(run, stores[spelling_of(run.source)], encoding, is_static)
+                continue
+            for id_, frames in self._rewriter.children(run, encoding, is_static).items():
+                moving = parts[spelling_of(run.sources[id_])].moving
+                for frame, (first, last) in frames.items():
+                    before = moving.get(frame, (first, last))
+                    moving[frame] = min(first, before[0]), max(last, before[1])
+        for spelling, store in stores.items():
+            for info in store.tree():
+                if info.parent is not None:
+                    pose = store.samples(info.name)[1][0].tolist()
+                    parts[spelling].fixed[info.name] = info.parent, pose
+
+    def _stored(self, parts: Sequence[Part]) -> Buffer:
+        """Store what parts have."""
+        store: Buffer = _core.Buffer(history=None)
+        for recording in self._recordings:
+            mine = [part for part in parts if part.recording is recording]
+            if mine:
+
+                def held(source: Source, mine: Sequence[Part] = mine) -> bool:
+                    return self._wanted(source) and any(part.holds(source) for part in mine)
+
+                for run in recording.read(held, self._kind):
+                    self._rewriter.ingest(run, store, *self._kind(run.source))
+        return store
+
+
+class Watch:
+    """Finds sources that disagree while a recording grows.
+
+    The first part that states the parent of a frame owns the edge. Another group agrees if its
+    samples are among those that the owner has sent until then. Threads: one.
+
+    `rewriter` drops what is not wanted and keeps all names.
+    """
+
+    def __init__(self, path: str, rewriter: Rewriter) -> None:
+        self._path = path
+        self._rewriter = rewriter
+        self._owners: dict[str, str] = {}
+        self._topics: dict[str, set[str]] = defaultdict(set)
+        self._owned: Buffer = _core.Buffer(history=_KEPT)
+
+    def look(self, run: Run, encoding: str, is_static: bool) -> None:
+        """Look at messages of one part. Raises MixedSources if they disagree with another."""
+        part = spelling_of(run.source)
+        self._topics[part].add(run.source.topic)
+        found = self._rewriter.children(run, encoding, is_static).values()
+        names = sorted({name for frames in found for name in frames})
+        foreign = [each for each in names if self._owners.setdefault(each, part) != part]
+        fresh: Buffer = _core.Buffer(history=None) if foreign else self._owned
+        self._rewriter.ingest(run, fresh, encoding, is_static)
+        others = [each for each in foreign if not self._agrees(fresh, each, part)]
+        if others:
+            named = sorted({part, *(self._owners[each] for each in others)}, key=_order)
+            topics = {each: sorted(self._topics[each]) for each in named}
+            if len({each.strip("/") for each in named}) == 1:
+                raise mixed_spellings(self._path, topics, tuple(others))
+            topics = {"/" + each.strip("/"): [_absolute(t) for t in topics[each]] for each in named}
+            raise mixture(self._path, topics, tuple(others))
+
+    def _agrees(self, fresh: Buffer, frame: str, part: str) -> bool:
+        one, other = _edge(fresh, frame), _edge(self._owned, frame)
+        if one is None or other is None:
+            return True  # all of them were refused
+        if self._owners[frame].strip("/") == part.strip("/"):
+            return not one.contradicts(other)
+        return one.repeats(other) and not one.ends_after(other)
+
+
+def mixture(
+    path: str, topics: Mapping[str, Sequence[str]], frames: tuple[str, ...]
+) -> MixedSources:
+    """Return the error that names groups that disagree, and the frames of the edges."""
+    prefixes = [prefix_of_topic(group, transforms=True) for group in topics]
+    apart = ""
+    if len(set(prefixes)) == len(prefixes):
+        apart = (
+            "load each group under its own prefix, such as "
+            f"{max(prefixes, key=len)} (by_namespace=True, --by-namespace), "
+        )
+    reason = (
+        f"{len(topics)} groups of topics state different transforms of {_few(frames, ', ')}: "
+        f"{_listed(topics)}. "
+        f"Name the topics of one group (topics=, --topic), {apart}or mix them (mix=True, --mix)"
+    )
+    return _mixed_groups(path, reason, topics, frames)
+
+
+def collision(
+    path: str, topics: Mapping[str, Sequence[str]], frames: tuple[str, ...]
+) -> MixedSources:
+    """Return the error that names groups whose prefixes give different frames one name."""
+    reason = (
+        f"{len(topics)} groups of topics get the same frame names from their prefixes, "
+        f"{_few(frames, ', ')}: {_listed(topics)}. "
+        "Name the topics of one group (topics=, --topic)"
+    )
+    return _mixed_groups(path, reason, topics, frames)
+
+
+def mixed_parts(path: str, parts: Sequence[Part], frames: tuple[str, ...]) -> MixedSources:
+    """Return the error that names parts that contradict each other."""
+    files = {str(part.recording.path) for part in parts}
+    if len(files) == 1:
+        topics = {part.spelling: sorted(part.topics) for part in parts}
+        return mixed_spellings(path, topics, frames)
+    groups: dict[str, set[str]] = defaultdict(set)
+    for part in parts:
+        groups[str(part.recording.path)] |= {_absolute(topic) for topic in part.topics}
+    listed = [f"{name} ({', '.join(sorted(topics))})" for name, topics in groups.items()]
+    reason = (
+        f"{len(files)} files state different transforms of {_few(frames, ', ')}: "
+        f"{_few(listed, '; ')}. Load one file, give each file its own prefix "
+        "(prefix=, --prefix of 'tfdb merge'), or mix them (mix=True, --mix)"
+    )
+    named = {name: tuple(sorted(topics)) for name, topics in groups.items()}
+    return MixedSources(path, reason, frames=frames, groups=named)
+
+
+def mixed_spellings(
+    path: str, topics: Mapping[str, Sequence[str]], frames: tuple[str, ...]
+) -> MixedSources:
+    """Return the error that names spellings of one topic that contradict each other."""
+    spelled = sorted(name for each in topics.values() for name in each)
+    reason = (
+        f"topics {' and '.join(map(repr, spelled))} are one topic, and state different transforms "
+        f"of {_few(frames, ', ')}. Leave the frames out (exclude=, --exclude), or mix the topics "
+        "(mix=True, --mix)"
+    )
+    groups = {name: tuple(each) for name, each in topics.items()}
+    return MixedSources(path, reason, frames=frames, groups=groups)
+
+
+def _mixed_groups(
+    path: str, reason: str, topics: Mapping[str, Sequence[str]], frames: tuple[str, ...]
+) -> MixedSources:
+    """Return an error whose groups are called by their prefixes, those of one prefix by a topic."""
+    names = {group: "/" + prefix_of_topic(group, transforms=True)[:-1] for group in topics}
+    shared = [name for name in names.values() if list(names.values()).count(name) > 1]
+    groups = {
+        group if names[group] in shared else names[group]: tuple(each)
+        for group, each in topics.items()
+    }
+    return MixedSources(path, reason, frames=frames, groups=groups)
+
+
+def _listed(topics: Mapping[str, Sequence[str]]) -> str:
+    return _few([" with ".join(each) for each in topics.values()], "; ")
+
+
+def _order(group: str) -> tuple[str, str]:
+    """Return what groups are sorted by: the prefix, then the name."""
+    return prefix_of_topic(group, transforms=True), group
+
+
+def _absolute(topic: str) -> str:
+    return "/" + topic.strip("/")
+
+
+def disagree(stores: Sequence[Buffer], frame: str) -> bool:
+    """Return whether stores differ on the edge from a frame to its parent.
+
+    They agree where the samples of all are among the samples of one, as of a topic that relays
+    another or a part of it.
+    """
+    edges = [edge for edge in (_edge(store, frame) for store in stores) if edge is not None]
+    edges.sort(key=lambda each: len(each.stamps))
+    return any(not each.repeats(edges[-1]) for each in edges[:-1])
+
+
+def _edge(store: Buffer, frame: str) -> _Edge | None:
+    """Return the edge from a frame to its parent; None if all its samples were refused."""
+    edge = _Edge(store, frame) if store.frame_exists(frame) else None
+    return edge if edge is not None and len(edge.stamps) else None
+
+
+class _Edge:
+    """The samples of one edge in one store. Threads: one."""
+
+    def __init__(self, store: Buffer, frame: str) -> None:
+        self._is_static = store.frame_info(frame).is_static
+        self.stamps, self._poses, self._parents = store.samples(frame)
+
+    def repeats(self, other: _Edge) -> bool:
+        """Return whether `other` has all samples of this edge in the time that both cover.
+
+        A static edge agrees with moving samples that are all of its pose.
+        """
+        import numpy as np
+
+        if self._is_static or other._is_static:
+            is_same = _is_same(self._first(), other._first())
+            return is_same and self._is_constant() and other._is_constant()
+        rows = self._rows_within(other)
+        if not len(rows):
+            return False
+        at = np.searchsorted(other.stamps, self.stamps[rows])
+        return np.array_equal(other.stamps[at], self.stamps[rows]) and self._equals(rows, other, at)
+
+    def contradicts(self, other: _Edge) -> bool:
+        """Return whether the edges differ at a stamp of both, or where their samples alternate.
+
+        A store refuses one of a static and a moving edge.
+        """
+        import numpy as np
+
+        if self._is_static or other._is_static:
+            return self._is_static and other._is_static and not self.repeats(other)
+        if len(self._rows_within(other)) > len(other._rows_within(self)):
+            return other.contradicts(self)
+        rows = self._rows_within(other)
+        if not len(rows):
+            return False
+        at = np.searchsorted(other.stamps, self.stamps[rows])
+        same = other.stamps[at] == self.stamps[rows]
+        if not self._equals(rows[same], other, at[same]):
+            return True
+        return self._is_far(rows[~same], other, at[~same])
+
+    def ends_after(self, other: _Edge) -> bool:
+        """Return whether this edge has samples that are newer than all of `other`."""
+        return bool(self.stamps[-1] > other.stamps[-1])
+
+    def _rows_within(self, other: _Edge) -> Rows:
+        import numpy as np
+
+        within = (self.stamps >= other.stamps[0]) & (self.stamps <= other.stamps[-1])
+        return np.flatnonzero(within)
+
+    def _equals(self, rows: Rows, other: _Edge, at: Rows) -> bool:
+        """Return whether rows have the parents and poses of rows of `other`."""
+        is_close = _are_close(self._poses[rows], other._poses[at])
+        return is_close and self._same_parents(rows, other, at)
+
+    def _same_parents(self, rows: Rows, other: _Edge, at: Rows) -> bool:
+        if {*self._parents, *other._parents} == {self._parents[0]}:
+            return True
+        return [other._parents[i] for i in at] == [self._parents[i] for i in rows]
+
+    def _is_far(self, rows: Rows, other: _Edge, at: Rows) -> bool:
+        """Return whether rows lie further from `other` than it moves between samples.
+
+        `at` are the first rows of `other` with later stamps. Gaps of `other` tell nothing.
+        """
+        import numpy as np
+
+        gaps = [gap.before for gap in find_gaps(other.stamps)[2]]
+        known = ~np.isin(other.stamps[at - 1], gaps)
+        rows, at = rows[known], at[known]
+        if not len(rows):
+            return False
+        near = np.arange(max(at[0] - _NEAR, 1), min(at[-1] + _NEAR, len(other.stamps)))
+        near = near[~np.isin(other.stamps[near - 1], gaps)]
+        steps = _distances(other._poses[near - 1], other._poses[near])
+        limit = _STEPS * steps.max(axis=0) + _ROUNDING
+        ours = self._poses[rows]
+        there = np.minimum(
+            _distances(other._poses[at - 1], ours), _distances(other._poses[at], ours)
+        )
+        far = (there > limit).any(axis=1)
+        for index, (row, after) in enumerate(zip(rows, at, strict=True)):
+            parents = other._parents[after - 1], other._parents[after]
+            far[index] |= self._parents[row] not in parents
+        return bool(far.mean() > _SHARE)
+
+    def _first(self) -> Fixed:
+        return self._parents[0], self._poses[0].tolist()
+
+    def _is_constant(self) -> bool:
+        return len(set(self._parents)) == 1 and _are_close(self._poses, self._poses[:1])
+
+
+def _is_same(one: Fixed, other: Fixed) -> bool:
+    """Return whether two static transforms have one parent and one pose."""
+    import numpy as np
+
+    return one[0] == other[0] and _are_close(np.array([one[1]]), np.array([other[1]]))
+
+
+def _are_close(one: Floats, other: Floats) -> bool:
+    """Return whether rows of poses are equal but for rounding; q and -q are one rotation."""
+    import numpy as np
+
+    sign = np.where(np.sum(one[:, 3:] * other[:, 3:], axis=1, keepdims=True) < 0, -1.0, 1.0)
+    turned = np.abs(one[:, 3:] - sign * other[:, 3:]) <= _ROUNDING
+    moved = np.isclose(one[:, :3], other[:, :3], rtol=_FLOAT32, atol=_ROUNDING)
+    return bool(turned.all() and moved.all())
+
+
+def _distances(one: Floats, other: Floats) -> Floats:
+    """Return how far rows of poses are apart, in metres and in radians."""
+    import numpy as np
+
+    metres = np.linalg.norm(one[:, :3] - other[:, :3], axis=1)
+    cosines = np.abs(np.sum(one[:, 3:] * other[:, 3:], axis=1))
+    return np.column_stack([metres, 2 * np.arccos(np.minimum(cosines, 1.0))])
+
+
+def _overlap(one: Range, other: Range) -> bool:
+    """Return whether two spans have time in common; one may end with the stamp that begins another.
+
+    Spans of one stamp overlap with all that contain it.
+    """
+    first, last = max(one[0], other[0]), min(one[1], other[1])
+    return first < last or (first == last and (one[0] == one[1] or other[0] == other[1]))
+
+
+def _few(names: Sequence[str], separator: str) -> str:
+    more = f" and {len(names) - _LISTED} more" if len(names) > _LISTED else ""
+    return separator.join(names[:_LISTED]) + more

@@ -1,0 +1,175 @@
+"""Joint states and a robot's model: what they make of each other, and what is wrong with them."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+from tfdb.data.counting import counted
+from tfdb.data.stamps import format_seconds
+
+from .robot_model import describe_wide
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Iterator, Mapping, Sequence
+
+    from tfdb.data.types import TransformStamped
+
+    from .robot_model import Joint, JointLimits, RobotModel
+
+# Encoders are no better: what is so little beyond a limit stands at it.
+_SLACK = 1e-6
+
+
+@dataclass(frozen=True)
+class BeyondLimits:
+    """A joint that was beyond its limits in `count` states, the furthest at `position`, `stamp`."""
+
+    joint: str
+    limits: JointLimits
+    count: int
+    position: float
+    stamp: int
+
+    def __str__(self) -> str:
+        low, high = self.limits.lower, self.limits.upper
+        return (
+            f"{self.joint!r} is beyond its limits, {low:g} to {high:g}, in "
+            f"{counted(self.count, 'state')}; the furthest is {self.position:g} at "
+            f"{format_seconds(self.stamp)}"
+        )
+
+
+@dataclass(frozen=True)
+class JointReport:
+    """What joint states made of a robot's model.
+
+    Parameters
+    ----------
+    states
+        Messages of joint states that were read.
+    missing
+        Joints that move and that no message names: their frames hang nowhere.
+    wide
+        Floating and planar joints whose transform nothing else says: joint states have one number
+        for each joint, and move none of these.
+    unknown
+        Joints in the messages that the model does not have.
+    beyond
+        Joints, those that mimic others too, that were beyond their limits (radians, metres); their
+        transforms are stored all the same.
+    not_finite
+        Joints whose position was infinite or no number, and in how many messages; such positions
+        are left out.
+    """
+
+    states: int
+    missing: tuple[str, ...] = ()
+    unknown: tuple[str, ...] = ()
+    beyond: tuple[BeyondLimits, ...] = ()
+    not_finite: Mapping[str, int] = field(default_factory=dict)
+    wide: tuple[Joint, ...] = ()
+
+    def complaints(self) -> Iterator[str]:
+        """What is worth a warning, one text for each kind."""
+        if self.missing:
+            yield f"no joint state names {_few(self.missing)}: what is below hangs nowhere"
+        if self.wide:
+            yield describe_wide(self.wide)
+        if self.unknown:
+            yield f"the model has no joint {_few(self.unknown)}, which the joint states name"
+        if self.beyond:
+            yield "joint " + "; ".join(map(str, self.beyond))
+        if self.not_finite:
+            yield f"positions that are not finite are left out, of {_few(tuple(self.not_finite))}"
+
+
+class JointStates:
+    """Makes transforms of joint states, one after the other.
+
+    Parameters
+    ----------
+    model
+        The robot.
+    taken
+        Frames whose way to their parent something else says: the model is silent about them.
+    """
+
+    def __init__(self, model: RobotModel, taken: Iterable[str] = ()) -> None:
+        self._model = model
+        self._taken = frozenset(taken)
+        self.fixed: list[TransformStamped] = [
+            each for each in model.static_transforms() if each.child not in self._taken
+        ]
+        self._mimics = {each.name: each.limits for each in model.joints.values() if each.mimic}
+        self._states = 0
+        self._named: set[str] = set()
+        self._unknown: set[str] = set()
+        self._not_finite: dict[str, int] = {}
+        self._beyond: dict[str, BeyondLimits] = {}
+
+    def again(self) -> JointStates:
+        """Return the same for other states, of which none was counted yet."""
+        return JointStates(self._model, self._taken)
+
+    def transforms(self, stamp: int, angles: Mapping[str, float]) -> list[TransformStamped]:
+        """The moving edges that one state determines."""
+        self._states += 1
+        positions: dict[str, float] = {}
+        for name, position in angles.items():
+            joint = self._model.joints.get(name)
+            if joint is None:
+                self._unknown.add(name)
+            elif joint.width == 1 and not math.isfinite(position):
+                self._not_finite[name] = self._not_finite.get(name, 0) + 1
+            elif joint.width == 1:
+                positions[name] = position
+                self._check(name, joint.limits, position, stamp)
+        self._named |= positions.keys()
+        for name, limits in self._mimics.items():
+            if name not in positions and (led := self._model.follow(name, positions)) is not None:
+                self._check(name, limits, led, stamp)
+        made = self._model.transforms(positions, stamp)
+        return [each for each in made if each.child not in self._taken]
+
+    def _check(self, name: str, limits: JointLimits | None, position: float, stamp: int) -> None:
+        if limits is None:
+            return
+        by = max(limits.lower - position, position - limits.upper)
+        if by <= _SLACK:
+            return
+        before = self._beyond.get(name)
+        count = 1 if before is None else before.count + 1
+        if before is not None:
+            worst = max(limits.lower - before.position, before.position - limits.upper)
+            if by <= worst:
+                position, stamp = before.position, before.stamp
+        self._beyond[name] = BeyondLimits(name, limits, count, position, stamp)
+
+    def report(self) -> JointReport:
+        """What there was so far."""
+        joints = self._model.joints
+        missing = [
+            name
+            for name in self._model.movable
+            if name not in self._named
+            and joints[name].width == 1
+            and joints[name].child not in self._taken
+        ]
+        wide = [
+            joint for joint in joints.values() if joint.width > 1 and joint.child not in self._taken
+        ]
+        return JointReport(
+            self._states,
+            tuple(missing),
+            tuple(sorted(self._unknown)),
+            tuple(self._beyond.values()),
+            dict(self._not_finite),
+            tuple(wide),
+        )
+
+
+def _few(names: Sequence[str]) -> str:
+    more = f" and {len(names) - 10} more" if len(names) > 10 else ""
+    return ", ".join(map(repr, names[:10])) + more

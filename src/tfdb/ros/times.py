@@ -1,0 +1,88 @@
+"""Times of any ROS library as integer nanoseconds, and which side of ROS they are from."""
+
+from __future__ import annotations
+
+import operator
+from datetime import timedelta
+from numbers import Real
+from typing import Any
+
+from tfdb._core import duration_to_nanoseconds
+
+from . import Flavor
+
+__all__ = ["SECOND", "Flavor", "duration", "flavor_of", "nanoseconds"]
+
+SECOND = 1_000_000_000
+WANTED = {
+    "ros1": "{} must have a to_sec method, e.g. rospy.Time or rospy.Duration",
+    "ros2": "{} must have sec and nanosec, or nanoseconds.",
+}
+
+
+def nanoseconds(time: Any, flavor: Flavor | None = None, role: str = "time") -> int:
+    """Nanoseconds of a time or duration; a float is used only where there is nothing else.
+
+    Takes integers (nanoseconds), `builtin_interfaces` and `rclpy` times and durations, those of
+    rospy and genpy, and ours. Raises TypeError, with tf2's words, for anything else, and for a time
+    whose parts are no integers: a stamp is exact, so nothing is cut off.
+    """
+    if type(time) is int:
+        return time
+    try:
+        # Of a message of ROS 2, or ours.
+        sec, nanosec = time.sec, time.nanosec
+    except AttributeError:
+        found = _of_object(time)
+    else:
+        return _whole(sec, "sec") * SECOND + _whole(nanosec, "nanosec")
+    if found is None:
+        raise TypeError(WANTED[flavor or "ros2"].format(role))
+    return found
+
+
+def duration(value: Any, flavor: Flavor | None = None, role: str = "duration") -> int:
+    """Nanoseconds of a duration of any ROS, or of ours; a number is seconds, as all over tfdb.
+
+    Raises TypeError, with tf2's words, for anything else; InvalidArgument for a number that is
+    negative or not finite.
+    """
+    if not isinstance(value, bool) and isinstance(value, Real):
+        return duration_to_nanoseconds(float(value), role)
+    return nanoseconds(value, flavor, role)
+
+
+def _whole(value: Any, part: str) -> int:
+    """Take a part of a time that must be an integer."""
+    if isinstance(value, bool) or not hasattr(value, "__index__"):
+        raise TypeError(f"{part} of a time must be an integer, got {value!r}")
+    return operator.index(value)
+
+
+def _of_object(time: Any) -> int | None:
+    """Nanoseconds of what is no message of ROS 2; None if it is no time."""
+    if isinstance(time, bool | timedelta):
+        return None
+    if hasattr(time, "secs") and hasattr(time, "nsecs"):
+        return _whole(time.secs, "secs") * SECOND + _whole(time.nsecs, "nsecs")
+    if hasattr(time, "to_nsec"):
+        return _whole(time.to_nsec(), "to_nsec()")
+    if hasattr(time, "nanoseconds"):
+        return _whole(time.nanoseconds, "nanoseconds")
+    if hasattr(time, "to_sec"):
+        rounded: int = round(time.to_sec() * SECOND)
+        return rounded
+    try:
+        found: int = operator.index(time)
+    except TypeError:
+        return None
+    return found
+
+
+def flavor_of(time: object) -> Flavor | None:
+    """Side of ROS that a time is from; None: what could be of both, as ours, and integers."""
+    ros1 = hasattr(time, "secs") or hasattr(time, "to_sec")
+    ros2 = hasattr(time, "nanosec") or hasattr(time, "nanoseconds")
+    if ros1 == ros2:
+        return None
+    return "ros1" if ros1 else "ros2"

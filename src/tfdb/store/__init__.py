@@ -1,0 +1,13 @@
+"""What belongs to Buffer and Snapshot in Python: explanations, reports, waits, files."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from tfdb.data.lazy_names import on_demand as _offer
+
+if TYPE_CHECKING:
+    from . import summary as summary
+
+if not TYPE_CHECKING:  # type checkers would find every name in a module with `__getattr__`
+    __getattr__, __dir__ = _offer(__name__, {"summary": ()})

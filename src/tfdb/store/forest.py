@@ -1,0 +1,94 @@
+"""What hangs under what: children, descendants, paths between frames."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from tfdb.data.argument_checks import given_name
+from tfdb.data.errors import Disconnected
+from tfdb.data.stamps import format_seconds
+
+from .explain import from_one_state
+
+if TYPE_CHECKING:
+    from tfdb._core import Reads, Snapshot
+    from tfdb.data.stamps import StampLike
+
+__all__: list[str] = []
+
+Parents = dict[str, str | None]
+
+
+def children(reads: Reads, name: str, stamp: StampLike | None) -> list[str]:
+    """Do what `Buffer.children` says."""
+
+    def read(snapshot: Snapshot) -> list[str]:
+        parents = _parents(snapshot, stamp, name)
+        return [child for child, parent in parents.items() if parent == name]
+
+    return from_one_state(reads, read)
+
+
+def descendants(reads: Reads, name: str, stamp: StampLike | None) -> list[str]:
+    """Do what `Buffer.descendants` says."""
+
+    def read(snapshot: Snapshot) -> list[str]:
+        below: dict[str, list[str]] = {}
+        for child, parent in _parents(snapshot, stamp, name).items():
+            if parent is not None:
+                below.setdefault(parent, []).append(child)
+        found: dict[str, None] = {}  # in order; a damaged store's parents may run in a circle
+        open_ = below.get(name, [])[::-1]
+        while open_:
+            frame = open_.pop()
+            if frame not in found:
+                found[frame] = None
+                open_ += below.get(frame, [])[::-1]
+        return list(found)
+
+    return from_one_state(reads, read)
+
+
+def path(reads: Reads, target: str, source: str, stamp: StampLike | None) -> list[str]:
+    """Do what `Buffer.path` says."""
+
+    def read(snapshot: Snapshot) -> list[str]:
+        parents = _parents(snapshot, stamp, target, source)
+        up, down = _chain(parents, target), _chain(parents, source)
+        if up[-1] != down[-1]:
+            when = "" if stamp is None else f" at {format_seconds(_nanoseconds(stamp))}"
+            raise Disconnected(
+                f"no path joins {target!r} and {source!r}{when}: the frames are in two trees, "
+                f"{target!r} under root {up[-1]!r} and {source!r} under root {down[-1]!r}",
+                target=target,
+                source=source,
+                frames=(up[-1], down[-1]),
+                commit=snapshot.commit,
+            )
+        meeting = next(frame for frame in up if frame in set(down))
+        return up[: up.index(meeting) + 1] + down[: down.index(meeting)][::-1]
+
+    return from_one_state(reads, read)
+
+
+def _nanoseconds(stamp: StampLike) -> int:
+    from tfdb._core import to_nanoseconds  # noqa: PLC0415 - the extension imports this module
+
+    return to_nanoseconds(stamp)
+
+
+def _parents(snapshot: Snapshot, stamp: StampLike | None, *names: str) -> Parents:
+    """Parents of all frames at a stamp; raise UnknownFrame for names that are none."""
+    for name in names:
+        snapshot.parent_of(given_name("a frame's name", name))
+    return {info.name: info.parent for info in snapshot.tree(stamp)}
+
+
+def _chain(parents: Parents, name: str) -> list[str]:
+    """Return a frame and what it hangs under, up to the root."""
+    chain: dict[str, None] = {}  # in order; a damaged store's parents may run in a circle
+    at: str | None = name
+    while at is not None and at not in chain:
+        chain[at] = None
+        at = parents[at]
+    return list(chain)

@@ -1,0 +1,81 @@
+"""Frozen stores: one state of a store in a file, which any number of processes map."""
+
+from __future__ import annotations
+
+import os
+from contextlib import suppress
+from typing import TYPE_CHECKING
+
+from tfdb._core import freeze_store
+from tfdb._core import open as open_frozen
+from tfdb.data.errors import CapacityExceeded, ReadOnly
+from tfdb.data.new_file import new_file, temporary_folder
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from tfdb._core import Buffer, Reads
+
+__all__ = [
+    "MAGIC",
+    "PICKLED",
+    "SUFFIX",
+    "freeze_into",
+    "is_frozen",
+    "reopen",
+    "state_of",
+    "thaw",
+]
+
+SUFFIX = ".tfdb"
+MAGIC = b"TFDBFRZ1"
+"""How the file of a frozen store begins."""
+PICKLED = "pickled"
+"""The origin of a frozen store that came out of a pickle: it has no file."""
+
+
+def freeze_into(
+    reads: Reads, path: str | os.PathLike[str], *, overwrite: bool, origin: str = ""
+) -> None:
+    """Do what `Reads.freeze` says; `origin` is what `Buffer.frozen` will say of it."""
+    with new_file(path, overwrite=overwrite) as made:
+        try:
+            freeze_store(reads, made, origin)
+        except (CapacityExceeded, ReadOnly) as error:
+            if error.path is None:  # not about the file
+                raise
+            message = str(error).replace(str(made), os.fspath(path))
+            raise type(error)(message, path=os.fspath(path), reason=error.reason) from None
+
+
+def is_frozen(path: Path) -> bool:
+    """Whether a file is to be taken for a frozen store: by how it begins, or is called."""
+    if not path.is_file():
+        return False
+    if path.suffix == SUFFIX:
+        return True
+    # What cannot be read, who reads it as a recording tells.
+    with suppress(OSError), path.open("rb") as file:
+        return file.read(len(MAGIC)) == MAGIC
+    return False
+
+
+def reopen(path: str) -> Buffer:
+    """Open a frozen store that was pickled."""
+    return open_frozen(path)
+
+
+def state_of(buffer: Buffer) -> bytes:
+    """Return the newest state of a store as the bytes of a frozen one."""
+    with temporary_folder() as folder:
+        path = folder / f"pickled{SUFFIX}"
+        freeze_store(buffer, path, PICKLED)
+        return path.read_bytes()
+
+
+def thaw(state: bytes) -> Buffer:
+    """Open such bytes in a process that has no file of them."""
+    with temporary_folder() as folder:
+        path = folder / f"pickled{SUFFIX}"
+        path.write_bytes(state)
+        return open_frozen(path)  # its memory stays when its name goes

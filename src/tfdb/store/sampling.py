@@ -1,0 +1,163 @@
+"""Trajectories out of a store."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Any, Literal
+
+from tfdb.data.argument_checks import given_name, given_word
+from tfdb.data.errors import InvalidArgument
+from tfdb.data.poses import found
+from tfdb.data.stamps import MAX_STAMP, shown
+
+from .explain import from_one_state
+
+if TYPE_CHECKING:
+    import numpy as np
+    import numpy.typing as npt
+
+    from tfdb._core import Policy, Reads, Snapshot
+    from tfdb.data.stamps import StampLike
+
+    Samples = tuple[npt.NDArray[np.int64], npt.NDArray[np.float64]]
+
+__all__: list[str] = []
+
+_MOST_POSES = 10**8
+"""More are a mistake in a rate or a time, and would need more memory than there is."""
+_MISSING: tuple[Any, ...] = ("raise", "nan", "skip")
+
+
+def sample(
+    self: Reads,
+    target: str,
+    source: str,
+    rate: float | None,
+    start: StampLike | None,
+    end: StampLike | None,
+    policy: Policy | None,
+    missing: Literal["raise", "nan", "skip"],
+) -> Samples:
+    """Do what `Buffer.trajectory` says: stamps (N,) and poses (N, 7)."""
+    _check(missing)
+    for name, frame in (("target", target), ("source", source)):
+        given_name(name, frame)
+
+    def read(snapshot: Snapshot) -> Samples:
+        if rate is None:
+            stamps = _stored_stamps(snapshot, target, source, start, end)
+        else:
+            _period(rate)
+            first, last = _range(snapshot, target, source, start, end)
+            if missing == "raise":  # before much is made of a time that is far off
+                snapshot.lookup_transforms(target, source, [first], policy)
+            stamps = _even_stamps(first, last, rate)
+        return _sample_at(snapshot, target, source, stamps, policy, missing)
+
+    return from_one_state(self, read)
+
+
+def sample_at(
+    self: Reads,
+    target: str,
+    source: str,
+    stamps: npt.NDArray[np.int64],
+    policy: Policy | None,
+    missing: Literal["raise", "nan", "skip"],
+) -> Samples:
+    """Do the same at given stamps, which increase."""
+    _check(missing)
+    return from_one_state(
+        self, lambda snapshot: _sample_at(snapshot, target, source, stamps, policy, missing)
+    )
+
+
+def _check(missing: object) -> None:
+    given_word("missing", missing, _MISSING)
+
+
+def _sample_at(
+    snapshot: Snapshot,
+    target: str,
+    source: str,
+    stamps: npt.NDArray[np.int64],
+    policy: Policy | None,
+    missing: Literal["raise", "nan", "skip"],
+) -> Samples:
+    absent: Literal["raise", "nan"] = "raise" if missing == "raise" else "nan"
+    poses = snapshot.lookup_transforms(target, source, stamps, policy, missing=absent)
+    if missing == "skip":
+        here = found(poses)
+        if len(here) and not here.any():
+            snapshot.lookup_transforms(target, source, stamps, policy)  # raises
+        stamps, poses = stamps[here], poses[here]
+    return stamps, poses
+
+
+def _nanoseconds(stamp: StampLike) -> int:
+    """Convert one stamp as the store would."""
+    from tfdb._core import to_nanoseconds  # noqa: PLC0415 - the extension imports this module
+
+    return to_nanoseconds(stamp)
+
+
+def _stored_stamps(
+    snapshot: Snapshot, target: str, source: str, start: StampLike | None, end: StampLike | None
+) -> npt.NDArray[np.int64]:
+    stamps = snapshot._path_stamps(target, source, start, end)
+    if len(stamps) == 0:
+        if start is not None and end is not None:
+            _check_order(_nanoseconds(start), _nanoseconds(end))
+        raise InvalidArgument(
+            f"there is no stored stamp on the path T[{target}<-{source}] in that time: give a "
+            "rate, a start and an end for poses between stored ones",
+            target=target,
+            source=source,
+        )
+    return stamps
+
+
+def _range(
+    snapshot: Snapshot, target: str, source: str, start: StampLike | None, end: StampLike | None
+) -> tuple[int, int]:
+    """First and last stamp: those given, else those of the path."""
+    if start is None or end is None:
+        stored = _stored_stamps(snapshot, target, source, start, end)
+    first = int(stored[0]) if start is None else _nanoseconds(start)
+    last = int(stored[-1]) if end is None else _nanoseconds(end)
+    _check_order(first, last)
+    return first, last
+
+
+def _check_order(first: int, last: int) -> None:
+    if last < first:
+        raise InvalidArgument(f"end {last} lies before start {first}", value=last)
+
+
+def _even_stamps(first: int, last: int, rate: float) -> npt.NDArray[np.int64]:
+    period = _period(rate)
+    # The last stamp may miss the end by the rounding of the period.
+    periods = (last - first) / period * (1.0 + 1e-15)
+    if period < 1.0 or periods >= _MOST_POSES:
+        raise InvalidArgument(
+            f"a rate of {rate!r} Hz over {(last - first) / 1e9} s is too much: at most "
+            f"{_MOST_POSES:,} poses can be asked for at once",
+            value=rate,
+            limit=_MOST_POSES,
+        )
+    import numpy as np
+
+    count = math.floor(periods) + 1
+    offsets = np.rint(np.arange(count, dtype=np.float64) * period).astype(np.int64)
+    stamps: npt.NDArray[np.int64] = first + offsets[offsets <= last - first]
+    return stamps
+
+
+def _period(rate: float) -> float:
+    """Nanoseconds from one pose to the next; never more than there are stamps."""
+    try:
+        if not isinstance(rate, bool) and math.isfinite(rate) and rate > 0:
+            return min(1e9 / rate, MAX_STAMP + 1.0)
+    except (TypeError, ValueError, ArithmeticError):
+        pass
+    raise InvalidArgument(f"rate must be a positive number of Hz, got {shown(rate)}", value=rate)

@@ -1,0 +1,234 @@
+"""What a store holds, edge by edge: periods, gaps, trees, the time span.
+
+The command line, the pictures and the demo show the same numbers because they take them from here.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import TYPE_CHECKING
+
+from tfdb.data.stamps import format_seconds
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Iterator, Sequence
+
+    import numpy as np
+    import numpy.typing as npt
+
+    from tfdb._core import Buffer, Snapshot
+    from tfdb.data.types import FrameInfo
+
+YEAR_NS = 365 * 86_400 * 1_000_000_000
+"""Stamps further apart than this were not made by one clock."""
+
+GAP_FACTOR = 5
+"""A hole counts as a gap when it is longer than this many median periods of its edge."""
+
+
+@dataclass(frozen=True)
+class Gap:
+    """A hole in an edge's samples: none between `before` and `after` (nanoseconds)."""
+
+    before: int
+    after: int
+
+    @property
+    def length(self) -> int:
+        """Nanoseconds without a sample."""
+        return self.after - self.before
+
+
+@dataclass(frozen=True)
+class EdgeSummary:
+    """One edge: what the store says of it, its period and its gaps.
+
+    `period` is the median distance of neighbouring samples in nanoseconds (None with fewer than
+    two), `longest` the widest hole, `gaps` those that are longer than the limit.
+    """
+
+    info: FrameInfo
+    period: int | None
+    longest: Gap | None
+    gaps: tuple[Gap, ...]
+
+
+def find_gaps(
+    stamps: npt.NDArray[np.int64], max_gap: int | None = None
+) -> tuple[int | None, Gap | None, tuple[Gap, ...]]:
+    """Median period, longest hole and gaps of sorted stamps, in nanoseconds.
+
+    `max_gap` is the longest hole that is fine; None takes GAP_FACTOR median periods.
+    """
+    if len(stamps) < 2:
+        return None, None, ()
+    import numpy as np
+
+    steps = np.diff(stamps)
+    period = int(np.partition(steps, len(steps) // 2)[len(steps) // 2])
+    limit = GAP_FACTOR * period if max_gap is None else max_gap
+    widest = int(np.argmax(steps))
+    longest = Gap(int(stamps[widest]), int(stamps[widest + 1]))
+    wide = np.flatnonzero(steps > limit)
+    return period, longest, tuple(Gap(int(stamps[i]), int(stamps[i + 1])) for i in wide)
+
+
+def edge_summaries(store: Buffer | Snapshot, max_gap: int | None = None) -> list[EdgeSummary]:
+    """All edges of a store (frames with a parent), sorted by name.
+
+    `max_gap` in nanoseconds as in :func:`find_gaps`.
+    """
+    found = []
+    for info in store.tree():
+        if info.parent is None:
+            continue
+        if info.is_static:
+            found.append(EdgeSummary(info, None, None, ()))
+        else:
+            found.append(EdgeSummary(info, *find_gaps(store.samples(info.name)[0], max_gap)))
+    return sorted(found, key=lambda edge: edge.info.name)
+
+
+@dataclass(frozen=True)
+class Clock:
+    """Moving edges whose stamps belong together: the first and last stamp, and whose they are."""
+
+    start: int
+    end: int
+    frames: tuple[str, ...]
+
+    def __str__(self) -> str:
+        listed = ", ".join(self.frames[:3])
+        more = f" and {len(self.frames) - 3} more" if len(self.frames) > 3 else ""
+        return f"{listed}{more} from {format_seconds(self.start)} to {format_seconds(self.end)}"
+
+
+def clocks(infos: Iterable[FrameInfo], store: Buffer | Snapshot) -> list[Clock]:
+    """Sort the moving edges of a store by the clocks of their stamps, the earliest first.
+
+    Two clocks, such as a simulated and a real one, lie more than a year apart. An edge with stamps
+    of both is named with both.
+    """
+    spans = [(*ends, info.name) for info in infos for ends in _spans(info, store)]
+    found: list[tuple[int, int, dict[str, None]]] = []
+    for start, end, name in sorted(spans):
+        if found and start - found[-1][1] <= YEAR_NS:
+            first, last, frames = found[-1]
+            frames[name] = None
+            found[-1] = first, max(last, end), frames
+        else:
+            found.append((start, end, {name: None}))
+    return [Clock(start, end, tuple(frames)) for start, end, frames in found]
+
+
+def _spans(info: FrameInfo, store: Buffer | Snapshot) -> Iterator[tuple[int, int]]:
+    """First and last stamp of an edge on each clock that it has stamps of."""
+    if info.oldest is None or info.newest is None:
+        return
+    if info.longest_gap <= YEAR_NS:
+        yield info.oldest, info.newest
+        return
+    import numpy as np
+
+    stamps = store.samples(info.name)[0]
+    for part in np.split(stamps, np.flatnonzero(np.diff(stamps) > YEAR_NS) + 1):
+        if len(part):
+            yield int(part[0]), int(part[-1])
+
+
+def describe_clocks(found: Sequence[Clock]) -> str:
+    """Say what is odd about several clocks in one store, and what to do; empty for one."""
+    if len(found) < 2:
+        return ""
+    text = f"stamps of {len(found)} clocks, more than a year apart: " + "; ".join(map(str, found))
+    for one, other in pairwise(found):
+        both = sorted(set(one.frames) & set(other.frames))
+        if both:
+            text += f"; {', '.join(both[:3])} has stamps of both"
+            text += ", and lookups between them interpolate over all the time that lies between"
+        if other.start - YEAR_NS <= one.end * 1_000_000_000 <= other.end + YEAR_NS:
+            return f"{text}; the small ones look like seconds: tfdb.stamp() converts them"
+    return f"{text}; a path over edges of both has an answer at no stamp"
+
+
+def span(infos: Iterable[FrameInfo]) -> tuple[int, int] | None:
+    """First and last moving stamp in nanoseconds, None when nothing moves."""
+    moving = [(i.oldest, i.newest) for i in infos if i.oldest is not None and i.newest is not None]
+    if not moving:
+        return None
+    return min(first for first, _ in moving), max(last for _, last in moving)
+
+
+@dataclass(frozen=True)
+class TreeRow:
+    """One frame in reading order: `depth` edges below its root, `last` among its siblings."""
+
+    info: FrameInfo
+    depth: int
+    last: bool
+
+
+class Forest:
+    """Frames sorted into trees: roots with the most frames first, children by name."""
+
+    def __init__(self, infos: Iterable[FrameInfo]) -> None:
+        self.by_name: dict[str, FrameInfo] = {info.name: info for info in infos}
+        self.children: dict[str, list[str]] = {name: [] for name in self.by_name}
+        roots: list[str] = []
+        for info in self.by_name.values():
+            if info.parent in self.children:
+                self.children[info.parent].append(info.name)
+            else:
+                roots.append(info.name)
+        for names in self.children.values():
+            names.sort()
+        sizes = {root: sum(1 for _ in self.walk(root)) for root in roots}
+        self.roots: list[str] = sorted(roots, key=lambda root: (-sizes[root], root))
+
+    def walk(self, root: str) -> Iterator[TreeRow]:
+        """Give the frames of one tree, each before its children."""
+        stack = [(root, 0, True)]
+        while stack:
+            name, depth, last = stack.pop()
+            yield TreeRow(self.by_name[name], depth, last)
+            names = self.children[name]
+            stack.extend((child, depth + 1, child == names[-1]) for child in reversed(names))
+
+    def rows(self) -> list[TreeRow]:
+        """List all trees one after the other."""
+        return [row for root in self.roots for row in self.walk(root)]
+
+    def chain(self, name: str) -> list[FrameInfo]:
+        """List the edges from a frame up to its root, the frame's own first."""
+        edges = []
+        info = self.by_name[name]
+        while info.parent in self.by_name:
+            edges.append(info)
+            info = self.by_name[info.parent]
+        return edges
+
+
+def longest_moving_chain(infos: Iterable[FrameInfo]) -> tuple[str, str] | None:
+    """Find a root and the frame below it with the most moving edges between them.
+
+    Only chains whose edges have a stretch of time in common count. Ties go to the longer stretch,
+    then to the longer chain, then to the name. None when nothing moves.
+    """
+    forest = Forest(infos)
+    best: tuple[tuple[int, int, int], str, str] | None = None
+    for name in sorted(forest.by_name):
+        chain = forest.chain(name)
+        moving = [
+            (i.oldest, i.newest) for i in chain if i.oldest is not None and i.newest is not None
+        ]
+        if not moving:
+            continue
+        common = min(last for _, last in moving) - max(first for first, _ in moving)
+        if common <= 0:
+            continue
+        key = (len(moving), common, len(chain))
+        root = chain[-1].parent
+        if root is not None and (best is None or key > best[0]):
+            best = (key, root, name)
+    return None if best is None else best[1:]

@@ -1,0 +1,103 @@
+"""Transactions that are tried again until they win."""
+
+from __future__ import annotations
+
+import inspect
+import math
+import operator
+import random
+import time
+from collections.abc import AsyncGenerator, Generator
+from typing import TYPE_CHECKING, Any, TypeVar
+
+from tfdb.data.errors import Conflict, InvalidArgument
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from tfdb._core import Buffer, Transaction
+
+__all__: list[str] = []
+
+Result = TypeVar("Result")
+"""What the function of `Buffer.run` returns."""
+
+LOST_BEFORE_ALONE = 8
+"""So many attempts may lose; the next one runs alone, and then nobody can come first."""
+
+SHORTEST_WAIT = 100e-6
+"""Seconds: the most that is waited after the first lost attempt; twice as much after each next."""
+
+LONGEST_WAIT = 10e-3
+"""Seconds: more than this is never waited between two attempts."""
+
+
+def run_until_won(
+    self: Buffer,
+    fn: Callable[[Transaction], Result],
+    *,
+    retries: int,
+    timeout: float | None,
+    priority: int,
+) -> Result:
+    """Do what `Buffer.run` says."""
+    if not callable(fn):
+        raise TypeError(f"fn must be callable with a transaction, got {type(fn).__name__}")
+    most = _count(retries) + 1
+    end = _deadline(timeout)
+    age = 0
+    attempt = 1
+    while True:
+        transaction = self._attempt(priority, attempt > LOST_BEFORE_ALONE, age)
+        try:
+            with transaction:
+                result = fn(transaction)
+                _check_done(result)
+        except Conflict as error:
+            if not transaction._lost:
+                raise  # of another store
+            wait = random.uniform(0, min(SHORTEST_WAIT * 2 ** (attempt - 1), LONGEST_WAIT))  # noqa: S311
+            if attempt >= most or time.monotonic() + wait >= end:
+                _give_up(error, attempt)
+                raise
+        else:
+            return result
+        age = transaction._age
+        attempt += 1
+        time.sleep(wait)
+
+
+def _check_done(result: object) -> None:
+    """Refuse a function that has not run yet: its transaction would end before it begins."""
+    if inspect.iscoroutine(result):
+        result.close()
+    elif not inspect.isawaitable(result) and not isinstance(result, Generator | AsyncGenerator):
+        return
+    raise TypeError(
+        f"fn returned a {type(result).__name__}, so it has not done its work yet: give run() a "
+        "plain function, neither `async def` nor a generator, and await before or after it"
+    )
+
+
+def _give_up(error: Conflict, attempts: int) -> None:
+    error.attempts = attempts
+    tried = "once" if attempts == 1 else f"{attempts} times"
+    error.args = (f"{error} (tried {tried}; more retries or a longer timeout may help)",)
+
+
+def _count(retries: Any) -> int:
+    try:
+        count = -1 if isinstance(retries, bool) else operator.index(retries)
+    except TypeError:
+        count = -1
+    if count < 0:
+        raise InvalidArgument(f"retries must be an integer >= 0, got {retries!r}", value=retries)
+    return count
+
+
+def _deadline(timeout: Any) -> float:
+    if timeout is None:
+        return math.inf
+    from tfdb._core import duration_to_nanoseconds  # noqa: PLC0415 - the extension imports this module
+
+    return time.monotonic() + duration_to_nanoseconds(timeout, "timeout") / 1e9

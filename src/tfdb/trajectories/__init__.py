@@ -1,0 +1,54 @@
+"""Poses over time, and the files that hold them: TUM, KITTI, EuRoC, CSV, NPZ, Parquet."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from tfdb.data.lazy_names import on_demand as _offer
+
+if TYPE_CHECKING:
+    from .reading import into_buffer, read_trajectory
+    from .reading_report import TrajectoryRows
+    from .writing import (
+        write_csv,
+        write_euroc,
+        write_kitti,
+        write_npz,
+        write_parquet,
+        write_trajectory,
+        write_tum,
+    )
+
+__all__ = [
+    "TrajectoryRows",
+    "into_buffer",
+    "read_trajectory",
+    "write_csv",
+    "write_euroc",
+    "write_kitti",
+    "write_npz",
+    "write_parquet",
+    "write_trajectory",
+    "write_tum",
+]
+
+if not TYPE_CHECKING:  # type checkers would find every name in a module with `__getattr__`
+    __getattr__, __dir__ = _offer(
+        __name__,
+        {
+            "reading": (
+                "into_buffer",
+                "read_trajectory",
+            ),
+            "reading_report": ("TrajectoryRows",),
+            "writing": (
+                "write_csv",
+                "write_euroc",
+                "write_kitti",
+                "write_npz",
+                "write_parquet",
+                "write_trajectory",
+                "write_tum",
+            ),
+        },
+    )

@@ -1,0 +1,151 @@
+"""The lines of a trajectory in text: data, comments, headings; which separator and columns."""
+
+from __future__ import annotations
+
+import re
+from typing import TYPE_CHECKING
+
+from tfdb.data.errors import TrajectoryError
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+    from pathlib import Path
+
+SALVAGE = "salvage=True (--salvage)"
+_NUMBER_FIRST = re.compile(r"[\s,;\"']*[-+.]?\d")
+_LAST_DECIMALS = re.compile(r"(?:^|[\s,;\"'])[-+]?\d+(?:\.(\d*))?[\"'\s,;]*$")
+_DECIMAL_COMMA = re.compile(r"[-+]?\d+,\d+([eE][-+]?\d+)?")
+_COMMENT = re.compile(r"(?:#|//|%(?=\s|$))+\s*")
+"""Before a comment; `%time` is a name of `rostopic echo -p`."""
+_MANY_ROWS, _MANY_DECIMALS = 10, 4
+_UTF16 = (b"\xff\xfe", b"\xfe\xff")
+_ZEROS = re.compile(rb"\0{16,}")
+"""Such a block stands where the text of a file never reached the disk."""
+_BINARY = re.compile(rb"[\0-\x08\x0e-\x1f\x7f]")
+
+
+class Lines:
+    """The lines of a text file that carry data, with their numbers.
+
+    Raises TrajectoryError for binary files and text that is not UTF-8; with `salvage` only the
+    lines with broken characters are lost.
+    """
+
+    def __init__(self, path: Path, raw: bytes, *, salvage: bool = False) -> None:
+        self.path = path
+        self._ends = raw.endswith((b"\n", b"\r"))
+        if raw.startswith(_UTF16):
+            raise TrajectoryError(path, None, "UTF-16 text: save it as UTF-8")
+        _check_zeros(path, raw)
+        try:
+            text = raw.decode("utf-8-sig", errors="replace" if salvage else "strict")
+        except UnicodeDecodeError as error:
+            line = raw.count(b"\n", 0, error.start) + 1
+            raise self.skippable(line, "not UTF-8 text") from None
+        self._all = text.replace("\r\n", "\n").replace("\r", "\n").split("\n")
+        self.rows: list[tuple[int, str]] = [
+            (number, stripped)
+            for number, line in enumerate(self._all, start=1)
+            if (stripped := line.strip())
+            and not (stripped[0] in "#/%" and _COMMENT.match(stripped))
+        ]
+        """The lines with data: all but comments and a heading."""
+        self.heading: tuple[int, str] | None = None
+        """The first line, where it is no comment and no data."""
+        if self.rows and is_heading(self.rows[0][1]):
+            self.heading = self.rows.pop(0)
+
+    def headings(self) -> Iterator[tuple[int, str]]:
+        """The lines before the first that begins with a number: comments, names of columns."""
+        for number, line in enumerate(self._all, start=1):
+            if _NUMBER_FIRST.match(line):
+                return
+            if line.strip():
+                yield number, _COMMENT.sub("", line.strip(), count=1)
+
+    def cut(self) -> str | None:
+        """Why the last row seems to be cut: no end of line, and fewer decimals than all others.
+
+        Only where those are many, and have as many decimals, as a program writes them.
+        """
+        if self._ends or len(self.rows) < _MANY_ROWS:
+            return None
+        ends = [_LAST_DECIMALS.search(line) for _, line in self.rows]
+        if None in ends:
+            return None
+        *others, last = (len(end.group(1) or "") for end in ends if end)
+        if len(set(others)) != 1 or others[0] < _MANY_DECIMALS or last >= others[0]:
+            return None
+        return f"the file ends within a number, with {last} decimals instead of {others[0]}"
+
+    def error(self, line: int | None, reason: str) -> TrajectoryError:
+        """An error about one of the lines, or about the file."""
+        return TrajectoryError(self.path, line, reason)
+
+    def skippable(self, line: int | None, reason: str) -> TrajectoryError:
+        """An error about a line that salvaging skips."""
+        return self.error(line, f"{reason}; {SALVAGE} reads the others")
+
+
+def _check_zeros(path: Path, raw: bytes) -> None:
+    """Raise TrajectoryError for binary files; text may hold blocks of zero bytes."""
+    if b"\0" not in raw:
+        return
+    text = _ZEROS.sub(b"", raw.rstrip(b"\0"))
+    if not text:
+        raise TrajectoryError(path, None, f"all its {len(raw):,} bytes are zero: there is no text")
+    first = text[:4096].partition(b"\n")[0].decode(errors="replace")
+    if b"\0" in raw[:4096] and ("\ufffd" in first or _BINARY.search(text[:4096])):
+        what = "a binary file, neither NPZ nor Parquet, and no trajectory in text"
+        raise TrajectoryError(path, None, what)
+
+
+def zeros(line: str) -> str | None:
+    """Why a line with zero bytes is no row."""
+    count = line.count("\0")
+    if not count:
+        return None
+    if count == 1:
+        return "1 zero byte, as a power cut leaves it"
+    return f"{count:,} zero bytes, as a power cut leaves them"
+
+
+def is_heading(line: str) -> bool:
+    """Whether a line names columns: no field of it is a number."""
+    if _NUMBER_FIRST.match(line):
+        return False
+    return not any(_is_number(field) for field in split(line, separator_of(line)))
+
+
+def _is_number(field: str) -> bool:
+    try:
+        float(field)
+    except ValueError:
+        return False
+    return True
+
+
+def separator_of(line: str) -> str | None:
+    """What stands between the columns; None for blanks."""
+    for separator in (";", ","):
+        if separator in line:
+            return separator
+    # An empty field between tabs counts; blanks among them are the separator of others.
+    return "\t" if line.count("\t") >= 7 and " " not in line else None
+
+
+def split(line: str, separator: str | None) -> list[str]:
+    """The fields of a line, without blanks and quotes around them."""
+    fields = line.split(separator)
+    if separator is not None or '"' in line or "'" in line:
+        return [field.strip().strip("\"'") for field in fields]
+    return fields
+
+
+def has_decimal_commas(line: str) -> bool:
+    """Whether the numbers of a line are written as in `0,5`."""
+    for separator in (";", None):
+        fields = split(line, separator)
+        if sum(_DECIMAL_COMMA.fullmatch(field) is not None for field in fields) >= 7:
+            return True
+    return False

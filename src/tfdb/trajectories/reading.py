@@ -1,0 +1,435 @@
+"""Trajectories: TUM, KITTI, EuRoC and CSV files, and the NPZ and Parquet that tfdb writes itself.
+
+A trajectory is the motion of one frame in another: stamps and poses `T[parent<-child]`. The files
+do not say which frames; :func:`into_buffer` does.
+"""
+
+from __future__ import annotations
+
+import io
+import stat
+import zipfile
+import zlib
+from typing import TYPE_CHECKING, Any, Literal, Protocol, TypeAlias
+
+import numpy as np
+
+from tfdb._core import poses_of_matrices
+from tfdb.data.argument_checks import given_flag, not_one_of, refuse_without
+from tfdb.data.decimal_time import NS_PER_SECOND, UNITS, Unit, units_to_ns
+from tfdb.data.errors import InvalidArray, InvalidStamp, InvalidTransform, TrajectoryError
+from tfdb.data.path_checks import errors_name, given_path
+from tfdb.data.poses import doubles, missing
+from tfdb.data.types import Columns
+from tfdb.store.forgotten import missing_samples, warn_of_forgotten
+
+from .columns import layout_of
+from .lines import SALVAGE, Lines, zeros
+from .reading_report import TrajectoryRows, warn_of_rows
+from .rows import floats, rows_of_text, salvaged, settled
+from .tables import columns_of, read_parquet
+from .trajectory import Trajectory
+
+if TYPE_CHECKING:
+    import os
+    from pathlib import Path
+
+    from tfdb._core import Buffer
+
+    from .rows import Poses, Stamps
+
+    PathLike: TypeAlias = str | os.PathLike[str]
+
+Format: TypeAlias = Literal["tum", "kitti", "euroc", "csv", "npz", "parquet"]
+
+_NAMES = ("world", "body")
+"""The frames of files that name none."""
+FORMATS: tuple[Format, ...] = ("tum", "kitti", "euroc", "csv", "npz", "parquet")
+
+
+class TrajectoryLike(Protocol):
+    """Whatever has stamps and poses, such as the result of `Buffer.trajectory`."""
+
+    @property
+    def stamps(self) -> Stamps:
+        """Nanoseconds, int64, shape (N,)."""
+
+    @property
+    def poses(self) -> Poses:
+        """Rows `[x y z qx qy qz qw]`, float64, shape (N, 7)."""
+
+
+MAX_BYTES = 256 * 2**20
+"""The arrays of an NPZ file may take so much memory."""
+
+
+def read_trajectory(
+    path: PathLike,
+    format: Format | None = None,  # noqa: A002 - numpy and pandas call it so, too
+    *,
+    times: PathLike | None = None,
+    target: str | None = None,
+    source: str | None = None,
+    salvage: bool = False,
+    stamp_unit: Unit | None = None,
+) -> Trajectory:
+    """Read a trajectory file.
+
+    Text may have blanks, tabs, commas or semicolons between its columns, comments behind `#`, and a
+    heading. The names in a heading say which columns are read: those of TUM and EuRoC, of
+    `rostopic echo -p`, bagpy and PlotJuggler, and the like (`timestamp`, `x`, `qw`,
+    `.pose.position.x`). Other columns are left alone. Quaternions that are slightly off unit length
+    are normalised. Where rows repeat the stamp of the row before, the last one counts, as the newer
+    sample does in a store; `repeated` of the result counts them.
+
+    Parameters
+    ----------
+    path
+        The file.
+    format
+        `"tum"` (`seconds x y z qx qy qz qw`), `"kitti"` (the 12 numbers of a 3x4 matrix, stamps in
+        a file of their own), `"euroc"` (`nanoseconds,x,y,z,qw,qx,qy,qz,...`, VINS also), `"csv"`
+        (columns `stamp_ns,x,y,z,qx,qy,qz,qw`, or those that its heading names), `"npz"` or
+        `"parquet"` (as `write_npz` and `Trajectory.to_parquet` write them). None:
+        found by the file's beginning, its heading and its number of columns. In the last three
+        formats a pose may be missing: all its numbers are NaN, or in a CSV empty.
+    times
+        KITTI only: the file with one stamp in seconds per pose. By default `NAME_times.txt` or
+        `times.txt` beside the poses.
+    target, source
+        Names for the frames: the poses are `T[target<-source]`. None: the names in a Parquet file,
+        else `world` and `body`.
+    salvage
+        Sort rows by their stamps, normalise quaternions that are up to 5 % off unit length, and
+        skip rows without a valid stamp or pose. A warning counts all of them.
+    stamp_unit
+        `"s"`, `"ms"`, `"us"` or `"ns"`, the unit of stamps in text. None: the unit that the heading
+        or the format names, else found by the size of the stamps.
+
+    Raises
+    ------
+    TrajectoryError
+        A line that does not fit the format, columns that could be several things, a rotation that
+        is none, stamps that run backwards, no pose at all. Fields: path, line, reason.
+    NotSupported
+        Parquet, where polars is not installed.
+    OSError
+        The file cannot be opened.
+
+    Warns
+    -----
+    TfdbWarning
+        Rows with the same stamp; rows that `salvage` sorted, mended or skipped; a unit that was
+        found by size; columns that were found by their number.
+    """
+    trajectory, rows = read_with_rows(
+        path,
+        format,
+        times=times,
+        target=target,
+        source=source,
+        salvage=salvage,
+        stamp_unit=stamp_unit,
+    )
+    warn_of_rows(rows, 2)
+    return trajectory
+
+
+def read_with_rows(
+    path: PathLike,
+    format: Format | None = None,  # noqa: A002 - as above
+    *,
+    times: PathLike | None = None,
+    target: str | None = None,
+    source: str | None = None,
+    salvage: bool = False,
+    stamp_unit: Unit | None = None,
+    by_row: bool = False,
+) -> tuple[Trajectory, TrajectoryRows]:
+    """Read a trajectory file as `read_trajectory`, and count its rows instead of a warning.
+
+    `by_row`: KITTI poses without a file of times get the number of their row as their second.
+    """
+    given: object = format
+    if given is not None and not (isinstance(given, str) and given in FORMATS):
+        raise TrajectoryError(path, None, not_one_of("format", format, FORMATS))
+    salvage, unit = given_flag("salvage", salvage), checked_unit(path, stamp_unit)
+    path = given_path(path, _refusal)
+    raw = _read(path)
+    kind: str | None = format
+    if kind is None:
+        kind = next((name for magic, name in _MAGICS if raw.startswith(magic)), None)
+    if kind in ("npz", "parquet"):
+        for value, what in ((times, "a file of times belongs to KITTI poses"), (unit, _NO_UNIT)):
+            if value is not None:
+                raise TrajectoryError(path, None, f"{what}, not to {kind}")
+        names = (target, source)
+        return (_read_npz if kind == "npz" else _read_table)(path, raw, names, salvage=salvage)
+    frames = target or _NAMES[0], source or _NAMES[1]
+    lines = Lines(path, raw, salvage=salvage)
+    layout = None if kind == "kitti" else layout_of(lines, kind)
+    if layout is None:
+        beside = _find_times(path) if times is None else given_path(times, _refusal)
+        if beside is None and not by_row:
+            raise _no_times(path)
+        stamps, poses, report = _read_kitti(lines, beside, unit, salvage=salvage)
+    elif times is not None:
+        raise lines.error(None, f"a file of times belongs to KITTI poses, not to {layout.text}")
+    else:
+        stamps, poses, report = rows_of_text(lines, layout, unit, salvage=salvage)
+    return Trajectory(*frames, stamps, poses, repeated=report.repeated), report
+
+
+_MAGICS = ((b"PAR1", "parquet"), (b"PK\x03\x04", "npz"))
+_NO_UNIT = "a unit belongs to stamps in text"
+
+
+def checked_unit(path: object, unit: Any) -> Unit | None:
+    """The unit of stamps; raises TrajectoryError for any other word."""
+    if unit is None or (isinstance(unit, str) and unit in UNITS):
+        return unit
+    raise TrajectoryError(path, None, not_one_of("stamp_unit", unit, UNITS))
+
+
+def kitti_times(path: Path) -> bool | None:
+    """Whether a file of KITTI poses has a file of times beside it; None for other files."""
+    raw = _read(path)
+    if any(raw.startswith(magic) for magic, _ in _MAGICS):
+        return None
+    try:
+        is_kitti = layout_of(Lines(path, raw, salvage=True), None) is None
+    except TrajectoryError:
+        return None  # reading it raises the same
+    return _find_times(path) is not None if is_kitti else None
+
+
+def into_buffer(
+    buffer: Buffer, parent: str, child: str, trajectory: TrajectoryLike, *, authority: str = ""
+) -> int:
+    """Store a trajectory as the edge from `parent` to `child`, in one commit.
+
+    The poses are `T[parent<-child]`; rows that are NaN as a whole hold none and are left out.
+    Returns the number of the commit. Raises what `Buffer.set_transforms` raises; then nothing was
+    stored. A buffer with a limited history (10 s
+    by default) drops what is older: a TfdbWarning counts the poses. Store whole trajectories in
+    `Buffer(history=None)`.
+    """
+    refuse_without(buffer, "buffer", "a Buffer", "set_transforms", "history")
+    refuse_without(trajectory, "trajectory", "one with stamps and poses", "stamps", "poses")
+    stamps = trajectory.stamps
+    columns = Columns(parent, child, stamps, trajectory.poses)
+    there = ~missing(columns.poses)
+    if len(stamps) == len(columns) and not there.all():
+        stamps = np.asarray(stamps)[there]
+        columns = Columns(parent, child, stamps, columns.poses[there])
+    commit = buffer.set_transforms(columns, authority=authority)
+    if buffer.history is not None:
+        forgotten = missing_samples(buffer, child, stamps)
+        if forgotten:
+            warn_of_forgotten(buffer, forgotten, 3)
+    return commit
+
+
+def _read(path: Path) -> bytes:
+    """The bytes of a file or pipe; a device may have no end."""
+    with errors_name(path):
+        if stat.S_ISCHR(path.stat().st_mode):
+            raise TrajectoryError(path, None, "not a regular file")
+        return path.read_bytes()
+
+
+def _refusal(path: Path, reason: str) -> TrajectoryError:
+    return TrajectoryError(path, None, reason)
+
+
+def _read_npz(
+    path: Path, raw: bytes, names: tuple[str | None, str | None], *, salvage: bool
+) -> tuple[Trajectory, TrajectoryRows]:
+    try:
+        with zipfile.ZipFile(io.BytesIO(raw)) as archive:
+            size = sum(each.file_size for each in archive.infolist())
+        if size > MAX_BYTES:
+            raise TrajectoryError(path, None, f"its arrays take {size} bytes, above {MAX_BYTES}")
+        with np.load(io.BytesIO(raw), allow_pickle=False) as arrays:
+            absent = {"stamps", "poses"} - set(arrays.files)
+            if absent:
+                reason = f"an NPZ without the array {' and '.join(map(repr, sorted(absent)))}"
+                raise TrajectoryError(path, None, reason)
+            stamps, poses = arrays["stamps"], arrays["poses"]
+    except (zipfile.BadZipFile, zlib.error, ValueError, EOFError, NotImplementedError) as error:
+        raise TrajectoryError(path, None, f"damaged or cut short: {error}") from error
+    frames = names[0] or _NAMES[0], names[1] or _NAMES[1]
+    return _of_arrays(path, frames, stamps, poses, salvage=salvage)
+
+
+def _read_table(
+    path: Path, raw: bytes, names: tuple[str | None, str | None], *, salvage: bool
+) -> tuple[Trajectory, TrajectoryRows]:
+    target, source, table = read_parquet(path, *names, _NAMES, raw)
+    try:
+        stamps, poses = columns_of(table)
+    except InvalidArray as error:
+        raise TrajectoryError(path, None, str(error)) from None
+    return _of_arrays(path, (target, source), stamps, poses, salvage=salvage)
+
+
+def _of_arrays(
+    path: Path, frames: tuple[str, str], stamps: Any, poses: Any, *, salvage: bool
+) -> tuple[Trajectory, TrajectoryRows]:
+    """A trajectory of the arrays of a file."""
+    report = TrajectoryRows(str(path))
+    try:
+        if salvage:
+            stamps, poses = _arrays(stamps, poses)
+            stamps, poses, report = salvaged(stamps, poses, path)
+        made = Trajectory(*frames, stamps, poses, repeated=report.repeated)
+    except (InvalidArray, InvalidTransform, InvalidStamp) as error:
+        hint = "" if salvage else f"; {SALVAGE} reads the other rows"
+        raise TrajectoryError(path, None, f"{error}{hint}") from None
+    if not len(made):
+        raise TrajectoryError(path, None, "no pose in it")
+    if not salvage:
+        report.rows = report.poses = len(made)
+    return made, report
+
+
+def _arrays(stamps: Any, poses: Any) -> tuple[Stamps, Poses]:
+    """Arrays as they are salvaged; raises InvalidArray for those of other kinds and shapes."""
+    when = np.asarray(stamps)
+    try:
+        rows = doubles(poses)
+    except (TypeError, ValueError) as error:
+        raise InvalidArray(f"poses: {error}", reason=str(error)) from None
+    if when.dtype.kind not in "iu" or rows.shape != (len(when), 7):
+        reason = f"expected integer nanoseconds (N,) and poses (N, 7), got {when.dtype} "
+        reason += f"{when.shape} and {rows.shape}"
+        raise InvalidArray(reason, reason=reason)
+    return when.astype(np.int64), rows
+
+
+def _find_times(path: Path) -> Path | None:
+    return next((each for each in _times_beside(path) if each.is_file()), None)
+
+
+def _times_beside(path: Path) -> tuple[Path, Path]:
+    return path.with_name(f"{path.stem}_times.txt"), path.with_name("times.txt")
+
+
+def _no_times(path: Path) -> TrajectoryError:
+    names = " nor ".join(each.name for each in _times_beside(path))
+    return TrajectoryError(
+        path,
+        None,
+        f"KITTI poses carry no stamps: neither {names} is beside it, pass times=...; "
+        "association='rows' (--association rows) compares without stamps",
+    )
+
+
+def _read_kitti(
+    lines: Lines, times: Path | None, unit: Unit | None, *, salvage: bool
+) -> tuple[Stamps, Poses, TrajectoryRows]:
+    """The poses and their stamps, row by row; a bad row takes its stamp with it."""
+    report = TrajectoryRows(str(lines.path), rows=len(lines.rows))
+    if not lines.rows:
+        raise lines.error(None, "no pose in it")
+    count = len(lines.rows)
+    when: list[int | None] = [row * NS_PER_SECOND for row in range(count)]
+    if times is not None:
+        when = _read_times(times, unit, report, salvage=salvage)
+    for number, line in () if salvage else lines.rows:
+        broken = zeros(line)
+        if broken is not None:
+            raise lines.skippable(number, broken)
+    if len(when) != count and not salvage:
+        raise lines.error(None, f"{count} poses, but {len(when)} stamps in {times}")
+    kept: list[int] = []
+    rows: list[list[float]] = []
+    for row, (number, line) in enumerate(lines.rows):
+        reason = _kitti_reason(line)
+        if reason is None and (row >= len(when) or when[row] is None):
+            reason = f"no stamp in row {row + 1} of {times}"
+        if reason is None:
+            kept.append(row)
+            rows.append(floats(line.split()))
+        elif salvage:
+            report.skip(number, len(line) + 1, reason)
+        else:
+            raise lines.skippable(number, reason)
+    poses = _kitti_poses(rows, lines, kept, report, salvage=salvage)
+    stamps = np.array([when[row] for row in kept], dtype=np.int64)
+    numbers = [lines.rows[row][0] for row in kept]
+    return (*settled(stamps, poses, report, numbers, salvage=salvage), report)
+
+
+def _kitti_reason(line: str) -> str | None:
+    """Why a line is no 3x4 matrix."""
+    broken = zeros(line)
+    if broken is not None:
+        return broken
+    fields = line.split()
+    if len(fields) != 12:
+        return f"{len(fields)} columns instead of the 12 of a 3x4 matrix"
+    try:
+        floats(fields)
+    except ValueError as error:
+        return str(error)
+    return None
+
+
+def _kitti_poses(
+    rows: list[list[float]],
+    lines: Lines,
+    kept: list[int],
+    report: TrajectoryRows,
+    *,
+    salvage: bool,
+) -> Poses:
+    """The poses of 3x4 matrices; with `salvage` those that are no rotation leave `kept`."""
+    matrices = np.tile(np.eye(4), (len(rows), 1, 1))
+    matrices[:, :3] = np.array(rows, dtype=np.float64).reshape(-1, 3, 4)
+    try:
+        return poses_of_matrices(matrices)
+    except InvalidTransform as error:
+        if not salvage:
+            reason = f"the left 3x3 part is not a rotation matrix: {error.reason}"
+            raise lines.skippable(lines.rows[kept[error.index or 0]][0], reason) from None
+    poses: list[Poses] = []
+    fine: list[int] = []
+    for row, matrix in zip(kept, matrices, strict=True):
+        try:
+            poses.append(poses_of_matrices(matrix[np.newaxis])[0])
+            fine.append(row)
+        except InvalidTransform as error:
+            number, line = lines.rows[row]
+            reason = f"the left 3x3 part is not a rotation matrix: {error.reason}"
+            report.skip(number, len(line) + 1, reason)
+    kept[:] = fine
+    return np.array(poses, dtype=np.float64).reshape(-1, 7)
+
+
+def _read_times(
+    path: Path, unit: Unit | None, report: TrajectoryRows, *, salvage: bool
+) -> list[int | None]:
+    """The stamps of a file of times; None for a row that is none, with `salvage`."""
+    lines = Lines(path, _read(path), salvage=salvage)
+    rows = [*([] if lines.heading is None else [lines.heading]), *lines.rows]
+    stamps: list[int | None] = []
+    last = -1
+    for number, line in rows:
+        reason, stamp = zeros(line), 0
+        if reason is None:
+            try:
+                stamp = units_to_ns(line, unit or "s")
+                reason = f"stamp {stamp} ns does not lie after {last} ns" if stamp <= last else None
+            except ValueError as error:
+                reason = str(error)
+        if reason is None:
+            stamps.append(stamp)
+            last = stamp
+        elif salvage:
+            stamps.append(None)
+        else:
+            raise lines.skippable(number, reason)
+    if len(stamps) > report.rows:
+        report.notes.append(f"{len(stamps):,} stamps in {path}, but {report.rows:,} poses")
+    return stamps

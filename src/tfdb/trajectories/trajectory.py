@@ -1,0 +1,990 @@
+"""One frame's motion in another: stamps and poses, and what one asks of them."""
+
+from __future__ import annotations
+
+import math
+import operator
+from html import escape
+from typing import TYPE_CHECKING, Any, Literal, overload
+
+from tfdb.data import poses as geometry
+from tfdb.data.errors import (
+    Extrapolation,
+    InvalidArgument,
+    InvalidArray,
+    InvalidIndex,
+    InvalidStamp,
+    InvalidTransform,
+    NoSampleNear,
+    NotSupported,
+)
+from tfdb.data.lazy_names import belong_to
+from tfdb.data.stamps import MAX_STAMP, check_increasing, format_seconds, increasing_stamps, shown
+from tfdb.data.types import Columns, Twist
+
+if TYPE_CHECKING:
+    import os
+    from collections.abc import Callable, Iterator, Sequence
+
+    import numpy as np
+    import numpy.typing as npt
+    import pandas as pd
+    import polars as pl
+    from matplotlib.figure import Figure
+
+    from tfdb._core import Buffer, Policy, Transform
+    from tfdb.data.stamps import StampLike, StampsLike
+    from tfdb.data.types import AsQuat
+
+    Missing = Literal["raise", "nan", "skip"]
+    Rows = slice | npt.NDArray[np.bool_ | np.integer[Any]] | Sequence[int] | Sequence[bool]
+
+__all__ = ["Trajectory"]
+
+
+class Trajectory:  # noqa: PLW1641 - as arrays, it has no hash
+    """T[target<-source] over time: N poses at stamps that increase. Immutable.
+
+    `Buffer.trajectory`, `tfdb.trajectories.read_trajectory` and arrays make it. A pose may be
+    missing: its row is NaN, as with `missing="nan"`. Between the poses it answers as a store that
+    holds them. `len(t)` counts poses, `np.asarray(t)` is `t.poses`, `t == other` compares all
+    exactly; `t[5]` is a `Transform`, `t[10:20]`, a mask or an array of rows a `Trajectory`.
+    `T[a<-b] @ t` and `t @ T[b<-c]` chain it with a transform that stays as it is.
+
+    Parameters
+    ----------
+    target, source
+        Frame names: the poses map from `source` into `target`.
+    stamps
+        (N,) increasing nanoseconds, or what else is taken for stamps.
+    poses
+        (N, 7) float64: x y z in metres, unit quaternion x y z w.
+    translations, rotations
+        Instead of `poses`: (N, 3), and (N, 4) or a Rotation of scipy that holds N.
+    matrices
+        Instead of both: (N, 4, 4) rigid transforms, up to rounding, as `Transform.from_matrix`.
+    repeated
+        What `repeated` says.
+
+    Raises
+    ------
+    InvalidArray
+        Shapes that do not fit, or stamps that do not increase (with `index`).
+    InvalidTransform
+        A row that is neither a rigid transform nor NaN as a whole (with `index`).
+    InvalidArgument
+        Another Trajectory, or a Transform among the poses, of other frames.
+    InvalidStamp, InvalidName
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import tfdb
+    >>> stamps = np.arange(5) * 1_000_000_000
+    >>> places = np.outer(np.arange(5), [1.0, 0.5, 0.0])
+    >>> turned = np.tile([0, 0, 0.6, 0.8], (5, 1))
+    >>> t = tfdb.Trajectory("map", "base", stamps, translations=places, rotations=turned)
+    >>> t
+    <tfdb.Trajectory T[map<-base], 5 poses from 0 s to 4 s>
+    >>> t[2].translation
+    array([2., 1., 0.])
+    >>> t[1:3].stamps
+    array([1000000000, 2000000000])
+    >>> tfdb.Transform("world", "map", (10, 0, 0)) @ t
+    <tfdb.Trajectory T[world<-base], 5 poses from 0 s to 4 s>
+    """
+
+    __slots__ = ("_poses", "_repeated", "_source", "_stamps", "_store", "_target")
+    _poses: npt.NDArray[np.float64]
+    _repeated: int
+    _source: str
+    _stamps: npt.NDArray[np.int64]
+    _store: tuple[Buffer, str] | None
+    _target: str
+
+    def __init__(
+        self,
+        target: str,
+        source: str,
+        stamps: StampsLike,
+        poses: npt.ArrayLike | None = None,
+        *,
+        translations: npt.ArrayLike | None = None,
+        rotations: npt.ArrayLike | AsQuat | None = None,
+        matrices: npt.ArrayLike | None = None,
+        repeated: int = 0,
+    ) -> None:
+        # The extension imports this module.
+        from tfdb._core import Transform, poses_of_matrices  # noqa: PLC0415
+
+        for role, name in (("target", target), ("source", source)):
+            if not isinstance(name, str):
+                raise TypeError(f"{role} must be str, the name of a frame, got {shown(name)}")
+        Transform(target, source, (0, 0, 0))  # or raises
+        if matrices is not None:
+            if not (poses is None and translations is None and rotations is None):
+                raise InvalidArray("give matrices, or poses, or translations and rotations")
+            poses = poses_of_matrices(matrices, missing=True)
+        rows = Columns(
+            target, source, None, poses, translations=translations, rotations=rotations
+        ).poses
+        checked = increasing_stamps(stamps)
+        if len(checked) != len(rows):
+            counts = f"{len(checked)} stamps, but {len(rows)} poses"
+            raise InvalidArray(counts, reason=counts)
+        self._set(target, source, checked, geometry.checked(rows), repeated)
+
+    def _set(
+        self,
+        target: str,
+        source: str,
+        stamps: npt.NDArray[np.int64],
+        poses: npt.NDArray[np.float64],
+        repeated: int = 0,
+    ) -> None:
+        """Take arrays that nobody writes to any more."""
+        self._target, self._source, self._repeated = target, source, repeated
+        self._stamps, self._poses = stamps.view(), poses.view()
+        self._stamps.setflags(write=False)
+        self._poses.setflags(write=False)
+        self._store = None
+
+    @classmethod
+    def _made(
+        cls,
+        target: str,
+        source: str,
+        stamps: npt.NDArray[np.int64],
+        poses: npt.NDArray[np.float64],
+        repeated: int = 0,
+    ) -> Trajectory:
+        """Make one of what needs no check."""
+        made = cls.__new__(cls)
+        made._set(target, source, stamps, poses, repeated)
+        return made
+
+    @classmethod
+    def from_table(cls, target: str, source: str, table: Any) -> Trajectory:
+        """Make a trajectory of a table with columns stamp_ns, x, y, z, qx, qy, qz, qw.
+
+        Parameters
+        ----------
+        target, source
+            Frame names.
+        table
+            Whatever gives its columns by name: a DataFrame of pandas or polars, a table of Arrow, a
+            dict, a structured array. Others that it has are left out; `stamp_ns` may hold integers
+            or times.
+
+        Raises
+        ------
+        InvalidArray
+            A column is missing or holds something else.
+        InvalidTransform, InvalidStamp, InvalidName
+
+        Examples
+        --------
+        >>> import pandas as pd
+        >>> import tfdb
+        >>> row = {"stamp_ns": 5, "x": 1, "y": 2, "z": 3, "qx": 0, "qy": 0, "qz": 0.6, "qw": 0.8}
+        >>> tfdb.Trajectory.from_table("map", "base", pd.DataFrame([row])).translations
+        array([[1., 2., 3.]])
+        """
+        from .tables import columns_of  # noqa: PLC0415 - most programs do without
+
+        return cls(target, source, *columns_of(table))
+
+    # -- what it holds -----------------------------------------------------------------------------
+
+    @property
+    def target(self) -> str:
+        """Frame into which the poses map."""
+        return self._target
+
+    @property
+    def source(self) -> str:
+        """Frame from which they map."""
+        return self._source
+
+    @property
+    def stamps(self) -> npt.NDArray[np.int64]:
+        """(N,) nanoseconds, increasing; read-only."""
+        return self._stamps
+
+    @property
+    def poses(self) -> npt.NDArray[np.float64]:
+        """(N, 7) x y z qx qy qz qw; read-only."""
+        return self._poses
+
+    @property
+    def translations(self) -> npt.NDArray[np.float64]:
+        """(N, 3) view of the poses, in metres: where the source's origin is in the target."""
+        return self._poses[:, :3]
+
+    @property
+    def rotations(self) -> npt.NDArray[np.float64]:
+        """(N, 4) view of the poses: unit quaternions x y z w.
+
+        What scipy's `Rotation.from_quat` takes.
+        """
+        return self._poses[:, 3:]
+
+    @property
+    def matrices(self) -> npt.NDArray[np.float64]:
+        """(N, 4, 4) homogeneous matrices, a new array.
+
+        Examples
+        --------
+        >>> import tfdb
+        >>> t = tfdb.Trajectory("map", "base", [0], [[1, 2, 3, 0, 0, 1, 0]])
+        >>> t.matrices[0]
+        array([[-1.,  0.,  0.,  1.],
+               [ 0., -1.,  0.,  2.],
+               [ 0.,  0.,  1.,  3.],
+               [ 0.,  0.,  0.,  1.]])
+        """
+        return geometry.matrices(self._poses)
+
+    @property
+    def found(self) -> npt.NDArray[np.bool_]:
+        """(N,) which poses are there and not NaN: `t[t.found]` is without the missing ones."""
+        return geometry.found(self._poses)
+
+    @property
+    def repeated(self) -> int:
+        """Poses of the file it was read from that a later one with the same stamp replaced."""
+        return self._repeated
+
+    @property
+    def duration(self) -> float:
+        """Seconds from the first to the last stamp."""
+        return float(self._stamps[-1] - self._stamps[0]) / 1e9 if len(self) else 0.0
+
+    @property
+    def length(self) -> float:
+        """Metres along the translations, straight from pose to pose; missing ones are left out.
+
+        Examples
+        --------
+        >>> import tfdb
+        >>> poses = [[0, 0, 0, 0, 0, 0, 1], [3, 4, 0, 0, 0, 0, 1]]
+        >>> t = tfdb.Trajectory("map", "base", [0, 10], poses)
+        >>> t.length
+        5.0
+        """
+        import numpy as np
+
+        with np.errstate(over="ignore"):
+            x, y, z = np.diff(self.translations[self.found], axis=0).T
+            return float(np.hypot(np.hypot(x, y), z).sum())  # of any size, down to denormal
+
+    def __len__(self) -> int:
+        return len(self._stamps)
+
+    def __array__(
+        self, dtype: npt.DTypeLike | None = None, copy: bool | None = None
+    ) -> npt.NDArray[Any]:
+        """Return the poses: `np.asarray(trajectory)` is (N, 7).
+
+        `pandas.DataFrame(trajectory)` reads this array, so it has no stamps: use `to_pandas`.
+        """
+        import numpy as np
+
+        wanted = np.dtype(self._poses.dtype if dtype is None else dtype)
+        if copy is False and wanted != self._poses.dtype:
+            raise ValueError(f"the poses are {self._poses.dtype}: {wanted} needs a copy")
+        return self._poses.astype(wanted, copy=bool(copy))
+
+    @overload
+    def __getitem__(self, rows: int | np.integer[Any]) -> Transform: ...
+    @overload
+    def __getitem__(self, rows: Rows) -> Trajectory: ...
+    def __getitem__(self, rows: Any) -> Transform | Trajectory:
+        """Return one pose as a Transform, or some as a Trajectory.
+
+        Raises InvalidIndex for a row that is not there, InvalidArray for what is no index or would
+        bring the stamps out of order, NoSampleNear for one pose that is missing.
+        """
+        import numpy as np
+
+        if isinstance(rows, slice):
+            try:
+                rows.indices(len(self))
+            except (TypeError, ValueError) as error:
+                raise InvalidArray(f"{shown(rows)}: {error}", reason=str(error)) from None
+            return self._some(rows)
+        if not isinstance(rows, np.ndarray | bool | list | tuple):
+            try:
+                return self._one(operator.index(rows))
+            except TypeError:
+                pass  # refused below, if it is no array
+        try:
+            picked = np.asarray(rows)
+        except (TypeError, ValueError):
+            picked = np.empty((1, 1))
+        if picked.shape == (0,):
+            picked = picked.astype(np.int64)
+        if picked.ndim == 0 and picked.dtype.kind in "iu":
+            return self._one(int(picked))
+        if picked.ndim != 1 or picked.dtype.kind not in "iub" or np.ma.is_masked(rows):
+            reason = f"a trajectory is indexed by rows, a slice or a mask, not by {shown(rows)}"
+            raise InvalidArray(reason, reason=reason)
+        if picked.dtype.kind == "b":
+            if len(picked) != len(self):
+                reason = f"a mask of {len(picked)} for {len(self)} poses"
+                raise InvalidArray(reason, reason=reason)
+            return self._some(picked)
+        outside = np.flatnonzero((picked < -len(self)) | (picked >= len(self)))
+        if len(outside):
+            raise self._no_row(int(picked[outside[0]]))
+        return self._some(picked)
+
+    def __iter__(self) -> Iterator[Transform]:
+        """Go through the poses as Transforms; raises NoSampleNear at one that is missing."""
+        for row in range(len(self)):
+            yield self._one(row)
+
+    def __eq__(self, other: object) -> bool:
+        """Compare frames, stamps and poses, all exactly; a missing pose equals a missing one."""
+        import numpy as np
+
+        if not isinstance(other, Trajectory):
+            return NotImplemented
+        return (
+            (self._target, self._source) == (other._target, other._source)
+            and np.array_equal(self._stamps, other._stamps)
+            and np.array_equal(self._poses, other._poses, equal_nan=True)
+        )
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        held = (self._target, self._source, self._stamps, self._poses, self._repeated)
+        return _restore, held
+
+    def __repr__(self) -> str:
+        name = f"T[{self._target}<-{self._source}]"
+        if len(self) == 0:
+            return f"<tfdb.Trajectory {name}, no poses>"
+        first, last = format_seconds(int(self._stamps[0])), format_seconds(int(self._stamps[-1]))
+        poses = "1 pose" if len(self) == 1 else f"{len(self)} poses"
+        return f"<tfdb.Trajectory {name}, {poses} from {first} to {last}>"
+
+    def _repr_html_(self) -> str:
+        """Show it in a notebook: what it is, the first and the last poses."""
+        rows = list(range(len(self)))
+        if len(rows) > 10:
+            rows = [*rows[:5], -1, *rows[-5:]]
+        heads = ("stamp [s]", "x [m]", "y [m]", "z [m]", "qx", "qy", "qz", "qw")
+        lines = ["".join(f"<th>{head}</th>" for head in heads)]
+        for row in rows:
+            cells = ["&#8942;"] * 8
+            if row >= 0:
+                stamp = format_seconds(int(self._stamps[row])).removesuffix(" s")
+                cells = [stamp, *(f"{number:.6g}" for number in self._poses[row])]
+            lines.append("".join(f"<td>{cell}</td>" for cell in cells))
+        told = f"{self.duration:.6g} s, {self.length:.6g} m"
+        table = "".join(f"<tr>{line}</tr>" for line in lines)
+        return f"<p>{escape(repr(self))}: {told}</p><table>{table}</table>"
+
+    # -- between the poses -------------------------------------------------------------------------
+
+    @overload
+    def at(self, stamps: StampLike, policy: Policy | None = None) -> Transform: ...
+    @overload
+    def at(
+        self,
+        stamps: StampsLike,
+        policy: Policy | None = None,
+        *,
+        missing: Literal["raise", "nan"] = "raise",
+    ) -> npt.NDArray[np.float64]: ...
+    def at(
+        self,
+        stamps: Any,
+        policy: Policy | None = None,
+        *,
+        missing: Literal["raise", "nan"] = "raise",
+    ) -> Transform | npt.NDArray[np.float64]:
+        """T[target<-source] at a stamp or at many, as a store that holds these poses says it.
+
+        A pose that is missing is as if it were not there: `Interpolate(max_gap=...)` refuses what
+        would go across it.
+
+        Parameters
+        ----------
+        stamps
+            One stamp in nanoseconds; or (N,) of them, in any order.
+        policy
+            How stamps between poses are answered. None: Interpolate().
+        missing
+            Of many: `raise`, or `nan` for NaN where there is no answer, as in `lookup_transforms`.
+
+        Returns
+        -------
+        Transform or numpy.ndarray
+            A Transform at one stamp, (N, 7) poses at many. `resample` gives a Trajectory.
+
+        Raises
+        ------
+        Extrapolation
+            The stamp lies outside.
+        GapTooLarge, Stale, NoSampleNear
+            What the policy refuses.
+        InvalidStamp, InvalidArray, InvalidArgument
+
+        Examples
+        --------
+        >>> import tfdb
+        >>> poses = [[0, 0, 0, 0, 0, 0, 1], [4, 0, 0, 0, 0, 0, 1]]
+        >>> t = tfdb.Trajectory("map", "base", [0, 10], poses)
+        >>> t.at(5)
+        T[map<-base] at 0.000000005 s: translation [2, 0, 0], rotation [0, 0, 0, 1]
+        >>> t.at([9, 1])[:, 0]
+        array([3.6, 0.4])
+        >>> t.at(11, tfdb.Extrapolate(max=1.0)).translation
+        array([4.4, 0. , 0. ])
+        """
+        if _are_many(stamps):
+            store, child = self._stored("nan" if _are_none(stamps) else missing)
+            return store.lookup_transforms(self._target, child, stamps, policy, missing=missing)
+        store, child = self._stored()
+        answer = store.lookup_transform(self._target, child, _nanoseconds(stamps), policy)
+        return answer if answer.source == self._source else self._as(answer.stamp, answer.pose)
+
+    def between(self, start: StampLike | None = None, end: StampLike | None = None) -> Trajectory:
+        """Poses with start <= stamp <= end; None: from the first, to the last.
+
+        Raises InvalidArgument if `end` lies before `start`, and InvalidStamp.
+
+        Examples
+        --------
+        >>> import tfdb
+        >>> t = tfdb.Trajectory("map", "base", [0, 5, 10], [[0, 0, 0, 0, 0, 0, 1]] * 3)
+        >>> t.between(5).stamps
+        array([ 5, 10])
+        """
+        first = 0 if start is None else _nanoseconds(start)
+        last = MAX_STAMP if end is None else _nanoseconds(end)
+        if last < first:
+            raise InvalidArgument(f"end {last} lies before start {first}", value=last)
+        low = int(self._stamps.searchsorted(first, "left"))
+        return self._some(slice(low, int(self._stamps.searchsorted(last, "right"))))
+
+    def resample(
+        self,
+        rate: float | None = None,
+        *,
+        stamps: StampsLike | None = None,
+        policy: Policy | None = None,
+        missing: Missing = "raise",
+    ) -> Trajectory:
+        """Interpolate it at even times, or at those of another.
+
+        Parameters
+        ----------
+        rate
+            Poses per second, from the first pose that is there to the last.
+        stamps
+            Instead of it: (N,) increasing nanoseconds, such as `other.stamps`.
+        policy, missing
+            As in `Buffer.trajectory`.
+
+        Raises
+        ------
+        InvalidArgument
+            Neither or both of rate and stamps, or a rate that is not positive.
+        Extrapolation, and what else `at` raises
+
+        Examples
+        --------
+        >>> import tfdb
+        >>> t = tfdb.Trajectory("map", "base", [0, 10**9], [[0, 0, 0, 0, 0, 0, 1]] * 2)
+        >>> len(t.resample(100.0))
+        101
+        """
+        from tfdb.store.sampling import sample, sample_at  # noqa: PLC0415 - most programs do without
+
+        if (rate is None) == (stamps is None):
+            raise InvalidArgument("give a rate or stamps: resample(100.0), resample(stamps=...)")
+        if rate is not None:
+            store, child = self._stored()
+            made = sample(store, self._target, child, rate, None, None, policy, missing)
+        else:
+            wanted = increasing_stamps(stamps)
+            store, child = self._stored(missing if len(wanted) else "nan")
+            made = sample_at(store, self._target, child, wanted, policy, missing)
+        return self._made(self._target, self._source, *made)
+
+    def adaptive(self, metres: float, radians: float) -> Trajectory:
+        """As few of its poses as keep the interpolated path within a tolerance.
+
+        At every time, not only at the stamps, the new trajectory is at most `metres` and `radians`
+        away from this one. The first and the last pose stay; missing ones are left out. From each
+        pose that stays it goes as far as one interpolation reaches, as far ahead as it looks: the
+        very fewest would be about one in twenty less.
+
+        Parameters
+        ----------
+        metres
+            How far a translation may be off; `math.inf`: any.
+        radians
+            By which angle a rotation may be off; `math.pi` or more: any.
+
+        Raises InvalidArgument for a tolerance that is negative or no number.
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> import tfdb
+        >>> poses = np.tile([0.0, 0, 0, 0, 0, 0, 1], (101, 1))
+        >>> poses[:, 0] = np.abs(np.arange(101) - 50)  # there and back
+        >>> t = tfdb.Trajectory("map", "base", np.arange(101) * 10_000_000, poses)
+        >>> t.adaptive(0.01, 0.01).translations[:, 0]
+        array([50.,  0., 50.])
+        """
+        from tfdb._core import _enough_rows  # noqa: PLC0415 - the extension imports this module
+
+        limits = [_tolerance(metres, "metres"), _tolerance(radians, "radians")]
+        path = self if bool(self.found.all()) else self._some(self.found)
+        return path._some(_enough_rows(path._stamps, path._poses, *limits))
+
+    def velocities(self, interval: float = 0.1) -> Twist:
+        """Velocity of `source` seen from `target` at each pose, as `lookup_velocity` defines it.
+
+        The difference over `interval` around the stamp, moved to lie within the trajectory.
+
+        Parameters
+        ----------
+        interval
+            Seconds over which the difference is taken.
+
+        Returns
+        -------
+        Twist
+            `linear` (N, 3) in m/s, of the source's origin, and `angular` (N, 3) in rad/s, in the
+            axes of `target`. NaN where the pose is missing.
+
+        Raises
+        ------
+        Extrapolation
+            There is one pose only (`no data`).
+        InvalidArgument
+            An interval that is not positive.
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> import tfdb
+        >>> poses = np.tile([0.0, 0, 0, 0, 0, 0, 1], (11, 1))
+        >>> poses[:, 0] = np.arange(11) * 0.2
+        >>> t = tfdb.Trajectory("map", "base", np.arange(11) * 100_000_000, poses)
+        >>> t.velocities().linear[5].round(6)
+        array([2., 0., 0.])
+        """
+        import numpy as np
+
+        length = _nanoseconds_of(interval)
+        store, child = self._stored()
+        here = self.found
+        stamps = self._stamps[here]
+        first, last = stamps[0], stamps[-1]
+        if len(stamps) == 1:
+            raise Extrapolation(
+                f"T[{self._target}<-{self._source}] has one pose only, at "
+                f"{format_seconds(int(first))}: that is not a motion",
+                edge=self._source,
+                parent=self._target,
+                stamp=int(first),
+                oldest=int(first),
+                newest=int(first),
+                reason="no data",
+            )
+        low, high = np.maximum(stamps - length, first), np.minimum(stamps + length, last)
+        begin = np.maximum(low, stamps - length // 2)
+        end = np.minimum(high, begin + length)
+        begin = np.maximum(low, end - length)
+        before = store.lookup_transforms(self._target, child, begin)
+        after = store.lookup_transforms(self._target, child, end)
+        seconds = ((end - begin) / 1e9)[:, np.newaxis]
+        linear, angular = np.full((2, len(self), 3), np.nan)
+        with np.errstate(over="ignore", invalid="ignore"):
+            linear[here] = (after[:, :3] - before[:, :3]) / seconds
+        angular[here] = geometry.rotation_vectors(before[:, 3:], after[:, 3:]) / seconds
+        return Twist(linear, angular)
+
+    # -- other frames, other stamps ----------------------------------------------------------------
+
+    def inverse(self) -> Trajectory:
+        """T[source<-target]: the same in the other direction, pose by pose.
+
+        Raises InvalidTransform, with `index`, where a result is too large to be finite.
+
+        Examples
+        --------
+        >>> import tfdb
+        >>> tfdb.Trajectory("map", "base", [0], [[1, 2, 3, 0, 0, 1, 0]]).inverse().translations
+        array([[ 1.,  2., -3.]])
+        """
+        return self._moved(self._source, self._target, lambda: geometry.inverse(self._poses))
+
+    def __matmul__(self, other: Transform) -> Trajectory:
+        """T[a<-b] over time, then T[b<-c] that stays as it is: T[a<-c] over time.
+
+        Raises InvalidArgument if the frames do not chain, InvalidTransform as `inverse`.
+        """
+        if not _chains(other, "t @ T", "np.asarray(t) @ array multiplies numbers"):
+            return NotImplemented
+        _check_chain(self._target, self._source, other.target, other.source)
+        end = other.pose
+        return self._moved(self._target, other.source, lambda: geometry.compose(self._poses, end))
+
+    def __rmatmul__(self, other: Transform) -> Trajectory:
+        """T[a<-b] that stays as it is, then T[b<-c] over time: T[a<-c] over time."""
+        if not _chains(other, "T @ t", "array @ np.asarray(t) multiplies numbers"):
+            return NotImplemented
+        _check_chain(other.target, other.source, self._target, self._source)
+        begin = other.pose
+        return self._moved(other.target, self._source, lambda: geometry.compose(begin, self._poses))
+
+    def merge(self, *others: Trajectory) -> Trajectory:
+        """Join it with others of the same frames, by their stamps.
+
+        Of poses with one stamp the last trajectory's stays, of those where it is not missing.
+
+        Raises InvalidArgument for one of other frames.
+
+        Examples
+        --------
+        >>> import tfdb
+        >>> pose = [[1, 2, 3, 0, 0, 0, 1]]
+        >>> morning = tfdb.Trajectory("map", "base", [10], pose)
+        >>> tfdb.Trajectory("map", "base", [20], pose).merge(morning).stamps
+        array([10, 20])
+        """
+        import numpy as np
+
+        for other in others:
+            if not isinstance(other, Trajectory):
+                raise TypeError(f"merge() takes trajectories, got {shown(other)}")
+            if (other.target, other.source) != (self._target, self._source):
+                raise InvalidArgument(
+                    f"T[{self._target}<-{self._source}] and T[{other.target}<-{other.source}] are "
+                    "not one trajectory: their frames differ",
+                    target=other.target,
+                    source=other.source,
+                )
+        parts = (self, *others)
+        stamps = np.concatenate([part._stamps for part in parts])
+        poses = np.concatenate([part._poses for part in parts])
+        order = np.lexsort((geometry.found(poses), stamps))  # stable: the last one stays last
+        last = np.append(np.diff(stamps[order]) > 0, True)[: len(order)]
+        rows = order[last]
+        return self._made(self._target, self._source, stamps[rows], poses[rows])
+
+    # -- to others ---------------------------------------------------------------------------------
+
+    def to_pandas(self) -> pd.DataFrame:
+        """Make a DataFrame of pandas: columns stamp_ns, x, y, z, qx, qy, qz, qw.
+
+        `pandas.DataFrame(trajectory)` holds the poses alone; `pandas.DataFrame.from_arrow`
+        (pandas 3) keeps all columns.
+
+        Raises NotSupported where pandas is not installed: `pip install 'tfdb[tables]'`.
+
+        Examples
+        --------
+        >>> import tfdb
+        >>> tfdb.Trajectory("map", "base", [5], [[1, 2, 3, 0, 0, 0, 1]]).to_pandas()
+           stamp_ns    x    y    z   qx   qy   qz   qw
+        0         5  1.0  2.0  3.0  0.0  0.0  0.0  1.0
+        """
+        from .tables import as_pandas  # noqa: PLC0415 - most programs do without
+
+        return as_pandas(self._stamps, self._poses)
+
+    def to_polars(self) -> pl.DataFrame:
+        """Make a DataFrame of polars: columns stamp_ns, x, y, z, qx, qy, qz, qw.
+
+        A missing pose is NaN, not null. Raises NotSupported where polars is not installed.
+
+        Examples
+        --------
+        >>> import tfdb
+        >>> tfdb.Trajectory("map", "base", [5], [[1, 2, 3, 0, 0, 0, 1]]).to_polars().shape
+        (1, 8)
+        """
+        from .tables import as_polars  # noqa: PLC0415 - most programs do without
+
+        return as_polars(self._stamps, self._poses)
+
+    def to_parquet(self, path: str | os.PathLike[str], *, overwrite: bool = False) -> None:
+        """Write a Parquet file with the columns of `to_polars` and the frames' names.
+
+        Parameters
+        ----------
+        path
+            The file. It appears when it is complete.
+        overwrite
+            Replace a file of that name.
+
+        Raises
+        ------
+        InvalidArgument
+            The name is taken and `overwrite` is off, or it is no name of a file.
+        NotSupported
+            polars is not installed.
+        OSError
+            The file cannot be written.
+        """
+        from .tables import write_parquet  # noqa: PLC0415 - most programs do without
+
+        frames = (self._target, self._source)
+        write_parquet(path, frames, self._stamps, self._poses, overwrite=overwrite)
+
+    @classmethod
+    def from_parquet(
+        cls,
+        path: str | os.PathLike[str],
+        *,
+        target: str | None = None,
+        source: str | None = None,
+    ) -> Trajectory:
+        """Read a Parquet file with the columns of `to_polars`.
+
+        Parameters
+        ----------
+        path
+            The file.
+        target, source
+            Frame names; None: those that `to_parquet` wrote into it.
+
+        Raises
+        ------
+        TrajectoryError
+            It is no such file, or says no names and none are given.
+        NotSupported
+            polars is not installed.
+        OSError
+            The file cannot be opened.
+
+        Examples
+        --------
+        >>> import tempfile, tfdb
+        >>> t = tfdb.Trajectory("map", "base", [5], [[1, 2, 3, 0, 0, 0, 1]])
+        >>> with tempfile.TemporaryDirectory() as folder:
+        ...     t.to_parquet(f"{folder}/path.parquet")
+        ...     again = tfdb.Trajectory.from_parquet(f"{folder}/path.parquet")
+        >>> again == t
+        True
+        """
+        from .tables import read_parquet, trajectory_error  # noqa: PLC0415 - see above
+
+        target, source, table = read_parquet(path, target, source)
+        try:
+            return cls.from_table(target, source, table)
+        except (InvalidArray, InvalidTransform, InvalidStamp) as error:
+            raise trajectory_error(path, str(error)) from error
+
+    def __arrow_c_stream__(self, requested_schema: object | None = None) -> object:
+        """Give the table of `to_polars` to any library that knows Arrow: `pyarrow.table(t)`.
+
+        Raises NotSupported where polars is not installed.
+        """
+        from .tables import as_polars  # noqa: PLC0415 - most programs do without
+
+        table = as_polars(self._stamps, self._poses, "Arrow")
+        stream: object = table.__arrow_c_stream__(requested_schema)
+        return stream
+
+    def plot(
+        self,
+        *others: Trajectory,
+        axes: Literal["xy", "xz", "yz", "xyz"] | None = None,
+        color: Literal["time", "speed"] | None = None,
+        title: str | None = None,
+    ) -> Figure:
+        """Draw it, alone or with others: `t.plot().savefig("path.png")`.
+
+        Parameters
+        ----------
+        *others
+            More of them for the same picture.
+        axes, color, title
+            As in `tfdb.plot.trajectory`.
+
+        Returns
+        -------
+        matplotlib.figure.Figure
+            To save or to show.
+
+        Raises
+        ------
+        InvalidArgument
+            There is no pose to draw.
+        NotSupported
+            matplotlib is not installed: `pip install 'tfdb[plot]'`.
+        """
+        try:
+            from tfdb.plot import trajectory  # noqa: PLC0415 - most programs do without
+        except ImportError as error:
+            message = "plot() needs matplotlib: pip install 'tfdb[plot]'"
+            raise NotSupported(message) from error
+        return trajectory(self, *others, axes=axes, color=color, title=title)
+
+    # -- inside ------------------------------------------------------------------------------------
+
+    def _stored(self, missing: Missing = "raise") -> tuple[Buffer, str]:
+        """Return a store that holds the poses which are there, and its name for the source.
+
+        Where there is none it holds the frames alone, for who takes NaN for an answer.
+        """
+        if self._store is None:
+            from tfdb._core import Buffer  # noqa: PLC0415 - the extension imports this module
+
+            here = self.found
+            if not here.any() and missing != "nan":
+                raise Extrapolation(
+                    f"T[{self._target}<-{self._source}] has no pose to interpolate",
+                    target=self._target,
+                    source=self._source,
+                    reason="no data",
+                )
+            child = self._source
+            if child == self._target:  # a store has no such edge
+                child = "moving" if child != "moving" else "moved"
+            store = Buffer(history=None)
+            if not here.any():
+                others = [name for name in "abcd" if name not in (self._target, child)]
+                store.set_static_transform(others[0], self._target, (0, 0, 0))
+                store.set_static_transform(others[1], child, (0, 0, 0))
+                return store, child
+            store.set_transforms(
+                Columns(self._target, child, self._stamps[here], self._poses[here])
+            )
+            self._store = store, child
+        return self._store
+
+    def _as(self, stamp: int, pose: npt.NDArray[np.float64], *edges: object) -> Transform:
+        from tfdb.store.report import restore_transform  # noqa: PLC0415 - it imports the extension
+
+        return restore_transform(self._target, self._source, (pose[:3], pose[3:]), stamp, 0, edges)
+
+    def _one(self, row: int) -> Transform:
+        import numpy as np
+
+        if not -len(self) <= row < len(self):
+            raise self._no_row(row)
+        pose, stamp = self._poses[row], int(self._stamps[row])
+        if not np.isfinite(pose).all():
+            raise NoSampleNear(
+                f"pose {row} of T[{self._target}<-{self._source}] at {format_seconds(stamp)} is "
+                "missing: t[t.found] is without such poses",
+                edge=self._source,
+                stamp=stamp,
+                index=row,
+            )
+        edge = (self._source, self._target, "exact", stamp, stamp, False)
+        return self._as(stamp, pose, edge)
+
+    def _no_row(self, row: int) -> InvalidIndex:
+        valid = f"valid are {-len(self)} to {len(self) - 1}" if len(self) else "it is empty"
+        return InvalidIndex(f"there is no pose {shown(row)}: {valid}", index=row)
+
+    def _some(self, rows: Any) -> Trajectory:
+        stamps = self._stamps[rows]
+        check_increasing(stamps)
+        return self._made(self._target, self._source, stamps, self._poses[rows])
+
+    def _moved(
+        self, target: str, source: str, compute: Callable[[], npt.NDArray[np.float64]]
+    ) -> Trajectory:
+        """Make what was computed pose by pose; raise InvalidTransform where it is not finite."""
+        import numpy as np
+
+        with np.errstate(over="ignore", invalid="ignore"):
+            poses = compute()
+        lost = np.flatnonzero(self.found & ~geometry.found(poses))
+        if len(lost):
+            stamp = int(self._stamps[lost[0]])
+            raise InvalidTransform(
+                f"pose {lost[0]} of T[{target}<-{source}] at {format_seconds(stamp)} is not "
+                "finite: the numbers are too large for floating point",
+                target=target,
+                source=source,
+                stamp=stamp,
+                index=int(lost[0]),
+                reason="not finite",
+            )
+        return self._made(target, source, self._stamps, poses)
+
+
+def _restore(*held: Any) -> Trajectory:
+    return Trajectory._made(*held)
+
+
+def _nanoseconds(stamp: StampLike) -> int:
+    from tfdb._core import to_nanoseconds  # noqa: PLC0415 - the extension imports this module
+
+    return to_nanoseconds(stamp)
+
+
+def _are_many(stamps: Any) -> bool:
+    if getattr(stamps, "shape", None) == ():
+        return False
+    return hasattr(stamps, "__len__") or hasattr(stamps, "__iter__")
+
+
+def _are_none(stamps: Any) -> bool:
+    return hasattr(stamps, "__len__") and len(stamps) == 0
+
+
+def _chains(other: object, written: str, instead: str) -> bool:
+    """Whether it is a Transform; False leaves it to `other` to know how."""
+    from tfdb._core import Transform  # noqa: PLC0415 - the extension imports this module
+
+    if isinstance(other, Transform):
+        return True
+    if isinstance(other, list | tuple) or hasattr(other, "__array__"):
+        name = type(other).__name__
+        raise TypeError(f"{written} chains with a Transform, the other is a {name}: {instead}")
+    return False
+
+
+def _check_chain(target: str, source: str, second_target: str, second_source: str) -> None:
+    if source != second_target:
+        raise InvalidArgument(
+            f"T[{target}<-{source}] @ T[{second_target}<-{second_source}] do not chain: the first "
+            f"maps from '{source}', the second into '{second_target}'",
+            source=source,
+            target=second_target,
+        )
+
+
+def _number(value: float) -> float:
+    """Return what is a number as a float, NaN for all else."""
+    if isinstance(value, bool | str | bytes | bytearray):
+        return math.nan
+    try:
+        return float(value)
+    except (TypeError, ValueError, OverflowError):
+        return math.nan
+
+
+def _tolerance(value: float, name: str) -> float:
+    number = _number(value)
+    if not number >= 0.0:
+        message = f"{name} must be a number from 0 on, got {shown(value)}"
+        raise InvalidArgument(message, value=value)
+    return number
+
+
+def _nanoseconds_of(interval: float) -> int:
+    """Nanoseconds of an interval in seconds."""
+    number = _number(interval) * 1e9
+    if not 1.0 <= number <= MAX_STAMP:
+        most = format_seconds(MAX_STAMP)
+        message = f"interval must be a number of seconds, from {format_seconds(1)} to {most}, got "
+        raise InvalidArgument(message + shown(interval), value=interval)
+    return round(number)
+
+
+belong_to("tfdb", globals(), __all__)

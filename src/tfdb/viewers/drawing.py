@@ -1,0 +1,83 @@
+"""What `to_rerun` and `to_foxglove` write: edges of stores, poses of trajectories."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from tfdb.data.errors import InvalidArgument
+
+if TYPE_CHECKING:
+    import numpy.typing as npt
+
+    from tfdb.trajectories.trajectory import Trajectory
+
+
+@dataclass(frozen=True)
+class Edge:
+    """The samples T[parent<-child] of one edge."""
+
+    child: str
+    stamps: npt.NDArray[np.int64] | None
+    """Nanoseconds, increasing; None: it is static."""
+    poses: npt.NDArray[np.float64]
+    parents: list[str]
+
+
+@dataclass(frozen=True)
+class Drawn:
+    """All edges, and the trajectories that are drawn as paths, too."""
+
+    edges: list[Edge]
+    paths: list[Trajectory]
+
+    @property
+    def first(self) -> int:
+        """The first stamp; 0 where nothing moves."""
+        return min((int(e.stamps[0]) for e in self.edges if e.stamps is not None), default=0)
+
+    @property
+    def transforms(self) -> int:
+        """How many samples there are."""
+        return sum(len(edge.poses) for edge in self.edges)
+
+
+def collect(what: Any) -> Drawn:
+    """Take a store, a snapshot, a trajectory or several apart; raise InvalidArgument for others."""
+    if hasattr(what, "tree") and hasattr(what, "samples"):
+        return Drawn(_edges_of(what), [])
+    paths = list(what) if isinstance(what, list | tuple) else [what]
+    for path in paths:
+        if not all(hasattr(path, name) for name in ("target", "source", "stamps", "poses")):
+            raise InvalidArgument(
+                "export a Buffer, a Snapshot, a Trajectory or a list of these last; got "
+                f"{type(path).__name__}",
+                value=path,
+            )
+    if not paths:
+        raise InvalidArgument("there is nothing to export: the list is empty", value=what)
+    sources = [path.source for path in paths]
+    twice = next((name for name in sources if sources.count(name) > 1), None)
+    if twice is not None:
+        raise InvalidArgument(f"two trajectories are of the frame {twice!r}", value=what)
+    return Drawn([_edge_of(path) for path in paths], paths)
+
+
+def _edges_of(store: Any) -> list[Edge]:
+    found = []
+    for info in store.tree():
+        stamps, poses, parents = store.samples(info.name)
+        if len(poses):
+            found.append(Edge(info.name, None if info.is_static else stamps, poses, parents))
+    return found
+
+
+def _edge_of(path: Trajectory) -> Edge:
+    good = np.flatnonzero(np.isfinite(path.poses).all(axis=1))
+    if not len(good):
+        raise InvalidArgument(
+            f"the trajectory of {path.source} in {path.target} holds no pose", value=path
+        )
+    return Edge(path.source, path.stamps[good], path.poses[good], [path.target] * len(good))

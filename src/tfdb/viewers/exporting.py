@@ -1,0 +1,142 @@
+"""Stores and trajectories for the viewers of others: Rerun and Foxglove."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from tfdb.data.errors import InvalidArgument, NotSupported
+
+if TYPE_CHECKING:
+    import os
+    from collections.abc import Sequence
+
+    from tfdb._core import Buffer, Snapshot
+    from tfdb.trajectories.trajectory import Trajectory
+
+__all__ = ["to_foxglove", "to_rerun"]
+
+
+def to_rerun(
+    what: Buffer | Snapshot | Trajectory | Sequence[Trajectory],
+    path: str | os.PathLike[str] | None = None,
+    *,
+    recording: Any = None,
+    entity: str = "tf",
+    axes: float = 0.1,
+    overwrite: bool = False,
+) -> int:
+    """Write transforms for Rerun's viewer, to an ``.rrd`` file or into a recording of Rerun.
+
+    Each edge T[parent<-child] becomes a `Transform3D` between two named frames, at
+    `ENTITY/CHILD`; moving ones lie on the timeline `stamp`, with all their samples. A trajectory
+    T[target<-source] is an edge, and its path a line in the target, too. Rerun keeps poses in
+    single precision. Needs rerun-sdk: ``pip install 'tfdb[rerun]'``.
+
+    Parameters
+    ----------
+    what
+        A store, a snapshot, or one or several trajectories.
+    path
+        The file, to be opened with ``rerun FILE``. None: into `recording`.
+    recording
+        A `rerun.RecordingStream`. None: the one that `rerun.init()` made.
+    entity
+        The entity path under which all is logged.
+    axes
+        How long the three axes of each frame are drawn, in metres; 0: not at all.
+    overwrite
+        Replace the file if it exists.
+
+    Returns
+    -------
+    int
+        How many transforms were written.
+
+    Raises
+    ------
+    NotSupported
+        rerun-sdk is not installed; the message says how.
+    InvalidArgument
+        `what` is none of these, or a path without a pose; the file exists; neither a path nor a
+        recording; both of them; a pose farther away than single precision reaches.
+    """
+    if not _is_name(entity):
+        raise InvalidArgument(f"entity must be a path, got {entity!r}", value=entity)
+    if not _is_length(axes):
+        raise InvalidArgument(f"axes must be metres from 0 on, got {axes!r}", value=axes)
+    from .drawing import collect  # noqa: PLC0415 - imports numpy
+
+    drawn = collect(what)
+    try:
+        from . import rerun_writer  # noqa: PLC0415 - an extra
+    except ImportError as error:
+        raise _missing("to_rerun", "rerun-sdk", "rerun", error) from error
+    rerun_writer.write(
+        drawn, path, recording, root=entity.strip("/"), axes=axes, overwrite=overwrite
+    )
+    return drawn.transforms
+
+
+def to_foxglove(
+    what: Buffer | Snapshot | Trajectory | Sequence[Trajectory],
+    path: str | os.PathLike[str],
+    *,
+    topic: str = "/tf",
+    overwrite: bool = False,
+) -> int:
+    """Write transforms as an MCAP file for Foxglove: messages of `foxglove.FrameTransforms`.
+
+    The edges T[parent<-child] of one stamp make one message on `topic`, logged at that stamp; the
+    static ones one on `topic` + `_static` at the first stamp. A trajectory T[target<-source] is an
+    edge, and a `foxglove.PosesInFrame` on `/SOURCE/path`, too. Needs foxglove-sdk:
+    ``pip install 'tfdb[foxglove]'``.
+
+    Parameters
+    ----------
+    what
+        A store, a snapshot, or one or several trajectories.
+    path
+        The file; usually it ends in ``.mcap``.
+    topic
+        Of the moving transforms.
+    overwrite
+        Replace the file if it exists.
+
+    Returns
+    -------
+    int
+        How many transforms were written.
+
+    Raises
+    ------
+    NotSupported
+        foxglove-sdk is not installed; the message says how.
+    InvalidArgument
+        `what` is none of these, or a path without a pose; the file exists; `topic` is empty.
+    """
+    if not _is_name(topic):
+        raise InvalidArgument(f"topic must be the name of a topic, got {topic!r}", value=topic)
+    from .drawing import collect  # noqa: PLC0415 - imports numpy
+
+    drawn = collect(what)
+    try:
+        from . import foxglove_writer  # noqa: PLC0415 - an extra
+    except ImportError as error:
+        raise _missing("to_foxglove", "foxglove-sdk", "foxglove", error) from error
+    foxglove_writer.write(drawn, path, topic=topic, overwrite=overwrite)
+    return drawn.transforms
+
+
+def _is_name(value: object) -> bool:
+    return isinstance(value, str) and bool(value.strip("/"))
+
+
+def _is_length(value: object) -> bool:
+    real = isinstance(value, int | float) and not isinstance(value, bool)
+    return real and 0 <= value < float("inf")  # type: ignore[operator]
+
+
+def _missing(name: str, package: str, extra: str, error: ImportError) -> NotSupported:
+    return NotSupported(
+        f"tfdb.{name} needs {package}: pip install 'tfdb[{extra}]' ({error})", reason=package
+    )

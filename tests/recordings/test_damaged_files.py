@@ -1,0 +1,274 @@
+"""Cuts at every hundredth of each format, flipped bytes, missing parts: a typed error or all of it;
+and with `salvage` what is left, with a count of what is not."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import tfdb
+from tfdb.recordings import Recording
+from tfdb.trajectories import read_trajectory, write_trajectory
+
+Drive = list[Any]
+Make = Callable[[Any, Path, Drive], Path]
+
+
+def bag(compression: str | None) -> Make:
+    return lambda recorder, at, drive: recorder.bag(at / "a.bag", drive, compression)
+
+
+def part(plugin: str, mode: str, suffix: str) -> Make:
+    return lambda recorder, at, drive: next(
+        recorder.folder(at / "a", drive, plugin, mode).glob(f"*{suffix}")
+    )
+
+
+FILES: dict[str, Make] = {
+    "bag": bag(None),
+    "bag-bz2": bag("bz2"),
+    "bag-lz4": bag("lz4"),
+    "mcap": part("mcap", "none", ".mcap"),
+    "mcap-zstd": part("mcap", "storage", ".mcap"),
+    "db3": part("sqlite3", "none", ".db3"),
+    # Cut within their folders, beside whole metadata.
+    "db3-in-folder": part("sqlite3", "none", ".db3"),
+    "db3-packed": part("sqlite3", "file", ".zstd"),
+    "db3-messages": part("sqlite3", "message", ".db3"),
+    "mcap-packed": part("mcap", "file", ".zstd"),
+    "metadata": part("sqlite3", "none", ".yaml"),
+}
+IN_FOLDER = ("db3-in-folder", "db3-packed", "db3-messages", "mcap-packed", "metadata")
+
+
+def all_of(path: Path, **options: Any) -> list[tuple[int, bytes]]:
+    with Recording(path, **options) as recording:
+        return [(received, data) for _, received, data in recording.messages()]
+
+
+def saved_of(path: Path) -> list[tuple[int, bytes]]:
+    """What salvaging saves; nothing where it must give up, too."""
+    try:
+        with Recording(path, salvage=True) as recording:
+            found = [(received, data) for _, received, data in recording.messages()]
+            assert recording.losses
+    except tfdb.errors.RecordingError:
+        return []
+    return found
+
+
+@pytest.mark.parametrize("name", FILES)
+def test_cuts_at_every_hundredth(recorder: Any, messages: Drive, tmp_path: Path, name: str) -> None:
+    file = FILES[name](recorder, tmp_path, messages[:240])
+    path = file.parent if name in IN_FOLDER else file
+    whole = all_of(path)
+    assert all_of(path, salvage=True) == whole
+    raw = file.read_bytes()
+    saved = []
+    for hundredth in range(100):
+        file.write_bytes(raw[: len(raw) * hundredth // 100])
+        try:
+            # Only metadata have something at their end that nobody needs.
+            assert (name, all_of(path)) == ("metadata", whole)
+        except tfdb.errors.RecordingError as error:
+            assert str(file.name if name in IN_FOLDER else path) in str(error)
+            found = saved_of(path)
+        else:
+            found = whole
+        assert set(found) <= set(whole)
+        assert found == [each for each in whole if each in set(found)], "out of order"
+        saved.append(len(found))
+    print(name, len(whole), saved)
+    if name == "metadata":
+        assert set(saved) == {len(whole)}
+    elif name in ("bag", "bag-bz2", "bag-lz4", "mcap"):
+        # Chunks are small or not packed: what lies before the cut is there.
+        assert saved == sorted(saved)
+        assert saved[99] > 0.9 * len(whole)
+        assert saved[50] > 0.3 * len(whole)
+
+
+@pytest.mark.parametrize("kind", ["tum", "csv", "euroc", "kitti", "npz"])
+def test_cut_trajectories(tmp_path: Path, kind: str) -> None:
+    rng = np.random.default_rng(9)
+    poses = rng.normal(size=(60, 7))
+    poses[:, 3:] /= np.linalg.norm(poses[:, 3:], axis=1, keepdims=True)
+    whole = tfdb.Trajectory("world", "body", np.arange(60) * 10_000_000 + 10**18, poses)
+    path = tmp_path / "a"
+    write_trajectory(path, whole, kind)
+    raw = path.read_bytes()
+    read = 0
+    for hundredth in range(100):
+        path.write_bytes(raw[: len(raw) * hundredth // 100])
+        try:
+            found = read_trajectory(path, kind)
+        except tfdb.errors.TrajectoryError as error:
+            assert error.path == str(path)
+        else:
+            # Text that ends with its last line, or in the middle of its last number.
+            assert np.array_equal(found.stamps, whole.stamps[: len(found)])
+            assert np.allclose(found.poses[:-1], whole.poses[: len(found) - 1], atol=1e-9)
+            read += 1
+    assert kind in ("tum", "csv", "euroc") or read == 0
+
+
+@pytest.mark.parametrize("salvage", [False, True])
+@pytest.mark.parametrize("name", FILES)
+def test_flipped_bytes(
+    recorder: Any, messages: Drive, tmp_path: Path, name: str, salvage: bool
+) -> None:
+    """No other exception than the typed one, whatever the damage."""
+    file = FILES[name](recorder, tmp_path, messages[:40])
+    path = file.parent if name in IN_FOLDER else file
+    raw = file.read_bytes()
+    rng = np.random.default_rng(17)
+    ends = []
+    for _ in range(100):
+        damaged = bytearray(raw)
+        for at in rng.integers(0, len(raw), rng.integers(1, 4)):
+            damaged[at] = rng.integers(0, 256)
+        file.write_bytes(damaged)
+        try:
+            ends.append(len(all_of(path, salvage=salvage)))
+        except tfdb.errors.RecordingError as error:
+            assert error.path in (str(path), str(file))
+            ends.append(-1)
+    print(name, salvage, ends)
+
+
+@pytest.mark.parametrize("name", ["bag", "bag-lz4"])
+def test_no_more_is_lost_than_there_was(
+    recorder: Any, messages: Drive, tmp_path: Path, name: str
+) -> None:
+    """A bit of a record beside the chunks: they tell how many messages there are."""
+    path = FILES[name](recorder, tmp_path, messages[:120])
+    whole = all_of(path)
+    raw = path.read_bytes()
+    # Messages that are not packed have a "conn" of their own: one more here is one less there.
+    words = (b"count=",) if name == "bag" else (b"count=", b"conn=\0")
+    counts = [at for at in range(len(raw) - 10) if raw[at : at + 6] in words]
+    index = raw.index(b"index_pos=") + len(b"index_pos=")
+    behind = range(int.from_bytes(raw[index : index + 8], "little"), len(raw), 23)
+    for at in [at + 5 + number % 5 for number, at in enumerate(counts)] + list(behind):
+        damaged = bytearray(raw)
+        damaged[at] ^= 1 << at % 8
+        path.write_bytes(damaged)
+        try:
+            with Recording(path, salvage=True) as recording:
+                found = [(received, data) for _, received, data in recording.messages()]
+                lost = sum(loss.messages for loss in recording.losses)
+        except tfdb.errors.RecordingError:
+            continue
+        assert len(found) + lost <= len(whole), at
+        assert recording.losses or found == whole, at
+
+
+def test_losses_are_counted(recorder: Any, messages: Drive, tmp_path: Path) -> None:
+    """A damaged chunk in the middle: the index knows what was in it."""
+    for name, count in (("bag-bz2", 601), ("mcap-zstd", 601)):
+        file = FILES[name](recorder, tmp_path, messages)
+        raw = bytearray(file.read_bytes())
+        middle = len(raw) // 2
+        raw[middle : middle + 40] = bytes(40)
+        file.write_bytes(raw)
+        buffer = tfdb.Buffer(history=None)
+        with pytest.raises(tfdb.errors.RecordingError, match="salvage=True"):
+            buffer.load(file)
+        if name == "mcap-zstd":
+            continue  # one chunk, of which nothing else is left
+        report = buffer.load(file, salvage=True)
+        (loss,) = report.lost
+        assert report.messages + loss.messages == count
+        assert 0 < loss.messages < count
+        assert loss.path == str(file)
+        assert 0 < loss.bytes < len(raw)
+        assert f"lost at least {loss.messages} messages" in str(loss)
+
+
+def test_a_bag_without_an_index(recorder: Any, messages: Drive, tmp_path: Path) -> None:
+    path = recorder.bag(tmp_path / "a.bag", messages, "lz4")
+    whole = all_of(path)
+    raw = bytearray(path.read_bytes())
+    at = raw.index(b"index_pos=") + len(b"index_pos=")
+    index = int.from_bytes(raw[at : at + 8], "little")
+    raw[at : at + 8] = bytes(8)
+    path.write_bytes(raw[:index])
+    with pytest.raises(tfdb.errors.RecordingError, match="not indexed"):
+        tfdb.load(path)
+    buffer = tfdb.Buffer(history=None)
+    report = buffer.load(path, salvage=True)
+    assert (report.messages, report.lost) == (601, ())
+    assert all_of(path, salvage=True) == whole
+    assert buffer.frame_info("base").authority == "/odometry"
+    assert buffer.frame_info("camera").is_static
+
+
+def split(recorder: Any, folder: Path, messages: Drive, plugin: str) -> list[Path]:
+    """A folder of three parts, as `ros2 bag record --max-bag-size` makes them."""
+    suffix = ".mcap" if plugin == "mcap" else ".db3"
+    parts = []
+    folder.mkdir()
+    for number in range(3):
+        one = recorder.folder(
+            folder.with_name(f"part{number}"), messages[number * 200 : number * 200 + 200], plugin
+        )
+        parts.append(folder / f"drive_{number}{suffix}")
+        shutil.move(next(one.glob(f"*{suffix}")), parts[-1])
+    whole = recorder.folder(folder.with_name("whole"), messages[:600], plugin)
+    text = (whole / "metadata.yaml").read_text()
+    names = "\n".join(f"  - {part.name}" for part in parts)
+    assert f"  - whole{suffix}\n" in text
+    (folder / "metadata.yaml").write_text(text.replace(f"  - whole{suffix}", names, 1))
+    return parts
+
+
+@pytest.mark.parametrize("plugin", ["sqlite3", "mcap"])
+def test_missing_parts(recorder: Any, messages: Drive, tmp_path: Path, plugin: str) -> None:
+    folder = tmp_path / "drive"
+    parts = split(recorder, folder, messages, plugin)
+    assert tfdb.load(folder).commit == 600
+    parts[1].unlink()
+    with pytest.raises(tfdb.errors.RecordingError, match=parts[1].name) as caught:
+        tfdb.load(folder)
+    assert caught.value.path == str(folder)
+    assert "missing" in str(caught.value)
+    report = tfdb.Buffer(history=None).load(folder, salvage=True)
+    assert report.messages == 400
+    assert sum(loss.messages for loss in report.lost) == 200
+    # Without the metadata the names tell of a part between others.
+    metadata = folder / "metadata.yaml"
+    text = metadata.read_text()
+    metadata.unlink()
+    with pytest.raises(tfdb.errors.RecordingError, match=parts[1].name):
+        tfdb.load(folder)
+    for broken in ("{", "[]", "rosbag2_bagfile_information: 5", "\x00", "[" * 400, text[:300]):
+        metadata.write_text(broken)
+        with pytest.raises(tfdb.errors.RecordingError, match=r"metadata\.yaml is broken"):
+            tfdb.load(folder)
+        assert tfdb.Buffer(history=None).load(folder, salvage=True).messages == 400
+
+
+def test_parts_that_hold_less_than_promised(recorder: Any, messages: Drive, tmp_path: Path) -> None:
+    folder = tmp_path / "drive"
+    parts = split(recorder, folder, messages, "sqlite3")
+    shutil.copy(parts[0], tmp_path / "saved")
+    short = recorder.folder(tmp_path / "short", messages[:150], "sqlite3")
+    shutil.copy(next(short.glob("*.db3")), parts[0])
+    with pytest.raises(
+        tfdb.errors.RecordingError, match="promises messages that its files lack: 50 of"
+    ):
+        tfdb.load(folder)
+    report = tfdb.Buffer(history=None).load(folder, salvage=True)
+    assert (report.messages, sum(loss.messages for loss in report.lost)) == (550, 50)
+    for broken in (b"", b"version https://git-lfs.github.com/spec/v1\noid sha256:0\n", b"junk" * 9):
+        parts[0].write_bytes(broken)
+        with pytest.raises(tfdb.errors.RecordingError) as caught:
+            tfdb.load(folder)
+        assert caught.value.path == str(parts[0])
+        report = tfdb.Buffer(history=None).load(folder, salvage=True)
+        assert (report.messages, sum(loss.messages for loss in report.lost)) == (400, 200)
