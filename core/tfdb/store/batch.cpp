@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <array>
 #include <bit>
+#include <iterator>
 #include <limits>
 #include <memory>
 #include <numeric>
@@ -504,7 +505,9 @@ void Reads::transform_points(std::string_view target, std::string_view source, c
 std::vector<StampNs> Reads::path_stamps(std::string_view target, std::string_view source,
                                         std::optional<StampNs> start,
                                         std::optional<StampNs> end) const {
-    std::vector<StampNs> stamps;
+    std::vector<StampNs> stamps;  // sorted, each once
+    std::vector<StampNs> of_edge;
+    std::vector<StampNs> merged;
     Answer answer;
     Failure failure;
     const Outcome outcome = store::read(*store_, held_, kFresh, [&](const StoreView& view) {
@@ -525,16 +528,22 @@ std::vector<StampNs> Reads::path_stamps(std::string_view target, std::string_vie
                     return Outcome::kLapped;  // the walk found a parent: the slot was reused
                 if (edge.is_static())
                     continue;
-                const std::size_t before = stamps.size();
+                of_edge.clear();
                 const bool whole = edge.visit(first, last, 0, [&](const auto& sample) {
-                    stamps.push_back(sample.stamp);
+                    of_edge.push_back(sample.stamp);
                     return true;
                 });
                 // A damaged edge may have a newest sample that no walk finds.
-                if (!whole || !edge.confirm() || stamps.size() == before)
+                if (!whole || !edge.confirm() || of_edge.empty())
                     return Outcome::kLapped;
-                first = std::max(first, stamps[before]);
-                last = std::min(last, stamps.back());
+                first = std::max(first, of_edge.front());
+                last = std::min(last, of_edge.back());
+                // Edges of one publisher mostly have the same stamps.
+                if (stamps != of_edge) {
+                    merged.clear();
+                    std::ranges::set_union(stamps, of_edge, std::back_inserter(merged));
+                    stamps.swap(merged);
+                }
             }
         }
         std::erase_if(stamps, [&](StampNs s) { return s < first || s > last; });
@@ -544,8 +553,6 @@ std::vector<StampNs> Reads::path_stamps(std::string_view target, std::string_vie
         store::throw_unreadable(*store_, held_);
     if (outcome == Outcome::kFailed)
         raise(failure, store::by_name(Question::kCommonTime, target, source));
-    std::sort(stamps.begin(), stamps.end());
-    stamps.erase(std::unique(stamps.begin(), stamps.end()), stamps.end());
     return stamps;
 }
 

@@ -4,6 +4,9 @@
 #include <cstring>
 #include <limits>
 #include <random>
+#include <set>
+#include <string>
+#include <vector>
 
 #include "tfdb/store/fixture.hpp"
 
@@ -416,6 +419,32 @@ TFDB_TEST(batches_refuse_an_output_that_lies_over_the_input) {
     points(&memory[100], &memory[130]);
     points(&memory[100], &memory[100]);
     CHECK(stamps[9] == 109);
+}
+
+TFDB_TEST(path_stamps_of_random_edges_are_the_union_of_theirs) {
+    std::mt19937 random(9);
+    for (int round = 0; round < 60; ++round) {
+        Buffer buffer(keeping(std::nullopt));
+        std::set<StampNs> all;
+        StampNs first = 0;
+        StampNs last = 1'000'000;
+        std::string parent = "f0";
+        for (int edge = 1; edge <= 4; ++edge) {
+            const std::string child = "f" + std::to_string(edge);
+            std::set<StampNs> own;
+            const auto step = static_cast<StampNs>(1 + random() % 3);
+            for (int i = 0; i < 300; ++i)
+                own.insert(static_cast<StampNs>(random() % 400) * step);
+            for (const StampNs stamp : own)
+                set(buffer, parent, child, stamp, pose_of(1));
+            all.insert(own.begin(), own.end());
+            first = std::max(first, *own.begin());
+            last = std::min(last, *own.rbegin());
+            parent = child;
+        }
+        const std::vector<StampNs> expected(all.lower_bound(first), all.upper_bound(last));
+        CHECK(buffer.path_stamps("f0", "f4", {}, {}) == expected);
+    }
 }
 
 TFDB_TEST(path_stamps_are_those_of_the_moving_edges_within_what_all_cover) {
