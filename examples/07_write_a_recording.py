@@ -5,7 +5,6 @@ from pathlib import Path
 
 import tfdb
 from tfdb.recordings import write_recording
-from tfdb.trajectories import read_trajectory, write_trajectory
 
 buf = tfdb.Buffer(history=None)
 start = tfdb.stamp("100.0")
@@ -30,6 +29,6 @@ with tempfile.TemporaryDirectory() as name:
 
     # TUM, KITTI, EuRoC, CSV or NPZ: stamps and poses of one frame in another.
     path = buf.trajectory("map", "camera", rate=10.0)
-    write_trajectory(folder / "camera.tum", path)
+    path.save(folder / "camera.tum")
     print((folder / "camera.tum").read_text().splitlines()[1])
-    assert (read_trajectory(folder / "camera.tum").stamps == path.stamps).all()
+    assert (tfdb.Trajectory.read(folder / "camera.tum").stamps == path.stamps).all()

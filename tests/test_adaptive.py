@@ -71,7 +71,7 @@ def test_the_path_stays_within_the_tolerance_at_all_times(
     seed: int, metres: float, radians: float
 ) -> None:
     path = smooth_path(600, seed, dwell=seed % 2 == 1)
-    found = path.adaptive(metres, radians)
+    found = path.simplify(metres, radians)
     assert len(found) < len(path) * 0.7
     rows = np.searchsorted(path.stamps, found.stamps)
     assert path[rows] == found
@@ -90,7 +90,7 @@ def test_rotations_of_many_degrees_from_pose_to_pose(coarse: float) -> None:
     """Between two stamps slerps may be farther apart than at both of them."""
     path = smooth_path(400, 11, bend=coarse)
     for radians in (0.05, 0.5, 1.5, 3.0):
-        found = path.adaptive(math.inf, radians)
+        found = path.simplify(math.inf, radians)
         assert farthest(path, found, 60)[1] <= radians + 1e-9
 
 
@@ -99,7 +99,7 @@ def test_it_is_not_far_from_the_fewest(seed: int) -> None:
     path = smooth_path(60, seed + 20, bend=0.005)
     for metres, radians in ((0.01, 0.02), (0.002, 0.05)):
         best = fewest(path, metres, radians)
-        assert best <= len(path.adaptive(metres, radians)) <= 1.25 * best
+        assert best <= len(path.simplify(metres, radians)) <= 1.25 * best
 
 
 def test_long_paths_are_cut_nowhere_without_need() -> None:
@@ -107,16 +107,16 @@ def test_long_paths_are_cut_nowhere_without_need() -> None:
     poses = np.tile([1.0, 2.0, 3.0, 0.0, 0.0, 0.6, 0.8], (count, 1))
     poses[:, 0] += np.arange(count)
     straight = tfdb.Trajectory("map", "base", np.arange(count) * STEP, poses)
-    assert len(straight.adaptive(1e-6, 1e-6)) == 2
+    assert len(straight.simplify(1e-6, 1e-6)) == 2
     poses[:, 1] = np.abs(np.arange(count) - 7_777)
     bent = tfdb.Trajectory("map", "base", straight.stamps, poses)
-    assert bent.adaptive(1e-6, 1e-6).stamps.tolist() == [0, 7_777 * STEP, (count - 1) * STEP]
+    assert bent.simplify(1e-6, 1e-6).stamps.tolist() == [0, 7_777 * STEP, (count - 1) * STEP]
     noise = poses + np.eye(7)[2] * np.random.default_rng(1).normal(size=(count, 1))
     rough = tfdb.Trajectory("map", "base", straight.stamps, noise)
-    found = rough.adaptive(1.0, 0.1)
+    found = rough.simplify(1.0, 0.1)
     assert len(found) < count * 0.6
     assert farthest(rough, found, 2)[0] <= 1.0 + 1e-9
-    assert rough.adaptive(0.0, 0.0) == rough
+    assert rough.simplify(0.0, 0.0) == rough
 
 
 def test_a_turn_all_the_way_round_is_kept() -> None:
@@ -126,7 +126,7 @@ def test_a_turn_all_the_way_round_is_kept() -> None:
         "map", "base", np.arange(101) * STEP, translations=np.zeros((101, 3)),
         rotations=turns.as_quat(),
     )  # fmt: skip
-    found = path.adaptive(1.0, 1e-3)
+    found = path.simplify(1.0, 1e-3)
     assert 3 <= len(found) <= 4
     assert farthest(path, found)[1] <= 1e-3
 
@@ -143,21 +143,21 @@ def test_a_turn_may_be_farther_off_between_poses_than_at_them() -> None:
     bulge = math.atan(math.tan(side) / math.cos(along / 2))
     straight = path[[0, 3]]
     assert farthest(path, straight, 2)[1] == pytest.approx(2 * bulge, rel=1e-9)
-    assert len(path.adaptive(0.0, side + bulge)) == 3
-    assert path.adaptive(0.0, 2 * bulge * 1.01) == straight
+    assert len(path.simplify(0.0, side + bulge)) == 3
+    assert path.simplify(0.0, 2 * bulge * 1.01) == straight
 
 
 def test_huge_numbers() -> None:
     poses = np.tile([1e308, -1e308, 0, 0, 0, 0.6, 0.8], (5, 1))
     poses[::2, :2] *= -1.0
     path = tfdb.Trajectory("map", "base", np.arange(5) * STEP, poses)
-    assert path.adaptive(1.0, 1.0) == path
+    assert path.simplify(1.0, 1.0) == path
 
 
 @pytest.mark.parametrize("bad", [-1.0, math.nan, "1", None, True, [0.1]])
 def test_tolerances_that_are_none(bad: Any) -> None:
     path = smooth_path(5, 1)
     with pytest.raises(tfdb.InvalidArgument, match="metres must be a number from 0 on, got"):
-        path.adaptive(bad, 0.1)
+        path.simplify(bad, 0.1)
     with pytest.raises(tfdb.InvalidArgument, match="radians must be a number from 0 on, got"):
-        path.adaptive(0.1, bad)
+        path.simplify(0.1, bad)

@@ -251,7 +251,7 @@ def test_one_rule_for_every_matrix_and_the_nearest_rotation() -> None:
 def test_a_matrix_that_is_missing() -> None:
     holes = np.stack([GOOD, np.full((4, 4), np.nan), GOOD])
     made = tfdb.Trajectory("map", "base", [1, 2, 3], matrices=holes)
-    assert made.found.tolist() == [True, False, True]
+    assert made.valid.tolist() == [True, False, True]
     with pytest.raises(
         tfdb.errors.InvalidTransform, match=r"matrices\[1\] .*: it holds nan"
     ) as error:
@@ -262,7 +262,7 @@ def test_a_matrix_that_is_missing() -> None:
 def test_what_a_mask_hides_is_no_number() -> None:
     poses = np.array([[1.0, 2, 3, 0, 0, 0.6, 0.8]] * 2)
     hidden = np.ma.array(poses, mask=[[False] * 7, [True] * 7])
-    assert tfdb.Trajectory("map", "base", [1, 2], hidden).found.tolist() == [True, False]
+    assert tfdb.Trajectory("map", "base", [1, 2], hidden).valid.tolist() == [True, False]
     assert np.isnan(tfdb.Columns("map", "base", [1, 2], hidden).poses[1]).all()
     buf = tfdb.Buffer(history=None)
     buf.set_transforms(tfdb.Columns("map", "base", [1, 2], poses))

@@ -119,56 +119,60 @@ def test_tables_of_something_else(table: Any, error: type, text: str) -> None:
 
 def test_parquet(tmp_path: Path) -> None:
     file = tmp_path / "path.parquet"
-    PATH.to_parquet(file)
-    assert tfdb.Trajectory.from_parquet(file) == PATH
+    PATH.save(file)
+    assert tfdb.Trajectory.read(file) == PATH
     assert pl.read_parquet(file).equals(PATH.to_polars())
-    renamed = tfdb.Trajectory.from_parquet(str(file), target="world")
+    renamed = tfdb.Trajectory.read(str(file), target="world")
     assert (renamed.target, renamed.source) == ("world", "base")
-    with pytest.raises(tfdb.InvalidArgument, match="exists already; pass overwrite=True"):
-        PATH[:1].to_parquet(file)
-    assert tfdb.Trajectory.from_parquet(file) == PATH
-    PATH[:0].to_parquet(file, overwrite=True)
-    assert len(tfdb.Trajectory.from_parquet(file)) == 0
-    with pytest.raises(tfdb.InvalidArgument):
-        PATH.to_parquet("")
+    with pytest.raises(tfdb.errors.TrajectoryError, match="exists already; pass overwrite=True"):
+        PATH[:1].save(file)
+    assert tfdb.Trajectory.read(file) == PATH
+    PATH[:0].save(file, overwrite=True)
+    assert len(pl.read_parquet(file)) == 0
+    with pytest.raises(tfdb.errors.TrajectoryError, match="no pose in it"):
+        tfdb.Trajectory.read(file)
+    with pytest.raises(tfdb.InvalidArgument, match="the path is empty"):
+        PATH.save("", "parquet")
     with pytest.raises(FileNotFoundError):
-        PATH.to_parquet(tmp_path / "nowhere" / "path.parquet")
+        PATH.save(tmp_path / "nowhere" / "path.parquet")
     with pytest.raises(FileNotFoundError):
-        tfdb.Trajectory.from_parquet(tmp_path / "nothing.parquet")
+        tfdb.Trajectory.read(tmp_path / "nothing.parquet")
 
 
 def test_parquet_of_something_else(tmp_path: Path) -> None:
     file = tmp_path / "path.parquet"
     PATH.to_polars().write_parquet(file)
-    with pytest.raises(tfdb.errors.TrajectoryError, match="does not say which frames"):
-        tfdb.Trajectory.from_parquet(file)
-    assert tfdb.Trajectory.from_parquet(file, target="map", source="base") == PATH
+    nameless = tfdb.Trajectory.read(file)
+    assert (nameless.target, nameless.source) == ("world", "body")
+    assert tfdb.Trajectory.read(file, target="map", source="base") == PATH
     PATH.to_polars().drop("x").write_parquet(file)
     with pytest.raises(tfdb.errors.TrajectoryError, match="no column 'x'"):
-        tfdb.Trajectory.from_parquet(file, target="map", source="base")
+        tfdb.Trajectory.read(file, target="map", source="base")
     PATH.to_polars().reverse().write_parquet(file)
     with pytest.raises(tfdb.errors.TrajectoryError, match="must increase"):
-        tfdb.Trajectory.from_parquet(file, target="map", source="base")
-    PATH.to_parquet(file, overwrite=True)
+        tfdb.Trajectory.read(file, target="map", source="base")
+    PATH.save(file, overwrite=True)
     whole = file.read_bytes()
-    for cut in (0, 3, 10, len(whole) // 2, len(whole) - 1):
+    for cut in (4, 10, len(whole) // 2, len(whole) - 1):
         file.write_bytes(whole[:cut])
         with pytest.raises(
             tfdb.errors.TrajectoryError, match="no Parquet file, or damaged"
         ) as caught:
-            tfdb.Trajectory.from_parquet(file)
+            tfdb.Trajectory.read(file)
         assert caught.value.path == str(file)
 
 
 def test_without_the_libraries(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    there = tmp_path / "there.parquet"
+    PATH.save(there)
     monkeypatch.setitem(sys.modules, "pandas", None)
     monkeypatch.setitem(sys.modules, "polars", None)
     for ask, name in (
         (PATH.to_pandas, "to_pandas needs pandas"),
         (PATH.to_polars, "to_polars needs polars"),
         (PATH.__arrow_c_stream__, "Arrow needs polars"),
-        (lambda: PATH.to_parquet(tmp_path / "a.parquet"), "to_parquet needs polars"),
-        (lambda: tfdb.Trajectory.from_parquet(tmp_path / "a"), "from_parquet needs polars"),
+        (lambda: PATH.save(tmp_path / "a.parquet"), "a Parquet file needs polars"),
+        (lambda: tfdb.Trajectory.read(there), "a Parquet file needs polars"),
     ):
         with pytest.raises(
             tfdb.errors.NotSupported, match=rf"{name}: pip install 'tfdb\[tables\]'"

@@ -181,7 +181,7 @@ class Contender:
         calls = max(1, count // 1_000)
         for _ in range(calls):
             path = self.buffer.trajectory(self.names[0], self.names[-1], start=oldest, end=newest)
-            path.adaptive(scenario.NEAR, scenario.NEAR)
+            path.simplify(scenario.NEAR, scenario.NEAR)
         return calls * 1_000
 
     def near_the_newest(self, samples: int) -> list[int]:

@@ -1309,6 +1309,41 @@ class Buffer(Reads):
                 columns were guessed.
         """
 
+    def set_trajectory(
+        self,
+        parent: str,
+        child: str,
+        trajectory: tfdb.types.TrajectoryLike,
+        *,
+        authority: str = "",
+    ) -> int:
+        """
+        Store a trajectory as the edge from `parent` to `child`, in one commit.
+
+            A buffer with a limited history (10 s by default) drops the older poses: a TfdbWarning counts
+            them. Store whole trajectories in `Buffer(history=None)`.
+
+            Parameters
+            ----------
+            parent, child
+                Frame names. The poses are stored as T[parent<-child], under whatever names the trajectory
+                has for its own frames.
+            trajectory
+                A `Trajectory`, or any object with `stamps` (N,) in nanoseconds and `poses` (N, 7). Rows
+                that are NaN as a whole are left out.
+            authority
+                As in `set_transforms`.
+
+            Returns
+            -------
+            int
+                Number of the commit.
+
+            Raises
+            ------
+            What `set_transforms` raises. Nothing was stored then.
+        """
+
     def run(
         self,
         fn: Callable[[Transaction], tfdb.store.transactions.Result],

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
     from tfdb._core import Buffer, Policy, Reads, Transaction, Transform
     from tfdb.data.stamps import StampLike
-    from tfdb.data.types import Name, Paths, PoseTopics, Progress, Topics
+    from tfdb.data.types import Name, Paths, PoseTopics, Progress, Topics, TrajectoryLike
     from tfdb.recordings.loading import LoadReport
     from tfdb.robots.robot_model import RobotModel
     from tfdb.store.explain import Explanation
@@ -385,6 +385,39 @@ def load(
     )
 
 
+def set_trajectory(
+    self: Buffer, parent: str, child: str, trajectory: TrajectoryLike, *, authority: str = ""
+) -> int:
+    """Store a trajectory as the edge from `parent` to `child`, in one commit.
+
+    A buffer with a limited history (10 s by default) drops the older poses: a TfdbWarning counts
+    them. Store whole trajectories in `Buffer(history=None)`.
+
+    Parameters
+    ----------
+    parent, child
+        Frame names. The poses are stored as T[parent<-child], under whatever names the trajectory
+        has for its own frames.
+    trajectory
+        A `Trajectory`, or any object with `stamps` (N,) in nanoseconds and `poses` (N, 7). Rows
+        that are NaN as a whole are left out.
+    authority
+        As in `set_transforms`.
+
+    Returns
+    -------
+    int
+        Number of the commit.
+
+    Raises
+    ------
+    What `set_transforms` raises. Nothing was stored then.
+    """
+    from tfdb.trajectories.storing import store_trajectory  # noqa: PLC0415 - see above
+
+    return store_trajectory(_buffer(self), parent, child, trajectory, authority)
+
+
 def run(
     self: Buffer,
     fn: Callable[[Transaction], Result],
@@ -636,6 +669,7 @@ METHODS: dict[str, dict[str, Any]] = {
     },
     "Buffer": {
         "load": load,
+        "set_trajectory": set_trajectory,
         "run": run,
         "wait_for_transform_async": wait_for_transform_async,
         "wait_for_commit_async": wait_for_commit_async,

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import tfdb
-from tfdb.trajectories import write_trajectory
+from tfdb.trajectories.writing import write_trajectory
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -85,9 +85,9 @@ def test_a_file_that_is_mistyped_gets_the_nearest(tmp_path: Path, tool: Tool) ->
     for read in (
         tfdb.load,
         tfdb.recordings.Recording,
-        tfdb.trajectories.read_trajectory,
+        tfdb.Trajectory.read,
         tfdb.robots.load_urdf,
-        lambda path: tfdb.Trajectory.from_parquet(path, target="a", source="b"),
+        lambda path: tfdb.Trajectory.read(path, target="a", source="b"),
         lambda path: tfdb.compare(path, path),
     ):
         with pytest.raises(FileNotFoundError, match="no such file; did you mean") as refused:

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import tfdb
-from tfdb.trajectories import read_trajectory, write_trajectory
+from tfdb.trajectories.writing import write_trajectory
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -67,7 +67,7 @@ def test_they_are_written(
         tool("poses", given, "world", "body", "-o", out, "--format", kind)
     else:
         tool("convert", given, out, "--frames", "world", "body", "--format", kind)
-    check(read_trajectory(out, kind), path)
+    check(tfdb.Trajectory.read(out, kind), path)
 
 
 def test_parquet_keeps_the_names_of_frames(
@@ -76,15 +76,15 @@ def test_parquet_keeps_the_names_of_frames(
     import polars as pl
 
     named, nameless = tmp_path / "named.parquet", tmp_path / "nameless.parquet"
-    tfdb.Trajectory("map", "base", path.stamps, path.poses).to_parquet(named)
+    tfdb.Trajectory("map", "base", path.stamps, path.poses).save(named)
     path.to_polars().write_parquet(nameless)
     assert tfdb.load(named).frames() == ["base", "map"]
     assert tfdb.load(nameless).frames() == ["body", "world"]
-    check(read_trajectory(named), path)
-    assert read_trajectory(nameless, target="a").target == "a"
+    check(tfdb.Trajectory.read(named), path)
+    assert tfdb.Trajectory.read(nameless, target="a").target == "a"
     out = tmp_path / "out.parquet"
     tool("poses", named, "map", "base", "-o", out)
-    assert tfdb.Trajectory.from_parquet(out).source == "base"
+    assert tfdb.Trajectory.read(out).source == "base"
     assert "exists already" in tool("poses", named, "map", "base", "-o", out, code=2).error
     with pytest.raises(tfdb.errors.TrajectoryError, match="exists already"):
         write_trajectory(out, path)
@@ -168,8 +168,8 @@ def test_salvage_reads_trajectories(tool: Any, path: tfdb.Trajectory, tmp_path: 
         ("tree", file, "--salvage"),
     ):
         assert said in tool(*command).err
-    assert len(read_trajectory(tmp_path / "out.csv")) == 50
-    assert len(read_trajectory(tmp_path / "out.npz")) == 50
+    assert len(tfdb.Trajectory.read(tmp_path / "out.csv")) == 50
+    assert len(tfdb.Trajectory.read(tmp_path / "out.npz")) == 50
     assert len(tfdb.load(tmp_path / "out.bag").trajectory("world", "body")) == 50
 
 
@@ -193,7 +193,7 @@ def test_units_of_stamps(tool: Any, path: tfdb.Trajectory, tmp_path: Path) -> No
     ):
         found = tool(*command, "--stamp-unit", "ns")
         assert "taken as nanoseconds" not in found.err + found.out
-    check(read_trajectory(tmp_path / "out.tum"), path)
+    check(tfdb.Trajectory.read(tmp_path / "out.tum"), path)
     check(tfdb.load(tmp_path / "out.bag").trajectory("world", "body"), path)
     assert "beyond the greatest stamp" in tool("info", file, "--stamp-unit", "s", code=2).error
     bag = tmp_path / "out.bag"

@@ -248,7 +248,7 @@ def test_alignment_by_the_first_poses() -> None:
 @pytest.mark.parametrize("how", ["se3", "sim3"])
 @pytest.mark.parametrize("name", ["fr2_desk_groundtruth.txt", "KITTI_00_gt.txt"])
 def test_real_trajectories(shared_data: Path, name: str, how: str) -> None:
-    whole = tfdb.trajectories.read_trajectory(shared_data / "trajectories" / name)
+    whole = tfdb.Trajectory.read(shared_data / "trajectories" / name)
     path = tfdb.Trajectory("world", "body", whole.stamps[::2], whole.poses[::2])
     # Every sixth is in both; evo's stamps are floats, which half way between two decide anyhow.
     stamps = whole.stamps[1::3]

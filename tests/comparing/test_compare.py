@@ -15,7 +15,7 @@ import pytest
 
 import tfdb
 from tfdb.comparing.alignment import align
-from tfdb.trajectories import write_trajectory
+from tfdb.trajectories.writing import write_trajectory
 
 from .motions import S, motion, rotated, times, tracked
 
@@ -556,7 +556,7 @@ def row_files(tmp_path: Path, count: int = 60) -> tuple[tfdb.Trajectory, Path, P
     path = motion(3, np.arange(count) / 20)
     other = tracked(path, 5)
     for name, each in (("truth", path), ("slam", other)):
-        tfdb.trajectories.write_trajectory(tmp_path / f"{name}.txt", each, "kitti")
+        tfdb.trajectories.writing.write_trajectory(tmp_path / f"{name}.txt", each, "kitti")
     return other, tmp_path / "truth.txt", tmp_path / "slam.txt"
 
 
@@ -645,7 +645,7 @@ def test_no_order_is_suspected_without_a_reason(recwarn: pytest.WarningsRecorder
 def test_files_are_salvaged(tmp_path: Path) -> None:
     path = motion(3, 1_700_000_000 + np.arange(80) / 20)
     truth, slam = tmp_path / "truth.tum", tmp_path / "slam.tum"
-    tfdb.trajectories.write_trajectory(truth, path)
+    tfdb.trajectories.writing.write_trajectory(truth, path)
     lines = [
         f"{stamp}.000 {' '.join(map(repr, pose))}"
         for stamp, pose in zip(path.stamps.tolist(), path.poses.tolist(), strict=True)

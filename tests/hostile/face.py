@@ -12,7 +12,7 @@ import tfdb
 
 STUB = Path(tfdb.__file__).with_name("_core.pyi")
 ELSEWHERE = {"compare", "freeze", "load", "open", "unlink"}
-ELSEWHERE |= {"from_parquet", "to_parquet", "plot"}
+ELSEWHERE |= {"read", "save", "plot"}
 ELSEWHERE |= {"AsQuat", "Concurrency"}  # types for annotations
 """What reads files, or makes and removes them, or draws: it has fuzzers and tests of its own."""
 WAITING = {"wait_for_transform", "wait_for_commit", "_ended_waits", "_await_ended_waits"}

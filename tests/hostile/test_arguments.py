@@ -121,7 +121,7 @@ BOUND = {name: call for name, call in ALL.items() if not is_unbound(call) and na
 def test_the_fuzz_knows_the_public_face() -> None:
     for name in ("tfdb.Buffer", "tfdb.Buffer.frames", "tfdb.Buffer.load", "tfdb.Buffer.open",
                  "tfdb.Transform.inverse", "tfdb.Trajectory.plot", "tfdb.Transaction.reparent",
-                 "tfdb.trajectories.read_trajectory", "tfdb.plot.trajectory", "tfdb.load",
+                 "tfdb.Trajectory.read", "tfdb.plot.trajectory", "tfdb.load",
                  "tfdb.Buffer.lookup_transform", "tfdb.Interpolate"):  # fmt: skip
         assert name in BOUND, name
     assert len(BOUND) > 150

@@ -77,8 +77,7 @@ def leaks(call: Callable[..., object], good: list[Any]) -> list[str]:
     [
         *("Interpolate", "Previous", "Nearest", "Extrapolate", "Exact", "load", "compare"),
         *(
-            "trajectories.read_trajectory",
-            "trajectories.write_trajectory",
+            "Trajectory.read",
             "trajectories.write_tum",
             "trajectories.write_csv",
         ),
@@ -109,7 +108,7 @@ def test_a_wrong_type_is_refused_in_our_words(
     good: dict[str, list[Any]] = {
         "load": [bag],
         "compare": [path, path],
-        "trajectories.read_trajectory": ["none.tum"],
+        "Trajectory.read": ["none.tum"],
         "recordings.write_recording": ["out.mcap", tfdb.Buffer()],
         "recordings.write_transforms": [
             "out.mcap",
@@ -137,8 +136,9 @@ def test_trajectories_refuse_wrong_types(
     good: dict[str, list[Any]] = {
         "at": [int(path.stamps[1])],
         "resample": [5.0],
-        "adaptive": [0.01],
-        "to_parquet": ["out.parquet"],
+        "simplify": [0.01],
+        "save": ["out.parquet"],
+        "read": ["out.parquet"],
     }
     for wrong in WRONG:
         assert leak(operator.getitem, [path, wrong], {}) is None

@@ -123,7 +123,7 @@ def of_trajectories(
 ) -> dict[tuple[str, str], Callable[..., Any]]:
     """Those that take a trajectory, or a file of one."""
     stamps, file = path.stamps, tmp_path / "a.tum"
-    tfdb.trajectories.write_trajectory(file, path, overwrite=True)
+    path.save(file, overwrite=True)
 
     def compared(**more: Any) -> Any:
         return tfdb.compare(path, path, **more)
@@ -142,15 +142,9 @@ def of_trajectories(
         ("recordings.Recording", "stamp_unit"): lambda **more: tfdb.recordings.Recording(
             file, **more
         ),
-        ("trajectories.read_trajectory", "format"): lambda **more: (
-            tfdb.trajectories.read_trajectory(file, **more)
-        ),
-        ("trajectories.read_trajectory", "stamp_unit"): lambda **more: (
-            tfdb.trajectories.read_trajectory(file, **more)
-        ),
-        ("trajectories.write_trajectory", "format"): lambda **more: (
-            tfdb.trajectories.write_trajectory(tmp_path / "b.x", path, **more)
-        ),
+        ("Trajectory.read", "format"): lambda **more: tfdb.Trajectory.read(file, **more),
+        ("Trajectory.read", "stamp_unit"): lambda **more: tfdb.Trajectory.read(file, **more),
+        ("Trajectory.save", "format"): lambda **more: path.save(tmp_path / "b.x", **more),
     }
 
 

@@ -12,7 +12,6 @@ import pytest
 
 import tfdb
 from tfdb.recordings import Recording, write_transforms
-from tfdb.trajectories import read_trajectory
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -275,7 +274,7 @@ def test_names_that_no_file_can_have(tmp_path: Path, name: str) -> None:
     with pytest.raises(tfdb.errors.RecordingError, match="no file can have this name"):
         tfdb.load(path)
     with pytest.raises(tfdb.errors.TrajectoryError, match="no file can have this name"):
-        read_trajectory(path)
+        tfdb.Trajectory.read(path)
     with pytest.raises(tfdb.errors.RecordingError, match="no file can have this name"):
         write_transforms(path, [tfdb.TransformStamped("a", "b", 5, (1, 2, 3))])
 

@@ -16,7 +16,6 @@ import pytest
 
 import tfdb
 from tfdb.recordings import raw_file
-from tfdb.trajectories import read_trajectory
 
 zstandard = pytest.importorskip("zstandard")
 lz4 = pytest.importorskip("lz4.frame")
@@ -152,7 +151,7 @@ def test_npz(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     np.savez_compressed(path, stamps=np.arange(10**6), poses=np.zeros((1, 7)))
     monkeypatch.setattr("tfdb.trajectories.reading.MAX_BYTES", 10**6)
     with pytest.raises(tfdb.errors.TrajectoryError, match="its arrays take 8000"):
-        read_trajectory(path)
+        tfdb.Trajectory.read(path)
 
 
 def test_frames_of_zstd() -> None:
@@ -200,7 +199,7 @@ def test_what_is_no_file(tmp_path: Path) -> None:
         assert caught.value.path == str(path)
     for path in (tmp_path / "zero.bag", Path("/dev/zero"), Path("/dev/null")):
         with pytest.raises(tfdb.errors.TrajectoryError, match="not a regular file"):
-            read_trajectory(path)
+            tfdb.Trajectory.read(path)
 
 
 @pytest.mark.parametrize("magic", [b"#ROSBAG V2.0\n", b"\x89MCAP0\r\n", b"SQLite format 3\0"])

@@ -13,7 +13,7 @@ import pytest
 
 import tfdb
 from tfdb.recordings import Recording
-from tfdb.trajectories import read_trajectory, write_trajectory
+from tfdb.trajectories.writing import write_trajectory
 
 Drive = list[Any]
 Make = Callable[[Any, Path, Drive], Path]
@@ -106,7 +106,7 @@ def test_cut_trajectories(tmp_path: Path, kind: str) -> None:
     for hundredth in range(100):
         path.write_bytes(raw[: len(raw) * hundredth // 100])
         try:
-            found = read_trajectory(path, kind)
+            found = tfdb.Trajectory.read(path, kind)
         except tfdb.errors.TrajectoryError as error:
             assert error.path == str(path)
         else:

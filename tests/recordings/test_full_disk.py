@@ -30,7 +30,7 @@ def trajectory(count):
 
 def store(count):
     buffer = tfdb.Buffer(history=None)
-    tfdb.trajectories.into_buffer(buffer, "map", "base", trajectory(count))
+    buffer.set_trajectory("map", "base", trajectory(count))
     return buffer
 
 small, large = trajectory(20), trajectory(9000)
@@ -38,7 +38,7 @@ writers = {}
 for name in ("tum", "csv", "euroc", "kitti", "npz"):
     end = "npz" if name == "npz" else "txt"
     writers[f"{name}.{end}"] = (
-        lambda path, data, name=name: tfdb.trajectories.write_trajectory(
+        lambda path, data, name=name: tfdb.trajectories.writing.write_trajectory(
             path, data, name, overwrite=True
         ),
         small, large)

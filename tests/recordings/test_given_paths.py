@@ -11,7 +11,8 @@ import pytest
 import tfdb
 from tfdb.recordings import Recording, write_transforms
 from tfdb.robots.urdf import load_urdf
-from tfdb.trajectories import read_trajectory, write_kitti, write_trajectory
+from tfdb.trajectories import write_kitti
+from tfdb.trajectories.writing import write_trajectory
 from tfdb_measure.verify.history import load_history
 
 if TYPE_CHECKING:
@@ -22,7 +23,7 @@ READERS: list[Callable[[Any], Any]] = [
     tfdb.load,
     lambda path: tfdb.load([path]),
     Recording,
-    read_trajectory,
+    tfdb.Trajectory.read,
     load_urdf,
     load_history,
 ]
@@ -69,11 +70,11 @@ def test_the_file_of_times_of_kitti_poses(tmp_path: Path) -> None:
     for times, match in (("", "the path is empty"), (5, "a path is a str")):
         given: Any = times
         with pytest.raises(tfdb.InvalidArgument, match=match):
-            read_trajectory(tmp_path / "poses.txt", times=given)
+            tfdb.Trajectory.read(tmp_path / "poses.txt", times=given)
         with pytest.raises(tfdb.InvalidArgument, match=match):
             write_kitti(tmp_path / "others.txt", DRIVEN, times=given)
     with pytest.raises(OSError, match=UNREADABLE):
-        read_trajectory(tmp_path / "poses.txt", times=UNREADABLE)
+        tfdb.Trajectory.read(tmp_path / "poses.txt", times=UNREADABLE)
 
 
 @pytest.mark.parametrize("kind", ["bag", "mcap"])

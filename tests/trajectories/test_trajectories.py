@@ -10,7 +10,8 @@ import pytest
 
 import tfdb
 from tfdb.data.poses import rotation_matrices
-from tfdb.trajectories import into_buffer, read_trajectory, write_npz, write_trajectory
+from tfdb.trajectories import write_npz
+from tfdb.trajectories.writing import write_trajectory
 
 HALF = np.sqrt(0.5)
 
@@ -29,7 +30,7 @@ def test_tum(tmp_path: Path) -> None:
         "# a comment\r\n\n1311868163.8697 1 2 3 0 0 0.7071067811865476 0.7071067811865476\r\n"
         "  1311868163.870000001\t-1.5e0 2 3 0 0 0 -1 \n"
     )
-    found = read_trajectory(path, target="map", source="camera")
+    found = tfdb.Trajectory.read(path, target="map", source="camera")
     assert (found.target, found.source) == ("map", "camera")
     assert found.stamps.tolist() == [1311868163869700000, 1311868163870000001]
     assert np.allclose(found.poses, [[1, 2, 3, 0, 0, HALF, HALF], [-1.5, 2, 3, 0, 0, 0, -1]])
@@ -43,7 +44,7 @@ def test_euroc(tmp_path: Path) -> None:
         f"1403636580838555648,4.6,-1.7,0.6,0.5,-0.5,0.5,-0.5{rest}\n"
         f"1403636580843555648, 4.7, -1.8, 0.7, 1, 0, 0, 0{rest}\n"
     )
-    found = read_trajectory(path)
+    found = tfdb.Trajectory.read(path)
     assert found.stamps.tolist() == [1403636580838555648, 1403636580843555648]
     assert found.poses.tolist() == [
         [4.6, -1.7, 0.6, -0.5, 0.5, -0.5, 0.5],
@@ -54,7 +55,7 @@ def test_euroc(tmp_path: Path) -> None:
 def test_euroc_with_a_heading_without_hash(tmp_path: Path) -> None:
     path = tmp_path / "data.csv"
     path.write_text("timestamp,x,y,z,qw,qx,qy,qz\n5,1,2,3,1,0,0,0\n")
-    assert read_trajectory(path, "euroc").poses.tolist() == [[1, 2, 3, 0, 0, 0, 1]]
+    assert tfdb.Trajectory.read(path, "euroc").poses.tolist() == [[1, 2, 3, 0, 0, 0, 1]]
 
 
 def test_kitti(tmp_path: Path) -> None:
@@ -62,7 +63,7 @@ def test_kitti(tmp_path: Path) -> None:
     path.write_text("1 0 0 1 0 1 0 2 0 0 1 3\n0 -1 0 4 1 0 0 5 0 0 1 6\n")
     times = tmp_path / "00_times.txt"
     times.write_text("0.000000e+00\n1.037359e-01\n")
-    for found in (read_trajectory(path), read_trajectory(path, "kitti", times=times)):
+    for found in (tfdb.Trajectory.read(path), tfdb.Trajectory.read(path, "kitti", times=times)):
         assert found.stamps.tolist() == [0, 103735900]
         assert np.allclose(found.poses, [[1, 2, 3, 0, 0, 0, 1], [4, 5, 6, 0, 0, HALF, HALF]])
 
@@ -70,7 +71,7 @@ def test_kitti(tmp_path: Path) -> None:
 def test_times_beside_the_poses(tmp_path: Path) -> None:
     (tmp_path / "poses.txt").write_text("1 0 0 1 0 1 0 2 0 0 1 3\n")
     (tmp_path / "times.txt").write_text("2.5\n")
-    assert read_trajectory(tmp_path / "poses.txt").stamps.tolist() == [2_500_000_000]
+    assert tfdb.Trajectory.read(tmp_path / "poses.txt").stamps.tolist() == [2_500_000_000]
 
 
 def test_real_tum_file(shared_data: Path) -> None:
@@ -78,7 +79,7 @@ def test_real_tum_file(shared_data: Path) -> None:
     rows = [line.split() for line in path.read_text().splitlines() if not line.startswith("#")]
     unique = {row[0]: row for row in rows}
     with pytest.warns(tfdb.TfdbWarning, match="20,957 rows, 1 with a repeated stamp"):
-        found = read_trajectory(path)
+        found = tfdb.Trajectory.read(path)
     # One stamp of this file is there twice; as in a store, the later line counts.
     assert len(rows) == 20957
     assert len(found) == len(unique) == 20956
@@ -92,7 +93,7 @@ def test_real_tum_file(shared_data: Path) -> None:
 
 def test_real_kitti_file(shared_data: Path) -> None:
     path = shared_data / "trajectories" / "KITTI_00_gt.txt"
-    found = read_trajectory(path)
+    found = tfdb.Trajectory.read(path)
     raw = np.loadtxt(path).reshape(-1, 3, 4)
     assert len(found) == len(raw) == 4541
     assert np.array_equal(found.poses[:, :3], raw[:, :, 3])
@@ -106,7 +107,7 @@ def test_round_trip_is_exact(tmp_path: Path, format: str) -> None:  # noqa: A002
     trajectory = random_trajectory()
     path = tmp_path / "trajectory.any"
     write_trajectory(path, trajectory, format)
-    found = read_trajectory(path)
+    found = tfdb.Trajectory.read(path)
     assert np.array_equal(found.stamps, trajectory.stamps)
     assert np.array_equal(found.poses, trajectory.poses)
 
@@ -114,7 +115,7 @@ def test_round_trip_is_exact(tmp_path: Path, format: str) -> None:  # noqa: A002
 def test_kitti_round_trip(tmp_path: Path) -> None:
     trajectory = random_trajectory()
     write_trajectory(tmp_path / "a.txt", trajectory, "kitti")
-    found = read_trajectory(tmp_path / "a.txt")
+    found = tfdb.Trajectory.read(tmp_path / "a.txt")
     assert np.array_equal(found.stamps, trajectory.stamps)
     signs = np.where(trajectory.poses[:, 6:] < 0, -1, 1)
     assert np.abs(found.poses[:, 3:] - signs * trajectory.poses[:, 3:]).max() < 1e-14
@@ -133,7 +134,10 @@ def test_npz_is_read_again(tmp_path: Path) -> None:
     trajectory = random_trajectory()
     path = tmp_path / "a.bin"  # the name does not matter
     write_npz(path, trajectory)
-    for found in (read_trajectory(path), read_trajectory(path, "npz", target="m", source="b")):
+    for found in (
+        tfdb.Trajectory.read(path),
+        tfdb.Trajectory.read(path, "npz", target="m", source="b"),
+    ):
         assert np.array_equal(found.stamps, trajectory.stamps)
         assert np.array_equal(found.poses, trajectory.poses)
     assert (found.target, found.source) == ("m", "b")
@@ -156,7 +160,7 @@ def test_bad_npz(tmp_path: Path, arrays: dict[str, np.ndarray], reason: str) -> 
     path = tmp_path / "a.npz"
     np.savez(path, **arrays)
     with pytest.raises(tfdb.errors.TrajectoryError, match=reason) as caught:
-        read_trajectory(path)
+        tfdb.Trajectory.read(path)
     assert caught.value.path == str(path)
 
 
@@ -165,7 +169,7 @@ def test_repeated_stamps_are_counted(tmp_path: Path) -> None:
     lines = [f"{second} {x} 0 0 0 0 0.6 0.8" for second, x in ((1, 1), (2, 2), (2, 3), (2, 4))]
     path.write_text("\n".join(lines))
     with pytest.warns(tfdb.TfdbWarning, match="4 rows, 2 with a repeated stamp, 2 with another"):
-        found = read_trajectory(path)
+        found = tfdb.Trajectory.read(path)
     assert found.repeated == 2
     assert found.stamps.tolist() == [1_000_000_000, 2_000_000_000]
     assert found.poses[1, 0] == 4
@@ -189,7 +193,7 @@ def test_kitti_with_three_digits(tmp_path: Path) -> None:
     (tmp_path / "a_times.txt").write_text("".join(f"{second}\n" for second in range(50)))
     rows = (" ".join(f"{number:.3f}" for number in each[:3].flat) for each in matrices)
     (tmp_path / "a.txt").write_text("\n".join(rows))
-    found = read_trajectory(tmp_path / "a.txt")
+    found = tfdb.Trajectory.read(tmp_path / "a.txt")
     assert np.abs(found.matrices - matrices).max() < 1.5e-3
 
 
@@ -211,7 +215,7 @@ def test_a_heading_says_which_column_is_which(
 ) -> None:
     path = tmp_path / "a.csv"
     path.write_text(f"{heading}\n{row}\n")
-    found = read_trajectory(path, format_)
+    found = tfdb.Trajectory.read(path, format_)
     assert found.stamps.tolist() == [5]
     assert found.poses.tolist() == [[1, 2, 3, 0, 0, 0.6, 0.8]]
 
@@ -221,9 +225,9 @@ def test_a_comment_is_no_heading(tmp_path: Path) -> None:
     path.write_text(
         "# of stamp_ns, made by x\n#timestamp,p_x,p_y,p_z,q_w,q_x,q_y,q_z\n5,1,2,3,0.8,0,0,0.6\n"
     )
-    assert read_trajectory(path).poses.tolist() == [[1, 2, 3, 0, 0, 0.6, 0.8]]
+    assert tfdb.Trajectory.read(path).poses.tolist() == [[1, 2, 3, 0, 0, 0.6, 0.8]]
     path.write_text("# qx qy qz qw, not qw qx qy qz\n1 1 2 3 0 0 0.6 0.8\n")
-    assert read_trajectory(path).poses.tolist() == [[1, 2, 3, 0, 0, 0.6, 0.8]]
+    assert tfdb.Trajectory.read(path).poses.tolist() == [[1, 2, 3, 0, 0, 0.6, 0.8]]
 
 
 @pytest.mark.parametrize(
@@ -247,7 +251,7 @@ def test_a_heading_that_says_something_else(
     path = tmp_path / "a.txt"
     path.write_text(text)
     with pytest.raises(tfdb.errors.TrajectoryError, match=reason):
-        read_trajectory(path, format_)
+        tfdb.Trajectory.read(path, format_)
 
 
 FORMATS = ["tum", "euroc", "kitti", "csv", "npz", "parquet"]
@@ -262,12 +266,12 @@ def with_holes() -> tfdb.Trajectory:
 
 @pytest.mark.parametrize("format_", FORMATS)
 def test_missing_poses_in_a_file(tmp_path: Path, format_: Any) -> None:
-    path, there = with_holes(), with_holes()[with_holes().found]
+    path, there = with_holes(), with_holes()[with_holes().valid]
     file = (
         tmp_path / f"a.{'txt' if format_ == 'kitti' else 'csv' if format_ == 'euroc' else format_}"
     )
     write_trajectory(file, path, format_)
-    found = read_trajectory(file, target="map", source="base")
+    found = tfdb.Trajectory.read(file, target="map", source="base")
     if format_ == "kitti":  # by way of matrices: up to the sign of the quaternions
         assert np.array_equal(found.stamps, there.stamps)
         assert np.abs(found.matrices - there.matrices).max() < 1e-14
@@ -282,7 +286,7 @@ def test_missing_poses_in_a_file(tmp_path: Path, format_: Any) -> None:
 def test_a_file_without_any_pose_that_is_there(tmp_path: Path, name: str) -> None:
     nowhere = tfdb.Trajectory("map", "base", [1, 2, 3], np.full((3, 7), np.nan))
     write_trajectory(tmp_path / name, nowhere)
-    assert read_trajectory(tmp_path / name, target="map", source="base") == nowhere
+    assert tfdb.Trajectory.read(tmp_path / name, target="map", source="base") == nowhere
     with pytest.raises(tfdb.errors.TrajectoryError, match="no pose in it: all its rows are NaN"):
         tfdb.load(tmp_path / name)
 
@@ -301,16 +305,16 @@ def test_poses_of_a_long_chain_are_read_to_the_last_bit(tmp_path: Path, name: st
     assert np.abs(norms - 1).max() > 1e-15
     assert tfdb.Trajectory("f0", "f60", path.stamps, path.poses) == path
     write_trajectory(tmp_path / name, path)
-    assert read_trajectory(tmp_path / name, target="f0", source="f60") == path
+    assert tfdb.Trajectory.read(tmp_path / name, target="f0", source="f60") == path
 
 
 def test_empty_fields_are_a_missing_pose(tmp_path: Path) -> None:
     path = tmp_path / "a.csv"
     path.write_text(f"stamp_ns,x,y,z,qx,qy,qz,qw\n4,,,,,,,\n{TURN}\n6{',NaN' * 7}\n")
-    assert read_trajectory(path).found.tolist() == [False, True, False]
+    assert tfdb.Trajectory.read(path).valid.tolist() == [False, True, False]
     path.write_text(f"stamp_ns,x,y,z,qx,qy,qz,qw\n4,1,,,,,,\n{TURN}\n")
     with pytest.raises(tfdb.errors.TrajectoryError, match="'' is not a number") as caught:
-        read_trajectory(path)
+        tfdb.Trajectory.read(path)
     assert caught.value.line == 2
 
 
@@ -323,7 +327,7 @@ def test_from_a_pipe(tmp_path: Path, format_: Any) -> None:
     times = tmp_path / "a_times.txt" if format_ == "kitti" else None
 
     def read() -> None:
-        found.append(read_trajectory(tmp_path / "pipe", format_, times=times))
+        found.append(tfdb.Trajectory.read(tmp_path / "pipe", format_, times=times))
 
     reader = threading.Thread(target=read, daemon=True)
     reader.start()
@@ -359,7 +363,7 @@ def test_bad_lines(tmp_path: Path, text: str, line: int | None, reason: str) -> 
     path = tmp_path / "bad.txt"
     path.write_text(text)
     with pytest.raises(tfdb.errors.TrajectoryError) as caught:
-        read_trajectory(path)
+        tfdb.Trajectory.read(path)
     assert (caught.value.path, caught.value.line) == (str(path), line)
     assert reason in str(caught.value.reason)
     assert str(caught.value).startswith(f"{path}{'' if line is None else f':{line}'}: ")
@@ -379,7 +383,7 @@ def test_bad_euroc(tmp_path: Path, text: str, line: int, reason: str) -> None:
     path = tmp_path / "bad.csv"
     path.write_text(text)
     with pytest.raises(tfdb.errors.TrajectoryError) as caught:
-        read_trajectory(path)
+        tfdb.Trajectory.read(path)
     assert caught.value.line == line
     assert reason in str(caught.value.reason)
 
@@ -406,7 +410,7 @@ def test_bad_kitti(
     if times is not None:
         (tmp_path / "p_times.txt").write_text(times)
     with pytest.raises(tfdb.errors.TrajectoryError) as caught:
-        read_trajectory(tmp_path / "p.txt")
+        tfdb.Trajectory.read(tmp_path / "p.txt")
     assert caught.value.line == line
     assert reason in str(caught.value.reason)
 
@@ -415,10 +419,10 @@ def test_not_text(tmp_path: Path) -> None:
     path = tmp_path / "a.txt"
     path.write_bytes(b"\x89MCAP0\r\n\0\0")
     with pytest.raises(tfdb.errors.TrajectoryError, match="binary file"):
-        read_trajectory(path)
+        tfdb.Trajectory.read(path)
     path.write_bytes(b"# a\n# b\n1.0 \xff\n")
     with pytest.raises(tfdb.errors.TrajectoryError, match="not UTF-8") as caught:
-        read_trajectory(path)
+        tfdb.Trajectory.read(path)
     assert caught.value.line == 3
 
 
@@ -426,17 +430,17 @@ def test_wrong_arguments(tmp_path: Path) -> None:
     path = tmp_path / "a.txt"
     path.write_text(f"1.0 {UNIT}\n")
     with pytest.raises(tfdb.errors.TrajectoryError, match="got 'bag'"):
-        read_trajectory(path, "bag")  # type: ignore[arg-type]
+        tfdb.Trajectory.read(path, "bag")  # type: ignore[arg-type]
     with pytest.raises(tfdb.errors.TrajectoryError, match="belongs to KITTI"):
-        read_trajectory(path, times=path)
+        tfdb.Trajectory.read(path, times=path)
     with pytest.raises(FileNotFoundError):
-        read_trajectory(tmp_path / "none.txt")
+        tfdb.Trajectory.read(tmp_path / "none.txt")
 
 
-def test_into_buffer() -> None:
+def test_set_trajectory() -> None:
     trajectory = random_trajectory()
     buffer = tfdb.Buffer(history=None)
-    assert into_buffer(buffer, "map", "base", trajectory, authority="file") == 1
+    assert buffer.set_trajectory("map", "base", trajectory, authority="file") == 1
     stamps, poses, parents = buffer.samples("base")
     assert np.array_equal(stamps, trajectory.stamps)
     assert np.abs(poses - trajectory.poses).max() < 1e-15
@@ -444,10 +448,10 @@ def test_into_buffer() -> None:
     assert buffer.frame_info("base").authority == "file"
 
 
-def test_into_buffer_leaves_missing_poses_out() -> None:
+def test_set_trajectory_leaves_missing_poses_out() -> None:
     path, buffer = with_holes(), tfdb.Buffer(history=None)
-    into_buffer(buffer, "map", "base", path)
-    assert buffer.trajectory("map", "base") == path[path.found]
+    buffer.set_trajectory("map", "base", path)
+    assert buffer.trajectory("map", "base") == path[path.valid]
 
 
 def test_into_a_buffer_that_forgets() -> None:
@@ -455,17 +459,17 @@ def test_into_a_buffer_that_forgets() -> None:
     path = tfdb.Trajectory("map", "base", np.arange(100) * 1_000_000_000, poses)
     buffer = tfdb.Buffer(history=9.5)
     with pytest.warns(tfdb.TfdbWarning, match=r"90 samples are not kept.*history of 9.5 s") as said:
-        into_buffer(buffer, "map", "base", path)
+        buffer.set_trajectory("map", "base", path)
     assert said[0].filename == __file__
     assert buffer.frame_info("base").samples == 10
-    into_buffer(tfdb.Buffer(history=None), "map", "base", path)
-    into_buffer(tfdb.Buffer(history=99), "map", "base", path)
+    tfdb.Buffer(history=None).set_trajectory("map", "base", path)
+    tfdb.Buffer(history=99).set_trajectory("map", "base", path)
 
 
-def test_into_buffer_is_all_or_nothing() -> None:
+def test_set_trajectory_is_all_or_nothing() -> None:
     buffer = tfdb.Buffer(history=None)
     buffer.set_static_transform("map", "base", (1, 2, 3))
     with pytest.raises(tfdb.errors.StaticConflict):
-        into_buffer(buffer, "map", "base", random_trajectory())
+        buffer.set_trajectory("map", "base", random_trajectory())
     assert buffer.commit == 1
     assert buffer.frames() == ["base", "map"]

@@ -14,7 +14,7 @@ from scipy.spatial.transform import Rotation, Slerp
 
 import tfdb
 from tfdb.errors import InvalidArray, InvalidTransform
-from tfdb.trajectories import read_trajectory, write_npz
+from tfdb.trajectories import write_npz
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -106,7 +106,7 @@ def test_where_all_poses_are_missing(path: Any) -> None:
         asked = path.stamps[3:7]
         assert np.isnan(gone.at(asked, missing="nan")).all()
         assert gone.at([], missing="nan").shape == (0, 7)
-        assert gone.resample(stamps=asked, missing="nan").found.tolist() == [False] * 4
+        assert gone.resample(stamps=asked, missing="nan").valid.tolist() == [False] * 4
         with pytest.raises(tfdb.InvalidStamp):
             gone.at([-5], missing="nan")
         for missing in ("raise", "skip"):
@@ -272,15 +272,15 @@ def test_a_row_out_of_range_is_an_index_error(path: Any) -> None:
 
 def test_between_takes_both_ends(path: Any) -> None:
     stamps = path.stamps
-    assert path.between() == path
-    assert path.between(stamps[3], stamps[8]) == path[3:9]
-    assert path.between(stamps[3] + 1, stamps[8] - 1) == path[4:8]
-    assert path.between(end=stamps[8].view("M8[ns]")) == path[:9]
-    assert len(path.between(stamps[3] + 1, stamps[3] + 2)) == 0
+    assert path.crop() == path
+    assert path.crop(stamps[3], stamps[8]) == path[3:9]
+    assert path.crop(stamps[3] + 1, stamps[8] - 1) == path[4:8]
+    assert path.crop(end=stamps[8].view("M8[ns]")) == path[:9]
+    assert len(path.crop(stamps[3] + 1, stamps[3] + 2)) == 0
     with pytest.raises(tfdb.InvalidArgument, match="end 5 lies before start 6"):
-        path.between(6, 5)
+        path.crop(6, 5)
     with pytest.raises(tfdb.InvalidStamp):
-        path.between(1.5)
+        path.crop(1.5)
 
 
 # -- between the poses -----------------------------------------------------------------------------
@@ -365,7 +365,7 @@ def test_resample_at_a_rate_and_at_stamps(path: Any) -> None:
     np.testing.assert_array_equal(again.poses, path.at(other))
     beyond = [0, *other.tolist()]
     assert path.resample(stamps=beyond, missing="skip") == again
-    assert not path.resample(stamps=beyond, missing="nan").found[0]
+    assert not path.resample(stamps=beyond, missing="nan").valid[0]
     strict = path.resample(50.0, policy=tfdb.Interpolate(0.08), missing="skip")
     assert 0 < len(strict) < len(even)
     assert len(path.resample(stamps=[], missing="skip")) == 0
@@ -515,27 +515,27 @@ def test_merging(path: Any) -> None:
 def test_a_missing_pose_is_as_if_it_were_not_there(path: Any) -> None:
     gone = [0, 5, 6, 39]
     holes = with_holes(path, gone)
-    found = holes[holes.found]
-    assert np.flatnonzero(~holes.found).tolist() == gone
+    found = holes[holes.valid]
+    assert np.flatnonzero(~holes.valid).tolist() == gone
     assert len(found) == 36
     stamps = np.arange(found.stamps[0], found.stamps[-1], 7_000_000)
     np.testing.assert_array_equal(holes.at(stamps), found.at(stamps))
     assert holes.resample(20.0) == found.resample(20.0)
-    assert holes.adaptive(0.5, 0.3) == found.adaptive(0.5, 0.3)
+    assert holes.simplify(0.5, 0.3) == found.simplify(0.5, 0.3)
     assert holes.length == found.length
     with pytest.raises(tfdb.errors.GapTooLarge):
         holes.at(int(path.stamps[5]), tfdb.Interpolate(max_gap=0.121))
     velocities, wanted = holes.velocities(), found.velocities()
     for name in ("linear", "angular"):
-        np.testing.assert_array_equal(getattr(velocities, name)[holes.found], getattr(wanted, name))
+        np.testing.assert_array_equal(getattr(velocities, name)[holes.valid], getattr(wanted, name))
         assert np.isnan(getattr(velocities, name)[gone]).all()
     for changed in (holes.inverse(), A @ holes, holes @ B, holes[1:-1]):
-        assert np.isnan(changed.poses[~changed.found]).all()
-        assert (~changed.found).sum() in (2, 4)
+        assert np.isnan(changed.poses[~changed.valid]).all()
+        assert (~changed.valid).sum() in (2, 4)
     assert np.isnan(holes.matrices[5]).all()
-    assert tfdb.Trajectory("map", "base", path.stamps, matrices=holes.matrices).found[7]
+    assert tfdb.Trajectory("map", "base", path.stamps, matrices=holes.matrices).valid[7]
     with pytest.raises(
-        tfdb.errors.NoSampleNear, match=r"pose 5 of T\[map<-base\] .* is missing: t\[t.f"
+        tfdb.errors.NoSampleNear, match=r"pose 5 of T\[map<-base\] .* is missing: t\[t.v"
     ):
         holes[5]
     with pytest.raises(tfdb.errors.NoSampleNear) as caught:
@@ -551,8 +551,8 @@ def test_none_and_one(path: Any, count: int) -> None:
     assert (len(few), few.duration, few.length) == (count, 0.0, 0.0)
     assert few.matrices.shape == (count, 4, 4)
     assert few == copy.deepcopy(few) == pickle.loads(pickle.dumps(few))
-    assert len(few.inverse()) == len(A @ few) == len(few.adaptive(0.1, 0.1)) == count
-    assert few.between() == few.merge() == few
+    assert len(few.inverse()) == len(A @ few) == len(few.simplify(0.1, 0.1)) == count
+    assert few.crop() == few.merge() == few
     assert len(list(few)) == count
     assert few._repr_html_().count("<tr>") == count + 1
     missing = with_holes(few, list(range(count)))
@@ -594,7 +594,7 @@ def test_it_pickles_copies_and_prints(path: Any, tmp_path: Path) -> None:
     assert html.count("<tr>") == 12
     assert random_path(10)._repr_html_().count("<tr>") == 11
     write_npz(tmp_path / "a.npz", path)
-    again = read_trajectory(tmp_path / "a.npz", target="map", source="base")
+    again = tfdb.Trajectory.read(tmp_path / "a.npz", target="map", source="base")
     assert again == path
     assert again.repeated == path.repeated == 0
 
@@ -682,3 +682,101 @@ def test_many_poses() -> None:
     assert long.merge(long) == long
     assert long.length == pytest.approx(np.abs(np.diff(poses[:, 0])).sum())
     assert len(long._repr_html_()) < 10_000
+
+
+# -- angles, seconds, speed, rows, files -----------------------------------------------------------
+
+
+def test_rpy_is_that_of_scipy_and_of_single_transforms() -> None:
+    path = random_path(200, seed=11)
+    wanted = Rotation.from_quat(path.rotations).as_euler("xyz")
+    np.testing.assert_allclose(path.rpy, wanted, atol=1e-12)
+    np.testing.assert_allclose(path.rpy, [pose.rpy for pose in path], atol=1e-15)
+    assert path.rpy.shape == (200, 3)
+    assert path[:0].rpy.shape == (0, 3)
+    holes = with_holes(path, [3, 50])
+    assert np.flatnonzero(np.isnan(holes.rpy).any(axis=1)).tolist() == [3, 50]
+    np.testing.assert_array_equal(holes.rpy[holes.valid], path.rpy[holes.valid])
+
+
+def test_rpy_at_a_pitch_of_90_degrees_has_no_roll() -> None:
+    turns = Rotation.from_euler("xyz", [[0.4, sign * np.pi / 2, 1.1] for sign in (1, -1)])
+    path = tfdb.Trajectory("map", "base", [5, 6], translations=[[1, 2, 3]] * 2, rotations=turns)
+    np.testing.assert_allclose(path.rpy, [pose.rpy for pose in path], atol=1e-15)
+    np.testing.assert_array_equal(path.rpy[:, 0], [0.0, 0.0])
+    again = Rotation.from_euler("xyz", path.rpy)
+    np.testing.assert_allclose((again.inv() * turns).magnitude(), 0.0, atol=1e-7)
+
+
+def test_seconds_count_from_the_first_stamp(path: Any) -> None:
+    wanted = [float(Decimal(int(stamp - path.stamps[0])) / 10**9) for stamp in path.stamps]
+    np.testing.assert_array_equal(path.seconds, wanted)
+    assert path.seconds[-1] == path.duration
+    assert path[4:].seconds[0] == 0.0
+    assert path[:0].seconds.tolist() == []
+
+
+def test_speed_is_the_length_of_the_velocity() -> None:
+    path = random_path(60, seed=3)
+    twists = path.velocities().linear
+    np.testing.assert_allclose(path.speed, np.linalg.norm(twists, axis=1), rtol=1e-15)
+    # 3 m/s around a circle of 10 m, seen from a frame that is turned and moved
+    stamps = START + np.arange(200) * 10_000_000
+    angles = 0.3 * (stamps - START) / 1e9
+    places = 10 * np.stack([np.cos(angles), np.sin(angles), 0 * angles], axis=1)
+    turns = Rotation.from_euler("z", angles[:, np.newaxis] + 1.0)
+    circle = A @ tfdb.Trajectory("map", "base", stamps, translations=places, rotations=turns)
+    np.testing.assert_allclose(circle.speed, 3.0, rtol=1e-3)
+    assert np.flatnonzero(np.isnan(with_holes(circle, [7]).speed)).tolist() == [7]
+    with pytest.raises(tfdb.Extrapolation, match="one pose only"):
+        _ = circle[:1].speed
+
+
+def test_to_numpy_is_a_table_that_from_table_takes_back(path: Any) -> None:
+    holes = with_holes(path, [4])
+    for each in (path, holes, path[:0]):
+        rows = each.to_numpy()
+        assert rows.shape == (len(each),)
+        assert rows.dtype.names == ("stamp_ns", "x", "y", "z", "qx", "qy", "qz", "qw")
+        assert rows["stamp_ns"].dtype == np.int64
+        np.testing.assert_array_equal(rows["stamp_ns"], each.stamps)
+        for i, name in enumerate(rows.dtype.names[1:]):
+            np.testing.assert_array_equal(rows[name], each.poses[:, i])
+        assert tfdb.Trajectory.from_table("map", "base", rows) == each
+
+
+@pytest.mark.parametrize(
+    ("name", "kind"),
+    [
+        *(("a.tum", None), ("a.txt", None), ("a.csv", None), ("a.npz", None)),
+        *(("a.parquet", None), ("a.txt", "kitti"), ("a.csv", "euroc")),
+    ],
+)
+def test_a_saved_trajectory_is_read_again(path: Any, tmp_path: Path, name: str, kind: Any) -> None:
+    if name.endswith("parquet"):
+        pytest.importorskip("polars")
+    path.save(tmp_path / name, kind)
+    found = tfdb.Trajectory.read(tmp_path / name, target="map", source="base")
+    assert np.array_equal(found.stamps, path.stamps)
+    np.testing.assert_allclose(found.matrices, path.matrices, atol=1e-15)
+    before = (tmp_path / name).read_bytes()
+    with pytest.raises(tfdb.errors.TrajectoryError, match="exists already; pass overwrite=True"):
+        path[:5].save(str(tmp_path / name), kind)
+    assert (tmp_path / name).read_bytes() == before
+    path[:5].save(str(tmp_path / name), kind, overwrite=True)
+    assert len(tfdb.Trajectory.read(str(tmp_path / name))) == 5
+
+
+def test_read_warns_at_the_line_that_called_it(tmp_path: Path) -> None:
+    (tmp_path / "a.tum").write_text("1 1 2 3 0 0 0.6 0.8\n1 2 2 3 0 0 0.6 0.8\n")
+    with pytest.warns(tfdb.TfdbWarning, match="stamp") as caught:
+        assert tfdb.Trajectory.read(tmp_path / "a.tum").repeated == 1
+    assert caught[0].filename == __file__
+
+
+def test_a_stored_trajectory_warns_at_the_line_that_called_it(path: Any) -> None:
+    with pytest.warns(tfdb.TfdbWarning, match="not kept") as caught:
+        tfdb.Buffer(history=1.0).set_trajectory("map", "base", path)
+    assert caught[0].filename == __file__
+    with pytest.raises(TypeError, match="was called on a Snapshot"):
+        tfdb.Buffer.set_trajectory(tfdb.Buffer().snapshot(), "map", "base", path)  # type: ignore[arg-type]

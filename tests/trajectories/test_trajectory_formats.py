@@ -10,7 +10,8 @@ import pytest
 
 import tfdb
 from tfdb.data.poses import normalised
-from tfdb.trajectories import read_trajectory, write_npz, write_trajectory
+from tfdb.trajectories import write_npz
+from tfdb.trajectories.writing import write_trajectory
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -129,7 +130,9 @@ NAMED = {
 @pytest.mark.parametrize("name", NAMED)
 def test_headings_that_name_all_columns_leave_nothing_to_guess(tmp_path: Path, name: str) -> None:
     separator, heading, stamp, order = NAMED[name]
-    assert same(read_trajectory(write(tmp_path / "a.txt", rows(stamp, order), separator, heading)))
+    assert same(
+        tfdb.Trajectory.read(write(tmp_path / "a.txt", rows(stamp, order), separator, heading))
+    )
 
 
 VARIANTS: dict[str, Callable[[str], str]] = {
@@ -150,7 +153,7 @@ def test_text_as_other_systems_write_it(tmp_path: Path, name: str, variant: str)
     separator, heading, stamp, order = NAMED[name]
     path = write(tmp_path / "a.txt", rows(stamp, order), separator, heading)
     path.write_bytes(VARIANTS[variant](path.read_text()).encode())
-    assert same(read_trajectory(path))
+    assert same(tfdb.Trajectory.read(path))
 
 
 @pytest.mark.parametrize("name", ["semicolons", "commas, w last", "euroc", "PlotJuggler"])
@@ -160,7 +163,7 @@ def test_separators_behind_the_last_column(tmp_path: Path, name: str, on_heading
     lines = [[*line, ""] for line in rows(stamp, order)]
     if on_heading:
         heading += separator
-    assert same(read_trajectory(write(tmp_path / "a.csv", lines, separator, heading)))
+    assert same(tfdb.Trajectory.read(write(tmp_path / "a.csv", lines, separator, heading)))
 
 
 def test_the_stamp_of_the_header_goes_before_the_time_of_reception(tmp_path: Path) -> None:
@@ -175,7 +178,7 @@ def test_the_stamp_of_the_header_goes_before_the_time_of_reception(tmp_path: Pat
     ]
     path = write(tmp_path / "a.csv", lines, ",", heading)
     with pytest.warns(tfdb.TfdbWarning, match="columns taken: field.header.stamp, field.pose.pose"):
-        assert same(read_trajectory(path))
+        assert same(tfdb.Trajectory.read(path))
 
 
 DATASETS = {
@@ -195,17 +198,17 @@ DATASETS = {
 @pytest.mark.parametrize("name", DATASETS)
 def test_tables_of_datasets(tmp_path: Path, name: str) -> None:
     heading, stamp, order = DATASETS[name]
-    assert same(read_trajectory(write(tmp_path / "a.csv", rows(stamp, order), ",", heading)))
+    assert same(tfdb.Trajectory.read(write(tmp_path / "a.csv", rows(stamp, order), ",", heading)))
 
 
 def test_names_behind_the_pose(tmp_path: Path) -> None:
     """As RTAB-Map and Kimera write them."""
     lines = [[*row, str(at)] for at, row in enumerate(rows())]
     heading = "#timestamp x y z qx qy qz qw id"
-    assert same(read_trajectory(write(tmp_path / "a.txt", lines, " ", heading)))
+    assert same(tfdb.Trajectory.read(write(tmp_path / "a.txt", lines, " ", heading)))
     heading = "#timestamp,x,y,z,qw,qx,qy,qz,vx,vy,vz,bgx,bgy,bgz,bax,bay,baz"
     lines = [[*row, *"123456789"] for row in rows(str, W_FIRST)]
-    assert same(read_trajectory(write(tmp_path / "a.csv", lines, ",", heading)))
+    assert same(tfdb.Trajectory.read(write(tmp_path / "a.csv", lines, ",", heading)))
 
 
 def test_stamps_in_two_columns(tmp_path: Path) -> None:
@@ -220,11 +223,11 @@ def test_stamps_in_two_columns(tmp_path: Path) -> None:
     ]
     path = write(tmp_path / "a.csv", lines, ",", heading)
     with pytest.warns(tfdb.TfdbWarning, match="taken: header.stamp.secs, header.stamp.nsecs, pose"):
-        assert same(read_trajectory(path))
+        assert same(tfdb.Trajectory.read(path))
     lines[3][3] = "1000000000"
     write(path, lines, ",", heading)
     with pytest.raises(tfdb.errors.TrajectoryError, match="more than a second") as caught:
-        read_trajectory(path)
+        tfdb.Trajectory.read(path)
     assert caught.value.line == 5
 
 
@@ -233,7 +236,7 @@ def test_other_columns_are_left_alone(tmp_path: Path) -> None:
     lines = [
         ["x", "a b", when, "9", *pose[:3], "nan", *pose[3:], ""] for when, *pose in rows(seconds)
     ]
-    assert same(read_trajectory(write(tmp_path / "a.csv", lines, ";", heading)))
+    assert same(tfdb.Trajectory.read(write(tmp_path / "a.csv", lines, ";", heading)))
 
 
 UNITS = {"ms": 10**6, "us": 10**3, "ns": 1}
@@ -251,9 +254,9 @@ def test_units_of_stamps_by_their_size(tmp_path: Path, unit: Any, digits: int) -
 
     path = write(tmp_path / "a.txt", rows(text))
     with pytest.warns(tfdb.TfdbWarning, match=f"by their size; stamp_unit='{unit}' .--stamp-unit"):
-        found = read_trajectory(path)
+        found = tfdb.Trajectory.read(path)
     assert found.stamps.tolist() == [int(stamp) * scale for stamp in stamps]
-    assert read_trajectory(path, stamp_unit=unit) == found
+    assert tfdb.Trajectory.read(path, stamp_unit=unit) == found
     assert tfdb.load(path, stamp_unit=unit).trajectory("world", "body") == found
 
 
@@ -270,28 +273,28 @@ def test_no_stamp_passes_through_a_float(tmp_path: Path) -> None:
         ("7.0004", "us", 7000),
     ):
         path = write(tmp_path / "a.txt", [[text, *numbers(POSES[0])]])
-        found = read_trajectory(path, stamp_unit=unit)  # type: ignore[arg-type]
+        found = tfdb.Trajectory.read(path, stamp_unit=unit)  # type: ignore[arg-type]
         assert found.stamps.tolist() == [expected]
 
 
 def test_stamps_that_are_hardly_seconds(tmp_path: Path) -> None:
     relative = write(tmp_path / "a.txt", rows(lambda stamp: str(stamp - START)))
     with pytest.warns(tfdb.TfdbWarning, match=r"taken as seconds are 50,000,001 s apart"):
-        assert read_trajectory(relative).stamps[1] == 50_000_001 * 10**9
-    found = read_trajectory(relative, stamp_unit="ns")
+        assert tfdb.Trajectory.read(relative).stamps[1] == 50_000_001 * 10**9
+    found = tfdb.Trajectory.read(relative, stamp_unit="ns")
     assert found.stamps.tolist() == (STAMPS - START).tolist()
     late = write(tmp_path / "b.txt", rows(lambda stamp: str(stamp - START + 12 * 10**9)))
     with pytest.raises(tfdb.errors.TrajectoryError, match=r"no date in another unit; stamp_unit= "):
-        read_trajectory(late)
-    assert read_trajectory(late, stamp_unit="ns").stamps[0] == 12 * 10**9
+        tfdb.Trajectory.read(late)
+    assert tfdb.Trajectory.read(late, stamp_unit="ns").stamps[0] == 12 * 10**9
     mixed = rows(str)
     mixed[0][0] = seconds(START)
     with pytest.raises(
         tfdb.errors.TrajectoryError, match=r"looks like seconds, .* in line 2 like nano"
     ):
-        read_trajectory(write(tmp_path / "c.txt", mixed))
+        tfdb.Trajectory.read(write(tmp_path / "c.txt", mixed))
     with pytest.raises(tfdb.errors.TrajectoryError, match=r"stamp_unit must be .*, got 'h'"):
-        read_trajectory(late, stamp_unit="h")  # type: ignore[arg-type]
+        tfdb.Trajectory.read(late, stamp_unit="h")  # type: ignore[arg-type]
     with pytest.raises(tfdb.InvalidArgument, match="stamp_unit must be 's', 'ms', 'us' or 'ns'"):
         tfdb.load(late, stamp_unit="h")  # type: ignore[arg-type]
 
@@ -314,14 +317,14 @@ def test_a_unit_that_changes_within_a_file(tmp_path: Path, usual: str, unit: str
         return
     names = {"s": "seconds", "ms": "milliseconds", "us": "microseconds", "ns": "nanoseconds"}
     with pytest.raises(tfdb.errors.TrajectoryError) as caught:
-        read_trajectory(path)
+        tfdb.Trajectory.read(path)
     assert caught.value.line == 8
     assert caught.value.reason == (
         f"stamp {lines[7][0]} looks like {names[unit]}, {lines[6][0]} in line 7 like "
         f"{names[usual]}; salvage=True (--salvage) reads the others"
     )
     with pytest.warns(tfdb.TfdbWarning, match=r"12 rows, 5 skipped \(line 8: stamp|by their size"):
-        found = read_trajectory(path, salvage=True)
+        found = tfdb.Trajectory.read(path, salvage=True)
     step = 1 if usual in ("s", "ns") else 1000
     assert found.stamps.tolist() == [stamp // step * step for stamp in STAMPS.tolist()[:7]]
 
@@ -329,7 +332,7 @@ def test_a_unit_that_changes_within_a_file(tmp_path: Path, usual: str, unit: str
 def _read_quietly(path: Path) -> tfdb.Trajectory:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", tfdb.TfdbWarning)
-        return read_trajectory(path)
+        return tfdb.Trajectory.read(path)
 
 
 ZEROS = "zero bytes, as a power cut leaves them"
@@ -364,11 +367,11 @@ def test_zero_bytes_at_the_end(tmp_path: Path, form: str, size: int, cut: int) -
     line = text.count("\n") + (cut == 0)
     many = "1 zero byte, as a power cut leaves it" if size == 1 else f"{size:,} {ZEROS}"
     with pytest.raises(tfdb.errors.TrajectoryError) as caught:
-        read_trajectory(path)
+        tfdb.Trajectory.read(path)
     assert caught.value.line == line
     assert caught.value.reason == f"{many}; salvage=True (--salvage) reads the others"
     with pytest.warns(tfdb.TfdbWarning, match="taken as|skipped") as warned:
-        found = read_trajectory(path, salvage=True)
+        found = tfdb.Trajectory.read(path, salvage=True)
     assert any(f"1 skipped (line {line}: {many})" in str(each.message) for each in warned)
     kept = COUNT - (cut > 0)
     assert found.stamps.tolist() == whole.stamps.tolist()[:kept]
@@ -382,10 +385,10 @@ def test_zero_bytes_within_a_file(tmp_path: Path, place: int) -> None:
     lines[place] = "\0" * 600 + lines[place]
     path.write_text("".join(lines))
     with pytest.raises(tfdb.errors.TrajectoryError, match=f"600 {ZEROS}") as caught:
-        read_trajectory(path)
+        tfdb.Trajectory.read(path)
     assert caught.value.line == place + 1
     with pytest.warns(tfdb.TfdbWarning, match="12 rows, 1 skipped"):
-        found = read_trajectory(path, salvage=True)
+        found = tfdb.Trajectory.read(path, salvage=True)
     assert found.stamps.tolist() == np.delete(STAMPS, place).tolist()
 
 
@@ -394,7 +397,7 @@ def test_zero_bytes_alone(tmp_path: Path) -> None:
     path.write_bytes(b"\0" * 5000)
     for salvage in (False, True):
         with pytest.raises(tfdb.errors.TrajectoryError, match=r"all its 5,000 bytes are zero"):
-            read_trajectory(path, salvage=salvage)
+            tfdb.Trajectory.read(path, salvage=salvage)
 
 
 def test_zero_bytes_in_a_file_of_times(tmp_path: Path) -> None:
@@ -403,9 +406,9 @@ def test_zero_bytes_in_a_file_of_times(tmp_path: Path) -> None:
     times = tmp_path / "times.txt"
     times.write_bytes(times.read_bytes()[:-5] + b"\0" * 100)
     with pytest.raises(tfdb.errors.TrajectoryError, match=f"times.txt:12: 100 {ZEROS}"):
-        read_trajectory(path)
+        tfdb.Trajectory.read(path)
     with pytest.warns(tfdb.TfdbWarning, match="12 rows, 1 skipped"):
-        assert len(read_trajectory(path, salvage=True)) == COUNT - 1
+        assert len(tfdb.Trajectory.read(path, salvage=True)) == COUNT - 1
 
 
 def test_units_belong_to_text(tmp_path: Path) -> None:
@@ -413,9 +416,9 @@ def test_units_belong_to_text(tmp_path: Path) -> None:
     with pytest.raises(
         tfdb.errors.TrajectoryError, match="a unit belongs to stamps in text, not to npz"
     ):
-        read_trajectory(tmp_path / "a.npz", stamp_unit="ns")
+        tfdb.Trajectory.read(tmp_path / "a.npz", stamp_unit="ns")
     buffer = tfdb.Buffer(history=None)
-    tfdb.trajectories.into_buffer(buffer, "a", "b", EXPECTED)
+    buffer.set_trajectory("a", "b", EXPECTED)
     tfdb.recordings.write_recording(tmp_path / "a.bag", buffer)
     with pytest.raises(tfdb.InvalidArgument, match="stamp_unit goes with trajectories in text"):
         tfdb.load(tmp_path / "a.bag", stamp_unit="ns")
@@ -443,7 +446,7 @@ def test_columns_that_were_found_by_their_number_are_told(tmp_path: Path, name: 
     separator, lines, said = GUESSED[name]
     path = write(tmp_path / "a.csv", lines, separator)
     with pytest.warns(tfdb.TfdbWarning, match=said):
-        assert same(read_trajectory(path))
+        assert same(tfdb.Trajectory.read(path))
     report = tfdb.Buffer(history=None).load
     with pytest.warns(tfdb.TfdbWarning, match=said):
         assert report(path).trajectories[0].rows == COUNT
@@ -452,25 +455,27 @@ def test_columns_that_were_found_by_their_number_are_told(tmp_path: Path, name: 
 def test_openvins_with_its_heading(tmp_path: Path) -> None:
     heading = "# timestamp(s) tx ty tz qx qy qz qw Pr11 Pr12 Pr13 Pr22 Pr23 Pr33 Pt11 Pt12 Pt13"
     lines = [[*row, *["1e-6"] * 12] for row in rows()]
-    assert same(read_trajectory(write(tmp_path / "a.txt", lines, " ", f"{heading} Pt22 Pt23 Pt33")))
+    assert same(
+        tfdb.Trajectory.read(write(tmp_path / "a.txt", lines, " ", f"{heading} Pt22 Pt23 Pt33"))
+    )
 
 
 def test_an_index_without_a_name(tmp_path: Path) -> None:
     lines = [[str(at), *row] for at, row in enumerate(rows())]
     for heading in (" timestamp x y z qx qy qz qw", "timestamp x y z qx qy qz qw"):
-        assert same(read_trajectory(write(tmp_path / "a.txt", lines, " ", heading)))
+        assert same(tfdb.Trajectory.read(write(tmp_path / "a.txt", lines, " ", heading)))
     heading = ",timestamp,x,y,z,qx,qy,qz,qw"
-    assert same(read_trajectory(write(tmp_path / "a.csv", lines, ",", heading)))
+    assert same(tfdb.Trajectory.read(write(tmp_path / "a.csv", lines, ",", heading)))
 
 
 @pytest.mark.parametrize("format_", ["tum", "euroc"])
 def test_a_named_format_is_no_guess(tmp_path: Path, format_: Any) -> None:
     if format_ == "tum":
         for separator in (" ", ",", ";", "\t"):
-            assert same(read_trajectory(write(tmp_path / "a", rows(), separator), format_))
+            assert same(tfdb.Trajectory.read(write(tmp_path / "a", rows(), separator), format_))
     else:
         lines = [[*row, "1", "2", "3", ""] for row in rows(str, W_FIRST)]
-        assert same(read_trajectory(write(tmp_path / "a", lines, ","), format_))
+        assert same(tfdb.Trajectory.read(write(tmp_path / "a", lines, ","), format_))
 
 
 AMBIGUOUS = [
@@ -489,7 +494,7 @@ def test_what_could_be_several_things_is_refused(
 ) -> None:
     path = write(tmp_path / "a.txt", lines, separator)
     with pytest.raises(tfdb.errors.TrajectoryError) as caught:
-        read_trajectory(path)
+        tfdb.Trajectory.read(path)
     assert reason in str(caught.value)
     assert "name the columns in the first line" in str(caught.value)
     assert (caught.value.path, caught.value.line) == (str(path), 1)
@@ -509,7 +514,7 @@ HEADINGS = [
 def test_headings_that_do_not_name_a_pose(tmp_path: Path, heading: str, reason: str) -> None:
     path = write(tmp_path / "a.csv", rows(), ",", heading)
     with pytest.raises(tfdb.errors.TrajectoryError, match=r":1: ") as caught:
-        read_trajectory(path)
+        tfdb.Trajectory.read(path)
     assert reason in str(caught.value)
 
 
@@ -524,13 +529,13 @@ def test_several_poses_and_times(tmp_path: Path) -> None:
     with pytest.raises(
         tfdb.errors.TrajectoryError, match="several poses, keep the columns of one: '/odom"
     ):
-        read_trajectory(path)
+        tfdb.Trajectory.read(path)
     lines = [[row[0], row[0], *row[1:]] for row in rows()]
     path = write(tmp_path / "a.csv", lines, ",", ",".join(["time", "stamp", *one]))
     with pytest.raises(
         tfdb.errors.TrajectoryError, match="several times, keep one: 'time', 'stamp'"
     ):
-        read_trajectory(path)
+        tfdb.Trajectory.read(path)
 
 
 def test_decimal_commas_are_refused(tmp_path: Path) -> None:
@@ -541,7 +546,7 @@ def test_decimal_commas_are_refused(tmp_path: Path) -> None:
             with pytest.raises(
                 tfdb.errors.TrajectoryError, match="decimal commas: write"
             ) as caught:
-                read_trajectory(path)
+                tfdb.Trajectory.read(path)
             assert caught.value.line == (2 if heading else 1)
 
 
@@ -549,7 +554,7 @@ def test_utf_16_is_refused(tmp_path: Path) -> None:
     path = write(tmp_path / "a.csv", rows())
     path.write_bytes(path.read_text().encode("utf-16"))
     with pytest.raises(tfdb.errors.TrajectoryError, match="UTF-16 text: save it as UTF-8"):
-        read_trajectory(path)
+        tfdb.Trajectory.read(path)
 
 
 def damaged(**changes: Sequence[str]) -> list[list[str]]:
@@ -573,14 +578,14 @@ DAMAGE: dict[str, tuple[list[list[str]], str, str]] = {
 def test_rows_are_skipped_where_salvage_is_asked_for(tmp_path: Path, name: str) -> None:
     lines, reason, told = DAMAGE[name]
     path = write(tmp_path / "a.tum", lines)
-    for read in (read_trajectory, tfdb.load):
+    for read in (tfdb.Trajectory.read, tfdb.load):
         with pytest.raises(tfdb.errors.TrajectoryError) as caught:
             read(path)
         assert reason in str(caught.value)
         assert "; salvage=True (--salvage) reads the others" in str(caught.value)
     rest = [at for at in range(COUNT) if at != 4]
     with pytest.warns(tfdb.TfdbWarning) as warned:
-        found = read_trajectory(path, salvage=True)
+        found = tfdb.Trajectory.read(path, salvage=True)
     assert told in str(warned[0].message)
     assert f"a.tum: {COUNT} rows, " in str(warned[0].message)
     assert found == EXPECTED[rest]
@@ -602,9 +607,9 @@ def test_rows_are_sorted_where_salvage_is_asked_for(tmp_path: Path) -> None:
     with pytest.raises(
         tfdb.errors.TrajectoryError, match=r":5: .*or let salvage=True .--salvage. sort it"
     ):
-        read_trajectory(path)
+        tfdb.Trajectory.read(path)
     with pytest.warns(tfdb.TfdbWarning, match="12 rows, 4 out of order, sorted"):
-        assert same(read_trajectory(path, salvage=True))
+        assert same(tfdb.Trajectory.read(path, salvage=True))
     with pytest.warns(tfdb.TfdbWarning, match="12 rows, 4 out of order, sorted"):
         assert same(tfdb.load(path, salvage=True).trajectory("world", "body"))
 
@@ -619,15 +624,15 @@ def test_quaternions_with_few_digits(tmp_path: Path) -> None:
     with pytest.raises(
         tfdb.errors.TrajectoryError, match=r":6: .* unit length: 0.98; salvage=True"
     ):
-        read_trajectory(path)
+        tfdb.Trajectory.read(path)
     with pytest.warns(tfdb.TfdbWarning, match="12 rows, 1 with the quaternion normalised"):
-        found = read_trajectory(path, salvage=True)
+        found = tfdb.Trajectory.read(path, salvage=True)
     assert found.poses[5, 3:].tolist() == [0, 0, 0, 1]
     raw = np.array([[float(value) for value in line[1:]] for line in lines])
     assert np.array_equal(found.poses, normalised(raw))
     lines[5][4:] = ["0.00", "0.00", "0.00", "0.90"]
     with pytest.warns(tfdb.TfdbWarning, match="12 rows, 1 skipped .line 6: the quaternion"):
-        assert len(read_trajectory(write(path, lines), salvage=True)) == COUNT - 1
+        assert len(tfdb.Trajectory.read(write(path, lines), salvage=True)) == COUNT - 1
 
 
 def test_repeated_stamps_are_told(tmp_path: Path) -> None:
@@ -635,7 +640,7 @@ def test_repeated_stamps_are_told(tmp_path: Path) -> None:
     same_again, other = list(lines[4]), [*lines[4][:1], "90", *lines[4][2:]]
     path = write(tmp_path / "a.tum", [*lines[:5], same_again, *lines[5:]])
     with pytest.warns(tfdb.TfdbWarning, match=r"13 rows, 1 with a repeated stamp \(the last"):
-        assert same(read_trajectory(path))
+        assert same(tfdb.Trajectory.read(path))
     path = write(tmp_path / "a.tum", [*lines[:5], other, *lines[5:]])
     buffer = tfdb.Buffer(history=None)
     said = r"13 rows, 1 with a repeated stamp, 1 with another pose \(the last row counts\)"
@@ -650,7 +655,7 @@ def test_salvage_without_damage_says_nothing(tmp_path: Path) -> None:
     for kind in ("tum", "euroc", "csv", "npz", "parquet"):
         path = tmp_path / f"a.{'csv' if kind == 'euroc' else kind}"
         write_trajectory(path, EXPECTED, kind, overwrite=True)  # type: ignore[arg-type]
-        assert same(read_trajectory(path, salvage=True))
+        assert same(tfdb.Trajectory.read(path, salvage=True))
 
 
 def test_nothing_that_could_be_salvaged(tmp_path: Path) -> None:
@@ -658,7 +663,7 @@ def test_nothing_that_could_be_salvaged(tmp_path: Path) -> None:
     with pytest.raises(
         tfdb.errors.TrajectoryError, match="all 12 rows were skipped, the first at line 1"
     ):
-        read_trajectory(path, salvage=True)
+        tfdb.Trajectory.read(path, salvage=True)
 
 
 @pytest.mark.parametrize("kind", ["npz", "parquet"])
@@ -680,12 +685,12 @@ def test_arrays_are_salvaged(tmp_path: Path, kind: str) -> None:
     with pytest.raises(
         tfdb.errors.TrajectoryError, match=r"salvage=True \(--salvage\) reads the other"
     ):
-        read_trajectory(path)
+        tfdb.Trajectory.read(path)
     with pytest.warns(tfdb.TfdbWarning, match="12 rows, 1 out of order, sorted, 1 skipped .row 6"):
-        found = read_trajectory(path, salvage=True)
+        found = tfdb.Trajectory.read(path, salvage=True)
     assert found.stamps.tolist() == [int(s) for at, s in enumerate(STAMPS) if at != 6]
-    assert found.found.sum() == COUNT - 2
-    assert np.array_equal(found.poses[found.found], EXPECTED[[*range(6), *range(8, COUNT)]].poses)
+    assert found.valid.sum() == COUNT - 2
+    assert np.array_equal(found.poses[found.valid], EXPECTED[[*range(6), *range(8, COUNT)]].poses)
 
 
 def test_kitti_poses_are_salvaged_with_their_stamps(tmp_path: Path) -> None:
@@ -700,17 +705,17 @@ def test_kitti_poses_are_salvaged_with_their_stamps(tmp_path: Path) -> None:
     with pytest.raises(
         tfdb.errors.TrajectoryError, match=r"a_times.txt:9: 'late' .* reads the others"
     ):
-        read_trajectory(tmp_path / "a.txt")
+        tfdb.Trajectory.read(tmp_path / "a.txt")
     with pytest.warns(tfdb.TfdbWarning, match="12 rows, 3 skipped .line 3: 7 columns"):
-        found = read_trajectory(tmp_path / "a.txt", salvage=True)
+        found = tfdb.Trajectory.read(tmp_path / "a.txt", salvage=True)
     rest = [at for at in range(COUNT) if at not in (2, 5, 8)]
     assert found.stamps.tolist() == STAMPS[rest].tolist()
     assert np.abs(found.matrices - EXPECTED[rest].matrices).max() < 1e-14
     (tmp_path / "a_times.txt").write_text("\n".join(times[:8]))
     with pytest.raises(tfdb.errors.TrajectoryError, match="12 poses, but 8 stamps"):
-        read_trajectory(tmp_path / "a.txt")
+        tfdb.Trajectory.read(tmp_path / "a.txt")
     with pytest.warns(tfdb.TfdbWarning, match="12 rows, 6 skipped"):
-        assert len(read_trajectory(tmp_path / "a.txt", salvage=True)) == 6
+        assert len(tfdb.Trajectory.read(tmp_path / "a.txt", salvage=True)) == 6
 
 
 def test_a_file_that_was_cut_anywhere(tmp_path: Path) -> None:
@@ -720,17 +725,17 @@ def test_a_file_that_was_cut_anywhere(tmp_path: Path) -> None:
         for (when, *_), pose in zip(rows(), POSES, strict=True)
     ]
     whole = write(tmp_path / "whole.tum", lines).read_bytes()
-    expected = read_trajectory(tmp_path / "whole.tum")
+    expected = tfdb.Trajectory.read(tmp_path / "whole.tum")
     path = tmp_path / "cut.tum"
     start = whole.rstrip().rindex(b"\n") + 1
     for end in range(start + 1, len(whole) - 1):
         path.write_bytes(whole[:end])
         with pytest.raises(tfdb.errors.TrajectoryError, match=r":12: .* reads the others"):
-            read_trajectory(path)
+            tfdb.Trajectory.read(path)
         with pytest.warns(tfdb.TfdbWarning, match="12 rows, 1 skipped"):
-            assert read_trajectory(path, salvage=True) == expected[:-1]
+            assert tfdb.Trajectory.read(path, salvage=True) == expected[:-1]
     path.write_bytes(whole[:-1])
-    assert read_trajectory(path) == expected
+    assert tfdb.Trajectory.read(path) == expected
 
 
 def test_short_files_by_hand_are_not_cut(tmp_path: Path) -> None:
@@ -738,4 +743,4 @@ def test_short_files_by_hand_are_not_cut(tmp_path: Path) -> None:
     path.write_text(
         "1 1 0 0 0 0 0.6 0.8\n2 1 0 0 0 0 0.6 0.8\n3 1 0 0 0 0 0.8 0.6\n4 0 0 0 0 0 0 1"
     )
-    assert len(read_trajectory(path)) == 4
+    assert len(tfdb.Trajectory.read(path)) == 4

@@ -51,7 +51,7 @@ print(tfdb.load("drive.bag").messages)  # error
 tfdb.compare(path, found)  # error
 tfdb.compare(path, path, align="SE3")  # error
 tfdb.compare(buffer, buffer, frames="map")  # error
-tfdb.trajectories.write_trajectory("path.tum", path, format="bag")  # error
+path.save("path.tum", format="bag")  # error
 tfdb.Extrapolate()  # error
 
 

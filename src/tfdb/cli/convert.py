@@ -16,7 +16,6 @@ from tfdb.recordings.choice import Choice, absolute, did_you_mean
 from tfdb.recordings.containers import TRAJECTORIES
 from tfdb.recordings.loading import Selection, refused_by, warn_of_refused
 from tfdb.recordings.recording_writer import RecordingWriter
-from tfdb.trajectories.writing import write_trajectory
 
 from . import common, layout, output
 from .groups import SuggestingCommand
@@ -28,7 +27,7 @@ if TYPE_CHECKING:
     from tfdb.recordings.choice import Rewriter
     from tfdb.recordings.containers import Source
     from tfdb.recordings.recording import Recording
-    from tfdb.trajectories.reading import Format
+    from tfdb.trajectories.file_formats import Format
 
 RECORDINGS = (".bag", ".mcap", ".db3")
 RERUN = ".rrd"
@@ -111,7 +110,7 @@ def command(
         loaded = common.load(files, topics)
         target, source = common.find_frames(loaded.store, *frames)
         poses = loaded.store.trajectory(target, source)
-        write_trajectory(out, poses, kind, overwrite=overwrite)
+        poses.save(out, kind, overwrite=overwrite)
         messages = loaded.report.messages if loaded.report else 0
         written = Written(messages, len(poses.stamps))
     elif foxglove or suffix == RERUN:

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     import numpy as np
     import numpy.typing as npt
 
-    from tfdb.trajectories.reading import Format
+    from tfdb.trajectories.file_formats import Format
 
 
 _NO_POSE = (
@@ -189,7 +189,9 @@ def _between(
 
 def _write(out: str | None, made: Poses, kind: Format | None, *, overwrite: bool) -> None:
     if out is not None:
-        tfdb.trajectories.write_trajectory(out, made, kind, overwrite=overwrite)
+        from tfdb.trajectories.writing import write_trajectory  # noqa: PLC0415 - needs numpy
+
+        write_trajectory(out, made, kind, overwrite=overwrite)
         return
     for stamp, pose in zip(made.stamps.tolist(), made.poses.tolist(), strict=True):
         output.say(f"{format_ns(stamp)} {' '.join(map(repr, pose))}")

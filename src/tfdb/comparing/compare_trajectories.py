@@ -96,7 +96,7 @@ def compare(
     pairs_from
         Whose way is measured to find the pairs.
     salvage, stamp_unit
-        How trajectory files are read, as in `read_trajectory`. `salvage` also reads
+        How trajectory files are read, as in `Trajectory.read`. `salvage` also reads
         damaged recordings, as in `tfdb.load`.
 
     Returns
@@ -122,7 +122,7 @@ def compare(
     -----
     TfdbWarning
         The positions agree, but the rotations would only with the quaternions of one in another
-        order (w x y z); and as `read_trajectory` for files.
+        order (w x y z); and as `Trajectory.read` for files.
     """
     if stamp_unit is not None:
         given_word("stamp_unit", stamp_unit, STAMP_UNITS)

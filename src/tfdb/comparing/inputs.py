@@ -72,6 +72,7 @@ def given_trajectory(
     if is_recording(path):
         return looked_up(load(path, salvage=reading.salvage), frames, role, parameter)
     trajectory, rows = read_with_rows(
+        Trajectory,
         path,
         salvage=reading.salvage,
         stamp_unit=reading.stamp_unit,
@@ -105,7 +106,7 @@ def _kitti_times(given: Any) -> bool | None:
 
 
 def is_recording(path: Path) -> bool:
-    """Whether a file is a recording; what is none is left to `read_trajectory`."""
+    """Whether a file is a recording; what is none is left to `Trajectory.read`."""
     with suppress(RecordingError):
         return kind_of(path) != "trajectory"
     return False

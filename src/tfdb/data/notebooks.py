@@ -11,6 +11,9 @@ from .stamps import format_seconds
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
 
+    import numpy as np
+    import numpy.typing as npt
+
     from tfdb._core import Reads, Transform
 
 __all__: list[str] = []
@@ -73,3 +76,19 @@ def of_transform(transform: Transform) -> str:
     name = f"T[{transform.target}<-{transform.source}] at {when}"
     shown = table(name, ("", "x", "y", "z", "w"), rows)
     return shown + transform.report._repr_html_() if transform.report.edges else shown
+
+
+def of_poses(caption: str, stamps: npt.NDArray[np.int64], poses: npt.NDArray[np.float64]) -> str:
+    """Show the first and the last poses of many."""
+    rows = list(range(len(stamps)))
+    if len(rows) > 10:
+        rows = [*rows[:5], -1, *rows[-5:]]
+    lines: list[Sequence[object]] = []
+    for row in rows:
+        cells = ["\u22ee"] * 8
+        if row >= 0:
+            stamp = format_seconds(int(stamps[row])).removesuffix(" s")
+            cells = [stamp, *(f"{number:.6g}" for number in poses[row])]
+        lines.append(cells)
+    heads = ("stamp [s]", "x [m]", "y [m]", "z [m]", "qx", "qy", "qz", "qw")
+    return table(caption, heads, lines)

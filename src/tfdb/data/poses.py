@@ -182,6 +182,24 @@ def matrices(poses: Array) -> Array:
     return made
 
 
+def rpy(q: Array) -> Array:
+    """Roll, pitch, yaw (N, 3) of unit quaternions (N, 4): `rpy_of_quaternion` of the core."""
+    import numpy as np
+
+    m = rotation_matrices(q)
+    across = np.hypot(m[:, 0, 0], m[:, 1, 0])
+    locked = across < 1e-9  # roll and yaw turn about one axis: all of it is yaw
+    roll = np.arctan2(m[:, 2, 1], m[:, 2, 2])
+    yaw = np.arctan2(m[:, 1, 0], m[:, 0, 0])
+    alone = np.arctan2(0.0 - m[:, 0, 1], m[:, 1, 1])
+    angles = (
+        np.where(locked, 0.0, roll),
+        np.arctan2(0.0 - m[:, 2, 0], across),
+        np.where(locked, alone, yaw),
+    )
+    return np.stack(angles, axis=-1)
+
+
 def rotation_vectors(first: Array, last: Array) -> Array:
     """Axis times angle of the turn from one rotation to the other, in the axes of both."""
     import numpy as np

@@ -70,6 +70,18 @@ class AsQuat(Protocol):
         """Return its unit quaternion x y z w."""
 
 
+class TrajectoryLike(Protocol):
+    """Anything with stamps and poses, such as a `Trajectory`."""
+
+    @property
+    def stamps(self) -> npt.NDArray[np.int64]:
+        """Nanoseconds, shape (N,)."""
+
+    @property
+    def poses(self) -> npt.NDArray[np.float64]:
+        """Rows `[x y z qx qy qz qw]`, shape (N, 7)."""
+
+
 class Posed(Protocol):
     """A `Transform`, a `geometry_msgs/Transform`."""
 

@@ -85,7 +85,7 @@ def trajectory(
     Parameters
     ----------
     *paths
-        What `Buffer.trajectory` and `tfdb.trajectories.read_trajectory` return.
+        What `Buffer.trajectory` and `Trajectory.read` return.
     axes
         The plane that is looked at, or `"xyz"` for three dimensions. None: the two axes along which
         the paths reach furthest.

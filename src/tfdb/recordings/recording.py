@@ -76,9 +76,9 @@ class Recording:
         `.csv`, `.npz` or `.parquet`.
     salvage
         Read damaged, cut and unindexed files as far as they go; `losses` says what is missing. Rows
-        of trajectories are sorted, mended and skipped as by `read_trajectory`; `rows` counts them.
+        of trajectories are sorted, mended and skipped as by `Trajectory.read`; `rows` counts them.
     stamp_unit
-        The unit of stamps in the text of a trajectory; see `read_trajectory`.
+        The unit of stamps in the text of a trajectory; see `Trajectory.read`.
 
     Raises
     ------

@@ -24,15 +24,16 @@ _TOPIC = "/tf"
 def open_trajectory(
     path: Path, *, salvage: bool = False, stamp_unit: Unit | None = None
 ) -> Container:
-    """Open a TUM, KITTI, EuRoC, CSV, NPZ or Parquet file, as `read_trajectory` reads it.
+    """Open a TUM, KITTI, EuRoC, CSV, NPZ or Parquet file, as `Trajectory.read` reads it.
 
     Its poses are those of `body` in `world` where the file names no frames. Raises
     `TrajectoryError`.
     """
     from tfdb.trajectories.reading import read_with_rows  # noqa: PLC0415 - needs numpy
+    from tfdb.trajectories.trajectory import Trajectory  # noqa: PLC0415 - as above
 
-    trajectory, rows = read_with_rows(path, salvage=salvage, stamp_unit=stamp_unit)
-    there = trajectory.found
+    trajectory, rows = read_with_rows(Trajectory, path, salvage=salvage, stamp_unit=stamp_unit)
+    there = trajectory.valid
     count = int(there.sum())
     if not count:
         raise TrajectoryError(path, None, "no pose in it: all its rows are NaN")

@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING
 from tfdb.data.lazy_names import on_demand as _offer
 
 if TYPE_CHECKING:
-    from .reading import into_buffer, read_trajectory
     from .reading_report import TrajectoryRows
     from .writing import (
         write_csv,
@@ -15,20 +14,16 @@ if TYPE_CHECKING:
         write_kitti,
         write_npz,
         write_parquet,
-        write_trajectory,
         write_tum,
     )
 
 __all__ = [
     "TrajectoryRows",
-    "into_buffer",
-    "read_trajectory",
     "write_csv",
     "write_euroc",
     "write_kitti",
     "write_npz",
     "write_parquet",
-    "write_trajectory",
     "write_tum",
 ]
 
@@ -36,10 +31,6 @@ if not TYPE_CHECKING:  # type checkers would find every name in a module with `_
     __getattr__, __dir__ = _offer(
         __name__,
         {
-            "reading": (
-                "into_buffer",
-                "read_trajectory",
-            ),
             "reading_report": ("TrajectoryRows",),
             "writing": (
                 "write_csv",
@@ -47,7 +38,6 @@ if not TYPE_CHECKING:  # type checkers would find every name in a module with `_
                 "write_kitti",
                 "write_npz",
                 "write_parquet",
-                "write_trajectory",
                 "write_tum",
             ),
         },

@@ -1,7 +1,7 @@
 """Trajectories: TUM, KITTI, EuRoC and CSV files, and the NPZ and Parquet that tfdb writes itself.
 
 A trajectory is the motion of one frame in another: stamps and poses `T[parent<-child]`. The files
-do not say which frames; :func:`into_buffer` does.
+do not say which frames: `Trajectory.read(path, target=, source=)` names them.
 """
 
 from __future__ import annotations
@@ -10,132 +10,47 @@ import io
 import stat
 import zipfile
 import zlib
-from typing import TYPE_CHECKING, Any, Literal, Protocol, TypeAlias
+from collections.abc import Sized
+from typing import TYPE_CHECKING, Any, TypeAlias, TypeVar
 
 import numpy as np
 
 from tfdb._core import poses_of_matrices
-from tfdb.data.argument_checks import given_flag, not_one_of, refuse_without
+from tfdb.data.argument_checks import given_flag, not_one_of
 from tfdb.data.decimal_time import NS_PER_SECOND, UNITS, Unit, units_to_ns
 from tfdb.data.errors import InvalidArray, InvalidStamp, InvalidTransform, TrajectoryError
 from tfdb.data.path_checks import errors_name, given_path
-from tfdb.data.poses import doubles, missing
-from tfdb.data.types import Columns
-from tfdb.store.forgotten import missing_samples, warn_of_forgotten
+from tfdb.data.poses import doubles
 
 from .columns import layout_of
+from .file_formats import FORMATS, Format
 from .lines import SALVAGE, Lines, zeros
-from .reading_report import TrajectoryRows, warn_of_rows
+from .reading_report import TrajectoryRows
 from .rows import floats, rows_of_text, salvaged, settled
 from .tables import columns_of, read_parquet
-from .trajectory import Trajectory
 
 if TYPE_CHECKING:
     import os
+    from collections.abc import Callable
     from pathlib import Path
-
-    from tfdb._core import Buffer
 
     from .rows import Poses, Stamps
 
     PathLike: TypeAlias = str | os.PathLike[str]
 
-Format: TypeAlias = Literal["tum", "kitti", "euroc", "csv", "npz", "parquet"]
+Made = TypeVar("Made", bound=Sized)
+"""`Trajectory`, or a class derived from it."""
 
 _NAMES = ("world", "body")
 """The frames of files that name none."""
-FORMATS: tuple[Format, ...] = ("tum", "kitti", "euroc", "csv", "npz", "parquet")
-
-
-class TrajectoryLike(Protocol):
-    """Whatever has stamps and poses, such as the result of `Buffer.trajectory`."""
-
-    @property
-    def stamps(self) -> Stamps:
-        """Nanoseconds, int64, shape (N,)."""
-
-    @property
-    def poses(self) -> Poses:
-        """Rows `[x y z qx qy qz qw]`, float64, shape (N, 7)."""
 
 
 MAX_BYTES = 256 * 2**20
 """The arrays of an NPZ file may take so much memory."""
 
 
-def read_trajectory(
-    path: PathLike,
-    format: Format | None = None,  # noqa: A002 - numpy and pandas call it so, too
-    *,
-    times: PathLike | None = None,
-    target: str | None = None,
-    source: str | None = None,
-    salvage: bool = False,
-    stamp_unit: Unit | None = None,
-) -> Trajectory:
-    """Read a trajectory file.
-
-    Text may have blanks, tabs, commas or semicolons between its columns, comments behind `#`, and a
-    heading. The names in a heading say which columns are read: those of TUM and EuRoC, of
-    `rostopic echo -p`, bagpy and PlotJuggler, and the like (`timestamp`, `x`, `qw`,
-    `.pose.position.x`). Other columns are left alone. Quaternions that are slightly off unit length
-    are normalised. Where rows repeat the stamp of the row before, the last one counts, as the newer
-    sample does in a store; `repeated` of the result counts them.
-
-    Parameters
-    ----------
-    path
-        The file.
-    format
-        `"tum"` (`seconds x y z qx qy qz qw`), `"kitti"` (the 12 numbers of a 3x4 matrix, stamps in
-        a file of their own), `"euroc"` (`nanoseconds,x,y,z,qw,qx,qy,qz,...`, VINS also), `"csv"`
-        (columns `stamp_ns,x,y,z,qx,qy,qz,qw`, or those that its heading names), `"npz"` or
-        `"parquet"` (as `write_npz` and `Trajectory.to_parquet` write them). None:
-        found by the file's beginning, its heading and its number of columns. In the last three
-        formats a pose may be missing: all its numbers are NaN, or in a CSV empty.
-    times
-        KITTI only: the file with one stamp in seconds per pose. By default `NAME_times.txt` or
-        `times.txt` beside the poses.
-    target, source
-        Names for the frames: the poses are `T[target<-source]`. None: the names in a Parquet file,
-        else `world` and `body`.
-    salvage
-        Sort rows by their stamps, normalise quaternions that are up to 5 % off unit length, and
-        skip rows without a valid stamp or pose. A warning counts all of them.
-    stamp_unit
-        `"s"`, `"ms"`, `"us"` or `"ns"`, the unit of stamps in text. None: the unit that the heading
-        or the format names, else found by the size of the stamps.
-
-    Raises
-    ------
-    TrajectoryError
-        A line that does not fit the format, columns that could be several things, a rotation that
-        is none, stamps that run backwards, no pose at all. Fields: path, line, reason.
-    NotSupported
-        Parquet, where polars is not installed.
-    OSError
-        The file cannot be opened.
-
-    Warns
-    -----
-    TfdbWarning
-        Rows with the same stamp; rows that `salvage` sorted, mended or skipped; a unit that was
-        found by size; columns that were found by their number.
-    """
-    trajectory, rows = read_with_rows(
-        path,
-        format,
-        times=times,
-        target=target,
-        source=source,
-        salvage=salvage,
-        stamp_unit=stamp_unit,
-    )
-    warn_of_rows(rows, 2)
-    return trajectory
-
-
 def read_with_rows(
+    make: Callable[..., Made],
     path: PathLike,
     format: Format | None = None,  # noqa: A002 - as above
     *,
@@ -145,9 +60,10 @@ def read_with_rows(
     salvage: bool = False,
     stamp_unit: Unit | None = None,
     by_row: bool = False,
-) -> tuple[Trajectory, TrajectoryRows]:
-    """Read a trajectory file as `read_trajectory`, and count its rows instead of a warning.
+) -> tuple[Made, TrajectoryRows]:
+    """Read a trajectory file as `Trajectory.read`, and count its rows instead of a warning.
 
+    `make`: the class of the result, `Trajectory` or one derived from it.
     `by_row`: KITTI poses without a file of times get the number of their row as their second.
     """
     given: object = format
@@ -164,7 +80,9 @@ def read_with_rows(
             if value is not None:
                 raise TrajectoryError(path, None, f"{what}, not to {kind}")
         names = (target, source)
-        return (_read_npz if kind == "npz" else _read_table)(path, raw, names, salvage=salvage)
+        return (_read_npz if kind == "npz" else _read_table)(
+            make, path, raw, names, salvage=salvage
+        )
     frames = target or _NAMES[0], source or _NAMES[1]
     lines = Lines(path, raw, salvage=salvage)
     layout = None if kind == "kitti" else layout_of(lines, kind)
@@ -177,7 +95,7 @@ def read_with_rows(
         raise lines.error(None, f"a file of times belongs to KITTI poses, not to {layout.text}")
     else:
         stamps, poses, report = rows_of_text(lines, layout, unit, salvage=salvage)
-    return Trajectory(*frames, stamps, poses, repeated=report.repeated), report
+    return make(*frames, stamps, poses, repeated=report.repeated), report
 
 
 _MAGICS = ((b"PAR1", "parquet"), (b"PK\x03\x04", "npz"))
@@ -203,33 +121,6 @@ def kitti_times(path: Path) -> bool | None:
     return _find_times(path) is not None if is_kitti else None
 
 
-def into_buffer(
-    buffer: Buffer, parent: str, child: str, trajectory: TrajectoryLike, *, authority: str = ""
-) -> int:
-    """Store a trajectory as the edge from `parent` to `child`, in one commit.
-
-    The poses are `T[parent<-child]`; rows that are NaN as a whole hold none and are left out.
-    Returns the number of the commit. Raises what `Buffer.set_transforms` raises; then nothing was
-    stored. A buffer with a limited history (10 s
-    by default) drops what is older: a TfdbWarning counts the poses. Store whole trajectories in
-    `Buffer(history=None)`.
-    """
-    refuse_without(buffer, "buffer", "a Buffer", "set_transforms", "history")
-    refuse_without(trajectory, "trajectory", "one with stamps and poses", "stamps", "poses")
-    stamps = trajectory.stamps
-    columns = Columns(parent, child, stamps, trajectory.poses)
-    there = ~missing(columns.poses)
-    if len(stamps) == len(columns) and not there.all():
-        stamps = np.asarray(stamps)[there]
-        columns = Columns(parent, child, stamps, columns.poses[there])
-    commit = buffer.set_transforms(columns, authority=authority)
-    if buffer.history is not None:
-        forgotten = missing_samples(buffer, child, stamps)
-        if forgotten:
-            warn_of_forgotten(buffer, forgotten, 3)
-    return commit
-
-
 def _read(path: Path) -> bytes:
     """The bytes of a file or pipe; a device may have no end."""
     with errors_name(path):
@@ -243,8 +134,13 @@ def _refusal(path: Path, reason: str) -> TrajectoryError:
 
 
 def _read_npz(
-    path: Path, raw: bytes, names: tuple[str | None, str | None], *, salvage: bool
-) -> tuple[Trajectory, TrajectoryRows]:
+    make: Callable[..., Made],
+    path: Path,
+    raw: bytes,
+    names: tuple[str | None, str | None],
+    *,
+    salvage: bool,
+) -> tuple[Made, TrajectoryRows]:
     try:
         with zipfile.ZipFile(io.BytesIO(raw)) as archive:
             size = sum(each.file_size for each in archive.infolist())
@@ -259,30 +155,41 @@ def _read_npz(
     except (zipfile.BadZipFile, zlib.error, ValueError, EOFError, NotImplementedError) as error:
         raise TrajectoryError(path, None, f"damaged or cut short: {error}") from error
     frames = names[0] or _NAMES[0], names[1] or _NAMES[1]
-    return _of_arrays(path, frames, stamps, poses, salvage=salvage)
+    return _of_arrays(make, path, frames, stamps, poses, salvage=salvage)
 
 
 def _read_table(
-    path: Path, raw: bytes, names: tuple[str | None, str | None], *, salvage: bool
-) -> tuple[Trajectory, TrajectoryRows]:
+    make: Callable[..., Made],
+    path: Path,
+    raw: bytes,
+    names: tuple[str | None, str | None],
+    *,
+    salvage: bool,
+) -> tuple[Made, TrajectoryRows]:
     target, source, table = read_parquet(path, *names, _NAMES, raw)
     try:
         stamps, poses = columns_of(table)
     except InvalidArray as error:
         raise TrajectoryError(path, None, str(error)) from None
-    return _of_arrays(path, (target, source), stamps, poses, salvage=salvage)
+    return _of_arrays(make, path, (target, source), stamps, poses, salvage=salvage)
 
 
 def _of_arrays(
-    path: Path, frames: tuple[str, str], stamps: Any, poses: Any, *, salvage: bool
-) -> tuple[Trajectory, TrajectoryRows]:
+    make: Callable[..., Made],
+    path: Path,
+    frames: tuple[str, str],
+    stamps: Any,
+    poses: Any,
+    *,
+    salvage: bool,
+) -> tuple[Made, TrajectoryRows]:
     """A trajectory of the arrays of a file."""
     report = TrajectoryRows(str(path))
     try:
         if salvage:
             stamps, poses = _arrays(stamps, poses)
             stamps, poses, report = salvaged(stamps, poses, path)
-        made = Trajectory(*frames, stamps, poses, repeated=report.repeated)
+        made = make(*frames, stamps, poses, repeated=report.repeated)
     except (InvalidArray, InvalidTransform, InvalidStamp) as error:
         hint = "" if salvage else f"; {SALVAGE} reads the other rows"
         raise TrajectoryError(path, None, f"{error}{hint}") from None

@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING, Any
 
 from tfdb.data.errors import InvalidArray, NotSupported, TrajectoryError
 from tfdb.data.new_file import new_file
-from tfdb.data.path_checks import errors_name, given_path
 from tfdb.data.poses import doubles
 
 if TYPE_CHECKING:
@@ -44,6 +43,17 @@ def as_polars(stamps: Stamps, poses: Poses, who: str = "to_polars") -> pl.DataFr
     return table
 
 
+def as_records(stamps: Stamps, poses: Poses) -> npt.NDArray[np.void]:
+    """Make a structured array of numpy."""
+    import numpy as np
+
+    types = [(name, np.int64 if name == COLUMNS[0] else np.float64) for name in COLUMNS]
+    made: npt.NDArray[np.void] = np.empty(len(stamps), types)
+    for name, column in _columns(stamps, poses).items():
+        made[name] = column
+    return made
+
+
 def write_parquet(
     path: str | os.PathLike[str],
     frames: tuple[str, str],
@@ -53,7 +63,7 @@ def write_parquet(
     overwrite: bool = False,
 ) -> None:
     """Write a Parquet file; the names of target and source go into its metadata."""
-    table = as_polars(stamps, poses, "to_parquet")
+    table = as_polars(stamps, poses, "a Parquet file")
     names = dict(zip(_NAMES, frames, strict=True))
     with new_file(path, overwrite=overwrite) as made:
         table.write_parquet(made, metadata=names)
@@ -63,31 +73,22 @@ def read_parquet(
     path: str | os.PathLike[str],
     target: str | None,
     source: str | None,
-    otherwise: tuple[str, str] | None = None,
-    raw: bytes | None = None,
+    otherwise: tuple[str, str],
+    raw: bytes,
 ) -> tuple[str, str, Any]:
     """Read a Parquet file: target and source, from its metadata if not given, and the table.
 
-    `otherwise` are their names where neither says them; `raw` its bytes, where they are read: those
-    of a pipe come only once.
+    `otherwise` are their names where neither says them; `raw` is the file's content.
     """
-    pl = _polars("from_parquet")
-    where = given_path(path, trajectory_error)
-    if raw is None:
-        with errors_name(where):
-            raw = where.read_bytes()
+    pl = _polars("a Parquet file")
     try:
         names = pl.read_parquet_metadata(io.BytesIO(raw))
         table = pl.read_parquet(raw)
     except (pl.exceptions.PolarsError, ValueError) as error:
-        raise trajectory_error(where, f"no Parquet file, or damaged: {error}") from error
-    if otherwise is not None:
-        names = {**dict(zip(_NAMES, otherwise, strict=True)), **names}
-    target = names.get(_NAMES[0]) if target is None else target
-    source = names.get(_NAMES[1]) if source is None else source
-    if target is None or source is None:
-        reason = "it does not say which frames it is of: give target= and source="
-        raise trajectory_error(where, reason)
+        raise trajectory_error(path, f"no Parquet file, or damaged: {error}") from error
+    names = {**dict(zip(_NAMES, otherwise, strict=True)), **names}
+    target = names[_NAMES[0]] if target is None else target
+    source = names[_NAMES[1]] if source is None else source
     return target, source, table
 
 

@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import math
-import operator
-from html import escape
 from typing import TYPE_CHECKING, Any, Literal, overload
 
 from tfdb.data import poses as geometry
@@ -12,8 +9,6 @@ from tfdb.data.errors import (
     Extrapolation,
     InvalidArgument,
     InvalidArray,
-    InvalidIndex,
-    InvalidStamp,
     InvalidTransform,
     NoSampleNear,
     NotSupported,
@@ -21,6 +16,8 @@ from tfdb.data.errors import (
 from tfdb.data.lazy_names import belong_to
 from tfdb.data.stamps import MAX_STAMP, check_increasing, format_seconds, increasing_stamps, shown
 from tfdb.data.types import Columns, Twist
+
+from .arguments import are_many, are_none, chains, check_chain, nanoseconds_of, tolerance
 
 if TYPE_CHECKING:
     import os
@@ -33,8 +30,11 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from tfdb._core import Buffer, Policy, Transform
+    from tfdb.data.decimal_time import Unit
     from tfdb.data.stamps import StampLike, StampsLike
     from tfdb.data.types import AsQuat
+
+    from .file_formats import Format
 
     Missing = Literal["raise", "nan", "skip"]
     Rows = slice | npt.NDArray[np.bool_ | np.integer[Any]] | Sequence[int] | Sequence[bool]
@@ -45,7 +45,7 @@ __all__ = ["Trajectory"]
 class Trajectory:  # noqa: PLW1641 - as arrays, it has no hash
     """T[target<-source] over time: N poses at stamps that increase. Immutable.
 
-    `Buffer.trajectory`, `tfdb.trajectories.read_trajectory` and arrays make it. A pose may be
+    `Buffer.trajectory`, `Trajectory.read` and arrays make it. A pose may be
     missing: its row is NaN, as with `missing="nan"`. Between the poses it answers as a store that
     holds them. `len(t)` counts poses, `np.asarray(t)` is `t.poses`, `t == other` compares all
     exactly; `t[5]` is a `Transform`, `t[10:20]`, a mask or an array of rows a `Trajectory`.
@@ -230,6 +230,23 @@ class Trajectory:  # noqa: PLW1641 - as arrays, it has no hash
         return self._poses[:, 3:]
 
     @property
+    def rpy(self) -> npt.NDArray[np.float64]:
+        """(N, 3) roll, pitch, yaw in radians, a new array; NaN where the pose is missing.
+
+        R = Rz(yaw) Ry(pitch) Rx(roll): turns about the fixed axes x, y, z of `target`, as
+        `Transform.rpy` and URDF have them. Roll and yaw lie in [-pi, pi], pitch in [-pi/2, pi/2].
+        At a pitch of 90 degrees, where roll and yaw turn about one axis, roll is 0.
+
+        Examples
+        --------
+        >>> import tfdb
+        >>> t = tfdb.Trajectory("map", "base", [0], [[1, 2, 3, 0, 0, 0.6, 0.8]])
+        >>> t.rpy.round(3)
+        array([[0.   , 0.   , 1.287]])
+        """
+        return geometry.rpy(self.rotations)
+
+    @property
     def matrices(self) -> npt.NDArray[np.float64]:
         """(N, 4, 4) homogeneous matrices, a new array.
 
@@ -246,8 +263,8 @@ class Trajectory:  # noqa: PLW1641 - as arrays, it has no hash
         return geometry.matrices(self._poses)
 
     @property
-    def found(self) -> npt.NDArray[np.bool_]:
-        """(N,) which poses are there and not NaN: `t[t.found]` is without the missing ones."""
+    def valid(self) -> npt.NDArray[np.bool_]:
+        """(N,) False for each missing pose (its row is NaN): `t[t.valid]` drops those rows."""
         return geometry.found(self._poses)
 
     @property
@@ -275,8 +292,45 @@ class Trajectory:  # noqa: PLW1641 - as arrays, it has no hash
         import numpy as np
 
         with np.errstate(over="ignore"):
-            x, y, z = np.diff(self.translations[self.found], axis=0).T
+            x, y, z = np.diff(self.translations[self.valid], axis=0).T
             return float(np.hypot(np.hypot(x, y), z).sum())  # of any size, down to denormal
+
+    @property
+    def seconds(self) -> npt.NDArray[np.float64]:
+        """(N,) seconds since the first stamp: (stamps - stamps[0]) / 1e9, a new array.
+
+        Examples
+        --------
+        >>> import tfdb
+        >>> poses = [[1, 2, 3, 0, 0, 0, 1]] * 3
+        >>> tfdb.Trajectory("map", "base", tfdb.stamp(["10", "10.5", "12"]), poses).seconds
+        array([0. , 0.5, 2. ])
+        """
+        return (self._stamps - self._stamps[:1]) / 1e9
+
+    @property
+    def speed(self) -> npt.NDArray[np.float64]:
+        """(N,) speed of the source's origin in m/s: the length of each `velocities().linear`.
+
+        NaN where the pose is missing. Raises Extrapolation as `velocities`, which takes other
+        intervals than its 0.1 s.
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> import tfdb
+        >>> places = np.outer(np.arange(11), [0.3, 0.4, 0])
+        >>> turned = np.tile([0, 0, 0.6, 0.8], (11, 1))
+        >>> stamps = np.arange(11) * 100_000_000
+        >>> path = tfdb.Trajectory("map", "base", stamps, translations=places, rotations=turned)
+        >>> path.speed[4].round(6)
+        np.float64(5.0)
+        """
+        import numpy as np
+
+        x, y, z = self.velocities().linear.T
+        with np.errstate(over="ignore"):
+            return np.asarray(np.hypot(np.hypot(x, y), z))
 
     def __len__(self) -> int:
         return len(self._stamps)
@@ -305,39 +359,10 @@ class Trajectory:  # noqa: PLW1641 - as arrays, it has no hash
         Raises InvalidIndex for a row that is not there, InvalidArray for what is no index or would
         bring the stamps out of order, NoSampleNear for one pose that is missing.
         """
-        import numpy as np
+        from .indexing import checked_rows  # noqa: PLC0415 - needs numpy
 
-        if isinstance(rows, slice):
-            try:
-                rows.indices(len(self))
-            except (TypeError, ValueError) as error:
-                raise InvalidArray(f"{shown(rows)}: {error}", reason=str(error)) from None
-            return self._some(rows)
-        if not isinstance(rows, np.ndarray | bool | list | tuple):
-            try:
-                return self._one(operator.index(rows))
-            except TypeError:
-                pass  # refused below, if it is no array
-        try:
-            picked = np.asarray(rows)
-        except (TypeError, ValueError):
-            picked = np.empty((1, 1))
-        if picked.shape == (0,):
-            picked = picked.astype(np.int64)
-        if picked.ndim == 0 and picked.dtype.kind in "iu":
-            return self._one(int(picked))
-        if picked.ndim != 1 or picked.dtype.kind not in "iub" or np.ma.is_masked(rows):
-            reason = f"a trajectory is indexed by rows, a slice or a mask, not by {shown(rows)}"
-            raise InvalidArray(reason, reason=reason)
-        if picked.dtype.kind == "b":
-            if len(picked) != len(self):
-                reason = f"a mask of {len(picked)} for {len(self)} poses"
-                raise InvalidArray(reason, reason=reason)
-            return self._some(picked)
-        outside = np.flatnonzero((picked < -len(self)) | (picked >= len(self)))
-        if len(outside):
-            raise self._no_row(int(picked[outside[0]]))
-        return self._some(picked)
+        wanted = checked_rows(rows, len(self))
+        return self._one(wanted) if isinstance(wanted, int) else self._some(wanted)
 
     def __iter__(self) -> Iterator[Transform]:
         """Go through the poses as Transforms; raises NoSampleNear at one that is missing."""
@@ -370,20 +395,10 @@ class Trajectory:  # noqa: PLW1641 - as arrays, it has no hash
 
     def _repr_html_(self) -> str:
         """Show it in a notebook: what it is, the first and the last poses."""
-        rows = list(range(len(self)))
-        if len(rows) > 10:
-            rows = [*rows[:5], -1, *rows[-5:]]
-        heads = ("stamp [s]", "x [m]", "y [m]", "z [m]", "qx", "qy", "qz", "qw")
-        lines = ["".join(f"<th>{head}</th>" for head in heads)]
-        for row in rows:
-            cells = ["&#8942;"] * 8
-            if row >= 0:
-                stamp = format_seconds(int(self._stamps[row])).removesuffix(" s")
-                cells = [stamp, *(f"{number:.6g}" for number in self._poses[row])]
-            lines.append("".join(f"<td>{cell}</td>" for cell in cells))
-        told = f"{self.duration:.6g} s, {self.length:.6g} m"
-        table = "".join(f"<tr>{line}</tr>" for line in lines)
-        return f"<p>{escape(repr(self))}: {told}</p><table>{table}</table>"
+        from tfdb.data.notebooks import of_poses  # noqa: PLC0415 - most programs do without
+
+        caption = f"{self!r}: {self.duration:.6g} s, {self.length:.6g} m"
+        return of_poses(caption, self._stamps, self._poses)
 
     # -- between the poses -------------------------------------------------------------------------
 
@@ -443,15 +458,15 @@ class Trajectory:  # noqa: PLW1641 - as arrays, it has no hash
         >>> t.at(11, tfdb.Extrapolate(max=1.0)).translation
         array([4.4, 0. , 0. ])
         """
-        if _are_many(stamps):
-            store, child = self._stored("nan" if _are_none(stamps) else missing)
+        if are_many(stamps):
+            store, child = self._stored("nan" if are_none(stamps) else missing)
             return store.lookup_transforms(self._target, child, stamps, policy, missing=missing)
         store, child = self._stored()
         answer = store.lookup_transform(self._target, child, _nanoseconds(stamps), policy)
         return answer if answer.source == self._source else self._as(answer.stamp, answer.pose)
 
-    def between(self, start: StampLike | None = None, end: StampLike | None = None) -> Trajectory:
-        """Poses with start <= stamp <= end; None: from the first, to the last.
+    def crop(self, start: StampLike | None = None, end: StampLike | None = None) -> Trajectory:
+        """Return the poses with start <= stamp <= end; None: from the first, to the last.
 
         Raises InvalidArgument if `end` lies before `start`, and InvalidStamp.
 
@@ -459,7 +474,7 @@ class Trajectory:  # noqa: PLW1641 - as arrays, it has no hash
         --------
         >>> import tfdb
         >>> t = tfdb.Trajectory("map", "base", [0, 5, 10], [[0, 0, 0, 0, 0, 0, 1]] * 3)
-        >>> t.between(5).stamps
+        >>> t.crop(5).stamps
         array([ 5, 10])
         """
         first = 0 if start is None else _nanoseconds(start)
@@ -514,7 +529,7 @@ class Trajectory:  # noqa: PLW1641 - as arrays, it has no hash
             made = sample_at(store, self._target, child, wanted, policy, missing)
         return self._made(self._target, self._source, *made)
 
-    def adaptive(self, metres: float, radians: float) -> Trajectory:
+    def simplify(self, metres: float, radians: float) -> Trajectory:
         """As few of its poses as keep the interpolated path within a tolerance.
 
         At every time, not only at the stamps, the new trajectory is at most `metres` and `radians`
@@ -538,13 +553,13 @@ class Trajectory:  # noqa: PLW1641 - as arrays, it has no hash
         >>> poses = np.tile([0.0, 0, 0, 0, 0, 0, 1], (101, 1))
         >>> poses[:, 0] = np.abs(np.arange(101) - 50)  # there and back
         >>> t = tfdb.Trajectory("map", "base", np.arange(101) * 10_000_000, poses)
-        >>> t.adaptive(0.01, 0.01).translations[:, 0]
+        >>> t.simplify(0.01, 0.01).translations[:, 0]
         array([50.,  0., 50.])
         """
         from tfdb._core import _enough_rows  # noqa: PLC0415 - the extension imports this module
 
-        limits = [_tolerance(metres, "metres"), _tolerance(radians, "radians")]
-        path = self if bool(self.found.all()) else self._some(self.found)
+        limits = [tolerance(metres, "metres"), tolerance(radians, "radians")]
+        path = self if bool(self.valid.all()) else self._some(self.valid)
         return path._some(_enough_rows(path._stamps, path._poses, *limits))
 
     def velocities(self, interval: float = 0.1) -> Twist:
@@ -580,36 +595,13 @@ class Trajectory:  # noqa: PLW1641 - as arrays, it has no hash
         >>> t.velocities().linear[5].round(6)
         array([2., 0., 0.])
         """
-        import numpy as np
+        from .motion import velocities_of  # noqa: PLC0415 - most programs do without
 
-        length = _nanoseconds_of(interval)
+        length = nanoseconds_of(interval)
         store, child = self._stored()
-        here = self.found
-        stamps = self._stamps[here]
-        first, last = stamps[0], stamps[-1]
-        if len(stamps) == 1:
-            raise Extrapolation(
-                f"T[{self._target}<-{self._source}] has one pose only, at "
-                f"{format_seconds(int(first))}: that is not a motion",
-                edge=self._source,
-                parent=self._target,
-                stamp=int(first),
-                oldest=int(first),
-                newest=int(first),
-                reason="no data",
-            )
-        low, high = np.maximum(stamps - length, first), np.minimum(stamps + length, last)
-        begin = np.maximum(low, stamps - length // 2)
-        end = np.minimum(high, begin + length)
-        begin = np.maximum(low, end - length)
-        before = store.lookup_transforms(self._target, child, begin)
-        after = store.lookup_transforms(self._target, child, end)
-        seconds = ((end - begin) / 1e9)[:, np.newaxis]
-        linear, angular = np.full((2, len(self), 3), np.nan)
-        with np.errstate(over="ignore", invalid="ignore"):
-            linear[here] = (after[:, :3] - before[:, :3]) / seconds
-        angular[here] = geometry.rotation_vectors(before[:, 3:], after[:, 3:]) / seconds
-        return Twist(linear, angular)
+        here = self.valid
+        names = self._target, self._source, child
+        return Twist(*velocities_of(store, names, self._stamps, here, length))
 
     # -- other frames, other stamps ----------------------------------------------------------------
 
@@ -631,17 +623,17 @@ class Trajectory:  # noqa: PLW1641 - as arrays, it has no hash
 
         Raises InvalidArgument if the frames do not chain, InvalidTransform as `inverse`.
         """
-        if not _chains(other, "t @ T", "np.asarray(t) @ array multiplies numbers"):
+        if not chains(other, "t @ T", "np.asarray(t) @ array multiplies numbers"):
             return NotImplemented
-        _check_chain(self._target, self._source, other.target, other.source)
+        check_chain(self._target, self._source, other.target, other.source)
         end = other.pose
         return self._moved(self._target, other.source, lambda: geometry.compose(self._poses, end))
 
     def __rmatmul__(self, other: Transform) -> Trajectory:
         """T[a<-b] that stays as it is, then T[b<-c] over time: T[a<-c] over time."""
-        if not _chains(other, "T @ t", "array @ np.asarray(t) multiplies numbers"):
+        if not chains(other, "T @ t", "array @ np.asarray(t) multiplies numbers"):
             return NotImplemented
-        _check_chain(other.target, other.source, self._target, self._source)
+        check_chain(other.target, other.source, self._target, self._source)
         begin = other.pose
         return self._moved(other.target, self._source, lambda: geometry.compose(begin, self._poses))
 
@@ -680,7 +672,151 @@ class Trajectory:  # noqa: PLW1641 - as arrays, it has no hash
         rows = order[last]
         return self._made(self._target, self._source, stamps[rows], poses[rows])
 
+    # -- files -------------------------------------------------------------------------------------
+
+    @classmethod
+    def read(
+        cls,
+        path: str | os.PathLike[str],
+        format: Format | None = None,  # noqa: A002 - numpy and pandas call it so, too
+        *,
+        times: str | os.PathLike[str] | None = None,
+        target: str | None = None,
+        source: str | None = None,
+        salvage: bool = False,
+        stamp_unit: Unit | None = None,
+    ) -> Trajectory:
+        """Read a trajectory file: TUM, KITTI, EuRoC, CSV, NPZ or Parquet.
+
+        Text may have blanks, tabs, commas or semicolons between its columns, comments behind `#`,
+        and a heading. The names in a heading say which columns are read: those of TUM and EuRoC, of
+        `rostopic echo -p`, bagpy and PlotJuggler, and the like (`timestamp`, `x`, `qw`,
+        `.pose.position.x`). Other columns are left alone. Quaternions that are slightly off unit
+        length are normalised. Where rows repeat the stamp of the row before, the last one counts,
+        as the newer sample does in a store; `repeated` of the result counts them.
+
+        Parameters
+        ----------
+        path
+            The file.
+        format
+            `"tum"` (`seconds x y z qx qy qz qw`), `"kitti"` (the 12 numbers of a 3x4 matrix, stamps
+            in a file of their own), `"euroc"` (`nanoseconds,x,y,z,qw,qx,qy,qz,...`, VINS also),
+            `"csv"` (columns `stamp_ns,x,y,z,qx,qy,qz,qw`, or those that its heading names), `"npz"`
+            or `"parquet"` (as `save` writes them). None: found by the file's beginning, its heading
+            and its number of columns. In the last three formats a pose may be missing: all its
+            numbers are NaN, or in a CSV empty.
+        times
+            KITTI only: the file with one stamp in seconds per pose. By default `NAME_times.txt` or
+            `times.txt` beside the poses.
+        target, source
+            Names for the frames: the poses are `T[target<-source]`. None: the names in a Parquet
+            file, else `world` and `body`.
+        salvage
+            Sort rows by their stamps, normalise quaternions that are up to 5 % off unit length, and
+            skip rows without a valid stamp or pose. A warning counts all of them.
+        stamp_unit
+            `"s"`, `"ms"`, `"us"` or `"ns"`, the unit of stamps in text. None: the unit that the
+            heading or the format names, else found by the size of the stamps.
+
+        Raises
+        ------
+        TrajectoryError
+            A line that does not fit the format, columns that could be several things, an invalid
+            rotation, stamps that run backwards, no pose at all. Fields: path, line, reason.
+        NotSupported
+            Parquet, where polars is not installed.
+        OSError
+            The file cannot be opened.
+
+        Warns
+        -----
+        TfdbWarning
+            Rows with the same stamp; rows that `salvage` sorted, mended or skipped; a unit that was
+            found by size; columns that were found by their number.
+        """
+        from .reading import read_with_rows  # noqa: PLC0415 - most programs do without
+        from .reading_report import warn_of_rows  # noqa: PLC0415 - as above
+
+        trajectory, rows = read_with_rows(
+            cls,
+            path,
+            format,
+            times=times,
+            target=target,
+            source=source,
+            salvage=salvage,
+            stamp_unit=stamp_unit,
+        )
+        warn_of_rows(rows, 2)
+        return trajectory
+
+    def save(
+        self,
+        path: str | os.PathLike[str],
+        format: Format | None = None,  # noqa: A002 - as in `read`
+        *,
+        overwrite: bool = False,
+    ) -> None:
+        """Write the trajectory to a file; it appears when it is complete.
+
+        Numbers have as many digits as it takes to read the same float64 again, stamps are exact
+        decimals. TUM, KITTI and EuRoC files leave missing poses out; the others keep them as NaN.
+        Parquet keeps the frame names.
+
+        Parameters
+        ----------
+        path
+            The file.
+        format
+            `"tum"`, `"kitti"` (the stamps go to `NAME_times.txt` beside it), `"euroc"`, `"csv"`,
+            `"npz"` or `"parquet"`. None: by the ending of `path`: `.tum`, `.txt` (TUM), `.csv`,
+            `.npz`, `.parquet`.
+        overwrite
+            Replace an existing file.
+
+        Raises
+        ------
+        TrajectoryError
+            The file exists and `overwrite` is off; or the format is unknown.
+        NotSupported
+            Parquet, where polars is not installed: `pip install 'tfdb[tables]'`.
+        OSError
+            The file cannot be written. An existing file stays as it was.
+
+        Examples
+        --------
+        >>> import tempfile, tfdb
+        >>> t = tfdb.Trajectory("map", "base", [5], [[1, 2, 3, 0, 0, 0.6, 0.8]])
+        >>> with tempfile.TemporaryDirectory() as folder:
+        ...     t.save(f"{folder}/path.tum")
+        ...     again = tfdb.Trajectory.read(f"{folder}/path.tum", target="map", source="base")
+        >>> again == t
+        True
+        """
+        from .writing import write_trajectory  # noqa: PLC0415 - most programs do without
+
+        write_trajectory(path, self, format, overwrite=overwrite)
+
     # -- to others ---------------------------------------------------------------------------------
+
+    def to_numpy(self) -> npt.NDArray[np.void]:
+        """Make a structured array (N,) of numpy: fields stamp_ns, x, y, z, qx, qy, qz, qw.
+
+        `stamp_ns` is int64 nanoseconds, the others float64: metres and a unit quaternion. All
+        fields of a missing pose but its stamp are NaN. `from_table` takes it back. The plain arrays
+        are `stamps` (N,) and `poses` (N, 7).
+
+        Examples
+        --------
+        >>> import tfdb
+        >>> rows = tfdb.Trajectory("map", "base", [5], [[1, 2, 3, 0, 0, 0.6, 0.8]]).to_numpy()
+        >>> rows["x"], rows["stamp_ns"]
+        (array([1.]), array([5]))
+        """
+        from .tables import as_records  # noqa: PLC0415 - most programs do without
+
+        return as_records(self._stamps, self._poses)
 
     def to_pandas(self) -> pd.DataFrame:
         """Make a DataFrame of pandas: columns stamp_ns, x, y, z, qx, qy, qz, qw.
@@ -715,74 +851,6 @@ class Trajectory:  # noqa: PLW1641 - as arrays, it has no hash
         from .tables import as_polars  # noqa: PLC0415 - most programs do without
 
         return as_polars(self._stamps, self._poses)
-
-    def to_parquet(self, path: str | os.PathLike[str], *, overwrite: bool = False) -> None:
-        """Write a Parquet file with the columns of `to_polars` and the frames' names.
-
-        Parameters
-        ----------
-        path
-            The file. It appears when it is complete.
-        overwrite
-            Replace a file of that name.
-
-        Raises
-        ------
-        InvalidArgument
-            The name is taken and `overwrite` is off, or it is no name of a file.
-        NotSupported
-            polars is not installed.
-        OSError
-            The file cannot be written.
-        """
-        from .tables import write_parquet  # noqa: PLC0415 - most programs do without
-
-        frames = (self._target, self._source)
-        write_parquet(path, frames, self._stamps, self._poses, overwrite=overwrite)
-
-    @classmethod
-    def from_parquet(
-        cls,
-        path: str | os.PathLike[str],
-        *,
-        target: str | None = None,
-        source: str | None = None,
-    ) -> Trajectory:
-        """Read a Parquet file with the columns of `to_polars`.
-
-        Parameters
-        ----------
-        path
-            The file.
-        target, source
-            Frame names; None: those that `to_parquet` wrote into it.
-
-        Raises
-        ------
-        TrajectoryError
-            It is no such file, or says no names and none are given.
-        NotSupported
-            polars is not installed.
-        OSError
-            The file cannot be opened.
-
-        Examples
-        --------
-        >>> import tempfile, tfdb
-        >>> t = tfdb.Trajectory("map", "base", [5], [[1, 2, 3, 0, 0, 0, 1]])
-        >>> with tempfile.TemporaryDirectory() as folder:
-        ...     t.to_parquet(f"{folder}/path.parquet")
-        ...     again = tfdb.Trajectory.from_parquet(f"{folder}/path.parquet")
-        >>> again == t
-        True
-        """
-        from .tables import read_parquet, trajectory_error  # noqa: PLC0415 - see above
-
-        target, source, table = read_parquet(path, target, source)
-        try:
-            return cls.from_table(target, source, table)
-        except (InvalidArray, InvalidTransform, InvalidStamp) as error:
-            raise trajectory_error(path, str(error)) from error
 
     def __arrow_c_stream__(self, requested_schema: object | None = None) -> object:
         """Give the table of `to_polars` to any library that knows Arrow: `pyarrow.table(t)`.
@@ -840,7 +908,7 @@ class Trajectory:  # noqa: PLW1641 - as arrays, it has no hash
         if self._store is None:
             from tfdb._core import Buffer  # noqa: PLC0415 - the extension imports this module
 
-            here = self.found
+            here = self.valid
             if not here.any() and missing != "nan":
                 raise Extrapolation(
                     f"T[{self._target}<-{self._source}] has no pose to interpolate",
@@ -871,23 +939,17 @@ class Trajectory:  # noqa: PLW1641 - as arrays, it has no hash
     def _one(self, row: int) -> Transform:
         import numpy as np
 
-        if not -len(self) <= row < len(self):
-            raise self._no_row(row)
         pose, stamp = self._poses[row], int(self._stamps[row])
         if not np.isfinite(pose).all():
             raise NoSampleNear(
                 f"pose {row} of T[{self._target}<-{self._source}] at {format_seconds(stamp)} is "
-                "missing: t[t.found] is without such poses",
+                "missing: t[t.valid] is without such poses",
                 edge=self._source,
                 stamp=stamp,
                 index=row,
             )
         edge = (self._source, self._target, "exact", stamp, stamp, False)
         return self._as(stamp, pose, edge)
-
-    def _no_row(self, row: int) -> InvalidIndex:
-        valid = f"valid are {-len(self)} to {len(self) - 1}" if len(self) else "it is empty"
-        return InvalidIndex(f"there is no pose {shown(row)}: {valid}", index=row)
 
     def _some(self, rows: Any) -> Trajectory:
         stamps = self._stamps[rows]
@@ -902,7 +964,7 @@ class Trajectory:  # noqa: PLW1641 - as arrays, it has no hash
 
         with np.errstate(over="ignore", invalid="ignore"):
             poses = compute()
-        lost = np.flatnonzero(self.found & ~geometry.found(poses))
+        lost = np.flatnonzero(self.valid & ~geometry.found(poses))
         if len(lost):
             stamp = int(self._stamps[lost[0]])
             raise InvalidTransform(
@@ -925,66 +987,6 @@ def _nanoseconds(stamp: StampLike) -> int:
     from tfdb._core import to_nanoseconds  # noqa: PLC0415 - the extension imports this module
 
     return to_nanoseconds(stamp)
-
-
-def _are_many(stamps: Any) -> bool:
-    if getattr(stamps, "shape", None) == ():
-        return False
-    return hasattr(stamps, "__len__") or hasattr(stamps, "__iter__")
-
-
-def _are_none(stamps: Any) -> bool:
-    return hasattr(stamps, "__len__") and len(stamps) == 0
-
-
-def _chains(other: object, written: str, instead: str) -> bool:
-    """Whether it is a Transform; False leaves it to `other` to know how."""
-    from tfdb._core import Transform  # noqa: PLC0415 - the extension imports this module
-
-    if isinstance(other, Transform):
-        return True
-    if isinstance(other, list | tuple) or hasattr(other, "__array__"):
-        name = type(other).__name__
-        raise TypeError(f"{written} chains with a Transform, the other is a {name}: {instead}")
-    return False
-
-
-def _check_chain(target: str, source: str, second_target: str, second_source: str) -> None:
-    if source != second_target:
-        raise InvalidArgument(
-            f"T[{target}<-{source}] @ T[{second_target}<-{second_source}] do not chain: the first "
-            f"maps from '{source}', the second into '{second_target}'",
-            source=source,
-            target=second_target,
-        )
-
-
-def _number(value: float) -> float:
-    """Return what is a number as a float, NaN for all else."""
-    if isinstance(value, bool | str | bytes | bytearray):
-        return math.nan
-    try:
-        return float(value)
-    except (TypeError, ValueError, OverflowError):
-        return math.nan
-
-
-def _tolerance(value: float, name: str) -> float:
-    number = _number(value)
-    if not number >= 0.0:
-        message = f"{name} must be a number from 0 on, got {shown(value)}"
-        raise InvalidArgument(message, value=value)
-    return number
-
-
-def _nanoseconds_of(interval: float) -> int:
-    """Nanoseconds of an interval in seconds."""
-    number = _number(interval) * 1e9
-    if not 1.0 <= number <= MAX_STAMP:
-        most = format_seconds(MAX_STAMP)
-        message = f"interval must be a number of seconds, from {format_seconds(1)} to {most}, got "
-        raise InvalidArgument(message + shown(interval), value=interval)
-    return round(number)
 
 
 belong_to("tfdb", globals(), __all__)

@@ -27,7 +27,10 @@ if TYPE_CHECKING:
     from collections.abc import Iterable
     from pathlib import Path
 
-    from .reading import Format, PathLike, TrajectoryLike
+    from tfdb.data.types import TrajectoryLike
+
+    from .file_formats import Format
+    from .reading import PathLike
     from .rows import Poses, Stamps
 
 _EUROC_HEADING = (
@@ -86,7 +89,7 @@ def write_kitti(
 ) -> None:
     """Write the rows of 3x4 matrices to `path` and the stamps in seconds to `times`.
 
-    `times` is by default `NAME_times.txt` beside `path`, where `read_trajectory` looks for it.
+    `times` is by default `NAME_times.txt` beside `path`, where `Trajectory.read` looks for it.
     """
     stamps, poses = _there(trajectory)
     rows = matrices(poses)[:, :3].reshape(-1, 12).tolist()
@@ -113,7 +116,7 @@ def write_npz(path: PathLike, trajectory: TrajectoryLike, *, overwrite: bool = F
 
 
 def write_parquet(path: PathLike, trajectory: TrajectoryLike, *, overwrite: bool = False) -> None:
-    """Write a Parquet file as `Trajectory.to_parquet` does, with the names of its frames.
+    """Write a Parquet file with the names of its frames.
 
     Raises NotSupported where polars is not installed.
     """
@@ -145,7 +148,7 @@ _WRITERS: dict[str, _Writer] = {
 def write_trajectory(
     path: PathLike,
     trajectory: TrajectoryLike,
-    format: Format | None = None,  # noqa: A002 - as in read_trajectory
+    format: Format | None = None,  # noqa: A002 - as in Trajectory.read
     *,
     overwrite: bool = False,
 ) -> None:

@@ -1,0 +1,75 @@
+"""Arguments of a trajectory's methods: tolerances, intervals, transforms that chain."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+from tfdb.data.errors import InvalidArgument
+from tfdb.data.stamps import MAX_STAMP, format_seconds, shown
+
+__all__: list[str] = []
+
+
+def _number(value: float) -> float:
+    """Return what is a number as a float, NaN for all else."""
+    if isinstance(value, bool | str | bytes | bytearray):
+        return math.nan
+    try:
+        return float(value)
+    except (TypeError, ValueError, OverflowError):
+        return math.nan
+
+
+def tolerance(value: float, name: str) -> float:
+    """Return a tolerance as a float; raises InvalidArgument for one that is none."""
+    number = _number(value)
+    if not number >= 0.0:
+        message = f"{name} must be a number from 0 on, got {shown(value)}"
+        raise InvalidArgument(message, value=value)
+    return number
+
+
+def nanoseconds_of(interval: float) -> int:
+    """Nanoseconds of an interval in seconds."""
+    number = _number(interval) * 1e9
+    if not 1.0 <= number <= MAX_STAMP:
+        most = format_seconds(MAX_STAMP)
+        message = f"interval must be a number of seconds, from {format_seconds(1)} to {most}, got "
+        raise InvalidArgument(message + shown(interval), value=interval)
+    return round(number)
+
+
+def chains(other: object, written: str, instead: str) -> bool:
+    """Whether it is a Transform; False leaves it to `other` to know how."""
+    from tfdb._core import Transform  # noqa: PLC0415 - the extension imports this module
+
+    if isinstance(other, Transform):
+        return True
+    if isinstance(other, list | tuple) or hasattr(other, "__array__"):
+        name = type(other).__name__
+        raise TypeError(f"{written} chains with a Transform, the other is a {name}: {instead}")
+    return False
+
+
+def check_chain(target: str, source: str, second_target: str, second_source: str) -> None:
+    """Raise InvalidArgument where T[target<-source] @ the second do not chain."""
+    if source != second_target:
+        raise InvalidArgument(
+            f"T[{target}<-{source}] @ T[{second_target}<-{second_source}] do not chain: the first "
+            f"maps from '{source}', the second into '{second_target}'",
+            source=source,
+            target=second_target,
+        )
+
+
+def are_many(stamps: Any) -> bool:
+    """Whether it is more than one stamp."""
+    if getattr(stamps, "shape", None) == ():
+        return False
+    return hasattr(stamps, "__len__") or hasattr(stamps, "__iter__")
+
+
+def are_none(stamps: Any) -> bool:
+    """Whether it is an empty collection."""
+    return hasattr(stamps, "__len__") and len(stamps) == 0
