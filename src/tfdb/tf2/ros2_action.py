@@ -32,7 +32,6 @@ if TYPE_CHECKING:
 
 __all__ = ["Ros2Client", "Ros2Server"]
 
-RCLError = rclpy_implementation.RCLError
 NOT_ACCEPTED = (
     "The LookupTransform goal sent to the BufferServer did not come back with accepted status."
     " Something is likely wrong with the server."
@@ -188,7 +187,7 @@ class Ros2Client:
 
     def is_ready(self) -> bool:
         """Whether a server is connected in both directions."""
-        with suppress(RCLError, InvalidHandle):  # the context was shut down
+        with suppress(rclpy_implementation.RCLError, InvalidHandle):  # the context was shut down
             return bool(self._client.server_is_ready())
         return False
 
