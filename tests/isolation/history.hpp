@@ -1,4 +1,4 @@
-// A recorded history: kept in memory while threads run, then written as tfdb_measure.verify reads it.
+// A recorded history: in memory while threads run, then written for tfdb_measure.verify.
 #pragma once
 
 #include <cstdint>
