@@ -99,6 +99,7 @@ check: $(STAMPS)/dev
 	$(CMAKE) --preset dev -DTFDB_WERROR=ON -DTFDB_BENCH=ON >/dev/null
 	$(CMAKE) --build --preset dev -j $(JOBS)
 	$(BIN)/python tools/make_stubs.py --check
+	$(BIN)/python tools/check_words.py
 	$(BIN)/python -m pytest -q tests/architecture
 	@if command -v clang-tidy >/dev/null; then $(BIN)/python tools/run_clang_tidy.py build/dev; \
 	elif [ "$$CI" = true ]; then echo 'clang-tidy is missing'; exit 1; \

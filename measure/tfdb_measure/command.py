@@ -53,32 +53,40 @@ _DRIVER_OPTIONS = (
     _parameter(
         "--threads",
         type=click.IntRange(1, points.MOST_THREADS),
-        help="Threads.  [default: 2]",
+        help="Number of threads.  [default: 2]",
     ),
     _parameter(
         "--joints",
         type=click.IntRange(2, points.MOST_JOINTS),
-        help="Moving frames.  [default: 1000]",
+        help="Number of moving frames.  [default: 1000]",
     ),
     _parameter(
         "--read-ratio",
         type=_Real(0, 1),
-        help="Share that reads.  [default: 0.5]",
+        help="Share of readers, 0 to 1.  [default: 0.5]",
     ),
     _parameter(
         "--share",
         type=click.Choice(["threads", "operations"]),
-        help="Of what the read ratio is a share.  [default: threads]",
+        help="Apply --read-ratio to threads or to operations.  [default: threads]",
     ),
-    _parameter("--read-length", type=_MANY, help="Edges of a lookup.  [default: 16]"),
-    _parameter("--write-length", type=_MANY, help="Edges of a write.  [default: 16]"),
+    _parameter("--read-length", type=_MANY, help="Number of edges in a lookup.  [default: 16]"),
+    _parameter("--write-length", type=_MANY, help="Number of edges in a write.  [default: 16]"),
     _parameter(
         "--frequency",
         type=_NUMBER,
         help="Operations per second and thread; 0: no pause.  [default: 0]",
     ),
-    _parameter("--read-frequency", type=_NUMBER, help="The same, of reads alone."),
-    _parameter("--write-frequency", type=_NUMBER, help="The same, of writes alone."),
+    _parameter(
+        "--read-frequency",
+        type=_NUMBER,
+        help="Reads per second and thread.  [default: --frequency]",
+    ),
+    _parameter(
+        "--write-frequency",
+        type=_NUMBER,
+        help="Writes per second and thread.  [default: --frequency]",
+    ),
     _parameter(
         "--iterations",
         type=click.IntRange(0, 10**9),
@@ -87,45 +95,60 @@ _DRIVER_OPTIONS = (
     _parameter(
         "--skew",
         type=_Real(0, 5),
-        help="Zipf's theta; 0: uniform.  [default: 0]",
+        help="Theta of the Zipf distribution of frames; 0: uniform.  [default: 0]",
     ),
     _parameter(
         "--tree",
         type=click.Choice(["chain", "star", "humanoid", "random"]),
-        help="Shape.  [default: chain]",
+        help="Shape of the frame tree.  [default: chain]",
     ),
     _parameter(
         "--time",
         type=click.Choice(["latest", "common"]),
-        help="Each edge's newest, or the latest common time, interpolated.  [default: latest]",
+        help="Read each edge's newest sample, or interpolate at the latest common time.  "
+        "[default: latest]",
     ),
     _parameter(
         "--reads",
         type=click.Choice(["lookup", "transaction"]),
-        help="How to read.  [default: lookup]",
+        help="Read by a lookup or in a transaction.  [default: lookup]",
     ),
     _parameter(
         "--writes",
         type=click.Choice(["batch", "single", "modify"]),
-        help="One atomic write, one per edge, or a transaction that reads edges and writes "
-        "the same.  [default: batch]",
+        help="Write a batch atomically, one edge at a time, or in a transaction that reads the "
+        "edges first.  [default: batch]",
     ),
     _parameter(
         "--direction",
         type=click.Choice(["opposite", "same"]),
-        help="Order of a batch against a lookup's.  [default: opposite]",
+        help="Order of the edges of a batch relative to a lookup.  [default: opposite]",
     ),
     _parameter(
         "--lookup-from",
         type=click.Choice(["high", "low"]),
-        help="End of the chain that is the source.  [default: high]",
+        help="End of the chain that is the source of a lookup.  [default: high]",
     ),
-    _parameter("--deadline-ms", type=_NUMBER, help="For --frequency.  [default: one period]"),
-    _parameter("--history", type=_NUMBER, help="Seconds kept; 0: chosen.  [default: 0]"),
-    _parameter("--warmup", type=_NUMBER, help="Seconds before each run.  [default: 0.1]"),
-    _parameter("--seed", type=click.IntRange(min=0), help="Of all choices.  [default: 1]"),
-    click.option("--no-batch", is_flag=True, help="The same as --writes single."),
-    click.option("--no-pin", is_flag=True, help="Leave the threads to the scheduler."),
+    _parameter(
+        "--deadline-ms",
+        type=_NUMBER,
+        help="Deadline of an operation under --frequency.  [default: one period]",
+    ),
+    _parameter(
+        "--history",
+        type=_NUMBER,
+        help="Seconds of history that a store keeps; 0: chosen.  [default: 0]",
+    ),
+    _parameter(
+        "--warmup", type=_NUMBER, help="Seconds of warm-up before each run.  [default: 0.1]"
+    ),
+    _parameter(
+        "--seed", type=click.IntRange(min=0), help="Seed of all random choices.  [default: 1]"
+    ),
+    click.option(
+        "--no-batch", is_flag=True, help="Write one edge at a time, like --writes single."
+    ),
+    click.option("--no-pin", is_flag=True, help="Do not pin threads to cores."),
 )
 
 
@@ -135,13 +158,13 @@ def _driver_options(command: Any) -> Any:
     return command
 
 
-@click.command("bench", short_help="The paper's evaluation, on this machine.")
+@click.command("bench", short_help="Repeat the paper's evaluation on this machine.")
 @click.option(
     "--engines",
     default="all",
     metavar="LIST",
     show_default=True,
-    help=f"With commas: {', '.join(points.ENGINES)}; or all.",
+    help=f"Comma-separated engines: {', '.join(points.ENGINES)}; or all.",
 )
 @click.option(
     "--sweep",
@@ -149,25 +172,25 @@ def _driver_options(command: Any) -> Any:
     default="all",
     metavar="LIST",
     show_default=True,
-    help=f"With commas: {', '.join(points.SWEEPS)}; or all.",
+    help=f"Comma-separated sweeps: {', '.join(points.SWEEPS)}; or all.",
 )
 @click.option(
-    "--rounds", type=click.IntRange(1, 1000), help="Of each point.  [default: 3, --quick: 1]"
+    "--rounds", type=click.IntRange(1, 1000), help="Rounds of each point.  [default: 3, --quick: 1]"
 )
 @click.option(
     "--seconds",
     type=_Real(0.001, 3600),
-    help="Of one run.  [default: 1, --quick: 0.2]",
+    help="Seconds of one run.  [default: 1, --quick: 0.2]",
 )
 @click.option(
     "--out",
     type=click.Path(file_okay=False, path_type=Path),
     default=Path("bench-report"),
     show_default=True,
-    help="Folder of results.csv, report.html and the pictures.",
+    help="Folder for results.csv, report.html and the pictures.",
 )
-@click.option("--quick", is_flag=True, help="Fewer values, short runs, one round.")
-@click.option("--csv-only", is_flag=True, help="No pictures: needs no matplotlib.")
+@click.option("--quick", is_flag=True, help="Measure fewer values, in short runs and one round.")
+@click.option("--csv-only", is_flag=True, help="Write results.csv alone; matplotlib is not needed.")
 @_driver_options
 @common.json_option
 def command(
@@ -182,12 +205,12 @@ def command(
     as_json: bool,
     **parameters: Any,
 ) -> None:
-    """The paper's evaluation on this machine: engines and tf2, CSV and a report.
+    """Repeat the paper's evaluation of engines and tf2: CSV files and a report.
 
     Example: tfdb bench --quick
 
     Engines take turns in each round; figures are medians of the rounds. Ctrl-C ends the run and
-    reports what was finished.
+    reports the finished points.
 
     \b
     tfdb bench --quick

@@ -24,17 +24,17 @@ if TYPE_CHECKING:
     default=STEPS,
     show_default=True,
     type=click.IntRange(min=1),
-    help="How long to search for an order of writes that the history does not record.",
+    help="Steps of the search for an order of writes that the history does not record.",
 )
 @common.json_option
 def command(*, history: str, steps: int, as_json: bool) -> None:
-    """Was a recorded history of a store strictly serializable? Anomalies by name.
+    """Check whether a recorded history of a store is strictly serializable.
 
     Example: tfdb verify history.jsonl --steps 20
 
-    Exit code: 0 yes, 1 no or undecided, 2 unreadable.
+    Anomalies are named. Exit code: 0 serializable, 1 not or undecided, 2 an unreadable HISTORY.
 
-    HISTORY holds one JSON object a line; docs/howto/verify_a_history.md describes it.
+    HISTORY holds one JSON object per line; docs/howto/verify_a_history.md describes it.
     """
     (path,) = common.find_paths([history])
     loaded = load_history(path)

@@ -89,8 +89,8 @@ def test_what_wants_messages_says_what_to_give(
 def test_the_help_says_what_reads_no_frozen_store(tool: Tool) -> None:
     said = " ".join(tool("--help").out.split())
     assert "merge, rename, convert and serve read recordings and trajectories only" in said
-    assert "convert also reads FILE.tfdb to write a trajectory or a file for a viewer" in said
-    assert "monitor does not read FILE.tfdb" in said
+    assert "convert also reads .tfdb files to write a trajectory or a viewer's file" in said
+    assert "monitor does not read .tfdb files" in said
 
 
 def test_of_a_live_store(tool: Tool, tmp_path: Path) -> None:

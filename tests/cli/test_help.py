@@ -152,8 +152,8 @@ def test_a_command_of_a_checkout_names_what_to_install(
     monkeypatch.setattr(module, "command", checkout_only.find(name, "", module.TEXT))
     shown = tool(name, "--help").out
     assert COMMANDS[name] in shown
-    assert "It runs from a checkout" in shown
-    assert f"a wheel of tfdb has no `tfdb {name}`" in tool(name, "--quick", code=2).error
+    assert "It needs a source checkout" in shown
+    assert f"`tfdb {name}` needs a source checkout" in tool(name, "--quick", code=2).error
 
 
 PAGE = Path(__file__).parents[2] / "docs" / "howto" / "command_line.md"

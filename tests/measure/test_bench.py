@@ -175,7 +175,7 @@ def test_where_nothing_measures_it_says_how_to_get_what_does(words: list[str]) -
     assert done.returncode == 2
     (line,) = done.stderr.splitlines()
     assert line.startswith("tfdb: error: ")
-    assert "make .stamps/install" in line
+    assert "pip install -e ." in line
     assert "TFDB_MEASURE=1" in line
 
 

@@ -22,29 +22,29 @@ if TYPE_CHECKING:
 
 # name -> (module, one line of help); a command's module is imported when the command is used.
 COMMANDS = {
-    "info": "What a recording holds: topics, frames, edges with rates and gaps, the span.",
-    "tree": "The frame tree with rates, gaps and publishers, now or at a time.",
-    "lookup": "One transform T[TARGET<-SOURCE], and how it was found.",
-    "echo": "One transform again and again, with its age, as tf2_echo prints it.",
-    "monitor": "How often each frame comes, how late, with which gaps, and from whom.",
-    "view-frames": "A picture of the frame tree: PDF, SVG or DOT.",
-    "plot": "A picture: the frame tree, samples of each edge, trajectories, a comparison.",
-    "compare": "How far one trajectory is off another: APE (ATE) and RPE, the numbers of evo.",
-    "poses": "Many poses of SOURCE in TARGET, to a .tum, .csv, .npz or Parquet file.",
-    "check": "What is wrong with a recording: gaps, late data, two publishers, time jumps.",
-    "gaps": "The gaps of each edge: since when, how long, who published before and after.",
-    "shm": "The stores that processes of this machine share: list, look into, remove them.",
+    "info": "Show what a recording holds: topics, frames, edges with rates, gaps, duration.",
+    "tree": "Show the frame tree with rates, gaps and publishers, now or at a given time.",
+    "lookup": "Look up one transform T[TARGET<-SOURCE], and show how it was computed.",
+    "echo": "Print one transform repeatedly, with its age, like tf2_echo.",
+    "monitor": "Show the rate, delay, gaps and publisher of each frame, live or recorded.",
+    "view-frames": "Draw the frame tree as PDF, SVG or DOT, like tf2's view_frames.",
+    "plot": "Draw the frame tree, the samples over time, trajectories or a comparison.",
+    "compare": "Measure the error of a trajectory: APE (ATE) and RPE, equal to evo's.",
+    "poses": "Write many poses of SOURCE in TARGET to a .tum, .csv, .npz or Parquet file.",
+    "check": "Find faults of a recording: gaps, late data, double publishers, time jumps.",
+    "gaps": "List the gaps of each edge: start, length, publishers before and after.",
+    "shm": "List, inspect and remove the shared stores of this machine.",
     "serve": "Fill a shared store from a recording at its own pace, or from a live graph.",
-    "static-publisher": "Publish static transforms, given or from a URDF or recording.",
-    "change-notifier": "Tell, and publish, when one frame has moved in another.",
-    "buffer-server": "Answer lookups of other nodes, as tf2's buffer_server.",
-    "freeze": "Write what a recording holds into a .tfdb, which opens at once.",
+    "static-publisher": "Publish static transforms from arguments, a URDF or a recording.",
+    "change-notifier": "Report and publish when one frame has moved relative to another.",
+    "buffer-server": "Answer the lookups of other nodes, like tf2's buffer_server.",
+    "freeze": "Write a recording into a .tfdb file, which opens in constant time.",
     "convert": "Rewrite the transforms of a recording as .bag, .mcap, .db3 or a trajectory.",
-    "merge": "Write several recordings into one, in the order of time.",
-    "rename": "Write a recording again with other names for its frames.",
-    "bench": "The paper's evaluation on this machine: engines and tf2, CSV and a report.",
-    "verify": "Was a recorded history of a store strictly serializable? Anomalies by name.",
-    "completion": "The script that makes a shell complete tfdb's commands and options.",
+    "merge": "Merge several recordings into one, sorted by time.",
+    "rename": "Copy a recording with new names for its frames.",
+    "bench": "Repeat the paper's evaluation of engines and tf2: CSV files and a report.",
+    "verify": "Check whether a recorded history of a store is strictly serializable.",
+    "completion": "Print the script that completes tfdb's commands in a shell.",
 }
 
 
@@ -58,7 +58,7 @@ class _ClosedPipe(Exception):  # noqa: N818 - it is no error of the command
 
 @contextlib.contextmanager
 def _pipe_apart() -> Iterator[None]:
-    """Keep a closed pipe from click and rich, which exit with 1: the code of findings."""
+    """Hide a closed pipe from click and rich: they would exit with 1, the code of findings."""
     try:
         yield
     except BrokenPipeError as error:
@@ -222,16 +222,24 @@ def _print_version(ctx: click.Context, _param: click.Parameter, value: bool) -> 
 )
 @click.pass_context
 def cli(ctx: click.Context) -> None:
-    """Look into recordings of robot transforms: ROS 1 .bag, ROS 2 .db3 folders, .mcap.
+    """Inspect, check, convert and share robot transforms, recorded or live.
 
-    FILE is a recording, a trajectory, shm:NAME (shared store), FILE.tfdb (frozen store), ros1: or
-    ros2: (live graph; ros1:http://host:port names the master, ros2:7 the domain). merge, rename,
-    convert and serve read recordings and trajectories only. convert also reads FILE.tfdb to write a
-    trajectory or a file for a viewer. monitor does not read FILE.tfdb.
+    A FILE is one of these:
 
-    --json prints the answer of a command as one JSON object. Help is text alone.
+    \b
+      drive.bag, drive.mcap, a folder of .db3   a recording of ROS 1 or ROS 2
+      path.tum, .csv, .npz ...                  a trajectory
+      drive.tfdb                                a frozen store, written by 'tfdb freeze'
+      shm:NAME                                  a shared store of this machine
+      ros1: or ros1:http://host:port            a live graph of ROS 1, by its master
+      ros2: or ros2:7                           a live graph of ROS 2, by its domain
 
-    Exit codes: 0 fine, 1 'check' or 'verify' has findings, 2 an error (one line on stderr).
-    """
+    merge, rename, convert and serve read recordings and trajectories only. convert also reads
+    .tfdb files to write a trajectory or a viewer's file. monitor does not read .tfdb files.
+
+    --json prints the result of a command as JSON. Help is text only.
+
+    Exit codes: 0 success, 1 findings of 'check' or 'verify', 2 an error (one line on stderr).
+    """  # noqa: D301, click wants the character
     if ctx.invoked_subcommand is None:
         output.say(ctx.get_help())

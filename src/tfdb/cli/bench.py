@@ -1,14 +1,14 @@
-"""``tfdb bench``: measured by programs that a checkout has and a wheel has not."""
+"""``tfdb bench``: its programs are part of a checkout and missing in a wheel."""
 
 import click
 
 from .checkout_only import find
 
-TEXT = """The paper's evaluation on this machine: engines and tf2, CSV and a report.
+TEXT = """Repeat the paper's evaluation of engines and tf2: CSV files and a report.
 
 Example: tfdb bench --quick
 
-It runs from a checkout that is installed as editable: a wheel has none of its programs.
+It needs a source checkout that is installed as editable: pip install -e .
 """
 
 command: click.Command = find("bench", "command", TEXT)

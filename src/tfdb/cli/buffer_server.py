@@ -20,14 +20,14 @@ from .times import duration_option
 @click.option(
     "--store",
     metavar="NAME",
-    help="Answer from this live store, which others fill ('tfdb serve'), instead of listening.",
+    help="Answer from this shared store, filled by 'tfdb serve', instead of listening.",
 )
 @click.option(
     "--action",
     metavar="NAME",
     default="tf2_buffer_server",
     show_default=True,
-    help="The name of the action LookupTransform.",
+    help="Name of the action server of type LookupTransform.",
 )
 @click.option(
     "-c",
@@ -36,16 +36,16 @@ from .times import duration_option
     default="120",
     show_default=True,
     callback=duration_option,
-    help="How much of what is heard is kept.",
+    help="Seconds of transforms that are kept from the graph.",
 )
 @node_option
 @common.json_option
 def command(*, where: str, store: str | None, action: str, cache_time: int, as_json: bool) -> None:
-    """Answer lookups of other nodes, as tf2's buffer_server.
+    """Answer the lookups of other nodes, like tf2's buffer_server.
 
     Example: tfdb buffer-server ros1: --store robot1
 
-    A goal that waits is answered by the commit that brings its transform. Until Ctrl-C.
+    Runs until Ctrl-C. A waiting goal is answered as soon as its transform is committed.
     """
     from tfdb import tf2  # noqa: PLC0415 - it is much
 

@@ -46,7 +46,7 @@ _KEPT = 10 * NS
     default=0.1,
     show_default=True,
     metavar="METRES",
-    help="Tell when SOURCE is so far from where it was told last.",
+    help="Report a motion of SOURCE by this far since the last report.",
 )
 @click.option(
     "--angle",
@@ -54,7 +54,7 @@ _KEPT = 10 * NS
     default=0.1,
     show_default=True,
     metavar="RADIANS",
-    help="Tell when it is turned by so much.",
+    help="Report a rotation of SOURCE by this angle since the last report.",
 )
 @click.option(
     "-r",
@@ -71,7 +71,7 @@ _KEPT = 10 * NS
     metavar="TOPIC",
     default="tf_changes",
     show_default=True,
-    help="Where it is published in a graph, as tf2_msgs/TFMessage.",
+    help="Topic of the changes in a graph, as tf2_msgs/TFMessage.",
 )
 @node_option
 @common.topic_option
@@ -87,13 +87,13 @@ def command(
     topics: tuple[str, ...],
     as_json: bool,
 ) -> None:
-    """Tell, and publish, when one frame has moved in another.
+    """Report and publish when one frame has moved relative to another.
 
     Example: tfdb change-notifier ros1: --pair map base_link --distance 0.5
 
-    By more than a distance or an angle, as tf's change_notifier: of a live graph, ros1: or ros2:,
-    each change is published, too. FILE may also be a live store, shm:NAME, or a recording. What is
-    there first is told; nothing is polled: a commit wakes it.
+    Prints each motion by more than --distance or --angle, like tf's change_notifier, and the first
+    pose. In a live graph (ros1:, ros2:) it publishes the transform as well. FILE may be a shared
+    store (shm:NAME) or a recording.
     """
     watched = [Pair(*pair) for pair in pairs or (("map", "base_link"),)]
     told = Told(file, distance, angle, as_json=as_json)

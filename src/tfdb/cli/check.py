@@ -45,7 +45,7 @@ if TYPE_CHECKING:
     default="1",
     show_default=True,
     callback=duration_option,
-    help="Largest jump between stamps and times of arrival.",
+    help="Largest allowed jump between stamps and arrival times.",
 )
 @click.option(
     "--coverage",
@@ -53,21 +53,21 @@ if TYPE_CHECKING:
     default="1",
     show_default=True,
     callback=duration_option,
-    help="How much later than the rest an edge may start, or earlier stop.",
+    help="Seconds that an edge may start later, or stop earlier, than the recording.",
 )
 @click.option(
     "--ignore",
     multiple=True,
     type=OneOf(list(KINDS)),
-    help="Leave out this kind of finding; repeatable.",
+    help="Do not report this kind of finding; repeatable.",
 )
 @click.option(
     "--for",
     "length",
     metavar="SECONDS",
     callback=duration_option,
-    help="Watch a live store (shm:NAME) or graph (ros1:, ros2:) for this long, and examine what "
-    "comes: 10, or 10s.  [default of a graph: 5]",
+    help="Watch a shared store (shm:NAME) or graph (ros1:, ros2:) for this long, and check the new "
+    "data.  [default of a graph: 5]",
 )
 @node_option
 @common.topic_option
@@ -84,15 +84,15 @@ def command(
     topics: tuple[str, ...],
     as_json: bool,
 ) -> None:
-    """What is wrong with a recording: gaps, late data, two publishers, time jumps.
+    """Find faults of a recording: gaps, late data, double publishers, time jumps.
 
     Example: tfdb check drive.mcap --ignore coverage
 
-    Exit code: 0 nothing found, 1 findings, 2 unreadable.
+    Exit code: 0 without findings, 1 with findings, 2 for an unreadable FILE.
 
-    Several FILEs are parts of one recording. Of a live store, shm:NAME, what it holds is examined,
-    or what comes while it is watched; of a live graph, ros1: or ros2:, what comes; of a frozen
-    store, FILE.tfdb, what it holds, after all of it was compared with its checksum.
+    Several FILEs are parts of one recording. A live graph (ros1:, ros2:) is watched and its new
+    data checked. A shared store (shm:NAME) is checked as it is, or watched with --for. A frozen
+    store (FILE.tfdb) is compared with its checksum first.
     """
     limits = Limits(max_gap, NS if jump is None else jump, NS if coverage is None else coverage)
     with warnings.catch_warnings():

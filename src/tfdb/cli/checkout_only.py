@@ -1,4 +1,4 @@
-"""Commands whose programs a checkout has and a wheel has not."""
+"""Commands whose programs are part of a checkout and missing in a wheel."""
 
 from __future__ import annotations
 
@@ -37,8 +37,8 @@ def _without(name: str, text: str) -> click.Command:
     )
     def command() -> None:
         message = (
-            f"a wheel of tfdb has no `tfdb {name}`: install a checkout as editable (make "
-            ".stamps/install there, or pip install -e .), or with TFDB_MEASURE=1 in the environment"
+            f"`tfdb {name}` needs a source checkout: run `pip install -e .` there, or build a "
+            "wheel with TFDB_MEASURE=1 in the environment"
         )
         raise MeasureMissing(message, value="tfdb_measure")
 

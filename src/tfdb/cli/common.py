@@ -58,7 +58,7 @@ json_option: Callable[[FC], FC] = click.option(
     "--json", "as_json", is_flag=True, help="Print one JSON object instead of text."
 )
 json_lines_option: Callable[[FC], FC] = click.option(
-    "--json", "as_json", is_flag=True, help="Print JSON objects instead of text, one a line."
+    "--json", "as_json", is_flag=True, help="Print one JSON object per line instead of text."
 )
 _topic_option = click.option(
     "--topic",
@@ -305,7 +305,7 @@ max_gap_option: Callable[[FC], FC] = click.option(
     "--max-gap",
     metavar="SECONDS",
     callback=duration_option,
-    help="Report only longer gaps than this.  [default: five median periods of each edge]",
+    help="Report only gaps longer than this.  [default: five median periods of each edge]",
 )
 more_option: Callable[[FC], FC] = click.option(
     "--with",
@@ -313,7 +313,7 @@ more_option: Callable[[FC], FC] = click.option(
     multiple=True,
     type=click.Path(),
     metavar="FILE",
-    help="A further file of the same recording; repeatable.",
+    help="Read another file of the same recording; repeatable.",
 )
 out_option: Callable[[FC], FC] = click.option(
     "-o",
@@ -322,7 +322,7 @@ out_option: Callable[[FC], FC] = click.option(
     required=True,
     type=click.Path(),
     metavar="OUT",
-    help="The .bag, .mcap or .db3 to be written.",
+    help="Write this .bag, .mcap or .db3.",
 )
 format_option: Callable[[FC], FC] = click.option(
     "--format",
@@ -629,8 +629,8 @@ policy_option: Callable[[FC], FC] = click.option(
     "--policy",
     metavar="POLICY",
     callback=parse_policy,
-    help="interpolate[:MAX_GAP], exact, previous[:MAX_AGE], nearest[:TOLERANCE] or "
-    "extrapolate:MAX, each in seconds. [default: interpolate]",
+    help="How samples answer a time: interpolate[:MAX_GAP], exact, previous[:MAX_AGE], "
+    "nearest[:TOLERANCE] or extrapolate:MAX; limits in seconds.  [default: interpolate]",
 )
 
 

@@ -42,22 +42,22 @@ _OPTIONS = (
         "--estimate-frames",
         nargs=2,
         metavar="TARGET SOURCE",
-        help="TARGET and SOURCE of ESTIMATE, if they differ.",
+        help="Frames of ESTIMATE, if they differ from --frames.",
     ),
     click.option(
         "--association",
         type=OneOf(("interpolate", "nearest", "rows")),
         default="interpolate",
         show_default=True,
-        help="Interpolate the trajectory with more poses at the stamps of the other, take the "
-        "nearest pose as evo does by default, or compare row by row. KITTI poses without times are "
-        "compared row by row.",
+        help="Match poses by interpolating the trajectory with more poses, by the nearest pose "
+        "(evo's default), or row by row. KITTI poses without times need rows.",
     ),
     click.option(
         "--max-diff",
         metavar="SECONDS",
         callback=duration_option,
-        help="Limit of the nearest pose.  [default: 0.01, to interpolate 2.5 median periods]",
+        help="Largest time between two matched poses.  [default: 0.01; for interpolation, 2.5 "
+        "median periods]",
     ),
     click.option(
         "--offset",
@@ -72,21 +72,21 @@ _OPTIONS = (
         type=OneOf(_ALIGN),
         default="se3",
         show_default=True,
-        help="What to fit before: rotation and translation, a scale too, the scale alone, yaw "
-        "and translation, the first poses, nothing.",
+        help="Align before the comparison: rotation and translation (se3), these and a scale "
+        "(sim3), the scale alone, yaw and translation, the first poses (origin), nothing.",
     ),
     click.option(
         "--align-poses",
         type=click.IntRange(min=1),
         metavar="N",
-        help="Fit the first N matched poses only.",
+        help="Align by the first N matched poses only.",
     ),
     click.option(
         "--delta",
         type=click.FloatRange(min=0, min_open=True),
         default=1.0,
         show_default=True,
-        help="Length over which the relative error (RPE) is taken.",
+        help="Length of the segments of the relative error (RPE).",
     ),
     click.option(
         "--delta-unit",
@@ -95,7 +95,9 @@ _OPTIONS = (
         show_default=True,
         help="Unit of --delta: matched poses, metres, seconds, degrees, radians.",
     ),
-    click.option("--all-pairs", is_flag=True, help="Start a relative error at every pose."),
+    click.option(
+        "--all-pairs", is_flag=True, help="Start a segment of the relative error at every pose."
+    ),
     click.option(
         "--delta-tolerance",
         type=click.FloatRange(min=0),
@@ -135,8 +137,8 @@ def comparison_options(command: FC) -> FC:
     "saved",
     multiple=True,
     metavar="FORMAT|PATH",
-    help="Draw both, and the errors over time: png, svg, pdf write ESTIMATE_compare.FORMAT here; "
-    "or a path with such an ending. Repeatable.",
+    help="Draw both and the errors over time: write ESTIMATE_compare.FORMAT here (png, svg, pdf), "
+    "or the given path; repeatable.",
 )
 @common.overwrite_option
 @common.topic_option
@@ -152,7 +154,7 @@ def command(
     as_json: bool,
     **options: Any,
 ) -> None:
-    """How far one trajectory is off another: APE (ATE) and RPE, the numbers of evo.
+    """Measure the error of a trajectory: APE (ATE) and RPE, equal to evo's.
 
     Example: tfdb compare truth.tum drive.mcap --frames map base_link --save png
 

@@ -19,7 +19,7 @@ WHERE = {
 @click.argument("shell", type=OneOf(list(WHERE)))
 @common.json_option
 def command(*, shell: str, as_json: bool) -> None:
-    """The script that makes a shell complete tfdb's commands and options.
+    """Print the script that completes tfdb's commands in a shell.
 
     Example: tfdb completion bash
 

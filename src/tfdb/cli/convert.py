@@ -60,9 +60,9 @@ class Written:
     "--frames",
     nargs=2,
     metavar="TARGET SOURCE",
-    help="For trajectories: write T[TARGET<-SOURCE] at each stored stamp.",
+    help="Frames of a written trajectory: T[TARGET<-SOURCE] at each stored stamp.",
 )
-@click.option("--foxglove", is_flag=True, help="Write an .mcap of messages that Foxglove draws.")
+@click.option("--foxglove", is_flag=True, help="Write an .mcap with messages that Foxglove draws.")
 @click.option("--compress", is_flag=True, help="Compress OUT: zstd for .mcap, bz2 for .bag.")
 @common.format_option
 @common.overwrite_option
@@ -84,10 +84,10 @@ def command(
 
     Example: tfdb convert drive.bag drive.mcap
 
-    For viewers: .rrd is Rerun's, .mcap with --foxglove that of Foxglove.
+    For viewers, write an .rrd for Rerun, or an .mcap with --foxglove for Foxglove.
 
-    Between recordings each message keeps its topic, its time of reception and its publisher (where
-    OUT can hold it); everything that is no transform is left out. Several INs become one OUT.
+    Between recordings each message keeps its topic, its receive time and, if OUT can hold it, its
+    publisher. Messages without transforms are dropped. Several INs become one OUT.
     """
     path = given_path(out)
     suffix = path.suffix.lower()

@@ -39,29 +39,35 @@ if TYPE_CHECKING:
     default=1.0,
     show_default=True,
     metavar="HZ",
-    help="How often to print; in a recording, of its own time.",
+    help="Prints per second; of a recording, per second of its own time.",
 )
 @click.option(
     "--each",
     is_flag=True,
-    help="Print whenever a commit brings another answer, instead of at a rate.",
+    help="Print each time a commit changes the transform, instead of at a rate.",
 )
-@click.option("-t", "--time", metavar="TIME", callback=time_option, help="Ask for this time.")
+@click.option(
+    "-t",
+    "--time",
+    metavar="TIME",
+    callback=time_option,
+    help="Look up this time.  [default: the newest]",
+)
 @click.option(
     "-o",
     "--offset",
     metavar="SECONDS",
     callback=offset_option,
-    help="Seconds added to now, by the graph's clock; negative: before now.",
+    help="Look up this many seconds after now, by the graph's clock; negative: before now.",
 )
-@click.option("-l", "--limit", type=click.IntRange(min=1), help="End after so many answers.")
+@click.option("-l", "--limit", type=click.IntRange(min=1), help="Stop after this many transforms.")
 @click.option(
     "-p",
     "--precision",
     type=click.IntRange(min=0, max=17),
     default=3,
     show_default=True,
-    help="Digits after the point.",
+    help="Digits after the decimal point.",
 )
 @click.option(
     "-c",
@@ -70,7 +76,7 @@ if TYPE_CHECKING:
     default="10",
     show_default=True,
     callback=duration_option,
-    help="How much of what a graph publishes is kept.",
+    help="Seconds of transforms that are kept from a graph.",
 )
 @common.policy_option
 @node_option
@@ -92,16 +98,15 @@ def command(
     topics: tuple[str, ...],
     as_json: bool,
 ) -> None:
-    """One transform again and again, with its age, as tf2_echo prints it.
+    """Print one transform repeatedly, with its age, like tf2_echo.
 
     Example: tfdb echo ros1: map base_link
 
-    Prints T[TARGET<-SOURCE], which maps a point of SOURCE into TARGET, until Ctrl-C: the newest
-    answer, once a second. Why there is none goes to stderr, and the first one is printed as soon
-    as it is there. FILE is a live graph, ros1: or ros2:, a live store, shm:NAME, or a
-    recording, through which it walks at the rate.
+    Prints the newest T[TARGET<-SOURCE] once a second until Ctrl-C, and the first one without delay.
+    It maps a point of SOURCE into TARGET. Errors go to stderr. FILE is a live graph (ros1:, ros2:),
+    a shared store (shm:NAME), or a recording, which is played at the rate.
 
-    The arguments are in the order of tf2_echo, whose 'source_frame' is our TARGET: 'tf2_echo map
+    The arguments have the order of tf2_echo, whose 'source_frame' is TARGET here: 'tf2_echo map
     base' and 'tfdb echo ros1: map base' print the same.
     """
     if time is not None and offset is not None:

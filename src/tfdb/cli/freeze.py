@@ -24,7 +24,7 @@ from .groups import SuggestingCommand
     "out",
     metavar="OUT.tfdb",
     type=click.Path(),
-    help="Where to write it.  [default: beside the first FILE, as NAME.tfdb]",
+    help="Write this file.  [default: NAME.tfdb beside the first FILE]",
 )
 @common.overwrite_option
 @listen_option
@@ -38,14 +38,13 @@ def command(
     topics: tuple[str, ...],
     as_json: bool,
 ) -> None:
-    """Write what a recording holds into a .tfdb, which opens at once.
+    """Write a recording into a .tfdb file, which opens in constant time.
 
     Example: tfdb freeze drive.mcap -o drive.tfdb
 
-    'tfdb info', 'tree', 'lookup', 'poses' and 'check' read it, and tfdb.open does. Several FILEs
-    are parts of one recording; of a live store, shm:NAME, its newest state is written, of a live
-    graph, ros1: or ros2:, what is heard. OUT is for this version of tfdb and this kind of machine:
-    keep the recording.
+    tfdb.open and most commands, such as 'tfdb lookup', read OUT. Several FILEs are parts of one
+    recording. A shared store (shm:NAME) is written in its newest state; a live graph (ros1:, ros2:)
+    is recorded first. OUT fits this version of tfdb and this kind of machine: keep the recording.
     """
     live = any(common.is_live(name) for name in files)
     inputs = () if live else common.find_paths(files)

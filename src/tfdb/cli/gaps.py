@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     "length",
     metavar="SECONDS",
     callback=duration_option,
-    help="Watch a live store (shm:NAME) or graph (ros1:, ros2:) for this long.  "
+    help="Watch a shared store (shm:NAME) or graph (ros1:, ros2:) for this long.  "
     "[default of a graph: 5]",
 )
 @node_option
@@ -46,12 +46,12 @@ def command(
     topics: tuple[str, ...],
     as_json: bool,
 ) -> None:
-    """The gaps of each edge: since when, how long, who published before and after.
+    """List the gaps of each edge: start, length, publishers before and after.
 
     Example: tfdb gaps drive.bag --max-gap 0.5
 
-    In the order of the tree, then of time. A gap is longer than five median periods of its
-    edge, or than --max-gap. Publishers are known in ROS 1 bags and in live graphs.
+    Gaps are sorted by the frame tree, then by time. A gap is longer than --max-gap, or than five
+    median periods of its edge. Only ROS 1 bags and live graphs name publishers.
     """
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", tfdb.TfdbWarning)  # 'tfdb check' tells them

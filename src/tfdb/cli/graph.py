@@ -88,7 +88,7 @@ node_option: Callable[[FC], FC] = click.option(
     metavar="NAME",
     expose_value=False,
     callback=_kept(_NODE_NAME),
-    help="The name of this command's node in a graph.  [default: tfdb_COMMAND_PID]",
+    help="Name of this command's node in the graph.  [default: tfdb_COMMAND_PID]",
 )
 
 
@@ -103,7 +103,7 @@ def listen_option(command: Any) -> Any:
         metavar="SECONDS",
         expose_value=False,
         callback=keep,
-        help="How long to listen to a graph, ros1: or ros2:.  [default: 5]",
+        help="Listen to a graph (ros1:, ros2:) for this long.  [default: 5]",
     )
     return option(node_option(command))
 

@@ -32,12 +32,12 @@ if TYPE_CHECKING:
 @layout.wide_option
 @common.json_option
 def command(*, files: tuple[str, ...], topics: tuple[str, ...], as_json: bool) -> None:
-    """What a recording holds: topics, frames, edges with rates and gaps, the span.
+    """Show what a recording holds: topics, frames, edges with rates, gaps, duration.
 
     Example: tfdb info drive.mcap
 
-    Several FILEs are parts of one recording; shm:NAME is a live store, ros1: or ros2: a live graph
-    and FILE.tfdb a frozen store, which have no topics.
+    Several FILEs are parts of one recording. A shared store (shm:NAME), a live graph (ros1:, ros2:)
+    and a frozen store (FILE.tfdb) are shown without topics.
     """
     loaded = common.load(files, topics, apart=True)
     edges = edge_summaries(loaded.store)

@@ -42,15 +42,15 @@ def command(
     topics: tuple[str, ...],
     as_json: bool,
 ) -> None:
-    """One transform T[TARGET<-SOURCE], and how it was found.
+    """Look up one transform T[TARGET<-SOURCE], and show how it was computed.
 
     Example: tfdb lookup drive.mcap map camera +12.5
 
-    It maps a point of SOURCE into TARGET.
+    The transform maps a point of SOURCE into TARGET.
 
-    TIME: seconds (12.5), nanoseconds (12500000000ns), an offset from the start (+1.5) or from the
-    end (-0.5), or 'latest', the newest stamp at which every edge has data. A graph, ros1: or ros2:,
-    is listened to until the transform is there.
+    TIME is in seconds (12.5) or nanoseconds (12500000000ns), or an offset from the start (+1.5) or
+    the end (-0.5). 'latest' is the newest stamp at which every edge has data. From a live graph,
+    ros1: or ros2:, the command waits for the transform.
     """
     loaded = common.load((file, *more), topics, there=lambda s: _is_there(s, target, source, time))
     store = loaded.store

@@ -42,8 +42,8 @@ if TYPE_CHECKING:
     "prefixes",
     multiple=True,
     metavar="TEXT",
-    help="Put TEXT before the names of the frames of one FILE: once for each, in their order; "
-    "'' for none.",
+    help="Put TEXT before the frame names of one FILE. Give it once per FILE, in their order; '' "
+    "adds nothing.",
 )
 @click.option("--compress", is_flag=True, help="Compress OUT: zstd for .mcap, bz2 for .bag.")
 @common.overwrite_option
@@ -59,13 +59,13 @@ def command(
     topics: tuple[str, ...],
     as_json: bool,
 ) -> None:
-    """Write several recordings into one, in the order of time.
+    """Merge several recordings into one, sorted by time.
 
     Example: tfdb merge a.bag b.bag -o both.mcap --prefix a/ --prefix b/
 
-    Each message keeps its topic, its time of reception and its publisher (where OUT, a .bag, .mcap
-    or .db3, can hold it). Files that write one edge at the same time are refused: --prefix keeps
-    them apart, 'tfdb rename' gives one other names. Parts that follow one another are none such.
+    Each message keeps its topic, its receive time and, if OUT can hold it, its publisher. Files
+    that write the same edge at the same time are refused: give each its own --prefix, or rename
+    frames by 'tfdb rename'. Consecutive parts of one recording do not conflict.
     """
     if len(files) < 2:
         raise click.UsageError("one file is nothing to merge: give two or more")

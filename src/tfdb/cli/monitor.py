@@ -47,7 +47,7 @@ _KEPT = 10 * NS
     default="1",
     show_default=True,
     callback=duration_option,
-    help="How often to say what is seen.",
+    help="Seconds between two reports.",
 )
 @click.option(
     "--window",
@@ -55,10 +55,10 @@ _KEPT = 10 * NS
     default="10",
     show_default=True,
     callback=duration_option,
-    help="The figures are those of so long.",
+    help="Seconds over which rates and delays are computed.",
 )
 @click.option(
-    "--for", "length", metavar="SECONDS", callback=duration_option, help="End after so long."
+    "--for", "length", metavar="SECONDS", callback=duration_option, help="Stop after this long."
 )
 @node_option
 @common.topic_option
@@ -75,17 +75,17 @@ def command(
     topics: tuple[str, ...],
     as_json: bool,
 ) -> None:
-    """How often each frame comes, how late, with which gaps, and from whom.
+    """Show the rate, delay, gaps and publisher of each frame, live or recorded.
 
     Example: tfdb monitor ros2: map base_link
 
-    Until Ctrl-C. FILE is a live graph, ros1: or ros2:, a live store, shm:NAME, or a recording, of
-    which all is told once. With TARGET and SOURCE: the frames between the two, and the net delay,
-    which is how old the newest transform T[TARGET<-SOURCE] is whenever something comes.
+    A live graph (ros1:, ros2:) or a shared store (shm:NAME) is watched until Ctrl-C. A recording is
+    reported once, as a whole. With TARGET and SOURCE, only the frames between them are shown, with
+    the net delay: the age of the newest T[TARGET<-SOURCE] at each arrival.
 
-    A delay is the time from the stamp to the arrival, by the clock of the graph, of this machine,
-    or of the recorder. Stamps that are replayed, or of another clock, have no delay; a line says
-    how far they are off. On a terminal the table stays in place.
+    A delay is the time from stamp to arrival, by the clock of the graph, this machine or the
+    recorder. Replayed stamps have no delay; one line reports their offset. On a terminal the table
+    is updated in place.
     """
     if every <= 0:
         raise click.UsageError("--every must be positive")

@@ -47,35 +47,35 @@ def _complete(ctx: click.Context, param: click.Parameter, incomplete: str) -> li
     "saved",
     multiple=True,
     metavar="FORMAT|PATH",
-    help="png, svg, pdf: write FILE_KIND.FORMAT here; or a path with such an ending. Repeatable.  "
+    help="Write FILE_KIND.FORMAT here (png, svg or pdf), or the given path; repeatable.  "
     "[default: png, without --show]",
 )
 @click.option("--show", is_flag=True, help="Open a window with the picture.")
 @click.option(
     "--axes",
     type=OneOf(("xy", "xz", "yz", "xyz")),
-    help="Plane of a trajectory, or xyz.  [default: its two widest axes]",
+    help="Draw a trajectory in this plane, or in 3D (xyz).  [default: its two widest axes]",
 )
 @click.option(
     "--color",
     type=OneOf(("time", "speed")),
-    help="Quantity that the colour of a trajectory shows.",
+    help="Color a trajectory by time or speed.",
 )
 @click.option(
     "--max-gap",
     metavar="SECONDS",
     callback=duration_option,
-    help="Mark longer gaps than this in a timeline.  [default: five median periods]",
+    help="Mark gaps longer than this in a timeline.  [default: five median periods]",
 )
 @click.option(
     "--rows",
     type=click.IntRange(min=0),
     default=100,
     show_default=True,
-    help="Of a tree and a timeline: fold subtrees until no more rows are left; 0 draws all.",
+    help="Draw at most this many rows of a tree or timeline; larger ones are folded. 0: all.",
 )
 @comparison_options
-@click.option("--title", help="Instead of the picture's own.")
+@click.option("--title", help="Title of the picture.  [default: made from FILE and frames]")
 @common.more_option
 @common.overwrite_option
 @listen_option
@@ -99,14 +99,14 @@ def command(
     as_json: bool,
     **comparing: Any,
 ) -> None:
-    """A picture: the frame tree, samples of each edge, trajectories, a comparison.
+    """Draw the frame tree, the samples over time, trajectories or a comparison.
 
     Example: tfdb plot drive.mcap trajectory map base_link camera --color speed
 
-    The kind is tree, timeline, trajectory or compare. A trajectory is T[TARGET<-SOURCE] at each
-    stored stamp; several SOURCEs share one picture. Where FILE holds but one moving edge, as a .tum
-    file does, they may be left out. 'compare' draws what 'tfdb compare FILE ESTIMATE' finds, and
-    takes the same options.
+    'trajectory' draws T[TARGET<-SOURCE] at each stored stamp; several SOURCEs share one picture.
+    Frames may be omitted if FILE holds one moving edge, like a .tum file. 'timeline' draws the
+    samples of each edge. 'compare' draws the result of 'tfdb compare FILE ESTIMATE', with the same
+    options.
     """
     _check_options(kind, comparing)
     _check_frames(kind, frames, more)

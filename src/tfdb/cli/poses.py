@@ -56,13 +56,13 @@ class Poses:
     "stamps_file",
     type=click.Path(),
     metavar="STAMPS",
-    help="One stamp per line (first column: a TUM or CSV trajectory works too); '-' reads stdin.",
+    help="Read stamps from a file: the first column of each line, as in TUM and CSV; '-': stdin.",
 )
 @click.option(
     "--rate",
     type=click.FloatRange(min=0, min_open=True),
     metavar="HZ",
-    help="Poses per second, over the time that all edges have in common.",
+    help="Poses per second, from the first to the last time at which all edges have data.",
 )
 @click.option("--start", metavar="TIME", callback=time_option, help="Earliest time of a pose.")
 @click.option("--end", metavar="TIME", callback=time_option, help="Latest time of a pose.")
@@ -72,12 +72,12 @@ class Poses:
     "out",
     type=click.Path(),
     metavar="OUT",
-    help="A .tum, .csv, .npz or .parquet file, or see --format. [default: TUM lines to stdout]",
+    help="Write a .tum, .csv, .npz or .parquet file, or see --format.  [default: TUM to stdout]",
 )
 @click.option(
     "--skip-missing",
     is_flag=True,
-    help="Leave out stamps without a pose instead of ending with an error.",
+    help="Skip stamps without a pose instead of stopping with an error.",
 )
 @common.format_option
 @common.overwrite_option
@@ -104,12 +104,12 @@ def command(
     topics: tuple[str, ...],
     as_json: bool,
 ) -> None:
-    """Many poses of SOURCE in TARGET, to a .tum, .csv, .npz or Parquet file.
+    """Write many poses of SOURCE in TARGET to a .tum, .csv, .npz or Parquet file.
 
     Example: tfdb poses drive.mcap map camera --rate 100 -o camera.tum
 
-    Each is T[TARGET<-SOURCE], all from one snapshot. Without --at and --rate: one pose at each
-    stored stamp of the edges between the two frames.
+    Each pose is T[TARGET<-SOURCE], all from one snapshot. Without --at and --rate, one pose is
+    written for each stored stamp of the edges between the two frames.
     """
     if stamps_file is not None and rate is not None:
         raise click.UsageError("--at and --rate exclude each other")

@@ -27,12 +27,12 @@ def command(
     topics: tuple[str, ...],
     as_json: bool,
 ) -> None:
-    """Write a recording again with other names for its frames.
+    """Copy a recording with new names for its frames.
 
     Example: tfdb rename drive.mcap -o robot1.mcap --rename map:=world
 
-    FILE stays as it is; OUT is a .bag, .mcap or .db3. --rename comes before --prefix. A frame that
-    is not there is refused, and so are two frames that would have one name.
+    FILE stays as it is; OUT is a .bag, .mcap or .db3. --rename is applied before --prefix. A
+    missing frame is an error, and so are two frames with the same new name.
     """
     if not common.chosen().keys() & {"rename", "prefix"}:
         raise click.UsageError("nothing to rename: give --rename FROM:=TO, or --prefix TEXT")

@@ -48,7 +48,7 @@ def speed_option(_context: click.Context, _option: click.Parameter, value: float
 
 
 into_option: Callable[[FC], FC] = click.option(
-    "--into", metavar="NAME", required=True, help="Name of the store; it is made unless it exists."
+    "--into", metavar="NAME", required=True, help="Name of the store; a missing one is created."
 )
 history_option: Callable[[FC], FC] = click.option(
     "--history",
@@ -56,7 +56,7 @@ history_option: Callable[[FC], FC] = click.option(
     default="10",
     show_default=True,
     callback=duration_option,
-    help="Seconds that a new store keeps.",
+    help="Seconds of transforms that a new store keeps.",
 )
 
 
@@ -81,9 +81,9 @@ def _open(name: str, history: int | None) -> Buffer:
     default=1.0,
     show_default=True,
     callback=speed_option,
-    help="Pace: 2 plays twice as fast, 'inf' does not wait.",
+    help="Speed of playing: 2 is twice as fast, 'inf' does not wait.",
 )
-@click.option("--loop", is_flag=True, help="Begin again at the end, until Ctrl-C.")
+@click.option("--loop", is_flag=True, help="Start again at the end, until Ctrl-C.")
 @history_option
 @common.topic_option
 @common.json_option
@@ -101,9 +101,9 @@ def bag(
 
     Example: tfdb serve bag drive.mcap --into robot1 --loop
 
-    Stamps are those of the recording. Where the store has newer ones, and when a loop begins
-    again, they go on from there, so that they always grow. The store stays when this ends, by
-    Ctrl-C too: 'tfdb shm rm NAME' removes it.
+    Stamps are those of the recording. If the store holds newer ones, and at each loop, they are
+    shifted, so that they always grow. The store stays when the command ends or is stopped by
+    Ctrl-C. 'tfdb shm rm NAME' removes it.
     """
     paths = common.find_paths(files)
     name = into.removeprefix(STORE)
@@ -147,7 +147,7 @@ def bag(
     "--timeout",
     type=click.FloatRange(min=0, min_open=True),
     metavar="SECONDS",
-    help="End with an error if FILE has not grown for this long.  [default: wait]",
+    help="Stop with an error if FILE has not grown for this long.  [default: wait]",
 )
 @history_option
 @common.topic_option
@@ -165,10 +165,10 @@ def follow(
 
     Example: tfdb serve follow running.mcap --into robot1
 
-    Messages come as the recorder writes them, chunk by chunk. The store stays when this ends, by
-    Ctrl-C too. --frame, --keep, --urdf and offsets from the first or last stamp need a whole file.
-    Groups of topics that disagree are refused: before there is a store, if FILE holds them already;
-    later the store keeps what came before.
+    Messages arrive chunk by chunk, as the recorder writes them. The store stays when the command
+    ends or is stopped by Ctrl-C. --frame, --keep, --urdf and offsets from the first or last stamp
+    need a finished file. Groups of topics that disagree stop the command; the store keeps the
+    earlier messages.
     """
     (path,) = common.find_paths([file])
     common.refuse_frozen([path])
@@ -223,30 +223,35 @@ def _serves_graph(function: Any) -> Any:
 
 
 @command.command("ros1", cls=SuggestingCommand)
-@click.option("--master", metavar="URI", default="", help="The master.  [default: ROS_MASTER_URI]")
+@click.option(
+    "--master", metavar="URI", default="", help="URI of the ROS master.  [default: ROS_MASTER_URI]"
+)
 @_serves_graph
 def ros1(*, master: str, into: str, history: int | None, as_json: bool) -> None:
     """Fill the store NAME from /tf and /tf_static of a ROS 1 graph, until Ctrl-C.
 
     Example: tfdb serve ros1 --into robot1
 
-    One process listens, and all others look up by tfdb.Buffer.open("NAME") or
-    tfdb.tf2.Buffer(store="NAME"). No package of ROS is needed; from:=to and __name:=NAME are
-    understood. The store stays when this ends.
+    This process listens; all others look up by tfdb.Buffer.open("NAME") or
+    tfdb.tf2.Buffer(store="NAME"). It needs no ROS package. from:=to and __name:=NAME work as in
+    ROS. The store stays when the command ends.
     """
     _serve_graph(f"ros1:{master}", into, history, as_json=as_json)
 
 
 @command.command("ros2", cls=SuggestingCommand)
-@click.option("--domain", metavar="ID", default="", help="The domain.  [default: ROS_DOMAIN_ID]")
+@click.option(
+    "--domain", metavar="ID", default="", help="Number of the ROS domain.  [default: ROS_DOMAIN_ID]"
+)
 @_serves_graph
 def ros2(*, domain: str, into: str, history: int | None, as_json: bool) -> None:
     """Fill the store NAME from /tf and /tf_static of a ROS 2 graph, until Ctrl-C.
 
     Example: tfdb serve ros2 --domain 7 --into robot1
 
-    As 'tfdb serve ros1'. It needs rclpy and tf2_msgs: source the setup.bash of a ROS 2 first;
-    --ros-args is understood. The store stays when this ends.
+    This process listens; all others look up by tfdb.Buffer.open("NAME") or
+    tfdb.tf2.Buffer(store="NAME"). It needs rclpy and tf2_msgs: source the setup.bash of ROS 2
+    first. --ros-args works as in ROS. The store stays when the command ends.
     """
     _serve_graph(f"ros2:{domain}", into, history, as_json=as_json)
 

@@ -31,12 +31,12 @@ name_argument: Callable[[FC], FC] = click.argument("name")
 
 @click.group("shm", cls=SuggestingGroup)
 def command() -> None:
-    """The stores that processes of this machine share: list, look into, remove them.
+    """List, inspect and remove the shared stores of this machine.
 
     Example: tfdb shm ls
 
-    Their contents are read by the other commands, as in 'tfdb tree shm:NAME'. 'tfdb shm ls --json'
-    prints the list as JSON.
+    The other commands read the contents of a store, as in 'tfdb tree shm:NAME'. 'tfdb shm ls
+    --json' prints the list as JSON.
     """
 
 
@@ -44,7 +44,7 @@ def command() -> None:
 @layout.wide_option
 @common.json_option
 def list_stores(*, as_json: bool) -> None:
-    """List the stores, also those that this version or user cannot open.
+    """List all shared stores, with those that this version or user cannot open.
 
     Example: tfdb shm ls
     """
@@ -124,7 +124,7 @@ def _row(body: dict[str, Any]) -> tuple[Any, ...]:
 @name_argument
 @common.json_option
 def describe(*, name: str, as_json: bool) -> None:
-    """Who may use the store NAME, how large it is, and how it fares.
+    """Show the size, use, owner and readers of the store NAME.
 
     Example: tfdb shm info robot1
     """
@@ -159,7 +159,7 @@ def describe(*, name: str, as_json: bool) -> None:
 @name_argument
 @common.json_option
 def compact(*, name: str, as_json: bool) -> None:
-    """Give memory that the store NAME needs no more back to the file system.
+    """Return unused memory of the store NAME to the system.
 
     Example: tfdb shm compact robot1
     """
@@ -185,7 +185,7 @@ def compact(*, name: str, as_json: bool) -> None:
 @click.argument("names", nargs=-1, required=True, metavar="NAME...")
 @common.json_option
 def remove(*, names: tuple[str, ...], as_json: bool) -> None:
-    """Remove stores; who has one open goes on with it, alone.
+    """Remove stores. Processes that have one open can still use it.
 
     Example: tfdb shm rm robot1
     """

@@ -31,27 +31,27 @@ _KEYS = {"parent", "child", "translation", "rotation_xyzw", "rpy_deg"}
 def _numbers(command: Any) -> Any:
     """Give a command the flags of ROS 2's static_transform_publisher."""
     helps = {
-        "x": "metres",
-        "y": "metres",
-        "z": "metres",
-        "qx": "of the quaternion",
-        "qy": "of the quaternion",
-        "qz": "of the quaternion",
-        "qw": "of the quaternion",
-        "roll": "radians about the fixed x axis",
-        "pitch": "radians about the fixed y axis",
-        "yaw": "radians about the fixed z axis",
+        "x": "x of the translation, in metres",
+        "y": "y of the translation, in metres",
+        "z": "z of the translation, in metres",
+        "qx": "x of the quaternion",
+        "qy": "y of the quaternion",
+        "qz": "z of the quaternion",
+        "qw": "w of the quaternion",
+        "roll": "Radians about the fixed x axis",
+        "pitch": "Radians about the fixed y axis",
+        "yaw": "Radians about the fixed z axis",
     }
     for name, text in reversed(helps.items()):
-        command = click.option(f"--{name}", type=float, help=f"{text}.".capitalize())(command)
+        command = click.option(f"--{name}", type=float, help=f"{text}.")(command)
     return command
 
 
 @click.command("static-publisher", cls=SuggestingCommand)
 @click.argument("where")
 @click.argument("values", nargs=-1, metavar="[" + _FORMS.replace(", or ", "] | [") + "]")
-@click.option("--frame-id", "frame", metavar="FRAME", help="The parent.")
-@click.option("--child-frame-id", "child", metavar="CHILD", help="The child.")
+@click.option("--frame-id", "frame", metavar="FRAME", help="Name of the parent frame.")
+@click.option("--child-frame-id", "child", metavar="CHILD", help="Name of the child frame.")
 @_numbers
 @click.option(
     "--from",
@@ -59,8 +59,8 @@ def _numbers(command: Any) -> Any:
     multiple=True,
     type=click.Path(),
     metavar="FILE",
-    help="Fixed joints of a .urdf, transforms of a .json, or static transforms of a recording or "
-    "store; repeatable.",
+    help="Publish the fixed joints of a .urdf, the transforms of a .json, or the static transforms "
+    "of a recording or store; repeatable.",
 )
 @node_option
 @common.groups_option
@@ -76,16 +76,15 @@ def command(
     as_json: bool,
     **numbers: float | None,
 ) -> None:
-    """Publish static transforms, given or from a URDF or recording.
+    """Publish static transforms from arguments, a URDF or a recording.
 
     Example: tfdb static-publisher ros1: 0.1 0 0.3 0 0 0 1 base_link camera
 
-    T[FRAME<-CHILD] is on /tf_static until Ctrl-C, also for who comes later.
+    In a graph (ros1:, ros2:) T[FRAME<-CHILD] is latched on /tf_static until Ctrl-C. In a shared
+    store (shm:NAME) it stays after the command ends.
 
-    WHERE is a live graph, ros1: or ros2:, or a live store, shm:NAME, where they stay without a
-    process. The transform is given in any of the ways of ROS 1's and ROS 2's
-    static_transform_publisher, by place or by --x ... --yaw, --frame-id and --child-frame-id;
-    angles in radians.
+    The arguments are those of ROS 1's and ROS 2's static_transform_publisher: by position, or by
+    --x ... --yaw, --frame-id and --child-frame-id. Angles are in radians.
 
     A .json is a list of {"parent", "child", "translation": [x, y, z], "rotation_xyzw": [x, y, z, w]
     or "rpy_deg": [roll, pitch, yaw]}.

@@ -26,7 +26,10 @@ if TYPE_CHECKING:
 @click.command("tree", cls=SuggestingCommand)
 @common.files_argument
 @click.option(
-    "--at", metavar="TIME", callback=time_option, help="The parents at this time, not the newest."
+    "--at",
+    metavar="TIME",
+    callback=time_option,
+    help="Show the tree as it was at this time.  [default: the newest]",
 )
 @listen_option
 @common.topic_option
@@ -35,11 +38,11 @@ if TYPE_CHECKING:
 def command(
     *, files: tuple[str, ...], at: TimeSpec | None, topics: tuple[str, ...], as_json: bool
 ) -> None:
-    """The frame tree with rates, gaps and publishers, now or at a time.
+    """Show the frame tree with rates, gaps and publishers, now or at a given time.
 
     Example: tfdb tree drive.mcap --at +12.5
 
-    TIME: seconds (12.5), nanoseconds (12500000000ns), or an offset from the start (+1.5) or from
+    TIME is in seconds (12.5) or nanoseconds (12500000000ns), or an offset from the start (+1.5) or
     the end (-0.5).
     """
     loaded = common.load(files, topics, apart=True)

@@ -1,14 +1,14 @@
-"""``tfdb verify``: judged by a program that a checkout has and a wheel has not."""
+"""``tfdb verify``: its program is part of a checkout and missing in a wheel."""
 
 import click
 
 from .checkout_only import find
 
-TEXT = """Was a recorded history of a store strictly serializable? Anomalies by name.
+TEXT = """Check whether a recorded history of a store is strictly serializable.
 
 Example: tfdb verify history.jsonl --steps 20
 
-It runs from a checkout that is installed as editable: a wheel does not have the judge.
+It needs a source checkout that is installed as editable: pip install -e .
 """
 
 command: click.Command = find("verify", "verify_command", TEXT)

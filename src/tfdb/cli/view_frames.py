@@ -40,8 +40,8 @@ _PICTURES = (".svg", ".pdf", ".png")
     "out",
     metavar="OUT",
     type=click.Path(),
-    help="A .pdf, .svg, .png, .dot or .gv file; '-': DOT to stdout; another name: OUT.gv and "
-    "OUT.pdf.  [default: frames_DATE_TIME]",
+    help="Write a .pdf, .svg, .png, .dot or .gv file; '-' writes DOT to stdout, another name "
+    "OUT.gv and OUT.pdf.  [default: frames_DATE_TIME]",
 )
 @common.overwrite_option
 @listen_option
@@ -55,13 +55,12 @@ def command(
     topics: tuple[str, ...],
     as_json: bool,
 ) -> None:
-    """A picture of the frame tree: PDF, SVG or DOT.
+    """Draw the frame tree as PDF, SVG or DOT, like tf2's view_frames.
 
     Example: tfdb view-frames drive.mcap -o tree.svg
 
-    A live graph, ros1: or ros2:, is listened to for five seconds, as by tf2's view_frames; a live
-    store, shm:NAME, and a recording are drawn as they are. Graphviz draws it where it is installed,
-    else matplotlib does.
+    From a live graph (ros1:, ros2:) the command listens for five seconds first. Graphviz draws the
+    tree if it is installed, otherwise matplotlib.
     """
     outs = _outputs(out, files, overwrite=overwrite)
     if as_json and out == "-":
