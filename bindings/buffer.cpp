@@ -348,24 +348,24 @@ constexpr const char* kBufferDoc = R"(A store of time-stamped transforms between
 
 Any number of threads may read and write at once. A read is answered from one committed state and
 never waits for a writer; a write is all or nothing. `transaction` and `run` read, decide and write
-as if nobody else did meanwhile.
+in isolation from all other writers.
 
 Parameters
 ----------
 history
     Seconds to keep behind each edge's newest stamp; None keeps everything.
 max_frames
-    The most frames there may be.
+    Largest number of frames.
 memory_limit
-    The most bytes the store may take; None: what the machine has.
+    Largest size of the store in bytes; None: the machine's memory.
 snapshot_memory
-    The most bytes it may grow to keep held snapshots readable.
+    Largest size in bytes up to which it grows to keep held snapshots readable.
 clock
-    What `lookup_latest_transform(max_age=...)` asks for the time, in nanoseconds; None: the
-    system's clock.
+    Function that returns the time in nanoseconds, for
+    `lookup_latest_transform(max_age=...)`. None: the system's clock.
 concurrency
-    How lookups, writes and transactions that run at once are kept apart. `snapshot` is the fastest
-    reader and never lets a lookup wait. The others are there to be compared with it: `giant` (one
+    Engine of concurrency control. `snapshot` has the fastest reads, and its lookups never wait.
+    The others are research engines to compare with: `giant` (one
     mutex for everything), `2pl-no-wait`, `2pl-wait-die`, `2pl-wound-wait` (locks on frames until
     the end), `silo` (checks at the end what it read), and `fine` (a lock on each frame, taken one
     after the other), in which batches and transactions are not isolated.
@@ -383,7 +383,7 @@ batch
 static
     Whether they hold at every stamp until replaced.
 authority
-    Who writes.
+    Name of the writer.
 partial
     Store the members that can be stored, still in one commit, and return the others.
 change_kind
@@ -401,14 +401,15 @@ list[Refused]
     With `partial`: every member that was refused, and why, in their order.
 
 Raises InvalidName, InvalidStamp, InvalidArray, InvalidTransform, TooOld, StaticConflict,
-RepeatedStamp, CycleError: that of the first refused member, with its `index`, and all of them in `refused`. Raises
-CapacityExceeded. Then nothing was stored. With `partial` only CapacityExceeded is left, and
+RepeatedStamp, CycleError: that of the first refused member, with its `index`, and all of them in
+`refused`. Raises CapacityExceeded. Then nothing was stored. With `partial` only CapacityExceeded is
+left, and
 TypeError for what is no transform at all.)";
 
 using BufferClass = nb::class_<BufferObject, ReadsObject>;
 
 constexpr const char* kCompactDoc =
-    R"(Give memory that no state needs any more back to the system.
+    R"(Return unused memory to the operating system.
 
 A store uses memory that became free for what comes next, and keeps it. After a burst, after
 `clear`, or once samples have outlived `history` (whose memory an edge otherwise gives up bit by
@@ -518,7 +519,7 @@ PyMethodDef g_open = {"open", as_function(open_frozen), METH_FASTCALL | METH_KEY
 /// What `freeze` is made of: see frozen.py.
 void bind_frozen(nb::module_& module, BufferClass& type) {
     type.def_prop_ro("frozen", &frozen, nb::sig("def frozen(self) -> tfdb.types.Frozen | None"),
-                     "What is known of a frozen store; None: it is another one.");
+                     "Facts about a frozen store; None if the store is not frozen.");
     add_raw_function(module, g_open);
     module.def("freeze_store", &freeze_store, nb::arg("reads"), nb::arg("path"), nb::arg("origin"),
                nb::sig("def freeze_store(reads: Reads, path: os.PathLike[str], origin: str) -> "
@@ -556,27 +557,28 @@ void bind_buffer(nb::module_& module) {
                      "1073741824, clock: collections.abc.Callable[[], int] | None = None, "
                      "concurrency: tfdb.types.Concurrency = 'snapshot') -> None"));
     type.def_prop_ro("shared", &shared, nb::sig("def shared(self) -> tfdb.types.Shared | None"),
-                     "What is known of a store that processes share; None: it is this process's.");
+                     "Facts about a shared store; None if the store is private to this process.");
     add_raw_reads(type);
     bind_writes(type);
     bind_changes(type);
     bind_waits(type);
     bind_wire(module, type);
     bind_transaction(module, type);
-    type.def("snapshot", &snapshot, nb::sig("def snapshot(self) -> Snapshot"),
-             "Hold the newest commit: many reads of one state. Use it in a `with` statement.");
+    type.def(
+        "snapshot", &snapshot, nb::sig("def snapshot(self) -> Snapshot"),
+        "Return a snapshot of the newest commit: many reads of one state, in a `with` statement.");
     type.def("memory", &memory, nb::sig("def memory(self) -> tfdb.types.MemoryUse"),
-             "What the store occupies.");
+             "Memory use of the store, in bytes.");
     type.def(
         "counters",
         [](BufferObject& self) { return counters_record(self.open_store().counters()); },
         nb::sig("def counters(self) -> tfdb.types.Counters"),
-        "Commits, conflicts and waits, mended quaternions, and reads that a writer overtook.");
+        "Counts of commits, conflicts, waits, normalised quaternions and repeated reads.");
     type.def_prop_ro("history", &history, nb::sig("def history(self) -> float | None"),
-                     "Seconds that are kept; None: everything.");
+                     "Seconds of history that are kept; None: all.");
     type.def_prop_ro("concurrency", &concurrency,
                      nb::sig("def concurrency(self) -> tfdb.types.Concurrency"),
-                     "The name of the engine that keeps lookups, writes and transactions apart.");
+                     "Name of the concurrency-control engine.");
     type.def("__repr__", &represent);
     bind_shared(module);
     bind_frozen(module, type);

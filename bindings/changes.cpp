@@ -90,20 +90,20 @@ nb::list changes(nb::handle self, nb::handle since, nb::handle limit) {
 }
 
 constexpr const char* kChangesDoc =
-    R"(What the commits after `since` did, one by one in their order.
+    R"(Return the changes of each commit after `since`, in order.
 
-Whatever the newest state shows is told by the commit that stored it. What was evicted, replaced,
-cleared or removed since may not be told any more: a record counts it in `gone`. While a snapshot of
-commit `since`, or of an older one, is held and can be read, nothing that it or a later state shows
-is gone. A record does not say in which order a transaction did what it did: the guide "Follow the
-changes" keeps a copy by records where they suffice, and by snapshots else.
+All data of the newest state are in the record of the commit that stored them. Data that were
+evicted, replaced, cleared or removed since then may be missing: `gone` counts them. While a
+snapshot of commit `since`, or of an older one, is held and can be read, nothing that it or a later
+state shows is gone. A record does not say in which order a transaction did what it did: the guide
+"Follow the changes" keeps a copy by records where they suffice, and by snapshots else.
 
 Parameters
 ----------
 since
     A commit: that of a snapshot, or the last one that was followed. 0: from the beginning.
 limit
-    The most commits to tell of; None: all.
+    Largest number of records; None: all.
 
 Returns
 -------
@@ -117,7 +117,7 @@ FeedLapped
     that far: take a snapshot and follow from its `commit`, or go on from the error's `commit` and
     miss the commits before. The error's `oldest` is overwritten next.
 InvalidArgument
-    There is no such commit yet, or `limit` is not positive.
+    The commit does not exist yet, or `limit` is not positive.
 NotSupported
     The engine keeps no feed: `snapshot` and `giant` do.
 TransactionActive

@@ -149,8 +149,8 @@ nb::str str_of_name(std::string_view name) {
     PyErr_Clear();
     throw_error(
         "CorruptStore",
-        "the store is damaged: the name of a frame is not valid UTF-8; make the store anew, or "
-        "freeze again what it was made from",
+        "the store is damaged: the name of a frame is not valid UTF-8; create the store again, "
+        "or freeze the recording again",
         {{"reason", nb::str("a name is not valid UTF-8")}});
 }
 

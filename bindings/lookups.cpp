@@ -148,7 +148,7 @@ PyObject* transform_of(Open& open, PyObject* target, PyObject* source, Question&
 PyObject* await_transform(PyObject* self, PyObject* target, PyObject* source, Question& question,
                           std::optional<StampNs> longest) {
     if (!nb::isinstance<BufferObject>(self)) {
-        throw InvalidArgument("a snapshot stays as it is: wait for a transform of the buffer");
+        throw InvalidArgument("a snapshot never changes: wait on the buffer");
     }
     BufferObject& buffer = *nb::inst_ptr<BufferObject>(self);
     using Clock = std::chrono::steady_clock;
@@ -269,9 +269,9 @@ PyObject* lookup_latest_transform(PyObject* self, PyObject* const* args, Py_ssiz
 PyMethodDef g_wait_method = {
     "wait_for_transform", as_function(wait_for_transform), METH_FASTCALL | METH_KEYWORDS,
     "wait_for_transform($self, target, source, stamp=None, timeout=None, *, policy=None)\n--\n\n"
-    "`lookup_transform`, once it has an answer.\n\n"
-    "It is woken by the commit that touches a frame of the path, or makes one that is missing, of\n"
-    "whatever thread or process; other threads run meanwhile. A signal's handlers run at once.\n\n"
+    "Wait until `lookup_transform` has an answer, and return it.\n\n"
+    "The commit that touches a frame of the path, or creates a missing one, ends the wait, from any\n"
+    "thread or process. Other threads run meanwhile, and signal handlers without delay.\n\n"
     "Parameters\n----------\n"
     "target, source, stamp, policy\n    As in `lookup_transform`.\n"
     "timeout\n    Seconds, at most; None: for ever.\n\n"
@@ -279,9 +279,9 @@ PyMethodDef g_wait_method = {
     "Raises\n------\n"
     "At the end of the timeout what `lookup_transform` raises, and how long the wait took;\n"
     "InvalidName at once for a name that no frame can have; BufferClosed (`close` was called\n"
-    "meanwhile), NoSuchStore (the store that processes share was removed meanwhile),\n"
-    "TransactionActive, NotSupported (an engine of the research; or this process may read\n"
-    "the store, but not write to its control file), InvalidArgument"};
+    "meanwhile), NoSuchStore (the shared store was removed meanwhile),\n"
+    "TransactionActive, NotSupported (a research engine; or this process may not write to the\n"
+    "control file of the store), InvalidArgument"};
 
 PyMethodDef g_methods[] = {
     {"lookup_transform", as_function(lookup_transform), METH_FASTCALL | METH_KEYWORDS,
@@ -292,8 +292,8 @@ PyMethodDef g_methods[] = {
      "stamp\n    Stamp in nanoseconds (or an object that holds one). None: the latest common time,\n"
      "    at which every moving edge of the path has data.\n"
      "policy\n    How a stamp between samples is answered. None: Interpolate().\n"
-     "timeout\n    Seconds to wait for an answer, at most; None: not at all. Of a buffer only. What\n"
-     "    is raised in the end is what was in the way then; see `wait_for_transform` for the rest.\n\n"
+     "timeout\n    Longest wait for an answer, in seconds; None: no wait. Only a buffer takes it. At\n"
+     "    its end the error of a plain lookup is raised; see `wait_for_transform`.\n\n"
      "Returns\n-------\nTransform\n    With a report of the samples that were used.\n\n"
      "Raises\n------\n"
      "UnknownFrame, Disconnected, Extrapolation, GapTooLarge, Stale, NoSampleNear, InvalidStamp,\n"
@@ -316,7 +316,7 @@ PyMethodDef g_methods[] = {
      "raises."},
     {"can_transform", as_function(can_transform), METH_FASTCALL | METH_KEYWORDS,
      "can_transform($self, target, source, stamp=None, policy=None)\n--\n\n"
-     "Whether `lookup_transform` with these arguments has an answer. Cheap also when it has none.\n\n"
+     "Return whether `lookup_transform` with these arguments has an answer.\n\n"
      "Raises\n------\nInvalidStamp, SnapshotTooOld, SnapshotClosed"},
 };
 

@@ -61,7 +61,7 @@ const Numpy& find_numpy() {
     const unsigned abi = reinterpret_cast<GetVersion>(table[kGetVersion])() >> 24U;
     if (abi != 1 && abi != 2) {
         PyErr_SetString(PyExc_ImportError,
-                        "tfdb needs numpy 1 or 2: the C interface of this one is another");
+                        "tfdb needs numpy 1 or 2: this one has another C interface");
         throw nb::python_error();
     }
     auto found = std::make_unique<Numpy>();

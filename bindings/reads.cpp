@@ -226,10 +226,9 @@ Raises what `lookup_transform` raises; Extrapolation (`no data`) where there is 
                      "tfdb.types.StampLike | None, end: tfdb.types.StampLike | None) -> "
                      "numpy.typing.NDArray[numpy.int64]"),
              "Stored stamps of the moving edges between two frames, where every edge has data.");
-    type.def_prop_ro(
-        "commit", &commit_of, nb::sig("def commit(self) -> int"),
-        "Number of the newest commit, or of the snapshot's. The empty store is 0. Raises "
-        "BufferClosed.");
+    type.def_prop_ro("commit", &commit_of, nb::sig("def commit(self) -> int"),
+                     "Number of the newest commit; of a snapshot, its commit. 0 in an empty store. "
+                     "Raises BufferClosed.");
 }
 
 void enter_closed_state(SnapshotObject& object) {
@@ -273,10 +272,10 @@ Reads raise SnapshotClosed afterwards, and SnapshotTooOld if the writers needed 
                                                                nb::type_slots(g_snapshot_slots));
     refuse_construction<SnapshotObject>(type, "Buffer.snapshot() makes snapshots");
     type.def("close", &close, nb::sig("def close(self) -> None"),
-             "Let the samples go that only this snapshot needs. Closing twice does nothing.");
+             "Release the samples that only this snapshot needs. A second call does nothing.");
     type.def_prop_ro(
         "closed", [](const SnapshotObject& object) { return object.reads == nullptr; },
-        nb::sig("def closed(self) -> bool"), "Whether close() was called.");
+        nb::sig("def closed(self) -> bool"), "True after close().");
     type.def(
         "__enter__",
         [](nb::handle self) {
@@ -308,7 +307,7 @@ void throw_closed(const ReadsObject& object) {
     ErrorDetail detail;
     detail.commit = object.closed_commit;
     if (is_buffer(object)) {
-        throw BufferClosed("the buffer is closed: open its store anew, or make another Buffer",
+        throw BufferClosed("the buffer is closed: open its store again, or create another Buffer",
                            detail);
     }
     throw SnapshotClosed("the snapshot of commit " + std::to_string(object.closed_commit) +
@@ -349,7 +348,7 @@ void bind_reads(nb::module_& module) {
 What Buffer and Snapshot can be asked.
 
 Each call on a Buffer is answered from one fresh snapshot; each call on a Snapshot from its own.)");
-    refuse_construction<ReadsObject>(type, "nothing is only this: make a Buffer");
+    refuse_construction<ReadsObject>(type, "this class is abstract: create a Buffer");
     bind_full_lookups(type);
     bind_other_reads(type);
     bind_batch(type);

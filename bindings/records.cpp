@@ -161,10 +161,10 @@ void bind_records(nb::class_<ReadsObject>& type) {
              "Names of all frames, sorted.");
     type.def("frame_exists", &frame_exists, nb::arg("name").none(),
              nb::sig("def frame_exists(self, name: str) -> bool"),
-             "Whether there is a frame of that name. Raises SnapshotTooOld.");
+             "Return whether a frame has that name. Raises SnapshotTooOld.");
     type.def("frame_info", &frame_info, nb::arg("name").none(),
              nb::sig("def frame_info(self, name: str) -> tfdb.types.FrameInfo"),
-             "What is known of one frame and the edge to its parent. Raises UnknownFrame.");
+             "Return facts about one frame and the edge to its parent. Raises UnknownFrame.");
     type.def(
         "parent_of", &parent_of, nb::arg("name").none(), nb::arg("stamp") = nb::none(),
         nb::sig("def parent_of(self, name: str, stamp: tfdb.types.StampLike | None = None) -> "
@@ -172,8 +172,8 @@ void bind_records(nb::class_<ReadsObject>& type) {
         R"(The parent that a frame has at a stamp (None: in its newest sample); None for a root.
 
 A sample's parent holds from its stamp to the next sample's; before the first sample and after the
-last one the nearest one's counts; but a frame that would so hang under itself before its first
-sample is a root there. A static edge has its parent at every stamp. Raises UnknownFrame.)");
+last one the nearest one's counts. A frame whose first parents would form a cycle is a root
+before its first sample. A static edge has its parent at every stamp. Raises UnknownFrame.)");
     type.def(
         "_reach", &reach, nb::arg("target").none(), nb::arg("source").none(),
         nb::arg("stamp").none(),

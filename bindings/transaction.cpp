@@ -319,11 +319,11 @@ nb::object attempt(nb::handle self, nb::handle priority, bool alone, std::uint64
 constexpr const char* kDoc = R"(Transaction()
 --
 
-Read, decide, write: as if nobody else did meanwhile.
+Read, decide and write in isolation from all other writers.
 
 `Buffer.transaction()` makes it, a `with` statement begins it. Reads see one state of the store and,
 over it, what the transaction itself has written. Leaving the block commits: all writes become
-visible at once. An exception, or `abort()`, leaves nothing behind.
+visible at once. After an exception or `abort()` nothing is stored.
 
 Conflict, from any call or from the end of the block: another commit changed what was read, in a
 way that could change an answer (a sample, a parent, a frame that came or went). Nothing was stored
@@ -344,13 +344,13 @@ Parameters
 child, parent
     Frame names.
 stamp
-    Nanoseconds: before it the child hangs where it did. None: a static edge, at every stamp.
+    Nanoseconds: before it the child keeps its parent. None: a static edge, at every stamp.
 translation, rotation, rpy, wxyz
     T[parent<-child], as in `Buffer.set_transform`. Without all of them the child stays where it is:
     T[parent<-child] at `stamp`, as this transaction sees it, where there is data at that stamp.
     Without a rotation: not rotated.
 authority
-    Who writes.
+    Name of the writer.
 
 Raises what `lookup_transform` and `set_transform` raise; InvalidArgument for a rotation without a
 translation.)";
@@ -420,7 +420,7 @@ WrongThread.)");
                      "tfdb.types.StampLike | None = None, policy: Policy | None = None) -> bool"),
              R"(Whether `lookup_transform` with these arguments has an answer.
 
-A 'no' is something read, too: a commit that makes it a 'yes' is a Conflict.)");
+The answer counts as a read: a commit that changes it is a Conflict.)");
     type.def("latest_common_time", &latest_common_time, nb::arg("target").none(),
              nb::arg("source").none(),
              nb::sig("def latest_common_time(self, target: str, source: str) -> int"),
@@ -436,7 +436,7 @@ A 'no' is something read, too: a commit that makes it a 'yes' is a Conflict.)");
              "`Buffer.parent_of`.");
     type.def("frame_exists", &frame_exists, nb::arg("name").none(),
              nb::sig("def frame_exists(self, name: str) -> bool"),
-             "Whether there is a frame of that name.");
+             "Return whether a frame has that name.");
 }
 
 void bind_transaction_writes(TransactionClass& type) {
@@ -496,12 +496,12 @@ Raises UnknownFrame, FrameInUse (naming the children).)");
 
 void bind_life(TransactionClass& type) {
     type.def("abort", &abort, nb::sig("def abort(self) -> None"),
-             R"(Give up: nothing of the transaction is kept. The `with` block may be left normally.
+             R"(Abort: nothing of the transaction is stored. The `with` block may be left normally.
 
 Aborting twice does nothing. Raises TransactionClosed if it was committed, or never begun.)");
     type.def_prop_ro(
         "is_open", [](const TransactionObject& self) { return self.transaction.is_open(); },
-        nb::sig("def is_open(self) -> bool"), "Whether it was begun and has not ended.");
+        nb::sig("def is_open(self) -> bool"), "True from its begin to its end.");
     type.def_prop_ro("commit_number", &commit_number,
                      nb::sig("def commit_number(self) -> int | None"),
                      "Number of its commit, or of the state that it read if it wrote nothing; None "
@@ -535,7 +535,7 @@ void bind_transaction(nb::module_& module, nb::class_<BufferObject, ReadsObject>
         [](nb::handle self, nb::handle priority) { return attempt(self, priority, false, 0); },
         nb::arg("priority").none() = 0,
         nb::sig("def transaction(self, priority: int = 0) -> Transaction"),
-        R"(A transaction: `with buf.transaction() as tx:` reads, decides and writes as if alone.
+        R"(Return a transaction: `with buf.transaction() as tx:` reads and writes in isolation.
 
 Begun by the `with` statement, committed at its end. `priority` is an integer from 0 to 7: above 0
 it commits before ordinary writers, and where the engine makes one of two start again, the higher

@@ -398,15 +398,15 @@ PyGetSetDef g_attributes[] = {
      nullptr},
     {"rpy", get_rpy, nullptr,
      "Roll, pitch, yaw in radians about fixed axes x, y, z, as in URDF: float64 array (3,),\n"
-     "read-only. At a pitch of 90 degrees, where only their sum tells, roll is 0.",
+     "read-only. At a pitch of 90 degrees only their sum is defined, and roll is 0.",
      nullptr},
-    {"stamp", get_stamp, nullptr, "The stamp it holds at, in nanoseconds.", nullptr},
+    {"stamp", get_stamp, nullptr, "Its stamp, in nanoseconds.", nullptr},
     {"commit", get_commit, nullptr,
      "Number of the snapshot it was read from; 0 if it was not looked up.", nullptr},
     {"target", get_target, nullptr, "The frame into which it maps.", nullptr},
     {"source", get_source, nullptr, "The frame from which it maps.", nullptr},
     {"report", get_report, nullptr,
-     "What it was made from, edge by edge. Without edges if it was not looked up, or was\n"
+     "How it was computed, edge by edge. Without edges if it was not looked up, or was\n"
      "multiplied.",
      nullptr},
     {nullptr, nullptr, nullptr, nullptr, nullptr},

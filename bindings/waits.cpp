@@ -184,15 +184,15 @@ void bind_begun_waits(BufferClass& type) {
 
 void bind_closing(BufferClass& type) {
     type.def("close", &close, nb::sig("def close(self) -> None"),
-             R"(End all waits, with BufferClosed; later reads, writes and waits raise that, too.
+             R"(End all waits with BufferClosed; later reads, writes and waits raise it.
 
-So do `commit`, `memory` and `counters`: whatever the store would have to be asked for. How it was
-made or opened (`history`, `concurrency`, `shared`, `frozen`) can still be read, and its repr.
+`commit`, `memory` and `counters` raise it as well. `history`, `concurrency`, `shared`, `frozen`
+and the repr can still be read.
 Snapshots and transactions that are open stay so. The memory goes with the last reference to them
 and to the buffer. Closing twice does nothing.)");
     type.def_prop_ro(
         "closed", [](const BufferObject& self) { return self.closed.load(); },
-        nb::sig("def closed(self) -> bool"), "Whether close() was called.");
+        nb::sig("def closed(self) -> bool"), "True after close().");
     type.def(
         "__enter__",
         [](nb::handle self) {
@@ -215,8 +215,8 @@ void bind_waits(BufferClass& type) {
              nb::sig("def wait_for_commit(self, after: int, timeout: float | None = None) -> int"),
              R"(Wait until there is a commit with a number greater than `after`.
 
-It is woken by the commit, of whatever thread or process, at most once in a millisecond: commits
-that follow each other faster are seen together.
+The commit wakes it, from any thread or process, at most once per millisecond: faster commits
+are seen together.
 
 Parameters
 ----------
@@ -232,10 +232,9 @@ int
 
 Raises
 ------
-WaitTimeout, BufferClosed (`close` was called meanwhile), NoSuchStore (the store that processes
-share was removed meanwhile), TransactionActive, NotSupported (an engine of the research; no such
-commit is there yet, and the store is frozen, so none will come, or this process may read it, but
-not write to its control file), InvalidArgument)");
+WaitTimeout, BufferClosed (`close` was called meanwhile), NoSuchStore (the shared store was
+removed meanwhile), TransactionActive, NotSupported (a research engine; or the store
+is frozen; or this process may not write to its control file), InvalidArgument)");
     bind_begun_waits(type);
     bind_closing(type);
 }

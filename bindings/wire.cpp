@@ -551,9 +551,9 @@ PyMethodDef g_decode = {
     "`index`."};
 
 constexpr const char* kIngestDoc =
-    R"(Store one tf2_msgs/TFMessage, straight from its bytes, as one commit.
+    R"(Store one tf2_msgs/TFMessage from its bytes, as one commit.
 
-A transform that is refused is left out, as tf2 leaves it out, and the others are stored.
+Refused transforms are left out, as in tf2, and the others are stored.
 
 Parameters
 ----------
@@ -565,7 +565,7 @@ encoding
 static
     Whether it came from /tf_static.
 authority
-    Who sent it.
+    Name of the sender.
 change_kind, only_new
     As in `set_transforms`.
 
@@ -577,7 +577,7 @@ int
 Raises
 ------
 CorruptMessage
-    The bytes are no TFMessage. Fields: offset, reason.
+    The bytes are not a TFMessage. Fields: offset, reason.
 
 And what `set_transforms` raises, if no transform of the message can be stored. Nothing was stored
 where it raises.
@@ -590,7 +590,7 @@ TfdbWarning
 One leading '/' of a frame name is dropped, as tf does.)";
 
 constexpr const char* kIngestManyDoc =
-    R"(Store many TFMessages, one commit each, without a step through Python in between.
+    R"(Store many TFMessages, one commit each.
 
 A transform that is refused is counted, by its edge and error, and the others of its message are
 stored. A message that is damaged is counted and left out. Arguments as in `ingest`; `messages` is

@@ -55,7 +55,7 @@ PyMethodDef g_set_transform = {
     "set_transform", as_function(set_transform), METH_FASTCALL | METH_KEYWORDS,
     "set_transform($self, parent, child, stamp, translation, rotation=None, *, rpy=None, "
     "wxyz=None, authority='', change_kind=False, only_new=False)\n--\n\n"
-    "Store where `child` was in `parent` at a stamp: T[parent<-child].\n\n"
+    "Store T[parent<-child], the pose of `child` in `parent` at a stamp.\n\n"
     "Parameters\n----------\n"
     "parent, child\n    Frame names; new ones become frames.\n"
     "stamp\n    Nanoseconds (or an object that holds a stamp).\n"
@@ -66,7 +66,7 @@ PyMethodDef g_set_transform = {
     "    slightly off. None, without the next two: not rotated.\n"
     "rpy\n    Instead: roll, pitch, yaw in radians about fixed axes x, y, z, as in URDF.\n"
     "wxyz\n    Instead: unit quaternion w x y z.\n"
-    "authority\n    Who writes.\n"
+    "authority\n    Name of the writer.\n"
     "change_kind\n    A static edge becomes moving: its pose is dropped in the same commit, the\n"
     "    frames below it stay.\n"
     "only_new\n    Refuse a stamp that the edge has already; else the later value replaces it.\n\n"

@@ -526,7 +526,7 @@ def test_stamps_that_are_small_are_taken_for_what_they_are(span: tuple[int, int]
 
 
 def test_time_0_is_not_the_latest(buffer: tfdb.Buffer) -> None:
-    with pytest.raises(tfdb.Extrapolation, match="for the latest, give no time"):
+    with pytest.raises(tfdb.Extrapolation, match="for the latest, pass no time"):
         buffer.lookup_transform("map", "hand", 0)
 
 

@@ -71,7 +71,7 @@ def test_a_wait_for_a_commit(buf: tfdb.Buffer) -> None:
     put(buf, "a", 1)
     assert call.result() == 1
     assert buf.wait_for_commit(0) == 1
-    with pytest.raises(tfdb.WaitTimeout, match=r"after commit 1; waited 0\.0\d\d s:") as caught:
+    with pytest.raises(tfdb.WaitTimeout, match=r"followed commit 1; waited 0\.0\d\d s:") as caught:
         buf.wait_for_commit(1, 0.001)
     assert isinstance(caught.value, TimeoutError)
     assert caught.value.commit == 1
@@ -93,7 +93,7 @@ def test_a_name_that_no_frame_can_have_is_not_waited_for(buf: tfdb.Buffer, name:
     ]
     for wait in waits:
         with pytest.raises(
-            tfdb.errors.InvalidName, match="waiting would never end: the "
+            tfdb.errors.InvalidName, match="the wait would never end: the "
         ) as caught:
             wait()
         assert (caught.value.frame or "") == name
@@ -257,7 +257,7 @@ def test_the_longest_timeout(buf: tfdb.Buffer, timeout: float) -> None:
 
 def test_where_nothing_can_be_waited_for(buf: tfdb.Buffer) -> None:
     put(buf, "a", 1)
-    with buf.snapshot() as snapshot, pytest.raises(tfdb.InvalidArgument, match="stays as it is"):
+    with buf.snapshot() as snapshot, pytest.raises(tfdb.InvalidArgument, match="never changes"):
         snapshot.lookup_transform("map", "a", timeout=1)
     with buf.transaction():
         with pytest.raises(tfdb.errors.TransactionActive):
@@ -456,11 +456,11 @@ def test_a_frozen_store_has_all_its_commits(
         assert wait(0) == wait(1) == (2, 2)
         for after in (2, 3, 1000):
             with pytest.raises(
-                tfdb.errors.NotSupported, match="is frozen: no commit will ever come"
+                tfdb.errors.NotSupported, match="is frozen and gets no further commit"
             ):
                 frozen.wait_for_commit(after, timeout)
             with pytest.raises(
-                tfdb.errors.NotSupported, match="is frozen: no commit will ever come"
+                tfdb.errors.NotSupported, match="is frozen and gets no further commit"
             ):
                 asyncio.run(frozen.wait_for_commit_async(after, timeout))
         assert frozen.wait_for_transform("map", "a", timeout=timeout).stamp == 6

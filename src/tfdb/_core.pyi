@@ -274,7 +274,7 @@ class Reads:
     @property
     def commit(self) -> int:
         """
-        Number of the newest commit, or of the snapshot's. The empty store is 0. Raises BufferClosed.
+        Number of the newest commit; of a snapshot, its commit. 0 in an empty store. Raises BufferClosed.
         """
 
     @overload
@@ -351,11 +351,11 @@ class Reads:
         """Names of all frames, sorted."""
 
     def frame_exists(self, name: str) -> bool:
-        """Whether there is a frame of that name. Raises SnapshotTooOld."""
+        """Return whether a frame has that name. Raises SnapshotTooOld."""
 
     def frame_info(self, name: str) -> tfdb.types.FrameInfo:
         """
-        What is known of one frame and the edge to its parent. Raises UnknownFrame.
+        Return facts about one frame and the edge to its parent. Raises UnknownFrame.
         """
 
     def parent_of(self, name: str, stamp: tfdb.types.StampLike | None = None) -> str | None:
@@ -363,8 +363,8 @@ class Reads:
         The parent that a frame has at a stamp (None: in its newest sample); None for a root.
 
         A sample's parent holds from its stamp to the next sample's; before the first sample and after the
-        last one the nearest one's counts; but a frame that would so hang under itself before its first
-        sample is a root there. A static edge has its parent at every stamp. Raises UnknownFrame.
+        last one the nearest one's counts. A frame whose first parents would form a cycle is a root
+        before its first sample. A static edge has its parent at every stamp. Raises UnknownFrame.
         """
 
     def _reach(
@@ -413,8 +413,8 @@ class Reads:
         policy
             How a stamp between samples is answered. None: Interpolate().
         timeout
-            Seconds to wait for an answer, at most; None: not at all. Of a buffer only. What
-            is raised in the end is what was in the way then; see `wait_for_transform` for the rest.
+            Longest wait for an answer, in seconds; None: no wait. Only a buffer takes it. At
+            its end the error of a plain lookup is raised; see `wait_for_transform`.
 
         Returns
         -------
@@ -476,7 +476,7 @@ class Reads:
         policy: Policy | None = None,
     ) -> bool:
         """
-        Whether `lookup_transform` with these arguments has an answer. Cheap also when it has none.
+        Return whether `lookup_transform` with these arguments has an answer.
 
         Raises
         ------
@@ -534,7 +534,7 @@ class Reads:
         policy: Policy | None = None,
     ) -> tfdb.types.Explanation:
         """
-        Say in words why `lookup_transform` with these arguments has an answer or has none.
+        Explain why `lookup_transform` with these arguments has an answer or fails.
 
             Walks the path edge by edge: which samples are used, or why there is none and which stamps
             would be valid. All of it is read from one snapshot.
@@ -604,26 +604,25 @@ class Reads:
 
     def freeze(self, path: str | os.PathLike[str], *, overwrite: bool = False) -> None:
         """
-        Write one committed state into a file, which `tfdb.open` opens at once, whatever its size.
+        Write one committed state into a file, which `tfdb.open` opens in constant time.
 
-            All reads of the frozen store say what they say of this state, to the last bit; its `commit` is
-            that of the state. The file is written beside its name, brought to the disk and renamed, so it
-            is there whole or not at all. It is read by the version of tfdb, and on the kind of machine,
-            that wrote it: it is no format to keep recordings in.
+            Reads of the frozen store return exactly what this state returns; its `commit` is the same. The
+            file is written beside its name, brought to the disk and renamed, so it is complete or absent.
+            Only the version of tfdb and the kind of machine that wrote it can read it: keep the recording.
 
             Parameters
             ----------
             path
                 The file, such as `drive.tfdb`.
             overwrite
-                Replace what has that name; who has it open goes on with it.
+                Replace an existing file; processes that have it open keep the old one.
 
             Raises
             ------
             InvalidArgument
                 The name is taken and `overwrite` is off, or it is that of a folder.
             CapacityExceeded
-                The disk is full; nothing is left behind.
+                The disk is full; no partial file is left.
             SnapshotTooOld, SnapshotClosed
             OSError
                 The file cannot be written.
@@ -631,7 +630,7 @@ class Reads:
 
     def children(self, name: str, stamp: tfdb.types.StampLike | None = None) -> list[str]:
         """
-        Find the frames that hang directly under a frame, sorted.
+        List the direct children of a frame, sorted.
 
             Parameters
             ----------
@@ -661,7 +660,7 @@ class Reads:
 
     def path(self, target: str, source: str, stamp: tfdb.types.StampLike | None = None) -> list[str]:
         """
-        List the frames from one to another, through the one under which both hang.
+        List the frames on the path from one to another.
 
             Parameters
             ----------
@@ -696,12 +695,12 @@ class Snapshot(Reads):
 
     def close(self) -> None:
         """
-        Let the samples go that only this snapshot needs. Closing twice does nothing.
+        Release the samples that only this snapshot needs. A second call does nothing.
         """
 
     @property
     def closed(self) -> bool:
-        """Whether close() was called."""
+        """True after close()."""
 
     def __enter__(self) -> Self: ...
 
@@ -715,24 +714,24 @@ class Buffer(Reads):
 
     Any number of threads may read and write at once. A read is answered from one committed state and
     never waits for a writer; a write is all or nothing. `transaction` and `run` read, decide and write
-    as if nobody else did meanwhile.
+    in isolation from all other writers.
 
     Parameters
     ----------
     history
         Seconds to keep behind each edge's newest stamp; None keeps everything.
     max_frames
-        The most frames there may be.
+        Largest number of frames.
     memory_limit
-        The most bytes the store may take; None: what the machine has.
+        Largest size of the store in bytes; None: the machine's memory.
     snapshot_memory
-        The most bytes it may grow to keep held snapshots readable.
+        Largest size in bytes up to which it grows to keep held snapshots readable.
     clock
-        What `lookup_latest_transform(max_age=...)` asks for the time, in nanoseconds; None: the
-        system's clock.
+        Function that returns the time in nanoseconds, for
+        `lookup_latest_transform(max_age=...)`. None: the system's clock.
     concurrency
-        How lookups, writes and transactions that run at once are kept apart. `snapshot` is the fastest
-        reader and never lets a lookup wait. The others are there to be compared with it: `giant` (one
+        Engine of concurrency control. `snapshot` has the fastest reads, and its lookups never wait.
+        The others are research engines to compare with: `giant` (one
         mutex for everything), `2pl-no-wait`, `2pl-wait-die`, `2pl-wound-wait` (locks on frames until
         the end), `silo` (checks at the end what it read), and `fine` (a lock on each frame, taken one
         after the other), in which batches and transactions are not isolated.
@@ -745,7 +744,7 @@ class Buffer(Reads):
     @property
     def shared(self) -> tfdb.types.Shared | None:
         """
-        What is known of a store that processes share; None: it is this process's.
+        Facts about a shared store; None if the store is private to this process.
         """
 
     def set_transform(
@@ -763,7 +762,7 @@ class Buffer(Reads):
         only_new: bool = False,
     ) -> int:
         """
-        Store where `child` was in `parent` at a stamp: T[parent<-child].
+        Store T[parent<-child], the pose of `child` in `parent` at a stamp.
 
         Parameters
         ----------
@@ -783,7 +782,7 @@ class Buffer(Reads):
         wxyz
             Instead: unit quaternion w x y z.
         authority
-            Who writes.
+            Name of the writer.
         change_kind
             A static edge becomes moving: its pose is dropped in the same commit, the
             frames below it stay.
@@ -831,7 +830,7 @@ class Buffer(Reads):
         static
             Whether they hold at every stamp until replaced.
         authority
-            Who writes.
+            Name of the writer.
         partial
             Store the members that can be stored, still in one commit, and return the others.
         change_kind
@@ -849,8 +848,9 @@ class Buffer(Reads):
             With `partial`: every member that was refused, and why, in their order.
 
         Raises InvalidName, InvalidStamp, InvalidArray, InvalidTransform, TooOld, StaticConflict,
-        RepeatedStamp, CycleError: that of the first refused member, with its `index`, and all of them in `refused`. Raises
-        CapacityExceeded. Then nothing was stored. With `partial` only CapacityExceeded is left, and
+        RepeatedStamp, CycleError: that of the first refused member, with its `index`, and all of them in
+        `refused`. Raises CapacityExceeded. Then nothing was stored. With `partial` only CapacityExceeded is
+        left, and
         TypeError for what is no transform at all.
         """
     @overload
@@ -902,7 +902,7 @@ class Buffer(Reads):
 
     def compact(self) -> bool:
         """
-        Give memory that no state needs any more back to the system.
+        Return unused memory to the operating system.
 
         A store uses memory that became free for what comes next, and keeps it. After a burst, after
         `clear`, or once samples have outlived `history` (whose memory an edge otherwise gives up bit by
@@ -923,20 +923,20 @@ class Buffer(Reads):
 
     def changes(self, since: int, limit: int | None = None) -> list[tfdb.types.Changes]:
         """
-        What the commits after `since` did, one by one in their order.
+        Return the changes of each commit after `since`, in order.
 
-        Whatever the newest state shows is told by the commit that stored it. What was evicted, replaced,
-        cleared or removed since may not be told any more: a record counts it in `gone`. While a snapshot of
-        commit `since`, or of an older one, is held and can be read, nothing that it or a later state shows
-        is gone. A record does not say in which order a transaction did what it did: the guide "Follow the
-        changes" keeps a copy by records where they suffice, and by snapshots else.
+        All data of the newest state are in the record of the commit that stored them. Data that were
+        evicted, replaced, cleared or removed since then may be missing: `gone` counts them. While a
+        snapshot of commit `since`, or of an older one, is held and can be read, nothing that it or a later
+        state shows is gone. A record does not say in which order a transaction did what it did: the guide
+        "Follow the changes" keeps a copy by records where they suffice, and by snapshots else.
 
         Parameters
         ----------
         since
             A commit: that of a snapshot, or the last one that was followed. 0: from the beginning.
         limit
-            The most commits to tell of; None: all.
+            Largest number of records; None: all.
 
         Returns
         -------
@@ -950,7 +950,7 @@ class Buffer(Reads):
             that far: take a snapshot and follow from its `commit`, or go on from the error's `commit` and
             miss the commits before. The error's `oldest` is overwritten next.
         InvalidArgument
-            There is no such commit yet, or `limit` is not positive.
+            The commit does not exist yet, or `limit` is not positive.
         NotSupported
             The engine keeps no feed: `snapshot` and `giant` do.
         TransactionActive
@@ -967,10 +967,10 @@ class Buffer(Reads):
         policy: Policy | None = None,
     ) -> Transform:
         """
-        `lookup_transform`, once it has an answer.
+        Wait until `lookup_transform` has an answer, and return it.
 
-        It is woken by the commit that touches a frame of the path, or makes one that is missing, of
-        whatever thread or process; other threads run meanwhile. A signal's handlers run at once.
+        The commit that touches a frame of the path, or creates a missing one, ends the wait, from any
+        thread or process. Other threads run meanwhile, and signal handlers without delay.
 
         Parameters
         ----------
@@ -987,17 +987,17 @@ class Buffer(Reads):
         ------
         At the end of the timeout what `lookup_transform` raises, and how long the wait took;
         InvalidName at once for a name that no frame can have; BufferClosed (`close` was called
-        meanwhile), NoSuchStore (the store that processes share was removed meanwhile),
-        TransactionActive, NotSupported (an engine of the research; or this process may read
-        the store, but not write to its control file), InvalidArgument
+        meanwhile), NoSuchStore (the shared store was removed meanwhile),
+        TransactionActive, NotSupported (a research engine; or this process may not write to the
+        control file of the store), InvalidArgument
         """
 
     def wait_for_commit(self, after: int, timeout: float | None = None) -> int:
         """
         Wait until there is a commit with a number greater than `after`.
 
-        It is woken by the commit, of whatever thread or process, at most once in a millisecond: commits
-        that follow each other faster are seen together.
+        The commit wakes it, from any thread or process, at most once per millisecond: faster commits
+        are seen together.
 
         Parameters
         ----------
@@ -1013,10 +1013,9 @@ class Buffer(Reads):
 
         Raises
         ------
-        WaitTimeout, BufferClosed (`close` was called meanwhile), NoSuchStore (the store that processes
-        share was removed meanwhile), TransactionActive, NotSupported (an engine of the research; no such
-        commit is there yet, and the store is frozen, so none will come, or this process may read it, but
-        not write to its control file), InvalidArgument
+        WaitTimeout, BufferClosed (`close` was called meanwhile), NoSuchStore (the shared store was
+        removed meanwhile), TransactionActive, NotSupported (a research engine; or the store
+        is frozen; or this process may not write to its control file), InvalidArgument
         """
 
     def _begin_wait(self, target: str, source: str, stamp: tfdb.types.StampLike | None, policy: Policy | None) -> int:
@@ -1065,17 +1064,17 @@ class Buffer(Reads):
 
     def close(self) -> None:
         """
-        End all waits, with BufferClosed; later reads, writes and waits raise that, too.
+        End all waits with BufferClosed; later reads, writes and waits raise it.
 
-        So do `commit`, `memory` and `counters`: whatever the store would have to be asked for. How it was
-        made or opened (`history`, `concurrency`, `shared`, `frozen`) can still be read, and its repr.
+        `commit`, `memory` and `counters` raise it as well. `history`, `concurrency`, `shared`, `frozen`
+        and the repr can still be read.
         Snapshots and transactions that are open stay so. The memory goes with the last reference to them
         and to the buffer. Closing twice does nothing.
         """
 
     @property
     def closed(self) -> bool:
-        """Whether close() was called."""
+        """True after close()."""
 
     def __enter__(self) -> Self: ...
 
@@ -1083,9 +1082,9 @@ class Buffer(Reads):
 
     def ingest(self, data: tfdb.types.BytesLike, *, encoding: str = 'cdr', static: bool = False, authority: str = '', change_kind: bool = False, only_new: bool = False) -> int:
         """
-        Store one tf2_msgs/TFMessage, straight from its bytes, as one commit.
+        Store one tf2_msgs/TFMessage from its bytes, as one commit.
 
-        A transform that is refused is left out, as tf2 leaves it out, and the others are stored.
+        Refused transforms are left out, as in tf2, and the others are stored.
 
         Parameters
         ----------
@@ -1097,7 +1096,7 @@ class Buffer(Reads):
         static
             Whether it came from /tf_static.
         authority
-            Who sent it.
+            Name of the sender.
         change_kind, only_new
             As in `set_transforms`.
 
@@ -1109,7 +1108,7 @@ class Buffer(Reads):
         Raises
         ------
         CorruptMessage
-            The bytes are no TFMessage. Fields: offset, reason.
+            The bytes are not a TFMessage. Fields: offset, reason.
 
         And what `set_transforms` raises, if no transform of the message can be stored. Nothing was stored
         where it raises.
@@ -1124,7 +1123,7 @@ class Buffer(Reads):
 
     def ingest_many(self, messages: Iterable[tfdb.types.BytesLike], *, encoding: str, static: bool = False, authority: str | Sequence[str] = '') -> tfdb.types.IngestResult:
         """
-        Store many TFMessages, one commit each, without a step through Python in between.
+        Store many TFMessages, one commit each.
 
         A transform that is refused is counted, by its edge and error, and the others of its message are
         stored. A message that is damaged is counted and left out. Arguments as in `ingest`; `messages` is
@@ -1135,7 +1134,7 @@ class Buffer(Reads):
 
     def transaction(self, priority: int = 0) -> Transaction:
         """
-        A transaction: `with buf.transaction() as tx:` reads, decides and writes as if alone.
+        Return a transaction: `with buf.transaction() as tx:` reads and writes in isolation.
 
         Begun by the `with` statement, committed at its end. `priority` is an integer from 0 to 7: above 0
         it commits before ordinary writers, and where the engine makes one of two start again, the higher
@@ -1148,32 +1147,30 @@ class Buffer(Reads):
 
     def snapshot(self) -> Snapshot:
         """
-        Hold the newest commit: many reads of one state. Use it in a `with` statement.
+        Return a snapshot of the newest commit: many reads of one state, in a `with` statement.
         """
 
     def memory(self) -> tfdb.types.MemoryUse:
-        """What the store occupies."""
+        """Memory use of the store, in bytes."""
 
     def counters(self) -> tfdb.types.Counters:
         """
-        Commits, conflicts and waits, mended quaternions, and reads that a writer overtook.
+        Counts of commits, conflicts, waits, normalised quaternions and repeated reads.
         """
 
     @property
     def history(self) -> float | None:
-        """Seconds that are kept; None: everything."""
+        """Seconds of history that are kept; None: all."""
 
     @property
     def concurrency(self) -> tfdb.types.Concurrency:
-        """
-        The name of the engine that keeps lookups, writes and transactions apart.
-        """
+        """Name of the concurrency-control engine."""
 
     def __repr__(self) -> str: ...
 
     @property
     def frozen(self) -> tfdb.types.Frozen | None:
-        """What is known of a frozen store; None: it is another one."""
+        """Facts about a frozen store; None if the store is not frozen."""
 
     def load(
         self,
@@ -1199,12 +1196,12 @@ class Buffer(Reads):
         """
         Load the transforms of recordings: `.bag`, `.db3`, `.mcap`, folders of ROS 2 bags.
 
-            Trajectories are taken as well, by the ends of their names (`.tum`, `.txt`, `.csv`, `.npz`,
+            Trajectory files are accepted, by their endings (`.tum`, `.txt`, `.csv`, `.npz`,
             `.parquet`): TUM, KITTI and EuRoC files among them. They are one moving edge, from `world` to
             `body` where the file names no frames; `rename` names them.
 
-            The files are looked through before the first commit, so that damage leaves the buffer as it
-            was, and must not change until the end. Each message is one commit, in the order of its
+            The files are checked before the first commit, so that damage leaves the buffer as it was.
+            They must not change until the end. Each message is one commit, in the order of its
             reception. A transform that is refused is counted and left out, and the others of its message
             are stored; a damaged message is left out. A buffer with a limited history
             (10 s by default) forgets the beginning of a long recording: the report counts the samples, and
@@ -1236,8 +1233,8 @@ class Buffer(Reads):
                 those on its path to the root.
             exclude
                 Names of frames, topics or publishing nodes, where `*` stands for any letters and `?` for
-                one: no edge from or to such a frame, and nothing that came so. What hung below such a frame
-                is a tree of its own then; `frames` counts paths without it.
+                one: edges from or to these frames are left out, and all transforms of these topics and
+                nodes. Frames below form a tree of their own; `frames` counts paths without them.
                 `"/tf_static:base_link"` names one edge on one topic, by its child frame.
             keep
                 Only so many seconds before `end`, or before the last moving stamp.
@@ -1253,8 +1250,8 @@ class Buffer(Reads):
                 not, or not well: `{"/pose": "base_link"}`. With `topics=()` they are all that is read.
             urdf
                 The model of the robot, or its file: joint states become moving edges, fixed joints static
-                ones. Of a frame whose parent the recording's own transforms say, the model is silent. The
-                report's `joints` tells of joints that are missing, unknown or beyond their limits.
+                ones. Frames that the recording's transforms place are not overwritten by the model. The
+                report's `joints` lists joints that are missing, unknown or beyond their limits.
             joint_topic
                 The topic of the joint states; None: `/joint_states`, or the only one.
             by_namespace
@@ -1272,26 +1269,25 @@ class Buffer(Reads):
             Returns
             -------
             LoadReport
-                What was read, stored, refused, left out, forgotten and lost.
+                Counts of the transforms read, stored, refused, left out, dropped by the history and lost.
 
             Raises
             ------
             RecordingError
-                A file is no recording, damaged or cut short; a topic is missing or holds no transforms;
-                nothing is left. Nothing was stored.
+                A file is not a recording, damaged or cut short; a topic is missing or without
+                transforms; or no transform is left. Nothing was stored.
             MixedSources
                 Without `topics`: groups of topics disagree on the edge of a frame to its parent. `/tf` and
                 `/tf_static` of one namespace are one group, every other topic is a group of its own. Groups
-                agree where one repeats samples of the other. `topics`, `by_namespace` and `mix` are the
-                ways on. Also: files contradict each other on one topic, by another transform at a stamp of
-                both or between the other's stamps. One file, `prefix` and `mix` are the ways on. Nothing
-                was stored.
+                agree where one repeats samples of the other. Use `topics`, `by_namespace` or `mix`. Also:
+                files contradict each other on one topic, by another transform at a stamp of both or between
+                the other's stamps. Load one file, or use `prefix` or `mix`. Nothing was stored.
             TrajectoryError
-                A line of a trajectory that is not what its format wants, and the like.
+                A line of a trajectory does not fit its format.
             UnknownFrame
-                One of `frames` is not there.
+                One of `frames` does not exist.
             ModelError
-                `urdf` is no model of a robot.
+                `urdf` is not a robot model.
             InvalidArgument
                 No path, an empty one, a file that is given twice, or topics that are no names; options that
                 are none, or by which two frames would have one name, or `end` lies before `start`.
@@ -1353,20 +1349,20 @@ class Buffer(Reads):
         priority: int = 0,
     ) -> tfdb.store.transactions.Result:
         """
-        Run `fn(tx)` in a transaction, again and again until its commit wins.
+        Run `fn(tx)` in a transaction, and repeat it until its commit succeeds.
 
-            `fn` may be called several times: what it does beside `tx` must bear that. An attempt that lost
-            (Conflict) left nothing behind. Before the next one a random time passes, up to 0.1 ms after the
-            first, twice as long after each next, never more than 10 ms. An attempt keeps the seniority of
-            the first. After eight lost attempts the ninth runs alone: writers wait for it, so it cannot
-            lose. `fn` is hence called nine times at most, however busy the store is, and always wins unless
-            `retries` or `timeout` set a closer limit.
+            `fn` may be called several times: side effects outside `tx` must be idempotent. An attempt that
+            ends in a Conflict stores nothing. Before the next one a random time passes, up to 0.1 ms after
+            the first, twice as long after each next, never more than 10 ms. An attempt keeps the seniority
+            of the first. After eight conflicts the ninth attempt runs alone: writers wait for it, so it
+            cannot conflict. `fn` is called at most nine times, and its commit succeeds unless `retries` or
+            `timeout` set a closer limit.
 
             Parameters
             ----------
             fn
-                Called with an open `Transaction`; it need not commit. Any exception of its own ends the
-                transaction without a trace and is raised at once. It reads and writes through the
+                Called with an open `Transaction`; it need not commit. Any exception of its own aborts
+                the transaction and is raised. It reads and writes through the
                 transaction only (TransactionActive), and is done when it returns: not `async def`, no
                 generator.
             retries
@@ -1462,7 +1458,7 @@ class Buffer(Reads):
         clock: Callable[[], int] | None = None,
     ) -> Buffer:
         """
-        Open a store that other processes may have open too, or make it.
+        Open a shared store, or create it.
 
             It is a `Buffer` like any other, with the same guarantees among processes as among threads: a
             commit is seen whole or not at all, a snapshot stays as it is, readers never wait. No process's
@@ -1476,8 +1472,8 @@ class Buffer(Reads):
             name
                 One word, such as `"robot1"`; or a `pathlib.Path` on a memory file system.
             create
-                True: make it, there must be none yet; False: there must be one; None: make it if there is
-                none. What only reads makes none.
+                True: create it, it must not exist; False: it must exist; None: create it if it is
+                missing. mode="r" never creates a store.
             mode
                 `rw`: read and write. `r`: read only; the store's memory cannot be written to, even by
                 mistake.
@@ -1488,12 +1484,13 @@ class Buffer(Reads):
                 Bytes that it may grow to. Memory is taken as it grows; beyond, writes raise
                 CapacityExceeded.
             permissions, group
-                Of its files. By default only this user may open it; 0o640 lets the group read, 0o660 also
-                write. Who may write can do anything to the store's memory: trust them.
+                Permissions and group of its files. By default only this user may open it; 0o640 lets the
+                group read, 0o660 also write. A process that may write can damage the store's memory: trust
+                it.
             lock_timeout
-                Seconds that a write waits while another process is at one, before it raises LockTimeout;
-                None: for ever. A process that died is not waited for, only one that does not go on. Ctrl-C
-                ends the wait.
+                Seconds that a write waits for the write of another process before it raises
+                LockTimeout; None: without limit. Dead processes are not waited for, suspended ones are.
+                Ctrl-C ends the wait.
             clock
                 As in `Buffer`.
 
@@ -1510,7 +1507,7 @@ class Buffer(Reads):
     @staticmethod
     def unlink(name: tfdb.types.Name) -> None:
         """
-        Remove a store. Who has it open goes on with it; its memory goes with the last of them.
+        Remove a store. Processes that have it open can still use it; the last one frees its memory.
 
             Parameters
             ----------
@@ -1684,11 +1681,11 @@ def decode_tf_message(data: tfdb.types.BytesLike, encoding: str = 'cdr') -> list
 
 class Transaction:
     """
-    Read, decide, write: as if nobody else did meanwhile.
+    Read, decide and write in isolation from all other writers.
 
     `Buffer.transaction()` makes it, a `with` statement begins it. Reads see one state of the store and,
     over it, what the transaction itself has written. Leaving the block commits: all writes become
-    visible at once. An exception, or `abort()`, leaves nothing behind.
+    visible at once. After an exception or `abort()` nothing is stored.
 
     Conflict, from any call or from the end of the block: another commit changed what was read, in a
     way that could change an answer (a sample, a parent, a frame that came or went). Nothing was stored
@@ -1741,7 +1738,7 @@ class Transaction:
         """
         Whether `lookup_transform` with these arguments has an answer.
 
-        A 'no' is something read, too: a commit that makes it a 'yes' is a Conflict.
+        The answer counts as a read: a commit that changes it is a Conflict.
         """
 
     def latest_common_time(self, target: str, source: str) -> int:
@@ -1760,7 +1757,7 @@ class Transaction:
         """
 
     def frame_exists(self, name: str) -> bool:
-        """Whether there is a frame of that name."""
+        """Return whether a frame has that name."""
 
     def set_transform(self, parent: str, child: str, stamp: tfdb.types.StampLike, translation: tfdb.types.VectorLike | tfdb.types.PoseLike, rotation: tfdb.types.QuaternionLike | None = None, *, rpy: tfdb.types.VectorLike | None = None, wxyz: tfdb.types.WxyzLike | None = None, authority: str = '') -> None:
         """
@@ -1800,13 +1797,13 @@ class Transaction:
         child, parent
             Frame names.
         stamp
-            Nanoseconds: before it the child hangs where it did. None: a static edge, at every stamp.
+            Nanoseconds: before it the child keeps its parent. None: a static edge, at every stamp.
         translation, rotation, rpy, wxyz
             T[parent<-child], as in `Buffer.set_transform`. Without all of them the child stays where it is:
             T[parent<-child] at `stamp`, as this transaction sees it, where there is data at that stamp.
             Without a rotation: not rotated.
         authority
-            Who writes.
+            Name of the writer.
 
         Raises what `lookup_transform` and `set_transform` raise; InvalidArgument for a rotation without a
         translation.
@@ -1814,14 +1811,14 @@ class Transaction:
 
     def abort(self) -> None:
         """
-        Give up: nothing of the transaction is kept. The `with` block may be left normally.
+        Abort: nothing of the transaction is stored. The `with` block may be left normally.
 
         Aborting twice does nothing. Raises TransactionClosed if it was committed, or never begun.
         """
 
     @property
     def is_open(self) -> bool:
-        """Whether it was begun and has not ended."""
+        """True from its begin to its end."""
 
     @property
     def commit_number(self) -> int | None:

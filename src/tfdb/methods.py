@@ -31,7 +31,7 @@ def explain(
     stamp: StampLike | None = None,
     policy: Policy | None = None,
 ) -> Explanation:
-    """Say in words why `lookup_transform` with these arguments has an answer or has none.
+    """Explain why `lookup_transform` with these arguments has an answer or fails.
 
     Walks the path edge by edge: which samples are used, or why there is none and which stamps
     would be valid. All of it is read from one snapshot.
@@ -118,7 +118,7 @@ def _reads(self: Reads) -> Reads:
 
 
 def children(self: Reads, name: str, stamp: StampLike | None = None) -> list[str]:
-    """Find the frames that hang directly under a frame, sorted.
+    """List the direct children of a frame, sorted.
 
     Parameters
     ----------
@@ -154,7 +154,7 @@ def descendants(self: Reads, name: str, stamp: StampLike | None = None) -> list[
 
 
 def path(self: Reads, target: str, source: str, stamp: StampLike | None = None) -> list[str]:
-    """List the frames from one to another, through the one under which both hang.
+    """List the frames on the path from one to another.
 
     Parameters
     ----------
@@ -200,26 +200,25 @@ def represent_html(self: Reads) -> str:
 
 
 def freeze(self: Reads, path: str | os.PathLike[str], *, overwrite: bool = False) -> None:
-    """Write one committed state into a file, which `tfdb.open` opens at once, whatever its size.
+    """Write one committed state into a file, which `tfdb.open` opens in constant time.
 
-    All reads of the frozen store say what they say of this state, to the last bit; its `commit` is
-    that of the state. The file is written beside its name, brought to the disk and renamed, so it
-    is there whole or not at all. It is read by the version of tfdb, and on the kind of machine,
-    that wrote it: it is no format to keep recordings in.
+    Reads of the frozen store return exactly what this state returns; its `commit` is the same. The
+    file is written beside its name, brought to the disk and renamed, so it is complete or absent.
+    Only the version of tfdb and the kind of machine that wrote it can read it: keep the recording.
 
     Parameters
     ----------
     path
         The file, such as `drive.tfdb`.
     overwrite
-        Replace what has that name; who has it open goes on with it.
+        Replace an existing file; processes that have it open keep the old one.
 
     Raises
     ------
     InvalidArgument
         The name is taken and `overwrite` is off, or it is that of a folder.
     CapacityExceeded
-        The disk is full; nothing is left behind.
+        The disk is full; no partial file is left.
     SnapshotTooOld, SnapshotClosed
     OSError
         The file cannot be written.
@@ -252,12 +251,12 @@ def load(
 ) -> LoadReport:
     """Load the transforms of recordings: `.bag`, `.db3`, `.mcap`, folders of ROS 2 bags.
 
-    Trajectories are taken as well, by the ends of their names (`.tum`, `.txt`, `.csv`, `.npz`,
+    Trajectory files are accepted, by their endings (`.tum`, `.txt`, `.csv`, `.npz`,
     `.parquet`): TUM, KITTI and EuRoC files among them. They are one moving edge, from `world` to
     `body` where the file names no frames; `rename` names them.
 
-    The files are looked through before the first commit, so that damage leaves the buffer as it
-    was, and must not change until the end. Each message is one commit, in the order of its
+    The files are checked before the first commit, so that damage leaves the buffer as it was.
+    They must not change until the end. Each message is one commit, in the order of its
     reception. A transform that is refused is counted and left out, and the others of its message
     are stored; a damaged message is left out. A buffer with a limited history
     (10 s by default) forgets the beginning of a long recording: the report counts the samples, and
@@ -289,8 +288,8 @@ def load(
         those on its path to the root.
     exclude
         Names of frames, topics or publishing nodes, where `*` stands for any letters and `?` for
-        one: no edge from or to such a frame, and nothing that came so. What hung below such a frame
-        is a tree of its own then; `frames` counts paths without it.
+        one: edges from or to these frames are left out, and all transforms of these topics and
+        nodes. Frames below form a tree of their own; `frames` counts paths without them.
         `"/tf_static:base_link"` names one edge on one topic, by its child frame.
     keep
         Only so many seconds before `end`, or before the last moving stamp.
@@ -306,8 +305,8 @@ def load(
         not, or not well: `{"/pose": "base_link"}`. With `topics=()` they are all that is read.
     urdf
         The model of the robot, or its file: joint states become moving edges, fixed joints static
-        ones. Of a frame whose parent the recording's own transforms say, the model is silent. The
-        report's `joints` tells of joints that are missing, unknown or beyond their limits.
+        ones. Frames that the recording's transforms place are not overwritten by the model. The
+        report's `joints` lists joints that are missing, unknown or beyond their limits.
     joint_topic
         The topic of the joint states; None: `/joint_states`, or the only one.
     by_namespace
@@ -325,26 +324,25 @@ def load(
     Returns
     -------
     LoadReport
-        What was read, stored, refused, left out, forgotten and lost.
+        Counts of the transforms read, stored, refused, left out, dropped by the history and lost.
 
     Raises
     ------
     RecordingError
-        A file is no recording, damaged or cut short; a topic is missing or holds no transforms;
-        nothing is left. Nothing was stored.
+        A file is not a recording, damaged or cut short; a topic is missing or without
+        transforms; or no transform is left. Nothing was stored.
     MixedSources
         Without `topics`: groups of topics disagree on the edge of a frame to its parent. `/tf` and
         `/tf_static` of one namespace are one group, every other topic is a group of its own. Groups
-        agree where one repeats samples of the other. `topics`, `by_namespace` and `mix` are the
-        ways on. Also: files contradict each other on one topic, by another transform at a stamp of
-        both or between the other's stamps. One file, `prefix` and `mix` are the ways on. Nothing
-        was stored.
+        agree where one repeats samples of the other. Use `topics`, `by_namespace` or `mix`. Also:
+        files contradict each other on one topic, by another transform at a stamp of both or between
+        the other's stamps. Load one file, or use `prefix` or `mix`. Nothing was stored.
     TrajectoryError
-        A line of a trajectory that is not what its format wants, and the like.
+        A line of a trajectory does not fit its format.
     UnknownFrame
-        One of `frames` is not there.
+        One of `frames` does not exist.
     ModelError
-        `urdf` is no model of a robot.
+        `urdf` is not a robot model.
     InvalidArgument
         No path, an empty one, a file that is given twice, or topics that are no names; options that
         are none, or by which two frames would have one name, or `end` lies before `start`.
@@ -426,20 +424,20 @@ def run(
     timeout: float | None = None,
     priority: int = 0,
 ) -> Result:
-    """Run `fn(tx)` in a transaction, again and again until its commit wins.
+    """Run `fn(tx)` in a transaction, and repeat it until its commit succeeds.
 
-    `fn` may be called several times: what it does beside `tx` must bear that. An attempt that lost
-    (Conflict) left nothing behind. Before the next one a random time passes, up to 0.1 ms after the
-    first, twice as long after each next, never more than 10 ms. An attempt keeps the seniority of
-    the first. After eight lost attempts the ninth runs alone: writers wait for it, so it cannot
-    lose. `fn` is hence called nine times at most, however busy the store is, and always wins unless
-    `retries` or `timeout` set a closer limit.
+    `fn` may be called several times: side effects outside `tx` must be idempotent. An attempt that
+    ends in a Conflict stores nothing. Before the next one a random time passes, up to 0.1 ms after
+    the first, twice as long after each next, never more than 10 ms. An attempt keeps the seniority
+    of the first. After eight conflicts the ninth attempt runs alone: writers wait for it, so it
+    cannot conflict. `fn` is called at most nine times, and its commit succeeds unless `retries` or
+    `timeout` set a closer limit.
 
     Parameters
     ----------
     fn
-        Called with an open `Transaction`; it need not commit. Any exception of its own ends the
-        transaction without a trace and is raised at once. It reads and writes through the
+        Called with an open `Transaction`; it need not commit. Any exception of its own aborts
+        the transaction and is raised. It reads and writes through the
         transaction only (TransactionActive), and is done when it returns: not `async def`, no
         generator.
     retries
@@ -487,7 +485,7 @@ def open_store(
     lock_timeout: float | None = 10.0,
     clock: Callable[[], int] | None = None,
 ) -> Buffer:
-    """Open a store that other processes may have open too, or make it.
+    """Open a shared store, or create it.
 
     It is a `Buffer` like any other, with the same guarantees among processes as among threads: a
     commit is seen whole or not at all, a snapshot stays as it is, readers never wait. No process's
@@ -501,8 +499,8 @@ def open_store(
     name
         One word, such as `"robot1"`; or a `pathlib.Path` on a memory file system.
     create
-        True: make it, there must be none yet; False: there must be one; None: make it if there is
-        none. What only reads makes none.
+        True: create it, it must not exist; False: it must exist; None: create it if it is
+        missing. mode="r" never creates a store.
     mode
         `rw`: read and write. `r`: read only; the store's memory cannot be written to, even by
         mistake.
@@ -513,12 +511,13 @@ def open_store(
         Bytes that it may grow to. Memory is taken as it grows; beyond, writes raise
         CapacityExceeded.
     permissions, group
-        Of its files. By default only this user may open it; 0o640 lets the group read, 0o660 also
-        write. Who may write can do anything to the store's memory: trust them.
+        Permissions and group of its files. By default only this user may open it; 0o640 lets the
+        group read, 0o660 also write. A process that may write can damage the store's memory: trust
+        it.
     lock_timeout
-        Seconds that a write waits while another process is at one, before it raises LockTimeout;
-        None: for ever. A process that died is not waited for, only one that does not go on. Ctrl-C
-        ends the wait.
+        Seconds that a write waits for the write of another process before it raises
+        LockTimeout; None: without limit. Dead processes are not waited for, suspended ones are.
+        Ctrl-C ends the wait.
     clock
         As in `Buffer`.
 
@@ -549,7 +548,7 @@ def open_store(
 
 
 def unlink_store(name: Name) -> None:
-    """Remove a store. Who has it open goes on with it; its memory goes with the last of them.
+    """Remove a store. Processes that have it open can still use it; the last one frees its memory.
 
     Parameters
     ----------

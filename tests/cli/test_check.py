@@ -88,7 +88,7 @@ def test_shipped_recording_is_healthy(tool: Tool, bag: Path, mcap: Path) -> None
     assert "nothing wrong" in tool("check", bag).out
     shown = tool("check", mcap).out
     assert "nothing wrong" in shown
-    assert "does not say who published" in shown
+    assert "does not name publishers" in shown
 
 
 def test_json(tool: Tool, maker: BagMaker) -> None:

@@ -122,7 +122,7 @@ def test_an_input_is_never_the_output(
     before = source.read_bytes()
     for out in (source, hard, soft, tmp_path / "door" / "source.bag"):
         said = tool("convert", source, out, *overwrite, code=2).error
-        assert said == f"{out}: is one of the files to be read; choose another name"
+        assert said == f"{out} is also an input; choose another name"
         assert source.read_bytes() == before
     assert len(list(tmp_path.iterdir())) == 4
 
@@ -134,7 +134,7 @@ def test_a_part_of_the_input_is_never_the_output(
     shutil.copytree(shared_data / "turtlebot_nav" / "tf_example", folder)
     part = folder / "tf_example.db3"
     before = part.read_bytes()
-    assert "one of the files to be read" in tool("convert", folder, part, "--overwrite", code=2).err
+    assert "also an input" in tool("convert", folder, part, "--overwrite", code=2).err
     assert part.read_bytes() == before
 
 
@@ -148,7 +148,7 @@ def test_poses_replace_nothing_unasked(tool: Tool, mcap: Path, tmp_path: Path) -
     tool(*arguments, "--rate", "1", "--overwrite")
     assert out.read_text() != before
     said = tool(*arguments, "--at", out, "--overwrite", code=2).error
-    assert "one of the files to be read" in said
+    assert "also an input" in said
 
 
 @pytest.mark.parametrize(

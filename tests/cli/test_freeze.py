@@ -58,7 +58,7 @@ def test_check_compares_all_of_it(tool: Tool, frozen: Path) -> None:
 def test_what_is_refused(tool: Tool, drive: Path, frozen: Path) -> None:
     assert "--overwrite replaces it" in tool("freeze", drive, code=2).error
     tool("freeze", drive, "--overwrite")
-    assert "one of the files to be read" in tool("freeze", frozen, "--overwrite", code=2).error
+    assert "also an input" in tool("freeze", frozen, "--overwrite", code=2).error
     assert "read alone" in tool("info", frozen, drive, code=2).error
     assert "has no topics" in tool("info", frozen, "--topic", "/tf", code=2).error
     assert "watches what is live" in tool("check", frozen, "--for", "1", code=2).error

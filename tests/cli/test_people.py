@@ -74,10 +74,10 @@ def test_missing_folders_are_named(tool: Tool, mcap: Path, tmp_path: Path) -> No
     folder = tmp_path / "results" / "today"
     for name in ("a.tum", "a.csv", "a.npz"):
         said = tool("poses", mcap, "map", "odom", "-o", folder / name, code=2).error
-        assert said.startswith(f"{tmp_path / 'results'}: there is no such folder")
+        assert said.startswith(f"{tmp_path / 'results'}: the folder is missing")
     for name in ("a.mcap", "a.bag", "a.db3"):
         said = tool("convert", mcap, folder / name, code=2).error
-        assert said.startswith(f"{tmp_path / 'results'}: there is no such folder")
+        assert said.startswith(f"{tmp_path / 'results'}: the folder is missing")
     said = tool("info", folder / "drive.mcap", code=2).error
     assert said.startswith(f"{folder / 'drive.mcap'}: there is no folder {tmp_path / 'results'}")
     said = tool("poses", mcap, "map", "odom", "-o", mcap / "a.tum", code=2).error

@@ -149,7 +149,7 @@ def test_timelines_fold(tool: Tool, bag: Path, here: Path) -> None:
         ),
         (("--save", "png", "--save", "png"), "twice"),
         (("trajectory", "map", "base_lnk"), "did you mean 'base_link'"),
-        (("tree", "--save", "no/such/folder.png"), "there is no such folder"),
+        (("tree", "--save", "no/such/folder.png"), "the folder is missing"),
     ],
 )
 def test_refusals(

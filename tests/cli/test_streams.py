@@ -58,7 +58,7 @@ def test_no_stamps_come_from_a_closed_stdin(store: Path) -> None:
 def test_a_full_disk_is_named(store: Path) -> None:
     code, _, err = shell(">/dev/full", "info", store)
     assert code == 2
-    assert err == "tfdb: error: the output takes no more: no space is left\n"
+    assert err == "tfdb: error: the output cannot be written: no space is left\n"
 
 
 @pytest.mark.parametrize("encoding", ["ascii", "latin-1"])

@@ -108,7 +108,7 @@ def test_what_is_no_trajectory(tool: Any, path: tfdb.Trajectory, tmp_path: Path)
     file.write_text("1 0 0 0 0 0 0 1\n")
     for given, words in (
         (("poses", file, "world", "body", "-o", "x.xyz"), "--format names the format"),
-        (("poses", file, "world", "body", "--format", "tum"), "give it -o OUT"),
+        (("poses", file, "world", "body", "--format", "tum"), "give -o OUT"),
         (("convert", file, "x.bag", "--format", "tum"), "--format goes with trajectories"),
     ):
         assert words in tool(*given, code=2).error

@@ -292,7 +292,7 @@ NOT_COMPARABLE = [
         "no pairs",
         "400 deg",
     ),
-    (GOOD, GOOD, {"delta": 60, "delta_unit": "s"}, "no pairs", "way of the matched poses is 9 s"),
+    (GOOD, GOOD, {"delta": 60, "delta_unit": "s"}, "no pairs", "path of the matched poses is 9 s"),
 ]
 
 
@@ -349,7 +349,7 @@ def test_the_shortest_and_the_longest_time() -> None:
     assert len(tfdb.compare(GOOD, GOOD, delta=1e-15, delta_unit="s").pairs) == len(GOOD) - 1
     for all_pairs in (False, True):
         with pytest.raises(
-            tfdb.errors.NotComparable, match="the whole way of the matched poses is 9 s"
+            tfdb.errors.NotComparable, match="the whole path of the matched poses is 9 s"
         ):
             tfdb.compare(GOOD, GOOD, delta=1e300, delta_unit="s", all_pairs=all_pairs)
 

@@ -126,7 +126,7 @@ def test_a_shared_store_is_none(tmp_path: Path) -> None:
 @pytest.mark.skipif(os.geteuid() == 0, reason="root may read everything")
 def test_a_file_that_may_not_be_read(path: Path) -> None:
     path.chmod(0)
-    with pytest.raises(tfdb.errors.ReadOnly, match="may not even be read"):
+    with pytest.raises(tfdb.errors.ReadOnly, match="is not readable"):
         tfdb.open(path)
 
 
@@ -145,7 +145,7 @@ def test_another_version_says_so(path: Path) -> None:
     whole = bytearray(path.read_bytes())
     whole[8 * 12] ^= 1
     path.write_bytes(whole)
-    with pytest.raises(tfdb.errors.CorruptStore, match="another version of tfdb wrote it"):
+    with pytest.raises(tfdb.errors.CorruptStore, match="it is from another version of tfdb"):
         tfdb.open(path)
 
 

@@ -57,7 +57,7 @@ def test_missing_files(tmp_path: Path) -> None:
 
 
 def test_folders_without_files(tmp_path: Path) -> None:
-    refuse(tmp_path, "neither .db3 nor .mcap files in it")
+    refuse(tmp_path, "a folder without .db3 or .mcap files")
 
 
 @pytest.mark.parametrize("compression", [None, "lz4", "bz2"])
@@ -241,7 +241,7 @@ def test_missing_libraries(
         assert tfdb.load(path).commit == len(messages)
     for name, path in packed.items():
         if name == missing:
-            error = refuse(path, "which comes with tfdb and is missing: pip install tfdb")
+            error = refuse(path, "which comes with tfdb, but is missing: pip install tfdb")
             assert f"needs {missing}" in error.reason
         else:
             assert tfdb.load(path).commit == len(messages)

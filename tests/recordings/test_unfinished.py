@@ -203,7 +203,7 @@ def test_nothing_unpacked_stays(
 def test_a_folder_says_what_it_holds(recorder: Any, messages: Drive, tmp_path: Path) -> None:
     folder = tmp_path / "run"
     folder.mkdir()
-    words = "a folder with neither .db3 nor .mcap files in it; it holds "
+    words = "a folder without .db3 or .mcap files; it holds "
     with pytest.raises(tfdb.errors.RecordingError, match=f"{words}nothing$"):
         tfdb.load(folder)
     recorder.bag(folder / "a.bag", messages[:3])

@@ -93,7 +93,7 @@ HEADER = encode_header(GOOD)
         ([HEADER, b"\xff\xff\xff\xff"], "claims 4294967295 bytes, and at most 268435456"),
         ([encode_header({**GOOD, "md5sum": "0" * 32})], "of md5sum 0000"),
         ([encode_header({"error": "go away"})], "the publisher refuses: go away"),
-        ([], "before its header came"),
+        ([], "before its header"),
     ],
 )
 def test_a_publisher_that_breaks_the_protocol_is_left_and_tried_again(
@@ -154,7 +154,7 @@ def test_silent_and_slow_publishers_hold_up_nobody(node: TcprosNode, fake: FakeP
         ([-1, "not mine", 0], "does not offer it: not mine"),
         ([1, "", ["UDPROS", "127.0.0.1", 1]], "has no TCPROS"),
         ([1, "", []], "has no TCPROS"),
-        ("nothing", "no code, message and value"),
+        ("nothing", "not answer with code, message and value"),
         ([1, "", ["TCPROS", "127.0.0.1", "port"]], "invalid literal"),
     ],
 )

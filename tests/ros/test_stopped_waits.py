@@ -16,7 +16,7 @@ CHILD = Path(__file__).with_name("waiting_child.py")
 WITHIN = 30.0  # seconds; what the child waits for takes minutes
 NO_MAP = 'LookupException "map" passed to lookupTransform argument target_frame does not exist'
 NO_FRAME = "UnknownFrame target frame 'map' does not exist in commit 0; waited "
-NO_COMMIT = "WaitTimeout no commit came after commit 0; waited "
+NO_COMMIT = "WaitTimeout no commit followed commit 0; waited "
 ENDS = {
     "lookup": NO_MAP,
     "lookup_full": NO_MAP,

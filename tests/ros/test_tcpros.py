@@ -113,7 +113,7 @@ def test_a_header_is_received_and_nothing_after_it() -> None:
         with pytest.raises(tfdb.errors.CorruptMessage, match="at most 1048576 are taken"):
             receive_header(ours, 5.0)
         theirs.close()
-        with pytest.raises(ConnectionError, match="before its header came"):
+        with pytest.raises(ConnectionError, match="before its header"):
             receive_header(ours, 5.0)
 
 

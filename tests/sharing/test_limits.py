@@ -57,7 +57,7 @@ def test_what_is_no_name(bad: Any) -> None:
     ("options", "said"),
     [
         ({"mode": "w"}, "mode must be 'r' or 'rw'"),
-        ({"mode": "r", "create": True}, "create with mode 'rw'"),
+        ({"mode": "r", "create": True}, "create one with mode 'rw'"),
         ({"create": "no"}, "create is True, False or None, not 'no'"),
         ({"clock": 5}, "clock is a function"),
         ({"size": 100}, "for 65536 frames needs a size between"),
@@ -68,7 +68,7 @@ def test_what_is_no_name(bad: Any) -> None:
         ({"history": -1}, "history must be a number of seconds"),
         ({"history": 0}, "history must be positive"),
         ({"permissions": 0o1777}, "permissions must be an integer"),
-        ({"group": "no such group"}, "there is no group 'no such group'"),
+        ({"group": "no such group"}, "the group 'no such group' does not exist"),
         ({"group": -1}, "group must be an integer"),
         ({"lock_timeout": -1}, "lock_timeout must be a number of seconds"),
         ({"lock_timeout": float("nan")}, "lock_timeout must be a number of seconds"),
@@ -91,7 +91,7 @@ def test_what_is_no_file(name: str, tmp_path: Path) -> None:
             tfdb.Buffer.unlink(name)
         path.unlink()
         path.symlink_to(tmp_path / "nowhere")
-        with pytest.raises(tfdb.errors.CorruptStore, match="leads nowhere"):
+        with pytest.raises(tfdb.errors.CorruptStore, match="a dangling link"):
             tfdb.Buffer.open(name)
     finally:
         path.unlink()
@@ -100,7 +100,7 @@ def test_what_is_no_file(name: str, tmp_path: Path) -> None:
 
 def test_a_folder_that_is_missing_is_named(tmp_path: Path) -> None:
     with pytest.raises(
-        tfdb.errors.NoSuchStore, match=r"none/store cannot be made.*make its folder first"
+        tfdb.errors.NoSuchStore, match=r"none/store cannot be created.*create its folder first"
     ):
         tfdb.Buffer.open(tmp_path / "none" / "store", create=True)
 
@@ -287,7 +287,7 @@ def test_damaged_and_foreign_files(name: str, tmp_path: Path) -> None:
     with store.open("r+b") as file:
         file.seek(8 * 12)
         file.write(b"\1" * 8)
-    with pytest.raises(tfdb.errors.CorruptStore, match="another version of tfdb made it"):
+    with pytest.raises(tfdb.errors.CorruptStore, match="it is from another version of tfdb"):
         tfdb.Buffer.open(name)
 
 

@@ -239,7 +239,7 @@ def test_parts_are_trajectories(path: Any) -> None:
 @pytest.mark.parametrize(
     ("rows", "error", "text"),
     [
-        (40, tfdb.errors.InvalidIndex, "there is no pose 40: valid are -40 to 39"),
+        (40, tfdb.errors.InvalidIndex, "the pose 40 does not exist: valid are -40 to 39"),
         (-41, tfdb.errors.InvalidIndex, "no pose -41"),
         (10**30, tfdb.errors.InvalidIndex, "no pose 10"),
         ([1, 40], tfdb.errors.InvalidIndex, "no pose 40"),

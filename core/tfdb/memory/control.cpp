@@ -85,9 +85,10 @@ std::uint64_t this_process() {
 }
 
 [[noreturn]] void throw_damaged(const std::string& path) {
-    throw CorruptStore("the control file of the store " + named(path) +
-                           " is another store's, or was damaged; remove the store and make it anew",
-                       detail_of(path, "control file"));
+    throw CorruptStore(
+        "the control file of the store " + named(path) +
+            " belongs to another store or is damaged; remove the store and create it again",
+        detail_of(path, "control file"));
 }
 
 void make_mutex(pthread_mutex_t* mutex) {

@@ -70,11 +70,11 @@ bool sum_of_data(int file, std::size_t bytes, std::uint64_t& sum) {
 [[noreturn]] void throw_for(int error, const std::string& path) {
     const std::string reason = reason_of(error);
     if (error == ENOENT || error == ENOTDIR)
-        throw NoSuchStore("there is no frozen store " + path + ": " + reason +
-                              "; Buffer.freeze and `tfdb freeze` make them",
+        throw NoSuchStore("no frozen store " + path + ": " + reason +
+                              "; Buffer.freeze and `tfdb freeze` write one",
                           detail_of(path, reason));
     if (error == EACCES || error == EPERM)
-        throw ReadOnly("the frozen store " + path + " may not even be read: " + reason +
+        throw ReadOnly("the frozen store " + path + " is not readable: " + reason +
                            "; ask its owner for permission",
                        detail_of(path, reason));
     if (error == EISDIR || error == ENAMETOOLONG || error == ELOOP || error == ENXIO)
@@ -88,21 +88,21 @@ void check_header(int file, const std::string& path, std::size_t bytes, std::uin
     header.resize(kDataSumWord + 1);
     if (!read_whole(file, header, 0) || header[kMagicWord] != kFrozenMagic) {
         throw_corrupt(path, header[kMagicWord] == kSharedMagic
-                                ? "it is a store that processes share: Buffer.open opens it"
+                                ? "it is a shared store: Buffer.open opens it"
                                 : "not a frozen store of tfdb");
     }
     if (header[kLayoutWord] != layout)
         throw_corrupt(path,
-                      "another version of tfdb wrote it, or for another kind of machine; freeze "
-                      "what it was made from again");
+                      "it is from another version of tfdb or another kind of machine; freeze "
+                      "the recording again");
     if (header[kBytesWord] != bytes || bytes < kFrozenHeaderBytes || bytes % 8 != 0)
         throw_corrupt(path, "it has " + std::to_string(bytes) + " bytes instead of " +
                                 std::to_string(header[kBytesWord]) +
-                                ": it was cut or extended; freeze what it was made from again");
+                                ": it was cut or extended; freeze the recording again");
     header.resize(kHeaderWords);
     if (!read_whole(file, header, 0) || sum_of_header(header) != header[kHeaderSumWord] ||
         header[kEndWord] != bytes)
-        throw_corrupt(path, "its header is damaged; freeze what it was made from again");
+        throw_corrupt(path, "its header is damaged; freeze the recording again");
 }
 
 }  // namespace
@@ -120,7 +120,7 @@ SharedFile open_frozen(const std::string& path, std::uint64_t layout, bool verif
     check_header(file.get(), path, bytes, layout, header);
     std::uint64_t sum = 0;
     if (verify && (!sum_of_data(file.get(), bytes, sum) || sum != header[kDataSumWord]))
-        throw_corrupt(path, "it is damaged; freeze what it was made from again");
+        throw_corrupt(path, "it is damaged; freeze the recording again");
     return {.data = Mapping::of_file(file.release(), bytes, false, path, reach_of(bytes)),
             .control = nullptr,
             .path = path,
@@ -130,15 +130,15 @@ SharedFile open_frozen(const std::string& path, std::uint64_t layout, bool verif
 void NewFrozenFile::fail(int error) const {
     const std::string reason = reason_of(error);
     if (error == ENOENT || error == ENOTDIR)
-        throw NoSuchStore("there is no folder for " + path_ + ": " + reason,
-                          detail_of(path_, reason));
+        throw NoSuchStore("no folder for " + path_ + ": " + reason, detail_of(path_, reason));
     if (error == EEXIST)
-        throw StoreExists("there is a file " + path_ + " already", detail_of(path_, reason));
+        throw StoreExists("the file " + path_ + " exists already", detail_of(path_, reason));
     if (error == EACCES || error == EPERM || error == EROFS)
-        throw ReadOnly(path_ + " may not be written: " + reason, detail_of(path_, reason));
-    throw CapacityExceeded("the frozen store " + path_ + " cannot be written: " + reason +
-                               "; nothing is left of it: choose another place, or make room",
-                           detail_of(path_, reason));
+        throw ReadOnly(path_ + " is not writable: " + reason, detail_of(path_, reason));
+    throw CapacityExceeded(
+        "the frozen store " + path_ + " cannot be written: " + reason +
+            "; the partial file was removed: choose another place, or free space",
+        detail_of(path_, reason));
 }
 
 NewFrozenFile::NewFrozenFile(std::string path, bool in_place) : path_(std::move(path)) {

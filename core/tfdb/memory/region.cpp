@@ -106,8 +106,8 @@ bool Region::is_block(Offset offset, std::size_t bytes) const noexcept {
 }
 void Region::throw_damaged() {
     throw CorruptStore(
-        "the store's list of free blocks leads nowhere: it was damaged; remove it "
-        "and make it anew");
+        "the store is damaged in its list of free blocks; remove it and create it "
+        "again");
 }
 
 void Region::extend(Offset end) noexcept {
@@ -221,7 +221,7 @@ Offset Region::cut(std::size_t bytes) {
 Offset Region::allocate(std::size_t bytes) {
     const BlockClass fit = block_class(bytes);
     if (fit.index >= kSizeClasses)
-        throw CapacityExceeded("a block that large cannot be had");
+        throw CapacityExceeded("a block of that size cannot be allocated");
     const AtWork alone(*this);
     if (word(kUsedWord).load_relaxed() + fit.bytes > limit_) {
         throw CapacityExceeded("the store's memory limit of " + std::to_string(limit_) +

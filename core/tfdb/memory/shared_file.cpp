@@ -37,14 +37,14 @@ constexpr int kOpened = O_CLOEXEC | O_NONBLOCK;
     if (error == EEXIST)
         throw StoreExists("the store " + named(path) + " exists already", detail_of(path, reason));
     if (error == EACCES || error == EPERM || error == EROFS) {
-        throw ReadOnly("the store " + named(path) + " may not be opened so: " + reason +
+        throw ReadOnly("the store " + named(path) + " cannot be opened in this mode: " + reason +
                            (to_write ? "; ask for mode \"r\", or its owner for permission"
                                      : "; ask its owner for permission"),
                        detail_of(path, reason));
     }
     if (error == EISDIR || error == ENAMETOOLONG || error == ELOOP)
         throw_corrupt(path, "not a store of tfdb: " + reason);
-    throw CapacityExceeded("the store " + named(path) + " cannot be had: " + reason,
+    throw CapacityExceeded("the store " + named(path) + " cannot be opened: " + reason,
                            detail_of(path, reason));
 }
 
@@ -81,7 +81,7 @@ Header header_of(int file, const std::string& path) {
         ::pread(file, header.words.data(), sizeof header.words, 0) != sizeof header.words)
         throw_corrupt(path, "not a store of tfdb");
     if (header.words[kMagicWord] == kFrozenMagic)
-        throw_corrupt(path, "it is a frozen store: tfdb.open opens it, for reading only");
+        throw_corrupt(path, "it is a frozen store: tfdb.open opens it read-only");
     if (header.words[kMagicWord] != kSharedMagic)
         throw_corrupt(path, "not a store of tfdb");
     return header;
@@ -162,7 +162,7 @@ SharedFile open_shared(const std::string& given, bool writable, std::uint64_t la
         const int error = errno;
         if (error == ENOENT) {
             if (is_link(path))
-                throw_corrupt(path, "it is a link that leads nowhere; remove it");
+                throw_corrupt(path, "it is a dangling link; remove it");
             remove_left_over(path);
         }
         throw_for(error, path, writable);
@@ -170,12 +170,12 @@ SharedFile open_shared(const std::string& given, bool writable, std::uint64_t la
     const Header header = header_of(file.get(), path);
     if (header.words[kLayoutWord] != layout)
         throw_corrupt(path,
-                      "another version of tfdb made it, or for another kind of machine; "
-                      "use that, or remove it (`tfdb shm rm`) and make it anew");
+                      "it is from another version of tfdb or another kind of machine; "
+                      "use that version, or remove it (`tfdb shm rm`) and create it again");
     if (header.words[kBytesWord] != header.bytes)
         throw_corrupt(path, "it has " + std::to_string(header.bytes) + " bytes instead of " +
                                 std::to_string(header.words[kBytesWord]) +
-                                ": it was cut or extended; remove it and make it anew");
+                                ": it was cut or extended; remove it and create it again");
     const std::uint64_t id = header.words[kIdWord];
     const std::string control = control_name(path, id);
     std::unique_ptr<Control> shared;
@@ -183,7 +183,7 @@ SharedFile open_shared(const std::string& given, bool writable, std::uint64_t la
     if (opened >= 0)
         shared = std::make_unique<Control>(opened, id, path);
     else if (errno == ENOENT && is_linked(file.get()))
-        throw_corrupt(path, "its control file is missing; remove it and make it anew");
+        throw_corrupt(path, "its control file is missing; remove it and create it again");
     else if (writable || (errno != EACCES && errno != EROFS))
         throw_for(errno, path, writable);
     return {.data = Mapping::of_file(file.release(), header.bytes, writable, named(path),
@@ -198,8 +198,8 @@ int NewSharedFile::open_new(const std::string& name, std::size_t bytes) const {
     if (file.get() < 0) {
         const std::string reason = reason_of(errno);
         if (errno == ENOENT || errno == ENOTDIR)
-            throw NoSuchStore("the store " + named(path_) + " cannot be made: " + reason +
-                                  "; make its folder first",
+            throw NoSuchStore("the store " + named(path_) + " cannot be created: " + reason +
+                                  "; create its folder first",
                               detail_of(path_, reason));
         throw_for(errno, path_);
     }

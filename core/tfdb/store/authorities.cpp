@@ -75,7 +75,7 @@ void Authorities::enter(std::string_view name, std::uint64_t id) {
 void Authorities::list(std::string_view name, std::uint64_t id) {
     if (id > kMostShared) {
         throw CapacityExceeded("the store knows " + std::to_string(kMostShared) +
-                               " authorities already: give those who write fewer names");
+                               " authorities already: use fewer names");
     }
     const Offset block = region_->allocate(Listed::bytes(name.size()));
     const auto word = [&](Offset at) -> sync::Word& { return region_->word(block + at); };

@@ -47,7 +47,7 @@ graph::Frames<StoreMemory> store::Store::forest_in(StoreMemory& memory,
                        (feed == 0 || feed + StoreFeed::kBytes == table) &&
                        word(graph::kFrameCount).load_relaxed() <= most && kept > 0;
     if (!sound)
-        throw CorruptStore("a store's header says what cannot be: it was damaged");
+        throw CorruptStore("the store is damaged: its header is invalid");
     return {memory, root, table, static_cast<std::uint32_t>(most)};
 }
 
@@ -143,12 +143,11 @@ std::uint64_t store::Store::look_around(std::uint64_t home) const {
 void store::Store::throw_orphaned() const {
     ErrorDetail detail;
     detail.reason = "forked";
-    throw Forked(
-        "this process was forked while a thread of its parent was at work in the store: here it " +
-            std::string(engine == nullptr ? "can be read, but not written to"
-                                          : "can be used no more") +
-            "; make a Buffer in this process, or fork while no thread uses the store",
-        std::move(detail));
+    throw Forked("this process was forked while a thread of its parent used the store: this copy " +
+                     std::string(engine == nullptr ? "can be read, but not written to"
+                                                   : "cannot be used any more") +
+                     "; make a Buffer in this process, or fork while no thread uses the store",
+                 std::move(detail));
 }
 
 std::string store::Store::author(FrameId id) const {
@@ -290,7 +289,7 @@ namespace {
 BufferOptions checked(const BufferOptions& options) {
     if (options.history_ns &&
         (*options.history_ns <= 0 || *options.history_ns > history::kForever)) {
-        throw InvalidArgument("history must be positive, or none to keep everything");
+        throw InvalidArgument("history must be positive, or None to keep everything");
     }
     if (options.max_frames == 0 || options.max_frames > kMaxFrames) {
         throw InvalidArgument("max_frames must lie between 1 and " + std::to_string(kMaxFrames));
@@ -318,8 +317,7 @@ Concurrency concurrency_of(std::string_view name) {
             return static_cast<Concurrency>(i);
         known += (i == 0 ? "" : ", ") + std::string(kConcurrencyNames[i]);
     }
-    throw InvalidArgument("there is no concurrency " + store::quoted(name) + ": known are " +
-                          known);
+    throw InvalidArgument("unknown concurrency " + store::quoted(name) + ": known are " + known);
 }
 
 Buffer::Buffer(const BufferOptions& options)
@@ -331,7 +329,7 @@ void Buffer::create(const std::string& path, const ShareOptions& share,
                     const BufferOptions& options) {
     if (options.concurrency != Concurrency::kSnapshot || options.memory_limit) {
         throw InvalidArgument(
-            "a store that processes share has the concurrency \"snapshot\", and its size as limit");
+            "a shared store has the concurrency \"snapshot\" and is limited by its size");
     }
     const std::size_t table =
         graph::Frames<StoreMemory>::bytes(checked(options).max_frames) + kLeastSize;

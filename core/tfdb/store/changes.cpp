@@ -250,8 +250,8 @@ std::vector<Changes> Buffer::changes(CommitNumber since, std::size_t limit) cons
         all.clear();
         const CommitNumber newest = view.commit();
         if (since > newest) {
-            throw InvalidArgument("there is no commit " + std::to_string(since) +
-                                  " yet: the newest is " + std::to_string(newest));
+            throw InvalidArgument("no commit " + std::to_string(since) + " yet: the newest is " +
+                                  std::to_string(newest));
         }
         const std::size_t wanted = std::min<std::uint64_t>(limit, newest - since);
         if (wanted == 0)

@@ -279,8 +279,8 @@ private:
         });
         if (samples_.size() != count)
             throw CorruptStore(
-                "the store cannot be frozen: the samples of a frame are fewer than "
-                "it says of them, so it was damaged");
+                "the store is damaged and cannot be frozen: a frame has fewer "
+                "samples than its header states");
         image_.start(std::max<std::uint64_t>(count, 2));
     }
 

@@ -81,7 +81,7 @@ std::string out_of_range(Context& c, const std::string& child, const std::string
 /// An edge that has data at a single stamp, where more would be needed.
 [[noreturn]] void raise_no_data(Context& c) {
     c.detail.reason = "no data";
-    const std::string message = c.path() + c.at() + " has no velocity: there is data at that one " +
+    const std::string message = c.path() + c.at() + " has no velocity: it has data at one " +
                                 "stamp only (" + c.edge() + " covers " + span_of(c.failure) + ")";
     throw Extrapolation(message, std::move(c.detail));
 }

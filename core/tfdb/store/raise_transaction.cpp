@@ -60,9 +60,9 @@ void throw_conflict(const txn::ReadConflict& conflict, CommitNumber since, const
                 detail.stamp = conflict.change.stamp;
             what = "the edge of " + what;
     }
-    const std::string message = "what the transaction read at commit " + std::to_string(since) +
-                                " has changed: " + what + ": " + detail.reason +
-                                "; nothing was stored, run it again";
+    const std::string message = "the data that the transaction read at commit " +
+                                std::to_string(since) + " have changed: " + what + ": " +
+                                detail.reason + "; nothing was stored, run it again";
     throw Conflict(message, std::move(detail));
 }
 
@@ -71,7 +71,7 @@ void throw_lost(std::string_view reason, CommitNumber since) {
     detail.reason = reason;
     detail.commit = since;
     const std::string message =
-        "the transaction lost: " + detail.reason + "; nothing was stored, run it again";
+        "the transaction was aborted: " + detail.reason + "; nothing was stored, run it again";
     throw Conflict(message, std::move(detail));
 }
 

@@ -15,18 +15,17 @@ void throw_unreadable(const Store& store, CommitNumber held) {
     if (store.shared != nullptr && store.shared->frozen) {
         detail.path = store.shared->path;
         detail.reason = "damaged";
-        throw CorruptStore(
-            "the frozen store " + memory::named(store.shared->path) +
-                " is damaged: what is read contradicts itself, and no process writes "
-                "to it; freeze what it was made from again",
-            std::move(detail));
+        throw CorruptStore("the frozen store " + memory::named(store.shared->path) +
+                               " is damaged: its data contradict each other; freeze the recording "
+                               "again",
+                           std::move(detail));
     }
     if (held == kNewest) {
         detail.commit = newest;
         throw SnapshotTooOld("commit " + std::to_string(newest) +
-                                 " was overwritten while it was read, again and again: writers "
+                                 " was overwritten repeatedly while it was read: writers "
                                  "are faster than this reader, or the store's file is damaged; "
-                                 "hold a snapshot, or make the store anew",
+                                 "hold a snapshot, or create the store again",
                              std::move(detail));
     }
     detail.commit = held;

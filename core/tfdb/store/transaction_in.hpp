@@ -122,7 +122,7 @@ public:
         if (outcome.kind == txn::CommitOutcome::kConflict) {
             if (outcome.conflict)
                 throw_conflict(outcome.conflict, outcome.commit, names());
-            throw_lost("another one came first", outcome.commit);
+            throw_lost("another transaction committed first", outcome.commit);
         }
         return outcome.commit;
     }
@@ -145,7 +145,7 @@ private:
     /// Throws Conflict where the transaction has lost.
     Outcome needed(Outcome outcome) {
         if (outcome == Outcome::kLapped)
-            throw_lost("what it has read was changed or overwritten meanwhile", read_as_of());
+            throw_lost("the data that it read were changed or overwritten", read_as_of());
         return outcome;
     }
 

@@ -37,7 +37,7 @@ TransactionLife::TransactionLife(std::shared_ptr<Store> store, const Transaction
                               std::to_string(options.priority));
     }
     if (options.age >> TransactionOptions::kAgeBits != 0) {
-        throw InvalidArgument("an age is what `age()` of another attempt said, not " +
+        throw InvalidArgument("an age must come from `age()` of another attempt, not " +
                               std::to_string(options.age));
     }
     state_.store_relaxed(word_of(Stage::kNotBegun));
@@ -51,7 +51,7 @@ void TransactionLife::begin() {
     if (!thread_.compare_exchange(nobody, this_thread())) {
         check_thread();
         if (stage() == Stage::kOpen)
-            throw TransactionActive("the transaction is open already: it is begun once");
+            throw TransactionActive("the transaction is open already; a transaction begins once");
         throw_ended();
     }
     try {
@@ -115,7 +115,7 @@ void TransactionLife::throw_ended() const {
             break;
         case Stage::kOpen:
         case Stage::kAborted:
-            how += "was aborted and left nothing behind";
+            how += "was aborted, nothing was stored";
             detail.reason = "aborted";
             break;
         case Stage::kCommitted:
@@ -123,12 +123,12 @@ void TransactionLife::throw_ended() const {
             detail.reason = "committed";
             break;
         case Stage::kLost:
-            how += "lost against another commit and left nothing behind";
+            how += "conflicted with another commit, nothing was stored";
             next += ", or let Buffer.run() do it";
             detail.reason = "lost";
             break;
         case Stage::kRefused:
-            how += "left nothing behind: its commit was refused";
+            how += "was refused at its commit, nothing was stored";
             detail.reason = "refused";
     }
     const std::string message = how + next;

@@ -143,7 +143,7 @@ void check_may_exist(const Question& question) {
         ErrorDetail detail;
         detail.frame = frame.name;
         detail.reason = fault;
-        throw InvalidName(std::string("waiting would never end: the ") + role + " frame name " +
+        throw InvalidName(std::string("the wait would never end: the ") + role + " frame name " +
                               quoted(frame.name) + " " + fault + kNameRule,
                           std::move(detail));
     };
@@ -186,7 +186,7 @@ std::string likely_meant(StampNs stamp, StampNs oldest, StampNs newest) {
     constexpr StampNs kDay = 86'400;
     constexpr StampNs kMostSeconds = history::kForever / kSecond;
     if (stamp == 0)
-        return "; time 0 is a stamp like any other here: for the latest, give no time";
+        return "; time 0 is an ordinary stamp here: for the latest, pass no time";
     if (stamp < oldest && stamp <= kMostSeconds && (stamp + 1) * kSecond > oldest &&
         stamp * kSecond <= newest + kDay * kSecond)
         return "; stamps are nanoseconds, " + std::to_string(stamp) + " looks like seconds";
@@ -277,7 +277,7 @@ Error repeated_stamp(const TransformView& transform, std::size_t index,
     ErrorDetail detail = detail_of(transform, index, authority);
     detail.stamp = transform.stamp;
     return RepeatedStamp(edge_name(transform) + " at " + seconds(transform.stamp) + by(authority) +
-                             " was refused: there is a sample of that stamp, and only_new keeps it",
+                             " was refused: a sample of that stamp exists, and only_new keeps it",
                          std::move(detail));
 }
 

@@ -397,12 +397,12 @@ store::Waits& waits_of(const store::Store& store) {
         detail.path = store.shared->path;
         if (store.shared->frozen)
             throw NotSupported(
-                memory::named(store.shared->path) + " is frozen: no commit will ever come to it",
+                memory::named(store.shared->path) + " is frozen and gets no further commit",
                 std::move(detail));
         throw NotSupported("this process cannot wait for commits to " +
                                memory::named(store.shared->path) +
                                ": this process may not write to its control file; ask its owner "
-                               "for permission, or look again now and then",
+                               "for permission, or poll it",
                            std::move(detail));
     }
     return store.waits();
@@ -426,14 +426,14 @@ namespace store {
 
 void raise_ended_wait(const Store& store, WaitEnd end) {
     if (end == WaitEnd::kClosed)
-        throw BufferClosed("the buffer was closed: open the store anew, or make another Buffer");
+        throw BufferClosed("the buffer was closed: open the store again, or create another Buffer");
     ErrorDetail detail;
     const std::string path = store.shared == nullptr ? std::string() : store.shared->path;
     detail.path = path;
     detail.reason = "removed";
-    throw NoSuchStore("the store " + memory::named(path) +
-                          " was removed while this waited: what is waited for may never come",
-                      std::move(detail));
+    throw NoSuchStore(
+        "the store " + memory::named(path) + " was removed during the wait, which may never end",
+        std::move(detail));
 }
 
 }  // namespace store

@@ -34,7 +34,7 @@ void WriterLock::took(Control::Taken taken) {
         detail.path = shared_->path;
         detail.reason = "lock";
         throw CorruptStore("the lock of the store " + memory::named(shared_->path) +
-                               " was damaged: it can be read, but not written to; make it anew",
+                               " was damaged: it can be read, but not written to; create it again",
                            std::move(detail));
     }
     if (taken != Control::Taken::kAfterDeath)
@@ -50,7 +50,7 @@ void WriterLock::throw_timeout() const {
     detail.limit = shared_->lock_timeout_ns;
     const std::string text = "process " + std::to_string(*detail.pid) + " has held the store " +
                              memory::named(shared_->path) + " for " + seconds(*detail.limit) +
-                             ": it may be stopped (SIGSTOP); let it go on, or end it, which frees "
+                             ": it may be stopped (SIGSTOP); resume it, or kill it, which frees "
                              "the store";
     throw LockTimeout(text, std::move(detail));
 }

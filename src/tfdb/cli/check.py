@@ -272,12 +272,12 @@ def _show(loaded: common.Loaded, arrivals: Arrivals, found: list[Finding]) -> No
         for note in (note for rows in loaded.report.trajectories for note in rows.notes):
             out.print(layout.wrap(layout.words(note)))
     if not arrivals.publishers_known:
-        text = "the recording does not say who published: two publishers go unnoticed"
+        text = "the recording does not name publishers: double publishers cannot be found"
         out.print(layout.wrap(layout.words(text)), style="dim")
     if arrivals.missed:
         text = (
-            f"{counted(arrivals.missed, 'commit')} went by unseen: the store is written to faster "
-            "than it can be watched here, and gaps may come of that"
+            f"{counted(arrivals.missed, 'commit')} were missed: the store is written faster than "
+            "it is watched, and some gaps may be false"
         )
         out.print(layout.wrap(layout.words(text)))
     count = Counter(finding.severity for finding in found)

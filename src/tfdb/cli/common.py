@@ -397,10 +397,10 @@ def check_output(out: str, inputs: Sequence[Path], *, overwrite: bool) -> None:
     path = given_path(out)
     if not path.parent.is_dir():
         missing = first_missing(path.parent)
-        what = "is not a folder" if missing.exists() else "there is no such folder; make it first"
+        what = "is not a folder" if missing.exists() else "the folder is missing; make it first"
         raise FileNotFoundError(errno.ENOENT, what, str(missing))
     if is_one_of(path, inputs):
-        raise click.ClickException(f"{out}: is one of the files to be read; choose another name")
+        raise click.ClickException(f"{out} is also an input; choose another name")
     hint = "exists already; --overwrite replaces it"
     refuse_existing(path, overwrite=overwrite, refusal=_refusal, hint=hint)
 

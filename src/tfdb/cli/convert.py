@@ -100,7 +100,7 @@ def command(
     if foxglove and suffix != ".mcap":
         raise click.UsageError(f"--foxglove writes .mcap, not {out!r}")
     if compress and (foxglove or suffix == RERUN):
-        raise click.UsageError("--compress goes with recordings, not with what a viewer is given")
+        raise click.UsageError("--compress goes with recordings, not with a viewer's file")
     if (frames is not None) != is_trajectory:
         endings = ", ".join(TRAJECTORIES)
         raise click.UsageError(f"--frames TARGET SOURCE goes with trajectories: {endings}")
@@ -209,9 +209,7 @@ def _why_none(recordings: Sequence[Recording], selection: Selection) -> str:
         return f"nothing to convert: no message of {', '.join(empty)} could be read"
     found = sorted({absolute(topic.name) for each in recordings for topic in each.topics})
     hint = did_you_mean(sorted(selection.names), found)
-    return (
-        f"none of the topics is there to convert; found: {', '.join(found) or 'none at all'}{hint}"
-    )
+    return f"the topics to convert are missing; found: {', '.join(found) or 'none at all'}{hint}"
 
 
 def _topic_of(source: Source, renamed: Mapping[str, str], *, static: bool) -> str:

@@ -190,7 +190,7 @@ def open_graph(name: str) -> Iterator[tuple[Node, threading.Event]]:
 def wait_for_end(node: Node, ended: threading.Event) -> NoReturn:
     """Wait until a signal ends the command. Raises NodeClosed if others end the node."""
     ended.wait()
-    text = f"the node {node.name} was ended by somebody else"
+    text = f"the node {node.name} was stopped from outside"
     raise tfdb.errors.NodeClosed(text, reason="ended by somebody else")
 
 
@@ -246,7 +246,8 @@ def listen_once(
     if live.commit == 0:
         waited = format_duration(listening_time())
         output.say(
-            f"tfdb: warning: nothing came on /tf and /tf_static of {name} in {waited}", err=True
+            f"tfdb: warning: no message arrived on /tf and /tf_static of {name} in {waited}",
+            err=True,
         )
     return heard
 

@@ -192,8 +192,8 @@ def _tell_recording(
     (path,) = common.find_paths((file,))
     if is_frozen(path):
         raise click.UsageError(
-            f"{file} is a frozen store: it does not say what arrived when; give the recording that "
-            "it was made of"
+            f"{file} is a frozen store, without arrival times; give the recording that it was "
+            "made of"
         )
     store = tfdb.Buffer(history=_KEPT / NS)
     with ExitStack() as stack:
@@ -335,7 +335,7 @@ class Screen:
             ],
         )
         if missed:
-            text = f"{counted(missed, 'commit')} went by unseen: more than can be watched here"
+            text = f"{counted(missed, 'commit')} were missed: they come faster than they are read"
             yield layout.literal(layout.wrap(layout.words(text)))
 
     def _chain_line(self, watch: Watch) -> str:

@@ -50,7 +50,7 @@ def describe_error(error: Exception, command: str | None = None) -> str:
     elif isinstance(error, OSError) and error.filename is not None:
         text = f"{error.filename}: {error.strerror or error}"
     elif isinstance(error, OSError) and error.errno == errno.ENOSPC:
-        text = "the output takes no more: no space is left"
+        text = "the output cannot be written: no space is left"
     elif isinstance(error, OSError) and error.strerror:
         text = error.strerror
     else:

@@ -161,14 +161,12 @@ def _check_frames(kind: str, frames: Sequence[str], more: Sequence[str]) -> None
     if kind == "trajectory":
         if len(frames) == 1:
             raise click.UsageError(
-                "a trajectory is that of SOURCE in TARGET: tfdb plot FILE trajectory TARGET "
-                "SOURCE [SOURCE ...]"
+                "name TARGET and SOURCE: tfdb plot FILE trajectory TARGET SOURCE [SOURCE ...]"
             )
     elif kind == "compare":
         if len(frames) not in (1, 3):
             raise click.UsageError(
-                "what is compared is FILE with another: tfdb plot FILE compare ESTIMATE "
-                "[TARGET SOURCE]"
+                "name the second trajectory: tfdb plot FILE compare ESTIMATE [TARGET SOURCE]"
             )
         if more:
             raise click.UsageError("--with goes with pictures of one recording")

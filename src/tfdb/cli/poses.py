@@ -159,7 +159,7 @@ def _check_format(out: str | None, kind: Format | None) -> None:
     if out is not None and kind is None and not out.lower().endswith(TRAJECTORIES):
         raise click.UsageError(f"{unknown_ending(out, TRAJECTORIES)}; --format names the format")
     if kind is not None and out is None:
-        raise click.UsageError("--format says how OUT is written: give it -o OUT")
+        raise click.UsageError("--format needs an output file: give -o OUT")
 
 
 def _stamps(name: str) -> npt.NDArray[np.int64]:

@@ -176,8 +176,8 @@ def compact(*, name: str, as_json: bool) -> None:
         output.say(f"{_mebi(before)} before, {_mebi(after)} now")
     else:
         output.say(
-            "nothing given back: an older state is held by a snapshot or a transaction, or being "
-            "read; try again"
+            "nothing returned: a snapshot, a transaction or a reader holds an older state; try "
+            "again"
         )
 
 

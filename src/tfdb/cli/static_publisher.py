@@ -200,7 +200,7 @@ def _of_json(name: str) -> Iterator[tfdb.TransformStamped]:
 def _of_object(one: Any) -> tfdb.TransformStamped:
     """Make the transform of a JSON object. Raises ValueError."""
     if not isinstance(one, dict) or not {"parent", "child"} <= set(one) <= _KEYS:
-        raise ValueError(f"an object wants parent, child and some of {', '.join(sorted(_KEYS))}")
+        raise ValueError(f"an object needs parent, child and some of {', '.join(sorted(_KEYS))}")
     if not all(isinstance(one[key], str) for key in ("parent", "child")):
         raise ValueError("parent and child are names")
     if "rotation_xyzw" in one and "rpy_deg" in one:

@@ -49,8 +49,8 @@ class TimeSpec:
             return self.ns
         if span is None:
             raise tfdb.InvalidArgument(
-                f"{self.text!r} counts from the first or the last moving sample and there is "
-                "none; give an absolute time or 'latest'"
+                f"{self.text!r} counts from the first or the last moving sample, and nothing "
+                "moves; give an absolute time or 'latest'"
             )
         stamp = span[0] + self.ns if self.since > 0 else span[1] - self.ns
         if stamp < 0:

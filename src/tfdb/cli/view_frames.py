@@ -64,7 +64,7 @@ def command(
     """
     outs = _outputs(out, files, overwrite=overwrite)
     if as_json and out == "-":
-        raise click.UsageError("--json describes what was written: give it -o OUT")
+        raise click.UsageError("--json needs an output file: give -o OUT")
     loaded = common.load(files, topics, apart=True)
     infos = loaded.store.tree()
     dot = "\n".join(_dot(infos, loaded.now)) + "\n"

@@ -101,8 +101,8 @@ def _yaw(target: Array, source: Array) -> Similarity:
     for name, points in (("reference", target), ("estimate", source)):
         if np.abs(points[:, :2] - points[:, :2].mean(axis=0)).max() <= _rounding(points):
             raise NotComparable(
-                f"the {name} does not move horizontally, which leaves the yaw open; align='origin' "
-                "or 'none' needs no motion",
+                f"the {name} does not move horizontally, so the yaw is undetermined; "
+                "align='origin' or 'none' needs no motion",
                 reason="standing still",
             )
     turned = np.sum(b[:, 0] * a[:, 1] - b[:, 1] * a[:, 0])
@@ -134,7 +134,7 @@ def _refuse_degenerate(target: Array, source: Array, how: Align) -> None:
         if how != "scale" and extents[1] <= max(1e-9 * extents[0], _rounding(points)):
             raise NotComparable(
                 f"the {name} moves on a straight line (within {extents[1]:.2g} m over "
-                f"{len(points)} matched poses), which leaves the rotation about it open: "
+                f"{len(points)} matched poses), so the rotation about it is undetermined: "
                 f"align={how!r} needs positions that lie on no straight line; align='yaw' or "
                 "'origin' does not",
                 reason="straight line",

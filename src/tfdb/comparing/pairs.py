@@ -60,14 +60,14 @@ def find_pairs(
         pairs = _nearest(steps, wanted, wanted * tolerance)
     if len(pairs) == 0:
         whole = steps.sum() * _IN_UNITS.get(unit, 1.0)
-        raise _too_short(delta, unit, f"the whole way of the matched poses is {whole:.6g} {unit}")
+        raise _too_short(delta, unit, f"the whole path of the matched poses is {whole:.6g} {unit}")
     return pairs
 
 
 def _too_short(delta: float, unit: DeltaUnit, found: str) -> NotComparable:
     return NotComparable(
-        f"no two poses lie {delta:g} {unit} apart, so there is no relative error: {found}; give a "
-        "smaller delta, or with all_pairs a larger delta_tolerance",
+        f"no two poses lie {delta:g} {unit} apart, so the relative error is undefined: {found}; "
+        "give a smaller delta, or with all_pairs a larger delta_tolerance",
         reason="no pairs",
     )
 

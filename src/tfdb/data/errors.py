@@ -162,7 +162,7 @@ def _restore(cls: type[TfdbError], message: str, fields: dict[str, Any]) -> Tfdb
 
 
 class TfdbWarning(UserWarning):
-    """Something that is allowed and was done, but is rarely meant; the message says what to do.
+    """Legal but probably unintended input; the message names the remedy.
 
     `warnings.simplefilter("error", tfdb.TfdbWarning)` makes errors of them.
     """
@@ -367,7 +367,7 @@ class BufferClosed(TfdbError):
 
 
 class WaitTimeout(TfdbError, TimeoutError):
-    """What was waited for has not come in time. Fields: commit (none came after it), limit."""
+    """The wait reached its timeout. Fields: commit (the newest one), limit."""
 
 
 class NoMaster(TfdbError, ConnectionError):

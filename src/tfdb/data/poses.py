@@ -72,8 +72,8 @@ def checked(rows: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
         index = int(wrong[0])
         numbers = ", ".join(f"{number:g}" for number in made[index])
         raise InvalidTransform(
-            f"poses[{index}] = ({numbers}) is not a rigid transform: it must be finite, with a "
-            "unit quaternion (x, y, z, w); a missing pose is NaN as a whole",
+            f"poses[{index}] = ({numbers}) is not a rigid transform: numbers must be finite, "
+            "with a unit quaternion (x, y, z, w); in a missing pose all are NaN",
             index=index,
             reason="no rigid transform",
         )

@@ -128,7 +128,7 @@ def trajectory(
 
 def _check(paths: Sequence[Any], axes: object, color: object, labels: Any, size: Any) -> None:
     if not paths:
-        raise InvalidArgument("there is no trajectory to draw: give one or more")
+        raise InvalidArgument("no trajectory to draw: give one or more")
     for path in paths:
         if not all(hasattr(path, name) for name in ("target", "source", "stamps", "poses")):
             got = type(path).__name__

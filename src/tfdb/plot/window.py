@@ -41,8 +41,8 @@ def show(figure: Figure) -> None:
                 sys.modules["IPython"].display.display(figure)
                 return
             raise NotSupported(
-                "no window can be opened: there is no screen, or matplotlib has no library for it "
-                "(pip install PyQt6)"
+                "no window can be opened: the screen is missing, or matplotlib has no library for "
+                "it (pip install PyQt6)"
             )
         manager.resize(*(int(side) for side in figure.get_size_inches() * figure.dpi))
         canvas.figure = figure

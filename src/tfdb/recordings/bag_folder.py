@@ -127,7 +127,7 @@ def _why_none(folder: Path, problems: list[str]) -> str:
         return "; ".join(problems)
     held = sorted(each.name + "/" * each.is_dir() for each in folder.iterdir())
     listed = ", ".join(held[:5]) + (f" and {len(held) - 5} more" if len(held) > 5 else "")
-    return f"a folder with neither .db3 nor .mcap files in it; it holds {listed or 'nothing'}"
+    return f"a folder without .db3 or .mcap files; it holds {listed or 'nothing'}"
 
 
 class _Joined(Container):
@@ -247,7 +247,7 @@ def _get(whole: Any, key: str, kind: type, of: type | None = None) -> Any:
     value: Any = whole.get(key) if isinstance(whole, dict) else None
     fits = isinstance(value, kind)
     if not fits or (of is not None and not all(isinstance(each, of) for each in value)):
-        raise BadDataError(f"its {key!r} is missing or not what it should be")
+        raise BadDataError(f"its {key!r} is missing or invalid")
     return value
 
 

@@ -105,7 +105,7 @@ class Cache:
             if kept is not None:
                 return kept
         places = " nor ".join(map(str, self._places))
-        message = f"what was loaded is not kept: {places} cannot be written"
+        message = f"the cache is not written: {places} cannot be written"
         warnings.warn(message, TfdbWarning, stacklevel=3)
         return buffer
 
@@ -137,7 +137,7 @@ def _refuse_foreign(place: Path) -> None:
             if _MARK in before + part:
                 return
             before = part[-len(_MARK) :]
-    reason = "is there already, and is not what load(cache=True) keeps"
+    reason = "exists already, and is not a cache of load(cache=True)"
     raise StoreExists(
         f"{place} {reason}: move it away, or load without cache", path=str(place), reason=reason
     )

@@ -90,8 +90,8 @@ class Time:
             return self.ns
         if found is None:
             raise InvalidArgument(
-                f"{self.text!r} counts from the first or to the last moving stamp, and nothing "
-                "moves in what is read; give an absolute time",
+                f"{self.text!r} counts from the first or to the last moving stamp, and the "
+                "selection holds no moving edge; give an absolute time",
                 value=self.text,
             )
         return found[0] + self.ns if self.since > 0 else found[1] - self.ns
@@ -360,7 +360,7 @@ class Choice:
         }
         given = ", ".join(name for name, value in needed.items() if value)
         if given:
-            raise InvalidArgument(f"{given}: these need the whole file, which is still written")
+            raise InvalidArgument(f"{given}: these need a finished file; this one is still written")
         return Rewriter(self, _window(self, None), None)
 
     def _without_names(self) -> Choice:
@@ -909,7 +909,7 @@ def _no_frame(option: str, frame: str, frames: Sequence[str]) -> UnknownFrame:
     hint = f"there are {_few(frames)}"
     if near:
         hint = f"did you mean {', '.join(map(repr, near))}?"
-    return UnknownFrame(f"{option}: there is no frame {frame!r}; {hint}", frame=frame)
+    return UnknownFrame(f"{option}: frame {frame!r} does not exist;  {hint}", frame=frame)
 
 
 def did_you_mean(names: Iterable[str], known: Iterable[str]) -> str:

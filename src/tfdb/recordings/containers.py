@@ -380,7 +380,7 @@ def typed_errors(path: Path, hint: str = SALVAGE) -> Iterator[None]:
         with errors_name(path):
             yield
     except ModuleNotFoundError as error:
-        reason = f"needs {error.name}, which comes with tfdb and is missing: pip install tfdb"
+        reason = f"needs {error.name}, which comes with tfdb, but is missing: pip install tfdb"
         raise RecordingError(path, reason) from error
     except (BadDataError, struct.error, UnicodeDecodeError) as error:
         raise RecordingError(path, f"damaged or cut short: {error}; {hint}") from error

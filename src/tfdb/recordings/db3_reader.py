@@ -130,7 +130,7 @@ def _is(row: tuple[object, ...], types: tuple[type, ...]) -> bool:
 
 def _typed(row: tuple[object, ...], types: tuple[type, ...]) -> tuple[Any, ...]:
     if not _is(row, types):
-        raise BadDataError("a row of a table holds something else than it should")
+        raise BadDataError("a row of a table has a value of the wrong type")
     return row
 
 

@@ -117,7 +117,7 @@ def load(
     pose_topics, urdf, joint_topic, by_namespace, mix, stamp_unit
         As in `Buffer.load`.
     cache
-        Keep what was loaded as a frozen store, and open that the next time: it takes as long as to
+        Keep the loaded data as a frozen store, and open it the next time: it takes as long as to
         read the file once. It lies beside the recording, as `drive.mcap.tfdb`, or in
         `$XDG_CACHE_HOME/tfdb` (`~/.cache/tfdb`) where that folder cannot be written. It is used as
         long as the recording has the same size and time, or the same content; it is made anew where

@@ -186,7 +186,9 @@ class _Index:
     def is_read(self, channel: int) -> bool:
         """Whether messages of a channel can be read; a flaw where nobody can know."""
         if not self.is_declared(channel):
-            self.flaws[f"messages of channel {channel}, declared without a schema or nowhere"] += 0
+            self.flaws[
+                f"messages of channel {channel}, which has no schema or is not declared"
+            ] += 0
             return False
         return is_read_type(self.type_of(channel))
 

@@ -74,7 +74,7 @@ class JointReport:
     def complaints(self) -> Iterator[str]:
         """What is worth a warning, one text for each kind."""
         if self.missing:
-            yield f"no joint state names {_few(self.missing)}: what is below hangs nowhere"
+            yield f"no joint state names {_few(self.missing)}: the links below have no parent"
         if self.wide:
             yield describe_wide(self.wide)
         if self.unknown:

@@ -53,7 +53,9 @@ def call(uri: str, method: str, *arguments: Any) -> tuple[int, str, Any]:
     with xmlrpc.client.ServerProxy(uri, transport=_Transport()) as peer:
         answer: Any = getattr(peer, method)(*arguments)
     if not (isinstance(answer, list) and len(answer) == 3 and isinstance(answer[0], int)):
-        raise xmlrpc.client.ResponseError(f"{method} at {uri} answers no code, message and value")
+        raise xmlrpc.client.ResponseError(
+            f"{method} at {uri} did not answer with code, message and value"
+        )
     return answer[0], str(answer[1]), answer[2]
 
 

@@ -85,7 +85,7 @@ def receive_header(connection: socket.socket, seconds: float) -> dict[str, str]:
             connection.settimeout(max(0.001, deadline - time.monotonic()))
             piece = connection.recv(count - len(found))
             if not piece:
-                raise ConnectionError("the connection ended before its header came")
+                raise ConnectionError("the connection ended before its header")
             found += piece
         return found
 

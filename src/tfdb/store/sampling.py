@@ -109,7 +109,7 @@ def _stored_stamps(
         if start is not None and end is not None:
             _check_order(_nanoseconds(start), _nanoseconds(end))
         raise InvalidArgument(
-            f"there is no stored stamp on the path T[{target}<-{source}] in that time: give a "
+            f"no stamp is stored on the path T[{target}<-{source}] in that time: give a "
             "rate, a start and an end for poses between stored ones",
             target=target,
             source=source,
@@ -140,7 +140,7 @@ def _even_stamps(first: int, last: int, rate: float) -> npt.NDArray[np.int64]:
     periods = (last - first) / period * (1.0 + 1e-15)
     if period < 1.0 or periods >= _MOST_POSES:
         raise InvalidArgument(
-            f"a rate of {rate!r} Hz over {(last - first) / 1e9} s is too much: at most "
+            f"a rate of {rate!r} Hz over {(last - first) / 1e9} s is too high: at most "
             f"{_MOST_POSES:,} poses can be asked for at once",
             value=rate,
             limit=_MOST_POSES,

@@ -82,7 +82,7 @@ def _group_of(group: int | str | None) -> int | None:
     try:
         return grp.getgrnam(group).gr_gid
     except KeyError:
-        raise InvalidArgument(f"there is no group {group!r} on this machine") from None
+        raise InvalidArgument(f"the group {group!r} does not exist on this machine") from None
 
 
 def open_or_make(
@@ -100,7 +100,7 @@ def open_or_make(
     if create is not None and not isinstance(create, bool):
         raise InvalidArgument(f"create is True, False or None, not {create!r}")
     if create and mode == "r":
-        raise InvalidArgument("what only reads makes no store: create with mode 'rw'")
+        raise InvalidArgument("mode='r' never creates a store: create one with mode 'rw'")
     if clock is not None and not callable(clock):
         raise InvalidArgument(f"clock is a function that says the time in ns, not {clock!r}")
     path = path_of(name)

@@ -244,7 +244,7 @@ def late(error: TfdbError, waited: int, stopped: bool) -> TfdbError:
 def no_commit(after: int, limit: int | None, waited: int, stopped: bool) -> WaitTimeout:
     """Make the error of a wait for a commit that did not come."""
     text = (
-        f"no commit came after commit {after}; {how_long(waited, stopped=stopped)}: check that a "
+        f"no commit followed commit {after}; {how_long(waited, stopped=stopped)}: check that a "
         "process writes to the store, or wait longer"
     )
     return WaitTimeout(text, commit=after, limit=limit)

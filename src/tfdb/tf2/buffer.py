@@ -96,7 +96,7 @@ class Buffer(BufferCalls, BufferCore, BufferInterface):
             flavor = flavor or node.flavor
         if store is not None:
             if buffer is not None:
-                raise InvalidArgumentException("give a store's name or a buffer, not both")
+                raise InvalidArgumentException("give the name of a store or a buffer, not both")
             flavor = flavor or flavor_of(cache_time)
             buffer, cache_time = _open_store(store, cache_time), None
         BufferCore.__init__(self, cache_time, flavor=flavor, buffer=buffer)

@@ -64,7 +64,7 @@ class Trajectory:  # noqa: PLW1641 - as arrays, it has no hash
     matrices
         Instead of both: (N, 4, 4) rigid transforms, up to rounding, as `Transform.from_matrix`.
     repeated
-        What `repeated` says.
+        Value of `repeated`.
 
     Raises
     ------
@@ -269,7 +269,7 @@ class Trajectory:  # noqa: PLW1641 - as arrays, it has no hash
 
     @property
     def repeated(self) -> int:
-        """Poses of the file it was read from that a later one with the same stamp replaced."""
+        """Number of poses that a later one with the same stamp replaced when the file was read."""
         return self._repeated
 
     @property
@@ -419,7 +419,7 @@ class Trajectory:  # noqa: PLW1641 - as arrays, it has no hash
         *,
         missing: Literal["raise", "nan"] = "raise",
     ) -> Transform | npt.NDArray[np.float64]:
-        """T[target<-source] at a stamp or at many, as a store that holds these poses says it.
+        """T[target<-source] at one stamp or many, as a store with these poses returns it.
 
         A pose that is missing is as if it were not there: `Interpolate(max_gap=...)` refuses what
         would go across it.
@@ -530,12 +530,11 @@ class Trajectory:  # noqa: PLW1641 - as arrays, it has no hash
         return self._made(self._target, self._source, *made)
 
     def simplify(self, metres: float, radians: float) -> Trajectory:
-        """As few of its poses as keep the interpolated path within a tolerance.
+        """Return as few poses as keep the interpolated path within a tolerance.
 
         At every time, not only at the stamps, the new trajectory is at most `metres` and `radians`
-        away from this one. The first and the last pose stay; missing ones are left out. From each
-        pose that stays it goes as far as one interpolation reaches, as far ahead as it looks: the
-        very fewest would be about one in twenty less.
+        away from this one. The first and the last pose stay; missing ones are left out. The
+        search is greedy: it keeps about 5 % more poses than the optimum.
 
         Parameters
         ----------
@@ -638,7 +637,7 @@ class Trajectory:  # noqa: PLW1641 - as arrays, it has no hash
         return self._moved(other.target, self._source, lambda: geometry.compose(begin, self._poses))
 
     def merge(self, *others: Trajectory) -> Trajectory:
-        """Join it with others of the same frames, by their stamps.
+        """Merge it with trajectories of the same frames, sorted by stamp.
 
         Of poses with one stamp the last trajectory's stays, of those where it is not missing.
 
@@ -887,7 +886,7 @@ class Trajectory:  # noqa: PLW1641 - as arrays, it has no hash
         Raises
         ------
         InvalidArgument
-            There is no pose to draw.
+            All poses are missing.
         NotSupported
             matplotlib is not installed: `pip install 'tfdb[plot]'`.
         """
