@@ -132,7 +132,7 @@ def test_a_mistyped_topic_is_told_the_nearest(tool: Tool, bag: Path, tmp_path: P
     assert said.endswith("; did you mean '/tf'?")
     assert tool("info", bag, "--topic", "/tff", code=2).error.endswith("; did you mean '/tf'?")
     said = tool("convert", bag, tmp_path / "o.bag", "--topic", "tf_satic", code=2).error
-    assert said.endswith("to convert; found: /tf, /tf_static; did you mean '/tf_static'?")
+    assert said.endswith("are missing; found: /tf, /tf_static; did you mean '/tf_static'?")
 
 
 def test_a_mistyped_model_is_told_the_nearest(tool: Tool, bag: Path, tmp_path: Path) -> None:

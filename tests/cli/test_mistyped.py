@@ -120,7 +120,7 @@ def test_frames_that_begin_with_a_dash(tool: Tool, odd: Path) -> None:
     assert "Translation: [2.000, 2.000, 3.000]" in tool("echo", odd, "map", "-dash").out
     tool("plot", odd, "trajectory", "map", "-dash", "--save", odd.with_suffix(".png"))
     assert odd.with_suffix(".png").exists()
-    assert "frame '-dish' does not exist;  did you mean '-dash'?" in tool(
+    assert "frame '-dish' does not exist; did you mean '-dash'?" in tool(
         "lookup", odd, "map", "-dish", code=2
     ).error  # fmt: skip
 

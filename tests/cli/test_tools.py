@@ -319,7 +319,7 @@ def test_what_monitor_refuses(tool: Tool, bag: Path, tmp_path: Path) -> None:
     assert "--every" in tool("monitor", bag, "--every", "0", code=2).error
     frozen = tmp_path / "x.tfdb"
     tool("freeze", bag, "-o", frozen)
-    assert "without arrival times" in tool("monitor", frozen, code=2).error
+    assert "it has no arrival times" in tool("monitor", frozen, code=2).error
     assert "no frame 'nowhere'" in tool("monitor", bag, "map", "nowhere", code=2).error
 
 

@@ -282,7 +282,7 @@ NOT_COMPARABLE = [
         GOOD,
         {"delta": 1e3, "delta_unit": "m"},
         "no pairs",
-        "lie 1000 m apart.*way",
+        "lie 1000 m apart.*path",
     ),
     (GOOD, GOOD, {"delta": 10}, "no pairs", "10 frames apart.*only 10 poses are matched"),
     (

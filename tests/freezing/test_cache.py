@@ -159,7 +159,7 @@ def test_where_the_folder_cannot_be_written(
     assert len(loads) == 1
     (tmp_path / "file").touch()
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "file"))
-    with pytest.warns(tfdb.TfdbWarning, match="is not kept"):
+    with pytest.warns(tfdb.TfdbWarning, match="the cache is not written"):
         buffer = tfdb.load(recording, cache=True)
     assert buffer.frozen is None
     assert buffer.tree() == tfdb.load(recording).tree()

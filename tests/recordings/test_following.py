@@ -177,7 +177,7 @@ def test_what_cannot_be_followed(grow: Any, tmp_path: Path) -> None:
         tfdb.recordings.follow_recording(None, path)  # type: ignore[arg-type]
     path.write_bytes(whole)
     for options, words in (
-        ({"frames": "map"}, "frames: these need the whole file"),
+        ({"frames": "map"}, "frames: these need a finished file"),
         ({"keep": 1, "start": "+1"}, "keep, start as an offset: these need"),
         ({"timeout": 0}, "timeout is a positive number of seconds, not 0"),
         ({"interval": "1"}, "interval is a positive number of seconds, not '1'"),

@@ -564,7 +564,7 @@ def _find_frame(name: str, known: Sequence[str]) -> str:
     near += [other for other in known if name.strip("/") in other and other not in near]
     listed = ", ".join(repr(other) for other in near[:3])
     hint = f"did you mean {listed}?" if listed else "'tfdb tree FILE' lists all frames"
-    message = f"there is no frame {name!r}; {hint}"
+    message = f"frame {name!r} does not exist; {hint}"
     raise tfdb.UnknownFrame(message, frame=name)
 
 

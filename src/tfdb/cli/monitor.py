@@ -192,7 +192,7 @@ def _tell_recording(
     (path,) = common.find_paths((file,))
     if is_frozen(path):
         raise click.UsageError(
-            f"{file} is a frozen store, without arrival times; give the recording that it was "
+            f"{file} is a frozen store: it has no arrival times; give the recording that it was "
             "made of"
         )
     store = tfdb.Buffer(history=_KEPT / NS)

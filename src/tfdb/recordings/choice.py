@@ -90,8 +90,8 @@ class Time:
             return self.ns
         if found is None:
             raise InvalidArgument(
-                f"{self.text!r} counts from the first or to the last moving stamp, and the "
-                "selection holds no moving edge; give an absolute time",
+                f"{self.text!r} counts from the first or to the last moving stamp, and "
+                "nothing moves in the selection; give an absolute time",
                 value=self.text,
             )
         return found[0] + self.ns if self.since > 0 else found[1] - self.ns
@@ -909,7 +909,7 @@ def _no_frame(option: str, frame: str, frames: Sequence[str]) -> UnknownFrame:
     hint = f"there are {_few(frames)}"
     if near:
         hint = f"did you mean {', '.join(map(repr, near))}?"
-    return UnknownFrame(f"{option}: frame {frame!r} does not exist;  {hint}", frame=frame)
+    return UnknownFrame(f"{option}: frame {frame!r} does not exist; {hint}", frame=frame)
 
 
 def did_you_mean(names: Iterable[str], known: Iterable[str]) -> str:

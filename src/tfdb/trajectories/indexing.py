@@ -59,4 +59,4 @@ def _row(row: int, count: int) -> int:
 
 def _no_row(row: int, count: int) -> InvalidIndex:
     valid = f"valid are {-count} to {count - 1}" if count else "it is empty"
-    return InvalidIndex(f"the pose {shown(row)} does not exist:  {valid}", index=row)
+    return InvalidIndex(f"the pose {shown(row)} does not exist: {valid}", index=row)
