@@ -62,7 +62,8 @@ def test_what_goes_with_files_only(tool: Tool, bag: Path, served: str) -> None:
     assert "has no topics" in tool("check", served, "--salvage", code=2).error
     assert "watches what is live" in tool("check", bag, "--for", "1", code=2).error
     assert (
-        "no frame 'maps'; did you mean 'map'" in tool("lookup", served, "maps", "x", code=2).error
+        "frame 'maps' does not exist; did you mean 'map'"
+        in tool("lookup", served, "maps", "x", code=2).error
     )
 
 

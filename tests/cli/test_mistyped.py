@@ -147,7 +147,7 @@ def test_a_short_option_with_its_value_may_be_a_frame(tool: Tool, bag: Path) -> 
         assert said.endswith(f" {command} --help'")
     assert "goes behind" not in tool("poses", bag, "map", code=2).error
     assert "goes behind" not in tool("echo", bag, "map", "base_link", "-o", "dd", code=2).error
-    assert "no frame '-odd'" in tool("poses", bag, "--", "map", "-odd", code=2).error
+    assert "frame '-odd' does not exist" in tool("poses", bag, "--", "map", "-odd", code=2).error
 
 
 @pytest.mark.parametrize(

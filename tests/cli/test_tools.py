@@ -320,7 +320,7 @@ def test_what_monitor_refuses(tool: Tool, bag: Path, tmp_path: Path) -> None:
     frozen = tmp_path / "x.tfdb"
     tool("freeze", bag, "-o", frozen)
     assert "it has no arrival times" in tool("monitor", frozen, code=2).error
-    assert "no frame 'nowhere'" in tool("monitor", bag, "map", "nowhere", code=2).error
+    assert "frame 'nowhere' does not exist" in tool("monitor", bag, "map", "nowhere", code=2).error
 
 
 def test_rates_forget_what_is_too_long_ago() -> None:
