@@ -48,7 +48,13 @@ def test_the_package_is_typed() -> None:
 def test_every_public_name_exists() -> None:
     assert len(tfdb.__all__) == len(set(tfdb.__all__))
     assert [name for name in tfdb.__all__ if not hasattr(tfdb, name)] == []
-    assert set(tfdb.__all__) <= set(dir(tfdb))
+
+
+def test_dir_lists_the_public_names_and_the_rooms() -> None:
+    rooms = ["errors", "plot", "recordings", "robots", "ros", "store", "tf2", "trajectories"]
+    rooms += ["comparing", "types"]
+    public = [name for name in dir(tfdb) if name[:2] != "__"]
+    assert public == sorted({*tfdb.__all__, *rooms} - {"__version__"})
 
 
 @pytest.mark.parametrize("package", ["tfdb", "tfdb.recordings", "tfdb.ros"])

@@ -52,7 +52,7 @@ def on_demand(
 ) -> tuple[Callable[[str], Any], Callable[[], list[str]]]:
     """Make `__getattr__` and `__dir__` of a package out of its modules and what it takes of each.
 
-    The modules themselves are attributes of it too. `dir` lists no private name.
+    The modules themselves are attributes of it too. `dir` lists `__all__` and these modules.
     """
     contents = vars(sys.modules[package])
 
@@ -66,8 +66,9 @@ def on_demand(
         raise AttributeError(f"module {package!r} has no attribute {name!r}")
 
     def list_names() -> list[str]:
-        offered = (name for module in modules for name in (module, *modules[module]))
-        public = (name for name in contents if name[:1] != "_" or name[:2] == "__")
-        return sorted({*public, *offered})
+        dunder = (name for name in contents if name[:2] == "__")
+        return sorted(
+            {*contents["__all__"], *dunder, *(name for name in modules if "." not in name)}
+        )
 
     return find, list_names

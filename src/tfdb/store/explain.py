@@ -249,19 +249,20 @@ def _span(info: FrameInfo) -> str:
 
 def _reason(error: TfdbError) -> str:
     """Why one edge has no answer, in a few words."""
-    asked = "?" if error.stamp is None else format_seconds(error.stamp)
-    limit = "" if error.limit is None else f" (limit {format_seconds(error.limit)})"
-    around = " and ".join(
-        format_seconds(stamp) for stamp in (error.before, error.after) if stamp is not None
+    asked, limit, before, after = (
+        "?" if stamp is None else format_seconds(stamp)
+        for stamp in (error.stamp, error.limit, error.before, error.after)
     )
     if isinstance(error, Extrapolation):
         return f"{asked} lies in its {error.reason}" if error.stamp is not None else "no data"
     if isinstance(error, GapTooLarge):
-        return f"the samples around {asked} lie too far apart, at {around}{limit}"
+        return f"the gap around {asked}, from {before} to {after}, exceeds {limit}"
     if isinstance(error, Stale):
-        return f"its sample before {asked} is too old, at {around}{limit}"
+        return f"its sample at {before} is older than {limit} at {asked}"
     if isinstance(error, NoSampleNear):
-        return f"no sample near enough to {asked}{limit}"
+        return (
+            f"no sample at {asked}" if not error.limit else f"no sample within {limit} of {asked}"
+        )
     return str(error)
 
 
@@ -274,7 +275,7 @@ def _covered(edges: list[FrameInfo]) -> str:
     first, last = oldest.oldest or 0, newest.newest or 0
     if first > last:
         return (
-            f"No stamp is covered by the whole path: {_arrow(newest)} ends at "
+            f"The edges of the path have no stamp in common: {_arrow(newest)} ends at "
             f"{format_seconds(last)}, before {_arrow(oldest)} begins at {format_seconds(first)}."
         )
     return (
