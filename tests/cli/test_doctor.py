@@ -356,6 +356,37 @@ def test_slow_simulation_is_no_jump() -> None:
     assert examine(log) == []
 
 
+def test_publishers_in_turns_whose_delivery_wavers_are_no_jump() -> None:
+    """Two a millisecond apart, which arrive a microsecond apart, up to 20 ms late."""
+    rng = np.random.default_rng(5)
+    log = Log()
+    for i, delay in enumerate(rng.integers(0, 20 * MS, 900).tolist()):
+        for k in range(2):
+            rows = [("odom", "base", START + i * 10 * MS + k * MS, pose(0.01 * i + 3 * k))]
+            log.add(
+                rows, arrival=START + i * 10 * MS + delay + k * 1000, publisher="", static=False
+            )
+    found = examine(_by_arrival(log))
+    assert {finding.kind for finding in found} == {"there-and-back", "late", "gap"}
+
+
+@pytest.mark.parametrize("pace", [1, 3])
+@pytest.mark.parametrize("jump", [0, -2, 100])
+def test_bursts_are_no_jump_and_hide_none(pace: int, jump: int) -> None:
+    """A second of samples arrives at once, within 2 ms; the clock may jump in the middle."""
+    log = Log()
+    for i in range(2000):
+        stamp = START + i * 10 * MS + (jump * S if i >= 1010 else 0)
+        arrival = START + (i // 100 * S + i % 100 * MS // 50) // pace
+        log.add(
+            [("odom", "base", stamp, pose(0.01 * i))], arrival=arrival, publisher="", static=False
+        )
+    found = [finding for finding in examine(log) if finding.kind == "time-jump"]
+    assert len(found) == (jump != 0)
+    for each in found:
+        assert (each.details["from_ns"], each.details["jumps"]) == (START + 1009 * 10 * MS, 1)
+
+
 def test_reparented() -> None:
     log = Log()
     for i in range(100):

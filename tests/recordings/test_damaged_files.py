@@ -208,6 +208,68 @@ def test_a_bag_without_an_index(recorder: Any, messages: Drive, tmp_path: Path) 
     assert buffer.frame_info("camera").is_static
 
 
+CONNECTION = b"conn=\2\0\0\0\x10\0\0\0topic=/tf_static"
+"""The header of the third connection, in a chunk and in the index."""
+
+
+def renumbered(raw: bytearray) -> None:
+    raw[raw.rindex(CONNECTION) + len(b"conn=\2\0\0")] = 1
+
+
+def declared_twice(raw: bytearray) -> None:
+    raw[raw.rindex(CONNECTION) + len(b"conn=")] = 1
+
+
+def of_another_type(raw: bytearray) -> None:
+    raw[raw.rindex(b"TFMessage'")] = ord("t")
+
+
+def without_its_type(raw: bytearray) -> None:
+    raw[raw.rindex(b"type=tf2")] = ord("T")
+
+
+def one_chunk_less(raw: bytearray) -> None:
+    raw[raw.index(b"chunk_count=") + len(b"chunk_count=")] -= 1
+
+
+def longer(raw: bytearray) -> None:
+    raw += bytes(7)
+
+
+def without_its_last_message(raw: bytearray) -> None:
+    """The end of the index is how many messages of a connection its last chunk has."""
+    raw[-4:] = bytes(4)
+
+
+@pytest.mark.parametrize(
+    ("damage", "reason"),
+    [
+        (renumbered, "counts messages of connection 2, which it lacks"),
+        (declared_twice, "declares connection 1 twice"),
+        (of_another_type, "connection 2 is another one in its index"),
+        (without_its_type, "without a topic or a type"),
+        (one_chunk_less, "bytes behind its index"),
+        (longer, "7 bytes behind its index"),
+        (without_its_last_message, "counts no message of a connection in a chunk"),
+    ],
+)
+def test_a_bag_whose_index_contradicts_the_rest(
+    recorder: Any,
+    messages: Drive,
+    tmp_path: Path,
+    damage: Callable[[bytearray], None],
+    reason: str,
+) -> None:
+    path = recorder.bag(tmp_path / "a.bag", messages[:303])
+    whole = all_of(path)
+    raw = bytearray(path.read_bytes())
+    damage(raw)
+    path.write_bytes(raw)
+    with pytest.raises(tfdb.errors.RecordingError, match=reason):
+        all_of(path)
+    assert all_of(path, salvage=True) == whole
+
+
 def split(recorder: Any, folder: Path, messages: Drive, plugin: str) -> list[Path]:
     """A folder of three parts, as `ros2 bag record --max-bag-size` makes them."""
     suffix = ".mcap" if plugin == "mcap" else ".db3"

@@ -77,6 +77,13 @@ class _Index:
     def count(self, connection: int) -> int:
         return sum(chunk.counts.get(connection, 0) for chunk in self.chunks)
 
+    def confirm(self, fields: Fields, data: bytes) -> None:
+        """Refuse a connection that a chunk declares otherwise than the index."""
+        id_, there = _number(fields, b"conn", 4), _connection(fields, data)
+        here = self.connections.get(id_)
+        if here is None or (here.topic, here.type) != (there.topic, there.type):
+            raise BadDataError(f"connection {id_} is another one in its index")
+
 
 @dataclass(frozen=True)
 class _Record:
@@ -114,7 +121,7 @@ def _indexed(path: Path, file: RawFile) -> Container:
         wanted = [each for each in index.chunks if not each.counts.keys().isdisjoint(ids)]
         wanted.sort(key=lambda each: each.position)
         return in_order(
-            ((each.start, each) for each in wanted), partial(_chunk_messages, file, ids)
+            ((each.start, each) for each in wanted), partial(_chunk_messages, file, index, ids)
         )
 
     start = min((each.start for each in index.chunks if each.counts), default=NO_START)
@@ -189,8 +196,10 @@ def _read_index(path: Path, file: RawFile) -> _Index:
     index = _Index()
     for _ in range(_number(header.fields, b"conn_count", 4)):
         record = _record(file, at, _CONNECTION)
-        data = file.read(record.at, record.size)
-        index.connections[_number(record.fields, b"conn", 4)] = _connection(record.fields, data)
+        id_ = _number(record.fields, b"conn", 4)
+        connection = _connection(record.fields, file.read(record.at, record.size))
+        if index.connections.setdefault(id_, connection) != connection:
+            raise BadDataError(f"its index declares connection {id_} twice")
         at = record.end
     positions = set()
     for _ in range(_number(header.fields, b"chunk_count", 4)):
@@ -200,6 +209,10 @@ def _read_index(path: Path, file: RawFile) -> _Index:
         at = record.end
     if len(positions) != len(index.chunks):
         raise BadDataError("its index names the same chunk twice")
+    if at < file.size:
+        raise BadDataError(f"{file.size - at} bytes behind its index")
+    for id_ in {id_ for chunk in index.chunks for id_ in chunk.counts} - index.connections.keys():
+        raise BadDataError(f"its index counts messages of connection {id_}, which it lacks")
     return index
 
 
@@ -227,16 +240,19 @@ def _record(file: RawFile, at: int, *kinds: int) -> _Record:
 def _chunk_info(fields: Fields, data: bytes) -> _Chunk:
     if _number(fields, b"ver", 4) != 1:
         raise BadDataError("chunks of an unknown version")
-    pairs = [_seconds(data, 8 * row) for row in range(_number(fields, b"count", 4))]
+    counts = dict(_seconds(data, 8 * row) for row in range(_number(fields, b"count", 4)))
+    if not all(counts.values()):
+        raise BadDataError("its index counts no message of a connection in a chunk")
     start, end = _time_of(fields, b"start_time"), _time_of(fields, b"end_time")
-    counts = {id_: count for id_, count in pairs if count}
     return _Chunk(_number(fields, b"chunk_pos", 8), start, end, counts)
 
 
-def _chunk_messages(file: RawFile, ids: Collection[int], chunk: _Chunk) -> Iterator[Payload]:
+def _chunk_messages(
+    file: RawFile, index: _Index, ids: Collection[int], chunk: _Chunk
+) -> Iterator[Payload]:
     record = _record(file, chunk.position, _CHUNK)
     raw = unpack(_packing(record), file.read(record.at, record.size), _unpacked_size(record))
-    for message in _messages_in(raw, ids.__contains__, lambda _fields, _data: None):
+    for message in _messages_in(raw, ids.__contains__, index.confirm):
         if not chunk.start <= message[0] <= chunk.end:
             raise BadDataError("a message differs from what the index says of its chunk")
         yield message
@@ -404,6 +420,8 @@ def _connection(fields: Fields, data: bytes) -> _Connection:
     topic = fields.get(b"topic", b"").decode()
     name = inner.get(b"type", b"").decode()
     caller = inner.get(b"callerid", b"").decode()
+    if not topic or not name:
+        raise BadDataError("a connection without a topic or a type")
     package, slash, message = name.partition("/")
     kind = f"{package}/msg/{message}" if slash and "/" not in message else name
     lead = "/" if topic.startswith("/") else ""
