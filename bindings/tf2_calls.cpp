@@ -103,9 +103,18 @@ private:
     nb::object only_time_;
 };
 
+/// A number is seconds, of which the method in Python refuses those that are no duration.
 bool is_plain_timeout(PyObject* timeout) {
-    return !is_given(timeout) || PyFloat_CheckExact(timeout) ||
-           plain_nanoseconds(timeout).has_value();
+    if (!is_given(timeout)) {
+        return true;
+    }
+    const bool is_float = PyFloat_CheckExact(timeout);
+    const auto whole = is_float ? std::nullopt : plain_nanoseconds(timeout);
+    if (!is_float && (!whole || !PyLong_CheckExact(timeout))) {
+        return whole.has_value();
+    }
+    const double seconds = is_float ? PyFloat_AsDouble(timeout) : static_cast<double>(*whole);
+    return seconds >= 0.0 && clock::nanoseconds_from_seconds(seconds).has_value();
 }
 
 /// Forgets what a plain answer failed with: the method in Python says it.

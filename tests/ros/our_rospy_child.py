@@ -10,6 +10,8 @@ sys.path.append("/usr/lib/python3/dist-packages")
 
 import rospy
 import rospy_child
+import tf2_ros
+from geometry_msgs.msg import TransformStamped
 
 import tfdb
 from tfdb import tf2
@@ -118,6 +120,19 @@ def our_server(name):
     """A BufferServer of ours, in rospy."""
     buffer = tf2.Buffer(flavor="ros1", debug=False)
     OPENED[name] = (buffer, tf2.BufferServer(buffer, name))
+
+
+def buffers(whose):
+    """Make a buffer for each letter, ours or tf2's: whether each offers the tree, and their own."""
+    made = []
+    for who in whose:
+        made.append((tf2 if who == "o" else tf2_ros).Buffer())
+        placed = TransformStamped(child_frame_id=f"{who}{len(made)}")
+        placed.header.frame_id = "map"
+        placed.transform.rotation.w = 1.0
+        made[-1].set_transform_static(placed, "test")
+    OPENED["buffers"] = made
+    return [hasattr(buffer, "frame_server") for buffer in made]
 
 
 def our_transform(name, text):

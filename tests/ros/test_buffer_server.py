@@ -375,6 +375,11 @@ def test_arguments_of_the_client(node: TcprosNode, caplog: pytest.LogCaptureFixt
         tf2.BufferServer(3, "x", node=node)  # type: ignore[arg-type]
     with pytest.raises(TypeError, match="ns must be a str, got int"):
         tf2.BufferServer(tf2.Buffer(flavor="ros1"), 3, node=node)  # type: ignore[arg-type]
+    nameless = "^ns is the name of an action, such as tf2_buffer_server, got ''$"
+    with pytest.raises(tf2.InvalidArgumentException, match=nameless):
+        tf2.BufferServer(tf2.Buffer(flavor="ros1"), "", node=node)
+    with pytest.raises(tf2.InvalidArgumentException, match=nameless):
+        tf2.BufferClient(node, "")
     with pytest.raises(TypeError, match=r"buffer is a tfdb\.tf2\.Buffer, or what stores"):
         tf2.TransformListener(3, node)
 

@@ -79,6 +79,18 @@ def test_services_and_types_that_are_not_known(ours: RospyChild, rospy_child: Ro
     assert "none_msgs/None" in text
 
 
+@pytest.mark.parametrize("whose", ["oo", "to", "ot"])
+def test_the_first_buffer_of_a_node_offers_its_tree(
+    rospy_child: RospyChild, new_our_child: Callable[[str], RospyChild], whose: str
+) -> None:
+    child = new_our_child(f"buffers_{whose}")
+    assert child.call("buffers", whose) == [True, False]
+    word, tree = rospy_child.call("ask", f"/buffers_{whose}/tf2_frames", "tf2_msgs/FrameGraph")
+    assert word == "ok"
+    assert f"{whose[0]}1" in tree
+    assert f"{whose[1]}2" not in tree
+
+
 def test_a_type_that_is_not_installed_is_received(
     ours: RospyChild, rospy_child: RospyChild
 ) -> None:

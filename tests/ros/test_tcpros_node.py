@@ -15,6 +15,7 @@ import pytest
 import tfdb
 from ros.messages import clock, transforms
 from ros.real_ros1 import SECONDS, free_port, until
+from tfdb import tf2
 from tfdb.ros.tcpros_node import TcprosNode
 
 if TYPE_CHECKING:
@@ -225,6 +226,19 @@ def test_services(node: TcprosNode, rospy_child: RospyChild) -> None:
         assert master.lookupService("/test", name)[0] != 1
 
 
+def test_the_first_buffer_of_a_node_offers_its_tree(
+    node: TcprosNode, rospy_child: RospyChild
+) -> None:
+    first, second = (tf2.Buffer(node=node, flavor="ros1") for _ in range(2))
+    for buffer, child in ((first, "one"), (second, "two")):
+        buffer.buffer.set_static_transform("map", child, (0, 0, 0))
+    name, kind = "/ours/tf2_frames", "tf2_msgs/FrameGraph"
+    assert rospy_child.call("ask", name, kind) == ["ok", first.all_frames_as_yaml()]
+    first.close()
+    third = tf2.Buffer(node=node)
+    assert rospy_child.call("ask", name, kind) == ["ok", third.all_frames_as_yaml()]
+
+
 def xmlrpc_string(text: str) -> bytes:
     return len(text).to_bytes(4, "little") + text.encode()
 
@@ -348,6 +362,7 @@ def test_a_callback_may_open_and_close_and_fail(
 
 PROGRAM = """
 import sys, time
+from tfdb import tf2
 from tfdb import tf2
 from tfdb.ros.tcpros_node import TcprosNode
 

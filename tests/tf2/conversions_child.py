@@ -11,10 +11,15 @@ import geometry_msgs.msg
 import rospy
 import sensor_msgs.msg
 import tf2_geometry_msgs
+import tf2_ros
 import tf2_sensor_msgs
 
 PACKAGES = (geometry_msgs.msg, sensor_msgs.msg)
-FUNCTIONS = {**vars(tf2_geometry_msgs), **vars(tf2_sensor_msgs)}
+FUNCTIONS = {
+    **vars(tf2_geometry_msgs),
+    **vars(tf2_sensor_msgs),
+    "as_vector": lambda given, _: tf2_ros.convert(given, geometry_msgs.msg.Vector3Stamped),
+}
 
 
 def message(values):

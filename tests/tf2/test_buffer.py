@@ -587,6 +587,52 @@ def test_a_cancelled_request_is_not_called(buffer: tf2.Buffer) -> None:
     assert len(others) == 1
 
 
+@pytest.mark.parametrize("timeout", [-1, -0.5, float("nan"), float("inf"), 2**70])
+def test_a_timeout_is_a_duration_where_nothing_waits_too(
+    buffer: tf2.Buffer, timeout: float
+) -> None:
+    store(buffer, 1)
+    for call in (buffer.lookup_transform, buffer.can_transform):
+        with pytest.raises(tfdb.InvalidArgument, match="timeout must be a number of seconds"):
+            call("map", "base", seconds(1), timeout)
+        assert call("map", "base", seconds(1), 3)
+
+
+def test_frames_are_named_as_their_arguments(buffer: tf2.Buffer) -> None:
+    now = seconds(1)
+    given = ["map", now, "base", now, "map"]
+    for place, role in ((0, "target_frame"), (2, "source_frame"), (4, "fixed_frame")):
+        wrong: list[Any] = [*given[:place], 3, *given[place + 1 :]]
+        for full in (
+            buffer.lookup_transform_full,
+            buffer.can_transform_full,
+            buffer.wait_for_transform_full_async,
+            buffer._chain,
+        ):
+            with pytest.raises(TypeError, match=f"^{role} must be a str, got int$"):
+                full(*wrong)
+        simple = [*wrong[:3:2], now]
+        for call in (
+            buffer.lookup_transform,
+            buffer.can_transform_core,
+            buffer.wait_for_transform,
+            buffer.wait_for_transform_async,
+            lambda *asked: buffer.add_transformable_request(print, *asked),
+            lambda *asked: buffer.get_latest_common_time(*asked[:2]),
+        ):
+            if place < 4:
+                with pytest.raises(TypeError, match=f"^{role} must be a str, got int$"):
+                    call(*simple)
+    with pytest.raises(TypeError, match=r"^observation_frame must be a str, got int$"):
+        buffer.lookupVelocityCore("map", 3, now, 0.1)  # type: ignore[arg-type]
+
+
+def test_a_handle_is_an_integer(buffer: tf2.Buffer) -> None:
+    buffer.cancel_transformable_request(NEVER)
+    with pytest.raises(TypeError, match=r"^request_handle is a handle, an integer, got 'x'"):
+        buffer.cancel_transformable_request("x")  # type: ignore[arg-type]
+
+
 def test_a_callback_may_write_wait_and_raise(
     buffer: tf2.Buffer, caplog: pytest.LogCaptureFixture
 ) -> None:
@@ -663,7 +709,7 @@ def test_the_tree_is_served(buffer: tf2.Buffer) -> None:
             assert not node.services
 
 
-# What a stranger found
+# Rare ends
 
 
 def test_a_callback_that_exits_ends_no_other_wait(
@@ -707,7 +753,7 @@ def test_a_name_that_is_none_is_refused_in_all_ways(buffer: tf2.Buffer) -> None:
         ):
             with pytest.raises(tf2.InvalidArgumentException):
                 ask(name)
-    with pytest.raises(TypeError, match="frame's name is a str, got NoneType"):
+    with pytest.raises(TypeError, match="target_frame must be a str, got NoneType"):
         buffer.wait_for_transform_async(None, "base", seconds(2))  # type: ignore[arg-type]
     with pytest.raises(TypeError, match="callback must be callable"):
         buffer.add_transformable_request(5, "map", "base", seconds(2))  # type: ignore[arg-type]

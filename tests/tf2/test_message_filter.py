@@ -194,6 +194,8 @@ def test_what_a_filter_is_not_made_of() -> None:
     for targets, size, tolerance in (
         ("map", -1, None),
         ("", 1, None),
+        ("a\0b", 1, None),
+        (["map", "x" * 1025], 1, None),
         ([], 1, None),
         ("map", 1, msgs.Duration(-1)),
     ):
@@ -207,6 +209,7 @@ def test_what_a_filter_is_not_made_of() -> None:
         ("queue_size is a number of", lambda _: tf2.MessageFilter(buffer, "map", 0.5)),  # type: ignore[arg-type]
         ("source is a filter of message_filters", made.connect_input),
         ("message is a message with a header, got 5", made.add),
+        ("header.frame_id must be a str, got int", lambda five: made.add(scan(1, five))),
         ("callback is a function, got 5", made.registerCallback),
         ("callback is a function, got 5", made.register_callback),
         ("callback is a function, got 5", made.register_failure_callback),

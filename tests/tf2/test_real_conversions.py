@@ -195,6 +195,14 @@ def test_difference_conversion_orientation() -> None:
     assert geometry.do_transform_pose(pose, turn).pose.orientation == turn.transform.rotation
 
 
+def test_difference_conversion_type() -> None:
+    point = msgs.PointStamped(point=msgs.Point(1.0, 2.0, 3.0))
+    [answer] = theirs([["as_vector", point, random_transform(27)]])
+    assert set(answer["made"]) == {"header", "point"}
+    with pytest.raises(tf2.TypeException, match=r"PointStamped'> does not convert to .*Vector3"):
+        tf2.convert(point, msgs.Vector3Stamped)
+
+
 def test_difference_cloud_layout() -> None:
     turn = random_transform(25)
     padded = simple(2)

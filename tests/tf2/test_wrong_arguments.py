@@ -39,7 +39,7 @@ WORDS = {
     "one too few of set": "set_transform() is missing the argument 'authority'",
     "one too many of clear": "clear() takes no arguments, got 1",
     "unknown name": "unexpected keyword argument 'target'; did you mean 'target_frame'?",
-    "integer frame": "target must be a str, got int",
+    "integer frame": "target_frame must be a str, got int",
     "integer authority": "authority must be a str, got int",
     "unknown type": "Type <class 'str'> is not loaded or supported",
     "no header": "obj must be an object that can have a header",

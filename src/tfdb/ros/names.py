@@ -71,7 +71,7 @@ class Names:
         given = parse_arguments(sys.argv if arguments is None else arguments)
         special = {key: given.pop(key) for key in list(given) if key.startswith("__")}
         name = special.get("__name", name)
-        if BASE.fullmatch(name) is None:
+        if BASE.fullmatch(given_name("name", name)) is None:
             raise InvalidName(
                 f"{name!r} is not a name of a ROS node: a letter, then letters, digits and _; the"
                 " namespace comes from ROS_NAMESPACE or __ns:=",

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import rospy
 from rospy.impl.tcpros_base import DEFAULT_BUFF_SIZE
 
-from tfdb.data.errors import CorruptMessage, NodeClosed, NotSupported
+from tfdb.data.errors import CorruptMessage, InvalidArgument, NodeClosed, NotSupported
 
 from .loop import LOG
 from .message_kinds import known_kind, service_kind
@@ -131,13 +131,17 @@ class RospyNode:
         """Offer a service: `answer` makes the serialized response of a serialized request.
 
         Each client is answered in a thread of its own. Raises InvalidArgument for a type that is
-        not known, NodeClosed.
+        not known or a name that is served already, NodeClosed.
         """
         self._check_open()
         service = raw_service(kind)
-        made = rospy.Service(
-            name, service, lambda request: service._response_class(answer(request.data))
-        )
+        try:
+            made = rospy.Service(
+                name, service, lambda request: service._response_class(answer(request.data))
+            )
+        except rospy.ServiceException as error:  # it has this one reason
+            full = rospy.resolve_name(name)
+            raise InvalidArgument(f"{full} is served by this node already", value=full) from error
         return self._kept(_Opened(self, lambda: made.shutdown("it was closed"), native=made))
 
     def now(self) -> int:

@@ -34,14 +34,13 @@ if TYPE_CHECKING:
 
     from tfdb.ros import Flavor, Node
 
+    from .buffer_core import Full, Question
     from .deadlines import Deadline
 
 __all__ = ["Buffer"]
 
 # What a later transform may put right.
 NO_ANSWER_YET = (LookupException, ConnectivityException, ExtrapolationException)
-Simple = tuple[str, str, int]
-Full = tuple[str, int, str, int, str]
 
 
 class Buffer(BufferCalls, BufferCore, BufferInterface):
@@ -59,8 +58,8 @@ class Buffer(BufferCalls, BufferCore, BufferInterface):
         A duration: how long samples are kept behind each edge's newest one. None: 10 s.
     node
         A node of rclpy or of `tfdb.ros`: it is the `clock`, and it offers the service
-        `tf2_frames`. None: that of rospy, where the process is one; else no node. A bool is
-        ROS 1's `debug`.
+        `tf2_frames`, in ROS 1 of its first buffer alone. None: that of rospy, where the process is
+        one; else no node. A bool is ROS 1's `debug`.
     debug
         False: offer no service.
     store
@@ -129,7 +128,7 @@ class Buffer(BufferCalls, BufferCore, BufferInterface):
     ) -> Any:
         """`lookup_transform`, whatever is asked."""
         limit = self._limit(timeout)
-        question = (target_frame, source_frame, self._nanoseconds(time))
+        question = self._question(target_frame, source_frame, time)
         return self._once_there(
             lambda: self.lookup_transform_core(target_frame, source_frame, time), question, limit
         )
@@ -158,7 +157,7 @@ class Buffer(BufferCalls, BufferCore, BufferInterface):
     ) -> Any:
         """`can_transform`, whatever is asked."""
         limit = self._limit(timeout)
-        question = (target_frame, source_frame, self._nanoseconds(time))
+        question = self._question(target_frame, source_frame, time)
         found = self._once_possible(
             lambda: self.can_transform_core(target_frame, source_frame, time), question, limit
         )
@@ -189,7 +188,7 @@ class Buffer(BufferCalls, BufferCore, BufferInterface):
 
         With a `timeout` it raises TimeoutException, whose cause says what is missing.
         """
-        question = (target_frame, source_frame, self._nanoseconds(time))
+        question = self._question(target_frame, source_frame, time)
         limit = None if timeout is None else self._limit(timeout)
         _check_may_come(question)
         began = monotonic_ns()
@@ -219,7 +218,7 @@ class Buffer(BufferCalls, BufferCore, BufferInterface):
         before it is done; `result(seconds)` waits. All of them can be awaited.
         """
         asked = (target_frame, source_frame, time)
-        question = (target_frame, source_frame, self._nanoseconds(time))
+        question = self._question(target_frame, source_frame, time)
         return self._future(question, lambda: self.lookup_transform_core(*asked), timeout)
 
     def wait_for_transform_full_async(
@@ -286,11 +285,12 @@ class Buffer(BufferCalls, BufferCore, BufferInterface):
         """
         if not callable(callback):
             raise TypeError(f"callback must be callable, got {type(callback).__name__}")
-        _check_may_come((target_frame, source_frame, self._nanoseconds(time)))
+        _check_may_come(self._question(target_frame, source_frame, time))
         return self._requests.add(callback, (target_frame, source_frame), time)
 
     def cancel_transformable_request(self, request_handle: int) -> None:
-        """Call the function of a request no more."""
+        """Call the function of a request no more. One that has ended is passed over."""
+        refuse_without(request_handle, "request_handle", "a handle, an integer", "__index__")
         self._requests.cancel(request_handle)
 
     def close(self) -> None:
@@ -317,19 +317,8 @@ class Buffer(BufferCalls, BufferCore, BufferInterface):
         """Give the deadline in so many nanoseconds: by the wall clock in ROS 2, as upstream."""
         return deadline_in(limit, self.clock if self.flavor == "ros1" else None)
 
-    def _full(
-        self,
-        target_frame: str,
-        target_time: Any,
-        source_frame: str,
-        source_time: Any,
-        fixed_frame: str,
-    ) -> Full:
-        stamps = self._nanoseconds(target_time), self._nanoseconds(source_time)
-        return target_frame, stamps[0], source_frame, stamps[1], fixed_frame
-
     def _once_there(
-        self, ask: Callable[[], Any], question: Simple | Full, limit: int | None
+        self, ask: Callable[[], Any], question: Question | Full, limit: int | None
     ) -> Any:
         """Ask until there is an answer; its error once the limit, in nanoseconds, is over."""
         deadline = None if limit is None else self._deadline(limit)
@@ -344,7 +333,7 @@ class Buffer(BufferCalls, BufferCore, BufferInterface):
         return ask()
 
     def _once_possible(
-        self, ask: Callable[[], tuple[int, str]], question: Simple | Full, limit: int
+        self, ask: Callable[[], tuple[int, str]], question: Question | Full, limit: int
     ) -> tuple[int, str]:
         """Ask until the answer is yes; what it is once the limit is over."""
         found = ask()
@@ -357,7 +346,7 @@ class Buffer(BufferCalls, BufferCore, BufferInterface):
             found = ask()
         return found
 
-    def _block(self, question: Simple | Full, deadline: Deadline | None) -> bool:
+    def _block(self, question: Question | Full, deadline: Deadline | None) -> bool:
         """Wait until a question has an answer; False: the deadline came before."""
         left = None if deadline is None else deadline.left()
         if left == 0:
@@ -391,7 +380,7 @@ class Buffer(BufferCalls, BufferCore, BufferInterface):
 
     def _begin(
         self,
-        question: Simple | Full,
+        question: Question | Full,
         tell: Callable[[waiting.End], None],
         loop: Any = None,
     ) -> waiting.Wait | None:
@@ -444,7 +433,7 @@ class Buffer(BufferCalls, BufferCore, BufferInterface):
         hold(gone)
         return None
 
-    def _future(self, question: Simple | Full, ask: Callable[[], Any], timeout: Any) -> Any:
+    def _future(self, question: Question | Full, ask: Callable[[], Any], timeout: Any) -> Any:
         """Make a future of the answer to a question, which `ask` gives or raises."""
         limit = None if timeout is None else self._limit(timeout)
         held: list[Any] = []  # the wait, and what ends it in time
@@ -483,7 +472,7 @@ class Buffer(BufferCalls, BufferCore, BufferInterface):
 
     def _alarm(
         self,
-        question: Simple | Full,
+        question: Question | Full,
         ask: Callable[[], Any],
         limit: int,
         future: Any,
@@ -507,7 +496,7 @@ class Buffer(BufferCalls, BufferCore, BufferInterface):
         return self._deadline(limit).call(called if loop is None else called_in_loop)
 
     def _late(
-        self, question: Simple | Full, limit: int | None, began: int, why: Exception
+        self, question: Question | Full, limit: int | None, began: int, why: Exception
     ) -> TimeoutException:
         """Make the error of a wait that ended without an answer; `why` is the last lookup's."""
         stopped = self.clock is not None and self.clock.closed
@@ -530,20 +519,18 @@ async def _ended(future: Any) -> Any:
         future.cancel()
 
 
-def _may_come(question: Simple | Full) -> bool:
+def _may_come(question: Question | Full) -> bool:
     """Whether its stamps and names are such that there may be an answer some time."""
     for part in question:
         if isinstance(part, int):
             if not 0 <= part <= LAST_STAMP:
                 return False
-        elif not isinstance(part, str):
-            raise TypeError(f"a frame's name is a str, got {type(part).__name__}")
         elif part[:1] == "/" or not _core.Buffer._may_be_frame(part):
             return False
     return True
 
 
-def _check_may_come(question: Simple | Full) -> None:
+def _check_may_come(question: Question | Full) -> None:
     if not _may_come(question):
         raise InvalidArgumentException(
             f"{question} will never have an answer: names are neither empty nor begin with '/', "

@@ -7,7 +7,6 @@ import threading
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
-from tfdb.data.argument_checks import given_name
 from tfdb.data.stamps import shown
 from tfdb.ros import node_for
 from tfdb.ros.ros_messages import lookup_action_client
@@ -18,7 +17,7 @@ from .buffer_interface import BufferInterface
 from .deadlines import deadline_in, wait_until
 from .exceptions import TimeoutException, TransformException
 from .handles import given_node
-from .lookup_action import NO_ERROR, LookupGoal, client_in, exception_of
+from .lookup_action import NO_ERROR, LookupGoal, action_name, client_in, exception_of
 
 if TYPE_CHECKING:
     from tfdb.ros import Node
@@ -85,7 +84,7 @@ class BufferClient(BufferInterface):
             LOGGER.warning("Argument check_frequency is deprecated and should not be used.")
         self.check_frequency: Any = arguments.get("check_frequency")
         """As given."""
-        self._ns = given_name("ns", arguments["ns"])
+        self._ns = action_name(arguments["ns"])
         self._transport = client_in(self._node, self._ns)
         if self._node.flavor == "ros2":
             self.action_client: Any = self._transport.native

@@ -41,6 +41,7 @@ __all__ = ["BufferCore"]
 DEFAULT_CACHE_TIME = 10 * SECOND
 LAST_STAMP = 2**61 - 1
 Question = tuple[str, str, int]
+Full = tuple[str, int, str, int, str]
 Velocity = tuple[tuple[float, float, float], tuple[float, float, float]]
 
 
@@ -50,6 +51,12 @@ def _by_role(target: str, source: str, fixed: str | None = None) -> dict[str, st
     if fixed is not None:
         names["fixed_frame"] = fixed
     return names
+
+
+def _check_text(names: dict[str, str]) -> None:
+    """Raise TypeError for the first of some names, by role, that is no str."""
+    for role, name in names.items():
+        given_name(role, name)
 
 
 class BufferCore(CoreCalls):
@@ -115,6 +122,25 @@ class BufferCore(CoreCalls):
         if not self._settled:
             self._settle(self._flavor or flavor_of(time))
         return nanoseconds(time, self._flavor)
+
+    def _question(self, target_frame: str, source_frame: str, time: Any) -> Question:
+        """Frames and stamp of a lookup's arguments. Raises TypeError."""
+        given_name("target_frame", target_frame)
+        given_name("source_frame", source_frame)
+        return target_frame, source_frame, self._nanoseconds(time)
+
+    def _full(
+        self,
+        target_frame: str,
+        target_time: Any,
+        source_frame: str,
+        source_time: Any,
+        fixed_frame: str,
+    ) -> Full:
+        """Frames and stamps of a full lookup's arguments. Raises TypeError."""
+        target, source, target_stamp = self._question(target_frame, source_frame, target_time)
+        given_name("fixed_frame", fixed_frame)
+        return target, target_stamp, source, self._nanoseconds(source_time), fixed_frame
 
     def _settle(self, flavor: Flavor | None) -> None:
         """Let the native calls answer what is plain, by the flavor if that is known."""
@@ -220,11 +246,11 @@ class BufferCore(CoreCalls):
 
     def _lookup_transform_core(self, target_frame: str, source_frame: str, time: Any) -> Any:
         """`lookup_transform_core`, whatever is asked."""
-        stamp = self._nanoseconds(time)
+        question = self._question(target_frame, source_frame, time)
         try:
-            found = self._buffer.lookup_transform(target_frame, source_frame, stamp or None)
+            found = self._buffer.lookup_transform(target_frame, source_frame, question[2] or None)
         except TfdbError as error:
-            found, stamp = self._answer_or_raise((target_frame, source_frame, stamp), error)
+            found, stamp = self._answer_or_raise(question, error)
         else:
             stamp = found.stamp
         return makers(self.flavor)[0](target_frame, source_frame, stamp, found.pose.tolist())
@@ -242,8 +268,8 @@ class BufferCore(CoreCalls):
         Both halves are answered from one state. The result's stamp is the target's; arguments and
         errors as in `lookup_transform_core`.
         """
-        target_stamp = self._nanoseconds(target_time)
-        source_stamp = self._nanoseconds(source_time)
+        asked = (target_frame, target_time, source_frame, source_time, fixed_frame)
+        _, target_stamp, _, source_stamp, _ = self._full(*asked)
         try:
             found = self._buffer.lookup_transform_full(
                 target_frame, target_stamp or None, source_frame, source_stamp or None, fixed_frame
@@ -265,7 +291,7 @@ class BufferCore(CoreCalls):
         self, target_frame: str, source_frame: str, time: Any
     ) -> tuple[int, str]:
         """`can_transform_core`, whatever is asked."""
-        stamp = self._nanoseconds(time)
+        _, _, stamp = self._question(target_frame, source_frame, time)
         if 0 <= stamp <= LAST_STAMP and self._buffer.can_transform(
             target_frame, source_frame, stamp or None
         ):
@@ -296,6 +322,7 @@ class BufferCore(CoreCalls):
         A rospy.Time, an rclpy.time.Time or a `tfdb.tf2.msgs.Time`. Raises LookupException,
         InvalidArgumentException, ConnectivityException.
         """
+        _check_text(_by_role(target_frame, source_frame))
         try:
             stamp = self._buffer.latest_common_time(target_frame, source_frame)
         except TfdbError as error:
@@ -350,6 +377,10 @@ class BufferCore(CoreCalls):
         point: Sequence[float],
         point_frame: str | None,
     ) -> Velocity:
+        roles = ("tracking_frame", "observation_frame", "reference_frame", "reference_point_frame")
+        given = (*frames, reference, point_frame)
+        names = {role: name for role, name in zip(roles, given, strict=True) if name is not None}
+        _check_text(names)
         stamp = self._nanoseconds(time)
         span = duration(interval, self.flavor, "averaging_interval") / SECOND
         try:
@@ -362,16 +393,6 @@ class BufferCore(CoreCalls):
                 point_frame=point_frame,
             )
         except TfdbError as error:
-            roles = (
-                "tracking_frame",
-                "observation_frame",
-                "reference_frame",
-                "reference_point_frame",
-            )
-            given = (*frames, reference, point_frame)
-            names = {
-                role: name for role, name in zip(roles, given, strict=True) if name is not None
-            }
             with self._buffer.snapshot() as snapshot:
                 self._check_names(snapshot, names, "lookupVelocity", error)
                 if isinstance(error, Extrapolation) and error.oldest == error.newest == error.stamp:
@@ -501,8 +522,7 @@ class BufferCore(CoreCalls):
         self, snapshot: Snapshot, names: dict[str, str], function: str
     ) -> tuple[str, str] | None:
         """Tell the first of some names, by role, that names no frame, and what tf2 says of it."""
-        for role, name in names.items():
-            given_name(role, name)
+        _check_text(names)
         for role, name in names.items():
             if not name or name.startswith("/"):
                 return name, phrases.bad_name(self.flavor, function, role, name)

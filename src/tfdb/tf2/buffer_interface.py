@@ -121,7 +121,7 @@ class ConvertRegistration:
 def convert(a: Any, b_type: Any) -> Any:
     """Make an object of another type: directly, as a copy of its own type, or through a message.
 
-    Raises TypeException where no way is registered.
+    Raises TypeException where no way is registered, or it leads to a message of another type.
     """
     registry = ConvertRegistration()
     try:
@@ -130,7 +130,12 @@ def convert(a: Any, b_type: Any) -> Any:
         if type(a) is b_type:
             return deepcopy(a)
         to_msg, from_msg = registry.get_to_msg(type(a)), registry.get_from_msg(b_type)
-        return from_msg(to_msg(a))
+        made = from_msg(to_msg(a))
+        kind: type = type(made)
+        wanted = message_name(b_type) if isinstance(b_type, type) else None
+        if wanted and message_name(kind) not in (None, wanted):
+            raise TypeException(f"Type {type(a)} does not convert to {b_type}") from None
+        return made
     return direct(a)
 
 

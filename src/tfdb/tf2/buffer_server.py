@@ -5,12 +5,12 @@ from __future__ import annotations
 import threading
 from typing import TYPE_CHECKING, Any, Self
 
-from tfdb.data.argument_checks import given_name, refuse_without
+from tfdb.data.argument_checks import refuse_without
 from tfdb.data.errors import TfdbError
 from tfdb.ros import msgs, node_for
 
 from .buffer import NO_ANSWER_YET
-from .lookup_action import LookupResult, code_of, server_in
+from .lookup_action import LookupResult, action_name, code_of, server_in
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -61,7 +61,7 @@ class BufferServer:
         self.buffer = buffer
         self.node: Node = node_for(node)
         """The node that it answers in."""
-        self._transport = server_in(self.node, given_name("ns", ns))
+        self._transport = server_in(self.node, action_name(ns))
         self._lock = threading.Lock()
         self._waiting: dict[Goal, Any] = {}
         self._started = self._closed = False
@@ -122,10 +122,12 @@ class BufferServer:
                 future.cancel()
                 return
             self._waiting[goal] = future
-        future.add_done_callback(lambda _: self._finish(goal))
+        future.add_done_callback(lambda ended: self._finish(goal, ended))
 
-    def _finish(self, goal: Goal) -> None:
+    def _finish(self, goal: Goal, ended: Any) -> None:
         """Answer a goal whose wait is over, by a transform, a timeout or an error."""
+        if not ended.cancelled():
+            ended.exception()  # rclpy prints those that nobody asked for
         with self._lock:
             if self._waiting.pop(goal, None) is None:
                 return

@@ -187,6 +187,12 @@ DIFFERENCES: dict[str, Difference] = {
         "identity, as in [2]",
         "programs that care for the position alone leave it out",
     ),
+    "conversion_type": Difference(
+        "convert, and `transform` with a new_type, give a message of geometry_msgs back as it is "
+        "where another of them is asked for",
+        "TypeException",
+        "it is not what was asked for",
+    ),
     "cloud_layout": Difference(
         "[1] takes the first three numbers of each point for x, y, z; [1] and [2] drop padding "
         "behind the last field, rows and the order of bytes",

@@ -5,6 +5,8 @@ from __future__ import annotations
 import struct
 from typing import TYPE_CHECKING
 
+from tfdb.data.errors import InvalidArgument
+
 if TYPE_CHECKING:
     from tfdb.ros import Encoding, Node, Service
 
@@ -13,13 +15,16 @@ if TYPE_CHECKING:
 __all__ = ["offer_frame_graph"]
 
 
-def offer_frame_graph(core: BufferCore, node: Node) -> Service:
-    """Offer the service in a node."""
+def offer_frame_graph(core: BufferCore, node: Node) -> Service | None:
+    """Offer the service in a node; None: another buffer of the node, ours or tf2's, has it."""
     name = "~tf2_frames" if node.flavor == "ros1" else "tf2_frames"
     encoding = node.encoding
-    return node.serve(
-        name, "tf2_msgs/FrameGraph", lambda _: _response(core.all_frames_as_yaml(), encoding)
-    )
+    try:
+        return node.serve(
+            name, "tf2_msgs/FrameGraph", lambda _: _response(core.all_frames_as_yaml(), encoding)
+        )
+    except InvalidArgument:
+        return None
 
 
 def _response(text: str, encoding: Encoding) -> bytes:

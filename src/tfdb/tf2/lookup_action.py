@@ -11,6 +11,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Protocol
 
+from tfdb.data.argument_checks import given_name
 from tfdb.data.errors import NotSupported
 
 from .exceptions import (
@@ -40,6 +41,7 @@ __all__ = [
     "LookupResult",
     "Sent",
     "ServerTransport",
+    "action_name",
     "client_in",
     "code_of",
     "exception_of",
@@ -94,6 +96,14 @@ class LookupResult:
     error: int = NO_ERROR
     """A code of tf2_msgs/TF2Error."""
     error_string: str = ""
+
+
+def action_name(ns: Any) -> str:
+    """Return the name of an action. Raises TypeError, InvalidArgumentException."""
+    if not given_name("ns", ns):
+        text = "ns is the name of an action, such as tf2_buffer_server, got ''"
+        raise InvalidArgumentException(text, value=ns)
+    return str(ns)
 
 
 def code_of(error: TfdbError) -> int:

@@ -11,8 +11,10 @@ from dataclasses import dataclass
 from itertools import count
 from typing import TYPE_CHECKING, Any
 
+from tfdb import _core
 from tfdb.data.argument_checks import given_name, refuse_without
 from tfdb.data.errors import TfdbError
+from tfdb.data.stamps import shown
 from tfdb.ros.times import duration, nanoseconds
 
 from .deadlines import deadline_in
@@ -153,8 +155,11 @@ class MessageFilter:
         refuse_without(target_frame, "target_frame", "a frame name or several", "__iter__")
         names = [target_frame] if isinstance(target_frame, str) else [*target_frame]
         targets = tuple(given_name("a target frame", name).removeprefix("/") for name in names)
-        if not targets or not all(targets):
-            text = f"target frames have names, got {target_frame!r}"
+        if not targets or not all(map(_core.Buffer._may_be_frame, targets)):
+            text = (
+                "target frames have names of 1 to 1024 bytes without control characters, "
+                f"got {shown(target_frame)}"
+            )
             raise InvalidArgumentException(text, value=target_frame)
         self._targets = targets
         self._look_again()
@@ -191,7 +196,7 @@ class MessageFilter:
     def add(self, message: Any) -> None:
         """Take a message, whose header says its frame and its stamp."""
         refuse_without(message, "message", "a message with a header", "header")
-        frame = message.header.frame_id.removeprefix("/")
+        frame = given_name("header.frame_id", message.header.frame_id).removeprefix("/")
         if not frame:
             self._drop(message, FilterFailureReason.EmptyFrameID)
             return
