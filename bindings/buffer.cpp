@@ -240,32 +240,10 @@ nb::object set_transforms(BufferObject& self, nb::handle batch, bool is_static,
     }));
 }
 
-CommitNumber remove_frame(BufferObject& self, nb::handle name, bool recursive) {
-    const std::string_view bytes = name_of(name, "name");
-    const LongWork work(true);
-    return self.open_store().remove_frame(bytes, recursive);
-}
-
 CommitNumber remove_frames(BufferObject& self, nb::handle names, bool recursive) {
-    if (PyUnicode_Check(names.ptr())) {
-        throw nb::type_error(
-            "names must be a sequence of frame names, got a str: remove_frame() "
-            "takes a single name");
-    }
-    check_many(names, "names", "a sequence of frame names");
-    const nb::object items = nb::steal(PySequence_Tuple(names.ptr()));
-    if (!items.is_valid()) {
-        throw nb::python_error();
-    }
-    const auto count = static_cast<std::size_t>(NB_TUPLE_GET_SIZE(items.ptr()));
-    std::vector<std::string_view> all(count);
-    for (std::size_t i = 0; i < count; ++i) {
-        look_for_signals(i);
-        PyObject* const item = NB_TUPLE_GET_ITEM(items.ptr(), static_cast<Py_ssize_t>(i));
-        at_index(i, [&] { all[i] = name_of(item, "names"); });
-    }
+    const FrameNames all(names);
     const LongWork work(true);
-    return self.open_store().remove_frames(all, recursive);
+    return self.open_store().remove_frames(all.views(), recursive);
 }
 
 CommitNumber clear(BufferObject& self) {
@@ -454,21 +432,15 @@ and its samples are dropped.)");
                      "False, only_new: bool = False) -> int | "
                      "list[tfdb.types.Refused]"),
              kSetTransformsDoc);
-    type.def("remove_frame", &remove_frame, nb::arg("name").none(), nb::kw_only(),
-             nb::arg("recursive") = false,
-             nb::sig("def remove_frame(self, name: str, *, recursive: bool = False) -> int"),
-             R"(Remove a frame and its edge; with `recursive` also all frames below it. One commit.
-
-Returns its number. Raises UnknownFrame, FrameInUse (naming the children).)");
     type.def("remove_frames", &remove_frames, nb::arg("names").none(), nb::kw_only(),
              nb::arg("recursive") = false,
-             nb::sig("def remove_frames(self, names: collections.abc.Iterable[str], *, recursive: "
-                     "bool = False) -> int"),
-             R"(Remove many frames in one commit, all or none.
+             nb::sig("def remove_frames(self, names: str | collections.abc.Iterable[str], *, "
+                     "recursive: bool = False) -> int"),
+             R"(Remove a frame, or several, with their edges in one commit, all or none.
 
-Their order does not matter: a frame may go together with all its children. With `recursive` also
-all frames below them. Returns the commit's number, the current one without names. Raises
-UnknownFrame, FrameInUse, with `index` and, for every name, `refused`.)");
+Their order does not matter: a frame may go together with all its children. With `recursive` all
+frames below them go as well. Returns the commit's number, the current one without names. Raises
+UnknownFrame, FrameInUse (naming the children), with `index` and, for every name, `refused`.)");
     type.def("clear", &clear, nb::sig("def clear(self) -> int"),
              R"(Drop all moving samples in one commit; frames and static edges stay.
 

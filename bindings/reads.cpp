@@ -78,19 +78,19 @@ nb::object array_of(const geometry::Vec3& vector) {
     return made.array;
 }
 
-nb::object lookup_velocity(nb::handle self, nb::handle tracking, nb::handle observation,
-                           nb::handle when, nb::handle interval, nb::handle reference,
-                           nb::handle point, nb::handle point_frame) {
+nb::object lookup_velocity(nb::handle self, nb::handle target, nb::handle source, nb::handle when,
+                           nb::handle interval, nb::handle reference, nb::handle point,
+                           nb::handle point_frame) {
     const Pinned pinned = pin(self, object_of<ReadsObject>(self));
-    const std::string_view moving = name_of(tracking, "tracking");
-    const std::string_view watching = name_of(observation, "observation");
+    const std::string_view to = name_of(target, "target");
+    const std::string_view from = name_of(source, "source");
     const std::optional<StampNs> stamp = optional_stamp_of(when.ptr());
     const StampNs length = duration_of(interval, "interval");
     const std::string_view axes = optional_name_of(reference, "reference");
     const geometry::Vec3 where = vector_of(point.ptr(), "point");
     const std::string_view where_frame = optional_name_of(point_frame, "point_frame");
     const Twist twist = pinned.ask([&](const Reads& reads) {
-        return reads.lookup_velocity(moving, watching, stamp, length, axes, where, where_frame);
+        return reads.lookup_velocity(to, from, stamp, length, axes, where, where_frame);
     });
     return nb::module_::import_("tfdb.data.types")
         .attr("Twist")(array_of(twist.linear), array_of(twist.angular));
@@ -190,29 +190,29 @@ for tf2. Raises UnknownFrame, Disconnected.)");
     type.def("common_times", &common_times, nb::arg("target").none(), nb::arg("source").none(),
              nb::sig("def common_times(self, target: str, source: str) -> tuple[int, int]"),
              kCommonTimesDoc);
-    type.def("lookup_velocity", &lookup_velocity, nb::arg("tracking").none(),
-             nb::arg("observation").none(), nb::arg("stamp") = nb::none(),
+    type.def("lookup_velocity", &lookup_velocity, nb::arg("target").none(),
+             nb::arg("source").none(), nb::arg("stamp") = nb::none(),
              nb::arg("interval").none() = 0.1, nb::kw_only(), nb::arg("reference") = nb::none(),
              nb::arg("point").none() = nb::make_tuple(0, 0, 0), nb::arg("point_frame") = nb::none(),
-             nb::sig("def lookup_velocity(self, tracking: str, observation: str, stamp: "
+             nb::sig("def lookup_velocity(self, target: str, source: str, stamp: "
                      "tfdb.types.StampLike | None = None, interval: float = 0.1, *, reference: "
                      "str | None = None, point: tfdb.types.VectorLike = (0, 0, 0), point_frame: "
                      "str | None = None) -> tfdb.types.Twist"),
-             R"(Velocity of `tracking` as seen from `observation`, by finite difference.
+             R"(Velocity of `source` as seen from `target`, by finite difference.
 
 Parameters
 ----------
-tracking, observation
-    Frame names.
+target, source
+    Frame names, in the order of `lookup_transform`.
 stamp
     Middle of the interval, nanoseconds; None: the latest common time.
 interval
     Seconds over which the difference is taken. Where the data or a parent begins or ends, the
     interval is moved to lie inside; where there is less than that, it is all there is.
 reference
-    The frame in whose axes the result is given; None: `observation`.
+    The frame in whose axes the result is given; None: `target`.
 point, point_frame
-    The point whose velocity `linear` is, in coordinates of `point_frame` (None: `tracking`).
+    The point whose velocity `linear` is, in coordinates of `point_frame` (None: `source`).
 
 Returns
 -------

@@ -147,22 +147,30 @@ bool frame_exists(TransactionObject& self, nb::handle name) {
 }
 
 void store(TransactionObject& self, const TransformView& view, bool is_static,
-           nb::handle authority) {
-    const std::string_view who = name_of(authority, "authority");
+           std::string_view authority) {
     self.run([&](Transaction& transaction) {
-        transaction.set_transforms({&view, 1}, is_static, who);
+        transaction.set_transforms({&view, 1}, is_static, authority);
     });
 }
 
-void set_transform(TransactionObject& self, nb::handle parent, nb::handle child, nb::handle stamp,
-                   nb::handle translation, nb::handle rotation, nb::handle rpy, nb::handle wxyz,
-                   nb::handle authority) {
-    store(self,
-          view_of(parent.ptr(), child.ptr(), stamp.ptr(),
-                  {translation.ptr(), rotation.ptr(), rpy.ptr(), wxyz.ptr(), parent.ptr(),
-                   child.ptr()}),
-          false, authority);
+PyObject* set_transform(PyObject* self, PyObject* const* args, Py_ssize_t count,
+                        PyObject* keywords) {
+    return guarded([&]() -> PyObject* {
+        const auto put = [self](const TransformView& view, std::string_view authority, WriteRules) {
+            store(object_of<TransactionObject>(self), view, false, authority);
+        };
+        read_set_transform<false>(args, count, keywords, put);
+        return Py_NewRef(Py_None);
+    });
 }
+
+PyMethodDef g_set_transform = {
+    "set_transform", as_function(set_transform), METH_FASTCALL | METH_KEYWORDS,
+    "set_transform($self, parent, child, stamp, translation, rotation=None, *, rpy=None, "
+    "wxyz=None, authority='')\n--\n\n"
+    "Store T[parent<-child] at a stamp, at the commit; this transaction sees it at once.\n\n"
+    "Arguments and errors as in `Buffer.set_transform`, also of `set_transform(T)`, but CycleError\n"
+    "only at the commit."};
 
 void set_static_transform(TransactionObject& self, nb::handle parent, nb::handle child,
                           nb::handle translation, nb::handle rotation, nb::handle rpy,
@@ -171,7 +179,7 @@ void set_static_transform(TransactionObject& self, nb::handle parent, nb::handle
           view_of(parent.ptr(), child.ptr(), nullptr,
                   {translation.ptr(), rotation.ptr(), rpy.ptr(), wxyz.ptr(), parent.ptr(),
                    child.ptr()}),
-          true, authority);
+          true, name_of(authority, "authority"));
 }
 
 void set_transforms(TransactionObject& self, nb::handle batch, bool is_static,
@@ -184,9 +192,9 @@ void set_transforms(TransactionObject& self, nb::handle batch, bool is_static,
     });
 }
 
-void remove_frame(TransactionObject& self, nb::handle name, bool recursive) {
-    const std::string_view bytes = name_of(name, "name");
-    self.run([&](Transaction& transaction) { transaction.remove_frame(bytes, recursive); });
+void remove_frames(TransactionObject& self, nb::handle names, bool recursive) {
+    const FrameNames all(names);
+    self.run([&](Transaction& transaction) { transaction.remove_frames(all.views(), recursive); });
 }
 
 std::optional<Pose> optional_pose_of(const PoseArguments& given) {
@@ -440,19 +448,7 @@ The answer counts as a read: a commit that changes it is a Conflict.)");
 }
 
 void bind_transaction_writes(TransactionClass& type) {
-    type.def("set_transform", &set_transform, nb::arg("parent").none(), nb::arg("child").none(),
-             nb::arg("stamp").none(), nb::arg("translation").none(),
-             nb::arg("rotation") = nb::none(), nb::kw_only(), nb::arg("rpy") = nb::none(),
-             nb::arg("wxyz") = nb::none(), nb::arg("authority").none() = "",
-             nb::sig("def set_transform(self, parent: str, child: str, stamp: "
-                     "tfdb.types.StampLike, translation: tfdb.types.VectorLike | "
-                     "tfdb.types.PoseLike, rotation: tfdb.types.QuaternionLike | None = None, *, "
-                     "rpy: tfdb.types.VectorLike | None = None, wxyz: "
-                     "tfdb.types.WxyzLike | None = None, "
-                     "authority: str = '') -> None"),
-             R"(Store T[parent<-child] at a stamp, at the commit; this transaction sees it at once.
-
-Arguments and errors as in `Buffer.set_transform`, but CycleError only at the commit.)");
+    add_raw_method(type, g_set_transform);
     type.def(
         "set_static_transform", &set_static_transform, nb::arg("parent").none(),
         nb::arg("child").none(), nb::arg("translation").none(), nb::arg("rotation") = nb::none(),
@@ -475,12 +471,13 @@ Arguments and errors as in `Buffer.set_static_transform`, but CycleError only at
 
 Arguments and errors as in `Buffer.set_transforms`, but CycleError only at the commit. A batch that
 is refused leaves the transaction as it was, and open.)");
-    type.def("remove_frame", &remove_frame, nb::arg("name").none(), nb::kw_only(),
+    type.def("remove_frames", &remove_frames, nb::arg("names").none(), nb::kw_only(),
              nb::arg("recursive") = false,
-             nb::sig("def remove_frame(self, name: str, *, recursive: bool = False) -> None"),
-             R"(Remove a frame, with `recursive` also all below it, at the commit.
+             nb::sig("def remove_frames(self, names: str | collections.abc.Iterable[str], *, "
+                     "recursive: bool = False) -> None"),
+             R"(Remove a frame, or several, at the commit.
 
-Raises UnknownFrame, FrameInUse (naming the children).)");
+Arguments and errors as in `Buffer.remove_frames`.)");
     type.def(
         "reparent", &reparent, nb::arg("child").none(), nb::arg("parent").none(),
         nb::arg("stamp") = nb::none(), nb::arg("translation") = nb::none(),
@@ -500,10 +497,9 @@ void bind_life(TransactionClass& type) {
 
 Aborting twice does nothing. Raises TransactionClosed if it was committed, or never begun.)");
     type.def_prop_ro(
-        "is_open", [](const TransactionObject& self) { return self.transaction.is_open(); },
-        nb::sig("def is_open(self) -> bool"), "True from its begin to its end.");
-    type.def_prop_ro("commit_number", &commit_number,
-                     nb::sig("def commit_number(self) -> int | None"),
+        "closed", [](const TransactionObject& self) { return !self.transaction.is_open(); },
+        nb::sig("def closed(self) -> bool"), "True before its begin and after its end.");
+    type.def_prop_ro("commit", &commit_number, nb::sig("def commit(self) -> int | None"),
                      "Number of its commit, or of the state that it read if it wrote nothing; None "
                      "unless it was committed.");
     type.def_prop_ro(

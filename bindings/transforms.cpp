@@ -15,6 +15,7 @@
 #include "pose.hpp"
 #include "records.hpp"
 #include "stamp.hpp"
+#include "transform.hpp"
 #include "writes.hpp"
 
 namespace tfdb::python {
@@ -162,7 +163,30 @@ void Transforms::read_message(PyObject* item, nb::object child) {
     views.push_back(view);
 }
 
-void Transforms::read_object(PyObject* item) {
+void Transforms::read_transform(PyObject* item, bool is_static) {
+    const auto& given = *reinterpret_cast<TransformObject*>(item);
+    if (given.stamp == 0 && !is_static) {
+        const nb::object repr = nb::steal(PyObject_Repr(item));
+        throw_error("InvalidStamp",
+                    text_of(repr.ptr()) +
+                        " has no stamp (0: it holds at all times): store it with "
+                        "set_transforms([T], static=True), or give the stamp: "
+                        "set_transform(T.target, T.source, stamp, T)",
+                    {{"value", nb::borrow(item)}});
+    }
+    TransformView view;
+    view.parent = keep_name(nb::borrow(given.target), "target");
+    view.child = keep_name(nb::borrow(given.source), "source");
+    view.stamp = given.stamp;
+    view.pose = given.pose;
+    views.push_back(view);
+}
+
+void Transforms::read_object(PyObject* item, bool is_static) {
+    if (is_transform(item)) {
+        read_transform(item, is_static);
+        return;
+    }
     nb::object child = find(item, g_fields.child);
     if (!child.is_valid()) {
         child = find(item, g_fields.child_frame_id);
@@ -170,10 +194,11 @@ void Transforms::read_object(PyObject* item) {
             read_message(item, std::move(child));
             return;
         }
-        PyErr_Format(PyExc_TypeError,
-                     "transforms must be tfdb.TransformStamped, or messages with header, "
-                     "child_frame_id and transform; item %zu is of type %s",
-                     views.size(), type_name_of(item).c_str());
+        PyErr_Format(
+            PyExc_TypeError,
+            "transforms must be tfdb.Transform, tfdb.TransformStamped, or messages with header, "
+            "child_frame_id and transform; item %zu is of type %s",
+            views.size(), type_name_of(item).c_str());
         throw nb::python_error();
     }
     TransformView view;
@@ -185,7 +210,7 @@ void Transforms::read_object(PyObject* item) {
     views.push_back(view);
 }
 
-void Transforms::read_objects(nb::handle batch, bool collect) {
+void Transforms::read_objects(nb::handle batch, bool is_static, bool collect) {
     if (!PySequence_Check(batch.ptr()) && !nb::hasattr(batch, "__iter__")) {
         const std::string message =
             "batch must be an iterable of transforms, or Columns; got a "
@@ -201,10 +226,10 @@ void Transforms::read_objects(nb::handle batch, bool collect) {
         look_for_signals(i);
         PyObject* const item = NB_TUPLE_GET_ITEM(items.ptr(), static_cast<Py_ssize_t>(i));
         if (collect) {
-            collecting(i, [&] { read_object(item); });
+            collecting(i, [&] { read_object(item, is_static); });
             views.resize(i + 1);
         } else {
-            at_index(i, [&] { read_object(item); });
+            at_index(i, [&] { read_object(item, is_static); });
         }
     }
     put_stand_ins();
@@ -301,7 +326,7 @@ EdgeColumns OneEdge::columns() const {
 Transforms Transforms::for_message(nb::handle batch) {
     Transforms result;
     if (!nb::isinstance(batch, record_type("Columns"))) {
-        result.read_objects(batch, false);
+        result.read_objects(batch, true, false);
         return result;
     }
     result.read_columns(batch, true);
@@ -311,12 +336,18 @@ Transforms Transforms::for_message(nb::handle batch) {
     return result;
 }
 
+Transforms Transforms::from_one(PyObject* transform) {
+    Transforms result;
+    result.read_object(transform, false);
+    return result;
+}
+
 Transforms Transforms::from_batch(nb::handle batch, bool is_static) {
     Transforms result;
     if (nb::isinstance(batch, record_type("Columns"))) {
         result.read_columns(batch, is_static);
     } else {
-        result.read_objects(batch, true);
+        result.read_objects(batch, is_static, true);
     }
     return result;
 }

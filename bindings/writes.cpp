@@ -1,25 +1,17 @@
 #include "writes.hpp"
 
-#include <array>
-
 #include "arguments.hpp"
 #include "errors.hpp"
+#include "fields.hpp"
 #include "pose.hpp"
 #include "stamp.hpp"
+#include "transform.hpp"
 
 namespace tfdb::python {
 namespace {
 
 /// Above this a commit takes longer than handing the GIL over and back.
 constexpr std::size_t kReleaseFrom = 1024;
-
-constexpr std::array<std::string_view, 10> kSetNames = {
-    "parent", "child", "stamp",     "translation", "rotation",
-    "rpy",    "wxyz",  "authority", "change_kind", "only_new"};
-
-std::string_view authority_of(PyObject* authority) {
-    return authority == nullptr ? std::string_view() : name_of(authority, "authority");
-}
 
 BufferObject& buffer_of(PyObject* self) {
     return static_cast<BufferObject&>(made_reads(self));
@@ -28,14 +20,11 @@ BufferObject& buffer_of(PyObject* self) {
 PyObject* set_transform(PyObject* self, PyObject* const* args, Py_ssize_t count,
                         PyObject* keywords) {
     return guarded([&]() -> PyObject* {
-        constexpr ParameterList kList{"set_transform", kSetNames, 4, 5};
-        const auto [parent, child, stamp, translation, rotation, rpy, wxyz, authority, change_kind,
-                    only_new] = bind<10>(kList, args, count, keywords);
-        const WriteRules rules{flag_of(change_kind, "change_kind"), flag_of(only_new, "only_new")};
-        const TransformView view =
-            view_of(parent, child, stamp, {translation, rotation, rpy, wxyz, parent, child});
-        return PyLong_FromUnsignedLongLong(
-            commit_transforms(buffer_of(self), {&view, 1}, false, authority_of(authority), rules));
+        const auto store = [self](const TransformView& view, std::string_view authority,
+                                  WriteRules rules) {
+            return commit_transforms(buffer_of(self), {&view, 1}, false, authority, rules);
+        };
+        return PyLong_FromUnsignedLongLong(read_set_transform<true>(args, count, keywords, store));
     });
 }
 
@@ -56,6 +45,10 @@ PyMethodDef g_set_transform = {
     "set_transform($self, parent, child, stamp, translation, rotation=None, *, rpy=None, "
     "wxyz=None, authority='', change_kind=False, only_new=False)\n--\n\n"
     "Store T[parent<-child], the pose of `child` in `parent` at a stamp.\n\n"
+    "`set_transform(T)` stores a `Transform` that a lookup returned: T.target is the parent, T.source\n"
+    "the child, T.stamp the stamp. A `TransformStamped` and a ROS message of that name work as well.\n"
+    "`authority`, `change_kind` and `only_new` may follow by keyword. A Transform with stamp 0 holds at\n"
+    "all times and raises InvalidStamp: `set_transforms([T], static=True)` stores it.\n\n"
     "Parameters\n----------\n"
     "parent, child\n    Frame names; new ones become frames.\n"
     "stamp\n    Nanoseconds (or an object that holds a stamp).\n"
@@ -97,6 +90,26 @@ CommitNumber commit_transforms(BufferObject& buffer, const EdgeColumns& columns,
         [&] { return buffer.open_store().set_transforms(columns, authority, rules); });
 }
 
+FrameNames::FrameNames(nb::handle names) {
+    if (PyUnicode_Check(names.ptr())) {
+        kept_ = nb::borrow(names);
+        views_.push_back(name_of(names, "names"));
+        return;
+    }
+    check_many(names, "names", "a frame's name or a sequence of them");
+    kept_ = nb::steal(PySequence_Tuple(names.ptr()));
+    if (!kept_.is_valid()) {
+        throw nb::python_error();
+    }
+    const auto count = static_cast<std::size_t>(NB_TUPLE_GET_SIZE(kept_.ptr()));
+    views_.resize(count);
+    for (std::size_t i = 0; i < count; ++i) {
+        look_for_signals(i);
+        PyObject* const item = NB_TUPLE_GET_ITEM(kept_.ptr(), static_cast<Py_ssize_t>(i));
+        at_index(i, [&] { views_[i] = name_of(item, "names"); });
+    }
+}
+
 TransformView view_of(PyObject* parent, PyObject* child, PyObject* stamp,
                       const PoseArguments& pose) {
     TransformView view;
@@ -105,6 +118,12 @@ TransformView view_of(PyObject* parent, PyObject* child, PyObject* stamp,
     view.stamp = stamp == nullptr ? 0 : stamp_of(stamp);
     view.pose = pose_of(pose);
     return view;
+}
+
+bool names_its_frames(PyObject* object) {
+    return is_transform(object) ||
+           (!PyUnicode_Check(object) && (find(object, g_fields.child).is_valid() ||
+                                         find(object, g_fields.child_frame_id).is_valid()));
 }
 
 void add_raw_writes(nb::handle type) {

@@ -3,12 +3,14 @@
 
 #include <nanobind/nanobind.h>
 
+#include <array>
 #include <cstddef>
 #include <optional>
 #include <span>
 #include <string_view>
 #include <vector>
 
+#include "arguments.hpp"
 #include "arrays.hpp"
 #include "pose.hpp"
 #include "reads.hpp"
@@ -24,6 +26,19 @@ CommitNumber commit_transforms(BufferObject& buffer, std::span<const TransformVi
 
 CommitNumber commit_transforms(BufferObject& buffer, const EdgeColumns& columns,
                                std::string_view authority, WriteRules rules);
+
+/// The names of frames that a caller gave: one str, or several.
+class FrameNames {
+public:
+    /// Throws TypeError, InvalidName; with `index` where several were given.
+    explicit FrameNames(nb::handle names);
+
+    [[nodiscard]] std::span<const std::string_view> views() const { return views_; }
+
+private:
+    nb::object kept_;
+    std::vector<std::string_view> views_;
+};
 
 /// A tfdb.Columns of one edge whose arrays are read where they lie.
 class OneEdge {
@@ -51,6 +66,8 @@ public:
     /// stamp, no text, not three numbers) is remembered, and a stand-in into `views`
     /// that the core refuses.
     static Transforms from_batch(nb::handle batch, bool is_static);
+    /// A moving one by itself, of which `names_its_frames` holds.
+    static Transforms from_one(PyObject* transform);
 
     /// What `store(views)` returns. If it refuses the batch, the error knows the unreadable members
     /// too.
@@ -76,13 +93,14 @@ private:
         nb::object error;
     };
 
-    void read_objects(nb::handle batch, bool collect);
+    void read_objects(nb::handle batch, bool is_static, bool collect);
     void read_columns(nb::handle columns, bool is_static);
     void read_stamps(const nb::object& stamps);
     void read_names(const nb::object& names, std::string_view TransformView::*field,
                     const char* role);
     std::string_view keep_name(nb::object name, const char* role);
-    void read_object(PyObject* item);
+    void read_object(PyObject* item, bool is_static);
+    void read_transform(PyObject* item, bool is_static);
     void read_message(PyObject* item, nb::object child);
     template <class Function>
     void collecting(std::size_t index, Function&& function);
@@ -96,5 +114,48 @@ private:
 /// T[parent<-child] from the arguments of `set_transform`; null for `stamp`: a static one.
 TransformView view_of(PyObject* parent, PyObject* child, PyObject* stamp,
                       const PoseArguments& pose);
+
+/// Whether it is a Transform, a TransformStamped or a message like it.
+bool names_its_frames(PyObject* object);
+
+/// What `store(view, authority, rules)` returns for the arguments of a `set_transform`, with or
+/// without the rules of writing.
+template <bool kRules, class Store>
+auto read_set_transform(PyObject* const* args, Py_ssize_t count, PyObject* keywords,
+                        Store&& store) {
+    constexpr std::size_t kRuleCount = kRules ? 2 : 0;
+    static constexpr std::array<std::string_view, 10> kNames = {
+        "parent", "child", "stamp",     "translation", "rotation",
+        "rpy",    "wxyz",  "authority", "change_kind", "only_new"};
+    static constexpr std::array<std::string_view, 4> kWholeNames = {"transform", "authority",
+                                                                    "change_kind", "only_new"};
+    const auto authority_of = [](PyObject* authority) {
+        return authority == nullptr ? std::string_view() : name_of(authority, "authority");
+    };
+    const auto rules_of = [](const auto& given) {
+        if constexpr (kRules) {
+            const std::size_t first = given.size() - kRuleCount;
+            return WriteRules{flag_of(given[first], "change_kind"),
+                              flag_of(given[first + 1], "only_new")};
+        }
+        return WriteRules{};
+    };
+    if (count == 1 && names_its_frames(args[0])) [[unlikely]] {
+        constexpr std::size_t kCount = 2 + kRuleCount;
+        constexpr ParameterList kList{"set_transform", std::span(kWholeNames).first(kCount), 1, 1};
+        const auto given = bind<kCount>(kList, args, count, keywords);
+        const WriteRules rules = rules_of(given);
+        const Transforms one = Transforms::from_one(given[0]);
+        return store(one.views.front(), authority_of(given[1]), rules);
+    }
+    constexpr std::size_t kCount = 8 + kRuleCount;
+    constexpr ParameterList kList{"set_transform", std::span(kNames).first(kCount), 4, 5};
+    const auto given = bind<kCount>(kList, args, count, keywords);
+    const auto [parent, child, stamp] = std::array{given[0], given[1], given[2]};
+    const WriteRules rules = rules_of(given);
+    const TransformView view =
+        view_of(parent, child, stamp, {given[3], given[4], given[5], given[6], parent, child});
+    return store(view, authority_of(given[7]), rules);
+}
 
 }  // namespace tfdb::python

@@ -40,5 +40,5 @@ poses = buf.lookup_transforms("base", "tool", stamps)
 off = np.hypot(poses[:, 0] - 0.6, poses[:, 1]) - 0.1
 print(f"the tool stays on the circle to {np.abs(off).max():.1e} m")
 
-speed = buf.lookup_velocity("tool", "base", int(stamps[250]), interval=0.02)
+speed = buf.lookup_velocity("base", "tool", int(stamps[250]), interval=0.02)
 print("speed of the tool:", f"{np.linalg.norm(speed.linear):.3f}", "m/s")

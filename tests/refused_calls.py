@@ -29,7 +29,7 @@ def refused(buffer: tfdb.Buffer, error: type[tfdb.TfdbError]) -> Iterator[Any]:
     assert type(caught.value) is error
     assert state() == before
     buffer.set_static_transform("base", "still_alive", (1, 2, 3), TURN)
-    buffer.remove_frame("still_alive")
+    buffer.remove_frames("still_alive")
 
 
 @contextmanager

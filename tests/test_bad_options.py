@@ -80,7 +80,7 @@ def test_too_many_frames() -> None:
         buffer.set_transforms(
             [tfdb.TransformStamped("a", name, 5, (1, 2, 3), TURN) for name in ("x", "y", "z")]
         )
-    buffer.remove_frame("a")
+    buffer.remove_frames("a")
     buffer.set_static_transform("map", "d", (1, 2, 3), TURN)
     assert buffer.frames() == ["b", "c", "d", "map"]
 
@@ -169,7 +169,7 @@ def test_ages_that_are_none(robot: Robot, age: Any) -> None:
 @pytest.mark.parametrize("interval", [0, -1, NAN, None])
 def test_intervals_that_are_none(robot: Robot, interval: Any) -> None:
     with refused(robot.buffer, tfdb.InvalidArgument):
-        robot.buffer.lookup_velocity("base", "map", stamp_of(5), interval)
+        robot.buffer.lookup_velocity("map", "base", stamp_of(5), interval)
 
 
 @pytest.mark.parametrize(

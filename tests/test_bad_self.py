@@ -51,7 +51,6 @@ ARGUMENTS: dict[str, tuple[Any, ...]] = {
     "set_transform": ("map", "base", 5, (1, 2, 3), (0, 0, 0, 1)),
     "set_static_transform": ("map", "base", (1, 2, 3)),
     "set_transforms": ([],),
-    "remove_frame": ("map",),
     "remove_frames": (["map"],),
     "reparent": ("map", "base"),
     "ingest": (b"",),
@@ -154,7 +153,7 @@ def test_text_without_utf8() -> None:
         lambda: buf.lookup_transforms("map", "base", Kindless()),  # type: ignore[arg-type]
         lambda: buf.lookup_transform("map", SURROGATE),
         lambda: buf.set_transforms([], authority=SURROGATE),
-        lambda: buf.remove_frame(SURROGATE),
+        lambda: buf.remove_frames(SURROGATE),
         lambda: tfdb.Buffer(concurrency=SURROGATE),  # type: ignore[arg-type]
         lambda: tfdb.encode_tf_message([], SURROGATE),
     ]

@@ -171,7 +171,7 @@ def test_names_mean_the_frames_of_the_state_that_is_read(count: int) -> None:
     buffer.set_transform("map", "cup", 5, (1, 2, 3), cup)
     assert rows(buffer) == [[1, 2, 3]] * count
     with buffer.snapshot() as before:
-        buffer.remove_frame("cup")
+        buffer.remove_frames("cup")
         for _ in range(2):
             with pytest.raises(tfdb.UnknownFrame) as caught:
                 buffer.lookup_transforms("map", "cup", np.full(count, 5))

@@ -59,7 +59,7 @@ class Writer:
             if chance == 0:
                 buf.clear()
             elif chance < 4:
-                buf.remove_frame(self.random.choice(NAMES), recursive=chance == 1)
+                buf.remove_frames(self.random.choice(NAMES), recursive=chance == 1)
             elif chance < 6:
                 buf.set_transforms(self.batch(), static=True, change_kind=True)
             elif chance < 9:
@@ -75,7 +75,7 @@ class Writer:
         if self.random.randrange(2):
             tx.set_transforms(self.batch(), static=True)
         else:
-            tx.remove_frame(self.random.choice(NAMES))
+            tx.remove_frames(self.random.choice(NAMES))
 
     def batch(self) -> list[tfdb.TransformStamped]:
         """Make a few transforms of different frames, some of them late."""
@@ -102,7 +102,7 @@ def test_what_a_commit_did() -> None:
         buf.set_static_transform("base", "camera", *pose(2))
         buf.set_transform("odom", "base", 20, *pose(3))
         buf.clear()
-        buf.remove_frame("camera")
+        buf.remove_frames("camera")
         first, second, third, fourth, fifth = buf.changes(since=0)
     assert first.commit == 1
     assert first.made == ("map", "base")
@@ -134,7 +134,7 @@ def test_stamps_and_poses_are_those_stored() -> None:
 def test_what_is_gone_is_counted() -> None:
     buf = tfdb.Buffer()
     buf.set_transform("map", "base", 10, *pose(1))
-    buf.remove_frame("base")
+    buf.remove_frames("base")
     first, second = buf.changes(0)
     assert first.gone == {"base": 1}
     assert len(first.stored) == 0

@@ -107,7 +107,7 @@ READS: dict[str, Callable[[Buffer | Snapshot], object]] = {
     "latest_common_time": lambda reads: reads.latest_common_time("map", "base"),
     "common_times": lambda reads: reads.common_times("map", "base"),
     "parent_of": lambda reads: reads.parent_of("base"),
-    "velocity": lambda reads: reads.lookup_velocity("base", "map", 15).linear[2],
+    "velocity": lambda reads: reads.lookup_velocity("map", "base", 15).linear[2],
     "batch": lambda reads: len(reads.lookup_transforms("map", "base", [12, 15])),
     "points": lambda reads: len(reads.transform_points("map", "base", np.ones((2, 3)), 15)),
     "frame_exists": lambda reads: reads.frame_exists("base"),
@@ -125,7 +125,7 @@ def test_a_frame_that_every_commit_has_is_never_unknown(engine: str) -> None:
 
     def make(tx: Transaction) -> None:
         if tx.frame_exists("base"):
-            tx.remove_frame("base")
+            tx.remove_frames("base")
         for stamp in (10, 20):
             tx.set_transform("map", "base", stamp, (1, 2, 3), TURN)
 

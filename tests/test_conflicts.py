@@ -68,7 +68,7 @@ def test_whatever_was_read_counts(
     with pytest.raises(tfdb.Conflict) as caught:
         work()
     assert contents(buffer) == after
-    assert not tx.is_open
+    assert tx.closed
     assert repr(tx) == "<tfdb.Transaction, lost>"
     assert what in (caught.value.edge, caught.value.frame)
     assert caught.value.reason
@@ -86,7 +86,7 @@ def test_what_was_not_read_does_not_count() -> None:
         in_another_thread(lambda: append(buffer))
         in_another_thread(lambda: buffer.set_static_transform("base", "camera", (1, 2, 3), BACK))
     assert buffer.frame_info("robot").newest == 50
-    assert tx.commit_number == buffer.commit == 7
+    assert tx.commit == buffer.commit == 7
 
 
 def test_a_conflict_that_was_swallowed_comes_again() -> None:

@@ -57,7 +57,7 @@ def test_all_other_reads(buffer: tfdb.Buffer) -> None:
     assert buffer.can_transform_full("map", 200, "map", 100, "map")
     full = buffer.lookup_transform_full("base", 200, "base", 100, "map")
     assert full.matrix == pytest.approx(np.linalg.inv(matrix(B)) @ matrix(A), abs=1e-12)
-    twist = buffer.lookup_velocity("base", "map", 150, 100e-9)
+    twist = buffer.lookup_velocity("map", "base", 150, 100e-9)
     assert twist.linear == pytest.approx((np.array(B[:3]) - A[:3]) / 100e-9)
     assert buffer.memory().frames == 3
     assert buffer.counters().commits == buffer.commit == 3
@@ -183,12 +183,12 @@ def other():
         buffer.tree(), buffer.frames(), buffer.samples("base"), buffer.frame_info("base")
         buffer.latest_common_time("map", "camera"), buffer.trajectory("map", "camera")
         buffer.memory(), buffer.counters(), buffer.frame_exists("base"), buffer.commit
-        buffer.lookup_velocity("base", "map") if False else None
+        buffer.lookup_velocity("map", "base") if False else None
     elif kind == "write":
         buffer.set_transform("map", "base", 3, (1, 2, 3), (0, 0, 0, 1))
         buffer.set_transform("map", "new", 3, (1, 2, 3), (0, 0, 0, 1))
         buffer.set_transforms([tfdb.TransformStamped("map", "base", 4, (1, 2, 3))], partial=True)
-        buffer.remove_frame("new")
+        buffer.remove_frames("new")
     elif kind == "snapshot":
         with buffer.snapshot() as snapshot:
             snapshot.lookup_transform("map", "camera"), snapshot.tree()

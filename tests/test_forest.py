@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import random
+import re
 from typing import Any
 
 import numpy as np
@@ -242,6 +243,68 @@ def test_repr_says_what_is_in_it() -> None:
     assert repr(buf) == "<tfdb.Buffer at commit 3, history unlimited, closed>"
 
 
+def cells(html: str) -> list[list[str]]:
+    """Return the text of a table's body."""
+    rows = re.findall("<tr>(.*?)</tr>", html.split("<tbody>")[1], re.DOTALL)
+    return [re.findall("<td>(.*?)</td>", row) for row in rows]
+
+
+def test_a_frame_is_shown_with_what_is_known_of_it() -> None:
+    buf = tfdb.Buffer(history=None)
+    for stamp in (1_000_000_000, 1_500_000_000, 3_000_000_000):
+        buf.set_transform("map", "base", stamp, (1, 2, 3), TURNED, authority="drive")
+    buf.set_static_transform("base", "lidar", (1, 2, 3))
+    assert cells(buf.frame_info("base")._repr_html_()) == [
+        ["base", "map", "moving", "3", "1", "1 s", "3 s", "1.5 s", "0", "drive"]
+    ]
+    assert cells(buf.frame_info("lidar")._repr_html_()) == [
+        ["lidar", "base", "static", "1", "", "", "", "", "0", ""]
+    ]
+    assert cells(buf.frame_info("map")._repr_html_())[0][:3] == ["map", "", "root"]
+
+
+def test_velocities_are_shown() -> None:
+    one = tfdb.types.Twist(np.array([1.0, 2, 3]), np.array([0, 0, -0.25]))
+    assert cells(one._repr_html_()) == [
+        ["linear [m/s]", "1", "2", "3"],
+        ["angular [rad/s]", "0", "0", "-0.25"],
+    ]
+    many = tfdb.types.Twist(np.arange(36.0).reshape(12, 3), np.zeros((12, 3)))
+    rows = cells(many._repr_html_())
+    assert len(rows) == 11
+    assert rows[4] == ["4", "12", "13", "14", "0", "0", "0"]
+    assert rows[5] == ["\u22ee"] * 7
+    assert rows[6] == ["7", "21", "22", "23", "0", "0", "0"]
+
+
+@pytest.mark.parametrize("stamps", [[5, 10**9, "?"], np.array([5, 10**9, 7]), None])
+def test_columns_are_shown_whatever_their_stamps(stamps: Any) -> None:
+    poses = np.tile([1.0, 2, 3, 0, 0, 0.6, 0.8], (3, 1))
+    rows = cells(tfdb.Columns("map", ["a", "b", "c"], stamps, poses)._repr_html_())
+    assert [row[:2] for row in rows] == [["map", "a"], ["map", "b"], ["map", "c"]]
+    assert rows[0][3:] == ["1", "2", "3", "0", "0", "0.6", "0.8"]
+    told = ["all times"] * 2 if stamps is None else ["0.000000005", "1"]
+    assert [row[2] for row in rows[:2]] == told
+    assert cells(tfdb.Columns("map", "a", [], np.zeros((0, 7)))._repr_html_()) == []
+
+
+def test_changes_are_shown_with_their_frames() -> None:
+    buf = tfdb.Buffer(history=None)
+    with buf.transaction() as tx:
+        for i in range(12):
+            tx.set_transform("map", f"part{i:02}", 5, (1, 2, 3), TURNED)
+        tx.set_static_transform("map", "lamp", (1, 2, 3))
+    buf.remove_frames("lamp")
+    made, removed = buf.changes(0)
+    first = "part00, part01, part02, part03, part04, part05, part06, part07, part08, part09"
+    rows = {row[0]: row[1:] for row in cells(made._repr_html_())}
+    assert rows["stored"] == ["12", f"{first} and 2 more"]
+    assert rows["made"][0] == "14"
+    assert rows["gone"] == ["1", "lamp"]
+    assert cells(removed._repr_html_()) == [["removed", "1", "lamp"]]
+    assert "changes of commit 2" in removed._repr_html_()
+
+
 def test_notebooks_show_tables_of_escaped_names() -> None:
     buf = tfdb.Buffer(history=None)
     hostile = "</td><script>alert('&\")</script>"
@@ -249,7 +312,10 @@ def test_notebooks_show_tables_of_escaped_names() -> None:
     buf.set_transform("elsewhere", "<b>", 5, (1, 2, 3), TURNED)
     explained = buf.explain(hostile, "<b>")
     found = buf.lookup_transform(hostile, "base")
-    for shown in (buf, buf.snapshot(), found, found.report, explained):
+    columns = tfdb.Columns([hostile, "<b>"], ["<b>", hostile], [5, 6], [found, found])
+    changes = buf.changes(0)
+    records = (buf.frame_info("base"), columns, changes[0])
+    for shown in (buf, buf.snapshot(), found, found.report, explained, *records):
         html = shown._repr_html_()  # type: ignore[attr-defined]
         assert "<script" not in html
         assert "<b>" not in html
@@ -258,6 +324,7 @@ def test_notebooks_show_tables_of_escaped_names() -> None:
             assert html.count(f"<{tag}>") == html.count(f"</{tag}>")
     for i in range(200):
         buf.set_static_transform("base", f"part{i}", (1, 2, 3))
+    assert "elsewhere, &lt;b&gt;" in changes[1]._repr_html_()
     assert buf._repr_html_().count("<tr>") == 62
     assert "and 144 more" in buf._repr_html_()
     buf.close()

@@ -22,7 +22,7 @@ def with_a_reused_slot() -> tfdb.Buffer:
     buffer = tfdb.Buffer(history=None)
     write(buffer, "hand", "cup", 10)
     write(buffer, "map", "cup", 20)
-    buffer.remove_frame("hand")
+    buffer.remove_frames("hand")
     return buffer
 
 

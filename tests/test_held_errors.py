@@ -85,7 +85,7 @@ def test_policies_that_choose_a_circle() -> None:
         write(buffer, "f", f"new{count}", 12)
         assert everything(held) == before
     buffer.clear()
-    buffer.remove_frame("a")
+    buffer.remove_frames("a")
     write(buffer, "f", "a", 12)
     assert everything(held) == before
 
@@ -96,7 +96,7 @@ def test_a_parent_that_was_removed_before() -> None:
     write(buffer, "b", "e", 8)
     write(buffer, "c", "x", 8)
     older = buffer.snapshot()
-    buffer.remove_frame("a")
+    buffer.remove_frames("a")
     held = buffer.snapshot()
     before = everything(held)
     error = said(lambda: held.lookup_transform("c", "e", 3))
@@ -104,5 +104,5 @@ def test_a_parent_that_was_removed_before() -> None:
     assert (error[2]["edge"], error[2]["parent"], error[2]["reason"]) == ("e", "(removed)", "past")
     older.close()
     write(buffer, "c", "new", 5)
-    buffer.remove_frame("e")
+    buffer.remove_frames("e")
     assert everything(held) == before

@@ -76,7 +76,7 @@ def test_what_is_read_has_the_name_that_was_given() -> None:
             lambda: snapshot.trajectory("/map", "base"),
             lambda: tx.lookup_transform("/map", "base", 5),
             lambda: tx.parent_of("/base"),
-            lambda: tx.remove_frame("/base"),
+            lambda: tx.remove_frames("/base"),
         ]
         for call in calls:
             with pytest.raises(tfdb.UnknownFrame, match="'/"):
@@ -86,7 +86,7 @@ def test_what_is_read_has_the_name_that_was_given() -> None:
         assert "/map" not in snapshot
         assert not tx.frame_exists("/map")
     with pytest.raises(tfdb.UnknownFrame):
-        buf.remove_frame("/base")
+        buf.remove_frames("/base")
 
 
 def message(parent: str, child: str) -> msgs.TransformStamped:

@@ -161,7 +161,7 @@ print("numpy" in sys.modules)
         ("T.apply([0, 0, 1]).tolist()", "[1.5, 2.0, 4.0]"),
         ("buf.lookup_transforms('map', 'base', [T.stamp])[0, :3].tolist()", "[1.5, 2.0, 3.0]"),
         ("buf.transform_points('map', 'base', [[0, 0, 1]], T.stamp).tolist()", "[[1.5, 2.0, 4.0]]"),
-        ("buf.lookup_velocity('base', 'map', T.stamp).linear.round(9).tolist()", "[1.0, 0.0, 0.0]"),
+        ("buf.lookup_velocity('map', 'base', T.stamp).linear.round(9).tolist()", "[1.0, 0.0, 0.0]"),
         ("buf.samples('base')[0].tolist()", "[0, 1000000000, 2000000000]"),
         ("buf.trajectory('map', 'base').translations[1].tolist()", "[1.0, 2.0, 3.0]"),
         ("tfdb.stamp([1.5]).tolist()", "[1500000000]"),

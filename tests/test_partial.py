@@ -148,6 +148,10 @@ def test_what_is_no_transform_at_all(buffer: tfdb.Buffer, item: Any) -> None:
 
 @pytest.fixture
 def tree() -> tfdb.Buffer:
+    return tree_of_arms()
+
+
+def tree_of_arms() -> tfdb.Buffer:
     """Ten arms with three fingers each."""
     buffer = tfdb.Buffer(history=None)
     batch = [one(f"arm{i}", 5) for i in range(10)]
@@ -167,6 +171,46 @@ def test_many_go_in_one_commit(tree: tfdb.Buffer) -> None:
     assert tree.lookup_transform("map", "finger10").commit == 2
 
 
+def test_one_name_is_removed_as_a_list_of_one_is(tree: tfdb.Buffer) -> None:
+    assert tree.remove_frames("finger00") == 2
+    with pytest.raises(tfdb.errors.FrameInUse) as caught:
+        tree.remove_frames("arm1")
+    assert (caught.value.index, caught.value.frame) == (0, "arm1")
+    assert named(caught.value.refused) == [(0, "FrameInUse")]
+    assert tree.remove_frames("arm1", recursive=True) == 3
+    assert len(tree.frames()) == 41 - 5
+
+
+@pytest.mark.parametrize("recursive", [False, True])
+@pytest.mark.parametrize(
+    "names",
+    [
+        "finger00",
+        "arm0",
+        "nobody",
+        [],
+        ["finger01", "arm0", "finger02", "finger00", "finger01"],
+        ["finger00", "arm1", "nobody", "arm2", "finger01"],
+        ("arm3", "nothing", "map"),
+    ],
+)
+def test_a_transaction_removes_what_a_buffer_removes(names: Any, recursive: bool) -> None:
+    plain, through = tree_of_arms(), tree_of_arms()
+
+    def removed(remove: Any) -> Any:
+        try:
+            remove(names, recursive=recursive)
+        except tfdb.TfdbError as error:
+            return type(error), str(error), error.index, named(error.refused)
+        return None
+
+    expected = removed(plain.remove_frames)
+    with through.transaction() as tx:
+        assert removed(tx.remove_frames) == expected
+        assert not tx.closed
+    assert through.frames() == plain.frames()
+
+
 def test_all_that_cannot_go_are_named(tree: tfdb.Buffer) -> None:
     names = ["finger00", "arm1", "nobody", "arm2", "finger01"]
     with refused(tree, tfdb.errors.FrameInUse) as caught:
@@ -180,7 +224,7 @@ def test_all_that_cannot_go_are_named(tree: tfdb.Buffer) -> None:
     ]
 
 
-@pytest.mark.parametrize("names", ["arm0", 7, None, [7], [None]])
+@pytest.mark.parametrize("names", [7, None, [7], [None], ["arm0", 7]])
 def test_names_that_are_none(tree: tfdb.Buffer, names: Any) -> None:
     with pytest.raises(TypeError):
         tree.remove_frames(names)

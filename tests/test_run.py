@@ -68,7 +68,7 @@ def test_it_tries_again_until_nobody_interferes(buffer: tfdb.Buffer) -> None:
     assert buffer.run(contested) == 1
     assert len(calls) == 4
     assert len({tx._age for tx in calls}) == 1
-    assert [tx.commit_number for tx in calls] == [None, None, None, buffer.commit]
+    assert [tx.commit for tx in calls] == [None, None, None, buffer.commit]
     assert buffer.counters().conflicts == buffer.counters().aborts == 3
 
 
@@ -118,8 +118,8 @@ def test_after_eight_lost_attempts_it_runs_alone(engine: Any) -> None:
     assert buffer.run(contested) == 9
     adversary.done.acquire()
     assert len(calls) == 9
-    assert calls[-1].commit_number is not None
-    assert adversary.commits[-1] > calls[-1].commit_number > adversary.commits[-2]
+    assert calls[-1].commit is not None
+    assert adversary.commits[-1] > calls[-1].commit > adversary.commits[-2]
     assert buffer.counters().conflicts == 8
 
 
@@ -358,7 +358,7 @@ def test_a_function_that_works_later_is_refused(buffer: tfdb.Buffer, function: A
         lambda buf: buf.transform_points("map", "counter", np.zeros((1, 3)), 5),
         lambda buf: buf.lookup_transform_full("map", 5, "counter", 6, "map"),
         lambda buf: buf.can_transform_full("map", 5, "counter", 6, "map"),
-        lambda buf: buf.lookup_velocity("counter", "map"),
+        lambda buf: buf.lookup_velocity("map", "counter"),
         lambda buf: buf.latest_common_time("map", "counter"),
         lambda buf: buf.trajectory("map", "counter", 1.0, 0, 10**9),
         lambda buf: buf.explain("map", "counter"),

@@ -145,14 +145,14 @@ def test_a_method_of_an_object_has_no_self() -> None:
     for name in ("set_static_transform", "set_transform", "load", "snapshot", "lookup_transform"):
         unbound = told(inspect.signature(getattr(tfdb.Buffer, name)))
         assert told(inspect.signature(getattr(buf, name))) == unbound[1:]
-    assert inspect.signature(buf.remove_frame).return_annotation == "int"
-    assert (buf.remove_frame.__doc__ or "").startswith("Remove a frame")
+    assert inspect.signature(buf.remove_frames).return_annotation == "int"
+    assert (buf.remove_frames.__doc__ or "").startswith("Remove a frame")
 
 
 def test_help_shows_signature_and_docstring_once() -> None:
-    shown = pydoc.plain(pydoc.render_doc(tfdb.Buffer.remove_frame))
+    shown = pydoc.plain(pydoc.render_doc(tfdb.Buffer.remove_frames))
     assert shown.count("recursive: 'bool' = False") == 1
-    assert shown.count("Remove a frame and its edge") == 1
+    assert shown.count("Remove a frame, or several") == 1
     assert "open(path, *, verify=False, clock=None)" in pydoc.plain(pydoc.render_doc(tfdb.open))
 
 
@@ -168,7 +168,7 @@ def test_no_private_module_in_errors_and_pickles() -> None:
     assert b"tfdb._core" not in pickle.dumps(error.value)
     wrong: Any = object()
     for call in (
-        lambda: buf.remove_frame(wrong),
+        lambda: buf.remove_frames(wrong),
         lambda: tfdb.Buffer.snapshot(wrong),
         lambda: tfdb._core.Reads.frames(wrong),
         lambda: tfdb.Buffer.__new__(tfdb.Buffer).frames(),

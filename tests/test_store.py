@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import gc
 from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -48,7 +49,7 @@ def test_each_write_is_one_commit() -> None:
     batch = [tfdb.TransformStamped("map", "base", stamp, (1, 2, 3), TURN) for stamp in (6, 7, 8)]
     assert buffer.set_transforms(batch) == 3
     assert buffer.clear() == 4
-    assert buffer.remove_frame("camera") == 5
+    assert buffer.remove_frames("camera") == 5
     assert buffer.commit == 5
 
 
@@ -102,6 +103,127 @@ def test_messages_of_both_ros_are_taken(message: object) -> None:
     found = buffer.lookup_transform("map", "base", stamp)
     assert found.stamp == stamp
     assert found.pose == pytest.approx([1, 2, 3, *TURN])
+
+
+# -- what a lookup returned ------------------------------------------------------------------------
+
+
+def found_in(stamp: int | None = 15) -> tuple[tfdb.Buffer, tfdb.Transform]:
+    """A store, and what a lookup in it returned."""
+    source = tfdb.Buffer(history=None)
+    for at in (10, 20):
+        source.set_transform("map", "odom", at, (at, 2, 3), TURN)
+    source.set_static_transform("odom", "base", (4, 5, 6), BACK)
+    return source, source.lookup_transform("map", "base", stamp)
+
+
+def test_a_transform_of_a_lookup_is_stored_under_its_names_and_stamp() -> None:
+    _, found = found_in()
+    for store in (
+        lambda buf: buf.set_transform(found, authority="copy"),
+        lambda buf: buf.set_transforms([found], authority="copy"),
+        lambda buf: buf.run(lambda tx: tx.set_transform(found, authority="copy")),
+        lambda buf: buf.run(lambda tx: tx.set_transforms([found], authority="copy")),
+        lambda buf: buf.set_transform("map", "base", found.stamp, found, authority="copy"),
+    ):
+        buffer = tfdb.Buffer()
+        store(buffer)
+        info = buffer.frame_info("base")
+        assert (info.parent, info.newest, info.authority) == ("map", 15, "copy")
+        again = buffer.lookup_transform("map", "base", 15)
+        assert again.pose.tolist() == found.pose.tolist()
+        assert again.apply([1.0, 2, 3]) == pytest.approx(found.apply([1.0, 2, 3]))
+
+
+@pytest.mark.parametrize(
+    "given",
+    [
+        tfdb.TransformStamped("map", "base", 15, (1, 2, 3), TURN),
+        tfdb.TransformStamped("map", "base", 0, (1, 2, 3), TURN),
+        ros1_message("map", "base", 15),
+        ros2_message("/map", "/base", 15),
+    ],
+)
+def test_one_stamped_transform_is_stored_as_a_batch_of_one(given: Any) -> None:
+    one, many = tfdb.Buffer(), tfdb.Buffer()
+    assert one.set_transform(given) == many.set_transforms([given]) == 1
+    assert one.tree() == many.tree()
+    np.testing.assert_array_equal(one.samples("base")[1], many.samples("base")[1])
+
+
+def test_the_rules_of_writing_hold_for_a_whole_transform() -> None:
+    _, found = found_in()
+    buffer = tfdb.Buffer()
+    assert buffer.set_transform(found) == 1
+    with pytest.raises(tfdb.errors.RepeatedStamp):
+        buffer.set_transform(found, only_new=True)
+    buffer.set_static_transform("map", "lamp", (1, 2, 3))
+    lamp = tfdb.Transform("map", "lamp", (3, 2, 1), TURN, 15)
+    with pytest.raises(tfdb.errors.StaticConflict):
+        buffer.set_transform(lamp)
+    assert buffer.set_transform(lamp, change_kind=True) == 3
+    assert not buffer.frame_info("lamp").is_static
+
+
+def test_a_transform_without_a_stamp_is_refused_as_a_moving_one() -> None:
+    source, _ = found_in()
+    still = source.lookup_transform("odom", "base")
+    assert still.stamp == 0
+    buffer = tfdb.Buffer()
+    for write in (
+        lambda: buffer.set_transform(still),
+        lambda: buffer.set_transforms([still]),
+        lambda: buffer.run(lambda tx: tx.set_transform(still)),
+        lambda: buffer.run(lambda tx: tx.set_transforms([still])),
+    ):
+        with pytest.raises(tfdb.InvalidStamp, match=r"T\[odom<-base\].*set_transforms"):
+            write()
+    assert buffer.commit == 0
+    assert buffer.set_transforms([still], static=True) == 1
+    assert buffer.frame_info("base").is_static
+    assert buffer.set_transform("odom", "tool", 7, tfdb.Transform("odom", "tool", still.pose)) == 2
+
+
+def test_members_without_a_stamp_are_refused_with_their_index() -> None:
+    source, found = found_in()
+    still = source.lookup_transform("odom", "base")
+    buffer = tfdb.Buffer()
+    with pytest.raises(tfdb.InvalidStamp) as caught:
+        buffer.set_transforms([found, still])
+    assert caught.value.index == 1
+    refused = buffer.set_transforms([found, still], partial=True)
+    assert [(member.index, member.error) for member in refused] == [(1, "InvalidStamp")]
+    assert buffer.frames() == ["base", "map"]
+
+
+def test_a_transform_is_written_as_a_message_with_its_names_and_stamp() -> None:
+    source, found = found_in()
+    still = source.lookup_transform("odom", "base")
+    read = tfdb.decode_tf_message(tfdb.encode_tf_message([found, still]))
+    told = [(each.parent, each.child, each.stamp) for each in read]
+    assert told == [("map", "base", 15), ("odom", "base", 0)]
+
+
+@pytest.mark.parametrize(
+    "call",
+    [
+        lambda buf, found: buf.set_transform(found, 15),
+        lambda buf, found: buf.set_transform(found, stamp=15),
+        lambda buf, found: buf.set_transform(found, authority=5),
+        lambda buf, found: buf.set_transform(found, only_new=1),
+        lambda buf, found: buf.set_transform("map"),
+        lambda buf, found: buf.set_transform(7),
+        lambda buf, found: buf.set_transform(),
+        lambda buf, found: buf.run(lambda tx: tx.set_transform(found, only_new=True)),
+        lambda buf, found: buf.run(lambda tx: tx.set_transform("map")),
+    ],
+)
+def test_a_whole_transform_beside_what_does_not_fit(call: Any) -> None:
+    _, found = found_in()
+    buffer = tfdb.Buffer()
+    with pytest.raises(TypeError):
+        call(buffer, found)
+    assert buffer.commit == 0
 
 
 class GenpyTime:

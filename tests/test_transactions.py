@@ -23,15 +23,15 @@ if TYPE_CHECKING:
 def test_writes_appear_at_the_end_all_at_once() -> None:
     buffer = chain()
     with buffer.transaction() as tx:
-        assert tx.is_open
-        assert tx.commit_number is None
+        assert not tx.closed
+        assert tx.commit is None
         tx.set_transform("map", "base", 40, (40, 1, 2), TURN)
         tx.set_static_transform("map", "door", (7, 8, 9), BACK)
         assert buffer.commit == 4
         assert not in_another_thread(lambda: buffer.frame_exists("door"))
         assert not in_another_thread(lambda: buffer.can_transform("map", "base", 40))
-    assert not tx.is_open
-    assert tx.commit_number == buffer.commit == 5
+    assert tx.closed
+    assert tx.commit == buffer.commit == 5
     assert buffer.lookup_transform("map", "base", 40).translation[0] == 40
     assert buffer.lookup_transform("map", "door").pose == pytest.approx([7, 8, 9, *BACK])
 
@@ -74,7 +74,7 @@ def test_an_exception_leaves_nothing_behind(error: type[BaseException]) -> None:
         with buffer.transaction() as tx:
             tx.set_transform("map", "base", 40, (40, 1, 2), TURN)
             tx.set_transform("base", "new", 40, (40, 1, 2), TURN)
-            tx.remove_frame("camera")
+            tx.remove_frames("camera")
             raise error
 
     with pytest.raises(error):
@@ -93,10 +93,10 @@ def test_abort_leaves_nothing_behind_and_the_block_goes_on() -> None:
     with buffer.transaction() as tx:
         tx.set_transform("map", "base", 40, (40, 1, 2), TURN)
         tx.abort()
-        assert not tx.is_open
+        assert tx.closed
         tx.abort()
         buffer.lookup_transform("map", "base")  # the thread is free again
-    assert tx.commit_number is None
+    assert tx.commit is None
     assert contents(buffer) == before
 
 
@@ -105,7 +105,7 @@ def test_one_that_writes_nothing_commits_nothing() -> None:
     with buffer.transaction() as tx:
         tx.lookup_transform("map", "base")
         tx.set_transforms([])
-    assert tx.commit_number == buffer.commit == 4
+    assert tx.commit == buffer.commit == 4
 
 
 def test_it_prints_how_far_it_has_come() -> None:
@@ -215,7 +215,7 @@ def test_a_refused_batch_leaves_it_open_and_as_it_was() -> None:
         with pytest.raises(tfdb.errors.InvalidTransform) as caught:
             tx.set_transforms([good, *bad], authority="ekf")
         assert caught.value.index == 1
-        assert tx.is_open
+        assert not tx.closed
         assert not tx.can_transform("map", "base", 40)
         tx.set_transform("map", "base", 50, (5, 0, 0), TURN)
     assert buffer.frame_info("base").newest == 50
@@ -275,6 +275,47 @@ def test_a_new_parent_of_a_static_frame() -> None:
     assert buffer.lookup_transform("base", "camera").pose == pytest.approx([1, 2, 3, 0, 0, 0, 1])
 
 
+@pytest.mark.parametrize(
+    "call",
+    [
+        lambda writes: writes.reparent("cup", "gripper", 5),
+        lambda writes: writes.reparent("cup", "gripper", 40, (0, 0, 0.1), TURN, authority="arm"),
+        lambda writes: writes.reparent("cup", "gripper", 40, (0, 0, 0.1), rpy=(0, 0, 1)),
+        lambda writes: writes.reparent("cup", "gripper", 40, rotation=TURN),
+        lambda writes: writes.reparent("cup", "nowhere", 5),
+        lambda writes: writes.reparent("map", "cup", 5),
+        lambda writes: writes.reparent("cup", "gripper"),
+        lambda writes: writes.reparent("cup", 7),
+    ],
+)
+def test_a_buffer_reparents_as_a_transaction_does(call: Callable[[Any], Any]) -> None:
+    def done(buffer: tfdb.Buffer, write: Callable[[], Any]) -> Any:
+        try:
+            return write(), buffer.tree(), buffer.samples("cup")[2]
+        except (tfdb.TfdbError, TypeError) as error:
+            return type(error), str(error), buffer.commit
+
+    plain, through = table(), table()
+
+    def attempt() -> int | None:
+        with through.transaction() as tx:
+            assert call(tx) is None
+        return tx.commit
+
+    assert done(plain, lambda: call(plain)) == done(through, attempt)
+
+
+def test_reparent_keeps_the_place_that_the_newest_commit_says() -> None:
+    buffer = table()
+    before = buffer.lookup_transform("map", "cup", 5)
+    assert buffer.reparent("cup", "gripper", 5) == buffer.commit
+    after = buffer.lookup_transform("map", "cup", 5)
+    assert after.matrix == pytest.approx(before.matrix, abs=1e-12)
+    assert after.report.edges[0].parent == "gripper"
+    with buffer.transaction(), pytest.raises(tfdb.errors.TransactionActive):
+        buffer.reparent("cup", "table", 5)
+
+
 # -- threads and lives -----------------------------------------------------------------------------
 
 
@@ -293,12 +334,12 @@ def test_each_thread_may_have_one() -> None:
     def write() -> int | None:
         with buffer.transaction() as tx:
             tx.set_transform("map", "b", 40, (4, 4, 4), TURN)
-        return tx.commit_number
+        return tx.commit
 
     with buffer.transaction() as tx:
         tx.set_transform("map", "a", 40, (4, 4, 4), TURN)
         assert in_another_thread(write) == 5
-    assert tx.commit_number == 6
+    assert tx.commit == 6
 
 
 @pytest.mark.parametrize("free", [gc.collect, lambda: in_another_thread(gc.collect)])

@@ -181,7 +181,7 @@ def test_closing_ends_the_waits_and_what_comes_later(buf: tfdb.Buffer) -> None:
         buf.snapshot,
         buf.transaction,
         lambda: buf.changes(0),
-        lambda: buf.remove_frame("a"),
+        lambda: buf.remove_frames("a"),
         buf.clear,
         buf.frames,
         buf.__enter__,

@@ -234,23 +234,23 @@ class Reads:
         Raises UnknownFrame, Disconnected.
         """
 
-    def lookup_velocity(self, tracking: str, observation: str, stamp: tfdb.types.StampLike | None = None, interval: float = 0.1, *, reference: str | None = None, point: tfdb.types.VectorLike = (0, 0, 0), point_frame: str | None = None) -> tfdb.types.Twist:
+    def lookup_velocity(self, target: str, source: str, stamp: tfdb.types.StampLike | None = None, interval: float = 0.1, *, reference: str | None = None, point: tfdb.types.VectorLike = (0, 0, 0), point_frame: str | None = None) -> tfdb.types.Twist:
         """
-        Velocity of `tracking` as seen from `observation`, by finite difference.
+        Velocity of `source` as seen from `target`, by finite difference.
 
         Parameters
         ----------
-        tracking, observation
-            Frame names.
+        target, source
+            Frame names, in the order of `lookup_transform`.
         stamp
             Middle of the interval, nanoseconds; None: the latest common time.
         interval
             Seconds over which the difference is taken. Where the data or a parent begins or ends, the
             interval is moved to lie inside; where there is less than that, it is all there is.
         reference
-            The frame in whose axes the result is given; None: `observation`.
+            The frame in whose axes the result is given; None: `target`.
         point, point_frame
-            The point whose velocity `linear` is, in coordinates of `point_frame` (None: `tracking`).
+            The point whose velocity `linear` is, in coordinates of `point_frame` (None: `source`).
 
         Returns
         -------
@@ -747,22 +747,23 @@ class Buffer(Reads):
         Facts about a shared store; None if the store is private to this process.
         """
 
+    @overload
     def set_transform(
         self,
-        parent: str,
-        child: str,
-        stamp: tfdb.types.StampLike,
-        translation: tfdb.types.VectorLike | tfdb.types.PoseLike,
-        rotation: tfdb.types.QuaternionLike | None = None,
+        transform: tfdb.types.TransformStampedLike,
+        /,
         *,
-        rpy: tfdb.types.VectorLike | None = None,
-        wxyz: tfdb.types.WxyzLike | None = None,
         authority: str = "",
         change_kind: bool = False,
         only_new: bool = False,
     ) -> int:
         """
         Store T[parent<-child], the pose of `child` in `parent` at a stamp.
+
+        `set_transform(T)` stores a `Transform` that a lookup returned: T.target is the parent, T.source
+        the child, T.stamp the stamp. A `TransformStamped` and a ROS message of that name work as well.
+        `authority`, `change_kind` and `only_new` may follow by keyword. A Transform with stamp 0 holds at
+        all times and raises InvalidStamp: `set_transforms([T], static=True)` stores it.
 
         Parameters
         ----------
@@ -799,6 +800,21 @@ class Buffer(Reads):
         InvalidName, InvalidStamp, InvalidArray, InvalidTransform, TooOld,
         StaticConflict, RepeatedStamp, CycleError, CapacityExceeded. Then nothing was stored.
         """
+    @overload
+    def set_transform(
+        self,
+        parent: str,
+        child: str,
+        stamp: tfdb.types.StampLike,
+        translation: tfdb.types.VectorLike | tfdb.types.PoseLike,
+        rotation: tfdb.types.QuaternionLike | None = None,
+        *,
+        rpy: tfdb.types.VectorLike | None = None,
+        wxyz: tfdb.types.WxyzLike | None = None,
+        authority: str = "",
+        change_kind: bool = False,
+        only_new: bool = False,
+    ) -> int: ...
 
     def set_static_transform(self, parent: str, child: str, translation: tfdb.types.VectorLike | tfdb.types.PoseLike, rotation: tfdb.types.QuaternionLike | None = None, *, rpy: tfdb.types.VectorLike | None = None, wxyz: tfdb.types.WxyzLike | None = None, authority: str = '', change_kind: bool = False) -> int:
         """
@@ -876,20 +892,13 @@ class Buffer(Reads):
         only_new: bool = False,
     ) -> int | list[tfdb.types.Refused]: ...
 
-    def remove_frame(self, name: str, *, recursive: bool = False) -> int:
+    def remove_frames(self, names: str | Iterable[str], *, recursive: bool = False) -> int:
         """
-        Remove a frame and its edge; with `recursive` also all frames below it. One commit.
+        Remove a frame, or several, with their edges in one commit, all or none.
 
-        Returns its number. Raises UnknownFrame, FrameInUse (naming the children).
-        """
-
-    def remove_frames(self, names: Iterable[str], *, recursive: bool = False) -> int:
-        """
-        Remove many frames in one commit, all or none.
-
-        Their order does not matter: a frame may go together with all its children. With `recursive` also
-        all frames below them. Returns the commit's number, the current one without names. Raises
-        UnknownFrame, FrameInUse, with `index` and, for every name, `refused`.
+        Their order does not matter: a frame may go together with all its children. With `recursive` all
+        frames below them go as well. Returns the commit's number, the current one without names. Raises
+        UnknownFrame, FrameInUse (naming the children), with `index` and, for every name, `refused`.
         """
 
     def clear(self) -> int:
@@ -1392,6 +1401,45 @@ class Buffer(Reads):
                 At the commit. Nothing was stored.
         """
 
+    def reparent(
+        self,
+        child: str,
+        parent: str,
+        stamp: tfdb.types.StampLike | None = None,
+        translation: tfdb.types.VectorLike | tfdb.types.PoseLike | None = None,
+        rotation: tfdb.types.QuaternionLike | None = None,
+        *,
+        rpy: tfdb.types.VectorLike | None = None,
+        wxyz: tfdb.types.WxyzLike | None = None,
+        authority: str = "",
+    ) -> int:
+        """
+        Give a frame another parent from a stamp on, in one commit.
+
+            Without a pose the frame stays where it is: at the stamp T[parent<-child] is what the store
+            says of the two before. It is `Transaction.reparent` in a transaction of its own.
+
+            Parameters
+            ----------
+            child, parent
+                Frame names.
+            stamp
+                From when on, nanoseconds; None: the child's edge is static, and holds at all times.
+            translation, rotation, rpy, wxyz
+                T[parent<-child] as in `set_transform`; none of them: the frame stays where it is.
+            authority
+                As in `set_transform`.
+
+            Returns
+            -------
+            int
+                Number of the commit.
+
+            Raises
+            ------
+            What `Transaction.reparent` and `run` raise. Nothing was stored then.
+        """
+
     async def wait_for_transform_async(
         self,
         target: str,
@@ -1759,12 +1807,29 @@ class Transaction:
     def frame_exists(self, name: str) -> bool:
         """Return whether a frame has that name."""
 
-    def set_transform(self, parent: str, child: str, stamp: tfdb.types.StampLike, translation: tfdb.types.VectorLike | tfdb.types.PoseLike, rotation: tfdb.types.QuaternionLike | None = None, *, rpy: tfdb.types.VectorLike | None = None, wxyz: tfdb.types.WxyzLike | None = None, authority: str = '') -> None:
+    @overload
+    def set_transform(
+        self, transform: tfdb.types.TransformStampedLike, /, *, authority: str = ""
+    ) -> None:
         """
         Store T[parent<-child] at a stamp, at the commit; this transaction sees it at once.
 
-        Arguments and errors as in `Buffer.set_transform`, but CycleError only at the commit.
+        Arguments and errors as in `Buffer.set_transform`, also of `set_transform(T)`, but CycleError
+        only at the commit.
         """
+    @overload
+    def set_transform(
+        self,
+        parent: str,
+        child: str,
+        stamp: tfdb.types.StampLike,
+        translation: tfdb.types.VectorLike | tfdb.types.PoseLike,
+        rotation: tfdb.types.QuaternionLike | None = None,
+        *,
+        rpy: tfdb.types.VectorLike | None = None,
+        wxyz: tfdb.types.WxyzLike | None = None,
+        authority: str = "",
+    ) -> None: ...
 
     def set_static_transform(self, parent: str, child: str, translation: tfdb.types.VectorLike | tfdb.types.PoseLike, rotation: tfdb.types.QuaternionLike | None = None, *, rpy: tfdb.types.VectorLike | None = None, wxyz: tfdb.types.WxyzLike | None = None, authority: str = '') -> None:
         """
@@ -1781,11 +1846,11 @@ class Transaction:
         is refused leaves the transaction as it was, and open.
         """
 
-    def remove_frame(self, name: str, *, recursive: bool = False) -> None:
+    def remove_frames(self, names: str | Iterable[str], *, recursive: bool = False) -> None:
         """
-        Remove a frame, with `recursive` also all below it, at the commit.
+        Remove a frame, or several, at the commit.
 
-        Raises UnknownFrame, FrameInUse (naming the children).
+        Arguments and errors as in `Buffer.remove_frames`.
         """
 
     def reparent(self, child: str, parent: str, stamp: tfdb.types.StampLike | None = None, translation: tfdb.types.VectorLike | tfdb.types.PoseLike | None = None, rotation: tfdb.types.QuaternionLike | None = None, *, rpy: tfdb.types.VectorLike | None = None, wxyz: tfdb.types.WxyzLike | None = None, authority: str = '') -> None:
@@ -1817,11 +1882,11 @@ class Transaction:
         """
 
     @property
-    def is_open(self) -> bool:
-        """True from its begin to its end."""
+    def closed(self) -> bool:
+        """True before its begin and after its end."""
 
     @property
-    def commit_number(self) -> int | None:
+    def commit(self) -> int | None:
         """
         Number of its commit, or of the state that it read if it wrote nothing; None unless it was committed.
         """

@@ -14,7 +14,18 @@ if TYPE_CHECKING:
 
     from tfdb._core import Buffer, Policy, Reads, Transaction, Transform
     from tfdb.data.stamps import StampLike
-    from tfdb.data.types import Name, Paths, PoseTopics, Progress, Topics, TrajectoryLike
+    from tfdb.data.types import (
+        Name,
+        Paths,
+        PoseLike,
+        PoseTopics,
+        Progress,
+        QuaternionLike,
+        Topics,
+        TrajectoryLike,
+        VectorLike,
+        WxyzLike,
+    )
     from tfdb.recordings.loading import LoadReport
     from tfdb.robots.robot_model import RobotModel
     from tfdb.store.explain import Explanation
@@ -471,6 +482,53 @@ def run(
     return run_until_won(self, fn, retries=retries, timeout=timeout, priority=priority)
 
 
+def reparent(
+    self: Buffer,
+    child: str,
+    parent: str,
+    stamp: StampLike | None = None,
+    translation: VectorLike | PoseLike | None = None,
+    rotation: QuaternionLike | None = None,
+    *,
+    rpy: VectorLike | None = None,
+    wxyz: WxyzLike | None = None,
+    authority: str = "",
+) -> int:
+    """Give a frame another parent from a stamp on, in one commit.
+
+    Without a pose the frame stays where it is: at the stamp T[parent<-child] is what the store
+    says of the two before. It is `Transaction.reparent` in a transaction of its own.
+
+    Parameters
+    ----------
+    child, parent
+        Frame names.
+    stamp
+        From when on, nanoseconds; None: the child's edge is static, and holds at all times.
+    translation, rotation, rpy, wxyz
+        T[parent<-child] as in `set_transform`; none of them: the frame stays where it is.
+    authority
+        As in `set_transform`.
+
+    Returns
+    -------
+    int
+        Number of the commit.
+
+    Raises
+    ------
+    What `Transaction.reparent` and `run` raise. Nothing was stored then.
+    """
+    from tfdb.store.transactions import commit_of  # noqa: PLC0415 - see above
+
+    return commit_of(
+        _buffer(self),
+        lambda tx: tx.reparent(
+            child, parent, stamp, translation, rotation, rpy=rpy, wxyz=wxyz, authority=authority
+        ),
+    )
+
+
 def open_store(
     name: Name,
     *,
@@ -670,6 +728,7 @@ METHODS: dict[str, dict[str, Any]] = {
         "load": load,
         "set_trajectory": set_trajectory,
         "run": run,
+        "reparent": reparent,
         "wait_for_transform_async": wait_for_transform_async,
         "wait_for_commit_async": wait_for_commit_async,
         "__reduce__": reduce,

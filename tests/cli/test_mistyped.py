@@ -219,7 +219,7 @@ def test_one_is_no_plural(tool: Tool, tmp_path: Path) -> None:
     store = tfdb.Buffer()
     store.set_transform("map", "base", SECOND, (1, 2, 3), (0, 0, 0.6, 0.8))
     assert "2 frames, 1 edge (0 static)" in repr(store)
-    store.remove_frame("base")
+    store.remove_frames("base")
     store.set_static_transform("map", "base", (1, 2, 3))
     store.freeze(tmp_path / "one.tfdb")
     assert "2 frames, 0 moving and 1 static edge\n" in tool("info", tmp_path / "one.tfdb").out

@@ -36,7 +36,7 @@ def test_a_snapshot_is_frozen_as_it_was(filled: tfdb.Buffer, tmp_path: Path) -> 
     with filled.snapshot() as snapshot:
         filled.set_transform("hand", "new", 50, (1, 2, 3), TURN)
         filled.set_transform("map", "base", 14, (9, 9, 9), TURN, authority="ekf")
-        filled.remove_frame("camera")
+        filled.remove_frames("camera")
         filled.clear()
         snapshot.freeze(tmp_path / "a.tfdb")
     found = answers(tfdb.open(tmp_path / "a.tfdb"))
@@ -93,7 +93,7 @@ def test_nothing_can_be_written(filled: tfdb.Buffer, tmp_path: Path) -> None:
         lambda: frozen.set_transforms(columns),
         lambda: frozen.ingest(tfdb.encode_tf_message([one])),
         lambda: frozen.load(RECORDING),
-        lambda: frozen.remove_frame("hand"),
+        lambda: frozen.remove_frames("hand"),
         lambda: frozen.remove_frames(["hand"]),
         frozen.clear,
         lambda: frozen.run(lambda tx: tx.set_transform("map", "base", 60, *pose)),

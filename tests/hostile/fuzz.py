@@ -161,7 +161,7 @@ class World:
         elif kind == 2:
             buf.set_transform("odom", "base", rng.randrange(3_000), (7, 8, 9), TURNED)
         elif kind == 3:
-            buf.remove_frame(rng.choice(["arm", "hand", "base"]), recursive=True)
+            buf.remove_frames(rng.choice(["arm", "hand", "base"]), recursive=True)
         elif kind == 4:
             buf.lookup_transform("map", rng.choice(["base", "arm"]), rng.randrange(2_500))
         elif kind == 5:

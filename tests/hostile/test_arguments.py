@@ -243,7 +243,7 @@ def test_a_wrong_type_at_each_place(name: str) -> None:
 
 
 PLAIN = {
-    ("tfdb.Buffer.remove_frame", "recursive"): (("base",), "a bool"),
+    ("tfdb.Buffer.remove_frames", "recursive"): (("base",), "a bool"),
     ("tfdb.Buffer.set_transforms", "static"): (([],), "a bool"),
     ("tfdb.Buffer.set_static_transform", "change_kind"): (("map", "x", (1, 2, 3)), "a bool"),
 }

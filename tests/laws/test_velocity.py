@@ -54,7 +54,7 @@ def test_constant_velocity_is_found_exactly(
     velocity: Vector, axis: Vector, speed: float, begin: Pose
 ) -> None:
     buffer = moving(velocity, axis, speed, begin)
-    found = buffer.lookup_velocity("base", "map", MIDDLE)
+    found = buffer.lookup_velocity("map", "base", MIDDLE)
     np.testing.assert_allclose(found.linear, velocity, atol=1e-9)
     np.testing.assert_allclose(found.angular, speed * unit(axis), atol=1e-9)
 
@@ -65,7 +65,7 @@ def test_a_point_of_the_body_swings_round(
 ) -> None:
     """v(p) = v + w x (p - origin): the lever arm is that of the point, in the same axes."""
     buffer = moving(velocity, axis, speed, begin)
-    found = buffer.lookup_velocity("base", "map", MIDDLE, point=point)
+    found = buffer.lookup_velocity("map", "base", MIDDLE, point=point)
     base = buffer.lookup_transform("map", "base", MIDDLE)
     omega = speed * unit(axis)
     lever = base.apply(np.array(point)) - base.translation
@@ -74,7 +74,7 @@ def test_a_point_of_the_body_swings_round(
     swing = np.linalg.norm(found.linear - np.array(velocity))
     np.testing.assert_allclose(swing, speed * distance, atol=1e-7)
     in_map = base.apply(np.array(point))
-    same = buffer.lookup_velocity("base", "map", MIDDLE, point=in_map, point_frame="map")
+    same = buffer.lookup_velocity("map", "base", MIDDLE, point=in_map, point_frame="map")
     np.testing.assert_allclose(same.linear, found.linear, atol=1e-7)
 
 
@@ -84,8 +84,8 @@ def test_the_reference_frame_only_turns_the_axes(
 ) -> None:
     buffer = moving(velocity, axis, speed, begin)
     buffer.set_static_transform("map", "other", *other)
-    plain = buffer.lookup_velocity("base", "map", MIDDLE)
-    turned = buffer.lookup_velocity("base", "map", MIDDLE, reference="other")
+    plain = buffer.lookup_velocity("map", "base", MIDDLE)
+    turned = buffer.lookup_velocity("map", "base", MIDDLE, reference="other")
     rotation = matrix_of(other)[:3, :3].T
     same_matrix(turned.linear, rotation @ plain.linear, 1e-9)
     same_matrix(turned.angular, rotation @ plain.angular, 1e-9)
@@ -96,8 +96,8 @@ def test_seen_from_the_body_the_world_turns_the_other_way(
     velocity: Vector, axis: Vector, speed: float, begin: Pose
 ) -> None:
     buffer = moving(velocity, axis, speed, begin)
-    there = buffer.lookup_velocity("base", "map", MIDDLE)
-    back = buffer.lookup_velocity("map", "base", MIDDLE, reference="map")
+    there = buffer.lookup_velocity("map", "base", MIDDLE)
+    back = buffer.lookup_velocity("base", "map", MIDDLE, reference="map")
     np.testing.assert_allclose(back.angular, -there.angular, atol=1e-9)
 
 
@@ -107,6 +107,6 @@ def test_the_window_stays_within_the_data(
 ) -> None:
     """At the newest stamp the same motion has the same velocity."""
     buffer = moving(velocity, axis, speed, begin)
-    found = buffer.lookup_velocity("base", "map")
+    found = buffer.lookup_velocity("map", "base")
     np.testing.assert_allclose(found.linear, velocity, atol=1e-9)
     np.testing.assert_allclose(found.angular, speed * unit(axis), atol=1e-9)

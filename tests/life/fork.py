@@ -73,7 +73,7 @@ READS: dict[str, Callable[[tfdb.Buffer], Any]] = {
     "lookup_transform": lambda buf: buf.lookup_transform("map", "eye", 500),
     "lookup_transform_full": lambda buf: buf.lookup_transform_full("map", 500, "eye", 510, "odom"),
     "lookup_transforms": lambda buf: buf.lookup_transforms("map", "eye", STAMPS),
-    "lookup_velocity": lambda buf: buf.lookup_velocity("base", "map", 500, 1e-8),
+    "lookup_velocity": lambda buf: buf.lookup_velocity("map", "base", 500, 1e-8),
     "samples": lambda buf: buf.samples("base"),
     "trajectory": lambda buf: buf.trajectory("map", "base"),
     "transform_points": lambda buf: buf.transform_points("map", "eye", np.ones((9, 3)), 500),
@@ -90,7 +90,8 @@ WRITES: dict[str, Callable[[tfdb.Buffer], Any]] = {
     "set_partly": lambda buf: buf.set_transforms(batch(509), partial=True),
     "ingest": lambda buf: buf.ingest(tfdb.encode_tf_message(batch(511))),
     "new_frame": lambda buf: buf.set_transform("base", "new", 505, (1, 2, 3), TURNED),
-    "remove_frame": lambda buf: buf.remove_frame("eye"),
+    "remove_frames": lambda buf: buf.remove_frames("eye"),
+    "reparent": lambda buf: buf.reparent("base", "map", 505),
     "transaction": transaction,
     "run": lambda buf: buf.run(lambda tx: tx.set_transform("map", "odom", 3, (1, 2, 3), TURNED)),
     "clear": lambda buf: buf.clear(),
@@ -156,7 +157,7 @@ def work(buf: tfdb.Buffer, stop: threading.Event) -> None:
         buf.set_static_transform("map", name, (1, 2, 3), TURNED)
         buf.tree()
         buf.samples("odom")
-        buf.remove_frame(name)
+        buf.remove_frames(name)
         buf.run(lambda tx, at=stamp: tx.set_transform("odom", "base", at, (1, 2, 3), TURNED))
 
 

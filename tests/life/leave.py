@@ -84,7 +84,7 @@ def remove(buf: tfdb.Buffer) -> None:
     """Make a frame and remove it."""
     name = f"of {threading.get_ident()}"
     buf.set_static_transform("map", name, (1, 2, 3), TURNED)
-    buf.remove_frame(name)
+    buf.remove_frames(name)
 
 
 def refused(buf: tfdb.Buffer) -> None:
@@ -105,7 +105,7 @@ CALLS: dict[str, Callable[[tfdb.Buffer], Any]] = {
     "lookup_transforms": lambda buf: buf.lookup_transforms("map", "base", STAMPS[10:]),
     "memory": lambda buf: buf.memory(),
     "refused": refused,
-    "remove_frame": remove,
+    "remove_frames": remove,
     "report": lambda buf: repr(buf.lookup_transform("map", "base", 100).report),
     "run": run,
     "samples": lambda buf: buf.samples("base"),

@@ -44,7 +44,7 @@ def test_reports_stay_what_they_were(concurrency: str) -> None:
     found = answers(buf)
     before = [(repr(answer.report), str(answer.report), repr(answer)) for answer in found]
     assert all("arm" in report and "removed" not in report for report, _, _ in before)
-    buf.remove_frame("base", recursive=True)
+    buf.remove_frames("base", recursive=True)
     for i in range(20):  # in the slots of those that are gone
         buf.set_static_transform("map", f"another {i}", (3, 2, 1), OTHER)
     buf.clear()
@@ -59,7 +59,7 @@ def test_the_same_names_in_new_slots() -> None:
     """A path whose frames were removed and made again is another one."""
     buf = filled("snapshot")
     first = buf.lookup_transform("map", "arm", 150)
-    buf.remove_frame("base", recursive=True)
+    buf.remove_frames("base", recursive=True)
     buf.set_static_transform("map", "arm", (1, 2, 3), TURNED)
     buf.set_static_transform("arm", "base", (1, 2, 3), TURNED)
     second = buf.lookup_transform("map", "base", 150)

@@ -76,7 +76,7 @@ def reads(snapshot: tfdb.Snapshot, stamp: Any, one: Any) -> Iterator[Callable[[]
     yield lambda: snapshot.can_transform_full("map", stamp, "arm", stamp, "base")
     yield lambda: snapshot.lookup_transforms("map", "arm", [stamp])
     yield lambda: snapshot.transform_points("map", "arm", [[one, 2, 3]], stamp)
-    yield lambda: snapshot.lookup_velocity("map", "arm", stamp, 1e-7, point=(one, 2, 3))
+    yield lambda: snapshot.lookup_velocity("arm", "map", stamp, 1e-7, point=(one, 2, 3))
     yield lambda: snapshot._path_stamps("map", "arm", stamp, stamp)
     yield lambda: snapshot.tree(stamp)
     yield lambda: snapshot.explain("map", "arm", stamp)

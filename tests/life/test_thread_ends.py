@@ -76,7 +76,7 @@ def test_an_open_transaction_ends_with_its_thread(concurrency: str, alone: bool)
         used.append(in_thread(come_after))
     assert len(set(used)) < len(used)  # ids came again
     assert buf.lookup_transform("map", "arm", 300) == before
-    assert not any(tx.is_open or tx.commit_number is not None for tx in left)
+    assert all(tx.closed and tx.commit is None for tx in left)
     buf.set_transform("base", "arm", 300, (1, 1, 1), TURNED)
     in_thread(left.clear)
     gc.collect()

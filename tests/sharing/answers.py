@@ -44,7 +44,7 @@ def fill(buffer: tfdb.Buffer) -> None:
         tx.set_transform("map", "seen", 20, seen.translation, seen.rotation)
     buffer.run(lambda tx: tx.set_transform("seen", "beyond", 20, (1, 2, 3), TURN))
     buffer.set_transform("map", "gone", 20, (1, 2, 3), TURN)
-    buffer.remove_frame("gone")
+    buffer.remove_frames("gone")
     buffer.set_static_transform("map", "dock", (1, 2, 3), TURN)
     buffer.set_transform("map", "dock", 20, (3, 2, 1), BACK, change_kind=True)
 
@@ -111,7 +111,7 @@ def _reads(reads: tfdb._core.Reads) -> dict[str, str]:
         "scan": lambda: reads.transform_points("camera", "hand", points, [10, 14, 20]),
         "latest": lambda: reads.lookup_latest_transform("map", "hand"),
         "full": lambda: reads.lookup_transform_full("base", 14, "hand", 20, "map"),
-        "velocity": lambda: reads.lookup_velocity("map", "hand", 20, 4e-9),
+        "velocity": lambda: reads.lookup_velocity("hand", "map", 20, 4e-9),
         "trajectory": lambda: reads.trajectory("map", "hand"),
         "rate": lambda: reads.trajectory("map", "hand", rate=5e8),
         "explain": lambda: reads.explain("map", "hand", 14),

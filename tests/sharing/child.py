@@ -201,7 +201,7 @@ def commit_when_free(name: str) -> None:
             tx.set_transform("map", "interrupted", 5, **pose_of(1))
             say("ready")
     except KeyboardInterrupt:
-        say("interrupted", "committed" if tx.commit_number else "aborted", len(refused))
+        say("interrupted", "committed" if tx.commit else "aborted", len(refused))
     signal.signal(signal.SIGINT, signal.default_int_handler)
     say("ready")
     try:

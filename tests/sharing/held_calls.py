@@ -46,7 +46,7 @@ READS: dict[str, Callable[[Any], object]] = {
         "map", STAMP, "hand", 1_000, "base"
     ),
     "lookup_transforms": lambda reads: reads.lookup_transforms("map", "hand", [STAMP] * 10_000),
-    "lookup_velocity": lambda reads: reads.lookup_velocity("hand", "map", STAMP, 1e-6),
+    "lookup_velocity": lambda reads: reads.lookup_velocity("map", "hand", STAMP, 1e-6),
     "parent_of": lambda reads: reads.parent_of("hand"),
     "path": lambda reads: reads.path("map", "hand"),
     "samples": lambda reads: reads.samples("hand"),
@@ -68,6 +68,7 @@ def calls_that_wait(buffer: tfdb.Buffer) -> Table:
     many = [one] * 5_000
     message = tfdb.encode_tf_message([one])
     columns = tfdb.Columns("map", "base", [3_000], [[1.0, 2, 3, 0, 0, 0.6, 0.8]])
+    path = tfdb.Trajectory("map", "base", [3_000], columns.poses)
 
     def commit(write: Callable[[tfdb.Transaction], object]) -> None:
         with buffer.transaction() as tx:
@@ -90,11 +91,13 @@ def calls_that_wait(buffer: tfdb.Buffer) -> Table:
         "Buffer.ingest_many": lambda: buffer.ingest_many([message] * 3, encoding="cdr"),
         "Buffer.load": lambda: buffer.load(RECORDING),
         "Buffer.memory": buffer.memory,
-        "Buffer.remove_frame": lambda: buffer.remove_frame("hand"),
-        "Buffer.remove_frames": lambda: buffer.remove_frames(["hand", "base"]),
+        "Buffer.remove_frames": lambda: buffer.remove_frames("hand"),
+        "Buffer.remove_frames many": lambda: buffer.remove_frames(["hand", "base"]),
+        "Buffer.reparent": lambda: buffer.reparent("hand", "map", 3_000),
         "Buffer.run": lambda: buffer.run(lambda tx: tx.set_transform("map", "base", 9, **pose)),
         "Buffer.set_static_transform": lambda: buffer.set_static_transform("map", "new", **pose),
         "Buffer.set_transform": lambda: buffer.set_transform("map", "base", 3_000, **pose),
+        "Buffer.set_trajectory": lambda: buffer.set_trajectory("map", "base", path),
         "Buffer.set_transforms": lambda: buffer.set_transforms([one]),
         "Buffer.set_transforms many": lambda: buffer.set_transforms(many),
         "Buffer.set_transforms columns": lambda: buffer.set_transforms(columns),
@@ -109,7 +112,7 @@ def calls_that_wait(buffer: tfdb.Buffer) -> Table:
         "Transaction.set_transform committed": lambda: commit(
             lambda tx: tx.set_transform("map", "base", 3_000, **pose)
         ),
-        "Transaction.remove_frame committed": lambda: commit(lambda tx: tx.remove_frame("hand")),
+        "Transaction.remove_frames committed": lambda: commit(lambda tx: tx.remove_frames("hand")),
         "Transaction.set_transform alone": run_alone,
     }
 
@@ -141,9 +144,9 @@ def calls_of_transactions() -> dict[str, Callable[[tfdb.Transaction], object]]:
     one = tfdb.TransformStamped("map", "base", 3_000, **pose)
     return {
         "abort": lambda tx: tx.abort(),
-        "commit_number": lambda tx: tx.commit_number,
-        "is_open": lambda tx: tx.is_open,
-        "remove_frame": lambda tx: tx.remove_frame("hand"),
+        "commit": lambda tx: tx.commit,
+        "closed": lambda tx: tx.closed,
+        "remove_frames": lambda tx: tx.remove_frames("hand"),
         "reparent": lambda tx: tx.reparent("hand", "map", 2_000),
         "set_static_transform": lambda tx: tx.set_static_transform("map", "new", **pose),
         "set_transform": lambda tx: tx.set_transform("map", "base", 3_000, **pose),

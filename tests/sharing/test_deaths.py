@@ -53,7 +53,7 @@ def test_a_writer_that_is_stopped_is_named(name: str) -> None:
         with pytest.raises(tfdb.errors.LockTimeout):
             buffer.ingest_many([message] * 1000, encoding="cdr")
         with pytest.raises(tfdb.errors.LockTimeout):
-            tfdb.Buffer.open(name, lock_timeout=0).remove_frame("hand")
+            tfdb.Buffer.open(name, lock_timeout=0).remove_frames("hand")
         assert child.arm_in(buffer) == seen
         assert "x" not in buffer.frames()
         writer.send(signal.SIGCONT)

@@ -134,7 +134,7 @@ def test_what_a_store_gives_back_others_may_take_and_it_takes_again(tmp_path: Pa
             buffer.set_transform("map", "arm", 7, (3, 2, 1), TURN)
             number = until_full(lambda number: write_on(buffer, number))
             held = buffer.snapshot()
-            buffer.remove_frame("base")
+            buffer.remove_frames("base")
             assert not buffer.compact()
             assert len(held.samples("base")[0]) == ROWS * number
             held.close()

@@ -156,7 +156,7 @@ def test_who_reads_writes_nothing(name: str) -> None:
         lambda: reader.set_static_transform("base", "camera", (1, 2, 3), TURN),
         lambda: reader.set_transforms([tfdb.TransformStamped("map", "n", 5, (1, 2, 3), TURN)]),
         lambda: reader.ingest(message),
-        lambda: reader.remove_frame("hand"),
+        lambda: reader.remove_frames("hand"),
         lambda: reader.remove_frames(["hand"]),
         reader.clear,
         lambda: reader.run(lambda tx: tx.set_transform("map", "n", 5, (1, 2, 3), TURN)),

@@ -112,7 +112,7 @@ def test_frames_come_and_go_under_readers() -> None:
     def come_and_go(count: int) -> None:
         name = f"tool_{count % 5}"
         buffer.set_transform("base", name, count, (count % 5, 1, 2), TILT)
-        buffer.remove_frame(name)
+        buffer.remove_frames(name)
 
     seen = 0
     with running(come_and_go):

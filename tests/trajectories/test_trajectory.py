@@ -432,7 +432,7 @@ def test_velocities_are_what_lookup_velocity_says(path: Any, interval: float) ->
     store.set_transforms(tfdb.Columns("map", "base", path.stamps, path.poses))
     found = path.velocities(interval)
     for row, stamp in enumerate(path.stamps.tolist()):
-        one = store.lookup_velocity("base", "map", stamp, interval)
+        one = store.lookup_velocity("map", "base", stamp, interval)
         np.testing.assert_allclose(found.linear[row], one.linear, rtol=1e-12, atol=1e-12)
         np.testing.assert_allclose(found.angular[row], one.angular, rtol=1e-12, atol=1e-12)
 

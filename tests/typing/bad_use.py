@@ -24,7 +24,7 @@ buffer.transaction().lookup_transform("map", 7)  # error
 buffer.transaction().set_transforms([], partial=True)  # error
 buffer.transaction().frames()  # error
 buffer.run(lambda: 5)  # error
-buffer.run(lambda tx: tx.is_open).upper()  # error
+buffer.run(lambda tx: tx.closed).upper()  # error
 buffer.run(print, 3)  # error
 buffer.set_transforms([], partial=True) + 1  # error
 buffer.remove_frames(["a", 7])  # error
@@ -37,7 +37,8 @@ buffer.lookup_transform("map", "base", stamps)  # error
 buffer.lookup_transform("map", ("base",))  # error
 buffer.lookup_transforms("map", "base", 5)  # error
 buffer.transform_points("map", "base", doubles, stamps, out=stamps)  # error
-buffer.set_transforms([found])  # error
+buffer.set_transforms(found)  # error
+buffer.set_transform(found, stamp=5)  # error
 doubles @ found  # error
 found @ doubles  # error
 path.at(5.5)  # error

@@ -271,7 +271,7 @@ TFDB_TEST(allocation_that_fails_in_a_read_changes_nothing_and_keeps_no_lock) {
              must_throw<UnknownFrame>([&] { (void)b.lookup_transform(kNew, kMap, 20); });
          }},
         {"velocity",
-         [](Buffer& b) { (void)b.lookup_velocity(kBase, kMap, 20, 10, kOdom, {}, kBase); }},
+         [](Buffer& b) { (void)b.lookup_velocity(kMap, kBase, 20, 10, kOdom, {}, kBase); }},
         {"path", [](Buffer& b) { CHECK(!b.path_stamps(kMap, kBase, {}, {}).empty()); }},
         {"snapshot", [](Buffer& b) { CHECK_EQ(b.snapshot().frames().size(), 6U); }},
         {"memory", [](Buffer& b) { CHECK(b.memory().authority_bytes > kAuthor.size()); }},

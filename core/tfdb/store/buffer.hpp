@@ -279,10 +279,10 @@ public:
     [[nodiscard]] std::vector<StampNs> path_stamps(std::string_view target, std::string_view source,
                                                    std::optional<StampNs> start,
                                                    std::optional<StampNs> end) const;
-    /// Velocity of `tracking` in `observation`, by finite difference over `interval` ns around
-    /// `stamp` (none: latest common time), of the point `point` given in `point_frame`, in the
-    /// axes of `reference`. Empty names: reference = observation, point_frame = tracking.
-    [[nodiscard]] Twist lookup_velocity(std::string_view tracking, std::string_view observation,
+    /// Velocity of `source` in `target`, by finite difference over `interval` ns around `stamp`
+    /// (none: latest common time), of the point `point` given in `point_frame`, in the axes of
+    /// `reference`. Empty names: reference = target, point_frame = source.
+    [[nodiscard]] Twist lookup_velocity(std::string_view target, std::string_view source,
                                         std::optional<StampNs> stamp, StampNs interval,
                                         std::string_view reference, geometry::Vec3 point,
                                         std::string_view point_frame) const;

@@ -319,7 +319,7 @@ TFDB_TEST(error_options_and_arguments) {
     tiny.memory_limit = 10;
     CHECK_THROWS_AS(Buffer{tiny}, CapacityExceeded);
     const Buffer buffer = robot();
-    CHECK_THROWS_AS(buffer.lookup_velocity("base", "map", {}, 0, "", {}, ""), InvalidArgument);
+    CHECK_THROWS_AS(buffer.lookup_velocity("map", "base", {}, 0, "", {}, ""), InvalidArgument);
     std::vector<double> out(6);
     const StampNs stamp = kSecond;
     CHECK_THROWS_AS(

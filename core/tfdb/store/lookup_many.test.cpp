@@ -390,7 +390,7 @@ TFDB_TEST(lookups_refuse_what_is_not_finite) {
                         InvalidTransform);
         CHECK(std::all_of(points.begin(), points.end(), [](double x) { return x == 1.25; }));
     }
-    CHECK_THROWS_AS(buffer.lookup_velocity("c", "map", 15, 10, "", {}, ""), InvalidTransform);
+    CHECK_THROWS_AS(buffer.lookup_velocity("map", "c", 15, 10, "", {}, ""), InvalidTransform);
     set(buffer, "a", "b", 30, far);
     CHECK_THROWS_AS(buffer.lookup_latest_transform("map", "b"), InvalidTransform);
 }

@@ -56,7 +56,7 @@ void read_all(const Reads& reads, const FrameHandle (&handles)[2]) {
     const std::vector<StampNs> stamps{3, 4, 5};
     std::vector<double> rows(7 * stamps.size());
     reads.lookup_many("map", "tool", stamps, {}, Layout::kPose, Missing::kThrow, rows);
-    const Twist twist = reads.lookup_velocity("tool", "map", 4, 4, "base", {1, 2, 3}, "tool");
+    const Twist twist = reads.lookup_velocity("map", "tool", 4, 4, "base", {1, 2, 3}, "tool");
     CHECK(std::isfinite(twist.linear.x));
 }
 

@@ -129,7 +129,7 @@ TFDB_TEST(interval_of_a_velocity_that_no_stamp_has_is_refused) {
     Buffer buffer;
     set(buffer, "base", 10);
     CHECK_THROWS_AS(static_cast<void>(buffer.lookup_velocity(
-                        "base", "map", 10, std::numeric_limits<StampNs>::max(), "", {}, "")),
+                        "map", "base", 10, std::numeric_limits<StampNs>::max(), "", {}, "")),
                     InvalidArgument);
 }
 

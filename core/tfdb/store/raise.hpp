@@ -22,10 +22,6 @@ using NameOf = std::function<std::string(FrameId)>;
 [[noreturn]] void throw_cycle_of(const txn::CommitOutcome& settled, std::string_view authority,
                                  const NameOf& name);
 
-[[noreturn]] void throw_frame_unknown(std::string_view name, const std::string& hint);
-[[noreturn]] void throw_frame_in_use(std::string_view name, std::span<const FrameId> children,
-                                     const NameOf& name_of);
-
 /// Of a read that names one frame; `hint` ends the message.
 [[noreturn]] void throw_unknown_frame(std::string_view name, CommitNumber commit,
                                       const std::string& hint);

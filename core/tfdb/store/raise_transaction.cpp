@@ -5,13 +5,6 @@
 namespace tfdb::store {
 namespace {
 
-/// The one name of a call was refused.
-[[noreturn]] void refuse(Error error) {
-    Refusals refusals;
-    refusals.add(std::move(error));
-    refusals.raise("1 frame");
-}
-
 std::string describe(const history::EdgeChange& change) {
     using history::Change;
     switch (change.change) {
@@ -84,18 +77,6 @@ void throw_cycle_of(const txn::CommitOutcome& settled, std::string_view authorit
     Error fault = cycle_fault(transform, 0, authority);
     fault.detail().index.reset();
     throw CycleError(fault.what(), std::move(fault.detail()));
-}
-
-void throw_frame_unknown(std::string_view name, const std::string& hint) {
-    refuse(unknown_frame(name, 0, hint));
-}
-
-void throw_frame_in_use(std::string_view name, std::span<const FrameId> children,
-                        const NameOf& name_of) {
-    std::vector<std::string> names;
-    for (const FrameId child : children)
-        names.push_back(name_of(child));
-    refuse(frame_in_use(name, 0, std::move(names)));
 }
 
 }  // namespace tfdb::store

@@ -108,8 +108,8 @@ void Transaction::set_transforms(std::span<const TransformView> batch, bool is_s
     life_->call([&](auto& own) { own.write(batch, is_static, authority); });
 }
 
-void Transaction::remove_frame(std::string_view name, bool recursive) {
-    life_->call([&](auto& own) { own.remove_frame(name, recursive); });
+void Transaction::remove_frames(std::span<const std::string_view> names, bool recursive) {
+    life_->call([&](auto& own) { own.remove_frames(names, recursive); });
 }
 
 void Transaction::reparent(std::string_view child, std::string_view parent,

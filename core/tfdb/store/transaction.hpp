@@ -96,8 +96,11 @@ public:
     /// commit; a batch that is refused leaves the transaction as it was.
     void set_transforms(std::span<const TransformView> batch, bool is_static,
                         std::string_view authority);
-    /// Throws UnknownFrame, FrameInUse.
-    void remove_frame(std::string_view name, bool recursive);
+    /// As Buffer::remove_frames, at the commit. Throws UnknownFrame, FrameInUse.
+    void remove_frames(std::span<const std::string_view> names, bool recursive);
+    void remove_frame(std::string_view name, bool recursive) {
+        remove_frames({&name, 1}, recursive);
+    }
     /// Gives `child` another parent from `stamp` on (none: a static edge). Without a pose it stays
     /// where it is: T[parent<-child] at the stamp, as this transaction sees it.
     /// Throws what the lookup or set_transforms throws.

@@ -93,23 +93,36 @@ public:
         }
     }
 
-    void remove_frame(std::string_view name, bool recursive) override {
-        const FrameId id = find(name);
-        if (id == kNoFrame)
-            throw_frame_unknown(name, did_you_mean(name, read_as_of()));
-        std::vector<FrameId> gone{id};
-        std::unordered_set<FrameId> seen{id};
+    void remove_frames(std::span<const std::string_view> names, bool recursive) override {
+        Refusals refusals;
+        std::vector<FrameId> gone;
+        std::vector<std::size_t> places;  // in `names`, of each that is gone
+        std::unordered_set<FrameId> seen;
+        for (std::size_t i = 0; i < names.size(); ++i) {
+            const FrameId id = find(names[i]);
+            if (id == kNoFrame) {
+                refusals.add(unknown_frame(
+                    names[i], i,
+                    refusals.empty() ? did_you_mean(names[i], read_as_of()) : std::string()));
+            } else if (seen.insert(id).second) {
+                gone.push_back(id);
+                places.push_back(i);
+            }
+        }
         std::vector<FrameId> children;
         for (std::size_t i = 0; i < gone.size(); ++i) {
             (void)needed(this->children_of(gone[i], children));
-            if (!children.empty() && !recursive)
-                throw_frame_in_use(name, children, names());
             // Before the commit has judged them, own relations may run in a circle.
-            for (const FrameId child : children) {
-                if (seen.insert(child).second)
-                    gone.push_back(child);
+            std::erase_if(children, [&](FrameId child) { return seen.contains(child); });
+            if (recursive) {
+                seen.insert(children.begin(), children.end());
+                gone.insert(gone.end(), children.begin(), children.end());
+            } else if (!children.empty()) {
+                refusals.add(frame_in_use(names[places[i]], places[i], names_of(children)));
             }
         }
+        if (!refusals.empty())
+            refusals.raise(std::to_string(names.size()) + " frames");
         for (const FrameId frame : gone)
             this->writes().remove(frame);
     }
@@ -141,6 +154,12 @@ private:
     }
     [[nodiscard]] NameOf names() const {
         return [this](FrameId id) { return frame_name(id); };
+    }
+    [[nodiscard]] std::vector<std::string> names_of(std::span<const FrameId> frames) const {
+        std::vector<std::string> names;
+        for (const FrameId frame : frames)
+            names.push_back(frame_name(frame));
+        return names;
     }
     /// Throws Conflict where the transaction has lost.
     Outcome needed(Outcome outcome) {

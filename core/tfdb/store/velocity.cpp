@@ -28,14 +28,14 @@ Vec3 rotation_between(const Quat& from, const Quat& to) {
     return {turn.x * scale, turn.y * scale, turn.z * scale};
 }
 
-enum Role : std::size_t { kTracking, kObservation, kReference, kPointFrame, kRoles };
+enum Role : std::size_t { kTarget, kSource, kReference, kPointFrame, kRoles };
 
 using Frames = std::array<FrameId, kRoles>;
 
 /// Which two frames were asked for last: those that an error is about.
 struct Asked {
-    Role target = kObservation;
-    Role source = kTracking;
+    Role target = kTarget;
+    Role source = kSource;
 };
 
 /// The interval over which the difference is taken: as long as was asked for if there is that much
@@ -91,24 +91,24 @@ Outcome velocity_at(const StoreView& view, const Frames& frames, std::optional<S
     Pose first;
     Pose last;
     Pose now;
-    Pose point_to_observation;
+    Pose point_to_target;
     Pose to_reference;
     Window window;
-    Outcome outcome = pose_at(kObservation, kTracking, stamp, now);
+    Outcome outcome = pose_at(kTarget, kSource, stamp, now);
     if (outcome != Outcome::kOk)
         return outcome;
     const StampNs at = answer.stamp;
     if ((outcome = find_window(view, answer, at, interval, window, failure)) != Outcome::kOk ||
-        (outcome = pose_at(kObservation, kTracking, window.start, first)) != Outcome::kOk ||
-        (outcome = pose_at(kObservation, kTracking, window.end, last)) != Outcome::kOk ||
-        (outcome = pose_at(kObservation, kPointFrame, at, point_to_observation)) != Outcome::kOk ||
-        (outcome = pose_at(kReference, kObservation, at, to_reference)) != Outcome::kOk) {
+        (outcome = pose_at(kTarget, kSource, window.start, first)) != Outcome::kOk ||
+        (outcome = pose_at(kTarget, kSource, window.end, last)) != Outcome::kOk ||
+        (outcome = pose_at(kTarget, kPointFrame, at, point_to_target)) != Outcome::kOk ||
+        (outcome = pose_at(kReference, kTarget, at, to_reference)) != Outcome::kOk) {
         return outcome;
     }
     const double dt = clock::to_seconds(window.end - window.start);
     const Vec3 turn = rotation_between(first.rotation, last.rotation);
     const Vec3 angular{turn.x / dt, turn.y / dt, turn.z / dt};
-    const Vec3 place = geometry::apply(point_to_observation, point);
+    const Vec3 place = geometry::apply(point_to_target, point);
     const Vec3 lever{place.x - now.translation.x, place.y - now.translation.y,
                      place.z - now.translation.z};
     const Vec3 swing = cross(angular, lever);
@@ -124,7 +124,7 @@ Outcome velocity_at(const StoreView& view, const Frames& frames, std::optional<S
 
 }  // namespace
 
-Twist Reads::lookup_velocity(std::string_view tracking, std::string_view observation,
+Twist Reads::lookup_velocity(std::string_view target, std::string_view source,
                              std::optional<StampNs> stamp, StampNs interval,
                              std::string_view reference, geometry::Vec3 point,
                              std::string_view point_frame) const {
@@ -138,10 +138,10 @@ Twist Reads::lookup_velocity(std::string_view tracking, std::string_view observa
                               std::to_string(point.z) + ")");
     }
     if (reference.empty())
-        reference = observation;
+        reference = target;
     if (point_frame.empty())
-        point_frame = tracking;
-    const std::array<std::string_view, kRoles> names{tracking, observation, reference, point_frame};
+        point_frame = source;
+    const std::array<std::string_view, kRoles> names{target, source, reference, point_frame};
     Twist twist{};
     Asked asked;
     Answer answer;

@@ -39,7 +39,7 @@ TFDB_TEST(velocity_constant_and_straight) {
         return Pose{{1 + 2 * t, 3 - t, 0.5 * t}, about_z(0.7)};
     });
     for (const std::optional<StampNs> at : {std::optional<StampNs>(kSecond), {}}) {
-        const Twist twist = buffer.lookup_velocity("base", "map", at, kSecond / 10, "", {}, "");
+        const Twist twist = buffer.lookup_velocity("map", "base", at, kSecond / 10, "", {}, "");
         check_vector(twist.linear, {2, -1, 0.5}, 1e-9);
         check_vector(twist.angular, {0, 0, 0}, 1e-9);
     }
@@ -51,11 +51,11 @@ TFDB_TEST(velocity_turning_in_place_about_a_tilted_axis) {
         const double half = 0.75 * t;
         return Pose{{4, 5, 6}, {0.6 * std::sin(half), 0, 0.8 * std::sin(half), std::cos(half)}};
     });
-    const Twist twist = buffer.lookup_velocity("base", "map", kSecond, kSecond / 10, "", {}, "");
+    const Twist twist = buffer.lookup_velocity("map", "base", kSecond, kSecond / 10, "", {}, "");
     check_vector(twist.linear, {0, 0, 0}, 1e-9);
     check_vector(twist.angular, {0.9, 0, 1.2}, 1e-9);
     // Seen from the frame itself the same axis, as it is the axis of the turn.
-    const Twist own = buffer.lookup_velocity("base", "map", kSecond, kSecond / 10, "base", {}, "");
+    const Twist own = buffer.lookup_velocity("map", "base", kSecond, kSecond / 10, "base", {}, "");
     check_vector(own.angular, {0.9, 0, 1.2}, 1e-9);
 }
 
@@ -64,18 +64,18 @@ TFDB_TEST(velocity_of_a_point_on_a_turning_frame) {
     const Buffer buffer = moving([](double t) { return Pose{{4, 5, 6}, about_z(kRate * t)}; });
     // The point (1, 0, 0) of base circles around (4, 5, 6) with 2 m/s, across its radius.
     const Twist twist =
-        buffer.lookup_velocity("base", "map", kSecond, 2 * kMilli, "", {1, 0, 0}, "");
+        buffer.lookup_velocity("map", "base", kSecond, 2 * kMilli, "", {1, 0, 0}, "");
     const double angle = kRate;
     check_vector(twist.linear, {-kRate * std::sin(angle), kRate * std::cos(angle), 0}, 1e-5);
     check_vector(twist.angular, {0, 0, kRate}, 1e-9);
     // In the axes of base it is always along +y.
     const Twist own =
-        buffer.lookup_velocity("base", "map", kSecond, 2 * kMilli, "base", {1, 0, 0}, "base");
+        buffer.lookup_velocity("map", "base", kSecond, 2 * kMilli, "base", {1, 0, 0}, "base");
     check_vector(own.linear, {0, kRate, 0}, 1e-5);
     // The same point given in map coordinates.
     const Vec3 in_map{4 + std::cos(angle), 5 + std::sin(angle), 6};
     const Twist given =
-        buffer.lookup_velocity("base", "map", kSecond, 2 * kMilli, "", in_map, "map");
+        buffer.lookup_velocity("map", "base", kSecond, 2 * kMilli, "", in_map, "map");
     check_vector(given.linear, twist.linear, 1e-9);
 }
 
@@ -87,10 +87,10 @@ TFDB_TEST(velocity_on_a_circle_has_centre_and_rim_right) {
         return Pose{{kRadius * std::cos(angle), kRadius * std::sin(angle), 1}, about_z(angle)};
     });
     const Twist rim =
-        buffer.lookup_velocity("base", "map", kSecond, 10 * kMilli, "base", {0, 0, 0}, "");
+        buffer.lookup_velocity("map", "base", kSecond, 10 * kMilli, "base", {0, 0, 0}, "");
     check_vector(rim.linear, {0, kRadius * kRate, 0}, 1e-4);
     const Twist centre =
-        buffer.lookup_velocity("base", "map", kSecond, 10 * kMilli, "base", {-kRadius, 0, 0}, "");
+        buffer.lookup_velocity("map", "base", kSecond, 10 * kMilli, "base", {-kRadius, 0, 0}, "");
     check_vector(centre.linear, {0, 0, 0}, 1e-4);
 }
 
@@ -98,7 +98,7 @@ TFDB_TEST(velocity_window_lies_inside_the_data_and_keeps_its_length) {
     // Speed 2 t in x: the mean over a window is the speed in its middle.
     const Buffer buffer = moving([](double t) { return Pose{{t * t, 0, 0}, about_z(0.3)}; });
     const auto speed = [&](std::optional<StampNs> at, StampNs interval) {
-        return buffer.lookup_velocity("base", "map", at, interval, "", {}, "").linear.x;
+        return buffer.lookup_velocity("map", "base", at, interval, "", {}, "").linear.x;
     };
     CHECK_NEAR(speed(kSecond, kSecond / 5), 2.0, 1e-9);
     CHECK_NEAR(speed(2 * kSecond, kSecond / 5), 2 * 1.9, 1e-9);
@@ -126,7 +126,7 @@ TFDB_TEST(velocity_window_lies_inside_what_hangs_on_the_same_parent) {
         set(buffer, "ship", "base", s * kSecond, pose);
     }
     const auto speed = [&](const char* in, StampNs at) {
-        return buffer.lookup_velocity("base", in, at, 2 * kSecond, "", {}, "").linear.x;
+        return buffer.lookup_velocity(in, "base", at, 2 * kSecond, "", {}, "").linear.x;
     };
     CHECK_NEAR(speed("map", 0), 2.0, 1e-9);
     CHECK_NEAR(speed("map", 3 * kSecond / 2), 2.0, 1e-9);
@@ -140,12 +140,12 @@ TFDB_TEST(velocity_needs_two_stamps) {
     set(buffer, "map", "base", 3 * kSecond, pose_of(1));
     set_static(buffer, "base", "eye", pose_of(2));
     const auto lone =
-        THROWN(Extrapolation, buffer.lookup_velocity("eye", "map", {}, kSecond, "", {}, ""));
+        THROWN(Extrapolation, buffer.lookup_velocity("map", "eye", {}, kSecond, "", {}, ""));
     CHECK(lone && lone->detail().reason == "no data" && lone->detail().edge == "base");
     CHECK(lone && lone->detail().stamp == 3 * kSecond && says(*lone, "data at one stamp only"));
     // What cannot move stands still, at every stamp.
     for (const StampNs at : {StampNs{0}, kSecond, 9 * kSecond}) {
-        const Twist still = buffer.lookup_velocity("eye", "base", at, kSecond, "", {1, 2, 3}, "");
+        const Twist still = buffer.lookup_velocity("base", "eye", at, kSecond, "", {1, 2, 3}, "");
         check_vector(still.linear, {0, 0, 0}, 0);
         check_vector(still.angular, {0, 0, 0}, 0);
     }
@@ -156,7 +156,7 @@ TFDB_TEST(velocity_errors_name_the_frames_that_were_asked_for) {
     set_static(buffer, "space", "moon", pose_of(1));
     const auto ask = [&](const char* tracking, const char* observation, const char* reference,
                          const char* point_frame) {
-        return buffer.lookup_velocity(tracking, observation, kSecond, kMilli, reference, {},
+        return buffer.lookup_velocity(observation, tracking, kSecond, kMilli, reference, {},
                                       point_frame);
     };
     const auto tracking = THROWN(UnknownFrame, ask("nil", "map", "", ""));
@@ -178,7 +178,7 @@ TFDB_TEST(velocity_of_a_point_that_is_nowhere_is_refused) {
         for (const geometry::Vec3& point : {geometry::Vec3{bad, 0, 0}, {0, bad, 0}, {1, 2, bad}}) {
             const auto error =
                 THROWN(InvalidArgument,
-                       buffer.lookup_velocity("base", "map", kSecond, kMilli, "", point, ""));
+                       buffer.lookup_velocity("map", "base", kSecond, kMilli, "", point, ""));
             CHECK(error && says(*error, "must be finite"));
         }
     }

@@ -1,9 +1,12 @@
-"""How objects show themselves in notebooks: small tables of HTML."""
+"""How objects show themselves in notebooks: small tables of HTML.
+
+The records of `types` are `Any` here: that module uses this one.
+"""
 
 from __future__ import annotations
 
 from html import escape
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from .errors import TfdbError
 from .stamps import format_seconds
@@ -47,21 +50,32 @@ def of_store(reads: Reads) -> str:
         infos = reads.tree()
     except TfdbError:  # closed, say
         return table(caption, (), ())
-    rows: list[tuple[object, ...]] = [
-        (
-            info.name,
-            info.parent or "",
-            "root" if info.parent is None else "static" if info.is_static else "moving",
-            info.samples,
-            "" if info.rate is None else f"{info.rate:.6g}",
-            "" if info.oldest is None else format_seconds(info.oldest),
-            "" if info.newest is None else format_seconds(info.newest),
-        )
-        for info in infos[:MOST_ROWS]
-    ]
+    rows: list[tuple[object, ...]] = [_frame_row(info) for info in infos[:MOST_ROWS]]
     if len(infos) > MOST_ROWS:
         rows.append((f"and {len(infos) - MOST_ROWS} more", *[""] * 6))
-    return table(caption, ("frame", "parent", "kind", "samples", "Hz", "from", "to"), rows)
+    return table(caption, _FRAME_HEAD, rows)
+
+
+_FRAME_HEAD = ("frame", "parent", "kind", "samples", "Hz", "from", "to")
+
+
+def _frame_row(info: Any) -> tuple[object, ...]:
+    return (
+        info.name,
+        info.parent or "",
+        "root" if info.parent is None else "static" if info.is_static else "moving",
+        info.samples,
+        "" if info.rate is None else f"{info.rate:.6g}",
+        "" if info.oldest is None else format_seconds(info.oldest),
+        "" if info.newest is None else format_seconds(info.newest),
+    )
+
+
+def of_frame(info: Any) -> str:
+    """Show what is known of one frame."""
+    gap = format_seconds(info.longest_gap) if info.longest_gap else ""
+    head = (*_FRAME_HEAD, "longest gap", "late", "authority")
+    return table(f"frame {info.name}", head, [(*_frame_row(info), gap, info.late, info.authority)])
 
 
 def of_transform(transform: Transform) -> str:
@@ -78,17 +92,100 @@ def of_transform(transform: Transform) -> str:
     return shown + transform.report._repr_html_() if transform.report.edges else shown
 
 
+_DOTS = "\N{VERTICAL ELLIPSIS}"
+
+
+def _ends(rows: int) -> list[int | None]:
+    """The first and the last of many rows, and None for those between."""
+    return list(range(rows)) if rows <= 10 else [*range(5), None, *range(rows - 5, rows)]
+
+
+def _numbers(values: Iterable[float]) -> list[str]:
+    return [f"{value:.6g}" for value in values]
+
+
+_POSE_HEAD = ("x [m]", "y [m]", "z [m]", "qx", "qy", "qz", "qw")
+
+
 def of_poses(caption: str, stamps: npt.NDArray[np.int64], poses: npt.NDArray[np.float64]) -> str:
     """Show the first and the last poses of many."""
-    rows = list(range(len(stamps)))
-    if len(rows) > 10:
-        rows = [*rows[:5], -1, *rows[-5:]]
-    lines: list[Sequence[object]] = []
-    for row in rows:
-        cells = ["\u22ee"] * 8
-        if row >= 0:
-            stamp = format_seconds(int(stamps[row])).removesuffix(" s")
-            cells = [stamp, *(f"{number:.6g}" for number in poses[row])]
-        lines.append(cells)
-    heads = ("stamp [s]", "x [m]", "y [m]", "z [m]", "qx", "qy", "qz", "qw")
-    return table(caption, heads, lines)
+    lines = [
+        [_DOTS] * 8 if row is None else [_stamp_text(int(stamps[row])), *_numbers(poses[row])]
+        for row in _ends(len(stamps))
+    ]
+    return table(caption, ("stamp [s]", *_POSE_HEAD), lines)
+
+
+def of_columns(columns: Any) -> str:
+    """Show the first and the last transforms of a batch."""
+    stamps: Any = columns.stamps
+    names = (columns.parents, columns.children)
+    lines: list[list[str]] = []
+    for row in _ends(len(columns)):
+        if row is None:
+            lines.append([_DOTS] * 10)
+            continue
+        stamp = "all times" if stamps is None else _stamp_text(stamps[row])
+        frames = [each if isinstance(each, str) else each[row] for each in names]
+        lines.append([*frames, stamp, *_numbers(columns.poses[row])])
+    return table(repr(columns).strip("<>"), ("parent", "child", "stamp [s]", *_POSE_HEAD), lines)
+
+
+def _stamp_text(stamp: Any) -> str:
+    from tfdb._core import to_nanoseconds  # noqa: PLC0415 - the extension imports this module
+
+    try:
+        return format_seconds(to_nanoseconds(stamp)).removesuffix(" s")
+    except (TypeError, TfdbError):  # a column is judged where it is stored
+        return str(stamp)
+
+
+def of_twist(twist: Any) -> str:
+    """Show a velocity, or the first and the last of many."""
+    if twist.linear.ndim == 1:
+        parts = (("linear [m/s]", twist.linear), ("angular [rad/s]", twist.angular))
+        rows = [(name, *_numbers(values)) for name, values in parts]
+        return table("velocity", ("", "x", "y", "z"), rows)
+    head = ("", "vx [m/s]", "vy [m/s]", "vz [m/s]", "wx [rad/s]", "wy [rad/s]", "wz [rad/s]")
+    lines = [
+        [_DOTS] * 7
+        if row is None
+        else [str(row), *_numbers(twist.linear[row]), *_numbers(twist.angular[row])]
+        for row in _ends(len(twist.linear))
+    ]
+    return table(f"{len(twist.linear)} velocities", head, lines)
+
+
+def of_changes(changes: Any) -> str:
+    """Show what a commit did, and to which frames."""
+    frames: dict[str, Sequence[str]] = {
+        "stored": _children(changes.stored),
+        "stored static": _children(changes.stored_static),
+        "made": changes.made,
+        "moved": changes.moved,
+        "cleared": changes.cleared,
+        "removed": changes.removed,
+        "passing": changes.passing,
+        "gone": list(changes.gone),
+    }
+    counts = {
+        "stored": len(changes.stored),
+        "stored static": len(changes.stored_static),
+        "gone": sum(changes.gone.values()),
+    }
+    rows = [
+        (what, counts.get(what, len(names)), _few(names)) for what, names in frames.items() if names
+    ]
+    return table(f"changes of commit {changes.commit}", ("", "count", "frames"), rows)
+
+
+def _children(columns: Any) -> Sequence[str]:
+    children = columns.children
+    if not isinstance(children, str):
+        return list(dict.fromkeys(children))
+    return [children] if len(columns) else []
+
+
+def _few(names: Sequence[str]) -> str:
+    more = f" and {len(names) - 10} more" if len(names) > 10 else ""
+    return ", ".join(names[:10]) + more

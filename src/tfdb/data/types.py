@@ -18,6 +18,8 @@ if TYPE_CHECKING:
     import numpy as np
     import numpy.typing as npt
 
+    from tfdb._core import Transform
+
     from .stamps import StampLike, StampsLike
 
     Float = TypeVar("Float", np.float32, np.float64)
@@ -243,7 +245,7 @@ class RosTransformStamped(Protocol):
         """T[parent<-child]."""
 
 
-TransformStampedLike: TypeAlias = TransformStamped | RosTransformStamped
+TransformStampedLike: TypeAlias = "TransformStamped | RosTransformStamped | Transform"
 """What `Buffer.set_transforms` takes a sequence of."""
 
 
@@ -324,6 +326,12 @@ class Columns:
     def __repr__(self) -> str:
         return f"<tfdb.Columns of {len(self)} transforms>"
 
+    def _repr_html_(self) -> str:
+        """Write a table for notebooks."""
+        from .notebooks import of_columns  # noqa: PLC0415 - needed by few
+
+        return of_columns(self)
+
 
 def _refuse_other_frames(poses: Any, target: object, source: object) -> None:
     """A Transform or a Trajectory goes between its own frames only: it may be the inverse."""
@@ -402,6 +410,12 @@ class Changes:
         told = ", ".join(f"{count} {name}" for name, count in what.items() if count)
         return f"<tfdb.types.Changes of commit {self.commit}: {told or 'nothing'}>"
 
+    def _repr_html_(self) -> str:
+        """Write a table for notebooks."""
+        from .notebooks import of_changes  # noqa: PLC0415 - needed by few
+
+        return of_changes(self)
+
 
 @dataclass(frozen=True, slots=True)
 class FrameInfo:
@@ -430,6 +444,12 @@ class FrameInfo:
     """Longest time between two neighbouring samples, nanoseconds."""
     cleared: bool = False
     """Whether it had samples that `Buffer.clear` dropped, and has none since."""
+
+    def _repr_html_(self) -> str:
+        """Write a table for notebooks."""
+        from .notebooks import of_frame  # noqa: PLC0415 - needed by few
+
+        return of_frame(self)
 
 
 @dataclass(frozen=True, slots=True)
@@ -520,6 +540,12 @@ class Twist:
         return all(np.array_equal(a, b, equal_nan=True) for a, b in pairs)
 
     __hash__: ClassVar[None] = None  # type: ignore[assignment]
+
+    def _repr_html_(self) -> str:
+        """Write a table for notebooks."""
+        from .notebooks import of_twist  # noqa: PLC0415 - needed by few
+
+        return of_twist(self)
 
 
 @dataclass(frozen=True, slots=True)

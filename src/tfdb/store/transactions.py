@@ -8,7 +8,7 @@ import operator
 import random
 import time
 from collections.abc import AsyncGenerator, Generator
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar, cast
 
 from tfdb.data.errors import Conflict, InvalidArgument
 
@@ -65,6 +65,17 @@ def run_until_won(
         age = transaction._age
         attempt += 1
         time.sleep(wait)
+
+
+def commit_of(self: Buffer, write: Callable[[Transaction], None]) -> int:
+    """Do what `write` does as one commit, and return its number."""
+
+    def attempt(transaction: Transaction) -> Transaction:
+        write(transaction)
+        return transaction
+
+    won = run_until_won(self, attempt, retries=LOST_BEFORE_ALONE, timeout=None, priority=0)
+    return cast("int", won.commit)
 
 
 def _check_done(result: object) -> None:

@@ -385,7 +385,7 @@ class BufferCore(CoreCalls):
         span = duration(interval, self.flavor, "averaging_interval") / SECOND
         try:
             found = self._buffer.lookup_velocity(
-                *frames,
+                *frames[::-1],
                 stamp or None,
                 span,
                 reference=reference,
