@@ -147,7 +147,11 @@ nb::object Recorded::add_mcap_chunk(nb::handle given, const nb::callable& wanted
 }
 
 void Recorded::add(std::uint64_t received, std::uint32_t source, const nb::bytes& data) {
-    const auto bytes = bytes_of(data);
+    copy(received, source, bytes_of(data));
+}
+
+void Recorded::copy(std::uint64_t received, std::uint32_t source,
+                    std::span<const std::byte> bytes) {
     if (bytes.size() > room_.size()) {
         const std::size_t size = std::max(bytes.size(), kBlock);
         copied_.push_back(std::make_unique_for_overwrite<std::byte[]>(size));
@@ -156,6 +160,28 @@ void Recorded::add(std::uint64_t received, std::uint32_t source, const nb::bytes
     std::ranges::copy(bytes, room_.begin());
     messages_.push_back({received, room_.data(), static_cast<std::uint32_t>(bytes.size()), source});
     room_ = room_.subspan(bytes.size());
+}
+
+void Recorded::extend(nb::handle messages, std::size_t first, std::size_t last) {
+    keep(nb::borrow(messages));
+    const std::vector<RecordedMessage> more =
+        nb::cast<const Recorded&>(messages).between(first, last);
+    messages_.insert(messages_.end(), more.begin(), more.end());
+}
+
+void Recorded::renumber(const nb::dict& numbers) {
+    std::map<std::uint32_t, std::uint32_t> given;
+    for (const auto& [from, to] : numbers) {
+        given[nb::cast<std::uint32_t>(from)] = nb::cast<std::uint32_t>(to);
+    }
+    for (RecordedMessage& message : messages_) {
+        message.source = given.at(message.source);
+    }
+}
+
+std::size_t Recorded::place(std::uint64_t received) const {
+    const auto at = std::ranges::lower_bound(messages_, received, {}, &RecordedMessage::received);
+    return static_cast<std::size_t>(at - messages_.begin());
 }
 
 void Recorded::sort() {
@@ -173,6 +199,15 @@ nb::tuple Recorded::at(std::size_t index) const {
     }
     const RecordedMessage& message = messages_[index];
     return nb::make_tuple(message.received, message.source, copy_of(message.bytes()));
+}
+
+nb::tuple Recorded::span() const {
+    if (messages_.empty()) {
+        throw nb::index_error();
+    }
+    const auto [first, last] =
+        std::ranges::minmax_element(messages_, {}, &RecordedMessage::received);
+    return nb::make_tuple(first->received, last->received);
 }
 
 nb::dict Recorded::counts() const {
@@ -232,11 +267,21 @@ void bind_recorded(nb::module_& module) {
              "the one says that it is which goes beyond the chunk.")
         .def("add", &Recorded::add, nb::arg("received"), nb::arg("source"), nb::arg("data"),
              "Add one message.")
+        .def("extend", &Recorded::extend, nb::arg("messages"), nb::arg("first"), nb::arg("last"),
+             nb::sig("def extend(self, messages: Recorded, first: int, last: int) -> None"),
+             "Add the messages at [first, last) of others.")
+        .def("renumber", &Recorded::renumber, nb::arg("numbers"),
+             nb::sig("def renumber(self, numbers: dict[int, int]) -> None"),
+             "Give the sources other numbers, by the ones that they have.")
+        .def("place", &Recorded::place, nb::arg("received"),
+             "Where the first message is that was received then or later; they are sorted.")
         .def("sort", &Recorded::sort,
              "Sort by the time of reception; messages of one time stay as they were added.")
         .def("__len__", &Recorded::size)
         .def("__getitem__", &Recorded::at, nb::arg("index"),
              nb::sig("def __getitem__(self, index: int) -> tuple[int, int, bytes]"))
+        .def("span", &Recorded::span, nb::sig("def span(self) -> tuple[int, int]"),
+             "When the first and the last were received; at least one message.")
         .def("counts", &Recorded::counts, nb::sig("def counts(self) -> dict[int, int]"),
              "How many messages there are of each source.")
         .def("runs", &Recorded::runs, nb::arg("kinds"), nb::arg("most"),

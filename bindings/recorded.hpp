@@ -7,6 +7,7 @@
 #include <cstdint>
 #include <memory>
 #include <span>
+#include <utility>
 #include <vector>
 
 #include "tfdb/wire/tf_message.hpp"
@@ -41,12 +42,24 @@ public:
                               const nb::callable& learn);
     /// Adds a copy of one message.
     void add(std::uint64_t received, std::uint32_t source, const nb::bytes& data);
+    void copy(std::uint64_t received, std::uint32_t source, std::span<const std::byte> data);
+    /// Adds a message whose bytes an object owns that is kept.
+    void share(const RecordedMessage& message) { messages_.push_back(message); }
+    void keep(nb::object owner) { kept_.push_back(std::move(owner)); }
+    /// Adds those at [first, last) of others, which are kept.
+    void extend(nb::handle messages, std::size_t first, std::size_t last);
+    /// Gives sources other numbers, by the ones that they have.
+    void renumber(const nb::dict& numbers);
+    /// Where the first message is that was received at a time or later; they are sorted.
+    [[nodiscard]] std::size_t place(std::uint64_t received) const;
     /// Puts them in the order of reception; those of one time stay as they were added.
     void sort();
 
     [[nodiscard]] std::size_t size() const { return messages_.size(); }
     /// (received, source, bytes)
     [[nodiscard]] nb::tuple at(std::size_t index) const;
+    /// The times of the first and the last that was received; there is one at least.
+    [[nodiscard]] nb::tuple span() const;
     /// How many there are of each source.
     [[nodiscard]] nb::dict counts() const;
     /// (first, last + 1) of messages that follow each other and whose sources are of one kind, at

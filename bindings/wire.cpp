@@ -21,6 +21,7 @@
 #include "errors.hpp"
 #include "recorded.hpp"
 #include "records.hpp"
+#include "rewriting.hpp"
 #include "selection.hpp"
 #include "tfdb/wire/tf_message.hpp"
 #include "writes.hpp"
@@ -602,6 +603,7 @@ void bind_messages_of_recordings(nb::module_& module) {
     bind_recorded(module);
     bind_selection(module);
     bind_arrivals(module);
+    bind_rewriting(module);
     module.def("ingest_recorded", &ingest_recorded, nb::arg("buffer"), nb::arg("messages").none(),
                nb::arg("first"), nb::arg("last"), nb::kw_only(), nb::arg("encoding").none(),
                nb::arg("static"), nb::arg("authorities"), nb::arg("selection").none() = nb::none(),

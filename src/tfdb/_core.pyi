@@ -1583,6 +1583,17 @@ class Recorded:
     def add(self, received: int, source: int, data: bytes) -> None:
         """Add one message."""
 
+    def extend(self, messages: Recorded, first: int, last: int) -> None:
+        """Add the messages at [first, last) of others."""
+
+    def renumber(self, numbers: dict[int, int]) -> None:
+        """Give the sources other numbers, by the ones that they have."""
+
+    def place(self, received: int) -> int:
+        """
+        Where the first message is that was received then or later; they are sorted.
+        """
+
     def sort(self) -> None:
         """
         Sort by the time of reception; messages of one time stay as they were added.
@@ -1591,6 +1602,9 @@ class Recorded:
     def __len__(self) -> int: ...
 
     def __getitem__(self, index: int) -> tuple[int, int, bytes]: ...
+
+    def span(self) -> tuple[int, int]:
+        """When the first and the last were received; at least one message."""
 
     def counts(self) -> dict[int, int]:
         """How many messages there are of each source."""
@@ -1687,6 +1701,77 @@ class ArrivalLog:
         """
         Number of transforms refused with StaticConflict, by child and whether static.
         """
+
+class MessageRewriter:
+    """Writes recorded TFMessages again: chosen, renamed, encoded."""
+
+    def __init__(self, encoding: str) -> None:
+        """`encoding`: that of the messages to be written."""
+
+    def rewrite(self, out: Recorded, messages: Recorded, first: int, last: int, *, encoding: str, static: bool, sources: dict[int, tuple[str, int, bool]], selection: Selection | None) -> None:
+        """
+        Add to `out` what is left of the messages at [first, last).
+
+        `sources` are by source: publisher, rule of `selection`, and whether empty names are refused.
+        """
+
+    @property
+    def messages(self) -> int:
+        """Messages written."""
+
+    @property
+    def transforms(self) -> int:
+        """Transforms in these."""
+
+    @property
+    def refused(self) -> int:
+        """Transforms refused of messages of which others were not."""
+
+    @property
+    def broken(self) -> int:
+        """Messages of which nothing can be written."""
+
+    @property
+    def left_out(self) -> int:
+        """Messages of which nothing was chosen."""
+
+    def refusals(self) -> list[tfdb.types.RefusedEdge]:
+        """What was refused, by edge and error."""
+
+class MessageChunk:
+    """A chunk of an MCAP file or a bag that is written."""
+
+    def __init__(self, format: str) -> None:
+        """`format`: 'mcap' or 'bag'."""
+
+    def add_record(self, record: bytes) -> None:
+        """Add a record as it is."""
+
+    def fill(self, messages: Recorded, first: int, size: int) -> int:
+        """
+        Add messages from `first` on until the chunk is larger than `size` bytes; a source is a channel or connection.
+
+        Returns the position of the next message.
+        """
+
+    def clear(self) -> None:
+        """Remove all records."""
+
+    def __len__(self) -> int: ...
+
+    def records(self) -> bytes:
+        """The bytes of all records."""
+
+    def indexes(self) -> list[tuple[int, int, bytes]]:
+        """Channel or connection, number of messages, and their index entries."""
+
+    @property
+    def start(self) -> int:
+        """Time of the first message, nanoseconds."""
+
+    @property
+    def end(self) -> int:
+        """Time of the last message, nanoseconds."""
 
 def ingest_recorded(buffer: Buffer, messages: Recorded, first: int, last: int, *, encoding: str, static: bool, authorities: dict[int, str], selection: Selection | None = None, rules: dict[int, int] = {}, forgotten: Forgotten | None = None) -> tfdb.types.IngestResult:
     """

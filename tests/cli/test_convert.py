@@ -16,8 +16,6 @@ if TYPE_CHECKING:
 
     from conftest import Tool
 
-pytest.importorskip("rosbags")
-
 
 def same(one: tfdb.Buffer, other: tfdb.Buffer) -> None:
     assert one.frames() == other.frames()

@@ -8,8 +8,6 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-pytest.importorskip("rosbags")
-
 if TYPE_CHECKING:
     from pathlib import Path
 
@@ -21,7 +19,7 @@ import tfdb
 
 folder, how = sys.argv[1:]
 # The libraries are imported before the limit may hit a file of theirs.
-import rosbags.rosbag1, rosbags.rosbag2, rosbags.typesys
+import tfdb.recordings.recording_writer
 
 def trajectory(count):
     poses = np.random.default_rng(3).normal(size=(count, 7))

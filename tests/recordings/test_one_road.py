@@ -149,7 +149,6 @@ def everything(_: Any, __: Any) -> bool:
 
 @pytest.fixture(params=[(seed, kind) for seed in range(3) for kind in ("bag", "mcap", "db3")])
 def path(request: pytest.FixtureRequest, tmp_path: Path) -> Path:
-    pytest.importorskip("rosbags")
     seed, kind = request.param
     return record(tmp_path / f"run.{kind}", seed)
 
@@ -224,7 +223,6 @@ def test_a_limited_history_forgets_as_many_as_are_missing(path: Path) -> None:
 
 
 def test_names_that_are_no_text_are_refused_once(tmp_path: Path) -> None:
-    pytest.importorskip("rosbags")
     path = tmp_path / "run.mcap"
     good = tfdb.TransformStamped("map", "base", S, (1, 2, 3), (0, 0.6, 0, 0.8))
     bad = tfdb.TransformStamped("map", "XX", S, (1, 2, 3), (0, 0.6, 0, 0.8))
@@ -243,7 +241,6 @@ def test_names_that_are_no_text_are_refused_once(tmp_path: Path) -> None:
 
 
 def test_an_error_in_the_choice_ends_the_load(tmp_path: Path) -> None:
-    pytest.importorskip("rosbags")
     path = record(tmp_path / "run.mcap", 1)
     buffer = tfdb.Buffer(history=None)
     with pytest.raises(tfdb.errors.InvalidName, match="cannot be written as UTF-8"):
@@ -265,7 +262,6 @@ def surveys(path: Path) -> tuple[RecordedEdges | None, RecordedEdges]:
 
 
 def test_a_survey_without_a_store_finds_the_edges_of_one(tmp_path: Path) -> None:
-    pytest.importorskip("rosbags")
     for seed in range(5):
         path, rng, now = tmp_path / f"run{seed}.mcap", random.Random(seed), 20 * S
         parents = {FRAMES[i]: FRAMES[rng.randrange(i)] for i in range(1, len(FRAMES))}

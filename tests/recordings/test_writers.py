@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -89,6 +90,70 @@ def test_rosbags_reads_it(store: tfdb.Buffer, tmp_path: Path, suffix: str, compr
     else:
         durabilities = [q.offered_qos_profiles[0].durability.name for q in qualities.values()]
         assert sorted(durabilities) == ["TRANSIENT_LOCAL", "VOLATILE"]
+
+
+def records(path: Path, store: tfdb.Buffer) -> list[tuple[str, int, bytes]]:
+    """Write 100 times the messages of a store: several chunks."""
+    given = [
+        (f"/robot{number % 3}/tf", 10**18 + number, data)
+        for number in range(100)
+        for data in [tfdb.encode_tf_message(transforms(store, number), "cdr")]
+    ]
+    with RecordingWriter(path, compress=path.stem == "packed") as writer:
+        for topic, received, data in given:
+            writer.write(data, received, topic=topic)
+    return given
+
+
+def transforms(store: tfdb.Buffer, number: int) -> list[tfdb.TransformStamped]:
+    stamps, poses, parents = store.samples("ball")
+    return [
+        tfdb.TransformStamped(parent, f"ball{number}", stamp, pose[:3], pose[3:])
+        for parent, stamp, pose in zip(parents, stamps.tolist(), poses.tolist(), strict=True)
+    ] * 4
+
+
+@pytest.mark.parametrize("name", ["plain", "packed"])
+def test_mcap_reads_it(store: tfdb.Buffer, tmp_path: Path, name: str) -> None:
+    reader = pytest.importorskip("mcap.reader")
+    path = tmp_path / f"{name}.mcap"
+    given = records(path, store)
+    with path.open("rb") as file:
+        opened = reader.make_reader(file, validate_crcs=True)
+        summary = opened.get_summary()
+        found = [
+            (channel.topic, message.log_time, message.data)
+            for _, channel, message in opened.iter_messages(topics=["/robot1/tf"])
+        ]
+        (metadata,) = opened.iter_metadata()
+    assert found == [each for each in given if each[0] == "/robot1/tf"]
+    assert len(summary.chunk_indexes) > 2
+    assert summary.statistics.message_count == 100
+    assert sorted(summary.statistics.channel_message_counts.values()) == [33, 33, 34]
+    assert (summary.statistics.message_start_time, summary.statistics.message_end_time) == (
+        10**18,
+        10**18 + 99,
+    )
+    about = json.loads(metadata.metadata["serialized_metadata"])
+    assert about["message_count"] == 100
+
+
+@pytest.mark.parametrize(
+    ("suffix", "received"), [(".bag", 2**32 * 10**9), (".db3", 2**63), (".mcap", 2**64)]
+)
+def test_times_that_no_file_holds(tmp_path: Path, suffix: str, received: int) -> None:
+    path = tmp_path / f"late{suffix}"
+    data = tfdb.encode_tf_message([], "ros1" if suffix == ".bag" else "cdr")
+    with RecordingWriter(path) as writer:
+        writer.write(data, received - 1, topic="/tf")
+    (message,) = tfdb.recordings.Recording(path).messages()
+    assert message[1] == received - 1
+    with (
+        pytest.raises(tfdb.TfdbError, match=str(received)),
+        RecordingWriter(path, overwrite=True) as w,
+    ):
+        w.write(data, received, topic="/tf")
+    assert path.exists()
 
 
 def test_samples_with_one_stamp_are_one_message(store: tfdb.Buffer, tmp_path: Path) -> None:

@@ -53,6 +53,16 @@ bool is_utf8(std::string_view text) {
 
 }  // namespace
 
+bool is_text(std::string_view name) noexcept {
+    unsigned seen = 0;
+    for (const char c : name) {
+        if (c == '\0')
+            return false;
+        seen |= static_cast<unsigned char>(c);
+    }
+    return seen < 0x80 || is_utf8(name);
+}
+
 const char* name_fault(std::string_view name) noexcept {
     if (name.empty())
         return "is empty";

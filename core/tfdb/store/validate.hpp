@@ -103,6 +103,9 @@ private:
     std::vector<Error> errors_;
 };
 
+/// Whether the bytes are UTF-8 without NUL, as messages and Python have names.
+[[nodiscard]] bool is_text(std::string_view name) noexcept;
+
 /// What to add to a message where a stamp lies outside an edge's data and is hardly meant as it is:
 /// one that would lie inside if it were seconds or counted from the first sample, one that would
 /// lie near the newest sample if that were seconds, and, in a lookup, 0. Empty for all others.

@@ -13,28 +13,38 @@ void StampRange::include(clock::StampNs stamp) {
 Selection::Selection(Choose choose, StampRange window)
     : choose_(std::move(choose)), window_(window) {}
 
-void Selection::apply(std::uint32_t rule, bool is_static, std::vector<TransformView>& members) {
-    const auto is_out = [&](TransformView& member) { return !keeps(rule, is_static, member); };
-    left_out_ += std::erase_if(members, is_out);
+bool Selection::apply(std::uint32_t rule, bool is_static, std::vector<TransformView>& members) {
+    bool changes = false;
+    const std::uint64_t left_out = std::erase_if(members, [&](TransformView& member) {
+        const Edge* const edge = kept_edge(rule, is_static, member);
+        if (edge == nullptr)
+            return true;
+        changes = changes || edge->is_renamed;
+        member.parent = edge->names->parent;
+        member.child = edge->names->child;
+        return false;
+    });
+    left_out_ += left_out;
+    return changes || left_out != 0;
 }
 
-bool Selection::keeps(std::uint32_t rule, bool is_static, TransformView& member) {
+/// Null: the member is left out.
+const Selection::Edge* Selection::kept_edge(std::uint32_t rule, bool is_static,
+                                            const TransformView& member) {
     Edge& edge = this->edge({rule, member.parent, member.child});
     if (!edge.names)
-        return false;
+        return nullptr;
     if (!is_static && clock::is_stamp(member.stamp)) {
         if (!window_.has(member.stamp)) {
             if (!outside_)
                 outside_ = StampRange{member.stamp, member.stamp};
             outside_->include(member.stamp);
-            return false;
+            return nullptr;
         }
         ++moving_;
     }
     edge.is_kept = true;
-    member.parent = edge.names->parent;
-    member.child = edge.names->child;
-    return true;
+    return &edge;
 }
 
 std::vector<Selection::KeptEdge> Selection::kept() const {
@@ -51,6 +61,8 @@ Selection::Edge& Selection::edge(const KeptEdge& key) {
     if (known != edges_.end())
         return known->second;
     Edge made{choose_(key.rule, key.parent, key.child)};
+    made.is_renamed =
+        made.names && (made.names->parent != key.parent || made.names->child != key.child);
     Key owned{key.rule, std::string(key.parent), std::string(key.child)};
     return edges_.emplace(std::move(owned), std::move(made)).first->second;
 }

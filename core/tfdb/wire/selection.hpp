@@ -50,8 +50,9 @@ public:
     explicit Selection(Choose choose, StampRange window = {});
 
     /// Leaves in `members` what is kept of one message. The names are views that are valid while
-    /// this lives. What is no stamp is in no window's way: the store refuses it.
-    void apply(std::uint32_t rule, bool is_static, std::vector<TransformView>& members);
+    /// this lives. What is no stamp is in no window's way: the store refuses it. Returns whether
+    /// any member was left out or renamed.
+    bool apply(std::uint32_t rule, bool is_static, std::vector<TransformView>& members);
 
     [[nodiscard]] std::uint64_t left_out() const { return left_out_; }
     /// Moving transforms that were kept.
@@ -81,11 +82,13 @@ private:
     };
     struct Edge {
         std::optional<EdgeNames> names;
+        bool is_renamed = false;
         bool is_kept = false;
     };
 
     [[nodiscard]] Edge& edge(const KeptEdge& key);
-    [[nodiscard]] bool keeps(std::uint32_t rule, bool is_static, TransformView& member);
+    [[nodiscard]] const Edge* kept_edge(std::uint32_t rule, bool is_static,
+                                        const TransformView& member);
 
     Choose choose_;
     StampRange window_;

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from contextlib import ExitStack
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import click
@@ -14,43 +13,22 @@ from tfdb.data.counting import counted
 from tfdb.data.path_checks import given_path
 from tfdb.recordings.choice import Choice, absolute, did_you_mean
 from tfdb.recordings.containers import TRAJECTORIES
-from tfdb.recordings.loading import Selection, refused_by, warn_of_refused
+from tfdb.recordings.loading import Selection
 from tfdb.recordings.recording_writer import RecordingWriter
+from tfdb.recordings.rewriting import Rewriting, Written
 
 from . import common, layout, output
 from .groups import SuggestingCommand
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator, Mapping, Sequence
+    from collections.abc import Mapping, Sequence
     from pathlib import Path
 
-    from tfdb.recordings.choice import Rewriter
-    from tfdb.recordings.containers import Source
     from tfdb.recordings.recording import Recording
     from tfdb.trajectories.file_formats import Format
 
 RECORDINGS = (".bag", ".mcap", ".db3")
 RERUN = ".rrd"
-
-
-@dataclass
-class Written:
-    """What was written.
-
-    Of `skipped` messages nothing can be written, of `left_out` nothing was wanted; of the others
-    `refused` transforms cannot be written.
-    """
-
-    messages: int = 0
-    transforms: int = 0
-    refused: int = 0
-    skipped: int = 0
-    left_out: int = 0
-
-    @property
-    def read(self) -> int:
-        """How many messages there were."""
-        return self.messages + self.skipped + self.left_out
 
 
 @click.command("convert", cls=SuggestingCommand)
@@ -168,7 +146,6 @@ def rewrite(
     strict: bool = False,
 ) -> Written:
     """Write what was chosen of the recordings; `strict`: every frame to be renamed is there."""
-    written = Written()
     with ExitStack() as stack:
         recordings = common.opened(stack, inputs)
         recordings.sort(key=lambda recording: recording.start)
@@ -182,20 +159,19 @@ def rewrite(
             raise click.ClickException(_why_none(recordings, selection))
         stack.enter_context(writer)
         update = stack.enter_context(common.progress_bar("converting"))
-        write_fixed_joints([rewriter], writer, recordings[0].start, written)
-        total += written.messages
-        messages = (
-            (rewriter, *message)
-            for recording in recordings
-            for message in recording.messages(selection.wants)
-        )
-        for done in copy(messages, writer, selection, renamed or {}, written):
-            if update is not None and (done % 1000 == 0 or done == total):
-                update(done, total)
+        rewriting = Rewriting(writer, selection, renamed or {})
+        rewriting.write_fixed_joints([rewriter], recordings[0].start)
+        total += rewriting.written.messages
+        for recording in recordings:
+            for part in rewriting.messages(recording, rewriter):
+                writer.write_messages(part)
+                if update is not None:
+                    update(rewriting.written.read, total)
         if strict:
             rewriter.check_renamed()
         rewriter.warn(", ".join(map(str, inputs)), 2)
-        warn_of_refused(map(str, inputs), refused_by([rewriter]), 2)
+        rewriting.warn_of_refused(inputs, [rewriter])
+        written = rewriting.written
         if not written.messages and rewriter.left_out:
             raise click.ClickException(f"nothing to convert: {rewriter.reason()}")
     return written
@@ -210,66 +186,3 @@ def _why_none(recordings: Sequence[Recording], selection: Selection) -> str:
     found = sorted({absolute(topic.name) for each in recordings for topic in each.topics})
     hint = did_you_mean(sorted(selection.names), found)
     return f"the topics to convert are missing; found: {', '.join(found) or 'none at all'}{hint}"
-
-
-def _topic_of(source: Source, renamed: Mapping[str, str], *, static: bool) -> str:
-    """The topic on which the transforms of a source are written."""
-    if not source.holds_transforms:
-        return renamed.get("/tf", "/tf")
-    topic = absolute(source.topic)
-    if topic in renamed or source.is_tf:
-        return renamed.get(topic, topic)
-    # As tf names its topics: by these names the transforms are moving or static.
-    return f"{topic.rpartition('/')[0]}/{'tf_static' if static else 'tf'}"
-
-
-def write_fixed_joints(
-    rewriters: Iterable[Rewriter], writer: RecordingWriter, at: int, written: Written
-) -> None:
-    """Write the static transforms of robots' models, if there are any, as received at a time."""
-    for rewriter in rewriters:
-        fixed = rewriter.fixed_joints()
-        if fixed:
-            data = tfdb.encode_tf_message(fixed, writer.encoding)
-            writer.write(data, at, topic="/tf_static", static=True, authority=rewriter.model_name)
-            written.messages += 1
-            written.transforms += len(fixed)
-
-
-def copy(
-    messages: Iterable[tuple[Rewriter, Source, int, bytes]],
-    writer: RecordingWriter,
-    selection: Selection,
-    renamed: Mapping[str, str],
-    written: Written,
-) -> Iterator[int]:
-    """Copy messages, each by its own rewriter; gives how many there were so far."""
-    for rewriter, source, received, data in messages:
-        static = selection.is_static(source)
-        before = len(rewriter.refused_members)
-        try:
-            given = rewriter.decoded(data, source, received, static=static)
-        except tfdb.TfdbError as error:
-            rewriter.refusals.append(error)
-            written.skipped += 1
-            yield written.read
-            continue
-        transforms = rewriter.transforms(given, source, static=static)
-        made = rewriter.encoded(transforms, writer.encoding)
-        written.refused += len(rewriter.refused_members) - before
-        if made is None or (given and not transforms):
-            written.skipped += made is None
-            written.left_out += made is not None
-            yield written.read
-            continue
-        topic = _topic_of(source, renamed, static=static)
-        writer.write(
-            made[0],
-            received,
-            topic=topic,
-            static=topic.endswith("/tf_static"),
-            authority="" if source.authority == source.topic else source.authority,
-        )
-        written.messages += 1
-        written.transforms += made[1]
-        yield written.read

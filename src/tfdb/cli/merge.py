@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import heapq
 import warnings
 from contextlib import ExitStack
 from functools import partial
@@ -15,12 +14,13 @@ import tfdb
 from tfdb.data.counting import counted
 from tfdb.data.time_text import format_when
 from tfdb.recordings.choice import Choice
-from tfdb.recordings.loading import Selection, refused_by, warn_of_refused
+from tfdb.recordings.loading import Selection
 from tfdb.recordings.recording_writer import RecordingWriter
+from tfdb.recordings.rewriting import Rewriting, Written, merged
 from tfdb.store.summary import span
 
 from . import common, layout, output
-from .convert import Written, body, copy, describe, recording_path, write_fixed_joints
+from .convert import body, describe, recording_path
 from .groups import SuggestingCommand
 
 if TYPE_CHECKING:
@@ -30,7 +30,6 @@ if TYPE_CHECKING:
     from tfdb import Buffer
     from tfdb.data.types import FrameInfo
     from tfdb.recordings.choice import Rewriter
-    from tfdb.recordings.containers import Source
     from tfdb.recordings.recording import Recording
 
 
@@ -89,7 +88,6 @@ def _merge(
     writer: RecordingWriter,
     renamed: Mapping[str, str] | None,
 ) -> Written:
-    written = Written()
     with ExitStack() as stack:
         recordings = common.opened(stack, inputs)
         choice = Choice(**common.chosen())
@@ -115,28 +113,17 @@ def _merge(
         total = selection.count(recordings)
         stack.enter_context(writer)
         update = stack.enter_context(common.progress_bar("merging"))
-        messages = heapq.merge(
-            *(
-                _messages(recording, rewriter, selection)
-                for recording, rewriter in zip(recordings, rewriters, strict=True)
-            ),
-            key=lambda message: message[2],
-        )
+        rewriting = Rewriting(writer, selection, renamed or {})
         start = min(recording.start for recording in recordings)
-        write_fixed_joints(dict.fromkeys(rewriters), writer, start, written)
-        total += written.messages
-        for done in copy(messages, writer, selection, renamed or {}, written):
-            if update is not None and (done % 1000 == 0 or done == total):
-                update(done, total)
-    warn_of_refused(map(str, inputs), refused_by(dict.fromkeys(rewriters)), 2)
-    return written
-
-
-def _messages(
-    recording: Recording, rewriter: Rewriter, selection: Selection
-) -> Iterator[tuple[Rewriter, Source, int, bytes]]:
-    for source, received, data in recording.messages(selection.wants):
-        yield rewriter, source, received, data
+        rewriting.write_fixed_joints(dict.fromkeys(rewriters), start)
+        total += rewriting.written.messages
+        streams = list(map(rewriting.messages, recordings, rewriters))
+        for part in merged(streams):
+            writer.write_messages(part)
+            if update is not None:
+                update(rewriting.written.read, total)
+    rewriting.warn_of_refused(inputs, dict.fromkeys(rewriters))
+    return rewriting.written
 
 
 def _refuse_conflicts(

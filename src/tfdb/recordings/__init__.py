@@ -1,7 +1,4 @@
-"""Recordings: ROS 1 bags, ROS 2 databases, MCAP. Reading, loading, writing.
-
-Writing needs `pip install 'tfdb[recordings]'`.
-"""
+"""Recordings: ROS 1 bags, ROS 2 databases, MCAP. Reading, loading, writing."""
 
 from __future__ import annotations
 

@@ -450,6 +450,30 @@ class Rewriter:
             **chosen,
         )
 
+    def rewrite(
+        self,
+        run: Run,
+        rewriter: _core.MessageRewriter,
+        out: Recorded,
+        encoding: str,
+        static: bool,
+    ) -> None:
+        """Add what is wanted of a run of TFMessages to messages that will be written."""
+        sources = {
+            id_: (source.authority, self._rules.number(source), self._renames(source))
+            for id_, source in run.sources.items()
+        }
+        rewriter.rewrite(
+            out,
+            run.messages,
+            run.first,
+            run.last,
+            encoding=encoding,
+            static=static,
+            sources=sources,
+            selection=None if self.is_idle else self._selection,
+        )
+
     def survey(self, run: Run, survey: _core.EdgeSurvey, encoding: str, static: bool) -> None:
         """Add what is wanted of a run to a survey."""
         part, chosen = self._part(run, static=static)

@@ -38,7 +38,7 @@ def load_into(
     **options: Unpack[LoadOptions],
 ) -> LoadReport:
     """Do what `Buffer.load` says."""
-    from .loading import load_recordings  # noqa: PLC0415 - recordings need optional packages
+    from .loading import load_recordings  # noqa: PLC0415 - many programs read none
 
     paths = _each_once(path)
     before = self.tree()

@@ -417,9 +417,14 @@ def warn_of_refused(paths: Iterable[str], refused: Iterable[RefusedEdge], depth:
         warnings.warn(text, TfdbWarning, stacklevel=depth)
 
 
-def refused_by(rewriters: Iterable[Rewriter]) -> list[RefusedEdge]:
-    """What rewriters refused, by edge and error, the most frequent first."""
-    found: dict[tuple[str, str, bool], RefusedEdge] = {}
+def refused_by(
+    rewriters: Iterable[Rewriter], natively: Iterable[RefusedEdge] = ()
+) -> list[RefusedEdge]:
+    """What rewriters refused, by edge and error, the most frequent first.
+
+    `natively`: what was refused of TFMessages.
+    """
+    found = {(each.edge, each.error, each.is_message): each for each in natively}
     for rewriter in rewriters:
         whole = (("", error, True) for error in rewriter.refusals)
         members = ((error.edge or "", error, False) for error in rewriter.refused_members)
@@ -427,7 +432,7 @@ def refused_by(rewriters: Iterable[Rewriter]) -> list[RefusedEdge]:
             key = edge, type(error).__name__, is_message
             before = found.get(key) or RefusedEdge(*key[:2], 0, str(error), is_message)
             found[key] = replace(before, count=before.count + 1)
-    return sorted(found.values(), key=lambda each: each.count, reverse=True)
+    return sorted(found.values(), key=lambda each: (-each.count, not each.is_message))
 
 
 def describe_refused(refused: RefusedEdge) -> str:

@@ -1,4 +1,4 @@
-"""New recordings through PyPI's `rosbags`: ROS 1 bags, MCAP files, ROS 2 databases."""
+"""New recordings: ROS 1 bags, MCAP files, ROS 2 databases."""
 
 from __future__ import annotations
 
@@ -6,44 +6,29 @@ import errno
 import os
 import sqlite3
 from contextlib import ExitStack, contextmanager
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING
 
+from tfdb._core import Recorded
 from tfdb.data.argument_checks import given_flag, unknown_ending
-from tfdb.data.errors import InvalidArgument, RecordingError
+from tfdb.data.errors import InvalidArgument, InvalidStamp, RecordingError
 from tfdb.data.new_file import new_file, refuse_existing
 from tfdb.data.path_checks import given_path
 
+from .container_writers import Connection, open_container
+
 if TYPE_CHECKING:
     from collections.abc import Iterator
-    from contextlib import AbstractContextManager
     from pathlib import Path
     from types import TracebackType
     from typing import Self
 
+    from .container_writers import ContainerWriter
     from .containers import Encoding
     from .recording import PathLike
 
-TF_MESSAGE = "tf2_msgs/msg/TFMessage"
 SUFFIXES = (".bag", ".mcap", ".db3")
-
-
-class _Target(Protocol):
-    """One kind of file to be."""
-
-    encoding: Encoding
-
-    def connect(self, topic: str, authority: str, static: bool) -> Any:
-        """A new connection."""
-
-    def write(self, connection: Any, received: int, data: bytes) -> None:
-        """One message."""
-
-    @property
-    def writer(self) -> AbstractContextManager[Any]:
-        """The library's writer, which closes the file."""
-
-    def deliver(self) -> None:
-        """Put the closed file where it was to be made."""
+_TOGETHER = 1024
+"""So many messages that are written one by one go into the file together."""
 
 
 class RecordingWriter:
@@ -64,7 +49,7 @@ class RecordingWriter:
     Raises
     ------
     RecordingError
-        Another ending, the file exists, or `rosbags` is not installed. Fields: path, reason.
+        Another ending, or the file exists. Fields: path, reason.
     """
 
     def __init__(self, path: PathLike, *, compress: bool = False, overwrite: bool = False) -> None:
@@ -77,9 +62,10 @@ class RecordingWriter:
         self._path = path
         self._compress = compress
         self._overwrite = overwrite
-        self._connections: dict[tuple[str, str, bool], Any] = {}
+        self._connections: dict[Connection, int] = {}
+        self._pending = Recorded()
         self._stack = ExitStack()
-        self._target: _Target | None = None
+        self._container: ContainerWriter | None = None
 
     @property
     def encoding(self) -> Encoding:
@@ -91,35 +77,52 @@ class RecordingWriter:
             file = new_file(self._path, overwrite=self._overwrite, refusal=RecordingError)
             made = stack.enter_context(file)
             stack.enter_context(_database_errors(self._path))
-            try:
-                target = self._make(made)
-            except ModuleNotFoundError as error:
-                reason = f"to write it needs {error.name}: pip install 'tfdb[recordings]'"
-                raise RecordingError(self._path, reason) from error
-            stack.push(lambda kind, *_: target.deliver() if kind is None else None)
-            stack.enter_context(target.writer)
-            self._target = target
+            container = open_container(made, self._path, compress=self._compress)
+            stack.callback(container.close)
+            stack.push(lambda kind, *_: self._finish(container) if kind is None else None)
+            self._container = container
             self._stack = stack.pop_all()
         return self
-
-    def _make(self, made: Path) -> _Target:
-        if self._path.suffix == ".bag":
-            return _Ros1Target(made, self._compress)
-        return _Ros2Target(made, self._compress)
 
     def write(
         self, data: bytes, received: int, *, topic: str, static: bool = False, authority: str = ""
     ) -> None:
-        """Append one TFMessage, encoded as `encoding` says, received at a stamp (ns)."""
-        if self._target is None:
-            raise RecordingError(self._path, "the writer is not open: use it in a `with` block")
+        """Append one TFMessage, encoded as `encoding` says, received at a stamp (ns).
+
+        Raises InvalidStamp for a time that no recording holds.
+        """
+        if not 0 <= received < 2**64:
+            raise InvalidStamp(f"received must be 0 to 2^64 - 1 ns, got {received}", value=received)
+        self._pending.add(received, self.connection(topic, authority, static=static), bytes(data))
+        if len(self._pending) >= _TOGETHER:
+            self.write_messages(Recorded())
+
+    def connection(self, topic: str, authority: str = "", *, static: bool = False) -> int:
+        """Return the number of a topic and its publisher, for `write_messages`."""
         # Files of ROS 2 do not say who published: one connection for all of a topic.
-        key = topic, authority if self.encoding == "ros1" else "", static
-        connection = self._connections.get(key)
-        if connection is None:
-            connection = self._target.connect(topic, authority, static)
-            self._connections[key] = connection
-        self._target.write(connection, received, data)
+        connection = Connection(topic, authority if self.encoding == "ros1" else "", static)
+        number = self._connections.get(connection)
+        if number is None:
+            number = len(self._connections)
+            self._opened().connect(number, connection)
+            self._connections[connection] = number
+        return number
+
+    def write_messages(self, messages: Recorded) -> None:
+        """Append messages of which each source is the number of a connection."""
+        container = self._opened()
+        pending, self._pending = self._pending, Recorded()
+        for each in (pending, messages):
+            container.write(each)
+
+    def _opened(self) -> ContainerWriter:
+        if self._container is None:
+            raise RecordingError(self._path, "the writer is not open: use it in a `with` block")
+        return self._container
+
+    def _finish(self, container: ContainerWriter) -> None:
+        container.write(self._pending)
+        container.finish()
 
     def __exit__(
         self,
@@ -127,7 +130,7 @@ class RecordingWriter:
         error: BaseException | None,
         traceback: TracebackType | None,
     ) -> None:
-        self._target = None
+        self._container = None
         self._stack.__exit__(kind, error, traceback)
 
 
@@ -140,104 +143,3 @@ def _database_errors(path: Path) -> Iterator[None]:
         full = error.sqlite_errorcode == sqlite3.SQLITE_FULL
         number = errno.ENOSPC if full else errno.EIO
         raise OSError(number, f"{os.strerror(number)} ({error})", str(path)) from error
-
-
-class _Ros1Target:
-    """A ROS 1 bag: one connection for each topic and publisher."""
-
-    encoding: Encoding = "ros1"
-    writer: Any
-
-    def __init__(self, made: Path, compress: bool) -> None:
-        from rosbags.rosbag1 import Writer  # noqa: PLC0415 - an extra
-        from rosbags.typesys import (  # noqa: PLC0415
-            Stores,
-            get_types_from_msg,
-            get_typestore,
-        )
-
-        self._types = get_typestore(Stores.ROS1_NOETIC)
-        # rosbags knows the messages of ROS 1 but for those of tf2.
-        text = "geometry_msgs/TransformStamped[] transforms"
-        self._types.register(get_types_from_msg(text, TF_MESSAGE))
-        self.writer = Writer(made)
-        if compress:
-            # Not LZ4: ROS's own reader refuses the frames that rosbags makes.
-            self.writer.set_compression(Writer.CompressionFormat.BZ2)
-
-    def connect(self, topic: str, authority: str, static: bool) -> Any:
-        return self.writer.add_connection(
-            topic,
-            TF_MESSAGE,
-            typestore=self._types,
-            callerid=authority or None,
-            latching=int(static),
-        )
-
-    def write(self, connection: Any, received: int, data: bytes) -> None:
-        self.writer.write(connection, received, data)
-
-    def deliver(self) -> None:
-        """It was written there."""
-
-
-class _Ros2Target:
-    """An MCAP file or a ROS 2 database, taken out of the folder that rosbags makes around it."""
-
-    encoding: Encoding = "cdr"
-    writer: Any
-
-    def __init__(self, made: Path, compress: bool) -> None:
-        from rosbags.rosbag2 import (  # noqa: PLC0415 - an extra
-            CompressionFormat,
-            CompressionMode,
-            StoragePlugin,
-            Writer,
-        )
-        from rosbags.typesys import Stores, get_typestore  # noqa: PLC0415
-
-        self._types = get_typestore(Stores.ROS2_JAZZY)
-        plugin = StoragePlugin.MCAP if made.suffix == ".mcap" else StoragePlugin.SQLITE3
-        self._made = made
-        folder = made.with_name("new")
-        self._path = folder / f"new{made.suffix}"
-        self.writer = Writer(folder, version=8, storage_plugin=plugin)
-        if compress:
-            self.writer.set_compression(CompressionMode.STORAGE, CompressionFormat.ZSTD)
-
-    def connect(self, topic: str, authority: str, static: bool) -> Any:
-        del authority  # ROS 2 recordings do not say who published
-        return self.writer.add_connection(
-            topic, TF_MESSAGE, typestore=self._types, offered_qos_profiles=[_qos(static)]
-        )
-
-    def write(self, connection: Any, received: int, data: bytes) -> None:
-        self.writer.write(connection, received, data)
-
-    def deliver(self) -> None:
-        self._path.replace(self._made)
-
-
-def _qos(static: bool) -> Any:
-    """The quality of service with which tf2 publishes: static transforms reach late joiners."""
-    from rosbags.interfaces import (  # noqa: PLC0415 - an extra
-        Qos,
-        QosDurability,
-        QosHistory,
-        QosLiveliness,
-        QosReliability,
-        QosTime,
-    )
-
-    unlimited = QosTime(sec=9223372036, nsec=854775807)
-    return Qos(
-        history=QosHistory.KEEP_LAST,
-        depth=1 if static else 100,
-        reliability=QosReliability.RELIABLE,
-        durability=QosDurability.TRANSIENT_LOCAL if static else QosDurability.VOLATILE,
-        deadline=unlimited,
-        lifespan=unlimited,
-        liveliness=QosLiveliness.AUTOMATIC,
-        liveliness_lease_duration=unlimited,
-        avoid_ros_namespace_conventions=False,
-    )

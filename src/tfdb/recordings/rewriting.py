@@ -1,0 +1,166 @@
+"""Messages of recordings into another recording: chosen, renamed, in its encoding."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from tfdb import _core
+from tfdb.data.errors import TfdbError
+
+from .choice import absolute
+from .loading import refused_by, warn_of_refused
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Iterator, Mapping, Sequence
+
+    from .choice import Rewriter
+    from .containers import Source
+    from .loading import Selection
+    from .recording import Recording, Run
+    from .recording_writer import RecordingWriter
+
+
+@dataclass
+class Written:
+    """What was written.
+
+    Of `skipped` messages nothing can be written, of `left_out` nothing was wanted; of the others
+    `refused` transforms cannot be written.
+    """
+
+    messages: int = 0
+    transforms: int = 0
+    refused: int = 0
+    skipped: int = 0
+    left_out: int = 0
+
+    @property
+    def read(self) -> int:
+        """How many messages there were."""
+        return self.messages + self.skipped + self.left_out
+
+
+class Rewriting:
+    """Takes chosen messages to a writer. Threads: one.
+
+    Parameters
+    ----------
+    writer
+        Of the new recording.
+    selection
+        What is read.
+    topics
+        New names of topics.
+    """
+
+    def __init__(
+        self, writer: RecordingWriter, selection: Selection, topics: Mapping[str, str]
+    ) -> None:
+        self._writer = writer
+        self._selection = selection
+        self._topics = topics
+        self._natively = _core.MessageRewriter(writer.encoding)
+        self._others = Written()
+
+    @property
+    def written(self) -> Written:
+        """What was done so far."""
+        ours, theirs = self._others, self._natively
+        return Written(
+            ours.messages + theirs.messages,
+            ours.transforms + theirs.transforms,
+            ours.refused + theirs.refused,
+            ours.skipped + theirs.broken,
+            ours.left_out + theirs.left_out,
+        )
+
+    def write_fixed_joints(self, rewriters: Iterable[Rewriter], at: int) -> None:
+        """Write the static transforms of robots' models as received at a time."""
+        for rewriter in rewriters:
+            fixed = rewriter.fixed_joints()
+            if fixed:
+                data = _core.encode_tf_message(fixed, self._writer.encoding)
+                who = rewriter.model_name
+                self._writer.write(data, at, topic="/tf_static", static=True, authority=who)
+                self._others.messages += 1
+                self._others.transforms += len(fixed)
+
+    def messages(self, recording: Recording, rewriter: Rewriter) -> Iterator[_core.Recorded]:
+        """Give what is left of a recording's messages, in parts, for the writer."""
+        for run in recording.read(self._selection.wants, self._selection.kind):
+            out = _core.Recorded()
+            encoding, static = self._selection.kind(run.source)
+            if run.source.is_tf:
+                rewriter.rewrite(run, self._natively, out, encoding, static)
+            else:
+                self._rewrite_others(run, rewriter, out, static=static)
+            out.renumber({id_: self._connection(run.sources[id_]) for id_ in out.counts()})
+            yield out
+
+    def warn_of_refused(self, paths: Iterable[object], rewriters: Iterable[Rewriter]) -> None:
+        """Warn of each edge and error; the caller's caller is named."""
+        refused = refused_by(rewriters, self._natively.refusals())
+        warn_of_refused(map(str, paths), refused, 3)
+
+    def _connection(self, source: Source) -> int:
+        static = self._selection.is_static(source)
+        topic = _topic_of(source, self._topics, static=static)
+        authority = "" if source.authority == source.topic else source.authority
+        return self._writer.connection(topic, authority, static=topic.endswith("/tf_static"))
+
+    def _rewrite_others(
+        self, run: Run, rewriter: Rewriter, out: _core.Recorded, *, static: bool
+    ) -> None:
+        """Do it for messages that are no TFMessages."""
+        written = self._others
+        for index in range(run.first, run.last):
+            received, id_, data = run.messages[index]
+            source, before = run.sources[id_], len(rewriter.refused_members)
+            try:
+                given = rewriter.decoded(data, source, received, static=static)
+            except TfdbError as error:
+                rewriter.refusals.append(error)
+                written.skipped += 1
+                continue
+            transforms = rewriter.transforms(given, source, static=static)
+            made = rewriter.encoded(transforms, self._writer.encoding)
+            written.refused += len(rewriter.refused_members) - before
+            if made is None:
+                written.skipped += 1
+            elif given and not transforms:
+                written.left_out += 1
+            else:
+                out.add(received, id_, made[0])
+                written.messages += 1
+                written.transforms += made[1]
+
+
+def merged(streams: Sequence[Iterator[_core.Recorded]]) -> Iterator[_core.Recorded]:
+    """Merge messages by the time of reception; those of one time come in the order of streams."""
+    heads = {number: next(filter(len, stream), None) for number, stream in enumerate(streams)}
+    places = dict.fromkeys(heads, 0)
+    while waiting := {number: part for number, part in heads.items() if part is not None}:
+        end, shortest = min((part.span()[1], number) for number, part in waiting.items())
+        together = _core.Recorded()
+        for number, part in waiting.items():
+            last = len(part)
+            if number != shortest:
+                last = part.place(end + (number < shortest))
+            together.extend(part, places[number], last)
+            places[number] = last
+            if last == len(part):
+                heads[number], places[number] = next(filter(len, streams[number]), None), 0
+        together.sort()
+        yield together
+
+
+def _topic_of(source: Source, topics: Mapping[str, str], *, static: bool) -> str:
+    """The topic on which the transforms of a source are written."""
+    if not source.holds_transforms:
+        return topics.get("/tf", "/tf")
+    topic = absolute(source.topic)
+    if topic in topics or source.is_tf:
+        return topics.get(topic, topic)
+    # As tf names its topics: by these names the transforms are moving or static.
+    return f"{topic.rpartition('/')[0]}/{'tf_static' if static else 'tf'}"
