@@ -16,7 +16,8 @@ namespace tfdb::store {
 template <txn::Session S>
 class EngineOf final : public Engine {
 public:
-    explicit EngineOf(store::Store& store) : store_(store), shared_(store.frames, store.history) {}
+    explicit EngineOf(store::Store& store, txn::LockRule rule = {})
+        : store_(store), shared_(store.frames, store.history, rule) {}
 
     [[nodiscard]] lookup::Outcome read(Question& question, Answer& answer,
                                        Failure& failure) override {

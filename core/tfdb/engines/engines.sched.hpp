@@ -37,6 +37,15 @@ inline void require(bool holds, const char* text) {
     sched::Run::require(holds, text, "engines", 0);
 }
 
+/// The rule of a session of two-phase locking; others ignore it.
+template <class S>
+constexpr LockRule rule_of() {
+    if constexpr (requires { S::kRule; })
+        return S::kRule;
+    else
+        return {};
+}
+
 // The store of one execution. The walked threads only call `read`, `write` and their kin, each with
 // its own number.
 template <class S>
@@ -165,7 +174,7 @@ struct Stage {
     }
 
     WalkedForest store{forest::Script{}};
-    SharedState<ForestMemory> shared{store.frames, history::kForever};
+    SharedState<ForestMemory> shared{store.frames, history::kForever, rule_of<S>()};
 
 private:
     static constexpr StampNs kMoreThanFit = 32;

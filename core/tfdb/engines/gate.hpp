@@ -64,7 +64,7 @@ public:
 
     /// Seniority of the session in a slot: the lower number is senior.
     [[nodiscard]] Word& age(unsigned slot) noexcept { return lines_[slot].words[kAge]; }
-    /// Whether others have wounded that session: see txn::WoundWaitSession.
+    /// Whether others have wounded that session: see txn::TwoPhaseSession.
     [[nodiscard]] Word& state(unsigned slot) noexcept { return lines_[slot].words[kState]; }
 
     void add(unsigned slot, SlotCount which, std::uint64_t count = 1) noexcept {

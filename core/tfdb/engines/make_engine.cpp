@@ -2,22 +2,19 @@
 #include "tfdb/engines/engine_of.hpp"
 #include "tfdb/engines/fine.hpp"
 #include "tfdb/engines/giant.hpp"
-#include "tfdb/engines/no_wait.hpp"
 #include "tfdb/engines/silo.hpp"
-#include "tfdb/engines/wait_die.hpp"
-#include "tfdb/engines/wound_wait.hpp"
+#include "tfdb/engines/two_phase.hpp"
 
 namespace tfdb::store {
 
 // Each is compiled beside its session.
 extern template class EngineOf<txn::FineSession<StoreMemory>>;
 extern template class EngineOf<txn::GiantSession<StoreMemory>>;
-extern template class EngineOf<txn::NoWaitSession<StoreMemory>>;
 extern template class EngineOf<txn::SiloSession<StoreMemory>>;
-extern template class EngineOf<txn::WaitDieSession<StoreMemory>>;
-extern template class EngineOf<txn::WoundWaitSession<StoreMemory>>;
+extern template class EngineOf<txn::TwoPhaseSession<StoreMemory>>;
 
 std::unique_ptr<Engine> make_engine(store::Store& store) {
+    using TwoPhase = EngineOf<txn::TwoPhaseSession<StoreMemory>>;
     switch (store.concurrency) {
         case Concurrency::kSnapshot:
             break;
@@ -26,11 +23,11 @@ std::unique_ptr<Engine> make_engine(store::Store& store) {
         case Concurrency::kFine:
             return std::make_unique<EngineOf<txn::FineSession<StoreMemory>>>(store);
         case Concurrency::kNoWait:
-            return std::make_unique<EngineOf<txn::NoWaitSession<StoreMemory>>>(store);
+            return std::make_unique<TwoPhase>(store, txn::LockRule::kNoWait);
         case Concurrency::kWaitDie:
-            return std::make_unique<EngineOf<txn::WaitDieSession<StoreMemory>>>(store);
+            return std::make_unique<TwoPhase>(store, txn::LockRule::kWaitDie);
         case Concurrency::kWoundWait:
-            return std::make_unique<EngineOf<txn::WoundWaitSession<StoreMemory>>>(store);
+            return std::make_unique<TwoPhase>(store, txn::LockRule::kWoundWait);
         case Concurrency::kSilo:
             return std::make_unique<EngineOf<txn::SiloSession<StoreMemory>>>(store);
     }

@@ -3,8 +3,8 @@
 #include "tfdb/engines/parallel_commit.hpp"
 
 #include "tfdb/engines/engines.sched.hpp"
-#include "tfdb/engines/no_wait.hpp"
 #include "tfdb/engines/silo.hpp"
+#include "tfdb/engines/two_phase.hpp"
 
 namespace tfdb::txn::engines {
 
@@ -49,7 +49,7 @@ Body<S> holder() {
 
 TFDB_SCHED(parallel_commit_without_room_is_none) {
     sched::Walk walk;
-    using Locks = NoWaitSession<ForestMemory>;
+    using Locks = TwoPhaseSession<ForestMemory>;
     using Versions = SiloSession<ForestMemory>;
     walk.must_hold("beside a reader with locks", acted<Locks>({reader<Locks>(), breaker<Locks>(20)},
                                                               newest_is<Locks>(11, 11, 4)));
@@ -63,7 +63,7 @@ TFDB_SCHED(parallel_commit_without_room_is_none) {
 
 TFDB_SCHED(parallel_commit_leaves_held_snapshots_alone) {
     sched::Walk walk;
-    using S = NoWaitSession<ForestMemory>;
+    using S = TwoPhaseSession<ForestMemory>;
     walk.must_hold("a writer", acted<S>({holder<S>(), writer<S>(20)}, newest_is<S>(20, 20, 6)));
     walk.must_hold("one without room",
                    acted<S>({holder<S>(), breaker<S>(20)}, newest_is<S>(11, 11, 4)));
@@ -71,7 +71,7 @@ TFDB_SCHED(parallel_commit_leaves_held_snapshots_alone) {
 
 TFDB_SCHED(parallel_commit_flaws_are_found) {
     sched::Walk walk;
-    using S = NoWaitSession<ForestMemory>;
+    using S = TwoPhaseSession<ForestMemory>;
     walk.must_fail("a snapshot that is taken while commits are under way", "engines:0: ",
                    acted<S>({holder<S>(), writer<S>(20)}, newest_is<S>(20, 20, 6),
                             [](Stage<S>& stage) -> std::unique_ptr<sched::Interceptor> {

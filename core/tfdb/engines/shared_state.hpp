@@ -26,6 +26,9 @@ struct SyncTuning {
     static constexpr bool kAwaitsChange = true;  // of a lock that was refused, before the retry
 };
 
+/// Which sessions wait for a refused lock in two-phase locking.
+enum class LockRule : std::uint8_t { kNoWait, kWaitDie, kWoundWait };
+
 /// How a session is to be begun.
 struct SessionOptions {
     unsigned priority = 0;
@@ -58,8 +61,12 @@ struct SharedState {  // NOLINT(clang-analyzer-optin.performance.Padding): one p
     using Event = sync::BasicEvent<Word, Tuning::kSpins>;
     using Lock = sync::BasicCommitLock<Word, Tuning::kSpins>;
 
-    SharedState(graph::Frames<Memory> of, clock::StampNs kept)
-        : frames(of), history(kept), lock(of.store_word(graph::kCommitLock)), event(event_word) {}
+    SharedState(graph::Frames<Memory> of, clock::StampNs kept, LockRule refused = {})
+        : frames(of),
+          history(kept),
+          rule(refused),
+          lock(of.store_word(graph::kCommitLock)),
+          event(event_word) {}
 
     [[nodiscard]] CommitNumber committed() const {
         return frames.store_word(graph::kCommit).load_acquire();
@@ -75,6 +82,7 @@ struct SharedState {  // NOLINT(clang-analyzer-optin.performance.Padding): one p
 
     graph::Frames<Memory> frames;
     clock::StampNs history;
+    LockRule rule;
     Lock lock;
     Gate gate;
     alignas(64) Word event_word{};

@@ -1,4 +1,4 @@
-// Two-phase locking, as far as its three ways to handle a conflict share it.
+// Two-phase locking, with three rules for a refused lock: no-wait, wait-die, wound-wait.
 #pragma once
 
 #include <span>
@@ -7,28 +7,37 @@
 #include "tfdb/engines/frame_lock.hpp"
 #include "tfdb/engines/gate_session.hpp"
 #include "tfdb/engines/guarded_view.hpp"
+#include "tfdb/engines/seniority.hpp"
 
 namespace tfdb::txn {
 
-/// Shared locks on what is read, exclusive ones on what is written, all held to the end: what was
-/// read is of one state, that of now. `Engine` is the session derived from it, and answers
-/// `may_wait_for` (a lock that was refused) and `kAgesMatter`.
-/// Threads: one. Guarantee: strict two-phase locking; no deadlock if `may_wait_for` allows none; a
-/// frame is waited for a bounded number of times, then the session gives up.
-template <class M, class Engine>
-class TwoPhase : public GateSession<M, Engine> {
+/// Shared locks on frames that are read, exclusive locks on frames that are written, all held to
+/// the end: the session reads one state, the present one. `shared.rule` decides who waits for a
+/// refused lock, and no rule allows a cycle of waits:
+/// - kNoWait (the paper's): readers wait. A writer lets go of everything and starts again once the
+///   lock has changed hands, so a holder of an exclusive lock never waits.
+/// - kWaitDie: the senior waits, the junior starts again. A restart keeps its age, so it is the
+///   oldest in the end.
+/// - kWoundWait: the senior wounds the juniors that hold the lock, then waits. A wounded session
+///   starts again at its next request or wait; one without a further request ends undisturbed.
+///   Any cycle would hold a junior in a senior's way, and that junior is wounded.
+/// Threads: one. Guarantee: strict two-phase locking without deadlock; a frame is waited for a
+/// bounded number of times, then the session gives up.
+template <class M>
+class TwoPhaseSession : public GateSession<M, TwoPhaseSession<M>> {
+    using Base = GateSession<M, TwoPhaseSession<M>>;
+
 public:
-    using Base = GateSession<M, Engine>;
-    using View = GuardedView<Engine>;
-    using FrameLock = sync::BasicFrameLock<typename M::Word>;
+    using View = GuardedView<TwoPhaseSession>;
     static constexpr bool kWritesBesideOthers = true;
     static constexpr bool kIsolates = true;
 
-    using Base::Base;
+    TwoPhaseSession(typename Base::Shared& shared, const SessionOptions& options)
+        : Base(shared, options), seniority_(options) {}
+    ~TwoPhaseSession() { this->end(false); }
 
-    [[nodiscard]] auto view() {
-        return GuardedView<Engine>(engine(), this->shared_.frames, this->shared_.history);
-    }
+    [[nodiscard]] std::uint64_t age() const { return ages_matter() ? seniority_.age() : 0; }
+    [[nodiscard]] View view() { return {*this, this->shared_.frames, this->shared_.history}; }
     [[nodiscard]] bool confirm() { return !given_up_; }
     [[nodiscard]] bool lock(std::span<const FrameId> frames) {
         for (const FrameId id : frames) {
@@ -51,7 +60,10 @@ public:
 
     void start() {
         given_up_ = false;
-        engine().take_place();
+        if (ages_matter())
+            seniority_.take_place(this->shared_, this->slot_);
+        if (rule() == LockRule::kWoundWait)
+            unwound();
     }
     void let_go() {
         bool tell = false;
@@ -64,18 +76,60 @@ public:
             this->shared_.event.notify_all();
     }
 
-protected:
-    using Attempt = typename FrameLock::Attempt;
-
-    ~TwoPhase() = default;
-
 private:
+    friend Base;
+    using FrameLock = sync::BasicFrameLock<typename M::Word>;
+    using Attempt = typename FrameLock::Attempt;
     using Tuning = typename Base::Shared::Tuning;
 
-    [[nodiscard]] Engine& engine() { return static_cast<Engine&>(*this); }
+    // A slot's state: how many sessions it has had, and whether the present one is wounded.
+    static constexpr std::uint64_t kWounded = 1;
+
+    [[nodiscard]] LockRule rule() const { return this->shared_.rule; }
+    [[nodiscard]] bool ages_matter() const { return rule() != LockRule::kNoWait; }
+
+    /// A new session in the slot, without a wound.
+    void unwound() {
+        auto& state = this->shared_.gate.state(this->slot_);
+        state.store_relaxed((state.load_relaxed() | kWounded) + 1);
+    }
+    [[nodiscard]] bool wounded() const {
+        return rule() == LockRule::kWoundWait &&
+               (this->shared_.gate.state(this->slot_).load_relaxed() & kWounded) != 0;
+    }
+    /// True if the holder was not wounded before. A later session in its slot stays unharmed.
+    [[nodiscard]] bool wound(FrameLock& lock, unsigned other) {
+        auto& state = this->shared_.gate.state(other);
+        std::uint64_t found = state.load_acquire();
+        return (found & kWounded) == 0 && lock.held_by(other) &&
+               state.compare_exchange(found, found | kWounded);
+    }
+    [[nodiscard]] bool senior_to(unsigned other) const {
+        return seniority_.senior_to(this->shared_, this->slot_, other);
+    }
+
+    [[nodiscard]] bool may_wait_for(FrameLock& lock, const Attempt& refused, bool exclusive) {
+        const std::uint64_t holders = refused.others(this->slot_);
+        switch (rule()) {
+            case LockRule::kNoWait:
+                return !exclusive;
+            case LockRule::kWaitDie:
+                return all_of_holders(holders, [&](unsigned other) { return senior_to(other); });
+            case LockRule::kWoundWait:
+                break;
+        }
+        bool tell = false;
+        (void)all_of_holders(holders, [&](unsigned other) {
+            tell |= senior_to(other) && wound(lock, other);
+            return true;
+        });
+        if (tell)
+            this->shared_.event.notify_all();
+        return !wounded();
+    }
 
     [[nodiscard]] bool get(FrameId id, bool exclusive) {
-        if (given_up_ || engine().must_stop()) [[unlikely]]
+        if (given_up_ || wounded()) [[unlikely]]
             return give_up();
         FrameLock lock(this->lock_word(id));
         auto& held = this->scratch().held;
@@ -93,7 +147,7 @@ private:
         if ((attempt.found & FrameLock::bit(this->slot_)) == 0)
             held.push_back(id);
         // Who sleeps judged by the ages of those that held it then.
-        if (Engine::kAgesMatter && attempt.waited())
+        if (ages_matter() && attempt.waited())
             this->shared_.event.notify_all();
         return true;
     }
@@ -103,7 +157,7 @@ private:
     }
 
     [[nodiscard]] Attempt wait_for(FrameLock& lock, Attempt attempt, bool exclusive) {
-        if (!engine().may_wait_for(lock, attempt, exclusive))
+        if (!may_wait_for(lock, attempt, exclusive))
             return attempt;
         this->count(sync::SlotCount::kLockWaits);
         for (int spin = 0; spin < Tuning::kSpins && !attempt; ++spin) {
@@ -114,13 +168,13 @@ private:
             const auto epoch = this->shared_.event.prepare();
             if (!lock.mark_waited(attempt)) {
                 this->shared_.event.cancel();
-            } else if (!engine().may_wait_for(lock, attempt, exclusive)) {
+            } else if (!may_wait_for(lock, attempt, exclusive)) {
                 // Only from the mark on is it certain for whom this would wait.
                 this->shared_.event.cancel();
                 return attempt;
             } else {
                 this->shared_.event.wait(epoch);
-                if (engine().must_stop())
+                if (wounded())
                     return attempt;
             }
             attempt = request(lock, exclusive);
@@ -150,6 +204,7 @@ private:
         return false;
     }
 
+    Seniority<M> seniority_;
     bool given_up_ = false;
     FrameId refused_ = kNoFrame;
     Attempt refused_by_{};
