@@ -563,8 +563,8 @@ class Reads:
         target: str,
         source: str,
         rate: float | None = None,
-        start: tfdb.types.StampLike | None = None,
-        end: tfdb.types.StampLike | None = None,
+        start: tfdb.types.StampLike | str | None = None,
+        end: tfdb.types.StampLike | str | None = None,
         policy: Policy | None = None,
         *,
         missing: Literal['raise', 'nan', 'skip'] = 'raise',
@@ -579,7 +579,8 @@ class Reads:
             rate
                 Poses per second from `start` on. None: at the stored stamps of the path.
             start, end
-                First and last stamp, nanoseconds. None: where every moving edge has data.
+                First and last stamp, nanoseconds. None: where every moving edge has data. Text as in
+                `load`: `"+1.5"` is 1.5 s after the store's first moving stamp, `"-2"` 2 s before its last.
             policy
                 How stamps between samples are answered. None: Interpolate().
             missing

@@ -75,8 +75,8 @@ def trajectory(
     target: str,
     source: str,
     rate: float | None = None,
-    start: StampLike | None = None,
-    end: StampLike | None = None,
+    start: StampLike | str | None = None,
+    end: StampLike | str | None = None,
     policy: Policy | None = None,
     *,
     missing: Literal["raise", "nan", "skip"] = "raise",
@@ -90,7 +90,8 @@ def trajectory(
     rate
         Poses per second from `start` on. None: at the stored stamps of the path.
     start, end
-        First and last stamp, nanoseconds. None: where every moving edge has data.
+        First and last stamp, nanoseconds. None: where every moving edge has data. Text as in
+        `load`: `"+1.5"` is 1.5 s after the store's first moving stamp, `"-2"` 2 s before its last.
     policy
         How stamps between samples are answered. None: Interpolate().
     missing

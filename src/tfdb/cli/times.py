@@ -10,10 +10,10 @@ import click
 
 import tfdb
 from tfdb.data.decimal_time import NS_PER_SECOND, parse_stamp
+from tfdb.data.given_time import Time
 from tfdb.data.stamps import MAX_STAMP
 from tfdb.data.suggestions import near_names
-from tfdb.data.time_text import _EPOCH_NS, format_ns
-from tfdb.recordings.choice import Time
+from tfdb.data.time_text import _EPOCH_NS
 
 from . import output
 
@@ -45,20 +45,7 @@ class TimeSpec:
 
         `span` holds the recording's first and last moving stamp, None when it has none.
         """
-        if self.ns is None or not self.since:
-            return self.ns
-        if span is None:
-            raise tfdb.InvalidArgument(
-                f"{self.text!r} counts from the first or the last moving sample, and nothing "
-                "moves; give an absolute time or 'latest'"
-            )
-        stamp = span[0] + self.ns if self.since > 0 else span[1] - self.ns
-        if stamp < 0:
-            raise tfdb.InvalidStamp(
-                f"{self.text!r} lies before time 0: the last moving sample is at "
-                f"{format_ns(span[1])} s"
-            )
-        return stamp
+        return None if self.ns is None else Time(self.text, self.ns, self.since).stamp(span)
 
     def may_be_offset(self, span: tuple[int, int] | None) -> bool:
         """Whether it lies far before the recording, and is no longer."""

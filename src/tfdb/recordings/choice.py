@@ -10,15 +10,16 @@ import warnings
 from collections import Counter
 from collections.abc import Iterable, Mapping
 from copy import copy
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from numbers import Real
 from typing import TYPE_CHECKING, Any, Literal, TypeAlias, TypedDict
 
 from tfdb import _core
 from tfdb.data.argument_checks import given_flag, given_word
 from tfdb.data.counting import counted
-from tfdb.data.decimal_time import UNITS, Unit, parse_stamp
+from tfdb.data.decimal_time import UNITS, Unit
 from tfdb.data.errors import InvalidArgument, RecordingError, TfdbError, TfdbWarning, UnknownFrame
+from tfdb.data.given_time import time_of
 from tfdb.data.refused import Refused
 from tfdb.data.stamps import format_seconds, shown
 from tfdb.data.suggestions import near_names
@@ -32,6 +33,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
     from tfdb._core import Buffer, Recorded
+    from tfdb.data.given_time import Time
     from tfdb.data.stamps import StampLike
     from tfdb.data.types import IngestResult, TransformStamped
     from tfdb.robots.joint_states import JointReport, JointStates
@@ -45,11 +47,6 @@ if TYPE_CHECKING:
 
     Window: TypeAlias = tuple[int | None, int | None]
     PoseTopics: TypeAlias = str | Iterable[str] | Mapping[str, str | None]
-
-TIMES = (
-    "write seconds ('12.5'), nanoseconds ('12500000000ns'), or an offset from the first ('+1.5') "
-    "or to the last moving stamp ('-0.5')"
-)
 
 OTHERS: Literal["ros1"] = "ros1"
 """How transforms are encoded that come from messages of other kinds."""
@@ -71,37 +68,6 @@ class LoadOptions(TypedDict, total=False):
     by_namespace: bool
     mix: bool
     stamp_unit: Unit | None
-
-
-@dataclass(frozen=True)
-class Time:
-    """A stamp, or an offset: since the first moving stamp (`since` 1) or to the last (-1)."""
-
-    text: str
-    ns: int
-    since: int = 0
-
-    def __repr__(self) -> str:
-        return self.text if self.since else f"{self.ns}ns"
-
-    def resolve(self, found: tuple[int, int] | None) -> int:
-        """The stamp, where moving stamps run over `found`."""
-        if not self.since:
-            return self.ns
-        if found is None:
-            raise InvalidArgument(
-                f"{self.text!r} counts from the first or to the last moving stamp, and "
-                "nothing moves in the selection; give an absolute time",
-                value=self.text,
-            )
-        return found[0] + self.ns if self.since > 0 else found[1] - self.ns
-
-    def may_be_offset(self, found: tuple[int, int] | None) -> bool:
-        """Whether an absolute time lies far before `found`, and within its length of 0."""
-        if self.since or found is None:
-            return False
-        length = found[1] - found[0]
-        return self.ns <= length < found[0] - self.ns
 
 
 class Choice:
@@ -127,8 +93,8 @@ class Choice:
         mix: Any = False,
         stamp_unit: Unit | None = None,
     ) -> None:
-        self.start: Time | None = _time("start", start)
-        self.end: Time | None = _time("end", end)
+        self.start: Time | None = time_of("start", start)
+        self.end: Time | None = time_of("end", end)
         self.frames: tuple[str, ...] | None = None if frames is None else _names("frames", frames)
         if self.frames is not None and not self.frames:
             raise InvalidArgument("frames is empty: name some, or give None for all", value=())
@@ -803,19 +769,6 @@ def _window(choice: Choice, found: tuple[int, int] | None) -> Window:
         ends = f"{format_seconds(last)} lies before start, {format_seconds(first)}"
         raise InvalidArgument(f"end, {ends}", value=last)
     return first, last
-
-
-def _time(name: str, given: Any) -> Time | None:
-    if given is None:
-        return None
-    if not isinstance(given, str):
-        return Time(shown(given), _core.to_nanoseconds(given))
-    text = given.strip()
-    since = {"+": 1, "-": -1}.get(text[:1], 0)
-    try:
-        return Time(text, parse_stamp(text[1:] if since else text), since)
-    except ValueError as error:
-        raise InvalidArgument(f"{name}: {error}: {TIMES}", value=given) from None
 
 
 def _seconds(keep: Any) -> int | None:

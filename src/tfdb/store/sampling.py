@@ -7,10 +7,12 @@ from typing import TYPE_CHECKING, Any, Literal
 
 from tfdb.data.argument_checks import given_name, given_word
 from tfdb.data.errors import InvalidArgument
+from tfdb.data.given_time import stamp_of
 from tfdb.data.poses import found
 from tfdb.data.stamps import MAX_STAMP, shown
 
 from .explain import from_one_state
+from .summary import span
 
 if TYPE_CHECKING:
     import numpy as np
@@ -33,8 +35,8 @@ def sample(
     target: str,
     source: str,
     rate: float | None,
-    start: StampLike | None,
-    end: StampLike | None,
+    start: StampLike | str | None,
+    end: StampLike | str | None,
     policy: Policy | None,
     missing: Literal["raise", "nan", "skip"],
 ) -> Samples:
@@ -44,11 +46,15 @@ def sample(
         given_name(name, frame)
 
     def read(snapshot: Snapshot) -> Samples:
+        given = [
+            stamp_of(name, time, lambda: span(snapshot.tree()))
+            for name, time in (("start", start), ("end", end))
+        ]
         if rate is None:
-            stamps = _stored_stamps(snapshot, target, source, start, end)
+            stamps = _stored_stamps(snapshot, target, source, *given)
         else:
             _period(rate)
-            first, last = _range(snapshot, target, source, start, end)
+            first, last = _range(snapshot, target, source, *given)
             if missing == "raise":  # before much is made of a time that is far off
                 snapshot.lookup_transforms(target, source, [first], policy)
             stamps = _even_stamps(first, last, rate)
@@ -94,20 +100,13 @@ def _sample_at(
     return stamps, poses
 
 
-def _nanoseconds(stamp: StampLike) -> int:
-    """Convert one stamp as the store would."""
-    from tfdb._core import to_nanoseconds  # noqa: PLC0415 - the extension imports this module
-
-    return to_nanoseconds(stamp)
-
-
 def _stored_stamps(
-    snapshot: Snapshot, target: str, source: str, start: StampLike | None, end: StampLike | None
+    snapshot: Snapshot, target: str, source: str, start: int | None, end: int | None
 ) -> npt.NDArray[np.int64]:
     stamps = snapshot._path_stamps(target, source, start, end)
     if len(stamps) == 0:
         if start is not None and end is not None:
-            _check_order(_nanoseconds(start), _nanoseconds(end))
+            _check_order(start, end)
         raise InvalidArgument(
             f"no stamp is stored on the path T[{target}<-{source}] in that time: give a "
             "rate, a start and an end for poses between stored ones",
@@ -118,13 +117,13 @@ def _stored_stamps(
 
 
 def _range(
-    snapshot: Snapshot, target: str, source: str, start: StampLike | None, end: StampLike | None
+    snapshot: Snapshot, target: str, source: str, start: int | None, end: int | None
 ) -> tuple[int, int]:
     """First and last stamp: those given, else those of the path."""
     if start is None or end is None:
         stored = _stored_stamps(snapshot, target, source, start, end)
-    first = int(stored[0]) if start is None else _nanoseconds(start)
-    last = int(stored[-1]) if end is None else _nanoseconds(end)
+    first = int(stored[0]) if start is None else start
+    last = int(stored[-1]) if end is None else end
     _check_order(first, last)
     return first, last
 

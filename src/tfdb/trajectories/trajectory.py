@@ -13,6 +13,7 @@ from tfdb.data.errors import (
     NoSampleNear,
     NotSupported,
 )
+from tfdb.data.given_time import time_of
 from tfdb.data.lazy_names import belong_to
 from tfdb.data.stamps import MAX_STAMP, check_increasing, format_seconds, increasing_stamps, shown
 from tfdb.data.types import Columns, Twist
@@ -465,9 +466,12 @@ class Trajectory:  # noqa: PLW1641 - as arrays, it has no hash
         answer = store.lookup_transform(self._target, child, _nanoseconds(stamps), policy)
         return answer if answer.source == self._source else self._as(answer.stamp, answer.pose)
 
-    def crop(self, start: StampLike | None = None, end: StampLike | None = None) -> Trajectory:
+    def crop(
+        self, start: StampLike | str | None = None, end: StampLike | str | None = None
+    ) -> Trajectory:
         """Return the poses with start <= stamp <= end; None: from the first, to the last.
 
+        Text as in `load`: `"+1.5"` is 1.5 s after the first stamp, `"-2"` 2 s before the last.
         Raises InvalidArgument if `end` lies before `start`, and InvalidStamp.
 
         Examples
@@ -477,8 +481,10 @@ class Trajectory:  # noqa: PLW1641 - as arrays, it has no hash
         >>> t.crop(5).stamps
         array([ 5, 10])
         """
-        first = 0 if start is None else _nanoseconds(start)
-        last = MAX_STAMP if end is None else _nanoseconds(end)
+        ends = (int(self._stamps[0]), int(self._stamps[-1])) if len(self) else None
+        begin, stop = time_of("start", start), time_of("end", end)
+        first = 0 if begin is None else begin.resolve(ends)
+        last = MAX_STAMP if stop is None else stop.resolve(ends)
         if last < first:
             raise InvalidArgument(f"end {last} lies before start {first}", value=last)
         low = int(self._stamps.searchsorted(first, "left"))

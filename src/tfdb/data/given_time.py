@@ -1,0 +1,91 @@
+"""Times as arguments: a stamp, or text, which may be an offset in a range of stamps.
+
+`load`, `trajectory`, `crop` and the command line read them here.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from .decimal_time import parse_stamp
+from .errors import InvalidArgument, InvalidStamp
+from .stamps import format_seconds, shown
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from .stamps import StampLike
+
+__all__: list[str] = []
+
+TIMES = (
+    "write seconds ('12.5'), nanoseconds ('12500000000ns'), or an offset from the first ('+1.5') "
+    "or to the last moving stamp ('-0.5')"
+)
+
+
+@dataclass(frozen=True)
+class Time:
+    """A stamp, or an offset: since the first moving stamp (`since` 1) or to the last (-1)."""
+
+    text: str
+    ns: int
+    since: int = 0
+
+    def __repr__(self) -> str:
+        return self.text if self.since else f"{self.ns}ns"
+
+    def resolve(self, found: tuple[int, int] | None) -> int:
+        """The stamp, where moving stamps run over `found`."""
+        if not self.since:
+            return self.ns
+        if found is None:
+            raise InvalidArgument(
+                f"{self.text!r} counts from the first or to the last moving stamp, and "
+                "nothing moves in the selection; give an absolute time",
+                value=self.text,
+            )
+        return found[0] + self.ns if self.since > 0 else found[1] - self.ns
+
+    def stamp(self, found: tuple[int, int] | None) -> int:
+        """The same; raises InvalidStamp where an offset leads before time 0."""
+        stamp = self.resolve(found)
+        if stamp < 0 and found is not None:
+            raise InvalidStamp(
+                f"{self.text!r} lies before time 0: the last moving stamp is at "
+                f"{format_seconds(found[1])}",
+                value=self.text,
+            )
+        return stamp
+
+    def may_be_offset(self, found: tuple[int, int] | None) -> bool:
+        """Whether an absolute time lies far before `found`, and within its length of 0."""
+        if self.since or found is None:
+            return False
+        length = found[1] - found[0]
+        return self.ns <= length < found[0] - self.ns
+
+
+def time_of(name: str, given: StampLike | str | None) -> Time | None:
+    """Read the time given as the argument `name`. Raises InvalidArgument, InvalidStamp."""
+    if given is None:
+        return None
+    if not isinstance(given, str):
+        from tfdb._core import to_nanoseconds  # noqa: PLC0415 - the extension imports this module
+
+        return Time(shown(given), to_nanoseconds(given))
+    text = given.strip()
+    since = {"+": 1, "-": -1}.get(text[:1], 0)
+    try:
+        return Time(text, parse_stamp(text[1:] if since else text), since)
+    except ValueError as error:
+        raise InvalidArgument(f"{name}: {error}: {TIMES}", value=given) from None
+
+
+def stamp_of(
+    name: str, given: StampLike | str | None, span: Callable[[], tuple[int, int] | None]
+) -> int | None:
+    """Return the stamp given as the argument `name`; `span()` is the range that offsets are of."""
+    time = time_of(name, given)
+    return None if time is None else time.stamp(span() if time.since else None)
