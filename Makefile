@@ -42,7 +42,7 @@ help:
 	@echo 'make proof            every interleaving walk to its end (15 minutes), relacy, histories, torture'
 	@echo 'make relacy           model checks of the protocol (package relacy-dev)'
 	@echo 'make ros2             a real rclpy in .ros2, for the tests of live nodes of ROS 2'
-	@echo 'make docs             API reference in build/docs'
+	@echo 'make docs             site in build/docs: guides, API reference, search'
 	@echo 'make wheel            sdist and wheel for this machine in dist/, checked'
 	@echo 'make wheels           all packages of a release in dist/, checked (WHEELS="--only aarch64")'
 	@echo 'make stubs | format   rewrite src/tfdb/_core.pyi | all sources'

@@ -252,7 +252,7 @@ PyMethodDef g_lookup_transforms = {"lookup_transforms", as_function(lookup_trans
 constexpr const char* kTransformPointsDoc =
     R"(Map points of `source` into `target`, each at its own stamp.
 
-Undoes the motion during a scan: p_target[i] = T[target<-source](stamps[i]) p_source[i], all from
+Undoes the motion during a scan: `p_target[i] = T[target<-source](stamps[i]) p_source[i]`, all from
 one snapshot. Each is what `lookup_transform(target, source, stamps[i], policy).apply(points[i])`
 gives there, bit for bit; a coordinate that is not a number stays one. Where `apply` refuses a place
 that is not finite in the points' dtype, it is infinite or not a number here.

@@ -1,9 +1,10 @@
-"""Write the API reference as HTML: `python tools/make_docs.py [FOLDER]`."""
+"""Write the site: guides and API reference as HTML: `python tools/make_docs.py [FOLDER]`."""
 
 from __future__ import annotations
 
 import re
 import shutil
+import subprocess
 import sys
 import tempfile
 import textwrap
@@ -13,6 +14,7 @@ from types import FunctionType
 from typing import TYPE_CHECKING, Any
 
 import pdoc
+import pdoc.doc
 import pdoc.docstrings
 import pdoc.render
 
@@ -21,10 +23,15 @@ import tfdb
 if TYPE_CHECKING:
     from collections.abc import Callable
 
+    Members = dict[tuple[str, str], list[pdoc.doc.Doc[Any]]]
+
 ROOT = Path(__file__).resolve().parent.parent
 STUB = ROOT / "src" / "tfdb" / "_core.pyi"
+CONFIGURATION = ROOT / "tools" / "site"
 ROOMS = ("comparing", "errors", "plot", "recordings", "robots", "store.summary", "trajectories")
 MODULES = ("tfdb", "tfdb.types", *(f"tfdb.{room}" for room in ROOMS))
+UNLISTED = ("Reads", "Policy")  # base classes of the extension, which `tfdb` does not export
+UNLISTED_LINK = re.compile(rf'<a href="#(?:{"|".join(UNLISTED)})(?:\.\w+)?">(.*?)</a>')
 # Unions that would take half a page where a name says it.
 ALIAS = re.compile(r"\btfdb\.(?:stamps|types|loading)\.(\w+Like|Paths|(?:Pose)?Topics|Progress)\b")
 HEADING = re.compile(r"^([A-Z][A-Za-z ]+)\n---+\n+", re.MULTILINE)
@@ -75,10 +82,25 @@ def as_markdown(docstring: str) -> str:
     return made
 
 
-def main() -> int:
-    """Write the pages; the folder is emptied first."""
-    out = Path(sys.argv[1]) if len(sys.argv) > 1 else ROOT / "build" / "docs"
-    shutil.rmtree(out, ignore_errors=True)
+def own_members(self: pdoc.doc.Class) -> list[pdoc.doc.Doc[Any]]:
+    """Return what a class documents itself: also what it has from a base without a place."""
+    return [
+        member
+        for at, members in self._members_by_origin.items()
+        if at in {self.taken_from, (self.modulename, self.qualname)} or at[1] in UNLISTED
+        for member in members
+    ]
+
+
+def inherited_members(self: pdoc.doc.Class) -> Members:
+    """Return what a class documents at its base."""
+    own = {id(member) for member in self.own_members}
+    found = self._members_by_origin.items()
+    return {at: members for at, members in found if id(members[0]) not in own}
+
+
+def write_reference(out: Path) -> None:
+    """Write the API reference into a folder."""
     # pdoc looks for the names of an annotation where a class says that it is.
     vars(import_module("tfdb.data.lazy_names"))["belong_to"] = lambda *_: None
     for name in tfdb.__all__:
@@ -100,10 +122,67 @@ def main() -> int:
         (Path(folder) / "tfdb.pyi").write_text(readable_stub(), encoding="utf-8")
         sys.path.insert(0, folder)
         pdoc.docstrings.numpy = as_markdown
+        for replacement in (own_members, inherited_members):
+            setattr(pdoc.doc.Class, replacement.__name__, property(replacement))
         pdoc.render.configure(docformat="numpy", show_source=False, footer_text="tfdb")
         pdoc.pdoc(*MODULES, output_directory=out)
+    page = out / "tfdb.html"
+    page.write_text(UNLISTED_LINK.sub(r"\1", page.read_text(encoding="utf-8")), encoding="utf-8")
+
+
+def toctree(caption: str, *pages: str) -> str:
+    """Return a hidden table of contents: it makes the entries of the sidebar."""
+    return "\n".join(
+        ["", "```{toctree}", ":hidden:", f":caption: {caption}", ":glob:", "", *pages, "```", ""]
+    )
+
+
+def examples() -> str:
+    """Return a page with all programs of examples/."""
+    page = "# Examples\n"
+    for path in sorted((ROOT / "examples").glob("[0-9]*.py")):
+        page += f"\n## {path.name}\n\n```python\n{path.read_text(encoding='utf-8')}```\n"
+    return page
+
+
+def write_pages(folder: Path) -> None:
+    """Write the Markdown pages of the site: docs/, the README as its start, the examples."""
+    shutil.copytree(ROOT / "docs", folder, dirs_exist_ok=True)
+    shutil.copy(CONFIGURATION / "conf.py", folder)
+    shutil.copy(ROOT / "CHANGELOG.md", folder / "changelog.md")
+    (folder / "examples.md").write_text(examples(), encoding="utf-8")
+    # Links of HTML: Sphinx would take those of Markdown for downloads.
+    modules = "".join(
+        f'- <a href="reference/{each.replace(".", "/")}.html">{each}</a>\n' for each in MODULES
+    )
+    (folder / "api.md").write_text(f"# API reference\n\n{modules}", encoding="utf-8")
+    start = (ROOT / "README.md").read_text(encoding="utf-8").replace("](docs/", "](")
+    start = start.replace("](examples/)", "](examples.md)").replace(
+        "Site with these pages, the API reference and a search: `make docs`, then open "
+        "`build/docs/index.html`",
+        "[API reference](api.md)",
+    )
+    start += toctree("Guides", "tasks", "howto/README", "howto/*")
+    start += toctree("Reference", "api", "examples", "changelog")
+    start += toctree("How it works", "design", "concurrency", "engines", "free_threading")
+    start += toctree("Measured", "benchmarks", "evaluation", "sweeps")
+    start += toctree("Development", "where", "style", "packaging")
+    (folder / "index.md").write_text(start, encoding="utf-8")
+
+
+def main() -> int:
+    """Write the site; the folder is emptied first."""
+    out = Path(sys.argv[1]) if len(sys.argv) > 1 else ROOT / "build" / "docs"
+    shutil.rmtree(out, ignore_errors=True)
+    with tempfile.TemporaryDirectory() as folder:
+        pages = Path(folder)
+        write_pages(pages)
+        write_reference(pages / "_extra" / "reference")
+        build = [sys.executable, "-m", "sphinx", "--fail-on-warning", "--keep-going", "--quiet"]
+        done = subprocess.run([*build, str(pages), str(out)], check=False)
+    shutil.rmtree(out / ".doctrees")
     print(f"{out}/index.html")
-    return 0
+    return done.returncode
 
 
 if __name__ == "__main__":
