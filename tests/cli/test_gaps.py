@@ -11,6 +11,7 @@ import pytest
 import tfdb
 from tfdb.data.time_text import format_date, format_dates, format_when
 from tfdb.recordings import RecordingWriter
+from tfdb.store.summary import edge_summaries
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -88,6 +89,39 @@ def test_gaps_are_those_that_check_counts(tool: Tool, tmp_path: Path) -> None:
     (finding,) = [each for each in checked if each["kind"] == "gap"]
     listed = tool("gaps", path, "--json").json["gaps"]
     assert [[gap["before_ns"], gap["after_ns"]] for gap in listed] == finding["details"]["gaps"]
+
+
+@pytest.mark.parametrize("limit", [None, 0.3, 0.15])
+def test_every_command_counts_the_same_gaps(
+    tool: Tool, tmp_path: Path, limit: float | None
+) -> None:
+    """Late samples and repeated stamps are in no step; 5 periods of 0.1 s are no gap yet."""
+    tenths = [*range(20), *range(25, 40), *range(46, 60), 58, 59, *range(62, 80)]
+    samples = [(t / 10, "map", "base", "/who") for t in tenths]
+    path = record(tmp_path / "holes.bag", samples)
+    wide = S // 2 if limit is None else round(limit * S)
+    stamps = sorted({t * S // 10 for t in tenths})
+    expected = [[a, b] for a, b in pairwise(stamps) if b - a > wide]
+    assert len(expected) == {None: 2, 0.3: 2, 0.15: 3}[limit]
+    options = () if limit is None else ("--max-gap", str(limit))
+
+    store = tfdb.load(path)
+    (edge,) = edge_summaries(store, None if limit is None else wide)  # of `plot timeline`
+    assert [[gap.before, gap.after] for gap in edge.gaps] == expected
+    listed = tool("gaps", path, *options, "--json").json["gaps"]
+    assert [[gap["before_ns"], gap["after_ns"]] for gap in listed] == expected
+    assert {gap["period_ns"] for gap in listed} == {edge.period}
+    findings = tool("check", path, *options, "--json", code=1).json["findings"]
+    (found,) = [each for each in findings if each["kind"] == "gap"]
+    assert found["details"]["gaps"] == expected
+    assert found["details"]["period_ns"] == edge.period
+    (told,) = [e for e in tool("info", path, "--json").json["edges"] if e["frame"] == "base"]
+    longest = max(b - a for a, b in expected)
+    assert told["longest_gap_ns"] == store.frame_info("base").longest_gap == longest
+    assert found["details"]["longest_ns"] == longest
+    assert told["rate_hz"] == store.frame_info("base").rate
+    if limit is None:
+        assert told["gaps"] == len(expected)
 
 
 def test_no_gaps(tool: Tool, mcap: Path) -> None:

@@ -15,7 +15,7 @@ import numpy.typing as npt
 
 from tfdb.data.decimal_time import NS_PER_SECOND as NS
 from tfdb.data.time_text import format_duration, format_ns
-from tfdb.store.summary import YEAR_NS, Clock, Gap, describe_clocks, find_gaps
+from tfdb.store.summary import GAP_FACTOR, YEAR_NS, Clock, Gap, describe_clocks, find_gaps
 
 from . import motion
 
@@ -593,7 +593,7 @@ def _gaps(edge: Edge, pieces: npt.NDArray[np.int64], limit: int | None) -> Itera
 def _coverage(edge: Edge, start: int, end: int, limits: Limits) -> Iterator[Finding]:
     stamps = np.unique(edge.stamps)
     period = find_gaps(stamps)[0] or 0
-    limit = max(limits.coverage, 5 * period)
+    limit = max(limits.coverage, GAP_FACTOR * period)
     first, last = int(stamps[0]), int(stamps[-1])
     parts = []
     if first - start > limit:
