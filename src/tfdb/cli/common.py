@@ -20,9 +20,6 @@ from tfdb.data.new_file import is_one_of, refuse_existing
 from tfdb.data.path_checks import first_missing, given_path, missing_file
 from tfdb.data.suggestions import near_names
 from tfdb.data.time_text import format_dates, format_ns
-from tfdb.recordings.choice import Choice, absolute
-from tfdb.recordings.loading import role_of
-from tfdb.recordings.recording import Recording
 from tfdb.store.frozen import is_frozen
 from tfdb.store.summary import Forest, span
 from tfdb.trajectories.reading_report import warn_of_rows
@@ -46,6 +43,7 @@ if TYPE_CHECKING:
     from tfdb.recordings.choice import LoadOptions
     from tfdb.recordings.containers import Source
     from tfdb.recordings.loading import LoadReport
+    from tfdb.recordings.recording import Recording
 
 _COMPLETION_MESSAGES = 200
 """So many messages of each kind does completion read: a shell must not seem to hang."""
@@ -269,6 +267,8 @@ def salvages() -> bool:
 
 def opened(stack: ExitStack, paths: Sequence[Path]) -> list[Recording]:
     """Open recordings, as `--salvage` says, until the stack ends; say what is lost of them."""
+    from tfdb.recordings.recording import Recording  # noqa: PLC0415 - not for frozen stores
+
     refuse_frozen(paths)
     salvage = salvages()
     unit = chosen().get("stamp_unit")
@@ -413,6 +413,9 @@ def parse_topics(texts: Sequence[str]) -> dict[str, str] | None:
     """``FROM[:TO]`` of each ``--topic``, as `Buffer.load` wants it; None without any."""
     if not texts:
         return None
+    from tfdb.recordings.choice import absolute  # noqa: PLC0415 - not for frozen stores
+    from tfdb.recordings.loading import role_of  # noqa: PLC0415
+
     pairs: dict[str, str] = {}
     for text in texts:
         source, colon, target = text.partition(":")
@@ -650,6 +653,9 @@ def _some_frames(path: str) -> set[str]:
         return set(open_live(path).frames())
     if is_frozen(given_path(path)):
         return set(tfdb.open(path).frames())
+    from tfdb.recordings.choice import Choice  # noqa: PLC0415 - not for frozen stores
+    from tfdb.recordings.recording import Recording  # noqa: PLC0415
+
     names: set[str] = set()
     rewriter = Choice().without_survey()
     with Recording(path) as recording:

@@ -8,7 +8,7 @@ import click
 
 import tfdb
 from tfdb.data.time_text import format_date, format_duration, format_ns
-from tfdb.tf2.listings import frames_passed
+from tfdb.store.report import frames_passed
 
 from . import common, layout, output
 from .angles import roll_pitch_yaw
@@ -129,10 +129,7 @@ def _show(found: Transform, span: tuple[int, int] | None) -> None:
     out.print("translation     " + _numbers(found.translation) + "  m")
     rotation = ["quaternion      " + _numbers(found.rotation), "  x y z w"]
     out.print(layout.wrap(rotation, " " * 16))
-    import numpy as np
-
-    angles = np.array(roll_pitch_yaw(found.rotation))
-    out.print("roll pitch yaw  " + _numbers(angles, 4) + "  deg")
+    out.print("roll pitch yaw  " + _numbers(roll_pitch_yaw(found.rotation), 4) + "  deg")
     out.print("matrix")
     for row in found.matrix:
         out.print("  " + _numbers(row))

@@ -14,12 +14,14 @@ from tfdb.data.counting import counted
 from tfdb.data.time_text import format_duration
 from tfdb.judging.follower import Follower, author_of
 from tfdb.judging.rates import Delays, Frame, Rates
+from tfdb.recordings.arrivals import recorded_arrivals
 from tfdb.recordings.choice import Choice
 from tfdb.recordings.loading import Selection
+from tfdb.recordings.recording import Recording
 from tfdb.store.frozen import is_frozen
+from tfdb.store.report import frames_passed
 from tfdb.store.summary import Forest
 from tfdb.store.waiting import NO_ANSWER_YET
-from tfdb.tf2.listings import frames_passed
 
 from . import common, layout, output
 from .graph import Live, live_source, node_option
@@ -28,11 +30,14 @@ from .times import NS, duration_option
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Sequence
+    from pathlib import Path
 
     from rich.console import RenderableType
     from rich.live import Live as Place
 
+    from tfdb._core import Reads
     from tfdb.data.types import Changes
+    from tfdb.recordings.choice import Rewriter
 
 _KEPT = 10 * NS
 
@@ -105,7 +110,7 @@ def command(
 class Watch:
     """What comes into a store, and how the chain stands."""
 
-    def __init__(self, store: tfdb.Buffer, chain: tuple[str, str] | None, rates: Rates) -> None:
+    def __init__(self, store: Reads, chain: tuple[str, str] | None, rates: Rates) -> None:
         self._store = store
         self._chain = chain and (chain[0].removeprefix("/"), chain[1].removeprefix("/"))
         self.rates = rates
@@ -195,42 +200,67 @@ def _tell_recording(
             f"{file} is a frozen store: it has no arrival times; give the recording that it was "
             "made of"
         )
-    store = tfdb.Buffer(history=_KEPT / NS)
+    if chain is None:
+        screen.show(*_of_arrivals(path, topics), 0)
+        return
     with ExitStack() as stack:
         (recording,) = common.opened(stack, [path])
         choice = Choice(**common.chosen())
         selection = Selection(common.parse_topics(topics), choice)
         selection.check([recording])
         rewriter = selection.resolve([recording])
-        fixed = rewriter.fixed_joints()
-        if fixed:
-            store.set_transforms(fixed, static=True, authority=rewriter.model_name)
-        watch: Watch | None = None
-        follower = Follower(Live(store))
-        arrival = 0
-        for source, arrival, data in recording.messages(selection.wants):
-            encoding, static = selection.kind(source)
-            left = rewriter.message(data, source, arrival, static=static)
-            if left is None:
-                continue
-            if watch is None:
-                watch = Watch(store, chain, Rates(arrival, 1))
-            try:
-                store.ingest(
-                    left,
-                    encoding=encoding,
-                    static=static,
-                    authority=source.authority,
-                )
-            except tfdb.TfdbError:
-                continue  # 'tfdb check' says what is wrong with it
-            watch.take(follower.changes(0.0), arrival, source.authority)
-        if watch is None:
-            watch = Watch(store, chain, Rates(0, 1))
-        if chain is not None:
-            common.find_frames(store, *chain)
+        watch, end = _of_chain(recording, selection, rewriter, chain)
         rewriter.warn(str(path), 2)
-        screen.show(watch, arrival, 0)
+        screen.show(watch, end, 0)
+
+
+def _of_arrivals(path: Path, topics: Sequence[str]) -> tuple[Watch, int]:
+    """Count all arrivals; return also the time of the last message."""
+    import numpy as np
+
+    loaded = common.load([str(path)], topics)
+    static = {topic.name: topic.static for topic in loaded.report.topics} if loaded.report else {}
+    choice = Choice(**common.chosen())
+    with Recording(path, salvage=common.salvages(), stamp_unit=choice.stamp_unit) as recording:
+        found = recorded_arrivals(
+            [recording], static, choice, publisher=lambda source: source.authority
+        )
+    began = min((int(columns[1].min()) for _, columns, _ in found.edges), default=0)
+    rates = Rates(began, 1)
+    for joint in found.rewriter.fixed_joints():
+        edge = joint.parent, joint.child
+        rates.add(edge, 0, began, found.rewriter.model_name, static=True)
+    for child, columns, is_static in found.edges:
+        flags = np.frombuffer(is_static, dtype=bool)
+        rates.add_columns(child, columns, flags, found.names, _KEPT)
+    return Watch(loaded.store, None, rates), found.end
+
+
+def _of_chain(
+    recording: Recording, selection: Selection, rewriter: Rewriter, chain: tuple[str, str]
+) -> tuple[Watch, int]:
+    """Store message by message, and look at the chain after each."""
+    store = tfdb.Buffer(history=_KEPT / NS)
+    fixed = rewriter.fixed_joints()
+    if fixed:
+        store.set_transforms(fixed, static=True, authority=rewriter.model_name)
+    watch: Watch | None = None
+    follower = Follower(Live(store))
+    arrival = 0
+    for source, arrival, data in recording.messages(selection.wants):
+        encoding, static = selection.kind(source)
+        left = rewriter.message(data, source, arrival, static=static)
+        if left is None:
+            continue
+        if watch is None:
+            watch = Watch(store, chain, Rates(arrival, 1))
+        try:
+            store.ingest(left, encoding=encoding, static=static, authority=source.authority)
+        except tfdb.TfdbError:
+            continue  # 'tfdb check' says what is wrong with it
+        watch.take(follower.changes(0.0), arrival, source.authority)
+    common.find_frames(store, *chain)
+    return watch or Watch(store, chain, Rates(0, 1)), arrival
 
 
 class Screen:

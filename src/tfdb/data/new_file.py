@@ -7,10 +7,8 @@ from __future__ import annotations
 
 import errno
 import os
-import secrets
 import shutil
 import stat
-import tempfile
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -67,11 +65,13 @@ def new_file(
 
 def temporary_folder() -> AbstractContextManager[Path]:
     """Give a new folder for temporary files; the end of the block removes it and its files."""
+    import tempfile  # noqa: PLC0415 - few recordings are unpacked
+
     return _made(_unused(Path(tempfile.gettempdir()), "tfdb-"))
 
 
 def _unused(parent: Path, prefix: str) -> Path:
-    return parent / f"{prefix}{secrets.token_hex(8)}"
+    return parent / f"{prefix}{os.urandom(8).hex()}"
 
 
 @contextmanager

@@ -9,7 +9,12 @@ from typing import TYPE_CHECKING
 from tfdb.data.decimal_time import NS_PER_SECOND as NS
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Iterator, Sequence
+
+    import numpy as np
+    import numpy.typing as npt
+
+    from tfdb.recordings.arrivals import Columns
 
 
 ANOTHER_CLOCK = 3600 * NS
@@ -42,6 +47,19 @@ class Delays:
             self.timed += 1
             self.total += delay
             self.longest = delay if self.longest is None else max(self.longest, delay)
+
+    def add_many(self, delays: npt.NDArray[np.int64]) -> None:
+        """Count arrivals, so long after their stamps."""
+        self.count += len(delays)
+        if len(delays):
+            self._take_nearest(int(delays[abs(delays).argmin()]))
+        timed = delays[abs(delays) < ANOTHER_CLOCK]
+        if len(timed):
+            self.timed += len(timed)
+            # In halves, of which no sum overflows.
+            self.total += (int((timed >> 32).sum()) << 32) + int((timed & 0xFFFFFFFF).sum())
+            longest = int(timed.max())
+            self.longest = longest if self.longest is None else max(self.longest, longest)
 
     def join(self, other: Delays) -> None:
         """Take those of another period, too."""
@@ -118,6 +136,39 @@ class Rates:
         frame.newest = stamp if frame.newest is None else max(stamp, frame.newest)
         frame.periods[-1].add(arrival - stamp, gap)
         sent[-1].add(arrival - stamp)
+
+    def add_columns(
+        self,
+        child: str,
+        columns: Columns,
+        static: npt.NDArray[np.bool_],
+        names: Sequence[str],
+        history: int,
+    ) -> None:
+        """Count a recorded edge's arrivals, but those that a history (ns) does not keep.
+
+        `names` are those of the parents and publishers.
+        """
+        import numpy as np
+
+        stamps, arrivals, _, parents, publishers = columns
+        newest = np.maximum.accumulate(stamps)
+        kept = static | (stamps >= newest - history)
+        moving = kept & ~static
+        frame = Frame(names[parents[kept][-1]], bool(static[kept][-1]))
+        self.frames[child] = frame
+        if not frame.static:
+            frame.newest = int(newest[-1])
+        period = frame.periods[-1]
+        period.add_many((arrivals - stamps)[moving])
+        period.count += int((kept & static).sum())
+        period.gap = int((stamps[1:] - newest[:-1])[moving[1:]].max(initial=0))
+        for number in np.unique(publishers[kept]).tolist():
+            theirs = kept & (publishers == number)
+            frame.authors[names[number]] = int(theirs.sum())
+            sent = self._authors.setdefault(names[number], deque([Delays()]))[-1]
+            sent.add_many((arrivals - stamps)[theirs & moving])
+            sent.count += int((theirs & static).sum())
 
     def forget_stamps(self, name: str) -> None:
         """Begin anew with a frame whose samples were dropped, as when time jumps back."""

@@ -227,3 +227,14 @@ def restore_transform(*state: object) -> Transform:
 
 
 belong_to("tfdb.types", globals(), __all__)
+
+
+def frames_passed(found: Transform) -> list[str]:
+    """Frames on the way from source to target, both included."""
+    up, down = [found.source], []
+    for edge in found.report.edges:
+        if edge.inverted:
+            down.append(edge.child)
+        else:
+            up.append(edge.parent)
+    return up + down[::-1]

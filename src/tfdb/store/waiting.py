@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import asyncio
 import logging
 import os
 import threading
@@ -25,6 +24,7 @@ from tfdb.data.errors import (
 )
 
 if TYPE_CHECKING:
+    import asyncio
     from collections.abc import Callable, Iterable, Mapping
     from contextlib import AbstractContextManager
 
@@ -51,7 +51,7 @@ CANCELLED = (None, None)
 
 LOGGER = logging.getLogger("tfdb")
 
-Loop = asyncio.AbstractEventLoop
+Loop: TypeAlias = "asyncio.AbstractEventLoop"
 End: TypeAlias = int | MemoryError
 """How a wait ended: what `Buffer._check_wait` takes, or why that is not known."""
 Tell: TypeAlias = "Callable[[End], None]"
@@ -192,6 +192,8 @@ os.register_at_fork(after_in_child=_forget_parent)
 
 async def _ended(buffer: Buffer, ask: Callable[[], int], until: float | None) -> int:
     """Say how a wait ended that `ask` begins, by the loop's clock."""
+    import asyncio  # noqa: PLC0415 - it takes as long as all of tfdb
+
     loop = asyncio.get_running_loop()
     future: asyncio.Future[int] = loop.create_future()
 
@@ -227,6 +229,8 @@ def _limit(timeout: float | None) -> int | None:
 
 
 def _until(limit: int | None) -> float | None:
+    import asyncio  # noqa: PLC0415 - it takes as long as all of tfdb
+
     return None if limit is None else asyncio.get_running_loop().time() + limit / 1e9
 
 

@@ -20,6 +20,7 @@ from tfdb.ros import msgs
 from tfdb.ros.ros_messages import installed, makers
 from tfdb.ros.times import SECOND, Flavor, duration, flavor_of, nanoseconds
 from tfdb.store import waiting
+from tfdb.store.report import frames_passed
 
 from . import listings, phrases, refusals
 from .exceptions import (
@@ -440,7 +441,7 @@ class BufferCore(CoreCalls):
             self._check_names(snapshot, names, "lookupTransform", None)
             for half in halves:
                 found, _ = self._answer_in(snapshot, half, None)
-                for frame in listings.frames_passed(found):
+                for frame in frames_passed(found):
                     # Up to the fixed frame and down the same way again.
                     if frame in passed:
                         del passed[passed.index(frame) :]

@@ -10,7 +10,6 @@ from tfdb.ros.times import SECOND
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
 
-    from tfdb._core import Transform
     from tfdb.data.types import FrameInfo
     from tfdb.ros.times import Flavor
 
@@ -113,14 +112,3 @@ def as_dot(tree: Sequence[FrameInfo], now: int | None) -> str:
         roots = [info.name for info in tree if info.parent is None and info.name in parents]
         parts += [f'"Recorded at time: {in_seconds(now, 3)}"->{in_dot(root)};\n' for root in roots]
     return "".join(parts) + "}"
-
-
-def frames_passed(found: Transform) -> list[str]:
-    """Frames on the way from source to target, both included."""
-    up, down = [found.source], []
-    for edge in found.report.edges:
-        if edge.inverted:
-            down.append(edge.child)
-        else:
-            up.append(edge.parent)
-    return up + down[::-1]
