@@ -382,7 +382,7 @@ Raises InvalidName, InvalidStamp, InvalidArray, InvalidTransform, TooOld, Static
 RepeatedStamp, CycleError: that of the first refused member, with its `index`, and all of them in
 `refused`. Raises CapacityExceeded. Then nothing was stored. With `partial` only CapacityExceeded is
 left, and
-TypeError for what is no transform at all.)";
+TypeError for what is not a transform at all.)";
 
 using BufferClass = nb::class_<BufferObject, ReadsObject>;
 
@@ -464,7 +464,7 @@ Parameters
 path
     The file. Do not cut or rewrite it while it is open, as by `cp` over it: processes that read it
     would be ended by SIGBUS, or read nonsense. `freeze(overwrite=True)` is safe: it puts another
-    file in its place, and who has the old one open goes on with it.
+    file in its place, and processes that have the old one open keep it.
 verify
     Read all of it, and compare it with its checksum. Otherwise only the front of the file is
     checked; damage elsewhere makes wrong answers or errors, never a crash.
@@ -480,7 +480,7 @@ Raises
 NoSuchStore
     There is no such file.
 CorruptStore
-    The file is no frozen store, or one of another version of tfdb or kind of machine, or cut, or
+    The file is not a frozen store, or one of another version of tfdb or kind of machine, or cut, or
     damaged. Freeze what it was made from again.
 InvalidArgument
     The path is empty, or no name that a file can have.

@@ -35,10 +35,10 @@ bool is_tfdb_error(const nb::python_error& error);
 /// A tfdb.types.Refused.
 nb::object refused_record(const RefusedMember& member);
 
-/// Text of the core as a str; bytes that are no UTF-8, of C++ programs and of damage, are escaped.
+/// Text of the core as a str; bytes that are not UTF-8, of C++ programs and of damage, are escaped.
 nb::str escaped(std::string_view text);
 
-/// The name of a frame as a str. Throws CorruptStore: none is ever stored that is no UTF-8.
+/// The name of a frame as a str. Throws CorruptStore: none is ever stored that is not UTF-8.
 nb::str str_of_name(std::string_view name);
 /// The same; None where there is none.
 nb::object name_or_none(const std::optional<std::string>& name);

@@ -30,8 +30,9 @@ NewArray<clock::StampNs> new_stamps(std::size_t count);
 nb::object read_only(nb::object array);
 
 /// What an ordinary array of numpy holds, read without the buffer protocol, which costs as much as
-/// a lookup. Null, or nothing, where it is no array of just that type, shape and native numbers in
-/// C order, or may not be written. The memory stays where it is as for any holder of a reference.
+/// a lookup. Null, or nothing, where it is not an array of just that type, shape and native numbers
+/// in C order, or may not be written. The memory stays where it is as for any holder of a
+/// reference.
 std::optional<std::span<const clock::StampNs>> plain_stamps(nb::handle object);
 double* plain_doubles(nb::handle object, std::span<const std::size_t> shape);
 

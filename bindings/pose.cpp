@@ -260,7 +260,7 @@ geometry::Quat rotation_of(const PoseArguments& given) {
         return geometry::quaternion_of_rpy(vector_of(given.rpy, "rpy"));
     }
     if (is_given(given.wxyz)) {
-        // What names its parts, or has them in another order, is no argument for this one.
+        // What names its parts, or has them in another order, is not an argument for this one.
         if (PySequence_Check(given.wxyz) == 0 || find(given.wxyz, g_fields.as_quat).is_valid()) {
             refuse<4>(given.wxyz, "wxyz");
         }

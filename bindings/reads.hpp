@@ -188,7 +188,7 @@ Pinned pin(nb::handle self, const ReadsObject& object);
 /// Throws TransactionActive where the object is a buffer of which this thread has one open.
 void check_not_in_transaction(const ReadsObject& object);
 
-/// Throws TypeError: `self` is no `expected`, or, where that is null, its __init__ never ran.
+/// Throws TypeError: `self` is not an `expected`, or, where that is null, its __init__ never ran.
 [[noreturn]] void throw_not_made(nb::handle self, const char* expected);
 
 /// The object behind `self`. Throws TypeError if it is of another class or its __init__ never ran.

@@ -15,7 +15,7 @@ namespace {
 using Records = wire::McapRecords;
 
 // Above what any allocator takes from its heap: a block goes back to the system when it is
-// released, whatever was allocated meanwhile. Pages of it that are not used are no memory.
+// released, whatever was allocated meanwhile. Pages of it that are not used take no memory.
 constexpr std::size_t kBlock = std::size_t{64} << 20;
 
 std::span<const std::byte> bytes_of(const nb::bytes& object) {

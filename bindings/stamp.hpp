@@ -15,8 +15,8 @@ namespace tfdb::python {
 
 using clock::StampNs;
 
-/// What is no int from 0 to kMaxStamp: numpy integers, datetime64, messages with sec and nanosec,
-/// and everything that is refused with InvalidStamp.
+/// What is not an int from 0 to kMaxStamp: numpy integers, datetime64, messages with sec and
+/// nanosec, and everything that is refused with InvalidStamp.
 StampNs stamp_of_object(PyObject* object);
 
 /// Nanoseconds of an int, or of a message or time object of ROS whose numbers are plain ints; also

@@ -103,7 +103,7 @@ private:
     nb::object only_time_;
 };
 
-/// A number is seconds, of which the method in Python refuses those that are no duration.
+/// A number is seconds, of which the method in Python refuses those that are not durations.
 bool is_plain_timeout(PyObject* timeout) {
     if (!is_given(timeout)) {
         return true;
@@ -347,12 +347,12 @@ constexpr const char* kLookupCoreDoc =
     "Returns\n-------\ngeometry_msgs.msg.TransformStamped\n"
     "    Its stamp is the time, or the latest common time.\n\n"
     "Raises LookupException, ConnectivityException, ExtrapolationException,\n"
-    "InvalidArgumentException; TypeError for what is no time.";
+    "InvalidArgumentException; TypeError for what is not a time.";
 
 constexpr const char* kCanCoreDoc =
     "can_transform_core($self, target_frame, source_frame, time)\n--\n\n"
     "Whether `lookup_transform_core` has an answer: (1, '') or (0, why not).\n\n"
-    "Raises TypeError for what is no time or no name.";
+    "Raises TypeError for what is not a time or no name.";
 
 constexpr const char* kSetDoc =
     "set_transform($self, transform, authority)\n--\n\n"
@@ -363,7 +363,7 @@ constexpr const char* kSetDoc =
     "Parameters\n----------\n"
     "transform\n    A `geometry_msgs/TransformStamped` of any library.\n"
     "authority\n    Who writes.\n\n"
-    "Raises TypeError for what is no such message. What is wrong with the store, not with the\n"
+    "Raises TypeError for other messages. What is wrong with the store, not with the\n"
     "transform, is raised as `tfdb.Buffer` raises it: CapacityExceeded, ReadOnly, LockTimeout.";
 
 constexpr const char* kLookupDoc =

@@ -77,7 +77,7 @@ nb::object reversed_names(PyObject* names) {
     return nb::tuple(pairs);
 }
 
-/// For `T @ other`, where `other` is no transform.
+/// For `T @ other`, where `other` is not a transform.
 PyObject* no_chain(PyObject* other) {
     const bool numbers =
         PyList_Check(other) != 0 || PyTuple_Check(other) != 0 || nb::hasattr(other, "__array__");

@@ -131,7 +131,7 @@ def test_errors_name_what_was_asked_for(tmp_path: Path) -> None:
     with pytest.raises(FileNotFoundError) as missing:
         write(tmp_path / "none" / "a")
     assert missing.value.filename == str(tmp_path / "none" / "a")
-    assert missing.value.strerror == f"there is no folder {tmp_path / 'none'}"
+    assert missing.value.strerror == f"missing folder {tmp_path / 'none'}"
 
     def forgotten() -> None:
         with new_file(tmp_path / "a"):

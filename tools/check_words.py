@@ -25,8 +25,8 @@ REJECTED = re.compile(
     r"|(?:is|are|was) no(?! longer| more| less| later| earlier)\b)",
     re.IGNORECASE,
 )
-DOCUMENTS = ("README.md",)
-PYTHON: tuple[str, ...] = ()
+DOCUMENTS = ("README.md", "CONTRIBUTING.md", "docs/howto/*.md", "docs/tasks.md")
+PYTHON = ("src/**/*.py",)
 CPP: tuple[str, ...] = ()
 SHORT = ("README.md",)  # the documents whose sentences are counted
 

@@ -868,7 +868,7 @@ class Buffer(Reads):
         RepeatedStamp, CycleError: that of the first refused member, with its `index`, and all of them in
         `refused`. Raises CapacityExceeded. Then nothing was stored. With `partial` only CapacityExceeded is
         left, and
-        TypeError for what is no transform at all.
+        TypeError for what is not a transform at all.
         """
     @overload
     def set_transforms(
@@ -1299,8 +1299,8 @@ class Buffer(Reads):
             ModelError
                 `urdf` is not a robot model.
             InvalidArgument
-                No path, an empty one, a file that is given twice, or topics that are no names; options that
-                are none, or by which two frames would have one name, or `end` lies before `start`.
+                No path, an empty one, a file that is given twice, or topics that are not names; options
+                that are none, or by which two frames would have one name, or `end` lies before `start`.
             OSError
                 A file cannot be opened.
 
@@ -1565,7 +1565,7 @@ class Buffer(Reads):
 
             Raises
             ------
-            NoSuchStore, CorruptStore (the file is no store), ReadOnly, InvalidName, NotSupported
+            NoSuchStore, CorruptStore (the file is not a store), ReadOnly, InvalidName, NotSupported
         """
 
 class Recorded:
@@ -2020,7 +2020,7 @@ def open(
     path
         The file. Do not cut or rewrite it while it is open, as by `cp` over it: processes that read it
         would be ended by SIGBUS, or read nonsense. `freeze(overwrite=True)` is safe: it puts another
-        file in its place, and who has the old one open goes on with it.
+        file in its place, and processes that have the old one open keep it.
     verify
         Read all of it, and compare it with its checksum. Otherwise only the front of the file is
         checked; damage elsewhere makes wrong answers or errors, never a crash.
@@ -2036,7 +2036,7 @@ def open(
     NoSuchStore
         There is no such file.
     CorruptStore
-        The file is no frozen store, or one of another version of tfdb or kind of machine, or cut, or
+        The file is not a frozen store, or one of another version of tfdb or kind of machine, or cut, or
         damaged. Freeze what it was made from again.
     InvalidArgument
         The path is empty, or no name that a file can have.

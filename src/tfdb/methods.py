@@ -356,8 +356,8 @@ def load(
     ModelError
         `urdf` is not a robot model.
     InvalidArgument
-        No path, an empty one, a file that is given twice, or topics that are no names; options that
-        are none, or by which two frames would have one name, or `end` lies before `start`.
+        No path, an empty one, a file that is given twice, or topics that are not names; options
+        that are none, or by which two frames would have one name, or `end` lies before `start`.
     OSError
         A file cannot be opened.
 
@@ -616,7 +616,7 @@ def unlink_store(name: Name) -> None:
 
     Raises
     ------
-    NoSuchStore, CorruptStore (the file is no store), ReadOnly, InvalidName, NotSupported
+    NoSuchStore, CorruptStore (the file is not a store), ReadOnly, InvalidName, NotSupported
     """
     from tfdb.store.shared import unlink_store as unlink  # noqa: PLC0415 - see above
 
@@ -624,7 +624,7 @@ def unlink_store(name: Name) -> None:
 
 
 def _buffer(self: Buffer) -> Buffer:
-    """Refuse what is no Buffer when a method is called, not when its coroutine runs."""
+    """Refuse what is not a Buffer when a method is called, not when its coroutine runs."""
     from tfdb._core import Buffer  # noqa: PLC0415 - the extension imports this module
 
     if not isinstance(self, Buffer):

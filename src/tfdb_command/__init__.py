@@ -27,7 +27,8 @@ def _stop(number: int, _frame: object) -> NoReturn:
 def _ready_streams() -> None:
     """Have the three standard streams, and let none of them refuse a character.
 
-    What whoever started this has closed leads nowhere, and no file that is opened takes its place.
+    A stream that the starting process has closed leads nowhere, and no file that is opened takes
+    its place.
     """
     while (number := os.open(os.devnull, os.O_RDWR)) <= 2:
         pass
@@ -70,6 +71,6 @@ def main() -> None:
     except BrokenPipeError:
         signal.signal(signal.SIGPIPE, signal.SIG_DFL)
         os.kill(os.getpid(), signal.SIGPIPE)
-    except Exception:  # a mistake of the program's, which is no finding either
+    except Exception:  # a mistake of the program's, which is not a finding either
         sys.excepthook(*sys.exc_info())
         sys.exit(2)

@@ -94,7 +94,7 @@ def test_a_file_that_is_mistyped_gets_the_nearest(tmp_path: Path, tool: Tool) ->
             read(wrong)
         assert str(right) in str(refused.value)
         assert refused.value.filename == str(wrong)
-    with pytest.raises(FileNotFoundError, match="there is no folder"):
+    with pytest.raises(FileNotFoundError, match="missing folder"):
         tfdb.load(tmp_path / "runs" / "drive.mcap")
 
 

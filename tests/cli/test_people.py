@@ -79,7 +79,7 @@ def test_missing_folders_are_named(tool: Tool, mcap: Path, tmp_path: Path) -> No
         said = tool("convert", mcap, folder / name, code=2).error
         assert said.startswith(f"{tmp_path / 'results'}: the folder is missing")
     said = tool("info", folder / "drive.mcap", code=2).error
-    assert said.startswith(f"{folder / 'drive.mcap'}: there is no folder {tmp_path / 'results'}")
+    assert said.startswith(f"{folder / 'drive.mcap'}: missing folder {tmp_path / 'results'}")
     said = tool("poses", mcap, "map", "odom", "-o", mcap / "a.tum", code=2).error
     assert said.startswith(f"{mcap}: is not a folder")
 

@@ -48,7 +48,7 @@ COMMANDS = {
 }
 
 
-class _ClosedPipe(Exception):  # noqa: N818 - it is no error of the command
+class _ClosedPipe(Exception):  # noqa: N818 - it is not an error of the command
     """The output takes no more."""
 
     def __init__(self, error: BrokenPipeError) -> None:

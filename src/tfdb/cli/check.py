@@ -291,7 +291,7 @@ def _show(loaded: common.Loaded, arrivals: Arrivals, found: list[Finding]) -> No
 
 
 def _show_narrow(out: Console, finding: Finding) -> None:
-    """Print a finding in lines of its own, where there is no room for all of it in one."""
+    """Print a finding in lines of its own, where one line is too short for it."""
     frames = "".join(f" {name}," for name in _frames(finding)).rstrip(",")
     names = [layout.safe(name) for name in finding.frames]
     heading = [finding.severity, f" {finding.kind}:", *layout.words(frames, *names)]

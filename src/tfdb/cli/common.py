@@ -344,7 +344,7 @@ class Loaded:
     """What a command reads, and how it got there.
 
     `store` is a recording in memory, what was heard of a graph, a frozen store, or the state in
-    which a live store was found: of all but the first there is no `report`.
+    which a live store was found: only the first has a `report`.
     """
 
     store: Buffer | Snapshot
@@ -516,7 +516,7 @@ def flag_of(name: str) -> str:
 
 @contextmanager
 def bar_on_stderr(columns: Callable[[], Sequence[ProgressColumn]]) -> Iterator[Progress | None]:
-    """Give a bar on stderr that vanishes at the end; None where that is no terminal."""
+    """Give a bar on stderr that vanishes at the end; None where that is not a terminal."""
     if not sys.stderr.isatty():
         yield None
         return
@@ -535,7 +535,7 @@ def bar_on_stderr(columns: Callable[[], Sequence[ProgressColumn]]) -> Iterator[P
 
 @contextmanager
 def progress_bar(what: str) -> Iterator[Callable[[int, int], None] | None]:
-    """Give a callback (done, total) that moves a bar on stderr; None where that is no terminal."""
+    """Give a callback (done, total) that moves a bar on stderr; None without a terminal."""
 
     def columns() -> Sequence[ProgressColumn]:
         from rich.progress import TextColumn, TimeElapsedColumn  # noqa: PLC0415 - see `output`

@@ -178,7 +178,7 @@ def rewrite(
 
 
 def _why_none(recordings: Sequence[Recording], selection: Selection) -> str:
-    """Say why there is no message to convert."""
+    """Return why no message can be converted."""
     sources = [source for recording in recordings for source in recording.all_sources]
     empty = sorted({absolute(source.topic) for source in sources if selection.wants(source)})
     if empty:

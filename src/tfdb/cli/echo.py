@@ -159,7 +159,7 @@ class Question:
         return self
 
     def ask(self, store: Reads, now: int) -> Transform | tfdb.TfdbError:
-        """Answer it, or say why there is no answer."""
+        """Print the answer, or why it is missing."""
         stamp = self.time.ns if self.offset is None else max(now + self.offset, 0)
         try:
             return store.lookup_transform(self.target, self.source, stamp, self.policy)

@@ -21,8 +21,8 @@ _NEGATIVE = re.compile(r"-\.?[0-9]")
 class SuggestingCommand(click.Command):
     """A command with arguments that may begin with a dash: frames, and numbers below zero.
 
-    A word with a dash that is no option, and like none, is an argument where one is missing. Files
-    are not taken so.
+    A word with a dash that is not an option, and like none, is an argument where one is missing.
+    Files are not taken so.
     """
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
@@ -103,7 +103,7 @@ def _may_have_dash(param: click.Parameter) -> bool:
 
 
 def _values(word: str, options: dict[str, Any]) -> int | None:
-    """Count the words that belong to an option behind it; None where it is no option."""
+    """Count the words that belong to an option behind it; None where it is not an option."""
     name, equals, _ = word.partition("=")
     option = options.get(name)
     if name in options:

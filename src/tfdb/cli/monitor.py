@@ -117,7 +117,7 @@ class Watch:
         self.passed: list[str] = []
         """Frames from the chain's source to its target, as far as they are known."""
         self.broken: str = ""
-        """Why there is no chain now."""
+        """Why the chain is broken now."""
 
     def take_held(self) -> None:
         """Take static edges that are there already."""

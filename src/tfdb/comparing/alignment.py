@@ -33,7 +33,7 @@ MODES: dict[Align, str] = {
 """What is fitted, and how people call it."""
 
 NEEDED: dict[Align, int] = {"se3": 3, "sim3": 3, "scale": 2, "yaw": 2, "origin": 2, "none": 2}
-"""Matched poses without which there is no answer; errors over a way need two in any case."""
+"""Smallest number of matched poses; relative errors need two in any case."""
 
 _EPSILON = float(np.finfo(np.float64).eps)
 

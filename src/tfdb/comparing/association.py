@@ -105,7 +105,7 @@ def _decides(reference: Trajectory, estimate: Trajectory, *, common: bool) -> bo
 
 
 def _default(searched: Trajectory, *, interpolated: bool) -> int:
-    """The limit where none is given; a gap is no shorter than anywhere else in tfdb."""
+    """The limit where none is given; a gap is at least as long as elsewhere in tfdb."""
     period = find_gaps(searched.stamps[there(searched)])[0]
     if not interpolated or period is None:
         return NEAREST_MAX_DIFF

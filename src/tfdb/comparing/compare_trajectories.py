@@ -114,7 +114,7 @@ def compare(
     InvalidArgument
         An option outside its range, or frames that are missing.
     InvalidTransform
-        A row that is no pose. Field: index.
+        A row that is not a pose. Field: index.
 
     And what reading the files and looking up the frames raises.
 

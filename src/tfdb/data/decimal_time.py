@@ -33,8 +33,8 @@ def seconds_to_ns(text: str) -> int:
     """Nanoseconds of a decimal number of seconds, such as ``12.5`` or ``1.25e1``.
 
     Digits beyond the nanosecond, as programs that print floats leave them, are rounded to the
-    nearest one. Raises ``ValueError`` with a reason when the text is no number, negative or beyond
-    the greatest stamp.
+    nearest one. Raises ``ValueError`` with a reason when the text is not a number, negative or
+    beyond the greatest stamp.
     """
     whole, _, fraction = text.partition(".")
     digits = whole + fraction
@@ -68,7 +68,7 @@ def is_whole(text: str) -> bool:
 
 
 def whole_part(text: str) -> int | None:
-    """The number without its decimals; None for what is no number, or one of 40 digits."""
+    """The number without its decimals; None for what is not a number, or one of 40 digits."""
     whole = text.partition(".")[0]
     if is_whole(whole) and len(whole) < 40 and "e" not in text and "E" not in text:
         return int(whole)

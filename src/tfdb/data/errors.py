@@ -206,7 +206,7 @@ class NoSampleNear(TfdbError):
 
 
 class InvalidTransform(TfdbError, ValueError):
-    """Numbers that are no rigid transform, or a frame that is its own parent.
+    """Numbers that are not a rigid transform, or a frame that is its own parent.
 
     Fields: edge, parent, reason, index. Of a lookup, or of what a `Transform` computes: its result
     is not finite, as translations near 1e308 m were added. Fields: target, source, stamp, index,
@@ -259,7 +259,7 @@ class InvalidArgument(TfdbError, ValueError):
 
 
 class InvalidIndex(InvalidArgument, IndexError):
-    """There is no pose of that number in the trajectory. Field: index."""
+    """The trajectory has fewer poses than that. Field: index."""
 
 
 class CorruptMessage(TfdbError):
@@ -333,7 +333,7 @@ class NotSupported(TfdbError):
 
 
 class NoSuchStore(TfdbError):
-    """There is no store of that name, or no file, or it was removed. Fields: path, reason."""
+    """The store or file does not exist, or it was removed. Fields: path, reason."""
 
 
 class StoreExists(TfdbError):
@@ -341,7 +341,7 @@ class StoreExists(TfdbError):
 
 
 class CorruptStore(TfdbError):
-    """A file that is no store, or one of another version or machine, or cut, or damaged.
+    """A file that is not a store, or one of another version or machine, or cut, or damaged.
 
     Fields: path, reason.
     """

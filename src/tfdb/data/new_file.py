@@ -125,7 +125,7 @@ def _errors_name(path: Path, folder: Path) -> Iterator[None]:
             raise
         said = os.strerror(error.errno)
         if not path.parent.exists():
-            said = f"there is no folder {path.parent}"
+            said = f"missing folder {path.parent}"
         raise OSError(error.errno, said, str(path)) from error
 
 
@@ -148,6 +148,6 @@ def _take_name(made: Path, target: Path) -> None:
     except OSError as error:
         if error.errno not in _NO_LINKS:
             raise
-        # Whoever makes the name owns it; then it is replaced by the file.
+        # The process that makes the name owns it; then it is replaced by the file.
         os.close(os.open(target, os.O_WRONLY | os.O_CREAT | os.O_EXCL))
         made.replace(target)

@@ -26,7 +26,7 @@ def invalid(path: Path, reason: str) -> Exception:
 def given_path(path: Any, refusal: Refusal = invalid) -> Path:
     """Return the path of a file.
 
-    Raises InvalidArgument for what is no path and for the empty one, which would be the current
+    Raises InvalidArgument for what is not a path and for the empty one, which would be the current
     folder; what `refusal` makes of (path, reason) for a name that no file can have.
     """
     if isinstance(path, os.PathLike):
@@ -56,7 +56,7 @@ def missing_file(path: Path) -> FileNotFoundError:
     folder = path.parent
     missing = first_missing(path)
     if missing != path:
-        what = f"there is no folder {missing}"
+        what = f"missing folder {missing}"
         return FileNotFoundError(errno.ENOENT, f"{what}; check the path", str(path))
     from .suggestions import near_names  # noqa: PLC0415 - for errors alone
 

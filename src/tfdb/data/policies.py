@@ -21,7 +21,7 @@ _MOST_NANOSECONDS = 2**63 - 1
 
 
 def _nanoseconds(name: str, seconds: float | None, nanoseconds: int | None) -> int | None:
-    """Return a limit in nanoseconds; raise InvalidArgument if it is no duration in its range."""
+    """Return a limit in nanoseconds; raise InvalidArgument if it is not a duration in its range."""
     if seconds is not None and nanoseconds is not None:
         raise InvalidArgument(f"give {name} or {name}_ns, not both")
     if seconds is None and nanoseconds is None:

@@ -53,7 +53,7 @@ def found(poses: Array) -> npt.NDArray[np.bool_]:
 
 
 def missing(poses: Array) -> npt.NDArray[np.bool_]:
-    """Say of each row whether it is NaN as a whole, which means that there is no pose."""
+    """Say of each row whether it is NaN as a whole, which means that the pose is missing."""
     import numpy as np
 
     return np.asarray(np.isnan(poses).all(axis=1))

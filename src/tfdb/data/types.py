@@ -270,7 +270,7 @@ class Columns:
     InvalidArray
         None of these or more than one, or a shape that is not as above.
     InvalidTransform
-        A matrix is no rigid transform; the error has its `index` and says by how much.
+        A matrix is not a rigid transform; the error has its `index` and says by how much.
     InvalidArgument
         A Trajectory, or a Transform among the poses, of other frames.
     """
@@ -436,7 +436,7 @@ class FrameInfo:
     rate: float | None
     """Mean rate of the samples in Hz; None with fewer than two."""
     authority: str
-    """Who wrote last; empty if nobody said. Of a snapshot, too, who did so up to now."""
+    """Name of the last writer; empty if it gave none. A snapshot reports the newest one as well."""
     late: int = 0
     """How many samples came out of order; those of one commit and stamp are one, the last. Of a
     snapshot, too, how many did so up to now."""

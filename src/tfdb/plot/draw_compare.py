@@ -75,7 +75,7 @@ def comparison(result: Compared, *, title: str | None = None) -> Figure:
 
 
 def _joined(stamps: npt.NDArray[np.int64]) -> npt.NDArray[np.bool_]:
-    """Between which neighbours there is no hole."""
+    """Pairs of neighbours without a gap between them."""
     holes = [gap.before for gap in find_gaps(stamps)[2]]
     return np.isin(stamps[:-1], holes, invert=True)
 

@@ -53,7 +53,7 @@ class Arrivals:
     stamps: Sequence[int] | Stamps
     """Nanoseconds."""
     publishers: Sequence[str]
-    """A name for each sample; empty where nobody said."""
+    """A publisher for each sample; empty where unknown."""
 
 
 @dataclass(frozen=True)
@@ -100,14 +100,14 @@ def timeline(
     width
         Of the picture, in inches, from 5 to 100. Its height comes from the number of rows.
     rows
-        So many rows at most are drawn, if need be: of more, subtrees are folded, the deepest first,
+        Largest number of rows; beyond it subtrees are folded, the deepest first,
         into one row with the samples of all their edges. None: all are drawn, however many.
 
     Raises
     ------
     InvalidArgument
-        `max_gap`, `width` or `rows` is outside its range, `arrivals` is no mapping to `Arrivals`,
-        or one of them has not as many publishers as stamps.
+        `max_gap`, `width` or `rows` is outside its range, `arrivals` is not a mapping to
+        `Arrivals`, or one of them has not as many publishers as stamps.
     """
     if not hasattr(store, "samples"):
         got = type(store).__name__

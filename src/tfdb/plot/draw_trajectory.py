@@ -299,7 +299,7 @@ def _bring_name_near(space: Any) -> None:
 
 def _name_axes(figure: Figure, main: Axes, plane: str, target: str) -> None:
     if plane == "xyz":
-        # Along slanted axes there is no room for a frame's name.
+        # Slanted axes leave no room for a frame's name.
         space: Any = main
         for axis in (space.xaxis, space.yaxis, space.zaxis):
             axis.set_rotate_label(False)
@@ -327,7 +327,7 @@ def _scale(drawn: Sequence[_Path], color: str) -> ScalarMappable:
     low = high = 0.0
     if len(values):
         low = 0.0 if color == "speed" else float(values.min())
-        # A jump between two poses is no speed that the rest should be compared with.
+        # A jump between two poses is not a speed that the rest should be compared with.
         high = float(np.quantile(values, 0.99)) if color == "speed" else float(values.max())
     norm = Normalize(low, high if high > low else low + 1e-3)
     return ScalarMappable(norm, colormaps["viridis"])

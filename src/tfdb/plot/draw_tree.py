@@ -69,7 +69,7 @@ def frame_tree(
     Raises
     ------
     InvalidArgument
-        `rows` is no positive number, or `frames` is no store and no frames.
+        `rows` is not a positive number, or `frames` is neither a store nor frames.
     """
     check_rows(rows)
     infos = _infos(frames)

@@ -25,7 +25,7 @@ class FoldedRow:
 
 
 def check_rows(rows: object) -> None:
-    """Refuse what is no number of rows."""
+    """Refuse what is not a number of rows."""
     if rows is not None and (type(rows) is not int or rows < 1):
         raise InvalidArgument(f"rows must be a number from 1 on, or None, got {rows!r}", value=rows)
 

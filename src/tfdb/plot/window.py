@@ -20,10 +20,10 @@ def show(figure: Figure) -> None:
     Raises
     ------
     NotSupported
-        There is no screen, or matplotlib finds none of the libraries that make windows (Tk, Qt,
+        The screen is missing, or matplotlib finds none of the libraries that make windows (Tk, Qt,
         GTK).
     InvalidArgument
-        It is no Figure of matplotlib.
+        It is not a Figure of matplotlib.
     """
     from matplotlib import pyplot as plt  # noqa: PLC0415 - it chooses what makes windows
     from matplotlib.figure import Figure  # noqa: PLC0415

@@ -96,7 +96,7 @@ class Cache:
         return None
 
     def keep(self, buffer: Buffer) -> Buffer:
-        """Keep what was loaded, and open that; where there is no place for it, return it."""
+        """Keep the loaded data and open the copy; without a writable folder return them."""
         made_of = _hash(self._files)
         if [file.stat().st_mtime_ns for file in self._files] != self._times:
             return buffer  # the recording changed meanwhile

@@ -162,7 +162,7 @@ class Container:
     notes: tuple[str, ...] = ()
     """Remarks on an unfinished or renamed file: how it was read."""
     rows: TrajectoryRows | None = None
-    """What became of the rows of a trajectory file."""
+    """Counts of the rows of a trajectory file."""
 
     def __init__(
         self,
@@ -389,7 +389,8 @@ def typed_errors(path: Path, hint: str = SALVAGE) -> Iterator[None]:
 def kind_of(path: Path) -> Kind:
     """What a file is, by its first bytes; of trajectories alone the name's end tells.
 
-    Raises `RecordingError` for anything that is no recording, `OSError` where it cannot be opened.
+    Raises `RecordingError` for anything that is not a recording, `OSError` where it cannot be
+    opened.
     """
     with errors_name(path):
         mode = path.stat().st_mode

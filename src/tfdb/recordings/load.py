@@ -139,7 +139,7 @@ def load(
     Warns
     -----
     TfdbWarning
-        As `Buffer.load`; with `cache` also where there is no place for it. Then nothing is kept,
+        As `Buffer.load`; with `cache` also where no folder is writable. Then nothing is kept,
         and the buffer is not frozen.
     """
     from tfdb._core import Buffer  # noqa: PLC0415 - the extension imports this module

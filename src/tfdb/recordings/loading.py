@@ -95,7 +95,7 @@ class LoadReport:
     joints
         What the joint states made of the robot's model; None without `urdf`.
     trajectories
-        What became of the rows of each trajectory file.
+        Counts of the rows of each trajectory file.
     untimed
         Topic to the number of its transforms without a timestamp: Foxglove's messages may leave it
         out. They have the log time of their message.
@@ -192,7 +192,7 @@ def load_recordings(
     Raises
     ------
     RecordingError
-        A file is no recording, damaged or cut short; a topic is missing or holds no transforms;
+        A file is not a recording, damaged or cut short; a topic is missing or holds no transforms;
         nothing could be stored. The store is unchanged. Fields: path, reason.
     MixedSources
         Groups of topics disagree, as in `Buffer.load`. The store is unchanged.

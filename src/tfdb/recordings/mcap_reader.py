@@ -158,7 +158,7 @@ class _Index:
                 self.counts = counts
 
     def learn_in_chunk(self, kind: int, data: bytes) -> None:
-        """Take in a record of a chunk that is no message, or too short for one."""
+        """Take in a record of a chunk that is not a message, or too short for one."""
         if kind == _MESSAGE:
             self.flaws[f"a message of {len(data)} bytes, too short for one"] += _HEAD + len(data)
         elif kind in _IN_CHUNK:
@@ -184,7 +184,7 @@ class _Index:
         return known is not None and (known.schema == 0 or known.schema in self.schemas)
 
     def is_read(self, channel: int) -> bool:
-        """Whether messages of a channel can be read; a flaw where nobody can know."""
+        """Whether messages of a channel can be read; a flaw where that is unknown."""
         if not self.is_declared(channel):
             self.flaws[
                 f"messages of channel {channel}, which has no schema or is not declared"
@@ -436,8 +436,8 @@ class GrowingMcap:
     """An MCAP file that is still being written: its messages, as they come.
 
     Whatever is whole is taken, once: chunks, and messages outside of chunks. Checksums of chunks
-    are checked, that of all data is not. Raises `RecordingError` where the file is damaged, is no
-    MCAP file or shrinks; OSError.
+    are checked, that of all data is not. Raises `RecordingError` where the file is damaged, is
+    not an MCAP file or shrinks; OSError.
     """
 
     def __init__(self, path: Path) -> None:
@@ -758,7 +758,7 @@ class _Walk:
                 raise
             raw, reason = unpack_the_start(packing, packed, unpacked), error
             if len(raw) == unpacked:
-                raise  # nobody knows which of its bytes are wrong
+                raise  # which of its bytes are wrong is unknown
         if len(record) < size:
             reason = BadDataError(f"cut short in the middle of a chunk of {size} bytes")
         self._last.is_sure = reason is None and crc != 0

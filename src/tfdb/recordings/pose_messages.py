@@ -1,4 +1,4 @@
-"""Messages that hold poses, and are no TFMessages, as transforms; and those of joint states.
+"""Messages that hold poses, and are not TFMessages, as transforms; and those of joint states.
 
 Odometry, TransformStamped, PoseStamped, PoseWithCovarianceStamped and Path of ROS 1 and ROS 2;
 FrameTransform, FrameTransforms and PoseInFrame of Foxglove, in protobuf, JSON, and as messages of
@@ -34,7 +34,7 @@ _BROKEN = (
     *(struct.error, ValueError, TypeError, KeyError),
     *(IndexError, OverflowError, RecursionError),
 )
-"""What bytes raise that are no such message."""
+"""Errors of bytes that are not such a message."""
 
 
 @dataclass(frozen=True)

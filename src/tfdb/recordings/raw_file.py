@@ -158,8 +158,8 @@ def unpack_message(packed: bytes) -> bytes:
 def unpack_file(path: Path, target: Path, *, salvage: bool = False) -> str:
     """Unpack a file that is zstd as a whole; with `salvage`, as far as it goes.
 
-    Returns why not all of it was unpacked; empty: it was. Raises `BadDataError` if it is no zstd or
-    grows beyond `MAX_CHUNK` and a hundred times its size.
+    Returns why not all of it was unpacked; empty: it was. Raises `BadDataError` if it is not zstd
+    or grows beyond `MAX_CHUNK` and a hundred times its size.
     """
     room = MAX_CHUNK + 100 * path.stat().st_size
     with path.open("rb") as packed, target.open("wb") as out:

@@ -87,7 +87,7 @@ class Recording:
     TrajectoryError
         A file whose name is that of a trajectory holds none.
     InvalidArgument
-        What is no path, or an empty one.
+        What is not a path, or an empty one.
     OSError
         The file cannot be opened or read.
     """
@@ -140,7 +140,7 @@ class Recording:
 
     @property
     def rows(self) -> TrajectoryRows | None:
-        """What became of the rows of a trajectory file; None for other recordings."""
+        """Counts of the rows of a trajectory file; None for other recordings."""
         return self._container.rows
 
     def messages(
@@ -200,7 +200,7 @@ def _topic(source: Source) -> str:
 
 
 def _ignore(_: int) -> None:
-    """Nobody counts."""
+    """Nothing is counted."""
 
 
 _OPENERS = {

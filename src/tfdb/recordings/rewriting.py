@@ -112,7 +112,7 @@ class Rewriting:
     def _rewrite_others(
         self, run: Run, rewriter: Rewriter, out: _core.Recorded, *, static: bool
     ) -> None:
-        """Do it for messages that are no TFMessages."""
+        """Do it for messages that are not TFMessages."""
         written = self._others
         for index in range(run.first, run.last):
             received, id_, data = run.messages[index]

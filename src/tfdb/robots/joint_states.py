@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
     from .robot_model import Joint, JointLimits, RobotModel
 
-# Encoders are no better: what is so little beyond a limit stands at it.
+# Encoders are not better: a position so little beyond a limit counts as at it.
 _SLACK = 1e-6
 
 

@@ -142,7 +142,7 @@ class RobotModel:
     Raises
     ------
     InvalidArgument
-        Links that are no names, joints that are none, or that make no tree of the links.
+        Links that are not names, joints that are none, or that make no tree of the links.
     """
 
     def __init__(

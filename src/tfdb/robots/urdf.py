@@ -77,7 +77,7 @@ def load_urdf(path: str | os.PathLike[str]) -> RobotModel:
 def parse_urdf(text: str | bytes, name: str = "<robot_description>") -> RobotModel:
     """The same from text, such as ROS's parameter `robot_description`; `name` is for messages."""
     if isinstance(text, str):
-        text = text.encode(errors="surrogatepass")  # what is no Unicode is no XML either
+        text = text.encode(errors="surrogatepass")  # text that is not Unicode is not XML either
     if not isinstance(text, bytes | bytearray | memoryview):
         raise TypeError(f"text is that of a URDF, as str or bytes, got {shown(text)}")
     return _read(bytes(text), name)
@@ -138,7 +138,7 @@ class _Reader:
         return RobotModel(root.get("name") or "", tuple(links), joints, base)
 
     def check_attributes(self, element: Element) -> None:
-        """Note the attributes that URDF does not have; those of other namespaces are no mistake."""
+        """Note attributes that URDF does not have, except those of other namespaces."""
         known = _ATTRIBUTES.get(element.tag, ())
         for name in element.attributes if known else ():
             if name not in known and ":" not in name and name != "xmlns":

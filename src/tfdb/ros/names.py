@@ -30,7 +30,7 @@ DEFAULT_MASTER = "http://localhost:11311"
 def parse_arguments(arguments: Sequence[str]) -> dict[str, str]:
     """Remappings among a program's arguments (`from:=to`), special ones (`__name:=x`) with them.
 
-    `_parameter:=value` is no remapping: those of roslaunch are on the parameter server already.
+    `_parameter:=value` is not a remapping: those of roslaunch are on the parameter server already.
     """
     found = {}
     for argument in arguments:

@@ -192,7 +192,7 @@ class RclpyNode:
     def on_clock(self, called: Callable[[int], None]) -> Subscription:
         """Call `called(now)` whenever simulated time is set, and once when the node ends.
 
-        The node's executor calls it, amid the callback of /clock; at the end, whoever ends it, and
+        The node's executor calls it, amid the callback of /clock; at its end, from any cause, and
         at once where it has ended. It must not block.
         """
         clock = self._node.get_clock()
@@ -358,7 +358,7 @@ class _Senders:
 def _when_destroyed(node: Any, called: Callable[[], None]) -> Callable[[], object]:
     """Call `called` when the node is destroyed, or when what is returned is called.
 
-    A node tells nobody of its end but what it made: here a timer that never runs.
+    A node reports its end only to what it made: here a timer that never runs.
     """
     timer = node.create_timer(1e6, lambda: None, callback_group=Never())
     timer.cancel()

@@ -34,7 +34,7 @@ def look_again() -> None:
 
 @cache
 def message_name(kind: type) -> str | None:
-    """Name of a message's class, such as `geometry_msgs/PointStamped`; None: it is no message."""
+    """Name of a message's class, such as `geometry_msgs/PointStamped`; None for other classes."""
     name = getattr(kind, "_type", None)
     if isinstance(name, str):
         return name

@@ -109,7 +109,7 @@ class SlaveServer(ThreadingMixIn, SimpleXMLRPCServer):
 
     def _dispatch(self, method: str, params: Iterable[Any]) -> list[Any]:
         if method not in METHODS:
-            return [FAILED, f"there is no method {method!r}", 0]
+            return [FAILED, f"unknown method {method!r}", 0]
         answer = getattr(self, METHODS[method])
         _caller, *arguments = (*params,) or ("",)
         try:

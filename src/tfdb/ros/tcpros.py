@@ -75,7 +75,7 @@ def receive_header(connection: socket.socket, seconds: float) -> dict[str, str]:
     """Fields of the header that comes first on a connection, and nothing of what follows.
 
     Raises TimeoutError if it is not there in time, ConnectionError if the connection ends before,
-    CorruptMessage for what is no header. The connection has no timeout afterwards.
+    CorruptMessage for what is not a header. The connection has no timeout afterwards.
     """
     deadline = time.monotonic() + seconds
 

@@ -114,7 +114,7 @@ class Peer:
             self._on_close(self)
 
     def _flush(self) -> bool:
-        """Send until nothing waits (True) or there is no room."""
+        """Send until nothing waits (True) or the socket is full."""
         while True:
             if self._begun is None:
                 if not self._waiting:
@@ -296,7 +296,7 @@ class ServedName:
             waits = self._peers.get(peer, True)
             self._peers[peer] = True
         if waits:
-            # No client asks again before its answer: whoever does may fill the memory.
+            # No client asks again before its answer: one that does may fill the memory.
             peer.close()
         else:
             self._asked.put((peer, bytes(data)))

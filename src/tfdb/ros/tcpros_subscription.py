@@ -101,7 +101,7 @@ class Link:
         kind = f"{type(error).__name__}: {error}"
         unexpected = not isinstance(error, (*CALL_ERRORS, TfdbError, _RefusedError))
         if kind not in self._told or unexpected:
-            # That nobody is there is usual: the master still names a node that was killed.
+            # A missing publisher is usual: the master still names a node that was killed.
             LOG.log(
                 logging.INFO if isinstance(error, ConnectionRefusedError) else logging.WARNING,
                 "%s of %s: %s; tried again, and said once",

@@ -25,7 +25,7 @@ def nanoseconds(time: Any, flavor: Flavor | None = None, role: str = "time") -> 
 
     Takes integers (nanoseconds), `builtin_interfaces` and `rclpy` times and durations, those of
     rospy and genpy, and ours. Raises TypeError, with tf2's words, for anything else, and for a time
-    whose parts are no integers: a stamp is exact, so nothing is cut off.
+    whose parts are not integers: a stamp is exact, so nothing is cut off.
     """
     if type(time) is int:
         return time
@@ -60,7 +60,7 @@ def _whole(value: Any, part: str) -> int:
 
 
 def _of_object(time: Any) -> int | None:
-    """Nanoseconds of what is no message of ROS 2; None if it is no time."""
+    """Nanoseconds of what is not a message of ROS 2; None if it is not a time."""
     if isinstance(time, bool | timedelta):
         return None
     if hasattr(time, "secs") and hasattr(time, "nsecs"):

@@ -31,7 +31,7 @@ def node_for(given: Any = None, *, own_thread: bool = False) -> Node:
     own_thread
         Whether messages of an rclpy node come in a thread of their own, else in its executor.
 
-    Raises TypeError for what is no node.
+    Raises TypeError for what is not a node.
     """
     if given is None:
         return _of_the_process()

@@ -133,7 +133,7 @@ def find_stores() -> Iterator[str]:
     files = sorted(path_of("x").parent.glob(PREFIX + "*"))
     stores = [path for path in files if not CONTROL.search(path.name)]
     for path in {path.with_name(CONTROL.sub("", path.name)) for path in files} - {*stores}:
-        with suppress(TfdbError):  # whoever looks for a store that is not there removes the rest
+        with suppress(TfdbError):  # a process that looks for a missing store removes the rest
             open_store(path, False, None, None)  # noqa: FBT003 - for reading
     for path in stores:
         yield path.name.removeprefix(PREFIX)

@@ -23,7 +23,7 @@ Result = TypeVar("Result")
 """What the function of `Buffer.run` returns."""
 
 LOST_BEFORE_ALONE = 8
-"""So many attempts may lose; the next one runs alone, and then nobody can come first."""
+"""Number of attempts that may conflict; the next one runs alone and cannot."""
 
 SHORTEST_WAIT = 100e-6
 """Seconds: the most that is waited after the first lost attempt; twice as much after each next."""

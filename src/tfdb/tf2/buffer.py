@@ -201,7 +201,7 @@ class Buffer(BufferCalls, BufferCore, BufferInterface):
         except NO_ANSWER_YET as error:
             raise self._late(question, limit, began, error) from error
 
-    # Waits that block nobody
+    # Waits without a blocked thread
 
     def wait_for_transform_async(
         self, target_frame: str, source_frame: str, time: Any, timeout: Any = None

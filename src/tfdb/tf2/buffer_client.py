@@ -94,7 +94,7 @@ class BufferClient(BufferInterface):
     def client(self) -> Any:
         """In rospy: a SimpleActionClient of actionlib to the same server, made when first used.
 
-        Raises AttributeError where the process is no node of rospy.
+        Raises AttributeError where the process is not a node of rospy.
         """
         if not in_rospy():
             raise AttributeError("BufferClient.client is actionlib's: it needs a node of rospy")

@@ -55,7 +55,7 @@ def _by_role(target: str, source: str, fixed: str | None = None) -> dict[str, st
 
 
 def _check_text(names: dict[str, str]) -> None:
-    """Raise TypeError for the first of some names, by role, that is no str."""
+    """Raise TypeError for the first of some names, by role, that is not a str."""
     for role, name in names.items():
         given_name(role, name)
 
@@ -78,7 +78,7 @@ class BufferCore(CoreCalls):
         The store; None: a new one. It has a length of its own, so `cache_time` must be None.
 
     Raises InvalidArgumentException for a negative `cache_time` and an unknown flavor, TypeError for
-    what is no time, or no Buffer.
+    what is not a time, or no Buffer.
     """
 
     def __init__(
@@ -456,7 +456,7 @@ class BufferCore(CoreCalls):
         """Return the names of all frames, sorted."""
         return self._buffer.frames()
 
-    # What is said where there is no answer
+    # Texts for a missing answer
 
     def _why_not(self, target: str, source: str, stamp: int) -> tuple[int, str]:
         """What `can_transform_core` returns where the store has no answer."""

@@ -127,7 +127,7 @@ class BufferServer:
     def _finish(self, goal: Goal, ended: Any) -> None:
         """Answer a goal whose wait is over, by a transform, a timeout or an error."""
         if not ended.cancelled():
-            ended.exception()  # rclpy prints those that nobody asked for
+            ended.exception()  # rclpy prints exceptions that are never retrieved
         with self._lock:
             if self._waiting.pop(goal, None) is None:
                 return

@@ -32,7 +32,7 @@ def transform_covariance(
         p' = R p + t           so d' = R d
         Q' = R exp([a]x) Q0 = exp([R a]x) R Q0    so a' = R a
 
-    and C' = diag(R, R) C diag(R, R)^T, exactly: t moves the mean alone, and there is no lever arm
+    and C' = diag(R, R) C diag(R, R)^T, exactly: t moves the mean alone, without a lever arm
     (ROS 2's tf2_geometry_msgs does the same). One enters where the origin of the pose itself
     changes: a point that is r away from it, fixed to the same body, errs by d + a x r, so
 

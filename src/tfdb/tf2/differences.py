@@ -28,13 +28,13 @@ DIFFERENCES: dict[str, Difference] = {
     "loops": Difference(
         "a loop is stored, and found after 1000 steps of some lookups; a chain of 1001 edges is "
         "called a loop",
-        "the transform that would close a loop is refused (TF_LOOP); there is no longest chain",
+        "the transform that would close a loop is refused (TF_LOOP); chains have no longest length",
         "one bad transform must not spoil a tree that is whole",
     ),
     "infinite": Difference(
         "an infinite translation is stored, lookups give NaN",
         "refused as NaN is (TF_NAN_INPUT)",
-        "it is no transform",
+        "it is not a transform",
     ),
     "quaternion": Difference(
         "[1] one that is nearly of length one comes back as it came; [2] normalises any length "
@@ -121,7 +121,7 @@ DIFFERENCES: dict[str, Difference] = {
         "[2] result() and exception() of a future that is not done return None",
         "so they do in programs of rclpy; elsewhere they raise InvalidStateError, and wait only "
         "where they get a timeout",
-        "None is no transform, and a wait without an end would hang",
+        "None is not a transform, and a wait without an end would hang",
     ),
     "future_loop": Difference(
         "[2] an awaited future keeps a loop of asyncio busy",
@@ -179,7 +179,7 @@ DIFFERENCES: dict[str, Difference] = {
         "do_transform_* takes any quaternion: [1] stretches by its length, [2] makes it of length "
         "one, and the identity of one of length 0",
         "InvalidArgumentException unless it is finite and of length one, as set_transform has it",
-        "it is no transform",
+        "it is not a transform",
     ),
     "conversion_orientation": Difference(
         "[1] an orientation of a length other than one comes back as another rotation",

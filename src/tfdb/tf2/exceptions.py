@@ -39,7 +39,7 @@ class ConnectivityException(TransformException, Disconnected):
 
 
 class LookupException(TransformException, UnknownFrame):
-    """There is no frame of that name. Fields: frame, target, source."""
+    """No frame has that name. Fields: frame, target, source."""
 
 
 class ExtrapolationException(TransformException, Extrapolation):

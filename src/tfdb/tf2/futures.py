@@ -148,7 +148,7 @@ def _rclpys() -> Any:
         return None
     try:
         from rclpy.task import Future
-    except ImportError:  # what `tfdb.tf2.install` gives where there is no ROS
+    except ImportError:  # what `tfdb.tf2.install` gives without ROS
         return None
     return _rclpys_future(Future)
 

@@ -146,7 +146,7 @@ class Sent(Protocol):
     """A goal that a client has sent. Any thread may call it."""
 
     def forget(self) -> None:
-        """Call `on_result` no more, and tell the server that nobody waits."""
+        """Call `on_result` no more, and cancel the goal at the server."""
 
 
 class ClientTransport(Protocol):

@@ -133,7 +133,7 @@ class _Sent:
         self._lock = threading.Lock()
 
     def forget(self) -> None:
-        """Call `on_result` no more, and tell the server that nobody waits."""
+        """Call `on_result` no more, and cancel the goal at the server."""
         with self._lock:
             waited, self._on_result = self._on_result, None
             handle = self._handle
@@ -192,7 +192,7 @@ class Ros2Client:
         return False
 
     def wait_ready(self, seconds: float) -> None:
-        """Return after so long: rclpy tells nobody that a server has come."""
+        """Return after so long: rclpy does not report a new server."""
         self._never.wait(seconds)
 
     def send(self, goal: LookupGoal, on_result: Callable[[LookupResult | None], None]) -> _Sent:

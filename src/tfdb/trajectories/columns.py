@@ -66,7 +66,7 @@ class Layout:
     note: str = ""
 
     def fields(self, line: str) -> list[str]:
-        """The fields of a line; a separator behind the last one is no field."""
+        """The fields of a line; a separator behind the last one is not a field."""
         fields = split(line, self.separator)
         if self.separator and not fields[-1] and len(fields) - 1 in self.counts:
             fields.pop()
@@ -124,8 +124,8 @@ def _sample(lines: Lines) -> Row | None:
 def _named(lines: Lines, sample: Row, separator: str | None, *, fallback: bool) -> Layout | None:
     """The layout that a heading names; None where there is none.
 
-    A comment counts only if it names all that is needed. A heading that is no comment must, unless
-    there is a `fallback`.
+    A comment counts only if it names all that is needed. A heading that is not a comment must,
+    unless there is a `fallback`.
     """
     fields = split(sample[1], separator)
     for number, heading in reversed(list(lines.headings())):

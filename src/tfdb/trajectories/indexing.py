@@ -28,7 +28,7 @@ def checked_rows(rows: Any, count: int) -> Any:
         try:
             return _row(operator.index(rows), count)
         except TypeError:
-            pass  # refused below, if it is no array
+            pass  # refused below, if it is not an array
     try:
         picked = np.asarray(rows)
     except (TypeError, ValueError):

@@ -51,7 +51,7 @@ class Lines:
         ]
         """The lines with data: all but comments and a heading."""
         self.heading: tuple[int, str] | None = None
-        """The first line, where it is no comment and no data."""
+        """The first line, where it is neither a comment nor data."""
         if self.rows and is_heading(self.rows[0][1]):
             self.heading = self.rows.pop(0)
 
@@ -93,7 +93,7 @@ def _check_zeros(path: Path, raw: bytes) -> None:
         return
     text = _ZEROS.sub(b"", raw.rstrip(b"\0"))
     if not text:
-        raise TrajectoryError(path, None, f"all its {len(raw):,} bytes are zero: there is no text")
+        raise TrajectoryError(path, None, f"all its {len(raw):,} bytes are zero, without text")
     first = text[:4096].partition(b"\n")[0].decode(errors="replace")
     if b"\0" in raw[:4096] and ("\ufffd" in first or _BINARY.search(text[:4096])):
         what = "a binary file, neither NPZ nor Parquet, and no trajectory in text"
@@ -101,7 +101,7 @@ def _check_zeros(path: Path, raw: bytes) -> None:
 
 
 def zeros(line: str) -> str | None:
-    """Why a line with zero bytes is no row."""
+    """Why a line with zero bytes is not a row."""
     count = line.count("\0")
     if not count:
         return None

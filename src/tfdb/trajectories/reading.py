@@ -269,7 +269,7 @@ def _read_kitti(
 
 
 def _kitti_reason(line: str) -> str | None:
-    """Why a line is no 3x4 matrix."""
+    """Why a line is not a 3x4 matrix."""
     broken = zeros(line)
     if broken is not None:
         return broken
@@ -291,7 +291,7 @@ def _kitti_poses(
     *,
     salvage: bool,
 ) -> Poses:
-    """The poses of 3x4 matrices; with `salvage` those that are no rotation leave `kept`."""
+    """The poses of 3x4 matrices; with `salvage` those that are not rotations leave `kept`."""
     matrices = np.tile(np.eye(4), (len(rows), 1, 1))
     matrices[:, :3] = np.array(rows, dtype=np.float64).reshape(-1, 3, 4)
     try:

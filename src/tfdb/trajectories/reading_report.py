@@ -1,4 +1,4 @@
-"""What became of the rows of a trajectory file."""
+"""Counts of the rows of a trajectory file."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 @dataclass
 class TrajectoryRows:
-    """What a trajectory file holds, and what became of its rows.
+    """Counts of the rows of a trajectory file.
 
     Parameters
     ----------
@@ -70,7 +70,7 @@ class TrajectoryRows:
 
     @property
     def summary(self) -> str:
-        """How many rows, and what became of those that are no pose of their own."""
+        """Number of rows, and counts of those without a pose of their own."""
         parts = [f"{self.rows:,} row{'' if self.rows == 1 else 's'}"]
         if self.repeated:
             other = f", {self.differing:,} with another pose" if self.differing else ""

@@ -279,7 +279,7 @@ def _odd_units(usual: Unit, sizes: Mapping[int, int], shown: Mapping[int, str]) 
         if unit == usual:
             near = line
         elif unit is not None or usual != "s":
-            what = "is no date in any unit" if unit is None else f"looks like {UNITS[unit][1]}"
+            what = "is not a date in any unit" if unit is None else f"looks like {UNITS[unit][1]}"
             odd[line] = (
                 f"stamp {shown[line][:40]} {what}, {shown[near][:40]} in line {near} like "
                 f"{UNITS[usual][1]}"

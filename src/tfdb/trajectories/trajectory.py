@@ -143,7 +143,7 @@ class Trajectory:  # noqa: PLW1641 - as arrays, it has no hash
         poses: npt.NDArray[np.float64],
         repeated: int = 0,
     ) -> None:
-        """Take arrays that nobody writes to any more."""
+        """Take arrays that are not written to any more."""
         self._target, self._source, self._repeated = target, source, repeated
         self._stamps, self._poses = stamps.view(), poses.view()
         self._stamps.setflags(write=False)
@@ -357,8 +357,8 @@ class Trajectory:  # noqa: PLW1641 - as arrays, it has no hash
     def __getitem__(self, rows: Any) -> Transform | Trajectory:
         """Return one pose as a Transform, or some as a Trajectory.
 
-        Raises InvalidIndex for a row that is not there, InvalidArray for what is no index or would
-        bring the stamps out of order, NoSampleNear for one pose that is missing.
+        Raises InvalidIndex for a row that is not there, InvalidArray for what is not an index or
+        would bring the stamps out of order, NoSampleNear for one pose that is missing.
         """
         from .indexing import checked_rows  # noqa: PLC0415 - needs numpy
 
@@ -432,7 +432,8 @@ class Trajectory:  # noqa: PLW1641 - as arrays, it has no hash
         policy
             How stamps between poses are answered. None: Interpolate().
         missing
-            Of many: `raise`, or `nan` for NaN where there is no answer, as in `lookup_transforms`.
+            Of many: `raise`, or `nan` for NaN where an answer is missing, as in
+            `lookup_transforms`.
 
         Returns
         -------

@@ -37,7 +37,7 @@ def write(
         into = recording if recording is not None else rr.get_data_recording()
         if not isinstance(into, rr.RecordingStream):
             raise InvalidArgument(
-                "there is no recording of Rerun to log to: give a path, or recording=, or call "
+                "no recording of Rerun to log to: give a path, or recording=, or call "
                 "rerun.init() first",
                 value=recording,
             )
