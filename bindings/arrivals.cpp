@@ -27,7 +27,7 @@ namespace {
 
 using wire::TransformView;
 
-/// Threads: whoever has the GIL.
+/// Threads: the holder of the GIL.
 class ArrivalLog {
 public:
     explicit ArrivalLog(bool with_store) : arrivals(with_store) {}

@@ -275,7 +275,7 @@ int traverse_part(const Part& part, visitproc visit, void* arg) {
 }
 
 /// What is behind the Python class: the function, and its recipe once it was looked for.
-/// Threads: whoever has the GIL; without one, any.
+/// Threads: the holder of the GIL; without one, any.
 /// Guarantee: a recipe that was found stays, so that it may be used while others run.
 class MessageMaker {
 public:

@@ -24,7 +24,7 @@ public:
 #else
 
 /// A direct-mapped cache of handles by the address of the str, which it keeps alive, so that an
-/// address never comes to mean another name. Threads: whoever has the GIL.
+/// address never comes to mean another name. Threads: the holder of the GIL.
 /// Guarantee: a handle may be out of date; the question that takes it says so.
 class NameCache {
 public:

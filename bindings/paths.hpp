@@ -16,7 +16,7 @@ namespace tfdb::python {
 
 /// The tuple (child, parent, child, parent, ...) of the edges of an answer, which keeps its report
 /// right when frames are gone and the store is freed. Answers over the same path share it.
-/// Threads: whoever has the GIL; without one, any, and nothing is shared.
+/// Threads: the holder of the GIL; without one, any, and nothing is shared.
 /// Guarantee: the names are those that the frames had in the state of the answer.
 class PathNames {
 public:

@@ -40,7 +40,7 @@ private:
     std::atomic<std::uint64_t> word_{0};
 };
 
-/// What is behind the Python class Reads. Threads: whoever has the GIL; without one, any.
+/// What is behind the Python class Reads. Threads: the holder of the GIL; without one, any.
 /// Guarantee: `reads` is null once it is closed, and nothing is read after that.
 struct ReadsObject {
     const Reads* reads = nullptr;

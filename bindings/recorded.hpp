@@ -27,7 +27,7 @@ struct RecordedMessage {
 };
 
 /// Messages in the order in which they are to be stored.
-/// Threads: whoever has the GIL. Guarantee: bytes stay where they are while this lives.
+/// Threads: the holder of the GIL. Guarantee: bytes stay where they are while this lives.
 class Recorded {
 public:
     Recorded() = default;

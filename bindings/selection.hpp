@@ -15,7 +15,7 @@ namespace nb = nanobind;
 namespace tfdb::python {
 
 /// A selection, or null, and the rule of each source.
-/// Threads: whoever has the GIL made it; one uses it. The arguments of the constructor outlive it.
+/// Threads: the holder of the GIL; one uses it. The arguments of the constructor outlive it.
 class SelectedSources {
 public:
     SelectedSources(nb::handle selection, const nb::dict& rules);
