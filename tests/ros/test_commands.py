@@ -135,7 +135,7 @@ def test_serve_is_told_to_end(ros1: str, robot: Robot, store: str) -> None:
         until(lambda: serving.process.poll() is not None, "the end of the command")
         assert serving.process.returncode == 2
         assert serving.process.stderr
-        assert "/serving was ended" in serving.process.stderr.read()
+        assert "the node /serving was stopped from outside" in serving.process.stderr.read()
 
 
 def numbers(text: str) -> list[list[float]]:

@@ -8,7 +8,7 @@ import subprocess
 import sys
 import threading
 import xmlrpc.client
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import pytest
 
@@ -276,27 +276,46 @@ def test_two_nodes_in_one_process_and_remapped_names(ros1: str) -> None:
 
 
 def test_the_slave_api(node: TcprosNode, rospy_child: RospyChild) -> None:
-    publisher = node.advertise("out", TF)
-    rospy_child.call("listen", "/out", TF)
+    publisher = node.advertise("asked", TF)
+    rospy_child.call("listen", "/asked", TF)
     until(lambda: publisher.subscribers == ["/theirs"], "a subscriber")
     with xmlrpc.client.ServerProxy(node.uri) as slave:
-        assert slave.getPublications("/test")[2] == [["/out", TF]]
+        assert slave.getPublications("/test")[2] == [["/asked", TF]]
         assert slave.getSubscriptions("/test")[2] == []
         assert slave.getMasterUri("/test")[2] == node._master.uri
         assert slave.getPid("/test")[2] > 0
-        assert slave.getBusInfo("/test")[2] == [[0, "/theirs", "o", "TCPROS", "/out", True]]
+        assert slave.getBusInfo("/test")[2] == [[0, "/theirs", "o", "TCPROS", "/asked", True]]
         assert slave.getBusStats("/test") == [1, "", [[], [], []]]
         assert slave.paramUpdate("/test", "/x", 1)[0] == 1
         assert slave.requestTopic("/test", "/none", [["TCPROS"]])[0] == -1
-        assert slave.requestTopic("/test", "/out", [["UDPROS"]])[0] == 0
-        assert slave.requestTopic("/test", "/out", [["TCPROS"]])[2][0] == "TCPROS"
+        assert slave.requestTopic("/test", "/asked", [["UDPROS"]])[0] == 0
+        assert slave.requestTopic("/test", "/asked", [["TCPROS"]])[2][0] == "TCPROS"
         assert slave.requestTopic("/test")[0] == -1
-        assert slave.publisherUpdate("/test", "/out", 5)[0] == -1
+        assert slave.publisherUpdate("/test", "/asked", 5)[0] == -1
         assert slave._dispatch("/test")[0] == -1
         assert slave.shutdown("/test", "enough")[0] == 1
     assert node.wait_closed(SECONDS)
     with pytest.raises(tfdb.errors.NodeClosed, match="enough"):
-        node.advertise("out", TF)
+        node.advertise("asked", TF)
+
+
+def test_a_node_ends_after_it_has_answered_who_ends_it(
+    node: TcprosNode, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    answered, was_answered = threading.Event(), []
+    kind = type(node._slave._node)
+    tell = kind.told_to_end
+
+    def wait_and_tell(self: Any, reason: str) -> None:
+        was_answered.append(answered.wait(SECONDS))
+        tell(self, reason)
+
+    monkeypatch.setattr(kind, "told_to_end", wait_and_tell)
+    with xmlrpc.client.ServerProxy(node.uri) as slave:
+        assert slave.shutdown("/test", "enough")[0] == 1
+    answered.set()
+    assert node.wait_closed(SECONDS)
+    assert was_answered == [True]
 
 
 def test_closing_takes_everything_back(ros1: str) -> None:

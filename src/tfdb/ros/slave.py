@@ -80,6 +80,9 @@ class _Handler(SimpleXMLRPCRequestHandler):
             self.send_error(TOO_LARGE)
             return
         super().do_POST()
+        self.wfile.flush()
+        if isinstance(self.server, SlaveServer):
+            self.server.was_answered()
 
     def log_message(self, format: str, *args: Any) -> None:  # noqa: A002  (the name above)
         LOG.debug("XML-RPC: %s", format % args)
@@ -101,6 +104,7 @@ class SlaveServer(ThreadingMixIn, SimpleXMLRPCServer):
         self.port: int = self.server_address[1]
         """Where it listens."""
         self._node = node
+        self._told_to_end: str | None = None
         loop.watch(self.socket, selectors.EVENT_READ, lambda _: self.handle_request())
 
     def handle_error(self, request: Any, client_address: Any) -> None:  # noqa: ARG002
@@ -132,8 +136,14 @@ class SlaveServer(ThreadingMixIn, SimpleXMLRPCServer):
     def _master_uri(self) -> list[Any]:
         return [DONE, "", self._node.master_uri()]
 
+    def was_answered(self) -> None:
+        """End the node if the request told so: its answer is on the way, and would be lost."""
+        reason, self._told_to_end = self._told_to_end, None
+        if reason is not None:
+            self._node.told_to_end(reason)
+
     def _shutdown(self, reason: object = "") -> list[Any]:
-        self._node.told_to_end(str(reason))
+        self._told_to_end = str(reason)
         return [DONE, "shutdown", 0]
 
     def _pid(self) -> list[Any]:

@@ -498,8 +498,7 @@ class _Slave:
     def told_to_end(self, reason: str) -> None:
         why = f"it was told to end: {reason or 'no reason given'}"
         LOG.warning("%s is closed: %s", self._node.name, why)
-        # Not in this thread: the caller waits for the answer.
-        threading.Thread(target=self._node._close, args=(why,), daemon=True).start()
+        self._node._close(why)
 
     def master_uri(self) -> str:
         return self._node._master.uri
