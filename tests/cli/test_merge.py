@@ -98,6 +98,31 @@ def test_parts_that_follow_one_another_are_merged(tool: Tool, tmp_path: Path) ->
     assert len(tfdb.load(out).samples("base")[0]) == 20
 
 
+@pytest.mark.parametrize("suffix", [".bag", ".mcap"])
+def test_a_late_sample_in_the_next_part_is_merged(tool: Tool, tmp_path: Path, suffix: str) -> None:
+    received = (range(10), [10, 11, 12])
+    stamps = (range(10), [10, 8, 12])  # the sample of 0.8 s came 0.3 s late, in the second part
+    parts = []
+    for n, (times, seen) in enumerate(zip(received, stamps, strict=True)):
+        parts.append(tmp_path / f"{n}{suffix}")
+        with RecordingWriter(parts[-1]) as writer:
+            one = tfdb.TransformStamped("base", "cam", 0, (1, 1, 2), TURN)
+            data = tfdb.encode_tf_message([one], writer.encoding)
+            writer.write(data, S, topic="/tf_static", static=True)
+            for time, stamp in zip(times, seen, strict=True):
+                late = stamp + (stamp != time) / 2  # 0.85 s, between two samples of the first part
+                at = int(S + late * S / 10)
+                one = tfdb.TransformStamped("map", "base", at, (late, 1, 2), TURN)
+                data = tfdb.encode_tf_message([one], writer.encoding)
+                writer.write(data, S + time * S // 10, topic="/tf")
+    out = tmp_path / f"whole{suffix}"
+    tool("merge", *parts, "-o", out)
+    whole, both = tfdb.load(out), tfdb.Buffer(history=None)
+    both.load(parts)
+    assert whole.samples("base")[0].tolist() == both.samples("base")[0].tolist()
+    assert len(whole.samples("base")[0]) == 13
+
+
 def test_what_contradicts_itself_is_refused(tool: Tool, tmp_path: Path) -> None:
     moving = record(tmp_path / "a.bag", {("map", "base"): range(10)}, {("base", "cam"): 1})
     out = tmp_path / "out.bag"

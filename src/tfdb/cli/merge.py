@@ -132,12 +132,18 @@ def _refuse_conflicts(
     """Refuse files that write one edge at the same time, or whose edges make a cycle."""
     inputs = [recording.path for recording in recordings]
     stores = []
+    received = []
     for recording, rewriter in zip(recordings, rewriters, strict=True):
         store = tfdb.Buffer(history=None)
         store.set_transforms(rewriter.fixed_joints(), static=True)
+        times = []
         for run in recording.read(selection.wants, selection.kind):
-            rewriter.ingest(run, store, *selection.kind(run.source))
+            kind, is_static = selection.kind(run.source)
+            rewriter.ingest(run, store, kind, is_static)
+            if not is_static:
+                times += [run.start, run.end]
         stores.append(store)
+        received.append((min(times, default=0), max(times, default=0)))
     if not any(store.frames() for store in stores):
         reasons = [rewriter.reason() for rewriter in rewriters if rewriter.left_out]
         raise click.ClickException(": ".join(["nothing to merge", *reasons[:1]]))
@@ -147,8 +153,11 @@ def _refuse_conflicts(
     for rewriter in dict.fromkeys(rewriters):
         named = [path for path, each in zip(inputs, rewriters, strict=True) if each is rewriter]
         rewriter.warn(", ".join(map(str, named)), 2)
-    for (one, ours), (other, theirs) in combinations(zip(inputs, stores, strict=True), 2):
-        found = list(_conflicts(ours, theirs))
+    files = zip(inputs, stores, received, strict=True)
+    for (one, ours, first), (other, theirs, second) in combinations(files, 2):
+        # Parts received one after the other may share stamps: samples come late.
+        beside = max(first[0], second[0]) <= min(first[1], second[1])
+        found = list(_conflicts(ours, theirs, beside=beside))
         if found:
             more = f", and {counted(len(found) - 1, 'more edge')}" if len(found) > 1 else ""
             raise click.ClickException(
@@ -172,8 +181,11 @@ def _refuse_conflicts(
         ) from None
 
 
-def _conflicts(one: Buffer, other: Buffer) -> Iterator[str]:
-    """Say of each edge that both stores have how they contradict each other, if they do."""
+def _conflicts(one: Buffer, other: Buffer, *, beside: bool) -> Iterator[str]:
+    """Say of each edge in both stores how they contradict each other, if they do.
+
+    `beside`: the files were received at the same time.
+    """
     theirs = {info.name: info for info in other.tree() if info.parent is not None}
     for info in one.tree():
         edge = theirs.get(info.name)
@@ -185,7 +197,7 @@ def _conflicts(one: Buffer, other: Buffer) -> Iterator[str]:
         elif info.is_static:
             if _static(one, info) != _static(other, edge):
                 yield f"have another static {name}"
-        elif info.oldest is not None and edge.oldest is not None:
+        elif beside and info.oldest is not None and edge.oldest is not None:
             first = max(info.oldest, edge.oldest)
             last = min(info.newest or 0, edge.newest or 0)
             if first <= last:
