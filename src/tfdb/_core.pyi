@@ -1247,7 +1247,7 @@ class Buffer(Reads):
                 nodes. Frames below form a tree of their own; `frames` counts paths without them.
                 `"/tf_static:base_link"` names one edge on one topic, by its child frame.
             keep
-                Only so many seconds before `end`, or before the last moving stamp.
+                Only so many seconds before the earlier of `end` and the last moving stamp.
             rename
                 New names of frames by their old ones, as in `{"map": "world"}`. `frames` and `exclude` are
                 about the old ones.

@@ -98,7 +98,7 @@ def test_parquet_keeps_the_names_of_frames(
 def test_what_is_no_trajectory(tool: Any, path: tfdb.Trajectory, tmp_path: Path) -> None:
     file = tmp_path / "list.txt"
     file.write_text("1 2 3\n")
-    assert "3 columns are neither TUM" in tool("tree", file, code=2).error
+    assert "no known format has 3 columns" in tool("tree", file, code=2).error
     file.write_text("1 0 0 0 0 0 0 1\n2 0 0 0 0 0 0 7\n")
     assert "list.txt:2: " in tool("info", file, code=2).error
     with pytest.raises(tfdb.errors.TrajectoryError, match="not of unit length: 7"):

@@ -353,8 +353,8 @@ BAD_TUM = [
     (f"1 {UNIT}\n2 {UNIT}\n99999999999 {UNIT}\n", 3, "stamp_unit= (--stamp-unit) names another"),
     ("", None, "no pose"),
     ("# only a comment\n\n", None, "no pose"),
-    ("1 2 3\n", 1, "3 columns are neither"),
-    ("1,2,3\n", 1, "3 columns are neither"),
+    ("1 2 3\n", 1, "no known format has 3 columns"),
+    ("1,2,3\n", 1, "no known format has 3 columns"),
 ]
 
 

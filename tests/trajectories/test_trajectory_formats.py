@@ -484,7 +484,7 @@ AMBIGUOUS = [
     (" ", [["7", *row] for row in rows()], "9 columns by blanks without names could be several"),
     (",", [["7", *row] for row in rows(str)], "9 columns by commas without names could be several"),
     (" ", [[*row, "1", "2", "3"] for row in rows(str)], "11 columns by blanks without names"),
-    (" ", [row[:5] for row in rows()], "5 columns are neither TUM"),
+    (" ", [row[:5] for row in rows()], "no known format has 5 columns"),
 ]
 
 

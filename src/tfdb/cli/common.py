@@ -180,8 +180,8 @@ _choice_options = (
         metavar="TOPIC[=CHILD]",
         callback=_choose_poses,
         expose_value=False,
-        help="Read the poses of TOPIC, too (Odometry, PoseStamped, Path ...), as those of the "
-        "frame CHILD; repeatable.",
+        help="Also read the poses on TOPIC (Odometry, PoseStamped, Path ...) as poses of the frame "
+        "CHILD; repeatable.",
     ),
     _chooses(
         "--urdf",

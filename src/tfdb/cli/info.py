@@ -78,13 +78,13 @@ def mixed_body(error: tfdb.errors.MixedSources) -> dict[str, Any]:
 
 
 def rows_body(report: LoadReport | None) -> dict[str, Any]:
-    """Return what became of the rows of trajectory files, as JSON; nothing where none was read."""
+    """Return how many rows of each trajectory file were read, repeated or skipped, as JSON."""
     found = report.trajectories if report else ()
     return {"trajectories": [vars(rows) for rows in found]} if found else {}
 
 
 def say_rows(out: Console, trajectories: Sequence[TrajectoryRows]) -> None:
-    """Print how many rows each trajectory file has, and what became of them."""
+    """Print how many rows of each trajectory file were read, repeated or skipped."""
     for rows in trajectories:
         name = f"{given_path(rows.path).name}: " if len(trajectories) > 1 else ""
         out.print(layout.wrap(layout.words(f"{name}{rows.summary}")))

@@ -131,7 +131,7 @@ def font() -> dict[str, Any]:
 def title(figure: Figure, text: str, under: str = "", **where: Any) -> None:
     """Write a left-aligned title with a quieter line under it; `where` places the first line.
 
-    What is wider than the figure loses its middle.
+    Text wider than the figure is shortened in the middle.
     """
     refuse_without(text, "title", "a str", "isascii", "isprintable")
     width, height = figure.get_size_inches()

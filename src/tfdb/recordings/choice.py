@@ -651,7 +651,7 @@ class Rewriter:
         return self.transforms(self.joints.fixed, source, static=True)
 
     def joints_report(self) -> JointReport | None:
-        """What became of the joint states; None without a model."""
+        """How many joint states were used and refused; None without a model."""
         return None if self.joints is None else self.joints.report()
 
     def transforms(

@@ -593,7 +593,7 @@ class _Meter:
 
 @dataclass
 class _Tally:
-    """Stores runs of messages and counts what became of them."""
+    """Stores runs of messages and counts stored and refused transforms."""
 
     buffer: Buffer
     messages: int = 0

@@ -93,7 +93,7 @@ class JointStates:
     model
         The robot.
     taken
-        Frames whose way to their parent something else says: the model is silent about them.
+        Frames whose transforms come from elsewhere: the model makes none for them.
     """
 
     def __init__(self, model: RobotModel, taken: Iterable[str] = ()) -> None:

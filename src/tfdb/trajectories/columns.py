@@ -11,6 +11,7 @@ from collections import Counter
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, TypeAlias
 
+from tfdb.data.counting import counted
 from tfdb.data.decimal_time import Unit, is_whole
 
 from .column_names import NamesError, named_columns
@@ -222,8 +223,8 @@ def _guessed(lines: Lines, sample: Row, separator: str | None) -> Layout | None:
         raise lines.error(number, reason + ("'tum'" if count == 8 else "..."))
     raise lines.error(
         number,
-        f"{count} columns are neither TUM (8, by spaces), KITTI (12) nor EuRoC (8, 11 or 17, "
-        f"commas); {NAME_THEM}...",
+        f"no known format has {counted(count, 'column')}: TUM has 8, by spaces, KITTI 12, EuRoC 8, "
+        f"11 or 17, by commas; {NAME_THEM}...",
     )
 
 

@@ -228,7 +228,7 @@ def _no_times(path: Path) -> TrajectoryError:
         path,
         None,
         f"KITTI poses carry no stamps: neither {names} is beside it, pass times=...; "
-        "association='rows' (--association rows) compares without stamps",
+        "only compare works without stamps: association='rows' (--association rows)",
     )
 
 

@@ -1,4 +1,4 @@
-"""Rows of a trajectory file to stamps and poses, and what became of each row."""
+"""Rows of a trajectory file to stamps and poses, with counts of repeated and skipped rows."""
 
 from __future__ import annotations
 
