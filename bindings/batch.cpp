@@ -9,6 +9,7 @@
 #include "arrays.hpp"
 #include "batch.hpp"
 #include "errors.hpp"
+#include "pose.hpp"
 #include "reads.hpp"
 #include "stamp.hpp"
 
@@ -96,14 +97,6 @@ PyObject* lookup_transforms(PyObject* self, PyObject* const* args, Py_ssize_t co
     });
 }
 
-/// Points as the core wants them: rows of three neighbouring numbers.
-struct Points {
-    ArrayView view;
-    nb::object array;
-    std::size_t count;
-    std::size_t stride;  // in elements
-};
-
 /// `writable` ones must fit as they are; others are copied where their strides do not fit.
 Points points_of(nb::handle object, const char* role, bool writable) {
     constexpr const char* kExpected = "an array (N, 3) of float32 or float64";
@@ -154,16 +147,6 @@ void check_out(const Points& points, const Points& out, nb::handle object) {
     }
 }
 
-template <class T>
-void move_points(const Pinned& pinned, std::string_view target, std::string_view source,
-                 const Points& points, std::span<const StampNs> stamps, Policy policy,
-                 Missing missing, const Points& out) {
-    const LongWork work(pinned.may_wait() || points.count >= kReleaseFromRows);
-    pinned.reads.transform_points(target, source, points.view.data<const T>(), points.stride,
-                                  points.count, stamps, policy, missing, out.view.data<T>(),
-                                  out.stride);
-}
-
 /// Arrays of no dimension are iterable by their names only.
 bool is_one_stamp(nb::handle stamps) {
     if (nb::hasattr(stamps, "ndim")) {
@@ -172,44 +155,32 @@ bool is_one_stamp(nb::handle stamps) {
     return !PySequence_Check(stamps.ptr()) && !nb::hasattr(stamps, "__iter__");
 }
 
+/// An array like the points, where none is given.
+Points points_out(const Points& from, nb::handle out) {
+    nb::object array = nb::borrow(out);
+    if (out.is_none()) {
+        array = from.view.kind() == Kind::kFloat32 ? new_floats({from.count, 3}).array
+                                                   : new_doubles({from.count, 3}).array;
+    }
+    Points to = points_of(array, "out", true);
+    check_out(from, to, array);
+    return to;
+}
+
 nb::object transform_points(nb::handle self, nb::handle target, nb::handle source,
                             nb::handle points, nb::handle stamps, nb::handle policy, nb::handle out,
                             nb::handle missing) {
     const Pinned pinned = pin(self, object_of<ReadsObject>(self));
-    const Policy how = policy_of(policy.ptr());
-    const Points from = points_of(points, "points", false);
-    std::optional<Stamps> many;
-    StampNs one = 0;
-    if (is_one_stamp(stamps)) {
-        one = stamp_of(stamps.ptr());
-    } else {
-        many.emplace(stamps);
+    const PointsWanted wanted(target, source, points, stamps, policy, out, missing);
+    {
+        const LongWork work(pinned.may_wait() || wanted.from.count >= kReleaseFromRows);
+        wanted.move_with(pinned.reads);
     }
-    const std::span<const StampNs> when = many ? many->values() : std::span<const StampNs>(&one, 1);
-    if (many && when.size() != from.count) {
-        throw_bad_array(
-            "stamps", "one stamp, or one for each of the " + std::to_string(from.count) + " points",
-            std::to_string(when.size()) + " stamps");
-    }
-    nb::object target_array = nb::borrow(out);
-    if (out.is_none()) {
-        target_array = from.view.kind() == Kind::kFloat32 ? new_floats({from.count, 3}).array
-                                                          : new_doubles({from.count, 3}).array;
-    }
-    const Points to = points_of(target_array, "out", true);
-    check_out(from, to, target_array);
-    if (many && !out.is_none()) {
-        many->check_apart(out);
-    }
-    const std::string_view into = name_of(target, "target");
-    const std::string_view out_of = name_of(source, "source");
-    const Missing absent = missing_of(missing);
-    if (from.view.kind() == Kind::kFloat32) {
-        move_points<float>(pinned, into, out_of, from, when, how, absent, to);
-    } else {
-        move_points<double>(pinned, into, out_of, from, when, how, absent, to);
-    }
-    return target_array;
+    return wanted.to.array;
+}
+
+std::string_view optional_name_of(nb::handle name, const char* role) {
+    return name.is_none() ? std::string_view() : name_of(name, role);
 }
 
 constexpr const char* kLookupTransformsDoc =
@@ -297,6 +268,43 @@ RowsWanted::RowsWanted(nb::handle target_name, nb::handle source_name, nb::handl
         stamps.check_apart(out);
     }
 }
+
+PointsWanted::PointsWanted(nb::handle target_name, nb::handle source_name, nb::handle points,
+                           nb::handle stamps, nb::handle how, nb::handle out, nb::handle absent)
+    : policy(policy_of(how.ptr())),
+      missing(Missing::kThrow),
+      from(points_of(points, "points", false)),
+      to{} {
+    if (is_one_stamp(stamps)) {
+        one = stamp_of(stamps.ptr());
+    } else {
+        many.emplace(stamps);
+        if (const std::size_t given = many->values().size(); given != from.count) {
+            throw_bad_array(
+                "stamps",
+                "one stamp, or one for each of the " + std::to_string(from.count) + " points",
+                std::to_string(given) + " stamps");
+        }
+    }
+    to = points_out(from, out);
+    if (many && !out.is_none()) {
+        many->check_apart(out);
+    }
+    target = name_of(target_name, "target");
+    source = name_of(source_name, "source");
+    missing = missing_of(absent);
+}
+
+VelocityWanted::VelocityWanted(nb::handle target_name, nb::handle source_name, nb::handle when,
+                               nb::handle length, nb::handle axes, nb::handle where,
+                               nb::handle where_frame)
+    : target(name_of(target_name, "target")),
+      source(name_of(source_name, "source")),
+      stamp(optional_stamp_of(when.ptr())),
+      interval(duration_of(length, "interval")),
+      reference(optional_name_of(axes, "reference")),
+      point(vector_of(where.ptr(), "point")),
+      point_frame(optional_name_of(where_frame, "point_frame")) {}
 
 void add_raw_batch(nb::handle type) {
     add_raw_method(type, g_lookup_transforms);

@@ -20,6 +20,69 @@ inline constexpr std::size_t kReleaseFromRows = 8192;
 /// Up to so many are done before a signal could matter.
 inline constexpr std::size_t kQuickRows = 128;
 
+/// The arguments of `lookup_velocity`, checked as far as types go.
+struct VelocityWanted {
+    VelocityWanted(nb::handle target, nb::handle source, nb::handle when, nb::handle interval,
+                   nb::handle reference, nb::handle point, nb::handle point_frame);
+
+    /// What `reads`, a store or a transaction, answers.
+    template <class From>
+    [[nodiscard]] Twist of(From& reads) const {
+        return reads.lookup_velocity(target, source, stamp, interval, reference, point,
+                                     point_frame);
+    }
+
+    std::string_view target;
+    std::string_view source;
+    std::optional<StampNs> stamp;
+    StampNs interval;
+    std::string_view reference;
+    geometry::Vec3 point;
+    std::string_view point_frame;
+};
+
+/// Points as the core wants them: rows of three neighbouring numbers.
+struct Points {
+    ArrayView view;
+    nb::object array;
+    std::size_t count;
+    std::size_t stride;  // in elements
+};
+
+/// The arguments of `transform_points`, checked, and the points to be written.
+struct PointsWanted {
+    PointsWanted(nb::handle target, nb::handle source, nb::handle points, nb::handle stamps,
+                 nb::handle policy, nb::handle out, nb::handle missing);
+
+    /// Has `reads`, a store or a transaction, move them.
+    template <class From>
+    void move_with(From& reads) const {
+        if (from.view.kind() == Kind::kFloat32) {
+            move_as<float>(reads);
+        } else {
+            move_as<double>(reads);
+        }
+    }
+
+    std::string_view target;
+    std::string_view source;
+    Policy policy;
+    Missing missing;
+    Points from;
+    std::optional<Stamps> many;
+    StampNs one = 0;
+    Points to;
+
+private:
+    template <class Real, class From>
+    void move_as(From& reads) const {
+        const std::span<const StampNs> when =
+            many ? many->values() : std::span<const StampNs>(&one, 1);
+        reads.transform_points(target, source, from.view.data<const Real>(), from.stride,
+                               from.count, when, policy, missing, to.view.data<Real>(), to.stride);
+    }
+};
+
 /// The arguments of `lookup_transforms`, checked, and the rows to be written.
 struct RowsWanted {
     /// The last three may be null, which is for their default. Throws InvalidArgument,

@@ -7,8 +7,10 @@
 #include <vector>
 
 #include "arrays.hpp"
+#include "batch.hpp"
 #include "errors.hpp"
 #include "pose.hpp"
+#include "records.hpp"
 #include "signatures.hpp"
 #include "stamp.hpp"
 #include "transform.hpp"
@@ -18,10 +20,6 @@ namespace {
 
 bool is_buffer(const ReadsObject& object) {
     return &object == nb::inst_ptr<BufferObject>(object.buffer);
-}
-
-std::string_view optional_name_of(nb::handle name, const char* role) {
-    return name.is_none() ? std::string_view() : name_of(name, role);
 }
 
 nb::object lookup_transform_full(nb::handle self, nb::handle target, nb::handle target_stamp,
@@ -70,30 +68,12 @@ nb::tuple common_times(nb::handle self, nb::handle target, nb::handle source) {
     return nb::make_tuple(times.oldest, times.newest);
 }
 
-nb::object array_of(const geometry::Vec3& vector) {
-    const NewArray<double> made = new_doubles({3});
-    made.data[0] = vector.x;
-    made.data[1] = vector.y;
-    made.data[2] = vector.z;
-    return made.array;
-}
-
 nb::object lookup_velocity(nb::handle self, nb::handle target, nb::handle source, nb::handle when,
                            nb::handle interval, nb::handle reference, nb::handle point,
                            nb::handle point_frame) {
     const Pinned pinned = pin(self, object_of<ReadsObject>(self));
-    const std::string_view to = name_of(target, "target");
-    const std::string_view from = name_of(source, "source");
-    const std::optional<StampNs> stamp = optional_stamp_of(when.ptr());
-    const StampNs length = duration_of(interval, "interval");
-    const std::string_view axes = optional_name_of(reference, "reference");
-    const geometry::Vec3 where = vector_of(point.ptr(), "point");
-    const std::string_view where_frame = optional_name_of(point_frame, "point_frame");
-    const Twist twist = pinned.ask([&](const Reads& reads) {
-        return reads.lookup_velocity(to, from, stamp, length, axes, where, where_frame);
-    });
-    return nb::module_::import_("tfdb.data.types")
-        .attr("Twist")(array_of(twist.linear), array_of(twist.angular));
+    const VelocityWanted wanted(target, source, when, interval, reference, point, point_frame);
+    return twist_record(pinned.ask([&](const Reads& reads) { return wanted.of(reads); }));
 }
 
 nb::object path_stamps(nb::handle self, nb::handle target, nb::handle source, nb::handle start,
@@ -103,11 +83,8 @@ nb::object path_stamps(nb::handle self, nb::handle target, nb::handle source, nb
     const std::string_view from = name_of(source, "source");
     const std::optional<StampNs> first = optional_stamp_of(start.ptr());
     const std::optional<StampNs> last = optional_stamp_of(end.ptr());
-    const std::vector<StampNs> stamps = pinned.ask_long(
-        [&](const Reads& reads) { return reads.path_stamps(to, from, first, last); });
-    const NewArray<StampNs> made = new_stamps(stamps.size());
-    std::copy(stamps.begin(), stamps.end(), made.data);
-    return made.array;
+    return stamp_array(pinned.ask_long(
+        [&](const Reads& reads) { return reads.path_stamps(to, from, first, last); }));
 }
 
 CommitNumber commit_of(const ReadsObject& object) {

@@ -3,6 +3,7 @@
 #include <nanobind/stl/string.h>
 #include <nanobind/stl/vector.h>
 
+#include <algorithm>
 #include <cstring>
 
 #include "arrays.hpp"
@@ -37,7 +38,7 @@ nb::object frame_info(nb::handle self, nb::handle name) {
     const std::string_view bytes = name_of(name, "name");
     const FrameInfo info =
         pinned.ask_long([&](const Reads& reads) { return reads.frame_info(bytes); });
-    return frame_info_of(record_type("FrameInfo"), info);
+    return frame_info_record(info);
 }
 
 nb::object parent_of(nb::handle self, nb::handle name, nb::handle when) {
@@ -81,53 +82,22 @@ nb::object reach(nb::handle self, nb::handle target, nb::handle source, nb::hand
 
 nb::list tree(nb::handle self, nb::handle when) {
     const Pinned pinned = pin(self, object_of<ReadsObject>(self));
-    const nb::object type = record_type("FrameInfo");
     const std::optional<StampNs> stamp = optional_stamp_of(when.ptr());
-    const auto infos = pinned.ask_long([&](const Reads& reads) { return reads.tree(stamp); });
-    nb::list result;
-    for (const FrameInfo& info : infos) {
-        result.append(frame_info_of(type, info));
-    }
-    return result;
-}
-
-/// Names in a row that are the same become one object.
-nb::list list_of(const std::vector<std::string>& names) {
-    nb::list list;
-    nb::object last;
-    for (std::size_t i = 0; i < names.size(); ++i) {
-        if (i == 0 || names[i] != names[i - 1])
-            last = str_of_name(names[i]);
-        list.append(last);
-    }
-    return list;
+    return frame_info_records(
+        pinned.ask_long([&](const Reads& reads) { return reads.tree(stamp); }));
 }
 
 nb::tuple samples(nb::handle self, nb::handle name) {
     const Pinned pinned = pin(self, object_of<ReadsObject>(self));
     const std::string_view bytes = name_of(name, "name");
-    const Samples found = pinned.ask_long([&](const Reads& reads) { return reads.samples(bytes); });
-    const NewArray<StampNs> stamps = new_stamps(found.stamps.size());
-    for (std::size_t i = 0; i < found.stamps.size(); ++i) {
-        stamps.data[i] = std::max<StampNs>(found.stamps[i], 0);
-    }
-    const NewArray<double> poses = new_doubles({found.poses.size(), 7});
-    if (!found.poses.empty()) {
-        std::memcpy(poses.data, found.poses.data(), found.poses.size() * sizeof(geometry::Pose));
-    }
-    return nb::make_tuple(stamps.array, poses.array, list_of(found.parents));
+    return samples_record(
+        pinned.ask_long([&](const Reads& reads) { return reads.samples(bytes); }));
 }
 
 nb::list frames(nb::handle self) {
-    const std::vector<std::string> names =
-        pin(self, object_of<ReadsObject>(self)).ask([](const Reads& reads) {
-            return reads.frames();
-        });
-    nb::list made;
-    for (const std::string& name : names) {
-        made.append(str_of_name(name));
-    }
-    return made;
+    return name_list(pin(self, object_of<ReadsObject>(self)).ask([](const Reads& reads) {
+        return reads.frames();
+    }));
 }
 
 bool frame_exists(nb::handle self, nb::handle name) {
@@ -143,6 +113,57 @@ bool frame_exists(nb::handle self, nb::handle name) {
 
 nb::object record_type(const char* name) {
     return nb::module_::import_("tfdb.data.types").attr(name);
+}
+
+nb::object frame_info_record(const FrameInfo& info) {
+    return frame_info_of(record_type("FrameInfo"), info);
+}
+
+nb::list frame_info_records(const std::vector<FrameInfo>& infos) {
+    const nb::object type = record_type("FrameInfo");
+    nb::list made;
+    for (const FrameInfo& info : infos) {
+        made.append(frame_info_of(type, info));
+    }
+    return made;
+}
+
+nb::list name_list(const std::vector<std::string>& names) {
+    nb::list list;
+    nb::object last;
+    for (std::size_t i = 0; i < names.size(); ++i) {
+        if (i == 0 || names[i] != names[i - 1])
+            last = str_of_name(names[i]);
+        list.append(last);
+    }
+    return list;
+}
+
+nb::tuple samples_record(const Samples& found) {
+    nb::object stamps = stamp_array(found.stamps);
+    auto* const data = ArrayView::of(stamps, true)->data<StampNs>();
+    std::transform(data, data + found.stamps.size(), data,
+                   [](StampNs stamp) { return std::max<StampNs>(stamp, 0); });
+    const NewArray<double> poses = new_doubles({found.poses.size(), 7});
+    if (!found.poses.empty()) {
+        std::memcpy(poses.data, found.poses.data(), found.poses.size() * sizeof(geometry::Pose));
+    }
+    return nb::make_tuple(stamps, poses.array, name_list(found.parents));
+}
+
+nb::object twist_record(const Twist& twist) {
+    const auto array_of = [](const geometry::Vec3& vector) {
+        const NewArray<double> made = new_doubles({3});
+        std::memcpy(made.data, &vector, sizeof vector);
+        return made.array;
+    };
+    return record_type("Twist")(array_of(twist.linear), array_of(twist.angular));
+}
+
+nb::object stamp_array(const std::vector<StampNs>& stamps) {
+    const NewArray<StampNs> made = new_stamps(stamps.size());
+    std::copy(stamps.begin(), stamps.end(), made.data);
+    return made.array;
 }
 
 nb::object memory_record(const MemoryUse& use) {

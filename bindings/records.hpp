@@ -3,6 +3,9 @@
 
 #include <nanobind/nanobind.h>
 
+#include <string>
+#include <vector>
+
 #include "tfdb/store/buffer.hpp"
 
 namespace nb = nanobind;
@@ -12,6 +15,14 @@ namespace tfdb::python {
 /// A class of the module tfdb.types.
 nb::object record_type(const char* name);
 
+nb::object frame_info_record(const FrameInfo& info);
+nb::list frame_info_records(const std::vector<FrameInfo>& infos);
+/// Names in a row that are the same become one object.
+nb::list name_list(const std::vector<std::string>& names);
+/// (stamps, poses, names of parents).
+nb::tuple samples_record(const Samples& found);
+nb::object twist_record(const Twist& twist);
+nb::object stamp_array(const std::vector<StampNs>& stamps);
 nb::object memory_record(const MemoryUse& use);
 nb::object counters_record(const Counters& counters);
 

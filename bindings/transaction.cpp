@@ -12,6 +12,7 @@
 #include "batch.hpp"
 #include "errors.hpp"
 #include "pose.hpp"
+#include "records.hpp"
 #include "signatures.hpp"
 #include "stamp.hpp"
 #include "transform.hpp"
@@ -144,6 +145,64 @@ nb::object parent_of(TransactionObject& self, nb::handle name, nb::handle when) 
 bool frame_exists(TransactionObject& self, nb::handle name) {
     const std::string_view bytes = name_of(name, "name");
     return self.run([&](Transaction& transaction) { return transaction.has_frame(bytes); });
+}
+
+nb::object lookup_edge(TransactionObject& self, nb::handle target, nb::handle source,
+                       nb::handle when, nb::handle policy) {
+    Question question = store::at_stamp(name_of(target, "target"), name_of(source, "source"),
+                                        optional_stamp_of(when.ptr()), policy_of(policy.ptr()));
+    question.kind = Question::kEdge;
+    const Named found = self.run([&](Transaction& transaction) {
+        return named(transaction, store::answer_or_raise(transaction, question));
+    });
+    return transform_of(found, target, source);
+}
+
+nb::object lookup_velocity(TransactionObject& self, nb::handle target, nb::handle source,
+                           nb::handle when, nb::handle interval, nb::handle reference,
+                           nb::handle point, nb::handle point_frame) {
+    const VelocityWanted wanted(target, source, when, interval, reference, point, point_frame);
+    return twist_record(self.run([&](Transaction& transaction) { return wanted.of(transaction); }));
+}
+
+nb::object transform_points(TransactionObject& self, nb::handle target, nb::handle source,
+                            nb::handle points, nb::handle stamps, nb::handle policy, nb::handle out,
+                            nb::handle missing) {
+    const PointsWanted wanted(target, source, points, stamps, policy, out, missing);
+    self.run([&](Transaction& transaction) { wanted.move_with(transaction); });
+    return wanted.to.array;
+}
+
+nb::object path_stamps(TransactionObject& self, nb::handle target, nb::handle source,
+                       nb::handle start, nb::handle end) {
+    const std::string_view to = name_of(target, "target");
+    const std::string_view from = name_of(source, "source");
+    const std::optional<StampNs> first = optional_stamp_of(start.ptr());
+    const std::optional<StampNs> last = optional_stamp_of(end.ptr());
+    return stamp_array(self.run(
+        [&](Transaction& transaction) { return transaction.path_stamps(to, from, first, last); }));
+}
+
+nb::list frames(TransactionObject& self) {
+    return name_list(self.run([](Transaction& transaction) { return transaction.frames(); }));
+}
+
+nb::object frame_info(TransactionObject& self, nb::handle name) {
+    const std::string_view bytes = name_of(name, "name");
+    return frame_info_record(
+        self.run([&](Transaction& transaction) { return transaction.frame_info(bytes); }));
+}
+
+nb::list tree(TransactionObject& self, nb::handle when) {
+    const std::optional<StampNs> stamp = optional_stamp_of(when.ptr());
+    return frame_info_records(
+        self.run([&](Transaction& transaction) { return transaction.tree(stamp); }));
+}
+
+nb::tuple samples(TransactionObject& self, nb::handle name) {
+    const std::string_view bytes = name_of(name, "name");
+    return samples_record(
+        self.run([&](Transaction& transaction) { return transaction.samples(bytes); }));
 }
 
 void store(TransactionObject& self, const TransformView& view, bool is_static,
@@ -447,6 +506,53 @@ The answer counts as a read: a commit that changes it is a Conflict.)");
              "Return whether a frame has that name.");
 }
 
+void bind_frames(TransactionClass& type) {
+    type.def("frames", &frames, nb::sig("def frames(self) -> list[str]"),
+             "Names of all frames, sorted. A frame that comes or goes meanwhile is a Conflict.");
+    type.def("frame_info", &frame_info, nb::arg("name").none(),
+             nb::sig("def frame_info(self, name: str) -> tfdb.types.FrameInfo"),
+             "One frame and the edge to its parent, as `Buffer.frame_info`.");
+    type.def("tree", &tree, nb::arg("stamp") = nb::none(),
+             nb::sig("def tree(self, stamp: tfdb.types.StampLike | None = None) -> "
+                     "list[tfdb.types.FrameInfo]"),
+             "All frames with their parents, as `Buffer.tree`. It depends on every edge.");
+    type.def("samples", &samples, nb::arg("name").none(),
+             nb::sig("def samples(self, name: str) -> tuple[numpy.typing.NDArray[numpy.int64], "
+                     "numpy.typing.NDArray[numpy.float64], list[str]]"),
+             "All samples of a frame's edge, as `Buffer.samples`.");
+    type.def("_path_stamps", &path_stamps, nb::arg("target").none(), nb::arg("source").none(),
+             nb::arg("start").none(), nb::arg("end").none(),
+             nb::sig("def _path_stamps(self, target: str, source: str, start: "
+                     "tfdb.types.StampLike | None, end: tfdb.types.StampLike | None) -> "
+                     "numpy.typing.NDArray[numpy.int64]"),
+             "As of `Reads`.");
+    type.def("_lookup_edge", &lookup_edge, nb::arg("target").none(), nb::arg("source").none(),
+             nb::arg("stamp").none(), nb::arg("policy").none(),
+             nb::sig("def _lookup_edge(self, target: str, source: str, stamp: "
+                     "tfdb.types.StampLike | None, policy: Policy | None) -> Transform"),
+             "As of `Reads`.");
+    type.def("lookup_velocity", &lookup_velocity, nb::arg("target").none(),
+             nb::arg("source").none(), nb::arg("stamp") = nb::none(),
+             nb::arg("interval").none() = 0.1, nb::kw_only(), nb::arg("reference") = nb::none(),
+             nb::arg("point").none() = nb::make_tuple(0, 0, 0), nb::arg("point_frame") = nb::none(),
+             nb::sig("def lookup_velocity(self, target: str, source: str, stamp: "
+                     "tfdb.types.StampLike | None = None, interval: float = 0.1, *, reference: "
+                     "str | None = None, point: tfdb.types.VectorLike = (0, 0, 0), point_frame: "
+                     "str | None = None) -> tfdb.types.Twist"),
+             "Velocity of `source` as seen from `target`, as `Buffer.lookup_velocity`.");
+    type.def("transform_points", &transform_points, nb::arg("target").none(),
+             nb::arg("source").none(), nb::arg("points").none(), nb::arg("stamps").none(),
+             nb::arg("policy") = nb::none(), nb::kw_only(), nb::arg("out") = nb::none(),
+             nb::arg("missing") = "raise",
+             nb::sig("def transform_points(self, target: str, source: str, points: "
+                     "numpy.typing.ArrayLike, stamps: tfdb.types.StampsLike | "
+                     "tfdb.types.StampLike, policy: Policy | None = None, *, out: "
+                     "numpy.typing.NDArray[typing.Any] | None = None, missing: "
+                     "typing.Literal['raise', 'nan'] = 'raise') -> "
+                     "numpy.typing.NDArray[typing.Any]"),
+             "Points of `source` mapped into `target`, as `Buffer.transform_points`.");
+}
+
 void bind_transaction_writes(TransactionClass& type) {
     add_raw_method(type, g_set_transform);
     type.def(
@@ -524,6 +630,7 @@ void bind_transaction(nb::module_& module, nb::class_<BufferObject, ReadsObject>
     refuse_construction<TransactionObject>(
         transaction, "Buffer.transaction() and Buffer.run() make transactions");
     bind_lookups(transaction);
+    bind_frames(transaction);
     bind_transaction_writes(transaction);
     bind_life(transaction);
     type.def(

@@ -114,8 +114,7 @@ def check_question(
                 continue
             assert same_verdict(through, told), (through, told)
             assert reads.can_transform_full(*full) == (told[0] == "answer")
-        if not isinstance(reads, tfdb.Transaction):
-            check_explained(reads, question, told)
+        check_explained(reads, question, told)
         if time is not None and told[0] == "answer":
             rows = reads.lookup_transforms(target, source, [time], policy)
             single = np.frombuffer(told[1][0])

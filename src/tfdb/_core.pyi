@@ -603,32 +603,6 @@ class Reads:
                 With `index`, the position of the stamp.
         """
 
-    def freeze(self, path: str | os.PathLike[str], *, overwrite: bool = False) -> None:
-        """
-        Write one committed state into a file, which `tfdb.open` opens in constant time.
-
-            Reads of the frozen store return exactly what this state returns; its `commit` is the same. The
-            file is written beside its name, brought to the disk and renamed, so it is complete or absent.
-            Only the version of tfdb and the kind of machine that wrote it can read it: keep the recording.
-
-            Parameters
-            ----------
-            path
-                The file, such as `drive.tfdb`.
-            overwrite
-                Replace an existing file; processes that have it open keep the old one.
-
-            Raises
-            ------
-            InvalidArgument
-                The name is taken and `overwrite` is off, or it is that of a folder.
-            CapacityExceeded
-                The disk is full; no partial file is left.
-            SnapshotTooOld, SnapshotClosed
-            OSError
-                The file cannot be written.
-        """
-
     def children(self, name: str, stamp: tfdb.types.StampLike | None = None) -> list[str]:
         """
         List the direct children of a frame, sorted.
@@ -682,6 +656,32 @@ class Reads:
     def __bool__(self) -> Literal[True]: ...
 
     def _repr_html_(self) -> str: ...
+
+    def freeze(self, path: str | os.PathLike[str], *, overwrite: bool = False) -> None:
+        """
+        Write one committed state into a file, which `tfdb.open` opens in constant time.
+
+            Reads of the frozen store return exactly what this state returns; its `commit` is the same. The
+            file is written beside its name, brought to the disk and renamed, so it is complete or absent.
+            Only the version of tfdb and the kind of machine that wrote it can read it: keep the recording.
+
+            Parameters
+            ----------
+            path
+                The file, such as `drive.tfdb`.
+            overwrite
+                Replace an existing file; processes that have it open keep the old one.
+
+            Raises
+            ------
+            InvalidArgument
+                The name is taken and `overwrite` is off, or it is that of a folder.
+            CapacityExceeded
+                The disk is full; no partial file is left.
+            SnapshotTooOld, SnapshotClosed
+            OSError
+                The file cannot be written.
+        """
 
 class Snapshot(Reads):
     """
@@ -1893,6 +1893,79 @@ class Transaction:
     def frame_exists(self, name: str) -> bool:
         """Return whether a frame has that name."""
 
+    def frames(self) -> list[str]:
+        """
+        Names of all frames, sorted. A frame that comes or goes meanwhile is a Conflict.
+        """
+
+    def frame_info(self, name: str) -> tfdb.types.FrameInfo:
+        """One frame and the edge to its parent, as `Buffer.frame_info`."""
+
+    def tree(self, stamp: tfdb.types.StampLike | None = None) -> list[tfdb.types.FrameInfo]:
+        """
+        All frames with their parents, as `Buffer.tree`. It depends on every edge.
+        """
+
+    def samples(self, name: str) -> tuple[numpy.typing.NDArray[numpy.int64], numpy.typing.NDArray[numpy.float64], list[str]]:
+        """All samples of a frame's edge, as `Buffer.samples`."""
+
+    def _path_stamps(
+        self,
+        target: str,
+        source: str,
+        start: tfdb.types.StampLike | None,
+        end: tfdb.types.StampLike | None,
+    ) -> numpy.typing.NDArray[numpy.int64]:
+        """As of `Reads`."""
+
+    def _lookup_edge(
+        self, target: str, source: str, stamp: tfdb.types.StampLike | None, policy: Policy | None
+    ) -> Transform:
+        """As of `Reads`."""
+
+    def lookup_velocity(self, target: str, source: str, stamp: tfdb.types.StampLike | None = None, interval: float = 0.1, *, reference: str | None = None, point: tfdb.types.VectorLike = (0, 0, 0), point_frame: str | None = None) -> tfdb.types.Twist:
+        """
+        Velocity of `source` as seen from `target`, as `Buffer.lookup_velocity`.
+        """
+
+    @overload
+    def transform_points(
+        self,
+        target: str,
+        source: str,
+        points: numpy.typing.NDArray[tfdb.types.Float],
+        stamps: tfdb.types.StampsLike | tfdb.types.StampLike,
+        policy: Policy | None = None,
+        *,
+        out: numpy.typing.NDArray[tfdb.types.Float] | None = None,
+        missing: Literal['raise', 'nan'] = 'raise',
+    ) -> numpy.typing.NDArray[tfdb.types.Float]:
+        """Points of `source` mapped into `target`, as `Buffer.transform_points`."""
+    @overload
+    def transform_points(
+        self,
+        target: str,
+        source: str,
+        points: tfdb.types.ListsOrIntegers,
+        stamps: tfdb.types.StampsLike | tfdb.types.StampLike,
+        policy: Policy | None = None,
+        *,
+        out: numpy.typing.NDArray[numpy.float64] | None = None,
+        missing: Literal['raise', 'nan'] = 'raise',
+    ) -> numpy.typing.NDArray[numpy.float64]: ...
+    @overload
+    def transform_points(
+        self,
+        target: str,
+        source: str,
+        points: numpy.typing.ArrayLike,
+        stamps: tfdb.types.StampsLike | tfdb.types.StampLike,
+        policy: Policy | None = None,
+        *,
+        out: numpy.typing.NDArray[numpy.floating[Any]] | None = None,
+        missing: Literal['raise', 'nan'] = 'raise',
+    ) -> numpy.typing.NDArray[Any]: ...
+
     @overload
     def set_transform(
         self, transform: tfdb.types.TransformStampedLike, /, *, authority: str = ""
@@ -1990,6 +2063,137 @@ class Transaction:
     def __exit__(self, kind: object, error: object, traceback: object) -> None: ...
 
     def __repr__(self) -> str: ...
+
+    def explain(
+        self,
+        target: str,
+        source: str,
+        stamp: tfdb.types.StampLike | None = None,
+        policy: Policy | None = None,
+    ) -> tfdb.types.Explanation:
+        """
+        Explain why `lookup_transform` with these arguments has an answer or fails.
+
+            Walks the path edge by edge: which samples are used, or why there is none and which stamps
+            would be valid. All of it is read from one snapshot.
+
+            Parameters
+            ----------
+            target, source
+                Frame names.
+            stamp
+                Stamp in nanoseconds; None: the latest common time.
+            policy
+                As in `lookup_transform`.
+
+            Returns
+            -------
+            Explanation
+                Its str() is the text.
+
+            Raises
+            ------
+            InvalidStamp, SnapshotTooOld, SnapshotClosed
+        """
+
+    def trajectory(
+        self,
+        target: str,
+        source: str,
+        rate: float | None = None,
+        start: tfdb.types.StampLike | str | None = None,
+        end: tfdb.types.StampLike | str | None = None,
+        policy: Policy | None = None,
+        *,
+        missing: Literal['raise', 'nan', 'skip'] = 'raise',
+    ) -> tfdb.Trajectory:
+        """
+        Sample T[target<-source] over time, all from one snapshot.
+
+            Parameters
+            ----------
+            target, source
+                Frame names.
+            rate
+                Poses per second from `start` on. None: at the stored stamps of the path.
+            start, end
+                First and last stamp, nanoseconds. None: where every moving edge has data. Text as in
+                `load`: `"+1.5"` is 1.5 s after the store's first moving stamp, `"-2"` 2 s before its last.
+            policy
+                How stamps between samples are answered. None: Interpolate().
+            missing
+                `raise`: the error of the first stamp without an answer, with its `index`. `nan`: NaN in its
+                pose instead. `skip`: it is left out; where none is left, the first one's error. Where no
+                rate, or not both start and end are given, frames that nothing joins are an error in any
+                case: no stamp is known.
+
+            Returns
+            -------
+            Trajectory
+                With stamps (N,) and poses (N, 7).
+
+            Raises
+            ------
+            InvalidArgument
+                A rate that is not positive, `end` before `start`, or nothing moves and no stamp is given;
+                a `missing` that is none of the three.
+            Extrapolation, and what else `lookup_transforms` raises
+                With `index`, the position of the stamp.
+        """
+
+    def children(self, name: str, stamp: tfdb.types.StampLike | None = None) -> list[str]:
+        """
+        List the direct children of a frame, sorted.
+
+            Parameters
+            ----------
+            name
+                The frame.
+            stamp
+                Nanoseconds: whose `parent_of` it is then. None: in the newest tree.
+
+            Raises
+            ------
+            UnknownFrame, InvalidStamp, SnapshotTooOld, SnapshotClosed
+        """
+
+    def descendants(self, name: str, stamp: tfdb.types.StampLike | None = None) -> list[str]:
+        """
+        Find all frames below a frame, each followed by those below it, siblings sorted.
+
+            Parameters
+            ----------
+            name, stamp
+                As in `children`.
+
+            Raises
+            ------
+            What `children` raises
+        """
+
+    def path(self, target: str, source: str, stamp: tfdb.types.StampLike | None = None) -> list[str]:
+        """
+        List the frames on the path from one to another.
+
+            Parameters
+            ----------
+            target, source
+                The first and the last of the list; the same one twice gives it once.
+            stamp
+                As in `children`. Whether the path's edges have data then is not asked.
+
+            Raises
+            ------
+            UnknownFrame, Disconnected (naming both roots), InvalidStamp, SnapshotTooOld, SnapshotClosed
+        """
+
+    def __len__(self) -> int: ...
+
+    def __contains__(self, name: object, /) -> bool: ...
+
+    def __bool__(self) -> Literal[True]: ...
+
+    def _repr_html_(self) -> str: ...
 
 def create_store(path: os.PathLike[str], history: float | None, max_frames: int, snapshot_memory: int, size: int, permissions: int, group: int | None) -> None:
     """

@@ -5,7 +5,7 @@ What does their work is imported when they are called: `import tfdb` does not wa
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, cast
 
 if TYPE_CHECKING:
     import os
@@ -36,7 +36,7 @@ __all__: list[str] = []
 
 
 def explain(
-    self: Reads,
+    self: Reads | Transaction,
     target: str,
     source: str,
     stamp: StampLike | None = None,
@@ -67,11 +67,11 @@ def explain(
     """
     from tfdb.store.explain import explain_lookup  # noqa: PLC0415 - see above
 
-    return explain_lookup(self, target, source, stamp, policy)
+    return explain_lookup(_reads(self), target, source, stamp, policy)
 
 
 def trajectory(
-    self: Reads,
+    self: Reads | Transaction,
     target: str,
     source: str,
     rate: float | None = None,
@@ -116,20 +116,20 @@ def trajectory(
     from tfdb.store.sampling import sample  # noqa: PLC0415 - see above
     from tfdb.trajectories.trajectory import Trajectory  # noqa: PLC0415 - see above
 
-    made = sample(self, target, source, rate, start, end, policy, missing)
+    made = sample(_reads(self), target, source, rate, start, end, policy, missing)
     return Trajectory._made(target, source, *made)
 
 
-def _reads(self: Reads) -> Reads:
-    """Refuse what is neither a Buffer nor a Snapshot."""
-    from tfdb._core import Reads  # noqa: PLC0415 - the extension imports this module
+def _reads(self: Reads | Transaction) -> Reads:
+    """Refuse all but a Buffer, a Snapshot and a Transaction, whose reads have the same names."""
+    from tfdb._core import Reads, Transaction  # noqa: PLC0415 - the extension imports this module
 
-    if not isinstance(self, Reads):
+    if not isinstance(self, Reads | Transaction):
         raise TypeError(f"a method of Reads was called on a {type(self).__name__}")
-    return self
+    return cast("Reads", self)
 
 
-def children(self: Reads, name: str, stamp: StampLike | None = None) -> list[str]:
+def children(self: Reads | Transaction, name: str, stamp: StampLike | None = None) -> list[str]:
     """List the direct children of a frame, sorted.
 
     Parameters
@@ -148,7 +148,7 @@ def children(self: Reads, name: str, stamp: StampLike | None = None) -> list[str
     return find(_reads(self), name, stamp)
 
 
-def descendants(self: Reads, name: str, stamp: StampLike | None = None) -> list[str]:
+def descendants(self: Reads | Transaction, name: str, stamp: StampLike | None = None) -> list[str]:
     """Find all frames below a frame, each followed by those below it, siblings sorted.
 
     Parameters
@@ -165,7 +165,9 @@ def descendants(self: Reads, name: str, stamp: StampLike | None = None) -> list[
     return find(_reads(self), name, stamp)
 
 
-def path(self: Reads, target: str, source: str, stamp: StampLike | None = None) -> list[str]:
+def path(
+    self: Reads | Transaction, target: str, source: str, stamp: StampLike | None = None
+) -> list[str]:
     """List the frames on the path from one to another.
 
     Parameters
@@ -184,12 +186,12 @@ def path(self: Reads, target: str, source: str, stamp: StampLike | None = None) 
     return find(_reads(self), target, source, stamp)
 
 
-def length(self: Reads) -> int:
+def length(self: Reads | Transaction) -> int:
     """Count the frames."""
     return len(_reads(self).frames())
 
 
-def contains(self: Reads, name: object) -> bool:
+def contains(self: Reads | Transaction, name: object) -> bool:
     """Tell whether there is a frame of that name."""
     from tfdb.data.errors import InvalidName  # noqa: PLC0415 - see above
 
@@ -199,12 +201,12 @@ def contains(self: Reads, name: object) -> bool:
         return False
 
 
-def truth(self: Reads) -> bool:
+def truth(self: Reads | Transaction) -> bool:
     """Be true, also without frames: `if buffer:` asks whether there is one."""
     return _reads(self) is self
 
 
-def represent_html(self: Reads) -> str:
+def represent_html(self: Reads | Transaction) -> str:
     """Write a table of the frames, for notebooks."""
     from tfdb.data.notebooks import of_store  # noqa: PLC0415 - see above
 
@@ -712,19 +714,21 @@ def reduce(self: Buffer) -> tuple[object, ...]:
     return reopen, (self.shared.path, self.shared.mode, self.shared.lock_timeout)
 
 
+_READS: dict[str, Any] = {
+    "explain": explain,
+    "trajectory": trajectory,
+    "children": children,
+    "descendants": descendants,
+    "path": path,
+    "__len__": length,
+    "__contains__": contains,
+    "__bool__": truth,
+    "_repr_html_": represent_html,
+}
+
 METHODS: dict[str, dict[str, Any]] = {
-    "Reads": {
-        "explain": explain,
-        "trajectory": trajectory,
-        "freeze": freeze,
-        "children": children,
-        "descendants": descendants,
-        "path": path,
-        "__len__": length,
-        "__contains__": contains,
-        "__bool__": truth,
-        "_repr_html_": represent_html,
-    },
+    "Transaction": _READS,
+    "Reads": _READS | {"freeze": freeze},
     "Buffer": {
         "load": load,
         "set_trajectory": set_trajectory,

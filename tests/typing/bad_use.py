@@ -22,7 +22,7 @@ buffer.concurrency = "silo"  # error
 buffer.transaction("high")  # error
 buffer.transaction().lookup_transform("map", 7)  # error
 buffer.transaction().set_transforms([], partial=True)  # error
-buffer.transaction().frames()  # error
+buffer.transaction().snapshot()  # error
 buffer.run(lambda: 5)  # error
 buffer.run(lambda tx: tx.closed).upper()  # error
 buffer.run(print, 3)  # error

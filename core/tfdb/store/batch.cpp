@@ -11,6 +11,7 @@
 #include <optional>
 
 #include "tfdb/store/batch_edge.hpp"
+#include "tfdb/store/path_stamps.hpp"
 #include "tfdb/store/rows.hpp"
 
 namespace tfdb {
@@ -450,18 +451,8 @@ void Reads::move_points(std::string_view target, std::string_view source, const 
                         std::size_t stride, std::size_t count, std::span<const StampNs> stamps,
                         Policy policy, Missing missing, Real* out, std::size_t out_stride) const {
     const bool one = stamps.size() == 1;
-    if (stamps.size() != count && !one) {
-        throw InvalidArgument("transform_points takes one stamp for each of the " +
-                              std::to_string(count) + " points or one for all, not " +
-                              std::to_string(stamps.size()));
-    }
+    store::check_points(points, stride, count, stamps, out, out_stride);
     const bool in_place = points == out && stride == out_stride;
-    store::check_apart(store::bytes_of(stamps), store::bytes_of_rows(out, out_stride, count),
-                       "the stamps");
-    if (!in_place) {
-        store::check_apart(store::bytes_of_rows(points, stride, count),
-                           store::bytes_of_rows(out, out_stride, count), "the points");
-    }
     // Where some stamp has no answer, and where the batch begins again, no point may be moved yet.
     std::vector<Real> moved(in_place && !one ? 3 * count : 0);
     const geometry::PointRows<Real> rows{out, static_cast<std::ptrdiff_t>(out_stride)};
@@ -505,49 +496,12 @@ void Reads::transform_points(std::string_view target, std::string_view source, c
 std::vector<StampNs> Reads::path_stamps(std::string_view target, std::string_view source,
                                         std::optional<StampNs> start,
                                         std::optional<StampNs> end) const {
-    std::vector<StampNs> stamps;  // sorted, each once
-    std::vector<StampNs> of_edge;
-    std::vector<StampNs> merged;
-    Answer answer;
+    std::vector<StampNs> stamps;
     Failure failure;
     const Outcome outcome = store::read(*store_, held_, kFresh, [&](const StoreView& view) {
-        stamps.clear();
         const FrameId from = store_->names.find(source, view.commit());
         const FrameId to = store_->names.find(target, view.commit());
-        // Walks the newest tree, and leaves the chains in the answer.
-        const Outcome walked = lookup::latest_common_path(view, to, from, answer, failure);
-        if (walked != Outcome::kOk || from == to)
-            return walked;
-        StampNs first = start.value_or(0);
-        StampNs last = std::min(answer.stamp, end.value_or(answer.stamp));
-        for (const auto* chain : {&answer.source_chain, &answer.target_chain}) {
-            for (std::size_t i = 0; i + 1 < chain->size(); ++i) {
-                may_end();
-                StoreEdge edge;
-                if (!view.open((*chain)[i], edge) || edge.empty())
-                    return Outcome::kLapped;  // the walk found a parent: the slot was reused
-                if (edge.is_static())
-                    continue;
-                of_edge.clear();
-                const bool whole = edge.visit(first, last, 0, [&](const auto& sample) {
-                    of_edge.push_back(sample.stamp);
-                    return true;
-                });
-                // A damaged edge may have a newest sample that no walk finds.
-                if (!whole || !edge.confirm() || of_edge.empty())
-                    return Outcome::kLapped;
-                first = std::max(first, of_edge.front());
-                last = std::min(last, of_edge.back());
-                // Edges of one publisher mostly have the same stamps.
-                if (stamps != of_edge) {
-                    merged.clear();
-                    std::ranges::set_union(stamps, of_edge, std::back_inserter(merged));
-                    stamps.swap(merged);
-                }
-            }
-        }
-        std::erase_if(stamps, [&](StampNs s) { return s < first || s > last; });
-        return Outcome::kOk;
+        return store::path_stamps(view, to, from, start, end, stamps, failure);
     });
     if (outcome == Outcome::kLapped)
         store::throw_unreadable(*store_, held_);

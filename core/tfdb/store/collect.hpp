@@ -1,9 +1,12 @@
 // Copies of an edge's samples in plain memory: for infos and dumps.
 #pragma once
 
+#include <bit>
 #include <cstdint>
+#include <limits>
 #include <vector>
 
+#include "tfdb/lookup/view.hpp"
 #include "tfdb/store/store.hpp"
 
 namespace tfdb::store {
@@ -27,10 +30,75 @@ struct Outline {
     CommitNumber named = 0;     // in which commit
 };
 
-/// The outline of what the view retains of an edge. Its cost does not grow with the samples.
-[[nodiscard]] lookup::Outcome outline(const StoreView& view, FrameId id, Outline& out);
+/// Calls visit(sample) in stamp order for the sample of a moving edge at or before `from`, for all
+/// up to `to` and for the one after it, until `visit` returns false. False: overtaken.
+template <class Edge, class Visit>
+[[nodiscard]] bool visit_samples(const Edge& edge, StampNs from, StampNs to, Visit visit) {
+    if constexpr (requires { edge.visit(from, to, visit); })
+        return edge.visit(from, to, visit);
+    else
+        return edge.visit(from, to, 0, visit);
+}
+
+/// The outline of what the view retains of an edge. Of a store's edge its cost does not grow with
+/// the samples.
+template <lookup::View V>
+[[nodiscard]] lookup::Outcome outline(const V& view, FrameId id, Outline& out) {
+    using lookup::Outcome;
+    out = Outline{};
+    typename V::Edge edge;
+    if (!view.open(id, edge))
+        return Outcome::kLapped;
+    out.is_static = edge.is_static();
+    out.cleared = edge.cleared();
+    out.extent.samples = out.is_static ? 1 : 0;
+    if (!edge.empty()) {
+        const std::uint64_t newest = edge.slot_word(edge.newest());
+        out.parent = history::SlotWord::parent(newest);
+        out.named = history::SlotWord::commit(newest);
+    }
+    if (!edge.empty() && !out.is_static && !edge.extent(out.extent))
+        return Outcome::kLapped;
+    return edge.confirm() ? Outcome::kOk : Outcome::kLapped;
+}
 
 /// Everything that the view retains of an edge.
-[[nodiscard]] lookup::Outcome collect_all(const StoreView& view, FrameId id, Track& track);
+template <lookup::View V>
+[[nodiscard]] lookup::Outcome collect_all(const V& view, FrameId id, Track& track) {
+    using lookup::Outcome;
+    track = Track{};
+    typename V::Edge edge;
+    if (!view.open(id, edge))
+        return Outcome::kLapped;
+    const auto push = [&](const history::SampleAt& sample) {
+        const auto slot = edge.read(sample);
+        track.poses.push_back(std::bit_cast<Pose>(slot.payload));
+        track.parents.push_back(slot.parent);
+        track.commits.push_back(slot.commit);
+    };
+    if (edge.is_static()) {
+        track.is_static = true;
+        push(edge.newest());
+    } else if (!edge.empty()) {
+        const auto take = [&](const history::SampleAt& sample) {
+            track.stamps.push_back(sample.stamp);
+            push(sample);
+            return true;
+        };
+        if (!visit_samples(edge, std::numeric_limits<StampNs>::min() / 2, history::kForever, take))
+            return Outcome::kLapped;
+    }
+    return edge.confirm() ? Outcome::kOk : Outcome::kLapped;
+}
+
+/// What an outline says of a frame's edge, its parent's name aside.
+inline void fill_from(const Outline& outline, FrameInfo& info) {
+    info.is_static = outline.is_static;
+    info.cleared = outline.cleared;
+    info.samples = outline.extent.samples;
+    info.oldest = outline.extent.first;
+    info.newest = outline.extent.last;
+    info.longest_gap = outline.extent.longest_gap;
+}
 
 }  // namespace tfdb::store

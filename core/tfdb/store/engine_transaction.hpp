@@ -7,10 +7,12 @@
 #include <span>
 #include <string>
 #include <string_view>
+#include <vector>
 
 #include "tfdb/store/buffer.hpp"
 #include "tfdb/store/store.hpp"
 #include "tfdb/store/transaction.hpp"
+#include "tfdb/store/velocity.hpp"
 
 namespace tfdb::store {
 
@@ -30,6 +32,16 @@ public:
     /// As Reads::parent_of.
     [[nodiscard]] virtual std::optional<std::string> parent_of(std::string_view name,
                                                                std::optional<StampNs> stamp) = 0;
+    /// As the reads of these names. False: `failure` says why.
+    [[nodiscard]] virtual bool velocity(const VelocityQuestion& question, Twist& twist,
+                                        Asked& asked, Failure& failure) = 0;
+    [[nodiscard]] virtual bool path_stamps(std::string_view target, std::string_view source,
+                                           std::optional<StampNs> start, std::optional<StampNs> end,
+                                           std::vector<StampNs>& stamps, Failure& failure) = 0;
+    [[nodiscard]] virtual std::vector<std::string> all_frames() = 0;
+    [[nodiscard]] virtual FrameInfo frame_info(std::string_view name) = 0;
+    [[nodiscard]] virtual std::vector<FrameInfo> tree(std::optional<StampNs> stamp) = 0;
+    [[nodiscard]] virtual Samples samples(std::string_view name) = 0;
     /// The commit whose state is read.
     [[nodiscard]] virtual CommitNumber read_as_of() = 0;
     [[nodiscard]] virtual std::string frame_name(FrameId id, std::uint32_t generation) const = 0;

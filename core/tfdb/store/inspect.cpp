@@ -32,12 +32,7 @@ Outcome fill_info(const store::Store& store, const StoreView& view, FrameId id, 
     const Outcome outcome = store::outline(view, id, outline);
     if (outcome != Outcome::kOk)
         return outcome;
-    info.is_static = outline.is_static;
-    info.cleared = outline.cleared;
-    info.samples = outline.extent.samples;
-    info.oldest = outline.extent.first;
-    info.newest = outline.extent.last;
-    info.longest_gap = outline.extent.longest_gap;
+    store::fill_from(outline, info);
     if (outline.parent != kNoFrame) {
         if (!view.alive_since(outline.parent, outline.named)) {
             if (may_be_reused(store, view))

@@ -51,6 +51,23 @@ inline void check_room(std::span<const StampNs> stamps, Layout layout, std::span
     check_apart(bytes_of(stamps), bytes_of(out), "the stamps");
 }
 
+/// Throws InvalidArgument unless there is one stamp for each point or one for all, and `out` is the
+/// points themselves or lies apart from them, and from the stamps.
+template <class Real>
+void check_points(const Real* points, std::size_t stride, std::size_t count,
+                  std::span<const StampNs> stamps, const Real* out, std::size_t out_stride) {
+    if (stamps.size() != count && stamps.size() != 1) {
+        throw InvalidArgument("transform_points takes one stamp for each of the " +
+                              std::to_string(count) + " points or one for all, not " +
+                              std::to_string(stamps.size()));
+    }
+    check_apart(bytes_of(stamps), bytes_of_rows(out, out_stride, count), "the stamps");
+    if (points != out || stride != out_stride) {
+        check_apart(bytes_of_rows(points, stride, count), bytes_of_rows(out, out_stride, count),
+                    "the points");
+    }
+}
+
 /// One row; NaN where there is no pose.
 inline void write_row(const Pose* pose, Layout layout, double* row) {
     std::fill_n(row, row_width(layout), std::numeric_limits<double>::quiet_NaN());

@@ -87,6 +87,49 @@ bool Transaction::has_frame(std::string_view name) {
     return life_->call([&](auto& own) { return own.has_frame(name); });
 }
 
+Twist Transaction::lookup_velocity(std::string_view target, std::string_view source,
+                                   std::optional<StampNs> stamp, StampNs interval,
+                                   std::string_view reference, geometry::Vec3 point,
+                                   std::string_view point_frame) {
+    life_->check();
+    const store::VelocityQuestion question =
+        store::velocity_question(target, source, stamp, interval, reference, point, point_frame);
+    Twist twist{};
+    store::Asked asked;
+    Failure failure;
+    if (!life_->call([&](auto& own) { return own.velocity(question, twist, asked, failure); }))
+        raise(failure, asked.about(question));
+    return twist;
+}
+
+std::vector<StampNs> Transaction::path_stamps(std::string_view target, std::string_view source,
+                                              std::optional<StampNs> start,
+                                              std::optional<StampNs> end) {
+    std::vector<StampNs> stamps;
+    Failure failure;
+    const bool found = life_->call(
+        [&](auto& own) { return own.path_stamps(target, source, start, end, stamps, failure); });
+    if (!found)
+        raise(failure, store::by_name(Question::kCommonTime, target, source));
+    return stamps;
+}
+
+std::vector<std::string> Transaction::frames() {
+    return life_->call([](auto& own) { return own.all_frames(); });
+}
+
+FrameInfo Transaction::frame_info(std::string_view name) {
+    return life_->call([&](auto& own) { return own.frame_info(name); });
+}
+
+std::vector<FrameInfo> Transaction::tree(std::optional<StampNs> stamp) {
+    return life_->call([&](auto& own) { return own.tree(stamp); });
+}
+
+Samples Transaction::samples(std::string_view name) {
+    return life_->call([&](auto& own) { return own.samples(name); });
+}
+
 void Transaction::raise(const Failure& failure, const Question& question) const {
     const auto name_of = [this](FrameHandle frame) {
         return frame.id == kNoFrame ? std::string()
@@ -187,6 +230,41 @@ void Transaction::lookup_many(std::string_view target, std::string_view source,
         store::write_row(found ? &answer.pose : nullptr, layout,
                          out.data() + store::row_width(layout) * i);
     }
+}
+
+template <class Real>
+void Transaction::move_points(std::string_view target, std::string_view source, const Real* points,
+                              std::size_t stride, std::size_t count,
+                              std::span<const StampNs> stamps, Policy policy, Missing missing,
+                              Real* out, std::size_t out_stride) {
+    const bool one = stamps.size() == 1;
+    store::check_points(points, stride, count, stamps, out, out_stride);
+    std::vector<Pose> poses(stamps.size());
+    lookup_many(target, source, stamps, policy, Layout::kPose, missing,
+                {&poses.data()->translation.x, 7 * poses.size()});
+    for (std::size_t i = 0; i < count; ++i) {
+        const Real* const from = points + stride * i;
+        const geometry::Vec3 moved = geometry::apply(
+            poses[one ? 0 : i], {double{from[0]}, double{from[1]}, double{from[2]}});
+        Real* const to = out + out_stride * i;
+        to[0] = static_cast<Real>(moved.x);
+        to[1] = static_cast<Real>(moved.y);
+        to[2] = static_cast<Real>(moved.z);
+    }
+}
+
+void Transaction::transform_points(std::string_view target, std::string_view source,
+                                   const float* points, std::size_t stride, std::size_t count,
+                                   std::span<const StampNs> stamps, Policy policy, Missing missing,
+                                   float* out, std::size_t out_stride) {
+    move_points(target, source, points, stride, count, stamps, policy, missing, out, out_stride);
+}
+
+void Transaction::transform_points(std::string_view target, std::string_view source,
+                                   const double* points, std::size_t stride, std::size_t count,
+                                   std::span<const StampNs> stamps, Policy policy, Missing missing,
+                                   double* out, std::size_t out_stride) {
+    move_points(target, source, points, stride, count, stamps, policy, missing, out, out_stride);
 }
 
 }  // namespace tfdb

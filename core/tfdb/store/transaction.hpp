@@ -7,6 +7,7 @@
 #include <span>
 #include <string>
 #include <string_view>
+#include <vector>
 
 #include "tfdb/store/buffer.hpp"
 
@@ -87,6 +88,24 @@ public:
     [[nodiscard]] std::optional<std::string> parent_of(std::string_view name,
                                                        std::optional<StampNs> stamp = std::nullopt);
     [[nodiscard]] bool has_frame(std::string_view name);
+    /// As in Reads. What names all frames depends on each of them, and on no other being made.
+    void transform_points(std::string_view target, std::string_view source, const float* points,
+                          std::size_t stride, std::size_t count, std::span<const StampNs> stamps,
+                          Policy policy, Missing missing, float* out, std::size_t out_stride);
+    void transform_points(std::string_view target, std::string_view source, const double* points,
+                          std::size_t stride, std::size_t count, std::span<const StampNs> stamps,
+                          Policy policy, Missing missing, double* out, std::size_t out_stride);
+    [[nodiscard]] Twist lookup_velocity(std::string_view target, std::string_view source,
+                                        std::optional<StampNs> stamp, StampNs interval,
+                                        std::string_view reference, geometry::Vec3 point,
+                                        std::string_view point_frame);
+    [[nodiscard]] std::vector<StampNs> path_stamps(std::string_view target, std::string_view source,
+                                                   std::optional<StampNs> start,
+                                                   std::optional<StampNs> end);
+    [[nodiscard]] std::vector<std::string> frames();
+    [[nodiscard]] FrameInfo frame_info(std::string_view name);
+    [[nodiscard]] std::vector<FrameInfo> tree(std::optional<StampNs> stamp = std::nullopt);
+    [[nodiscard]] Samples samples(std::string_view name);
     /// Throws the typed error of a failed question.
     [[noreturn]] void raise(const Failure& failure, const Question& question) const;
     /// Name of a frame of an answer of this transaction, its own new frames included.
@@ -129,6 +148,11 @@ public:
     static void end_thread() noexcept;
 
 private:
+    template <class Real>
+    void move_points(std::string_view target, std::string_view source, const Real* points,
+                     std::size_t stride, std::size_t count, std::span<const StampNs> stamps,
+                     Policy policy, Missing missing, Real* out, std::size_t out_stride);
+
     struct Release {
         void operator()(store::TransactionLife* life) const noexcept;
     };

@@ -1,16 +1,20 @@
 // A transaction in the session of some engine, with the names and errors that people know.
 #pragma once
 
+#include <algorithm>
 #include <type_traits>
 #include <unordered_set>
 #include <utility>
 #include <vector>
 
 #include "tfdb/store/asking.hpp"
+#include "tfdb/store/collect.hpp"
 #include "tfdb/store/engine_transaction.hpp"
 #include "tfdb/store/nearest.hpp"
+#include "tfdb/store/path_stamps.hpp"
 #include "tfdb/store/raise.hpp"
 #include "tfdb/store/validate.hpp"
+#include "tfdb/store/velocity.hpp"
 #include "tfdb/store/writes.hpp"
 #include "tfdb/txn/commit_transaction.hpp"
 #include "tfdb/txn/workspace.hpp"
@@ -60,6 +64,81 @@ public:
         if (outcome == Outcome::kFailed)
             throw_unknown_frame(name, read_as_of(), did_you_mean(name, read_as_of()));
         return found;
+    }
+    [[nodiscard]] bool velocity(const VelocityQuestion& question, Twist& twist, Asked& asked,
+                                Failure& failure) override {
+        const Outcome outcome = needed(this->steadily([&](const View& view) {
+            const auto find = [&](std::string_view name) { return view.find(name); };
+            const Outcome found = velocity_at(view, find, question, twist, asked, failure);
+            return found == Outcome::kFailed ? this->unless_reused(view, found) : found;
+        }));
+        failure.commit = read_as_of();
+        return outcome == Outcome::kOk;
+    }
+    [[nodiscard]] bool path_stamps(std::string_view target, std::string_view source,
+                                   std::optional<StampNs> start, std::optional<StampNs> end,
+                                   std::vector<StampNs>& stamps, Failure& failure) override {
+        const Outcome outcome = needed(this->steadily([&](const View& view) {
+            const Outcome found = store::path_stamps(view, view.find(target), view.find(source),
+                                                     start, end, stamps, failure);
+            return found == Outcome::kFailed ? this->unless_reused(view, found) : found;
+        }));
+        failure.commit = read_as_of();
+        return outcome == Outcome::kOk;
+    }
+    [[nodiscard]] std::vector<std::string> all_frames() override {
+        std::vector<std::string> names;
+        for (FrameInfo& info :
+             collected([](const View&, FrameId, FrameInfo&) { return Outcome::kOk; }))
+            names.push_back(std::move(info.name));
+        return names;
+    }
+    [[nodiscard]] FrameInfo frame_info(std::string_view name) override {
+        FrameInfo info;
+        const Outcome outcome = needed(this->steadily([&](const View& view) {
+            const FrameId id = view.find(name);
+            return id == kNoFrame ? this->unless_reused(view, Outcome::kFailed)
+                                  : fill(view, id, info);
+        }));
+        if (outcome == Outcome::kFailed)
+            throw_unknown_frame(name, read_as_of(), did_you_mean(name, read_as_of()));
+        return info;
+    }
+    [[nodiscard]] std::vector<FrameInfo> tree(std::optional<StampNs> stamp) override {
+        return collected([&](const View& view, FrameId id, FrameInfo& info) {
+            const Outcome filled = fill(view, id, info);
+            if (filled != Outcome::kOk || !stamp)
+                return filled;
+            FrameId parent = kNoFrame;
+            const Outcome found = lookup::parent_at(view, id, stamp, parent);
+            info.parent.reset();
+            if (parent != kNoFrame)
+                info.parent = frame_name(parent);
+            return found;
+        });
+    }
+    [[nodiscard]] Samples samples(std::string_view name) override {
+        Samples out;
+        const Outcome outcome = needed(this->steadily([&](const View& view) {
+            out = Samples{};
+            const FrameId id = view.find(name);
+            if (id == kNoFrame)
+                return this->unless_reused(view, Outcome::kFailed);
+            Track track;
+            const Outcome collected = collect_all(view, id, track);
+            out.stamps = std::move(track.stamps);
+            if (track.is_static)
+                out.stamps.assign(1, history::kNoStamp);
+            out.poses = std::move(track.poses);
+            for (std::size_t i = 0; i < track.parents.size(); ++i) {
+                const bool known = view.alive_since(track.parents[i], track.commits[i]);
+                out.parents.push_back(known ? frame_name(track.parents[i]) : std::string());
+            }
+            return confirmed(view, id, collected);
+        }));
+        if (outcome == Outcome::kFailed)
+            throw_unknown_frame(name, read_as_of(), did_you_mean(name, read_as_of()));
+        return out;
     }
     [[nodiscard]] CommitNumber read_as_of() override { return this->session().read_as_of(); }
     [[nodiscard]] std::string frame_name(FrameId id, std::uint32_t generation) const override {
@@ -160,6 +239,44 @@ private:
         for (const FrameId frame : frames)
             names.push_back(frame_name(frame));
         return names;
+    }
+    /// The same, unless the frame's slot may have been reused while it was read.
+    [[nodiscard]] Outcome confirmed(const View& view, FrameId id, Outcome outcome) const {
+        StoreMemory::fence_acquire();
+        return view.alive(id) ? this->unless_reused(view, outcome) : Outcome::kLapped;
+    }
+    /// What is known of a frame, its name aside.
+    [[nodiscard]] Outcome fill(const View& view, FrameId id, FrameInfo& info) const {
+        const auto* const own = this->writes().edge(id);
+        info = FrameInfo{};
+        if (own != nullptr)
+            info.authority = this->writes().author_of(*own);
+        else if (!this->writes().is_own(id))
+            info.authority = store_.author(id);
+        if (!this->writes().is_own(id))
+            info.late = store_.frames.word(id, history::kLate).load_relaxed();
+        Outline outline;
+        const Outcome outcome = store::outline(view, id, outline);
+        fill_from(outline, info);
+        if (outline.parent != kNoFrame && view.alive_since(outline.parent, outline.named))
+            info.parent = frame_name(outline.parent);
+        info.name = frame_name(id);
+        return confirmed(view, id, outcome);
+    }
+    /// All frames, sorted by name, each with what `look(view, id, info)` found out.
+    template <class Look>
+    [[nodiscard]] std::vector<FrameInfo> collected(Look look) {
+        std::vector<FrameInfo> infos;
+        (void)needed(this->for_each_frame([&] { infos.clear(); },
+                                          [&](const View& view, FrameId id) {
+                                              FrameInfo& info = infos.emplace_back();
+                                              const Outcome found = look(view, id, info);
+                                              info.name = frame_name(id);
+                                              return confirmed(view, id, found);
+                                          }));
+        std::sort(infos.begin(), infos.end(),
+                  [](const FrameInfo& a, const FrameInfo& b) { return a.name < b.name; });
+        return infos;
     }
     /// Throws Conflict where the transaction has lost.
     Outcome needed(Outcome outcome) {

@@ -19,6 +19,7 @@ namespace tfdb::txn {
 template <class Base>
 class MergedEdge {
     using SampleAt = history::SampleAt;
+    using StampNs = clock::StampNs;
 
 public:
     using Memory = typename Base::Memory;
@@ -124,6 +125,32 @@ public:
         return {sample(at).parent, kOwnCommit, sample(at).payload};
     }
 
+    /// It had samples of others, and has none since a clear.
+    [[nodiscard]] bool cleared() const { return own_ == nullptr && has_base_ && base_.cleared(); }
+    /// Calls visit(sample) for the sample of a moving edge at or before `from`, for all up to `to`
+    /// and for the one after it, until `visit` returns false.
+    template <class Visit>
+    [[nodiscard]] bool visit(StampNs from, StampNs to, Visit visit) const {
+        history::Bracket around;
+        if (!bracket(from, around))
+            return false;
+        SampleAt at = around.before ? around.before : around.after;
+        while (at && visit(at) && at.stamp <= to) {
+            if (!bracket(at.stamp, around))
+                return false;
+            at = around.after;
+        }
+        return true;
+    }
+    /// All samples of a moving edge in figures; looks at each of them.
+    [[nodiscard]] bool extent(history::Extent& out) const {
+        out = {};
+        return visit(kDawn / 2, kDusk, [&](const SampleAt& at) {
+            out.add({1, at.stamp, at.stamp, 0});
+            return true;
+        });
+    }
+
     /// For the writer's checks, which note less than an answer would need: whether there are
     /// samples, whether they are static, and the newest stamp.
     [[nodiscard]] bool has_samples() const {
@@ -150,7 +177,6 @@ public:
     }
 
 private:
-    using StampNs = clock::StampNs;
     using OwnSample = typename WriteSet<Memory>::Sample;
     static constexpr Offset kOwn = ~Offset{0};
     static constexpr StampNs kDawn = std::numeric_limits<StampNs>::min();

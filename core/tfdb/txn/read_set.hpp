@@ -45,6 +45,7 @@ public:
         places_.clear();
         absent_.clear();
         listings_.clear();
+        every_frame_ = false;
     }
     /// Whether it is worth to be kept for the next transaction.
     [[nodiscard]] bool is_small() const {
@@ -80,6 +81,8 @@ public:
         if (stamp >= 0 && (lowest < 0 || stamp < lowest))
             lowest = stamp;
     }
+    /// All frames that exist have been noted: another one would show.
+    void note_every_frame() { every_frame_ = true; }
     void note_absent(std::string_view name) { absent_.emplace(name); }
     /// The frame's children by newest parents, ascending; none needs no search at the end.
     void note_children(FrameId id, std::vector<FrameId> children) {
@@ -109,6 +112,10 @@ public:
             const FrameId found = names.find(name, now);
             if (found != kNoFrame)
                 return {ReadConflict::kNewName, found, name, {}};
+        }
+        for (FrameId id = 0; every_frame_ && id < frames.count(); ++id) {
+            if (frames.alive(id, now) && places_.find(id) == FramePlaces::kNone)
+                return {ReadConflict::kNewName, id, names.name(id), {}};
         }
         return validate_children(frames, history, now);
     }
@@ -183,6 +190,7 @@ private:
     std::size_t last_ = 0;
     std::unordered_set<std::string> absent_;
     std::vector<std::pair<FrameId, std::vector<FrameId>>> listings_;
+    bool every_frame_ = false;
 };
 
 }  // namespace tfdb::txn

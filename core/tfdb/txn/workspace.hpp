@@ -112,6 +112,26 @@ public:
                      Topology::depth(view().topology(sample.parent)));
     }
 
+    /// Calls visit(view, id) for each frame that there is, as long as it answers kOk, and `start`
+    /// before the first. That there is no other is noted.
+    template <class Start, class Visit>
+    [[nodiscard]] Outcome for_each_frame(Start start, Visit visit) {
+        return steadily([&](const View& view) {
+            start();
+            const auto made = static_cast<FrameId>(writes_->made());
+            const FrameId stored = view.frame_count() - made;
+            for (FrameId i = 0; i < stored + made; ++i) {
+                const FrameId id = i < stored ? i : Writes::own_id(i - stored);
+                const Outcome outcome = view.alive(id) ? visit(view, id) : Outcome::kOk;
+                if (outcome != Outcome::kOk)
+                    return outcome;
+            }
+            if (noting_)
+                note_every_frame();
+            return unless_reused(view, Outcome::kOk);
+        });
+    }
+
     /// Those whose newest parent is the frame, ascending.
     [[nodiscard]] Outcome children_of(FrameId id, std::vector<FrameId>& children) {
         children = writes_->naming(id);
@@ -135,6 +155,14 @@ private:
     [[nodiscard]] Outcome newest_parent(FrameId child, FrameId& parent) {
         return steadily(
             [&](const View& view) { return lookup::parent_at(view, child, std::nullopt, parent); });
+    }
+    /// Those that the transaction removes are still there for others.
+    void note_every_frame() {
+        for (const FrameId id : writes_->removed()) {
+            if (!writes_->is_own(id))
+                (void)reads_->note_frame(id, frames_.generation(id));
+        }
+        reads_->note_every_frame();
     }
     /// By the store alone. Where the frame has no children now, that is what is noted: the state
     /// that is read may have had some, but they are gone for good or the commit will find them.
