@@ -54,7 +54,7 @@ def test_the_longest_name(tmp_path: Path) -> None:
 
 
 def test_where_nothing_can_be_written(tmp_path: Path) -> None:
-    with pytest.raises(FileNotFoundError, match="no folder"):
+    with pytest.raises(FileNotFoundError, match="missing folder"):
         moved(1).freeze(tmp_path / "none" / "a.tfdb")
     with pytest.raises(tfdb.InvalidArgument):
         moved(1).freeze(tmp_path, overwrite=True)

@@ -104,8 +104,8 @@ TFDB_TEST(message_rewriter_writes_one_layout) {
 
 TFDB_TEST(message_rewriter_refuses_members_alone) {
     const Bytes good = encoded({view("map", "base", 5), view("map", "c#m", 6)}, Encoding::kCdr);
-    for (const unsigned char bad : {0x00, 0xFF}) {
-        const Bytes message = with_byte(good, '#', bad);
+    for (const unsigned bad : {0x00U, 0xFFU}) {
+        const Bytes message = with_byte(good, '#', static_cast<unsigned char>(bad));
         MessageRewriter rewriter(Encoding::kCdr);
         const auto made = rewriter.rewrite(message, from(Encoding::kCdr), nullptr);
         CHECK((names_of(made, Encoding::kCdr) == std::vector<std::string>{"map>base"}));
