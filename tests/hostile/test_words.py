@@ -82,9 +82,12 @@ def calls(tmp_path: Path) -> dict[tuple[str, str], Callable[..., Any]]:
     def many(**more: Any) -> Any:
         return buf.lookup_transforms("map", "base", stamps, **more)
 
-    def in_transaction(**more: Any) -> Any:
-        with buf.transaction() as transaction:
-            return transaction.lookup_transforms("map", "base", stamps, **more)
+    def in_transaction(read: str, *arguments: Any) -> Callable[..., Any]:
+        def ask(**more: Any) -> Any:
+            with buf.transaction() as transaction:
+                return getattr(transaction, read)("map", "base", *arguments, **more)
+
+        return ask
 
     def deskewed(**more: Any) -> Any:
         return clouds.deskew_cloud(cloud(), buf, "map", time_field="t", **more)
@@ -100,8 +103,12 @@ def calls(tmp_path: Path) -> dict[tuple[str, str], Callable[..., Any]]:
         ("Buffer.lookup_transforms", "missing"): many,
         ("Reads.lookup_transforms", "layout"): many,
         ("Reads.lookup_transforms", "missing"): many,
-        ("Transaction.lookup_transforms", "layout"): in_transaction,
-        ("Transaction.lookup_transforms", "missing"): in_transaction,
+        ("Transaction.lookup_transforms", "layout"): in_transaction("lookup_transforms", stamps),
+        ("Transaction.lookup_transforms", "missing"): in_transaction("lookup_transforms", stamps),
+        ("Transaction.transform_points", "missing"): in_transaction(
+            "transform_points", points, stamps
+        ),
+        ("Transaction.trajectory", "missing"): in_transaction("trajectory"),
         ("Reads.transform_points", "missing"): lambda **more: buf.transform_points(
             "map", "base", points, stamps, **more
         ),
