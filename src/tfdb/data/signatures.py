@@ -145,7 +145,9 @@ def misfit(made: Any, args: tuple[Any, ...], keywords: tuple[str, ...], said: st
     if parameters and parameters[0].name in ("self", "cls", "_cls"):
         subject = args[0] if count else None
         kinds = subject if isinstance(subject, type) else type(subject)
-        if not count or (owner and owner not in [each.__name__ for each in kinds.__mro__]):
+        shared = getattr(getattr(kinds, name, None), "__qualname__", None) == made.__qualname__
+        classes = [each.__name__ for each in kinds.__mro__]
+        if not count or (owner and owner not in classes and not shared):
             got = f", got {type(subject).__name__}" if count else ""
             an = "a Buffer or a Snapshot" if owner == "Reads" else f"a {owner}"
             an = "an object" if owner.startswith("_") else an
