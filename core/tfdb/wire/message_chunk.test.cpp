@@ -11,7 +11,7 @@
 namespace tfdb::wire {
 namespace {
 
-using std::string_view_literals::operator""sv;
+using namespace std::string_view_literals;
 
 std::span<const std::byte> bytes(std::string_view text) {
     return std::as_bytes(std::span(text));
