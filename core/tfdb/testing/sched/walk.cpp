@@ -46,7 +46,7 @@ Outcome Walk::explore_in_time(const Program& program, Options& options) {
     if (to_the_end() || limit < kShort)
         return explore(program, options);
     options.max_executions = kShort;
-    const Outcome outcome = explore(program, options);
+    Outcome outcome = explore(program, options);
     options.max_executions = limit;
     if (outcome.complete || !outcome.violation.empty())
         return outcome;
