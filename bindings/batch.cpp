@@ -311,17 +311,7 @@ void add_raw_batch(nb::handle type) {
 }
 
 void bind_batch(nb::class_<ReadsObject>& type) {
-    type.def("transform_points", &transform_points, nb::arg("target").none(),
-             nb::arg("source").none(), nb::arg("points").none(), nb::arg("stamps").none(),
-             nb::arg("policy") = nb::none(), nb::kw_only(), nb::arg("out") = nb::none(),
-             nb::arg("missing") = "raise",
-             nb::sig("def transform_points(self, target: str, source: str, points: "
-                     "numpy.typing.ArrayLike, stamps: tfdb.types.StampsLike | "
-                     "tfdb.types.StampLike, policy: Policy | None = None, *, out: "
-                     "numpy.typing.NDArray[typing.Any] | None = None, missing: "
-                     "typing.Literal['raise', 'nan'] = 'raise') -> "
-                     "numpy.typing.NDArray[typing.Any]"),
-             kTransformPointsDoc);
+    bind_transform_points(type, &transform_points, kTransformPointsDoc);
 }
 
 }  // namespace tfdb::python

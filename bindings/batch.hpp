@@ -1,4 +1,4 @@
-// What `lookup_transforms` of a store and of a transaction share.
+// What batches and velocities of a store and of a transaction share.
 #pragma once
 
 #include <nanobind/nanobind.h>
@@ -82,6 +82,35 @@ private:
                                from.count, when, policy, missing, to.view.data<Real>(), to.stride);
     }
 };
+
+/// Binds `lookup_velocity` to a class, with the signature that all reads share.
+template <class Type, class Function>
+void bind_velocity(Type& type, Function function, const char* doc) {
+    type.def("lookup_velocity", function, nb::arg("target").none(), nb::arg("source").none(),
+             nb::arg("stamp") = nb::none(), nb::arg("interval").none() = 0.1, nb::kw_only(),
+             nb::arg("reference") = nb::none(), nb::arg("point").none() = nb::make_tuple(0, 0, 0),
+             nb::arg("point_frame") = nb::none(),
+             nb::sig("def lookup_velocity(self, target: str, source: str, stamp: "
+                     "tfdb.types.StampLike | None = None, interval: float = 0.1, *, reference: "
+                     "str | None = None, point: tfdb.types.VectorLike = (0, 0, 0), point_frame: "
+                     "str | None = None) -> tfdb.types.Twist"),
+             doc);
+}
+
+/// Binds `transform_points` to a class, with the signature that all reads share.
+template <class Type, class Function>
+void bind_transform_points(Type& type, Function function, const char* doc) {
+    type.def("transform_points", function, nb::arg("target").none(), nb::arg("source").none(),
+             nb::arg("points").none(), nb::arg("stamps").none(), nb::arg("policy") = nb::none(),
+             nb::kw_only(), nb::arg("out") = nb::none(), nb::arg("missing") = "raise",
+             nb::sig("def transform_points(self, target: str, source: str, points: "
+                     "numpy.typing.ArrayLike, stamps: tfdb.types.StampsLike | "
+                     "tfdb.types.StampLike, policy: Policy | None = None, *, out: "
+                     "numpy.typing.NDArray[typing.Any] | None = None, missing: "
+                     "typing.Literal['raise', 'nan'] = 'raise') -> "
+                     "numpy.typing.NDArray[typing.Any]"),
+             doc);
+}
 
 /// The arguments of `lookup_transforms`, checked, and the rows to be written.
 struct RowsWanted {

@@ -167,15 +167,8 @@ for tf2. Raises UnknownFrame, Disconnected.)");
     type.def("common_times", &common_times, nb::arg("target").none(), nb::arg("source").none(),
              nb::sig("def common_times(self, target: str, source: str) -> tuple[int, int]"),
              kCommonTimesDoc);
-    type.def("lookup_velocity", &lookup_velocity, nb::arg("target").none(),
-             nb::arg("source").none(), nb::arg("stamp") = nb::none(),
-             nb::arg("interval").none() = 0.1, nb::kw_only(), nb::arg("reference") = nb::none(),
-             nb::arg("point").none() = nb::make_tuple(0, 0, 0), nb::arg("point_frame") = nb::none(),
-             nb::sig("def lookup_velocity(self, target: str, source: str, stamp: "
-                     "tfdb.types.StampLike | None = None, interval: float = 0.1, *, reference: "
-                     "str | None = None, point: tfdb.types.VectorLike = (0, 0, 0), point_frame: "
-                     "str | None = None) -> tfdb.types.Twist"),
-             R"(Velocity of `source` as seen from `target`, by finite difference.
+    bind_velocity(type, &lookup_velocity,
+                  R"(Velocity of `source` as seen from `target`, by finite difference.
 
 Parameters
 ----------

@@ -531,26 +531,10 @@ void bind_frames(TransactionClass& type) {
              nb::sig("def _lookup_edge(self, target: str, source: str, stamp: "
                      "tfdb.types.StampLike | None, policy: Policy | None) -> Transform"),
              "As of `Reads`.");
-    type.def("lookup_velocity", &lookup_velocity, nb::arg("target").none(),
-             nb::arg("source").none(), nb::arg("stamp") = nb::none(),
-             nb::arg("interval").none() = 0.1, nb::kw_only(), nb::arg("reference") = nb::none(),
-             nb::arg("point").none() = nb::make_tuple(0, 0, 0), nb::arg("point_frame") = nb::none(),
-             nb::sig("def lookup_velocity(self, target: str, source: str, stamp: "
-                     "tfdb.types.StampLike | None = None, interval: float = 0.1, *, reference: "
-                     "str | None = None, point: tfdb.types.VectorLike = (0, 0, 0), point_frame: "
-                     "str | None = None) -> tfdb.types.Twist"),
-             "Velocity of `source` as seen from `target`, as `Buffer.lookup_velocity`.");
-    type.def("transform_points", &transform_points, nb::arg("target").none(),
-             nb::arg("source").none(), nb::arg("points").none(), nb::arg("stamps").none(),
-             nb::arg("policy") = nb::none(), nb::kw_only(), nb::arg("out") = nb::none(),
-             nb::arg("missing") = "raise",
-             nb::sig("def transform_points(self, target: str, source: str, points: "
-                     "numpy.typing.ArrayLike, stamps: tfdb.types.StampsLike | "
-                     "tfdb.types.StampLike, policy: Policy | None = None, *, out: "
-                     "numpy.typing.NDArray[typing.Any] | None = None, missing: "
-                     "typing.Literal['raise', 'nan'] = 'raise') -> "
-                     "numpy.typing.NDArray[typing.Any]"),
-             "Points of `source` mapped into `target`, as `Buffer.transform_points`.");
+    bind_velocity(type, &lookup_velocity,
+                  "Velocity of `source` as seen from `target`, as `Buffer.lookup_velocity`.");
+    bind_transform_points(type, &transform_points,
+                          "Points of `source` mapped into `target`, as `Buffer.transform_points`.");
 }
 
 void bind_transaction_writes(TransactionClass& type) {
