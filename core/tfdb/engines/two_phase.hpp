@@ -12,8 +12,8 @@
 namespace tfdb::txn {
 
 /// Shared locks on frames that are read, exclusive locks on frames that are written, all held to
-/// the end: the session reads one state, the present one. `shared.rule` decides who waits for a
-/// refused lock, and no rule allows a cycle of waits:
+/// the end: the session reads one state, the present one. `shared.rule` decides which
+/// sessions wait for a refused lock, and no rule allows a cycle of waits:
 /// - kNoWait (the paper's): readers wait. A writer lets go of everything and starts again once the
 ///   lock has changed hands, so a holder of an exclusive lock never waits.
 /// - kWaitDie: the senior waits, the junior starts again. A restart keeps its age, so it is the

@@ -112,8 +112,8 @@ public:
                      Topology::depth(view().topology(sample.parent)));
     }
 
-    /// Calls visit(view, id) for each frame that there is, as long as it answers kOk, and `start`
-    /// before the first. That there is no other is noted.
+    /// Calls `start()`, then visit(view, id) for each existing frame until it answers other than
+    /// kOk. The transaction then depends on the set of all frames.
     template <class Start, class Visit>
     [[nodiscard]] Outcome for_each_frame(Start start, Visit visit) {
         return steadily([&](const View& view) {

@@ -50,8 +50,8 @@ public:
     explicit Selection(Choose choose, StampRange window = {});
 
     /// Leaves in `members` what is kept of one message. The names are views that are valid while
-    /// this lives. What is no stamp is in no window's way: the store refuses it. Returns whether
-    /// any member was left out or renamed.
+    /// this lives. The window keeps members without a valid stamp: the store refuses them. Returns
+    /// whether any member was left out or renamed.
     bool apply(std::uint32_t rule, bool is_static, std::vector<TransformView>& members);
 
     [[nodiscard]] std::uint64_t left_out() const { return left_out_; }
