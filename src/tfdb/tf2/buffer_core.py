@@ -30,7 +30,7 @@ from .exceptions import (
     TransformException,
     with_fields_of,
 )
-from .why import Gap, TwoTrees, refusal
+from .lookup_failures import Gap, TwoTrees, lookup_failure
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -461,43 +461,43 @@ class BufferCore(CoreCalls):
     def _why_not(self, target: str, source: str, stamp: int) -> tuple[int, str]:
         """What `can_transform_core` returns where the store has no answer."""
         question = target, source, stamp
-        why = refusal(self._buffer, target, source, stamp)
-        if why is None:
+        failure = lookup_failure(self._buffer, target, source, stamp)
+        if failure is None:
             return self._can(_by_role(target, source), [question])
-        return 0, refusals.reason(why, self.flavor, target, source)
+        return 0, refusals.reason(failure, self.flavor, target, source)
 
     def _can(self, names: dict[str, str], questions: list[Question]) -> tuple[int, str]:
-        """Whether all questions have an answer in one state; if not, why."""
+        """Return (1, '') if all lookups succeed in one state, else 0 and the reason."""
         with self._buffer.snapshot() as snapshot:
             fault = self._name_fault(snapshot, names, "canTransform")
             if fault is not None:
                 return 0, fault[1]
             try:
                 for question in questions:
-                    why = self._why_not_in(snapshot, question)
-                    if why is not None:
-                        return 0, why
+                    failure = self._failure_in(snapshot, question)
+                    if failure is not None:
+                        return 0, failure
             except TransformException as error:
                 return 0, str(error)
         return 1, ""
 
-    def _why_not_in(self, snapshot: Snapshot, question: Question) -> str | None:
-        """Say in tf2's words why a question has no answer; no error is made for it if need be."""
+    def _failure_in(self, snapshot: Snapshot, question: Question) -> str | None:
+        """Word as tf2 does why a lookup fails, mostly without an exception; None: it succeeds."""
         target, source, stamp = question
         if 0 <= stamp <= LAST_STAMP and snapshot.can_transform(target, source, stamp or None):
             return None
-        why = refusal(snapshot, target, source, stamp)
-        if why is None:
+        failure = lookup_failure(snapshot, target, source, stamp)
+        if failure is None:
             self._answer_in(snapshot, question, None)
             return None
-        return refusals.reason(why, self.flavor, target, source)
+        return refusals.reason(failure, self.flavor, target, source)
 
     def _answer_or_raise(self, question: Question, error: TfdbError) -> tuple[Transform, int]:
         """Give an answer that the store lacked, or has by now; else raise tf2's error."""
         target, source, _ = question
-        why = refusal(self._buffer, *question)
-        if why is not None:
-            raise self._refused(why, question, error) from error
+        failure = lookup_failure(self._buffer, *question)
+        if failure is not None:
+            raise self._refused(failure, question, error) from error
         names = _by_role(target, source)
         with self._buffer.snapshot() as snapshot:
             self._check_names(snapshot, names, "lookupTransform", error)
@@ -509,7 +509,7 @@ class BufferCore(CoreCalls):
         """T[target<-source] and its stamp in a snapshot, or tf2's error. The frames exist."""
         target, source, stamp = question
         if not 0 <= stamp <= LAST_STAMP:
-            if refusal(snapshot, target, source, stamp) is None:
+            if lookup_failure(snapshot, target, source, stamp) is None:
                 # Nothing moves on the path.
                 return snapshot.lookup_transform(target, source), stamp
             self._raise(snapshot, question, error or InvalidArgument(stamp=stamp))
@@ -547,17 +547,17 @@ class BufferCore(CoreCalls):
     def _raise(self, snapshot: Snapshot, question: Question, cause: TfdbError) -> NoReturn:
         """Raise tf2's error for a question about frames that exist."""
         target, source, stamp = question
-        why = refusal(snapshot, target, source, stamp)
-        if why is None:
+        failure = lookup_failure(snapshot, target, source, stamp)
+        if failure is None:
             raise refusals.translated(cause, self.flavor, target, source) from cause
-        raise self._refused(why, question, cause) from cause
+        raise self._refused(failure, question, cause) from cause
 
     def _refused(
-        self, why: Gap | TwoTrees, question: Question, cause: TfdbError
+        self, failure: Gap | TwoTrees, question: Question, cause: TfdbError
     ) -> TransformException:
         """Make tf2's error for a question without an answer."""
         target, source, _ = question
-        if isinstance(why, Gap):
-            return refusals.extrapolation(why, self.flavor, target, source, cause)
-        text = refusals.reason(why, self.flavor, target, source)
+        if isinstance(failure, Gap):
+            return refusals.extrapolation(failure, self.flavor, target, source, cause)
+        text = refusals.reason(failure, self.flavor, target, source)
         return with_fields_of(cause, ConnectivityException, text)

@@ -22,7 +22,7 @@ from .exceptions import (
     with_fields_of,
 )
 from .given_messages import WrongMessageError
-from .why import Gap, TwoTrees
+from .lookup_failures import Gap, TwoTrees
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -145,11 +145,13 @@ def log_unread(error: errors.TfdbError, authority: str) -> None:
     log(text, error)
 
 
-def reason(why: Gap | TwoTrees, flavor: Flavor, target: str, source: str) -> str:
-    """Say in tf2's words why T[target<-source] has no answer."""
-    if isinstance(why, TwoTrees):
+def reason(failure: Gap | TwoTrees, flavor: Flavor, target: str, source: str) -> str:
+    """Word as tf2 does the reason that T[target<-source] has no answer."""
+    if isinstance(failure, TwoTrees):
         return phrases.two_trees(target, source)
-    return phrases.extrapolation(flavor, why.stamp, why.oldest, why.newest, target, source)
+    return phrases.extrapolation(
+        flavor, failure.stamp, failure.oldest, failure.newest, target, source
+    )
 
 
 def extrapolation(

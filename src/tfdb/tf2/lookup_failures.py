@@ -30,7 +30,7 @@ class TwoTrees:
     """No path joins the frames, as far as tf2 looks."""
 
 
-def refusal(reads: Reads, target: str, source: str, stamp: int) -> Gap | TwoTrees | None:
+def lookup_failure(reads: Reads, target: str, source: str, stamp: int) -> Gap | TwoTrees | None:
     """Why T[target<-source] at a stamp has no answer, where both frames exist; None: tf2 has one.
 
     Stamp 0 is the latest common time.
