@@ -23,7 +23,7 @@ from tf2.loopback import LoopbackNode
 from tf2.ours import message, plain
 from tfdb import tf2
 from tfdb.tf2 import msgs
-from tfdb.tf2.incoming import Incoming
+from tfdb.tf2.received_messages import BufferWriter
 from tfdb.tf2.transformable_requests import NEVER
 
 if TYPE_CHECKING:
@@ -375,7 +375,7 @@ def store_bytes(buffer: tf2.Buffer, stamp: int) -> None:
     """As a listener does with a message."""
     node = LoopbackNode()
     data = tfdb.encode_tf_message([message("map", "base", stamp, POSE)], node.encoding)
-    Incoming(buffer, node, static=False).store(data, "test")
+    BufferWriter(buffer, node, static=False).store(data, "test")
 
 
 WRITES: dict[str, Write] = {

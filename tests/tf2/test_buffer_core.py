@@ -21,7 +21,7 @@ from tf2.ours import message, plain
 from tfdb import tf2
 from tfdb.tf2 import msgs
 from tfdb.tf2.differences import DIFFERENCES
-from tfdb.tf2.incoming import Incoming
+from tfdb.tf2.received_messages import BufferWriter
 
 SECOND = 1_000_000_000
 TODAY = 1_700_000_000_123_456_789
@@ -457,7 +457,7 @@ def by_bytes(core: tf2.BufferCore, stamp: int, poses: list[list[float]], *, stat
     node = LoopbackNode()
     members = [message("a", f"f{i}", stamp, pose) for i, pose in enumerate(poses)]
     data = tfdb.encode_tf_message(members, node.encoding)
-    return Incoming(core, node, static=static).store(data, "who")
+    return BufferWriter(core, node, static=static).store(data, "who")
 
 
 @pytest.mark.parametrize("static", [False, True])

@@ -17,13 +17,13 @@ from .buffer import Buffer
 from .buffer_core import BufferCore
 from .given_messages import refuse_unlike
 from .handles import given_node, handle_of
-from .incoming import SETTERS, UNKNOWN, received, sink_of
+from .received_messages import SETTERS, UNKNOWN, received, sink_of
 from .transform_broadcaster import KIND
 
 if TYPE_CHECKING:
     from tfdb.ros import Node
 
-    from .incoming import Sink
+    from .received_messages import Sink
 
 __all__ = ["StaticTransformListener", "TransformListener"]
 

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from tfdb.data.refused import Refused
     from tfdb.ros import Encoding, Node
 
-__all__ = ["SETTERS", "UNKNOWN", "Incoming", "Sink", "decoded", "received", "sink_of"]
+__all__ = ["SETTERS", "UNKNOWN", "BufferWriter", "Sink", "decoded", "received", "sink_of"]
 
 LOGGER = logging.getLogger("tfdb.tf2")
 Sink: TypeAlias = "Callable[[bytes | memoryview, str], int]"
@@ -90,7 +90,7 @@ def sink_of(buffer: Any, node: Node, *, static: bool) -> Sink:
     if isinstance(buffer, BufferCore) and all(
         getattr(kind, name) is getattr(BufferCore, name) for name in SETTERS
     ):
-        return Incoming(buffer, node, static=static).store
+        return BufferWriter(buffer, node, static=static).store
     store = getattr(buffer, SETTERS[static])
 
     def store_each(data: bytes | memoryview, authority: str) -> int:
@@ -102,7 +102,7 @@ def sink_of(buffer: Any, node: Node, *, static: bool) -> Sink:
     return store_each
 
 
-class Incoming:
+class BufferWriter:
     """Stores the messages of a topic that a node gets. Any thread may call it."""
 
     def __init__(self, core: BufferCore, node: Node, *, static: bool) -> None:
