@@ -16,7 +16,7 @@ from tfdb.data.stamps import format_seconds
 from tfdb.data.time_text import format_duration
 from tfdb.judging.rates import ANOTHER_CLOCK
 from tfdb.store.summary import Forest
-from tfdb.tf2.listings import in_dot
+from tfdb.tf2.all_frames import in_dot
 
 from . import common, output
 from .graph import listen_option

@@ -22,7 +22,7 @@ from tfdb.ros.times import SECOND, Flavor, duration, flavor_of, nanoseconds
 from tfdb.store import waiting
 from tfdb.store.report import frames_passed
 
-from . import listings, phrases, refusals
+from . import all_frames, phrases, refusals
 from .exceptions import (
     ConnectivityException,
     InvalidArgumentException,
@@ -411,16 +411,16 @@ class BufferCore(CoreCalls):
 
     def all_frames_as_yaml(self) -> str:
         """All frames with a parent, as YAML: parent, broadcaster, rate, stamps, buffer length."""
-        return listings.as_yaml(self._buffer.tree(), self.flavor)
+        return all_frames.as_yaml(self._buffer.tree(), self.flavor)
 
     def all_frames_as_string(self) -> str:
         """All frames that have, or had, a parent: one line each."""
-        return listings.as_string(self._buffer.tree())
+        return all_frames.as_string(self._buffer.tree())
 
     def _allFramesAsDot(self, time: Any = None) -> str:  # noqa: N802 - tf2's name
         """Return the tree as a graph for dot; with `time` also how old each edge is."""
         stamp = None if time is None else self._nanoseconds(time)
-        return listings.as_dot(self._buffer.tree(), stamp)
+        return all_frames.as_dot(self._buffer.tree(), stamp)
 
     def _chain(
         self,
