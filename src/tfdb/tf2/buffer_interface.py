@@ -12,7 +12,7 @@ from tfdb.data.stamps import shown
 from tfdb.ros.ros_messages import message_name
 
 from .exceptions import TransformException
-from .given_messages import WrongMessageError, refuse_unlike
+from .message_checks import WrongMessageError, refuse_unlike
 
 if TYPE_CHECKING:
     from collections.abc import Callable

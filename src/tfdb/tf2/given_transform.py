@@ -9,7 +9,7 @@ from tfdb.data import errors
 from tfdb.ros.ros_messages import fill_header, fill_stamp
 
 from .exceptions import InvalidArgumentException, with_fields_of
-from .given_messages import refuse_unlike
+from .message_checks import refuse_unlike
 
 __all__ = ["fill_result_header", "rigid"]
 

@@ -21,8 +21,8 @@ from .exceptions import (
     TransformException,
     with_fields_of,
 )
-from .given_messages import WrongMessageError
 from .lookup_failures import Gap, TwoTrees
+from .message_checks import WrongMessageError
 
 if TYPE_CHECKING:
     from collections.abc import Callable

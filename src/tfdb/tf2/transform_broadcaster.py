@@ -8,8 +8,8 @@ from tfdb import _core
 from tfdb.data.stamps import shown
 from tfdb.ros import node_for
 
-from .given_messages import WrongMessageError, refuse_unlike
 from .handles import handle_of
+from .message_checks import WrongMessageError, refuse_unlike
 
 if TYPE_CHECKING:
     from tfdb.ros import Node

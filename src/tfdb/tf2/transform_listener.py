@@ -15,8 +15,8 @@ from tfdb.ros.times import SECOND
 
 from .buffer import Buffer
 from .buffer_core import BufferCore
-from .given_messages import refuse_unlike
 from .handles import given_node, handle_of
+from .message_checks import refuse_unlike
 from .received_messages import SETTERS, UNKNOWN, received, sink_of
 from .transform_broadcaster import KIND
 
