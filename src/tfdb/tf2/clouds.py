@@ -25,8 +25,8 @@ from tfdb.ros.times import SECOND, nanoseconds
 from .buffer_interface import ConvertRegistration, TransformRegistration
 from .exceptions import InvalidArgumentException
 from .geometry import from_msg_msg, to_msg_msg
-from .given_transform import fill_result_header, rigid
 from .message_checks import refuse_unlike
+from .transform_argument import fill_result_header, rigid
 
 if TYPE_CHECKING:
     from collections.abc import Collection

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 from tfdb.data.lazy_names import belong_to
 
 from .exceptions import InvalidArgumentException
-from .given_transform import rigid
+from .transform_argument import rigid
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

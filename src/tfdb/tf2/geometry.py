@@ -23,8 +23,8 @@ from tfdb.ros.ros_messages import installed, makers
 from .buffer_interface import ConvertRegistration, TransformRegistration
 from .covariance import transform_covariance
 from .exceptions import InvalidArgumentException
-from .given_transform import fill_result_header, rigid
 from .message_checks import refuse_unlike
+from .transform_argument import fill_result_header, rigid
 
 if TYPE_CHECKING:
     import numpy as np

@@ -14,8 +14,8 @@ from tfdb.ros.ros_messages import fill_header
 from .. import geometry, transform_listener
 from ..buffer import Buffer
 from ..exceptions import TransformException
-from ..given_transform import rigid
 from ..message_checks import refuse_unlike
+from ..transform_argument import rigid
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
