@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING
 from tfdb.data.lazy_names import belong_to
 from tfdb.data.lazy_names import on_demand as _offer
 
+from .choose_node import node_for
 from .node import Encoding, Flavor, Node, Publisher, Service, Subscription
-from .which import node_for
 
 if TYPE_CHECKING:
     from .rclpy_node import RclpyNode

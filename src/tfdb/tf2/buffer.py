@@ -11,8 +11,8 @@ from tfdb._core import BufferCalls
 from tfdb.data import errors
 from tfdb.data.argument_checks import refuse_without
 from tfdb.ros import node_for
+from tfdb.ros.choose_node import in_rospy
 from tfdb.ros.times import SECOND, duration, flavor_of
-from tfdb.ros.which import in_rospy
 from tfdb.store import waiting
 
 from .buffer_core import DEFAULT_CACHE_TIME, LAST_STAMP, BufferCore

@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING, Any
 
 from tfdb.data.stamps import shown
 from tfdb.ros import node_for
+from tfdb.ros.choose_node import in_rospy
 from tfdb.ros.ros_messages import lookup_action_client
 from tfdb.ros.times import SECOND, duration, nanoseconds
-from tfdb.ros.which import in_rospy
 
 from .buffer_interface import BufferInterface
 from .deadlines import deadline_in, wait_until
