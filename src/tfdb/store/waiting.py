@@ -208,12 +208,12 @@ async def _ended(buffer: Buffer, ask: Callable[[], int], until: float | None) ->
     wait = begin(buffer, ask, tell, loop)
     if wait is None:
         return CAME
-    alarm = loop.call_at(until, tell, TIMED_OUT) if until is not None else None
+    timer = loop.call_at(until, tell, TIMED_OUT) if until is not None else None
     try:
         return await future
     finally:
-        if alarm is not None:
-            alarm.cancel()
+        if timer is not None:
+            timer.cancel()
         wait.cancel()
 
 

@@ -465,12 +465,12 @@ class Buffer(BufferCalls, BufferCore, BufferInterface):
             return future
         held.append(wait)
         if limit is not None:
-            held.append(self._alarm(question, ask, limit, future, loop, wait))
-            if future.done():  # it has been told before the alarm was there to cancel
+            held.append(self._timer(question, ask, limit, future, loop, wait))
+            if future.done():  # it has been told before the timer was there to cancel
                 release()
         return future
 
-    def _alarm(
+    def _timer(
         self,
         question: Question | Full,
         ask: Callable[[], Any],

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Protocol
 
 from tfdb.ros.times import SECOND
 
-from .alarms import alarm_at
+from .timers import call_at
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -24,7 +24,7 @@ JUMP = 3 * SECOND
 """As tf2: who waits gives up when simulated time goes back by more, for a bag begins anew."""
 
 
-class Alarm(Protocol):
+class Timer(Protocol):
     """What was asked of a deadline."""
 
     def cancel(self) -> None:
@@ -37,12 +37,12 @@ class Deadline(Protocol):
     def left(self) -> int | None:
         """Nanoseconds until then, 0 if it has passed; None: only the clock can tell."""
 
-    def call(self, called: Callable[[], None]) -> Alarm:
+    def call(self, called: Callable[[], None]) -> Timer:
         """Call once, in another thread, when it has come."""
 
 
-class _ClockAlarm:
-    """An alarm by a node's clock."""
+class _ClockTimer:
+    """A timer by a node's clock."""
 
     def __init__(self, watch: Subscription) -> None:
         self._watch = watch
@@ -61,8 +61,8 @@ class _WallDeadline:
     def left(self) -> int | None:
         return max(self._until - time.monotonic_ns(), 0)
 
-    def call(self, called: Callable[[], None]) -> Alarm:
-        return alarm_at(self._until, called)
+    def call(self, called: Callable[[], None]) -> Timer:
+        return call_at(self._until, called)
 
 
 class _SimulatedDeadline:
@@ -79,7 +79,7 @@ class _SimulatedDeadline:
     def left(self) -> int | None:
         return 0 if self._passed(self._node.now()) else None
 
-    def call(self, called: Callable[[], None]) -> Alarm:
+    def call(self, called: Callable[[], None]) -> Timer:
         once = threading.Lock()
 
         def look(now: int) -> None:
@@ -88,7 +88,7 @@ class _SimulatedDeadline:
 
         watch = self._node.on_clock(look)
         look(self._node.now())
-        return _ClockAlarm(watch)
+        return _ClockTimer(watch)
 
 
 def stop_with(node: Node, buffer: Buffer) -> None:
@@ -132,8 +132,8 @@ def wait_until(over: threading.Event, deadline: Deadline | None) -> None:
     if deadline is None or left is not None:
         over.wait(None if left is None else left / SECOND)
         return
-    alarm = deadline.call(over.set)
+    timer = deadline.call(over.set)
     try:
         over.wait()
     finally:
-        alarm.cancel()
+        timer.cancel()

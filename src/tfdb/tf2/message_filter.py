@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from tfdb.store import waiting
 
     from .buffer import Buffer
-    from .deadlines import Alarm
+    from .deadlines import Timer
 
 __all__ = ["FilterFailureReason", "MessageFilter"]
 
@@ -56,7 +56,7 @@ class _Waiting:
     frame: str
     stamps: tuple[int, ...]
     waits: list[waiting.Wait]
-    alarm: Alarm | None = None
+    timer: Timer | None = None
 
 
 class MessageFilter:
@@ -213,17 +213,17 @@ class MessageFilter:
             self._drop(dropped.message, FilterFailureReason.QueueFull)
         self._wait_for_next(one)
         if self._timeout is not None:
-            self._set_alarm(one)
+            self._set_timer(one)
 
-    def _set_alarm(self, one: _Waiting) -> None:
-        alarm = deadline_in(self._timeout or 0, self._buffer.clock).call(
+    def _set_timer(self, one: _Waiting) -> None:
+        timer = deadline_in(self._timeout or 0, self._buffer.clock).call(
             lambda: self._fail(one, FilterFailureReason.NoTransformFound)
         )
         with self._lock:
             if one.number in self._waiting:
-                one.alarm = alarm
+                one.timer = timer
                 return
-        alarm.cancel()
+        timer.cancel()
 
     def _wait_for_next(self, one: _Waiting) -> None:
         """Hand a message on, or wait for the first transform that it lacks."""
@@ -307,5 +307,5 @@ class MessageFilter:
 def _end(one: _Waiting) -> None:
     for wait in one.waits:
         wait.cancel()
-    if one.alarm is not None:
-        one.alarm.cancel()
+    if one.timer is not None:
+        one.timer.cancel()

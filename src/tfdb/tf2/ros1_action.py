@@ -13,7 +13,6 @@ import threading
 import time
 from typing import TYPE_CHECKING, Any
 
-from .alarms import alarm_at
 from .lookup_action import LookupGoal, LookupResult
 from .ros1_messages import (
     GoalId,
@@ -26,6 +25,7 @@ from .ros1_messages import (
     encode_result,
     encode_status_list,
 )
+from .timers import call_at
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -133,7 +133,7 @@ class Ros1Server:
             goal.status = goal.status.with_status(status, text)
         due = goal.taken + NOT_BEFORE
         if due > time.monotonic_ns():
-            alarm_at(due, lambda: self._send(goal, result))
+            call_at(due, lambda: self._send(goal, result))
         else:
             self._send(goal, result)
 
