@@ -13,7 +13,7 @@ from tfdb.data.argument_checks import refuse_without
 from tfdb.data.counting import counted
 from tfdb.store.summary import find_gaps
 
-from . import lettering, style
+from . import label_fitting, style
 from .numbers import Numbers
 
 if TYPE_CHECKING:
@@ -99,7 +99,7 @@ def _draw_paths(figure: Figure, axes: Axes, result: Compared) -> None:
     high = np.maximum(a.max(axis=0), b.max(axis=0))
     style.frame_all(axes, low, high)
     room = _SIZE[1] * 72 - 190.0
-    target = lettering.fitted(result.reference.target, style.TEXT_SIZE, room)
+    target = label_fitting.fitted(result.reference.target, style.TEXT_SIZE, room)
     names = [f"{'xyz'[axis]} in {target} [m]" for axis in wide]
     style.label(axes, names[0], names[1])
     name = "estimate" if result.align == "none" else "estimate, aligned"

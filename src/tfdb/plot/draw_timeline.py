@@ -22,7 +22,7 @@ from tfdb.store.summary import (
     span,
 )
 
-from . import lettering, style
+from . import label_fitting, style
 from .folding import Folds, check_rows
 from .numbers import number
 
@@ -311,20 +311,20 @@ def _columns(
     rows: Sequence[_Row], width: float, step: float
 ) -> tuple[list[str], list[str], float, float]:
     """Return the names and the notes as they fit, and how wide they are, margins included."""
-    notes = [lettering.fitted(row.note, style.SMALL_SIZE, 0.3 * width) for row in rows]
+    notes = [label_fitting.fitted(row.note, style.SMALL_SIZE, 0.3 * width) for row in rows]
     room = 0.42 * width
     names = [
-        lettering.fitted(row.text, style.SMALL_SIZE, max(room - row.depth * step, 60))
+        label_fitting.fitted(row.text, style.SMALL_SIZE, max(room - row.depth * step, 60))
         for row in rows
     ]
     left = max(
         (
-            row.depth * step + lettering.width(name, style.SMALL_SIZE)
+            row.depth * step + label_fitting.width(name, style.SMALL_SIZE)
             for row, name in zip(rows, names, strict=True)
         ),
         default=20.0,
     )
-    right = max((lettering.width(note, style.SMALL_SIZE) for note in notes), default=0.0)
+    right = max((label_fitting.width(note, style.SMALL_SIZE) for note in notes), default=0.0)
     return names, notes, style.MARGIN + left + _BETWEEN, right + _BETWEEN + style.MARGIN
 
 
@@ -346,7 +346,7 @@ def _axes_look(axes: Axes, rows: int, whole: tuple[int, int], room: float) -> No
     axes.set_ylim(max(rows, 1) - 0.4, -0.6)
     axes.set_yticks([])
     axes.grid(visible=False, axis="y")
-    style.label(axes, lettering.fitted(style.since(whole[0]), style.TEXT_SIZE, room), "")
+    style.label(axes, label_fitting.fitted(style.since(whole[0]), style.TEXT_SIZE, room), "")
 
 
 def _length(whole: tuple[int, int]) -> float:

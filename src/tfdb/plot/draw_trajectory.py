@@ -20,7 +20,7 @@ from tfdb.data.argument_checks import given_word
 from tfdb.data.errors import InvalidArgument
 from tfdb.data.poses import TOO_FAR
 
-from . import lettering, style
+from . import label_fitting, style
 from .numbers import Numbers, number
 
 if TYPE_CHECKING:
@@ -309,7 +309,7 @@ def _name_axes(figure: Figure, main: Axes, plane: str, target: str) -> None:
         return
     width, height = figure.get_size_inches() * 72
     room = min(0.55 * width - 130, 0.8 * (height - 150))
-    frame = lettering.fitted(target, style.TEXT_SIZE, room)
+    frame = label_fitting.fitted(target, style.TEXT_SIZE, room)
     style.label(main, f"{plane[0]} in {frame} [m]", f"{plane[1]} in {frame} [m]")
 
 

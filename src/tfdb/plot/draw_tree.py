@@ -12,7 +12,7 @@ from tfdb.data.counting import counted
 from tfdb.data.errors import InvalidArgument
 from tfdb.store.summary import Forest
 
-from . import lettering, style
+from . import label_fitting, style
 from .folding import FoldedRow, Folds, check_rows
 
 if TYPE_CHECKING:
@@ -129,7 +129,7 @@ def _nodes(folded: Folds) -> Iterator[_Node]:
 
 
 def _frame(info: FrameInfo, depth: int) -> _Node:
-    text = lettering.fitted(info.name, style.SMALL_SIZE, _WIDEST_NAME)
+    text = label_fitting.fitted(info.name, style.SMALL_SIZE, _WIDEST_NAME)
     return _Node(text, info.parent, depth, info, _note(info), info.is_static)
 
 
@@ -152,8 +152,8 @@ def _note(info: FrameInfo) -> str:
 
 
 def _width(node: _Node) -> float:
-    wide = 2 * _PAD + lettering.width(node.text, style.SMALL_SIZE)
-    return wide + (lettering.width(node.note, style.SMALL_SIZE) + 2 * _PAD if node.note else 0)
+    wide = 2 * _PAD + label_fitting.width(node.text, style.SMALL_SIZE)
+    return wide + (label_fitting.width(node.note, style.SMALL_SIZE) + 2 * _PAD if node.note else 0)
 
 
 def _under(infos: Sequence[FrameInfo], forest: Forest, folded: Folds) -> str:
@@ -205,7 +205,7 @@ def _line(node: _Node) -> dict[str, Any]:
 
 def _draw_box(axes: Axes, node: _Node, x: float, y: float) -> None:
     root = node.depth == 0
-    name = lettering.width(node.text, style.SMALL_SIZE)
+    name = label_fitting.width(node.text, style.SMALL_SIZE)
     axes.add_patch(
         FancyBboxPatch(
             (x, y - _BOX / 2),

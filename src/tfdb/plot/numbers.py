@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from matplotlib.ticker import AutoLocator, Formatter
 
-from . import lettering
+from . import label_fitting
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -70,7 +70,7 @@ class Apart(AutoLocator):
         for bins in range(max(min(axis.get_tick_space(), 9), 1), 0, -1):
             self.set_params(nbins=bins)
             places = super().tick_values(vmin, vmax)
-            wide = max(lettering.width(text, size) for text in Numbers().format_ticks(places))
+            wide = max(label_fitting.width(text, size) for text in Numbers().format_ticks(places))
             if (wide + _SPARE) * len(places) <= room:
                 break
         return places

@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from tfdb.data.argument_checks import refuse_without
 from tfdb.data.stamps import format_seconds
 
-from . import lettering
+from . import label_fitting
 from .numbers import Apart, Numbers
 
 if TYPE_CHECKING:
@@ -125,7 +125,7 @@ def label(axes: Axes, x: str, y: str) -> None:
 
 def font() -> dict[str, Any]:
     """Return what makes a text be drawn in our fonts."""
-    return {"fontfamily": lettering.families()}
+    return {"fontfamily": label_fitting.families()}
 
 
 def title(figure: Figure, text: str, under: str = "", **where: Any) -> None:
@@ -144,7 +144,7 @@ def title(figure: Figure, text: str, under: str = "", **where: Any) -> None:
     for down, line, look in lines:
         if not line:
             continue
-        shown = lettering.fitted(line, look["fontsize"], room, look["fontweight"])
+        shown = label_fitting.fitted(line, look["fontsize"], room, look["fontweight"])
         y = 1.0 - down / height
         figure.text(x, y, shown, va="center", parse_math=False, **look, **font())
 
@@ -166,14 +166,14 @@ _GAP = 16.0
 
 def legend_columns(labels: Sequence[str], room: float) -> int:
     """Return how many columns of a legend fit into so many points."""
-    widest = max((lettering.width(text, SMALL_SIZE) for text in labels), default=0.0)
+    widest = max((label_fitting.width(text, SMALL_SIZE) for text in labels), default=0.0)
     columns = int((room + _GAP) // (widest + _HANDLE + _GAP))
     return max(1, min(columns, len(labels)))
 
 
 def legend_labels(names: Sequence[str], room: float) -> list[str]:
     """Return names as a legend of so many points shows them."""
-    return [lettering.fitted(name, SMALL_SIZE, room - _HANDLE) for name in names]
+    return [label_fitting.fitted(name, SMALL_SIZE, room - _HANDLE) for name in names]
 
 
 def legend(figure: Figure, handles: Sequence[Artist], at: tuple[float, float], room: float) -> None:
@@ -197,4 +197,4 @@ def legend(figure: Figure, handles: Sequence[Artist], at: tuple[float, float], r
     )
     for text in made.get_texts():
         text.set_parse_math(False)
-        text.set_fontfamily(lettering.families())
+        text.set_fontfamily(label_fitting.families())
