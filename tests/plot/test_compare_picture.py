@@ -110,7 +110,7 @@ def test_errors_that_are_the_same_have_one_colour(monkeypatch: pytest.MonkeyPatc
 
 
 def test_numbers_are_whole_and_tell_apart() -> None:
-    from tfdb.plot.numbers import Numbers, number
+    from tfdb.plot.axis_ticks import TickFormatter, number
 
     for given, texts in (
         ([5_400_000.0, 5_400_002.5], ["5400000.0", "5400002.5"]),
@@ -120,6 +120,6 @@ def test_numbers_are_whole_and_tell_apart() -> None:
         ([3.0], ["3"]),
         ([], []),
     ):
-        assert Numbers().format_ticks(given) == texts
+        assert TickFormatter().format_ticks(given) == texts
     assert number(1234.567) == "1,234.57"
     assert number(7.66e51) == "7.66e+51"

@@ -14,7 +14,7 @@ from tfdb.data.counting import counted
 from tfdb.store.summary import find_gaps
 
 from . import label_fitting, style
-from .numbers import Numbers
+from .axis_ticks import TickFormatter
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -108,7 +108,7 @@ def _draw_paths(figure: Figure, axes: Axes, result: Compared) -> None:
         Line2D([], [], color=coloured.get_cmap()(0.5), linewidth=1.9, label=name),
     ]
     style.legend(figure, marks, (style.MARGIN, 48.0), _SIZE[0] * 72)
-    bar = figure.colorbar(coloured, ax=axes, aspect=50, pad=0.02, format=Numbers())
+    bar = figure.colorbar(coloured, ax=axes, aspect=50, pad=0.02, format=TickFormatter())
     bar.outline.set_edgecolor(style.FAINT)
     bar.ax.tick_params(colors=style.MUTED, labelsize=style.SMALL_SIZE, length=3)
     bar.set_label("APE [m]", color=style.INK, fontsize=style.TEXT_SIZE)

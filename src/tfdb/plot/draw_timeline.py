@@ -23,8 +23,8 @@ from tfdb.store.summary import (
 )
 
 from . import label_fitting, style
+from .axis_ticks import number
 from .folding import Folds, check_rows
-from .numbers import number
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence

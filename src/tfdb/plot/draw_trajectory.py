@@ -21,7 +21,7 @@ from tfdb.data.errors import InvalidArgument
 from tfdb.data.poses import TOO_FAR
 
 from . import label_fitting, style
-from .numbers import Numbers, number
+from .axis_ticks import TickFormatter, number
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -341,7 +341,7 @@ def _draw_scale(figure: Figure, main: Axes, scale: ScalarMappable, color: str) -
         aspect=40,
         pad=0.03,
         extend="max" if color == "speed" else "neither",
-        format=Numbers(),
+        format=TickFormatter(),
     )
     outline: Any = bar.outline
     outline.set_visible(False)
@@ -417,7 +417,7 @@ def _draw_space(
         each.set_pane_color((1, 1, 1, 0))
         each.line.set_color(style.FAINT)
         each.set_major_locator(MaxNLocator(ceil(4 * part), min_n_ticks=1))
-        each.set_major_formatter(Numbers())
+        each.set_major_formatter(TickFormatter())
     for each in (axes.yaxis, axes.zaxis):
         # Beside the axis, however wide the numbers are: their middle would lie across it.
         for tick in each.get_major_ticks(_MOST_TICKS):

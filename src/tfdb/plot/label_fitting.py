@@ -1,4 +1,4 @@
-"""Names as a picture shows them: literally, whatever they hold, and no wider than there is room."""
+"""Labels of pictures: names drawn literally, and shortened to the room that they have."""
 
 from __future__ import annotations
 

@@ -13,7 +13,7 @@ from tfdb.data.argument_checks import refuse_without
 from tfdb.data.stamps import format_seconds
 
 from . import label_fitting
-from .numbers import Apart, Numbers
+from .axis_ticks import SparseLocator, TickFormatter
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -110,9 +110,9 @@ def tidy(axes: Axes) -> None:
     for side in ("left", "bottom"):
         axes.spines[side].set_color(FAINT)
     axes.tick_params(colors=MUTED, labelsize=SMALL_SIZE, length=3)
-    axes.xaxis.set_major_locator(Apart())
+    axes.xaxis.set_major_locator(SparseLocator())
     for axis in (axes.xaxis, axes.yaxis):
-        axis.set_major_formatter(Numbers())
+        axis.set_major_formatter(TickFormatter())
     axes.grid(visible=True, color=FAINT, linewidth=0.6)
     axes.set_axisbelow(True)
 

@@ -1,4 +1,4 @@
-"""Numbers along an axis: whole, so that no factor or offset hangs at its end, and apart."""
+"""Ticks along an axis: plain numbers without a common factor or offset, and room between them."""
 
 from __future__ import annotations
 
@@ -19,12 +19,12 @@ _SPARE = 6.0
 
 
 def number(value: float, digits: int = 2) -> str:
-    """Write a number with so many digits behind its point, a huge one by its power of ten."""
+    """Write a number with `digits` decimals, a huge one with an exponent."""
     return f"{value:,.{digits}f}" if abs(value) < _LARGE else f"{value:.4g}"
 
 
-class Numbers(Formatter):
-    """Numbers with as many digits as tell them apart, those of one axis alike."""
+class TickFormatter(Formatter):
+    """Writes the ticks of an axis with equally many digits, enough to distinguish them."""
 
     def __call__(self, x: float, pos: int | None = None) -> str:  # noqa: ARG002 - matplotlib's
         """Write one number."""
@@ -57,11 +57,11 @@ def _short(text: str) -> str:
     return f"{head}e{int(power)}" if power else head
 
 
-class Apart(AutoLocator):
-    """As many numbers below an axis as have room beside each other."""
+class SparseLocator(AutoLocator):
+    """Places as many ticks on the x axis as their texts leave room for."""
 
     def tick_values(self, vmin: float, vmax: float) -> Any:
-        """Return their places."""
+        """Return the places of the ticks."""
         axis: Any = self.axis
         figure = axis.axes.get_figure(root=True)
         room = axis.axes.get_window_extent().width / figure.dpi * 72
@@ -70,7 +70,9 @@ class Apart(AutoLocator):
         for bins in range(max(min(axis.get_tick_space(), 9), 1), 0, -1):
             self.set_params(nbins=bins)
             places = super().tick_values(vmin, vmax)
-            wide = max(label_fitting.width(text, size) for text in Numbers().format_ticks(places))
+            wide = max(
+                label_fitting.width(text, size) for text in TickFormatter().format_ticks(places)
+            )
             if (wide + _SPARE) * len(places) <= room:
                 break
         return places
