@@ -28,7 +28,7 @@ import numpy as np
 
 import tfdb
 
-from .face import OFFERED, Call, everything
+from .public_api import OFFERED, Call, everything
 from .values import ENGINES, TURNED, PlantedError, Values, collect
 
 if TYPE_CHECKING:

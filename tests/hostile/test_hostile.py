@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from .face import everything
+from .public_api import everything
 
 if TYPE_CHECKING:
     from pathlib import Path
