@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 
 import tfdb
-from compat.exact import evaluate
+from compat.exact_poses import evaluate
 from compat.tf2_oracle import Tf2Oracle, pose_difference, set_line, unavailable
 
 TOLERANCE = 1e-12
