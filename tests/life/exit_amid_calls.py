@@ -1,6 +1,6 @@
 """Ends the interpreter while daemon threads are inside calls.
 
-Run as `leave.py CONCURRENCY TIMES CALL...`; prints how each call's children ended. They are forked
+Run as `exit_amid_calls.py CONCURRENCY TIMES CALL...`; prints how each call's children ended. They are forked
 from this process, which has no thread of its own.
 """
 
