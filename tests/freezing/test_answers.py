@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 import tfdb
-from tests.sharing.answers import RECORDING, TURN, answers, fill
+from tests.sharing.all_reads import RECORDING, TURN, answers, fill
 
 
 @pytest.fixture

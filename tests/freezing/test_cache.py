@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 import tfdb
-from tests.sharing.answers import RECORDING
+from tests.sharing.all_reads import RECORDING
 from tfdb.recordings import load, write_recording
 
 

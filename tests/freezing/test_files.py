@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 import tfdb
-from tests.sharing.answers import TURN, fill
+from tests.sharing.all_reads import TURN, fill
 
 
 @pytest.fixture

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, Self
 
 import tfdb
 
-from .answers import TURN, answers
+from .all_reads import TURN, answers
 from .wait_cycles import wait_cycles
 
 if TYPE_CHECKING:

@@ -11,7 +11,7 @@ import pytest
 import tfdb
 
 from . import child
-from .answers import RECORDING, TURN, answers, fill
+from .all_reads import RECORDING, TURN, answers, fill
 
 
 def same(found: dict[str, str], expected: dict[str, str]) -> None:

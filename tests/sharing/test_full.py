@@ -13,7 +13,7 @@ import pytest
 
 import tfdb
 
-from .answers import TURN
+from .all_reads import TURN
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator

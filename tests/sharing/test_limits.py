@@ -21,7 +21,7 @@ import tfdb
 from tfdb.store.shared import find_stores
 
 from . import child
-from .answers import RECORDING, TURN, fill
+from .all_reads import RECORDING, TURN, fill
 from .child import Child
 
 SHM = Path("/dev/shm")
