@@ -1,7 +1,7 @@
 """Ends the interpreter while daemon threads are inside calls.
 
-Run as `exit_amid_calls.py CONCURRENCY TIMES CALL...`; prints how each call's children ended. They are forked
-from this process, which has no thread of its own.
+Run as `exit_amid_calls.py CONCURRENCY TIMES CALL...`; prints how each call's children ended. They
+are forked from this process, which has no thread of its own.
 """
 
 from __future__ import annotations
