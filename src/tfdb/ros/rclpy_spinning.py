@@ -151,6 +151,9 @@ class Watched(Protocol):
 
     given: Any
 
+    @property
+    def closed(self) -> bool: ...
+
     def _end(self) -> None: ...
 
 
@@ -171,7 +174,7 @@ def watch(node: Watched) -> None:
 
 
 class _Watch(NodeThread):
-    """Waits in a thread for the end of a context.
+    """Waits in a thread for the end of a context, while a node of ours is open in it.
 
     It looks now and then. rclpy rings guard conditions before it shuts a context down, so an
     executor that is woken by a signal may find the context up, and sleep again.
@@ -187,17 +190,24 @@ class _Watch(NodeThread):
         self._rung.set()
 
     def _run(self) -> None:
-        while self._goes_on():
+        while self._has_open_node():
             self._rung.wait(_LOOK_EVERY)
         if not self._stopped:
-            with _watching:
-                nodes = list(self.nodes)
-            for node in nodes:
+            for node in list(self.nodes):
                 node._end()
+
+    def _has_open_node(self) -> bool:
+        """Whether there is more to watch. If not, the context's next node gets a new watch."""
+        with _watching:
+            if not self._stopped and any(not node.closed for node in self.nodes):
+                return True
+            del _watches[self._node.context]
+            return False
 
 
 _watching = threading.RLock()
-_watches: weakref.WeakKeyDictionary[Any, _Watch] = weakref.WeakKeyDictionary()
+# A watch holds its context, and both would stay for ever if a watch did not take itself out.
+_watches: dict[Any, _Watch] = {}
 
 
 class _Executor(SingleThreadedExecutor):  # type: ignore[misc]  # rclpy is not typed

@@ -268,15 +268,16 @@ def test_without_a_node_there_is_one_of_its_own(end: str) -> None:
 
 def test_ctrl_c_ends_a_program_with_a_spin_thread() -> None:
     program = """
-import rclpy, signal, threading
+import rclpy
 from tfdb import tf2
 tf2.install()
 import tf2_ros
 rclpy.init()
 node = rclpy.create_node("program")
 listener = tf2_ros.TransformListener(tf2_ros.Buffer(), node, spin_thread=True)
+# A SIGINT while rclpy makes its executor prints a traceback of rclpy, so it comes later.
+spins = node.create_timer(0.01, lambda: (spins.cancel(), print("listening", flush=True)))
 try:
-    print("listening", flush=True)
     rclpy.spin(node)
 except (KeyboardInterrupt, rclpy.executors.ExternalShutdownException):
     print("interrupted", flush=True)

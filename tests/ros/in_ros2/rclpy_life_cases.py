@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import gc
 import signal
 import subprocess
 import sys
 import threading
+import weakref
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -207,6 +209,31 @@ def test_a_process_ends_while_it_listens(how: str) -> None:
     expected = {"returns": 0, "raises": 1, "sys.exit": 3, "interrupted": 0, "kept": 0}[how]
     assert child.returncode == expected, out + err
     assert ("closed True" in out) == (how in {"interrupted", "kept"}), out + err
+
+
+@pytest.mark.parametrize("end", ["destroyed", "shut down", "closed"])
+def test_a_context_is_freed_after_its_nodes(end: str) -> None:
+    made = Graph(rclpy.Context())
+    context = weakref.ref(made.context)
+    node = made.node("ours")
+    ours = made.ours(node, own_thread=False)
+    told: list[int] = []
+    ours.on_clock(told.append)
+    if end == "destroyed":
+        node.destroy_node()
+    elif end == "shut down":
+        made.context.shutdown()
+    else:
+        ours.close()
+    made.end()
+    assert len(told) == 1
+    del made, node, ours
+
+    def is_freed() -> bool:
+        gc.collect()
+        return context() is None
+
+    until(is_freed)
 
 
 def test_the_thread_lives_while_there_is_a_topic(graph: Graph, flood: None) -> None:
