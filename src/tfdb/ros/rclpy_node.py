@@ -1,7 +1,6 @@
-"""A node of ROS 2, by an rclpy node that the user has: bytes in, bytes out.
+"""A ROS 2 node on the user's rclpy node: serialized messages in and out.
 
-Messages are taken in serialized form, in a thread of their own or in the node's executor: how, is
-in `rclpy_taking.py`.
+`rclpy_receiving.py` receives messages, in a separate thread or in the node's executor.
 """
 
 from __future__ import annotations
@@ -22,14 +21,21 @@ from rclpy.validate_topic_name import validate_topic_name
 
 from tfdb.data.errors import InvalidArgument, NodeClosed
 
+from .rclpy_receiving import (
+    DisabledGroup,
+    ExecutorReceiver,
+    GraphEntity,
+    NodeEntity,
+    SerialGroup,
+    ThreadReceiver,
+)
 from .rclpy_spinning import Spinning, is_up, watch
-from .rclpy_taking import InExecutor, InTurn, Made, Never, Opened, OwnThread
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
     from .node import Encoding, Flavor, Publisher, Service, Subscription
-    from .rclpy_taking import Taker
+    from .rclpy_receiving import Receiver
 
 __all__ = ["RclpyNode", "own_node"]
 
@@ -68,8 +74,8 @@ class RclpyNode:
         """The node of rclpy."""
         self._node = node
         self._own_thread = own_thread
-        self._taker: Taker | None = None
-        self._opened: set[Opened] = set()
+        self._receiver: Receiver | None = None
+        self._opened: set[GraphEntity] = set()
         self._on_clock: list[Callable[[int], None]] = []
         self._spinning: list[Spinning] = []
         self._ended = False
@@ -127,10 +133,12 @@ class RclpyNode:
         quality = qos or _quality(latched=latched, depth=depth)
         with self._lock:
             self._raise_if_closed()
-            if self._taker is None:
+            if self._receiver is None:
                 own = self._own_thread
-                self._taker = OwnThread(self._node, self._end) if own else InExecutor(self._node)
-            return self._keep(self._taker.subscribe(message, topic, deliver, quality))
+                self._receiver = (
+                    ThreadReceiver(self._node, self._end) if own else ExecutorReceiver(self._node)
+                )
+            return self._keep(self._receiver.subscribe(message, topic, deliver, quality))
 
     def advertise(
         self,
@@ -167,13 +175,13 @@ class RclpyNode:
                 self._log_failure(f"the service {name}")
                 return response
 
-        group = InTurn()
+        group = SerialGroup()
         service = self._node.create_service(service_type, name, respond, callback_group=group)
         return self.adopt(lambda: self._node.destroy_service(service), service)
 
     def adopt(self, destroy: Callable[[], object], native: Any = None) -> Service:
         """Keep something that was made in the rclpy node, which `close` is to destroy."""
-        return self._keep(Made(self._node, destroy, native))
+        return self._keep(NodeEntity(self._node, destroy, native))
 
     def now(self) -> int:
         """Nanoseconds on the node's clock: the wall's, or that of /clock with `use_sim_time`."""
@@ -211,7 +219,7 @@ class RclpyNode:
         threshold = JumpThreshold(min_forward=forward, min_backward=backward)
         if self.closed:
             guarded(self.now())
-            return Opened(lambda: None)
+            return GraphEntity(lambda: None)
         watch(self)
         with self._lock:
             handle = clock.create_jump_callback(threshold, post_callback=jumped)
@@ -222,7 +230,7 @@ class RclpyNode:
                 with self._lock:
                     self._on_clock = [each for each in self._on_clock if each is not guarded]
 
-            return self._keep(Opened(take_back))
+            return self._keep(GraphEntity(take_back))
 
     def close(self) -> None:
         """Take back everything that was opened here; the rclpy node stays."""
@@ -254,11 +262,11 @@ class RclpyNode:
         """Listen no more. It waits for nothing: rclpy may call it with a lock of its own held."""
         with self._lock:
             was_ended, self._ended = self._ended, True
-            on_clock, taker, spinning = self._on_clock, self._taker, list(self._spinning)
+            on_clock, receiver, spinning = self._on_clock, self._receiver, list(self._spinning)
         if was_ended:
             return
-        if taker is not None:
-            taker.close()
+        if receiver is not None:
+            receiver.close()
         for each in spinning:
             each.close()
         for called in on_clock:
@@ -269,7 +277,7 @@ class RclpyNode:
             reason = "it was closed, destroyed, or its context shut down"
             raise NodeClosed(f"the node {self.name} is closed", reason=reason)
 
-    def _keep(self, opened: Opened) -> Opened:
+    def _keep(self, opened: GraphEntity) -> GraphEntity:
         with self._lock:
             self._opened = {each for each in self._opened if each.is_open} | {opened}
         return opened
@@ -292,7 +300,7 @@ def own_node(name: str) -> RclpyNode:
     return node
 
 
-class _OpenedPublisher(Made):
+class _OpenedPublisher(NodeEntity):
     """A publisher of bytes.
 
     Threads: any may call it.
@@ -360,7 +368,7 @@ def _when_destroyed(node: Any, called: Callable[[], None]) -> Callable[[], objec
 
     A node reports its end only to what it made: here a timer that never runs.
     """
-    timer = node.create_timer(1e6, lambda: None, callback_group=Never())
+    timer = node.create_timer(1e6, lambda: None, callback_group=DisabledGroup())
     timer.cancel()
     destroy = timer.destroy
 

@@ -17,7 +17,7 @@ from tf2_msgs.msg import TFMessage
 
 import tfdb
 from ros.in_ros2.graph import TF, Graph, Heard, as_bytes, connected, message, numbers, until
-from tfdb.ros import rclpy_taking
+from tfdb.ros import rclpy_receiving
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -173,8 +173,8 @@ def test_an_unknown_rclpy_is_listened_to_by_its_subscriptions(
     monkeypatch: pytest.MonkeyPatch,
     capfd: pytest.CaptureFixture[str],
 ) -> None:
-    known = rclpy_taking._implementation()
-    monkeypatch.setattr(rclpy_taking, "_implementation", lambda: Older(known, **other))
+    known = rclpy_receiving._implementation()
+    monkeypatch.setattr(rclpy_receiving, "_implementation", lambda: Older(known, **other))
     arguments = ["--ros-args", "-r", "tf:=moved"]
     node = graph.node("ours", spin=not own_thread, namespace="/robot1", cli_args=arguments)
     ours = graph.ours(node, own_thread=own_thread)

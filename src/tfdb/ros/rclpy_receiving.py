@@ -1,4 +1,4 @@
-"""How messages of rclpy are taken as bytes: in a thread of their own, or in the node's executor.
+"""Receives serialized messages through rclpy: in a separate thread, or in the node's executor.
 
 The thread has a wait set for its subscriptions alone, which costs a third of an executor that does
 the same. That is rclpy's private face: where it is not as expected, the thread spins an executor.
@@ -29,18 +29,26 @@ if TYPE_CHECKING:
 else:
     from rclpy.callback_groups import CallbackGroup
 
-__all__ = ["InExecutor", "InTurn", "Made", "Never", "Opened", "OwnThread", "Taker"]
+__all__ = [
+    "DisabledGroup",
+    "ExecutorReceiver",
+    "GraphEntity",
+    "NodeEntity",
+    "Receiver",
+    "SerialGroup",
+    "ThreadReceiver",
+]
 
-# What tells that rclpy's private face is another.
+# Errors of a version of rclpy with other private names.
 _NOT_AS_EXPECTED: Final = (AttributeError, ImportError, TypeError, ValueError)
-# Seconds between two looks for publishers that cannot be heard.
+# Seconds between two checks for publishers with an incompatible QoS.
 _WARN_EVERY: Final = 1.0
-# Name of the threads that listen.
+# Name of the receiving threads.
 _LISTENER: Final = "tfdb listener"
 
 
-class Opened:
-    """Something of the graph that is taken back once.
+class GraphEntity:
+    """A subscription, publisher, service or callback of a node; it is closed once.
 
     Threads: any may close it.
     """
@@ -53,15 +61,15 @@ class Opened:
         self._lock = threading.Lock()
 
     def close(self) -> None:
-        """Take it back, unless that is done."""
+        """Close it; a second call does nothing."""
         with self._lock:
             was_open, self.is_open = self.is_open, False
         if was_open:
             self._take_back()
 
 
-class Made(Opened):
-    """Something that an rclpy node made and destroys.
+class NodeEntity(GraphEntity):
+    """An entity that an rclpy node creates and destroys.
 
     Threads: any may close it. An executor that spins fails when something of its is destroyed by
     another thread, so it is asked to do that itself.
@@ -81,18 +89,18 @@ class Made(Opened):
         super().__init__(take_back, native)
 
 
-class Taker(Protocol):
-    """How messages are taken. Any thread may call it."""
+class Receiver(Protocol):
+    """Receives messages. Thread-safe."""
 
-    def subscribe(self, kind: Any, topic: str, deliver: Deliver, qos: Any) -> Opened:
+    def subscribe(self, kind: Any, topic: str, deliver: Deliver, qos: Any) -> GraphEntity:
         """Call `deliver(data, info)` for each message of a topic, of class `kind`."""
 
     def close(self) -> None:
-        """Take no more messages."""
+        """Stop receiving."""
 
 
-class _BySubscription:
-    """Takes messages by rclpy's subscriptions, in the executor of their node.
+class _SubscriptionReceiver:
+    """Receives messages by rclpy's subscriptions, in the executor of their node.
 
     Each has a callback group of its own: its messages come in their order, and neither wait for
     other callbacks of the node nor hold them up.
@@ -103,42 +111,42 @@ class _BySubscription:
     def __init__(self, node: Any) -> None:
         self._node = node
 
-    def subscribe(self, kind: Any, topic: str, deliver: Deliver, qos: Any) -> Opened:
+    def subscribe(self, kind: Any, topic: str, deliver: Deliver, qos: Any) -> GraphEntity:
         def while_open(data: bytes, info: dict[str, Any]) -> None:
             if opened.is_open:
                 deliver(data, info)
 
         subscription = self._node.create_subscription(
-            kind, topic, while_open, qos, callback_group=InTurn(), raw=True
+            kind, topic, while_open, qos, callback_group=SerialGroup(), raw=True
         )
         destroy = self._node.destroy_subscription
-        opened = Made(self._node, lambda: destroy(subscription), subscription)
+        opened = NodeEntity(self._node, lambda: destroy(subscription), subscription)
         return opened
 
     def close(self) -> None:
         """Nothing is left: the executor is another's."""
 
 
-class InExecutor:
-    """Takes messages in the executor of a node, for less than rclpy's subscriptions do.
+class ExecutorReceiver:
+    """Receives messages in the executor of a node, with less CPU than rclpy's subscriptions.
 
     Threads: any may call it.
     """
 
     def __init__(self, node: Any) -> None:
         self._node = node
-        self._by_subscription: _BySubscription | None = None
-        self._opened: weakref.WeakSet[Opened] = weakref.WeakSet()
+        self._subscriptions_receiver: _SubscriptionReceiver | None = None
+        self._opened: weakref.WeakSet[GraphEntity] = weakref.WeakSet()
 
-    def subscribe(self, kind: Any, topic: str, deliver: Deliver, qos: Any) -> Opened:
+    def subscribe(self, kind: Any, topic: str, deliver: Deliver, qos: Any) -> GraphEntity:
         """Call `deliver(data, info)` for each message of a topic, of class `kind`."""
         try:
             added = _Topic(self._node, kind, topic, deliver, qos)
         except _NOT_AS_EXPECTED as error:
-            if self._by_subscription is None:
+            if self._subscriptions_receiver is None:
                 _say_not_as_expected(self._node, error)
-                self._by_subscription = _BySubscription(self._node)
-            return self._by_subscription.subscribe(kind, topic, deliver, qos)
+                self._subscriptions_receiver = _SubscriptionReceiver(self._node)
+            return self._subscriptions_receiver.subscribe(kind, topic, deliver, qos)
         # No executor is woken by a message that was taken.
         added.take_all()
         waited = _Waited(added)
@@ -154,7 +162,7 @@ class InExecutor:
         return opened
 
     def close(self) -> None:
-        """Take no more messages."""
+        """Stop receiving."""
         for each in list(self._opened):
             each.close()
 
@@ -168,7 +176,7 @@ class _Waited(Waitable):  # type: ignore[misc]  # rclpy is not typed
     """
 
     def __init__(self, topic: _Topic) -> None:
-        super().__init__(InTurn())
+        super().__init__(SerialGroup())
         self._topic = topic
         # How often it was entered and not left, and whether the last time it was there.
         self._entered: list[bool] = []
@@ -233,7 +241,7 @@ class _Topic:
             self.event = None
         events = SubscriptionEventCallbacks(use_default_callbacks=False)
         self._subscription = Subscription(
-            *(self.handle, kind, topic, deliver, Never(), qos, True, events)
+            *(self.handle, kind, topic, deliver, DisabledGroup(), qos, True, events)
         )
         self._node = node
         self._kind = kind
@@ -246,9 +254,9 @@ class _Topic:
         # The first try shows whether messages come as expected; it may bring one.
         self._first = self._take()
 
-    def opened(self, take_back: Callable[[], object]) -> Opened:
+    def opened(self, take_back: Callable[[], object]) -> GraphEntity:
         """Give what closes it, as `node.destroy_subscription(opened.native)` does, too."""
-        opened = Opened(take_back, self._subscription)
+        opened = GraphEntity(take_back, self._subscription)
         self._subscription.destroy = opened.close
         _let_destroy(self._node, self._subscription)
         return opened
@@ -276,7 +284,7 @@ class _Topic:
         self._place = wait_set.add_subscription(self.handle)
 
     def is_ready(self, wait_set: Any) -> bool:
-        """Whether there is something to take."""
+        """Whether a message is ready."""
         return self._first is not None or bool(wait_set.is_ready("subscription", self._place))
 
     def warn(self) -> None:
@@ -316,8 +324,8 @@ class _Topic:
         return data, info
 
 
-class OwnThread(NodeThread):
-    """Takes messages in a thread that waits for its own subscriptions alone; it lives while any is.
+class ThreadReceiver(NodeThread):
+    """Receives messages in a thread that waits for its own subscriptions and ends with the last.
 
     Threads: any may call it.
     """
@@ -332,7 +340,7 @@ class OwnThread(NodeThread):
         self._instead: _OwnExecutor | None = None
         self._lock = threading.Lock()
 
-    def subscribe(self, kind: Any, topic: str, deliver: Deliver, qos: Any) -> Opened:
+    def subscribe(self, kind: Any, topic: str, deliver: Deliver, qos: Any) -> GraphEntity:
         """Call `deliver(data, info)` for each message of a topic, of class `kind`."""
         with self._lock:
             try:
@@ -348,7 +356,7 @@ class OwnThread(NodeThread):
         return added.opened(lambda: self._remove(added))
 
     def close(self) -> None:
-        """Take no more messages."""
+        """Stop receiving."""
         super().close()
         if self._instead is not None:
             self._instead.close()
@@ -425,7 +433,7 @@ class OwnThread(NodeThread):
 
 
 class _OwnExecutor:
-    """Takes messages in an executor of its own, which spins a node of its own in a thread.
+    """Receives messages in a separate executor, which spins a separate node in a thread.
 
     Threads: any may call it.
     """
@@ -445,19 +453,19 @@ class _OwnExecutor:
             own_node.destroy_node()
             ended()
 
-        self._taker = _BySubscription(own_node)
+        self._receiver = _SubscriptionReceiver(own_node)
         self._spinning = Spinning(own_node, over, _LISTENER)
 
-    def subscribe(self, kind: Any, topic: str, deliver: Deliver, qos: Any) -> Opened:
+    def subscribe(self, kind: Any, topic: str, deliver: Deliver, qos: Any) -> GraphEntity:
         # The user's node says what the name means.
-        return self._taker.subscribe(kind, self._node.resolve_topic_name(topic), deliver, qos)
+        return self._receiver.subscribe(kind, self._node.resolve_topic_name(topic), deliver, qos)
 
     def close(self) -> None:
         self._spinning.close()
 
 
-class Never(CallbackGroup):
-    """What no executor may call.
+class DisabledGroup(CallbackGroup):
+    """A callback group that no executor runs.
 
     Threads: any may ask.
     """
@@ -474,8 +482,8 @@ class Never(CallbackGroup):
         """Nothing has begun."""
 
 
-class InTurn(CallbackGroup):
-    """One callback after the other, for less than rclpy's MutuallyExclusiveCallbackGroup.
+class SerialGroup(CallbackGroup):
+    """Runs one callback at a time, with less CPU than rclpy's MutuallyExclusiveCallbackGroup.
 
     Threads: any may ask.
     """
@@ -485,15 +493,15 @@ class InTurn(CallbackGroup):
         self._turn = threading.Lock()
 
     def can_execute(self, entity: Any) -> bool:  # noqa: ARG002  (the name is rclpy's)
-        """Whether nothing of it runs."""
+        """Whether no callback of the group runs."""
         return not self._turn.locked()
 
     def beginning_execution(self, entity: Any) -> bool:  # noqa: ARG002
-        """Take the turn, if it is free."""
+        """Start a callback unless another one runs."""
         return self._turn.acquire(blocking=False)
 
     def ending_execution(self, entity: Any) -> None:  # noqa: ARG002
-        """Give the turn back."""
+        """End a callback."""
         self._turn.release()
 
 
