@@ -119,7 +119,7 @@ class RclpyNode:
         self._raise_if_closed()
         validate_topic_name(topic)
         failed: set[str] = set()
-        senders = _Senders(self._node, self._node.resolve_topic_name(topic))
+        senders = _SenderNames(self._node, self._node.resolve_topic_name(topic))
 
         def deliver(data: bytes, info: dict[str, Any]) -> None:
             sender = senders.sender_of(info)
@@ -321,7 +321,7 @@ class _OpenedPublisher(NodeEntity):
             raise NodeClosed(f"{error}", reason=f"{error}") from error
 
 
-class _Senders:
+class _SenderNames:
     """Says which node sent a message, as far as rclpy lets it be known.
 
     A message comes with its number among those of its publisher, not with the publisher's name. So

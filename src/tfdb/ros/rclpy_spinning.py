@@ -146,7 +146,7 @@ class Spinning(NodeThread):
             self._ended()
 
 
-class Watched(Protocol):
+class ContextNode(Protocol):
     """What ends with a context: a node of ours, and the rclpy node that it was given."""
 
     given: Any
@@ -157,7 +157,7 @@ class Watched(Protocol):
     def _end(self) -> None: ...
 
 
-def watch(node: Watched) -> None:
+def watch(node: ContextNode) -> None:
     """End a node when its context is shut down, by a signal too.
 
     A signal of the operating system shuts contexts down without the calls that
@@ -167,13 +167,13 @@ def watch(node: Watched) -> None:
     with _watching:
         found = _watches.get(theirs.context)
         if found is None:
-            found = _watches[theirs.context] = _Watch(theirs)
+            found = _watches[theirs.context] = _ShutdownWatch(theirs)
         found.nodes.add(node)
     if not is_up(theirs):
         node._end()
 
 
-class _Watch(NodeThread):
+class _ShutdownWatch(NodeThread):
     """Waits in a thread for the end of a context, while a node of ours is open in it.
 
     It looks now and then. rclpy rings guard conditions before it shuts a context down, so an
@@ -182,7 +182,7 @@ class _Watch(NodeThread):
 
     def __init__(self, node: Any) -> None:
         super().__init__(node, "tfdb shutdown")
-        self.nodes: weakref.WeakSet[Watched] = weakref.WeakSet()
+        self.nodes: weakref.WeakSet[ContextNode] = weakref.WeakSet()
         self._rung = threading.Event()
         self._start()
 
@@ -207,7 +207,7 @@ class _Watch(NodeThread):
 
 _watching = threading.RLock()
 # A watch holds its context, and both would stay for ever if a watch did not take itself out.
-_watches: dict[Any, _Watch] = {}
+_watches: dict[Any, _ShutdownWatch] = {}
 
 
 class _Executor(SingleThreadedExecutor):  # type: ignore[misc]  # rclpy is not typed

@@ -26,8 +26,8 @@ def installed() -> Flavor | None:
     return "ros1" if hasattr(TransformStamped, "_md5sum") else "ros2"
 
 
-def look_again() -> None:
-    """Look anew for what is installed."""
+def clear_import_caches() -> None:
+    """Forget which ROS packages are installed."""
     for remembered in (installed, makers, message_class):
         remembered.cache_clear()
 

@@ -28,7 +28,7 @@ else:
 
 __all__ = ["RospyNode"]
 
-_AnyOpened = TypeVar("_AnyOpened", bound="_Opened")
+_AnyEntity = TypeVar("_AnyEntity", bound="_NodeEntity")
 
 CLOCK, CLOCK_KIND = "/clock", "rosgraph_msgs/Clock"
 AT_ONCE = max(1 << 20, DEFAULT_BUFF_SIZE)  # bytes that are received in one call
@@ -58,7 +58,7 @@ class RospyNode:
         self.name: str = rospy.get_name()
         """Its full name in the graph."""
         self._lock = threading.Lock()
-        self._open: list[_Opened] = []
+        self._open: list[_NodeEntity] = []
         self._ended = False
 
     def __repr__(self) -> str:
@@ -142,7 +142,7 @@ class RospyNode:
         except rospy.ServiceException as error:  # it has this one reason
             full = rospy.resolve_name(name)
             raise InvalidArgument(f"{full} is served by this node already", value=full) from error
-        return self._kept(_Opened(self, lambda: made.shutdown("it was closed"), native=made))
+        return self._kept(_NodeEntity(self, lambda: made.shutdown("it was closed"), native=made))
 
     def now(self) -> int:
         """Nanoseconds on rospy's clock."""
@@ -167,10 +167,12 @@ class RospyNode:
         """
         if self.closed:
             called(self.now())
-            return _Opened(self, lambda: None)
+            return _NodeEntity(self, lambda: None)
         clock = the_clock()
         clock.add(called)
-        return self._kept(_Opened(self, lambda: clock.remove(called), lambda: clock.end(called)))
+        return self._kept(
+            _NodeEntity(self, lambda: clock.remove(called), lambda: clock.end(called))
+        )
 
     def close(self) -> None:
         """Take back what was opened here."""
@@ -186,13 +188,13 @@ class RospyNode:
         if self._ended or rospy.is_shutdown():
             raise NodeClosed(f"the node {self.name} is closed", reason="it was closed")
 
-    def _kept(self, opened: _AnyOpened) -> _AnyOpened:
+    def _kept(self, opened: _AnyEntity) -> _AnyEntity:
         with self._lock:
             self._open.append(opened)
         return opened
 
 
-class _Opened:
+class _NodeEntity:
     """What was opened in the node. Threads: any."""
 
     def __init__(
@@ -261,7 +263,7 @@ def the_clock() -> _Clock:
     return _Clock()
 
 
-class _RospySubscription(_Opened):
+class _RospySubscription(_NodeEntity):
     """A topic that rospy listens to. Threads: any."""
 
     def __init__(self, node: RospyNode, subscriber: Any) -> None:
@@ -275,7 +277,7 @@ class _RospySubscription(_Opened):
         return [] if impl is None else [each.callerid_pub for each in impl.connections]
 
 
-class _RospyPublisher(_Opened):
+class _RospyPublisher(_NodeEntity):
     """A topic that rospy publishes. Threads: any."""
 
     def __init__(self, node: RospyNode, publisher: Any, kind: Any) -> None:
@@ -296,7 +298,7 @@ class _RospyPublisher(_Opened):
             raise NodeClosed(f"{error}", reason=f"{error}") from error
 
 
-class _Raw:
+class _RawMessage:
     """Part of a message's class that keeps the bytes, and takes them apart if someone looks.
 
     Threads: one at a time, as any message.
@@ -375,7 +377,9 @@ def raw_class(kind: str) -> Any:
                 "_slot_types": [],
             },
         )
-    return type(whole.__name__, (_Raw, whole), {"_whole": whole, "__module__": whole.__module__})
+    return type(
+        whole.__name__, (_RawMessage, whole), {"_whole": whole, "__module__": whole.__module__}
+    )
 
 
 def bytes_of(message: Any) -> bytes:

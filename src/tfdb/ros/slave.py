@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
     from .loop import Loop
 
-__all__ = ["Asked", "SlaveServer"]
+__all__ = ["SlaveNode", "SlaveServer"]
 
 REQUEST_LIMIT = 16 << 20
 SILENCE_SECONDS = 20.0  # after which a request that does not come is given up
@@ -39,7 +39,7 @@ METHODS = {
 }
 
 
-class Asked(Protocol):
+class SlaveNode(Protocol):
     """What the node tells others, and does for them."""
 
     def subscriptions(self) -> Mapping[str, str]:
@@ -98,7 +98,7 @@ class SlaveServer(ThreadingMixIn, SimpleXMLRPCServer):
     allow_reuse_address = False
     request_queue_size = 128
 
-    def __init__(self, loop: Loop, host: str, node: Asked) -> None:
+    def __init__(self, loop: Loop, host: str, node: SlaveNode) -> None:
         super().__init__((host, 0), _Handler, logRequests=False)
         self.socket.setblocking(False)  # noqa: FBT003
         self.port: int = self.server_address[1]

@@ -56,7 +56,7 @@ def install() -> None:
     sys.modules.update(made)
     sys.meta_path.insert(0, finder)
     # Whether there are messages of a ROS may have been looked at before.
-    ros_messages.look_again()
+    ros_messages.clear_import_caches()
 
 
 class _Finder(MetaPathFinder, Loader):
