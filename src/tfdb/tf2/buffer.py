@@ -26,7 +26,7 @@ from .exceptions import (
     TimeoutException,
 )
 from .frame_graph import offer_frame_graph
-from .futures import future_here, settle
+from .futures import complete, future_here
 from .transformable_requests import TransformableRequests, TransformableResult
 
 if TYPE_CHECKING:
@@ -129,7 +129,7 @@ class Buffer(BufferCalls, BufferCore, BufferInterface):
         """`lookup_transform`, whatever is asked."""
         limit = self._limit(timeout)
         question = self._question(target_frame, source_frame, time)
-        return self._once_there(
+        return self._wait_for_answer(
             lambda: self.lookup_transform_core(target_frame, source_frame, time), question, limit
         )
 
@@ -148,7 +148,7 @@ class Buffer(BufferCalls, BufferCore, BufferInterface):
         """
         limit = self._limit(timeout)
         asked = (target_frame, target_time, source_frame, source_time, fixed_frame)
-        return self._once_there(
+        return self._wait_for_answer(
             lambda: self.lookup_transform_full_core(*asked), self._full(*asked), limit
         )
 
@@ -158,7 +158,7 @@ class Buffer(BufferCalls, BufferCore, BufferInterface):
         """`can_transform`, whatever is asked."""
         limit = self._limit(timeout)
         question = self._question(target_frame, source_frame, time)
-        found = self._once_possible(
+        found = self._wait_until_possible(
             lambda: self.can_transform_core(target_frame, source_frame, time), question, limit
         )
         return found if return_debug_tuple else found[0]
@@ -176,7 +176,7 @@ class Buffer(BufferCalls, BufferCore, BufferInterface):
         """Whether `lookup_transform_full` has an answer, or has one in time."""
         limit = self._limit(timeout)
         asked = (target_frame, target_time, source_frame, source_time, fixed_frame)
-        found = self._once_possible(
+        found = self._wait_until_possible(
             lambda: self.can_transform_full_core(*asked), self._full(*asked), limit
         )
         return found if return_debug_tuple else found[0]
@@ -193,7 +193,7 @@ class Buffer(BufferCalls, BufferCore, BufferInterface):
         _check_may_come(question)
         began = monotonic_ns()
         try:
-            return self._once_there(
+            return self._wait_for_answer(
                 lambda: self.lookup_transform_core(target_frame, source_frame, time),
                 question,
                 limit,
@@ -208,7 +208,7 @@ class Buffer(BufferCalls, BufferCore, BufferInterface):
     ) -> Any:
         """Return a future, which is done when `lookup_transform` has an answer.
 
-        Its result is the transform. The thread that stores the transform settles it, so it is done
+        Its result is the transform. The thread that stores the transform completes it, so it is done
         when `set_transform` returns. Cancelling it ends the wait. With a `timeout`,
         TimeoutException may end it.
 
@@ -317,7 +317,7 @@ class Buffer(BufferCalls, BufferCore, BufferInterface):
         """Give the deadline in so many nanoseconds: by the wall clock in ROS 2, as upstream."""
         return deadline_in(limit, self.clock if self.flavor == "ros1" else None)
 
-    def _once_there(
+    def _wait_for_answer(
         self, ask: Callable[[], Any], question: Question | Full, limit: int | None
     ) -> Any:
         """Ask until there is an answer; its error once the limit, in nanoseconds, is over."""
@@ -332,7 +332,7 @@ class Buffer(BufferCalls, BufferCore, BufferInterface):
                     break
         return ask()
 
-    def _once_possible(
+    def _wait_until_possible(
         self, ask: Callable[[], tuple[int, str]], question: Question | Full, limit: int
     ) -> tuple[int, str]:
         """Ask until the answer is yes; what it is once the limit is over."""
@@ -450,7 +450,7 @@ class Buffer(BufferCalls, BufferCore, BufferInterface):
                 answer = ask()
             except Exception as error:
                 answer = error
-            settle(future, answer)
+            complete(future, answer)
             if len(held) > 1:
                 release()
 
@@ -458,7 +458,7 @@ class Buffer(BufferCalls, BufferCore, BufferInterface):
             _check_may_come(question)
             wait = self._begin(question, tell, loop)
         except errors.TfdbError as error:
-            settle(future, error)
+            complete(future, error)
             return future
         if wait is None:
             tell(0)
@@ -488,7 +488,7 @@ class Buffer(BufferCalls, BufferCore, BufferInterface):
                 answer = ask()
             except Exception as error:
                 answer = self._late(question, limit, began, error)
-            settle(future, answer)
+            complete(future, answer)
 
         def called_in_loop() -> None:
             loop.call_soon_threadsafe(called)

@@ -105,7 +105,7 @@ class BufferCore(CoreCalls):
                 raise InvalidArgumentException(text, value=cache_time)
         # With a length of 0 tf2 keeps the newest sample alone, and 1 ns does the same.
         self._buffer = _core.Buffer(history=max(length, 1) / SECOND) if buffer is None else buffer
-        self._settled = False
+        self._flavor_known = False
         self._normalized: set[tuple[str, str]] = set()  # edges of which a warning was logged
 
     @property
@@ -120,8 +120,8 @@ class BufferCore(CoreCalls):
 
     def _nanoseconds(self, time: Any) -> int:
         """Nanoseconds of an argument, from which the flavor is found if it is not known yet."""
-        if not self._settled:
-            self._settle(self._flavor or flavor_of(time))
+        if not self._flavor_known:
+            self._set_flavor(self._flavor or flavor_of(time))
         return nanoseconds(time, self._flavor)
 
     def _question(self, target_frame: str, source_frame: str, time: Any) -> Question:
@@ -143,15 +143,15 @@ class BufferCore(CoreCalls):
         given_name("fixed_frame", fixed_frame)
         return target, target_stamp, source, self._nanoseconds(source_time), fixed_frame
 
-    def _settle(self, flavor: Flavor | None) -> None:
+    def _set_flavor(self, flavor: Flavor | None) -> None:
         """Let the native calls answer what is plain, by the flavor if that is known."""
         self._flavor = flavor
-        self._settled = flavor is not None
+        self._flavor_known = flavor is not None
         self._answer_by(
             self._buffer,
             makers(self.flavor)[0],
             # Of another class it would tell the flavor.
-            None if self._settled else msgs.Time,
+            None if self._flavor_known else msgs.Time,
             change_kind=self.flavor == "ros2",
             only_new=self.flavor == "ros1",
         )

@@ -258,7 +258,7 @@ def deskew_cloud(
     stamps = _stamps(points, time_field, unit, since, wanted)
     store = getattr(buffer, "buffer", buffer)
     with store.snapshot() if isinstance(store, _core.Buffer) else nullcontext(store) as state:
-        move = _Mover(state, (target_frame, source), stamps, fixed_frame, made_at)
+        move = _PointMapper(state, (target_frame, source), stamps, fixed_frame, made_at)
         if wanted.any():
             points.put(points.place, move(rows))
         if wanted.any() and points.normals:
@@ -272,7 +272,7 @@ def deskew_cloud(
     return made
 
 
-class _Mover:
+class _PointMapper:
     """Maps points of a source frame, each at its stamp."""
 
     def __init__(

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
     from tfdb.ros import Node
 
-__all__ = ["future_here", "settle"]
+__all__ = ["complete", "future_here"]
 
 
 _cancelling = threading.RLock()
@@ -43,12 +43,12 @@ class _Awaited:
 
 
 def _end_in(loop: asyncio.AbstractEventLoop, future: Any) -> Generator[Any, None, None]:
-    """Wait for the end of a future that any thread settles, in a loop of asyncio."""
+    """Wait for the end of a future that any thread completes, in a loop of asyncio."""
     ended = loop.create_future()
 
     def tell(_: Any) -> None:
         with suppress(RuntimeError):  # a closed loop has no waiter any more
-            loop.call_soon_threadsafe(settle, ended, None)
+            loop.call_soon_threadsafe(complete, ended, None)
 
     future.add_done_callback(tell)
     try:
@@ -61,7 +61,7 @@ def _end_in(loop: asyncio.AbstractEventLoop, future: Any) -> Generator[Any, None
 
 
 class _ThreadsFuture(_Awaited, concurrent.futures.Future[Any]):
-    """A future for threads. Any thread may settle or cancel it.
+    """A future for threads. Any thread may complete or cancel it.
 
     Without a timeout `result` and `exception` never wait: before it is done they raise
     InvalidStateError, as asyncio's futures do. With one they wait, and raise TimeoutError.
@@ -97,7 +97,7 @@ class _ThreadsFuture(_Awaited, concurrent.futures.Future[Any]):
 
 
 class _LoopFuture(asyncio.Future[Any]):
-    """A future of a running loop of asyncio, which alone may settle or cancel it."""
+    """A future of a running loop of asyncio, which alone may complete or cancel it."""
 
     def __init__(self, cancelled: Callable[[], None]) -> None:
         super().__init__()
@@ -116,7 +116,7 @@ def _rclpys_future(base: Any) -> Any:
     """Make the class of futures that are `rclpy.task.Future`, and end what they wait for."""
 
     class RclpyFuture(_Awaited, base):  # type: ignore[misc]
-        """A future of rclpy. Any thread may settle or cancel it; the first to do so wins."""
+        """A future of rclpy. Any thread may complete or cancel it; the first to do so wins."""
 
         def __init__(self, cancelled: Callable[[], None]) -> None:
             super().__init__()
@@ -127,7 +127,7 @@ def _rclpys_future(base: Any) -> Any:
             """Whether the caller is the one that ends it."""
             return not self.done() and self._end.acquire(blocking=False)
 
-        def settle(self, result: Any) -> None:
+        def complete(self, result: Any) -> None:
             """Give it its result, or its exception, unless it has ended."""
             if self._is_first():
                 give = self.set_exception if isinstance(result, Exception) else self.set_result
@@ -156,7 +156,7 @@ def _rclpys() -> Any:
 def future_here(
     node: Node | None, cancelled: Callable[[], None], *, ros2: bool
 ) -> tuple[Any, asyncio.AbstractEventLoop | None]:
-    """Return a future, and the loop that it is to be settled in; None: any thread may.
+    """Return a future, and the loop that it is to be completed in; None: any thread may.
 
     `cancelled` is called when somebody cancels it. `ros2`: whether rclpy's is wanted.
     """
@@ -174,10 +174,10 @@ def future_here(
     return future, None
 
 
-def settle(future: Any, result: Any) -> None:
+def complete(future: Any, result: Any) -> None:
     """Give a future its result, or its exception, unless it has ended."""
-    if hasattr(future, "settle"):
-        future.settle(result)
+    if hasattr(future, "complete"):
+        future.complete(result)
         return
     try:
         if isinstance(result, BaseException):

@@ -39,7 +39,7 @@ __all__ = [
     "Goal",
     "LookupGoal",
     "LookupResult",
-    "Sent",
+    "SentGoal",
     "ServerTransport",
     "action_name",
     "client_in",
@@ -142,7 +142,7 @@ class ServerTransport(Protocol):
         """Take no more goals."""
 
 
-class Sent(Protocol):
+class SentGoal(Protocol):
     """A goal that a client has sent. Any thread may call it."""
 
     def forget(self) -> None:
@@ -161,7 +161,7 @@ class ClientTransport(Protocol):
     def wait_ready(self, seconds: float) -> None:
         """Return once something about that may have changed, or after so long."""
 
-    def send(self, goal: LookupGoal, on_result: Callable[[LookupResult | None], None]) -> Sent:
+    def send(self, goal: LookupGoal, on_result: Callable[[LookupResult | None], None]) -> SentGoal:
         """Send a goal; `on_result` gets its result, or None if it came to another end."""
 
     def close(self) -> None:

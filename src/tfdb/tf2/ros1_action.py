@@ -203,7 +203,7 @@ class Ros1Server:
             self._statuses.publish(encode_status_list(self._node.now(), statuses))
 
 
-class _Sent:
+class _SentGoal:
     """A goal of a client. Threads: any."""
 
     def __init__(self, client: Ros1Client, goal_id: GoalId) -> None:
@@ -247,13 +247,13 @@ class Ros1Client:
         with self._changed:
             self._changed.wait(seconds)
 
-    def send(self, goal: LookupGoal, on_result: Callable[[LookupResult | None], None]) -> _Sent:
+    def send(self, goal: LookupGoal, on_result: Callable[[LookupResult | None], None]) -> _SentGoal:
         """Send a goal; `on_result` gets its result, or None if it came to another end."""
         goal_id = _new_goal_id(self._node)
         with self._changed:
             self._waiting[goal_id.id] = on_result
         self._goals.publish(encode_goal(self._node.now(), goal_id, goal))
-        return _Sent(self, goal_id)
+        return _SentGoal(self, goal_id)
 
     def forget(self, goal_id: GoalId) -> None:
         """Wait for the result of a goal no more, and tell the server."""

@@ -124,7 +124,7 @@ class Ros2Server:
             self._opened.close()
 
 
-class _Sent:
+class _SentGoal:
     """A goal of a client. Threads: any."""
 
     def __init__(self, on_result: Callable[[LookupResult | None], None]) -> None:
@@ -195,9 +195,9 @@ class Ros2Client:
         """Return after so long: rclpy does not report a new server."""
         self._never.wait(seconds)
 
-    def send(self, goal: LookupGoal, on_result: Callable[[LookupResult | None], None]) -> _Sent:
+    def send(self, goal: LookupGoal, on_result: Callable[[LookupResult | None], None]) -> _SentGoal:
         """Send a goal; `on_result` gets its result, or None if it came to another end."""
-        message, sent = _goal_of(goal), _Sent(on_result)
+        message, sent = _goal_of(goal), _SentGoal(on_result)
 
         def send() -> None:
             self._client.send_goal_async(message).add_done_callback(sent.answered)

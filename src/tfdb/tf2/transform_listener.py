@@ -155,7 +155,7 @@ class TransformListener:
         if node is None:  # a subclass subscribes by itself
             return
         if isinstance(buffer, BufferCore) and buffer._flavor is None:
-            buffer._settle(node.flavor)
+            buffer._set_flavor(node.flavor)
         if isinstance(buffer, Buffer) and (buffer.clock is None or buffer.clock.closed):
             buffer.clock = node
         self._sinks = (sink_of(buffer, node, static=False), sink_of(buffer, node, static=True))
