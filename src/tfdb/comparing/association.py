@@ -24,7 +24,7 @@ NEAREST_MAX_DIFF = 10_000_000
 
 
 @dataclass(frozen=True)
-class Matched:
+class MatchedPoses:
     """Poses that belong together: row by row, at `stamps` of the reference's clock."""
 
     stamps: Stamps
@@ -41,7 +41,7 @@ def associate(
     how: Literal["interpolate", "nearest", "rows"],
     max_diff: int | None,
     offset: int,
-) -> Matched:
+) -> MatchedPoses:
     """Match poses; `offset` is added to the stamps of the estimate, both in nanoseconds.
 
     Raises NotComparable where no two belong together.
@@ -68,10 +68,10 @@ def associate(
         raise _nothing_matches(reference, moved, int(away[there(few)].min()), limit, interpolated)
     first = few.poses[rows]
     sides = (found, first) if by_estimate else (first, found)
-    return Matched(few.stamps[rows], *sides, limit)
+    return MatchedPoses(few.stamps[rows], *sides, limit)
 
 
-def _by_row(reference: Trajectory, estimate: Trajectory) -> Matched:
+def _by_row(reference: Trajectory, estimate: Trajectory) -> MatchedPoses:
     """Match poses row by row, at the stamps of the reference.
 
     Raises NotComparable where one has more rows than the other, or no row has both poses.
@@ -83,7 +83,7 @@ def _by_row(reference: Trajectory, estimate: Trajectory) -> Matched:
             reason="other numbers of poses",
         )
     rows = np.flatnonzero(there(reference) & there(estimate))
-    return Matched(reference.stamps[rows], reference.poses[rows], estimate.poses[rows], 0)
+    return MatchedPoses(reference.stamps[rows], reference.poses[rows], estimate.poses[rows], 0)
 
 
 def _known(rows: Rows, found: Array) -> tuple[Rows, Array]:

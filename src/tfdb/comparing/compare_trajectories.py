@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from tfdb.data.decimal_time import Unit
 
     from .alignment import Align
-    from .association import Matched
+    from .association import MatchedPoses
     from .inputs import Frames, TrajectoryLike
     from .pairs import DeltaUnit
 
@@ -166,7 +166,7 @@ def compare(
 
 
 def _judge(
-    matched: Matched,
+    matched: MatchedPoses,
     given: tuple[Trajectory, Trajectory],
     fitted: int | None,
     options: dict[str, Any],

@@ -10,7 +10,7 @@ from .poses import angles, distances, relative
 
 if TYPE_CHECKING:
     from .alignment import Similarity
-    from .association import Matched
+    from .association import MatchedPoses
     from .poses import Array
 
 Role = Literal["reference", "estimate"]
@@ -21,7 +21,7 @@ _OFF = np.deg2rad(10.0)
 _PART = 0.2
 
 
-def order_hint(matched: Matched, fit: Similarity) -> str:
+def order_hint(matched: MatchedPoses, fit: Similarity) -> str:
     """Say that quaternions may be in another order; empty where nothing speaks for it.
 
     The positions agree, within a tenth of their extent, and the rotations would agree far better
@@ -55,7 +55,7 @@ def _middle(points: Array) -> Array:
     return middle
 
 
-def _reordered(matched: Matched, fit: Similarity, role: str, places: tuple[int, ...]) -> float:
+def _reordered(matched: MatchedPoses, fit: Similarity, role: str, places: tuple[int, ...]) -> float:
     """The median angle between the rotations, with the quaternions of one in another order."""
     given = {"reference": matched.reference, "estimate": matched.estimate}
     changed = given[role].copy()

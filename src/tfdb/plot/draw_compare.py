@@ -70,7 +70,7 @@ def comparison(result: Compared, *, title: str | None = None) -> Figure:
     style.label(below, style.since(start) if result.has_stamps else "row", "rotation [deg]")
     above.tick_params(labelbottom=False)
     figure.align_ylabels([above, below])
-    style.settle(figure)
+    style.freeze_layout(figure)
     return figure
 
 

@@ -267,7 +267,7 @@ def _draw(
     if scale is not None and color is not None:
         _draw_scale(figure, main, scale, color)
     figure.align_ylabels(over_time)
-    style.settle(figure)
+    style.freeze_layout(figure)
     if plane == "xyz":
         _bring_name_near(main)
         _move_name_away(main)

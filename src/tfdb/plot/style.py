@@ -86,7 +86,7 @@ def lay_out(figure: Figure, top: float, between: float = 0.02) -> None:
     )
 
 
-def settle(figure: Figure) -> None:
+def freeze_layout(figure: Figure) -> None:
     """Lay all out that was added since `lay_out`: so it stays, whatever it is saved as."""
     figure.draw_without_rendering()
     figure.set_layout_engine("none")

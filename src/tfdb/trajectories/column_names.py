@@ -43,7 +43,7 @@ class NamesError(ValueError):
 
 
 @dataclass(frozen=True)
-class Named:
+class PoseColumns:
     """Where stamp and pose stand.
 
     `pose` are the places of x, y, z, qx, qy, qz, qw. `nanoseconds` is where those of the stamp
@@ -77,7 +77,7 @@ class _Time:
     nanoseconds: int | None = None
 
 
-def named_columns(names: Sequence[str]) -> Named:
+def named_columns(names: Sequence[str]) -> PoseColumns:
     """Find stamp and pose among the names of columns; raises NamesError where they are not sure."""
     read = [_read(name) for name in names]
     positions = _whole("xyz", _parts(read, _POSITION, _FUSED_POSITION))
@@ -100,7 +100,7 @@ def named_columns(names: Sequence[str]) -> Named:
     if len(positions) > 1 or len(rotations) > 1 or len(times) > 1:
         stamps = [best.stamp] + ([] if best.nanoseconds is None else [best.nanoseconds])
         note = "columns taken: " + ", ".join(names[place] for place in (*stamps, *places))
-    return Named(best.stamp, places, best.nanoseconds, best.unit, note)
+    return PoseColumns(best.stamp, places, best.nanoseconds, best.unit, note)
 
 
 def _read(name: str) -> _Name:

@@ -26,7 +26,7 @@ from .columns import layout_of
 from .file_formats import FORMATS, Format
 from .lines import SALVAGE, Lines, zeros
 from .reading_report import TrajectoryRows
-from .rows import floats, rows_of_text, salvaged, settled
+from .rows import finish_rows, floats, repair_rows, rows_of_text
 from .tables import columns_of, read_parquet
 
 if TYPE_CHECKING:
@@ -188,7 +188,7 @@ def _of_arrays(
     try:
         if salvage:
             stamps, poses = _arrays(stamps, poses)
-            stamps, poses, report = salvaged(stamps, poses, path)
+            stamps, poses, report = repair_rows(stamps, poses, path)
         made = make(*frames, stamps, poses, repeated=report.repeated)
     except (InvalidArray, InvalidTransform, InvalidStamp) as error:
         hint = "" if salvage else f"; {SALVAGE} reads the other rows"
@@ -265,7 +265,7 @@ def _read_kitti(
     poses = _kitti_poses(rows, lines, kept, report, salvage=salvage)
     stamps = np.array([when[row] for row in kept], dtype=np.int64)
     numbers = [lines.rows[row][0] for row in kept]
-    return (*settled(stamps, poses, report, numbers, salvage=salvage), report)
+    return (*finish_rows(stamps, poses, report, numbers, salvage=salvage), report)
 
 
 def _kitti_reason(line: str) -> str | None:

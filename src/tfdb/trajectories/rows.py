@@ -80,7 +80,7 @@ def rows_of_text(
         else:
             raise lines.skippable(numbers[at], reason)
     array = np.array(poses, dtype=np.float64).reshape(-1, 7)[kept]
-    made = settled(
+    made = finish_rows(
         np.array(stamps, dtype=np.int64),
         array,
         report,
@@ -92,7 +92,7 @@ def rows_of_text(
     return (*made, report)
 
 
-def settled(
+def finish_rows(
     stamps: Stamps,
     poses: Poses,
     report: TrajectoryRows,
@@ -151,7 +151,7 @@ def _differing(poses: Poses, others: Poses) -> int:
     return int(np.count_nonzero(~near & ~(missing(poses) & missing(others))))
 
 
-def salvaged(stamps: Stamps, poses: Poses, path: Path) -> tuple[Stamps, Poses, TrajectoryRows]:
+def repair_rows(stamps: Stamps, poses: Poses, path: Path) -> tuple[Stamps, Poses, TrajectoryRows]:
     """Stamps that increase and valid poses of arrays; rows that hold neither are skipped."""
     report = TrajectoryRows(str(path), rows=len(stamps))
     with np.errstate(over="ignore", invalid="ignore"):
@@ -162,7 +162,7 @@ def salvaged(stamps: Stamps, poses: Poses, path: Path) -> tuple[Stamps, Poses, T
         what = "no rigid transform" if valid[row] else f"{stamps[row]} is not a stamp"
         report.skip(None, poses.itemsize * 8, f"row {row}: {what}")
     kept = fine & valid
-    return (*settled(stamps[kept], poses[kept], report, None, salvage=True), report)
+    return (*finish_rows(stamps[kept], poses[kept], report, None, salvage=True), report)
 
 
 def _fields(layout: Layout, line: str, cut: str | None) -> tuple[tuple[str, str], list[float]]:

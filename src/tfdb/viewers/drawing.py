@@ -27,8 +27,8 @@ class Edge:
 
 
 @dataclass(frozen=True)
-class Drawn:
-    """All edges, and the trajectories that are drawn as paths, too."""
+class Scene:
+    """All edges, and the trajectories that are scene as paths, too."""
 
     edges: list[Edge]
     paths: list[Trajectory]
@@ -44,10 +44,10 @@ class Drawn:
         return sum(len(edge.poses) for edge in self.edges)
 
 
-def collect(what: Any) -> Drawn:
+def collect(what: Any) -> Scene:
     """Take a store, a snapshot, a trajectory or several apart; raise InvalidArgument for others."""
     if hasattr(what, "tree") and hasattr(what, "samples"):
-        return Drawn(_edges_of(what), [])
+        return Scene(_edges_of(what), [])
     paths = list(what) if isinstance(what, list | tuple) else [what]
     for path in paths:
         if not all(hasattr(path, name) for name in ("target", "source", "stamps", "poses")):
@@ -62,7 +62,7 @@ def collect(what: Any) -> Drawn:
     twice = next((name for name in sources if sources.count(name) > 1), None)
     if twice is not None:
         raise InvalidArgument(f"two trajectories are of the frame {twice!r}", value=what)
-    return Drawn([_edge_of(path) for path in paths], paths)
+    return Scene([_edge_of(path) for path in paths], paths)
 
 
 def _edges_of(store: Any) -> list[Edge]:

@@ -43,7 +43,7 @@ def to_rerun(
     entity
         The entity path under which all is logged.
     axes
-        How long the three axes of each frame are drawn, in metres; 0: not at all.
+        How long the three axes of each frame are scene, in metres; 0: not at all.
     overwrite
         Replace the file if it exists.
 
@@ -66,15 +66,15 @@ def to_rerun(
         raise InvalidArgument(f"axes must be metres from 0 on, got {axes!r}", value=axes)
     from .drawing import collect  # noqa: PLC0415 - imports numpy
 
-    drawn = collect(what)
+    scene = collect(what)
     try:
         from . import rerun_writer  # noqa: PLC0415 - an extra
     except ImportError as error:
         raise _missing("to_rerun", "rerun-sdk", "rerun", error) from error
     rerun_writer.write(
-        drawn, path, recording, root=entity.strip("/"), axes=axes, overwrite=overwrite
+        scene, path, recording, root=entity.strip("/"), axes=axes, overwrite=overwrite
     )
-    return drawn.transforms
+    return scene.transforms
 
 
 def to_foxglove(
@@ -118,13 +118,13 @@ def to_foxglove(
         raise InvalidArgument(f"topic must be the name of a topic, got {topic!r}", value=topic)
     from .drawing import collect  # noqa: PLC0415 - imports numpy
 
-    drawn = collect(what)
+    scene = collect(what)
     try:
         from . import foxglove_writer  # noqa: PLC0415 - an extra
     except ImportError as error:
         raise _missing("to_foxglove", "foxglove-sdk", "foxglove", error) from error
-    foxglove_writer.write(drawn, path, topic=topic, overwrite=overwrite)
-    return drawn.transforms
+    foxglove_writer.write(scene, path, topic=topic, overwrite=overwrite)
+    return scene.transforms
 
 
 def _is_name(value: object) -> bool:

@@ -24,10 +24,10 @@ if TYPE_CHECKING:
 
     import numpy.typing as npt
 
-    from .drawing import Drawn
+    from .drawing import Scene
 
 
-def write(drawn: Drawn, path: str | os.PathLike[str], *, topic: str, overwrite: bool) -> None:
+def write(scene: Scene, path: str | os.PathLike[str], *, topic: str, overwrite: bool) -> None:
     """Do what `tfdb.to_foxglove` says."""
     context = foxglove.Context()
     with (
@@ -36,16 +36,16 @@ def write(drawn: Drawn, path: str | os.PathLike[str], *, topic: str, overwrite: 
     ):
         moving = FrameTransformsChannel(topic, context=context)
         still = FrameTransformsChannel(f"{topic}_static", context=context)
-        first = drawn.first
+        first = scene.first
         fixed = [
             _transform(first, edge.parents[0], edge.child, edge.poses[0])
-            for edge in drawn.edges
+            for edge in scene.edges
             if edge.stamps is None
         ]
         if fixed:
             still.log(FrameTransforms(transforms=fixed), log_time=first)
-        _log_moving(drawn, moving)
-        for each in drawn.paths:
+        _log_moving(scene, moving)
+        for each in scene.paths:
             good = np.isfinite(each.poses).all(axis=1)
             poses = [_pose(row) for row in each.poses[good]]
             message = PosesInFrame(timestamp=_time(first), frame_id=each.target, poses=poses)
@@ -53,9 +53,9 @@ def write(drawn: Drawn, path: str | os.PathLike[str], *, topic: str, overwrite: 
             channel.log(message, log_time=first)
 
 
-def _log_moving(drawn: Drawn, channel: FrameTransformsChannel) -> None:
+def _log_moving(scene: Scene, channel: FrameTransformsChannel) -> None:
     """Log a message for each stamp, all edges that have it in one."""
-    edges = [edge for edge in drawn.edges if edge.stamps is not None]
+    edges = [edge for edge in scene.edges if edge.stamps is not None]
     if not edges:
         return
     stamps = np.concatenate([edge.stamps for edge in edges if edge.stamps is not None])

@@ -13,7 +13,7 @@ from tfdb.data.new_file import new_file
 if TYPE_CHECKING:
     import os
 
-    from .drawing import Drawn, Edge
+    from .drawing import Edge, Scene
 
 TIMELINE = "stamp"
 """On which all is logged: nanoseconds since 1970, as the stamps are."""
@@ -22,7 +22,7 @@ _FARTHEST = float(np.finfo(np.float32).max)
 
 
 def write(
-    drawn: Drawn,
+    scene: Scene,
     path: str | os.PathLike[str] | None,
     recording: Any,
     *,
@@ -31,7 +31,7 @@ def write(
     overwrite: bool,
 ) -> None:
     """Do what `tfdb.to_rerun` says."""
-    for edge in drawn.edges:
+    for edge in scene.edges:
         _refuse_far(edge)
     if path is None:
         into = recording if recording is not None else rr.get_data_recording()
@@ -41,14 +41,14 @@ def write(
                 "rerun.init() first",
                 value=recording,
             )
-        _log(drawn, into, root, axes)
+        _log(scene, into, root, axes)
         return
     if recording is not None:
         raise InvalidArgument("give path or recording, not both", value=recording)
     with new_file(path, overwrite=overwrite) as made:
         into = rr.RecordingStream("tfdb")
         into.save(made)
-        _log(drawn, into, root, axes)
+        _log(scene, into, root, axes)
         into.flush()
         into.disconnect()
 
@@ -64,10 +64,10 @@ def _refuse_far(edge: Edge) -> None:
         )
 
 
-def _log(drawn: Drawn, into: rr.RecordingStream, root: str, axes: float) -> None:
-    for edge in drawn.edges:
+def _log(scene: Scene, into: rr.RecordingStream, root: str, axes: float) -> None:
+    for edge in scene.edges:
         _log_edge(edge, into, rr.new_entity_path([root, edge.child]), axes)
-    for path in drawn.paths:
+    for path in scene.paths:
         entity = rr.new_entity_path([root, f"{path.source} in {path.target}"])
         good = np.isfinite(path.poses).all(axis=1)
         into.log(
