@@ -87,7 +87,7 @@ def lay_out(figure: Figure, top: float, between: float = 0.02) -> None:
 
 
 def freeze_layout(figure: Figure) -> None:
-    """Lay all out that was added since `lay_out`: so it stays, whatever it is saved as."""
+    """Lay out what was added since `lay_out`, and keep the layout for every file format."""
     figure.draw_without_rendering()
     figure.set_layout_engine("none")
 

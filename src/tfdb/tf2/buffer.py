@@ -208,8 +208,8 @@ class Buffer(BufferCalls, BufferCore, BufferInterface):
     ) -> Any:
         """Return a future, which is done when `lookup_transform` has an answer.
 
-        Its result is the transform. The thread that stores the transform completes it, so it is done
-        when `set_transform` returns. Cancelling it ends the wait. With a `timeout`,
+        Its result is the transform. The thread that stores the transform completes it, so it is
+        done when `set_transform` returns. Cancelling it ends the wait. With a `timeout`,
         TimeoutException may end it.
 
         In a program of rclpy it is an `rclpy.task.Future`: before it is done, its `result()` and

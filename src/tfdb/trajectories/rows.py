@@ -100,7 +100,7 @@ def finish_rows(
     *,
     salvage: bool,
 ) -> tuple[Stamps, Poses]:
-    """Stamps that increase: the last row of each counts, and with `salvage` rows are sorted.
+    """Keep the last row of each stamp; with `salvage`, sort the rows. Stamps then increase.
 
     `numbers` are the lines of the rows. Raises TrajectoryError where stamps run backwards.
     """
@@ -152,7 +152,7 @@ def _differing(poses: Poses, others: Poses) -> int:
 
 
 def repair_rows(stamps: Stamps, poses: Poses, path: Path) -> tuple[Stamps, Poses, TrajectoryRows]:
-    """Stamps that increase and valid poses of arrays; rows that hold neither are skipped."""
+    """Keep rows with a valid stamp and pose (or a missing pose), sorted by stamp."""
     report = TrajectoryRows(str(path), rows=len(stamps))
     with np.errstate(over="ignore", invalid="ignore"):
         off = np.abs((poses[:, 3:] ** 2).sum(axis=1) - 1.0)

@@ -28,7 +28,7 @@ class Edge:
 
 @dataclass(frozen=True)
 class Scene:
-    """All edges, and the trajectories that are scene as paths, too."""
+    """All edges, and the trajectories that are drawn as paths as well."""
 
     edges: list[Edge]
     paths: list[Trajectory]

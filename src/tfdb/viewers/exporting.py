@@ -43,7 +43,7 @@ def to_rerun(
     entity
         The entity path under which all is logged.
     axes
-        How long the three axes of each frame are scene, in metres; 0: not at all.
+        Length of the drawn axes of each frame, in metres; 0: none are drawn.
     overwrite
         Replace the file if it exists.
 
