@@ -28,11 +28,12 @@ REJECTED = re.compile(
 DOCUMENTS = ("README.md", "CONTRIBUTING.md", "docs/howto/*.md", "docs/tasks.md")
 PYTHON = ("src/**/*.py",)
 CPP: tuple[str, ...] = ()
-SHORT = ("README.md",)  # the documents whose sentences are counted
+SHORT = re.compile(r"README\.md|docs/howto/.*")  # the documents whose sentences are counted
 
-SENTENCE_END = re.compile(r"(?<=[.!?])\s+")
+SENTENCE_END = re.compile(r"(?<=[.!?])\*{0,2}\s+")
 CODE_BLOCK = re.compile(r"^```.*?^```$|^<!--.*?-->$|^(?: {4}|\t).*?$", re.MULTILINE | re.DOTALL)
 CODE = re.compile(r"(`+).+?\1", re.DOTALL)
+NAMES = re.compile(r"CODE(?:[\[\],;: ]+(?:and |or )?CODE)+")  # a list of names counts as one word
 LINK = re.compile(r"!?\[([^\]]*)\]\([^)]*\)")
 CPP_TEXT = re.compile(
     r'(?P<comment>(?:^[^\S\n]*//[^\n]*\n)+|//[^\n]*)|"(?P<string>(?:[^"\\\n]|\\.)*)"', re.MULTILINE
@@ -54,7 +55,7 @@ def findings(text: Text) -> Iterator[str]:
     for found in REJECTED.finditer(prose):
         around = prose[max(0, found.start() - 40) : found.end() + 40]
         yield f"{text.place}: {found[0]!r} in {around!r}"
-    for sentence in SENTENCE_END.split(prose) if text.short else ():
+    for sentence in SENTENCE_END.split(NAMES.sub("CODE", prose)) if text.short else ():
         if len(sentence.split()) > LONGEST:
             yield f"{text.place}: {len(sentence.split())} words in {sentence!r}"
 
@@ -67,7 +68,7 @@ def of_markdown(path: str, markdown: str) -> Iterator[Text]:
     for part in re.split(r"(\n(?:\s*\n)+|\n(?=\s*(?:[-*|#]|\d+\.)))", prose):
         for cell in part.strip("|\n").split(" | ") if part.lstrip().startswith("|") else [part]:
             if cell.strip():
-                yield Text(f"{path}:{begin}", cell, short=path in SHORT)
+                yield Text(f"{path}:{begin}", cell, short=bool(SHORT.fullmatch(path)))
         begin += part.count("\n")
 
 
