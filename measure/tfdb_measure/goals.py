@@ -528,7 +528,7 @@ ENGINES = [
         unit="",
     ),
     Goal(
-        "atomic write of 16 edges, nobody else there, 100 frames, median",
+        "atomic write of 16 edges, no other thread, 100 frames, median",
         ITSELF,
         at("writer", "writes_p50_ns"),
         goal=27 / 20,
