@@ -1,7 +1,7 @@
-"""How far one trajectory is off another: association by time, alignment, errors, statistics.
+"""The error of one trajectory against another: association by time, alignment, statistics.
 
-`tfdb.compare` is the way in. Numbers are those of evo (M. Grupp, "evo: Python package for the
-evaluation of odometry and SLAM"), with which the tests compare them.
+Call `tfdb.compare`. The tests compare its numbers with those of evo (M. Grupp, "evo: Python package
+for the evaluation of odometry and SLAM").
 """
 
 from __future__ import annotations

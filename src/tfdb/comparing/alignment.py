@@ -1,4 +1,4 @@
-"""The transform that lays one set of positions over another.
+"""The transform that aligns one set of positions with another.
 
 S. Umeyama, "Least-squares estimation of transformation parameters between two point patterns",
 IEEE Transactions on Pattern Analysis and Machine Intelligence 13(4), 1991. With yaw
@@ -54,7 +54,7 @@ class Similarity:
         return poses_of_matrices(turn[np.newaxis])[0, 3:]
 
     def apply(self, poses: Array) -> Array:
-        """Move poses: positions are scaled as well, orientations turned only."""
+        """Transform poses: positions are also scaled, orientations only rotated."""
         positions = self.scale * poses[:, :3] @ self.rotation.T + self.translation
         turn = np.broadcast_to(self.quaternion, (len(poses), 4))
         return np.hstack((positions, multiply(turn, poses[:, 3:])))
@@ -63,7 +63,7 @@ class Similarity:
 def align(reference: Array, estimate: Array, how: Align) -> Similarity:
     """Fit the estimate's poses (N, 7) to those of the reference.
 
-    Raises NotComparable where they do not say how: too few, standing still, on a straight line.
+    Raises NotComparable if they do not determine it: too few, in one place, on a straight line.
     """
     if how == "none":
         return Similarity(np.eye(3), np.zeros(3), 1.0)

@@ -1,4 +1,4 @@
-"""Which poses of two trajectories belong together, by their stamps or row by row."""
+"""Matches the poses of two trajectories, by their stamps or row by row."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ NEAREST_MAX_DIFF = 10_000_000
 
 @dataclass(frozen=True)
 class MatchedPoses:
-    """Poses that belong together: row by row, at `stamps` of the reference's clock."""
+    """Matched poses, row by row, at `stamps` of the reference's clock."""
 
     stamps: Stamps
     reference: Array
@@ -44,7 +44,7 @@ def associate(
 ) -> MatchedPoses:
     """Match poses; `offset` is added to the stamps of the estimate, both in nanoseconds.
 
-    Raises NotComparable where no two belong together.
+    Raises NotComparable if no two poses match.
     """
     if how == "rows":
         return _by_row(reference, estimate)

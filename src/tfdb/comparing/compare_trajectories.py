@@ -54,47 +54,47 @@ def compare(
     salvage: bool = False,
     stamp_unit: Unit | None = None,
 ) -> Comparison:
-    """How far an estimated trajectory is off a reference: APE (ATE) and RPE, as evo computes them.
+    """Compute APE (ATE) and RPE of an estimated trajectory against a reference, as evo does.
 
     Parameters
     ----------
     reference, estimate
         A Trajectory; or the path of a TUM, KITTI, EuRoC, CSV or NPZ file; or a Buffer, a Snapshot
         or the path of a recording or frozen store, each with its `frames`. Rows with NaN hold no
-        pose and match nothing.
+        pose and are not matched.
     frames, estimate_frames
-        Target and source: T[target<-source] at each stored stamp is the trajectory. Those of the
-        estimate are by default those of the reference.
+        Target and source: the trajectory is T[target<-source] at each stored stamp. The default for
+        the estimate is the frames of the reference.
     association
-        `interpolate`: the trajectory with more poses in the time that both cover is interpolated at
-        the stamps of the other (of equally many: at those of the estimate). `nearest`: each pose
-        of the one with fewer poses is matched with the nearest of the other, as evo does by
-        default; the motion between their stamps then counts as error. `rows`: row by row, of
-        trajectories with as many poses; stamps do not matter. Two files of KITTI poses, not both
-        with a file of times beside them, are compared so by default, as evo does.
+        `interpolate`: the trajectory with more poses in the common time is interpolated at the
+        stamps of the other (of equally many: at those of the estimate). `nearest`: each pose of the
+        trajectory with fewer poses is matched with the nearest of the other, evo's default; the
+        motion between their stamps counts as error. `rows`: row by row, for trajectories of equal
+        length, without regard to stamps. That is the default, as in evo, for two files of KITTI
+        poses unless both have a file of times.
     max_diff
-        Seconds by which a stamp may be off the nearest pose of the other trajectory, or it is left
-        out; nothing is interpolated where two poses are more than twice as far apart. None: 0.01
-        for `nearest`, 2.5 median periods of the interpolated one for `interpolate`.
+        Longest time in seconds between a stamp and the nearest pose of the other trajectory; other
+        stamps are left out. Gaps of more than twice this time are not interpolated. None: 0.01 for
+        `nearest`, 2.5 median periods of the interpolated trajectory for `interpolate`.
     offset
-        Seconds to add to the estimate's stamps, or `estimate`: found from how both move; half of
-        the shorter trajectory must then lie in the longer one.
+        Seconds to add to the estimate's stamps; `estimate` computes it from both motions, of which
+        half of the shorter trajectory must overlap the longer one.
     align
-        What is fitted to lay the estimate over the reference: `se3` (rotation and translation),
-        `sim3` (and a scale), `scale` alone, `yaw` (a turn about z and a translation: for estimates
-        that know where down is), `origin` (the first poses coincide), `none`. By Umeyama's method
-        (IEEE TPAMI 13(4), 1991).
+        The transform that is fitted to align the estimate with the reference: `se3` (rotation and
+        translation), `sim3` (also a scale), `scale` only, `yaw` (a rotation about z and a
+        translation, for estimates with a known direction of gravity), `origin` (the first poses
+        coincide), `none`. By Umeyama's method (IEEE TPAMI 13(4), 1991).
     align_poses
-        Fit only the first so many matched poses. None: all.
+        Number of matched poses to fit, from the first. None: all.
     delta, delta_unit
-        Of the relative error: so many `frames` (matched poses), metres (`m`) of the way, seconds
-        (`s`), `deg` or `rad` of the turns.
+        Interval of the relative error: `frames` (matched poses), metres of path (`m`), seconds
+        (`s`), rotation in `deg` or `rad`.
     all_pairs
-        From every pose on, not only from where the one before ends.
+        Begin an interval at every pose, not only at the end of the previous interval.
     delta_tolerance
-        With `all_pairs`, but not of frames: the part of `delta` by which a pair may be off it.
+        Relative tolerance on `delta`, for `all_pairs` with another unit than frames.
     pairs_from
-        Whose way is measured to find the pairs.
+        The trajectory whose path and rotation define the intervals.
     salvage, stamp_unit
         How trajectory files are read, as in `Trajectory.read`. `salvage` also reads
         damaged recordings, as in `tfdb.load`.
@@ -108,9 +108,8 @@ def compare(
     Raises
     ------
     NotComparable
-        No time in common, too few poses that match, positions that leave the alignment open (all in
-        one place, on a straight line), no pair that is `delta` apart, a motion that does not tell
-        the offset. Field: reason.
+        No common time, too few matched poses, an undetermined alignment (positions in one place or
+        on a straight line), no pair that is `delta` apart, an undetermined offset. Field: reason.
     InvalidArgument
         An option outside its range, or frames that are missing.
     InvalidTransform
@@ -121,8 +120,8 @@ def compare(
     Warns
     -----
     TfdbWarning
-        The positions agree, but the rotations would only with the quaternions of one in another
-        order (w x y z); and as `Trajectory.read` for files.
+        The positions agree, but the rotations only if the quaternions of one trajectory are in the
+        order w x y z. Also the warnings of `Trajectory.read` for files.
     """
     if stamp_unit is not None:
         given_word("stamp_unit", stamp_unit, STAMP_UNITS)

@@ -1,4 +1,4 @@
-"""What a comparison found: errors with their stamps, statistics, the alignment."""
+"""The result of a comparison: errors with their stamps, statistics, the alignment."""
 
 from __future__ import annotations
 
@@ -65,7 +65,7 @@ class Errors:
 
     @property
     def std(self) -> float:
-        """Standard deviation of all of them, not of a sample of more."""
+        """Population standard deviation."""
         return float(np.std(self.values))
 
     @property
@@ -99,12 +99,11 @@ class Errors:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Comparison:
-    """How far an estimated trajectory is off a reference. `print` shows the table.
+    """The error of an estimated trajectory against a reference. `print` shows the table.
 
-    The absolute pose error (APE, also ATE) of two poses that belong together is reference^-1 *
-    estimate; the relative one (RPE) is that of the motions from one pose to another: J. Sturm et
-    al., "A benchmark for the evaluation of RGB-D SLAM systems", IROS 2012. Each has a translation
-    and a rotation.
+    The absolute pose error (APE, also ATE) of two matched poses is reference^-1 * estimate. The
+    relative pose error (RPE) is that of their motions: J. Sturm et al., "A benchmark for the
+    evaluation of RGB-D SLAM systems", IROS 2012. Each has a translation and a rotation.
     """
 
     reference: Trajectory
@@ -146,7 +145,7 @@ class Comparison:
 
     @property
     def has_stamps(self) -> bool:
-        """False where stamps are the numbers of rows, in seconds: KITTI poses have no others."""
+        """False if the stamps are row numbers, in seconds, as of KITTI poses without times."""
         stamps = self.reference.stamps
         whole = bool((stamps % NS_PER_SECOND == 0).all())
         numbers = whole and int(stamps[-1]) < self.given[0] * NS_PER_SECOND

@@ -1,4 +1,4 @@
-"""What is given for a trajectory: one, a file of one, or what it can be looked up in."""
+"""Arguments of a comparison: a trajectory, a trajectory file, or a store or recording of one."""
 
 from __future__ import annotations
 

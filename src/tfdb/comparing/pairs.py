@@ -1,4 +1,4 @@
-"""Which two poses a relative error is of, as evo chooses them."""
+"""Pairs of poses for the relative error, chosen as in evo."""
 
 from __future__ import annotations
 
@@ -32,10 +32,10 @@ def find_pairs(
 ) -> Rows:
     """Rows (M, 2) of the poses that lie `delta` apart.
 
-    Consecutive pairs: the second of each is the first pose at which the way from the first reaches
-    `delta`, and begins the next. All pairs: from every pose to the one whose way comes nearest to
-    `delta`, if within `tolerance` (a part of it); of angles, to every one that is turned by it.
-    Raises NotComparable where there is none.
+    Consecutive pairs: each ends at the first pose whose path length from its begin reaches `delta`,
+    and the next begins there. All pairs: from every pose to the one whose path length is nearest to
+    `delta`, within the relative `tolerance`; of angles, to every pose that is rotated by `delta`.
+    Raises NotComparable if no pair is found.
     """
     count = len(poses)
     if unit == "frames":

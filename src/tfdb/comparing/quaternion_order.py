@@ -1,4 +1,4 @@
-"""Whether the quaternions of a trajectory may have been read in another order than they have."""
+"""Detects quaternions that were read in the wrong order."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ _PART = 0.2
 
 
 def order_hint(matched: MatchedPoses, fit: Similarity) -> str:
-    """Say that quaternions may be in another order; empty where nothing speaks for it.
+    """Describe quaternions that seem to be in another order; empty: no sign of it.
 
     The positions agree, within a tenth of their extent, and the rotations would agree far better
     with the numbers of one trajectory's quaternions in another order.

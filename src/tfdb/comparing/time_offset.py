@@ -1,9 +1,9 @@
-"""By how much the clock of one trajectory is off that of the other.
+"""Estimates the clock offset of two trajectories.
 
-How fast a body moves and turns does not depend on the frame that it is seen from, so both courses
-are laid over each other where they correlate best; then the offset is refined where the
-aligned positions fit best. Correlation of what is partly missing: D. Padfield, "Masked object
-registration in the Fourier domain", IEEE Transactions on Image Processing 21(5), 2012.
+Linear and angular speeds do not depend on the frame, so the offset with the best correlation of
+both speeds comes first; the fit of the aligned positions then refines it. Correlation of partly
+missing data: D. Padfield, "Masked object registration in the Fourier domain", IEEE Transactions on
+Image Processing 21(5), 2012.
 """
 
 from __future__ import annotations
@@ -40,9 +40,8 @@ _ROUNDING = 1e-15
 def estimate_offset(reference: Trajectory, estimate: Trajectory, *, scaled: bool) -> int:
     """Nanoseconds to add to the estimate's stamps.
 
-    Any offset is found at which half of the shorter trajectory lies in the longer one. Raises
-    NotComparable where the motion does not tell: too few poses, one stands still, all moves evenly,
-    nothing agrees.
+    Half of the shorter trajectory must overlap the longer one. Raises NotComparable if the motion
+    does not determine the offset: too few poses, standstill, constant speeds, no agreement.
     """
     for name, one in (("reference", reference), ("estimate", estimate)):
         if int(there(one).sum()) < NEEDED:

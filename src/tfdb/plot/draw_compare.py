@@ -35,12 +35,12 @@ _LEGEND: dict[str, Any] = {
 
 
 def comparison(result: Compared, *, title: str | None = None) -> Figure:
-    """Draw what `tfdb.compare` found.
+    """Draw the result of `tfdb.compare`.
 
-    Left, over the two axes along which the reference reaches farthest: the reference grey, the
-    aligned estimate coloured by its APE in metres, both in one scale. Right: the errors over time,
-    translations in metres above rotations in degrees, the APE with its rmse (dashed), the RPE
-    thinner. Holes in time stay holes. Seconds count from the first matched pose.
+    The left part shows the two axes of the reference's largest extent in one scale: the reference
+    in grey, the aligned estimate coloured by its APE in metres. The right part shows the errors
+    over time, translations in metres above rotations in degrees: the APE with its rmse (dashed),
+    and the RPE as a thinner line. Gaps stay empty. Seconds count from the first matched pose.
     """
     refuse_without(
         result, "result", "what tfdb.compare found", "ape_translation", "rpe_translation"

@@ -48,7 +48,7 @@ _TICKS_AT_MOST = 250
 
 @dataclass(frozen=True)
 class Arrivals:
-    """The samples of one edge in the order in which they arrived, and who sent each."""
+    """The samples of one edge in the order of arrival, and the publisher of each."""
 
     stamps: Sequence[int] | Stamps
     """Nanoseconds."""
@@ -81,33 +81,32 @@ def timeline(
 ) -> Figure:
     """Draw one row per moving edge over time, sorted as the tree; all static edges are one row.
 
-    Holes longer than the limit are red. Rows with many samples are drawn as bars from one gap to
-    the next, rows with few as single strokes. How many samples of an edge came late is said at its
-    right. Times are in seconds from the first sample.
+    Gaps longer than the limit are red. Rows with many samples are drawn as bars between gaps, rows
+    with few as single strokes. The count of late samples stands at the right of an edge. Times are
+    in seconds from the first sample.
 
     Parameters
     ----------
     store
         A store or a snapshot.
     title
-        Instead of "Samples of each edge".
+        Title of the picture. None: "Samples of each edge".
     max_gap
-        The longest hole that is fine, in seconds. None: five median periods of each edge.
+        Longest accepted gap in seconds. None: five median periods of each edge.
     arrivals
-        By child frame, its samples as they came, which a store does not keep: late ones (older than
-        one that came before) are marked where they lie, and an edge that several publishers write
-        has a row for each of them. `tfdb plot` has them from the recording.
+        The arrivals of each child frame, which a store does not keep; `tfdb plot` reads them from
+        the recording. Late samples are marked, and each publisher of an edge has its own row.
     width
-        Of the picture, in inches, from 5 to 100. Its height comes from the number of rows.
+        Width of the picture in inches, from 5 to 100. The number of rows sets its height.
     rows
         Largest number of rows; beyond it subtrees are folded, the deepest first,
-        into one row with the samples of all their edges. None: all are drawn, however many.
+        into one row with the samples of all their edges. None: no limit.
 
     Raises
     ------
     InvalidArgument
         `max_gap`, `width` or `rows` is outside its range, `arrivals` is not a mapping to
-        `Arrivals`, or one of them has not as many publishers as stamps.
+        `Arrivals`, or the numbers of publishers and stamps differ.
     """
     if not hasattr(store, "samples"):
         got = type(store).__name__

@@ -77,33 +77,30 @@ def trajectory(
 ) -> Figure:
     """Draw the translations of one or several ``T[target<-source]``.
 
-    At the left the path, both axes in one scale; at the right x, y and z over time. Start (a disc)
-    and end (a square) are marked; of a single path small arrows show the heading, which is the
-    source's x axis. Rows with NaN leave a hole. Lengths are in metres, times in seconds from the
-    first stamp of all.
+    The path is at the left, with both axes in one scale; x, y and z over time are at the right. A
+    disc marks the start, a square the end. Arrows on a single path show the heading, the source's
+    x axis. Rows with NaN leave a gap. Lengths are in metres, times in seconds from the first stamp.
 
     Parameters
     ----------
     *paths
         What `Buffer.trajectory` and `Trajectory.read` return.
     axes
-        The plane that is looked at, or `"xyz"` for three dimensions. None: the two axes along which
-        the paths reach furthest.
+        The plane to draw, or `"xyz"` for three dimensions. None: the two axes of largest extent.
     color
-        `"time"` or `"speed"` (m/s): the path's colour tells it, one scale for all paths. None: one
-        colour for each path.
+        `"time"` or `"speed"` (m/s) colours the paths by one scale. None: one colour for each path.
     labels
         A name for each path. None: its frames.
     title
-        Instead of the frames.
+        Title of the picture. None: the frames.
     size
-        Width and height in inches, at least 5 and 4; a long legend adds to the height.
+        Width and height in inches, at least 5 and 4. A long legend adds to the height.
 
     Raises
     ------
     InvalidArgument
-        No path, a path without a pose or with one 1e100 m away, labels that are not one for each,
-        or an option that is none of those above.
+        No path; a path without a pose, or with one 1e100 m away; a wrong number of labels; another
+        value of an option.
     """
     _check(paths, axes, color, labels, size)
     drawn = _prepare(paths, labels)
@@ -189,7 +186,7 @@ def _prepare(paths: Sequence[Drawable], labels: Sequence[str] | None) -> list[_P
 
 
 def _widest(drawn: Sequence[_Path]) -> str:
-    """Name the two axes along which the paths reach furthest, in the order of the alphabet."""
+    """Name the two axes of largest extent, in the order of the alphabet."""
     points = np.concatenate([path.points[path.good] for path in drawn])
     reach = points.max(axis=0) - points.min(axis=0)
     widest = sorted(np.argsort(-reach, kind="stable")[:2].tolist())

@@ -1,4 +1,4 @@
-"""The frame tree, one row for each frame under its parent; what is too much is folded."""
+"""The frame tree, one row for each frame under its parent; large subtrees are folded."""
 
 from __future__ import annotations
 
@@ -58,13 +58,13 @@ def frame_tree(
     Parameters
     ----------
     frames
-        A store or a snapshot, or what its `tree()` returned.
+        A store or a snapshot, or the result of its `tree()`.
     title
-        Instead of "Frame tree".
+        Title of the picture. None: "Frame tree".
     rows
-        So many frames at most are drawn, if need be: of more, subtrees are folded into one row that
-        says how many frames it stands for; first those of static edges alone, the largest first,
-        then the deepest. Roots are always drawn. None: all are drawn, however many.
+        Largest number of drawn frames; beyond it subtrees are folded into one row with the number
+        of their frames: first subtrees with static edges only, the largest first, then the deepest.
+        Roots are always drawn. None: no limit.
 
     Raises
     ------

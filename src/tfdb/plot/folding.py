@@ -1,4 +1,4 @@
-"""What of a forest is folded away, so that a picture has no more rows than it should."""
+"""Folds subtrees, so that a picture has a limited number of rows."""
 
 from __future__ import annotations
 
@@ -31,9 +31,9 @@ def check_rows(rows: object) -> None:
 
 
 class Folds:
-    """Which children of which frames are folded into one row each.
+    """The children of each frame that are folded into one row.
 
-    `heights` says how many rows a frame takes by itself; None: one each.
+    `heights` is the number of rows of each frame; None: one each.
     """
 
     def __init__(self, forest: Forest, heights: Mapping[str, int] | None = None) -> None:

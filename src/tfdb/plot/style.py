@@ -1,4 +1,4 @@
-"""The one look of all pictures: colours, sizes, and figures that need no screen."""
+"""The style of all pictures: colours, sizes, and figures without a screen."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Joint states and a robot's model: what they make of each other, and what is wrong with them."""
+"""Transforms of joint states by a robot model, and a report of their mismatches."""
 
 from __future__ import annotations
 
@@ -43,25 +43,25 @@ class BeyondLimits:
 
 @dataclass(frozen=True)
 class JointReport:
-    """What joint states made of a robot's model.
+    """Counts of read joint states, and their mismatches with the robot model.
 
     Parameters
     ----------
     states
-        Messages of joint states that were read.
+        Number of messages of joint states.
     missing
-        Joints that move and that no message names: their frames hang nowhere.
+        Moving joints that no message names: their frames have no parent.
     wide
-        Floating and planar joints whose transform nothing else says: joint states have one number
-        for each joint, and move none of these.
+        Floating and planar joints without a transform: a joint state has one number for each joint,
+        so it cannot place them.
     unknown
         Joints in the messages that the model does not have.
     beyond
-        Joints, those that mimic others too, that were beyond their limits (radians, metres); their
-        transforms are stored all the same.
+        Joints beyond their limits (radians, metres), including mimic joints; their transforms are
+        stored.
     not_finite
-        Joints whose position was infinite or no number, and in how many messages; such positions
-        are left out.
+        Joints with infinite or NaN positions, and the number of such messages; these positions are
+        skipped.
     """
 
     states: int

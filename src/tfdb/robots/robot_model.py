@@ -124,9 +124,9 @@ class RobotModel:
     A joint state is a mapping from joint names to positions: radians for revolute and continuous
     joints, metres for prismatic ones, `(x, y, angle)` for planar ones (in the plane that the axis
     is normal to, turned there from z by the shortest way), a pose `[x y z qx qy qz qw]` for
-    floating ones. A mimic joint follows its leader unless the state names it, too. The position of
-    a fixed leader is 0: what mimics it stands at its offset in every state. Joints that the state
-    does not determine are left out of the answers, as ROS's robot_state_publisher does.
+    floating ones. A mimic joint follows its leader unless the state names it. The position of a
+    fixed leader is 0, so a joint that mimics it stays at its offset. Joints that the state does not
+    determine are omitted, as in ROS's robot_state_publisher.
 
     Parameters
     ----------
@@ -142,7 +142,7 @@ class RobotModel:
     Raises
     ------
     InvalidArgument
-        Links that are not names, joints that are none, or that make no tree of the links.
+        A link that is not a name, a joint of another type, or joints that do not form a tree.
     """
 
     def __init__(

@@ -1,4 +1,4 @@
-"""Stores and trajectories for the viewers of others: Rerun and Foxglove."""
+"""Writes stores and trajectories for the viewers Rerun and Foxglove."""
 
 from __future__ import annotations
 
@@ -28,9 +28,9 @@ def to_rerun(
     """Write transforms for Rerun's viewer, to an ``.rrd`` file or into a recording of Rerun.
 
     Each edge T[parent<-child] becomes a `Transform3D` between two named frames, at
-    `ENTITY/CHILD`; moving ones lie on the timeline `stamp`, with all their samples. A trajectory
-    T[target<-source] is an edge, and its path a line in the target, too. Rerun keeps poses in
-    single precision. Needs rerun-sdk: ``pip install 'tfdb[rerun]'``.
+    `ENTITY/CHILD`. Moving edges are on the timeline `stamp`, with all their samples. A trajectory
+    T[target<-source] becomes an edge, and a line in the target frame. Rerun stores poses in single
+    precision. Needs rerun-sdk: ``pip install 'tfdb[rerun]'``.
 
     Parameters
     ----------
@@ -50,15 +50,15 @@ def to_rerun(
     Returns
     -------
     int
-        How many transforms were written.
+        Number of written transforms.
 
     Raises
     ------
     NotSupported
         rerun-sdk is not installed; the message says how.
     InvalidArgument
-        `what` is none of these, or a path without a pose; the file exists; neither a path nor a
-        recording; both of them; a pose farther away than single precision reaches.
+        `what` has another type, or a trajectory has no pose; the file exists; neither or both of
+        path and recording; a pose beyond the range of single precision.
     """
     if not _is_name(entity):
         raise InvalidArgument(f"entity must be a path, got {entity!r}", value=entity)
@@ -86,10 +86,10 @@ def to_foxglove(
 ) -> int:
     """Write transforms as an MCAP file for Foxglove: messages of `foxglove.FrameTransforms`.
 
-    The edges T[parent<-child] of one stamp make one message on `topic`, logged at that stamp; the
-    static ones one on `topic` + `_static` at the first stamp. A trajectory T[target<-source] is an
-    edge, and a `foxglove.PosesInFrame` on `/SOURCE/path`, too. Needs foxglove-sdk:
-    ``pip install 'tfdb[foxglove]'``.
+    The edges T[parent<-child] of one stamp make one message on `topic`, logged at that stamp.
+    Static edges make one message on `topic` + `_static` at the first stamp. A trajectory
+    T[target<-source] becomes an edge, and a `foxglove.PosesInFrame` on `/SOURCE/path`. Needs
+    foxglove-sdk: ``pip install 'tfdb[foxglove]'``.
 
     Parameters
     ----------
@@ -98,21 +98,21 @@ def to_foxglove(
     path
         The file; usually it ends in ``.mcap``.
     topic
-        Of the moving transforms.
+        Topic of the moving transforms.
     overwrite
         Replace the file if it exists.
 
     Returns
     -------
     int
-        How many transforms were written.
+        Number of written transforms.
 
     Raises
     ------
     NotSupported
         foxglove-sdk is not installed; the message says how.
     InvalidArgument
-        `what` is none of these, or a path without a pose; the file exists; `topic` is empty.
+        `what` has another type, or a trajectory has no pose; the file exists; `topic` is empty.
     """
     if not _is_name(topic):
         raise InvalidArgument(f"topic must be the name of a topic, got {topic!r}", value=topic)
