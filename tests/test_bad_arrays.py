@@ -211,7 +211,7 @@ def test_trajectories_with_bad_stamps(stamps: list[int], rows: int) -> None:
         tfdb.Trajectory("map", "odom", np.array(stamps), np.zeros((rows, 7)))
 
 
-def test_unsorted_trajectories_say_where() -> None:
+def test_unsorted_trajectories_name_the_row() -> None:
     with pytest.raises(tfdb.errors.InvalidArray) as caught:
         tfdb.Trajectory("map", "odom", np.array([1, 3, 2]), np.zeros((3, 7)))
     assert (caught.value.index, caught.value.stamp) == (2, 2)

@@ -54,7 +54,7 @@ NO_TEXT: list[tuple[str, Callable[[tfdb.Buffer, Any], object]]] = [
 
 @pytest.mark.parametrize("wrong", [5, None, 1.5])
 @pytest.mark.parametrize(("role", "call"), NO_TEXT)
-def test_what_is_no_text(
+def test_texts_must_be_str(
     robot: Robot, role: str, call: Callable[[tfdb.Buffer, Any], object], wrong: object
 ) -> None:
     with refused(robot.buffer, TypeError) as caught:
@@ -241,7 +241,7 @@ def test_target_equal_to_source_with_an_unknown_name(robot: Robot, time: int | N
         lambda buffer: buffer.transform_points("map", "nowhere", np.zeros((2, 3)), 5),
     ],
 )
-def test_everything_else_knows_unknown_frames_too(
+def test_all_other_reads_refuse_unknown_frames(
     robot: Robot, call: Callable[[tfdb.Buffer], object]
 ) -> None:
     with refused(robot.buffer, tfdb.UnknownFrame):

@@ -118,7 +118,7 @@ def test_messages_equal_their_members_one_by_one(seed: int, concurrency: Any) ->
     assert len(expected) > 5
 
 
-def test_the_first_message_of_each_error_is_told() -> None:
+def test_the_first_message_of_each_error_is_reported() -> None:
     buffer = start()
     rows = [oracle.row("base", "arm", 101 * S, POSE), oracle.row("map", "x", 101 * S, ZERO)]
     data = [oracle.encode(rows[:1], "cdr"), b"\1\2", oracle.encode(rows, "cdr")]

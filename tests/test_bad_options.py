@@ -268,7 +268,7 @@ FAR = 1.7e308
 HALF_TURN = (0.5**0.5, 0.0, 0.0, 0.5**0.5)
 
 
-def test_what_a_transform_computes_is_finite_or_refused() -> None:
+def test_results_of_transforms_are_finite_or_refused() -> None:
     """By the rule of the store, which takes the numbers and refuses the same results."""
     there = tfdb.Transform("a", "b", (FAR, FAR, FAR), HALF_TURN, 7)
     on = tfdb.Transform("b", "c", (FAR, FAR, FAR), HALF_TURN)

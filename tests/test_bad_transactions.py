@@ -167,7 +167,7 @@ def test_one_that_has_ended(
         tx.__enter__()
 
 
-def test_what_was_committed_cannot_be_aborted(buffer: tfdb.Buffer) -> None:
+def test_a_committed_transaction_cannot_be_aborted(buffer: tfdb.Buffer) -> None:
     tx = committed(buffer)
     with refused(buffer, tfdb.errors.TransactionClosed) as caught:
         tx.abort()
@@ -398,7 +398,7 @@ def test_a_commit_that_finds_no_room() -> None:
     assert buffer.frames() == ["a", "base", "map"]
 
 
-def test_an_error_at_the_end_keeps_what_was_raised_before(buffer: tfdb.Buffer) -> None:
+def test_an_error_at_the_end_keeps_the_earlier_exception(buffer: tfdb.Buffer) -> None:
     """The body's own error comes out, also where the commit would have been refused."""
 
     def fail() -> None:
@@ -419,7 +419,7 @@ def test_classes_are_not_made_by_hand() -> None:
         blank.lookup_transform("map", "base")
 
 
-def test_errors_are_told_apart() -> None:
+def test_errors_have_distinct_classes() -> None:
     errors = [
         tfdb.Conflict,
         tfdb.errors.TransactionClosed,

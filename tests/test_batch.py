@@ -329,7 +329,7 @@ def test_points_may_be_lists_or_none(robot: Robot) -> None:
     assert (none.shape, none.dtype) == ((0, 3), np.float32)
 
 
-def test_points_out_of_range_say_which(robot: Robot) -> None:
+def test_points_out_of_range_are_named(robot: Robot) -> None:
     stamps = [stamp_of(1), stamp_of(2), stamp_of(COUNT)]
     with pytest.raises(tfdb.Extrapolation) as caught:
         robot.buffer.transform_points("map", "lidar", np.zeros((3, 3)), stamps)
@@ -364,7 +364,7 @@ def test_a_trajectory_at_a_rate(robot: Robot) -> None:
     assert repr(still) == "<tfdb.Trajectory T[base<-lidar], 7 poses from 0 s to 3 s>"
 
 
-def test_a_trajectory_covers_what_all_edges_cover() -> None:
+def test_a_trajectory_covers_the_common_range_of_all_edges() -> None:
     buffer = tfdb.Buffer(history=None)
     for stamp in (10, 20, 30):
         buffer.set_transform("map", "odom", stamp, (1, 2, 3), (0, 0, 0, 1))

@@ -194,7 +194,7 @@ def refuses_the_sum(reads: tfdb._core.Reads | tfdb.Transaction) -> None:
     assert np.isnan(rows).tolist() == [[False] * 7, [True] * 7]
 
 
-def test_what_is_not_finite_is_refused() -> None:
+def test_infinite_results_are_refused() -> None:
     buffer = tfdb.Buffer()
     buffer.set_transform("map", "a", 10, (1e308, 0, 0), yaw(0))
     buffer.set_transform("a", "b", 10, (1e308, 0, 0), yaw(0))

@@ -94,7 +94,7 @@ class Writer:
         return members
 
 
-def test_what_a_commit_did() -> None:
+def test_changes_list_the_effects_of_a_commit() -> None:
     buf = tfdb.Buffer()
     assert buf.changes(0) == []
     with buf.snapshot():  # or what is cleared and removed might be gone
@@ -131,7 +131,7 @@ def test_stamps_and_poses_are_those_stored() -> None:
     assert changes.gone == {}
 
 
-def test_what_is_gone_is_counted() -> None:
+def test_missing_samples_are_counted() -> None:
     buf = tfdb.Buffer()
     buf.set_transform("map", "base", 10, *pose(1))
     buf.remove_frames("base")
@@ -164,7 +164,7 @@ def test_a_copy_that_follows_is_the_same(seed: int, concurrency: tfdb.types.Conc
     assert writer.refused > 5
 
 
-def test_who_fell_behind_is_told_and_begins_anew() -> None:
+def test_a_late_follower_gets_feed_lapped_and_continues() -> None:
     buf = tfdb.Buffer()
     for stamp in range(17_000):
         buf.set_transform("map", "base", stamp, *pose(1))
@@ -195,7 +195,7 @@ def test_a_commit_that_is_none_is_refused(since: object) -> None:
 @pytest.mark.parametrize(
     "engine", ["fine", "2pl-no-wait", "2pl-wait-die", "2pl-wound-wait", "silo"]
 )
-def test_engines_without_a_feed_say_so(engine: tfdb.types.Concurrency) -> None:
+def test_engines_without_a_feed_raise_not_supported(engine: tfdb.types.Concurrency) -> None:
     buf = tfdb.Buffer(concurrency=engine)
     with pytest.raises(tfdb.errors.NotSupported, match=engine):
         buf.changes(0)

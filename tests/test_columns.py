@@ -54,7 +54,7 @@ def one_by_one(stamps: np.ndarray, rows: np.ndarray) -> list[tfdb.TransformStamp
 
 
 @pytest.mark.parametrize("layout", LAYOUTS)
-def test_columns_store_what_objects_store(layout: str) -> None:
+def test_columns_store_the_same_as_objects(layout: str) -> None:
     rows, single = tfdb.Buffer(history=None), tfdb.Buffer(history=None)
     columns = tfdb.Columns("map", "base", LAYOUTS[layout](STAMPS), LAYOUTS[layout](poses()))
     assert rows.set_transforms(columns, authority="slam") == 1

@@ -82,7 +82,7 @@ def test_a_time_that_is_none_is_the_latest_common_one_of_its_side(way: str) -> N
         assert (caught.value.edge, caught.value.stamp) == ("arm", 0)
 
 
-def test_disconnected_names_what_had_no_data() -> None:
+def test_disconnected_names_edges_without_data() -> None:
     buffer = chain()
     buffer.set_transform("ship", "base", 40, (1, 2, 3), TURN)
     with pytest.raises(tfdb.Disconnected) as caught:

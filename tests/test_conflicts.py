@@ -50,7 +50,7 @@ READS: dict[str, tuple[Callable[[Any], object], Callable[[tfdb.Buffer], object],
 
 
 @pytest.mark.parametrize(("read", "change", "what"), READS.values(), ids=READS.keys())
-def test_whatever_was_read_counts(
+def test_every_read_can_conflict(
     read: Callable[[Any], object], change: Callable[[tfdb.Buffer], object], what: str
 ) -> None:
     buffer = chain()
@@ -77,7 +77,7 @@ def test_whatever_was_read_counts(
     assert (buffer.counters().conflicts, buffer.counters().aborts) == (1, 1)
 
 
-def test_what_was_not_read_does_not_count() -> None:
+def test_unread_data_does_not_conflict() -> None:
     buffer = chain()
     with buffer.transaction() as tx:
         tx.lookup_transform("map", "base", 25)

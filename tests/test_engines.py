@@ -225,7 +225,7 @@ print(won, buffer.lookup_transform("base", "camera").translation.tolist())
         *("lookup-alone", "batch-alone", "write-alone", "snapshot-alone", "transaction-alone"),
     ],
 )
-def test_who_waits_for_a_transaction_lets_it_go_on(engine: str, kind: str) -> None:
+def test_waiting_for_a_transaction_does_not_block_it(engine: str, kind: str) -> None:
     """Else its thread, which needs the GIL to end it, would wait for those that wait for it."""
     done = subprocess.run(
         [sys.executable, "-c", WAITING, engine, kind],

@@ -142,7 +142,7 @@ def check_cover(reads: Buffer, target: str, source: str) -> None:
 
 
 @pytest.mark.parametrize("seed", SEEDS)
-def test_every_way_tells_the_same_story(seed: int) -> None:
+def test_all_reads_agree(seed: int) -> None:
     print(f"seed {seed}")
     rng = random.Random(seed)
     buffer = random_store(rng)

@@ -40,7 +40,7 @@ def buffer() -> tfdb.Buffer:
 # -- stamps without an answer ----------------------------------------------------------------------
 
 
-def test_a_trajectory_may_have_holes(buffer: tfdb.Buffer) -> None:
+def test_a_trajectory_may_have_gaps(buffer: tfdb.Buffer) -> None:
     strict = tfdb.Interpolate(max_gap=0.1)
     asked = ("map", "hand", 20.0, START, START + 30 * STEP, strict)
     with pytest.raises(tfdb.errors.GapTooLarge) as caught:
@@ -173,7 +173,7 @@ def test_trajectories_compare(buffer: tfdb.Buffer) -> None:
 # -- what does not move ----------------------------------------------------------------------------
 
 
-def test_what_does_not_move_holds_at_all_times(buffer: tfdb.Buffer) -> None:
+def test_static_transforms_hold_at_all_times(buffer: tfdb.Buffer) -> None:
     still = buffer.lookup_transform("arm", "hand")
     assert repr(still).startswith("T[arm<-hand] at all times: ")
     assert str(still.report).startswith("T[arm<-hand] at all times\n")
@@ -253,7 +253,7 @@ def test_a_time_without_a_zone_is_refused_with_the_reason(time: datetime) -> Non
     ],
     ids=repr,
 )
-def test_what_is_no_time_of_a_clock(time: Any) -> None:
+def test_invalid_times_are_refused(time: Any) -> None:
     with pytest.raises(tfdb.InvalidStamp):
         clock().lookup_transform("map", "hand", time)
     with pytest.raises(tfdb.InvalidStamp) as caught:
@@ -436,7 +436,7 @@ def test_points_are_mapped_by_apply(points: Any) -> None:
         made @ "b"
 
 
-def test_who_knows_transforms_may_multiply_them() -> None:
+def test_transforms_multiply() -> None:
     class Friend:
         def __rmatmul__(self, other: object) -> str:
             return "mine"
@@ -471,9 +471,7 @@ def test_seconds_in_place_of_nanoseconds_are_named_in_the_error(buffer: tfdb.Buf
 @pytest.mark.parametrize(
     "policy", [tfdb.Exact(), tfdb.Nearest(tolerance_ns=5), tfdb.Previous(max_age_ns=5)]
 )
-def test_seconds_are_named_whatever_the_policy(
-    buffer: tfdb.Buffer, policy: tfdb.types.Policy
-) -> None:
+def test_seconds_are_named_for_every_policy(buffer: tfdb.Buffer, policy: tfdb.types.Policy) -> None:
     with pytest.raises(tfdb.TfdbError, match=f"{START // 10**9} looks like seconds"):
         buffer.lookup_transform("map", "hand", START // 10**9, policy)
 
@@ -512,7 +510,7 @@ def test_seconds_are_named_where_they_take_the_trees_apart() -> None:
 
 
 @pytest.mark.parametrize("span", [(0, 0), (0, 100), (5, 50), (0, 10**9), (0, 10**10)])
-def test_stamps_that_are_small_are_taken_for_what_they_are(span: tuple[int, int]) -> None:
+def test_small_stamps_are_not_taken_for_seconds(span: tuple[int, int]) -> None:
     buf = tfdb.Buffer(history=None)
     for stamp in span:
         buf.set_transform("map", "base", stamp, (1, 2, 3), TURN)
@@ -610,7 +608,7 @@ def test_a_path_may_be_text(buffer: tfdb.Buffer, tmp_path: Path) -> None:
     assert tfdb.load(str(tmp_path / "drive.mcap")).frames() == ["base", "map"]
 
 
-def test_unknown_frames_are_told_the_nearest() -> None:
+def test_unknown_frame_names_the_nearest() -> None:
     """In every way of reading, escaped, and of the state that was read."""
     buffer = tfdb.Buffer()
     buffer.set_transform("map", "base_link", START, (1, 2, 3), (0, 0.6, 0, 0.8))

@@ -91,7 +91,7 @@ def test_a_path_goes_through_the_lowest_common_ancestor(seed: int) -> None:
     assert apart > 0
 
 
-def test_the_path_of_a_lookup_is_the_one_that_is_told() -> None:
+def test_path_is_the_path_of_the_lookup() -> None:
     buf, _ = grown(1)
     for source in buf.frames():
         try:
@@ -103,7 +103,7 @@ def test_the_path_of_a_lookup_is_the_one_that_is_told() -> None:
         assert edges == {frozenset(pair) for pair in itertools.pairwise(told)}
 
 
-def test_no_frame_hangs_under_itself_before_its_first_sample() -> None:
+def test_no_frame_is_its_own_ancestor_before_its_first_sample() -> None:
     buf = tfdb.Buffer(history=None)
     buf.set_static_transform("map", "odom", (1, 2, 3), TURNED)
     buf.set_transform("base", "map", 1872, (1, 2, 3), TURNED)
@@ -229,7 +229,7 @@ def test_an_empty_buffer_is_true() -> None:
     assert (len(buf), bool(buf), bool(buf.snapshot())) == (0, True, True)
 
 
-def test_repr_says_what_is_in_it() -> None:
+def test_repr_counts_the_contents() -> None:
     buf = tfdb.Buffer(history=None)
     assert repr(buf) == "<tfdb.Buffer at commit 0, history unlimited: 0 frames, 0 edges (0 static)>"
     buf.set_transform("map", "base", 2_000_000_000, (1, 2, 3), TURNED)
@@ -249,7 +249,7 @@ def cells(html: str) -> list[list[str]]:
     return [re.findall("<td>(.*?)</td>", row) for row in rows]
 
 
-def test_a_frame_is_shown_with_what_is_known_of_it() -> None:
+def test_a_frame_info_shows_all_its_fields() -> None:
     buf = tfdb.Buffer(history=None)
     for stamp in (1_000_000_000, 1_500_000_000, 3_000_000_000):
         buf.set_transform("map", "base", stamp, (1, 2, 3), TURNED, authority="drive")
@@ -278,7 +278,7 @@ def test_velocities_are_shown() -> None:
 
 
 @pytest.mark.parametrize("stamps", [[5, 10**9, "?"], np.array([5, 10**9, 7]), None])
-def test_columns_are_shown_whatever_their_stamps(stamps: Any) -> None:
+def test_columns_with_any_stamps_are_shown(stamps: Any) -> None:
     poses = np.tile([1.0, 2, 3, 0, 0, 0.6, 0.8], (3, 1))
     rows = cells(tfdb.Columns("map", ["a", "b", "c"], stamps, poses)._repr_html_())
     assert [row[:2] for row in rows] == [["map", "a"], ["map", "b"], ["map", "c"]]

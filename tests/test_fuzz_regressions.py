@@ -37,7 +37,7 @@ def test_rows_without_a_path_are_nan_in_any_order(stamps: list[int]) -> None:
         np.testing.assert_array_equal(alone[0], row)
 
 
-def test_no_limit_is_told_where_none_was_passed() -> None:
+def test_no_limit_is_reported_unless_one_was_passed() -> None:
     buffer = tfdb.Buffer()
     write(buffer, "map", "base", 10)
     for policy, limit in ((None, None), (tfdb.Interpolate(max_gap_ns=3), 3)):

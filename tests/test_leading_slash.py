@@ -42,7 +42,7 @@ WRITES: list[Callable[[tfdb.Buffer, str, str], object]] = [
 
 
 @pytest.mark.parametrize("write", WRITES)
-def test_what_is_written_has_the_name_that_was_given(
+def test_writes_keep_names_exactly(
     write: Callable[[tfdb.Buffer, str, str], object],
 ) -> None:
     buf = tfdb.Buffer()
@@ -54,7 +54,7 @@ def test_what_is_written_has_the_name_that_was_given(
     assert buf.lookup_transform("/map", "/base", 5).target == "/map"
 
 
-def test_what_is_read_has_the_name_that_was_given() -> None:
+def test_reads_use_names_exactly() -> None:
     buf = tfdb.Buffer()
     buf.set_transform("map", "base", 5, (1, 2, 3), TURNED)
     with buf.snapshot() as snapshot, buf.transaction() as tx:

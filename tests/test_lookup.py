@@ -294,7 +294,7 @@ def test_a_report_of_static_edges_has_no_limits(robot: Robot) -> None:
     assert (report.age, report.max_gap, report.oldest, report.limiting_edge) == (0, 0, None, None)
 
 
-def test_the_report_knows_frames_that_were_removed() -> None:
+def test_a_report_keeps_the_names_of_removed_frames() -> None:
     buffer = tfdb.Buffer()
     buffer.set_transform("map", "base", 5, (1, 2, 3), TURN)
     found = buffer.lookup_transform("map", "base")

@@ -68,7 +68,7 @@ def test_many_messages_are_one_commit_each() -> None:
     assert buffer.frame_info("base").samples == 2997
 
 
-def test_an_iterator_that_fails_keeps_what_was_stored() -> None:
+def test_a_failing_iterator_keeps_stored_messages() -> None:
     def messages() -> object:
         for _ in range(1500):
             yield tfdb.encode_tf_message(BATCH)

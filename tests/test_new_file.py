@@ -95,7 +95,7 @@ def test_a_link_stays_one(tmp_path: Path) -> None:
     assert (names(tmp_path), names(tmp_path / "runs")) == (["latest.txt", "runs"], ["5.bin"])
 
 
-def test_what_is_no_file_is_never_replaced(tmp_path: Path) -> None:
+def test_only_regular_files_are_replaced(tmp_path: Path) -> None:
     pipe = tmp_path / "pipe"
     os.mkfifo(pipe)
     link = tmp_path / "link"
@@ -109,7 +109,7 @@ def test_what_is_no_file_is_never_replaced(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("error", [KeyboardInterrupt, ValueError, MemoryError, SystemExit])
 @pytest.mark.parametrize("overwrite", [False, True])
-def test_an_exception_leaves_everything(
+def test_an_exception_leaves_all_files_unchanged(
     tmp_path: Path, error: type[BaseException], overwrite: bool
 ) -> None:
     path = tmp_path / "a"
@@ -127,7 +127,7 @@ def test_an_exception_leaves_everything(
     assert not overwrite or path.read_text() == "old"
 
 
-def test_errors_name_what_was_asked_for(tmp_path: Path) -> None:
+def test_errors_name_the_requested_path(tmp_path: Path) -> None:
     with pytest.raises(FileNotFoundError) as missing:
         write(tmp_path / "none" / "a")
     assert missing.value.filename == str(tmp_path / "none" / "a")

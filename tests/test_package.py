@@ -34,7 +34,7 @@ def test_the_version_is_spelled_once() -> None:
     assert tfdb.__version__ == project()["version"] == importlib.metadata.version("tfdb")
 
 
-def test_the_changelog_knows_this_version() -> None:
+def test_the_changelog_has_this_version() -> None:
     text = (ROOT / "CHANGELOG.md").read_text(encoding="utf-8")
     assert f"## {project()['version']}" in text
 
@@ -87,7 +87,7 @@ print(Trajectory is tfdb.Trajectory)
     assert (some, everything) == ("False True", "True")
 
 
-def test_the_methods_in_python_say_what_they_do_without_being_called() -> None:
+def test_methods_in_python_have_docstrings_before_their_first_call() -> None:
     assert "Walks the path edge by edge" in (tfdb.Snapshot.explain.__doc__ or "")
     assert "`.mcap`" in (tfdb.Buffer.load.__doc__ or "")
     retries = inspect.signature(tfdb.Buffer.run).parameters["retries"]

@@ -68,7 +68,7 @@ def test_the_good_ones_are_stored_and_the_others_named(buffer: tfdb.Buffer) -> N
     assert buffer.frame_info("new").authority == "tracker"
 
 
-def test_each_is_told_why(buffer: tfdb.Buffer) -> None:
+def test_each_refused_member_has_a_reason(buffer: tfdb.Buffer) -> None:
     for record, index in zip(buffer.set_transforms(BATCH, partial=True), dict(WRONG), strict=True):
         alone = copy.deepcopy(BATCH[index])
         error = getattr(tfdb.errors, record.error)
@@ -90,7 +90,7 @@ def test_all_or_nothing_names_all_of_them(buffer: tfdb.Buffer) -> None:
     assert again.refused == caught.value.refused
 
 
-def test_one_alone_is_named_too(buffer: tfdb.Buffer) -> None:
+def test_a_single_refused_member_is_named(buffer: tfdb.Buffer) -> None:
     with refused(buffer, tfdb.errors.StaticConflict) as caught:
         buffer.set_transform("base", "camera", 6000, (1, 2, 3), TURN)
     assert named(caught.value.refused) == [(0, "StaticConflict")]
@@ -136,7 +136,7 @@ def test_columns_that_are_wrong_as_a_whole(buffer: tfdb.Buffer) -> None:
 
 
 @pytest.mark.parametrize("item", [7, None, SimpleNamespace(child="x")])
-def test_what_is_no_transform_at_all(buffer: tfdb.Buffer, item: Any) -> None:
+def test_other_types_are_refused(buffer: tfdb.Buffer, item: Any) -> None:
     commit = buffer.commit
     with pytest.raises((TypeError, AttributeError)):
         buffer.set_transforms([one("base"), item], partial=True)
@@ -194,7 +194,7 @@ def test_one_name_is_removed_as_a_list_of_one_is(tree: tfdb.Buffer) -> None:
         ("arm3", "nothing", "map"),
     ],
 )
-def test_a_transaction_removes_what_a_buffer_removes(names: Any, recursive: bool) -> None:
+def test_transactions_remove_the_same_frames_as_buffers(names: Any, recursive: bool) -> None:
     plain, through = tree_of_arms(), tree_of_arms()
 
     def removed(remove: Any) -> Any:

@@ -120,7 +120,7 @@ DOORS: list[Callable[..., tfdb.Transform]] = [
 
 
 @pytest.mark.parametrize("door", DOORS, ids=lambda door: door.__name__)
-def test_every_form_through_every_door(door: Callable[..., tfdb.Transform]) -> None:
+def test_every_call_takes_every_form(door: Callable[..., tfdb.Transform]) -> None:
     for move, turn, matrix in POSES[:: len(POSES) // 12]:
         for args, named in forms(move, turn, matrix):
             found = door(*args, **named)
@@ -196,7 +196,7 @@ BAD: list[tuple[Matrix, str]] = [
 
 
 @pytest.mark.parametrize(("matrix", "told"), BAD)
-def test_what_is_not_rigid_is_refused_and_by_how_much(matrix: Matrix, told: str) -> None:
+def test_non_rigid_matrices_are_refused_with_their_error(matrix: Matrix, told: str) -> None:
     for door in DOORS:
         with pytest.raises(tfdb.errors.InvalidTransform, match=told):
             door(matrix)
@@ -259,7 +259,7 @@ def test_a_matrix_that_is_missing() -> None:
     assert error.value.index == 1
 
 
-def test_what_a_mask_hides_is_no_number() -> None:
+def test_masked_values_are_missing() -> None:
     poses = np.array([[1.0, 2, 3, 0, 0, 0.6, 0.8]] * 2)
     hidden = np.ma.array(poses, mask=[[False] * 7, [True] * 7])
     assert tfdb.Trajectory("map", "base", [1, 2], hidden).valid.tolist() == [True, False]
@@ -289,7 +289,7 @@ def test_what_a_mask_hides_is_no_number() -> None:
 
 
 @pytest.mark.parametrize("kind", [complex, str, bytes, "M8[s]"])
-def test_what_is_no_real_number(kind: Any) -> None:
+def test_values_must_be_real_numbers(kind: Any) -> None:
     values = np.array([[1, 2, 3, 0, 0, 0, 1]]).astype(kind)
     matrices = np.eye(4, dtype=int)[np.newaxis].astype(kind)
     for call in (
@@ -352,7 +352,7 @@ def test_a_transform_goes_between_its_own_frames_only(
     assert door(there.inverse().inverse().pose).pose == pytest.approx(there.pose, abs=1e-12)
 
 
-def test_nothing_is_stored_of_what_is_refused() -> None:
+def test_a_refused_call_stores_nothing() -> None:
     buf = tfdb.Buffer()
     for args, named in REFUSED:
         with pytest.raises(tfdb.errors.InvalidArray):
@@ -407,7 +407,7 @@ def test_a_notebook_shows_a_transform_and_escapes_its_names() -> None:
 
 
 @pytest.mark.parametrize("door", DOORS, ids=lambda door: door.__name__)
-def test_numbers_that_are_none_are_refused_by_every_door(
+def test_every_call_refuses_other_types_of_numbers(
     door: Callable[..., tfdb.Transform],
 ) -> None:
     dates = np.array([1, 2, 3], "datetime64[s]")
@@ -424,7 +424,9 @@ def test_numbers_that_are_none_are_refused_by_every_door(
 
 
 @pytest.mark.parametrize("door", DOORS, ids=lambda door: door.__name__)
-def test_what_names_its_frames_goes_between_them_only(door: Callable[..., tfdb.Transform]) -> None:
+def test_named_transforms_are_stored_between_their_frames_only(
+    door: Callable[..., tfdb.Transform],
+) -> None:
     there = tfdb.TransformStamped("map", "base", 0, (1, 2, 3), (0, 0, 0.6, 0.8))
     np.testing.assert_allclose(door(there).pose, (1, 2, 3, 0, 0, 0.6, 0.8))
     for wrong in (("base", "map"), ("map", "tool")):
@@ -512,7 +514,7 @@ def test_masked_stamps_and_rows_are_refused() -> None:
     assert not buf.frame_exists("c")
 
 
-def test_masks_of_derived_classes_hide_too() -> None:
+def test_masks_of_derived_classes_count() -> None:
     class Hiding(np.ma.MaskedArray):  # type: ignore[type-arg]
         pass
 

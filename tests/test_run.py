@@ -45,7 +45,7 @@ def interfere(buffer: tfdb.Buffer) -> None:
     )
 
 
-def test_it_returns_what_the_function_returns(buffer: tfdb.Buffer) -> None:
+def test_run_returns_the_functions_result(buffer: tfdb.Buffer) -> None:
     assert buffer.run(add) == 1
     assert buffer.run(add) == 2
     assert value(buffer) == 2
@@ -55,7 +55,7 @@ def test_it_returns_what_the_function_returns(buffer: tfdb.Buffer) -> None:
     assert buffer.commit == 3
 
 
-def test_it_tries_again_until_nobody_interferes(buffer: tfdb.Buffer) -> None:
+def test_run_retries_until_no_commit_conflicts(buffer: tfdb.Buffer) -> None:
     calls: list[tfdb.Transaction] = []
 
     def contested(tx: tfdb.Transaction) -> float:
@@ -370,7 +370,7 @@ def test_a_function_that_works_later_is_refused(buffer: tfdb.Buffer, function: A
         lambda buf: buf.snapshot(),
     ],
 )
-def test_what_it_reads_past_the_transaction_is_refused(engine: Any, read: Any) -> None:
+def test_reads_outside_the_transaction_are_refused(engine: Any, read: Any) -> None:
     """As writes are: no commit would notice that what was read there has changed."""
     buffer = tfdb.Buffer(history=None, concurrency=engine)
     buffer.set_static_transform("map", "counter", (0, 1, 2), TURN)

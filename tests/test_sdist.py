@@ -54,7 +54,7 @@ def members(tmp_path_factory: pytest.TempPathFactory) -> set[str]:
         return {name.partition("/")[2] for name in tar.getnames()}
 
 
-def test_it_holds_what_a_build_needs(members: set[str]) -> None:
+def test_the_sdist_holds_all_files_of_a_build(members: set[str]) -> None:
     assert set(NEEDED) - members == set()
 
 

@@ -114,7 +114,7 @@ CALLS = {"CoreCalls": tfdb.tf2.BufferCore, "BufferCalls": tfdb.tf2.Buffer}
 
 
 @pytest.mark.parametrize("name", [*OFFERED, *CALLS])
-def test_the_methods_are_as_the_stub_says(name: str) -> None:
+def test_methods_match_the_stub(name: str) -> None:
     if name in CALLS:
         kind = next(each for each in CALLS[name].__mro__ if each.__name__ == name)
     else:
@@ -133,7 +133,7 @@ def test_the_methods_are_as_the_stub_says(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", ["open", "encode_tf_message", "decode_tf_message"])
-def test_the_functions_are_as_the_stub_says(name: str) -> None:
+def test_functions_match_the_stub(name: str) -> None:
     (node,) = (
         each for each in STUB.body if isinstance(each, ast.FunctionDef) and each.name == name
     )

@@ -218,7 +218,7 @@ def test_a_transform_is_written_as_a_message_with_its_names_and_stamp() -> None:
         lambda buf, found: buf.run(lambda tx: tx.set_transform("map")),
     ],
 )
-def test_a_whole_transform_beside_what_does_not_fit(call: Any) -> None:
+def test_a_whole_transform_excludes_other_arguments(call: Any) -> None:
     _, found = found_in()
     buffer = tfdb.Buffer()
     with pytest.raises(TypeError):
@@ -325,7 +325,7 @@ def test_columns_without_stamps_are_static() -> None:
 # -- what later commits change ---------------------------------------------------------------------
 
 
-def test_history_forgets_what_is_old() -> None:
+def test_history_drops_old_samples() -> None:
     buffer = tfdb.Buffer(history=1.0)
     assert buffer.history == 1.0
     for i in range(100):
@@ -352,7 +352,7 @@ def test_history_forgets_what_is_old() -> None:
         lambda reads: reads.__enter__(),
     ],
 )
-def test_a_closed_snapshot_says_so(read: object) -> None:
+def test_a_closed_snapshot_raises(read: object) -> None:
     robot = make_robot()
     snapshot = robot.buffer.snapshot()
     snapshot.close()
@@ -370,7 +370,7 @@ def test_a_snapshot_outlives_the_name_of_its_buffer() -> None:
 # -- looking at the store --------------------------------------------------------------------------
 
 
-def test_frame_info_says_what_is_known() -> None:
+def test_frame_info_fields() -> None:
     info = make_robot().buffer.frame_info("left_arm")
     assert info == tfdb.types.FrameInfo(
         name="left_arm",

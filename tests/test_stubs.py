@@ -14,14 +14,14 @@ ROOT = Path(__file__).resolve().parent.parent
 ALLOWED = ROOT / "tests" / "typing" / "stubtest_allowed.txt"
 
 
-def test_the_stub_says_what_is_there() -> None:
+def test_the_stub_matches_the_extension() -> None:
     pytest.importorskip("mypy", reason="mypy compares stubs")
     command = [sys.executable, "-m", "mypy.stubtest", "tfdb._core", "--allowlist", str(ALLOWED)]
     done = subprocess.run(command, capture_output=True, text=True, check=False, cwd=ROOT)
     assert done.returncode == 0, done.stdout + done.stderr
 
 
-def test_the_committed_stub_is_what_the_extension_generates() -> None:
+def test_the_committed_stub_is_the_generated_one() -> None:
     command = [sys.executable, str(ROOT / "tools" / "make_stubs.py"), "--check"]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stdout + done.stderr

@@ -152,7 +152,7 @@ def test_buffer_snapshot_and_transaction_agree(
 @pytest.mark.parametrize("engine", ["snapshot", "2pl-no-wait", "silo"])
 @pytest.mark.parametrize("history", [None, 3e-8])
 @pytest.mark.parametrize("seed", range(6))
-def test_what_a_transaction_sees_is_what_it_leaves(
+def test_a_transaction_sees_the_state_that_it_commits(
     seed: int, history: float | None, engine: str
 ) -> None:
     buffer = grown(seed, history, engine)
@@ -220,7 +220,7 @@ def late_sample(buffer: tfdb.Buffer) -> None:
         (lambda tx: tx.transform_points("map", "base", POINTS, 15), new_sample, None),
     ],
 )
-def test_what_conflicts_with_a_read(
+def test_conflicts_of_each_read(
     ask: Callable[[tfdb.Transaction], Any],
     change: Callable[[tfdb.Buffer], Any],
     reason: str | None,

@@ -37,7 +37,7 @@ def test_writes_appear_at_the_end_all_at_once() -> None:
 
 
 @pytest.mark.parametrize("frames", [("map", "tip"), ("tip", "map")], ids="->".join)
-def test_it_reads_what_it_wrote(frames: tuple[str, str]) -> None:
+def test_it_reads_its_own_writes(frames: tuple[str, str]) -> None:
     """A path through old edges, a new sample of an old edge, and new frames."""
     buffer = chain()
     poses = [(40, 1, 2, *TURN), (0, 0.5, 1, *BACK), (0.1, 0.2, 0.3, *TURN), (0, 0, 0.4, *BACK)]
@@ -305,7 +305,7 @@ def test_a_buffer_reparents_as_a_transaction_does(call: Callable[[Any], Any]) ->
     assert done(plain, lambda: call(plain)) == done(through, attempt)
 
 
-def test_reparent_keeps_the_place_that_the_newest_commit_says() -> None:
+def test_reparent_keeps_the_place_of_the_newest_commit() -> None:
     buffer = table()
     before = buffer.lookup_transform("map", "cup", 5)
     assert buffer.reparent("cup", "gripper", 5) == buffer.commit
@@ -343,7 +343,7 @@ def test_each_thread_may_have_one() -> None:
 
 
 @pytest.mark.parametrize("free", [gc.collect, lambda: in_another_thread(gc.collect)])
-def test_one_that_nobody_holds_any_more_is_aborted(free: Callable[[], object]) -> None:
+def test_an_unreferenced_transaction_is_aborted(free: Callable[[], object]) -> None:
     buffer = chain()
     before = contents(buffer)
     tx: Any = buffer.transaction()
@@ -371,7 +371,7 @@ def test_one_that_another_thread_lets_go_of() -> None:
     assert buffer.frame_info("base").newest == 41
 
 
-def test_one_whose_thread_is_gone() -> None:
+def test_a_transaction_of_an_ended_thread() -> None:
     buffer = chain()
     held: list[Any] = []
 

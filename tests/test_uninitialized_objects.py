@@ -73,7 +73,7 @@ def call(method: Callable[..., Any], name: str, obj: Any) -> Any:
 
 @pytest.mark.parametrize("hollow", hollows(), ids=lambda obj: type(obj).__name__)
 @pytest.mark.filterwarnings("ignore:nanobind. attempted to access an uninitialized instance")
-def test_objects_whose_init_never_ran(hollow: Any) -> None:
+def test_objects_without_init_raise(hollow: Any) -> None:
     for name, method in methods(type(hollow)).items():
         if name == "load":
             continue  # looks at its file first
@@ -82,7 +82,7 @@ def test_objects_whose_init_never_ran(hollow: Any) -> None:
 
 
 @pytest.mark.parametrize("cls", [tfdb.types.Policy, tfdb.Interpolate, tfdb.Exact, tfdb.Nearest])
-def test_policies_whose_init_never_ran(cls: type) -> None:
+def test_policies_without_init_raise(cls: type) -> None:
     buf = tfdb.Buffer()
     buf.set_transform("map", "base", 5, (1, 2, 3), (0, 0, 0.6, 0.8))
     hollow = cls.__new__(cls)

@@ -41,7 +41,7 @@ def test_a_lookup_waits_for_its_answer(buf: tfdb.Buffer) -> None:
     assert call.result().stamp == 5
 
 
-def test_what_is_there_is_not_waited_for(buf: tfdb.Buffer) -> None:
+def test_existing_data_is_returned_at_once(buf: tfdb.Buffer) -> None:
     put(buf, "a", 5)
     for timeout in (0, 0.0, 5, LONG, None):
         assert buf.lookup_transform("map", "a", 5, timeout=timeout).stamp == 5
@@ -49,7 +49,7 @@ def test_what_is_there_is_not_waited_for(buf: tfdb.Buffer) -> None:
 
 
 @pytest.mark.parametrize("timeout", [0, 0.001])
-def test_what_is_in_the_way_is_raised_in_the_end(buf: tfdb.Buffer, timeout: float) -> None:
+def test_a_timeout_raises_the_error_of_a_lookup(buf: tfdb.Buffer, timeout: float) -> None:
     def wait() -> tfdb.Transform:
         return buf.wait_for_transform("map", "a", 9, timeout)
 
@@ -113,7 +113,7 @@ LATE = r"; waited 0\.0\d\d s$"
     ],
     ids=["too new", "unknown", "not connected"],
 )
-def test_a_wait_that_ran_out_says_what_is_missing_and_how_long_it_waited(
+def test_a_timeout_names_the_missing_data_and_the_waited_time(
     buf: tfdb.Buffer, target: str, stamp: int | None, said: str
 ) -> None:
     put(buf, "a", 1_000_000_000)
@@ -159,7 +159,7 @@ def test_stopped_waits_end_as_by_their_timeout_until_they_may_go_on(buf: tfdb.Bu
         buf.wait_for_commit(5)
 
 
-def test_closing_ends_the_waits_and_what_comes_later(buf: tfdb.Buffer) -> None:
+def test_closing_ends_present_and_later_waits(buf: tfdb.Buffer) -> None:
     put(buf, "a", 1)
     snapshot = buf.snapshot()
     calls = [
@@ -201,7 +201,7 @@ def test_closing_ends_the_waits_and_what_comes_later(buf: tfdb.Buffer) -> None:
     assert repr(buf) == "<tfdb.Buffer at commit 1, history unlimited, closed>"
 
 
-def test_a_commit_that_came_before_the_end_is_told(buf: tfdb.Buffer) -> None:
+def test_a_commit_before_the_close_is_reported(buf: tfdb.Buffer) -> None:
     async def wait() -> int:
         told = asyncio.ensure_future(buf.wait_for_commit_async(0))
         await asyncio.sleep(0)
@@ -222,7 +222,7 @@ def test_a_buffer_closes_with_its_block() -> None:
     "timeout",
     [-1, -0.5, float("nan"), float("inf"), 1e10, 1e18, 1e300, 10**400, "1", b"1", True, 1j],
 )
-def test_what_is_no_timeout(buf: tfdb.Buffer, timeout: float) -> None:
+def test_invalid_timeouts_are_refused(buf: tfdb.Buffer, timeout: float) -> None:
     put(buf, "a", 1)
     said = set()
     for wait in (

@@ -32,7 +32,7 @@ def archive(path: Path, files: dict[str, str]) -> Path:
     return path
 
 
-def test_other_sources_are_newer_than_what_was_compiled_before(
+def test_changed_sources_are_newer_than_compiled_files(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(make_wheels, "WORK", tmp_path)
@@ -63,7 +63,7 @@ def package_without_extension(folder: Path) -> Path:
     return Path(shutil.copytree(source, folder / "tfdb", ignore=left_out))
 
 
-def test_a_package_for_another_python_says_so(tmp_path: Path) -> None:
+def test_a_package_for_another_python_is_refused(tmp_path: Path) -> None:
     folder = package_without_extension(tmp_path / "target")
     done = refused(tmp_path / "target")
     assert f"{folder} holds no extension for Python {sys.version.split()[0]}" in done

@@ -78,7 +78,7 @@ def test_only_new_keeps_the_first_value(robot: tfdb.Buffer, way: str) -> None:
     assert robot.lookup_transform("map", "base", 2 * SECOND).translation[0] == 50.0
 
 
-def test_only_new_with_partial_stores_what_is_new_in_one_commit(robot: tfdb.Buffer) -> None:
+def test_only_new_with_partial_stores_new_samples_in_one_commit(robot: tfdb.Buffer) -> None:
     batch = [
         tfdb.TransformStamped("map", "base", second * SECOND, (10.0 * second, 0, 0), TURNED)
         for second in (2, 4, 3, 4, 5)
@@ -94,7 +94,7 @@ def test_only_new_with_partial_stores_what_is_new_in_one_commit(robot: tfdb.Buff
     assert robot.samples("base")[1][:, 0].tolist() == [1.0, 2.0, 3.0, 40.0, 50.0]
 
 
-def test_what_is_no_rule_is_refused(robot: tfdb.Buffer) -> None:
+def test_invalid_rules_are_refused(robot: tfdb.Buffer) -> None:
     with pytest.raises(tfdb.InvalidArgument, match="has none"):
         robot.set_transforms([lidar(0, 1.0)], static=True, only_new=True)
     with pytest.raises(TypeError, match="change_kind must be a bool, got int"):

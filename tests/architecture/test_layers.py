@@ -172,7 +172,7 @@ ALLOWED = [
 
 
 @pytest.mark.parametrize(("name", "text"), ALLOWED, ids=range(len(ALLOWED)))
-def test_what_the_map_allows_is_left_alone(tree: Path, name: str, text: str) -> None:
+def test_allowed_uses_pass(tree: Path, name: str, text: str) -> None:
     write(tree / name, text)
     assert layers.violations(tree) == []
 

@@ -44,7 +44,7 @@ def test_a_trajectory_against_itself() -> None:
     np.testing.assert_allclose(found.alignment.matrix, np.eye(4), atol=1e-12)
 
 
-def test_what_moved_a_trajectory_is_found() -> None:
+def test_alignment_recovers_a_known_motion() -> None:
     path = motion(1, times(1, 100, 10))
     turn = rotated(np.array([[0.3, -0.8, 1.1]]))[0]
     move = tfdb.Transform("odom", "map", (4.0, -3.0, 9.0), turn)
@@ -65,7 +65,7 @@ def test_what_moved_a_trajectory_is_found() -> None:
     np.testing.assert_allclose(only.alignment.matrix, np.eye(4))
 
 
-def test_yaw_is_what_a_search_finds() -> None:
+def test_yaw_alignment_equals_a_search() -> None:
     path = motion(3, times(3, 80, 10))
     other = tracked(path, 3, noise=0.3)
     found = tfdb.compare(path, other, align="yaw")
@@ -212,7 +212,7 @@ def test_the_offset_is_found(shift: int, noise: float) -> None:
         assert found.ape_translation.rmse < 0.004 + noise * 4
 
 
-def test_the_offset_of_what_only_turns() -> None:
+def test_offset_is_estimated_from_rotation_alone() -> None:
     path, other = motion(11, times(1, 900, 50)), motion(11, times(2, 500, 30), shift=3 * S)
     path, other = (
         tfdb.Trajectory(
@@ -224,7 +224,7 @@ def test_the_offset_of_what_only_turns() -> None:
     assert found.offset == pytest.approx(-3 * S, abs=0.02 * S)
 
 
-def test_even_motion_tells_no_offset() -> None:
+def test_constant_motion_has_no_offset() -> None:
     with pytest.raises(tfdb.errors.NotComparable, match="changes of speed are needed") as caught:
         tfdb.compare(straight(100), straight(100), offset="estimate")
     assert caught.value.reason == "even motion"
@@ -297,7 +297,7 @@ NOT_COMPARABLE = [
 
 
 @pytest.mark.parametrize(("reference", "estimate", "options", "reason", "text"), NOT_COMPARABLE)
-def test_what_cannot_be_compared(
+def test_not_comparable_names_the_reason(
     reference: Any, estimate: Any, options: dict[str, Any], reason: str, text: str
 ) -> None:
     with pytest.raises(tfdb.errors.NotComparable, match=text) as caught:
@@ -354,7 +354,7 @@ def test_the_shortest_and_the_longest_time() -> None:
             tfdb.compare(GOOD, GOOD, delta=1e300, delta_unit="s", all_pairs=all_pairs)
 
 
-def test_what_is_empty_and_frames_that_are_none() -> None:
+def test_empty_trajectories_and_wrong_frames_are_refused() -> None:
     with pytest.raises(tfdb.errors.NotComparable, match=r"the reference holds no pose$"):
         tfdb.compare(GOOD[:0], GOOD)
     for frames in (5, "ab", ("map",), ("map", 3)):
@@ -417,7 +417,7 @@ def test_bad_poses() -> None:
 
 
 @pytest.mark.parametrize("value", [None, 5, [1, 2], np.zeros((3, 7)), b"a.tum", object()])
-def test_what_is_no_trajectory(value: Any) -> None:
+def test_other_types_are_refused(value: Any) -> None:
     with pytest.raises(tfdb.InvalidArgument, match="the reference must be a Trajectory, a Buffer"):
         tfdb.compare(value, GOOD)
     with pytest.raises(tfdb.InvalidArgument, match="the estimate must be a Trajectory"):
@@ -487,7 +487,7 @@ def test_poses_that_are_decades_apart() -> None:
     assert tfdb.compare(path, path, align="none").ape_translation.rmse == 0
 
 
-def test_what_is_given_stays_as_it_is() -> None:
+def test_arguments_stay_unchanged() -> None:
     path, other = motion(1, times(1, 60, 10)), tracked(motion(1, times(1, 60, 10)), 1)
     before = path.poses.copy(), other.poses.copy()
     found = tfdb.compare(path, other, align="sim3")
@@ -497,7 +497,7 @@ def test_what_is_given_stays_as_it_is() -> None:
     assert np.array_equal(other.poses, before[1])
 
 
-def test_what_people_see(capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_printed_table(capsys: pytest.CaptureFixture[str]) -> None:
     path = motion(1, times(1, 60, 10))
     other = tracked(path, 1, scale=1.5)
     found = tfdb.compare(path, other, align="sim3", delta=0.5, delta_unit="m", all_pairs=True)
@@ -540,7 +540,7 @@ def test_it_comes_when_it_is_used() -> None:
 PAGE = (ROOT / "docs" / "howto" / "compare_trajectories.md").read_text("utf-8")
 
 
-def test_the_page_shows_what_is_printed(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_page_shows_the_printed_table(monkeypatch: pytest.MonkeyPatch) -> None:
     from click.testing import CliRunner
 
     from tfdb.cli.app import cli

@@ -83,7 +83,7 @@ def test_the_page_has_every_suite_and_each_passes_as_often_as_on_the_peer() -> N
 
 
 @pytest.mark.skipif(not SOURCES, reason="TFDB_UPSTREAM_SOURCES names no folder with the clones")
-def test_upstreams_suites_pass_as_the_page_says() -> None:
+def test_upstreams_suites_pass_as_counted_on_the_page() -> None:
     found = upstream_suites.measure(Path(SOURCES), None)
     page = pages_table()
     for name, counts in found.items():

@@ -60,7 +60,7 @@ def test_programs_of_the_readme_are_short() -> None:
     assert lines[3] <= 10
 
 
-def test_the_readme_installs_what_there_is() -> None:
+def test_the_readme_names_an_existing_package() -> None:
     """`pip install tfdb` works once the changelog names a release."""
     released = "(unreleased)" not in (ROOT / "CHANGELOG.md").read_text(encoding="utf-8")
     readme = (ROOT / "README.md").read_text(encoding="utf-8")

@@ -34,7 +34,7 @@ def check_pictures(folder: Path) -> None:
         assert len(picture) > 5000
 
 
-def test_numbers_have_no_holes() -> None:
+def test_numbers_are_consecutive() -> None:
     assert [program.name[:2] for program in NUMBERED] == [
         f"{number:02}" for number in range(1, len(NUMBERED) + 1)
     ]

@@ -105,9 +105,7 @@ def test_damaged_ones_are_made_anew(recording: Path, loads: list[int], damage: s
 
 
 @pytest.mark.parametrize("content", ["frozen", "damaged", "text", "none"])
-def test_what_it_has_not_made_is_not_replaced(
-    recording: Path, loads: list[int], content: str
-) -> None:
+def test_foreign_files_are_not_replaced(recording: Path, loads: list[int], content: str) -> None:
     write(recording, 1)
     taken = recording.with_name("drive.mcap.tfdb")
     if content in {"frozen", "damaged"}:
@@ -131,7 +129,7 @@ def test_what_it_has_not_made_is_not_replaced(
     assert file_of(tfdb.load(recording, cache=True)) == taken
 
 
-def test_what_is_loaded_otherwise_is_kept_apart(recording: Path, loads: list[int]) -> None:
+def test_other_options_have_separate_caches(recording: Path, loads: list[int]) -> None:
     other = Path(shutil.copy(recording, recording.with_name("other.mcap")))
     ways = (
         {"path": recording},
@@ -165,7 +163,7 @@ def test_where_the_folder_cannot_be_written(
     assert buffer.tree() == tfdb.load(recording).tree()
 
 
-def test_what_cannot_be_loaded_is_not_kept(recording: Path) -> None:
+def test_failed_loads_are_not_cached(recording: Path) -> None:
     with pytest.raises(FileNotFoundError):
         tfdb.load(recording.with_name("none.mcap"), cache=True)
     recording.write_bytes(b"hello")

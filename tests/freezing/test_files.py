@@ -87,7 +87,7 @@ for target in ({str(path)!r}, {str(tmp_path / "new.tfdb")!r}):
     assert number_in(tfdb.open(path, verify=True)) == 1
 
 
-def test_what_is_no_frozen_store(tmp_path: Path, path: Path) -> None:
+def test_other_files_are_refused(tmp_path: Path, path: Path) -> None:
     for name in ("none.tfdb", "none/a.tfdb"):
         with pytest.raises(tfdb.errors.NoSuchStore, match="tfdb freeze"):
             tfdb.open(tmp_path / name)
@@ -141,7 +141,7 @@ def test_one_that_was_cut(path: Path) -> None:
         tfdb.open(path)
 
 
-def test_another_version_says_so(path: Path) -> None:
+def test_another_version_is_named(path: Path) -> None:
     whole = bytearray(path.read_bytes())
     whole[8 * 12] ^= 1
     path.write_bytes(whole)
@@ -160,7 +160,7 @@ def test_a_flipped_bit_is_found_when_all_is_verified(path: Path) -> None:
             tfdb.open(path, verify=True)
 
 
-def test_what_contradicts_itself_was_damaged(tmp_path: Path) -> None:
+def test_contradictions_raise_corrupt_store(tmp_path: Path) -> None:
     buffer = tfdb.Buffer()
     for i in range(300):  # so many that they are not all in front
         buffer.set_transform("map", f"frame{i}", 10, (1, 2, 3), TURN)
@@ -183,7 +183,7 @@ def test_what_contradicts_itself_was_damaged(tmp_path: Path) -> None:
     assert told > 0
 
 
-def test_a_name_that_was_damaged_is_told(tmp_path: Path) -> None:
+def test_a_damaged_name_raises_corrupt_store(tmp_path: Path) -> None:
     buffer = tfdb.Buffer()
     for i in range(300):  # so many that their names are not in front
         buffer.set_transform("map", f"näher{i:03}", 10, (1, 2, 3), TURN, authority="Süd")

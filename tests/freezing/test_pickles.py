@@ -37,7 +37,7 @@ def everything(buffer: tfdb.Buffer) -> list[object]:
     return [infos, buffer.commit, [(s.tobytes(), p.tobytes(), names) for s, p, names in samples]]
 
 
-def test_spawned_workers_read_what_was_pickled(loaded: tfdb.Buffer) -> None:
+def test_spawned_workers_read_pickled_objects(loaded: tfdb.Buffer) -> None:
     path = loaded.trajectory("map", "base_link")
     data = Dataset(loaded, tfdb.Interpolate(max_gap=0.5), path)
     stamps = [int(stamp) for stamp in path.stamps[100:400:100]]
@@ -59,7 +59,7 @@ def test_a_private_store_arrives_whole_and_frozen(loaded: tfdb.Buffer) -> None:
         assert everything(copied) == everything(loaded)
 
 
-def test_it_is_the_state_of_that_moment() -> None:
+def test_a_pickle_holds_the_state_of_its_commit() -> None:
     buffer = tfdb.Buffer(history=None)
     buffer.set_transform("map", "base", 5, (1, 2, 3), (0, 0, 0.6, 0.8))
     pickled = pickle.dumps(buffer)
@@ -70,7 +70,7 @@ def test_it_is_the_state_of_that_moment() -> None:
     assert pickle.loads(pickle.dumps(tfdb.Buffer())).frames() == []
 
 
-def test_what_cannot_be_pickled_says_so(loaded: tfdb.Buffer) -> None:
+def test_closed_and_damaged_stores_are_not_pickled(loaded: tfdb.Buffer) -> None:
     closed = tfdb.Buffer()
     closed.close()
     with pytest.raises(tfdb.errors.BufferClosed):

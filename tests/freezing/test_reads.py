@@ -105,7 +105,7 @@ def test_nothing_can_be_written(filled: tfdb.Buffer, tmp_path: Path) -> None:
     assert path.read_bytes() == before
 
 
-def test_what_is_known_of_it(filled: tfdb.Buffer, tmp_path: Path) -> None:
+def test_path_size_and_origin(filled: tfdb.Buffer, tmp_path: Path) -> None:
     path = tmp_path / "a.tfdb"
     filled.freeze(path)
     frozen = tfdb.open(path)

@@ -118,7 +118,7 @@ def refusal_of(call: Callable[..., Any], *args: Any, **named: Any) -> str:
 BOUND = {name: call for name, call in ALL.items() if not is_unbound(call) and name not in EMPTY}
 
 
-def test_the_fuzz_knows_the_public_face() -> None:
+def test_the_fuzzer_covers_the_public_api() -> None:
     for name in ("tfdb.Buffer", "tfdb.Buffer.frames", "tfdb.Buffer.load", "tfdb.Buffer.open",
                  "tfdb.Transform.inverse", "tfdb.Trajectory.plot", "tfdb.Transaction.reparent",
                  "tfdb.Trajectory.read", "tfdb.plot.trajectory", "tfdb.load",

@@ -165,7 +165,7 @@ def test_paths_that_no_store_can_have() -> None:
     assert "\ud800" not in tfdb.Buffer()
 
 
-def test_type_errors_name_what_was_called(buffer: tfdb.Buffer) -> None:
+def test_type_errors_name_the_called_function(buffer: tfdb.Buffer) -> None:
     for call in (
         lambda: buffer.children(1),  # type: ignore[arg-type]
         lambda: buffer.path("map", None),  # type: ignore[arg-type]

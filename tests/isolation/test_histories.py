@@ -53,7 +53,7 @@ def test_fine_tears_batches_and_does_not_repeat_reads(tmp_path: Path) -> None:
     until_found({"torn_batch", "non_repeatable_read"}, tmp_path, engine="fine", operations=1500)
 
 
-def test_one_mutex_without_batches_tears_what_belongs_together(tmp_path: Path) -> None:
+def test_single_writes_under_one_mutex_tear_pairs(tmp_path: Path) -> None:
     """As in tf2: each write is atomic, the pair is not."""
     options = {"engine": "giant", "single_writes": True, "no_transactions": True}
     until_found({"torn_batch"}, tmp_path, operations=1500, **options)

@@ -25,7 +25,7 @@ def test_so_they_are_without_the_numbers_of_the_commits(tmp_path: Path) -> None:
     assert verdict.serializable is True, verdict
 
 
-def test_processes_without_batches_tear_what_belongs_together(tmp_path: Path) -> None:
+def test_single_writes_of_processes_tear_pairs(tmp_path: Path) -> None:
     """So the judge sees what goes wrong among processes, too."""
     for seed in range(1, 50):
         options = {"single_writes": True, "no_transactions": True, "no_commits": True}

@@ -81,7 +81,7 @@ def _look_up(stamp: int) -> tuple[float, ...]:
     return tuple(_shared.lookup_transform("map", "eye", stamp).pose)
 
 
-def test_a_pool_of_workers_reads_what_was_loaded_before() -> None:
+def test_forked_workers_read_a_loaded_store() -> None:
     stamps = range(10, 1_000)
     with multiprocessing.get_context("fork").Pool(2) as pool:
         assert pool.map(_look_up, stamps) == [_look_up(stamp) for stamp in stamps]

@@ -39,7 +39,7 @@ def answers(buf: tfdb.Buffer) -> list[tfdb.Transform]:
 
 
 @pytest.mark.parametrize("concurrency", ENGINES)
-def test_reports_stay_what_they_were(concurrency: str) -> None:
+def test_reports_stay_unchanged(concurrency: str) -> None:
     buf = filled(concurrency)
     found = answers(buf)
     before = [(repr(answer.report), str(answer.report), repr(answer)) for answer in found]

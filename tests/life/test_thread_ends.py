@@ -132,5 +132,5 @@ begun.wait()
 
 @pytest.mark.skipif(sys.version_info >= (3, 14), reason="Python itself puts such threads to sleep")
 @pytest.mark.parametrize("concurrency", ["snapshot", "giant"])
-def test_nobody_waits_at_exit_for_a_thread_that_python_has_stopped(concurrency: str) -> None:
+def test_exit_does_not_wait_for_stopped_threads(concurrency: str) -> None:
     assert printed_by("-c", PROGRAM, concurrency) == "written"

@@ -166,7 +166,7 @@ def test_a_driver_that_fails_is_named_and_the_rest_is_kept(bench: Bench, tmp_pat
 
 
 @pytest.mark.parametrize("words", [["--quick"], ["--sweep", "skew", "--json"]])
-def test_where_nothing_measures_it_says_how_to_get_what_does(words: list[str]) -> None:
+def test_without_a_checkout_it_names_the_install(words: list[str]) -> None:
     code = (
         "import sys; sys.modules['tfdb_measure'] = None\n"
         f"from tfdb.cli.app import cli; cli({['bench', *words]})"

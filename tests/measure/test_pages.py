@@ -46,7 +46,7 @@ def test_between_replaces_only_its_part() -> None:
         pages.between(text, "z", [])
 
 
-def test_pages_say_what_was_measured_at_which_commit_and_leave_the_rest(tmp_path: Path) -> None:
+def test_pages_get_figures_and_commit_between_markers_only(tmp_path: Path) -> None:
     for name in measure.PAGES:
         shutil.copy(DOCS / name, tmp_path)
     results = Results()
@@ -71,7 +71,7 @@ def test_rows_of_contenders_stand_beside_those_of_engines() -> None:
     assert shown[2:] == ["| C++ | lookup mid, chain of 4 | ns | tf2 600, tfdb 100 ns |"]
 
 
-def test_losses_name_what_beats_snapshot_in_every_round_and_nothing_else() -> None:
+def test_losses_list_engines_that_win_every_round() -> None:
     results = Results()
     for turn, (ours, silo, fine) in enumerate([(10, 20, 30), (12, 24, 9)], start=1):
         for engine, reads in (("snapshot", ours), ("silo", silo), ("fine", fine)):
@@ -96,7 +96,7 @@ def test_goals_are_judged_by_the_median_of_ratios_within_rounds() -> None:
     assert missed[1].endswith(": 1x, wanted ≤ 0.05x")
 
 
-def test_what_was_not_measured_is_neither_reached_nor_missed() -> None:
+def test_unmeasured_goals_are_neither_reached_nor_missed() -> None:
     goal = goals.at_most(
         "a cost", 2.0, Cell("cost", "a row", "late"), Cell("cost", "a row", "first")
     )

@@ -49,7 +49,7 @@ def test_choices() -> None:
         points.choose_engines("2pl")
 
 
-def test_medians_and_what_is_made_of_columns() -> None:
+def test_medians_and_derived_columns() -> None:
     results = Results()
     for turn, reads in enumerate((300.0, 100.0, 200.0), start=1):
         results.add("threads", "2", turn, "silo", {**RESULT, "reads_per_s": reads})
@@ -106,7 +106,7 @@ def test_model_passes_through_the_points_that_it_was_fitted_to() -> None:
         assert costs.half_and_half(2) == pytest.approx((1e6, 2e5))
 
 
-def test_model_knows_what_threads_cannot_share() -> None:
+def test_the_model_has_a_serial_share() -> None:
     serial = measured("tf2", 1e6, 0.8e6)
     assert {serial.reads(threads) for threads in range(2, 17)} == {0.8e6}
     free = measured("snapshot", 4e6, 8e6)
@@ -125,7 +125,7 @@ def test_model_takes_no_gain_from_noise() -> None:
         assert lucky.reads(16) == pytest.approx(64e6)
 
 
-def test_model_leaves_out_what_was_not_measured() -> None:
+def test_the_model_omits_unmeasured_points() -> None:
     results = Results()
     results.add("readers", "1", 1, "silo", {**RESULT, "edges_per_read": 16})
     assert model.costs(results) == []

@@ -49,7 +49,7 @@ def test_the_two_widest_axes_and_one_scale(turn: int, axes: str) -> None:
     assert paths.get_aspect() == 1.0
 
 
-def test_colours_are_the_errors_and_holes_stay() -> None:
+def test_colours_are_the_errors_and_gaps_stay() -> None:
     found = compared()
     figure = found.plot(title="a title")
     assert any(t.get_text() == "a title" for t in figure.findobj(text.Text))
@@ -76,7 +76,7 @@ def test_an_estimate_that_is_left_where_it_is_is_not_called_aligned() -> None:
         assert [t.get_text() for t in legend.get_texts()] == ["reference", name]
 
 
-def test_what_is_all_the_same() -> None:
+def test_equal_errors_are_drawn() -> None:
     path = compared().reference
     still = tfdb.Trajectory("map", "base", path.stamps, np.tile(path.poses[:1], (len(path), 1)))
     tfdb.plot.comparison(tfdb.compare(still, still, align="none")).canvas.draw()
@@ -109,7 +109,7 @@ def test_errors_that_are_the_same_have_one_colour(monkeypatch: pytest.MonkeyPatc
     assert high == pytest.approx(0.03**0.5)
 
 
-def test_numbers_are_whole_and_tell_apart() -> None:
+def test_ticks_are_plain_and_distinct() -> None:
     from tfdb.plot.axis_ticks import TickFormatter, number
 
     for given, texts in (

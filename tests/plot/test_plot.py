@@ -141,7 +141,7 @@ def test_bad_numbers_of_rows(rows: object) -> None:
 
 
 @pytest.mark.parametrize("given", [None, 7, ["map"], "map"])
-def test_what_has_no_frames_is_refused(given: object) -> None:
+def test_objects_without_frames_are_refused(given: object) -> None:
     with pytest.raises(tfdb.InvalidArgument, match="draw a store"):
         plot.frame_tree(given)
     with pytest.raises(tfdb.InvalidArgument, match="draw a store"):

@@ -95,7 +95,7 @@ def test_several_paths_share_scale_origin_and_legend() -> None:
     assert {"start", "end"} <= set(said)
 
 
-def test_speed_and_time_are_told_by_colour() -> None:
+def test_speed_and_time_set_the_colour() -> None:
     count = 400
     poses = np.zeros((count, 7))
     poses[:, 6] = 1
@@ -149,7 +149,7 @@ def test_wide_numbers_stay_beside_the_axes_of_space(
         assert space.zaxis.label.get_window_extent().x1 < other.yaxis.label.get_window_extent().x0
 
 
-def test_holes_stay_holes() -> None:
+def test_gaps_are_not_drawn() -> None:
     poses = path().poses.copy()
     poses[10:20] = np.nan
     holed = tfdb.Trajectory("map", "base_link", path().stamps, poses)
@@ -161,7 +161,7 @@ def test_holes_stay_holes() -> None:
 
 
 @pytest.mark.parametrize(("axes", "color"), [(None, "speed"), ("xyz", "time"), (None, None)])
-def test_what_hardly_moves_is_drawn(axes: str | None, color: str | None) -> None:
+def test_a_path_at_rest_is_drawn(axes: str | None, color: str | None) -> None:
     still = path()
     poses = still.poses.copy()
     poses[:, :3] = 7.0
@@ -227,7 +227,7 @@ def test_bad_options_are_refused(options: dict[str, object], words: str) -> None
 
 
 @pytest.mark.parametrize("given", [None, 7, "map", np.zeros((3, 7))])
-def test_what_is_no_trajectory_is_refused(given: object) -> None:
+def test_other_types_are_refused(given: object) -> None:
     with pytest.raises(tfdb.InvalidArgument, match=r"draw tfdb\.Trajectory"):
         plot.trajectory(given)
 
@@ -263,7 +263,7 @@ def test_flat_boxes_in_three_dimensions(
     assert 3 <= between <= 9
 
 
-def test_what_is_too_far_to_draw_is_refused() -> None:
+def test_huge_coordinates_are_refused() -> None:
     poses = [[1e90, 0, 0, 0, 0, 0, 1], [-1e90, 3, 0, 0, 0, 0, 1]]
     plot.trajectory(tfdb.Trajectory("map", "base", [0, 1], poses)).canvas.draw()
     poses[0][0] = 1e307

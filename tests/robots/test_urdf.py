@@ -95,7 +95,7 @@ def test_roll_pitch_yaw_turn_about_fixed_axes() -> None:
     assert np.allclose(rotation_matrices(quaternion[np.newaxis])[0], expected, atol=1e-15)
 
 
-def test_only_what_the_state_determines() -> None:
+def test_only_determined_joints_have_poses() -> None:
     model = parse_urdf(ARM)
     assert set(model.forward_kinematics({})) == {"mount"}
     assert set(model.forward_kinematics({"spin": 1})) == {"mount", "spin"}
@@ -460,7 +460,7 @@ UNKNOWN = [
 
 
 @pytest.mark.parametrize(("good", "bad", "message"), UNKNOWN)
-def test_what_is_unknown_is_named(
+def test_unknown_attributes_and_elements_are_named(
     tmp_path: Path, recwarn: pytest.WarningsRecorder, good: str, bad: str, message: str
 ) -> None:
     body = (
@@ -557,7 +557,7 @@ def test_a_fixed_joint_mimics_nothing() -> None:
     assert np.allclose(model.forward_kinematics({"j": 0.7})["k"], expected, atol=1e-15)
 
 
-def test_what_mimics_a_fixed_joint_stands_at_its_offset() -> None:
+def test_a_mimic_of_a_fixed_joint_stays_at_its_offset() -> None:
     text = robot(
         '<link name="c"/><link name="d"/><link name="e"/>'
         + joint("j", "a", "b", '<origin xyz="1 0 0"/>')

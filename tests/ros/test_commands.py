@@ -125,7 +125,7 @@ def test_serve(ros1: str, robot: Robot, store: str, number: int) -> None:
     assert tfdb_json("tree", f"shm:{store}")["roots"] == ["map"]
 
 
-def test_serve_is_told_to_end(ros1: str, robot: Robot, store: str) -> None:
+def test_rosnode_kill_ends_serve(ros1: str, robot: Robot, store: str) -> None:
     with Command("serve", "ros1", "--into", store, "--node-name", "serving") as serving:
         serving.line()
         with xmlrpc.client.ServerProxy(ros1) as master:
@@ -164,7 +164,7 @@ def test_echo_as_debians(ros1: str, robot: Robot) -> None:
     assert "At time 0.000000000, (current time 1" in ours
 
 
-def test_monitor_and_echo_of_what_moves(ros1: str, robot: Robot) -> None:
+def test_monitor_and_echo_of_a_moving_frame(ros1: str, robot: Robot) -> None:
     now = time.time_ns()
     with Command("monitor", "ros1:", "map", "base", "--every", "0.1", "--json") as monitor:
         robot.is_heard()

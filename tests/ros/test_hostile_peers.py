@@ -128,7 +128,7 @@ def test_a_message_that_is_cut_off_is_dropped_and_the_rest_goes_on(
     assert heard.wait(2) == [MOVE, MOVE + b"2"]
 
 
-def test_silent_and_slow_publishers_hold_up_nobody(node: TcprosNode, fake: FakePublisher) -> None:
+def test_silent_and_slow_publishers_delay_no_other(node: TcprosNode, fake: FakePublisher) -> None:
     heard = Heard()
     node.subscribe("tf", TF, heard)
     with ExitStack() as stack:
@@ -158,7 +158,7 @@ def test_silent_and_slow_publishers_hold_up_nobody(node: TcprosNode, fake: FakeP
         ([1, "", ["TCPROS", "127.0.0.1", "port"]], "invalid literal"),
     ],
 )
-def test_a_publisher_whose_api_answers_nonsense(
+def test_a_publisher_with_a_broken_api(
     node: TcprosNode, caplog: pytest.LogCaptureFixture, answer: Any, said: str
 ) -> None:
     node.subscribe("tf", TF, Heard())
@@ -210,7 +210,7 @@ WANTS = {"callerid": "/slow", "topic": "/out", "md5sum": kind_of(TF).md5sum, "ty
         (encode_header({**WANTS, "md5sum": "0"}), b"of md5sum 0 are wanted"),
     ],
 )
-def test_who_connects_with_something_else_is_refused(
+def test_peers_with_another_protocol_are_refused(
     node: TcprosNode, sent: bytes, said: bytes
 ) -> None:
     publisher = node.advertise("out", TF, latched=True)
@@ -223,13 +223,13 @@ def test_who_connects_with_something_else_is_refused(
         assert read_all(connection).endswith(frame(MOVE))
 
 
-def test_who_says_nothing_is_left(node: TcprosNode, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_silent_peers_are_disconnected(node: TcprosNode, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(tcpros_server, "HANDSHAKE_SECONDS", 0.05)
     with subscriber(node, b"\x10\0") as connection:
         assert b"no header came within 0.05 s" in read_all(connection)
 
 
-def test_a_subscriber_that_does_not_read_blocks_nobody_and_loses_the_oldest(
+def test_a_subscriber_that_does_not_read_blocks_no_other_and_misses_the_oldest(
     node: TcprosNode, caplog: pytest.LogCaptureFixture
 ) -> None:
     heard = Heard()

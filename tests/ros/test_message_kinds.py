@@ -45,7 +45,7 @@ def test_the_old_and_the_new_name_of_tf_have_one_checksum() -> None:
     assert old.md5sum == new.md5sum == "94810edda583a504dfda3829e70d7eec"
 
 
-def test_what_has_no_definition_is_received_and_not_sent() -> None:
+def test_types_without_a_definition_are_received_only() -> None:
     assert kind_of("sensor_msgs/Imu").md5sum == "*"
     with pytest.raises(tfdb.InvalidArgument, match=r"'sensor_msgs/Imu'.*tf2_msgs/TFMessage"):
         known_kind("sensor_msgs/Imu")

@@ -55,7 +55,7 @@ def test_the_master_and_the_host_come_from_arguments_before_the_environment() ->
 
 
 @pytest.mark.parametrize("name", ["", "9a", "a b", "a//b", "a~b", "é", "a-b", "/a\n"])
-def test_what_is_no_name_is_refused(name: str) -> None:
+def test_invalid_names_are_refused(name: str) -> None:
     with pytest.raises(tfdb.errors.InvalidName) as caught:
         made().resolve(name)
     assert caught.value.value == name
@@ -77,7 +77,7 @@ def test_a_host_is_no_uri(host: str) -> None:
 @pytest.mark.parametrize(
     "uri", ["", "robot", "http://robot", "http://:1", "http://a:b", "[", "x://["]
 )
-def test_what_is_no_uri_is_refused(uri: str) -> None:
+def test_invalid_uris_are_refused(uri: str) -> None:
     with pytest.raises(tfdb.InvalidArgument, match="not a URI of ROS"):
         host_and_port(uri)
 

@@ -53,7 +53,7 @@ def program(how: list[str], uri: str, folder: Path, *command: str) -> subprocess
     )
 
 
-def test_tools_say_what_they_say_on_tf2(robot: str, tmp_path: Path) -> None:
+def test_tools_print_the_same_as_on_tf2(robot: str, tmp_path: Path) -> None:
     """`echo.py` and `view_frames.py`, all four at once: one of them listens for 5 s."""
     said = {}
     running = []
@@ -78,7 +78,7 @@ def test_tools_say_what_they_say_on_tf2(robot: str, tmp_path: Path) -> None:
     assert said["ours"] == said["theirs"]
 
 
-def test_what_their_publisher_sends_to_a_late_joiner(robot: str) -> None:
+def test_a_late_joiner_gets_their_publishers_transforms(robot: str) -> None:
     with TcprosNode("late") as node:
         buffer = tf2.Buffer(node=node)
         tf2.TransformListener(buffer, node)

@@ -78,7 +78,7 @@ def test_a_frame_is_valid_until_the_next_unless_it_is_kept() -> None:
             bytes(data)
 
 
-def test_a_frame_whose_taker_fails_is_done_with() -> None:
+def test_a_frame_is_done_if_its_handler_fails() -> None:
     ours, theirs = socket.socketpair()
     frames, found = Frames(1000, 64), []
 
@@ -134,7 +134,7 @@ def test_headers_come_back_as_they_were() -> None:
         (frame(b"a=b") + b"\0", 7, "ends in a length, at byte 7 of 8"),
     ],
 )
-def test_what_is_no_header_is_refused(data: bytes, offset: int, text: str) -> None:
+def test_invalid_headers_are_refused(data: bytes, offset: int, text: str) -> None:
     with pytest.raises(tfdb.errors.CorruptMessage, match=text) as caught:
         decode_header(data)
     assert caught.value.offset == offset

@@ -91,7 +91,7 @@ def test_ours_to_theirs(node: TcprosNode, rospy_child: RospyChild) -> None:
     ]
 
 
-def test_who_joins_late_gets_the_last_of_each_latched_publisher(
+def test_a_late_joiner_gets_the_last_message_of_each_latched_publisher(
     node: TcprosNode, rospy_child: RospyChild
 ) -> None:
     first, second = (node.advertise("late", TF, latched=True) for _ in range(2))
@@ -128,7 +128,7 @@ def test_the_old_type_of_tf_is_the_same(node: TcprosNode, rospy_child: RospyChil
     assert heard.wait(1) == MOVES[:1]
 
 
-def test_a_publisher_of_another_type_is_refused_and_said(
+def test_a_publisher_of_another_type_is_refused_and_logged(
     node: TcprosNode, rospy_child: RospyChild, caplog: pytest.LogCaptureFixture
 ) -> None:
     rospy_child.call("advertise", "/other", "rosgraph_msgs/Clock", True, 1)
@@ -299,7 +299,7 @@ def test_the_slave_api(node: TcprosNode, rospy_child: RospyChild) -> None:
         node.advertise("asked", TF)
 
 
-def test_a_node_ends_after_it_has_answered_who_ends_it(
+def test_a_node_answers_shutdown_before_it_ends(
     node: TcprosNode, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     answered, was_answered = threading.Event(), []
@@ -318,7 +318,7 @@ def test_a_node_ends_after_it_has_answered_who_ends_it(
     assert was_answered == [True]
 
 
-def test_closing_takes_everything_back(ros1: str) -> None:
+def test_closing_unregisters_everything(ros1: str) -> None:
     node = TcprosNode("brief", arguments=[])
     node.subscribe("in", TF, Heard())
     node.advertise("out", TF)
@@ -345,7 +345,7 @@ def test_one_topic_has_one_type_in_a_node(node: TcprosNode) -> None:
         node.advertise("mixed", TF, latched=True)
 
 
-def test_no_master_is_said_with_its_uri() -> None:
+def test_a_missing_master_is_named_by_its_uri() -> None:
     uri = f"http://127.0.0.1:{free_port()}"
     with pytest.raises(tfdb.errors.NoMaster, match=f"at {uri} .*roscore.*ROS_MASTER_URI") as caught:
         TcprosNode("lonely", master=uri, arguments=[])

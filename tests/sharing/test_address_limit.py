@@ -41,7 +41,7 @@ def test_a_store_takes_the_addresses_that_it_gets() -> None:
 
 
 @pytest.mark.parametrize("made", ["tfdb.Buffer()", "tfdb.Buffer(memory_limit=64 << 20)"])
-def test_too_few_addresses_are_refused_with_the_way_on(made: str) -> None:
+def test_the_error_for_too_few_addresses_names_remedies(made: str) -> None:
     assert limited(100, made) == (
         "refused: cannot reserve 256 MiB of addresses for a store: raise the process's limit of "
         "addresses (ulimit -v), or close other stores"

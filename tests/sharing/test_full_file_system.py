@@ -100,7 +100,7 @@ def test_no_store_can_be_made_where_there_is_no_room(tmp_path: Path, kib: int) -
         assert [path.name for path in folder.iterdir()] == ["filler"]
 
 
-def test_a_store_that_cannot_grow_loses_nothing(tmp_path: Path) -> None:
+def test_a_store_that_cannot_grow_keeps_its_data(tmp_path: Path) -> None:
     with small_file_system(tmp_path / "full", 4096) as folder:
 
         def grow() -> None:
@@ -124,7 +124,7 @@ def test_a_store_that_cannot_grow_loses_nothing(tmp_path: Path) -> None:
         assert apart(grow) == 0
 
 
-def test_what_a_store_gives_back_others_may_take_and_it_takes_again(tmp_path: Path) -> None:
+def test_returned_memory_is_used_by_others_and_again(tmp_path: Path) -> None:
     with small_file_system(tmp_path / "full", 16384) as folder:
 
         def fill_and_empty() -> None:

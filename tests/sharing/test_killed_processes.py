@@ -115,7 +115,7 @@ def test_ctrl_c_ends_the_wait_of_a_transaction(name: str) -> None:
     child.move_arm(buffer, 2)
 
 
-def test_what_another_process_holds_stays_until_it_is_dead(name: str) -> None:
+def test_memory_of_a_snapshot_stays_until_its_process_dies(name: str) -> None:
     buffer = tfdb.Buffer.open(name, history=1e-3)
     child.move_arm(buffer, 1)
 
@@ -150,7 +150,7 @@ def test_a_child_lets_the_snapshots_of_its_parent_be(name: str) -> None:
     snapshot.close()
 
 
-def test_what_a_child_of_fork_held_goes_with_it(name: str) -> None:
+def test_snapshots_of_a_forked_child_end_with_it(name: str) -> None:
     """It has a place of its own to say what it reads: its parent's stays clean."""
     buffer = tfdb.Buffer.open(name, history=1e-3)
     child.move_arm(buffer, 1)

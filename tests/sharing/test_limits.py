@@ -47,7 +47,7 @@ def test_bad_names(bad: str, reason: str) -> None:
 
 
 @pytest.mark.parametrize("bad", [None, 3, b"x", ["x"]])
-def test_what_is_no_name(bad: Any) -> None:
+def test_invalid_names_are_refused(bad: Any) -> None:
     for call in (tfdb.Buffer.open, tfdb.Buffer.unlink):
         with pytest.raises(TypeError, match="a store's name is a str or a path"):
             call(bad)
@@ -80,7 +80,7 @@ def test_bad_options(name: str, options: dict[str, Any], said: str) -> None:
     assert not list(SHM.glob(f"tfdb.{name}*"))
 
 
-def test_what_is_no_file(name: str, tmp_path: Path) -> None:
+def test_other_files_are_refused(name: str, tmp_path: Path) -> None:
     path = SHM / f"tfdb.{name}"
     try:
         os.mkfifo(path)
@@ -127,7 +127,7 @@ def test_there_is_none_or_one_already(name: str) -> None:
     assert child.arm_in(tfdb.Buffer.open(name)) == 1
 
 
-def test_other_systems_say_so(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_other_systems_raise_not_supported(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(sys, "platform", "darwin")
     for call in (tfdb.Buffer.open, tfdb.Buffer.unlink):
         with pytest.raises(tfdb.errors.NotSupported, match="need Linux; this is darwin"):
@@ -146,7 +146,7 @@ def test_a_shared_store_is_pickled_by_its_name(name: str) -> None:
         pickle.loads(pickled)
 
 
-def test_who_reads_writes_nothing(name: str) -> None:
+def test_readers_write_nothing(name: str) -> None:
     fill(tfdb.Buffer.open(name, history=None))
     reader = tfdb.Buffer.open(name, mode="r")
     before = reader.commit
@@ -196,7 +196,7 @@ def test_files_are_for_their_user_alone(name: str) -> None:
         (0o660, {"rw": "1 2", "r": "1 2"}),
     ],
 )
-def test_what_a_group_may(name: str, permissions: int, expected: dict[str, str]) -> None:
+def test_permissions_of_a_group(name: str, permissions: int, expected: dict[str, str]) -> None:
     group = next(entry for entry in grp.getgrall() if entry.gr_gid != 0)
     buffer = tfdb.Buffer.open(name, permissions=permissions, group=group.gr_name)
     child.move_arm(buffer, 1)
@@ -231,7 +231,7 @@ def test_eight_open_at_once(name: str, create: bool | None) -> None:
         assert len(frames) == 1 + said.count("opened")
 
 
-def test_a_full_store_says_so_and_loses_nothing(name: str) -> None:
+def test_a_full_store_raises_and_keeps_its_data(name: str) -> None:
     buffer = tfdb.Buffer.open(name, history=None, max_frames=100, size=12 << 20)
     poses = np.tile([1.0, 2.0, 3.0, *TURN], (1000, 1))
     number = 0
@@ -301,7 +301,7 @@ def leave_over(name: str, number: int) -> list[Path]:
 
 
 @pytest.mark.parametrize("call", ["open", "create", "find", "unlink"])
-def test_what_a_killed_maker_left_is_removed(name: str, call: str) -> None:
+def test_files_of_a_killed_maker_are_removed(name: str, call: str) -> None:
     left = leave_over(name, 7)
     at_work = leave_over(name, 8)
     other = SHM / f"tfdb.{name}.control-of-mine"

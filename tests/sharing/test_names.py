@@ -130,7 +130,7 @@ def test_errors_name_the_store(name: str, cause: Callable[[str], None]) -> None:
         left.unlink()
 
 
-def test_the_error_of_a_lock_says_how_long_the_call_waited(name: str) -> None:
+def test_a_lock_timeout_reports_the_waited_time(name: str) -> None:
     with pytest.raises(
         tfdb.errors.LockTimeout, match=r"has held the store '[^']+' for 0\.01\d* s: "
     ):

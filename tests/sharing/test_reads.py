@@ -86,7 +86,7 @@ def test_conflicts_between_openings(name: str) -> None:
     assert "seen" not in other.frames()
 
 
-def test_settings_are_those_of_who_made_it(name: str) -> None:
+def test_settings_are_those_of_the_maker(name: str) -> None:
     made = tfdb.Buffer.open(name, history=3.0, max_frames=50, size=1 << 25)
     again = tfdb.Buffer.open(name, history=99.0, max_frames=9, size=1 << 26)
     assert made.history == again.history == 3.0
@@ -98,7 +98,7 @@ def test_settings_are_those_of_who_made_it(name: str) -> None:
     assert tfdb.Buffer().shared is None
 
 
-def test_what_was_removed_goes_on_for_who_has_it(name: str) -> None:
+def test_a_removed_store_stays_usable_where_it_is_open(name: str) -> None:
     buffer = tfdb.Buffer.open(name)
     reader = tfdb.Buffer.open(name, mode="r")
     tfdb.Buffer.unlink(name)

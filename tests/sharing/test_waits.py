@@ -60,7 +60,7 @@ def test_ten_thousand_waits_of_two_processes_end_once_each(name: str) -> None:
     assert set(ends) == {"came", "late", "cancelled", "closed"}
 
 
-def test_who_waits_may_be_killed(name: str) -> None:
+def test_waiting_processes_may_be_killed(name: str) -> None:
     buf = tfdb.Buffer.open(name)
     with Child("wait_for", name, 1) as killed, Child("wait_for", name, 1) as other:
         assert killed.says() == "waits for 0"
@@ -89,7 +89,7 @@ def test_the_removal_of_a_store_ends_the_waits_that_are_under_way(name: str) -> 
 
 
 @pytest.mark.skipif(os.getuid() != 0, reason="only root can become another user")
-def test_a_reader_that_cannot_say_that_it_waits(name: str) -> None:
+def test_a_reader_without_write_permission_cannot_wait(name: str) -> None:
     buf = tfdb.Buffer.open(name, permissions=0o644)
     put(buf, "a", 5)
     with Child("wait_as", 65534, name) as reader:

@@ -91,7 +91,7 @@ def test_a_wait_is_ended_by_the_transform(
 
 
 @pytest.mark.parametrize("way", WAYS)
-def test_time_that_is_up_says_what_a_lookup_says(buffer: tf2.Buffer, way: str) -> None:
+def test_a_timeout_raises_the_error_of_a_lookup(buffer: tf2.Buffer, way: str) -> None:
     if way == "can":
         assert WAYS[way](buffer, 0.001) == 0
     elif way == "can_full":
@@ -139,7 +139,7 @@ def test_a_name_that_no_frame_can_have_is_not_waited_for(buffer: tf2.Buffer, nam
             ask()
 
 
-def test_a_timeout_says_what_is_missing_and_how_long_it_waited(buffer: tf2.Buffer) -> None:
+def test_a_timeout_names_the_missing_data_and_the_waited_time(buffer: tf2.Buffer) -> None:
     cases = (
         (("map", "base", seconds(3)), "base to map at 3.000000000 s", "extrapolation"),
         (("map", "bsae", seconds(0)), "bsae to map at any common time", "bsae"),
@@ -197,7 +197,7 @@ def test_a_stamp_that_no_transform_has_is_not_waited_for(buffer: tf2.Buffer) -> 
     assert not buffer.can_transform("map", "base", 2**62, FOREVER)
 
 
-def test_what_is_no_timeout_is_refused(buffer: tf2.Buffer) -> None:
+def test_invalid_timeouts_are_refused(buffer: tf2.Buffer) -> None:
     with pytest.raises(TypeError, match="timeout must have sec and nanosec"):
         buffer.lookup_transform("map", "base", seconds(2), "soon")  # type: ignore[arg-type]
     with pytest.raises(tfdb.InvalidArgument):
@@ -312,7 +312,7 @@ def test_a_future_ends_by_the_clock_that_is_named() -> None:
 # Futures and coroutines
 
 
-def test_a_coroutine_is_told(buffer: tf2.Buffer) -> None:
+def test_coroutines_are_woken(buffer: tf2.Buffer) -> None:
     async def main() -> Any:
         simple = asyncio.create_task(
             buffer.lookup_transform_async("map", "base", seconds(2), FOREVER)
@@ -483,7 +483,7 @@ def test_a_future_that_is_cancelled_or_closed(buffer: tf2.Buffer) -> None:
     assert cancelled.cancelled()
 
 
-def test_a_future_of_what_can_never_come(buffer: tf2.Buffer) -> None:
+def test_a_future_for_an_impossible_transform_is_refused(buffer: tf2.Buffer) -> None:
     for asked in (("map", "base", -1), ("map", "", seconds(1)), ("/map", "base", seconds(1))):
         with pytest.raises(tf2.InvalidArgumentException, match="will never have an answer"):
             buffer.wait_for_transform_async(*asked).result(0)
@@ -499,7 +499,7 @@ def test_ten_thousand_futures_and_one_transform(buffer: tf2.Buffer) -> None:
 
 
 @pytest.mark.parametrize("seed", range(3))
-def test_waits_cannot_hang(seed: int) -> None:
+def test_every_wait_ends_once(seed: int) -> None:
     """Begun, ended by a transform, cancelled, timed out and closed: each ends exactly once."""
     rng = random.Random(seed)
     ends: Counter[str] = Counter()
@@ -561,7 +561,7 @@ def test_a_request_is_called_once(buffer: tf2.Buffer) -> None:
     assert made == [(handle, "map", "base", seconds(2), available)]
 
 
-def test_a_request_whose_time_goes_out_of_the_cache(buffer: tf2.Buffer) -> None:
+def test_a_request_ends_if_its_time_leaves_the_cache(buffer: tf2.Buffer) -> None:
     made, called, callback = calls()
     store(buffer, 5)
     store(buffer, 6, "base", "arm")
@@ -588,9 +588,7 @@ def test_a_cancelled_request_is_not_called(buffer: tf2.Buffer) -> None:
 
 
 @pytest.mark.parametrize("timeout", [-1, -0.5, float("nan"), float("inf"), 2**70])
-def test_a_timeout_is_a_duration_where_nothing_waits_too(
-    buffer: tf2.Buffer, timeout: float
-) -> None:
+def test_timeouts_are_checked_without_a_wait(buffer: tf2.Buffer, timeout: float) -> None:
     store(buffer, 1)
     for call in (buffer.lookup_transform, buffer.can_transform):
         with pytest.raises(tfdb.InvalidArgument, match="timeout must be a number of seconds"):
@@ -688,7 +686,7 @@ def test_one_listens_and_others_look_up(thread: ThreadPoolExecutor) -> None:
             tfdb.Buffer.unlink(name)
 
 
-def test_what_excludes_each_other_is_refused() -> None:
+def test_exclusive_arguments_are_refused() -> None:
     with pytest.raises(tf2.InvalidArgumentException, match="not both"):
         tf2.Buffer(store="one", buffer=tfdb.Buffer())
 

@@ -141,7 +141,7 @@ def test_no_nanosecond_is_lost(time: Any) -> None:
     assert core.can_transform_core("a", "b", TODAY - 1)[0] == 0
 
 
-def test_times_that_tell_seconds_only() -> None:
+def test_times_with_seconds_only() -> None:
     core = tf2.BufferCore(SecondsOnly(5.0))
     assert core.flavor == "ros1"
     assert core.buffer.history == 5.0
@@ -153,7 +153,7 @@ def test_times_that_tell_seconds_only() -> None:
 @pytest.mark.parametrize(
     "time", [1.5, None, "1", True, object(), timedelta(1)], ids=lambda time: repr(time)[:9]
 )
-def test_what_is_no_time(core: tf2.BufferCore, time: Any) -> None:
+def test_other_types_of_times_are_refused(core: tf2.BufferCore, time: Any) -> None:
     words = {
         "ros1": "must have a to_sec method, e.g. rospy.Time or rospy.Duration",
         "ros2": "must have sec and nanosec, or nanoseconds.",
@@ -202,7 +202,7 @@ def test_flavor_is_found_from_the_messages(time: Any, flavor: str) -> None:
     assert tf2.BufferCore(time, flavor="ros2").flavor == "ros2"
 
 
-def test_what_a_core_is_not_made_of() -> None:
+def test_invalid_arguments_of_a_core_are_refused() -> None:
     with pytest.raises(tf2.InvalidArgumentException, match="flavor"):
         tf2.BufferCore(flavor="ros3")  # type: ignore[arg-type]
     with pytest.raises(tf2.InvalidArgumentException, match="negative"):
@@ -420,7 +420,7 @@ def test_refused_writes(
     assert core.buffer.commit == before
 
 
-def test_what_is_no_message(core: tf2.BufferCore) -> None:
+def test_other_types_of_messages_are_refused(core: tf2.BufferCore) -> None:
     stamped = message("a", "b", 4 * SECOND, TURNED)
     for broken, text in (
         (5, "TransformStamped, got int"),
@@ -462,7 +462,7 @@ def by_bytes(core: tf2.BufferCore, stamp: int, poses: list[list[float]], *, stat
 
 @pytest.mark.parametrize("static", [False, True])
 @pytest.mark.parametrize("road", ["set_transform", "bytes"])
-def test_ros_2_normalizes_a_quaternion_of_any_length_and_says_so_once(
+def test_ros_2_normalizes_a_quaternion_of_any_length_and_logs_it_once(
     road: str, static: bool, caplog: pytest.LogCaptureFixture
 ) -> None:
     core = tf2.BufferCore(flavor="ros2")
@@ -500,7 +500,7 @@ def test_a_quaternion_that_has_no_direction_is_refused_in_ros_2(
     assert [record.getMessage()[:3] for record in caplog.records] == ["TF_", "TF_"]
 
 
-def test_what_else_is_wrong_beside_a_quaternion_is_still_said(
+def test_other_errors_are_logged_beside_a_normalized_quaternion(
     caplog: pytest.LogCaptureFixture,
 ) -> None:
     core = tf2.BufferCore(flavor="ros2")

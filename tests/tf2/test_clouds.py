@@ -171,7 +171,7 @@ def test_a_cloud_through_the_interface() -> None:
     assert made.header == transform.header
 
 
-def test_one_row_whose_step_is_not_set() -> None:
+def test_one_row_without_a_row_step() -> None:
     """Drivers leave it 0, and nothing depends on it."""
     transform = of(np.random.default_rng(8))
     found = clouds.do_transform_cloud(simple(row_step=0), transform)
@@ -318,7 +318,7 @@ KINDS = [
 
 @pytest.mark.parametrize(("kind", "times", "how", "off"), KINDS)
 @pytest.mark.parametrize("fixed", [None, "odom"])
-def test_each_point_at_its_moment(
+def test_each_point_at_its_own_stamp(
     kind: int, times: Any, how: dict[str, Any], off: float, fixed: str | None
 ) -> None:
     buffer = drive()
@@ -344,7 +344,7 @@ def test_each_point_at_its_moment(
     assert made.header == msgs.Header(stamp, target)
 
 
-def test_what_each_point_is_looked_up_in() -> None:
+def test_deskewing_with_a_buffer_or_a_snapshot() -> None:
     """A buffer of either kind and a snapshot; without points nothing is looked up."""
     buffer = drive()
     cloud, _ = timed(8, TIMES)

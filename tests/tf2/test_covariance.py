@@ -140,7 +140,7 @@ def test_shapes(make: Callable[[list[float]], object]) -> None:
 
 
 @pytest.mark.parametrize("bad", [[0.0] * 35, np.zeros((6, 7)), "text", [object()] * 36])
-def test_what_is_none(bad: object) -> None:
+def test_invalid_covariances_are_refused(bad: object) -> None:
     transform = Samples().transform
     with pytest.raises(tf2.InvalidArgumentException, match="36 numbers"):
         covariance.transform_covariance(bad, transform)

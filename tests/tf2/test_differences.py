@@ -210,7 +210,7 @@ def test_of_ros2() -> None:
     assert core.can_transform_core("a", "b", 16 * SECOND)[0] == 0
 
 
-def test_the_list_is_what_is_shown() -> None:
+def test_every_listed_difference_is_shown() -> None:
     modules = (test_exports, test_real_conversions, test_tf1, test_wrong_arguments)
     shown = (module.SHOWN for module in modules)
     assert set(DIFFERENCES) == {*CASES, *OF_ROS2, *OF_FUTURES}.union(*shown)

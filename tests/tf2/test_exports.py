@@ -102,7 +102,7 @@ def test_without_ros_every_name_of_the_packages_themselves_is_there() -> None:
     )
 
 
-def test_one_import_changed_has_the_names_too() -> None:
+def test_one_changed_import_has_all_names() -> None:
     """`from tfdb import tf2 as tf2_ros`, without ROS."""
     program = """
 from tfdb import tf2 as tf2_ros
@@ -131,7 +131,7 @@ assert tf.msg.tfMessage(["one"]).transforms == ["one"]
     subprocess.run([sys.executable, "-I", "-c", program], check=True)
 
 
-def test_a_missing_name_says_what_is_not_installed() -> None:
+def test_a_missing_name_names_the_missing_package() -> None:
     program = """
 from tfdb import tf2
 tf2.install()

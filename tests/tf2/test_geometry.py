@@ -72,7 +72,7 @@ def test_moments_and_velocities_of_another_point() -> None:
     assert abs(power(mixed, moving) - power(wrench, twist)) > 0.1
 
 
-def test_what_has_no_header() -> None:
+def test_messages_without_a_header() -> None:
     """Parts of messages alone, and a Transform, which says nothing of frames."""
     every = of(9)
     turn = every.transform()
@@ -181,7 +181,7 @@ def test_tfdb_transforms_both_ways() -> None:
     assert np.allclose(again, by, rtol=0, atol=1e-15)
 
 
-def test_what_is_registered() -> None:
+def test_registered_types() -> None:
     transforms, converts = tf2.TransformRegistration(), tf2.ConvertRegistration()
     for name in ("PointStamped", "Vector3Stamped", "PoseStamped"):
         kind = getattr(msgs, name)
@@ -211,7 +211,7 @@ def test_through_a_buffer() -> None:
     assert full == made
 
 
-def test_a_function_of_the_users_wins() -> None:
+def test_a_users_function_takes_precedence() -> None:
     class Mine(msgs.PointStamped):
         pass
 

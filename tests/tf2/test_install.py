@@ -82,7 +82,7 @@ def test_all_names_are_there() -> None:
     run("-c", NAMES)
 
 
-def test_without_any_ros_its_messages_are_there_too() -> None:
+def test_messages_can_be_imported_without_ros() -> None:
     run("-I", "-c", NAMES + WITHOUT_ROS)
 
 
@@ -108,7 +108,7 @@ assert type(found) is geometry_msgs.msg.TransformStamped and found.header.stamp 
     run("-c", NAMES + code, PYTHONPATH=path)
 
 
-def test_what_was_imported_before_is_not_replaced() -> None:
+def test_earlier_imports_are_not_replaced() -> None:
     code = """
 import sys, types
 sys.modules["tf2_ros"] = real = types.ModuleType("tf2_ros")

@@ -47,7 +47,7 @@ def sent(parent: str, child: str, stamp: int, pose: list[float] = POSE) -> msgs.
     return message(parent, child, stamp * SECOND, pose)
 
 
-def test_what_is_sent_together_is_one_commit(world: World) -> None:
+def test_one_message_is_one_commit(world: World) -> None:
     before = world.buffer.buffer.commit
     world.moving.sendTransform([sent("map", "base", 1), sent("base", "arm", 1, OTHER)])
     assert world.buffer.buffer.commit == before + 1
@@ -114,7 +114,7 @@ def test_a_static_that_is_changed_after_it_was_sent_stays_as_it_was(world: World
     assert world.at("base", "lidar")[3] == pytest.approx(POSE)
 
 
-def test_what_tf2_refuses_is_logged_and_the_rest_stored(world: World) -> None:
+def test_refused_transforms_are_logged_and_the_others_stored(world: World) -> None:
     records = Records()
     logger = logging.getLogger("tfdb.tf2")
     logger.addHandler(records)
@@ -167,7 +167,7 @@ def test_the_same_stamp_again(world: World, caplog: pytest.LogCaptureFixture) ->
     assert world.at("map", "cart", 1)[3] == pytest.approx(POSE)
 
 
-def test_a_frame_whose_kind_changes(world: World) -> None:
+def test_a_frame_changes_between_static_and_moving(world: World) -> None:
     world.static.sendTransform(sent("base", "arm", 1))
     world.moving.sendTransform([sent("base", "arm", 5, OTHER), sent("map", "base", 5)])
     if world.node.flavor == "ros1":
@@ -178,14 +178,16 @@ def test_a_frame_whose_kind_changes(world: World) -> None:
     assert world.at("base", "arm", 5)[3] == pytest.approx(OTHER)
 
 
-def test_old_data_names_who_sent_them(world: World, caplog: pytest.LogCaptureFixture) -> None:
+def test_the_log_of_old_data_names_the_sender(
+    world: World, caplog: pytest.LogCaptureFixture
+) -> None:
     world.moving.sendTransform(sent("map", "base", 100))
     world.moving.sendTransform(sent("map", "base", 1))
     assert "TF_OLD_DATA ignoring data from the past" in caplog.text
     assert "according to authority /robot" in caplog.text
 
 
-def test_a_stamp_far_in_the_future_is_laid_at_its_sender_s_door(
+def test_the_log_names_the_sender_of_a_stamp_far_in_the_future(
     world: World, caplog: pytest.LogCaptureFixture
 ) -> None:
     world.node.time = 100 * SECOND
@@ -243,7 +245,7 @@ def test_unregister_ends_it(world: World) -> None:
     assert len(world.node.watches) == 1  # of the buffer, for the node's end
 
 
-def test_a_listener_that_nobody_holds_goes_on() -> None:
+def test_an_unreferenced_listener_continues() -> None:
     node = LoopbackNode()
     buffer = tf2.Buffer()
     tf2.TransformListener(buffer, node)
@@ -296,7 +298,7 @@ def test_anything_that_takes_transforms_can_be_filled() -> None:
     assert recorder.got == [("moving", "b", "/here"), ("static", "c", "/here")]
 
 
-def test_what_cannot_be_sent_is_refused_whole(world: World) -> None:
+def test_a_message_with_an_invalid_transform_is_not_sent(world: World) -> None:
     with pytest.raises(tfdb.InvalidStamp) as refused:
         world.moving.sendTransform([sent("a", "b", 1), sent("b", "c", -1)])
     assert refused.value.index == 1
@@ -306,7 +308,7 @@ def test_what_cannot_be_sent_is_refused_whole(world: World) -> None:
     assert world.buffer._getFrameStrings() == ["x", "y"]
 
 
-def test_what_is_no_node_is_refused() -> None:
+def test_other_types_of_nodes_are_refused() -> None:
     with pytest.raises(TypeError, match=r"expected a node of tfdb.ros or of rclpy, or None"):
         tf2.TransformListener(tf2.Buffer(), "node")
 
@@ -376,7 +378,7 @@ def test_callbacks_serve_a_listener_that_subscribes_by_itself(flavor: Any) -> No
     assert buffer.can_transform("map", "arm", msgs.Time(1))
 
 
-def test_another_buffer_gets_what_comes_from_then_on(world: World) -> None:
+def test_a_replaced_buffer_gets_later_messages(world: World) -> None:
     world.moving.sendTransform(sent("map", "base", 1))
     other = tf2.Buffer()
     world.listener.buffer = other

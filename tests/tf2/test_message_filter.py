@@ -91,7 +91,7 @@ def test_all_target_frames_and_the_tolerance_count() -> None:
     assert set(found) == {"map", "odom"}
 
 
-def test_the_oldest_is_dropped_where_too_many_wait() -> None:
+def test_a_full_queue_drops_the_oldest() -> None:
     setting = Setting(queue_size=2)
     scans = [scan(stamp) for stamp in (5, 6, 7)]
     for one in scans:
@@ -103,7 +103,7 @@ def test_the_oldest_is_dropped_where_too_many_wait() -> None:
     assert {id(setting.next()[1]) for _ in range(2)} == {id(one) for one in scans[1:]}
 
 
-def test_what_is_out_of_the_cache_is_dropped(setting: Setting) -> None:
+def test_messages_older_than_the_cache_are_dropped(setting: Setting) -> None:
     setting.put(20)
     old = scan(5)
     setting.filter.add(old)
@@ -189,7 +189,7 @@ def test_each_message_ends_once() -> None:
     assert setting.out.empty()
 
 
-def test_what_a_filter_is_not_made_of() -> None:
+def test_invalid_arguments_of_a_filter_are_refused() -> None:
     buffer = tf2.Buffer(flavor="ros2")
     for targets, size, tolerance in (
         ("map", -1, None),

@@ -131,7 +131,7 @@ def test_messages_share_no_part(make: Callable[..., Any]) -> None:
     assert slots(copied) == slots(first)
 
 
-def test_what_is_not_made_of_strings_and_numbers_is_made_by_the_function() -> None:
+def test_other_field_types_are_made_by_the_python_function() -> None:
     class Name(str):
         __slots__ = ()
 
@@ -333,7 +333,7 @@ def test_keywords(buffer: Buffer) -> None:
             call("a", "c", 1, 2, 3, 4)  # type: ignore[call-arg]
 
 
-def test_what_is_not_plain_is_asked_in_python(buffer: Buffer) -> None:
+def test_other_calls_are_answered_in_python(buffer: Buffer) -> None:
     late = 9 * SECOND
     assert buffer.can_transform("a", "c", late) == 0
     assert not buffer.slow
@@ -375,7 +375,7 @@ class Failing:
         raise ArithmeticError("no clock")
 
 
-def test_what_reading_a_time_raises(buffer: Buffer) -> None:
+def test_exceptions_of_a_time_object_are_raised(buffer: Buffer) -> None:
     with pytest.raises(KeyboardInterrupt):
         buffer.lookup_transform("a", "c", Interrupting())
     assert not buffer.slow
@@ -425,12 +425,14 @@ def test_writes(buffer: Buffer) -> None:
         ),
     ],
 )
-def test_what_is_no_message(buffer: Buffer, given: Any, authority: Any, text: str) -> None:
+def test_other_types_of_messages_are_refused(
+    buffer: Buffer, given: Any, authority: Any, text: str
+) -> None:
     with pytest.raises(TypeError, match=text):
         buffer.set_transform(given, authority)
 
 
-def test_the_flavor_is_found_from_the_first_time_that_tells_it() -> None:
+def test_the_first_time_object_sets_the_flavor() -> None:
     buffer = Buffer()
     buffer.set_transform(message("a", "b", SECOND, POSE), "me")
     buffer.set_transform(message("a", "b", 2 * SECOND, POSE), "me")
@@ -476,7 +478,7 @@ def test_a_store_of_the_users_own_class_is_asked_itself() -> None:
     assert store.asked == 3
 
 
-def test_a_closed_store_says_so(buffer: Buffer) -> None:
+def test_a_closed_store_raises(buffer: Buffer) -> None:
     buffer.buffer.close()
     for call in (
         lambda: buffer.lookup_transform("a", "b", SECOND),

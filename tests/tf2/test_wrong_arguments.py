@@ -74,7 +74,7 @@ def run(python: str, environment: dict[str, str], *args: str) -> dict[str, list[
     return found
 
 
-def test_each_call_ends_as_upstreams_or_as_the_list_says() -> None:
+def test_each_call_ends_as_upstreams_or_as_listed() -> None:
     real, made = theirs(), ours()
     assert list(real) == list(made)
     for name, end in real.items():

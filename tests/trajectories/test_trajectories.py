@@ -210,9 +210,7 @@ NAMED = [
 
 @pytest.mark.parametrize(("heading", "row"), NAMED)
 @pytest.mark.parametrize("format_", [None, "csv"])
-def test_a_heading_says_which_column_is_which(
-    tmp_path: Path, heading: str, row: str, format_: Any
-) -> None:
+def test_a_header_names_the_columns(tmp_path: Path, heading: str, row: str, format_: Any) -> None:
     path = tmp_path / "a.csv"
     path.write_text(f"{heading}\n{row}\n")
     found = tfdb.Trajectory.read(path, format_)
@@ -245,7 +243,7 @@ def test_a_comment_is_no_heading(tmp_path: Path) -> None:
         (f"{TURN}\nnan,1,2,3,0,0,0.6,0.8\n", "csv", "'nan' is not an integer"),
     ],
 )
-def test_a_heading_that_says_something_else(
+def test_a_contradicting_header_is_refused(
     tmp_path: Path, text: str, format_: Any, reason: str
 ) -> None:
     path = tmp_path / "a.txt"

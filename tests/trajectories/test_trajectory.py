@@ -124,7 +124,7 @@ def test_length_of_any_size(size: float) -> None:
     assert made.length == pytest.approx(25 * size, rel=1e-15, abs=0.0)
 
 
-def test_it_keeps_copies_that_nobody_can_write_to(path: Any) -> None:
+def test_it_keeps_read_only_copies(path: Any) -> None:
     poses = path.poses.copy()
     made = tfdb.Trajectory("map", "base", path.stamps, poses)
     poses[:] = 0.0
@@ -192,7 +192,7 @@ BAD: list[tuple[dict[str, Any], type[Exception], str]] = [
 
 
 @pytest.mark.parametrize(("change", "error", "text"), BAD)
-def test_what_is_no_trajectory(change: dict[str, Any], error: type, text: str) -> None:
+def test_invalid_trajectories_are_refused(change: dict[str, Any], error: type, text: str) -> None:
     good: dict[str, Any] = {"target": "map", "source": "base", "stamps": [4, 5]}
     good["poses"] = [POSE, HOLE]
     assert len(tfdb.Trajectory(**good)) == 2
@@ -286,7 +286,7 @@ def test_between_takes_both_ends(path: Any) -> None:
 # -- between the poses -----------------------------------------------------------------------------
 
 
-def test_at_is_what_scipy_interpolates(path: Any) -> None:
+def test_at_equals_scipys_interpolation(path: Any) -> None:
     rng = np.random.default_rng(3)
     stamps = rng.integers(path.stamps[0], path.stamps[-1], 500)
     stamps[17] = stamps[18]
@@ -311,7 +311,7 @@ POLICIES = [
 
 
 @pytest.mark.parametrize("policy", POLICIES, ids=repr)
-def test_at_is_what_a_store_says(path: Any, policy: Any) -> None:
+def test_at_equals_a_stores_lookups(path: Any, policy: Any) -> None:
     store = tfdb.Buffer(history=None)
     store.set_transforms(tfdb.Columns("map", "base", path.stamps, path.poses))
     rng = np.random.default_rng(4)
@@ -334,7 +334,7 @@ def test_at_is_what_a_store_says(path: Any, policy: Any) -> None:
         assert str(ours.value) == str(theirs.value)
 
 
-def test_at_refuses_what_it_has_no_answer_for(path: Any) -> None:
+def test_at_refuses_stamps_without_a_pose(path: Any) -> None:
     with pytest.raises(tfdb.Extrapolation) as caught:
         path.at(path.stamps[0] - 1)
     assert caught.value.reason == "past"
@@ -427,7 +427,7 @@ def test_velocities_of_a_helix() -> None:
 
 
 @pytest.mark.parametrize("interval", [0.1, 0.0333, 1e-9, 2.0, 1000.0])
-def test_velocities_are_what_lookup_velocity_says(path: Any, interval: float) -> None:
+def test_velocities_equal_lookup_velocity(path: Any, interval: float) -> None:
     store = tfdb.Buffer(history=None)
     store.set_transforms(tfdb.Columns("map", "base", path.stamps, path.poses))
     found = path.velocities(interval)
@@ -625,7 +625,7 @@ def test_scipy_takes_its_rotations(path: Any) -> None:
     )
 
 
-def test_what_a_store_samples_is_kept_to_the_last_bit() -> None:
+def test_samples_of_a_store_stay_bit_identical() -> None:
     store = tfdb.Buffer(history=None)
     for target, source, seed in (("map", "odom", 1), ("odom", "base", 2), ("base", "hand", 3)):
         edge = random_path(60, seed)

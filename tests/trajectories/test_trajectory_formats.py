@@ -442,7 +442,7 @@ GUESSED = {
 
 
 @pytest.mark.parametrize("name", GUESSED)
-def test_columns_that_were_found_by_their_number_are_told(tmp_path: Path, name: str) -> None:
+def test_a_warning_names_columns_guessed_by_their_number(tmp_path: Path, name: str) -> None:
     separator, lines, said = GUESSED[name]
     path = write(tmp_path / "a.csv", lines, separator)
     with pytest.warns(tfdb.TfdbWarning, match=said):
@@ -489,7 +489,7 @@ AMBIGUOUS = [
 
 
 @pytest.mark.parametrize(("separator", "lines", "reason"), AMBIGUOUS)
-def test_what_could_be_several_things_is_refused(
+def test_ambiguous_columns_are_refused(
     tmp_path: Path, separator: str, lines: list[list[str]], reason: str
 ) -> None:
     path = write(tmp_path / "a.txt", lines, separator)
@@ -635,7 +635,7 @@ def test_quaternions_with_few_digits(tmp_path: Path) -> None:
         assert len(tfdb.Trajectory.read(write(path, lines), salvage=True)) == COUNT - 1
 
 
-def test_repeated_stamps_are_told(tmp_path: Path) -> None:
+def test_a_warning_counts_repeated_stamps(tmp_path: Path) -> None:
     lines = rows()
     same_again, other = list(lines[4]), [*lines[4][:1], "90", *lines[4][2:]]
     path = write(tmp_path / "a.tum", [*lines[:5], same_again, *lines[5:]])
@@ -651,7 +651,7 @@ def test_repeated_stamps_are_told(tmp_path: Path) -> None:
     assert buffer.lookup_transform("world", "body", int(STAMPS[4])).translation[0] == 90
 
 
-def test_salvage_without_damage_says_nothing(tmp_path: Path) -> None:
+def test_salvage_of_whole_files_does_not_warn(tmp_path: Path) -> None:
     for kind in ("tum", "euroc", "csv", "npz", "parquet"):
         path = tmp_path / f"a.{'csv' if kind == 'euroc' else kind}"
         write_trajectory(path, EXPECTED, kind, overwrite=True)  # type: ignore[arg-type]

@@ -135,7 +135,7 @@ def test_refused(change: dict[str, Any], reason: str) -> None:
     assert reason in refuse(body)
 
 
-def test_what_is_missing_is_named() -> None:
+def test_missing_keys_are_named() -> None:
     for key in ("begin", "end", "process", "thread"):
         assert refuse({k: v for k, v in GOOD.items() if k != key}) == f"no {key}"
 

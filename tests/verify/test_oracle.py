@@ -32,7 +32,7 @@ shapes = pytest.mark.parametrize("shape", SHAPES.values(), ids=SHAPES.keys())
 @shapes
 @given(seed=st.integers(0, 2**32))
 @settings(max_examples=40)
-def test_what_is_serial_passes(shape: Shape, seed: int) -> None:
+def test_serial_histories_pass(shape: Shape, seed: int) -> None:
     transactions = random_history(random.Random(seed), shape)
     verdict = check(History(transactions))
     assert verdict.serializable is True, verdict
@@ -42,9 +42,7 @@ def test_what_is_serial_passes(shape: Shape, seed: int) -> None:
 @shapes
 @given(seed=st.integers(0, 2**32), flaws=st.integers(1, 3))
 @settings(max_examples=80)
-def test_what_is_spoiled_is_judged_as_by_trying_every_order(
-    shape: Shape, seed: int, flaws: int
-) -> None:
+def test_corrupted_histories_get_the_oracles_verdict(shape: Shape, seed: int, flaws: int) -> None:
     rng = random.Random(seed)
     transactions = random_history(rng, shape)
     for _ in range(flaws):

@@ -59,7 +59,7 @@ def decoded_or_refused(data: bytes | bytearray, encoding: str) -> Any:
 @pytest.mark.parametrize("encoding", oracle.THEIRS)
 @example(rows=HAND_MADE, seq=7)
 @given(rows=oracle.any_messages, seq=st.integers(0, 2**32 - 1))
-def test_reads_what_rosbags_writes(encoding: str, rows: list[oracle.Row], seq: int) -> None:
+def test_reads_messages_of_rosbags(encoding: str, rows: list[oracle.Row], seq: int) -> None:
     data = oracle.encode(rows, encoding, seq=seq)
     assert oracle.rows_of(tfdb.decode_tf_message(data, encoding)) == stripped(rows)
 
@@ -67,7 +67,7 @@ def test_reads_what_rosbags_writes(encoding: str, rows: list[oracle.Row], seq: i
 @pytest.mark.parametrize("encoding", oracle.THEIRS)
 @example(rows=HAND_MADE)
 @given(rows=oracle.any_messages)
-def test_writes_what_rosbags_writes(encoding: str, rows: list[oracle.Row]) -> None:
+def test_writes_the_bytes_of_rosbags(encoding: str, rows: list[oracle.Row]) -> None:
     # What starts with a slash gets another one: readers drop the first.
     unslashed = [r for r in rows if not r.parent.startswith("/") and not r.child.startswith("/")]
     data = tfdb.encode_tf_message(transforms_of(unslashed), encoding)

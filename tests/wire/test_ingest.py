@@ -158,7 +158,7 @@ def test_anything_that_holds_bytes(wrap: Any) -> None:
 
 
 @pytest.mark.parametrize("data", ["text", None, 7, [1, 2], memoryview(bytes(400))[::2]])
-def test_what_is_not_bytes_is_a_type_error(data: Any) -> None:
+def test_other_types_than_bytes_raise_type_error(data: Any) -> None:
     buf = tfdb.Buffer()
     with pytest.raises(TypeError):
         buf.ingest(data)

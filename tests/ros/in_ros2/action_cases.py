@@ -185,7 +185,7 @@ def test_a_server_that_rejects_and_none_at_all(graph: Graph) -> None:
         client.lookup_transform("base", "frame0", Time())
 
 
-def test_a_server_that_says_nothing(graph: Graph) -> None:
+def test_a_silent_server(graph: Graph) -> None:
     go_on = threading.Event()
 
     def execute(goal: Any) -> Any:

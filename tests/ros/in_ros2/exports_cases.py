@@ -54,7 +54,7 @@ assert Theirs is Buffer is tf2_ros.buffer.Buffer and tf2 is __import__('tf2_py')
     subprocess.run([sys.executable, "-c", program], check=True)
 
 
-def test_one_import_changed_has_the_names_too() -> None:
+def test_one_changed_import_has_all_names() -> None:
     program = """
 from tfdb import tf2 as tf2_ros
 import rclpy.duration, tf2_msgs.msg

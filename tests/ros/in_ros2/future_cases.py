@@ -151,7 +151,7 @@ def test_a_loop_of_asyncio_sleeps_while_a_future_is_awaited() -> None:
     assert rounds < 20
 
 
-def test_what_is_cancelled_or_closed_leaves_no_wait() -> None:
+def test_cancelled_and_closed_futures_leave_no_wait() -> None:
     buffer = tf2.Buffer()
     future = begin(buffer, full=False)
     assert waits(buffer) == 1

@@ -172,7 +172,7 @@ def test_another_executor_takes_the_node_of_spin_thread(graph: Graph) -> None:
     listener.executor.shutdown()
 
 
-def test_another_buffer_gets_what_comes_from_then_on(graph: Graph) -> None:
+def test_a_replaced_buffer_gets_later_messages(graph: Graph) -> None:
     first, second = tf2.Buffer(), tf2.Buffer()
     listener = tf2.TransformListener(first, graph.node("listener", spin=True))
     moving = tf2.TransformBroadcaster(graph.node("robot"))
@@ -186,7 +186,7 @@ def test_another_buffer_gets_what_comes_from_then_on(graph: Graph) -> None:
     listener.unregister()
 
 
-def test_net_message_is_what_is_latched(graph: Graph) -> None:
+def test_net_message_is_the_latched_message(graph: Graph) -> None:
     static = tf2.StaticTransformBroadcaster(graph.node("robot"))
     assert type(static.net_message) is TFMessage
     static.sendTransform(message(1, frames=2).transforms)

@@ -51,7 +51,7 @@ def test_messages_come_in_order_as_rclpy_sent_them(graph: Graph, own_thread: boo
 
 
 @both_ways
-def test_executors_that_know_other_ways(graph: Graph, own_thread: bool) -> None:
+def test_other_executors(graph: Graph, own_thread: bool) -> None:
     publisher = graph.node("robot").create_publisher(TFMessage, "/tf", 100)
     for executor in (
         EventsExecutor(context=graph.context),
@@ -94,7 +94,7 @@ def test_ours_come_to_rclpy(graph: Graph) -> None:
 
 
 @both_ways
-def test_a_late_joiner_gets_what_every_latched_publisher_sent(
+def test_a_late_joiner_gets_the_message_of_each_latched_publisher(
     graph: Graph, own_thread: bool
 ) -> None:
     ours = graph.ours(graph.node("ours"), own_thread=True)
@@ -204,7 +204,7 @@ def test_a_publisher_dies_and_comes_back(graph: Graph) -> None:
 
 
 @both_ways
-def test_what_is_no_message_is_refused_and_the_next_one_is_taken(
+def test_damaged_bytes_are_refused_and_the_next_message_is_stored(
     graph: Graph, own_thread: bool
 ) -> None:
     whole = as_bytes(1, frames=4)
@@ -258,7 +258,7 @@ def test_a_callback_that_raises_is_logged_and_called_again(
     assert "the user's mistake" in capfd.readouterr().err
 
 
-def test_what_is_no_type_or_no_name_is_refused(graph: Graph) -> None:
+def test_unknown_types_and_invalid_names_are_refused(graph: Graph) -> None:
     ours = graph.ours(graph.node("ours"), own_thread=True)
     for kind in ("no_msgs/TFMessage", "tf2_msgs/NoMessage"):
         with pytest.raises(tfdb.InvalidArgument, match=f"the type {kind} is not installed"):

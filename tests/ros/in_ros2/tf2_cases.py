@@ -34,7 +34,7 @@ def fixed(child: str, x: float) -> TransformStamped:
 
 
 @both_ways
-def test_what_rclpy_publishes_is_found(graph: Graph, spin_thread: bool) -> None:
+def test_messages_of_rclpy_are_stored(graph: Graph, spin_thread: bool) -> None:
     buffer = tf2.Buffer()
     listener = tf2.TransformListener(
         buffer, graph.node("listener", spin=True), spin_thread=spin_thread
@@ -114,7 +114,7 @@ def test_a_timeout_is_wall_time_while_simulated_time_stands_still(graph: Graph) 
 
 
 @both_ways
-def test_damaged_messages_are_counted_and_said_once(
+def test_damaged_messages_are_counted_and_logged_once(
     graph: Graph, spin_thread: bool, caplog: pytest.LogCaptureFixture
 ) -> None:
     buffer = tf2.Buffer()
