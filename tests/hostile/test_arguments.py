@@ -289,8 +289,11 @@ def test_words_of_tf2_and_others_name_ours(name: str, foreign: str, ours: str) -
 def test_a_method_of_a_class_asks_for_an_object() -> None:
     said = refusal_of(tfdb.Buffer.load, "drive.bag")
     assert said == "load() is a method: call it on a Buffer, got str"
+    shared = "is a method: call it on a Buffer, a Snapshot or a Transaction"
+    assert refusal_of(tfdb.Buffer.frames) == f"frames() {shared}"
+    assert refusal_of(tfdb.Buffer.trajectory, "map") == f"trajectory() {shared}, got str"
     assert (
-        refusal_of(tfdb.Buffer.frames) == "frames() is a method: call it on a Buffer or a Snapshot"
+        refusal_of(tfdb.Buffer.freeze) == "freeze() is a method: call it on a Buffer or a Snapshot"
     )
 
 

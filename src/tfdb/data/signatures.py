@@ -1,4 +1,4 @@
-"""Signatures of functions, and what is said of calls that do not fit them."""
+"""Signatures of functions, and error texts for calls that do not match them."""
 
 from __future__ import annotations
 import __future__
@@ -45,7 +45,7 @@ FOREIGN = {
     "translation": ("position", "xyz", "trans", "t"),
     "wxyz": ("quaternion_wxyz", "quat_wxyz"),
 }
-"""What arguments are called elsewhere, in tf2 above all, by what they are called here."""
+"""Names of arguments elsewhere, mainly in tf2, by our names."""
 
 _TYPES: dict[str, tuple[str, Callable[[Any], bool]]] = {
     "bool": ("a bool", lambda value: isinstance(value, bool)),
@@ -69,7 +69,7 @@ def signature_of(written: str) -> inspect.Signature:
 def describe_misfit(
     function: str, parameters: Sequence[inspect.Parameter], count: int, keywords: Sequence[str]
 ) -> str | None:
-    """Say why so many arguments by place and these by name fit no parameters; None: they do."""
+    """Describe why a call does not match the parameters; None: it does."""
     placed = [each for each in parameters if each.kind in _BY_PLACE]
     named = {each.name: each for each in parameters if each.kind in _BY_NAME}
     kinds = {each.kind for each in parameters}
@@ -98,7 +98,7 @@ def describe_misfit(
 
 
 def _suggested(name: str, known: dict[str, inspect.Parameter]) -> str:
-    """Name the argument that may have been meant, or all that there are."""
+    """Name the nearest argument, or all of them."""
     meant = [ours for ours in known if name.casefold() in FOREIGN.get(ours, ())]
     near = near_names(name, known, most=1, cutoff=0.6)
     for each in meant[:1] or near:
@@ -120,7 +120,7 @@ def _too_many(function: str, parameters: Sequence[inspect.Parameter], most: int,
 def refusal(
     function: str, names: Sequence[str], required: int, positional: int, given: tuple[int, Any]
 ) -> str:
-    """Say why a call of the extension fits no list of parameters; `given`: count and keywords."""
+    """Describe why a call of the extension does not match; `given`: count and keywords."""
     parameters = [
         inspect.Parameter(
             name,
@@ -133,7 +133,7 @@ def refusal(
 
 
 def misfit(made: Any, args: tuple[Any, ...], keywords: tuple[str, ...], said: str) -> str | None:
-    """Say why a call fits no function; None where it does, and `said` came from within.
+    """Describe why a call does not match a function; None: it does, and `said` came from within.
 
     `args` are those by place, then those by name; the names are in `keywords`.
     """
@@ -149,9 +149,7 @@ def misfit(made: Any, args: tuple[Any, ...], keywords: tuple[str, ...], said: st
         classes = [each.__name__ for each in kinds.__mro__]
         if not count or (owner and owner not in classes and not shared):
             got = f", got {type(subject).__name__}" if count else ""
-            an = "a Buffer or a Snapshot" if owner == "Reads" else f"a {owner}"
-            an = "an object" if owner.startswith("_") else an
-            return f"{name}() is a method: call it on {an}{got}"
+            return f"{name}() is a method: call it on {_receivers(owner, name)}{got}"
         if name in ("__init__", "__new__"):
             name = kinds.__name__  # of a subclass, say
         parameters, args, count = parameters[1:], args[1:], count - 1
@@ -169,8 +167,18 @@ def misfit(made: Any, args: tuple[Any, ...], keywords: tuple[str, ...], said: st
     return f"{name}() does not take arguments of these types: {types}"
 
 
+def _receivers(owner: str, method: str) -> str:
+    """Name the classes that have a method, in words."""
+    if owner == "Reads":
+        from tfdb._core import Transaction  # noqa: PLC0415 - the extension imports this module
+
+        shared = hasattr(Transaction, method)
+        return "a Buffer, a Snapshot or a Transaction" if shared else "a Buffer or a Snapshot"
+    return "an object" if owner.startswith("_") else f"a {owner}"
+
+
 def _wanted(annotation: str, value: Any) -> str:
-    """Say what an argument must be, where its annotation is of plain types and it is of none."""
+    """Name the types of an annotation of plain types that `value` does not have; else empty."""
     literal = annotation.removeprefix("typing.")
     if literal.startswith("Literal[") and not isinstance(value, str):
         return " or ".join(literal[8:-1].split(", "))
