@@ -26,7 +26,7 @@ def robot() -> Robot:
     return make_robot()
 
 
-# -- what is no text -------------------------------------------------------------------------------
+# -- other types than text -------------------------------------------------------------------------
 
 NO_TEXT: list[tuple[str, Callable[[tfdb.Buffer, Any], object]]] = [
     ("name", lambda buf, x: buf.frame_info(x)),

@@ -265,7 +265,7 @@ def test_many_bad_edges_are_named_and_the_rest_counted(
     assert len(report.refused_edges) == edges
 
 
-def test_a_transform_without_a_child_is_no_message(tmp_path: Path) -> None:
+def test_an_empty_child_is_counted_as_a_transform(tmp_path: Path) -> None:
     rows = [[oracle.row("map", "base", S, POSE), oracle.row("map", "", S, POSE)]]
     with pytest.warns(tfdb.TfdbWarning, match="1 transform without a child frame was refused"):
         report = tfdb.Buffer(history=None).load(recording(tmp_path / "a.mcap", rows))
@@ -284,7 +284,7 @@ def with_name(data: bytes, name: bytes) -> bytes:
 
 
 def unreadable() -> bytes:
-    """A message of which one child's name is no UTF-8."""
+    """A message with one child whose name is not UTF-8."""
     rows = [
         oracle.row("map", "base", S, POSE),
         oracle.row("map", "broken", S, POSE),
@@ -294,7 +294,7 @@ def unreadable() -> bytes:
 
 
 @pytest.mark.parametrize("prefix", ["", "r/"])
-def test_a_name_that_is_no_text_costs_its_own(tmp_path: Path, prefix: str) -> None:
+def test_an_undecodable_name_refuses_only_its_transform(tmp_path: Path, prefix: str) -> None:
     path = tmp_path / "a.mcap"
     with tfdb.recordings.RecordingWriter(path) as writer:
         writer.write(unreadable(), S, topic="/tf")

@@ -74,7 +74,7 @@ def test_a_time_that_is_none_is_the_latest_common_one_of_its_side(way: str) -> N
             np.testing.assert_allclose(found.matrix, expected, atol=1e-12)
             assert found.stamp == to
             assert reads.can_transform_full(*question)
-        # 0 is a stamp, and there is no data at it.
+        # 0 is a stamp without data.
         assert not reads.can_transform_full("arm", 0, "camera", 20, "map")
         with pytest.raises(tfdb.Extrapolation) as caught:
             reads.lookup_transform_full("arm", 0, "camera", 20, "map")

@@ -279,7 +279,7 @@ def test_dates_as_text(text: str, ns: int) -> None:
     assert tfdb.stamp(text) == ns
 
 
-def test_text_is_no_stamp_by_itself() -> None:
+def test_texts_as_stamps_are_refused() -> None:
     with pytest.raises(tfdb.InvalidStamp, match=r"tfdb\.stamp\(\) converts seconds and text"):
         clock().lookup_transform("map", "hand", "2023-11-14T22:13:20Z")  # type: ignore[arg-type]
 

@@ -1,4 +1,4 @@
-"""Files of tfdb appear whole or not at all, and replace nothing that nobody told them to."""
+"""Files of tfdb appear completely or not at all, and replace other files only on request."""
 
 from __future__ import annotations
 

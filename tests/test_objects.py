@@ -73,7 +73,7 @@ def test_a_buffer_may_be_subclassed() -> None:
         assert snapshot.can_transform("map", "base")
 
 
-def test_a_buffer_without_init_is_no_crash() -> None:
+def test_a_buffer_without_init_raises() -> None:
     raw = tfdb.Buffer.__new__(tfdb.Buffer)
     for call in (
         lambda: raw.lookup_transform("map", "base"),

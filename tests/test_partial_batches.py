@@ -84,7 +84,7 @@ def test_all_or_nothing_names_all_of_them(buffer: tfdb.Buffer) -> None:
     with refused(buffer, tfdb.errors.InvalidTransform) as caught:
         buffer.set_transforms(BATCH, authority="tracker")
     assert caught.value.index == 1
-    # Without the members refused before it, nobody looks for cycles.
+    # Cycles are searched only without the members that were refused before.
     assert named(caught.value.refused) in (WRONG, [w for w in WRONG if w[1] != "CycleError"])
     again = pickle.loads(pickle.dumps(caught.value))
     assert again.refused == caught.value.refused

@@ -469,7 +469,7 @@ def test_transforms_with_arrays_are_compared_number_by_number() -> None:
     assert len({plain, tfdb.TransformStamped("a", "b", 5, (1, 2, 3), (0, 0, 0.6, 0.8))}) == 1
 
 
-def test_one_transform_is_no_batch() -> None:
+def test_a_single_transform_as_a_batch_is_refused() -> None:
     one = tfdb.TransformStamped("a", "b", 0, (1, 2, 3))
     buf = tfdb.Buffer()
     with pytest.raises(TypeError, match=r"single TransformStamped.*write \[transform\]"):

@@ -40,7 +40,7 @@ def public(package: str) -> list[tuple[str, Any]]:
         if not inspect.ismodule(value)
         and not isinstance(value, plain)
         and callable(value)
-        # A Literal or another alias is no class.
+        # A Literal or another alias is not a class.
         and type(value).__module__ != "typing"
     ]
 

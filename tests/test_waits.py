@@ -428,7 +428,7 @@ def test_a_thread_that_waits_for_coroutines_ends_after_them(buf: tfdb.Buffer) ->
     gc.collect()
 
 
-def test_a_loop_that_was_closed_is_no_harm(buf: tfdb.Buffer) -> None:
+def test_a_closed_loop_does_not_break_other_waits(buf: tfdb.Buffer) -> None:
     loop = asyncio.new_event_loop()
     task = loop.create_task(buf.wait_for_transform_async("map", "a"))
     loop.run_until_complete(asyncio.sleep(0, None))

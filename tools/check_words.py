@@ -25,8 +25,14 @@ REJECTED = re.compile(
     r"|(?:is|are|was) no(?! longer| more| less| later| earlier)\b)",
     re.IGNORECASE,
 )
+# Test names have subjects that are things, and verbs of what software does.
+REJECTED_IN_NAMES = re.compile(
+    r"\b(?:who|whose|whoever|what|whatever|nobody|somebody|everybody|is no"
+    r"|tells?|told|says?|said|knows?)\b"
+)
 DOCUMENTS = ("README.md", "CONTRIBUTING.md", "docs/[!c]*.md", "docs/howto/*.md")
 PYTHON = ("src/**/*.py",)
+TESTS = ("tests/*.py", "tests/[!cr]*/**/*.py", "tests/co*/*.py", "tests/ro*/**/*.py")
 CPP: tuple[str, ...] = ()
 SHORT = re.compile(r"README\.md|docs/howto/.*")  # the documents whose sentences are counted
 
@@ -47,12 +53,13 @@ class Text:
     place: str
     text: str
     short: bool = False  # its sentences are counted
+    rejected: re.Pattern[str] = REJECTED
 
 
 def findings(text: Text) -> Iterator[str]:
     """Describe each rejected word and each long sentence."""
     prose = " ".join(CODE.sub("CODE", text.text).split())
-    for found in REJECTED.finditer(prose):
+    for found in text.rejected.finditer(prose):
         around = prose[max(0, found.start() - 40) : found.end() + 40]
         yield f"{text.place}: {found[0]!r} in {around!r}"
     for sentence in SENTENCE_END.split(NAMES.sub("CODE", prose)) if text.short else ():
@@ -72,7 +79,16 @@ def of_markdown(path: str, markdown: str) -> Iterator[Text]:
         begin += part.count("\n")
 
 
-def of_python(path: str, source: str) -> Iterator[Text]:
+def of_tests(path: str, source: str) -> Iterator[Text]:
+    """Yield docstrings, comments and the names of tests; other strings are data."""
+    for node in ast.walk(ast.parse(source)):
+        if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef) and node.name[:5] == "test_":
+            words = node.name.replace("_", " ")
+            yield Text(f"{path}:{node.lineno}", words, rejected=REJECTED_IN_NAMES)
+    yield from of_python(path, source, strings=False)
+
+
+def of_python(path: str, source: str, *, strings: bool = True) -> Iterator[Text]:
     """Yield docstrings, comments and other strings; the first lines of docstrings are short."""
     docstrings = set()
     for node in ast.walk(ast.parse(source)):
@@ -85,7 +101,8 @@ def of_python(path: str, source: str) -> Iterator[Text]:
                 yield Text(f"{path}:{line}", first, short=True)
                 yield Text(f"{path}:{line}", rest)
         elif (
-            isinstance(node, ast.Constant)
+            strings
+            and isinstance(node, ast.Constant)
             and isinstance(node.value, str)
             and node.lineno not in docstrings
         ):
@@ -136,7 +153,8 @@ def of_help() -> Iterator[Text]:
 
 def texts(root: Path) -> Iterator[Text]:
     """Yield all that is checked."""
-    for patterns, read in ((DOCUMENTS, of_markdown), (PYTHON, of_python), (CPP, of_cpp)):
+    kinds = (DOCUMENTS, of_markdown), (PYTHON, of_python), (TESTS, of_tests), (CPP, of_cpp)
+    for patterns, read in kinds:
         for path in sorted({path for each in patterns for path in root.glob(each)}):
             yield from read(str(path.relative_to(root)), path.read_text(encoding="utf-8"))
     yield from of_help()

@@ -52,6 +52,24 @@ def test_python_is_read_by_kind() -> None:
     ]
 
 
+def test_lists_of_names_count_as_one_word() -> None:
+    names = ", ".join(["`name`"] * 30)
+    assert found_in([Text("a:1", f"It has {names} and `other`.", short=True)]) == []
+
+
+def test_bold_sentences_end() -> None:
+    half = "word " * 20
+    assert found_in([Text("a:1", f"**{half}end.** {half}end.", short=True)]) == []
+
+
+def test_names_of_tests_are_read_and_their_data_is_not() -> None:
+    source = 'def test_who_waits() -> None:\n    """Doc."""\n    frame = "nobody"  # is no x\n'
+    assert found_in(check_words.of_tests("a.py", source)) == [
+        "a.py:1: 'who' in 'test who waits'",
+        "a.py:3: 'is no' in 'is no x'",
+    ]
+
+
 def test_cpp_strings_and_comments_are_joined() -> None:
     read = list(check_words.of_cpp("a.cpp", 'f("is "\n  "no x");\n// is\n// no y\n'))
     assert found_in(read) == ["a.cpp:1: 'is no' in 'is no x'", "a.cpp:2: 'is no' in 'is no y'"]

@@ -152,7 +152,7 @@ def test_the_limit_itself_is_near_enough_and_the_first_of_two_is_taken() -> None
 
 
 def test_interpolated() -> None:
-    """Where there are no holes and no ends: there evo repeats or stretches, tfdb leaves out."""
+    """Inside paths without gaps; at gaps and ends evo repeats or stretches, tfdb omits poses."""
     method = pytest.importorskip("evo.core.sync_method").SyncMethod.interpolation
     path = motion(5, times(5, 900, 50, holes=0.0))
     for other in (

@@ -465,7 +465,7 @@ def test_recordings_and_stores(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("option", ["max_diff", "offset", "delta", "delta_tolerance"])
-def test_a_decimal_that_is_no_number_is_refused(option: str) -> None:
+def test_nan_options_are_refused(option: str) -> None:
     poses = np.tile([0, 0, 0, 0, 0, 0, 1.0], (4, 1))
     path = tfdb.Trajectory("map", "base", np.arange(4) * 10**9, poses)
     wrong: Any = {option: Decimal("NaN")}

@@ -63,8 +63,9 @@ def evaluate(
     static: Mapping[str, np.ndarray],
     moving: Mapping[tuple[str, int], np.ndarray],
 ) -> tuple[np.ndarray, bool]:
-    """The pose of a looked-up transform from the samples that its report names, and whether one of
-    its edges turned by so little that tf2 does not see it.
+    """Compute the pose of a looked-up transform from the samples in its report.
+
+    Also returns whether an edge rotated by so little that tf2 does not see it.
     """
     up = down = np.array([0, 0, 0, 0, 0, 0, 1], Real)
     blind = False

@@ -120,7 +120,7 @@ os._exit(0)
 
 
 def extract(repository: Path, branch: str, path: str, into: Path) -> Path | None:
-    """Write a file, or the files of a folder, of a branch; None where there is no such branch."""
+    """Write a file, or the files of a folder, of a branch; None: the branch is missing."""
     git = ["git", "-C", str(repository)]
     if not repository.exists():
         return None

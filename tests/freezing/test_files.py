@@ -204,7 +204,7 @@ def test_a_damaged_name_raises_corrupt_store(tmp_path: Path) -> None:
             ask()
         assert caught.value.reason == "a name is not valid UTF-8"
     assert store.lookup_transform("map", "näher001").stamp == 10
-    # Who wrote is no name of a frame, and programs in C++ may say anything.
+    # An authority is not a frame's name: programs in C++ may store any bytes.
     at = whole.index("Süd".encode()) + 1
     path.write_bytes(whole[:at] + b"\xff" + whole[at + 1 :])
     assert tfdb.open(path).frame_info("näher000").authority == r"S\xff\xbcd"

@@ -1,4 +1,4 @@
-"""Calls the whole public face with arguments that nobody would give.
+"""Calls the whole public API with hostile arguments.
 
 Run as `python -m tests.hostile.fuzz --calls N --seed S [--threads]`. Every call ends with a result
 or a typed error, and one that is refused leaves the store as it was. The same seed makes the same
@@ -331,7 +331,7 @@ class Fuzzer:
         return function(*positional, **keywords)
 
     def together(self, call: Call) -> Any:
-        """Beside other threads a transaction is open for one call only: nobody waits for ever."""
+        """Open a transaction for one call only, so that no other thread waits forever."""
         values = self.world.values
         arguments = [values.good(name) for name in call.positional]
         with self.rng.choice(self.world.stores).transaction() as tx:

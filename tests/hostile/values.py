@@ -1,4 +1,4 @@
-"""Arguments: what a parameter wants, and what nobody wants."""
+"""Arguments: valid values of parameters, and hostile ones."""
 
 from __future__ import annotations
 

@@ -49,7 +49,7 @@ def until_found(wanted: set[str], folder: Path, **options: str | int | bool) -> 
 
 
 def test_fine_tears_batches_and_does_not_repeat_reads(tmp_path: Path) -> None:
-    """A lock per frame is no transaction: the anomalies that the documentation promises."""
+    """Locks per frame do not isolate: the documented anomalies occur."""
     until_found({"torn_batch", "non_repeatable_read"}, tmp_path, engine="fine", operations=1500)
 
 

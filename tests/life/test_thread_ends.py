@@ -1,4 +1,4 @@
-"""Threads that end with a transaction open: it is aborted, is nobody else's, and nobody waits."""
+"""The end of a thread aborts its open transaction, and no other thread gets it or waits."""
 
 from __future__ import annotations
 

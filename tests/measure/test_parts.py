@@ -62,7 +62,7 @@ def test_medians_and_derived_columns() -> None:
     assert results.get("threads", "4", "silo", "reads_per_s") is None
 
 
-def test_nothing_done_is_no_number() -> None:
+def test_a_rate_without_operations_is_missing() -> None:
     results = Results()
     nothing = {**RESULT, "reads_done": 0, "writes_done": 0}
     results.add("threads", "2", 1, "silo", nothing)

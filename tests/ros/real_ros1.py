@@ -29,7 +29,7 @@ SECONDS = 20.0  # in which whatever is waited for must have come
 
 @cache
 def missing() -> str:
-    """Why there is no real ROS 1; empty if there is."""
+    """Return why ROS 1 is missing; empty: it is installed."""
     command = [PYTHON, "-c", "import rospy, rosmaster, tf2_ros, tf2_msgs.msg, tf.msg, actionlib"]
     environment = {"PATH": os.environ["PATH"]}
     try:
@@ -42,7 +42,7 @@ def missing() -> str:
 
 
 def need() -> None:
-    """Skip the test, or fail with CI=true, where there is no real ROS 1."""
+    """Skip the test without ROS 1, or fail with CI=true."""
     if missing():
         packages = "python3-rosmaster python3-rospy python3-tf2-ros python3-tf"
         unavailable(f"no real ROS 1: {missing()}; apt-get install {packages}")
@@ -55,7 +55,7 @@ def free_port() -> int:
 
 
 def environment(uri: str) -> dict[str, str]:
-    """What a program of ROS needs to find the master, and nobody else."""
+    """Return the environment in which a ROS program finds this master only."""
     return {
         "PATH": os.environ["PATH"],
         "HOME": os.environ.get("HOME", "/tmp"),
@@ -65,7 +65,7 @@ def environment(uri: str) -> dict[str, str]:
 
 
 def until(holds: Any, what: str, seconds: float = SECONDS) -> None:
-    """Wait for a state of another process that nobody tells of."""
+    """Poll for a state of another process."""
     deadline = time.monotonic() + seconds
     while not holds():
         assert time.monotonic() < deadline, f"not within {seconds} s: {what}"

@@ -69,7 +69,7 @@ def test_a_node_is_named_without_its_namespace(name: str) -> None:
 
 
 @pytest.mark.parametrize("host", ["http://robot", "robot:11311"])
-def test_a_host_is_no_uri(host: str) -> None:
+def test_a_uri_as_host_is_refused(host: str) -> None:
     with pytest.raises(tfdb.InvalidArgument, match="ROS_HOSTNAME or ROS_IP"):
         made(ROS_HOSTNAME=host)
 

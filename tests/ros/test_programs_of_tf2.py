@@ -69,7 +69,7 @@ def test_tools_print_the_same_as_on_tf2(robot: str, tmp_path: Path) -> None:
         out, _ = echo.communicate(timeout=LIMIT)
         assert echo.returncode == 0, out
         out = re.sub("current time [0-9.]*", "", out)
-        # Where there is no `dot`, the picture is not drawn.
+        # Without `dot` the picture is not drawn.
         view.communicate(timeout=LIMIT)
         graph = (folder / "frames.gv").read_text()
         said[name] = out, re.sub("at time: [0-9.]*", "", graph)

@@ -87,7 +87,7 @@ def read_all(buffer: tfdb.Buffer, rows: int) -> None:
 
 
 @pytest.mark.parametrize("kib", [0, 64, 300])
-def test_no_store_can_be_made_where_there_is_no_room(tmp_path: Path, kib: int) -> None:
+def test_a_full_file_system_refuses_a_new_store(tmp_path: Path, kib: int) -> None:
     with small_file_system(tmp_path / "full", 400) as folder:
         filler = fill_up(folder)
         os.truncate(filler, filler.stat().st_size - kib * 1024)

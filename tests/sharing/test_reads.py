@@ -1,4 +1,4 @@
-"""A shared store answers like a private one, whoever asks and from whichever process."""
+"""Reads of a shared store equal those of a private one, in every process."""
 
 from __future__ import annotations
 

@@ -14,7 +14,7 @@ APART = "The edges of the path have no stamp in common: "
 
 
 def small_store() -> tfdb.Buffer:
-    """map <- odom at 0 to 2 s <- base at 2 and 3 s <- cam; odom <- late at 7 s <- later at 9 s."""
+    """map <- odom at 0 to 2 s <- base at 2, 3 s <- cam. odom <- late at 7 s <- later at 9 s."""
     buffer = tfdb.Buffer(history=None)
     for parent, child, seconds in (
         *(("map", "odom", n) for n in (0, 1, 2)),

@@ -1,4 +1,4 @@
-"""Python threads that write and read one store at once: nobody sees half a commit."""
+"""Python threads write and read one store at once: no read sees half a commit."""
 
 from __future__ import annotations
 

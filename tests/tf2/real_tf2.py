@@ -21,7 +21,7 @@ CHILD = Path(__file__).with_name("tf2_child.py")
 
 @cache
 def missing() -> str:
-    """Why there is no real tf2; empty if there is."""
+    """Return why tf2 is missing; empty: it is installed."""
     command = [PYTHON, "-c", "import tf2_py, rospy, geometry_msgs.msg"]
     try:
         tried = subprocess.run(

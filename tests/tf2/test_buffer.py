@@ -185,7 +185,7 @@ def test_a_name_that_is_never_right_is_not_waited_for(buffer: tf2.Buffer, name: 
         buffer.lookup_transform("map", name, seconds(2), FOREVER)
 
 
-def test_an_empty_name_is_no_wait_of_can_transform(buffer: tf2.Buffer) -> None:
+def test_can_transform_does_not_wait_for_an_empty_name(buffer: tf2.Buffer) -> None:
     possible, why = buffer.can_transform("map", "", seconds(2), FOREVER, return_debug_tuple=True)
     assert not possible
     assert "cannot be empty" in why
@@ -343,7 +343,7 @@ def test_a_cancelled_coroutine_leaves_nothing(buffer: tf2.Buffer) -> None:
             await task
 
     asyncio.run(main())
-    # The thread that tells ends once nobody waits; its table is empty before.
+    # The reporting thread ends after the last wait; its table is empty before.
     tellers = tfdb.store.waiting._tellers.values()
     assert all(not teller.waits for teller in tellers if teller.buffer is buffer.buffer)
 

@@ -138,7 +138,7 @@ def test_refused_transforms_are_logged_and_the_others_stored(world: World) -> No
 
 
 @pytest.mark.parametrize("watching", [False, True])
-def test_a_name_that_is_no_text_costs_its_own(
+def test_an_undecodable_name_refuses_only_its_transform(
     world: World, caplog: pytest.LogCaptureFixture, watching: bool
 ) -> None:
     class Watching(tf2.Buffer):

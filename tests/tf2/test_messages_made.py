@@ -354,7 +354,7 @@ def test_other_calls_are_answered_in_python(buffer: Buffer) -> None:
     }  # fmt: skip
 
 
-def test_a_time_that_is_no_number_reaches_python_as_it_is(buffer: Buffer) -> None:
+def test_times_of_other_types_reach_python_unchanged(buffer: Buffer) -> None:
     buffer.slow.clear()
     found = buffer.lookup_transform("a", "c", np.int64(2 * SECOND))
     assert plain(found) == plain(buffer.lookup_transform("a", "c", 2 * SECOND))

@@ -59,7 +59,7 @@ def theirs(operations: list[list[Any]]) -> list[dict[str, Any]]:
 
 @cache
 def missing() -> str:
-    """Why there are no packages to compare with; empty if they are there."""
+    """Return why the packages to compare with are missing; empty: they are installed."""
     command = [real_tf2.PYTHON, "-c", "import tf2_geometry_msgs, tf2_sensor_msgs"]
     done = subprocess.run(
         command, env=real_tf2.ENVIRONMENT, capture_output=True, text=True, check=False

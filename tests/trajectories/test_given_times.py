@@ -67,7 +67,7 @@ def test_crop_reaches_before_the_first_stamp() -> None:
 
 
 @pytest.mark.parametrize("text", ["", "+", "soon", "+-1", "--1", "1e400", "+1 s", "latest"])
-def test_text_that_is_no_time(store: tfdb.Buffer, text: str) -> None:
+def test_invalid_texts_are_refused(store: tfdb.Buffer, text: str) -> None:
     path = store.trajectory("map", "base")
     for call in (
         lambda: store.trajectory("map", "base", start=text),

@@ -218,7 +218,7 @@ def test_a_header_names_the_columns(tmp_path: Path, heading: str, row: str, form
     assert found.poses.tolist() == [[1, 2, 3, 0, 0, 0.6, 0.8]]
 
 
-def test_a_comment_is_no_heading(tmp_path: Path) -> None:
+def test_a_comment_is_not_a_header(tmp_path: Path) -> None:
     path = tmp_path / "a.csv"
     path.write_text(
         "# of stamp_ns, made by x\n#timestamp,p_x,p_y,p_z,q_w,q_x,q_y,q_z\n5,1,2,3,0.8,0,0,0.6\n"

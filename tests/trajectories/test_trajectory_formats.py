@@ -469,7 +469,7 @@ def test_an_index_without_a_name(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("format_", ["tum", "euroc"])
-def test_a_named_format_is_no_guess(tmp_path: Path, format_: Any) -> None:
+def test_a_named_format_does_not_warn(tmp_path: Path, format_: Any) -> None:
     if format_ == "tum":
         for separator in (" ", ",", ";", "\t"):
             assert same(tfdb.Trajectory.read(write(tmp_path / "a", rows(), separator), format_))

@@ -149,7 +149,7 @@ def _plan(rng: random.Random, shape: Shape, values: Any, thread: int) -> Transac
 
 
 def corrupt(rng: random.Random, transactions: list[Transaction]) -> list[Transaction] | None:
-    """One read that saw another value of its edge, or nothing; None if there is no read."""
+    """One read that saw another value of its edge, or nothing; None: no read is left."""
     seen = [
         (i, j, side)
         for i, one in enumerate(transactions)

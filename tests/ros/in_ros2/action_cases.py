@@ -149,7 +149,7 @@ def serve(graph: Graph, execute: Callable[[Any], Any], **more: Any) -> None:
     graph.at_end.append(server.destroy)
 
 
-def test_an_aborted_goal_is_no_identity(graph: Graph) -> None:
+def test_an_aborted_goal_raises(graph: Graph) -> None:
     def execute(goal: Any) -> Any:
         # As tf2's server does when the time is over.
         goal.abort()

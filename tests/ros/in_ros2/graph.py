@@ -101,7 +101,7 @@ class Heard:
 
 
 def until(holds: Callable[[], bool], *, meanwhile: Callable[[], object] | None = None) -> None:
-    """Do something again and again until something holds that tells nobody."""
+    """Repeat a call until a condition holds, which can only be polled."""
     ends = time.monotonic() + LIMIT
     pause = threading.Event()
     while not holds():

@@ -40,7 +40,7 @@ try:
     if how == "interrupted":
         rclpy.spin(node)
     if how == "kept":
-        # Nobody spins and nobody shuts down: the signal alone ends the listener.
+        # No thread spins or shuts down: only the signal ends the listener.
         ended.wait(20)
 except (KeyboardInterrupt, ExternalShutdownException):
     if how == "interrupted":
