@@ -1,7 +1,7 @@
-"""Every error of tfdb: one class per thing that can go wrong, all under `TfdbError`.
+"""All errors of tfdb, one class per cause, all derived from `TfdbError`.
 
-What went wrong is in the message, and for programs in the fields listed at `TfdbError`.
-After any of them the store is as it was before the call.
+The message describes the cause; programs use the fields listed at `TfdbError`. An error leaves the
+store unchanged.
 """
 
 # ruff: noqa: N818  (the names say what happened; the suffix would only lengthen them)
@@ -81,59 +81,59 @@ CAUGHT = (
 class TfdbError(Exception):
     """Root of all errors of tfdb.
 
-    Every error has all fields below; one that does not apply to it is None. Times are integer
+    Every error has all fields below; a field that does not apply is None. Times are integer
     nanoseconds.
 
     Parameters
     ----------
     message
-        What went wrong and what would be valid.
+        The cause and the valid values.
     **fields
         Any of the fields below.
     """
 
     target: str | None = None
-    """Frame that was asked for."""
+    """Target of the lookup."""
     source: str | None = None
-    """Frame that was asked from."""
+    """Source of the lookup."""
     edge: str | None = None
     """Child frame of the edge that failed."""
     parent: str | None = None
     """Parent of that edge at the stamp."""
     frame: str | None = None
-    """The one frame that the error is about."""
+    """The frame that the error concerns."""
     authority: str | None = None
-    """Who wrote."""
+    """Last writer of the edge."""
     frames: tuple[str, ...] | None = None
     """Children that still use a frame, frames of a cycle, two roots, or frames of mixed sources."""
     reason: str | None = None
-    """`past`, `future` or `no data`; or what was wrong with the input."""
+    """`past`, `future` or `no data`; or the fault of the input."""
     stamp: int | None = None
-    """The stamp that was asked for or refused."""
+    """The requested or refused stamp."""
     oldest: int | None = None
-    """The oldest stamp that would have been valid; of FeedLapped, the oldest commit."""
+    """The oldest valid stamp; of FeedLapped, the oldest commit."""
     newest: int | None = None
-    """The newest stamp that would have been valid; of FeedLapped, the newest commit."""
+    """The newest valid stamp; of FeedLapped, the newest commit."""
     before: int | None = None
-    """The stored stamp before the one asked for."""
+    """The stored stamp before the requested one."""
     after: int | None = None
-    """The stored stamp after the one asked for."""
+    """The stored stamp after the requested one."""
     limit: int | None = None
-    """The limit that was passed: max_gap, max_age, tolerance, max or history."""
+    """The exceeded limit: max_gap, max_age, tolerance, max or history."""
     index: int | None = None
     """Position in the batch or in the array."""
     offset: int | None = None
     """Position in the bytes of a message."""
     commit: int | None = None
-    """Number of the snapshot that was read; of FeedLapped, the commit to go on from."""
+    """Number of the snapshot that was read; of FeedLapped, the commit to continue from."""
     since: int | None = None
-    """The commit from which changes were asked for."""
+    """The requested first commit of changes."""
     refused: tuple[Refused, ...] | None = None
-    """Every member of a batch that was refused, in their order; the error is about the first."""
+    """Every refused member of a batch, in order; the error concerns the first."""
     attempts: int | None = None
-    """How often a transaction was tried."""
+    """Number of attempts of a transaction."""
     value: Any = None
-    """The argument that was refused."""
+    """The refused argument."""
     path: str | None = None
     """The file."""
     line: int | None = None
@@ -141,7 +141,7 @@ class TfdbError(Exception):
     groups: dict[str, tuple[str, ...]] | None = None
     """The topics of each group that disagrees with another, by the namespace of the group."""
     uri: str | None = None
-    """Where the master of a ROS graph is, or should be."""
+    """URI of the master of a ROS graph."""
 
     def __init__(self, message: str = "", **fields: Any) -> None:
         super().__init__(message)
@@ -178,20 +178,20 @@ class UnknownFrame(TfdbError, LookupError):
 class Disconnected(TfdbError):
     """Both frames exist, but no path joins them. Fields: target, source, frames (the roots).
 
-    Where an edge on the way up has samples, but no data at the stamp, also edge, parent
-    (`(removed)` if that frame is gone), stamp, oldest, newest and reason (`past`, `future`).
+    If an edge towards a root has samples, but none at the stamp, also edge, parent (`(removed)` if
+    that frame was removed), stamp, oldest, newest and reason (`past`, `future`).
     """
 
 
 class Extrapolation(TfdbError):
-    """An edge has no data at the stamp, and extrapolation was not asked for.
+    """An edge has no data at the stamp, and the policy does not extrapolate.
 
     Fields: reason (`past`, `future`, `no data`), edge, parent, stamp, oldest, newest.
     """
 
 
 class GapTooLarge(TfdbError):
-    """The samples around the stamp lie further apart than `max_gap`.
+    """The gap between the samples around the stamp exceeds `max_gap`.
 
     Fields: edge, parent, stamp, before, after, limit.
     """
@@ -208,9 +208,9 @@ class NoSampleNear(TfdbError):
 class InvalidTransform(TfdbError, ValueError):
     """Numbers that are not a rigid transform, or a frame that is its own parent.
 
-    Fields: edge, parent, reason, index. Of a lookup, or of what a `Transform` computes: its result
-    is not finite, as translations near 1e308 m were added. Fields: target, source, stamp, index,
-    reason (`not finite`).
+    Fields: edge, parent, reason, index. Also a lookup or computation whose result is not finite,
+    for example the sum of translations near 1e308 m. Fields: target, source, stamp, index, reason
+    (`not finite`).
     """
 
 
@@ -222,11 +222,11 @@ class TooOld(TfdbError):
 
 
 class StaticConflict(TfdbError):
-    """A moving sample for a static edge, or the other way round. Fields: edge, parent, index."""
+    """A moving sample for a static edge, or the reverse. Fields: edge, parent, index."""
 
 
 class RepeatedStamp(TfdbError):
-    """With `only_new`: the edge has a sample of that stamp already. Fields: edge, stamp, index."""
+    """With `only_new`: the edge already has a sample at that stamp. Fields: edge, stamp, index."""
 
 
 class CycleError(TfdbError):
@@ -234,7 +234,7 @@ class CycleError(TfdbError):
 
 
 class FrameInUse(TfdbError):
-    """The frame to be removed still has children. Fields: frame, frames (the children)."""
+    """The frame to remove still has children. Fields: frame, frames (the children)."""
 
 
 class InvalidStamp(TfdbError, ValueError):
@@ -242,9 +242,9 @@ class InvalidStamp(TfdbError, ValueError):
 
 
 class InvalidName(TfdbError, ValueError):
-    """Not a frame name: empty, beyond 1024 bytes, no UTF-8, or with a control character.
+    """Not a frame name: empty, longer than 1024 bytes, not UTF-8, or with a control character.
 
-    Those are U+0000 to U+001F and U+007F. Or not a name of a ROS graph.
+    Control characters are U+0000 to U+001F and U+007F. Also an invalid name of a ROS graph.
 
     Fields: value, index.
     """
@@ -263,11 +263,11 @@ class InvalidIndex(InvalidArgument, IndexError):
 
 
 class CorruptMessage(TfdbError):
-    """Bytes that are not what they claim to be. Fields: offset, reason."""
+    """Bytes that cannot be decoded. Fields: offset, reason."""
 
 
 class SnapshotTooOld(TfdbError):
-    """Writers had to overwrite what the snapshot needs. Fields: commit."""
+    """Writers had to overwrite data of the snapshot. Fields: commit."""
 
 
 class SnapshotClosed(TfdbError):
@@ -279,9 +279,9 @@ class CapacityExceeded(TfdbError):
 
 
 class Conflict(TfdbError):
-    """Another commit changed what the transaction had read: nothing was stored, run it again.
+    """Another commit changed data that the transaction read: nothing was stored, run it again.
 
-    `Buffer.run` does so by itself. Fields: reason, edge or frame, stamp, commit; attempts where
+    `Buffer.run` retries by itself. Fields: reason, edge or frame, stamp, commit; attempts if
     `Buffer.run` gave up.
     """
 
@@ -302,34 +302,33 @@ class WrongThread(TfdbError):
 
 
 class Forked(TfdbError):
-    """The store belongs to a process that was at work in it when this one was forked from it.
+    """The fork happened while a thread of the parent process held a lock of the store.
 
-    Who was at work is not in this process, so its locks stay taken. With the default engine the
-    store can still be read; in every engine a new `Buffer` can be made. See "Forks" in
-    docs/concurrency.md.
+    That thread does not exist here, so its locks stay taken. The default engine can still read the
+    store; every engine can make a new `Buffer`. See "Forks" in docs/concurrency.md.
     """
 
 
 class FeedLapped(TfdbError):
-    """The feed of changes does not reach back that far: take a snapshot and follow from its commit.
+    """The feed no longer has these changes: take a snapshot and follow from its commit.
 
-    A follower that may miss commits goes on from `commit`, which half of the feed lies before. The
-    oldest commit is overwritten next. The feed of a frozen store is empty.
+    A follower that may miss commits continues from `commit`, the middle of the feed. The oldest
+    commit is overwritten next. The feed of a frozen store is empty.
 
-    Fields: since, oldest, newest (commits that would have been valid for `since`), commit.
+    Fields: since, oldest, newest (the valid range of `since`), commit.
     """
 
 
 class NotComparable(TfdbError):
-    """Two trajectories that do not tell how far one is off the other; the message says what would.
+    """Two trajectories that cannot be compared; the message names what is missing.
 
-    No time in common, too few poses that match, positions that leave the alignment open, no pair
-    for a relative error, a motion that does not tell the offset. Fields: reason, limit (max_diff).
+    No common time, too few matched poses, an undetermined alignment or offset, or no pair for a
+    relative error. Fields: reason, limit (max_diff).
     """
 
 
 class NotSupported(TfdbError):
-    """The store's engine, or the machine, has no such thing; the message says what has."""
+    """The engine or the machine does not support the call; the message names what does."""
 
 
 class NoSuchStore(TfdbError):
@@ -337,28 +336,28 @@ class NoSuchStore(TfdbError):
 
 
 class StoreExists(TfdbError):
-    """There is a store of that name already. Fields: path, reason."""
+    """A store of that name exists already. Fields: path, reason."""
 
 
 class CorruptStore(TfdbError):
-    """A file that is not a store, or one of another version or machine, or cut, or damaged.
+    """A file that is not a store, is of another version or kind of machine, or is cut or damaged.
 
     Fields: path, reason.
     """
 
 
 class ReadOnly(TfdbError):
-    """The store is frozen or was opened for reading only, or permissions allow no more.
+    """The store is frozen, was opened for reading only, or its permissions forbid writing.
 
     Field: path.
     """
 
 
 class LockTimeout(TfdbError):
-    """Another process holds the store's lock for writers and does not go on.
+    """Another process holds the store's writer lock and does not continue.
 
-    It may be stopped, as by SIGSTOP. One that has died is never waited for. Reads go on. Fields:
-    path, pid, limit (how long was waited).
+    It may be stopped, for example by SIGSTOP. Writers do not wait for dead processes, and reads
+    continue. Fields: path, pid, limit (the waited time).
     """
 
 
@@ -371,11 +370,11 @@ class WaitTimeout(TfdbError, TimeoutError):
 
 
 class NoMaster(TfdbError, ConnectionError):
-    """No master of ROS 1 answers where one should. Fields: uri, reason."""
+    """The master of ROS 1 does not answer. Fields: uri, reason."""
 
 
 class MasterRefused(TfdbError):
-    """The master of ROS 1 refuses what a node asks of it. Fields: uri, reason."""
+    """The master of ROS 1 refuses a request of a node. Fields: uri, reason."""
 
 
 class NodeClosed(TfdbError):
@@ -391,7 +390,7 @@ class FileError(TfdbError):
 
 
 class RecordingError(FileError):
-    """A recording that cannot be read or written: `RecordingError(path, reason)`."""
+    """A recording cannot be read or written: `RecordingError(path, reason)`."""
 
 
 class MixedSources(RecordingError):

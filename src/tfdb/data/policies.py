@@ -1,7 +1,7 @@
-"""How a stamp that lies between samples, or beyond them, is answered.
+"""Policies: how lookups use samples for stamps between or beyond them.
 
-Limits are given in seconds, or exactly in nanoseconds by the keyword that ends in `_ns`. They are
-kept in nanoseconds.
+Limits are seconds, or exact nanoseconds with the keyword that ends in `_ns`. They are stored in
+nanoseconds.
 """
 
 from __future__ import annotations
@@ -73,10 +73,10 @@ def _restore(cls: type[_Limited], kind: str, limit_ns: int | None) -> _Limited:
 
 
 class Interpolate(_Limited):
-    """Linear translation and slerp rotation between the samples around the stamp: tf2's way.
+    """Linear translation and slerp rotation between the samples around the stamp, as in tf2.
 
-    Refused with GapTooLarge where they lie more than `max_gap` apart, and with Extrapolation
-    outside the data.
+    Raises GapTooLarge if the samples are more than `max_gap` apart, and Extrapolation outside the
+    data.
     """
 
     __slots__ = ()
@@ -92,7 +92,7 @@ class Interpolate(_Limited):
 
 
 class Exact(_Limited):
-    """Only a stored stamp; NoSampleNear otherwise."""
+    """A stored stamp only; raises NoSampleNear for others."""
 
     __slots__ = ()
 
@@ -103,7 +103,7 @@ class Exact(_Limited):
 class Previous(_Limited):
     """The newest sample at or before the stamp (zero-order hold).
 
-    Refused with Stale where it is older than `max_age`.
+    Raises Stale if it is older than `max_age`.
     """
 
     __slots__ = ()
@@ -119,7 +119,7 @@ class Previous(_Limited):
 
 
 class Nearest(_Limited):
-    """The closest sample, the earlier of two; NoSampleNear where it is beyond `tolerance`."""
+    """The closest sample, the earlier of two; raises NoSampleNear beyond `tolerance`."""
 
     __slots__ = ()
     _limit_name = "tolerance"
@@ -134,7 +134,7 @@ class Nearest(_Limited):
 
 
 class Extrapolate(_Limited):
-    """Interpolate, and beyond the data go on at constant velocity for at most `max`."""
+    """Interpolate, and extrapolate at constant velocity for at most `max`."""
 
     __slots__ = ()
     _limit_name = "max"

@@ -1,4 +1,4 @@
-"""Stamps: integer nanoseconds, and what else is taken for one."""
+"""Stamps: integer nanoseconds, and other objects that are stamps."""
 
 from __future__ import annotations
 
@@ -92,27 +92,27 @@ def stamp(
     seconds: SupportsArray | Sequence[float | str | Decimal | StampLike],
 ) -> npt.NDArray[np.int64]: ...
 def stamp(seconds: Any) -> Any:
-    """Nanoseconds of a time in seconds: the only way from a float to a stamp.
+    """Convert a time in seconds to nanoseconds; no other call converts a float to a stamp.
 
     Parameters
     ----------
     seconds
         A number of seconds >= 0. A str (`"12.5"`) or a Decimal is exact to the nanosecond. A float
-        is taken as the decimal number it prints as, so `stamp(0.1)` is 100_000_000; at today's
-        epoch a float itself is only good to some 100 ns. Or a date as ISO 8601 writes it, with its
-        time zone (`"2026-05-17T12:00:00.25Z"`), or an object that is a stamp by itself, such as a
-        `datetime` with a time zone. Or an array or list of these, also a Series.
+        is read as the decimal number that it prints as, so `stamp(0.1)` is 100_000_000; present-day
+        floats are accurate to about 100 ns. Also an ISO 8601 date with a time zone
+        (`"2026-05-17T12:00:00.25Z"`), or an object that is a stamp, such as a `datetime` with a
+        time zone. Also an array, list or Series of these.
 
     Returns
     -------
     int or numpy.ndarray
-        Nanoseconds, rounded to the nearest; of an array, int64 of the same shape.
+        Nanoseconds, rounded to the nearest; for an array, int64 of the same shape.
 
     Raises
     ------
     InvalidStamp
-        Negative, not a number, infinite, or beyond 2**61 - 1 ns (the year 2043); a date without a
-        time zone. With `index` where it is one of many.
+        Negative, not a number, infinite, or above 2**61 - 1 ns (the year 2043); a date without a
+        time zone. With `index` for an array.
     """
     if isinstance(seconds, list | tuple):
         return _each(_stamp, seconds)

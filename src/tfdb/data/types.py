@@ -376,27 +376,27 @@ def _rows(values: npt.ArrayLike, width: int, role: str) -> npt.NDArray[np.float6
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Changes:
-    """What one commit did; `Buffer.changes` tells it. Frames have the names that they had then."""
+    """The effects of one commit, from `Buffer.changes`. Frames have their names at that commit."""
 
     commit: int
-    """Its number."""
+    """Number of the commit."""
     stored: Columns
-    """The moving samples T[parent<-child] that it stored, edge by edge, each in stamp order."""
+    """The stored moving samples T[parent<-child], edge by edge, in stamp order."""
     stored_static: Columns
-    """The static transforms T[parent<-child] that it stored."""
+    """The stored static transforms T[parent<-child]."""
     made: tuple[str, ...]
-    """Frames that are new."""
+    """New frames."""
     moved: tuple[str, ...]
-    """Frames that were there before and hang under another newest parent now, or under none."""
+    """Existing frames whose newest parent changed, or that became roots."""
     cleared: tuple[str, ...]
-    """Frames whose samples were dropped, before the commit stored what it did."""
+    """Frames whose samples were dropped before the commit stored new ones."""
     removed: tuple[str, ...]
-    """Frames that were there before and are removed."""
+    """Removed frames."""
     passing: tuple[str, ...]
-    """Frames that a transaction made and removed again; samples of others may name them."""
+    """Frames that a transaction made and removed again; other samples may name them."""
     gone: dict[str, int]
-    """By child, how many samples the commit stored that are no longer kept and hence not told: they
-    were evicted, replaced, cleared or removed since."""
+    """Number of stored samples, by child, that are missing here: evicted, replaced, cleared or
+    removed since."""
 
     def __repr__(self) -> str:
         what = {
@@ -419,14 +419,14 @@ class Changes:
 
 @dataclass(frozen=True, slots=True)
 class FrameInfo:
-    """What a store knows of one frame and the edge T[parent<-name] to its parent."""
+    """A frame and its edge T[parent<-name] to its parent."""
 
     name: str
     """The frame."""
     parent: str | None
     """Its parent; None for a root."""
     is_static: bool
-    """Whether the edge holds at every stamp."""
+    """Whether the edge is static."""
     samples: int
     """Retained samples; 1 for a static edge."""
     oldest: int | None
@@ -436,14 +436,14 @@ class FrameInfo:
     rate: float | None
     """Mean rate of the samples in Hz; None with fewer than two."""
     authority: str
-    """Name of the last writer; empty if it gave none. A snapshot reports the newest one as well."""
+    """Name of the last writer, or empty. A snapshot also reports the newest one."""
     late: int = 0
-    """How many samples came out of order; those of one commit and stamp are one, the last. Of a
-    snapshot, too, how many did so up to now."""
+    """Number of samples that arrived out of order; those of one commit and stamp count once. A
+    snapshot also reports the number up to now."""
     longest_gap: int = 0
     """Longest time between two neighbouring samples, nanoseconds."""
     cleared: bool = False
-    """Whether it had samples that `Buffer.clear` dropped, and has none since."""
+    """Whether `Buffer.clear` dropped its samples and no sample came since."""
 
     def _repr_html_(self) -> str:
         """Write a table for notebooks."""
@@ -454,77 +454,77 @@ class FrameInfo:
 
 @dataclass(frozen=True, slots=True)
 class MemoryUse:
-    """What a store occupies."""
+    """Memory use of a store."""
 
     used_bytes: int
     """Bytes in use by frames, names and samples."""
     free_bytes: int
-    """Bytes kept for reuse: at once, or when no snapshot shows them any more."""
+    """Bytes kept for reuse, some only after snapshots are closed."""
     frames: int
-    """Slots of frames in use."""
+    """Frame slots in use."""
     samples: int
-    """Samples in memory, also those that are no longer retained."""
+    """Samples in memory, including expired ones."""
     frame_bytes: int
     """Bytes of the frames' headers, part of `used_bytes`."""
     authority_bytes: int
-    """Bytes of the names of those who write, not part of `used_bytes`."""
+    """Bytes of the names of authorities, not part of `used_bytes`."""
 
 
 @dataclass(frozen=True, slots=True)
 class Counters:
-    """What happened in a store so far."""
+    """Counters of a store since it was made."""
 
     commits: int
     """Commits."""
     normalised: int
-    """Quaternions that were slightly off unit length and mended."""
+    """Quaternions that were slightly off unit length and normalised."""
     lapped_reads: int
-    """Times a lookup began again because a writer had overtaken it."""
+    """Lookup attempts that a writer overtook."""
     pinned_reads: int
-    """Lookups that in the end read under the writers' lock."""
+    """Lookups that pinned their state after four overtaken attempts."""
     aborts: int = 0
-    """Transactions that ended without a commit, those that lost included."""
+    """Transactions that ended without a commit, including conflicts."""
     conflicts: int = 0
-    """Transactions that lost against another commit."""
+    """Transactions that conflicted with another commit."""
     retries: int = 0
-    """Times that the engine had to begin a lookup or a write again."""
+    """Lookups and writes that the engine started again."""
     lock_waits: int = 0
-    """Times that somebody waited for the lock of a frame."""
+    """Waits for the lock of a frame."""
 
 
 @dataclass(frozen=True, slots=True)
 class Shared:
-    """What is known of a store that processes share."""
+    """Properties of a shared store."""
 
     path: str
     """Its file."""
     mode: str
-    """How it was opened: `r` or `rw`."""
+    """Mode of this opening: `r` or `rw`."""
     lock_timeout: float | None
-    """Seconds that writes here wait for those of another process; None: for ever."""
+    """Seconds that writes wait for another process; None: forever."""
     size: int
-    """Bytes that it may grow to."""
+    """Largest size in bytes."""
     repairs: int
-    """Writers that died amid a commit; each was taken back by the next writer."""
+    """Writers that died during a commit, which the next writer took back."""
     processes: int
-    """Processes that have it open now, this one included; 0: this process may not know."""
+    """Processes that have it open, including this one; 0: unknown without permission."""
 
 
 @dataclass(frozen=True, slots=True)
 class Frozen:
-    """What is known of a frozen store."""
+    """Properties of a frozen store."""
 
     path: str
     """Its file."""
     size: int
     """Bytes of the file."""
     origin: str
-    """Of what `load(cache=True)` keeps: what it was made from, as JSON. Else empty."""
+    """Source of a cache of `load(cache=True)`, as JSON; otherwise empty."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Twist:
-    """A velocity; of a trajectory one for each of its N poses. `==` compares all exactly."""
+    """A velocity, or one for each of the N poses of a trajectory. `==` compares exactly."""
 
     linear: npt.NDArray[np.float64]
     """(3,) or (N, 3) in m/s."""
@@ -553,7 +553,7 @@ class IngestResult:
     """Counts of stored and refused messages and transforms."""
 
     messages: int
-    """Messages seen."""
+    """Read messages."""
     transforms: int
     """Transforms stored."""
     commits: int

@@ -1,4 +1,4 @@
-"""One frame's motion in another: stamps and poses, and what one asks of them."""
+"""The motion of one frame in another: stamps, poses and the operations on them."""
 
 from __future__ import annotations
 
@@ -46,35 +46,36 @@ __all__ = ["Trajectory"]
 class Trajectory:  # noqa: PLW1641 - as arrays, it has no hash
     """T[target<-source] over time: N poses at stamps that increase. Immutable.
 
-    `Buffer.trajectory`, `Trajectory.read` and arrays make it. A pose may be
-    missing: its row is NaN, as with `missing="nan"`. Between the poses it answers as a store that
-    holds them. `len(t)` counts poses, `np.asarray(t)` is `t.poses`, `t == other` compares all
-    exactly; `t[5]` is a `Transform`, `t[10:20]`, a mask or an array of rows a `Trajectory`.
-    `T[a<-b] @ t` and `t @ T[b<-c]` chain it with a transform that stays as it is.
+    `Buffer.trajectory`, `Trajectory.read` and arrays make it. The row of a missing pose is NaN, as
+    with `missing="nan"`. Between the poses it interpolates as a store does.
+
+    `len(t)` counts poses, `np.asarray(t)` is `t.poses`, `t == other` compares exactly. `t[5]` is a
+    `Transform`; `t[10:20]`, a mask or an array of rows is a `Trajectory`. `T[a<-b] @ t` and
+    `t @ T[b<-c]` chain it with a constant transform.
 
     Parameters
     ----------
     target, source
         Frame names: the poses map from `source` into `target`.
     stamps
-        (N,) increasing nanoseconds, or what else is taken for stamps.
+        (N,) increasing nanoseconds, or other objects that are stamps.
     poses
         (N, 7) float64: x y z in metres, unit quaternion x y z w.
     translations, rotations
-        Instead of `poses`: (N, 3), and (N, 4) or a Rotation of scipy that holds N.
+        In place of `poses`: (N, 3), and (N, 4) or a scipy Rotation of length N.
     matrices
-        Instead of both: (N, 4, 4) rigid transforms, up to rounding, as `Transform.from_matrix`.
+        In place of both: (N, 4, 4) rigid transforms, up to rounding, as `Transform.from_matrix`.
     repeated
         Value of `repeated`.
 
     Raises
     ------
     InvalidArray
-        Shapes that do not fit, or stamps that do not increase (with `index`).
+        Wrong shapes, or stamps that do not increase (with `index`).
     InvalidTransform
         A row that is neither a rigid transform nor NaN as a whole (with `index`).
     InvalidArgument
-        Another Trajectory, or a Transform among the poses, of other frames.
+        Poses from a Trajectory or Transform between other frames.
     InvalidStamp, InvalidName
 
     Examples
@@ -173,9 +174,9 @@ class Trajectory:  # noqa: PLW1641 - as arrays, it has no hash
         target, source
             Frame names.
         table
-            Whatever gives its columns by name: a DataFrame of pandas or polars, a table of Arrow, a
-            dict, a structured array. Others that it has are left out; `stamp_ns` may hold integers
-            or times.
+            A pandas or polars DataFrame, an Arrow table, a dict, a structured array, or another
+            object with named columns. Other columns are ignored. `stamp_ns` may hold integers or
+            times.
 
         Raises
         ------
@@ -219,14 +220,14 @@ class Trajectory:  # noqa: PLW1641 - as arrays, it has no hash
 
     @property
     def translations(self) -> npt.NDArray[np.float64]:
-        """(N, 3) view of the poses, in metres: where the source's origin is in the target."""
+        """(N, 3) view of the poses, in metres: positions of the source's origin in the target."""
         return self._poses[:, :3]
 
     @property
     def rotations(self) -> npt.NDArray[np.float64]:
         """(N, 4) view of the poses: unit quaternions x y z w.
 
-        What scipy's `Rotation.from_quat` takes.
+        They fit scipy's `Rotation.from_quat`.
         """
         return self._poses[:, 3:]
 
@@ -234,9 +235,9 @@ class Trajectory:  # noqa: PLW1641 - as arrays, it has no hash
     def rpy(self) -> npt.NDArray[np.float64]:
         """(N, 3) roll, pitch, yaw in radians, a new array; NaN where the pose is missing.
 
-        R = Rz(yaw) Ry(pitch) Rx(roll): turns about the fixed axes x, y, z of `target`, as
-        `Transform.rpy` and URDF have them. Roll and yaw lie in [-pi, pi], pitch in [-pi/2, pi/2].
-        At a pitch of 90 degrees, where roll and yaw turn about one axis, roll is 0.
+        R = Rz(yaw) Ry(pitch) Rx(roll): rotations about the fixed axes x, y, z of `target`, as in
+        `Transform.rpy` and URDF. Roll and yaw are in [-pi, pi], pitch in [-pi/2, pi/2]. At a pitch
+        of 90 degrees roll and yaw share one axis, and roll is 0.
 
         Examples
         --------
@@ -280,7 +281,7 @@ class Trajectory:  # noqa: PLW1641 - as arrays, it has no hash
 
     @property
     def length(self) -> float:
-        """Metres along the translations, straight from pose to pose; missing ones are left out.
+        """Length of the path in metres, straight from pose to pose, without missing poses.
 
         Examples
         --------
@@ -313,8 +314,8 @@ class Trajectory:  # noqa: PLW1641 - as arrays, it has no hash
     def speed(self) -> npt.NDArray[np.float64]:
         """(N,) speed of the source's origin in m/s: the length of each `velocities().linear`.
 
-        NaN where the pose is missing. Raises Extrapolation as `velocities`, which takes other
-        intervals than its 0.1 s.
+        NaN for missing poses. The interval is 0.1 s; `velocities` takes others. Raises
+        Extrapolation as `velocities`.
 
         Examples
         --------
@@ -422,30 +423,28 @@ class Trajectory:  # noqa: PLW1641 - as arrays, it has no hash
     ) -> Transform | npt.NDArray[np.float64]:
         """T[target<-source] at one stamp or many, as a store with these poses returns it.
 
-        A pose that is missing is as if it were not there: `Interpolate(max_gap=...)` refuses what
-        would go across it.
+        Missing poses are ignored, so they widen the gap that `Interpolate(max_gap=...)` limits.
 
         Parameters
         ----------
         stamps
             One stamp in nanoseconds; or (N,) of them, in any order.
         policy
-            How stamps between poses are answered. None: Interpolate().
+            The policy for stamps between poses. None: Interpolate().
         missing
-            Of many: `raise`, or `nan` for NaN where an answer is missing, as in
-            `lookup_transforms`.
+            For many stamps: `raise`, or `nan` for NaN rows, as in `lookup_transforms`.
 
         Returns
         -------
         Transform or numpy.ndarray
-            A Transform at one stamp, (N, 7) poses at many. `resample` gives a Trajectory.
+            A Transform at one stamp, (N, 7) poses at many. `resample` returns a Trajectory.
 
         Raises
         ------
         Extrapolation
-            The stamp lies outside.
+            The stamp is outside the trajectory.
         GapTooLarge, Stale, NoSampleNear
-            What the policy refuses.
+            The policy refuses the stamp.
         InvalidStamp, InvalidArray, InvalidArgument
 
         Examples
@@ -499,14 +498,14 @@ class Trajectory:  # noqa: PLW1641 - as arrays, it has no hash
         policy: Policy | None = None,
         missing: Missing = "raise",
     ) -> Trajectory:
-        """Interpolate it at even times, or at those of another.
+        """Interpolate at evenly spaced stamps, or at given stamps.
 
         Parameters
         ----------
         rate
-            Poses per second, from the first pose that is there to the last.
+            Poses per second, from the first pose to the last that are not missing.
         stamps
-            Instead of it: (N,) increasing nanoseconds, such as `other.stamps`.
+            In place of the rate: (N,) increasing nanoseconds, such as `other.stamps`.
         policy, missing
             As in `Buffer.trajectory`.
 
@@ -537,20 +536,20 @@ class Trajectory:  # noqa: PLW1641 - as arrays, it has no hash
         return self._made(self._target, self._source, *made)
 
     def simplify(self, metres: float, radians: float) -> Trajectory:
-        """Return as few poses as keep the interpolated path within a tolerance.
+        """Return fewer poses that keep the interpolated path within a tolerance.
 
-        At every time, not only at the stamps, the new trajectory is at most `metres` and `radians`
-        away from this one. The first and the last pose stay; missing ones are left out. The
-        search is greedy: it keeps about 5 % more poses than the optimum.
+        At every time, not only at the stamps, the new trajectory differs by at most `metres` and
+        `radians`. The first and the last pose stay; missing poses are omitted. The search is
+        greedy: it keeps about 5 % more poses than the optimum.
 
         Parameters
         ----------
         metres
-            How far a translation may be off; `math.inf`: any.
+            Largest error of a translation; `math.inf`: no limit.
         radians
-            By which angle a rotation may be off; `math.pi` or more: any.
+            Largest error of a rotation; `math.pi` or more: no limit.
 
-        Raises InvalidArgument for a tolerance that is negative or no number.
+        Raises InvalidArgument for a tolerance that is negative, NaN or not a number.
 
         Examples
         --------
@@ -571,7 +570,7 @@ class Trajectory:  # noqa: PLW1641 - as arrays, it has no hash
     def velocities(self, interval: float = 0.1) -> Twist:
         """Velocity of `source` seen from `target` at each pose, as `lookup_velocity` defines it.
 
-        The difference over `interval` around the stamp, moved to lie within the trajectory.
+        It is the difference over `interval` around the stamp, shifted into the trajectory.
 
         Parameters
         ----------
@@ -587,9 +586,9 @@ class Trajectory:  # noqa: PLW1641 - as arrays, it has no hash
         Raises
         ------
         Extrapolation
-            There is one pose only (`no data`).
+            The trajectory has one pose (`no data`).
         InvalidArgument
-            An interval that is not positive.
+            The interval is not positive.
 
         Examples
         --------
@@ -612,9 +611,9 @@ class Trajectory:  # noqa: PLW1641 - as arrays, it has no hash
     # -- other frames, other stamps ----------------------------------------------------------------
 
     def inverse(self) -> Trajectory:
-        """T[source<-target]: the same in the other direction, pose by pose.
+        """T[source<-target]: the inverse of each pose.
 
-        Raises InvalidTransform, with `index`, where a result is too large to be finite.
+        Raises InvalidTransform, with `index`, if a result is not finite.
 
         Examples
         --------
@@ -644,11 +643,11 @@ class Trajectory:  # noqa: PLW1641 - as arrays, it has no hash
         return self._moved(other.target, self._source, lambda: geometry.compose(begin, self._poses))
 
     def merge(self, *others: Trajectory) -> Trajectory:
-        """Merge it with trajectories of the same frames, sorted by stamp.
+        """Merge with trajectories of the same frames, sorted by stamp.
 
-        Of poses with one stamp the last trajectory's stays, of those where it is not missing.
+        Of several poses at one stamp, that of the last trajectory stays unless it is missing.
 
-        Raises InvalidArgument for one of other frames.
+        Raises InvalidArgument for a trajectory of other frames.
 
         Examples
         --------
@@ -694,52 +693,50 @@ class Trajectory:  # noqa: PLW1641 - as arrays, it has no hash
     ) -> Trajectory:
         """Read a trajectory file: TUM, KITTI, EuRoC, CSV, NPZ or Parquet.
 
-        Text may have blanks, tabs, commas or semicolons between its columns, comments behind `#`,
-        and a heading. The names in a heading say which columns are read: those of TUM and EuRoC, of
-        `rostopic echo -p`, bagpy and PlotJuggler, and the like (`timestamp`, `x`, `qw`,
-        `.pose.position.x`). Other columns are left alone. Quaternions that are slightly off unit
-        length are normalised. Where rows repeat the stamp of the row before, the last one counts,
-        as the newer sample does in a store; `repeated` of the result counts them.
+        Text may separate columns by blanks, tabs, commas or semicolons, and may have comments after
+        `#` and a header. The header names the columns, as in TUM, EuRoC, `rostopic echo -p`, bagpy
+        and PlotJuggler (`timestamp`, `x`, `qw`, `.pose.position.x`). Other columns are ignored.
+        Quaternions that are slightly off unit length are normalised. Of several rows with one
+        stamp, the last is used; `repeated` of the result counts the others.
 
         Parameters
         ----------
         path
             The file.
         format
-            `"tum"` (`seconds x y z qx qy qz qw`), `"kitti"` (the 12 numbers of a 3x4 matrix, stamps
-            in a file of their own), `"euroc"` (`nanoseconds,x,y,z,qw,qx,qy,qz,...`, VINS also),
-            `"csv"` (columns `stamp_ns,x,y,z,qx,qy,qz,qw`, or those that its heading names), `"npz"`
-            or `"parquet"` (as `save` writes them). None: found by the file's beginning, its heading
-            and its number of columns. In the last three formats a pose may be missing: all its
-            numbers are NaN, or in a CSV empty.
+            `"tum"` (`seconds x y z qx qy qz qw`), `"kitti"` (the 12 numbers of a 3x4 matrix; stamps
+            in a separate file), `"euroc"` (`nanoseconds,x,y,z,qw,qx,qy,qz,...`, also VINS), `"csv"`
+            (columns `stamp_ns,x,y,z,qx,qy,qz,qw`, or those of its header), `"npz"` or `"parquet"`
+            (as written by `save`). None: by the file's first bytes, its header and its number of
+            columns. The last three formats can have missing poses: NaN, or empty cells in a CSV.
         times
-            KITTI only: the file with one stamp in seconds per pose. By default `NAME_times.txt` or
+            KITTI only: the file with the stamp of each pose in seconds. None: `NAME_times.txt` or
             `times.txt` beside the poses.
         target, source
-            Names for the frames: the poses are `T[target<-source]`. None: the names in a Parquet
-            file, else `world` and `body`.
+            Names of the frames: the poses are `T[target<-source]`. None: the names in a Parquet
+            file, otherwise `world` and `body`.
         salvage
             Sort rows by their stamps, normalise quaternions that are up to 5 % off unit length, and
             skip rows without a valid stamp or pose. A warning counts all of them.
         stamp_unit
-            `"s"`, `"ms"`, `"us"` or `"ns"`, the unit of stamps in text. None: the unit that the
-            heading or the format names, else found by the size of the stamps.
+            `"s"`, `"ms"`, `"us"` or `"ns"`, the unit of stamps in text. None: the unit of the
+            header or the format, otherwise by the size of the stamps.
 
         Raises
         ------
         TrajectoryError
-            A line that does not fit the format, columns that could be several things, an invalid
-            rotation, stamps that run backwards, no pose at all. Fields: path, line, reason.
+            A line that does not match the format, ambiguous columns, an invalid rotation, stamps
+            that decrease, or a file without poses. Fields: path, line, reason.
         NotSupported
-            Parquet, where polars is not installed.
+            Parquet without polars.
         OSError
             The file cannot be opened.
 
         Warns
         -----
         TfdbWarning
-            Rows with the same stamp; rows that `salvage` sorted, mended or skipped; a unit that was
-            found by size; columns that were found by their number.
+            Rows with the same stamp; rows that `salvage` sorted, normalised or skipped; a unit that
+            was guessed by size; columns that were guessed by their number.
         """
         from .reading import read_with_rows  # noqa: PLC0415 - most programs do without
         from .reading_report import warn_of_rows  # noqa: PLC0415 - as above
@@ -764,11 +761,11 @@ class Trajectory:  # noqa: PLW1641 - as arrays, it has no hash
         *,
         overwrite: bool = False,
     ) -> None:
-        """Write the trajectory to a file; it appears when it is complete.
+        """Write the trajectory to a file, which appears when it is complete.
 
-        Numbers have as many digits as it takes to read the same float64 again, stamps are exact
-        decimals. TUM, KITTI and EuRoC files leave missing poses out; the others keep them as NaN.
-        Parquet keeps the frame names.
+        Numbers have enough digits to read back the same float64. Stamps are exact decimals. TUM,
+        KITTI and EuRoC files omit missing poses; the other formats keep them as NaN. Parquet keeps
+        the frame names.
 
         Parameters
         ----------
@@ -784,11 +781,11 @@ class Trajectory:  # noqa: PLW1641 - as arrays, it has no hash
         Raises
         ------
         TrajectoryError
-            The file exists and `overwrite` is off; or the format is unknown.
+            The file exists and `overwrite` is off, or the format is unknown.
         NotSupported
-            Parquet, where polars is not installed: `pip install 'tfdb[tables]'`.
+            Parquet without polars: `pip install 'tfdb[tables]'`.
         OSError
-            The file cannot be written. An existing file stays as it was.
+            The file cannot be written. An existing file stays unchanged.
 
         Examples
         --------
@@ -807,11 +804,11 @@ class Trajectory:  # noqa: PLW1641 - as arrays, it has no hash
     # -- to others ---------------------------------------------------------------------------------
 
     def to_numpy(self) -> npt.NDArray[np.void]:
-        """Make a structured array (N,) of numpy: fields stamp_ns, x, y, z, qx, qy, qz, qw.
+        """Make a numpy structured array (N,) with fields stamp_ns, x, y, z, qx, qy, qz, qw.
 
-        `stamp_ns` is int64 nanoseconds, the others float64: metres and a unit quaternion. All
-        fields of a missing pose but its stamp are NaN. `from_table` takes it back. The plain arrays
-        are `stamps` (N,) and `poses` (N, 7).
+        `stamp_ns` is int64 nanoseconds, the others are float64: metres and a unit quaternion. A
+        missing pose has NaN in all fields except its stamp. `from_table` reads it back. The plain
+        arrays are `stamps` (N,) and `poses` (N, 7).
 
         Examples
         --------
@@ -825,12 +822,12 @@ class Trajectory:  # noqa: PLW1641 - as arrays, it has no hash
         return as_records(self._stamps, self._poses)
 
     def to_pandas(self) -> pd.DataFrame:
-        """Make a DataFrame of pandas: columns stamp_ns, x, y, z, qx, qy, qz, qw.
+        """Make a pandas DataFrame with columns stamp_ns, x, y, z, qx, qy, qz, qw.
 
-        `pandas.DataFrame(trajectory)` holds the poses alone; `pandas.DataFrame.from_arrow`
+        `pandas.DataFrame(trajectory)` holds the poses only; `pandas.DataFrame.from_arrow`
         (pandas 3) keeps all columns.
 
-        Raises NotSupported where pandas is not installed: `pip install 'tfdb[tables]'`.
+        Raises NotSupported without pandas: `pip install 'tfdb[tables]'`.
 
         Examples
         --------
@@ -844,9 +841,9 @@ class Trajectory:  # noqa: PLW1641 - as arrays, it has no hash
         return as_pandas(self._stamps, self._poses)
 
     def to_polars(self) -> pl.DataFrame:
-        """Make a DataFrame of polars: columns stamp_ns, x, y, z, qx, qy, qz, qw.
+        """Make a polars DataFrame with columns stamp_ns, x, y, z, qx, qy, qz, qw.
 
-        A missing pose is NaN, not null. Raises NotSupported where polars is not installed.
+        A missing pose is NaN, not null. Raises NotSupported without polars.
 
         Examples
         --------
@@ -876,19 +873,19 @@ class Trajectory:  # noqa: PLW1641 - as arrays, it has no hash
         color: Literal["time", "speed"] | None = None,
         title: str | None = None,
     ) -> Figure:
-        """Draw it, alone or with others: `t.plot().savefig("path.png")`.
+        """Draw the trajectory, alone or with others: `t.plot().savefig("path.png")`.
 
         Parameters
         ----------
         *others
-            More of them for the same picture.
+            More trajectories for the same picture.
         axes, color, title
             As in `tfdb.plot.trajectory`.
 
         Returns
         -------
         matplotlib.figure.Figure
-            To save or to show.
+            The figure, to save or to show.
 
         Raises
         ------
